@@ -1,0 +1,84 @@
+"""The one file that knows array namespaces.
+
+A backend is a scalar type: a state is a float array of NumPy, an array of any library that follows the array API
+standard (JAX), or a NumPy object array of symbols (CasADi ``SX``, SymPy, tracing scalars). Mathematics elsewhere uses
+``@ + - * .mT``, slices and the few functions here, and never assigns in place.
+"""
+
+import math
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from jounce.errors import JounceError
+
+Array: TypeAlias = Any  # a NumPy array of floats or objects, a JAX array or tracer
+
+
+def asarray(x: Any, what: str = "an array") -> Array:
+    """`x` as an array to calculate with: integers and short floats become float64, symbols stay what they are."""
+    if not isinstance(x, np.ndarray) and hasattr(type(x), "__array_namespace__"):
+        return x  # a foreign array that names its own namespace: JAX, also while it traces
+    try:
+        array = np.asarray(x)
+    except Exception as error:  # ragged lists, and whatever a foreign type raises in its conversion
+        raise JounceError(f"{what} is not an array of numbers: {' '.join(str(error).split())}") from error
+    if array.dtype.kind in "biuf":
+        return array.astype(np.result_type(array.dtype, np.float64), copy=False)
+    if array.dtype.kind == "O" and not any(v is None or isinstance(v, str | complex) for v in array.flat):
+        return array
+    raise JounceError(f"{what} holds {_kind(array)}; expected real numbers or symbols")
+
+
+def _kind(array: np.ndarray) -> str:
+    kinds = {"c": "complex numbers", "U": "text", "S": "bytes", "M": "dates", "m": "durations", "O": "None or text"}
+    return kinds.get(array.dtype.kind, f"values of type {array.dtype}")
+
+
+def is_numeric(x: Array) -> bool:
+    """Whether `x` holds numbers that can be checked (a NumPy float array), not symbols or traced values."""
+    return isinstance(x, np.ndarray) and x.dtype != object
+
+
+def namespace(*arrays: Array) -> Any:
+    """The module whose functions serve these arrays: NumPy, unless one of them brings its own."""
+    for x in arrays:
+        if not isinstance(x, np.ndarray) and hasattr(type(x), "__array_namespace__"):
+            return x.__array_namespace__()
+    return np
+
+
+def concatenate(arrays: Sequence[Array], axis: int) -> Array:
+    """The arrays joined along `axis`, their leading (batch) axes broadcast against each other."""
+    xp = namespace(*arrays)
+    lead = np.broadcast_shapes(*(x.shape[:axis] for x in arrays))
+    return xp.concatenate([xp.broadcast_to(x, lead + x.shape[axis:]) for x in arrays], axis=axis)
+
+
+def zeros_like(x: Array) -> Array:
+    """Exact zeros in the shape and scalar type of `x` (integers 0 among symbols)."""
+    return namespace(x).zeros_like(x)
+
+
+def _elementwise(name: str) -> Callable[[Array], Array]:
+    def scalar(s: Any) -> Any:
+        sympy = sys.modules.get("sympy")  # imported already wherever its symbols exist
+        if sympy is not None and isinstance(s, sympy.Basic):
+            return getattr(sympy, name)(s)
+        return getattr(s, name)() if hasattr(s, name) else getattr(math, name)(s)
+
+    over_objects = np.frompyfunc(scalar, 1, 1)
+
+    def function(x: Array) -> Array:
+        if isinstance(x, np.ndarray) and x.dtype == object:
+            return np.asarray(over_objects(x), dtype=object)
+        return getattr(namespace(x), name)(x)
+
+    function.__doc__ = f"{name} of every element, whatever the scalar type."
+    return function
+
+
+sin = _elementwise("sin")
+cos = _elementwise("cos")

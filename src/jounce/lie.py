@@ -1,0 +1,75 @@
+"""SE(3) in matrices: the few maps that the paper uses, over any scalar type and any leading batch axes.
+
+Twists and screws are (angular; linear). ``C_i`` maps body coordinates to inertial ones, ``C_ij = inverse(C_i) @ C_j``,
+and ``Ad(C_ij)`` maps screw coordinates of frame j to frame i: inner letters cancel.
+"""
+
+import numpy as np
+
+from jounce._scalars import Array, concatenate, cos, sin
+
+_E = np.eye(3, dtype=int)
+# hat and ad are linear, hence constant tensors: hat(v) = v @ _HAT, reshaped. Integers keep symbols exact.
+_HAT = np.stack([np.cross(e, _E).T for e in _E]).reshape(3, 9)
+_AD = np.stack(
+    [np.block([[np.cross(w, _E).T, 0 * _E], [np.cross(v, _E).T, np.cross(w, _E).T]])
+     for w, v in [*((e, 0 * e) for e in _E), *((0 * e, e) for e in _E)]]
+).reshape(6, 36)  # fmt: skip
+
+
+def hat(v: Array) -> Array:
+    """The skew matrix of a vector, ``hat(x) @ y = x cross y``: (..., 3) to (..., 3, 3)."""
+    return (v @ _HAT).reshape((*v.shape[:-1], 3, 3))
+
+
+def axial(T: Array) -> Array:
+    """The vector n with ``hat(n) = T - T.mT``: (..., 3, 3) to (..., 3)."""
+    return T.reshape((*T.shape[:-2], 9)) @ _HAT.T
+
+
+def ad(X: Array) -> Array:
+    """The matrix of the Lie bracket in screw coordinates, ``[[xi~, 0], [eta~, xi~]]``: (..., 6) to (..., 6, 6)."""
+    return (X @ _AD).reshape((*X.shape[:-1], 6, 6))  # (adSE3)
+
+
+def pose(R: Array, r: Array) -> Array:
+    """The 4x4 matrix of a rotation (..., 3, 3) and a position column (..., 3, 1)."""
+    upper = concatenate([R, r], axis=-1)
+    return concatenate([upper, np.array([[0, 0, 0, 1]])], axis=-2)
+
+
+def rotation(C: Array) -> Array:
+    """The rotation matrix of a pose, (..., 3, 3)."""
+    return C[..., :3, :3]
+
+
+def position(C: Array) -> Array:
+    """The position column of a pose, (..., 3, 1)."""
+    return C[..., :3, 3:]
+
+
+def inverse(C: Array) -> Array:
+    """The inverse of a pose, by the transpose of its rotation."""
+    R = rotation(C).mT
+    return pose(R, -(R @ position(C)))
+
+
+def Ad(C: Array) -> Array:
+    """The matrix that transforms screw coordinates by a pose, ``[[R, 0], [r~ R, R]]``: (..., 6, 6)."""
+    R, r = rotation(C), position(C)
+    angular = concatenate([R, 0 * R], axis=-1)
+    return concatenate([angular, concatenate([hat(r[..., 0]) @ R, R], axis=-1)], axis=-2)  # (AdCij)
+
+
+def exp(X: Array, phi: Array) -> Array:
+    """The exponential of a screw X = (xi; eta), (6,), by the amounts `phi`, (..., 1, 1): poses (..., 4, 4).
+
+    ``|xi| = 1`` (revolute, helical of any pitch) or ``xi = 0`` (prismatic), as `from_screws` checks.
+    """
+    e, eta = X[:3, None], X[3:, None]
+    if not np.any(e):  # (Xi) with infinite pitch: prismatic
+        return pose(_E + 0 * phi, phi * eta)
+    hat_e = hat(X[:3])
+    R = _E + sin(phi) * hat_e + (1 - cos(phi)) * (hat_e @ hat_e)  # (SO3exp)
+    x, h = hat_e @ eta, e.mT @ eta  # a point on the axis and the pitch
+    return pose(R, (_E - R) @ x + phi * h * e)

@@ -1,0 +1,125 @@
+"""Series: a quantity together with its time derivatives at one instant, and the product rule.
+
+``S[k]`` is the k-th time derivative. With ``@`` and ``*`` as Leibniz' rule, an equation written once for the values
+holds for all the derivatives, to any order. Terms are computed when they are first asked for, and kept: a formula costs
+what is asked of it.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import cache
+from math import comb
+from typing import Any
+
+import numpy as np
+
+from jounce._scalars import Array, concatenate, zeros_like
+
+
+class Series:
+    """The time derivatives S[0], S[1], ... of an array, given by a function of their order."""
+
+    __slots__ = ("_term", "_terms")
+    __array_ufunc__ = None  # array @ Series is ours, not NumPy's
+
+    def __init__(self, term: Callable[[int], Array]):
+        self._term = term
+        self._terms: list[Array] = []
+
+    @classmethod
+    def of(cls, terms: Sequence[Array]) -> "Series":
+        """The series of given derivatives; no further ones can be asked for."""
+        return cls(tuple(terms).__getitem__)
+
+    @classmethod
+    def constant(cls, value: Array) -> "Series":
+        """The series of a quantity that does not change."""
+        return cls(lambda k: zeros_like(value) if k else value)
+
+    def __getitem__(self, k: int) -> Array:
+        while len(self._terms) <= k:
+            self._terms.append(self._term(len(self._terms)))
+        return self._terms[k]
+
+    def upto(self, order: int) -> tuple[Array, ...]:
+        """S[0] .. S[order]."""
+        return tuple(self[k] for k in range(order + 1))
+
+    def map(self, linear: Callable[[Array], Array]) -> "Series":
+        """The series of a constant linear map of S."""
+        return Series(lambda k: linear(self[k]))
+
+    @property
+    def dot(self) -> "Series":
+        """The time derivative of S, a series again."""
+        return Series(lambda k: self[k + 1])
+
+    @property
+    def mT(self) -> "Series":
+        """S with its last two axes exchanged."""
+        return self.map(lambda S: S.mT)
+
+    def __neg__(self) -> "Series":
+        return self.map(lambda S: -S)
+
+    def __add__(self, other: Any) -> "Series":
+        if isinstance(other, Series):
+            return Series(lambda k: self[k] + other[k])
+        return Series(lambda k: self[k] if k else self[0] + other)
+
+    def __sub__(self, other: Any) -> "Series":
+        return self + -other
+
+    def __matmul__(self, other: Any) -> "Series":
+        if isinstance(other, Series):
+            return _leibniz(self, other, lambda S, T: S @ T)
+        return self.map(lambda S: S @ other)
+
+    def __rmatmul__(self, other: Array) -> "Series":
+        return self.map(lambda S: other @ S)
+
+    def __mul__(self, other: Any) -> "Series":
+        if isinstance(other, Series):
+            return _leibniz(self, other, lambda S, T: S * T)
+        return self.map(lambda S: S * other)
+
+    def __rmul__(self, other: Any) -> "Series":
+        return self.map(lambda S: other * S)
+
+
+def _leibniz(S: Series, T: Series, product: Callable[[Array, Array], Array]) -> Series:
+    def term(k: int) -> Array:
+        total = product(S[0], T[k])
+        for j in range(1, k + 1):
+            part = product(S[j], T[k - j])
+            total = total + (part if j == k else comb(k, j) * part)
+        return total
+
+    return Series(term)
+
+
+def from_rate(S0: Array, f: Callable[[Series], Series]) -> Series:
+    """The series with S[0] = S0 and dS/dt = f(S)."""
+
+    @cache
+    def rate() -> Series:
+        return f(S)
+
+    S = Series(lambda k: rate()[k - 1] if k else S0)
+    return S
+
+
+def joined(parts: Sequence[Series], axis: int) -> Series:
+    """The series of the parts joined along an axis (counted from the end)."""
+    return Series(lambda k: concatenate([part[k] for part in parts], axis=axis))
+
+
+def motion(terms: Sequence[Array]) -> Series:
+    """q, qd, q2d, ... of shape (..., n) as a series of columns (..., n, 1), the shape that matrices multiply."""
+    return Series.of([term[..., None] for term in terms])
+
+
+def diagonal(blocks: Array) -> Array:
+    """Square blocks (..., m, k, l) along the diagonal of a matrix (..., m k, m l); linear, as `Series.map` needs."""
+    *lead, m, k, length = blocks.shape
+    spread = blocks[..., :, :, None, :] * np.eye(m, dtype=int)[:, None, :, None]
+    return spread.reshape((*lead, m * k, m * length))
