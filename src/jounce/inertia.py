@@ -1,0 +1,123 @@
+"""The inertia of one body: 6x6 matrix, its parts, and what a mass distribution can be.
+
+``M = [[Theta, h~], [-h~, m I]]`` in the body frame, with h = m c the first moment and Theta the inertia tensor about
+the frame's origin (eqn_body_fixed_mass_inertia_matrix). The same ten numbers as moments of mass: m, h, and the second
+moments P = integral of r r^T dm = tr(Theta)/2 I - Theta.
+"""
+
+import numpy as np
+
+from jounce._scalars import Array, asarray, concatenate
+from jounce.errors import JounceError
+from jounce.lie import Ad, axial, hat, inverse
+
+_I = np.eye(3, dtype=int)
+
+
+def inertia_matrix(mass: Array, com: Array, inertia_com: Array, rotation: Array | None = None) -> Array:
+    """The 6x6 inertia matrix of a body in its frame, by Steiner's theorem.
+
+    ``M = [[Theta, m c~], [-m c~, m I]]`` with ``Theta = R_bc Theta_c R_bc^T - m c~ c~``.
+
+    Parameters
+    ----------
+    mass : (...) mass m in kg
+    com : (..., 3) centre of mass c in the body frame, m
+    inertia_com : (..., 3, 3) inertia tensor about the COM, kg m^2, in the COM frame
+    rotation : (..., 3, 3) rotation R_bc of the COM frame to the body frame; parallel axes if left out
+
+    Returns
+    -------
+    (..., 6, 6) inertia matrix, (angular; linear). Symbols are values too.
+
+    Raises
+    ------
+    JounceError : where a shape is wrong.
+
+    References
+    ----------
+    Müller & Kumar, (eqn_body_fixed_mass_inertia_matrix) and the line after it. The authors' published code leaves
+    Steiner's theorem out.
+
+    Examples
+    --------
+    >>> from jounce import inertia_matrix
+    >>> inertia_matrix(2.0, [0, 0, 0.5], [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.05]])[0, 0]
+    np.float64(0.6)
+    """
+    m, c, theta = asarray(mass, "mass"), asarray(com, "com"), asarray(inertia_com, "inertia_com")
+    for name, array, shape in (("com", c, (3,)), ("inertia_com", theta, (3, 3))):
+        if array.shape[-len(shape) :] != shape:
+            raise JounceError(f"{name} has shape {array.shape}; expected (..., {', '.join(map(str, shape))})")
+    if rotation is not None:
+        R = asarray(rotation, "rotation")
+        if R.shape[-2:] != (3, 3):
+            raise JounceError(f"rotation has shape {R.shape}; expected (..., 3, 3)")
+        theta = R @ theta @ R.mT
+    m = m[..., None, None]
+    return _matrix(m, hat(c) * m, theta - m * (hat(c) @ hat(c)))
+
+
+def _matrix(m: Array, h_hat: Array, theta: Array) -> Array:
+    upper = concatenate([theta, h_hat], axis=-1)
+    return concatenate([upper, concatenate([-h_hat, m * _I], axis=-1)], axis=-2)
+
+
+def moments(M: Array) -> tuple[Array, Array, Array]:
+    """The mass m, first moment h and second moments P of an inertia matrix: (..., 1, 1), (..., 3, 1), (..., 3, 3)."""
+    theta = M[..., :3, :3]
+    t = [theta[..., i : i + 1, i : i + 1] for i in range(3)]
+    # ordered so that a moment which `from_moments` got as zero comes back as exactly zero
+    diagonal = [(t[1] + t[2]) - t[0], (t[0] + t[2]) - t[1], (t[0] + t[1]) - t[2]]
+    P = concatenate([d / 2 for d in diagonal], axis=-1) * _I - theta * (1 - _I)
+    return M[..., 3:4, 3:4], axial(M[..., :3, 3:])[..., None] / 2, P
+
+
+def from_moments(m: Array, h: Array, P: Array) -> Array:
+    """The inertia matrix of given mass, first and second moments: the inverse of `moments`."""
+    p = [P[..., i : i + 1, i : i + 1] for i in range(3)]
+    diagonal = [p[1] + p[2], p[0] + p[2], p[0] + p[1]]
+    return _matrix(m, hat(h[..., 0]), concatenate(diagonal, axis=-1) * _I - P * (1 - _I))
+
+
+def moved(M: Array, C: Array) -> Array:
+    """The inertia matrix M of a frame placed at the pose C, seen from the frame in which C is given."""
+    T = Ad(inverse(C))
+    return T.mT @ M @ T
+
+
+def form_error(M: np.ndarray, tolerance: float = 1e-9) -> str | None:
+    """What keeps a 6x6 matrix from being ``[[Theta, h~], [-h~, m I]]``, or None."""
+    scale = np.abs(M).max(initial=0.0) * tolerance
+    theta, h_hat, mass = M[:3, :3], M[:3, 3:], M[3, 3]
+    if np.abs(M - M.T).max() > scale:
+        return "is not symmetric"
+    if np.abs(M[3:, 3:] - mass * _I).max() > scale:
+        return "has no m I in its lower right block"
+    if np.abs(h_hat + h_hat.T).max() > scale:
+        return "has no skew matrix m c~ in its upper right block"
+    if not np.all(np.isfinite(theta)):
+        return "is not finite"
+    return None
+
+
+def defect(M: np.ndarray, tolerance: float = 1e-9) -> str | None:
+    """What no distribution of mass could have, or None: negative mass, or negative second moments about the COM.
+
+    Second moments about the COM that are positive semidefinite are the same as: principal moments non-negative and
+    within the triangle inequality.
+    """
+    m, h, _ = moments(M)
+    mass = float(m[0, 0])
+    if mass < 0:
+        return f"mass {mass:g} kg is negative"
+    if mass == 0:
+        return None if not np.any(M) else "massless, yet with moments of inertia"
+    theta = M[:3, :3] + hat(h[:, 0]) @ hat(h[:, 0]) / mass
+    principal = np.linalg.eigvalsh(theta)
+    if principal[0] < -tolerance * np.abs(M[:3, :3]).max():
+        return f"principal moment {principal[0]:.3g} kg m^2 about the COM is negative"
+    slack = principal[0] + principal[1] - principal[2]
+    if slack < -tolerance * np.abs(M[:3, :3]).max():
+        return f"principal moments about the COM break the triangle inequality by {-slack:.3g} kg m^2"
+    return None

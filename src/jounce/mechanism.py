@@ -1,0 +1,192 @@
+"""Mechanism: the frozen data of a tree of rigid bodies on 1-DOF joints, and its check at the door.
+
+Body i hangs by joint i on body ``parent[i] < i`` (or on the ground, -1), with the joint screw X_i in its own frame:
+``C_i = C_p B_i exp(X_i theta_i)``. The joint variables follow the coordinates by ``theta = G q + g`` with constant G
+and g: the identity, unless joints mimic others.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+
+from jounce import inertia, lie
+from jounce._scalars import Array, asarray, is_numeric
+from jounce.errors import JounceError, no_such
+
+UNIT_TOLERANCE = 1e-9  # how far a direction or rotation may be from unit length before it is taken for a mistake
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A named frame fixed on a body (-1: the ground), `T` its pose in the body frame."""
+
+    body: int
+    T: Array
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Mechanism:
+    """A tree or forest of nb bodies with n coordinates; build it by `from_screws` or `from_spatial_screws`."""
+
+    B: Array  # (nb, 4, 4) pose of body i in its parent's frame at theta_i = 0
+    X: Array  # (nb, 6) joint screw in the body frame, (xi; eta)
+    M: Array  # (nb, 6, 6) inertia matrix in the body frame
+    parent: tuple[int, ...]
+    gravity: Array  # (3,) in the inertial frame, m/s^2
+    G: Array  # (nb, n)
+    g: Array  # (nb,)
+    bodies: tuple[str, ...]
+    joints: tuple[str, ...]
+    coordinates: tuple[str, ...]
+    frames: Mapping[str, Frame] = field(default_factory=lambda: MappingProxyType({}))  # links merged into bodies
+    name: str = "robot"
+
+    @property
+    def nb(self) -> int:
+        """The number of bodies."""
+        return len(self.parent)
+
+    @property
+    def n(self) -> int:
+        """The number of coordinates."""
+        return len(self.coordinates)
+
+    def frame(self, name: str) -> Frame:
+        """Where a body, or a link merged into one, sits."""
+        if name in self.bodies:
+            return Frame(self.bodies.index(name), np.eye(4))
+        if name in self.frames:
+            return self.frames[name]
+        raise no_such("body", name, [*self.bodies, *self.frames])
+
+
+def ancestors(mechanism: Mechanism) -> np.ndarray:
+    """(nb, nb) integers: 1 where body j is body i itself or carries it."""
+    rows: list[np.ndarray] = []
+    for i, p in enumerate(mechanism.parent):
+        rows.append(np.eye(mechanism.nb, dtype=int)[i] + (rows[p] if p >= 0 else 0))
+    return np.stack(rows)
+
+
+def reference_poses(mechanism: Mechanism) -> list[Array]:
+    """The poses of all the bodies at theta = 0."""
+    poses: list[Array] = []
+    for B, p in zip(mechanism.B, mechanism.parent, strict=True):
+        poses.append(B if p < 0 else poses[p] @ B)
+    return poses
+
+
+def from_screws(
+    B: Array,
+    X: Array,
+    M: Array,
+    parent: Sequence[int] | None = None,
+    *,
+    names: Sequence[str] | None = None,
+    joint_names: Sequence[str] | None = None,
+    gravity: Array = (0, 0, -9.81),
+    G: Array | None = None,
+    g: Array | None = None,
+    name: str = "robot",
+) -> Mechanism:
+    """A mechanism from body-fixed data, every array checked; see `Robot.from_screws` for what they are."""
+    B, X, M, gravity = asarray(B, "B"), asarray(X, "X"), asarray(M, "M"), asarray(gravity, "gravity")
+    nb = B.shape[0] if B.ndim == 3 else 0
+    if nb == 0 or B.shape != (nb, 4, 4):
+        raise JounceError(f"B has shape {B.shape}; expected (n, 4, 4) with at least one body")
+    identity = G is None
+    G = np.eye(nb) if identity else asarray(G, "G")
+    n = G.shape[1] if G.ndim == 2 else 0
+    g = np.zeros(nb) if g is None else asarray(g, "g")
+    expected = {"X": (X, (nb, 6)), "M": (M, (nb, 6, 6)), "gravity": (gravity, (3,)), "G": (G, (nb, n)), "g": (g, (nb,))}
+    for label, (array, shape) in expected.items():
+        if array.shape != shape or 0 in shape:
+            raise JounceError(f"{label} has shape {array.shape}; expected {shape} for {nb} bodies")
+    for label, array in {"B": B, **{k: v[0] for k, v in expected.items()}}.items():
+        if is_numeric(array) and not np.all(np.isfinite(array)):
+            at = np.argwhere(~np.isfinite(array))[0].tolist()
+            raise JounceError(f"{label}{at} is {array[tuple(at)]}; expected finite numbers")
+    for i in range(nb):
+        _check_pose(B[i], f"B[{i}]")
+        _check_screw(X[i], f"X[{i}]")
+        error = inertia.form_error(M[i]) if is_numeric(M) else None
+        if error:
+            raise JounceError(f"M[{i}] {error}; an inertia matrix is [[Theta, m c~], [-m c~, m I]]")
+    coordinates = _names(joint_names, n, "joint_names", "joint" if identity else "q")
+    return Mechanism(
+        B=_frozen(B), X=_frozen(X), M=_frozen(M), parent=_tree(parent, nb), gravity=_frozen(gravity),
+        G=_frozen(G), g=_frozen(g), bodies=_names(names, nb, "names", "body"),
+        joints=coordinates if identity else _names(None, nb, "joints", "joint"), coordinates=coordinates, name=name,
+    )  # fmt: skip
+
+
+def from_spatial_screws(A: Array, Y: Array, M: Array, parent: Sequence[int] | None = None, **data: object) -> Mechanism:
+    """A mechanism from absolute reference poses A_i and joint screws Y_i in the inertial frame, both at q = 0.
+
+    ``B_i = A_p^-1 A_i`` and ``X_i = Ad(A_i^-1) Y_i``.
+    """
+    A, Y = asarray(A, "A"), asarray(Y, "Y")
+    nb = A.shape[0] if A.ndim == 3 else 0
+    if nb == 0 or A.shape != (nb, 4, 4) or Y.shape != (nb, 6):
+        raise JounceError(f"A and Y have shapes {A.shape} and {Y.shape}; expected (n, 4, 4) and (n, 6)")
+    for i in range(nb):
+        _check_pose(A[i], f"A[{i}]")
+        _check_screw(Y[i], f"Y[{i}]")
+    B = [A[i] if p < 0 else lie.inverse(A[p]) @ A[i] for i, p in enumerate(_tree(parent, nb))]
+    X = [lie.Ad(lie.inverse(A[i])) @ Y[i] for i in range(nb)]
+    return from_screws(np.stack(B), np.stack(X), M, parent, **data)  # type: ignore[arg-type]
+
+
+def spatial_screws(mechanism: Mechanism) -> tuple[Array, Array]:
+    """The absolute reference poses A_i and the joint screws Y_i in the inertial frame: ``Y_i = Ad(A_i) X_i``."""
+    A = reference_poses(mechanism)
+    return np.stack(A), np.stack([lie.Ad(A_i) @ X for A_i, X in zip(A, mechanism.X, strict=True)])
+
+
+def _check_pose(T: Array, label: str) -> None:
+    if not is_numeric(T):
+        return
+    R = T[:3, :3]
+    error = np.abs(R.T @ R - np.eye(3)).max()
+    if not error <= UNIT_TOLERANCE or np.linalg.det(R) < 0 or np.any(T[3] != [0, 0, 0, 1]):
+        what = f"R^T R differs from I by {error:.2g}, det R = {np.linalg.det(R):.6g}, last row {T[3].tolist()}"
+        raise JounceError(f"{label} is not a pose [[R, r], [0, 1]]: {what}")
+
+
+def _check_screw(X: Array, label: str) -> None:
+    if not is_numeric(X):
+        return
+    xi, eta = np.linalg.norm(X[:3]), np.linalg.norm(X[3:])
+    if abs((xi or eta) - 1) > UNIT_TOLERANCE:
+        raise JounceError(f"{label} = {X.tolist()} is not a unit screw (xi; eta): |xi| = 1, or xi = 0 and |eta| = 1")
+
+
+def _tree(parent: Sequence[int] | None, nb: int) -> tuple[int, ...]:
+    if parent is None:
+        return tuple(range(-1, nb - 1))
+    if len(parent) != nb:
+        raise JounceError(f"parent has {len(parent)} entries; expected {nb}, one a body")
+    for i, p in enumerate(parent):
+        if int(p) != p or not -1 <= p < i:
+            raise JounceError(f"parent[{i}] = {p}; expected -1 (the ground) or an earlier body, 0 .. {i - 1}")
+    return tuple(int(p) for p in parent)
+
+
+def _names(given: Sequence[str] | None, count: int, label: str, stem: str) -> tuple[str, ...]:
+    if given is None:
+        return tuple(f"{stem}{i + 1}" for i in range(count))
+    names = tuple(given)
+    if isinstance(given, str) or not all(isinstance(x, str) for x in names):
+        raise JounceError(f"{label} is {given!r}; expected {count} texts")
+    if len(names) != count or len(set(names)) != count:
+        raise JounceError(f"{label} is {list(names)}; expected {count} different texts")
+    return names
+
+
+def _frozen(array: Array) -> Array:
+    if isinstance(array, np.ndarray):
+        array = array.copy()
+        array.flags.writeable = False
+    return array
