@@ -1,0 +1,33 @@
+"""The command `jounce`: one verb a file; what jounce raises becomes one line and exit code 2."""
+
+import warnings
+from typing import Any
+
+import click
+
+from jounce import JounceError, __version__
+from jounce.cli.info import info
+from jounce.cli.run import run
+
+
+class _Refusal(click.ClickException):
+    exit_code = 2
+
+
+class _Verbs(click.Group):
+    def invoke(self, ctx: click.Context) -> Any:
+        warnings.showwarning = lambda message, *_: click.echo(f"Warning: {message}", err=True)
+        try:
+            return super().invoke(ctx)
+        except JounceError as error:
+            raise _Refusal(str(error)) from error
+
+
+@click.group(cls=_Verbs, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="jounce")
+def main() -> None:
+    """Higher-order inverse dynamics: a robot and a motion in, drive forces and their exact time derivatives out."""
+
+
+main.add_command(run)
+main.add_command(info)

@@ -1,0 +1,85 @@
+"""`jounce run`: the drive forces and their rates along a motion, from table to table."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from jounce.cli.info import aligned
+
+if TYPE_CHECKING:
+    import numpy as np
+
+EPILOG = """\b
+Example (in a copy of the project, which holds a motion of the iiwa):
+  jounce run iiwa14 examples/iiwa14.csv -o forces.csv
+
+\b
+MOTION holds a column t and, matched by joint name in any order,
+  either one column per joint    samples; rates come from a spline of degree 7
+  or NAME.q, NAME.qd, NAME.q2d,  used as they are; order 2 takes q to q4d,
+     NAME.q3d, NAME.q4d          order 0 q to q2d
+OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all their digits.
+"""
+
+
+@click.command(epilog=EPILOG)
+@click.argument("robot")
+@click.argument("motion", type=click.Path(path_type=Path))
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Table to write: .csv or .npz.")
+@click.option("--order", default=2, show_default=True, type=click.IntRange(0), help="Highest time derivative of Q.")
+@click.option("--method", default=None, help="recursion (the default), closed_form or paper.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+def run(robot: str, motion: Path, output: Path, order: int, method: str | None, as_json: bool) -> None:
+    """Compute Q, Qd, Q2d along MOTION (.csv or .npz) for ROBOT (a URDF file or iiwa14, planar2r)."""
+    from jounce.description import coordinate_unit
+    from jounce.io import tables
+    from jounce.io.loading import load
+    from jounce.motion import from_table
+    from jounce.rates import rate_name
+
+    tables.check_writable(output)
+    arm = load(robot)
+    path = from_table(tables.read(motion), arm.mechanism, order + 2, str(motion))
+    results = arm.inverse_dynamics(*path.rates, method=method)
+    forces = dict(zip((rate_name("Q", k) for k in range(order + 1)), results if order else (results,), strict=True))
+    columns = {"t": path.t}
+    for j, joint in enumerate(arm.joint_names):
+        columns |= {f"{joint}.{name}": Q[:, j] for name, Q in forces.items()}
+    tables.write(output, columns)
+    summary = {
+        "robot": arm.name,
+        "motion": str(motion),
+        "source": path.source,
+        "output": str(output),
+        "states": len(path.t),
+        "t": [float(path.t[0]), float(path.t[-1])],
+        "order": order,
+        "peaks": {joint: _peaks(forces, j) for j, joint in enumerate(arm.joint_names)},
+        "units": {
+            joint: "N m" if coordinate_unit(arm.mechanism, j) == "rad" else "N"
+            for j, joint in enumerate(arm.joint_names)
+        },
+    }
+    click.echo(json.dumps(summary, indent=2) if as_json else _in_words(summary))
+
+
+def _peaks(forces: "dict[str, np.ndarray]", j: int) -> dict[str, float]:
+    return {name: float(abs(Q[:, j]).max()) for name, Q in forces.items()}
+
+
+def _in_words(summary: dict[str, Any]) -> str:
+    first, last = summary["t"]
+    names = list(next(iter(summary["peaks"].values())))
+    per = ["", " /s", *(f" /s^{k}" for k in range(2, len(names)))]
+    rows = [("largest", "unit", *(f"|{name}|{unit}" for name, unit in zip(names, per, strict=False)))]
+    for joint, peaks in summary["peaks"].items():
+        rows.append((joint, summary["units"][joint], *(f"{peaks[name]:.6g}" for name in names)))
+    return "\n".join([
+        f"{summary['robot']} along {summary['motion']}: {summary['states']} states, t = {first:g} .. {last:g} s",
+        f"{summary['source']}",
+        f"{', '.join(names)} written to {summary['output']}",
+        "",
+        *aligned(rows),
+    ])  # fmt: skip

@@ -1,0 +1,61 @@
+"""What a robot is, as plain data: for `jounce info`, in words or JSON."""
+
+from typing import Any
+
+import numpy as np
+
+from jounce import inertia
+from jounce.mechanism import Mechanism
+
+
+def describe(mechanism: Mechanism) -> dict[str, Any]:
+    """Names, tree, joints and inertias of a mechanism of numbers, ready for JSON."""
+    return {
+        "name": mechanism.name,
+        "n": mechanism.n,
+        "nb": mechanism.nb,
+        "gravity": mechanism.gravity.tolist(),
+        "mass": float(mechanism.M[:, 3, 3].sum()),
+        "coordinates": [
+            {"name": c, "unit": coordinate_unit(mechanism, j)} for j, c in enumerate(mechanism.coordinates)
+        ],
+        "bodies": [_body(mechanism, i) for i in range(mechanism.nb)],
+        "merged_links": {
+            link: "ground" if frame.body < 0 else mechanism.bodies[frame.body]
+            for link, frame in mechanism.frames.items()
+        },
+    }
+
+
+def coordinate_unit(mechanism: Mechanism, j: int) -> str:
+    """rad or m: the unit of a coordinate, that of the first joint which follows it."""
+    i = int(np.flatnonzero(mechanism.G[:, j])[0])
+    return "rad" if np.any(mechanism.X[i][:3]) else "m"
+
+
+def _body(mechanism: Mechanism, i: int) -> dict[str, Any]:
+    p, M, X = mechanism.parent[i], mechanism.M[i], mechanism.X[i]
+    m, h, _ = inertia.moments(M)
+    mass = float(m[0, 0])
+    pitch = float(X[:3] @ X[3:])
+    kind = "prismatic" if not X[:3].any() else "helical" if abs(pitch) > 1e-12 else "revolute"
+    return {
+        "name": mechanism.bodies[i],
+        "parent": "ground" if p < 0 else mechanism.bodies[p],
+        "joint": mechanism.joints[i],
+        "type": kind,
+        "axis": (X[3:] if kind == "prismatic" else X[:3]).tolist(),
+        "pitch": pitch if kind == "helical" else None,
+        "follows": _follows(mechanism, i),
+        "mass": mass,
+        "com": (h[:, 0] / mass).tolist() if mass else None,
+        "finding": inertia.defect(M),
+    }
+
+
+def _follows(mechanism: Mechanism, i: int) -> str | None:
+    """The joint variable in the coordinates, where it is not simply one of them."""
+    row, offset = mechanism.G[i], float(mechanism.g[i])
+    terms = [f"{row[j]:g} {mechanism.coordinates[j]}" for j in np.flatnonzero(row)]
+    plain = len(terms) == 1 and row.sum() == 1 and offset == 0 and mechanism.joints[i] in mechanism.coordinates
+    return None if plain else " + ".join(terms + [f"{offset:g}"] * bool(offset)) or "0"

@@ -1,0 +1,60 @@
+"""From checked arrays to results: series made of them, long batches worked in pieces, `out=` filled at the end."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from jounce._scalars import Array, is_numeric
+from jounce.errors import JounceError
+from jounce.rates import broadcast, rate_name
+from jounce.series import Series, motion
+
+Law = Callable[[Series, Series | None], Series]  # from coordinates and wrenches, columns, to a quantity
+
+PIECE = 2**20  # bytes that a working array of a piece may take: longer batches are cut, to stay near the cache
+
+
+def evaluate(law: Law, q: Sequence[Array], W: Sequence[Array], order: int, width: int) -> tuple[Array, ...]:
+    """The terms 0 .. order of a law, for the whole batch; `width` is the number of scalars a state works on."""
+    labels = [rate_name("q", k) for k in range(len(q))] + [rate_name("W", k) for k in range(len(W))]
+    arrays = broadcast([*q, *W], [1] * len(q) + [2] * len(W), labels)
+    batch = arrays[0].shape[:-1]
+    size, piece = int(np.prod(batch)), max(1, PIECE // (8 * width))
+    if size <= piece or not all(is_numeric(x) for x in arrays):
+        return _terms(law, arrays[: len(q)], arrays[len(q) :], order)
+    flat = [x.reshape((size, *x.shape[len(batch) :])) for x in arrays]
+    pieces = [
+        _terms(law, [x[i : i + piece] for x in flat[: len(q)]], [x[i : i + piece] for x in flat[len(q) :]], order)
+        for i in range(0, size, piece)
+    ]
+    joined = (np.concatenate(terms) for terms in zip(*pieces, strict=True))
+    return tuple(x.reshape((*batch, *x.shape[1:])) for x in joined)
+
+
+def _terms(law: Law, q: Sequence[Array], W: Sequence[Array], order: int) -> tuple[Array, ...]:
+    loads = Series.of([w.reshape((*w.shape[:-2], -1, 1)) for w in W]) if W else None
+    return law(motion(q), loads).upto(order)
+
+
+def delivered(results: tuple[Array, ...], out: Any) -> Any:
+    """The one rule of all results: a plain array where there is one, else a tuple; written into `out` where given."""
+    if out is not None:
+        results = _written(results, tuple(out) if isinstance(out, tuple | list) else (out,))
+    return results[0] if len(results) == 1 else results
+
+
+def _written(results: tuple[Array, ...], out: tuple[Any, ...]) -> tuple[Array, ...]:
+    if len(out) != len(results):
+        raise JounceError(f"out has {len(out)} arrays; expected {len(results)}, one for each result")
+    for k, (result, array) in enumerate(zip(results, out, strict=True)):
+        if not isinstance(array, np.ndarray) or array.shape != result.shape:
+            came = f"shape {array.shape}" if isinstance(array, np.ndarray) else f"type {type(array).__name__}"
+            raise JounceError(f"out[{k}] has {came}; expected a NumPy array of shape {result.shape}")
+        if not array.flags.writeable:
+            raise JounceError(f"out[{k}] is read-only; expected an array to write into")
+        if not np.can_cast(np.asarray(result).dtype, array.dtype, "same_kind"):
+            raise JounceError(f"out[{k}] is of dtype {array.dtype}; expected {np.asarray(result).dtype}")
+    for result, array in zip(results, out, strict=True):
+        np.copyto(array, result, casting="same_kind")
+    return out

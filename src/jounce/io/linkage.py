@@ -1,0 +1,150 @@
+"""Links and joints as robot files state them, fixed and mimic joints included, made into a mechanism.
+
+Links behind fixed joints merge into the body that carries them: their inertia is added, their names and frames stay
+findable. Bodies are named after the link that their joint moves, in the file's order, depth first.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import TypeVar
+
+import numpy as np
+
+from jounce import inertia
+from jounce.errors import JounceError, no_such
+from jounce.mechanism import Frame, Mechanism, from_screws
+
+
+@dataclass(frozen=True)
+class Link:
+    """A rigid link and its inertia matrix in its own frame."""
+
+    name: str
+    M: np.ndarray
+    place: str  # where the file states it, for messages: FILE:LINE
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint variable that follows another: multiplier times it, plus offset."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint between two links; B is the child's pose in the parent's frame at zero, X None where it is fixed."""
+
+    name: str
+    parent: str
+    child: str
+    B: np.ndarray
+    X: np.ndarray | None
+    mimic: Mimic | None
+    place: str
+
+
+Item = TypeVar("Item", Link, Joint)
+
+
+def mechanism(links: Sequence[Link], joints: Sequence[Joint], gravity: object, name: str, file: str) -> Mechanism:
+    """The mechanism that links and joints of a file make, or a `JounceError` that says why they make none."""
+    by_name = _distinct(links, "link")
+    _distinct(joints, "joint")
+    ordered = _outward(by_name, joints, file)
+    movable = [joint for joint in ordered if joint.X is not None]
+    screws = [joint.X for joint in ordered if joint.X is not None]
+    if not movable:
+        raise JounceError(f"{file}: no movable joint among its {len(joints)} joints; expected at least one")
+
+    frames = {link: Frame(-1, np.eye(4)) for link in by_name}  # the roots stand on the ground
+    parent: list[Frame] = []
+    for joint in ordered:
+        carrier = frames[joint.parent]
+        if joint.X is None:
+            frames[joint.child] = Frame(carrier.body, carrier.T @ joint.B)
+        else:
+            frames[joint.child] = Frame(len(parent), np.eye(4))
+            parent.append(carrier)
+    M = np.zeros((len(movable), 6, 6))
+    for link, frame in frames.items():
+        if frame.body >= 0:
+            M[frame.body] += inertia.moved(by_name[link].M, frame.T)
+
+    G, g, coordinates = _coordinates(movable, joints)
+    bodies = tuple(joint.child for joint in movable)
+    built = from_screws(
+        np.stack([carrier.T @ joint.B for carrier, joint in zip(parent, movable, strict=True)]),
+        np.stack(screws),
+        M,
+        [carrier.body for carrier in parent],
+        names=bodies,
+        joint_names=coordinates,
+        gravity=gravity,
+        G=G,
+        g=g,
+        name=name,
+    )
+    merged = {link: frame for link, frame in frames.items() if link not in bodies}
+    return replace(built, joints=tuple(joint.name for joint in movable), frames=MappingProxyType(merged))
+
+
+def _distinct(items: Sequence[Item], kind: str) -> dict[str, Item]:
+    found: dict[str, Item] = {}
+    for item in items:
+        if item.name in found:
+            first = found[item.name].place
+            raise JounceError(f"{item.place}: second {kind} named {item.name!r}; the first is at {first}")
+        found[item.name] = item
+    return found
+
+
+def _outward(links: Mapping[str, Link], joints: Sequence[Joint], file: str) -> list[Joint]:
+    """The joints from the roots outward, depth first, in the file's order; a forest is all there may be."""
+    above: dict[str, Joint] = {}
+    children: dict[str, list[Joint]] = {link: [] for link in links}
+    for joint in joints:
+        for role, link in (("parent", joint.parent), ("child", joint.child)):
+            if link not in links:
+                raise JounceError(f"{joint.place}: {role} of joint {joint.name!r}: {no_such('link', link, links)}")
+        if joint.child in above:
+            both = f"{above[joint.child].name!r} and {joint.name!r}"
+            raise JounceError(f"{joint.place}: link {joint.child!r} is the child of two joints, {both}; expected one")
+        above[joint.child] = joint
+        children[joint.parent].append(joint)
+    roots = [link for link in links if link not in above]
+    ordered: list[Joint] = []
+    stack = [joint for root in reversed(roots) for joint in reversed(children[root])]
+    while stack:
+        joint = stack.pop()
+        ordered.append(joint)
+        stack.extend(reversed(children[joint.child]))
+    if len(ordered) < len(joints):
+        reached = {joint.name for joint in ordered}
+        cycle = [joint.name for joint in joints if joint.name not in reached]
+        rootless = "" if roots else "no root link: "
+        raise JounceError(f"{file}: {rootless}joints {', '.join(cycle)} go round in a cycle; expected a tree")
+    return ordered
+
+
+def _coordinates(movable: Sequence[Joint], joints: Sequence[Joint]) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """G, g and the names of the coordinates: the joints that follow no other."""
+    known = {joint.name: joint for joint in joints}
+    free = [joint.name for joint in movable if joint.mimic is None]
+    G, g = np.zeros((len(movable), len(free))), np.zeros(len(movable))
+    for i, joint in enumerate(movable):
+        factor, offset, followed = 1.0, 0.0, [joint.name]
+        while (mimic := known[followed[-1]].mimic) is not None:
+            if mimic.joint not in known:
+                raise JounceError(f"{joint.place}: mimic of {followed[-1]!r}: {no_such('joint', mimic.joint, known)}")
+            if mimic.joint in followed:
+                raise JounceError(f"{joint.place}: joints mimic in a circle: {' -> '.join([*followed, mimic.joint])}")
+            if known[mimic.joint].X is None:
+                raise JounceError(f"{joint.place}: joint {followed[-1]!r} mimics {mimic.joint!r}, which is fixed")
+            factor, offset = factor * mimic.multiplier, offset + factor * mimic.offset
+            followed.append(mimic.joint)
+        G[i, free.index(followed[-1])], g[i] = factor, offset
+    return G, g, free

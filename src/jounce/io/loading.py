@@ -1,0 +1,82 @@
+"""`load`: a robot from a file or by name."""
+
+import inspect
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+from jounce import inertia
+from jounce._scalars import is_numeric
+from jounce.errors import JounceError, JounceWarning, no_such
+from jounce.io.bundled import BUNDLED
+from jounce.mechanism import Mechanism
+from jounce.robot import Robot
+
+
+def load(source: str | Path, **parameters: object) -> Robot:
+    """A robot from a URDF file, or a bundled one by its name.
+
+    Fixed joints merge their links into one body (their names stay usable wherever a body's is); mimic joints are folded
+    into their leaders' coordinates; several root links stand on the ground side by side.
+
+    Parameters
+    ----------
+    source : path of a .urdf file, or "iiwa14", "planar2r"
+    parameters : gravity (3,) in m/s^2, (0, 0, -9.81) for files and (0, 0, -9.80665) for iiwa14; for planar2r L1, L2,
+        m1, m2, g (symbols are values too)
+
+    Raises
+    ------
+    JounceError : where the file cannot be read, is not a robot, or a parameter is unknown.
+
+    Warns
+    -----
+    JounceWarning : where bodies of a file have an inertia that no distribution of mass has.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> jounce.load("planar2r", L1=1.1, L2=0.7, m1=2.0, m2=1.5).joint_names
+    ('joint1', 'joint2')
+    """
+    if source in BUNDLED:
+        return Robot(_call(BUNDLED[str(source)], parameters, str(source)))
+    path = Path(source)
+    if path.suffix.lower() not in READERS:
+        if not path.suffix and not path.exists():
+            raise JounceError(f"{no_such('robot', source, BUNDLED)}, or a file of type {', '.join(READERS)}")
+        raise JounceError(f"{path}: unknown type of robot file {path.suffix!r}; there are: {', '.join(READERS)}")
+    if not path.is_file():
+        raise JounceError(f"{path}: no such file")
+    mechanism = _call(READERS[path.suffix.lower()], {"path": path, **parameters}, str(path))
+    _warn_of_inertias(mechanism, path)
+    return Robot(mechanism)
+
+
+def _read_urdf(path: Path, gravity: object = (0, 0, -9.81)) -> Mechanism:
+    from jounce.io import urdf  # where lxml is needed
+
+    return urdf.read(path, gravity)
+
+
+READERS: dict[str, Callable[..., Mechanism]] = {".urdf": _read_urdf}
+
+
+def _call(build: Callable[..., Mechanism], parameters: dict[str, object], what: str) -> Mechanism:
+    known = [name for name in inspect.signature(build).parameters if name != "path"]
+    for name in parameters:
+        if name not in known and name != "path":
+            raise no_such(f"parameter of {what}", name, known)
+    return build(**parameters)
+
+
+def _warn_of_inertias(mechanism: Mechanism, path: Path) -> None:
+    if not is_numeric(mechanism.M):
+        return
+    found = [(body, inertia.defect(M)) for body, M in zip(mechanism.bodies, mechanism.M, strict=True)]
+    odd = [f"{body}: {defect}" for body, defect in found if defect]
+    if odd:
+        more = f" (and {len(odd) - 1} more)" if len(odd) > 1 else ""
+        count = f"{len(odd)} of {mechanism.nb} bodies"
+        text = f"{path}: {count} have an inertia that no distribution of mass has: {odd[0]}{more}"
+        warnings.warn(text, JounceWarning, stacklevel=3)

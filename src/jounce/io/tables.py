@@ -1,0 +1,127 @@
+"""Tables: named columns of numbers in CSV and NPZ files, every cell checked when read, all digits kept when written."""
+
+import csv
+import os
+from collections.abc import Callable, Mapping
+from io import StringIO
+from pathlib import Path
+from typing import TypeVar
+from zipfile import BadZipFile
+
+import numpy as np
+
+from jounce.errors import JounceError
+
+Columns = dict[str, np.ndarray]
+Handler = TypeVar("Handler")
+
+
+def read(path: Path) -> Columns:
+    """The columns of a table: finite numbers, all of one length, at least one row."""
+    reader = _by_suffix(path, READERS)
+    if not path.is_file():
+        raise JounceError(f"{path}: no such file")
+    try:
+        return reader(path)
+    except OSError as error:
+        raise JounceError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+def check_writable(path: Path) -> None:
+    """Raise `JounceError` where `write` could not write, before any work is done for it."""
+    _by_suffix(path, WRITERS)
+    folder = path.parent
+    if not folder.is_dir():
+        raise JounceError(f"{path}: there is no folder {str(folder)!r} to write into")
+    if not os.access(folder, os.W_OK):
+        raise JounceError(f"{path}: the folder {str(folder)!r} is not writable")
+    if path.exists() and not path.is_file():
+        raise JounceError(f"{path}: exists and is not a file")
+
+
+def write(path: Path, columns: Mapping[str, np.ndarray]) -> None:
+    """Write a table beside its place and move it there whole, so that no half of it is ever seen."""
+    check_writable(path)
+    target = path.resolve()
+    part = target.with_name(f".{target.name}.{os.getpid()}.part")
+    try:
+        _by_suffix(path, WRITERS)(part, columns)
+        part.replace(target)
+    except OSError as error:
+        raise JounceError(f"{path}: cannot be written: {error.strerror or error}") from None
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _read_csv(path: Path) -> Columns:
+    try:
+        reader = csv.reader(StringIO(path.read_text(encoding="utf-8-sig")), skipinitialspace=True, strict=True)
+        rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(map(str.strip, row))]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise JounceError(f"{path}: not a CSV table: {error}") from None
+    if not rows:
+        raise JounceError(f"{path}: nothing in it; expected a row of column names and rows of numbers")
+    header = [rows[0][1][0].lstrip("# "), *rows[0][1][1:]]  # numpy.savetxt marks its header with #
+    repeated = [name for name in dict.fromkeys(header) if header.count(name) > 1]
+    if repeated:
+        raise JounceError(f"{path}: column {repeated[0]!r} stands {header.count(repeated[0])} times; expected once")
+    for line, row in rows[1:]:
+        if len(row) != len(header):
+            raise JounceError(f"{path}:{line}: {len(row)} cells; expected {len(header)}, one for each column")
+    if len(rows) == 1:
+        raise JounceError(f"{path}: no rows of numbers under the column names")
+    numbers = [[_number(cell, f"{path}:{line}", header[j]) for j, cell in enumerate(row)] for line, row in rows[1:]]
+    return dict(zip(header, np.array(numbers).T.copy(), strict=True))
+
+
+def _number(cell: str, place: str, column: str) -> float:
+    try:
+        number = float(cell)
+    except ValueError:
+        number = np.nan
+    if not np.isfinite(number):
+        raise JounceError(f"{place}: column {column!r} holds {cell!r}; expected a finite number")
+    return number
+
+
+def _read_npz(path: Path) -> Columns:
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            if not hasattr(archive, "files"):
+                raise JounceError(f"{path}: a single array; expected an archive of named columns")
+            columns = {name: np.asarray(archive[name]) for name in archive.files}
+    except (ValueError, BadZipFile, EOFError) as error:
+        raise JounceError(f"{path}: not an NPZ table: {' '.join(str(error).split())}") from None
+    if not columns or not max(array.size for array in columns.values()):
+        raise JounceError(f"{path}: nothing in it; expected named columns of numbers")
+    rows = next(iter(columns.values())).shape[:1]
+    for name, array in columns.items():
+        if array.shape != rows or array.ndim != 1 or array.dtype.kind not in "fiu":
+            came = f"{array.dtype} of shape {array.shape}"
+            raise JounceError(f"{path}: column {name!r} is {came}; expected numbers of shape {rows or '(N,)'}")
+        bad = np.flatnonzero(~np.isfinite(array))
+        if bad.size:
+            raise JounceError(f"{path}: column {name!r} holds {array[bad[0]]} in row {bad[0]}; expected finite numbers")
+    return {name: array.astype(float) for name, array in columns.items()}
+
+
+def _write_csv(path: Path, columns: Mapping[str, np.ndarray]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(np.stack(list(columns.values()), axis=1).tolist())  # repr of a double: it reads back the same
+
+
+def _write_npz(path: Path, columns: Mapping[str, np.ndarray]) -> None:
+    with path.open("wb") as file:
+        np.savez(file, **columns)  # type: ignore[arg-type]  # numpy's stubs take the columns for its allow_pickle
+
+
+READERS: dict[str, Callable[[Path], Columns]] = {".csv": _read_csv, ".npz": _read_npz}
+WRITERS: dict[str, Callable[[Path, Mapping[str, np.ndarray]], None]] = {".csv": _write_csv, ".npz": _write_npz}
+
+
+def _by_suffix(path: Path, known: Mapping[str, Handler]) -> Handler:
+    if path.suffix.lower() not in known:
+        raise JounceError(f"{path}: unknown type of table {path.suffix!r}; there are: {', '.join(known)}")
+    return known[path.suffix.lower()]

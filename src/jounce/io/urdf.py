@@ -1,0 +1,140 @@
+"""URDF: what dynamics needs of it, read with lxml; visuals, collisions, meshes and transmissions are never opened."""
+
+from pathlib import Path
+
+import numpy as np
+from lxml import etree
+
+from jounce.errors import JounceError, no_such
+from jounce.inertia import inertia_matrix
+from jounce.io import linkage
+from jounce.lie import pose
+from jounce.mechanism import Mechanism
+
+XACRO = "{http://www.ros.org/wiki/xacro}"
+MOVING = {"revolute": 0, "continuous": 0, "prismatic": 3}  # where in the screw the axis goes
+
+
+def read(path: Path, gravity: object = (0, 0, -9.81)) -> Mechanism:
+    """The mechanism of a URDF file: fixed joints merged, mimic joints folded, joints in its order depth first."""
+    robot = _parsed(path)
+    links = [_link(element, path) for element in robot.iterchildren("link")]
+    joints = [_joint(element, path) for element in robot.iterchildren("joint")]
+    return linkage.mechanism(links, joints, gravity, robot.get("name") or path.stem, str(path))
+
+
+def _parsed(path: Path) -> etree._Element:
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise JounceError(f"{path}: cannot be read: {error.strerror or error}") from None
+    # entities stay unresolved and nothing is fetched: a robot file is data, never a program
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, remove_comments=True)
+    try:
+        root = etree.fromstring(text, parser)
+    except (etree.XMLSyntaxError, ValueError) as error:
+        raise JounceError(f"{path}: not XML: {' '.join(str(error).split()) or 'the file is empty'}") from None
+    if root.tag != "robot":
+        raise JounceError(f"{path}: the root element is <{root.tag}>; a URDF has <robot>")
+    macro = next(root.iter(f"{XACRO}*"), None)
+    if macro is not None:
+        raise JounceError(f"{_at(macro, path)}: xacro macros are not expanded; run xacro first and load its output")
+    return root
+
+
+def _link(element: etree._Element, path: Path) -> linkage.Link:
+    name, inertial = _text(element, "name", path), element.find("inertial")
+    if inertial is None:
+        return linkage.Link(name, np.zeros((6, 6)), _at(element, path))
+    mass = _numbers(_child(inertial, "mass", path), "value", 1, path)[0]
+    tensor = _child(inertial, "inertia", path)
+    xx, xy, xz, yy, yz, zz = (_numbers(tensor, "i" + axes, 1, path)[0] for axes in ("xx", "xy", "xz", "yy", "yz", "zz"))
+    C = _origin(inertial, path)
+    theta = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return linkage.Link(name, inertia_matrix(mass, C[:3, 3], theta, rotation=C[:3, :3]), _at(element, path))
+
+
+def _joint(element: etree._Element, path: Path) -> linkage.Joint:
+    name, kind = _text(element, "name", path), _text(element, "type", path)
+    if kind != "fixed" and kind not in MOVING:
+        raise JounceError(f"{_at(element, path)}: joint {name!r}: {no_such('joint type', kind, ['fixed', *MOVING])}")
+    return linkage.Joint(
+        name=name,
+        parent=_text(_child(element, "parent", path), "link", path),
+        child=_text(_child(element, "child", path), "link", path),
+        B=_origin(element, path),
+        X=_screw(element, kind, path) if kind in MOVING else None,
+        mimic=_mimic(element, path) if kind in MOVING else None,
+        place=_at(element, path),
+    )
+
+
+def _screw(element: etree._Element, kind: str, path: Path) -> np.ndarray:
+    axis = _numbers(_child(element, "axis", path), "xyz", 3, path)
+    length = np.linalg.norm(axis)
+    if length == 0:
+        raise JounceError(f"{_at(element, path)}: joint {element.get('name')!r} has a zero axis; expected a direction")
+    X = np.zeros(6)
+    X[MOVING[kind] : MOVING[kind] + 3] = axis / length
+    return X
+
+
+def _mimic(element: etree._Element, path: Path) -> linkage.Mimic | None:
+    mimic = element.find("mimic")
+    if mimic is None:
+        return None
+    multiplier = _numbers(mimic, "multiplier", 1, path, default="1")[0]
+    offset = _numbers(mimic, "offset", 1, path, default="0")[0]
+    return linkage.Mimic(_text(mimic, "joint", path), multiplier, offset)
+
+
+def _origin(element: etree._Element, path: Path) -> np.ndarray:
+    """The pose of an <origin>: the identity where there is none."""
+    origin = element.find("origin")
+    if origin is None:
+        return np.eye(4)
+    roll, pitch, yaw = _numbers(origin, "rpy", 3, path, default="0 0 0")
+    R = _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
+    return pose(R, _numbers(origin, "xyz", 3, path, default="0 0 0")[:, None])
+
+
+def _about(axis: int, angle: float) -> np.ndarray:
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    R = np.eye(3)
+    R[j, j] = R[k, k] = np.cos(angle)
+    R[k, j] = np.sin(angle)
+    R[j, k] = -R[k, j]
+    return R
+
+
+def _child(element: etree._Element, tag: str, path: Path) -> etree._Element:
+    child = element.find(tag)
+    if child is None:
+        name = element.get("name")
+        raise JounceError(f"{_at(element, path)}: <{element.tag}>{f' {name!r}' if name else ''} has no <{tag}>")
+    return child
+
+
+def _text(element: etree._Element, attribute: str, path: Path) -> str:
+    text = element.get(attribute)
+    if not text:
+        raise JounceError(f"{_at(element, path)}: <{element.tag}> has no {attribute}=; expected a text")
+    return text
+
+
+def _numbers(element: etree._Element, attribute: str, count: int, path: Path, default: str | None = None) -> np.ndarray:
+    text = element.get(attribute, default)
+    if text is None:
+        raise JounceError(f"{_at(element, path)}: <{element.tag}> has no {attribute}=; expected {count} numbers")
+    try:
+        numbers = np.array([float(word) for word in text.split()])
+    except ValueError:
+        numbers = np.array([np.nan])
+    if numbers.shape != (count,) or not np.all(np.isfinite(numbers)):
+        came = f"<{element.tag} {attribute}={text!r}>"
+        raise JounceError(f"{_at(element, path)}: {came}; expected {count} finite number{'s' * (count > 1)}")
+    return numbers
+
+
+def _at(element: etree._Element, path: Path) -> str:
+    return f"{path}:{element.sourceline}"

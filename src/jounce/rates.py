@@ -1,0 +1,45 @@
+"""Rates: the names q, qd, q2d, ... of a quantity's time derivatives, and the check of those that a caller gives."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jounce._scalars import Array, asarray, namespace
+from jounce.errors import JounceError
+
+
+def rate_name(symbol: str, k: int) -> str:
+    """The name of the k-th time derivative: q, qd, q2d, q3d, ..."""
+    return symbol + ("" if k == 0 else "d" if k == 1 else f"{k}d")
+
+
+def checked(given: Sequence[Array | None], least: int, names: Sequence[str]) -> list[Array]:
+    """The coordinates and their rates as arrays (..., n): at least `least` of them, none skipped."""
+    terms = list(given)
+    while len(terms) > least and terms[-1] is None:
+        terms.pop()
+    for k, term in enumerate(terms):
+        if term is None:
+            after = [rate_name("q", j) for j in range(k + 1, len(terms)) if terms[j] is not None]
+            skipped = f", yet {after[0]} is given" if after else ""
+            raise JounceError(f"{rate_name('q', k)} is None{skipped}; expected every rate up to the last")
+    return [_column(term, rate_name("q", k), names) for k, term in enumerate(terms)]
+
+
+def _column(term: Array, label: str, names: Sequence[str]) -> Array:
+    array = asarray(term, label)
+    if array.ndim == 0 or array.shape[-1] != len(names):
+        raise JounceError(f"{label} has shape {array.shape}; expected (..., {len(names)}): {', '.join(names)}")
+    return array
+
+
+def broadcast(arrays: Sequence[Array], tails: Sequence[int], labels: Sequence[str]) -> list[Array]:
+    """The arrays with their leading (batch) axes broadcast against each other; the last `tails` axes stay."""
+    batches = [x.shape[: x.ndim - tail] for x, tail in zip(arrays, tails, strict=True)]
+    try:
+        batch = np.broadcast_shapes(*batches)
+    except ValueError:
+        shapes = ", ".join(f"{label} {b}" for label, b in zip(labels, batches, strict=True))
+        raise JounceError(f"batch axes do not fit together: {shapes}") from None
+    xp = namespace(*arrays)
+    return [xp.broadcast_to(x, batch + x.shape[x.ndim - tail :]) for x, tail in zip(arrays, tails, strict=True)]

@@ -1,0 +1,51 @@
+"""Wrenches on the bodies, in whatever form a caller gives them, as arrays (..., nb, 6) in the body frames.
+
+A wrench W_i = (moment; force) is what body i EXERTS ON its environment, in body-frame components about the origin of
+the body frame: Qext = +J^T W.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from jounce._scalars import Array, asarray
+from jounce.errors import JounceError
+from jounce.lie import Ad, inverse
+from jounce.mechanism import Mechanism
+from jounce.rates import rate_name
+
+
+def checked(mechanism: Mechanism, wrench: object, order: int) -> list[Array]:
+    """W and its rates up to `order`; no arrays where `wrench` is None."""
+    if wrench is None:
+        return []
+    given = list(wrench) if isinstance(wrench, tuple | list) else [wrench]
+    if len(given) <= order:
+        have = ", ".join(rate_name("W", k) for k in range(len(given))) or "nothing"
+        raise JounceError(f"wrench gives {have}; order {order} needs its rates up to {rate_name('W', order)}")
+    return [_on_bodies(mechanism, W, rate_name("W", k)) for k, W in enumerate(given[: order + 1])]
+
+
+def _on_bodies(mechanism: Mechanism, W: object, label: str) -> Array:
+    if isinstance(W, Mapping):
+        return _from_names(mechanism, W, label)
+    array = asarray(W, label)
+    if array.ndim < 2 or array.shape[-2:] != (mechanism.nb, 6):
+        raise JounceError(
+            f"{label} has shape {array.shape}; expected (..., {mechanism.nb}, 6), or a dict of body names to (..., 6)"
+        )
+    return array
+
+
+def _from_names(mechanism: Mechanism, W: Mapping[str, object], label: str) -> Array:
+    """Wrenches by body or merged link, the latter transported to the frame of the body that carries it."""
+    total = np.zeros((mechanism.nb, 6))
+    for name, value in W.items():
+        frame = mechanism.frame(name)
+        array = asarray(value, f"{label}[{name!r}]")
+        if array.ndim == 0 or array.shape[-1] != 6:
+            raise JounceError(f"{label}[{name!r}] has shape {array.shape}; expected (..., 6), (moment; force)")
+        if frame.body >= 0:  # a wrench between the ground and its environment moves nothing
+            local = Ad(inverse(frame.T)).mT @ array[..., None]
+            total = total + np.eye(mechanism.nb, dtype=int)[frame.body][:, None] * local[..., None, :, 0]
+    return total
