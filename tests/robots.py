@@ -107,7 +107,9 @@ def mechanisms(draw: st.DrawFn, largest: int = 5, spread: bool = False) -> tuple
     return random_mechanism(rng, parent, kinds, [10.0**e for e in exponents], mimic), rng
 
 
-def random_state(rng: np.random.Generator, mechanism: Mechanism, order: int = 2) -> tuple[list[np.ndarray], list[np.ndarray]]:
+def random_state(
+    rng: np.random.Generator, mechanism: Mechanism, order: int = 2
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """q .. and W .., with as many rates as forces of the order take."""
     q = [rng.uniform(-2, 2, mechanism.n) for _ in range(order + 3)]
     return q, [rng.uniform(-3, 3, (mechanism.nb, 6)) for _ in range(order + 1)]

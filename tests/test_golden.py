@@ -1,11 +1,11 @@
 """Against reference data computed to 50 digits from Lagrange's equations, sharing nothing with the paper's formulas."""
 
 import pytest
-from robots import GOLDEN_NAMES, columns, golden, loads, rates_of, relative_error
 
 from jounce import recursion
 from jounce.closed_form import closed_form
 from jounce.paper import Paper
+from robots import GOLDEN_NAMES, columns, golden, loads, rates_of, relative_error
 
 TOLERANCE = 1e-12
 ENTRIES = {

@@ -20,7 +20,7 @@ def matrix_series(entries):
 
 @given(st.lists(polynomials, min_size=4, max_size=4), st.lists(polynomials, min_size=4, max_size=4))
 def test_products_are_differentiated_by_leibniz(p, r):
-    product = [p[0] * r[0] + p[1] * r[2], p[0] * r[1] + p[1] * r[3], p[2] * r[0] + p[3] * r[2], p[2] * r[1] + p[3] * r[3]]
+    product = [p[i] * r[j] + p[i + 1] * r[j + 2] for i in (0, 2) for j in (0, 1)]
     S, T = matrix_series(p), matrix_series(r)
     for found, expected in ((S @ T, product), (S * T, [x * y for x, y in zip(p, r, strict=True)])):
         for k in range(ORDER + 1):
