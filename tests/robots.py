@@ -120,7 +120,7 @@ def columns(q: list[np.ndarray]) -> Series:
 
 
 def loads(W: list[np.ndarray]) -> Series:
-    return Series.of([w.reshape((*w.shape[:-2], -1, 1)) for w in W])
+    return Series.of([w.reshape((*w.shape[:-2], 6 * w.shape[-2], 1)) for w in W])
 
 
 def harmonic(rng: np.random.Generator, n: int, order: int):

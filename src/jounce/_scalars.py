@@ -42,6 +42,17 @@ def is_numeric(x: Array) -> bool:
     return isinstance(x, np.ndarray) and x.dtype != object
 
 
+def is_symbolic(x: Array) -> bool:
+    """Whether `x` is an object array: symbols, or traced scalars."""
+    return isinstance(x, np.ndarray) and x.dtype == object
+
+
+def whole(x: np.ndarray) -> np.ndarray:
+    """The same numbers in an object array, integers where they are whole: 1 L stays L among symbols, not 1.0 L."""
+    as_integer = np.frompyfunc(lambda v: int(v) if isinstance(v, float) and v.is_integer() else v, 1, 1)
+    return np.asarray(as_integer(x), dtype=object)
+
+
 def namespace(*arrays: Array) -> Any:
     """The module whose functions serve these arrays: NumPy, unless one of them brings its own."""
     for x in arrays:
@@ -72,7 +83,7 @@ def _elementwise(name: str) -> Callable[[Array], Array]:
     over_objects = np.frompyfunc(scalar, 1, 1)
 
     def function(x: Array) -> Array:
-        if isinstance(x, np.ndarray) and x.dtype == object:
+        if is_symbolic(x):
             return np.asarray(over_objects(x), dtype=object)
         return getattr(namespace(x), name)(x)
 

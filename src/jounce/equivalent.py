@@ -13,10 +13,10 @@ from types import MappingProxyType
 import numpy as np
 
 from jounce import inertia
-from jounce._scalars import Array, concatenate
+from jounce._scalars import Array, concatenate, is_symbolic
 from jounce.errors import JounceError
 from jounce.lie import Ad, hat, inverse, pose, position, rotation
-from jounce.mechanism import Frame, Mechanism, reference_poses
+from jounce.mechanism import Frame, Mechanism, in_whole_numbers, reference_poses
 
 ROUNDING = 1e-15  # what rounding leaves of an exact 0 in a rotation or a pitch
 _I = np.eye(3, dtype=int)
@@ -84,7 +84,8 @@ def base_parameters(mechanism: Mechanism) -> Mechanism:
 @lru_cache(maxsize=64)
 def minimal(mechanism: Mechanism) -> Mechanism:
     """The equivalent mechanism with the fewest numbers in it: aligned, slid, reduced to base parameters."""
-    return base_parameters(slid(aligned(mechanism)))
+    small = base_parameters(slid(aligned(mechanism)))
+    return in_whole_numbers(small) if is_symbolic(mechanism.B) else small
 
 
 def _on_axis(X: Array) -> tuple[Array, Array]:
@@ -113,8 +114,12 @@ def _to(e: np.ndarray) -> np.ndarray:
 
 def _exact(a: Array) -> Array:
     """Entries within rounding of an integer -1, 0, 1 set to it; an array of integers where all are."""
-    if a.dtype == object:
-        return a
+    if is_symbolic(a):
+        return np.asarray(np.frompyfunc(_exact_number, 1, 1)(a), dtype=object)
     near = np.rint(a)
     a = np.where((np.abs(a - near) < ROUNDING) & (np.abs(near) <= 1), near, a)
     return a.astype(int) if np.all(a == np.rint(a)) else a
+
+
+def _exact_number(x: object) -> object:
+    return round(x) if isinstance(x, float) and abs(x) < 2 and abs(x - round(x)) < ROUNDING else x

@@ -33,7 +33,7 @@ def evaluate(law: Law, q: Sequence[Array], W: Sequence[Array], order: int, width
 
 
 def _terms(law: Law, q: Sequence[Array], W: Sequence[Array], order: int) -> tuple[Array, ...]:
-    loads = Series.of([w.reshape((*w.shape[:-2], -1, 1)) for w in W]) if W else None
+    loads = Series.of([w.reshape((*w.shape[:-2], 6 * w.shape[-2], 1)) for w in W]) if W else None
     return law(motion(q), loads).upto(order)
 
 

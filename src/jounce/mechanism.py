@@ -6,13 +6,15 @@ and g: the identity, unless joints mimic others.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
 from jounce import inertia, lie
-from jounce._scalars import Array, asarray, is_numeric
+from jounce._scalars import Array, asarray, is_numeric, is_symbolic, whole
 from jounce.errors import JounceError, no_such
 
 UNIT_TOLERANCE = 1e-9  # how far a direction or rotation may be from unit length before it is taken for a mistake
@@ -56,10 +58,17 @@ class Mechanism:
     def frame(self, name: str) -> Frame:
         """Where a body, or a link merged into one, sits."""
         if name in self.bodies:
-            return Frame(self.bodies.index(name), np.eye(4))
+            return Frame(self.bodies.index(name), np.eye(4, dtype=int))
         if name in self.frames:
             return self.frames[name]
         raise no_such("body", name, [*self.bodies, *self.frames])
+
+
+@lru_cache(maxsize=64)
+def in_whole_numbers(mechanism: Mechanism) -> Mechanism:
+    """The same mechanism to calculate with symbols: whole numbers are integers, so that they leave no 1.0 behind."""
+    data: dict[str, Any] = {name: whole(getattr(mechanism, name)) for name in ("B", "X", "M", "gravity", "G", "g")}
+    return replace(mechanism, **data)
 
 
 def ancestors(mechanism: Mechanism) -> np.ndarray:
@@ -115,11 +124,12 @@ def from_screws(
         if error:
             raise JounceError(f"M[{i}] {error}; an inertia matrix is [[Theta, m c~], [-m c~, m I]]")
     coordinates = _names(joint_names, n, "joint_names", "joint" if identity else "q")
-    return Mechanism(
+    built = Mechanism(
         B=_frozen(B), X=_frozen(X), M=_frozen(M), parent=_tree(parent, nb), gravity=_frozen(gravity),
         G=_frozen(G), g=_frozen(g), bodies=_names(names, nb, "names", "body"),
         joints=coordinates if identity else _names(None, nb, "joints", "joint"), coordinates=coordinates, name=name,
     )  # fmt: skip
+    return in_whole_numbers(built) if any(map(is_symbolic, (B, X, M, gravity, G, g))) else built
 
 
 def from_spatial_screws(A: Array, Y: Array, M: Array, parent: Sequence[int] | None = None, **data: object) -> Mechanism:

@@ -32,12 +32,15 @@ PATHS: dict[str, dict[str, Path]] = {
         "closed_form": lambda mechanism, q, W: _row(closed_form(mechanism, q).Qgrav),
         "paper": lambda mechanism, q, W: _row(Paper(mechanism, q).Qgrav),
     },
-    'coriolis_matrix(form="paper")': {
+    "coriolis_matrix, paper": {
         "closed_form": lambda mechanism, q, W: closed_form(mechanism, q).gC,
         "paper": lambda mechanism, q, W: Paper(mechanism, q).gC,
     },
-    'coriolis_matrix(form="skew")': {"closed_form": lambda mechanism, q, W: closed_form(mechanism, q).gCbar},
+    "coriolis_matrix, skew": {"closed_form": lambda mechanism, q, W: closed_form(mechanism, q).gCbar},
 }
+
+
+FORMS = ("paper", "skew")  # of the Coriolis matrix
 
 
 def path(quantity: str, method: str | None) -> tuple[str, Path]:

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from typing import Any, TypedDict, Unpack, overload
 
 from jounce import kinematics, mechanism, rates, wrenches
-from jounce._scalars import Array
+from jounce._scalars import Array, is_symbolic
+from jounce.errors import no_such
 from jounce.evaluation import delivered, evaluate
-from jounce.mechanism import Mechanism
-from jounce.paths import path
+from jounce.mechanism import Mechanism, in_whole_numbers
+from jounce.paths import FORMS, path
 from jounce.series import Series
 from jounce.system import poses
 
@@ -244,7 +245,9 @@ class Robot:
         True
         """
         given = rates.checked((q, qd, q2d, q3d, *higher), 2, self.joint_names)
-        return self._along(given, len(given) - 2, f'coriolis_matrix(form="{form}")', method, out)
+        if form not in FORMS:
+            raise no_such("form of the Coriolis matrix", form, FORMS)
+        return self._along(given, len(given) - 2, f"coriolis_matrix, {form}", method, out)
 
     @overload
     def gravity_forces(self, q: Array, **options: Unpack[Options]) -> Array: ...
@@ -316,9 +319,10 @@ class Robot:
         self, given: Sequence[Array], order: int, quantity: str, method: str | None, out: Any, wrench: Any = None
     ) -> Any:
         name, compute = path(quantity, method)
+        model = in_whole_numbers(self.mechanism) if any(map(is_symbolic, given)) else self.mechanism
         W = wrenches.checked(self.mechanism, wrench, order)
         width = 4 * self.mechanism.nb if name == "recursion" else self._dense
-        return delivered(evaluate(lambda q, W: compute(self.mechanism, q, W), given, W, order, width), out)
+        return delivered(evaluate(lambda q, W: compute(model, q, W), given, W, order, width), out)
 
     @property
     def _dense(self) -> int:

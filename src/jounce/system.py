@@ -43,7 +43,7 @@ def system_D(mechanism: Mechanism, C: Array) -> Array:
 def system_U(C: Array) -> Array:
     """U, the column of blocks Ad(C_i)^-1: (..., 6nb, 6)."""
     U = Ad(inverse(C))
-    return U.reshape((*U.shape[:-3], -1, 6))  # (eq_U)
+    return U.reshape((*U.shape[:-3], 6 * U.shape[-3], 6))  # (eq_U)
 
 
 def _blocks(C: Array, pattern: np.ndarray) -> Array:
@@ -78,7 +78,7 @@ def system_a(mechanism: Mechanism, qd: Array) -> Array:
 
 def system_b(V: Array) -> Array:
     """b = diag(ad(V_i)), linear in V: (..., 6nb, 1) to (..., 6nb, 6nb)."""
-    return diagonal(ad(V.reshape((*V.shape[:-2], -1, 6))))  # (b)
+    return diagonal(ad(V.reshape((*V.shape[:-2], V.shape[-2] // 6, 6))))  # (b)
 
 
 def system_G(mechanism: Mechanism) -> Array:

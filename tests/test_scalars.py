@@ -1,0 +1,187 @@
+"""One source of the equations over every scalar type: JAX under jit and vmap, CasADi, SymPy, tracing scalars."""
+
+import math
+
+import casadi
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import sympy
+
+import jounce
+import tracing
+from jounce.errors import JounceError
+from robots import GOLDEN_NAMES, golden, rates_of, relative_error
+
+jax.config.update("jax_enable_x64", True)
+
+TOLERANCE = 1e-13
+METHODS = ("recursion", "closed_form", "paper")
+
+
+def case(name, i=0, order=2):
+    mechanism, cases = golden(name)
+    q, W = rates_of(cases[i])
+    return jounce.Robot(mechanism), q[: order + 3], W[: order + 1]
+
+
+def agree(found, expected, tolerance=TOLERANCE):
+    for x, y in zip(found, expected, strict=True):
+        assert relative_error(x, y) < tolerance
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", GOLDEN_NAMES)
+def test_jax_arrays(name, method):
+    robot, q, W = case(name, order=1)
+    expected = robot.inverse_dynamics(*q, wrench=tuple(W), method=method)
+    found = robot.inverse_dynamics(*map(jnp.asarray, q), wrench=tuple(map(jnp.asarray, W)), method=method)
+    assert all(isinstance(Q, jax.Array) for Q in found)
+    agree(found, expected)
+
+
+@pytest.mark.parametrize("name", ["planar2r", "mixed5"])
+def test_jax_under_jit_and_vmap(name):
+    robot, q, W = case(name)
+    rng = np.random.default_rng(0)
+    q = [rng.normal(size=(5, robot.n)) for _ in q]
+    W = [rng.normal(size=(5, *w.shape)) for w in W]
+
+    def one(q, W):
+        return robot.inverse_dynamics(*q, wrench=tuple(W))
+
+    many = jax.jit(jax.vmap(one))
+    agree(many([jnp.asarray(x) for x in q], [jnp.asarray(w) for w in W]), one(q, W))
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+@pytest.mark.parametrize("name", ["planar2r", "mixed5"])
+def test_each_order_is_the_exact_derivative_of_the_one_below(name, order):
+    """d/dt along q(t) by forward differentiation in JAX: rounding is all that is left."""
+    robot, q, _ = case(name, order=order + 1)
+    n = len(q)
+
+    def forces(t):
+        path = [sum(q[k + j] * t**j / math.factorial(j) for j in range(n - k)) for k in range(n)]
+        Q = robot.inverse_dynamics(*path[: order + 3])
+        return Q if order == 0 else Q[-1]
+
+    _, rate = jax.jvp(forces, (0.0,), (1.0,))
+    agree([rate], [robot.inverse_dynamics(*q)[-1]], 1e-12)
+
+
+def test_jax_matrices_and_jacobian():
+    robot, q, _ = case("mixed5")
+    for quantity, needed in (("mass_matrix", 2), ("coriolis_matrix", 3), ("gravity_forces", 2), ("jacobian", 2)):
+        compute = getattr(robot, quantity)
+        agree(jax.jit(compute)(*map(jnp.asarray, q[:needed])), compute(*q[:needed]), 1e-12)
+    agree([robot.poses(jnp.asarray(q[0]))], [robot.poses(q[0])])
+    twist = jax.jit(lambda *q: robot.jacobian(*q, body="body2", frame="spatial"))(*map(jnp.asarray, q[:2]))
+    agree(twist, robot.jacobian(*q[:2], body="body2", frame="spatial"))
+
+
+def symbols_of(robot, make, order=2):
+    return [np.array([make(f"q{k}_{i}") for i in range(robot.n)], dtype=object) for k in range(order + 3)]
+
+
+# dense products of symbols grow with the sixth power of their size: the recursion is the form to trace
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [("planar2r", "closed_form"), ("planar2r", "recursion"), ("mixed5", "recursion"), ("iiwa", "recursion")],
+)
+def test_casadi_symbols(name, method):
+    robot, q, W = case(name)
+    symbols = symbols_of(robot, casadi.SX.sym)
+    loads = [np.array([[casadi.SX.sym("w") for _ in row] for row in w], dtype=object) for w in W]
+    Q = robot.inverse_dynamics(*symbols, wrench=tuple(loads), method=method)
+    flat = [casadi.vertcat(*x.ravel()) for x in (*symbols, *loads)]
+    function = casadi.Function("Q", flat, [casadi.vertcat(*x) for x in Q])
+    values = function(*[x.ravel() for x in (*q, *W)])
+    agree([np.array(x).ravel() for x in values], robot.inverse_dynamics(*q, wrench=tuple(W)))
+
+
+@pytest.mark.parametrize("name", ["planar2r", "mixed5"])
+def test_casadi_matrices(name):
+    robot, q, _ = case(name)
+    symbols = symbols_of(robot, casadi.SX.sym)
+    for quantity in ("mass_matrix", "gravity_forces"):
+        terms = getattr(robot, quantity)(*symbols[:3])
+        function = casadi.Function(
+            "f", [casadi.vertcat(*x) for x in symbols[:3]], [casadi.vertcat(*x.ravel()) for x in terms]
+        )
+        values = function(*q[:3])
+        expected = getattr(robot, quantity)(*q[:3])
+        agree([np.array(x).reshape(y.shape) for x, y in zip(values, expected, strict=True)], expected)
+
+
+def vanishes(expression):
+    """Whether a polynomial in sines, cosines and rates is zero: as one in exponentials it has a unique form."""
+    return sympy.expand(expression.doit().rewrite(sympy.exp)) == 0
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_sympy_expressions_of_the_planar_2r_are_exact(method):
+    """Symbols in the state and in the data; no floats creep in, and the difference to Lagrange's equations is zero."""
+    L1, L2, m1, m2, g, t = sympy.symbols("L1 L2 m1 m2 g t", positive=True)
+    robot = jounce.load("planar2r", L1=L1, L2=L2, m1=m1, m2=m2, g=g)
+    paths = [sympy.Function(name)(t) for name in ("q1", "q2")]
+    state = [np.array([p.diff(t, k) for p in paths], dtype=object) for k in range(4)]
+    Q, Qd = robot.inverse_dynamics(*state, method=method)
+
+    x = [L1 * sympy.cos(paths[0]), L1 * sympy.cos(paths[0]) + L2 * sympy.cos(sum(paths))]
+    y = [L1 * sympy.sin(paths[0]), L1 * sympy.sin(paths[0]) + L2 * sympy.sin(sum(paths))]
+    kinetic = sum(m * (a.diff(t) ** 2 + b.diff(t) ** 2) / 2 for m, a, b in zip((m1, m2), x, y, strict=True))
+    lagrangian = kinetic - sum(m * g * b for m, b in zip((m1, m2), y, strict=True))
+    for i, p in enumerate(paths):
+        force = lagrangian.diff(p.diff(t)).diff(t) - lagrangian.diff(p)
+        assert vanishes(Q[i] - force)
+        assert vanishes(Qd[i] - force.diff(t))
+        assert not sympy.sympify(Q[i]).atoms(sympy.Float)
+
+
+def test_sympy_states_of_a_robot_of_numbers():
+    mixed5, q, _ = case("mixed5")
+    m = mixed5.mechanism
+    robot = jounce.Robot.from_screws(m.B[1:3], m.X[1:3], m.M[1:3], gravity=m.gravity)  # prismatic, helical
+    q = [x[1:3] for x in q]
+    symbols = symbols_of(robot, sympy.Symbol, 0)
+    Q = robot.inverse_dynamics(*symbols)
+    function = sympy.lambdify(list(np.concatenate(symbols)), list(Q), "math", cse=True)
+    agree([function(*np.concatenate(q[:3]))], [robot.inverse_dynamics(*q[:3])])
+
+
+@pytest.mark.parametrize("name", GOLDEN_NAMES)
+def test_tracing_scalars(name):
+    robot, q, _ = case(name)
+    tape = tracing.Tape()
+    Q = robot.inverse_dynamics(*symbols_of(robot, tape.variable))
+    values = {f"q{k}_{i}": x for k, rate in enumerate(q) for i, x in enumerate(rate)}
+    found = np.array(tracing.run([x for rate in Q for x in rate], values)).reshape(3, -1)
+    agree(found, robot.inverse_dynamics(*q))
+
+
+@pytest.mark.parametrize(("order", "operations"), [(0, 574), (1, 1272), (2, 2333)])
+def test_the_iiwa_takes_no_more_operations_than_measured(order, operations):
+    """A guard of the recursion's economy: sums and products of one state, sine and cosine given."""
+    robot, _, _ = case("iiwa")
+    tape = tracing.Tape()
+    Q = robot.inverse_dynamics(*symbols_of(robot, tape.variable, order))
+    outputs = [x for rate in (Q if order else [Q]) for x in rate]
+    count = sum(node.key[0] in ("add", "sub", "mul") for node in tracing.program(outputs))
+    assert count <= operations
+
+
+def test_extended_precision_is_kept():
+    robot, q, _ = case("mixed5")
+    long = [x.astype(np.longdouble) for x in q]
+    for Q, Q_long in zip(robot.inverse_dynamics(*q), robot.inverse_dynamics(*long), strict=True):
+        assert Q_long.dtype == np.longdouble
+        assert 0 < relative_error(Q, Q_long) < 1e-14
+
+
+def test_casadi_vectors_are_refused_with_the_way_out():
+    robot, _, _ = case("planar2r")
+    x = casadi.SX.sym("x", 2)
+    with pytest.raises(JounceError, match="q"):
+        robot.inverse_dynamics(x, x, x)
