@@ -38,6 +38,7 @@ def reframed(mechanism: Mechanism, T: Sequence[Array]) -> Mechanism:
     )
 
 
+@lru_cache(maxsize=64)
 def moves(old: Mechanism, new: Mechanism) -> Array:
     """T_i, where the frame of body i in `new` lies in its frame in `old`: (nb, 4, 4)."""
     both = zip(reference_poses(old), reference_poses(new), strict=True)

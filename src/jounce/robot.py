@@ -89,24 +89,14 @@ class Robot:
         >>> pendulum.inverse_dynamics([np.pi / 2], [0.0], [0.0]).round(6)
         array([9.81])
         """
-        data = {"names": names, "joint_names": joint_names, "gravity": gravity, "G": G, "g": g}
-        return cls(mechanism.from_screws(B, X, M, parent, **data))
+        names_and_data = {"names": names, "joint_names": joint_names, "gravity": gravity, "G": G, "g": g}
+        return cls(mechanism.from_screws(B, X, M, parent, **names_and_data))
 
     @classmethod
     def from_spatial_screws(
-        cls,
-        A: Array,
-        Y: Array,
-        M: Array,
-        parent: Sequence[int] | None = None,
-        *,
-        names: Sequence[str] | None = None,
-        joint_names: Sequence[str] | None = None,
-        gravity: Array = (0, 0, -9.81),
-        G: Array | None = None,
-        g: Array | None = None,
+        cls, A: Array, Y: Array, M: Array, parent: Sequence[int] | None = None, **data: Any
     ) -> "Robot":
-        """A robot from spatial data, all in the inertial frame at theta = 0; otherwise as `from_screws`.
+        """A robot from spatial data, all in the inertial frame at theta = 0.
 
         ``B_i = A_p^-1 A_i``, ``X_i = Ad(A_i^-1) Y_i``, exactly.
 
@@ -115,6 +105,7 @@ class Robot:
         A : (nb, 4, 4) absolute poses of the bodies
         Y : (nb, 6) joint screws in the inertial frame
         M : (nb, 6, 6) inertia matrices, in the body frames
+        parent, data : names, joint_names, gravity, G, g: as in `from_screws`, with the same errors
 
         Examples
         --------
@@ -124,7 +115,6 @@ class Robot:
         >>> robot.inverse_dynamics([0.3], [0.0], [1.0])
         array([10.81])
         """
-        data = {"names": names, "joint_names": joint_names, "gravity": gravity, "G": G, "g": g}
         return cls(mechanism.from_spatial_screws(A, Y, M, parent, **data))
 
     @property
