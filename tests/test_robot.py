@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
 
 import jounce
 from jounce.errors import JounceError
-from robots import golden, random_state, relative_error
+from robots import golden, mechanisms, random_state, relative_error
 
 METHODS = ("recursion", "closed_form", "paper")
 QUANTITIES = {  # the fewest rates each takes, and the shape of its result
@@ -82,6 +83,22 @@ def test_batches_give_what_a_loop_gives(robot, method, batch):
             assert relative_error(Q[i], expected) < 1e-13
 
 
+@given(drawn=mechanisms(largest=3))
+def test_batches_of_every_quantity_have_their_shape_and_values(drawn):
+    """Also where a quantity depends on no state, as the mass matrix of a gantry or a single pendulum."""
+    mechanism, rng = drawn
+    robot, q = jounce.Robot(mechanism), rng.uniform(-2, 2, (4, 3, mechanism.n))
+    for quantity, (least, _) in QUANTITIES.items():
+        compute = getattr(robot, quantity)
+        for method in METHODS if quantity not in ("jacobian", "coriolis_matrix") else (None,):
+            options = {"method": method} if method else {}
+            found = compute(*q[: least + 1], **options)
+            for i in range(3):
+                for x, one in zip(found, compute(*(x[i] for x in q[: least + 1]), **options), strict=True):
+                    assert x.shape == (3, *one.shape)
+                    assert np.abs(x[i] - one).max() < 1e-12 * (1 + np.abs(one).max())
+
+
 @pytest.mark.parametrize("method", ["recursion", "closed_form"])
 def test_ten_thousand_states(method):
     robot = jounce.load("planar2r" if method == "closed_form" else "iiwa14")
@@ -116,8 +133,8 @@ def test_memory_order_integers_and_short_floats_do_not_matter(robot):
     expected = robot.inverse_dynamics(*q)
     fortran = [np.asfortranarray(x) for x in q]
     strided = [np.repeat(x, 2, axis=-1)[:, ::2] for x in q]
-    for given in (fortran, strided, [x.tolist() for x in q]):
-        for Q, reference in zip(robot.inverse_dynamics(*given), expected, strict=True):
+    for layout in (fortran, strided, [x.tolist() for x in q]):
+        for Q, reference in zip(robot.inverse_dynamics(*layout), expected, strict=True):
             assert (reference == Q).all()
     whole = [np.round(x) for x in q]
     for dtype in (int, np.int8, np.float32):

@@ -187,7 +187,8 @@ def _gathered(
             n_i = n[i] if joint.d is None else n[i] + (_Z_HAT @ f[i]) * joint.d
             f_p = joint.outward(f[i])
             f[p], n[p] = f[p] + f_p, n[p] + joint.outward(n_i) + _hat(joint.r) @ f_p
-    Q_theta = joined(Q[::-1], axis=-2)
+    still = 0 * joints[0].theta  # carries the batch axes, which forces that depend on no angle lack
+    Q_theta = joined([Q_i + still for Q_i in reversed(Q)], axis=-2)
 
     def swept(k: int) -> Array:
         for x in (*outward, *reversed(n)):  # in the order of the sweeps, so that no call nests deeper than one joint
