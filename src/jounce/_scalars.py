@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from jounce.errors import JounceError
+from jounce.errors import JounceError, one_line
 
 Array: TypeAlias = Any  # a NumPy array of floats or objects, a JAX array or tracer
 
@@ -24,7 +24,7 @@ def asarray(x: Any, what: str = "an array") -> Array:
     try:
         array = np.asarray(x)
     except Exception as error:  # ragged lists, and whatever a foreign type raises in its conversion
-        raise JounceError(f"{what} is not an array of numbers: {' '.join(str(error).split())}") from error
+        raise JounceError(f"{what} is not an array of numbers: {one_line(error)}") from error
     if array.dtype.kind in "biuf":
         return array.astype(np.result_type(array.dtype, np.float64), copy=False)
     if array.dtype.kind == "O" and not any(v is None or isinstance(v, str | complex) for v in array.flat):

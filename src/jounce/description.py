@@ -56,6 +56,10 @@ def _body(mechanism: Mechanism, i: int) -> dict[str, Any]:
 def _follows(mechanism: Mechanism, i: int) -> str | None:
     """The joint variable in the coordinates, where it is not simply one of them."""
     row, offset = mechanism.G[i], float(mechanism.g[i])
-    terms = [f"{row[j]:g} {mechanism.coordinates[j]}" for j in np.flatnonzero(row)]
+    terms = [f"{_factor(row[j])}{mechanism.coordinates[j]}" for j in np.flatnonzero(row)]
     plain = len(terms) == 1 and row.sum() == 1 and offset == 0 and mechanism.joints[i] in mechanism.coordinates
     return None if plain else " + ".join(terms + [f"{offset:g}"] * bool(offset)) or "0"
+
+
+def _factor(x: float) -> str:
+    return {1.0: "", -1.0: "-"}.get(x, f"{x:g} ")

@@ -17,4 +17,14 @@ def no_such(kind: str, name: object, existing: Iterable[str]) -> JounceError:
     known = list(existing)
     near = get_close_matches(str(name), known, n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ";"
-    return JounceError(f"no {kind} {str(name)!r}{hint} there are: {', '.join(known) or 'none'}")
+    return JounceError(f"no {kind} {str(name)!r}{hint} there are: {listed(known) or 'none'}")
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names in a row, on one line whatever they hold."""
+    return ", ".join(name if name.isprintable() else repr(name) for name in names)
+
+
+def one_line(error: object) -> str:
+    """What another library's error says, on one line."""
+    return " ".join(str(error).split())

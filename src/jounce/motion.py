@@ -1,15 +1,17 @@
 """Motions: coordinates over time with all the rates that higher-order inverse dynamics takes in."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.errors import JounceError, no_such
+from jounce.errors import JounceError, listed, no_such, one_line
 from jounce.mechanism import Mechanism
 from jounce.rates import rate_name
 
 DEGREE = 7  # of the spline through samples: q is C^6, so that q4d is smooth and Q2d has no kinks
+RATE = re.compile(r"q(d|[2-9]d|[1-9]\d+d)?")
 
 
 @dataclass(frozen=True)
@@ -32,40 +34,44 @@ def from_table(columns: Mapping[str, np.ndarray], mechanism: Mechanism, highest:
     JounceError : where a joint or rate is missing, a column unknown, t does not increase, or there are too few samples.
     """
     joints, t = mechanism.coordinates, columns.get("t")
-    if t is None:
-        raise JounceError(f"{place}: no column 't'; there are: {', '.join(columns)}")
+    if t is None or "t" in joints:
+        raise JounceError(f"{place}: no column 't' of times beside the joints; there are: {listed(columns)}")
     steps = np.flatnonzero(np.diff(t) <= 0)
     if steps.size:
         i = int(steps[0])
-        raise JounceError(
-            f"{place}: t does not increase: {t[i]:.17g} is followed by {t[i + 1]:.17g}, rows {i} and {i + 1} from 0"
-        )
+        follows = f"{t[i]:.17g} is followed by {t[i + 1]:.17g}, rows {i} and {i + 1} from 0"
+        raise JounceError(f"{place}: t does not increase: {follows}")
     given = [name for name in columns if name != "t"]
     wanted = [rate_name("q", k) for k in range(highest + 1)]
-    sampled = not any(name not in joints and _splits(name, joints) for name in given)
-    _check_columns(given, mechanism, None if sampled else wanted, place)
+    sampled = not any(_is_rate(name, joints) for name in given)
+    _check_columns(given, mechanism, [] if sampled else wanted, place)
     if sampled:
         return _spline(t, np.stack([columns[joint] for joint in joints], axis=1), highest, place)
     rates = tuple(np.stack([columns[f"{joint}.{rate}"] for joint in joints], axis=1) for rate in wanted)
     return Motion(t, rates, "all rates from the table")
 
 
-def _splits(name: str, joints: Sequence[str]) -> bool:
+def _is_rate(name: str, joints: Sequence[str]) -> bool:
     joint, _, rate = name.rpartition(".")
-    return joint in joints and (rate == "q" or (rate[:1] == "q" and rate[-1:] == "d"))
+    return name not in joints and joint in joints and RATE.fullmatch(rate) is not None
 
 
-def _check_columns(given: Sequence[str], mechanism: Mechanism, rates: Sequence[str] | None, place: str) -> None:
+def _check_columns(given: Sequence[str], mechanism: Mechanism, rates: Sequence[str], place: str) -> None:
     joints = mechanism.coordinates
-    expected = list(joints) if rates is None else [f"{joint}.{rate}" for joint in joints for rate in rates]
+    followers = set(mechanism.joints) - set(joints)
+    expected = [f"{joint}.{rate}" for joint in joints for rate in rates] or list(joints)
     for name in given:
-        if name.partition(".")[0] in set(mechanism.joints) - set(joints):
+        if name in expected or (rates and _is_rate(name, joints)):  # rates beyond those needed do no harm
+            continue
+        if name in joints:
+            raise JounceError(f"{place}: column {name!r} of samples beside columns of rates; expected one kind")
+        if {name, name.rpartition(".")[0]} & followers:
             raise JounceError(f"{place}: column {name!r}: this joint follows another (mimic); leave it out")
-        if name not in expected and not (rates and _splits(name, joints)):  # rates beyond those needed do no harm
-            raise JounceError(f"{place}: {no_such('joint', name, joints)}")
-    missing = [name for name in expected if name not in given]
+        raise JounceError(f"{place}: {no_such('joint column', name, expected)}")
+    missing = [repr(name) for name in expected if name not in given]
     if missing:
-        raise JounceError(f"{place}: missing {', '.join(map(repr, missing))}; expected t and {', '.join(expected)}")
+        columns = f"for each joint {', '.join(rates)}" if rates else listed(joints)
+        raise JounceError(f"{place}: missing {', '.join(missing)}; expected t and {columns}")
 
 
 def _spline(t: np.ndarray, q: np.ndarray, highest: int, place: str) -> Motion:
@@ -76,6 +82,9 @@ def _spline(t: np.ndarray, q: np.ndarray, highest: int, place: str) -> Motion:
     if highest > DEGREE:
         asked = rate_name("q", highest)
         raise JounceError(f"{place}: {asked} asked of samples; a spline of degree {DEGREE} ends at q{DEGREE}d")
-    spline = make_interp_spline(t, q, k=DEGREE)
+    try:
+        spline = make_interp_spline(t, q, k=DEGREE)
+    except ValueError as error:
+        raise JounceError(f"{place}: no spline goes through these samples: {one_line(error)}") from None
     rates = (q, *(spline(t, nu=k) for k in range(1, highest + 1)))
     return Motion(t, rates, f"samples, rates from a spline of degree {DEGREE} (C^{DEGREE - 1})")

@@ -16,11 +16,12 @@ class _Refusal(click.ClickException):
 
 class _Verbs(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
-        warnings.showwarning = lambda message, *_: click.echo(f"Warning: {message}", err=True)
-        try:
-            return super().invoke(ctx)
-        except JounceError as error:
-            raise _Refusal(str(error)) from error
+        with warnings.catch_warnings():
+            warnings.showwarning = lambda message, *_, **__: click.echo(f"Warning: {message}", err=True)
+            try:
+                return super().invoke(ctx)
+            except JounceError as error:
+                raise _Refusal(str(error)) from error
 
 
 @click.group(cls=_Verbs, context_settings={"help_option_names": ["-h", "--help"]})

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jounce.cli.info import aligned
+from jounce.errors import JounceError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -40,6 +41,8 @@ def run(robot: str, motion: Path, output: Path, order: int, method: str | None, 
     from jounce.rates import rate_name
 
     tables.check_writable(output)
+    if output.resolve() == motion.resolve():
+        raise JounceError(f"{output}: is the motion itself; expected another file to write into")
     arm = load(robot)
     path = from_table(tables.read(motion), arm.mechanism, order + 2, str(motion))
     results = arm.inverse_dynamics(*path.rates, method=method)

@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from jounce import inertia
-from jounce.errors import JounceError, no_such
+from jounce.errors import JounceError, listed, no_such
 from jounce.mechanism import Frame, Mechanism, from_screws
 
 
@@ -126,7 +126,7 @@ def _outward(links: Mapping[str, Link], joints: Sequence[Joint], file: str) -> l
         reached = {joint.name for joint in ordered}
         cycle = [joint.name for joint in joints if joint.name not in reached]
         rootless = "" if roots else "no root link: "
-        raise JounceError(f"{file}: {rootless}joints {', '.join(cycle)} go round in a cycle; expected a tree")
+        raise JounceError(f"{file}: {rootless}joints {listed(cycle)} go round in a cycle; expected a tree")
     return ordered
 
 

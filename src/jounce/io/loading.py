@@ -1,8 +1,10 @@
 """`load`: a robot from a file or by name."""
 
 import inspect
+import os
 import warnings
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from jounce import inertia
@@ -13,7 +15,7 @@ from jounce.mechanism import Mechanism
 from jounce.robot import Robot
 
 
-def load(source: str | Path, **parameters: object) -> Robot:
+def load(source: str | os.PathLike[str], /, **parameters: object) -> Robot:
     """A robot from a URDF file, or a bundled one by its name.
 
     Fixed joints merge their links into one body (their names stay usable wherever a body's is); mimic joints are folded
@@ -39,21 +41,21 @@ def load(source: str | Path, **parameters: object) -> Robot:
     >>> jounce.load("planar2r", L1=1.1, L2=0.7, m1=2.0, m2=1.5).joint_names
     ('joint1', 'joint2')
     """
+    if not isinstance(source, str | os.PathLike):
+        raise JounceError(f"a robot is a path or a name, not {type(source).__name__}; names: {', '.join(BUNDLED)}")
     if source in BUNDLED:
         return Robot(_call(BUNDLED[str(source)], parameters, str(source)))
     path = Path(source)
     if path.suffix.lower() not in READERS:
-        if not path.suffix and not path.exists():
+        if not path.suffix:
             raise JounceError(f"{no_such('robot', source, BUNDLED)}, or a file of type {', '.join(READERS)}")
         raise JounceError(f"{path}: unknown type of robot file {path.suffix!r}; there are: {', '.join(READERS)}")
-    if not path.is_file():
-        raise JounceError(f"{path}: no such file")
-    mechanism = _call(READERS[path.suffix.lower()], {"path": path, **parameters}, str(path))
+    mechanism = _call(partial(READERS[path.suffix.lower()], path), parameters, str(path))
     _warn_of_inertias(mechanism, path)
     return Robot(mechanism)
 
 
-def _read_urdf(path: Path, gravity: object = (0, 0, -9.81)) -> Mechanism:
+def _read_urdf(path: Path, /, gravity: object = (0, 0, -9.81)) -> Mechanism:
     from jounce.io import urdf  # where lxml is needed
 
     return urdf.read(path, gravity)
@@ -63,9 +65,9 @@ READERS: dict[str, Callable[..., Mechanism]] = {".urdf": _read_urdf}
 
 
 def _call(build: Callable[..., Mechanism], parameters: dict[str, object], what: str) -> Mechanism:
-    known = [name for name in inspect.signature(build).parameters if name != "path"]
+    known = list(inspect.signature(build).parameters)
     for name in parameters:
-        if name not in known and name != "path":
+        if name not in known:
             raise no_such(f"parameter of {what}", name, known)
     return build(**parameters)
 

@@ -3,14 +3,16 @@
 import csv
 import os
 from collections.abc import Callable, Mapping
-from io import StringIO
+from io import BytesIO, StringIO
 from pathlib import Path
 from typing import TypeVar
-from zipfile import BadZipFile
+from uuid import uuid4
+from zipfile import ZipFile
 
 import numpy as np
 
-from jounce.errors import JounceError
+from jounce.errors import JounceError, one_line
+from jounce.io.files import finite, read_bytes
 
 Columns = dict[str, np.ndarray]
 Handler = TypeVar("Handler")
@@ -18,32 +20,30 @@ Handler = TypeVar("Handler")
 
 def read(path: Path) -> Columns:
     """The columns of a table: finite numbers, all of one length, at least one row."""
-    reader = _by_suffix(path, READERS)
-    if not path.is_file():
-        raise JounceError(f"{path}: no such file")
-    try:
-        return reader(path)
-    except OSError as error:
-        raise JounceError(f"{path}: cannot be read: {error.strerror or error}") from None
+    return _by_suffix(path, READERS)(path, read_bytes(path))
 
 
 def check_writable(path: Path) -> None:
     """Raise `JounceError` where `write` could not write, before any work is done for it."""
     _by_suffix(path, WRITERS)
     folder = path.parent
-    if not folder.is_dir():
-        raise JounceError(f"{path}: there is no folder {str(folder)!r} to write into")
-    if not os.access(folder, os.W_OK):
-        raise JounceError(f"{path}: the folder {str(folder)!r} is not writable")
-    if path.exists() and not path.is_file():
-        raise JounceError(f"{path}: exists and is not a file")
+    try:
+        if not folder.is_dir():
+            raise JounceError(f"{path}: there is no folder {str(folder)!r} to write into")
+        if not os.access(folder, os.W_OK):
+            raise JounceError(f"{path}: the folder {str(folder)!r} is not writable")
+        if path.exists() and not path.is_file():
+            raise JounceError(f"{path}: exists and is not a file")
+    except OSError as error:
+        raise JounceError(f"{path}: {error.strerror or error}") from None
 
 
 def write(path: Path, columns: Mapping[str, np.ndarray]) -> None:
     """Write a table beside its place and move it there whole, so that no half of it is ever seen."""
     check_writable(path)
+    _check_finite(path, columns)
     target = path.resolve()
-    part = target.with_name(f".{target.name}.{os.getpid()}.part")
+    part = target.with_name(f".jounce-{uuid4().hex[:12]}.part")
     try:
         _by_suffix(path, WRITERS)(part, columns)
         part.replace(target)
@@ -53,12 +53,20 @@ def write(path: Path, columns: Mapping[str, np.ndarray]) -> None:
         part.unlink(missing_ok=True)
 
 
-def _read_csv(path: Path) -> Columns:
+def _check_finite(path: Path, columns: Mapping[str, np.ndarray]) -> None:
+    for name, array in columns.items():
+        bad = np.flatnonzero(~np.isfinite(array))
+        if bad.size:
+            i = int(bad[0])
+            raise JounceError(f"{path}: column {name!r} holds {array[i]} in row {i} from 0; expected finite numbers")
+
+
+def _read_csv(path: Path, content: bytes) -> Columns:
     try:
-        reader = csv.reader(StringIO(path.read_text(encoding="utf-8-sig")), skipinitialspace=True, strict=True)
+        reader = csv.reader(StringIO(content.decode("utf-8-sig"), newline=""), skipinitialspace=True, strict=True)
         rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(map(str.strip, row))]
     except (UnicodeDecodeError, csv.Error) as error:
-        raise JounceError(f"{path}: not a CSV table: {error}") from None
+        raise JounceError(f"{path}: not a CSV table: {one_line(error)}") from None
     if not rows:
         raise JounceError(f"{path}: nothing in it; expected a row of column names and rows of numbers")
     header = [rows[0][1][0].lstrip("# "), *rows[0][1][1:]]  # numpy.savetxt marks its header with #
@@ -75,23 +83,23 @@ def _read_csv(path: Path) -> Columns:
 
 
 def _number(cell: str, place: str, column: str) -> float:
-    try:
-        number = float(cell)
-    except ValueError:
-        number = np.nan
-    if not np.isfinite(number):
+    number = finite(cell)
+    if number is None:
         raise JounceError(f"{place}: column {column!r} holds {cell!r}; expected a finite number")
     return number
 
 
-def _read_npz(path: Path) -> Columns:
+def _read_npz(path: Path, content: bytes) -> Columns:
+    columns: Columns = {}
+    name = None
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            if not hasattr(archive, "files"):
-                raise JounceError(f"{path}: a single array; expected an archive of named columns")
-            columns = {name: np.asarray(archive[name]) for name in archive.files}
-    except (ValueError, BadZipFile, EOFError) as error:
-        raise JounceError(f"{path}: not an NPZ table: {' '.join(str(error).split())}") from None
+        with ZipFile(BytesIO(content)) as archive:
+            for member in archive.namelist():
+                name = member.removesuffix(".npy")
+                columns[name] = np.lib.format.read_array(BytesIO(archive.read(member)), allow_pickle=False)
+    except Exception as error:  # damaged archives raise whatever their decoder stumbles over
+        where = "" if name is None else f" column {name!r}:"
+        raise JounceError(f"{path}: not an NPZ table:{where} {one_line(error)}") from None
     if not columns or not max(array.size for array in columns.values()):
         raise JounceError(f"{path}: nothing in it; expected named columns of numbers")
     rows = next(iter(columns.values())).shape[:1]
@@ -99,9 +107,7 @@ def _read_npz(path: Path) -> Columns:
         if array.shape != rows or array.ndim != 1 or array.dtype.kind not in "fiu":
             came = f"{array.dtype} of shape {array.shape}"
             raise JounceError(f"{path}: column {name!r} is {came}; expected numbers of shape {rows or '(N,)'}")
-        bad = np.flatnonzero(~np.isfinite(array))
-        if bad.size:
-            raise JounceError(f"{path}: column {name!r} holds {array[bad[0]]} in row {bad[0]}; expected finite numbers")
+    _check_finite(path, columns)
     return {name: array.astype(float) for name, array in columns.items()}
 
 
@@ -113,11 +119,13 @@ def _write_csv(path: Path, columns: Mapping[str, np.ndarray]) -> None:
 
 
 def _write_npz(path: Path, columns: Mapping[str, np.ndarray]) -> None:
-    with path.open("wb") as file:
-        np.savez(file, **columns)  # type: ignore[arg-type]  # numpy's stubs take the columns for its allow_pickle
+    with ZipFile(path, "w") as archive:  # as numpy.savez, which takes no column named "file"
+        for name, array in columns.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, array, allow_pickle=False)
 
 
-READERS: dict[str, Callable[[Path], Columns]] = {".csv": _read_csv, ".npz": _read_npz}
+READERS: dict[str, Callable[[Path, bytes], Columns]] = {".csv": _read_csv, ".npz": _read_npz}
 WRITERS: dict[str, Callable[[Path, Mapping[str, np.ndarray]], None]] = {".csv": _write_csv, ".npz": _write_npz}
 
 

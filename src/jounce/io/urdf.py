@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
-from jounce.errors import JounceError, no_such
+from jounce.errors import JounceError, no_such, one_line
 from jounce.inertia import inertia_matrix
 from jounce.io import linkage
+from jounce.io.files import finite, read_bytes
 from jounce.lie import pose
 from jounce.mechanism import Mechanism
 
-XACRO = "{http://www.ros.org/wiki/xacro}"
 MOVING = {"revolute": 0, "continuous": 0, "prismatic": 3}  # where in the screw the axis goes
 
 
@@ -24,21 +24,19 @@ def read(path: Path, gravity: object = (0, 0, -9.81)) -> Mechanism:
 
 
 def _parsed(path: Path) -> etree._Element:
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise JounceError(f"{path}: cannot be read: {error.strerror or error}") from None
     # entities stay unresolved and nothing is fetched: a robot file is data, never a program
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, remove_comments=True)
     try:
-        root = etree.fromstring(text, parser)
-    except (etree.XMLSyntaxError, ValueError) as error:
-        raise JounceError(f"{path}: not XML: {' '.join(str(error).split()) or 'the file is empty'}") from None
+        root = etree.fromstring(read_bytes(path), parser)
+    except etree.XMLSyntaxError as error:
+        raise JounceError(f"{path}:{error.lineno}: not XML: {one_line(error.msg) or 'the file is empty'}") from None
     if root.tag != "robot":
         raise JounceError(f"{path}: the root element is <{root.tag}>; a URDF has <robot>")
-    macro = next(root.iter(f"{XACRO}*"), None)
-    if macro is not None:
-        raise JounceError(f"{_at(macro, path)}: xacro macros are not expanded; run xacro first and load its output")
+    for element in root.iter(etree.Element, etree.Entity):
+        if element.tag is etree.Entity:
+            raise JounceError(f"{_at(element, path)}: {element.text} is an entity, never resolved; write its content")
+        if element.prefix == "xacro":
+            raise JounceError(f"{_at(element, path)}: xacro macros are not expanded; run xacro first, load its output")
     return root
 
 
@@ -71,11 +69,12 @@ def _joint(element: etree._Element, path: Path) -> linkage.Joint:
 
 def _screw(element: etree._Element, kind: str, path: Path) -> np.ndarray:
     axis = _numbers(_child(element, "axis", path), "xyz", 3, path)
-    length = np.linalg.norm(axis)
-    if length == 0:
+    largest = np.abs(axis).max()
+    if largest == 0:
         raise JounceError(f"{_at(element, path)}: joint {element.get('name')!r} has a zero axis; expected a direction")
     X = np.zeros(6)
-    X[MOVING[kind] : MOVING[kind] + 3] = axis / length
+    direction = axis / largest  # first, so that no length is too long or too short to be squared
+    X[MOVING[kind] : MOVING[kind] + 3] = direction / np.linalg.norm(direction)
     return X
 
 
@@ -126,14 +125,11 @@ def _numbers(element: etree._Element, attribute: str, count: int, path: Path, de
     text = element.get(attribute, default)
     if text is None:
         raise JounceError(f"{_at(element, path)}: <{element.tag}> has no {attribute}=; expected {count} numbers")
-    try:
-        numbers = np.array([float(word) for word in text.split()])
-    except ValueError:
-        numbers = np.array([np.nan])
-    if numbers.shape != (count,) or not np.all(np.isfinite(numbers)):
+    numbers = [number for number in map(finite, text.split()) if number is not None]
+    if not len(numbers) == len(text.split()) == count:
         came = f"<{element.tag} {attribute}={text!r}>"
         raise JounceError(f"{_at(element, path)}: {came}; expected {count} finite number{'s' * (count > 1)}")
-    return numbers
+    return np.array(numbers)
 
 
 def _at(element: etree._Element, path: Path) -> str:

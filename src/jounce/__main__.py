@@ -1,0 +1,5 @@
+"""`python -m jounce`: the command line."""
+
+from jounce.cli import main
+
+main()

@@ -1,0 +1,110 @@
+"""Motions from tables: samples get their rates from a spline, rates are taken as they are, by name in any order."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import jounce
+from files import BODY, LINKS, joint, link, refusal, robot_file
+from jounce.motion import from_table
+
+PANDA = Path(__file__).parents[1] / "examples" / "panda.urdf"
+PLANAR = jounce.load("planar2r").mechanism
+RATES = ("q", "qd", "q2d", "q3d", "q4d", "q5d", "q6d", "q7d")
+SAMPLES = {"t": np.arange(9) / 4, "joint1": np.arange(9.0) ** 2, "joint2": -np.arange(9.0)}
+
+
+def full(highest, rows=3):
+    """A table with all rates up to `highest`, of as many rows as asked."""
+    names = [f"{joint}.{rate}" for joint in ("joint1", "joint2") for rate in RATES[: highest + 1]]
+    numbers = np.random.default_rng(1).normal(size=(len(names), rows))
+    return {"t": np.arange(float(rows)), **dict(zip(names, numbers, strict=True))}
+
+
+@pytest.mark.parametrize("highest", range(2, 8))
+def test_spline_reproduces_a_polynomial_of_its_degree(highest):
+    rng = np.random.default_rng(highest)
+    t = np.cumsum(rng.uniform(0.1, 0.4, 14))
+    curves = [np.polynomial.Polynomial(rng.normal(size=8)) for _ in range(2)]
+    columns = {"joint2": curves[1](t), "t": t, "joint1": curves[0](t)}
+    motion = from_table(columns, PLANAR, highest, "m.csv")
+    assert len(motion.rates) == highest + 1
+    assert np.array_equal(motion.t, t)
+    assert np.array_equal(motion.rates[0], np.stack([columns["joint1"], columns["joint2"]], axis=1))
+    for k, rate in enumerate(motion.rates):
+        expected = np.stack([(curve.deriv(k) if k else curve)(t) for curve in curves], axis=1)
+        assert np.abs(rate - expected).max() < 1e-6 * np.abs(expected).max(), k
+    assert "degree 7" in motion.source
+
+
+def test_all_rates_are_used_as_they_are():
+    columns = full(4)
+    shuffled = dict(sorted(columns.items(), reverse=True))
+    for highest in (2, 3, 4):  # rates beyond those needed do no harm
+        motion = from_table(shuffled, PLANAR, highest, "m.csv")
+        assert len(motion.rates) == highest + 1
+        for k, rate in enumerate(motion.rates):
+            expected = np.stack([columns[f"joint1.{RATES[k]}"], columns[f"joint2.{RATES[k]}"]], axis=1)
+            assert np.array_equal(rate, expected)
+        assert "table" in motion.source
+
+
+def without(columns, *names):
+    return {name: column for name, column in columns.items() if name not in names}
+
+
+def at(*t):
+    return {name: column[: len(t)] for name, column in SAMPLES.items()} | {"t": np.array(t)}
+
+
+BAD_MOTIONS = {
+    "no t": (without(SAMPLES, "t"), 4, ["'t'", "joint1, joint2"]),
+    "line break in a name": ({"a\nb": np.zeros(3)}, 4, ["'t'"]),
+    "joint missing": (without(SAMPLES, "joint2"), 4, ["missing 'joint2'", "t and joint1, joint2"]),
+    "only t": ({"t": SAMPLES["t"]}, 4, ["missing 'joint1', 'joint2'"]),
+    "unknown column": ({**SAMPLES, "jont1": np.zeros(3)}, 4, ["'jont1'", "did you mean 'joint1'", "joint1, joint2"]),
+    "unknown column beside rates": ({**full(4), "jont1.q": np.zeros(3)}, 4, ["'jont1.q'", "did you mean 'joint1"]),
+    "unknown rate": ({**full(4), "joint1.qzzd": np.zeros(3)}, 4, ["'joint1.qzzd'"]),
+    "rate missing": (without(full(4), "joint2.q3d"), 4, ["missing 'joint2.q3d'"]),
+    "order beyond the rates": (full(4), 5, ["missing 'joint1.q5d', 'joint2.q5d'"]),
+    "samples among rates": ({**without(full(4), "joint1.q"), "joint1": np.zeros(3)}, 4, ["'joint1'"]),
+    "t repeated": (at(0, 1, 2, 3, 4, 4, 5, 6), 4, ["t does not increase", "rows 4 and 5", "4 is followed by 4"]),
+    "t decreasing": (at(0, 1, 0.5, 3, 4, 5, 6, 7), 4, ["t does not increase", "rows 1 and 2", "1 is followed by 0.5"]),
+    "t repeated among rates": ({**full(4), "t": np.zeros(3)}, 4, ["t does not increase", "rows 0 and 1"]),
+    "seven samples": (at(*range(7)), 4, ["7 samples", "at least 8"]),
+    "beyond the spline": (SAMPLES, 8, ["q8d", "degree 7"]),
+    "t too close for a spline": ({**SAMPLES, "t": np.arange(9) * 1e-320}, 4, ["t"]),
+}
+
+
+@pytest.mark.parametrize(("columns", "highest", "words"), BAD_MOTIONS.values(), ids=BAD_MOTIONS)
+def test_refuses_motions(columns, highest, words):
+    message = refusal(lambda: from_table(columns, PLANAR, highest, "m.csv"), "m.csv: ", *words)
+    for name in PLANAR.coordinates:
+        assert f"no joint '{name}'" not in message
+
+
+def test_eight_samples_are_enough():
+    assert len(from_table(at(*range(8)), PLANAR, 4, "m.csv").rates) == 5
+
+
+@pytest.mark.parametrize("rate", ["", ".q"])
+def test_refuses_joints_that_follow_others(rate):
+    panda = jounce.load(PANDA).mechanism
+    columns = {name + rate: np.arange(9.0) for name in panda.joints} | {"t": np.arange(9.0)}
+    refusal(lambda: from_table(columns, panda, 0, "m.csv"), "m.csv: ", f"'panda_finger_joint2{rate}'", "mimic")
+    from_table(without(columns, f"panda_finger_joint2{rate}"), panda, 0, "m.csv")
+
+
+def test_a_joint_whose_name_starts_like_that_of_a_follower(tmp_path):
+    """`grip` follows `grip.lead`: the dot belongs to the name."""
+    items = (link("tip", BODY), joint("grip", "arm", "tip", inner='<mimic joint="grip.lead"/>'))
+    robot = jounce.load(robot_file(tmp_path, *LINKS, joint("grip.lead", "base", "arm"), *items))
+    t = np.arange(9.0)
+    assert len(from_table({"t": t, "grip.lead": t}, robot.mechanism, 4, "m.csv").rates) == 5
+    assert len(from_table({"t": t, "grip.lead.q": t}, robot.mechanism, 0, "m.csv").rates) == 1
+    for name in ("grip", "grip.q"):
+        refusal(
+            lambda name=name: from_table({"t": t, "grip.lead": t, name: t}, robot.mechanism, 0, "m.csv"), repr(name)
+        )
