@@ -14,7 +14,7 @@ def with_tool(drawn):
     mechanism, rng = drawn
     T = random_pose(rng)
     fields = {k: getattr(mechanism, k) for k in mechanism.__dataclass_fields__}
-    frames = {"tool": Frame(mechanism.nb - 1, T), "stand": Frame(-1, random_pose(rng))}
+    frames = (Frame("tool", mechanism.nb - 1, T), Frame("stand", -1, random_pose(rng)))
     return jounce.Robot(Mechanism(**(fields | {"frames": frames}))), rng, T
 
 

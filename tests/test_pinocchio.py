@@ -90,7 +90,7 @@ def test_poses_and_jacobians_of_merged_links_agree(pair):
     q = states(robot, 1)[0, 0]
     theta = np.zeros(model.nv)
     theta[rows] = q
-    for link in robot.mechanism.frames:
+    for link in (frame.name for frame in robot.mechanism.frames):
         J = pinocchio.computeFrameJacobian(
             model, data, theta, model.getFrameId(link), pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
         )

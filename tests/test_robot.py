@@ -1,5 +1,7 @@
 """The facade: the one rule of rates, paths, batches, `out=`, and errors that say what came and what was expected."""
 
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -241,6 +243,14 @@ def test_nan_in_a_state_comes_out_as_nan_of_that_state_only(robot):
     Q = robot.inverse_dynamics(*q)
     assert np.isnan(Q[1]).any()
     assert np.isfinite(Q[[0, 2]]).all()
+
+
+def test_robots_travel_to_other_processes():
+    robot = jounce.load("iiwa14")
+    copy = pickle.loads(pickle.dumps(robot))
+    q = np.random.default_rng(0).normal(size=(3, 7))
+    assert (copy.inverse_dynamics(*q) == robot.inverse_dynamics(*q)).all()
+    assert repr(copy) == "<Robot 'iiwa14': 7 coordinates, 7 bodies>"
 
 
 def test_public_names():

@@ -21,8 +21,7 @@ def describe(mechanism: Mechanism) -> dict[str, Any]:
         ],
         "bodies": [_body(mechanism, i) for i in range(mechanism.nb)],
         "merged_links": {
-            link: "ground" if frame.body < 0 else mechanism.bodies[frame.body]
-            for link, frame in mechanism.frames.items()
+            frame.name: "ground" if frame.body < 0 else mechanism.bodies[frame.body] for frame in mechanism.frames
         },
     }
 

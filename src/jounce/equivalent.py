@@ -8,7 +8,6 @@ recursion needs the fewest operations. Body order, coordinates, names and gravit
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
-from types import MappingProxyType
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from jounce import inertia
 from jounce._scalars import Array, concatenate, is_symbolic
 from jounce.errors import JounceError
 from jounce.lie import Ad, hat, inverse, pose, position, rotation
-from jounce.mechanism import Frame, Mechanism, in_whole_numbers, reference_poses
+from jounce.mechanism import Mechanism, in_whole_numbers, reference_poses
 
 ROUNDING = 1e-15  # what rounding leaves of an exact 0 in a rotation or a pitch
 _I = np.eye(3, dtype=int)
@@ -28,13 +27,13 @@ def reframed(mechanism: Mechanism, T: Sequence[Array]) -> Mechanism:
     back = [inverse(t) for t in T]
     ads = [Ad(t) for t in T]
     B = [b @ t if p < 0 else back[p] @ b @ t for b, t, p in zip(mechanism.B, T, mechanism.parent, strict=True)]
-    frames = {k: Frame(f.body, f.T if f.body < 0 else back[f.body] @ f.T) for k, f in mechanism.frames.items()}
+    frames = (f if f.body < 0 else replace(f, T=back[f.body] @ f.T) for f in mechanism.frames)
     return replace(
         mechanism,
         B=np.stack(B),
         X=np.stack([Ad(t) @ x for t, x in zip(back, mechanism.X, strict=True)]),
         M=np.stack([a.mT @ m @ a for a, m in zip(ads, mechanism.M, strict=True)]),
-        frames=MappingProxyType(frames),
+        frames=tuple(frames),
     )
 
 

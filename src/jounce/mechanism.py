@@ -5,10 +5,9 @@ Body i hangs by joint i on body ``parent[i] < i`` (or on the ground, -1), with t
 and g: the identity, unless joints mimic others.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,7 @@ UNIT_TOLERANCE = 1e-9  # how far a direction or rotation may be from unit length
 class Frame:
     """A named frame fixed on a body (-1: the ground), `T` its pose in the body frame."""
 
+    name: str
     body: int
     T: Array
 
@@ -42,7 +42,7 @@ class Mechanism:
     bodies: tuple[str, ...]
     joints: tuple[str, ...]
     coordinates: tuple[str, ...]
-    frames: Mapping[str, Frame] = field(default_factory=lambda: MappingProxyType({}))  # links merged into bodies
+    frames: tuple[Frame, ...] = ()  # of the links merged into bodies
     name: str = "robot"
 
     @property
@@ -58,10 +58,11 @@ class Mechanism:
     def frame(self, name: str) -> Frame:
         """Where a body, or a link merged into one, sits."""
         if name in self.bodies:
-            return Frame(self.bodies.index(name), np.eye(4, dtype=int))
-        if name in self.frames:
-            return self.frames[name]
-        raise no_such("body", name, [*self.bodies, *self.frames])
+            return Frame(name, self.bodies.index(name), np.eye(4, dtype=int))
+        for frame in self.frames:
+            if frame.name == name:
+                return frame
+        raise no_such("body", name, [*self.bodies, *(frame.name for frame in self.frames)])
 
 
 @lru_cache(maxsize=64)

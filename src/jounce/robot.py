@@ -117,6 +117,9 @@ class Robot:
         """
         return cls(mechanism.from_spatial_screws(A, Y, M, parent, **data))
 
+    def __repr__(self) -> str:
+        return f"<Robot {self.name!r}: {self.n} coordinates, {self.mechanism.nb} bodies>"
+
     @property
     def name(self) -> str:
         """The robot's name."""

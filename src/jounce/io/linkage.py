@@ -6,7 +6,6 @@ findable. Bodies are named after the link that their joint moves, in the file's 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import TypeVar
 
 import numpy as np
@@ -60,14 +59,14 @@ def mechanism(links: Sequence[Link], joints: Sequence[Joint], gravity: object, n
     if not movable:
         raise JounceError(f"{file}: no movable joint among its {len(joints)} joints; expected at least one")
 
-    frames = {link: Frame(-1, np.eye(4)) for link in by_name}  # the roots stand on the ground
+    frames = {link: Frame(link, -1, np.eye(4)) for link in by_name}  # the roots stand on the ground
     parent: list[Frame] = []
     for joint in ordered:
         carrier = frames[joint.parent]
         if joint.X is None:
-            frames[joint.child] = Frame(carrier.body, carrier.T @ joint.B)
+            frames[joint.child] = Frame(joint.child, carrier.body, carrier.T @ joint.B)
         else:
-            frames[joint.child] = Frame(len(parent), np.eye(4))
+            frames[joint.child] = Frame(joint.child, len(parent), np.eye(4))
             parent.append(carrier)
     M = np.zeros((len(movable), 6, 6))
     for link, frame in frames.items():
@@ -88,8 +87,8 @@ def mechanism(links: Sequence[Link], joints: Sequence[Joint], gravity: object, n
         g=g,
         name=name,
     )
-    merged = {link: frame for link, frame in frames.items() if link not in bodies}
-    return replace(built, joints=tuple(joint.name for joint in movable), frames=MappingProxyType(merged))
+    merged = tuple(frame for link, frame in frames.items() if link not in bodies)
+    return replace(built, joints=tuple(joint.name for joint in movable), frames=merged)
 
 
 def _distinct(items: Sequence[Item], kind: str) -> dict[str, Item]:
