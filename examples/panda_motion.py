@@ -1,4 +1,4 @@
-"""Writes a motion of the Panda between four postures: samples at 1 kHz, C^4 in every joint.
+"""Writes a motion of the Panda between four postures: samples at 200 Hz, C^4 in every joint.
 
 python examples/panda_motion.py OUT.csv
 """
@@ -17,7 +17,7 @@ POSTURES = np.array([
     [0.6, 0.35, 0.2, -2.10, -0.1, 2.45, 1.20, 0.01],
     [-0.7, -0.20, -0.3, -2.20, 0.2, 2.00, 0.10, 0.01],
 ])  # fmt: skip
-SECONDS, RATE = 1.2, 1000  # from posture to posture; samples a second
+SECONDS, RATE = 1.2, 200  # from posture to posture; samples a second
 
 s = np.linspace(0, 1, int(SECONDS * RATE), endpoint=False)
 blend = s**5 * (126 - 420 * s + 540 * s**2 - 315 * s**3 + 70 * s**4)  # four derivatives vanish at both ends

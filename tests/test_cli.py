@@ -145,12 +145,12 @@ def folder(tmp_path, monkeypatch):
     robot_file(tmp_path, *GOOD, joint("loop", "arm", "base"), name="cycle.urdf")
     robot_file(tmp_path, link("base"), link("a", ODD), joint("turn", "base", "a"), name="odd.urdf")
     t = np.arange(9) / 8
-    good = {"t": t, "joint1": t**2, "joint2": -t}
+    good = {"t": t, "joint1": np.sin(t), "joint2": -np.cos(t)}
     tables.write(tmp_path / "good.csv", good)
     tables.write(tmp_path / "few.csv", {name: column[:5] for name, column in good.items()})
     tables.write(tmp_path / "other.csv", {"t": t, "joint1": t, "jont2": t})
     tables.write(tmp_path / "huge.csv", {"t": t, "joint1": 1e308 * (-1.0) ** np.arange(9), "joint2": t})
-    tables.write(tmp_path / "turn.csv", {"t": t, "turn": t})
+    tables.write(tmp_path / "turn.csv", {"t": t, "turn": np.sin(t)})
     (tmp_path / "cell.csv").write_text("t,joint1,joint2\n0,1,2\n1,x,2\n")
     np.save(tmp_path / "array.npy", t)
     (tmp_path / "array.npy").rename(tmp_path / "array.npz")

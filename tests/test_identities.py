@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import jounce
@@ -12,9 +12,6 @@ from jounce.kinematics import jacobian
 from jounce.mechanism import spatial_screws
 from jounce.recursion import inverse_dynamics
 from robots import columns, differentiated, harmonic, loads, mechanisms, random_state, relative_error
-
-settings.register_profile("jounce", deadline=None, max_examples=40, derandomize=True)
-settings.load_profile("jounce")
 
 ORDERS = (0, 1, 2)
 

@@ -78,6 +78,15 @@ def test_links_on_the_ground_do_not_move(drawn):
 
 
 @given(drawn=mechanisms())
+def test_poses_of_merged_links(drawn):
+    robot, rng, T = with_tool(drawn)
+    q = rng.normal(size=(3, robot.n))
+    assert np.abs(robot.poses(q, body="tool") - robot.poses(q)[:, -1] @ T).max() < 1e-13
+    assert (robot.poses(q, body="stand") == robot.mechanism.frame("stand").T).all()
+    assert robot.poses(q, body="stand").shape == (3, 4, 4)
+
+
+@given(drawn=mechanisms())
 def test_a_wrench_on_a_merged_link_does_the_work_of_its_twist(drawn):
     """Qext = J^T W with the Jacobian of that link; nothing for links on the ground."""
     robot, rng, _ = with_tool(drawn)

@@ -28,7 +28,7 @@ def changed(name, index, value):
         ({"B": np.zeros((0, 4, 4))}, "at least one body"),
         ({"X": np.zeros((2, 5))}, r"X has shape \(2, 5\); expected \(2, 6\) for 2 bodies"),
         ({"M": np.zeros((3, 6, 6))}, r"M has shape \(3, 6, 6\); expected \(2, 6, 6\)"),
-        ({"gravity": 9.81}, r"gravity has shape \(\); expected \(3,\)"),
+        ({"gravity": 9.81}, r"gravity has shape \(\); expected a vector \(3,\), as \(0, 0, -9\.81\)"),
         (changed("B", (1, 0, 3), np.nan), r"B\[1, 0, 3\] is nan; expected finite numbers"),
         (changed("M", (0, 0, 0), np.inf), r"M\[0, 0, 0\] is inf"),
         (changed("B", (1, 0, 0), 1.1), r"B\[1\] is not a pose .* differs from I by 0\.21"),
@@ -39,7 +39,7 @@ def changed(name, index, value):
         (changed("M", (1, 0, 1), 1), r"M\[1\] is not symmetric"),
         (changed("M", (1, 3, 3), 2), r"M\[1\] has no m I in its lower right block"),
         (changed("M", ([1, 1], [0, 3], [3, 0]), 1), r"M\[1\] has no skew matrix m c~"),
-        ({"parent": [-1]}, "parent has 1 entries; expected 2"),
+        ({"parent": [-1]}, r"parent has shape \(1,\); expected \(2,\)"),
         ({"parent": [-1, 1]}, r"parent\[1\] = 1; expected -1 \(the ground\) or an earlier body, 0 \.\. 0"),
         ({"parent": [1, -1]}, r"parent\[0\] = 1"),
         ({"parent": [-1, -2]}, r"parent\[1\] = -2"),
@@ -50,7 +50,12 @@ def changed(name, index, value):
         ({"G": np.eye(3)}, r"G has shape \(3, 3\); expected \(2, 3\)"),
         ({"G": np.zeros((2, 0))}, r"G has shape \(2, 0\)"),
         ({"g": np.zeros(3)}, r"g has shape \(3,\); expected \(2,\)"),
-        ({"X": "axis"}, "X holds text"),
+        ({"X": "axis"}, "X is of type str; expected an array of numbers"),
+        ({"X": [["axis"] * 6] * 2}, "X holds text"),
+        ({"parent": [None, 0]}, r"parent\[0\] = None; expected -1 \(the ground\)$"),
+        ({"parent": ["base", "a"]}, r"parent\[0\] = 'base'"),
+        ({"parent": -1}, r"parent has shape \(\)"),
+        ({"names": 3}, "names is 3; expected 2 texts"),
     ],
 )
 def test_bad_data_are_refused_in_one_line(changes, message):
@@ -125,6 +130,8 @@ def test_steiner_and_the_rotation_of_the_com_frame():
         ((1.0, [0, 0], np.eye(3)), r"com has shape \(2,\); expected \(\.\.\., 3\)"),
         ((1.0, [0, 0, 0], np.ones(6)), r"inertia_com has shape \(6,\); expected \(\.\.\., 3, 3\)"),
         ((1.0, [0, 0, 0], np.eye(3), np.eye(4)), r"rotation has shape \(4, 4\)"),
+        ((1.0, [0, 0, 0], np.eye(3), 2 * np.eye(3)), "rotation is not one"),
+        (([1.0, 2.0], np.zeros((3, 3)), np.eye(3)), r"batch axes do not fit together: mass \(2,\), com \(3,\)"),
     ],
 )
 def test_wrong_shapes_of_inertia_data_are_refused(given, message):

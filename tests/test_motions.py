@@ -12,7 +12,7 @@ from jounce.motion import from_table
 PANDA = Path(__file__).parents[1] / "examples" / "panda.urdf"
 PLANAR = jounce.load("planar2r").mechanism
 RATES = ("q", "qd", "q2d", "q3d", "q4d", "q5d", "q6d", "q7d")
-SAMPLES = {"t": np.arange(9) / 4, "joint1": np.arange(9.0) ** 2, "joint2": -np.arange(9.0)}
+SAMPLES = {"t": np.arange(9) / 4, "joint1": np.sin(np.arange(9.0)), "joint2": np.cos(np.arange(9.0))}
 
 
 def full(highest, rows=3):
@@ -92,7 +92,7 @@ def test_eight_samples_are_enough():
 @pytest.mark.parametrize("rate", ["", ".q"])
 def test_refuses_joints_that_follow_others(rate):
     panda = jounce.load(PANDA).mechanism
-    columns = {name + rate: np.arange(9.0) for name in panda.joints} | {"t": np.arange(9.0)}
+    columns = {name + rate: np.sin(np.arange(9.0)) for name in panda.joints} | {"t": np.arange(9.0)}
     refusal(lambda: from_table(columns, panda, 0, "m.csv"), "m.csv: ", f"'panda_finger_joint2{rate}'", "mimic")
     from_table(without(columns, f"panda_finger_joint2{rate}"), panda, 0, "m.csv")
 
@@ -101,10 +101,31 @@ def test_a_joint_whose_name_starts_like_that_of_a_follower(tmp_path):
     """`grip` follows `grip.lead`: the dot belongs to the name."""
     items = (link("tip", BODY), joint("grip", "arm", "tip", inner='<mimic joint="grip.lead"/>'))
     robot = jounce.load(robot_file(tmp_path, *LINKS, joint("grip.lead", "base", "arm"), *items))
-    t = np.arange(9.0)
+    t = np.sqrt(np.arange(9.0))
     assert len(from_table({"t": t, "grip.lead": t}, robot.mechanism, 4, "m.csv").rates) == 5
     assert len(from_table({"t": t, "grip.lead.q": t}, robot.mechanism, 0, "m.csv").rates) == 1
     for name in ("grip", "grip.q"):
         refusal(
             lambda name=name: from_table({"t": t, "grip.lead": t, name: t}, robot.mechanism, 0, "m.csv"), repr(name)
         )
+
+
+def rounded(step, decimals, start=0.0):
+    t = np.arange(0, 1 + step / 2, step)
+    q = np.cos(3 * t) if decimals is None else np.round(np.cos(3 * t), decimals)
+    return {"t": t + start, "joint1": q, "joint2": np.full_like(t, 0.3)}
+
+
+@pytest.mark.parametrize(
+    "table",
+    [rounded(0.01, 6), rounded(0.1, 2), rounded(1e-4, None), rounded(0.01, None, 1.7e9)],
+    ids=["six decimals", "two decimals", "too dense", "seconds since 1970"],
+)
+def test_warns_where_rounding_of_samples_drowns_their_rates(table):
+    with pytest.warns(jounce.JounceWarning, match=r"m\.csv: rounding of the samples makes up \d+% of the largest q4d"):
+        from_table(table, PLANAR, 4, "m.csv")
+
+
+@pytest.mark.parametrize("table", [rounded(0.01, None), rounded(0.05, 12)])
+def test_says_nothing_of_samples_with_enough_digits(table):
+    from_table(table, PLANAR, 4, "m.csv")

@@ -214,8 +214,14 @@ def bad(robot, **changes):
         ({"q": [None] * 7}, "q holds None"),
         ({"method": "kernel"}, "no method for inverse_dynamics 'kernel'; there are: recursion, closed_form, paper"),
         ({"method": "recursoin"}, "did you mean 'recursion'"),
-        ({"wrench": np.zeros((7, 6))}, "wrench gives W; order 1 needs its rates up to Wd"),
+        ({"wrench": np.zeros((7, 6))}, "wrench gives W; order 1 takes W and its rates up to Wd"),
         ({"wrench": ()}, "wrench gives nothing; order 1"),
+        ({"wrench": (np.zeros((7, 6)),) * 3}, "wrench gives W, Wd, W2d; order 1 takes"),
+        (
+            {"wrench": ({"body1": np.zeros((2, 6)), "body2": np.zeros((3, 6))},) * 2},
+            "batch axes do not fit together: bodies",
+        ),
+        ({"q": {"joint1": 0.0}}, "q is of type dict"),
         ({"wrench": (np.zeros((7, 6)), np.zeros((6, 6)))}, r"Wd has shape \(6, 6\); expected \(\.\.\., 7, 6\)"),
         ({"wrench": ({"hand": np.zeros(6)},) * 2}, "no body 'hand'; there are: body0, body1"),
         ({"wrench": ({"body6": np.zeros(3)},) * 2}, r"W\['body6'\] has shape \(3,\); expected \(\.\.\., 6\)"),
@@ -225,6 +231,17 @@ def test_bad_states_are_refused_in_one_line(robot, changes, message):
     with pytest.raises(JounceError, match=message) as refusal:
         bad(robot, **changes)
     assert "\n" not in str(refusal.value)
+
+
+def test_one_wrench_may_be_rows_of_numbers(robot):
+    q, W = state(robot, (), 3), np.random.default_rng(0).normal(size=(7, 6))
+    assert (robot.inverse_dynamics(*q, wrench=W.tolist()) == robot.inverse_dynamics(*q, wrench=W)).all()
+    assert (robot.inverse_dynamics(*q, wrench=[W]) == robot.inverse_dynamics(*q, wrench=W)).all()
+
+
+def test_a_robot_is_made_of_a_mechanism():
+    with pytest.raises(JounceError, match="not of str"):
+        jounce.Robot("arm.urdf")
 
 
 def test_unknown_forms_frames_and_orders_are_refused(robot):

@@ -7,7 +7,7 @@ standard (JAX), or a NumPy object array of symbols (CasADi ``SX``, SymPy, tracin
 
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -21,6 +21,8 @@ def asarray(x: Any, what: str = "an array") -> Array:
     """`x` as an array to calculate with: integers and short floats become float64, symbols stay what they are."""
     if not isinstance(x, np.ndarray) and hasattr(type(x), "__array_namespace__"):
         return x  # a foreign array that names its own namespace: JAX, also while it traces
+    if isinstance(x, Mapping | str):
+        raise JounceError(f"{what} is of type {type(x).__name__}; expected an array of numbers")
     try:
         array = np.asarray(x)
     except Exception as error:  # ragged lists, and whatever a foreign type raises in its conversion

@@ -14,15 +14,22 @@ class JounceWarning(UserWarning):
 
 def no_such(kind: str, name: object, existing: Iterable[str]) -> JounceError:
     """The error for an unknown name: the nearest valid one first, then all that exist."""
-    known = list(existing)
-    near = get_close_matches(str(name), known, n=1)
+    known, said = list(existing), str(name)
+    near = get_close_matches(said, known, n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ";"
-    return JounceError(f"no {kind} {str(name)!r}{hint} there are: {listed(known) or 'none'}")
+    return JounceError(f"no {kind} {shortened(said)!r}{hint} there are: {listed(known) or 'none'}")
 
 
-def listed(names: Iterable[str]) -> str:
-    """Names in a row, on one line whatever they hold."""
-    return ", ".join(name if name.isprintable() else repr(name) for name in names)
+def listed(names: Iterable[str], most: int = 24) -> str:
+    """Names in a row, on one line whatever they hold, the first of them where they are many."""
+    shown = [name if name.isprintable() else repr(name) for name in names]
+    rest = f", ... ({len(shown)} in all)" if len(shown) > most else ""
+    return ", ".join(shown[:most]) + rest
+
+
+def shortened(text: str, most: int = 80) -> str:
+    """A text cut to a length that a message bears."""
+    return text if len(text) <= most else f"{text[:most]}..."
 
 
 def one_line(error: object) -> str:

@@ -7,9 +7,10 @@ moments P = integral of r r^T dm = tr(Theta)/2 I - Theta.
 
 import numpy as np
 
-from jounce._scalars import Array, asarray, concatenate
+from jounce._scalars import Array, asarray, concatenate, is_numeric, is_symbolic, whole
 from jounce.errors import JounceError
 from jounce.lie import Ad, axial, hat, inverse
+from jounce.rates import broadcast
 
 _I = np.eye(3, dtype=int)
 
@@ -32,7 +33,7 @@ def inertia_matrix(mass: Array, com: Array, inertia_com: Array, rotation: Array 
 
     Raises
     ------
-    JounceError : where a shape is wrong.
+    JounceError : where a shape is wrong, or `rotation` is not a rotation.
 
     References
     ----------
@@ -53,9 +54,11 @@ def inertia_matrix(mass: Array, com: Array, inertia_com: Array, rotation: Array 
         R = asarray(rotation, "rotation")
         if R.shape[-2:] != (3, 3):
             raise JounceError(f"rotation has shape {R.shape}; expected (..., 3, 3)")
+        if is_numeric(R) and not np.abs(R.mT @ R - _I).max(initial=0.0) < 1e-9:
+            raise JounceError("rotation is not one: R^T R differs from I")
         theta = R @ theta @ R.mT
-    m = m[..., None, None]
-    return _matrix(m, hat(c) * m, theta - m * (hat(c) @ hat(c)))
+    m, c, theta = broadcast([m[..., None, None], hat(c), theta], [2, 2, 2], ["mass", "com", "inertia_com"])
+    return _matrix(m, c * m, theta - m * (c @ c))
 
 
 def _matrix(m: Array, h_hat: Array, theta: Array) -> Array:
@@ -70,7 +73,8 @@ def moments(M: Array) -> tuple[Array, Array, Array]:
     # ordered so that a moment which `from_moments` got as zero comes back as exactly zero
     diagonal = [(t[1] + t[2]) - t[0], (t[0] + t[2]) - t[1], (t[0] + t[1]) - t[2]]
     P = concatenate([d / 2 for d in diagonal], axis=-1) * _I - theta * (1 - _I)
-    return M[..., 3:4, 3:4], axial(M[..., :3, 3:])[..., None] / 2, P
+    h = axial(M[..., :3, 3:])[..., None] / 2
+    return (M[..., 3:4, 3:4], whole(h), whole(P)) if is_symbolic(M) else (M[..., 3:4, 3:4], h, P)
 
 
 def from_moments(m: Array, h: Array, P: Array) -> Array:

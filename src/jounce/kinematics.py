@@ -1,4 +1,4 @@
-"""Jacobians of bodies and of links merged into them, in the three usual frames, with their rates."""
+"""Poses and Jacobians of bodies and of links merged into them, the latter in the three usual frames, with rates."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ def jacobian(mechanism: Mechanism, q: Series, body: str | None, frame: str) -> S
     """J with V = J qd: of all bodies (..., nb, 6, n), or of one body or merged link (..., 6, n)."""
     if frame not in FRAMES:
         raise no_such("frame", frame, FRAMES)
-    J, C = _of_bodies(mechanism, q) if body is None else _of_link(mechanism, q, body)
+    J, C = _of_bodies(mechanism, q) if body is None else of_link(mechanism, q, body)
     if frame == "body":
         return J
     V = J @ (q.dot if body is not None else q.dot.map(lambda v: v[..., None, :, :]))
@@ -26,15 +26,26 @@ def jacobian(mechanism: Mechanism, q: Series, body: str | None, frame: str) -> S
     return from_rate(lie.Ad(C), lambda S: S @ V.map(lambda v: lie.ad(v[..., 0]))) @ J  # d/dt Ad(C) = Ad(C) ad(V)
 
 
+def poses(mechanism: Mechanism, q: Array, body: str | None) -> Array:
+    """C of all bodies (..., nb, 4, 4), or of one body or merged link (..., 4, 4)."""
+    C = system.poses(mechanism, q)
+    if body is None:
+        return C
+    link = mechanism.frame(body)
+    if link.body < 0:  # fixed on the ground
+        return 0 * C[..., 0, :, :] + link.T
+    return C[..., link.body, :, :] @ link.T
+
+
+def of_link(mechanism: Mechanism, q: Series, body: str) -> tuple[Series, Array]:
+    """The body-fixed Jacobian and the pose of one body or merged link."""
+    link = mechanism.frame(body)
+    J, C = _of_bodies(mechanism, q)[0], poses(mechanism, q[0], body)
+    if link.body < 0:
+        return J.map(lambda J: 0 * J[..., 0, :, :]), C
+    return lie.Ad(lie.inverse(link.T)) @ J.map(lambda J: J[..., link.body, :, :]), C
+
+
 def _of_bodies(mechanism: Mechanism, q: Series) -> tuple[Series, Array]:
     J = closed_form(mechanism, q).J
     return J.map(lambda J: J.reshape((*J.shape[:-2], mechanism.nb, 6, mechanism.n))), system.poses(mechanism, q[0])
-
-
-def _of_link(mechanism: Mechanism, q: Series, name: str) -> tuple[Series, Array]:
-    link = mechanism.frame(name)
-    J, C = _of_bodies(mechanism, q)
-    if link.body < 0:  # fixed on the ground
-        return J.map(lambda J: 0 * J[..., 0, :, :]), 0 * C[..., 0, :, :] + link.T
-    J_i = lie.Ad(lie.inverse(link.T)) @ J.map(lambda J: J[..., link.body, :, :])
-    return J_i, C[..., link.body, :, :] @ link.T

@@ -5,7 +5,7 @@ Body i hangs by joint i on body ``parent[i] < i`` (or on the ground, -1), with t
 and g: the identity, unless joints mimic others.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -110,6 +110,8 @@ def from_screws(
     G = np.eye(nb) if identity else asarray(G, "G")
     n = G.shape[1] if G.ndim == 2 else 0
     g = np.zeros(nb) if g is None else asarray(g, "g")
+    if gravity.shape != (3,):
+        raise JounceError(f"gravity has shape {gravity.shape}; expected a vector (3,), as (0, 0, -9.81)")
     expected = {"X": (X, (nb, 6)), "M": (M, (nb, 6, 6)), "gravity": (gravity, (3,)), "G": (G, (nb, n)), "g": (g, (nb,))}
     for label, (array, shape) in expected.items():
         if array.shape != shape or 0 in shape:
@@ -177,19 +179,21 @@ def _check_screw(X: Array, label: str) -> None:
 def _tree(parent: Sequence[int] | None, nb: int) -> tuple[int, ...]:
     if parent is None:
         return tuple(range(-1, nb - 1))
-    if len(parent) != nb:
-        raise JounceError(f"parent has {len(parent)} entries; expected {nb}, one a body")
-    for i, p in enumerate(parent):
-        if int(p) != p or not -1 <= p < i:
-            raise JounceError(f"parent[{i}] = {p}; expected -1 (the ground) or an earlier body, 0 .. {i - 1}")
-    return tuple(int(p) for p in parent)
+    numbers = np.asarray(parent)
+    if numbers.shape != (nb,):
+        raise JounceError(f"parent has shape {numbers.shape}; expected ({nb},), one entry a body")
+    for i, p in enumerate(numbers.tolist()):
+        if p not in range(-1, i):
+            earlier = f" or an earlier body, 0 .. {i - 1}" if i else ""
+            raise JounceError(f"parent[{i}] = {p!r}; expected -1 (the ground){earlier}")
+    return tuple(int(p) for p in numbers)
 
 
 def _names(given: Sequence[str] | None, count: int, label: str, stem: str) -> tuple[str, ...]:
     if given is None:
         return tuple(f"{stem}{i + 1}" for i in range(count))
-    names = tuple(given)
-    if isinstance(given, str) or not all(isinstance(x, str) for x in names):
+    names = tuple(given) if isinstance(given, Iterable) else ()
+    if isinstance(given, str) or not names or not all(isinstance(x, str) for x in names):
         raise JounceError(f"{label} is {given!r}; expected {count} texts")
     if len(names) != count or len(set(names)) != count:
         raise JounceError(f"{label} is {list(names)}; expected {count} different texts")

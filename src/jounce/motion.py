@@ -1,16 +1,18 @@
 """Motions: coordinates over time with all the rates that higher-order inverse dynamics takes in."""
 
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.errors import JounceError, listed, no_such, one_line
+from jounce.errors import JounceError, JounceWarning, listed, no_such, one_line
 from jounce.mechanism import Mechanism
 from jounce.rates import rate_name
 
 DEGREE = 7  # of the spline through samples: q is C^6, so that q4d is smooth and Q2d has no kinks
+NOTICEABLE = 0.01  # share of rounding in a rate from which on a user should hear of it
 RATE = re.compile(r"q(d|[2-9]d|[1-9]\d+d)?")
 
 
@@ -34,12 +36,14 @@ def from_table(columns: Mapping[str, np.ndarray], mechanism: Mechanism, highest:
     JounceError : where a joint or rate is missing, a column unknown, t does not increase, or there are too few samples.
     """
     joints, t = mechanism.coordinates, columns.get("t")
-    if t is None or "t" in joints:
-        raise JounceError(f"{place}: no column 't' of times beside the joints; there are: {listed(columns)}")
+    if "t" in joints:
+        raise JounceError(f"{place}: a joint is named 't', as the column of times is; give it another name")
+    if t is None:
+        raise JounceError(f"{place}: {no_such('column', 't', columns)}")
     steps = np.flatnonzero(np.diff(t) <= 0)
     if steps.size:
         i = int(steps[0])
-        follows = f"{t[i]:.17g} is followed by {t[i + 1]:.17g}, rows {i} and {i + 1} from 0"
+        follows = f"{t[i]:.17g} is followed by {t[i + 1]:.17g}, rows {i} and {i + 1} counted from 0"
         raise JounceError(f"{place}: t does not increase: {follows}")
     given = [name for name in columns if name != "t"]
     wanted = [rate_name("q", k) for k in range(highest + 1)]
@@ -87,4 +91,34 @@ def _spline(t: np.ndarray, q: np.ndarray, highest: int, place: str) -> Motion:
     except ValueError as error:
         raise JounceError(f"{place}: no spline goes through these samples: {one_line(error)}") from None
     rates = (q, *(spline(t, nu=k) for k in range(1, highest + 1)))
+    _warn_of_rounding(t, rates, place)
     return Motion(t, rates, f"samples, rates from a spline of degree {DEGREE} (C^{DEGREE - 1})")
+
+
+@np.errstate(all="ignore")  # samples near the end of the doubles overflow here; their forces are refused later
+def _warn_of_rounding(t: np.ndarray, rates: Sequence[np.ndarray], place: str) -> None:
+    """Warn where the samples' own rounding shows in the highest rate: differentiation multiplies it by (1/dt)^k.
+
+    A spline is linear in its samples, so the spline through random errors of their size tells what they do.
+    """
+    from scipy.interpolate import make_interp_spline
+
+    highest = len(rates) - 1
+    q, qd = rates[0], rates[min(1, highest)]
+    of_t = np.finfo(float).eps * np.abs(t).max() * np.abs(qd).max(axis=0)
+    size = np.nan_to_num(np.maximum([_resolution(column) for column in q.T], of_t))
+    errors = np.random.default_rng(0).uniform(-1, 1, q.shape) * size
+    error = np.abs(make_interp_spline(t, errors, k=DEGREE)(t, nu=highest)).max(axis=0)
+    scales = [np.abs(rate).max(axis=0) / np.ptp(t) ** (highest - k) for k, rate in enumerate(rates)]
+    share = float((error / np.maximum(np.max(scales, axis=0), np.finfo(float).tiny)).max())
+    if share > NOTICEABLE:
+        name = rate_name("q", highest)
+        text = f"{place}: rounding of the samples makes up {min(share, 1):.0%} of the largest {name}"
+        warnings.warn(f"{text}; give more digits, wider steps, or all rates", JounceWarning, stacklevel=3)
+
+
+def _resolution(samples: np.ndarray) -> float:
+    """Half a unit in the last place that the samples are given to: of their decimals, or of doubles."""
+    ulp = np.finfo(float).eps * float(np.abs(samples).max()) / 2
+    decimals = next((d for d in range(13) if np.array_equal(np.round(samples, d), samples)), None)
+    return ulp if decimals is None or not np.ptp(samples) else max(ulp, 0.5 * 10.0**-decimals)

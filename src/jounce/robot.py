@@ -6,12 +6,11 @@ from typing import Any, TypedDict, Unpack, overload
 
 from jounce import kinematics, mechanism, rates, wrenches
 from jounce._scalars import Array, is_symbolic
-from jounce.errors import no_such
+from jounce.errors import JounceError, no_such
 from jounce.evaluation import delivered, evaluate
 from jounce.mechanism import Mechanism, in_whole_numbers
 from jounce.paths import FORMS, path
 from jounce.series import Series
-from jounce.system import poses
 
 
 class Options(TypedDict, total=False):
@@ -32,13 +31,19 @@ class Robot:
       arrays of CasADi SX, SymPy or other symbols.
     * q is required; each further rate you give returns one more time derivative. With none to spare the result is
       a plain array, otherwise a tuple: the quantity, its rate, ...
-    * ``method`` picks the path ("recursion", "closed_form", "paper"), the fastest by default; all agree.
+    * ``method`` picks the path: "recursion" (the default of all but C and J), "closed_form" or "paper"; all agree.
     * ``out`` takes the NumPy array (or the tuple of them) to write into.
 
     Errors: `JounceError` for a wrong shape, a skipped rate, an unknown name or method, an `out` that does not fit.
     """
 
     mechanism: Mechanism
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.mechanism, Mechanism):
+            raise JounceError(
+                f"a Robot is made of a Mechanism, not of {type(self.mechanism).__name__}; use jounce.load"
+            )
 
     @classmethod
     def from_screws(
@@ -53,6 +58,7 @@ class Robot:
         gravity: Array = (0, 0, -9.81),
         G: Array | None = None,
         g: Array | None = None,
+        name: str = "robot",
     ) -> "Robot":
         """A robot from body-fixed data.
 
@@ -69,6 +75,7 @@ class Robot:
         names, joint_names : names of the nb bodies and of the n coordinates
         gravity : (3,) gravitational acceleration in the inertial frame, m/s^2
         G, g : (nb, n) and (nb,), constant, for joints that follow others; theta = q if left out
+        name : of the robot
 
         Raises
         ------
@@ -89,8 +96,8 @@ class Robot:
         >>> pendulum.inverse_dynamics([np.pi / 2], [0.0], [0.0]).round(6)
         array([9.81])
         """
-        names_and_data = {"names": names, "joint_names": joint_names, "gravity": gravity, "G": G, "g": g}
-        return cls(mechanism.from_screws(B, X, M, parent, **names_and_data))
+        data = {"names": names, "joint_names": joint_names, "gravity": gravity, "G": G, "g": g, "name": name}
+        return cls(mechanism.from_screws(B, X, M, parent, **data))
 
     @classmethod
     def from_spatial_screws(
@@ -105,7 +112,7 @@ class Robot:
         A : (nb, 4, 4) absolute poses of the bodies
         Y : (nb, 6) joint screws in the inertial frame
         M : (nb, 6, 6) inertia matrices, in the body frames
-        parent, data : names, joint_names, gravity, G, g: as in `from_screws`, with the same errors
+        parent, data : names, joint_names, gravity, G, g, name: as in `from_screws`, with the same errors
 
         Examples
         --------
@@ -291,31 +298,36 @@ class Robot:
         """
         given = rates.checked((q, qd, q2d, *higher), 1, self.joint_names)
 
+        model = self._model(given)
+
         def law(q: Series, _: Series | None) -> Series:
-            return kinematics.jacobian(self.mechanism, q, body, frame)
+            return kinematics.jacobian(model, q, body, frame)
 
         return delivered(evaluate(law, given, [], len(given) - 1, self._dense), out)
 
-    def poses(self, q: Array) -> Array:
-        """C_i, the pose of every body frame in the inertial frame: (..., nb, 4, 4).
+    def poses(self, q: Array, *, body: str | None = None) -> Array:
+        """C_i, the pose of every body frame in the inertial frame: (..., nb, 4, 4), or (..., 4, 4) of one.
 
-        Müller & Kumar, (Ci).
+        ``body`` is a body or a link merged into one. Müller & Kumar, (Ci).
 
         >>> import jounce
         >>> jounce.load("planar2r").poses([0, 0])[1, :3, 3]
         array([1., 0., 0.])
         """
         given = rates.checked((q,), 1, self.joint_names)
-        return poses(self.mechanism, given[0][..., None])
+        return kinematics.poses(self._model(given), given[0][..., None], body)
 
     def _along(
         self, given: Sequence[Array], order: int, quantity: str, method: str | None, out: Any, wrench: Any = None
     ) -> Any:
         name, compute = path(quantity, method)
-        model = in_whole_numbers(self.mechanism) if any(map(is_symbolic, given)) else self.mechanism
+        model = self._model(given)
         W = wrenches.checked(self.mechanism, wrench, order)
         width = 4 * self.mechanism.nb if name == "recursion" else self._dense
         return delivered(evaluate(lambda q, W: compute(model, q, W), given, W, order, width), out)
+
+    def _model(self, given: Sequence[Array]) -> Mechanism:
+        return in_whole_numbers(self.mechanism) if any(map(is_symbolic, given)) else self.mechanism
 
     @property
     def _dense(self) -> int:

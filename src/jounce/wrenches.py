@@ -12,18 +12,20 @@ from jounce._scalars import Array, asarray
 from jounce.errors import JounceError
 from jounce.lie import Ad, inverse
 from jounce.mechanism import Mechanism
-from jounce.rates import rate_name
+from jounce.rates import broadcast, rate_name
 
 
 def checked(mechanism: Mechanism, wrench: object, order: int) -> list[Array]:
     """W and its rates up to `order`; no arrays where `wrench` is None."""
     if wrench is None:
         return []
-    given = list(wrench) if isinstance(wrench, tuple | list) else [wrench]
-    if len(given) <= order:
+    given = [wrench]
+    if isinstance(wrench, tuple | list) and not (wrench and np.ndim(wrench[0]) == 1):  # else it is rows of numbers
+        given = list(wrench)
+    if len(given) != order + 1:
         have = ", ".join(rate_name("W", k) for k in range(len(given))) or "nothing"
-        raise JounceError(f"wrench gives {have}; order {order} needs its rates up to {rate_name('W', order)}")
-    return [_on_bodies(mechanism, W, rate_name("W", k)) for k, W in enumerate(given[: order + 1])]
+        raise JounceError(f"wrench gives {have}; order {order} takes W and its rates up to {rate_name('W', order)}")
+    return [_on_bodies(mechanism, W, rate_name("W", k)) for k, W in enumerate(given)]
 
 
 def _on_bodies(mechanism: Mechanism, W: object, label: str) -> Array:
@@ -39,7 +41,7 @@ def _on_bodies(mechanism: Mechanism, W: object, label: str) -> Array:
 
 def _from_names(mechanism: Mechanism, W: Mapping[str, object], label: str) -> Array:
     """Wrenches by body or merged link, the latter transported to the frame of the body that carries it."""
-    total = np.zeros((mechanism.nb, 6))
+    parts: list[Array] = [np.zeros((mechanism.nb, 6))]
     for name, value in W.items():
         frame = mechanism.frame(name)
         array = asarray(value, f"{label}[{name!r}]")
@@ -47,5 +49,5 @@ def _from_names(mechanism: Mechanism, W: Mapping[str, object], label: str) -> Ar
             raise JounceError(f"{label}[{name!r}] has shape {array.shape}; expected (..., 6), (moment; force)")
         if frame.body >= 0:  # a wrench between the ground and its environment moves nothing
             local = Ad(inverse(frame.T)).mT @ array[..., None]
-            total = total + np.eye(mechanism.nb, dtype=int)[frame.body][:, None] * local[..., None, :, 0]
-    return total
+            parts.append(np.eye(mechanism.nb, dtype=int)[frame.body][:, None] * local[..., None, :, 0])
+    return sum(broadcast(parts, [2] * len(parts), ["bodies", *(f"{label}[{name!r}]" for name in W)]))

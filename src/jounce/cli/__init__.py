@@ -1,5 +1,6 @@
 """The command `jounce`: one verb a file; what jounce raises becomes one line and exit code 2."""
 
+import errno
 import warnings
 from typing import Any
 
@@ -22,6 +23,10 @@ class _Verbs(click.Group):
                 return super().invoke(ctx)
             except JounceError as error:
                 raise _Refusal(str(error)) from error
+            except OSError as error:  # of the terminal, or a full disk behind it; click sees to a closed pipe
+                if error.errno == errno.EPIPE:
+                    raise
+                raise _Refusal(error.strerror or str(error)) from error
 
 
 @click.group(cls=_Verbs, context_settings={"help_option_names": ["-h", "--help"]})

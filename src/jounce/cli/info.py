@@ -1,6 +1,7 @@
 """`jounce info`: the bodies, joints and masses of a robot."""
 
 import json
+from textwrap import wrap
 from typing import Any
 
 import click
@@ -25,9 +26,8 @@ def info(robot: str, as_json: bool) -> None:
 
 def _in_words(data: dict[str, Any]) -> str:
     gravity = " ".join(f"{x:g}" for x in data["gravity"])
-    head = (
-        f"{data['name']}: {data['n']} coordinates, {data['nb']} bodies, {data['mass']:.6g} kg, gravity {gravity} m/s^2"
-    )
+    size = f"{data['n']} coordinates, {data['nb']} bodies, {data['mass']:.6g} kg moving"
+    head = f"{data['name']}: {size}, gravity {gravity} m/s^2"
     rows: list[tuple[str, ...]] = [("joint", "type", "axis", "body", "on", "mass kg", "COM m")]
     for body in data["bodies"]:
         kind = body["type"] if body["pitch"] is None else f"{body['type']} {body['pitch']:g} m/rad"
@@ -41,13 +41,13 @@ def _in_words(data: dict[str, Any]) -> str:
         lines += ["", *follows]
     merged = [f"{link} ({body})" for link, body in data["merged_links"].items()]
     if merged:
-        lines += ["", f"merged links: {', '.join(merged)}"]
+        lines += ["", *wrap(f"merged links: {', '.join(merged)}", width=110, subsequent_indent="  ")]
     findings = [f"finding: {body['name']}: {body['finding']}" for body in data["bodies"] if body["finding"]]
     return "\n".join([*lines, *([""] if findings else []), *findings])
 
 
 def _vector(x: list[float], form: str) -> str:
-    return " ".join(f"{v + 0.0:{form}}" for v in x)
+    return " ".join(f"{v:{form}}".replace("-0.0000", "0.0000") for v in x)
 
 
 def aligned(rows: list[tuple[str, ...]]) -> list[str]:

@@ -31,8 +31,17 @@ OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all their digits.
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Table to write: .csv or .npz.")
 @click.option("--order", default=2, show_default=True, type=click.IntRange(0), help="Highest time derivative of Q.")
 @click.option("--method", default=None, help="recursion (the default), closed_form or paper.")
+@click.option("--gravity", nargs=3, type=float, metavar="X Y Z", help="In m/s^2; the robot's own if left out.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
-def run(robot: str, motion: Path, output: Path, order: int, method: str | None, as_json: bool) -> None:
+def run(
+    robot: str,
+    motion: Path,
+    output: Path,
+    order: int,
+    method: str | None,
+    gravity: tuple[float, float, float] | None,
+    as_json: bool,
+) -> None:
     """Compute Q, Qd, Q2d along MOTION (.csv or .npz) for ROBOT (a URDF file or iiwa14, planar2r)."""
     from jounce.description import coordinate_unit
     from jounce.io import tables
@@ -43,7 +52,7 @@ def run(robot: str, motion: Path, output: Path, order: int, method: str | None, 
     tables.check_writable(output)
     if output.resolve() == motion.resolve():
         raise JounceError(f"{output}: is the motion itself; expected another file to write into")
-    arm = load(robot)
+    arm = load(robot, **({"gravity": gravity} if gravity else {}))
     path = from_table(tables.read(motion), arm.mechanism, order + 2, str(motion))
     results = arm.inverse_dynamics(*path.rates, method=method)
     forces = dict(zip((rate_name("Q", k) for k in range(order + 1)), results if order else (results,), strict=True))

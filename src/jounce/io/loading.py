@@ -45,7 +45,7 @@ def load(source: str | os.PathLike[str], /, **parameters: object) -> Robot:
         raise JounceError(f"a robot is a path or a name, not {type(source).__name__}; names: {', '.join(BUNDLED)}")
     if source in BUNDLED:
         return Robot(_call(BUNDLED[str(source)], parameters, str(source)))
-    path = Path(source)
+    path = Path(source).expanduser()
     if path.suffix.lower() not in READERS:
         if not path.suffix:
             raise JounceError(f"{no_such('robot', source, BUNDLED)}, or a file of type {', '.join(READERS)}")
