@@ -185,3 +185,11 @@ def test_casadi_vectors_are_refused_with_the_way_out():
     x = casadi.SX.sym("x", 2)
     with pytest.raises(JounceError, match="q"):
         robot.inverse_dynamics(x, x, x)
+
+
+def test_numbers_of_a_robot_leave_no_floats_among_symbols():
+    robot = jounce.load("planar2r")
+    q, qd = (np.array(sympy.symbols(names), dtype=object) for names in ("a b", "da db"))
+    quantities = [*robot.jacobian(q, qd, body="body2", frame="world"), *robot.mass_matrix(q, qd), robot.poses(q)]
+    for quantity in quantities:
+        assert not any(sympy.sympify(entry).atoms(sympy.Float) for entry in quantity.flat)
