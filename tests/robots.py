@@ -1,7 +1,6 @@
 """Mechanisms and motions for the tests: golden ones, random ones, and analytic motions."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ from hypothesis import strategies as st
 import jounce
 from jounce import lie
 from jounce.mechanism import Mechanism, from_screws
-from jounce.series import Series, motion
+from jounce.series import Series
 
 GOLDEN = Path(__file__).parent / "golden"
 GOLDEN_NAMES = ("planar2r", "mixed5", "tree7", "iiwa")
@@ -115,10 +114,6 @@ def random_state(
     return q, [rng.uniform(-3, 3, (mechanism.nb, 6)) for _ in range(order + 1)]
 
 
-def columns(q: list[np.ndarray]) -> Series:
-    return motion(q)
-
-
 def loads(W: list[np.ndarray]) -> Series:
     return Series.of([w.reshape((*w.shape[:-2], 6 * w.shape[-2], 1)) for w in W])
 
@@ -133,7 +128,3 @@ def differentiated(f: Any, h: float = 0.02) -> Any:
     """The derivative of f at 0 by central differences over nine points, error O(h^8)."""
     weights = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
     return sum(w * (f(k * h) - f(-k * h)) for k, w in weights.items()) / h
-
-
-def scaled(mechanism: Mechanism, M: np.ndarray) -> Mechanism:
-    return replace(mechanism, M=M)

@@ -1,9 +1,9 @@
 """The command line: the library's numbers in tables, in words and JSON; every refusal one line, exit 2, no file."""
 
 import json
+import re
 import subprocess
 import sys
-import time
 from itertools import product
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 import jounce
-from files import GOOD, ODD, joint, link, robot_file
+from files import BODY, GOOD, ODD, joint, link, robot_file
 from jounce.cli import main
 from jounce.description import describe
 from jounce.io import tables
@@ -237,17 +237,37 @@ def test_usage_errors(folder, asked, word):
 
 
 @pytest.mark.parametrize("verb", [("run",), ("info",), ()])
-def test_help_is_quick_and_shows_an_example(verb):
+def test_help_shows_an_example(verb):
     assert SCRIPT.is_file()
-    seconds = []
-    for flag in ("--help", "-h", "--help"):
-        start = time.perf_counter()
-        done = shell(*verb, flag)
-        seconds.append(time.perf_counter() - start)
-        assert (done.returncode, done.stderr) == (0, "")
-    assert min(seconds) < 1
+    done = shell(*verb, "--help")
+    assert (done.returncode, done.stderr) == (0, "")
     assert f"jounce {verb[0]} iiwa14" in done.stdout if verb else "run" in done.stdout
     assert max(map(len, done.stdout.splitlines())) <= 80
+
+
+def test_help_imports_nothing_heavy():
+    """What takes long to import is imported where it is used: the cause of a quick start, not its seconds."""
+    command = [sys.executable, "-X", "importtime", "-m", "jounce", "run", "--help"]
+    imported = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stderr
+    assert "numpy" in imported
+    for heavy in ("scipy", "lxml", "sympy", "matplotlib"):
+        assert not re.search(rf"\| +{heavy}", imported)
+
+
+def test_output_onto_the_motion_is_refused(folder):
+    before = contents(folder)
+    result = call("run", "planar2r", "good.csv", "-o", "./good.csv")
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert "is the motion itself" in result.stderr
+    assert contents(folder) == before
+
+
+def test_units_are_those_of_the_joint_that_names_the_coordinate(tmp_path):
+    """A revolute joint that follows a prismatic one, stated before it, does not make the coordinate an angle."""
+    items = (link("wheel", BODY), joint("gear", "base", "wheel", inner='<mimic joint="slide"/>'))
+    path = robot_file(tmp_path, *items, link("base"), link("sled", BODY), joint("slide", "base", "sled", "prismatic"))
+    [coordinate] = json.loads(call("info", path, "--json").stdout)["coordinates"]
+    assert coordinate == {"name": "slide", "unit": "m"}
 
 
 def test_version():

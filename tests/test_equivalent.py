@@ -9,7 +9,8 @@ from jounce import equivalent, lie
 from jounce.closed_form import closed_form
 from jounce.inertia import from_moments, moments
 from jounce.recursion import inverse_dynamics
-from robots import GOLDEN_NAMES, columns, golden, loads, mechanisms, random_pose, random_state
+from jounce.series import columns
+from robots import GOLDEN_NAMES, golden, loads, mechanisms, random_pose, random_state
 
 PASSES = {
     "aligned": equivalent.aligned,

@@ -5,7 +5,8 @@ import pytest
 from jounce import recursion
 from jounce.closed_form import closed_form
 from jounce.paper import Paper
-from robots import GOLDEN_NAMES, columns, golden, loads, rates_of, relative_error
+from jounce.series import columns
+from robots import GOLDEN_NAMES, golden, loads, rates_of, relative_error
 
 TOLERANCE = 1e-12
 ENTRIES = {

@@ -11,7 +11,8 @@ from jounce.closed_form import closed_form
 from jounce.kinematics import jacobian
 from jounce.mechanism import spatial_screws
 from jounce.recursion import inverse_dynamics
-from robots import columns, differentiated, harmonic, loads, mechanisms, random_state, relative_error
+from jounce.series import columns
+from robots import differentiated, harmonic, loads, mechanisms, random_state, relative_error
 
 ORDERS = (0, 1, 2)
 

@@ -1,5 +1,9 @@
 """Data at the door: what is accepted, and what is refused with one line that says why."""
 
+import copy
+import dataclasses
+import pickle
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -63,6 +67,45 @@ def test_bad_data_are_refused_in_one_line(changes, message):
     with pytest.raises(JounceError, match=message) as refusal:
         jounce.Robot.from_screws(**given)
     assert "\n" not in str(refusal.value)
+
+
+def test_data_are_copied_and_frozen_also_in_copies_of_a_robot():
+    given = {name: np.array(array, dtype=float) for name, array in data().items()}
+    robot = jounce.Robot.from_screws(**given)
+    for name, array in given.items():
+        array[...] = 7.0  # the caller's own stays the caller's
+        assert not np.shares_memory(array, getattr(robot.mechanism, name))
+    for same in (robot, copy.deepcopy(robot), pickle.loads(pickle.dumps(robot))):
+        with pytest.raises(ValueError, match="read-only"):
+            same.mechanism.M[0, 0, 0] = 1.0
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            same.mechanism.M = None
+
+
+def test_rounded_data_within_the_tolerance_are_made_exact():
+    """All paths agree: screws are unit and rotations orthonormal to the last digit, whatever was accepted."""
+    given = {name: np.array(array, dtype=float) for name, array in data().items()}
+    given["X"] *= 1 + 9e-10
+    given["B"][:, :3, :3] *= 1 - 4e-10
+    robot = jounce.Robot.from_screws(**given)
+    assert np.abs(robot.mechanism.X - data()["X"]).max() == 0
+    q = np.random.default_rng(0).normal(size=(5, 2))
+    for Q, expected in zip(robot.inverse_dynamics(*q), robot.inverse_dynamics(*q, method="closed_form"), strict=True):
+        assert relative_error(Q, expected) < 1e-13
+    with pytest.raises(JounceError, match="is not a unit screw"):
+        jounce.Robot.from_screws(**data() | {"X": given["X"] * (1 + 1e-8)})
+
+
+def test_objects_that_are_numbers_are_checked_as_numbers():
+    with pytest.raises(JounceError, match=r"B\[0\] is not a pose"):
+        jounce.Robot.from_screws(**data() | {"B": (2 * np.array(data()["B"])).astype(object)})
+
+
+def test_the_arguments_of_the_contract_may_be_given_by_position():
+    given = data()
+    robot = jounce.Robot.from_screws(given["B"], given["X"], given["M"], [-1, -1], ["left", "right"], (0, 0, -1.62))
+    assert robot.body_names == ("left", "right")
+    assert robot.gravity[2] == -1.62
 
 
 def test_bad_spatial_data_are_refused():

@@ -82,7 +82,7 @@ BAD_MOTIONS = {
 def test_refuses_motions(columns, highest, words):
     message = refusal(lambda: from_table(columns, PLANAR, highest, "m.csv"), "m.csv: ", *words)
     for name in PLANAR.coordinates:
-        assert f"no joint '{name}'" not in message
+        assert f"no joint column '{name}'" not in message
 
 
 def test_eight_samples_are_enough():

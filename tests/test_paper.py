@@ -8,8 +8,8 @@ from jounce import lie, system
 from jounce.closed_form import closed_form
 from jounce.errors import JounceError
 from jounce.paper import Paper, section3, section4
-from jounce.series import from_rate
-from robots import GOLDEN_NAMES, columns, golden, loads, rates_of, relative_error
+from jounce.series import columns, from_rate
+from robots import GOLDEN_NAMES, golden, loads, rates_of, relative_error
 
 CASES = [(name, i) for name in GOLDEN_NAMES for i in range(3)]
 

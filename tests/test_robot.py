@@ -180,6 +180,7 @@ def test_results_are_written_into_out(robot):
         ((np.zeros((4, 7)), [[0.0] * 7] * 4), r"out\[1\] has type list"),
         ((np.zeros((4, 7)), np.zeros((4, 7), dtype=int)), r"out\[1\] is of dtype int64"),
         ((np.zeros((4, 7)), np.broadcast_to(0.0, (4, 7))), r"out\[1\] is read-only"),
+        ((np.zeros((4, 7)),) * 2, r"out\[0\] and out\[1\] share memory"),
     ],
 )
 def test_an_out_that_does_not_fit_is_refused_and_none_is_written(robot, out, message):

@@ -5,6 +5,7 @@ import math
 import casadi
 import jax
 import jax.numpy as jnp
+import mpmath
 import numpy as np
 import pytest
 import sympy
@@ -173,23 +174,74 @@ def test_the_iiwa_takes_no_more_operations_than_measured(order, operations):
 
 
 def test_extended_precision_is_kept():
-    robot, q, _ = case("mixed5")
-    long = [x.astype(np.longdouble) for x in q]
-    for Q, Q_long in zip(robot.inverse_dynamics(*q), robot.inverse_dynamics(*long), strict=True):
-        assert Q_long.dtype == np.longdouble
-        assert 0 < relative_error(Q, Q_long) < 1e-14
+    """On the iiwa, whose axes are exact, both paths agree beyond what doubles could show."""
+    robot, q, W = case("iiwa")
+    q, W = ([x.astype(np.longdouble) for x in y] for y in (q, W))
+    for method in ("closed_form", "paper"):
+        for found, Q in zip(
+            robot.inverse_dynamics(*q, wrench=tuple(W)),
+            robot.inverse_dynamics(*q, wrench=tuple(W), method=method),
+            strict=True,
+        ):
+            assert found.dtype == Q.dtype == np.longdouble
+            assert np.abs(found - Q).max() < 1e-18 * 100 * np.abs(Q).max()
+
+
+def test_scalars_without_sine_are_refused_rather_than_rounded():
+    numbers = np.array([mpmath.mpf("0.1")] * 2, dtype=object)
+    with pytest.raises(JounceError, match=r"scalars of type mpf have no method (sin|cos)\(\)"):
+        jounce.load("planar2r").inverse_dynamics(numbers, numbers, numbers)
+
+
+def test_symbolic_pitch_and_direction():
+    """A pitch may be a symbol on every path; a direction on the dense ones, and is refused elsewhere."""
+    M = [jounce.inertia_matrix(2.0, [0.1, 0.2, 0.3], np.eye(3) * 0.1)]
+    h, q = casadi.SX.sym("h"), np.array([casadi.SX.sym("q")], dtype=object)
+    screw = np.array([[0, 0, 1, 0, 0, h]], dtype=object)
+    robot = jounce.Robot.from_screws([np.eye(4)], screw, M)
+    state = [q, np.array([1.0]), np.array([0.5])]
+    number = jounce.Robot.from_screws([np.eye(4)], [[0, 0, 1, 0, 0, 0.3]], M)
+    for method in ("recursion", "closed_form"):
+        [Q] = robot.inverse_dynamics(*state, method=method)
+        function = casadi.Function("Q", [h, q[0]], [Q])
+        expected = number.inverse_dynamics([0.7], [1.0], [0.5])
+        assert float(function(0.3, 0.7)) == pytest.approx(expected[0], rel=1e-13)
+    turned = np.array([[casadi.cos(h), casadi.sin(h), 0, 0, 0, 0]], dtype=object)
+    robot = jounce.Robot.from_screws([np.eye(4)], turned, M)
+    with pytest.raises(JounceError, match="is not made of numbers; use method='closed_form'"):
+        robot.inverse_dynamics(*state)
+    [Q] = robot.inverse_dynamics(*state, method="closed_form")
+    number = jounce.Robot.from_screws([np.eye(4)], [[np.cos(0.3), np.sin(0.3), 0, 0, 0, 0]], M)
+    expected = number.inverse_dynamics([0.7], [1.0], [0.5])
+    assert float(casadi.Function("Q", [h, q[0]], [Q])(0.3, 0.7)) == pytest.approx(expected[0], rel=1e-12)
+
+
+def test_data_of_a_robot_are_concrete():
+    mechanism = golden("planar2r")[0]
+    given = {name: jnp.asarray(getattr(mechanism, name)) for name in ("B", "X", "M", "gravity")}
+    assert isinstance(jounce.Robot.from_screws(**given).mechanism.M, np.ndarray)
+    with pytest.raises(JounceError, match="M is not concrete: .*; states may be traced, data not"):
+        jax.jit(lambda M: jounce.Robot.from_screws(**given | {"M": M}).mass_matrix([0.0, 0.0]))(given["M"])
+    with pytest.raises(JounceError, match=r"B\[0\] is not a pose"):
+        jounce.Robot.from_screws(**given | {"B": 2 * given["B"]})
 
 
 def test_casadi_vectors_are_refused_with_the_way_out():
     robot, _, _ = case("planar2r")
     x = casadi.SX.sym("x", 2)
-    with pytest.raises(JounceError, match="q"):
+    with pytest.raises(JounceError, match=r"q is a CasADi SX; pass np\.array\(casadi\.vertsplit"):
         robot.inverse_dynamics(x, x, x)
+    scalars = np.array(casadi.vertsplit(x), dtype=object)
+    assert robot.inverse_dynamics(scalars, scalars, scalars).shape == (2,)
 
 
 def test_numbers_of_a_robot_leave_no_floats_among_symbols():
     robot = jounce.load("planar2r")
     q, qd = (np.array(sympy.symbols(names), dtype=object) for names in ("a b", "da db"))
+    partly = jounce.load("planar2r", L1=sympy.Symbol("L1"))
+    pushed = robot.inverse_dynamics([0, 1], [0, 0], [0, 0], wrench={"body2": sympy.symbols("w:6")})
+    assert {type(x) for entry in partly.mechanism.M.flat for x in sympy.sympify(entry).atoms(sympy.Float)} == set()
+    assert all("1.0*" not in str(entry) for entry in pushed)
     quantities = [*robot.jacobian(q, qd, body="body2", frame="world"), *robot.mass_matrix(q, qd), robot.poses(q)]
     for quantity in quantities:
         assert not any(sympy.sympify(entry).atoms(sympy.Float) for entry in quantity.flat)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
 
-from jounce.series import Series, diagonal, from_rate, joined, motion
+from jounce.series import Series, columns, diagonal, from_rate, joined
 
 ORDER = 5
 polynomials = st.lists(st.integers(-5, 5), min_size=1, max_size=6).map(Polynomial)
@@ -67,7 +67,7 @@ def test_terms_are_computed_once_and_only_when_asked_for():
 
 def test_given_terms_end_where_they_end():
     with pytest.raises(IndexError):
-        motion([np.zeros(2)])[1]
+        columns([np.zeros(2)])[1]
 
 
 def test_diagonal_places_blocks():

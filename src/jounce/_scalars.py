@@ -1,4 +1,4 @@
-"""The one file that knows array namespaces.
+"""The one file that knows scalar types and their namespaces.
 
 A backend is a scalar type: a state is a float array of NumPy, an array of any library that follows the array API
 standard (JAX), or a NumPy object array of symbols (CasADi ``SX``, SymPy, tracing scalars). Mathematics elsewhere uses
@@ -23,10 +23,14 @@ def asarray(x: Any, what: str = "an array") -> Array:
         return x  # a foreign array that names its own namespace: JAX, also while it traces
     if isinstance(x, Mapping | str):
         raise JounceError(f"{what} is of type {type(x).__name__}; expected an array of numbers")
+    if type(x).__module__.startswith("casadi"):
+        raise JounceError(f"{what} is a CasADi {type(x).__name__}; pass np.array(casadi.vertsplit(x), dtype=object)")
     try:
         array = np.asarray(x)
     except Exception as error:  # ragged lists, and whatever a foreign type raises in its conversion
         raise JounceError(f"{what} is not an array of numbers: {one_line(error)}") from error
+    if array.dtype.kind == "O" and all(isinstance(v, int | float | np.floating | np.integer) for v in array.flat):
+        array = array.astype(np.float64)
     if array.dtype.kind in "biuf":
         return array.astype(np.result_type(array.dtype, np.float64), copy=False)
     if array.dtype.kind == "O" and not any(v is None or isinstance(v, str | complex) for v in array.flat):
@@ -42,6 +46,14 @@ def _kind(array: np.ndarray) -> str:
 def is_numeric(x: Array) -> bool:
     """Whether `x` holds numbers that can be checked (a NumPy float array), not symbols or traced values."""
     return isinstance(x, np.ndarray) and x.dtype != object
+
+
+def is_zero(x: Any) -> bool:
+    """Whether a scalar is the number 0; a symbol of any kind is not, and is never asked for its truth."""
+    try:
+        return bool(x == 0)
+    except Exception:  # CasADi's symbols have no truth value
+        return False
 
 
 def is_symbolic(x: Array) -> bool:
@@ -80,7 +92,11 @@ def _elementwise(name: str) -> Callable[[Array], Array]:
         sympy = sys.modules.get("sympy")  # imported already wherever its symbols exist
         if sympy is not None and isinstance(s, sympy.Basic):
             return getattr(sympy, name)(s)
-        return getattr(s, name)() if hasattr(s, name) else getattr(math, name)(s)
+        if isinstance(s, int | float):
+            return getattr(math, name)(s)
+        if not hasattr(s, name):
+            raise JounceError(f"scalars of type {type(s).__name__} have no method {name}(); expected one")
+        return getattr(s, name)()
 
     over_objects = np.frompyfunc(scalar, 1, 1)
 

@@ -27,8 +27,9 @@ def describe(mechanism: Mechanism) -> dict[str, Any]:
 
 
 def coordinate_unit(mechanism: Mechanism, j: int) -> str:
-    """rad or m: the unit of a coordinate, that of the first joint which follows it."""
-    i = int(np.flatnonzero(mechanism.G[:, j])[0])
+    """rad or m: the unit of a coordinate, that of the joint of its name, else of the first that follows it."""
+    name = mechanism.coordinates[j]
+    i = mechanism.joints.index(name) if name in mechanism.joints else int(np.flatnonzero(mechanism.G[:, j])[0])
     return "rad" if np.any(mechanism.X[i][:3]) else "m"
 
 

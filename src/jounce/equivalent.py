@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from jounce import inertia
-from jounce._scalars import Array, concatenate, is_symbolic
+from jounce._scalars import Array, concatenate, is_symbolic, is_zero
 from jounce.errors import JounceError
 from jounce.lie import Ad, hat, inverse, pose, position, rotation
 from jounce.mechanism import Mechanism, in_whole_numbers, reference_poses
@@ -58,7 +58,7 @@ def slid(mechanism: Mechanism) -> Mechanism:
     for B, X, p in zip(mechanism.B, mechanism.X, mechanism.parent, strict=True):
         R = rotation(B)
         offset = R.mT @ (position(B) if p < 0 else position(B) - position(T[p]))  # of this origin, in its own axes
-        T.append(pose(_I, -(offset if not X[2] else _Z * offset[2:])))
+        T.append(pose(_I, -(offset if is_zero(X[2]) else _Z * offset[2:])))
     return reframed(mechanism, T)
 
 
@@ -71,9 +71,9 @@ def base_parameters(mechanism: Mechanism) -> Mechanism:
     M = list(mechanism.M)
     for i in reversed(range(mechanism.nb)):
         m, h, P = inertia.moments(M[i])
-        rotates, pitch = mechanism.X[i][2], mechanism.X[i][5]
-        of_m = int(bool(rotates and not pitch))  # 1 where unfelt, 0 where felt
-        of_h, of_P = _Z * of_m, _Z @ _Z.T if rotates else np.ones((3, 3), dtype=int)
+        turns, slides = (not is_zero(x) for x in mechanism.X[i][[2, 5]])
+        of_m = int(turns and not slides)  # 1 where unfelt, 0 where felt
+        of_h, of_P = _Z * of_m, _Z @ _Z.T if turns else np.ones((3, 3), dtype=int)
         M[i] = inertia.from_moments((1 - of_m) * m, (1 - of_h) * h, (1 - of_P) * P)
         p = mechanism.parent[i]
         if p >= 0:
@@ -94,14 +94,16 @@ def _on_axis(X: Array) -> tuple[Array, Array]:
         xi = np.array(X[:3], dtype=float)
         prismatic = not xi.any()
         e = np.array(X[3:], dtype=float) if prismatic else xi
-    except (TypeError, ValueError, RuntimeError) as error:
-        raise JounceError(f"joint direction {X.tolist()} is not made of numbers; use method='closed_form'") from error
+    except (TypeError, ValueError, RuntimeError):
+        e = np.array([np.nan])
+    if not np.isfinite(e).all():  # a CasADi symbol becomes nan where a SymPy symbol raises
+        raise JounceError(f"joint direction {X.tolist()} is not made of numbers; use method='closed_form'")
     R = _exact(_to(e))
     if prismatic:
         return pose(R, 0 * _Z), np.array([0, 0, 0, 0, 0, 1])
     eta = X[3:, None]
-    pitch = _exact(xi @ eta)[0]
-    return _exact(pose(R, hat(R[:, 2]) @ eta)), np.array([0, 0, 1, 0, 0, pitch])
+    pitch = _exact(xi @ eta)
+    return _exact(pose(R, hat(R[:, 2]) @ eta)), concatenate([_I[2], 0 * _I[0, :2], pitch], axis=-1)
 
 
 def _to(e: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
 """From checked arrays to results: series made of them, long batches worked in pieces, `out=` filled at the end."""
 
 from collections.abc import Callable, Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -8,9 +9,9 @@ import numpy as np
 from jounce._scalars import Array, is_numeric
 from jounce.errors import JounceError
 from jounce.rates import broadcast, rate_name
-from jounce.series import Series, motion
+from jounce.series import Series, columns
 
-Law = Callable[[Series, Series | None], Series]  # from coordinates and wrenches, columns, to a quantity
+Law = Callable[[Series, Series | None], Series]  # a law of `paths` for one mechanism
 
 PIECE = 2**20  # bytes that a working array of a piece may take: longer batches are cut, to stay near the cache
 
@@ -34,7 +35,7 @@ def evaluate(law: Law, q: Sequence[Array], W: Sequence[Array], order: int, width
 
 def _terms(law: Law, q: Sequence[Array], W: Sequence[Array], order: int) -> tuple[Array, ...]:
     loads = Series.of([w.reshape((*w.shape[:-2], 6 * w.shape[-2], 1)) for w in W]) if W else None
-    return law(motion(q), loads).upto(order)
+    return law(columns(q), loads).upto(order)
 
 
 def delivered(results: tuple[Array, ...], out: Any) -> Any:
@@ -55,6 +56,9 @@ def _written(results: tuple[Array, ...], out: tuple[Any, ...]) -> tuple[Array, .
             raise JounceError(f"out[{k}] is read-only; expected an array to write into")
         if not np.can_cast(np.asarray(result).dtype, array.dtype, "same_kind"):
             raise JounceError(f"out[{k}] is of dtype {array.dtype}; expected {np.asarray(result).dtype}")
+    for j, k in combinations(range(len(out)), 2):
+        if np.shares_memory(out[j], out[k]):
+            raise JounceError(f"out[{j}] and out[{k}] share memory; expected arrays of their own")
     for result, array in zip(results, out, strict=True):
         np.copyto(array, result, casting="same_kind")
     return out

@@ -47,6 +47,8 @@ def inertia_matrix(mass: Array, com: Array, inertia_com: Array, rotation: Array 
     np.float64(0.6)
     """
     m, c, theta = asarray(mass, "mass"), asarray(com, "com"), asarray(inertia_com, "inertia_com")
+    if any(map(is_symbolic, (m, c, theta))):
+        m, c, theta = whole(m), whole(c), whole(theta)
     for name, array, shape in (("com", c, (3,)), ("inertia_com", theta, (3, 3))):
         if array.shape[-len(shape) :] != shape:
             raise JounceError(f"{name} has shape {array.shape}; expected (..., {', '.join(map(str, shape))})")
@@ -93,15 +95,13 @@ def moved(M: Array, C: Array) -> Array:
 def form_error(M: np.ndarray, tolerance: float = 1e-9) -> str | None:
     """What keeps a 6x6 matrix from being ``[[Theta, h~], [-h~, m I]]``, or None."""
     scale = np.abs(M).max(initial=0.0) * tolerance
-    theta, h_hat, mass = M[:3, :3], M[:3, 3:], M[3, 3]
+    h_hat, mass = M[:3, 3:], M[3, 3]
     if np.abs(M - M.T).max() > scale:
         return "is not symmetric"
     if np.abs(M[3:, 3:] - mass * _I).max() > scale:
         return "has no m I in its lower right block"
     if np.abs(h_hat + h_hat.T).max() > scale:
         return "has no skew matrix m c~ in its upper right block"
-    if not np.all(np.isfinite(theta)):
-        return "is not finite"
     return None
 
 

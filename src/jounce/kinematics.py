@@ -26,21 +26,21 @@ def jacobian(mechanism: Mechanism, q: Series, body: str | None, frame: str) -> S
     return from_rate(lie.Ad(C), lambda S: S @ V.map(lambda v: lie.ad(v[..., 0]))) @ J  # d/dt Ad(C) = Ad(C) ad(V)
 
 
-def poses(mechanism: Mechanism, q: Array, body: str | None) -> Array:
+def poses(mechanism: Mechanism, q: Series, body: str | None) -> Series:
     """C of all bodies (..., nb, 4, 4), or of one body or merged link (..., 4, 4)."""
-    C = system.poses(mechanism, q)
+    C = system.poses(mechanism, q[0])
     if body is None:
-        return C
+        return Series.of([C])
     link = mechanism.frame(body)
     if link.body < 0:  # fixed on the ground
-        return 0 * C[..., 0, :, :] + link.T
-    return C[..., link.body, :, :] @ link.T
+        return Series.of([0 * C[..., 0, :, :] + link.T])
+    return Series.of([C[..., link.body, :, :] @ link.T])
 
 
 def of_link(mechanism: Mechanism, q: Series, body: str) -> tuple[Series, Array]:
     """The body-fixed Jacobian and the pose of one body or merged link."""
     link = mechanism.frame(body)
-    J, C = _of_bodies(mechanism, q)[0], poses(mechanism, q[0], body)
+    J, C = _of_bodies(mechanism, q)[0], poses(mechanism, q, body)[0]
     if link.body < 0:
         return J.map(lambda J: 0 * J[..., 0, :, :]), C
     return lie.Ad(lie.inverse(link.T)) @ J.map(lambda J: J[..., link.body, :, :]), C

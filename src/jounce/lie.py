@@ -6,7 +6,7 @@ and ``Ad(C_ij)`` maps screw coordinates of frame j to frame i: inner letters can
 
 import numpy as np
 
-from jounce._scalars import Array, concatenate, cos, sin
+from jounce._scalars import Array, concatenate, cos, is_zero, sin
 
 _E = np.eye(3, dtype=int)
 # hat and ad are linear, hence constant tensors: hat(v) = v @ _HAT, reshaped. Integers keep symbols exact.
@@ -67,7 +67,7 @@ def exp(X: Array, phi: Array) -> Array:
     ``|xi| = 1`` (revolute, helical of any pitch) or ``xi = 0`` (prismatic), as `from_screws` checks.
     """
     e, eta = X[:3, None], X[3:, None]
-    if not np.any(e):  # (Xi) with infinite pitch: prismatic
+    if all(map(is_zero, X[:3])):  # (Xi) with infinite pitch: prismatic
         return pose(_E + 0 * phi, phi * eta)
     hat_e = hat(X[:3])
     R = _E + sin(phi) * hat_e + (1 - cos(phi)) * (hat_e @ hat_e)  # (SO3exp)

@@ -5,7 +5,7 @@ Body i hangs by joint i on body ``parent[i] < i`` (or on the ground, -1), with t
 and g: the identity, unless joints mimic others.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -14,9 +14,12 @@ import numpy as np
 
 from jounce import inertia, lie
 from jounce._scalars import Array, asarray, is_numeric, is_symbolic, whole
-from jounce.errors import JounceError, no_such
+from jounce.errors import JounceError, no_such, one_line, shortened
 
 UNIT_TOLERANCE = 1e-9  # how far a direction or rotation may be from unit length before it is taken for a mistake
+
+
+DATA = ("B", "X", "M", "gravity", "G", "g")  # the arrays of a mechanism
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,14 @@ class Mechanism:
     frames: tuple[Frame, ...] = ()  # of the links merged into bodies
     name: str = "robot"
 
+    def __post_init__(self) -> None:
+        for array in (*(getattr(self, name) for name in DATA), *(frame.T for frame in self.frames)):
+            array.flags.writeable = False
+
+    def __setstate__(self, state: dict[str, Any]) -> None:  # a copy or an unpickled one is as frozen as any
+        self.__dict__.update(state)
+        self.__post_init__()
+
     @property
     def nb(self) -> int:
         """The number of bodies."""
@@ -68,8 +79,28 @@ class Mechanism:
 @lru_cache(maxsize=64)
 def in_whole_numbers(mechanism: Mechanism) -> Mechanism:
     """The same mechanism to calculate with symbols: whole numbers are integers, so that they leave no 1.0 behind."""
-    data: dict[str, Any] = {name: whole(getattr(mechanism, name)) for name in ("B", "X", "M", "gravity", "G", "g")}
-    return replace(mechanism, **data)
+    return _converted(mechanism, whole)
+
+
+@lru_cache(maxsize=64)
+def in_extended_precision(mechanism: Mechanism) -> Mechanism:
+    """The same mechanism to calculate with long doubles: what is derived from its data is not rounded to doubles."""
+    return _converted(mechanism, lambda array: array.astype(np.longdouble))
+
+
+def _converted(mechanism: Mechanism, convert: Callable[[Array], Array]) -> Mechanism:
+    data: dict[str, Any] = {name: convert(getattr(mechanism, name)) for name in DATA}
+    frames = tuple(replace(frame, T=convert(frame.T)) for frame in mechanism.frames)
+    return replace(mechanism, frames=frames, **data)
+
+
+def suited(mechanism: Mechanism, arrays: Sequence[Array]) -> Mechanism:
+    """The mechanism with data of the kind that states and wrenches of these scalar types go with."""
+    if any(map(is_symbolic, arrays)):
+        return in_whole_numbers(mechanism)
+    if any(is_numeric(x) and x.dtype == np.longdouble for x in arrays):
+        return in_extended_precision(mechanism)
+    return mechanism
 
 
 def ancestors(mechanism: Mechanism) -> np.ndarray:
@@ -93,63 +124,53 @@ def from_screws(
     X: Array,
     M: Array,
     parent: Sequence[int] | None = None,
-    *,
     names: Sequence[str] | None = None,
-    joint_names: Sequence[str] | None = None,
     gravity: Array = (0, 0, -9.81),
+    *,
+    joint_names: Sequence[str] | None = None,
     G: Array | None = None,
     g: Array | None = None,
     name: str = "robot",
 ) -> Mechanism:
     """A mechanism from body-fixed data, every array checked; see `Robot.from_screws` for what they are."""
-    B, X, M, gravity = asarray(B, "B"), asarray(X, "X"), asarray(M, "M"), asarray(gravity, "gravity")
-    nb = B.shape[0] if B.ndim == 3 else 0
-    if nb == 0 or B.shape != (nb, 4, 4):
-        raise JounceError(f"B has shape {B.shape}; expected (n, 4, 4) with at least one body")
-    identity = G is None
-    G = np.eye(nb) if identity else asarray(G, "G")
-    n = G.shape[1] if G.ndim == 2 else 0
-    g = np.zeros(nb) if g is None else asarray(g, "g")
-    if gravity.shape != (3,):
-        raise JounceError(f"gravity has shape {gravity.shape}; expected a vector (3,), as (0, 0, -9.81)")
-    expected = {"X": (X, (nb, 6)), "M": (M, (nb, 6, 6)), "gravity": (gravity, (3,)), "G": (G, (nb, n)), "g": (g, (nb,))}
-    for label, (array, shape) in expected.items():
-        if array.shape != shape or 0 in shape:
-            raise JounceError(f"{label} has shape {array.shape}; expected {shape} for {nb} bodies")
-    for label, array in {"B": B, **{k: v[0] for k, v in expected.items()}}.items():
-        if is_numeric(array) and not np.all(np.isfinite(array)):
-            at = np.argwhere(~np.isfinite(array))[0].tolist()
-            raise JounceError(f"{label}{at} is {array[tuple(at)]}; expected finite numbers")
-    for i in range(nb):
-        _check_pose(B[i], f"B[{i}]")
-        _check_screw(X[i], f"X[{i}]")
-        error = inertia.form_error(M[i]) if is_numeric(M) else None
+    given = {"B": B, "X": X, "M": M, "gravity": gravity}
+    data: dict[str, Any] = {label: _data(array, label) for label, array in given.items()}
+    nb = data["B"].shape[0] if data["B"].ndim == 3 else 0
+    data["G"] = np.eye(nb) if G is None else _data(G, "G")
+    data["g"] = np.zeros(nb) if g is None else _data(g, "g")
+    _check_shapes(data, nb)
+    data["B"] = np.stack([_pose(T, f"B[{i}]") for i, T in enumerate(data["B"])])
+    data["X"] = np.stack([_screw(x, f"X[{i}]") for i, x in enumerate(data["X"])])
+    for i, M_i in enumerate(data["M"]):
+        error = inertia.form_error(M_i) if is_numeric(M_i) else None
         if error:
             raise JounceError(f"M[{i}] {error}; an inertia matrix is [[Theta, m c~], [-m c~, m I]]")
-    coordinates = _names(joint_names, n, "joint_names", "joint" if identity else "q")
+    coordinates = _names(joint_names, data["G"].shape[1], "joint_names", "joint" if G is None else "q")
     built = Mechanism(
-        B=_frozen(B), X=_frozen(X), M=_frozen(M), parent=_tree(parent, nb), gravity=_frozen(gravity),
-        G=_frozen(G), g=_frozen(g), bodies=_names(names, nb, "names", "body"),
-        joints=coordinates if identity else _names(None, nb, "joints", "joint"), coordinates=coordinates, name=name,
-    )  # fmt: skip
-    return in_whole_numbers(built) if any(map(is_symbolic, (B, X, M, gravity, G, g))) else built
+        **data,
+        parent=_tree(parent, nb),
+        bodies=_names(names, nb, "names", "body"),
+        joints=coordinates if G is None else _names(None, nb, "joints", "joint"),
+        coordinates=coordinates,
+        name=name,
+    )
+    return in_whole_numbers(built) if any(map(is_symbolic, data.values())) else built
 
 
-def from_spatial_screws(A: Array, Y: Array, M: Array, parent: Sequence[int] | None = None, **data: object) -> Mechanism:
+def from_spatial_screws(A: Array, Y: Array, M: Array, parent: Sequence[int] | None = None, **data: Any) -> Mechanism:
     """A mechanism from absolute reference poses A_i and joint screws Y_i in the inertial frame, both at q = 0.
 
     ``B_i = A_p^-1 A_i`` and ``X_i = Ad(A_i^-1) Y_i``.
     """
-    A, Y = asarray(A, "A"), asarray(Y, "Y")
+    A, Y = _data(A, "A"), _data(Y, "Y")
     nb = A.shape[0] if A.ndim == 3 else 0
     if nb == 0 or A.shape != (nb, 4, 4) or Y.shape != (nb, 6):
         raise JounceError(f"A and Y have shapes {A.shape} and {Y.shape}; expected (n, 4, 4) and (n, 6)")
-    for i in range(nb):
-        _check_pose(A[i], f"A[{i}]")
-        _check_screw(Y[i], f"Y[{i}]")
-    B = [A[i] if p < 0 else lie.inverse(A[p]) @ A[i] for i, p in enumerate(_tree(parent, nb))]
-    X = [lie.Ad(lie.inverse(A[i])) @ Y[i] for i in range(nb)]
-    return from_screws(np.stack(B), np.stack(X), M, parent, **data)  # type: ignore[arg-type]
+    A = [_pose(T, f"A[{i}]") for i, T in enumerate(A)]
+    Y = [_screw(y, f"Y[{i}]") for i, y in enumerate(Y)]
+    B = [A_i if p < 0 else lie.inverse(A[p]) @ A_i for A_i, p in zip(A, _tree(parent, nb), strict=True)]
+    X = [lie.Ad(lie.inverse(A_i)) @ Y_i for A_i, Y_i in zip(A, Y, strict=True)]
+    return from_screws(np.stack(B), np.stack(X), M, parent, **data)
 
 
 def spatial_screws(mechanism: Mechanism) -> tuple[Array, Array]:
@@ -158,22 +179,53 @@ def spatial_screws(mechanism: Mechanism) -> tuple[Array, Array]:
     return np.stack(A), np.stack([lie.Ad(A_i) @ X for A_i, X in zip(A, mechanism.X, strict=True)])
 
 
-def _check_pose(T: Array, label: str) -> None:
+def _data(x: Array, label: str) -> np.ndarray:
+    """A copy of the caller's array; data are concrete, however a state is traced."""
+    array = asarray(x, label)
+    try:
+        return np.array(array if isinstance(array, np.ndarray) else np.asarray(array, dtype=np.float64))
+    except Exception as error:  # a tracer of JAX, say
+        raise JounceError(
+            f"{label} is not concrete: {shortened(one_line(error))}; states may be traced, data not"
+        ) from None
+
+
+def _check_shapes(data: Mapping[str, np.ndarray], nb: int) -> None:
+    if nb == 0 or data["B"].shape != (nb, 4, 4):
+        raise JounceError(f"B has shape {data['B'].shape}; expected (n, 4, 4) with at least one body")
+    if data["gravity"].shape != (3,):
+        raise JounceError(f"gravity has shape {data['gravity'].shape}; expected a vector (3,), as (0, 0, -9.81)")
+    n = data["G"].shape[1] if data["G"].ndim == 2 else 0
+    expected = {"X": (nb, 6), "M": (nb, 6, 6), "G": (nb, n), "g": (nb,)}
+    for label, shape in expected.items():
+        if data[label].shape != shape or 0 in shape:
+            raise JounceError(f"{label} has shape {data[label].shape}; expected {shape} for {nb} bodies")
+    for label, array in data.items():
+        if is_numeric(array) and not np.all(np.isfinite(array)):
+            at = np.argwhere(~np.isfinite(array))[0].tolist()
+            raise JounceError(f"{label}{at} is {array[tuple(at)]}; expected finite numbers")
+
+
+def _pose(T: np.ndarray, label: str) -> np.ndarray:
+    """A pose, checked, its rotation made orthonormal to the last digit by a Newton step of the polar decomposition."""
     if not is_numeric(T):
-        return
+        return T
     R = T[:3, :3]
     error = np.abs(R.T @ R - np.eye(3)).max()
     if not error <= UNIT_TOLERANCE or np.linalg.det(R) < 0 or np.any(T[3] != [0, 0, 0, 1]):
         what = f"R^T R differs from I by {error:.2g}, det R = {np.linalg.det(R):.6g}, last row {T[3].tolist()}"
         raise JounceError(f"{label} is not a pose [[R, r], [0, 1]]: {what}")
+    return lie.pose(R @ (3 * np.eye(3) - R.T @ R) / 2, T[:3, 3:])
 
 
-def _check_screw(X: Array, label: str) -> None:
+def _screw(X: np.ndarray, label: str) -> np.ndarray:
+    """A unit screw, checked, its length made 1 to the last digit."""
     if not is_numeric(X):
-        return
-    xi, eta = np.linalg.norm(X[:3]), np.linalg.norm(X[3:])
-    if abs((xi or eta) - 1) > UNIT_TOLERANCE:
+        return X
+    length = np.linalg.norm(X[:3]) or np.linalg.norm(X[3:])
+    if not abs(length - 1) <= UNIT_TOLERANCE:
         raise JounceError(f"{label} = {X.tolist()} is not a unit screw (xi; eta): |xi| = 1, or xi = 0 and |eta| = 1")
+    return X / length
 
 
 def _tree(parent: Sequence[int] | None, nb: int) -> tuple[int, ...]:
@@ -198,10 +250,3 @@ def _names(given: Sequence[str] | None, count: int, label: str, stem: str) -> tu
     if len(names) != count or len(set(names)) != count:
         raise JounceError(f"{label} is {list(names)}; expected {count} different texts")
     return names
-
-
-def _frozen(array: Array) -> Array:
-    if isinstance(array, np.ndarray):
-        array = array.copy()
-        array.flags.writeable = False
-    return array

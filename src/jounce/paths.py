@@ -1,6 +1,7 @@
 """Which path computes what: one table, the default of each row first. All paths of a row agree."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from jounce import recursion
 from jounce.closed_form import closed_form
@@ -9,7 +10,19 @@ from jounce.mechanism import Mechanism
 from jounce.paper import Paper
 from jounce.series import Series
 
-Path = Callable[[Mechanism, Series, Series | None], Series]
+Law = Callable[[Mechanism, Series, Series | None], Series]  # from coordinates and wrenches, columns, to a quantity
+
+
+@dataclass(frozen=True)
+class Path:
+    """A law, and whether it works on dense system matrices of 6nb rows."""
+
+    law: Law
+    dense: bool = True
+
+    def width(self, nb: int) -> int:
+        """How many scalars a working array holds for one state."""
+        return (6 * nb) ** 2 if self.dense else 4 * nb
 
 
 def _row(column: Series) -> Series:
@@ -18,36 +31,34 @@ def _row(column: Series) -> Series:
 
 PATHS: dict[str, dict[str, Path]] = {
     "inverse_dynamics": {
-        "recursion": lambda mechanism, q, W: _row(recursion.inverse_dynamics(mechanism, q, W)),
-        "closed_form": lambda mechanism, q, W: _row(closed_form(mechanism, q, W).Q),
-        "paper": lambda mechanism, q, W: _row(Paper(mechanism, q, W).Q),
+        "recursion": Path(lambda m, q, W: _row(recursion.inverse_dynamics(m, q, W)), dense=False),
+        "closed_form": Path(lambda m, q, W: _row(closed_form(m, q, W).Q)),
+        "paper": Path(lambda m, q, W: _row(Paper(m, q, W).Q)),
     },
     "mass_matrix": {
-        "recursion": lambda mechanism, q, W: recursion.mass_matrix(mechanism, q),
-        "closed_form": lambda mechanism, q, W: closed_form(mechanism, q).gM,
-        "paper": lambda mechanism, q, W: Paper(mechanism, q).gM,
+        "recursion": Path(lambda m, q, _: recursion.mass_matrix(m, q), dense=False),
+        "closed_form": Path(lambda m, q, _: closed_form(m, q).gM),
+        "paper": Path(lambda m, q, _: Paper(m, q).gM),
     },
     "gravity_forces": {
-        "recursion": lambda mechanism, q, W: _row(recursion.gravity_forces(mechanism, q)),
-        "closed_form": lambda mechanism, q, W: _row(closed_form(mechanism, q).Qgrav),
-        "paper": lambda mechanism, q, W: _row(Paper(mechanism, q).Qgrav),
+        "recursion": Path(lambda m, q, _: _row(recursion.gravity_forces(m, q)), dense=False),
+        "closed_form": Path(lambda m, q, _: _row(closed_form(m, q).Qgrav)),
+        "paper": Path(lambda m, q, _: _row(Paper(m, q).Qgrav)),
     },
-    "coriolis_matrix, paper": {
-        "closed_form": lambda mechanism, q, W: closed_form(mechanism, q).gC,
-        "paper": lambda mechanism, q, W: Paper(mechanism, q).gC,
+    "coriolis_matrix of form 'paper'": {
+        "closed_form": Path(lambda m, q, _: closed_form(m, q).gC),
+        "paper": Path(lambda m, q, _: Paper(m, q).gC),
     },
-    "coriolis_matrix, skew": {"closed_form": lambda mechanism, q, W: closed_form(mechanism, q).gCbar},
+    "coriolis_matrix of form 'skew'": {"closed_form": Path(lambda m, q, _: closed_form(m, q).gCbar)},
 }
-
-
 FORMS = ("paper", "skew")  # of the Coriolis matrix
 
 
-def path(quantity: str, method: str | None) -> tuple[str, Path]:
-    """The name and the function of the path that `method` names, or of the default one."""
+def path(quantity: str, method: str | None) -> Path:
+    """The path that `method` names, or the default one."""
     row = PATHS[quantity]
     if method is None:
-        return next(iter(row.items()))
+        return next(iter(row.values()))
     if method not in row:
         raise no_such(f"method for {quantity}", method, row)
-    return method, row[method]
+    return row[method]

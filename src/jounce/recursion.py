@@ -19,7 +19,7 @@ from operator import add
 import numpy as np
 
 from jounce import inertia
-from jounce._scalars import Array, concatenate, cos, namespace, sin
+from jounce._scalars import Array, concatenate, cos, is_zero, namespace, sin
 from jounce.equivalent import minimal, moves
 from jounce.lie import Ad, axial, hat, position, rotation
 from jounce.mechanism import Mechanism
@@ -57,7 +57,7 @@ def gravity_forces(mechanism: Mechanism, q: Series) -> Series:
 
 
 def external_forces(mechanism: Mechanism, q: Series, W: Series) -> Series:
-    """Qext = J^T W (Qext)."""
+    """Qext = J^T W (Qext), which `inverse_dynamics` holds; alone it is a witness."""
     chain = minimal(mechanism)
     return _gathered(chain, _joints(chain, q), _wrenches(mechanism, chain, W), outward=())
 
@@ -89,7 +89,7 @@ class _Joint:
     theta: Series
     turn: "_Turn | None"  # None: prismatic
     d: Series | None  # None: revolute
-    pitch: Array  # of the screw; 1 for a prismatic joint
+    pitch: Array  # (1,) of the screw; 1 for a prismatic joint
 
     def inward(self, x: Series) -> Series:
         """Body coordinates of a vector given in the parent's."""
@@ -122,11 +122,10 @@ class _Turn:
 def _joints(chain: Mechanism, q: Series) -> list[_Joint]:
     joints = []
     for i, (B, X, p) in enumerate(zip(chain.B, chain.X, chain.parent, strict=True)):
-        theta = chain.G[i : i + 1] @ q + chain.g[i]
-        turns, pitch = X[2], X[5]
-        turn = _Turn(cos(theta[0]), sin(theta[0]), theta.dot) if turns else None
-        d = theta * pitch if pitch else None
-        joints.append(_Joint(p, rotation(B), position(B), theta, turn, d, pitch))
+        theta = chain.G[i : i + 1] @ q + chain.g[i : i + 1]
+        turn = None if is_zero(X[2]) else _Turn(cos(theta[0]), sin(theta[0]), theta.dot)
+        d = None if is_zero(X[5]) else theta * X[5:]
+        joints.append(_Joint(p, rotation(B), position(B), theta, turn, d, pitch=X[5:]))
     return joints
 
 

@@ -5,12 +5,11 @@ from dataclasses import dataclass
 from typing import Any, TypedDict, Unpack, overload
 
 from jounce import kinematics, mechanism, rates, wrenches
-from jounce._scalars import Array, is_symbolic
+from jounce._scalars import Array
 from jounce.errors import JounceError, no_such
 from jounce.evaluation import delivered, evaluate
-from jounce.mechanism import Mechanism, in_whole_numbers
-from jounce.paths import FORMS, path
-from jounce.series import Series
+from jounce.mechanism import Mechanism, suited
+from jounce.paths import FORMS, Path, path
 
 
 class Options(TypedDict, total=False):
@@ -52,13 +51,9 @@ class Robot:
         X: Array,
         M: Array,
         parent: Sequence[int] | None = None,
-        *,
         names: Sequence[str] | None = None,
-        joint_names: Sequence[str] | None = None,
         gravity: Array = (0, 0, -9.81),
-        G: Array | None = None,
-        g: Array | None = None,
-        name: str = "robot",
+        **data: Any,
     ) -> "Robot":
         """A robot from body-fixed data.
 
@@ -72,10 +67,10 @@ class Robot:
         M : (nb, 6, 6) inertia matrix in the frame of body i, see `inertia_matrix`
         parent : (nb) index of the parent body, smaller than i; -1 is the ground, several roots are allowed; a serial
             chain if left out
-        names, joint_names : names of the nb bodies and of the n coordinates
+        names : names of the nb bodies
         gravity : (3,) gravitational acceleration in the inertial frame, m/s^2
-        G, g : (nb, n) and (nb,), constant, for joints that follow others; theta = q if left out
-        name : of the robot
+        data : joint_names, names of the n coordinates; G (nb, n) and g (nb,), constant, for joints that follow others,
+            theta = q if left out; name, of the robot
 
         Raises
         ------
@@ -96,8 +91,7 @@ class Robot:
         >>> pendulum.inverse_dynamics([np.pi / 2], [0.0], [0.0]).round(6)
         array([9.81])
         """
-        data = {"names": names, "joint_names": joint_names, "gravity": gravity, "G": G, "g": g, "name": name}
-        return cls(mechanism.from_screws(B, X, M, parent, **data))
+        return cls(mechanism.from_screws(B, X, M, parent, names, gravity, **data))
 
     @classmethod
     def from_spatial_screws(
@@ -112,7 +106,7 @@ class Robot:
         A : (nb, 4, 4) absolute poses of the bodies
         Y : (nb, 6) joint screws in the inertial frame
         M : (nb, 6, 6) inertia matrices, in the body frames
-        parent, data : names, joint_names, gravity, G, g, name: as in `from_screws`, with the same errors
+        parent, data : and names, gravity: as in `from_screws`, with the same errors
 
         Examples
         --------
@@ -193,8 +187,7 @@ class Robot:
         >>> Q.round(4), Qd.round(4)
         (array([29.43,  9.81]), array([0., 0.]))
         """
-        given = rates.checked((q, qd, q2d, q3d, q4d, *higher), 3, self.joint_names)
-        return self._along(given, len(given) - 3, "inverse_dynamics", method, out, wrench)
+        return self._along(path("inverse_dynamics", method), 3, (q, qd, q2d, q3d, q4d, *higher), out, wrench)
 
     @overload
     def mass_matrix(self, q: Array, **options: Unpack[Options]) -> Array: ...
@@ -213,8 +206,7 @@ class Robot:
         array([[5., 2.],
                [2., 1.]])
         """
-        given = rates.checked((q, qd, q2d, *higher), 1, self.joint_names)
-        return self._along(given, len(given) - 1, "mass_matrix", method, out)
+        return self._along(path("mass_matrix", method), 1, (q, qd, q2d, *higher), out)
 
     @overload
     def coriolis_matrix(self, q: Array, qd: Array, *, form: str = "paper", **options: Unpack[Options]) -> Array: ...
@@ -244,10 +236,9 @@ class Robot:
         >>> bool(abs(S + S.T).max() < 1e-14)
         True
         """
-        given = rates.checked((q, qd, q2d, q3d, *higher), 2, self.joint_names)
         if form not in FORMS:
             raise no_such("form of the Coriolis matrix", form, FORMS)
-        return self._along(given, len(given) - 2, f"coriolis_matrix, {form}", method, out)
+        return self._along(path(f"coriolis_matrix of form {form!r}", method), 2, (q, qd, q2d, q3d, *higher), out)
 
     @overload
     def gravity_forces(self, q: Array, **options: Unpack[Options]) -> Array: ...
@@ -264,8 +255,7 @@ class Robot:
         >>> jounce.load("planar2r").gravity_forces([0, 0])
         array([29.43,  9.81])
         """
-        given = rates.checked((q, qd, q2d, *higher), 1, self.joint_names)
-        return self._along(given, len(given) - 1, "gravity_forces", method, out)
+        return self._along(path("gravity_forces", method), 1, (q, qd, q2d, *higher), out)
 
     @overload
     def jacobian(self, q: Array, *, body: str | None = None, frame: str = "body", out: Any = None) -> Array: ...
@@ -296,16 +286,10 @@ class Robot:
         array([[0., 0.],
                [1., 0.]])
         """
-        given = rates.checked((q, qd, q2d, *higher), 1, self.joint_names)
+        law = Path(lambda model, q, _: kinematics.jacobian(model, q, body, frame))
+        return self._along(law, 1, (q, qd, q2d, *higher), out)
 
-        model = self._model(given)
-
-        def law(q: Series, _: Series | None) -> Series:
-            return kinematics.jacobian(model, q, body, frame)
-
-        return delivered(evaluate(law, given, [], len(given) - 1, self._dense), out)
-
-    def poses(self, q: Array, *, body: str | None = None) -> Array:
+    def poses(self, q: Array, *, body: str | None = None, out: Any = None) -> Array:
         """C_i, the pose of every body frame in the inertial frame: (..., nb, 4, 4), or (..., 4, 4) of one.
 
         ``body`` is a body or a link merged into one. Müller & Kumar, (Ci).
@@ -314,21 +298,14 @@ class Robot:
         >>> jounce.load("planar2r").poses([0, 0])[1, :3, 3]
         array([1., 0., 0.])
         """
-        given = rates.checked((q,), 1, self.joint_names)
-        return kinematics.poses(self._model(given), given[0][..., None], body)
+        law = Path(lambda model, q, _: kinematics.poses(model, q, body))
+        return self._along(law, 1, (q,), out)
 
-    def _along(
-        self, given: Sequence[Array], order: int, quantity: str, method: str | None, out: Any, wrench: Any = None
-    ) -> Any:
-        name, compute = path(quantity, method)
-        model = self._model(given)
+    def _along(self, path: Path, least: int, q: Sequence[Array | None], out: Any, wrench: Any = None) -> Any:
+        """The quantity of a path along q: it takes `least` of the rates, each further one gives one more derivative."""
+        given = rates.checked(q, least, self.joint_names)
+        order = len(given) - least
         W = wrenches.checked(self.mechanism, wrench, order)
-        width = 4 * self.mechanism.nb if name == "recursion" else self._dense
-        return delivered(evaluate(lambda q, W: compute(model, q, W), given, W, order, width), out)
-
-    def _model(self, given: Sequence[Array]) -> Mechanism:
-        return in_whole_numbers(self.mechanism) if any(map(is_symbolic, given)) else self.mechanism
-
-    @property
-    def _dense(self) -> int:
-        return (6 * self.mechanism.nb) ** 2
+        model = suited(self.mechanism, [*given, *W])
+        terms = evaluate(lambda q, W: path.law(model, q, W), given, W, order, path.width(model.nb))
+        return delivered(terms, out)

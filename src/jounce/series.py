@@ -113,13 +113,13 @@ def joined(parts: Sequence[Series], axis: int) -> Series:
     return Series(lambda k: concatenate([part[k] for part in parts], axis=axis))
 
 
-def motion(terms: Sequence[Array]) -> Series:
+def columns(terms: Sequence[Array]) -> Series:
     """q, qd, q2d, ... of shape (..., n) as a series of columns (..., n, 1), the shape that matrices multiply."""
     return Series.of([term[..., None] for term in terms])
 
 
 def diagonal(blocks: Array) -> Array:
-    """Square blocks (..., m, k, l) along the diagonal of a matrix (..., m k, m l); linear, as `Series.map` needs."""
+    """Blocks (..., m, k, l) along the diagonal of a matrix (..., m k, m l); linear, as `Series.map` needs."""
     *lead, m, k, length = blocks.shape
     spread = blocks[..., :, :, None, :] * np.eye(m, dtype=int)[:, None, :, None]
     return spread.reshape((*lead, m * k, m * length))

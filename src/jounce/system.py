@@ -1,4 +1,4 @@
-"""Section 2.1 of the paper at one instant: the system matrices from which every closed form is built.
+"""The matrices of Section 2 of the paper at one instant: the system matrices from which every closed form is built.
 
 Sans-serif *system* matrices act on all the bodies at once, 6 rows a body. Written for trees: the predecessor i-1 of the
 paper is ``parent[i]``. Joint variables are ``theta = G q + g``, columns (..., nb, 1).

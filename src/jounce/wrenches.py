@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from jounce._scalars import Array, asarray
+from jounce._scalars import Array, asarray, is_symbolic, whole
 from jounce.errors import JounceError
 from jounce.lie import Ad, inverse
 from jounce.mechanism import Mechanism
@@ -48,6 +48,7 @@ def _from_names(mechanism: Mechanism, W: Mapping[str, object], label: str) -> Ar
         if array.ndim == 0 or array.shape[-1] != 6:
             raise JounceError(f"{label}[{name!r}] has shape {array.shape}; expected (..., 6), (moment; force)")
         if frame.body >= 0:  # a wrench between the ground and its environment moves nothing
-            local = Ad(inverse(frame.T)).mT @ array[..., None]
+            T = whole(frame.T) if is_symbolic(array) else frame.T
+            local = Ad(inverse(T)).mT @ array[..., None]
             parts.append(np.eye(mechanism.nb, dtype=int)[frame.body][:, None] * local[..., None, :, 0])
     return sum(broadcast(parts, [2] * len(parts), ["bodies", *(f"{label}[{name!r}]" for name in W)]))

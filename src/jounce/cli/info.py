@@ -35,7 +35,7 @@ def _in_words(data: dict[str, Any]) -> str:
             body["joint"], kind, _vector(body["axis"], ".4g"), body["name"], body["parent"],
             f"{body['mass']:.5g}", "-" if body["com"] is None else _vector(body["com"], ".4f"),
         ))  # fmt: skip
-    lines = [head, "", *aligned(rows)]
+    lines = [head, "", *straight_columns(rows)]
     follows = [f"{body['joint']} = {body['follows']}" for body in data["bodies"] if body["follows"]]
     if follows:
         lines += ["", *follows]
@@ -50,7 +50,7 @@ def _vector(x: list[float], form: str) -> str:
     return " ".join(f"{v:{form}}".replace("-0.0000", "0.0000") for v in x)
 
 
-def aligned(rows: list[tuple[str, ...]]) -> list[str]:
+def straight_columns(rows: list[tuple[str, ...]]) -> list[str]:
     """Rows of texts as lines with straight columns."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]

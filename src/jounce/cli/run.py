@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.info import aligned
+from jounce.cli.info import straight_columns
 from jounce.errors import JounceError
 
 if TYPE_CHECKING:
@@ -93,5 +93,5 @@ def _in_words(summary: dict[str, Any]) -> str:
         f"{summary['source']}",
         f"{', '.join(names)} written to {summary['output']}",
         "",
-        *aligned(rows),
+        *straight_columns(rows),
     ])  # fmt: skip

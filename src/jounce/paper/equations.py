@@ -54,7 +54,8 @@ class Paper:
         A, a, da = self.A, self.a(), self.a(1)
         return self.J @ self.q[3] - A @ da @ self.V() - 2 * A @ a @ self.dV() - A @ a @ a @ self.V()
 
-    def _M012(self, right: Array) -> Series:
+    def _weighted(self, right: Array) -> Series:
+        """J^T M^(k) right, k = 0, 1, 2."""
         M, A, a, JT = self.M, self.A, self.a, self.J.mT
         return _printed([
             lambda: JT @ M @ right,
@@ -64,7 +65,7 @@ class Paper:
 
     @cached_property
     def gM(self) -> Series:
-        return self._M012(self.J)  # (MC), (Mdot), (Mddot)
+        return self._weighted(self.J)  # (MC), (Mdot), (Mddot)
 
     @cached_property
     def gC(self) -> Series:
@@ -77,7 +78,7 @@ class Paper:
 
     @cached_property
     def Qgrav(self) -> Series:
-        return self._M012(self.UG)  # after (eq_U), (Qgravdot) and its rate
+        return self._weighted(self.UG)  # after (eq_U), (Qgravdot) and its rate
 
     @cached_property
     def Qext(self) -> Series:
@@ -95,12 +96,13 @@ class Paper:
 
     @cached_property
     def Q(self) -> Series:
-        q, M, C, G, E = self.q, self.gM, self.gC, self.Qgrav, self.Qext
+        q, gM, gC, Qgrav, Qext = self.q, self.gM, self.gC, self.Qgrav, self.Qext
         return _printed([
-            lambda: M[0] @ q[2] + C[0] @ q[1] + G[0] + E[0],  # (EOM1)
-            lambda: M[0] @ q[3] + (M[1] + C[0]) @ q[2] + C[1] @ q[1] + G[1] + E[1],  # (EOM1stOrder)
+            lambda: gM[0] @ q[2] + gC[0] @ q[1] + Qgrav[0] + Qext[0],  # (EOM1)
+            lambda: gM[0] @ q[3] + (gM[1] + gC[0]) @ q[2] + gC[1] @ q[1] + Qgrav[1] + Qext[1],  # (EOM1stOrder)
             lambda: (
-                M[0] @ q[4] + (2 * M[1] + C[0]) @ q[3] + (M[2] + 2 * C[1]) @ q[2] + C[2] @ q[1] + G[2] + E[2]
+                gM[0] @ q[4] + (2 * gM[1] + gC[0]) @ q[3] + (gM[2] + 2 * gC[1]) @ q[2] + gC[2] @ q[1]
+                + Qgrav[2] + Qext[2]
             ),  # (EOM2ndOrder)
         ])  # fmt: skip
 
