@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 import jounce
 from jounce import lie
-from jounce.mechanism import Mechanism, from_screws
+from jounce.mechanism import Mechanism
+from jounce.screws import from_screws
 from jounce.series import Series
 
 GOLDEN = Path(__file__).parent / "golden"

@@ -9,8 +9,8 @@ import jounce
 from jounce import lie
 from jounce.closed_form import closed_form
 from jounce.kinematics import jacobian
-from jounce.mechanism import spatial_screws
 from jounce.recursion import inverse_dynamics
+from jounce.screws import spatial_screws
 from jounce.series import columns
 from robots import differentiated, harmonic, loads, mechanisms, random_state, relative_error
 
@@ -113,7 +113,7 @@ def test_forces_are_linear_in_the_inertial_parameters(drawn, factor):
 
     def forces(M):
         parts = (mechanism.B, mechanism.X, M, mechanism.parent)
-        same = jounce.mechanism.from_screws(*parts, gravity=mechanism.gravity, G=mechanism.G, g=mechanism.g)
+        same = jounce.screws.from_screws(*parts, gravity=mechanism.gravity, G=mechanism.G, g=mechanism.g)
         return inverse_dynamics(same, columns(q)).upto(2)
 
     for Q, Q_a, Q_b in zip(forces(mechanism.M + factor * other), forces(mechanism.M), forces(other), strict=True):
@@ -155,9 +155,7 @@ def test_a_mimic_joint_equals_its_constraint_eliminated_by_hand(drawn):
     """theta = G q + g: the forces are G^T times those of the free mechanism at theta."""
     mechanism, rng = drawn
     q, W = random_state(rng, mechanism)
-    free = jounce.mechanism.from_screws(
-        mechanism.B, mechanism.X, mechanism.M, mechanism.parent, gravity=mechanism.gravity
-    )
+    free = jounce.screws.from_screws(mechanism.B, mechanism.X, mechanism.M, mechanism.parent, gravity=mechanism.gravity)
     theta = [mechanism.G @ x + (mechanism.g if k == 0 else 0) for k, x in enumerate(q)]
     for Q, Q_free in zip(
         jounce.Robot(mechanism).inverse_dynamics(*q, wrench=W),

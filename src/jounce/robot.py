@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypedDict, Unpack, overload
 
-from jounce import kinematics, mechanism, rates, wrenches
+from jounce import kinematics, rates, screws, wrenches
 from jounce._scalars import Array
 from jounce.errors import JounceError, no_such
 from jounce.evaluation import delivered, evaluate
@@ -91,7 +91,7 @@ class Robot:
         >>> pendulum.inverse_dynamics([np.pi / 2], [0.0], [0.0]).round(6)
         array([9.81])
         """
-        return cls(mechanism.from_screws(B, X, M, parent, names, gravity, **data))
+        return cls(screws.from_screws(B, X, M, parent, names, gravity, **data))
 
     @classmethod
     def from_spatial_screws(
@@ -116,7 +116,7 @@ class Robot:
         >>> robot.inverse_dynamics([0.3], [0.0], [1.0])
         array([10.81])
         """
-        return cls(mechanism.from_spatial_screws(A, Y, M, parent, **data))
+        return cls(screws.from_spatial_screws(A, Y, M, parent, **data))
 
     def __repr__(self) -> str:
         return f"<Robot {self.name!r}: {self.n} coordinates, {self.mechanism.nb} bodies>"

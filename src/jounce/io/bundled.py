@@ -7,7 +7,8 @@ import numpy as np
 from jounce._scalars import Array
 from jounce.inertia import inertia_matrix
 from jounce.lie import pose
-from jounce.mechanism import Mechanism, from_screws
+from jounce.mechanism import Mechanism
+from jounce.screws import from_screws
 
 # KUKA LBR iiwa 14 R820, the table of Müller & Kumar, Section 6.2: mass in kg; centre of mass in m; inertia about it in
 # kg m^2, axes parallel to the link frame, in the order xx, xy, xz, yy, yz, zz (the paper heads its third column "yx";

@@ -12,7 +12,8 @@ import numpy as np
 
 from jounce import inertia
 from jounce.errors import JounceError, listed, no_such
-from jounce.mechanism import Frame, Mechanism, from_screws
+from jounce.mechanism import Frame, Mechanism
+from jounce.screws import from_screws
 
 
 @dataclass(frozen=True)
