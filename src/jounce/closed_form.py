@@ -22,6 +22,8 @@ class ClosedForm:
     Qgrav: Series  # (..., n, 1)
     Qext: Series  # (..., n, 1), zero without wrenches
     Q: Series  # (..., n, 1) generalized forces
+    h: Series  # (..., 6, 1) spatial momentum about the inertial origin
+    F: Series  # (..., 6, 1) wrench that the ground exerts on the mechanism, about the inertial origin
 
 
 def closed_form(mechanism: Mechanism, q: Series, W: Series | None = None) -> ClosedForm:
@@ -34,7 +36,8 @@ def closed_form(mechanism: Mechanism, q: Series, W: Series | None = None) -> Clo
     J = A @ X  # (JbSys)
     V = J @ qd  # (Vsys)
     b = V.map(system.system_b)  # (b)
-    UG = from_rate(system.system_U(C0) @ G, lambda UG: -(A @ a @ UG))  # (eq_U), Udot = -A a U
+    U = from_rate(system.system_U(C0), lambda U: -(A @ a @ U))  # (eq_U), Udot = -A a U
+    UG = U @ G
     C = -(M @ A @ a) - b.mT @ M  # (Csys)
     JT = J.mT
     gM = JT @ (M @ J)  # (MC)
@@ -43,4 +46,8 @@ def closed_form(mechanism: Mechanism, q: Series, W: Series | None = None) -> Clo
     Qgrav = JT @ (M @ UG)
     Qext = JT @ W if W is not None else Series.constant(0 * (JT[0] @ UG[0]))  # (Qext)
     Q = gM @ qd.dot + gC @ qd + Qgrav + Qext  # (EOM1)
-    return ClosedForm(J=J, V=V, gM=gM, gC=gC, gCbar=gCbar, Qgrav=Qgrav, Qext=Qext, Q=Q)
+    UT = U.mT
+    h = UT @ (M @ V)
+    F = h.dot + UT @ (M @ UG)  # Newton and Euler: the momentum changes by the ground, by gravity and by loads -W
+    F = F if W is None else F + UT @ W
+    return ClosedForm(J=J, V=V, gM=gM, gC=gC, gCbar=gCbar, Qgrav=Qgrav, Qext=Qext, Q=Q, h=h, F=F)

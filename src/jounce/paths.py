@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from jounce import recursion
 from jounce.closed_form import closed_form
@@ -10,7 +11,7 @@ from jounce.mechanism import Mechanism
 from jounce.paper import Paper
 from jounce.series import Series
 
-Law = Callable[[Mechanism, Series, Series | None], Series]  # from coordinates and wrenches, columns, to a quantity
+Law = Callable[[Mechanism, Series, Any], Series]  # from coordinates and wrenches (or None), columns, to a quantity
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,8 @@ PATHS: dict[str, dict[str, Path]] = {
         "paper": Path(lambda m, q, _: Paper(m, q).gC),
     },
     "coriolis_matrix of form 'skew'": {"closed_form": Path(lambda m, q, _: closed_form(m, q).gCbar)},
+    "momentum": {"closed_form": Path(lambda m, q, _: _row(closed_form(m, q).h))},
+    "base_wrench": {"closed_form": Path(lambda m, q, W: _row(closed_form(m, q, W).F))},
 }
 FORMS = ("paper", "skew")  # of the Coriolis matrix
 

@@ -1,0 +1,24 @@
+"""Robot: what users hold. It checks at the door, then calls one function a method."""
+
+from jounce.robot.bodies import Bodies
+from jounce.robot.forces import Forces
+
+
+class Robot(Forces, Bodies):
+    """A robot: its mechanism, and the quantities of its equations of motion along a motion.
+
+    Build one by `jounce.load`, `Robot.from_screws` or `Robot.from_spatial_screws`. Conventions of every method:
+
+    * SI units. Twists, screws and wrenches are (angular; linear).
+    * Leading axes are batch axes and broadcast; the coordinate axis is last. Any real scalars: NumPy, JAX, or object
+      arrays of CasADi SX, SymPy or other symbols.
+    * q is required; each further rate you give returns one more time derivative. With none to spare the result is
+      a plain array, otherwise a tuple: the quantity, its rate, ...
+    * ``method`` picks the path: "recursion" (the default of all but C and J), "closed_form" or "paper"; all agree.
+    * ``out`` takes the NumPy array (or the tuple of them) to write into.
+
+    Errors: `JounceError` for a wrong shape, a skipped rate, an unknown name or method, an `out` that does not fit.
+    """
+
+
+__all__ = ["Robot"]

@@ -1,0 +1,155 @@
+"""What a robot is made of, and the one way from its data and a caller's state to a result."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Self, TypedDict
+
+from jounce import rates, screws, wrenches
+from jounce._scalars import Array
+from jounce.errors import JounceError
+from jounce.evaluation import delivered, evaluate
+from jounce.mechanism import Mechanism, suited
+from jounce.paths import Path
+
+Loads = Callable[[int], list[Array]]  # wrenches and their rates up to an order
+
+
+class Options(TypedDict, total=False):
+    """Keywords that the quantities share: the path that computes them, and the arrays to write into."""
+
+    method: str | None
+    out: Any
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Data:
+    """A mechanism in a user's hands: how it is built, what it is called."""
+
+    mechanism: Mechanism
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.mechanism, Mechanism):
+            raise JounceError(
+                f"a Robot is made of a Mechanism, not of {type(self.mechanism).__name__}; try jounce.load"
+            )
+
+    @classmethod
+    def from_screws(
+        cls,
+        B: Array,
+        X: Array,
+        M: Array,
+        parent: Sequence[int] | None = None,
+        names: Sequence[str] | None = None,
+        gravity: Array = (0, 0, -9.81),
+        **data: Any,
+    ) -> Self:
+        """A robot from body-fixed data.
+
+        Body i hangs on its parent by ``C_i = C_p B_i exp(X_i theta_i)`` with joint variables ``theta = G q + g``.
+
+        Parameters
+        ----------
+        B : (nb, 4, 4) pose of body i in the frame of its parent body at theta_i = 0
+        X : (nb, 6) joint screw in the frame of body i, (xi; eta): revolute (e; x cross e), helical of pitch h
+            (e; x cross e + h e), prismatic (0; e), with a unit vector e and a point x on the axis
+        M : (nb, 6, 6) inertia matrix in the frame of body i, see `inertia_matrix`
+        parent : (nb) index of the parent body, smaller than i; -1 is the ground, several roots are allowed; a serial
+            chain if left out
+        names : names of the nb bodies
+        gravity : (3,) gravitational acceleration in the inertial frame, m/s^2
+        data : joint_names, names of the n coordinates; G (nb, n) and g (nb,), constant, for joints that follow others,
+            theta = q if left out; name, of the robot
+
+        Raises
+        ------
+        JounceError : where a shape or name is wrong, a number is not finite, a pose, screw or inertia has not its form,
+            or a body comes before its parent.
+
+        References
+        ----------
+        Müller & Kumar, (Ci), (Xi), (eqn_body_fixed_mass_inertia_matrix).
+
+        Examples
+        --------
+        A pendulum of 2 kg at 0.5 m, turning about the y axis:
+
+        >>> import numpy as np, jounce
+        >>> M = jounce.inertia_matrix(2.0, [0, 0, -0.5], np.zeros((3, 3)))
+        >>> pendulum = jounce.Robot.from_screws([np.eye(4)], [[0, 1, 0, 0, 0, 0]], [M])
+        >>> pendulum.inverse_dynamics([np.pi / 2], [0.0], [0.0]).round(6)
+        array([9.81])
+        """
+        return cls(screws.from_screws(B, X, M, parent, names, gravity, **data))
+
+    @classmethod
+    def from_spatial_screws(
+        cls, A: Array, Y: Array, M: Array, parent: Sequence[int] | None = None, **data: Any
+    ) -> Self:
+        """A robot from spatial data, all in the inertial frame at theta = 0.
+
+        ``B_i = A_p^-1 A_i``, ``X_i = Ad(A_i^-1) Y_i``, exactly.
+
+        Parameters
+        ----------
+        A : (nb, 4, 4) absolute poses of the bodies
+        Y : (nb, 6) joint screws in the inertial frame
+        M : (nb, 6, 6) inertia matrices, in the body frames
+        parent, data : and names, gravity: as in `from_screws`, with the same errors
+
+        Examples
+        --------
+        >>> import numpy as np, jounce
+        >>> M = jounce.inertia_matrix(1.0, [0.1, 0, 0], 0.01 * np.eye(3))
+        >>> robot = jounce.Robot.from_spatial_screws([np.eye(4)], [[0, 0, 0, 0, 0, 1]], [M])  # a vertical slide
+        >>> robot.inverse_dynamics([0.3], [0.0], [1.0])
+        array([10.81])
+        """
+        return cls(screws.from_spatial_screws(A, Y, M, parent, **data))
+
+    def __repr__(self) -> str:
+        return f"<Robot {self.name!r}: {self.n} coordinates, {self.mechanism.nb} bodies>"
+
+    @property
+    def name(self) -> str:
+        """The robot's name."""
+        return self.mechanism.name
+
+    @property
+    def n(self) -> int:
+        """The number of coordinates."""
+        return self.mechanism.n
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The names of the coordinates, in the order of the last axis of q."""
+        return self.mechanism.coordinates
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        """The names of the bodies, in the order of the rows of wrenches, poses and Jacobians."""
+        return self.mechanism.bodies
+
+    @property
+    def gravity(self) -> Array:
+        """The gravitational acceleration in the inertial frame, m/s^2."""
+        return self.mechanism.gravity
+
+    def _given(self, wrench: Any) -> Loads:
+        return lambda order: wrenches.checked(self.mechanism, wrench, order)
+
+    def _along(
+        self,
+        path: Path,
+        least: int,
+        q: Sequence[Array | None],
+        out: Any,
+        loads: Loads = lambda order: [],
+    ) -> Any:
+        """The quantity of a path along q: it takes `least` of the rates, each further one gives one more derivative."""
+        given = rates.checked(q, least, self.joint_names)
+        order = len(given) - least
+        W = loads(order)
+        model = suited(self.mechanism, [*given, *W])
+        terms = evaluate(lambda q, W: path.law(model, q, W), given, W, order, path.width(model.nb))
+        return delivered(terms, out)

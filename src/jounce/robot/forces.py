@@ -1,0 +1,125 @@
+"""The generalized forces of a robot and the matrices of its equations of motion."""
+
+from typing import Any, Unpack, overload
+
+from jounce._scalars import Array
+from jounce.errors import no_such
+from jounce.paths import FORMS, path
+from jounce.robot.data import Data, Options
+
+
+class Forces(Data):
+    """Q, M, C and Qgrav with their rates, each a line on its path."""
+
+    @overload
+    def inverse_dynamics(
+        self, q: Array, qd: Array, q2d: Array, *, wrench: Any = None, **options: Unpack[Options]
+    ) -> Array: ...
+    @overload
+    def inverse_dynamics(
+        self,
+        q: Array,
+        qd: Array,
+        q2d: Array,
+        q3d: Array,
+        q4d: Array = None,
+        *higher: Array,
+        wrench: Any = None,
+        **options: Unpack[Options],
+    ) -> tuple[Array, ...]: ...
+    def inverse_dynamics(self, q, qd, q2d, q3d=None, q4d=None, *higher, wrench=None, method=None, out=None):  # type: ignore[no-untyped-def]
+        """The generalized forces Q of a motion, and their time derivatives Qd, Q2d, ...: each a (..., n) array.
+
+        ``Q = M(q) q2d + C(q, qd) qd + Qgrav(q) + Qext``, in N m for revolute and N for prismatic coordinates.
+
+        Parameters
+        ----------
+        q, qd, q2d, q3d, q4d, *higher : (..., n) coordinates and their rates, rad or m, per s, ...
+        wrench : what the bodies EXERT ON their environment, Qext = +J^T W, (moment; force) in body-frame components
+            about the origin of the body frame: W or a tuple (W, Wd, ...) with as many rates as Q; each an array
+            (..., nb, 6) or a dict {body or merged link: (..., 6)}. Wd is the derivative of those components.
+        method, out : see `Robot`
+
+        References
+        ----------
+        Müller & Kumar, (EOM1), (EOM1stOrder), (EOM2ndOrder).
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("planar2r")
+        >>> Q, Qd = robot.inverse_dynamics([0, 0], [1, 0], [0, 0], [0, 0])
+        >>> Q.round(4), Qd.round(4)
+        (array([29.43,  9.81]), array([0., 0.]))
+        """
+        return self._along(
+            path("inverse_dynamics", method), 3, (q, qd, q2d, q3d, q4d, *higher), out, self._given(wrench)
+        )
+
+    @overload
+    def mass_matrix(self, q: Array, **options: Unpack[Options]) -> Array: ...
+    @overload
+    def mass_matrix(
+        self, q: Array, qd: Array, q2d: Array = None, *higher: Array, **options: Unpack[Options]
+    ) -> tuple[Array, ...]: ...
+    def mass_matrix(self, q, qd=None, q2d=None, *higher, method=None, out=None):  # type: ignore[no-untyped-def]
+        """The generalized mass matrix M(q) = J^T M J and its rates Md, M2d, ...: each (..., n, n), symmetric.
+
+        Müller & Kumar, (MC), (Mdot), (Mddot).
+
+        >>> import jounce
+        >>> M, Md = jounce.load("planar2r").mass_matrix([0, 0], [0, 1])
+        >>> M
+        array([[5., 2.],
+               [2., 1.]])
+        """
+        return self._along(path("mass_matrix", method), 1, (q, qd, q2d, *higher), out)
+
+    @overload
+    def coriolis_matrix(self, q: Array, qd: Array, *, form: str = "paper", **options: Unpack[Options]) -> Array: ...
+    @overload
+    def coriolis_matrix(
+        self,
+        q: Array,
+        qd: Array,
+        q2d: Array,
+        q3d: Array = None,
+        *higher: Array,
+        form: str = "paper",
+        **options: Unpack[Options],
+    ) -> tuple[Array, ...]: ...
+    def coriolis_matrix(self, q, qd, q2d=None, q3d=None, *higher, form="paper", method=None, out=None):  # type: ignore[no-untyped-def]
+        """The Coriolis matrix C(q, qd) of the paper by default; ``form="skew"`` is the one for passivity-based control.
+
+        Both give the same forces C qd. For the skew form, (Cbar), ``Md - 2 C`` is skew-symmetric, and so are its rates;
+        for the paper's, (Csys), only ``qd^T (Md - 2 C) qd = 0``. C and its rates Cd, C2d, ...: each (..., n, n).
+
+        Müller & Kumar, (MC), (Cdot), (C2temp), (Cbar).
+
+        >>> import jounce, numpy as np
+        >>> robot, q, qd = jounce.load("iiwa14"), np.full(7, 0.3), np.ones(7)
+        >>> M, Md = robot.mass_matrix(q, qd)
+        >>> S = Md - 2 * robot.coriolis_matrix(q, qd, form="skew")
+        >>> bool(abs(S + S.T).max() < 1e-14)
+        True
+        """
+        if form not in FORMS:
+            raise no_such("form of the Coriolis matrix", form, FORMS)
+        return self._along(path(f"coriolis_matrix of form {form!r}", method), 2, (q, qd, q2d, q3d, *higher), out)
+
+    @overload
+    def gravity_forces(self, q: Array, **options: Unpack[Options]) -> Array: ...
+    @overload
+    def gravity_forces(
+        self, q: Array, qd: Array, q2d: Array = None, *higher: Array, **options: Unpack[Options]
+    ) -> tuple[Array, ...]: ...
+    def gravity_forces(self, q, qd=None, q2d=None, *higher, method=None, out=None):  # type: ignore[no-untyped-def]
+        """The generalized gravity forces Qgrav(q) = dV/dq, with V the potential energy, and their rates: each (..., n).
+
+        Müller & Kumar, (eq_U), (Qgravdot).
+
+        >>> import jounce
+        >>> jounce.load("planar2r").gravity_forces([0, 0])
+        array([29.43,  9.81])
+        """
+        return self._along(path("gravity_forces", method), 1, (q, qd, q2d, *higher), out)
