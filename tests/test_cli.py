@@ -16,7 +16,7 @@ from files import BODY, GOOD, ODD, joint, link, robot_file
 from jounce.cli import main
 from jounce.description import describe
 from jounce.io import tables
-from jounce.motion import from_table
+from jounce.motion.table import from_table
 from jounce.rates import rate_name
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

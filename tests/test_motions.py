@@ -7,7 +7,7 @@ import pytest
 
 import jounce
 from files import BODY, LINKS, joint, link, refusal, robot_file
-from jounce.motion import from_table
+from jounce.motion.table import from_table
 
 PANDA = Path(__file__).parents[1] / "examples" / "panda.urdf"
 PLANAR = jounce.load("planar2r").mechanism

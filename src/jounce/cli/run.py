@@ -13,14 +13,21 @@ if TYPE_CHECKING:
     import numpy as np
 
 EPILOG = """\b
-Example (in a copy of the project, which holds a motion of the iiwa):
-  jounce run iiwa14 examples/iiwa14.csv -o forces.csv
+Example, the robot and the motion of the paper:
+  jounce run iiwa14 paper -o forces.csv
 
 \b
-MOTION holds a column t and, matched by joint name in any order,
-  either one column per joint    samples; rates come from a spline of degree 7
+MOTION is a table with a column t and, matched by joint name in any order,
+  either one column per joint    samples; rates come from a spline
   or NAME.q, NAME.qd, NAME.q2d,  used as they are; order 2 takes q to q4d,
      NAME.q3d, NAME.q4d          order 0 q to q2d
+or a YAML of analytic terms per joint, whose rates are exact:
+  time: {start: 0, stop: 5, count: 1001}
+  joints:
+    joint1: {offset: 0.5, cosines: [{amplitude: 1, frequency: 2, phase: 0}]}
+    joint2: {polynomial: [0, 0.1, 0.2]}
+
+\b
 OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all their digits.
 """
 
@@ -30,6 +37,7 @@ OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all their digits.
 @click.argument("motion", type=click.Path(path_type=Path))
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Table to write: .csv or .npz.")
 @click.option("--order", default=2, show_default=True, type=click.IntRange(0), help="Highest time derivative of Q.")
+@click.option("--degree", default=7, show_default=True, help="Of the spline through samples: 5 or 7.")
 @click.option("--method", default=None, help="recursion (the default), closed_form or paper.")
 @click.option("--gravity", nargs=3, type=float, metavar="X Y Z", help="In m/s^2; the robot's own if left out.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
@@ -38,22 +46,22 @@ def run(
     motion: Path,
     output: Path,
     order: int,
+    degree: int,
     method: str | None,
     gravity: tuple[float, float, float] | None,
     as_json: bool,
 ) -> None:
-    """Compute Q, Qd, Q2d along MOTION (.csv or .npz) for ROBOT (a URDF file or iiwa14, planar2r)."""
+    """Compute Q, Qd, Q2d along MOTION for ROBOT: a URDF file or iiwa14, planar2r."""
     from jounce.description import coordinate_unit
-    from jounce.io import tables
+    from jounce.io import motions, tables
     from jounce.io.loading import load
-    from jounce.motion import from_table
     from jounce.rates import rate_name
 
     tables.check_writable(output)
     if output.resolve() == motion.resolve():
         raise JounceError(f"{output}: is the motion itself; expected another file to write into")
     arm = load(robot, **({"gravity": gravity} if gravity else {}))
-    path = from_table(tables.read(motion), arm.mechanism, order + 2, str(motion))
+    path = motions.read(motion, arm.mechanism, order + 2, degree)
     results = arm.inverse_dynamics(*path.rates, method=method)
     forces = dict(zip((rate_name("Q", k) for k in range(order + 1)), results if order else (results,), strict=True))
     columns = {"t": path.t}

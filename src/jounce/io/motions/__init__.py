@@ -1,0 +1,28 @@
+"""Motion files: tables of samples or of all rates, YAML of analytic terms, and the motions that come with jounce."""
+
+from importlib.resources import as_file, files
+from pathlib import Path
+
+from jounce.errors import JounceError
+from jounce.io import tables
+from jounce.io.motions import terms
+from jounce.mechanism import Mechanism
+from jounce.motion import Motion
+from jounce.motion.spline import DEGREE
+from jounce.motion.table import from_table
+
+BUNDLED = {"paper": "paper.yaml"}  # names of motions, beside files
+SUFFIXES = (".yaml", ".yml")
+
+
+def read(source: Path, mechanism: Mechanism, highest: int, degree: int = DEGREE) -> Motion:
+    """The motion of a file, or of a bundled name, for a mechanism: rates up to the one of order `highest`."""
+    if str(source) in BUNDLED:
+        with as_file(files(__name__) / BUNDLED[str(source)]) as path:
+            return terms.read(path, mechanism, highest)
+    if source.suffix.lower() in SUFFIXES:
+        return terms.read(source, mechanism, highest)
+    if source.suffix.lower() in tables.READERS:
+        return from_table(tables.read(source), mechanism, highest, str(source), degree)
+    known = ", ".join([*tables.READERS, *SUFFIXES])
+    raise JounceError(f"{source}: unknown type of motion {source.suffix!r}; there are: {known}, {', '.join(BUNDLED)}")

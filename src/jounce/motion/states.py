@@ -1,0 +1,14 @@
+"""The states along a motion."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Coordinates and their rates, each (N, n), at the times t, (N,)."""
+
+    t: np.ndarray
+    rates: tuple[np.ndarray, ...]
+    source: str  # how the rates came about, in words

@@ -1,0 +1,69 @@
+"""Motions from tables: samples, or all rates, matched by joint name in any column order."""
+
+import re
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from jounce.errors import JounceError, listed, no_such
+from jounce.mechanism import Mechanism
+from jounce.motion.spline import DEGREE, through
+from jounce.motion.states import Motion
+from jounce.rates import rate_name
+
+RATE = re.compile(r"q(d|[2-9]d|[1-9]\d+d)?")
+
+
+def from_table(
+    columns: Mapping[str, np.ndarray], mechanism: Mechanism, highest: int, place: str, degree: int = DEGREE
+) -> Motion:
+    """The motion in a table, matched by joint name in any column order, with rates up to the one of order `highest`.
+
+    Either `t` and one column per joint (samples: the rates are those of an interpolating spline of degree 7 or 5), or
+    `t` and ``NAME.q, NAME.qd, NAME.q2d, ...`` for every joint (used as they are).
+
+    Raises
+    ------
+    JounceError : where a joint or rate is missing, a column unknown, t does not increase, or there are too few samples.
+    """
+    joints, t = mechanism.coordinates, columns.get("t")
+    if "t" in joints:
+        raise JounceError(f"{place}: a joint is named 't', as the column of times is; give it another name")
+    if t is None:
+        raise JounceError(f"{place}: {no_such('column', 't', columns)}")
+    steps = np.flatnonzero(np.diff(t) <= 0)
+    if steps.size:
+        i = int(steps[0])
+        follows = f"{t[i]:.17g} is followed by {t[i + 1]:.17g}, rows {i} and {i + 1} counted from 0"
+        raise JounceError(f"{place}: t does not increase: {follows}")
+    given = [name for name in columns if name != "t"]
+    wanted = [rate_name("q", k) for k in range(highest + 1)]
+    sampled = not any(_is_rate(name, joints) for name in given)
+    _check_columns(given, mechanism, [] if sampled else wanted, place)
+    if sampled:
+        return through(t, np.stack([columns[joint] for joint in joints], axis=1), highest, degree, place)
+    rates = tuple(np.stack([columns[f"{joint}.{rate}"] for joint in joints], axis=1) for rate in wanted)
+    return Motion(t, rates, "all rates from the table")
+
+
+def _is_rate(name: str, joints: Sequence[str]) -> bool:
+    joint, _, rate = name.rpartition(".")
+    return name not in joints and joint in joints and RATE.fullmatch(rate) is not None
+
+
+def _check_columns(given: Sequence[str], mechanism: Mechanism, rates: Sequence[str], place: str) -> None:
+    joints = mechanism.coordinates
+    followers = set(mechanism.joints) - set(joints)
+    expected = [f"{joint}.{rate}" for joint in joints for rate in rates] or list(joints)
+    for name in given:
+        if name in expected or (rates and _is_rate(name, joints)):  # rates beyond those needed do no harm
+            continue
+        if name in joints:
+            raise JounceError(f"{place}: column {name!r} of samples beside columns of rates; expected one kind")
+        if {name, name.rpartition(".")[0]} & followers:
+            raise JounceError(f"{place}: column {name!r}: this joint follows another (mimic); leave it out")
+        raise JounceError(f"{place}: {no_such('joint column', name, expected)}")
+    missing = [repr(name) for name in expected if name not in given]
+    if missing:
+        columns = f"for each joint {', '.join(rates)}" if rates else listed(joints)
+        raise JounceError(f"{place}: missing {', '.join(missing)}; expected t and {columns}")
