@@ -21,6 +21,8 @@ MOTION is a table with a column t and, matched by joint name in any order,
   either one column per joint    samples; rates come from a spline
   or NAME.q, NAME.qd, NAME.q2d,  used as they are; order 2 takes q to q4d,
      NAME.q3d, NAME.q4d          order 0 q to q2d
+and, if wrenches act, BODY.mx .. BODY.fz: what the body exerts, in its own
+  axes, as samples or with rates BODY.fxd, BODY.fx2d ...
 or a YAML of analytic terms per joint, whose rates are exact:
   time: {start: 0, stop: 5, count: 1001}
   joints:
@@ -62,7 +64,7 @@ def run(
         raise JounceError(f"{output}: is the motion itself; expected another file to write into")
     arm = load(robot, **({"gravity": gravity} if gravity else {}))
     path = motions.read(motion, arm.mechanism, order + 2, degree)
-    results = arm.inverse_dynamics(*path.rates, method=method)
+    results = arm.inverse_dynamics(*path.rates, wrench=path.wrench, method=method)
     forces = dict(zip((rate_name("Q", k) for k in range(order + 1)), results if order else (results,), strict=True))
     columns = {"t": path.t}
     for j, joint in enumerate(arm.joint_names):

@@ -12,3 +12,4 @@ class Motion:
     t: np.ndarray
     rates: tuple[np.ndarray, ...]
     source: str  # how the rates came about, in words
+    wrench: tuple[dict[str, np.ndarray], ...] | None = None  # W by body, (N, 6), and its rates

@@ -7,7 +7,8 @@ import numpy as np
 
 from jounce.errors import JounceError, listed, no_such
 from jounce.mechanism import Mechanism
-from jounce.motion.spline import DEGREE, through
+from jounce.motion import loads
+from jounce.motion.spline import DEGREE, rates_through
 from jounce.motion.states import Motion
 from jounce.rates import rate_name
 
@@ -20,7 +21,8 @@ def from_table(
     """The motion in a table, matched by joint name in any column order, with rates up to the one of order `highest`.
 
     Either `t` and one column per joint (samples: the rates are those of an interpolating spline of degree 7 or 5), or
-    `t` and ``NAME.q, NAME.qd, NAME.q2d, ...`` for every joint (used as they are).
+    `t` and ``NAME.q, NAME.qd, NAME.q2d, ...`` for every joint (used as they are). Wrenches that bodies or merged links
+    exert come in columns ``BODY.mx .. BODY.fz``, again as samples or with all rates, ``BODY.fxd, BODY.fx2d, ...``.
 
     Raises
     ------
@@ -36,14 +38,18 @@ def from_table(
         i = int(steps[0])
         follows = f"{t[i]:.17g} is followed by {t[i + 1]:.17g}, rows {i} and {i + 1} counted from 0"
         raise JounceError(f"{place}: t does not increase: {follows}")
-    given = [name for name in columns if name != "t"]
+    of_wrenches = loads.named(list(columns), joints)
+    given = [name for name in columns if name != "t" and name not in of_wrenches]
     wanted = [rate_name("q", k) for k in range(highest + 1)]
     sampled = not any(_is_rate(name, joints) for name in given)
     _check_columns(given, mechanism, [] if sampled else wanted, place)
+    wrenches = {name: columns[name] for name in ("t", *of_wrenches)}
+    W = loads.wrenches(wrenches, mechanism, max(highest - 2, 0), degree, place)
     if sampled:
-        return through(t, np.stack([columns[joint] for joint in joints], axis=1), highest, degree, place)
+        rates = rates_through(t, np.stack([columns[joint] for joint in joints], axis=1), highest, degree, place)
+        return Motion(t, rates, f"samples, rates from a spline of degree {degree} (C^{degree - 1})", W)
     rates = tuple(np.stack([columns[f"{joint}.{rate}"] for joint in joints], axis=1) for rate in wanted)
-    return Motion(t, rates, "all rates from the table")
+    return Motion(t, rates, "all rates from the table", W)
 
 
 def _is_rate(name: str, joints: Sequence[str]) -> bool:

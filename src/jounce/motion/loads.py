@@ -1,0 +1,55 @@
+"""Wrench columns of a motion table: ``BODY.mx .. BODY.fz``, what each body exerts, as samples or with all rates."""
+
+import re
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from jounce.errors import JounceError
+from jounce.mechanism import Mechanism
+from jounce.motion.spline import rates_through
+from jounce.rates import rate_name
+
+COMPONENTS = ("mx", "my", "mz", "fx", "fy", "fz")
+COLUMN = re.compile(r"(.+)\.([mf][xyz])(d|[2-9]d|[1-9]\d+d)?")
+
+
+def named(names: Sequence[str], joints: Sequence[str]) -> list[str]:
+    """Those column names that are of wrenches."""
+    return [name for name in names if name.rpartition(".")[0] not in joints and COLUMN.fullmatch(name)]
+
+
+def wrenches(
+    columns: Mapping[str, np.ndarray], mechanism: Mechanism, order: int, degree: int, place: str
+) -> tuple[dict[str, np.ndarray], ...] | None:
+    """W by body and its rates up to `order`, as `inverse_dynamics` takes them; components left out are zero."""
+    parts = [match.groups() for name in columns if (match := COLUMN.fullmatch(name))]
+    given = list(dict.fromkeys((body, component) for body, component, _ in parts))
+    for body, _ in given:
+        try:
+            mechanism.frame(body)
+        except JounceError as error:
+            raise JounceError(f"{place}: {error}") from None
+    if not given:
+        return None
+    if any(rate for _, _, rate in parts):
+        rates = [_as_given(columns, given, k, place) for k in range(order + 1)]
+    else:
+        t, samples = columns["t"], np.stack([columns[".".join(key)] for key in given], axis=1)
+        rates = list(rates_through(t, samples, order, degree, place, "W"))
+    return tuple(_by_body(rate, given) for rate in rates)
+
+
+def _as_given(columns: Mapping[str, np.ndarray], given: Sequence[tuple[str, str]], k: int, place: str) -> np.ndarray:
+    names = [f"{body}.{rate_name(component, k)}" for body, component in given]
+    missing = [repr(name) for name in names if name not in columns]
+    if missing:
+        raise JounceError(f"{place}: missing {', '.join(missing)}; expected every wrench column with all its rates")
+    return np.stack([columns[name] for name in names], axis=1)
+
+
+def _by_body(rate: np.ndarray, given: Sequence[tuple[str, str]]) -> dict[str, np.ndarray]:
+    found: dict[str, np.ndarray] = {}
+    for (body, component), column in zip(given, rate.T, strict=True):
+        found.setdefault(body, np.zeros((len(rate), 6)))[:, COMPONENTS.index(component)] = column
+    return found
