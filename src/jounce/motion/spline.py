@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jounce.errors import JounceError, JounceWarning, one_line
+from jounce.motion.smoothness import resolution
 from jounce.rates import rate_name
 
 DEGREES = (5, 7)  # q is C^4 or C^6
@@ -46,7 +47,7 @@ def _warn_of_rounding(t: np.ndarray, rates: Sequence[np.ndarray], degree: int, p
     highest = len(rates) - 1
     q, qd = rates[0], rates[min(1, highest)]
     of_t = np.finfo(float).eps * np.abs(t).max() * np.abs(qd).max(axis=0)
-    size = np.nan_to_num(np.maximum([_resolution(column) for column in q.T], of_t))
+    size = np.nan_to_num(np.maximum([resolution(column) for column in q.T], of_t))
     errors = np.random.default_rng(0).uniform(-1, 1, q.shape) * size
     error = np.abs(make_interp_spline(t, errors, k=degree)(t, nu=highest)).max(axis=0)
     scales = [np.abs(rate).max(axis=0) / np.ptp(t) ** (highest - k) for k, rate in enumerate(rates)]
@@ -55,10 +56,3 @@ def _warn_of_rounding(t: np.ndarray, rates: Sequence[np.ndarray], degree: int, p
         name = rate_name(symbol, highest)
         text = f"{place}: rounding of the samples makes up {min(share, 1):.0%} of the largest {name}"
         warnings.warn(f"{text}; give more digits, wider steps, or all rates", JounceWarning, stacklevel=3)
-
-
-def _resolution(samples: np.ndarray) -> float:
-    """Half a unit in the last place that the samples are given to: of their decimals, or of doubles."""
-    ulp = np.finfo(float).eps * float(np.abs(samples).max()) / 2
-    decimals = next((d for d in range(13) if np.array_equal(np.round(samples, d), samples)), None)
-    return ulp if decimals is None or not np.ptp(samples) else max(ulp, 0.5 * 10.0**-decimals)

@@ -1,13 +1,14 @@
 """Motions from tables: samples, or all rates, matched by joint name in any column order."""
 
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jounce.errors import JounceError, listed, no_such
+from jounce.errors import JounceError, JounceWarning, listed, no_such
 from jounce.mechanism import Mechanism
-from jounce.motion import loads
+from jounce.motion import loads, smoothness
 from jounce.motion.spline import DEGREE, rates_through
 from jounce.motion.states import Motion
 from jounce.rates import rate_name
@@ -45,11 +46,19 @@ def from_table(
     _check_columns(given, mechanism, [] if sampled else wanted, place)
     wrenches = {name: columns[name] for name in ("t", *of_wrenches)}
     W = loads.wrenches(wrenches, mechanism, max(highest - 2, 0), degree, place)
-    if sampled:
-        rates = rates_through(t, np.stack([columns[joint] for joint in joints], axis=1), highest, degree, place)
-        return Motion(t, rates, f"samples, rates from a spline of degree {degree} (C^{degree - 1})", W)
-    rates = tuple(np.stack([columns[f"{joint}.{rate}"] for joint in joints], axis=1) for rate in wanted)
-    return Motion(t, rates, "all rates from the table", W)
+    if not sampled:
+        rates = tuple(np.stack([columns[f"{joint}.{rate}"] for joint in joints], axis=1) for rate in wanted)
+        _warn_of(smoothness.of_rates(rates), place)
+        return Motion(t, rates, "all rates from the table", W)
+    samples = np.stack([columns[joint] for joint in joints], axis=1)
+    _warn_of(smoothness.of_samples(t, samples), place)
+    rates = rates_through(t, samples, highest, degree, place)
+    return Motion(t, rates, f"samples, rates from a spline of degree {degree} (C^{degree - 1})", W)
+
+
+def _warn_of(jumps: str | None, place: str) -> None:
+    if jumps:
+        warnings.warn(f"{place}: {jumps}", JounceWarning, stacklevel=3)
 
 
 def _is_rate(name: str, joints: Sequence[str]) -> bool:
