@@ -1,6 +1,7 @@
 """Mechanisms and motions for the tests: golden ones, random ones, and analytic motions."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 
 import jounce
 from jounce import lie
-from jounce.mechanism import Mechanism
+from jounce.mechanism import Frame, Mechanism
 from jounce.screws import from_screws
 from jounce.series import Series
 
@@ -105,6 +106,14 @@ def mechanisms(draw: st.DrawFn, largest: int = 5, spread: bool = False) -> tuple
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     mimic = draw(st.booleans())
     return random_mechanism(rng, parent, kinds, [10.0**e for e in exponents], mimic), rng
+
+
+def with_tool(drawn: tuple[Mechanism, np.random.Generator]) -> tuple[jounce.Robot, np.random.Generator, np.ndarray]:
+    """A drawn mechanism as a robot, with links merged: `tool` at the pose T on its last body, `stand` on the ground."""
+    mechanism, rng = drawn
+    T = random_pose(rng)
+    frames = (Frame("tool", mechanism.nb - 1, T), Frame("stand", -1, random_pose(rng)))
+    return jounce.Robot(replace(mechanism, frames=frames)), rng, T
 
 
 def random_state(

@@ -6,16 +6,7 @@ from hypothesis import given
 
 import jounce
 from jounce import lie
-from jounce.mechanism import Frame, Mechanism
-from robots import differentiated, harmonic, mechanisms, random_pose, relative_error
-
-
-def with_tool(drawn):
-    mechanism, rng = drawn
-    T = random_pose(rng)
-    fields = {k: getattr(mechanism, k) for k in mechanism.__dataclass_fields__}
-    frames = (Frame("tool", mechanism.nb - 1, T), Frame("stand", -1, random_pose(rng)))
-    return jounce.Robot(Mechanism(**(fields | {"frames": frames}))), rng, T
+from robots import differentiated, harmonic, mechanisms, relative_error, with_tool
 
 
 def vee(H):

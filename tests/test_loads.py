@@ -9,15 +9,7 @@ from hypothesis import given
 import jounce
 from jounce import lie
 from jounce.errors import JounceError
-from jounce.mechanism import Frame, Mechanism
-from robots import differentiated, harmonic, mechanisms, random_pose, relative_error
-
-
-def with_tool(drawn):
-    mechanism, rng = drawn
-    T = random_pose(rng)
-    fields = {k: getattr(mechanism, k) for k in mechanism.__dataclass_fields__}
-    return jounce.Robot(Mechanism(**(fields | {"frames": (Frame("tool", mechanism.nb - 1, T),)}))), rng
+from robots import differentiated, harmonic, mechanisms, relative_error, with_tool
 
 
 def close(x, y, tolerance=1e-12):
@@ -103,7 +95,7 @@ def test_what_the_ground_feels_of_a_balanced_mechanism_is_constant():
 @given(drawn=mechanisms())
 def test_a_load_constant_in_the_world_is_the_gradient_of_its_potential_energy(drawn):
     """-f . x(q), at a point of a merged link: Qext is its gradient, and the rates of Qext those of the gradient."""
-    robot, rng = with_tool(drawn)
+    robot, rng, _ = with_tool(drawn)
     f, p = rng.normal(size=(2, 3))
     path = harmonic(rng, robot.n, 4)
 
@@ -125,7 +117,7 @@ def test_a_load_constant_in_the_world_is_the_gradient_of_its_potential_energy(dr
 @pytest.mark.parametrize("frame", ["world", "body"])
 @given(drawn=mechanisms())
 def test_rates_of_a_wrench_are_its_time_derivatives(frame, drawn):
-    robot, rng = with_tool(drawn)
+    robot, rng, _ = with_tool(drawn)
     path, load = harmonic(rng, robot.n, 3), harmonic(rng, 6, 3)
     p = rng.normal(size=3)
 
@@ -142,7 +134,7 @@ def test_rates_of_a_wrench_are_its_time_derivatives(frame, drawn):
 @given(drawn=mechanisms())
 def test_a_wrench_does_the_work_of_its_load(drawn):
     """Qext qd = -(force . velocity of the point + torque . angular velocity)."""
-    robot, rng = with_tool(drawn)
+    robot, rng, _ = with_tool(drawn)
     q, qd, f, tau, p = rng.normal(size=robot.n), rng.normal(size=robot.n), *rng.normal(size=(3, 3))
     W = robot.wrench(q, body="tool", force=f, torque=tau, point=p)
     J = robot.jacobian(q, body="tool", frame="world")

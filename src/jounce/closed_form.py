@@ -6,14 +6,16 @@ The system matrices are dense, 6nb rows: the form to read and to prove with. `re
 from dataclasses import dataclass
 
 from jounce import system
+from jounce._scalars import Array
 from jounce.mechanism import Mechanism
 from jounce.series import Series, from_rate
 
 
 @dataclass(frozen=True)
 class ClosedForm:
-    """The equations of motion along q(t); every entry a series, computed as far as it is asked for."""
+    """The equations of motion along q(t); every series is computed as far as it is asked for."""
 
+    poses: Array  # (..., nb, 4, 4) of the bodies, C_i at the instant itself
     J: Series  # (..., 6nb, n) system Jacobian
     V: Series  # (..., 6nb, 1) system twist, body-fixed
     gM: Series  # (..., n, n) generalized mass matrix
@@ -32,22 +34,23 @@ def closed_form(mechanism: Mechanism, q: Series, W: Series | None = None) -> Clo
     C0 = system.poses(mechanism, q[0])
     qd = q.dot
     a = qd.map(lambda v: system.system_a(mechanism, v))  # (a)
-    A = from_rate(system.system_A(mechanism, C0), lambda A: A @ a - A @ a @ A)  # (Adot)
+    A = from_rate(system.system_A(mechanism, C0), lambda A: (Aa := A @ a) - Aa @ A)  # (Adot)
+    Aa = A @ a
     J = A @ X  # (JbSys)
     V = J @ qd  # (Vsys)
     b = V.map(system.system_b)  # (b)
-    U = from_rate(system.system_U(C0), lambda U: -(A @ a @ U))  # (eq_U), Udot = -A a U
+    U = from_rate(system.system_U(C0), lambda U: -(Aa @ U))  # (eq_U), Udot = -A a U
     UG = U @ G
-    C = -(M @ A @ a) - b.mT @ M  # (Csys)
+    C = -(M @ Aa) - b.mT @ M  # (Csys)
     JT = J.mT
     gM = JT @ (M @ J)  # (MC)
     gC = JT @ C @ J  # (MC)
     gCbar = JT @ (C + M @ b) @ J  # (Cbar)
     Qgrav = JT @ (M @ UG)
-    Qext = JT @ W if W is not None else Series.constant(0 * (JT[0] @ UG[0]))  # (Qext)
+    Qext = 0 * Qgrav if W is None else JT @ W  # (Qext)
     Q = gM @ qd.dot + gC @ qd + Qgrav + Qext  # (EOM1)
     UT = U.mT
     h = UT @ (M @ V)
     F = h.dot + UT @ (M @ UG)  # Newton and Euler: the momentum changes by the ground, by gravity and by loads -W
     F = F if W is None else F + UT @ W
-    return ClosedForm(J=J, V=V, gM=gM, gC=gC, gCbar=gCbar, Qgrav=Qgrav, Qext=Qext, Q=Q, h=h, F=F)
+    return ClosedForm(poses=C0, J=J, V=V, gM=gM, gC=gC, gCbar=gCbar, Qgrav=Qgrav, Qext=Qext, Q=Q, h=h, F=F)

@@ -6,7 +6,7 @@ from jounce import lie, system
 from jounce._scalars import Array
 from jounce.closed_form import closed_form
 from jounce.errors import no_such
-from jounce.mechanism import Mechanism
+from jounce.mechanism import Frame, Mechanism
 from jounce.series import Series, from_rate
 
 FRAMES = ("body", "world", "spatial")
@@ -29,23 +29,22 @@ def jacobian(mechanism: Mechanism, q: Series, body: str | None, frame: str) -> S
 def poses(mechanism: Mechanism, q: Series, body: str | None) -> Series:
     """C of all bodies (..., nb, 4, 4), or of one body or merged link (..., 4, 4)."""
     C = system.poses(mechanism, q[0])
-    if body is None:
-        return Series.of([C])
-    link = mechanism.frame(body)
-    if link.body < 0:  # fixed on the ground
-        return Series.of([0 * C[..., 0, :, :] + link.T])
-    return Series.of([C[..., link.body, :, :] @ link.T])
+    return Series.of([C if body is None else _link_pose(mechanism.frame(body), C)])
 
 
 def of_link(mechanism: Mechanism, q: Series, body: str) -> tuple[Series, Array]:
     """The body-fixed Jacobian and the pose of one body or merged link."""
     link = mechanism.frame(body)
-    J, C = _of_bodies(mechanism, q)[0], poses(mechanism, q, body)[0]
-    if link.body < 0:
-        return J.map(lambda J: 0 * J[..., 0, :, :]), C
-    return lie.Ad(lie.inverse(link.T)) @ J.map(lambda J: J[..., link.body, :, :]), C
+    J, C = _of_bodies(mechanism, q)
+    if link.body < 0:  # fixed on the ground
+        return J.map(lambda J: 0 * J[..., 0, :, :]), _link_pose(link, C)
+    return lie.Ad(lie.inverse(link.T)) @ J.map(lambda J: J[..., link.body, :, :]), _link_pose(link, C)
+
+
+def _link_pose(link: Frame, C: Array) -> Array:
+    return 0 * C[..., 0, :, :] + link.T if link.body < 0 else C[..., link.body, :, :] @ link.T
 
 
 def _of_bodies(mechanism: Mechanism, q: Series) -> tuple[Series, Array]:
-    J = closed_form(mechanism, q).J
-    return J.map(lambda J: J.reshape((*J.shape[:-2], mechanism.nb, 6, mechanism.n))), system.poses(mechanism, q[0])
+    F = closed_form(mechanism, q)
+    return F.J.map(lambda J: J.reshape((*J.shape[:-2], mechanism.nb, 6, mechanism.n))), F.poses

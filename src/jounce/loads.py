@@ -7,7 +7,7 @@ from jounce._scalars import Array, asarray, concatenate
 from jounce.errors import JounceError, no_such
 from jounce.kinematics import of_link
 from jounce.mechanism import Mechanism
-from jounce.rates import broadcast, rate_name
+from jounce.rates import broadcast, has_rates, rate_name
 from jounce.series import Series, from_rate
 
 AXES = ("world", "body")
@@ -50,7 +50,7 @@ def checked_place(axes: str, point: object) -> Array:
 
 def _rates(given: object, label: str, order: int) -> list[Array]:
     """A vector (..., 3) and its rates: a tuple gives them all, an array alone is constant in its axes."""
-    rated = isinstance(given, tuple | list) and bool(given) and np.ndim(given[0]) > 0
+    rated = has_rates(given, axes=1)
     terms = list(given) if rated else [np.zeros(3) if given is None else given]  # type: ignore[call-overload]
     if rated and len(terms) != order + 1:
         raise JounceError(f"{label} gives {len(terms)} terms; order {order} takes it and its rates, {order + 1} terms")

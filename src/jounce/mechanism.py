@@ -15,6 +15,7 @@ import numpy as np
 from jounce._scalars import Array, is_numeric, is_symbolic, whole
 from jounce.errors import no_such
 
+GRAVITY = (0, 0, -9.81)  # m/s^2, unless told otherwise
 DATA = ("B", "X", "M", "gravity", "G", "g")  # the arrays of a mechanism
 
 

@@ -7,10 +7,17 @@ import numpy as np
 from jounce._scalars import Array, asarray, namespace
 from jounce.errors import JounceError
 
+SUFFIX = r"(d|[2-9]d|[1-9]\d+d)?"  # what `rate_name` adds to a symbol, as a regular expression
+
 
 def rate_name(symbol: str, k: int) -> str:
     """The name of the k-th time derivative: q, qd, q2d, q3d, ..."""
     return symbol + ("" if k == 0 else "d" if k == 1 else f"{k}d")
+
+
+def has_rates(given: object, axes: int) -> bool:
+    """Whether a caller's tuple or list holds a quantity of so many axes with its rates, not the quantity's own rows."""
+    return isinstance(given, tuple | list) and not (len(given) > 0 and np.ndim(given[0]) == axes - 1)
 
 
 def checked(given: Sequence[Array | None], least: int, names: Sequence[str]) -> list[Array]:

@@ -13,7 +13,7 @@ Every function takes coordinates as columns (..., n, 1) and returns a series, co
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import lru_cache, reduce
 from operator import add
 
 import numpy as np
@@ -152,10 +152,14 @@ def _linear(
     return a
 
 
+@lru_cache(maxsize=64)
+def _moments(chain: Mechanism) -> list[tuple[Array, Array, Array]]:
+    return [inertia.moments(M) for M in chain.M]
+
+
 def _inertia_forces(chain: Mechanism, a: Sequence[Series], K: Sequence[Series]) -> list[tuple[Series, Series]]:
     forces = []
-    for a_i, K_i, M_i in zip(a, K, chain.M, strict=True):
-        m, h, P = inertia.moments(M_i)
+    for a_i, K_i, (m, h, P) in zip(a, K, _moments(chain), strict=True):
         f = a_i * m + K_i @ h
         n = _hat(h) @ a_i + (K_i @ P).map(lambda T: axial(T)[..., None])
         forces.append((f, n))
@@ -165,8 +169,8 @@ def _inertia_forces(chain: Mechanism, a: Sequence[Series], K: Sequence[Series]) 
 def _wrenches(old: Mechanism, chain: Mechanism, W: Series) -> list[tuple[Series, Series]]:
     """Forces and moments on the frames of `chain` from wrenches (moment; force) on those of `old`."""
     loads = []
-    for i, T in enumerate(moves(old, chain)):
-        W_i = Ad(T).mT @ _rows(W, 6 * i, 6 * i + 6)
+    for i, carry in enumerate(Ad(moves(old, chain)).mT):
+        W_i = carry @ _rows(W, 6 * i, 6 * i + 6)
         loads.append((_rows(W_i, 3, 6), _rows(W_i, 0, 3)))
     return loads
 

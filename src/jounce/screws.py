@@ -8,7 +8,7 @@ import numpy as np
 from jounce import inertia, lie
 from jounce._scalars import Array, asarray, is_numeric, is_symbolic
 from jounce.errors import JounceError, one_line, shortened
-from jounce.mechanism import Mechanism, in_whole_numbers, reference_poses
+from jounce.mechanism import GRAVITY, Mechanism, in_whole_numbers, reference_poses
 
 UNIT_TOLERANCE = 1e-9  # how far a direction or rotation may be from unit length before it is taken for a mistake
 
@@ -19,7 +19,7 @@ def from_screws(
     M: Array,
     parent: Sequence[int] | None = None,
     names: Sequence[str] | None = None,
-    gravity: Array = (0, 0, -9.81),
+    gravity: Array = GRAVITY,
     *,
     joint_names: Sequence[str] | None = None,
     G: Array | None = None,
@@ -88,7 +88,7 @@ def _check_shapes(data: Mapping[str, np.ndarray], nb: int) -> None:
     if nb == 0 or data["B"].shape != (nb, 4, 4):
         raise JounceError(f"B has shape {data['B'].shape}; expected (n, 4, 4) with at least one body")
     if data["gravity"].shape != (3,):
-        raise JounceError(f"gravity has shape {data['gravity'].shape}; expected a vector (3,), as (0, 0, -9.81)")
+        raise JounceError(f"gravity has shape {data['gravity'].shape}; expected a vector (3,), as {GRAVITY}")
     n = data["G"].shape[1] if data["G"].ndim == 2 else 0
     expected = {"X": (nb, 6), "M": (nb, 6, 6), "G": (nb, n), "g": (nb,)}
     for label, shape in expected.items():

@@ -12,16 +12,14 @@ from jounce._scalars import Array, asarray, is_symbolic, whole
 from jounce.errors import JounceError
 from jounce.lie import Ad, inverse
 from jounce.mechanism import Mechanism
-from jounce.rates import broadcast, rate_name
+from jounce.rates import broadcast, has_rates, rate_name
 
 
 def checked(mechanism: Mechanism, wrench: object, order: int) -> list[Array]:
     """W and its rates up to `order`; no arrays where `wrench` is None."""
     if wrench is None:
         return []
-    given = [wrench]
-    if isinstance(wrench, tuple | list) and not (wrench and np.ndim(wrench[0]) == 1):  # else it is rows of numbers
-        given = list(wrench)
+    given = list(wrench) if has_rates(wrench, axes=2) else [wrench]  # type: ignore[call-overload]
     if len(given) != order + 1:
         have = ", ".join(rate_name("W", k) for k in range(len(given))) or "nothing"
         raise JounceError(f"wrench gives {have}; order {order} takes W and its rates up to {rate_name('W', order)}")

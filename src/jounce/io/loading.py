@@ -11,7 +11,7 @@ from jounce import inertia
 from jounce._scalars import is_numeric
 from jounce.errors import JounceError, JounceWarning, no_such
 from jounce.io.bundled import BUNDLED
-from jounce.mechanism import Mechanism
+from jounce.mechanism import GRAVITY, Mechanism
 from jounce.robot import Robot
 
 
@@ -55,7 +55,7 @@ def load(source: str | os.PathLike[str], /, **parameters: object) -> Robot:
     return Robot(mechanism)
 
 
-def _read_urdf(path: Path, /, gravity: object = (0, 0, -9.81)) -> Mechanism:
+def _read_urdf(path: Path, /, gravity: object = GRAVITY) -> Mechanism:
     from jounce.io import urdf  # where lxml is needed
 
     return urdf.read(path, gravity)

@@ -15,7 +15,7 @@ from jounce.mechanism import Mechanism
 MOVING = {"revolute": 0, "continuous": 0, "prismatic": 3}  # where in the screw the axis goes
 
 
-def read(path: Path, gravity: object = (0, 0, -9.81)) -> Mechanism:
+def read(path: Path, gravity: object) -> Mechanism:
     """The mechanism of a URDF file: fixed joints merged, mimic joints folded, joints in its order depth first."""
     robot = _parsed(path)
     links = [_link(element, path) for element in robot.iterchildren("link")]

@@ -8,10 +8,10 @@ import numpy as np
 from jounce.errors import JounceError
 from jounce.mechanism import Mechanism
 from jounce.motion.spline import rates_through
-from jounce.rates import rate_name
+from jounce.rates import SUFFIX, rate_name
 
 COMPONENTS = ("mx", "my", "mz", "fx", "fy", "fz")
-COLUMN = re.compile(r"(.+)\.([mf][xyz])(d|[2-9]d|[1-9]\d+d)?")
+COLUMN = re.compile(r"(.+)\.([mf][xyz])" + SUFFIX)
 
 
 def named(names: Sequence[str], joints: Sequence[str]) -> list[str]:

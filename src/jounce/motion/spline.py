@@ -1,7 +1,9 @@
 """Splines through sampled motions, and a warning where the samples' rounding would drown their rates."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -27,29 +29,30 @@ def rates_through(
     if highest > degree:
         asked = rate_name(symbol, highest)
         raise JounceError(f"{place}: {asked} asked of samples; a spline of degree {degree} ends at {symbol}{degree}d")
+    interpolate = partial(make_interp_spline, t, k=degree)
     try:
-        spline = make_interp_spline(t, q, k=degree)
+        spline = interpolate(q)
     except ValueError as error:
         raise JounceError(f"{place}: no spline goes through these samples: {one_line(error)}") from None
     rates = (q, *(spline(t, nu=k) for k in range(1, highest + 1)))
-    _warn_of_rounding(t, rates, degree, place, symbol)
+    _warn_of_rounding(t, rates, interpolate, place, symbol)
     return rates
 
 
 @np.errstate(all="ignore")  # samples near the end of the doubles overflow here; their forces are refused later
-def _warn_of_rounding(t: np.ndarray, rates: Sequence[np.ndarray], degree: int, place: str, symbol: str) -> None:
+def _warn_of_rounding(
+    t: np.ndarray, rates: Sequence[np.ndarray], interpolate: Callable[[np.ndarray], Any], place: str, symbol: str
+) -> None:
     """Warn where the samples' own rounding shows in the highest rate: differentiation multiplies it by (1/dt)^k.
 
     A spline is linear in its samples, so the spline through random errors of their size tells what they do.
     """
-    from scipy.interpolate import make_interp_spline
-
     highest = len(rates) - 1
     q, qd = rates[0], rates[min(1, highest)]
     of_t = np.finfo(float).eps * np.abs(t).max() * np.abs(qd).max(axis=0)
     size = np.nan_to_num(np.maximum([resolution(column) for column in q.T], of_t))
     errors = np.random.default_rng(0).uniform(-1, 1, q.shape) * size
-    error = np.abs(make_interp_spline(t, errors, k=degree)(t, nu=highest)).max(axis=0)
+    error = np.abs(interpolate(errors)(t, nu=highest)).max(axis=0)
     scales = [np.abs(rate).max(axis=0) / np.ptp(t) ** (highest - k) for k, rate in enumerate(rates)]
     share = float((error / np.maximum(np.max(scales, axis=0), np.finfo(float).tiny)).max())
     if share > NOTICEABLE:

@@ -11,9 +11,9 @@ from jounce.mechanism import Mechanism
 from jounce.motion import loads, smoothness
 from jounce.motion.spline import DEGREE, rates_through
 from jounce.motion.states import Motion
-from jounce.rates import rate_name
+from jounce.rates import SUFFIX, rate_name
 
-RATE = re.compile(r"q(d|[2-9]d|[1-9]\d+d)?")
+RATE = re.compile("q" + SUFFIX)
 
 
 def from_table(

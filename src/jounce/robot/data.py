@@ -8,7 +8,7 @@ from jounce import rates, screws, wrenches
 from jounce._scalars import Array
 from jounce.errors import JounceError
 from jounce.evaluation import delivered, evaluate
-from jounce.mechanism import Mechanism, suited
+from jounce.mechanism import GRAVITY, Mechanism, suited
 from jounce.paths import Path
 
 Loads = Callable[[int], list[Array]]  # wrenches and their rates up to an order
@@ -41,7 +41,7 @@ class Data:
         M: Array,
         parent: Sequence[int] | None = None,
         names: Sequence[str] | None = None,
-        gravity: Array = (0, 0, -9.81),
+        gravity: Array = GRAVITY,
         **data: Any,
     ) -> Self:
         """A robot from body-fixed data.
@@ -57,7 +57,7 @@ class Data:
         parent : (nb) index of the parent body, smaller than i; -1 is the ground, several roots are allowed; a serial
             chain if left out
         names : names of the nb bodies
-        gravity : (3,) gravitational acceleration in the inertial frame, m/s^2
+        gravity : (3,) gravitational acceleration in the inertial frame, m/s^2; (0, 0, -9.81) if left out
         data : joint_names, names of the n coordinates; G (nb, n) and g (nb,), constant, for joints that follow others,
             theta = q if left out; name, of the robot
 
@@ -88,7 +88,7 @@ class Data:
     ) -> Self:
         """A robot from spatial data, all in the inertial frame at theta = 0.
 
-        ``B_i = A_p^-1 A_i``, ``X_i = Ad(A_i^-1) Y_i``, exactly.
+        ``B_i = A_p^-1 A_i``, ``X_i = Ad(A_i^-1) Y_i``.
 
         Parameters
         ----------
