@@ -1,7 +1,11 @@
 """Files and the numbers in them, as every reader takes them."""
 
 import math
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from uuid import uuid4
 
 from jounce.errors import JounceError
 
@@ -23,6 +27,35 @@ def read_bytes(path: Path) -> bytes:
         return path.read_bytes()
     except OSError as error:
         raise JounceError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+def check_writable(path: Path) -> None:
+    """Raise `JounceError` where no file could be written to `path`, before any work is done for it."""
+    folder = path.parent
+    try:
+        if not folder.is_dir():
+            raise JounceError(f"{path}: there is no folder {str(folder)!r} to write into")
+        if not os.access(folder, os.W_OK):
+            raise JounceError(f"{path}: the folder {str(folder)!r} is not writable")
+        if path.exists() and not path.is_file():
+            raise JounceError(f"{path}: exists and is not a file")
+    except OSError as error:
+        raise JounceError(f"{path}: {error.strerror or error}") from None
+
+
+@contextmanager
+def written_whole(path: Path) -> Iterator[Path]:
+    """A path to write to, beside `path`; at the end it is moved there, so that no half of a file is ever seen."""
+    check_writable(path)
+    target = path.resolve()
+    part = target.with_name(f".jounce-{uuid4().hex[:12]}.part")
+    try:
+        yield part
+        part.replace(target)
+    except OSError as error:
+        raise JounceError(f"{path}: cannot be written: {error.strerror or error}") from None
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def finite(text: str) -> float | None:

@@ -1,17 +1,16 @@
 """Tables: named columns of numbers in CSV and NPZ files, every cell checked when read, all digits kept when written."""
 
 import csv
-import os
 from collections.abc import Callable, Mapping
 from io import BytesIO, StringIO
 from pathlib import Path
 from typing import TypeVar
-from uuid import uuid4
 from zipfile import ZipFile
 
 import numpy as np
 
 from jounce.errors import JounceError, one_line
+from jounce.io import files
 from jounce.io.files import finite, read_bytes
 
 Columns = dict[str, np.ndarray]
@@ -26,31 +25,15 @@ def read(path: Path) -> Columns:
 def check_writable(path: Path) -> None:
     """Raise `JounceError` where `write` could not write, before any work is done for it."""
     _by_suffix(path, WRITERS)
-    folder = path.parent
-    try:
-        if not folder.is_dir():
-            raise JounceError(f"{path}: there is no folder {str(folder)!r} to write into")
-        if not os.access(folder, os.W_OK):
-            raise JounceError(f"{path}: the folder {str(folder)!r} is not writable")
-        if path.exists() and not path.is_file():
-            raise JounceError(f"{path}: exists and is not a file")
-    except OSError as error:
-        raise JounceError(f"{path}: {error.strerror or error}") from None
+    files.check_writable(path)
 
 
 def write(path: Path, columns: Mapping[str, np.ndarray]) -> None:
-    """Write a table beside its place and move it there whole, so that no half of it is ever seen."""
-    check_writable(path)
+    """Write a table whole: no half of it is ever seen."""
+    writer = _by_suffix(path, WRITERS)
     _check_finite(path, columns)
-    target = path.resolve()
-    part = target.with_name(f".jounce-{uuid4().hex[:12]}.part")
-    try:
-        _by_suffix(path, WRITERS)(part, columns)
-        part.replace(target)
-    except OSError as error:
-        raise JounceError(f"{path}: cannot be written: {error.strerror or error}") from None
-    finally:
-        part.unlink(missing_ok=True)
+    with files.written_whole(path) as part:
+        writer(part, columns)
 
 
 def _check_finite(path: Path, columns: Mapping[str, np.ndarray]) -> None:
