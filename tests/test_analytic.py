@@ -61,6 +61,34 @@ def test_run_takes_the_motion_of_the_paper_by_name(tmp_path):
         assert relative_error(central, exact[2:-2]) < 1e-9
 
 
+def test_the_wrench_of_the_paper_is_a_sine_in_all_components_and_its_rates_are_exact():
+    motion = motions.read(motions.Path("paper-wrench"), IIWA, 4)
+    same = motions.read(motions.Path("paper"), IIWA, 4)
+    assert all((a == b).all() for a, b in zip(motion.rates, same.rates, strict=True))
+    sines = [
+        10 * np.sin(np.pi * motion.t),
+        10 * np.pi * np.cos(np.pi * motion.t),
+        -10 * np.pi**2 * np.sin(np.pi * motion.t),
+    ]
+    for rate, expected in zip(motion.wrench, sines, strict=True):
+        np.testing.assert_allclose(rate["link7"], np.repeat(expected[:, None], 6, axis=1), atol=1e-13)
+
+
+def test_wrench_terms_act_as_wrench_columns_do(tmp_path):
+    path = tmp_path / "m.yaml"
+    path.write_text(BOTH + "wrenches:\n  body2: {fy: {polynomial: [1, 0, 2]}, mz: {offset: 3}}\n")
+    motion = motions.read(path, PLANAR, 4)
+    columns = {"t": motion.t}
+    for j, joint in enumerate(PLANAR.coordinates):
+        columns |= {f"{joint}.{name}": rate[:, j] for name, rate in zip(RATES, motion.rates, strict=False)}
+    zero, t = 0 * motion.t, motion.t
+    columns |= {"body2.fy": 1 + 2 * t**2, "body2.fyd": 4 * t, "body2.fy2d": 4 + zero}
+    columns |= {"body2.mz": 3 + zero, "body2.mzd": zero, "body2.mz2d": zero}
+    expected = from_table(columns, PLANAR, 4, "m.csv").wrench
+    for rate, other in zip(motion.wrench, expected, strict=True):
+        np.testing.assert_array_equal(rate["body2"], other["body2"])
+
+
 def test_offset_and_polynomial_and_cosines_add_up(tmp_path):
     path = tmp_path / "m.yaml"
     path.write_text(
@@ -115,6 +143,8 @@ BAD = {
     "backwards": (BOTH.replace("stop: 1", "stop: -1"), ["time runs from 0 to -1 in 5 states; expected stop > start"]),
     "one state": (BOTH.replace("count: 5", "count: 1"), ["in 1 states"]),
     "half a state": (BOTH.replace("count: 5", "count: 2.5"), ["in 2.5 states"]),
+    "wrench of no body": (BOTH + "wrenches: {bdy2: {fx: {offset: 1}}}", ["no body 'bdy2'; did you mean 'body2'?"]),
+    "unknown component": (BOTH + "wrenches: {body2: {fw: {offset: 1}}}", ["no key in the wrench of 'body2' 'fw'"]),
     "joints as a list": (TIME + "joints: [1, 2]", ["joints is [1, 2]; expected keys and values"]),
 }
 

@@ -8,7 +8,7 @@ from numpy.polynomial import Polynomial
 
 from jounce.errors import JounceError, listed, no_such
 from jounce.mechanism import Mechanism
-from jounce.motion.states import Motion
+from jounce.motion.states import COMPONENTS, Motion
 
 
 @dataclass(frozen=True)
@@ -40,14 +40,34 @@ class Curve:
         return sum((cosine.rate(t, k) for cosine in self.cosines), start=total)
 
 
-def along(curves: Mapping[str, Curve], t: np.ndarray, mechanism: Mechanism, highest: int) -> Motion:
-    """The motion of curves by joint name, with rates up to the one of order `highest`."""
-    joints = mechanism.coordinates
+@dataclass(frozen=True)
+class Terms:
+    """A motion in closed form: curves by joint, by body and component of its wrench, and the times to look at."""
+
+    joints: Mapping[str, Curve]
+    wrenches: Mapping[str, Mapping[str, Curve]]
+    t: np.ndarray
+
+
+def along(terms: Terms, mechanism: Mechanism, highest: int) -> Motion:
+    """The motion that terms describe, with rates up to the one of order `highest`."""
+    joints, curves = mechanism.coordinates, terms.joints
     for name in curves:
         if name not in joints:
             raise no_such("joint", name, joints)
     missing = [name for name in joints if name not in curves]
     if missing:
         raise JounceError(f"no terms for {listed(missing)}; expected some for each of {listed(joints)}")
-    rates = (np.stack([curves[joint].rate(t, k) for joint in joints], axis=1) for k in range(highest + 1))
-    return Motion(t, tuple(rates), "analytic terms, all rates exact")
+    for body in terms.wrenches:
+        mechanism.frame(body)
+    rates = (np.stack([curves[joint].rate(terms.t, k) for joint in joints], axis=1) for k in range(highest + 1))
+    wrench = tuple(
+        {body: _wrench(components, terms.t, k) for body, components in terms.wrenches.items()}
+        for k in range(max(highest - 2, 0) + 1)
+    )
+    return Motion(terms.t, tuple(rates), "analytic terms, all rates exact", wrench if terms.wrenches else None)
+
+
+def _wrench(components: Mapping[str, Curve], t: np.ndarray, k: int) -> np.ndarray:
+    """The k-th rate of a wrench (mx, my, mz, fx, fy, fz); components left out are zero."""
+    return np.stack([components.get(name, Curve()).rate(t, k) for name in COMPONENTS], axis=1)

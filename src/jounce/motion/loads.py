@@ -8,9 +8,9 @@ import numpy as np
 from jounce.errors import JounceError
 from jounce.mechanism import Mechanism
 from jounce.motion.spline import rates_through
+from jounce.motion.states import COMPONENTS
 from jounce.rates import SUFFIX, rate_name
 
-COMPONENTS = ("mx", "my", "mz", "fx", "fy", "fz")
 COLUMN = re.compile(r"(.+)\.([mf][xyz])" + SUFFIX)
 
 

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+COMPONENTS = ("mx", "my", "mz", "fx", "fy", "fz")  # of a wrench, (moment; force), in files
+
 
 @dataclass(frozen=True)
 class Motion:

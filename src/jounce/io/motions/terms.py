@@ -10,18 +10,33 @@ from jounce.errors import JounceError, no_such, one_line
 from jounce.io.files import read_bytes
 from jounce.mechanism import Mechanism
 from jounce.motion import Motion
-from jounce.motion.analytic import Cosine, Curve, along
+from jounce.motion.analytic import Cosine, Curve, Terms, along
+from jounce.motion.states import COMPONENTS
 
 
 def read(path: Path, mechanism: Mechanism, highest: int) -> Motion:
-    """The motion of a YAML file: ``time: {start, stop, count}``, ``joints: {NAME: {offset, cosines, polynomial}}``."""
+    """The motion of a YAML file for a mechanism, with rates up to the one of order `highest`."""
+    terms = of_file(path)
+    try:
+        return along(terms, mechanism, highest)
+    except JounceError as error:
+        raise JounceError(f"{path}: {error}") from None
+
+
+def of_file(path: Path) -> Terms:
+    """``time: {start, stop, count}``, ``joints: {NAME: {offset, cosines, polynomial}}`` and, where bodies or merged
+    links exert wrenches, ``wrenches: {NAME: {mx: {offset, cosines, polynomial}, ..., fz: {...}}}``."""
     data = _loaded(path)
     try:
-        _keys(data, "the motion", {"time", "joints"}, {"name"})
-        curves = {
+        _keys(data, "the motion", {"time", "joints"}, {"name", "wrenches"})
+        joints = {
             str(name): _curve(terms, f"joint {name!r}") for name, terms in _mapping(data["joints"], "joints").items()
         }
-        return along(curves, _times(data["time"]), mechanism, highest)
+        wrenches = {
+            str(body): _wrench(terms, f"the wrench of {body!r}")
+            for body, terms in _mapping(data.get("wrenches", {}), "wrenches").items()
+        }
+        return Terms(joints, wrenches, _times(data["time"]))
     except JounceError as error:
         raise JounceError(f"{path}: {error}") from None
 
@@ -45,6 +60,11 @@ def _times(given: Any) -> np.ndarray:
     if not isinstance(count, int) or isinstance(count, bool) or count < 2 or not stop > start:
         raise JounceError(f"time runs from {start:g} to {stop:g} in {count!r} states; expected stop > start, count > 1")
     return np.linspace(start, stop, count)
+
+
+def _wrench(given: Any, what: str) -> dict[str, Curve]:
+    _keys(given, what, set(), set(COMPONENTS))
+    return {name: _curve(terms, f"{name} of {what}") for name, terms in given.items()}
 
 
 def _curve(given: Any, what: str) -> Curve:
