@@ -11,6 +11,8 @@ demo: $(VENV)/installed
 	$(BIN)/python examples/panda_motion.py build/panda_motion.csv
 	$(BIN)/jounce info examples/panda.urdf
 	$(BIN)/jounce run examples/panda.urdf build/panda_motion.csv -o build/panda_forces.csv
+	$(BIN)/jounce plot build/panda_forces.csv -o build/panda_forces.png
+	$(BIN)/jounce demo -o build/demo
 
 test: $(VENV)/installed-dev
 	$(BIN)/pytest -n auto
@@ -32,7 +34,7 @@ $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/installed: pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --editable .
+	$(BIN)/python -m pip install --quiet --editable '.[figures]'
 	touch $@
 
 $(VENV)/installed-dev: pyproject.toml | $(BIN)/python

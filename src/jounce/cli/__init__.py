@@ -7,7 +7,9 @@ from typing import Any
 import click
 
 from jounce import JounceError, __version__
+from jounce.cli.demo import demo
 from jounce.cli.info import info
+from jounce.cli.plot import plot
 from jounce.cli.run import run
 
 
@@ -35,5 +37,5 @@ def main() -> None:
     """Higher-order inverse dynamics: a robot and a motion in, drive forces and their exact time derivatives out."""
 
 
-main.add_command(run)
-main.add_command(info)
+for verb in (run, plot, info, demo):
+    main.add_command(verb)

@@ -6,6 +6,8 @@ from typing import Any
 
 import click
 
+from jounce.cli.words import straight_columns
+
 EPILOG = """\b
 Example:
   jounce info iiwa14
@@ -48,9 +50,3 @@ def _in_words(data: dict[str, Any]) -> str:
 
 def _vector(x: list[float], form: str) -> str:
     return " ".join(f"{v:{form}}".replace("-0.0000", "0.0000") for v in x)
-
-
-def straight_columns(rows: list[tuple[str, ...]]) -> list[str]:
-    """Rows of texts as lines with straight columns."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]

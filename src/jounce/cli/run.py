@@ -6,11 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.info import straight_columns
+from jounce.cli.words import progress, straight_columns
 from jounce.errors import JounceError
 
 if TYPE_CHECKING:
     import numpy as np
+
+    from jounce.motion import Motion
+    from jounce.robot import Robot
+
+PIECE = 2000  # states between two looks at the clock
 
 EPILOG = """\b
 Example, the robot and the motion of the paper:
@@ -64,12 +69,9 @@ def run(
         raise JounceError(f"{output}: is the motion itself; expected another file to write into")
     arm = load(robot, **({"gravity": gravity} if gravity else {}))
     path = motions.read(motion, arm.mechanism, order + 2, degree)
-    results = arm.inverse_dynamics(*path.rates, wrench=path.wrench, method=method)
-    forces = dict(zip((rate_name("Q", k) for k in range(order + 1)), results if order else (results,), strict=True))
-    columns = {"t": path.t}
-    for j, joint in enumerate(arm.joint_names):
-        columns |= {f"{joint}.{name}": Q[:, j] for name, Q in forces.items()}
-    tables.write(output, columns)
+    results = _along(arm, path, method)
+    forces = dict(zip((rate_name("Q", k) for k in range(order + 1)), results, strict=True))
+    tables.write(output, tables.of_rates(path.t, arm.joint_names, "Q", tuple(forces.values())))
     summary = {
         "robot": arm.name,
         "motion": str(motion),
@@ -85,6 +87,19 @@ def run(
         },
     }
     click.echo(json.dumps(summary, indent=2) if as_json else _in_words(summary))
+
+
+def _along(robot: "Robot", motion: "Motion", method: str | None) -> "list[np.ndarray]":
+    """The forces and their rates along a motion, piece by piece, so that a person sees it go on."""
+    import numpy as np
+
+    parts = []
+    with progress("inverse dynamics", -(-len(motion.t) // PIECE)) as advance:
+        for piece in motion.pieces(PIECE):
+            Q = robot.inverse_dynamics(*piece.rates, wrench=piece.wrench, method=method)
+            parts.append(Q if isinstance(Q, tuple) else (Q,))
+            advance()
+    return [np.concatenate(terms) for terms in zip(*parts, strict=True)]
 
 
 def _peaks(forces: "dict[str, np.ndarray]", j: int) -> dict[str, float]:
