@@ -44,7 +44,8 @@ OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all their digits.
 @click.argument("motion", type=click.Path(path_type=Path))
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Table to write: .csv or .npz.")
 @click.option("--order", default=2, show_default=True, type=click.IntRange(0), help="Highest time derivative of Q.")
-@click.option("--degree", default=7, show_default=True, help="Of the spline through samples: 5 or 7.")
+@click.option("--degree", default=7, show_default=True, help="Of the spline of samples: 5 or 7.")
+@click.option("--intervals", type=int, help="Fit the spline with so many, for measured samples; else through all.")
 @click.option("--method", default=None, help="recursion (the default), closed_form or paper.")
 @click.option("--gravity", nargs=3, type=float, metavar="X Y Z", help="In m/s^2; the robot's own if left out.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
@@ -54,6 +55,7 @@ def run(
     output: Path,
     order: int,
     degree: int,
+    intervals: int | None,
     method: str | None,
     gravity: tuple[float, float, float] | None,
     as_json: bool,
@@ -62,13 +64,14 @@ def run(
     from jounce.description import coordinate_unit
     from jounce.io import motions, tables
     from jounce.io.loading import load
+    from jounce.motion.spline import Spline
     from jounce.rates import rate_name
 
     tables.check_writable(output)
     if output.resolve() == motion.resolve():
         raise JounceError(f"{output}: is the motion itself; expected another file to write into")
     arm = load(robot, **({"gravity": gravity} if gravity else {}))
-    path = motions.read(motion, arm.mechanism, order + 2, degree)
+    path = motions.read(motion, arm.mechanism, order + 2, Spline(degree, intervals))
     results = _along(arm, path, method)
     forces = dict(zip((rate_name("Q", k) for k in range(order + 1)), results, strict=True))
     tables.write(output, tables.of_rates(path.t, arm.joint_names, "Q", tuple(forces.values())))
@@ -76,6 +79,7 @@ def run(
         "robot": arm.name,
         "motion": str(motion),
         "source": path.source,
+        "residual": path.residual,
         "output": str(output),
         "states": len(path.t),
         "t": [float(path.t[0]), float(path.t[-1])],
@@ -113,9 +117,10 @@ def _in_words(summary: dict[str, Any]) -> str:
     rows = [("largest", "unit", *(f"|{name}|{unit}" for name, unit in zip(names, per, strict=False)))]
     for joint, peaks in summary["peaks"].items():
         rows.append((joint, summary["units"][joint], *(f"{peaks[name]:.6g}" for name in names)))
+    residual = "" if summary["residual"] is None else f", largest residual {summary['residual']:.2g}"
     return "\n".join([
         f"{summary['robot']} along {summary['motion']}: {summary['states']} states, t = {first:g} .. {last:g} s",
-        f"{summary['source']}",
+        summary["source"] + residual,
         f"{', '.join(names)} written to {summary['output']}",
         "",
         *straight_columns(rows),
