@@ -14,11 +14,11 @@ if TYPE_CHECKING:
 
 EPILOG = """\b
 Example:
-  jounce demo -o build/demo
+  jounce demo -o paper --states 1000 --format png
 """
 
 
-@click.command(epilog=EPILOG)
+@click.command(epilog=EPILOG, short_help="The example of the paper, end to end, with pictures.")
 @click.option(
     "-o", "--output", default=Path("jounce-demo"), show_default=True, type=click.Path(path_type=Path),
     help="Folder to write into; made where it is missing.",

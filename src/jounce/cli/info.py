@@ -1,11 +1,13 @@
 """`jounce info`: the bodies, joints and masses of a robot."""
 
 import json
+from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
 import click
 
+from jounce.cli.names import ROBOT
 from jounce.cli.words import straight_columns
 
 EPILOG = """\b
@@ -14,10 +16,10 @@ Example:
 """
 
 
-@click.command(epilog=EPILOG)
-@click.argument("robot")
+@click.command(epilog=EPILOG, short_help="Bodies, joints and masses of a robot.")
+@click.argument("robot", type=ROBOT)
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
-def info(robot: str, as_json: bool) -> None:
+def info(robot: Path, as_json: bool) -> None:
     """Show the bodies, joints and masses of ROBOT: a URDF file or a bundled name (iiwa14, planar2r)."""
     from jounce.description import describe
     from jounce.io.loading import load

@@ -10,11 +10,11 @@ EPILOG = """\b
 Example:
   jounce run iiwa14 paper -o forces.csv
   jounce plot forces.csv -o forces.svg
-  jounce plot forces.csv -o wrist.png --joint joint6 --joint joint7 --quantity Q2d
+  jounce plot forces.csv -o wrist.png --joint joint7 --quantity Q2d
 """
 
 
-@click.command(epilog=EPILOG)
+@click.command(epilog=EPILOG, short_help="The curves of a table as a picture.")
 @click.argument("table", type=click.Path(path_type=Path))
 @click.option(
     "-o", "--output", required=True, type=click.Path(path_type=Path), help="Picture to write: .png, .svg or .pdf."

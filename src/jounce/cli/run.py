@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from jounce.cli.names import MOTION, ROBOT
 from jounce.cli.words import progress, straight_columns
 from jounce.errors import JounceError
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from jounce.motion import Motion
     from jounce.robot import Robot
 
-PIECE = 2000  # states between two looks at the clock
+PIECE = 1000  # states between two looks at the clock
 
 EPILOG = """\b
 Example, the robot and the motion of the paper:
@@ -39,9 +40,9 @@ OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all their digits.
 """
 
 
-@click.command(epilog=EPILOG)
-@click.argument("robot")
-@click.argument("motion", type=click.Path(path_type=Path))
+@click.command(epilog=EPILOG, short_help="Q, Qd, Q2d along a motion, from table to table.")
+@click.argument("robot", type=ROBOT)
+@click.argument("motion", type=MOTION)
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Table to write: .csv or .npz.")
 @click.option("--order", default=2, show_default=True, type=click.IntRange(0), help="Highest time derivative of Q.")
 @click.option("--degree", default=7, show_default=True, help="Of the spline of samples: 5 or 7.")
@@ -50,7 +51,7 @@ OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all their digits.
 @click.option("--gravity", nargs=3, type=float, metavar="X Y Z", help="In m/s^2; the robot's own if left out.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(
-    robot: str,
+    robot: Path,
     motion: Path,
     output: Path,
     order: int,

@@ -1,19 +1,27 @@
 """What a command says: straight columns, and a bar for work that takes more than a second."""
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import monotonic
+from typing import Any
 
 import click
 
 PATIENCE = 1.0  # s without a sign of life
 
 
+def styled(text: str, **style: Any) -> str:
+    """A text in a style, for terminals only (click strips it elsewhere), and not where NO_COLOR is set."""
+    return text if os.environ.get("NO_COLOR") else click.style(text, **style)
+
+
 def straight_columns(rows: list[tuple[str, ...]]) -> list[str]:
-    """Rows of texts as lines with straight columns."""
+    """Rows of texts as lines with straight columns, the first of them in bold where the terminal can."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    head, *body = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+    return [styled(head, bold=True), *body]
 
 
 @contextmanager

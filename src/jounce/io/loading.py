@@ -43,7 +43,7 @@ def load(source: str | os.PathLike[str], /, **parameters: object) -> Robot:
     """
     if not isinstance(source, str | os.PathLike):
         raise JounceError(f"a robot is a path or a name, not {type(source).__name__}; names: {', '.join(BUNDLED)}")
-    if source in BUNDLED:
+    if str(source) in BUNDLED:
         return Robot(_call(BUNDLED[str(source)], parameters, str(source)))
     path = Path(source).expanduser()
     if path.suffix.lower() not in READERS:
