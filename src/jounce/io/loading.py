@@ -23,17 +23,21 @@ def load(source: str | os.PathLike[str], /, **parameters: object) -> Robot:
 
     Parameters
     ----------
-    source : path of a .urdf file, or "iiwa14", "planar2r"
-    parameters : gravity (3,) in m/s^2, (0, 0, -9.81) for files and (0, 0, -9.80665) for iiwa14; for planar2r L1, L2,
-        m1, m2, g (symbols are values too)
+    source : str or path
+        Path of a .urdf file, or "iiwa14", "planar2r".
+    **parameters : keywords
+        gravity (3,) in m/s^2, (0, 0, -9.81) for files and (0, 0, -9.80665) for iiwa14; for planar2r L1, L2, m1, m2, g
+        (symbols are values too).
 
     Raises
     ------
-    JounceError : where the file cannot be read, is not a robot, or a parameter is unknown.
+    JounceError
+        Where the file cannot be read, is not a robot, or a parameter is unknown.
 
     Warns
     -----
-    JounceWarning : where bodies of a file have an inertia that no distribution of mass has.
+    JounceWarning
+        Where bodies of a file have an inertia that no distribution of mass has.
 
     Examples
     --------
