@@ -66,12 +66,13 @@ def inertia_matrix(mass: Array, com: Array, inertia_com: Array, rotation: Array 
             raise JounceError("rotation is not one: R^T R differs from I")
         theta = R @ theta @ R.mT
     m, c, theta = broadcast([m[..., None, None], hat(c), theta], [2, 2, 2], ["mass", "com", "inertia_com"])
-    return _matrix(m, c * m, theta - m * (c @ c))  # (eqn_body_fixed_mass_inertia_matrix)
+    theta = theta - m * (c @ c)  # Steiner, after (eqn_body_fixed_mass_inertia_matrix)
+    return _matrix(m, c * m, theta)
 
 
 def _matrix(m: Array, h_hat: Array, theta: Array) -> Array:
     upper = concatenate([theta, h_hat], axis=-1)
-    return concatenate([upper, concatenate([-h_hat, m * _I], axis=-1)], axis=-2)
+    return concatenate([upper, concatenate([-h_hat, m * _I], axis=-1)], axis=-2)  # (eqn_body_fixed_mass_inertia_matrix)
 
 
 def moments(M: Array) -> tuple[Array, Array, Array]:
