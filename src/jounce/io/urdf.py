@@ -10,7 +10,7 @@ from jounce.inertia import inertia_matrix
 from jounce.io import linkage
 from jounce.io.files import finite, read_bytes
 from jounce.lie import pose
-from jounce.mechanism import Mechanism
+from jounce.mechanism import UNLIMITED, Mechanism, limit_error
 
 MOVING = {"revolute": 0, "continuous": 0, "prismatic": 3}  # where in the screw the axis goes
 
@@ -63,6 +63,7 @@ def _joint(element: etree._Element, path: Path) -> linkage.Joint:
         B=_origin(element, path),
         X=_screw(element, kind, path) if kind in MOVING else None,
         mimic=_mimic(element, path) if kind in MOVING else None,
+        limits=_limits(element, kind, path) if kind in MOVING else {},
         place=_at(element, path),
     )
 
@@ -85,6 +86,19 @@ def _mimic(element: etree._Element, path: Path) -> linkage.Mimic | None:
     multiplier = _numbers(mimic, "multiplier", 1, path, default="1")[0]
     offset = _numbers(mimic, "offset", 1, path, default="0")[0]
     return linkage.Mimic(_text(mimic, "joint", path), multiplier, offset)
+
+
+def _limits(element: etree._Element, kind: str, path: Path) -> dict[str, float]:
+    """What a <limit> states; where it leaves positions out they are 0 by the format, unless the joint turns freely."""
+    limit = element.find("limit")
+    if limit is None:
+        return {}
+    keys = [*(("lower", "upper") if kind != "continuous" else ()), *({"velocity", "effort"} & set(limit.attrib))]
+    stated = {key: float(_numbers(limit, key, 1, path, default="0")[0]) for key in keys}
+    error = limit_error(**UNLIMITED | stated)
+    if error:
+        raise JounceError(f"{_at(limit, path)}: joint {element.get('name')!r}: {error}")
+    return stated
 
 
 def _origin(element: etree._Element, path: Path) -> np.ndarray:
