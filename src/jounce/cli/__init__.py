@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from jounce import JounceError, __version__
+from jounce.cli.convert import convert
 from jounce.cli.info import info
 from jounce.cli.run import run
 
@@ -37,3 +38,4 @@ def main() -> None:
 
 main.add_command(run)
 main.add_command(info)
+main.add_command(convert)
