@@ -15,7 +15,7 @@ from jounce.errors import JounceError, listed, no_such, one_line, shortened
 from jounce.io.files import read_bytes
 
 _BRIEF = Repr()  # of values in messages: aliases make trees of any size out of a few lines
-_BRIEF.maxlevel, _BRIEF.maxstring, _BRIEF.maxother = 2, 60, 60
+_BRIEF.maxlevel, _BRIEF.maxlist, _BRIEF.maxstring, _BRIEF.maxother = 2, 4, 60, 60
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,14 @@ class Entry:
                 with self._part(key).refusals():
                     raise no_such(f"key in {self.what}", key, known)
         for key in needed:
-            if key not in self.value:
-                raise JounceError(f"{self.place}: {self.what} has no {key!r}; expected {listed(needed)}")
+            self.need(key, needed)
         return self
+
+    def need(self, key: str, needed: Sequence[str] = ()) -> "Entry":
+        """What stands under a key that must be there, among all those needed."""
+        if key not in self._mapping():
+            raise JounceError(f"{self.place}: {self.what} has no {key!r}; expected {listed(needed or [key])}")
+        return self._part(key)
 
     def alone(self, key: str, others: Sequence[str]) -> bool:
         """Whether a key is there that excludes the others."""

@@ -28,7 +28,7 @@ def save(robot: Robot, path: str | os.PathLike[str]) -> None:
     Examples
     --------
     >>> import pathlib, tempfile, jounce
-    >>> robot = jounce.load("iiwa14")
+    >>> robot = jounce.load("planar2r", L1=1.1)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     jounce.save(robot, pathlib.Path(folder, "arm.yaml"))
     ...     same = jounce.load(pathlib.Path(folder, "arm.yaml"))

@@ -28,10 +28,15 @@ def read(path: Path, gravity: object = None) -> Mechanism:
     frames = [_named("frame", frame.keys(("name", "body"), ("pose",))) for frame in robot.get("frames", []).items()]
     names, joint_names = _numbered(bodies), _numbered(joints)
     _numbered([*bodies, *frames])
+    if GROUND in names:
+        raise bodies[names[GROUND]].get("name").error("another name: it is what bodies stand on")
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as not finite
         X, M = [parts.screw(joint) for joint in joints], [parts.inertia(body) for body in bodies]
     coordinates = _coordinates(robot, joints)
     G, g = _followed(joints, coordinates)
+    for name, column in zip(coordinates, G.T, strict=True):
+        if not column.any():
+            raise robot.get("coordinates").error(f"a joint that moves with {name!r}")
     limits = [parts.limits(joint) for joint in joints]
     B = [parts.pose(body) for body in bodies]
     parent = [_carrier(body.get("parent"), names, i) for i, body in enumerate(bodies)]
@@ -59,7 +64,7 @@ def read(path: Path, gravity: object = None) -> Mechanism:
 
 def _named(kind: str, entry: Entry) -> Entry:
     """An entry, called in messages by the name it has."""
-    return entry.named(f"{kind} {entry.get('name').text()!r}")
+    return entry.named(f"{kind} {entry.need('name').text()!r}")
 
 
 def _numbered(named: Sequence[Entry]) -> Index:
@@ -79,8 +84,7 @@ def _carrier(entry: Entry, bodies: Index, before: int | None = None) -> int:
     if name == GROUND:
         return -1
     if name not in bodies:
-        with entry.refusals():
-            raise no_such(f"body for {entry.what}", name, [GROUND, *bodies])
+        raise JounceError(f"{entry.place}: {entry.what}: {no_such('body', name, [GROUND, *bodies])}")
     if before is not None and bodies[name] >= before:
         raise entry.error("the ground or a body above")
     return bodies[name]
@@ -113,8 +117,7 @@ def _followed(joints: Sequence[Entry], coordinates: Index) -> tuple[np.ndarray, 
         follows = joint.get("follows").keys(("coordinates",), ("offset",))
         for name, factor in follows.get("coordinates").members().items():
             if name not in coordinates:
-                with factor.refusals():
-                    raise no_such(f"coordinate for {joint.what} to follow", name, coordinates)
+                raise JounceError(f"{factor.place}: {joint.what}: {no_such('coordinate', name, coordinates)}")
             G[i, coordinates[name]] = factor.number()
         g[i] = follows.get("offset", 0).number()
     return G, g
