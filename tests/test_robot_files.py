@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 import jounce
 from files import refusal
 from jounce.cli import main
-from jounce.io.native import writing
+from jounce.io.native import reading, writing
 from jounce.mechanism import DATA, Frame
 from robots import GOLDEN_NAMES, golden, mechanisms, random_inertia, random_pose, with_tool
 
@@ -209,6 +209,25 @@ def test_exact_forms_stand_in_where_others_would_lose_digits(tmp_path):
     [body] = writing.document(robot.mechanism)["bodies"]
     assert list(body["inertia"]) == ["matrix"]
     assert parts(there_and_back(robot, tmp_path)) == parts(robot)
+
+
+ODD = {  # masses and scales that no COM is computed from, nor any warning
+    "massless with moments": np.diag([1.0, 2, 2, 0, 0, 0]),
+    "negative": -np.eye(6),
+    "tiny": jounce.inertia_matrix(1e-310, [0.3, 0.1, 0.2], 1e-320 * np.eye(3)),
+    "light far away": jounce.inertia_matrix(1e-300, [1e10, 0, 0], np.eye(3)),
+    "huge": jounce.inertia_matrix(1e300, [1e3, 0, 0], 1e307 * np.eye(3)),
+    "unlike": jounce.inertia_matrix(1e-7, [1e-6, 3.0, 1e-12], np.diag([1e-9, 1e-3, 1e-3])),
+}
+
+
+@pytest.mark.parametrize("suffix", [".yaml", ".json"])
+@pytest.mark.parametrize("M", ODD.values(), ids=ODD)
+def test_odd_inertias_are_kept(tmp_path, M, suffix):
+    mechanism = jounce.Robot.from_screws([np.eye(4)], [[0, 0, 1, 0, 0, 0]], [M]).mechanism
+    path = tmp_path / f"arm{suffix}"
+    jounce.save(jounce.Robot(mechanism), path)
+    assert reading.read(path).M.tobytes() == mechanism.M.tobytes()
 
 
 def test_a_robot_of_symbols_is_not_written(tmp_path):

@@ -54,8 +54,7 @@ class Entry:
         known = [*needed, *optional]
         for key in self._mapping():
             if key not in known:
-                with self._part(key).refusals():
-                    raise no_such(f"key in {self.what}", key, known)
+                raise JounceError(f"{self._part(key).place}: {no_such(f'key in {self.what}', key, known)}")
         for key in needed:
             self.need(key, needed)
         return self

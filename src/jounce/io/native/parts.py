@@ -41,8 +41,7 @@ def screw(joint: Entry) -> np.ndarray:
             return exact_screw(given.numbers((6,)), given.what)
     kind = joint.keys(("name", "type", "axis"), ("point", "pitch", *BESIDE)).get("type")
     if kind.text() not in KINDS:
-        with kind.refusals():
-            raise no_such("joint type", kind.value, KINDS)
+        raise JounceError(f"{kind.place}: {joint.what}: {no_such('joint type', kind.value, KINDS)}")
     needed, optional = KINDS[kind.value]
     joint.keys(("name", "type", *needed), (*optional, *BESIDE))
     axis = direction(joint.get("axis").numbers((3,)))

@@ -102,25 +102,27 @@ def _screw(X: np.ndarray) -> dict[str, Any]:
     return {"screw": _plain(X)}
 
 
+@np.errstate(all="ignore")  # numbers too large to divide or square are written as the matrix
 def _inertia(M: np.ndarray) -> dict[str, Any]:
     """An inertia about the COM in as few digits as give the same matrix, or the matrix."""
     if not M.any():
         return {}
     m, h, _ = moments(M)
-    mass = float(m[0, 0])
-    with np.errstate(all="ignore"):
-        com = _shortest(h[:, 0] / mass, lambda c: np.array_equal(c * mass, h[:, 0]))
+    mass, h = m[0, 0], h[:, 0]
+    com = _shortest(h / mass if mass else h, lambda c: np.array_equal(c * mass, h))
     if com is not None:
         theta = M[:3, :3] + mass * hat(com) @ hat(com)
         six = theta[np.triu_indices(3)]
         about = _shortest(six, lambda x: np.array_equal(inertia_matrix(mass, com, parts.symmetric(x)), M))
         if about is not None:
-            return {"inertia": {"mass": _plain(m[0, 0]), "com": _plain(com), "inertia": _plain(about)}}
+            return {"inertia": {"mass": _plain(mass), "com": _plain(com), "inertia": _plain(about)}}
     return {"inertia": {"matrix": _plain(M)}}
 
 
 def _shortest(numbers: np.ndarray, fit: Callable[[np.ndarray], bool]) -> np.ndarray | None:
     """The numbers to as few decimals as fit, or with all their digits, or None where even these do not."""
+    if not np.isfinite(numbers).all():
+        return None
     first = -math.floor(math.log10(np.abs(numbers).max(initial=1e-300)))  # the decimal where the largest begins
-    rounded = ([round(float(x), first + more) for x in numbers] for more in range(17))
-    return next((short for short in map(np.array, (*rounded, numbers)) if fit(short)), None)
+    rounded = [np.round(numbers, first + more) for more in range(17)]
+    return next((short for short in (*rounded, numbers) if fit(short)), None)
