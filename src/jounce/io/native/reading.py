@@ -26,40 +26,43 @@ def read(path: Path, gravity: object = None) -> Mechanism:
     bodies = [_named("body", body.keys(("name", "parent", "joint"), ("pose", "inertia"))) for body in listed]
     joints = [_named("joint", body.get("joint")) for body in bodies]
     frames = [_named("frame", frame.keys(("name", "body"), ("pose",))) for frame in robot.get("frames", []).items()]
-    names, joint_names = _numbered(bodies), _numbered(joints)
+    names = _numbered(bodies)
     _numbered([*bodies, *frames])
     if GROUND in names:
         raise bodies[names[GROUND]].get("name").error("another name: it is what bodies stand on")
-    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as not finite
-        X, M = [parts.screw(joint) for joint in joints], [parts.inertia(body) for body in bodies]
+    built = _built(robot, bodies, joints, names, own if gravity is None else gravity)
+    placed = (Frame(f.get("name").value, _carrier(f.get("body"), names), parts.pose(f)) for f in frames)
+    return replace(built, joints=tuple(_numbered(joints)), frames=tuple(placed))
+
+
+def _built(robot: Entry, bodies: Sequence[Entry], joints: Sequence[Entry], names: Index, gravity: object) -> Mechanism:
+    """The mechanism of bodies on joints, but for the names of joints and for frames."""
+    parent = [_carrier(body.get("parent"), names, i) for i, body in enumerate(bodies)]
     coordinates = _coordinates(robot, joints)
     G, g = _followed(joints, coordinates)
     for name, column in zip(coordinates, G.T, strict=True):
         if not column.any():
             raise robot.get("coordinates").error(f"a joint that moves with {name!r}")
     limits = [parts.limits(joint) for joint in joints]
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as not finite
+        X, M = [parts.screw(joint) for joint in joints], [parts.inertia(body) for body in bodies]
     B = [parts.pose(body) for body in bodies]
-    parent = [_carrier(body.get("parent"), names, i) for i, body in enumerate(bodies)]
-    placed = tuple(
-        Frame(frame.get("name").text(), _carrier(frame.get("body"), names), parts.pose(frame)) for frame in frames
-    )
     try:
-        built = from_screws(
+        return from_screws(
             np.stack(B),
             np.stack(X),
             np.stack(M),
             parent,
             tuple(names),
-            own if gravity is None else gravity,
+            gravity,
             joint_names=tuple(coordinates),
             G=G,
             g=g,
             limits={key: [one[key] for one in limits] for key in UNLIMITED},
-            name=robot.get("name", path.stem).text(),
+            name=robot.get("name", robot.path.stem).text(),
         )
     except JounceError as error:
-        raise JounceError(f"{path}: {error}") from None
-    return replace(built, joints=tuple(joint_names), frames=placed)
+        raise JounceError(f"{robot.path}: {error}") from None
 
 
 def _named(kind: str, entry: Entry) -> Entry:
