@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -54,7 +55,7 @@ class Entry:
         known = [*needed, *optional]
         for key in self._mapping():
             if key not in known:
-                raise JounceError(f"{self._part(key).place}: {no_such(f'key in {self.what}', key, known)}")
+                raise JounceError(f"{self.get(key).place}: {no_such(f'key in {self.what}', key, known)}")
         for key in needed:
             self.need(key, needed)
         return self
@@ -63,7 +64,7 @@ class Entry:
         """What stands under a key that must be there, among all those needed."""
         if key not in self._mapping():
             raise JounceError(f"{self.place}: {self.what} has no {key!r}; expected {listed(needed or [key])}")
-        return self._part(key)
+        return self.get(key)
 
     def alone(self, key: str, others: Sequence[str]) -> bool:
         """Whether a key is there that excludes the others."""
@@ -72,13 +73,17 @@ class Entry:
                 raise JounceError(f"{self.place}: {self.what} has both {key!r} and {other!r}; expected one of them")
         return key in self.value
 
-    def get(self, key: str, default: Any = None) -> "Entry":
+    def get(self, key: Any, default: Any = None) -> "Entry":
         """What stands under a key, or the default in its place."""
-        return self._part(key, default)
+        value = self._mapping().get(key, default)
+        pairs = self.node.value if self.node is not None and self.node.id == "mapping" else []
+        named, node = next(((k, v) for k, v in pairs if k.value == str(key)), (None, None))
+        line = self.line if named is None else named.start_mark.line + 1
+        return Entry(value, f"{key} of {self.what}", self.path, line, node)
 
     def members(self) -> dict[str, "Entry"]:
         """What stands under all the keys; a key that YAML takes for a number is a name all the same."""
-        return {str(key): self._part(key) for key in self._mapping()}
+        return {str(key): self.get(key) for key in self._mapping()}
 
     def items(self, each: str = "", least: int = 0) -> list["Entry"]:
         """What stands in a list, called as said, or ``entry 1 of ...`` and so on."""
@@ -124,12 +129,6 @@ class Entry:
             raise self.error("keys and values")
         return self.value
 
-    def _part(self, key: Any, default: Any = None) -> "Entry":
-        pairs = self.node.value if self.node is not None and self.node.id == "mapping" else []
-        named, node = next(((k, v) for k, v in pairs if k.value == str(key)), (None, None))
-        line = self.line if named is None else named.start_mark.line + 1
-        return Entry(self._mapping().get(key, default), f"{key} of {self.what}", self.path, line, node)
-
 
 def read(path: Path, what: str) -> Entry:
     """The whole of a YAML file, or of a JSON file where its name ends so; messages call it `what`."""
@@ -160,6 +159,6 @@ def _from_yaml(content: bytes, what: str, path: Path) -> Entry:
 def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
-        keys = [key for key, _ in pairs]
-        raise ValueError(f"key {next(key for key in keys if keys.count(key) > 1)!r} stands twice")
+        [(key, _)] = Counter(key for key, _ in pairs).most_common(1)
+        raise ValueError(f"key {key!r} stands twice")
     return found
