@@ -112,6 +112,12 @@ def form_error(M: np.ndarray, tolerance: float = 1e-9) -> str | None:
     return None
 
 
+def formed(M: np.ndarray) -> np.ndarray:
+    """The matrix of exactly the form ``[[Theta, h~], [-h~, m I]]`` nearest a matrix that has it but for rounding."""
+    h_hat = (M[:3, 3:] + M[3:, :3].T) / 2
+    return _matrix(M[3, 3], (h_hat - h_hat.T) / 2, (M[:3, :3] + M[:3, :3].T) / 2)
+
+
 def defect(M: np.ndarray, tolerance: float = 1e-9) -> str | None:
     """What no distribution of mass could have, or None: negative mass, or negative second moments about the COM.
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from jounce import inertia
 from jounce.errors import JounceError, listed, no_such
-from jounce.mechanism import Frame, Mechanism
-from jounce.screws import from_screws
+from jounce.mechanism import UNLIMITED, Frame, Mechanism
+from jounce.screws import exact_pose, from_screws
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,7 @@ class Joint:
     B: np.ndarray
     X: np.ndarray | None
     mimic: Mimic | None
+    limits: Mapping[str, float]  # those that the file states of lower, upper, velocity, effort
     place: str
 
 
@@ -86,9 +87,10 @@ def mechanism(links: Sequence[Link], joints: Sequence[Joint], gravity: object, n
         gravity=gravity,
         G=G,
         g=g,
+        limits={key: [joint.limits.get(key, free) for joint in movable] for key, free in UNLIMITED.items()},
         name=name,
     )
-    merged = tuple(frame for link, frame in frames.items() if link not in bodies)
+    merged = tuple(replace(f, T=exact_pose(f.T, f.name)) for link, f in frames.items() if link not in bodies)
     return replace(built, joints=tuple(joint.name for joint in movable), frames=merged)
 
 
