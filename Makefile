@@ -4,13 +4,15 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint format types clean
+.PHONY: demo test lint format types docs clean
 
 demo: $(VENV)/installed
 	mkdir -p build
 	$(BIN)/python examples/panda_motion.py build/panda_motion.csv
 	$(BIN)/jounce info examples/panda.urdf
 	$(BIN)/jounce run examples/panda.urdf build/panda_motion.csv -o build/panda_forces.csv
+	$(BIN)/jounce plot build/panda_forces.csv -o build/panda_forces.png
+	$(BIN)/jounce demo -o build/demo
 
 test: $(VENV)/installed-dev
 	$(BIN)/pytest -n auto
@@ -24,6 +26,10 @@ format: $(VENV)/installed-dev
 types: $(VENV)/installed-dev
 	$(BIN)/mypy
 
+# not --quiet, which hides warnings from --strict too
+docs: $(VENV)/installed-docs
+	$(BIN)/mkdocs build --strict
+
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
@@ -32,9 +38,13 @@ $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/installed: pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --editable .
+	$(BIN)/python -m pip install --quiet --editable '.[figures]'
 	touch $@
 
 $(VENV)/installed-dev: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
 	touch $@ $(VENV)/installed
+
+$(VENV)/installed-docs: pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable '.[docs]'
+	touch $@

@@ -14,6 +14,7 @@ from files import refusal
 from jounce.cli import main
 from jounce.io import motions, tables
 from jounce.motion.analytic import Cosine, Curve
+from jounce.motion.spline import Spline
 from jounce.motion.table import from_table
 from robots import RATES, golden, relative_error
 
@@ -109,11 +110,11 @@ def test_offset_and_polynomial_and_cosines_add_up(tmp_path):
 def test_splines_of_degree_five():
     t = np.linspace(0, 1, 60)
     columns = {"t": t, "joint1": np.cos(3 * t), "joint2": t**5 / 7}
-    motion = from_table(columns, PLANAR, 4, "m.csv", degree=5)
+    motion = from_table(columns, PLANAR, 4, "m.csv", Spline(5))
     assert "degree 5 (C^4)" in motion.source
     np.testing.assert_allclose(motion.rates[4][:, 1], 120 * t / 7, atol=1e-4)
-    refusal(lambda: from_table(columns, PLANAR, 6, "m.csv", degree=5), "q6d", "degree 5 ends at q5d")
-    refusal(lambda: from_table(columns, PLANAR, 4, "m.csv", degree=6), "degree 6 is not offered; there are: 5, 7")
+    refusal(lambda: from_table(columns, PLANAR, 6, "m.csv", Spline(5)), "q6d", "degree 5 ends at q5d")
+    refusal(lambda: from_table(columns, PLANAR, 4, "m.csv", Spline(6)), "degree 6 is not offered; there are: 5, 7")
 
 
 TIME = "time: {stop: 1, count: 5}\n"
@@ -124,7 +125,7 @@ BAD = {
     "repeated key": (BOTH + "  joint1: {offset: 3}\n", ["m.yaml:5: not YAML", "joint1"]),
     "code": ("time: !!python/object:os.system x", ["not YAML"]),
     "no joints": (TIME, ["the motion has no 'joints'"]),
-    "unknown key": (BOTH.replace("time", "tiem"), ["no key in the motion 'tiem'; did you mean 'time'?"]),
+    "unknown key": (BOTH.replace("time", "tiem"), ["m.yaml:1: no key in the motion 'tiem'; did you mean 'time'?"]),
     "unknown joint": (BOTH + "  joint3: {}\n", ["no joint 'joint3'; did you mean 'joint"]),
     "missing joint": (TIME + "joints: {joint1: {offset: 1}}", ["no terms for joint2; expected"]),
     "unknown term": (
@@ -135,7 +136,10 @@ BAD = {
         BOTH.replace("offset: 1", "cosines: [{frequency: 1}]"),
         ["cosine of joint 'joint1' has no 'amplitude'"],
     ),
-    "text": (BOTH.replace("offset: 1", "offset: one"), ["offset of joint 'joint1' is 'one'; expected a finite number"]),
+    "text": (
+        BOTH.replace("offset: 1", "offset: one"),
+        ["m.yaml:3: offset of joint 'joint1' is 'one'; expected a finite number"],
+    ),
     "not finite": (BOTH.replace("offset: 1", "offset: .nan"), ["offset of joint 'joint1' is nan"]),
     "truth": (BOTH.replace("offset: 1", "offset: true"), ["is True; expected a finite number"]),
     "no list": (BOTH.replace("offset: 1", "polynomial: 3"), ["polynomial of joint 'joint1' is 3; expected a list"]),

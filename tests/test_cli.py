@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import subprocess
 import sys
 from itertools import product
@@ -236,13 +237,17 @@ def test_usage_errors(folder, asked, word):
     assert contents(folder) == before
 
 
-@pytest.mark.parametrize("verb", [("run",), ("info",), ()])
-def test_help_shows_an_example(verb):
-    assert SCRIPT.is_file()
-    done = shell(*verb, "--help")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert f"jounce {verb[0]} iiwa14" in done.stdout if verb else "run" in done.stdout
-    assert max(map(len, done.stdout.splitlines())) <= 80
+@pytest.mark.parametrize("verb", [[], *([verb] for verb in main.commands)], ids=" ".join)
+def test_the_example_of_the_help_runs_as_printed(verb, tmp_path, monkeypatch):
+    said = call(*verb, "--help").stdout
+    assert max(map(len, said.splitlines())) <= 80
+    examples = [shlex.split(line)[1:] for line in said.splitlines() if line.startswith("    jounce ")]
+    assert not verb or any(words[0] == verb[0] for words in examples)
+    assert examples
+    monkeypatch.chdir(tmp_path)
+    for words in examples:
+        result = call(*words)
+        assert (result.exit_code, result.stderr) == (0, ""), result.output
 
 
 def test_help_imports_nothing_heavy():

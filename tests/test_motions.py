@@ -7,7 +7,10 @@ import pytest
 
 import jounce
 from files import BODY, LINKS, joint, link, refusal, robot_file
+from jounce import JounceWarning
+from jounce.motion.spline import Spline
 from jounce.motion.table import from_table
+from robots import relative_error
 
 PANDA = Path(__file__).parents[1] / "examples" / "panda.urdf"
 PLANAR = jounce.load("planar2r").mechanism
@@ -129,3 +132,42 @@ def test_warns_where_rounding_of_samples_drowns_their_rates(table):
 @pytest.mark.parametrize("table", [rounded(0.01, None), rounded(0.05, 12)])
 def test_says_nothing_of_samples_with_enough_digits(table):
     from_table(table, PLANAR, 4, "m.csv")
+
+
+def test_a_fit_evens_out_the_noise_of_measured_samples():
+    """Rates through noisy samples are noise; those of a fit are near the truth, and its residual is the noise."""
+    t, noise = np.linspace(0, 2, 1001), 1e-5
+    truth = [3.0**k * np.cos(3 * t + k * np.pi / 2) for k in range(5)]
+    measured = truth[0] + np.random.default_rng(1).uniform(-noise, noise, t.shape)
+    columns = {"t": t, "joint1": measured, "joint2": measured}
+    with pytest.warns(JounceWarning, match="rounding"):
+        rough = from_table({name: np.round(x, 5) for name, x in columns.items()}, PLANAR, 4, "m.csv")
+    fit = from_table(columns, PLANAR, 4, "m.csv", Spline(7, 6))
+    for k, exact in enumerate(truth):
+        assert relative_error(fit.rates[k][100:-100, 0], exact[100:-100]) < 10 ** (k - 4.8)  # its ends are worse
+    assert relative_error(rough.rates[4][:, 0], truth[4]) > 1e3
+    assert rough.residual == 0
+    assert noise / 2 < fit.residual < 2 * noise
+    assert fit.residual == np.abs(fit.rates[0][:, 0] - measured).max()
+    assert "degree 7 (C^6), fitted by least squares in 6 intervals" in fit.source
+
+
+@pytest.mark.parametrize("intervals", [1, 3, 13])
+@pytest.mark.parametrize("degree", [5, 7])
+def test_a_fit_to_a_polynomial_of_its_degree_is_that_polynomial(degree, intervals):
+    """On uneven samples, and with the most intervals that they bear."""
+    t = np.sort(np.random.default_rng(2).uniform(0, 1, 13 + degree))
+    power = np.polynomial.Polynomial(np.random.default_rng(3).normal(size=degree + 1))
+    motion = from_table({"t": t, "joint1": power(t), "joint2": power(t)}, PLANAR, 3, "m.csv", Spline(degree, intervals))
+    for k, rate in enumerate(motion.rates):
+        np.testing.assert_allclose(rate[:, 1], (power.deriv(k) if k else power)(t), rtol=1e-4, atol=1e-6 * 100**k)
+
+
+@pytest.mark.parametrize("intervals", [0, -1, 6])
+def test_intervals_that_samples_do_not_bear(intervals):
+    t = np.arange(12.0)
+    columns = {"t": t, "joint1": t, "joint2": t}
+    refusal(
+        lambda: from_table(columns, PLANAR, 3, "m.csv", Spline(7, intervals)),
+        f"m.csv: {intervals} intervals for 12 samples; expected 1 to 5",
+    )

@@ -1,5 +1,7 @@
 """The paper's expansions: both forms of everything, and a test for each erratum that fails with the printed form."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ import jounce
 from jounce import lie, system
 from jounce.closed_form import closed_form
 from jounce.errors import JounceError
+from jounce.io import motions
 from jounce.paper import Paper, section3, section4
 from jounce.series import columns, from_rate
 from robots import GOLDEN_NAMES, golden, loads, rates_of, relative_error
@@ -175,3 +178,21 @@ def test_erratum_the_third_inertia_column_is_xz():
     np.testing.assert_allclose(ours.M, mechanism.M, rtol=1e-15, atol=1e-17)
     np.testing.assert_allclose(ours.B, mechanism.B, atol=1e-16)
     assert ours.M[3, 0, 2] != ours.M[3, 0, 1]
+
+
+def test_erratum_the_published_code_leaves_out_steiners_theorem():
+    """It takes inertia tensors about the COMs for ones about the frames' origins; here along the paper's motion."""
+    arm = jounce.load("iiwa14")
+    M = arm.mechanism.M.copy()
+    for M_i in M:
+        m, h = M_i[3, 3], lie.axial(M_i[:3, 3:]) / 2
+        M_i[:3, :3] += lie.hat(h) @ lie.hat(h) / m
+    published = jounce.Robot.from_screws(arm.mechanism.B, arm.mechanism.X, M, gravity=arm.gravity)
+    rates = [q[::10] for q in motions.read(Path("paper"), arm.mechanism, 4).rates]
+    both = zip(published.inverse_dynamics(*rates), arm.inverse_dynamics(*rates), strict=True)
+    assert [round(relative_error(*pair), 3) for pair in both] == [0.031, 0.034, 0.081]
+    assert np.count_nonzero(np.linalg.eigvalsh(M)[:, 0] < 0) == 5
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (4000, 7))
+    negative = [np.mean(np.linalg.eigvalsh(robot.mass_matrix(q))[:, 0] < 0) for robot in (published, arm)]
+    assert 0.02 < negative[0] < 0.04
+    assert negative[1] == 0

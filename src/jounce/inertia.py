@@ -22,18 +22,24 @@ def inertia_matrix(mass: Array, com: Array, inertia_com: Array, rotation: Array 
 
     Parameters
     ----------
-    mass : (...) mass m in kg
-    com : (..., 3) centre of mass c in the body frame, m
-    inertia_com : (..., 3, 3) inertia tensor about the COM, kg m^2, in the COM frame
-    rotation : (..., 3, 3) rotation R_bc of the COM frame to the body frame; parallel axes if left out
+    mass : (...)
+        Mass m in kg.
+    com : (..., 3)
+        Centre of mass c in the body frame, m.
+    inertia_com : (..., 3, 3)
+        Inertia tensor about the COM, kg m^2, in the COM frame.
+    rotation : (..., 3, 3)
+        Rotation R_bc of the COM frame to the body frame; parallel axes if left out.
 
     Returns
     -------
-    (..., 6, 6) inertia matrix, (angular; linear). Symbols are values too.
+    M : (..., 6, 6)
+        Inertia matrix, (angular; linear). Symbols are values too.
 
     Raises
     ------
-    JounceError : where a shape is wrong, or `rotation` is not a rotation.
+    JounceError
+        Where a shape is wrong, or `rotation` is not a rotation.
 
     References
     ----------
@@ -60,12 +66,13 @@ def inertia_matrix(mass: Array, com: Array, inertia_com: Array, rotation: Array 
             raise JounceError("rotation is not one: R^T R differs from I")
         theta = R @ theta @ R.mT
     m, c, theta = broadcast([m[..., None, None], hat(c), theta], [2, 2, 2], ["mass", "com", "inertia_com"])
-    return _matrix(m, c * m, theta - m * (c @ c))
+    theta = theta - m * (c @ c)  # Steiner, after (eqn_body_fixed_mass_inertia_matrix)
+    return _matrix(m, c * m, theta)
 
 
 def _matrix(m: Array, h_hat: Array, theta: Array) -> Array:
     upper = concatenate([theta, h_hat], axis=-1)
-    return concatenate([upper, concatenate([-h_hat, m * _I], axis=-1)], axis=-2)
+    return concatenate([upper, concatenate([-h_hat, m * _I], axis=-1)], axis=-2)  # (eqn_body_fixed_mass_inertia_matrix)
 
 
 def moments(M: Array) -> tuple[Array, Array, Array]:

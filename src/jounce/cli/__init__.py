@@ -2,24 +2,45 @@
 
 import errno
 import warnings
-from typing import Any
+from typing import IO, Any
 
 import click
 
 from jounce import JounceError, __version__
 from jounce.cli.convert import convert
+from jounce.cli.demo import demo
 from jounce.cli.info import info
+from jounce.cli.plot import plot
 from jounce.cli.run import run
+from jounce.cli.words import styled
+
+EPILOG = """\b
+Example:
+  jounce run iiwa14 paper -o forces.csv
+  jounce plot forces.csv -o forces.png
+
+\b
+Completion of verbs, options, robots, motions, in the start-up file of bash:
+  eval "$(_JOUNCE_COMPLETE=bash_source jounce)"
+of zsh and fish: the same with zsh_source, fish_source.
+"""
 
 
 class _Refusal(click.ClickException):
     exit_code = 2
 
+    def show(self, file: IO[Any] | None = None) -> None:
+        click.echo(f"{styled('Error', fg='red', bold=True)}: {self.format_message()}", file=file, err=True)
+
+
+def _warn(message: Warning | str, *_: Any, **__: Any) -> None:
+    click.echo(f"{styled('Warning', fg='yellow', bold=True)}: {message}", err=True)
+
 
 class _Verbs(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         with warnings.catch_warnings():
-            warnings.showwarning = lambda message, *_, **__: click.echo(f"Warning: {message}", err=True)
+            warnings.showwarning = _warn
             try:
                 return super().invoke(ctx)
             except JounceError as error:
@@ -30,12 +51,11 @@ class _Verbs(click.Group):
                 raise _Refusal(error.strerror or str(error)) from error
 
 
-@click.group(cls=_Verbs, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=_Verbs, epilog=EPILOG, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="jounce")
 def main() -> None:
     """Higher-order inverse dynamics: a robot and a motion in, drive forces and their exact time derivatives out."""
 
 
-main.add_command(run)
-main.add_command(info)
-main.add_command(convert)
+for verb in (run, plot, info, convert, demo):
+    main.add_command(verb)

@@ -1,10 +1,14 @@
 """`jounce info`: the bodies, joints, limits and masses of a robot."""
 
 import json
+from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
 import click
+
+from jounce.cli.names import ROBOT
+from jounce.cli.words import straight_columns
 
 WIDTH = 100  # columns of a terminal
 EPILOG = """\b
@@ -13,10 +17,10 @@ Example:
 """
 
 
-@click.command(epilog=EPILOG)
-@click.argument("robot")
+@click.command(epilog=EPILOG, short_help="Bodies, joints and masses of a robot.")
+@click.argument("robot", type=ROBOT)
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
-def info(robot: str, as_json: bool) -> None:
+def info(robot: Path, as_json: bool) -> None:
     """Show the bodies, joints, limits and masses of ROBOT: a file (.urdf, .yaml, .json) or iiwa14, planar2r."""
     from jounce.description import describe
     from jounce.io.loading import load
@@ -60,9 +64,3 @@ def _limits(body: dict[str, Any]) -> tuple[str, ...]:
     lower, upper, velocity, effort = (None if x is None else f"{x:.5g}" for x in body["limits"].values())
     reach = f"{lower or '-inf'} .. {upper or 'inf'} {unit}" if lower or upper else "-"
     return (body["joint"], reach, f"{velocity} {unit}/s" if velocity else "-", f"{effort} {drive}" if effort else "-")
-
-
-def straight_columns(rows: list[tuple[str, ...]]) -> list[str]:
-    """Rows of texts as lines with straight columns."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]

@@ -6,11 +6,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.info import straight_columns
+from jounce.cli.names import MOTION, ROBOT
+from jounce.cli.words import progress, straight_columns
 from jounce.errors import JounceError
 
 if TYPE_CHECKING:
     import numpy as np
+
+    from jounce.motion import Motion
+    from jounce.robot import Robot
+
+PIECE = 1000  # states between two looks at the clock
 
 EPILOG = """\b
 Example, the robot and the motion of the paper:
@@ -34,21 +40,23 @@ OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all their digits.
 """
 
 
-@click.command(epilog=EPILOG)
-@click.argument("robot")
-@click.argument("motion", type=click.Path(path_type=Path))
+@click.command(epilog=EPILOG, short_help="Q, Qd, Q2d along a motion, from table to table.")
+@click.argument("robot", type=ROBOT)
+@click.argument("motion", type=MOTION)
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Table to write: .csv or .npz.")
 @click.option("--order", default=2, show_default=True, type=click.IntRange(0), help="Highest time derivative of Q.")
-@click.option("--degree", default=7, show_default=True, help="Of the spline through samples: 5 or 7.")
+@click.option("--degree", default=7, show_default=True, help="Of the spline of samples: 5 or 7.")
+@click.option("--intervals", type=int, help="Fit the spline with so many, for measured samples; else through all.")
 @click.option("--method", default=None, help="recursion (the default), closed_form or paper.")
 @click.option("--gravity", nargs=3, type=float, metavar="X Y Z", help="In m/s^2; the robot's own if left out.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(
-    robot: str,
+    robot: Path,
     motion: Path,
     output: Path,
     order: int,
     degree: int,
+    intervals: int | None,
     method: str | None,
     gravity: tuple[float, float, float] | None,
     as_json: bool,
@@ -57,23 +65,22 @@ def run(
     from jounce.description import coordinate_unit
     from jounce.io import motions, tables
     from jounce.io.loading import load
+    from jounce.motion.spline import Spline
     from jounce.rates import rate_name
 
     tables.check_writable(output)
     if output.resolve() == motion.resolve():
         raise JounceError(f"{output}: is the motion itself; expected another file to write into")
     arm = load(robot, **({"gravity": gravity} if gravity else {}))
-    path = motions.read(motion, arm.mechanism, order + 2, degree)
-    results = arm.inverse_dynamics(*path.rates, wrench=path.wrench, method=method)
-    forces = dict(zip((rate_name("Q", k) for k in range(order + 1)), results if order else (results,), strict=True))
-    columns = {"t": path.t}
-    for j, joint in enumerate(arm.joint_names):
-        columns |= {f"{joint}.{name}": Q[:, j] for name, Q in forces.items()}
-    tables.write(output, columns)
+    path = motions.read(motion, arm.mechanism, order + 2, Spline(degree, intervals))
+    results = _along(arm, path, method)
+    forces = dict(zip((rate_name("Q", k) for k in range(order + 1)), results, strict=True))
+    tables.write(output, tables.of_rates(path.t, arm.joint_names, "Q", tuple(forces.values())))
     summary = {
         "robot": arm.name,
         "motion": str(motion),
         "source": path.source,
+        "residual": path.residual,
         "output": str(output),
         "states": len(path.t),
         "t": [float(path.t[0]), float(path.t[-1])],
@@ -87,6 +94,19 @@ def run(
     click.echo(json.dumps(summary, indent=2) if as_json else _in_words(summary))
 
 
+def _along(robot: "Robot", motion: "Motion", method: str | None) -> "list[np.ndarray]":
+    """The forces and their rates along a motion, piece by piece, so that a person sees it go on."""
+    import numpy as np
+
+    parts = []
+    with progress("inverse dynamics", -(-len(motion.t) // PIECE)) as advance:
+        for piece in motion.pieces(PIECE):
+            Q = robot.inverse_dynamics(*piece.rates, wrench=piece.wrench, method=method)
+            parts.append(Q if isinstance(Q, tuple) else (Q,))
+            advance()
+    return [np.concatenate(terms) for terms in zip(*parts, strict=True)]
+
+
 def _peaks(forces: "dict[str, np.ndarray]", j: int) -> dict[str, float]:
     return {name: float(abs(Q[:, j]).max()) for name, Q in forces.items()}
 
@@ -98,9 +118,10 @@ def _in_words(summary: dict[str, Any]) -> str:
     rows = [("largest", "unit", *(f"|{name}|{unit}" for name, unit in zip(names, per, strict=False)))]
     for joint, peaks in summary["peaks"].items():
         rows.append((joint, summary["units"][joint], *(f"{peaks[name]:.6g}" for name in names)))
+    residual = "" if summary["residual"] is None else f", largest residual {summary['residual']:.2g}"
     return "\n".join([
         f"{summary['robot']} along {summary['motion']}: {summary['states']} states, t = {first:g} .. {last:g} s",
-        f"{summary['source']}",
+        summary["source"] + residual,
         f"{', '.join(names)} written to {summary['output']}",
         "",
         *straight_columns(rows),

@@ -43,6 +43,18 @@ def check_writable(path: Path) -> None:
         raise JounceError(f"{path}: {error.strerror or error}") from None
 
 
+def make_folder(path: Path) -> None:
+    """Make a folder where it is missing, or raise `JounceError`."""
+    try:
+        path.mkdir(exist_ok=True)
+    except FileNotFoundError:
+        raise JounceError(f"{path}: there is no folder {str(path.parent)!r} to make it in") from None
+    except FileExistsError:
+        raise JounceError(f"{path}: exists and is not a folder") from None
+    except OSError as error:
+        raise JounceError(f"{path}: cannot be made: {error.strerror or error}") from None
+
+
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
     """A path to write to, beside `path`; at the end it is moved there, so that no half of a file is ever seen."""

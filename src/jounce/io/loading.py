@@ -24,17 +24,21 @@ def load(source: str | os.PathLike[str], /, **parameters: object) -> Robot:
 
     Parameters
     ----------
-    source : path of a .urdf, .yaml, .yml or .json file, or "iiwa14", "planar2r"
-    parameters : gravity (3,) in m/s^2, that of the file, (0, 0, -9.81) where it states none and
-        (0, 0, -9.80665) for iiwa14; for planar2r L1, L2, m1, m2, g (symbols are values too)
+    source : str or path
+        Path of a .urdf, .yaml, .yml or .json file, or "iiwa14", "planar2r".
+    **parameters : keywords
+        gravity (3,) in m/s^2; if left out that of the file, (0, 0, -9.81) where it states none, (0, 0, -9.80665) for
+        iiwa14; for planar2r L1, L2, m1, m2, g (symbols are values too).
 
     Raises
     ------
-    JounceError : where the file cannot be read, is not a robot, or a parameter is unknown.
+    JounceError
+        Where the file cannot be read, is not a robot, or a parameter is unknown.
 
     Warns
     -----
-    JounceWarning : where bodies of a file have an inertia that no distribution of mass has.
+    JounceWarning
+        Where bodies of a file have an inertia that no distribution of mass has.
 
     Examples
     --------
@@ -44,7 +48,7 @@ def load(source: str | os.PathLike[str], /, **parameters: object) -> Robot:
     """
     if not isinstance(source, str | os.PathLike):
         raise JounceError(f"a robot is a path or a name, not {type(source).__name__}; names: {', '.join(BUNDLED)}")
-    if source in BUNDLED:
+    if str(source) in BUNDLED:
         return Robot(_call(BUNDLED[str(source)], parameters, str(source)))
     path = Path(source).expanduser()
     if path.suffix.lower() not in READERS:

@@ -1,7 +1,7 @@
 """Tables: named columns of numbers in CSV and NPZ files, every cell checked when read, all digits kept when written."""
 
 import csv
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from io import BytesIO, StringIO
 from pathlib import Path
 from typing import TypeVar
@@ -12,6 +12,7 @@ import numpy as np
 from jounce.errors import JounceError, one_line
 from jounce.io import files
 from jounce.io.files import finite, read_bytes
+from jounce.rates import rate_name
 
 Columns = dict[str, np.ndarray]
 Handler = TypeVar("Handler")
@@ -34,6 +35,14 @@ def write(path: Path, columns: Mapping[str, np.ndarray]) -> None:
     _check_finite(path, columns)
     with files.written_whole(path) as part:
         writer(part, columns)
+
+
+def of_rates(t: np.ndarray, names: Sequence[str], symbol: str, rates: Sequence[np.ndarray]) -> Columns:
+    """The columns t and ``NAME.Q, NAME.Qd, ...`` of a quantity with its rates, each (N, n)."""
+    columns = {"t": t}
+    for j, name in enumerate(names):
+        columns |= {f"{name}.{rate_name(symbol, k)}": rate[:, j] for k, rate in enumerate(rates)}
+    return columns
 
 
 def _check_finite(path: Path, columns: Mapping[str, np.ndarray]) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from jounce.errors import JounceError
 from jounce.mechanism import Mechanism
-from jounce.motion.spline import rates_through
+from jounce.motion.spline import Spline, rates_of
 from jounce.motion.states import COMPONENTS
 from jounce.rates import SUFFIX, rate_name
 
@@ -20,7 +20,7 @@ def named(names: Sequence[str], joints: Sequence[str]) -> list[str]:
 
 
 def wrenches(
-    columns: Mapping[str, np.ndarray], mechanism: Mechanism, order: int, degree: int, place: str
+    columns: Mapping[str, np.ndarray], mechanism: Mechanism, order: int, spline: Spline, place: str
 ) -> tuple[dict[str, np.ndarray], ...] | None:
     """W by body and its rates up to `order`, as `inverse_dynamics` takes them; components left out are zero."""
     parts = [match.groups() for name in columns if (match := COLUMN.fullmatch(name))]
@@ -36,7 +36,7 @@ def wrenches(
         rates = [_as_given(columns, given, k, place) for k in range(order + 1)]
     else:
         t, samples = columns["t"], np.stack([columns[".".join(key)] for key in given], axis=1)
-        rates = list(rates_through(t, samples, order, degree, place, "W"))
+        rates = list(rates_of(t, samples, order, spline, place, "W"))
     return tuple(_by_body(rate, given) for rate in rates)
 
 

@@ -1,9 +1,9 @@
-"""Splines through sampled motions, and a warning where the samples' rounding would drown their rates."""
+"""Splines of sampled motions, through all samples or fitted, and a warning where rounding would drown their rates."""
 
 import warnings
-from collections.abc import Callable, Sequence
-from functools import partial
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,48 +11,81 @@ from jounce.errors import JounceError, JounceWarning, one_line
 from jounce.motion.smoothness import resolution
 from jounce.rates import rate_name
 
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+
 DEGREES = (5, 7)  # q is C^4 or C^6
-DEGREE = 7  # unless asked otherwise: q4d is smooth then, and Q2d has no kinks
 NOTICEABLE = 0.01  # share of rounding in a rate from which on a user should hear of it
 
 
-def rates_through(
-    t: np.ndarray, q: np.ndarray, highest: int, degree: int, place: str, symbol: str = "q"
-) -> tuple[np.ndarray, ...]:
-    """Samples q, (N, n), and the rates of the spline that interpolates them, up to the one of order `highest`."""
-    from scipy.interpolate import make_interp_spline  # a second to import, and only for samples
+@dataclass(frozen=True)
+class Spline:
+    """How samples become a curve: through all of them, or fitted by least squares with so many intervals."""
 
-    if degree not in DEGREES:
-        raise JounceError(f"a spline of degree {degree} is not offered; there are: {', '.join(map(str, DEGREES))}")
-    if len(t) <= degree:
-        raise JounceError(f"{place}: {len(t)} samples; a spline of degree {degree} needs at least {degree + 1}")
-    if highest > degree:
-        asked = rate_name(symbol, highest)
-        raise JounceError(f"{place}: {asked} asked of samples; a spline of degree {degree} ends at {symbol}{degree}d")
-    interpolate = partial(make_interp_spline, t, k=degree)
+    degree: int = 7  # q4d is smooth then, and Q2d has no kinks
+    intervals: int | None = None  # few of them even out the noise of measured samples
+
+    def __str__(self) -> str:
+        smooth = f"spline of degree {self.degree} (C^{self.degree - 1})"
+        fit = f", fitted by least squares in {self.intervals} interval{'s' * (self.intervals != 1)}"
+        return smooth + (fit if self.intervals else "")
+
+    def of(self, t: np.ndarray, q: np.ndarray) -> "BSpline":
+        """The curve of samples q, (N, ...)."""
+        from scipy.interpolate import make_interp_spline, make_lsq_spline  # a second to import, and only for samples
+
+        if self.intervals is None:
+            return make_interp_spline(t, q, k=self.degree)
+        inner = np.linspace(0, len(t) - 1, self.intervals + 1)[1:-1]  # as many samples in each interval
+        ends = [np.full(self.degree + 1, end) for end in (t[0], t[-1])]
+        return make_lsq_spline(
+            t, q, np.concatenate([ends[0], np.interp(inner, range(len(t)), t), ends[1]]), self.degree
+        )
+
+    def check(self, samples: int, place: str) -> None:
+        """Raise `JounceError` where no such spline can be made of so many samples."""
+        if self.degree not in DEGREES:
+            known = ", ".join(map(str, DEGREES))
+            raise JounceError(f"a spline of degree {self.degree} is not offered; there are: {known}")
+        if samples <= self.degree:
+            least = f"a spline of degree {self.degree} needs at least {self.degree + 1}"
+            raise JounceError(f"{place}: {samples} samples; {least}")
+        most = samples - self.degree
+        if self.intervals is not None and not 1 <= self.intervals <= most:
+            raise JounceError(f"{place}: {self.intervals} intervals for {samples} samples; expected 1 to {most}")
+
+
+def rates_of(
+    t: np.ndarray, q: np.ndarray, highest: int, spline: Spline, place: str, symbol: str = "q"
+) -> tuple[np.ndarray, ...]:
+    """Samples q, (N, n), as the spline has them, and its rates up to the one of order `highest`."""
+    spline.check(len(t), place)
+    if highest > spline.degree:
+        asked, last = rate_name(symbol, highest), f"{symbol}{spline.degree}d"
+        raise JounceError(f"{place}: {asked} asked of samples; a spline of degree {spline.degree} ends at {last}")
     try:
-        spline = interpolate(q)
-    except ValueError as error:
+        curve = spline.of(t, q)
+    except (ValueError, np.linalg.LinAlgError) as error:
         raise JounceError(f"{place}: no spline goes through these samples: {one_line(error)}") from None
-    rates = (q, *(spline(t, nu=k) for k in range(1, highest + 1)))
-    _warn_of_rounding(t, rates, interpolate, place, symbol)
+    kept = q if spline.intervals is None else curve(t)
+    rates = (kept, *(curve(t, nu=k) for k in range(1, highest + 1)))
+    _warn_of_rounding(t, q, rates, spline, place, symbol)
     return rates
 
 
 @np.errstate(all="ignore")  # samples near the end of the doubles overflow here; their forces are refused later
 def _warn_of_rounding(
-    t: np.ndarray, rates: Sequence[np.ndarray], interpolate: Callable[[np.ndarray], Any], place: str, symbol: str
+    t: np.ndarray, q: np.ndarray, rates: Sequence[np.ndarray], spline: Spline, place: str, symbol: str
 ) -> None:
     """Warn where the samples' own rounding shows in the highest rate: differentiation multiplies it by (1/dt)^k.
 
-    A spline is linear in its samples, so the spline through random errors of their size tells what they do.
+    A spline is linear in its samples, so the spline of random errors of their size tells what they do.
     """
     highest = len(rates) - 1
-    q, qd = rates[0], rates[min(1, highest)]
-    of_t = np.finfo(float).eps * np.abs(t).max() * np.abs(qd).max(axis=0)
+    of_t = np.finfo(float).eps * np.abs(t).max() * np.abs(rates[min(1, highest)]).max(axis=0)
     size = np.nan_to_num(np.maximum([resolution(column) for column in q.T], of_t))
     errors = np.random.default_rng(0).uniform(-1, 1, q.shape) * size
-    error = np.abs(interpolate(errors)(t, nu=highest)).max(axis=0)
+    error = np.abs(spline.of(t, errors)(t, nu=highest)).max(axis=0)
     scales = [np.abs(rate).max(axis=0) / np.ptp(t) ** (highest - k) for k, rate in enumerate(rates)]
     share = float((error / np.maximum(np.max(scales, axis=0), np.finfo(float).tiny)).max())
     if share > NOTICEABLE:

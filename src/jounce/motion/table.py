@@ -9,19 +9,20 @@ import numpy as np
 from jounce.errors import JounceError, JounceWarning, listed, no_such
 from jounce.mechanism import Mechanism
 from jounce.motion import loads, smoothness
-from jounce.motion.spline import DEGREE, rates_through
+from jounce.motion.spline import Spline, rates_of
 from jounce.motion.states import Motion
 from jounce.rates import SUFFIX, rate_name
 
+THROUGH = Spline()
 RATE = re.compile("q" + SUFFIX)
 
 
 def from_table(
-    columns: Mapping[str, np.ndarray], mechanism: Mechanism, highest: int, place: str, degree: int = DEGREE
+    columns: Mapping[str, np.ndarray], mechanism: Mechanism, highest: int, place: str, spline: Spline = THROUGH
 ) -> Motion:
     """The motion in a table, matched by joint name in any column order, with rates up to the one of order `highest`.
 
-    Either `t` and one column per joint (samples: the rates are those of an interpolating spline of degree 7 or 5), or
+    Either `t` and one column per joint (samples: the rates are those of a spline through them, or fitted to them), or
     `t` and ``NAME.q, NAME.qd, NAME.q2d, ...`` for every joint (used as they are). Wrenches that bodies or merged links
     exert come in columns ``BODY.mx .. BODY.fz``, again as samples or with all rates, ``BODY.fxd, BODY.fx2d, ...``.
 
@@ -45,15 +46,16 @@ def from_table(
     sampled = not any(_is_rate(name, joints) for name in given)
     _check_columns(given, mechanism, [] if sampled else wanted, place)
     wrenches = {name: columns[name] for name in ("t", *of_wrenches)}
-    W = loads.wrenches(wrenches, mechanism, max(highest - 2, 0), degree, place)
+    W = loads.wrenches(wrenches, mechanism, max(highest - 2, 0), spline, place)
     if not sampled:
         rates = tuple(np.stack([columns[f"{joint}.{rate}"] for joint in joints], axis=1) for rate in wanted)
         _warn_of(smoothness.of_rates(rates), place)
         return Motion(t, rates, "all rates from the table", W)
     samples = np.stack([columns[joint] for joint in joints], axis=1)
-    _warn_of(smoothness.of_samples(t, samples), place)
-    rates = rates_through(t, samples, highest, degree, place)
-    return Motion(t, rates, f"samples, rates from a spline of degree {degree} (C^{degree - 1})", W)
+    if spline.intervals is None:  # what a fit does not follow, its residual tells
+        _warn_of(smoothness.of_samples(t, samples), place)
+    rates = rates_of(t, samples, highest, spline, place)
+    return Motion(t, rates, f"samples, rates from a {spline}", W, float(np.abs(rates[0] - samples).max()))
 
 
 def _warn_of(jumps: str | None, place: str) -> None:

@@ -16,6 +16,8 @@ class Bodies(Data):
 
         ``body`` is a body or a link merged into one. Müller & Kumar, (Ci).
 
+        Examples
+        --------
         >>> import jounce
         >>> jounce.load("planar2r").poses([0, 0])[1, :3, 3]
         array([1., 0., 0.])
@@ -41,12 +43,18 @@ class Bodies(Data):
 
         Parameters
         ----------
-        body : a body or a link merged into one; all bodies if left out
-        frame : of the twists V = (angular; linear): "body" (the paper's body-fixed twist), "world" (world axes, origin
-            of the body frame: the hybrid form) or "spatial" (the paper's spatial twist)
+        body : str
+            A body or a link merged into one; all bodies if left out.
+        frame : str
+            Of the twists V = (angular; linear): "body" (the paper's body-fixed twist), "world" (world axes, origin of
+            the body frame: the hybrid form) or "spatial" (the paper's spatial twist).
 
+        References
+        ----------
         Müller & Kumar, (Vsys), (JbSys), (Jdot).
 
+        Examples
+        --------
         >>> import jounce
         >>> jounce.load("planar2r").jacobian([0, 0], body="body2", frame="world")[3:5]
         array([[0., 0.],
@@ -66,6 +74,8 @@ class Bodies(Data):
 
         ``h = U^T M V``, the sum of the bodies' momenta M_i V_i carried to the origin; kg m^2/s and kg m/s.
 
+        Examples
+        --------
         >>> import jounce
         >>> jounce.load("planar2r").momentum([0, 0], [1, 0])[[2, 4]]
         array([5., 3.])
@@ -92,6 +102,8 @@ class Bodies(Data):
         ``F = hd + U^T M U G + U^T W``: the rate of the momentum, less gravity and less the loads -W; inertial axes. A
         mechanism is dynamically balanced where F is constant. ``wrench`` as in `inverse_dynamics`.
 
+        Examples
+        --------
         >>> import jounce
         >>> jounce.load("planar2r").base_wrench([0, 0], [0, 0], [0, 0])[[2, 4]].round(6)
         array([29.43, 19.62])
@@ -123,10 +135,18 @@ class Bodies(Data):
 
         Parameters
         ----------
-        body : a body, or a link merged into one
-        force, torque : (..., 3) in N and N m, alone (constant in its axes) or a tuple with its rates, as many as W has
-        frame : the axes of force and torque, "world" or "body" (those of the named link)
-        point : (3,) where the force acts, in the frame of the link; its origin if left out
+        q : (..., n)
+            Coordinates.
+        qd, q2d, *higher : (..., n), default: None
+            Their rates, each for one more rate of W.
+        body : str
+            A body, or a link merged into one.
+        force, torque : (..., 3)
+            In N and N m, alone (constant in its axes) or a tuple with its rates, as many as W has.
+        frame : str
+            The axes of force and torque, "world" or "body" (those of the named link).
+        point : (3,)
+            Where the force acts, in the frame of the link; its origin if left out.
 
         Examples
         --------

@@ -50,22 +50,30 @@ class Data:
 
         Parameters
         ----------
-        B : (nb, 4, 4) pose of body i in the frame of its parent body at theta_i = 0
-        X : (nb, 6) joint screw in the frame of body i, (xi; eta): revolute (e; x cross e), helical of pitch h
-            (e; x cross e + h e), prismatic (0; e), with a unit vector e and a point x on the axis
-        M : (nb, 6, 6) inertia matrix in the frame of body i, see `inertia_matrix`
-        parent : (nb) index of the parent body, smaller than i; -1 is the ground, several roots are allowed; a serial
-            chain if left out
-        names : names of the nb bodies
-        gravity : (3,) gravitational acceleration in the inertial frame, m/s^2; (0, 0, -9.81) if left out
-        data : joint_names, names of the n coordinates; G (nb, n) and g (nb,), constant, for joints that follow others,
+        B : (nb, 4, 4)
+            Pose of body i in the frame of its parent body at theta_i = 0.
+        X : (nb, 6)
+            Joint screw in the frame of body i, (xi; eta): revolute (e; x cross e), helical of pitch h
+            (e; x cross e + h e), prismatic (0; e), with a unit vector e and a point x on the axis.
+        M : (nb, 6, 6)
+            Inertia matrix in the frame of body i, see `inertia_matrix`.
+        parent : (nb,)
+            Index of the parent body, smaller than i; -1 is the ground, several roots are allowed; a serial chain if
+            left out.
+        names : (nb,)
+            Names of the bodies.
+        gravity : (3,)
+            Gravitational acceleration in the inertial frame, m/s^2; (0, 0, -9.81) if left out.
+        **data : keywords
+            joint_names, names of the n coordinates; G (nb, n) and g (nb,), constant, for joints that follow others,
             theta = q if left out; limits, a mapping of lower, upper, velocity, effort (nb,) of theta, each infinite if
-            left out; name, of the robot
+            left out; name, of the robot.
 
         Raises
         ------
-        JounceError : where a shape or name is wrong, a number is not finite, a pose, screw or inertia has not its form,
-            or a body comes before its parent.
+        JounceError
+            Where a shape or name is wrong, a number is not finite, a pose, screw or inertia has not its form, or a
+            body comes before its parent.
 
         References
         ----------
@@ -93,10 +101,16 @@ class Data:
 
         Parameters
         ----------
-        A : (nb, 4, 4) absolute poses of the bodies
-        Y : (nb, 6) joint screws in the inertial frame
-        M : (nb, 6, 6) inertia matrices, in the body frames
-        parent, data : and names, gravity: as in `from_screws`, with the same errors
+        A : (nb, 4, 4)
+            Absolute poses of the bodies.
+        Y : (nb, 6)
+            Joint screws in the inertial frame.
+        M : (nb, 6, 6)
+            Inertia matrices, in the body frames.
+        parent : (nb,)
+            As in `from_screws`, with the same errors.
+        **data : keywords
+            names and gravity too, as in `from_screws`.
 
         Examples
         --------

@@ -34,11 +34,16 @@ class Forces(Data):
 
         Parameters
         ----------
-        q, qd, q2d, q3d, q4d, *higher : (..., n) coordinates and their rates, rad or m, per s, ...
-        wrench : what the bodies EXERT ON their environment, Qext = +J^T W, (moment; force) in body-frame components
-            about the origin of the body frame: W or a tuple (W, Wd, ...) with as many rates as Q; each an array
+        q, qd, q2d : (..., n)
+            Coordinates, velocities and accelerations: rad or m, per s, per s^2.
+        q3d, q4d, *higher : (..., n), default: None
+            Further rates, each for one more time derivative of Q.
+        wrench : (..., nb, 6) or dict
+            What the bodies EXERT ON their environment, Qext = +J^T W, (moment; force) in body-frame components about
+            the origin of the body frame: W or a tuple (W, Wd, ...) with as many rates as Q; each an array
             (..., nb, 6) or a dict {body or merged link: (..., 6)}. Wd is the derivative of those components.
-        method, out : see `Robot`
+        method, out : optional
+            See `Robot`.
 
         References
         ----------
@@ -67,6 +72,8 @@ class Forces(Data):
 
         Müller & Kumar, (MC), (Mdot), (Mddot).
 
+        Examples
+        --------
         >>> import jounce
         >>> M, Md = jounce.load("planar2r").mass_matrix([0, 0], [0, 1])
         >>> M
@@ -96,6 +103,8 @@ class Forces(Data):
 
         Müller & Kumar, (MC), (Cdot), (C2temp), (Cbar).
 
+        Examples
+        --------
         >>> import jounce, numpy as np
         >>> robot, q, qd = jounce.load("iiwa14"), np.full(7, 0.3), np.ones(7)
         >>> M, Md = robot.mass_matrix(q, qd)
@@ -118,6 +127,8 @@ class Forces(Data):
 
         Müller & Kumar, (eq_U), (Qgravdot).
 
+        Examples
+        --------
         >>> import jounce
         >>> jounce.load("planar2r").gravity_forces([0, 0])
         array([29.43,  9.81])

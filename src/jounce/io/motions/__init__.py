@@ -9,21 +9,21 @@ from jounce.io.motions import terms
 from jounce.mechanism import Mechanism
 from jounce.motion import Motion
 from jounce.motion.analytic import Terms, along
-from jounce.motion.spline import DEGREE
-from jounce.motion.table import from_table
+from jounce.motion.spline import Spline
+from jounce.motion.table import THROUGH, from_table
 
 BUNDLED = {"paper": "paper.yaml", "paper-wrench": "paper-wrench.yaml"}  # names of motions, beside files
 SUFFIXES = (".yaml", ".yml")
 
 
-def read(source: Path, mechanism: Mechanism, highest: int, degree: int = DEGREE) -> Motion:
+def read(source: Path, mechanism: Mechanism, highest: int, spline: Spline = THROUGH) -> Motion:
     """The motion of a file, or of a bundled name, for a mechanism: rates up to the one of order `highest`."""
     if str(source) in BUNDLED:
         return along(bundled(str(source)), mechanism, highest)
     if source.suffix.lower() in SUFFIXES:
         return terms.read(source, mechanism, highest)
     if source.suffix.lower() in tables.READERS:
-        return from_table(tables.read(source), mechanism, highest, str(source), degree)
+        return from_table(tables.read(source), mechanism, highest, str(source), spline)
     known = ", ".join([*tables.READERS, *SUFFIXES])
     raise JounceError(f"{source}: unknown type of motion {source.suffix!r}; there are: {known}, {', '.join(BUNDLED)}")
 

@@ -1,0 +1,50 @@
+"""`jounce plot`: the curves of a table as a picture."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+EPILOG = """\b
+Example:
+  jounce run iiwa14 paper -o forces.csv
+  jounce plot forces.csv -o forces.svg
+  jounce plot forces.csv -o wrist.png --joint joint7 --quantity Q2d
+"""
+
+
+@click.command(epilog=EPILOG, short_help="The curves of a table as a picture.")
+@click.argument("table", type=click.Path(path_type=Path))
+@click.option(
+    "-o", "--output", required=True, type=click.Path(path_type=Path), help="Picture to write: .png, .svg or .pdf."
+)
+@click.option("--joint", "joints", multiple=True, metavar="NAME", help="Of this joint only; may be repeated.")
+@click.option("--quantity", "quantities", multiple=True, metavar="Q", help="Of this quantity only: Q, Qd, q, ...")
+@click.option("--json", "as_json", is_flag=True, help="Print what was drawn as JSON.")
+def plot(table: Path, output: Path, joints: Sequence[str], quantities: Sequence[str], as_json: bool) -> None:
+    """Draw the columns of TABLE over time: forces that `run` wrote, or a motion with its rates.
+
+    One row a quantity, one curve a joint; curves too small to be seen beside the others have a column of their own.
+    """
+    from jounce.io import files, tables
+    from jounce.report import canvas
+    from jounce.report.curves import over_time
+    from jounce.report.table import panels
+
+    canvas.check_format(output)
+    files.check_writable(output)
+    canvas.check_installed()
+    columns = tables.read(table)
+    drawn = panels(columns, str(table), joints, quantities)
+    canvas.save(over_time(columns["t"], drawn), output)
+    summary = {
+        "table": str(table),
+        "output": str(output),
+        "states": len(columns["t"]),
+        "panels": {panel.label: list(panel.curves) for panel in drawn},
+    }
+    shown = ", ".join(panel.label.split()[0] for panel in drawn)
+    count = len(drawn[0].curves)
+    words = f"{shown} of {count} joint{'s' * (count > 1)}, {summary['states']} states, drawn to {output}"
+    click.echo(json.dumps(summary, indent=2) if as_json else words)

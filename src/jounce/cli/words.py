@@ -1,0 +1,46 @@
+"""What a command says: straight columns, and a bar for work that takes more than a second."""
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from time import monotonic
+from typing import Any
+
+import click
+
+PATIENCE = 1.0  # s without a sign of life
+
+
+def styled(text: str, **style: Any) -> str:
+    """A text in a style, for terminals only (click strips it elsewhere), and not where NO_COLOR is set."""
+    return text if os.environ.get("NO_COLOR") else click.style(text, **style)
+
+
+def straight_columns(rows: list[tuple[str, ...]]) -> list[str]:
+    """Rows of texts as lines with straight columns, the first of them in bold where the terminal can."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    head, *body = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+    return [styled(head, bold=True), *body]
+
+
+@contextmanager
+def progress(label: str, steps: int) -> Iterator[Callable[[], None]]:
+    """A bar on the terminal, from the first second of work on; each call of what it yields is a step done.
+
+    Nothing is shown where no person looks on: piped, or with the error stream in a file.
+    """
+    bar = click.progressbar(length=steps, label=label, file=sys.stderr)
+    seen, start, done = sys.stderr.isatty(), monotonic(), 0
+
+    def advance() -> None:
+        nonlocal done
+        done += 1
+        if seen and monotonic() - start > PATIENCE:
+            bar.update(done - bar.pos)
+
+    try:
+        yield advance
+    finally:
+        if bar.pos:
+            bar.render_finish()

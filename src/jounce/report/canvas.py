@@ -1,0 +1,96 @@
+"""The canvas of all pictures: one look, axes told apart in colour and in grey, files written whole."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jounce.errors import JounceError, no_such
+from jounce.io import files
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+INK, PALE = "#222222", "#bbbbbb"
+# Seven lines: each has a colour (most of Okabe and Ito, safe for the colour-blind) and a dash pattern of its own.
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#000000", "#56b4e9", "#7a5c00")
+DASHES: tuple[Any, ...] = (
+    "solid",
+    (0, (6, 1.5)),
+    (0, (1.2, 1.2)),
+    (0, (6, 1.5, 1.2, 1.5)),
+    (0, (3, 1.2)),
+    (0, (9, 1.5, 1.2, 1.5, 1.2, 1.5)),
+    (0, (12, 3)),
+)
+LOOK: Any = {
+    "font.size": 9,
+    "axes.titlesize": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.axisbelow": True,
+    "axes.grid": True,
+    "grid.color": "#e6e6e6",
+    "grid.linewidth": 0.6,
+    "legend.frameon": False,
+    "lines.linewidth": 1.2,
+    "mathtext.fontset": "dejavusans",
+    "savefig.dpi": 160,
+    "savefig.bbox": "tight",
+    "savefig.pad_inches": 0.08,
+    "svg.hashsalt": "jounce",  # the same figure gives the same file
+    "svg.fonttype": "path",
+}
+FORMATS = ("png", "svg", "pdf")
+
+
+def check_installed() -> None:
+    """Raise `JounceError` where matplotlib, half a second to import and only for pictures, is missing."""
+    try:
+        import matplotlib.figure  # noqa: F401
+    except ModuleNotFoundError:
+        raise JounceError("pictures need matplotlib; install it by: pip install 'jounce[figures]'") from None
+
+
+def painted(paint: "Callable[[Figure], None]", width: float, height: float) -> "Figure":
+    """A figure of so many inches, painted in jounce's look; no window is opened, no global setting changed."""
+    check_installed()
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(LOOK):
+        figure = Figure(figsize=(width, height), layout="constrained")
+        paint(figure)
+        return figure
+
+
+def line_style(i: int) -> dict[str, Any]:
+    """Colour and dashes of the i-th of several curves."""
+    return {"color": COLOURS[i % len(COLOURS)], "linestyle": DASHES[(i + i // len(COLOURS)) % len(DASHES)]}
+
+
+def legend_above(figure: "Figure", axes: "Axes", columns: int = 8, **options: Any) -> None:
+    """A legend in rows above all the axes, where it hides nothing."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="outside upper center", ncols=min(columns, len(labels)), handlelength=3.6, **options
+    )
+
+
+def check_format(path: Path) -> None:
+    """Raise `JounceError` where no picture of this suffix can be written."""
+    if path.suffix.lower().removeprefix(".") not in FORMATS:
+        raise no_such(f"type of picture for {path}:", path.suffix, [f".{name}" for name in FORMATS])
+
+
+def save(figure: "Figure", path: Path) -> None:
+    """Write a figure whole, as PNG, SVG or PDF by its suffix; the same figure gives the same file."""
+    import matplotlib
+
+    check_format(path)
+    kind = path.suffix.lower().removeprefix(".")
+    undated = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[kind]
+    with matplotlib.rc_context(LOOK), files.written_whole(path) as part:
+        figure.savefig(part, format=kind, metadata=undated)

@@ -1,0 +1,30 @@
+"""The error of numerical differentiation over its step: why exact rates matter."""
+
+from typing import TYPE_CHECKING
+
+from jounce.report.canvas import INK, legend_above, line_style, painted
+from jounce.report.example import StepErrors
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def errors_over_steps(of_Qd: StepErrors, of_Q2d: StepErrors) -> "Figure":
+    """Two panels, Qd and Q2d: each scheme falls to its best step and rises again; the exact rates have no step."""
+
+    def paint(figure: "Figure") -> None:
+        left, right = figure.subplots(1, 2, sharey=True)
+        _draw(left, of_Qd, r"largest error of $\dot{Q}$ / largest $|\dot{Q}|$")
+        _draw(right, of_Q2d, r"largest error of $\ddot{Q}$ / largest $|\ddot{Q}|$")
+        legend_above(figure, right, columns=3)
+
+    return painted(paint, 9, 4.2)
+
+
+def _draw(axes: "Axes", errors: StepErrors, label: str) -> None:
+    for i, (name, values) in enumerate(errors.of_scheme.items()):
+        axes.loglog(errors.h, values, label=name, marker="osD^"[i], ms=3.5, mfc="white", **line_style(i))
+    axes.axhline(errors.exact, color=INK, linewidth=2, label="exact: closed form against recursion")
+    axes.set_ylabel(label)
+    axes.set_xlabel("step h [s]")

@@ -1,0 +1,75 @@
+"""The pages, README.md and all of docs/, run as printed: files are written, commands and Python run, in page order.
+
+A fence with a title holds a file. Indented, or after ``$`` in a ``console`` fence, `jounce ...` is a command; lines
+without ``$`` are its output, ``...`` standing for any of it. Python fences are doctests, all of a page in one session.
+"""
+
+import doctest
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from jounce.cli import main
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+BLOCK = re.compile(r'^```(\w+)(?: title="([^"]+)")?\n(.*?)^```$|^    (jounce [^\n]+)$', re.MULTILINE | re.DOTALL)
+
+
+def blocks(page: Path) -> Iterator[tuple[str, str, int]]:
+    """What can run in a page: its kind, text and line. A file is of the kind of its name."""
+    text = page.read_text()
+    for found in BLOCK.finditer(text):
+        language, title, inner, command = found.groups()
+        kind = title or language or "console"
+        yield kind, inner if command is None else f"$ {command}\n", text[: found.start()].count("\n") + 1
+
+
+def run_commands(session: str) -> None:
+    for command, expected in re.findall(r"^\$ (jounce .+)\n((?:(?!\$ ).*\n)*)", session, re.MULTILINE):
+        words = shlex.split(command, comments=True)[1:]
+        result = CliRunner().invoke(main, words)
+        assert result.exit_code == 0, f"{command}: {result.output}"
+        if expected:
+            assert doctest.OutputChecker().check_output(expected, result.output, doctest.ELLIPSIS), result.output
+        if "-o" in words:
+            assert Path(words[words.index("-o") + 1]).stat().st_size > 1000
+
+
+def run_python(session: str, names: dict[str, object], place: str, line: int) -> None:
+    test = doctest.DocTestParser().get_doctest(session, {}, place, place, line)
+    assert test.examples, f"{place}:{line}: Python that is no doctest"
+    test.globs, report = names, []
+    doctest.DocTestRunner(optionflags=doctest.ELLIPSIS).run(test, out=report.append, clear_globs=False)
+    assert not report, "".join(report)
+
+
+@pytest.mark.filterwarnings("default::jounce.JounceWarning")  # a page may show one
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_a_page_runs_as_printed(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    names: dict[str, object] = {"__name__": "__main__"}
+    for kind, text, line in blocks(page):
+        if kind == "python":
+            run_python(text, names, str(page.relative_to(ROOT)), line)
+        elif kind == "console":
+            run_commands(text)
+        elif "." in kind:
+            (tmp_path / kind).write_text(text)
+        else:
+            assert kind == "sh", f"{page.name}:{line}: a block of {kind} that nothing runs"
+            assert "jounce " not in text, f"{page.name}:{line}: a command that nothing runs"
+
+
+def test_nothing_of_the_pages_escapes_the_test():
+    """As many commands are run as the pages name outside of prose."""
+    for page in PAGES:
+        named = re.findall(r"^(?:    |\$ )jounce ", page.read_text(), re.MULTILINE)
+        run = [c for kind, text, _ in blocks(page) if kind == "console" for c in re.findall(r"^\$ jounce ", text, re.M)]
+        assert len(run) == len(named), page
+    assert sum(kind == "console" for page in PAGES for kind, _, _ in blocks(page)) >= 10
