@@ -40,6 +40,8 @@ def save(robot: Robot, path: str | os.PathLike[str]) -> None:
     """
     if not isinstance(robot, Robot):
         raise JounceError(f"a Robot is saved, not a {type(robot).__name__}; expected one of jounce.load, say")
+    if not isinstance(path, str | os.PathLike):
+        raise JounceError(f"a robot is saved to a path, not to one of type {type(path).__name__}")
     target = Path(path).expanduser()
     check_writable(target)
     try:
