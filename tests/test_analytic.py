@@ -125,7 +125,7 @@ BAD = {
     "repeated key": (BOTH + "  joint1: {offset: 3}\n", ["m.yaml:5: not YAML", "joint1"]),
     "code": ("time: !!python/object:os.system x", ["not YAML"]),
     "no joints": (TIME, ["the motion has no 'joints'"]),
-    "unknown key": (BOTH.replace("time", "tiem"), ["no key in the motion 'tiem'; did you mean 'time'?"]),
+    "unknown key": (BOTH.replace("time", "tiem"), ["m.yaml:1: no key in the motion 'tiem'; did you mean 'time'?"]),
     "unknown joint": (BOTH + "  joint3: {}\n", ["no joint 'joint3'; did you mean 'joint"]),
     "missing joint": (TIME + "joints: {joint1: {offset: 1}}", ["no terms for joint2; expected"]),
     "unknown term": (
@@ -136,7 +136,10 @@ BAD = {
         BOTH.replace("offset: 1", "cosines: [{frequency: 1}]"),
         ["cosine of joint 'joint1' has no 'amplitude'"],
     ),
-    "text": (BOTH.replace("offset: 1", "offset: one"), ["offset of joint 'joint1' is 'one'; expected a finite number"]),
+    "text": (
+        BOTH.replace("offset: 1", "offset: one"),
+        ["m.yaml:3: offset of joint 'joint1' is 'one'; expected a finite number"],
+    ),
     "not finite": (BOTH.replace("offset: 1", "offset: .nan"), ["offset of joint 'joint1' is nan"]),
     "truth": (BOTH.replace("offset: 1", "offset: true"), ["is True; expected a finite number"]),
     "no list": (BOTH.replace("offset: 1", "polynomial: 3"), ["polynomial of joint 'joint1' is 3; expected a list"]),

@@ -18,7 +18,7 @@ units. Nothing is lost: what is read from it is the same to the last bit.
 """
 
 
-@click.command(epilog=EPILOG, short_help="A robot into a YAML or JSON file, to read and edit.")
+@click.command(epilog=EPILOG, short_help="A robot as a YAML or JSON file.")
 @click.argument("robot", type=ROBOT)
 @click.option(
     "-o", "--output", required=True, type=click.Path(path_type=Path), help="File to write: .yaml, .yml or .json."

@@ -13,7 +13,7 @@ import numpy as np
 from jounce import inertia
 from jounce.errors import JounceError, listed, no_such
 from jounce.mechanism import UNLIMITED, Frame, Mechanism
-from jounce.screws import exact_pose, from_screws
+from jounce.screws import from_screws
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def mechanism(links: Sequence[Link], joints: Sequence[Joint], gravity: object, n
         limits={key: [joint.limits.get(key, free) for joint in movable] for key, free in UNLIMITED.items()},
         name=name,
     )
-    merged = tuple(replace(f, T=exact_pose(f.T, f.name)) for link, f in frames.items() if link not in bodies)
+    merged = tuple(frame for link, frame in frames.items() if link not in bodies)
     return replace(built, joints=tuple(joint.name for joint in movable), frames=merged)
 
 

@@ -27,8 +27,8 @@ def load(source: str | os.PathLike[str], /, **parameters: object) -> Robot:
     source : str or path
         Path of a .urdf, .yaml, .yml or .json file, or "iiwa14", "planar2r".
     **parameters : keywords
-        gravity (3,) in m/s^2, that of the file, (0, 0, -9.81) where it states none and (0, 0, -9.80665) for iiwa14; for
-        planar2r L1, L2, m1, m2, g (symbols are values too).
+        gravity (3,) in m/s^2; if left out that of the file, (0, 0, -9.81) where it states none, (0, 0, -9.80665) for
+        iiwa14; for planar2r L1, L2, m1, m2, g (symbols are values too).
 
     Raises
     ------

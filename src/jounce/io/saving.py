@@ -18,12 +18,15 @@ def save(robot: Robot, path: str | os.PathLike[str]) -> None:
 
     Parameters
     ----------
-    robot : a robot of numbers
-    path : of a .yaml, .yml or .json file; one that is there is replaced as a whole
+    robot : Robot
+        A robot of numbers.
+    path : str or path
+        Of a .yaml, .yml or .json file; one that is there is replaced as a whole.
 
     Raises
     ------
-    JounceError : where the robot holds symbols, the name ends otherwise, or the file cannot be written.
+    JounceError
+        Where the robot holds symbols, the name ends otherwise, or the file cannot be written.
 
     Examples
     --------
@@ -37,6 +40,8 @@ def save(robot: Robot, path: str | os.PathLike[str]) -> None:
     """
     if not isinstance(robot, Robot):
         raise JounceError(f"a Robot is saved, not a {type(robot).__name__}; expected one of jounce.load, say")
+    if not isinstance(path, str | os.PathLike):
+        raise JounceError(f"a robot is saved to a path, not to one of type {type(path).__name__}")
     target = Path(path).expanduser()
     check_writable(target)
     try:
