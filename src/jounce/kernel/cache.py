@@ -1,0 +1,94 @@
+"""Compiled kernels on disk, so that the next process need not compile: a private folder of object code.
+
+Object code is run, so the folder is its owner's alone, and what it holds is checked before it is loaded: its owner, its
+key and the hash of its content. Whatever fails a check is taken for missing, and written anew.
+"""
+
+import hashlib
+import os
+import stat
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from uuid import uuid4
+
+from jounce.kernel.target import Target
+from jounce.mechanism import DATA, Mechanism
+
+SUFFIX = ".kernel"
+
+
+def folder() -> Path:
+    """Where compiled kernels are kept: ``$JOUNCE_CACHE_DIR``, else the user's cache folder."""
+    from platformdirs import user_cache_path
+
+    return Path(os.environ.get("JOUNCE_CACHE_DIR") or user_cache_path("jounce"))
+
+
+def key(mechanism: Mechanism, what: str, target: Target) -> str:
+    """The name of a kernel: a hash of everything that its code depends on."""
+    import llvmlite
+
+    digest = hashlib.sha256(f"{what} {target} llvmlite {llvmlite.__version__} {_sources()}".encode())
+    digest.update(repr(mechanism.parent).encode())
+    for name in DATA:
+        array = getattr(mechanism, name)
+        digest.update(f"{name} {array.shape} {array.dtype}".encode())
+        digest.update(array.tobytes())
+    return digest.hexdigest()
+
+
+@cache
+def _sources() -> str:
+    """A hash of jounce itself: what the program is made of and by."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parents[1].rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def read(name: str) -> bytes | None:
+    """The code under a key, or None where there is none that can be trusted."""
+    try:
+        if not _private(folder(), os.lstat(folder())):
+            return None
+        path = folder() / (name + SUFFIX)
+        content = path.read_bytes() if _private(path, os.lstat(path)) else b""
+    except OSError:
+        return None
+    digest, code = content[:32], content[32:]
+    return code if code and digest == _hash(name, code) else None
+
+
+def write(name: str, code: bytes) -> None:
+    """Keep code under a key, whole or not at all; a folder that cannot be written is left alone."""
+    part = folder() / f"{uuid4().hex}.part"
+    try:
+        folder().mkdir(mode=0o700, parents=True, exist_ok=True)
+        if not _private(folder(), os.lstat(folder())):
+            return
+        try:
+            with open(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+                file.write(_hash(name, code) + code)
+            part.replace(folder() / (name + SUFFIX))
+        finally:
+            part.unlink(missing_ok=True)
+    except OSError:
+        return
+
+
+def entries() -> Iterator[Path]:
+    """The kernels in the folder."""
+    return folder().glob(f"*{SUFFIX}")
+
+
+def _hash(name: str, code: bytes) -> bytes:
+    return hashlib.sha256(name.encode() + code).digest()
+
+
+def _private(path: Path, found: os.stat_result) -> bool:
+    """Whether nobody but this user can write there; Windows keeps users' folders apart itself."""
+    if not hasattr(os, "getuid"):
+        return True
+    kind = stat.S_ISDIR(found.st_mode) or stat.S_ISREG(found.st_mode)  # no link that leads elsewhere
+    return kind and found.st_uid == os.getuid() and not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)

@@ -1,0 +1,163 @@
+"""A program as LLVM IR: a loop over blocks of states, in the calling convention of NumPy's generalized ufuncs.
+
+``@states(args, dimensions, steps, data)``: args are the arrays of inputs and outputs, dimensions the number of states,
+steps the strides of the arrays from state to state, then those within a state.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import accumulate, pairwise
+from math import prod
+
+from jounce.kernel import circular, layout
+from jounce.kernel.ir import Writer
+from jounce.kernel.program import Program
+from jounce.kernel.target import Target
+
+
+@dataclass(frozen=True)
+class Interface:
+    """The shapes of the arrays for one state, and the order of the outputs from which on each input matters."""
+
+    taken: tuple[tuple[int, ...], ...]
+    given: tuple[tuple[int, ...], ...]
+    matters: tuple[int, ...]
+
+    def places(self) -> tuple[list[int], list[int]]:
+        """Where the arrays of inputs, and of outputs, begin and end in scratch memory."""
+        return tuple(list(accumulate(map(prod, shapes), initial=0)) for shapes in (self.taken, self.given))  # type: ignore[return-value]
+
+
+def emitted(program: Program, interface: Interface, target: Target) -> str:
+    """The module of a program."""
+    ir = Writer(target)
+    circular.define_sincos(ir)
+    layout.define_transposes(ir)
+    layout.define_lanes(ir)
+    _define_block(ir, program, interface)
+    _define_states(ir, interface)
+    return ir.text()
+
+
+def _define_block(ir: Writer, program: Program, interface: Interface) -> None:
+    """``@block(in, out)``: the program on one block of states in scratch memory."""
+    with ir.function("internal void @block(ptr %in, ptr %out)"):
+        value = _steps(ir, program)
+        _, places = interface.places()
+        for (first, last), spoilt in zip(pairwise(places), _spoilt(ir, interface), strict=True):
+            for j in range(first, last):
+                ir.store(ir.op("add", value(program.outputs[j]), spoilt), ir.at("%out", j, ir.V))
+        ir.do("ret void")
+
+
+def _steps(ir: Writer, program: Program) -> Callable[[int], str]:
+    """The steps of a program, written in their order; returns how the value of each is called."""
+    angles = sorted({step.operands[0] for step in program.steps if step.kind in ("sin", "cos")})
+    circles = ir.let(f"alloca [{2 * max(1, len(angles))} x {ir.V}], align 64")
+    values: dict[int, str] = {}
+
+    def value(i: int) -> str:
+        step = program.steps[i]
+        if step.kind == "constant":
+            return ir.vector(step.value)
+        if i not in values:
+            if step.kind == "input":
+                values[i] = ir.load(ir.at("%in", int(step.value), ir.V))
+            elif step.kind in ("sin", "cos"):
+                j = 2 * angles.index(step.operands[0]) + (step.kind == "cos")
+                values[i] = ir.load(ir.at(circles, j, ir.V))
+            else:
+                values[i] = ir.op(step.kind, *(value(j) for j in step.operands))
+        return values[i]
+
+    for j, angle in enumerate(angles):  # first, while no other value must be saved over the call
+        ir.do(f"call void @sincos({ir.V} {value(angle)}, ptr {ir.at(circles, 2 * j, ir.V)})")
+    for i in range(len(program.steps)):
+        value(i)
+    return value
+
+
+def _spoilt(ir: Writer, interface: Interface) -> Iterator[str]:
+    """For each order of the outputs 0, or NaN where an input that matters to it is not finite."""
+    places, _ = interface.places()
+    total = ir.vector(0.0)
+    for order in range(len(interface.given)):
+        for (first, last), matters in zip(pairwise(places), interface.matters, strict=True):
+            for j in range(first, last) if matters == order else ():
+                total = ir.op("fma", ir.load(ir.at("%in", j, ir.V)), ir.vector(0.0), total)
+        yield total
+
+
+def _define_states(ir: Writer, interface: Interface) -> None:
+    """The loop over blocks of states: rows that lie one behind the other go through registers, others lane by lane."""
+    shapes = [*interface.taken, *interface.given]
+    into, out_of = interface.places()
+    widths = [prod(shape) for shape in shapes]
+    behind = max((-((width - ir.lanes) // width) for width in widths if width < ir.lanes), default=0)
+    with ir.function("void @states(ptr %args, ptr %dimensions, ptr %steps, ptr %data)"):
+        ir.label("start")
+        ir.do(f"%in = alloca [{into[-1] + ir.lanes} x {ir.V}], align 64")
+        ir.do(f"%out = alloca [{out_of[-1] + ir.lanes} x {ir.V}], align 64")
+        scratch = [ir.at("%in", i, ir.V) for i in into[:-1]] + [ir.at("%out", i, ir.V) for i in out_of[:-1]]
+        arrays = list(_arrays(ir, shapes))
+        dense = "true"
+        for array, (rows, columns) in zip(arrays, map(_matrix, shapes), strict=True):
+            for stride, expected in ((array.step, 8 * rows * columns), (array.down, 8 * columns), (array.across, 8)):
+                if stride != "0":
+                    dense = ir.let(f"and i1 {dense}, {ir.let(f'icmp eq i64 {stride}, {expected}')}")
+        count = ir.let("load i64, ptr %dimensions")
+        ir.do(f"br i1 {ir.let(f'icmp sgt i64 {count}, 0')}, label %some, label %done")
+        ir.label("some")
+        blocks = ir.let(f"sdiv i64 {ir.let(f'add i64 {count}, {ir.lanes - 1}')}, {ir.lanes}")
+        with ir.loop(blocks) as block:
+            first = ir.let(f"mul i64 {block}, {ir.lanes}")
+            left = ir.let(f"sub i64 {count}, {first}")
+            lanes = ir.call("llvm.smin.i64", "i64", left, str(ir.lanes))
+            enough = ir.let(f"icmp sge i64 {left}, {ir.lanes + max(behind, 0) + 1}")
+            quick = ir.let(f"and i1 {dense}, {enough}")
+            places = [ir.at(x.pointer, ir.let(f"mul i64 {first}, {x.step}"), "i8") for x in arrays]
+            moved = list(zip(shapes, arrays, places, scratch, strict=True))
+            for way, part in (("load", moved[: len(interface.taken)]), ("store", moved[len(interface.taken) :])):
+                if way == "store":
+                    ir.do("call void @block(ptr %in, ptr %out)")
+                ir.do(f"br i1 {quick}, label %{way}.rows, label %{way}.lanes")
+                ir.label(f"{way}.rows")
+                for shape, _, place, there in part:
+                    ir.do(f"call void @{way}_rows(ptr {place}, ptr {there}, i64 {prod(shape)})")
+                ir.do(f"br label %{way}.done")
+                ir.label(f"{way}.lanes")
+                for shape, x, place, there in part:
+                    integers = (*_matrix(shape), x.step, x.down, x.across, lanes)
+                    listed = ", ".join(f"i64 {i}" for i in integers)
+                    ir.do(f"call void @{way}_lanes(ptr {place}, ptr {there}, {listed})")
+                ir.do(f"br label %{way}.done")
+                ir.label(f"{way}.done")
+        ir.do("br label %done")
+        ir.label("done")
+        ir.do("ret void")
+
+
+@dataclass(frozen=True)
+class _Array:
+    """An array that a caller passes: where it begins, and its strides in bytes."""
+
+    pointer: str
+    step: str
+    down: str
+    across: str
+
+
+def _arrays(ir: Writer, shapes: list[tuple[int, ...]]) -> Iterator[_Array]:
+    inner = len(shapes)
+    for k, shape in enumerate(shapes):
+        pointer = ir.let(f"load ptr, ptr {ir.at('%args', k, 'ptr')}")
+        step, *within = (
+            ir.let(f"load i64, ptr {ir.at('%steps', j, 'i64')}") for j in (k, *range(inner, inner + len(shape)))
+        )
+        inner += len(shape)
+        yield _Array(pointer, step, *(["0", *within][-2:]))
+
+
+def _matrix(shape: tuple[int, ...]) -> tuple[int, int]:
+    """The rows and columns of a state: a vector is one row."""
+    return (1, shape[0]) if len(shape) == 1 else (shape[0], shape[1])

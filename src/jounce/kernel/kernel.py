@@ -1,0 +1,133 @@
+"""Kernel: a quantity of one robot as native code, to call on arrays of states."""
+
+import ctypes
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache, partial
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from jounce.errors import JounceError, one_line
+from jounce.kernel import cache, jit
+from jounce.kernel.emit import emitted
+from jounce.kernel.fuse import fused
+from jounce.kernel.quantity import Quantity
+from jounce.kernel.target import host
+from jounce.kernel.ufunc import ufunc
+from jounce.mechanism import Mechanism
+
+
+class Kernel:
+    """A quantity with its rates up to an order, compiled; `Robot.compile` gives one.
+
+    Called on float64 arrays q, qd, ... and, where it was compiled with wrenches, W, Wd, ..., each (..., nb, 6); batch
+    axes lead and broadcast. Results have the same digits wherever a state stands in a batch, however large, on however
+    many threads. Kernels can be pickled: where they are unpickled they are found in the cache, or compiled again.
+    """
+
+    def __init__(self, mechanism: Mechanism, quantity: Quantity) -> None:
+        self.mechanism, self.quantity = mechanism, quantity
+        self.address, engine = jit.loaded(_code(mechanism, quantity), host())
+        self._ufunc, needed = ufunc(self.address, quantity.interface, quantity.name)
+        self._alive = engine, needed
+
+    def __reduce__(self) -> tuple[Callable[..., "Kernel"], tuple[Mechanism, Quantity]]:
+        return compiled, (self.mechanism, self.quantity)
+
+    def __repr__(self) -> str:
+        loaded = ", with wrenches" if self.quantity.loaded else ""
+        return f"<Kernel: {self.quantity.name} of {self.mechanism.name!r} to order {self.quantity.order}{loaded}>"
+
+    def __call__(self, *arrays: np.ndarray, out: Any = None, threads: int = 1) -> Any:
+        """The quantity and its rates: an array, or a tuple of them, written into `out` where it is given."""
+        try:
+            if threads != 1:
+                return self._split(arrays, out, threads)
+            return self._ufunc(*arrays) if out is None else self._ufunc(*arrays, out=out)
+        except (TypeError, ValueError) as error:
+            raise JounceError(f"{self!r}: {one_line(error)}") from None
+
+    def bind(self, *arrays: np.ndarray, out: Any) -> Callable[[], None]:
+        """A function without arguments that computes from these very arrays into `out`: the lowest latency there is.
+
+        All are float64 arrays of one batch shape, with one batch axis at most; `out` shares no memory with the others.
+        What the arrays hold when the function is called is what counts.
+        """
+        results = [out] if isinstance(out, np.ndarray) else list(out)
+        batch = self._bound(arrays, results)
+        everything = [*arrays, *results]
+        steps = [array.strides[0] if batch else 0 for array in everything]
+        within = [stride for array in everything for stride in array.strides[len(batch) :]]
+        memory = (
+            (ctypes.c_void_p * len(everything))(*(array.ctypes.data for array in everything)),
+            (ctypes.c_ssize_t * 1)(*batch or (1,)),
+            (ctypes.c_ssize_t * len(steps + within))(*steps, *within),
+        )
+        call = partial(jit.Loop(self.address), *(ctypes.c_void_p(ctypes.addressof(part)) for part in memory), None)
+        vars(call)["alive"] = self, everything, memory
+        return call
+
+    def _bound(self, arrays: Sequence[np.ndarray], out: Sequence[np.ndarray]) -> tuple[int, ...]:
+        """The batch shape of arrays to bind, checked as native code trusts them."""
+        taken, given = self.quantity.interface.taken, self.quantity.interface.given
+        if (len(arrays), len(out)) != (len(taken), len(given)):
+            raise JounceError(
+                f"{self!r} binds {len(taken)} arrays and {len(given)} to write into, not {len(arrays)} and {len(out)}"
+            )
+        both = list(zip([*arrays, *out], [*taken, *given], strict=True))
+        if not all(isinstance(array, np.ndarray) and array.dtype == np.float64 for array, _ in both):
+            raise JounceError(f"{self!r} binds float64 arrays of NumPy only")
+        batch = both[0][0].shape[: -len(taken[0])]
+        wrong = [array.shape for array, shape in both if array.shape != (*batch, *shape)]
+        if wrong or len(batch) > 1:
+            expected = ", ".join(str(shape) for shape in (*taken, *given))
+            raise JounceError(
+                f"{self!r} binds arrays {expected}, all with one batch axis or none, not {wrong or batch}"
+            )
+        for k, result in enumerate(out):
+            if not result.flags.writeable or any(np.shares_memory(result, x) for x in [*arrays, *out[:k]]):
+                raise JounceError(f"out[{k}] is read-only or shares memory with another array; expected one of its own")
+        return batch
+
+    def _split(self, arrays: Sequence[np.ndarray], out: Any, threads: int) -> Any:
+        """The batch in as many parts along its first axis as there are threads."""
+        if not isinstance(threads, int) or threads < 1:
+            raise JounceError(f"threads = {threads!r}; expected how many, 1 or more")
+        taken, given = self.quantity.interface.taken, self.quantity.interface.given
+        inputs = [np.asarray(array) for array in arrays]
+        leads = (x.shape[: x.ndim - len(shape)] for x, shape in zip(inputs, taken, strict=True))
+        batch = np.broadcast_shapes(*leads)
+        if not batch:
+            return self(*arrays, out=out)
+        results = [np.empty((*batch, *shape)) for shape in given] if out is None else out
+        results = [results] if isinstance(results, np.ndarray) else results
+        whole = [np.broadcast_to(x, (*batch, *shape)) for x, shape in zip(inputs, taken, strict=True)]
+        cuts = [batch[0] * i // threads for i in range(threads + 1)]
+        with ThreadPoolExecutor(threads) as pool:
+            parts = [slice(*ends) for ends in pairwise(cuts) if ends[0] < ends[1]]
+            list(
+                pool.map(
+                    lambda part: self._ufunc(*(x[part] for x in whole), out=tuple(y[part] for y in results)), parts
+                )
+            )
+        return results[0] if len(given) == 1 else tuple(results)
+
+
+@lru_cache(maxsize=128)
+def compiled(mechanism: Mechanism, quantity: Quantity) -> Kernel:
+    """The kernel of a quantity of a mechanism of numbers, compiled at its first use."""
+    return Kernel(mechanism, quantity)
+
+
+def _code(mechanism: Mechanism, quantity: Quantity) -> bytes:
+    """Object code, from the cache where it is there."""
+    target = host()
+    key = cache.key(mechanism, repr(quantity), target)
+    code = cache.read(key)
+    if code is None:
+        program = fused(quantity.program(mechanism))
+        code = jit.assembled(emitted(program, quantity.interface, target), target)
+        cache.write(key, code)
+    return code

@@ -1,0 +1,78 @@
+"""Programs: scalar operations in an order in which they can be done, from inputs to outputs."""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+OPERATIONS: dict[str, Callable[..., float]] = {
+    "add": lambda x, y: x + y,
+    "sub": lambda x, y: x - y,
+    "mul": lambda x, y: x * y,
+    "neg": lambda x: -x,
+    "sin": math.sin,
+    "cos": math.cos,
+    "fma": lambda x, y, z: x * y + z,  # in native code rounded once
+    "fms": lambda x, y, z: x * y - z,
+    "fnma": lambda x, y, z: z - x * y,
+}
+FREE = ("input", "constant", "neg")  # what costs no operation: signs are kept outside, and end in subtractions
+
+
+@dataclass(frozen=True)
+class Operation:
+    """One step: its kind, the numbers of the steps that it takes, and the value of a constant or number of an input."""
+
+    kind: str
+    operands: tuple[int, ...] = ()
+    value: float = 0.0
+
+
+@dataclass(frozen=True)
+class Program:
+    """Steps, each taking earlier ones only, and which of them are the outputs."""
+
+    steps: tuple[Operation, ...]
+    outputs: tuple[int, ...]
+    inputs: int  # how many there are, used or not
+
+    def counts(self) -> Counter[str]:
+        """How often each kind of operation occurs."""
+        return Counter(step.kind for step in self.steps)
+
+    @property
+    def operations(self) -> int:
+        """The number of operations on scalars, sines and cosines among them; what is only read or named is free."""
+        return sum(count for kind, count in self.counts().items() if kind not in FREE)
+
+    def run(self, inputs: Sequence[float]) -> list[float]:
+        """The outputs for given inputs: what native code must agree with."""
+        values: list[float] = []
+        for step in self.steps:
+            if step.kind == "input":
+                values.append(inputs[int(step.value)])
+            elif step.kind == "constant":
+                values.append(step.value)
+            else:
+                values.append(OPERATIONS[step.kind](*(values[i] for i in step.operands)))
+        return [values[i] for i in self.outputs]
+
+    def uses(self) -> Counter[int]:
+        """How often each step is taken, by steps and as an output."""
+        return Counter([*(i for step in self.steps for i in step.operands), *self.outputs])
+
+
+def ordered(roots: Sequence[int], operands: Callable[[int], Sequence[int]]) -> Iterator[int]:
+    """All that the roots need, operands first, each once: depth first, in the order of the roots."""
+    done: set[int] = set()
+    stack = list(reversed(roots))
+    while stack:
+        node = stack[-1]
+        waiting = [i for i in reversed(operands(node)) if i not in done]
+        if node in done:
+            stack.pop()
+        elif waiting:
+            stack.extend(waiting)
+        else:
+            done.add(stack.pop())
+            yield node

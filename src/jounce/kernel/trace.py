@@ -1,0 +1,141 @@
+"""Tracing: mathematics run on scalars that write down what is done with them.
+
+Equal expressions are one node (hash-consing), sums and products have one order, signs stay outside, and what 0, 1 and
+-1 make trivial is never written down.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from jounce.kernel.program import Operation, Program, ordered
+
+
+class Node:
+    """A scalar of a trace: the number of a step on its tape."""
+
+    __slots__ = ("i", "tape")
+
+    def __init__(self, tape: "Tape", i: int) -> None:
+        self.tape, self.i = tape, i
+
+    def __add__(self, other: Any) -> "Node":
+        return self.tape.add(self, self.tape.node(other))
+
+    def __sub__(self, other: Any) -> "Node":
+        return self.tape.add(self, -self.tape.node(other))
+
+    def __rsub__(self, other: Any) -> "Node":
+        return self.tape.add(self.tape.node(other), -self)
+
+    def __neg__(self) -> "Node":
+        return self.tape.negative(self)
+
+    def __mul__(self, other: Any) -> "Node":
+        return self.tape.multiply(self, self.tape.node(other))
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    def sin(self) -> "Node":
+        """The sine, as NumPy's object arrays ask for it."""
+        return self.tape.write("sin", self.i)
+
+    def cos(self) -> "Node":
+        """The cosine."""
+        return self.tape.write("cos", self.i)
+
+    @property
+    def step(self) -> Operation:
+        """What the node stands for."""
+        return self.tape.steps[self.i]
+
+
+class Tape:
+    """The steps written so far, each distinct one once."""
+
+    def __init__(self) -> None:
+        self.steps: list[Operation] = []
+        self.nodes: dict[tuple[Any, ...], Node] = {}
+        self.inputs = 0
+
+    def variables(self, *shape: int) -> np.ndarray:
+        """An array of new inputs."""
+        nodes = np.empty(shape, dtype=object)
+        for index in np.ndindex(*shape):
+            nodes[index] = self.write("input", value=float(self.inputs))
+            self.inputs += 1
+        return nodes
+
+    def write(self, kind: str, *operands: int, value: float = 0.0) -> Node:
+        """The node of a step, written down when it is new."""
+        key = (kind, operands, value)
+        node = self.nodes.get(key)
+        if node is None:
+            node = self.nodes[key] = Node(self, len(self.steps))
+            self.steps.append(Operation(kind, operands, value))
+        return node
+
+    def node(self, x: Any) -> Node:
+        """A number as a node; a node is one already."""
+        return x if isinstance(x, Node) else self.write("constant", value=float(x) + 0.0)  # no -0.0
+
+    def add(self, x: Node, y: Node) -> Node:
+        """x + y."""
+        for one, other in ((x, y), (y, x)):
+            if _is(one, 0):
+                return other
+        if x.step.kind == y.step.kind == "constant":
+            return self.node(x.step.value + y.step.value)
+        minus_x, minus_y = x.step.kind == "neg", y.step.kind == "neg"
+        if minus_x and minus_y:
+            return -self.add(-x, -y)
+        if minus_y:
+            return self._subtract(x, -y)
+        if minus_x:
+            return self._subtract(y, -x)
+        return self.write("add", *sorted((x.i, y.i)))
+
+    def _subtract(self, x: Node, y: Node) -> Node:
+        if x is y:
+            return self.node(0)
+        turned = self.nodes.get(("sub", (y.i, x.i), 0.0))  # y - x is known: x - y is its negative
+        return self.write("sub", x.i, y.i) if turned is None else -turned
+
+    def negative(self, x: Node) -> Node:
+        """-x."""
+        if x.step.kind == "constant":
+            return self.node(-x.step.value)
+        if x.step.kind == "neg":
+            return Node(self, x.step.operands[0])
+        return self.write("neg", x.i)
+
+    def multiply(self, x: Node, y: Node) -> Node:
+        """x y."""
+        if x.step.kind == "constant" and y.step.kind == "constant":
+            return self.node(x.step.value * y.step.value)
+        for one, other in ((x, y), (y, x)):
+            if _is(one, 0):
+                return self.node(0)
+            if _is(one, 1):
+                return other
+            if one.step.kind == "neg":
+                return -self.multiply(-one, other)
+            if one.step.kind == "constant" and one.step.value < 0:
+                return -self.multiply(-one, other)
+        return self.write("mul", *sorted((x.i, y.i)))
+
+    def program(self, outputs: Sequence[Any]) -> Program:
+        """What the outputs need of the tape."""
+        roots = [self.node(x).i for x in outputs]
+        order = list(ordered(roots, lambda i: self.steps[i].operands))
+        place = {old: new for new, old in enumerate(order)}
+        steps = (
+            Operation(step.kind, tuple(place[i] for i in step.operands), step.value)
+            for step in (self.steps[i] for i in order)
+        )
+        return Program(tuple(steps), tuple(place[i] for i in roots), self.inputs)
+
+
+def _is(x: Node, value: float) -> bool:
+    return x.step.kind == "constant" and x.step.value == value
