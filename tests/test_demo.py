@@ -86,6 +86,12 @@ def test_plot_draws_what_run_wrote(tmp_path, monkeypatch, kind):
     assert set(map(tuple, drawn["panels"].values())) == {("joint2",)}
 
 
+def test_plot_counts_the_joints_of_all_panels(tmp_path):
+    tables.write(tmp_path / "f.csv", {"t": np.arange(1.0), "a.Q": np.ones(1), "b.Qd": np.ones(1)})
+    result = call("plot", tmp_path / "f.csv", "-o", tmp_path / "f.png")
+    assert result.stdout.startswith("Q, Qd of 2 joints, 1 state, drawn")
+
+
 def write_motion(folder):
     t = np.arange(9) / 8
     tables.write(folder / "motion.csv", {"t": t, "joint1": np.sin(t), "joint2": -np.cos(t)})
