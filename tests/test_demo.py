@@ -1,6 +1,8 @@
 """The paper's example: its numbers against other paths, its command, and `jounce plot`."""
 
 import json
+import sys
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -10,6 +12,8 @@ from jounce.cli import main
 from jounce.io import tables
 from jounce.report.example import example, step_errors, without_steiner
 from robots import relative_error
+
+command = sys.modules["jounce.cli.demo"]  # its name in jounce.cli is that of the verb
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +69,21 @@ def test_demo_writes_all_that_it_names(tmp_path):
     assert all((found[name] == values).all() for name, values in expected.items())
     assert summary["peaks"]["without W"] == [np.abs(Q).max() for Q in alone.forces]
     assert all(ms > 0 for pair in summary["milliseconds"].values() for ms in pair)
+
+
+def test_the_bar_of_the_demo_ends_with_it(tmp_path, monkeypatch):
+    """And a format that is asked for twice is drawn, told and counted once."""
+    steps = []
+
+    @contextmanager
+    def counted(_, total):
+        steps.append(total)
+        yield lambda: steps.append(-1)
+
+    monkeypatch.setattr(command, "progress", counted)
+    asked = ("--states", 100, "--format", "svg", "--format", "svg", "--json")
+    assert json.loads(call("demo", "-o", tmp_path, *asked).stdout)["formats"] == ["svg"]
+    assert sum(steps) == 0
 
 
 def test_demo_says_where_the_published_code_differs(tmp_path):
