@@ -32,6 +32,8 @@ def test_exact_rates_agree_with_central_differences_at_their_best_step(alone):
         assert best["central, 2 points"] < bound
         assert best["central, 4 points"] < bound
         assert errors.exact < 1e-14 < min(best.values())
+        for name, values in errors.of_scheme.items():
+            assert values[0] > best[name] < values[-1], f"{name} does not fall and rise again"
 
 
 @pytest.mark.parametrize("scheme", [("forward, 2 points", 1), ("central, 2 points", 2), ("central, 4 points", 4)])
