@@ -91,7 +91,7 @@ def test_a_table_need_not_hold_every_quantity_of_every_joint():
 
 def test_names_stand_in_the_legend_as_they_are():
     """No mark of TeX is one, and no first _ hides a name."""
-    names = ["a$x_b$", r"$\frac{", "_hidden", "100%", "a.b", "ü"]
+    names = ["a$x_b$", r"$\frac{", "_hidden", "100%", "a.b", "ü", ""]
     figure = over_time(T, [Panel("Q [N m]", dict.fromkeys(names, T))])
     figure.draw_without_rendering()
     texts = figure.legends[0].get_texts()
@@ -195,6 +195,12 @@ def test_drawings_name_frames_axes_and_centres_of_mass(picture):
         assert {"$q_1$", "$q_2$", "$L_1$", "$L_2$", "$m_1$", "$m_2$", "$g$"} <= said
     else:
         assert {f"$e_{{{i}}}$" for i in range(1, 8)} <= said
+
+
+@pytest.mark.parametrize("name", ["", "a.b", "two\nlines", "joint.Q", "é"])
+def test_a_joint_of_any_name_is_drawn(name):
+    [panel] = panels({"t": T, f"{name}.Qd": T}, "f.csv")
+    assert list(panel.curves) == [name]
 
 
 def test_panels_of_a_table(tmp_path):

@@ -11,7 +11,7 @@ from jounce.report.curves import Panel
 
 UNITS = {"q": ("rad", "m"), "Q": ("N m", "N")}  # of revolute and prismatic joints; a table does not tell which is which
 LARGEST = 1e300  # beyond it matplotlib cannot number an axis
-COLUMN = re.compile(rf"(.+)\.([qQ])({SUFFIX})")
+COLUMN = re.compile(rf"(.*)\.([qQ])({SUFFIX})", re.DOTALL)  # a name may be of any characters, or of none
 
 
 def panels(
