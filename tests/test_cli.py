@@ -212,7 +212,21 @@ def test_run_refuses_forces_that_are_not_finite(folder):
     before = contents(folder)
     result = call("run", "planar2r", "huge.csv", "-o", "out.csv", "--json")
     assert (result.exit_code, result.stdout) == (2, "")
-    assert result.stderr.splitlines()[-1].startswith("Error: ")
+    [line] = result.stderr.splitlines()
+    assert line.startswith("Error: out.csv: column 'joint1.Q' holds ")
+    assert contents(folder) == before
+
+
+@pytest.mark.parametrize("error", [MemoryError("Unable to allocate\n745. GiB"), MemoryError()])
+def test_run_refuses_what_memory_does_not_bear(folder, monkeypatch, error):
+    def fails(*_, **__):
+        raise error
+
+    monkeypatch.setattr(jounce.Robot, "inverse_dynamics", fails)
+    before, result = contents(folder), call(*RUN)
+    assert (result.exit_code, result.stdout) == (2, "")
+    [line] = result.stderr.splitlines()
+    assert line.startswith("Error: not enough memory: ")
     assert contents(folder) == before
 
 

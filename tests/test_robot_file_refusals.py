@@ -136,7 +136,8 @@ def test_the_file_is_good(tmp_path):
 def test_refuses(tmp_path, old, new, line, words):
     assert old in GOOD
     place = f"arm.yaml:{line}: " if line else "arm.yaml"
-    refusal(lambda: load(tmp_path, GOOD.replace(old, new, 1)), str(tmp_path), place, *words)
+    message = refusal(lambda: load(tmp_path, GOOD.replace(old, new, 1)), place, *words)
+    assert message.startswith(str(tmp_path / place))
 
 
 def test_every_joint_may_not_follow_without_coordinates(tmp_path):

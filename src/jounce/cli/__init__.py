@@ -13,6 +13,7 @@ from jounce.cli.info import info
 from jounce.cli.plot import plot
 from jounce.cli.run import run
 from jounce.cli.words import styled
+from jounce.errors import one_line
 
 EPILOG = """\b
 Example:
@@ -41,10 +42,13 @@ class _Verbs(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         with warnings.catch_warnings():
             warnings.showwarning = _warn
+            warnings.simplefilter("ignore", RuntimeWarning)  # numpy's of overflow; what is not finite is refused
             try:
                 return super().invoke(ctx)
             except JounceError as error:
                 raise _Refusal(str(error)) from error
+            except MemoryError as error:
+                raise _Refusal(f"not enough memory: {one_line(error) or 'fewer states need less'}") from error
             except OSError as error:  # of the terminal, or a full disk behind it; click sees to a closed pipe
                 if error.errno == errno.EPIPE:
                     raise

@@ -83,7 +83,10 @@ class Entry:
 
     def members(self) -> dict[str, "Entry"]:
         """What stands under all the keys; a key that YAML takes for a number is a name all the same."""
-        return {str(key): self.get(key) for key in self._mapping()}
+        found = {str(key): self.get(key) for key in self._mapping()}
+        if len(found) < len(self.value):
+            raise self.error("keys that differ as names, which 5 and '5' do not")
+        return found
 
     def items(self, each: str = "", least: int = 0) -> list["Entry"]:
         """What stands in a list, called as said, or ``entry 1 of ...`` and so on."""

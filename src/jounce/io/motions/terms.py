@@ -1,5 +1,6 @@
 """YAML motions: analytic terms per joint, every key and number checked."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ from jounce.mechanism import Mechanism
 from jounce.motion import Motion
 from jounce.motion.analytic import Cosine, Curve, Terms, along
 from jounce.motion.states import COMPONENTS
+
+MOST = 100_000_000  # states; a slip of the pen asks for more
 
 
 def read(path: Path, mechanism: Mechanism, highest: int) -> Motion:
@@ -38,9 +41,10 @@ def of_file(path: Path) -> Terms:
 def _times(time: Entry) -> np.ndarray:
     time.keys(("stop", "count"), ("start",))
     start, stop, count = time.get("start", 0).number(), time.get("stop").number(), time.get("count").value
-    if not isinstance(count, int) or isinstance(count, bool) or count < 2 or not stop > start:
+    counts = isinstance(count, int) and not isinstance(count, bool) and 2 <= count <= MOST
+    if not counts or not start < stop or math.isinf(stop - start):
         came = f"time runs from {start:g} to {stop:g} in {count!r} states"
-        raise JounceError(f"{time.place}: {came}; expected stop > start, count > 1")
+        raise JounceError(f"{time.place}: {came}; expected stop > start, count 2 to {MOST}")
     return np.linspace(start, stop, count)
 
 

@@ -38,11 +38,11 @@ def read(path: Path, gravity: object = None) -> Mechanism:
 def _built(robot: Entry, bodies: Sequence[Entry], joints: Sequence[Entry], names: Index, gravity: object) -> Mechanism:
     """The mechanism of bodies on joints, but for the names of joints and for frames."""
     parent = [_carrier(body.get("parent"), names, i) for i, body in enumerate(bodies)]
-    coordinates = _coordinates(robot, joints)
+    name, coordinates = robot.get("name", robot.path.stem).text(), _coordinates(robot, joints)
     G, g = _followed(joints, coordinates)
-    for name, column in zip(coordinates, G.T, strict=True):
+    for coordinate, column in zip(coordinates, G.T, strict=True):
         if not column.any():
-            raise robot.get("coordinates").error(f"a joint that moves with {name!r}")
+            raise robot.get("coordinates").error(f"a joint that moves with {coordinate!r}")
     limits = [parts.limits(joint) for joint in joints]
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as not finite
         X, M = [parts.screw(joint) for joint in joints], [parts.inertia(body) for body in bodies]
@@ -59,7 +59,7 @@ def _built(robot: Entry, bodies: Sequence[Entry], joints: Sequence[Entry], names
             G=G,
             g=g,
             limits={key: [one[key] for one in limits] for key in UNLIMITED},
-            name=robot.get("name", robot.path.stem).text(),
+            name=name,
         )
     except JounceError as error:
         raise JounceError(f"{robot.path}: {error}") from None
