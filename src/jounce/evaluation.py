@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import Array, is_numeric
+from jounce._scalars import FLOAT, Array, is_numeric
 from jounce.errors import JounceError
+from jounce.kernel.kernel import Kernel
 from jounce.rates import broadcast, rate_name
 from jounce.series import Series, columns
 
@@ -18,8 +19,7 @@ PIECE = 2**20  # bytes that a working array of a piece may take: longer batches 
 
 def evaluate(law: Law, q: Sequence[Array], W: Sequence[Array], order: int, width: int) -> tuple[Array, ...]:
     """The terms 0 .. order of a law, for the whole batch; `width` is the number of scalars a state works on."""
-    labels = [rate_name("q", k) for k in range(len(q))] + [rate_name("W", k) for k in range(len(W))]
-    arrays = broadcast([*q, *W], [1] * len(q) + [2] * len(W), labels)
+    arrays = _broadcast(q, W)
     batch = arrays[0].shape[:-1]
     size, piece = int(np.prod(batch)), max(1, PIECE // (8 * width))
     if size <= piece or not all(is_numeric(x) for x in arrays):
@@ -38,27 +38,49 @@ def _terms(law: Law, q: Sequence[Array], W: Sequence[Array], order: int) -> tupl
     return law(columns(q), loads).upto(order)
 
 
+def _broadcast(q: Sequence[Array], W: Sequence[Array]) -> list[Array]:
+    labels = [rate_name("q", k) for k in range(len(q))] + [rate_name("W", k) for k in range(len(W))]
+    return broadcast([*q, *W], [1] * len(q) + [2] * len(W), labels)
+
+
+def by_kernel(kernel: Kernel, q: Sequence[Array], W: Sequence[Array], out: Any, threads: int) -> Any:
+    """The results of native code, written straight into `out` where it is given."""
+    if out is not None:
+        batch = _broadcast(q, W)[0].shape[:-1]
+        shapes = [(*batch, *shape) for shape in kernel.quantity.interface.given]
+        results = kernel(*q, *W, out=_checked(out, shapes, FLOAT), threads=threads)
+        return out if isinstance(out, np.ndarray) else results
+    try:
+        return kernel(*q, *W, threads=threads)
+    except JounceError:
+        _broadcast(q, W)  # which says what does not fit
+        raise
+
+
 def delivered(results: tuple[Array, ...], out: Any) -> Any:
     """The one rule of all results: a plain array where there is one, else a tuple; written into `out` where given."""
     if out is not None:
-        results = _written(results, tuple(out) if isinstance(out, tuple | list) else (out,))
+        arrays = _checked(out, [result.shape for result in results], np.asarray(results[0]).dtype)
+        for result, array in zip(results, arrays, strict=True):
+            np.copyto(array, result, casting="same_kind")
+        results = arrays
     return results[0] if len(results) == 1 else results
 
 
-def _written(results: tuple[Array, ...], out: tuple[Any, ...]) -> tuple[Array, ...]:
-    if len(out) != len(results):
-        raise JounceError(f"out has {len(out)} arrays; expected {len(results)}, one for each result")
-    for k, (result, array) in enumerate(zip(results, out, strict=True)):
-        if not isinstance(array, np.ndarray) or array.shape != result.shape:
+def _checked(out: Any, shapes: Sequence[tuple[int, ...]], dtype: np.dtype) -> tuple[np.ndarray, ...]:
+    """The arrays to write results of these shapes into."""
+    arrays = tuple(out) if isinstance(out, tuple | list) else (out,)
+    if len(arrays) != len(shapes):
+        raise JounceError(f"out has {len(arrays)} arrays; expected {len(shapes)}, one for each result")
+    for k, (array, shape) in enumerate(zip(arrays, shapes, strict=True)):
+        if not isinstance(array, np.ndarray) or array.shape != shape:
             came = f"shape {array.shape}" if isinstance(array, np.ndarray) else f"type {type(array).__name__}"
-            raise JounceError(f"out[{k}] has {came}; expected a NumPy array of shape {result.shape}")
+            raise JounceError(f"out[{k}] has {came}; expected a NumPy array of shape {shape}")
         if not array.flags.writeable:
             raise JounceError(f"out[{k}] is read-only; expected an array to write into")
-        if not np.can_cast(np.asarray(result).dtype, array.dtype, "same_kind"):
-            raise JounceError(f"out[{k}] is of dtype {array.dtype}; expected {np.asarray(result).dtype}")
-    for j, k in combinations(range(len(out)), 2):
-        if np.shares_memory(out[j], out[k]):
+        if not np.can_cast(dtype, array.dtype, "same_kind"):
+            raise JounceError(f"out[{k}] is of dtype {array.dtype}; expected {dtype}")
+    for j, k in combinations(range(len(arrays)), 2):
+        if np.shares_memory(arrays[j], arrays[k]):
             raise JounceError(f"out[{j}] and out[{k}] share memory; expected arrays of their own")
-    for result, array in zip(results, out, strict=True):
-        np.copyto(array, result, casting="same_kind")
-    return out
+    return arrays

@@ -54,6 +54,11 @@ PATHS: dict[str, dict[str, Path]] = {
     "momentum": {"closed_form": Path(lambda m, q, _: _row(closed_form(m, q).h))},
     "base_wrench": {"closed_form": Path(lambda m, q, W: _row(closed_form(m, q, W).F))},
 }
+COMPILED = {
+    "inverse_dynamics": 3,
+    "gravity_forces": 1,
+    "mass_matrix": 1,
+}  # to native code, and how many rates each takes
 FORMS = ("paper", "skew")  # of the Coriolis matrix
 
 
@@ -63,5 +68,5 @@ def path(quantity: str, method: str | None) -> Path:
     if method is None:
         return next(iter(row.values()))
     if method not in row:
-        raise no_such(f"method for {quantity}", method, row)
+        raise no_such(f"method for {quantity}", method, [*row, *["kernel"] * (quantity in COMPILED)])
     return row[method]

@@ -68,8 +68,8 @@ def write(name: str, code: bytes) -> None:
         if not _private(folder(), os.lstat(folder())):
             return
         try:
-            with open(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
-                file.write(_hash(name, code) + code)
+            part.touch(mode=0o600, exist_ok=False)
+            part.write_bytes(_hash(name, code) + code)
             part.replace(folder() / (name + SUFFIX))
         finally:
             part.unlink(missing_ok=True)

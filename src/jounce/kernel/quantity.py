@@ -9,10 +9,8 @@ from jounce.kernel.factor import factored
 from jounce.kernel.program import Program
 from jounce.kernel.trace import Tape
 from jounce.mechanism import Mechanism, in_whole_numbers
-from jounce.paths import PATHS
+from jounce.paths import COMPILED, PATHS
 from jounce.series import Series, columns
-
-LEAST = {"inverse_dynamics": 3, "gravity_forces": 1, "mass_matrix": 1}  # of q, qd, ... for the quantity itself
 
 
 @dataclass(frozen=True)
@@ -28,19 +26,19 @@ class Quantity:
     @property
     def interface(self) -> Interface:
         """The arrays: q, qd, ..., then W, Wd, ... in; the quantity and its rates out."""
-        rates, loads = self.order + LEAST[self.name], self.order + 1 if self.loaded else 0
+        rates, loads = self.order + COMPILED[self.name], self.order + 1 if self.loaded else 0
         given = (self.n, self.n) if self.name.endswith("matrix") else (self.n,)
         return Interface(
             taken=((self.n,),) * rates + ((self.nb, 6),) * loads,
             given=(given,) * (self.order + 1),
-            matters=(*(max(0, k + 1 - LEAST[self.name]) for k in range(rates)), *range(loads)),
+            matters=(*(max(0, k + 1 - COMPILED[self.name]) for k in range(rates)), *range(loads)),
         )
 
     def program(self, mechanism: Mechanism) -> Program:
         """The operations, traced from the recursion."""
         tape = Tape()
         inputs = [tape.variables(*shape) for shape in self.interface.taken]
-        least = self.order + LEAST[self.name]
+        least = self.order + COMPILED[self.name]
         loads = [x.reshape(-1, 1) for x in inputs[least:]]
         law = PATHS[self.name]["recursion"].law
         results = law(in_whole_numbers(mechanism), columns(inputs[:least]), Series.of(loads) if loads else None)

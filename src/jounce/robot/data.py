@@ -7,18 +7,20 @@ from typing import Any, Self, TypedDict
 from jounce import rates, screws, wrenches
 from jounce._scalars import Array
 from jounce.errors import JounceError
-from jounce.evaluation import delivered, evaluate
+from jounce.evaluation import by_kernel, delivered, evaluate
+from jounce.kernel.serving import serving
 from jounce.mechanism import GRAVITY, Limits, Mechanism, suited
-from jounce.paths import Path
+from jounce.paths import Path, path
 
 Loads = Callable[[int], list[Array]]  # wrenches and their rates up to an order
 
 
 class Options(TypedDict, total=False):
-    """Keywords that the quantities share: the path that computes them, and the arrays to write into."""
+    """Keywords that the quantities share: the path that computes them, arrays to write into, threads for a batch."""
 
     method: str | None
     out: Any
+    threads: int
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -160,6 +162,27 @@ class Data:
 
     def _given(self, wrench: Any) -> Loads:
         return lambda order: wrenches.checked(self.mechanism, wrench, order)
+
+    def _quantity(
+        self,
+        name: str,
+        least: int,
+        q: Sequence[Array | None],
+        loads: Loads = lambda order: [],
+        *,
+        method: str | None = None,
+        out: Any = None,
+        threads: int = 1,
+    ) -> Any:
+        """A quantity of `paths`, or of native code, along q; see `_along`."""
+        given = rates.checked(q, least, self.joint_names)
+        W = loads(len(given) - least)
+        kernel = serving(self.mechanism, name, method, len(given) - least, given, W)
+        if kernel is not None:
+            return by_kernel(kernel, given, W, out, threads)
+        if threads != 1:
+            raise JounceError(f"threads = {threads!r} is for native code only, which does not serve this call")
+        return self._along(path(name, method), least, given, out, lambda _: W)
 
     def _along(
         self,

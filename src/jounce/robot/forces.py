@@ -4,7 +4,7 @@ from typing import Any, Unpack, overload
 
 from jounce._scalars import Array
 from jounce.errors import no_such
-from jounce.paths import FORMS, path
+from jounce.paths import FORMS
 from jounce.robot.data import Data, Options
 
 
@@ -27,7 +27,7 @@ class Forces(Data):
         wrench: Any = None,
         **options: Unpack[Options],
     ) -> tuple[Array, ...]: ...
-    def inverse_dynamics(self, q, qd, q2d, q3d=None, q4d=None, *higher, wrench=None, method=None, out=None):  # type: ignore[no-untyped-def]
+    def inverse_dynamics(self, q, qd, q2d, q3d=None, q4d=None, *higher, wrench=None, **options):  # type: ignore[no-untyped-def]
         """The generalized forces Q of a motion, and their time derivatives Qd, Q2d, ...: each a (..., n) array.
 
         ``Q = M(q) q2d + C(q, qd) qd + Qgrav(q) + Qext``, in N m for revolute and N for prismatic coordinates.
@@ -57,9 +57,8 @@ class Forces(Data):
         >>> Q.round(4), Qd.round(4)
         (array([29.43,  9.81]), array([0., 0.]))
         """
-        return self._along(
-            path("inverse_dynamics", method), 3, (q, qd, q2d, q3d, q4d, *higher), out, self._given(wrench)
-        )
+        rates = (q, qd, q2d, q3d, q4d, *higher)
+        return self._quantity("inverse_dynamics", 3, rates, self._given(wrench), **options)
 
     @overload
     def mass_matrix(self, q: Array, **options: Unpack[Options]) -> Array: ...
@@ -67,7 +66,7 @@ class Forces(Data):
     def mass_matrix(
         self, q: Array, qd: Array, q2d: Array = None, *higher: Array, **options: Unpack[Options]
     ) -> tuple[Array, ...]: ...
-    def mass_matrix(self, q, qd=None, q2d=None, *higher, method=None, out=None):  # type: ignore[no-untyped-def]
+    def mass_matrix(self, q, qd=None, q2d=None, *higher, **options):  # type: ignore[no-untyped-def]
         """The generalized mass matrix M(q) = J^T M J and its rates Md, M2d, ...: each (..., n, n), symmetric.
 
         Müller & Kumar, (MC), (Mdot), (Mddot).
@@ -80,7 +79,7 @@ class Forces(Data):
         array([[5., 2.],
                [2., 1.]])
         """
-        return self._along(path("mass_matrix", method), 1, (q, qd, q2d, *higher), out)
+        return self._quantity("mass_matrix", 1, (q, qd, q2d, *higher), **options)
 
     @overload
     def coriolis_matrix(self, q: Array, qd: Array, *, form: str = "paper", **options: Unpack[Options]) -> Array: ...
@@ -95,7 +94,7 @@ class Forces(Data):
         form: str = "paper",
         **options: Unpack[Options],
     ) -> tuple[Array, ...]: ...
-    def coriolis_matrix(self, q, qd, q2d=None, q3d=None, *higher, form="paper", method=None, out=None):  # type: ignore[no-untyped-def]
+    def coriolis_matrix(self, q, qd, q2d=None, q3d=None, *higher, form="paper", **options):  # type: ignore[no-untyped-def]
         """The Coriolis matrix C(q, qd) of the paper by default; ``form="skew"`` is the one for passivity-based control.
 
         Both give the same forces C qd. For the skew form, (Cbar), ``Md - 2 C`` is skew-symmetric, and so are its rates;
@@ -114,7 +113,7 @@ class Forces(Data):
         """
         if form not in FORMS:
             raise no_such("form of the Coriolis matrix", form, FORMS)
-        return self._along(path(f"coriolis_matrix of form {form!r}", method), 2, (q, qd, q2d, q3d, *higher), out)
+        return self._quantity(f"coriolis_matrix of form {form!r}", 2, (q, qd, q2d, q3d, *higher), **options)
 
     @overload
     def gravity_forces(self, q: Array, **options: Unpack[Options]) -> Array: ...
@@ -122,7 +121,7 @@ class Forces(Data):
     def gravity_forces(
         self, q: Array, qd: Array, q2d: Array = None, *higher: Array, **options: Unpack[Options]
     ) -> tuple[Array, ...]: ...
-    def gravity_forces(self, q, qd=None, q2d=None, *higher, method=None, out=None):  # type: ignore[no-untyped-def]
+    def gravity_forces(self, q, qd=None, q2d=None, *higher, **options):  # type: ignore[no-untyped-def]
         """The generalized gravity forces Qgrav(q) = dV/dq, with V the potential energy, and their rates: each (..., n).
 
         Müller & Kumar, (eq_U), (Qgravdot).
@@ -133,4 +132,4 @@ class Forces(Data):
         >>> jounce.load("planar2r").gravity_forces([0, 0])
         array([29.43,  9.81])
         """
-        return self._along(path("gravity_forces", method), 1, (q, qd, q2d, *higher), out)
+        return self._quantity("gravity_forces", 1, (q, qd, q2d, *higher), **options)
