@@ -177,6 +177,10 @@ REFUSED = {
     "output is a folder": ((*RUN[:3], "-o", "folder.csv"), ["folder.csv", "not a file"]),
     "output of other type": ((*RUN[:3], "-o", "out.xls"), ["out.xls", "'.xls'", ".csv, .npz"]),
     "output with a long name": ((*RUN[:3], "-o", "x" * 300 + ".csv"), ["xxx"]),
+    "fit of exact terms": (
+        ("run", "iiwa14", "paper", "-o", "out.csv", "--intervals", "5"),
+        ["paper: its terms are exact; --intervals is for the samples of a table"],
+    ),
     "unknown method": ((*RUN, "--method", "papr"), ["'papr'", "did you mean 'paper'", "recursion, closed_form, paper"]),
     "order beyond the paper": ((*RUN, "--method", "paper", "--order", "3"), ["order 3", "order 2"]),
     "order beyond the spline": ((*RUN, "--order", "6"), ["q8d", "degree 7"]),

@@ -190,6 +190,7 @@ def test_drawings_name_frames_axes_and_centres_of_mass(picture):
     [axes] = figure.axes
     said = {text.get_text() for text in axes.texts}
     count = 7 if "$e_{7}$" in said else 2
+    assert {"x", "y"} <= said  # told apart without colour
     assert {str(i) for i in range(count + 1)} | {f"$c_{{{i}}}$" for i in range(1, count + 1)} <= said
     if count == 2:
         assert {"$q_1$", "$q_2$", "$L_1$", "$L_2$", "$m_1$", "$m_2$", "$g$"} <= said

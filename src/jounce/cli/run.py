@@ -72,6 +72,8 @@ def run(
     if output.resolve() == motion.resolve():
         raise JounceError(f"{output}: is the motion itself; expected another file to write into")
     arm = load(robot, **({"gravity": gravity} if gravity else {}))
+    if intervals is not None and motions.is_analytic(motion):
+        raise JounceError(f"{motion}: its terms are exact; --intervals is for the samples of a table")
     path = motions.read(motion, arm.mechanism, order + 2, Spline(degree, intervals))
     results = _along(arm, path, method)
     forces = dict(zip((rate_name("Q", k) for k in range(order + 1)), results, strict=True))

@@ -30,6 +30,11 @@ def read(source: Path, mechanism: Mechanism, highest: int, spline: Spline = THRO
     raise JounceError(f"{source}: unknown type of motion {source.suffix!r}; there are: {known}, {', '.join(BUNDLED)}")
 
 
+def is_analytic(source: Path) -> bool:
+    """Whether a motion is given in closed form, by a name or a YAML file."""
+    return str(source) in BUNDLED or source.suffix.lower() in SUFFIXES
+
+
 def bundled(name: str) -> Terms:
     """The analytic terms of a motion that comes with jounce."""
     with as_file(files(__name__) / BUNDLED[name]) as path:
