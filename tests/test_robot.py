@@ -213,7 +213,7 @@ def bad(robot, **changes):
         ({"q": ["a"] * 7}, "q holds text"),
         ({"q": [[1.0], [1.0, 2.0]]}, "q is not an array of numbers"),
         ({"q": [None] * 7}, "q holds None"),
-        ({"method": "kernel"}, "no method for inverse_dynamics 'kernel'; there are: recursion, closed_form, paper"),
+        ({"method": "kernal"}, r"no method for inverse_dynamics 'kernal'; did you mean 'kernel'\?"),
         ({"method": "recursoin"}, "did you mean 'recursion'"),
         ({"wrench": np.zeros((7, 6))}, "wrench gives W; order 1 takes W and its rates up to Wd"),
         ({"wrench": ()}, "wrench gives nothing; order 1"),

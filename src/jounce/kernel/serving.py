@@ -7,7 +7,7 @@ from functools import cache, lru_cache
 import numpy as np
 
 from jounce._scalars import FLOAT, Array, is_numeric
-from jounce.errors import JounceError, JounceWarning
+from jounce.errors import JounceError, JounceWarning, no_such
 from jounce.kernel.kernel import Kernel, compiled
 from jounce.kernel.quantity import Quantity
 from jounce.mechanism import DATA, Mechanism
@@ -31,6 +31,19 @@ def serving(
     if method == "kernel":
         raise JounceError("method 'kernel' takes float64 arrays of NumPy and a robot of numbers, and needs llvmlite")
     return None
+
+
+def ahead(mechanism: Mechanism, name: str, order: int, loaded: bool) -> Kernel:
+    """The kernel that a user asks for by name."""
+    if name not in COMPILED:
+        raise no_such("quantity for native code", name, COMPILED)
+    if not isinstance(order, int) or isinstance(order, bool) or order < 0:
+        raise JounceError(f"order is {order!r}; expected 0, 1, 2, ...")
+    if loaded and name != "inverse_dynamics":
+        raise JounceError(f"{name} takes no wrenches")
+    if not _numeric(mechanism) or not available():
+        raise JounceError("native code takes a robot of numbers, and llvmlite")
+    return compiled(mechanism, Quantity(name, order, bool(loaded), mechanism.n, mechanism.nb))
 
 
 @cache
