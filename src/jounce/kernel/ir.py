@@ -7,6 +7,11 @@ from contextlib import contextmanager
 from jounce.kernel.target import Target
 
 
+def bits(x: float) -> int:
+    """A double as the integer that has the same bits."""
+    return int(struct.unpack("<Q", struct.pack("<d", x))[0])
+
+
 class Writer:
     """The text of a module, and shorthand for what is often written."""
 
@@ -45,8 +50,7 @@ class Writer:
 
     def vector(self, x: float) -> str:
         """A constant in all lanes."""
-        bits = struct.unpack("<Q", struct.pack("<d", x))[0]
-        return f"<{', '.join([f'double 0x{bits:016X}'] * self.lanes)}>"
+        return f"<{', '.join([f'double 0x{bits(x):016X}'] * self.lanes)}>"
 
     def integers(self, x: int) -> str:
         """An integer constant in all lanes."""
