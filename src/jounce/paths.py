@@ -54,11 +54,7 @@ PATHS: dict[str, dict[str, Path]] = {
     "momentum": {"closed_form": Path(lambda m, q, _: _row(closed_form(m, q).h))},
     "base_wrench": {"closed_form": Path(lambda m, q, W: _row(closed_form(m, q, W).F))},
 }
-COMPILED = {
-    "inverse_dynamics": 3,
-    "gravity_forces": 1,
-    "mass_matrix": 1,
-}  # to native code, and how many rates each takes
+COMPILED = {"inverse_dynamics": 3, "gravity_forces": 1, "mass_matrix": 1}  # to native code; the rates each takes
 FORMS = ("paper", "skew")  # of the Coriolis matrix
 
 
