@@ -34,6 +34,11 @@ class Quantity:
             matters=(*(max(0, k + 1 - COMPILED[self.name]) for k in range(rates)), *range(loads)),
         )
 
+    @property
+    def arrays(self) -> int:
+        """How many arrays it takes and gives."""
+        return COMPILED[self.name] + self.order + (self.order + 1) * (2 if self.loaded else 1)
+
     def program(self, mechanism: Mechanism) -> Program:
         """The operations, traced from the recursion."""
         tape = Tape()

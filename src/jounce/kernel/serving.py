@@ -13,6 +13,8 @@ from jounce.kernel.quantity import Quantity
 from jounce.mechanism import DATA, Mechanism
 from jounce.paths import COMPILED
 
+MOST = 64  # arrays of a ufunc, results among them: a limit of NumPy
+
 
 def serving(
     mechanism: Mechanism, name: str, method: str | None, order: int, q: Sequence[Array], W: Sequence[Array]
@@ -25,25 +27,34 @@ def serving(
     """
     if name not in COMPILED or method not in (None, "kernel"):
         return None
-    plain = all(type(x) is np.ndarray and x.dtype is FLOAT for x in (*q, *W))
-    if plain and _numeric(mechanism) and available():
-        return compiled(mechanism, Quantity(name, order, bool(W), mechanism.n, mechanism.nb))
+    plain = all(type(x) is np.ndarray and x.dtype == FLOAT for x in (*q, *W))  # an unpickled dtype is not FLOAT itself
+    quantity = Quantity(name, order, bool(W), mechanism.n, mechanism.nb)
+    if plain and _numeric(mechanism) and quantity.arrays <= MOST and available():
+        return compiled(mechanism, quantity)
     if method == "kernel":
-        raise JounceError("method 'kernel' takes float64 arrays of NumPy and a robot of numbers, and needs llvmlite")
+        raise JounceError(
+            f"method 'kernel' takes float64 arrays of NumPy, {MOST} with its results at most, and a robot of numbers, "
+            "and needs llvmlite"
+        )
     return None
 
 
 def ahead(mechanism: Mechanism, name: str, order: int, loaded: bool) -> Kernel:
     """The kernel that a user asks for by name."""
-    if name not in COMPILED:
+    if not isinstance(name, str) or name not in COMPILED:
         raise no_such("quantity for native code", name, COMPILED)
-    if not isinstance(order, int) or isinstance(order, bool) or order < 0:
+    if not isinstance(order, int | np.integer) or isinstance(order, bool) or order < 0:
         raise JounceError(f"order is {order!r}; expected 0, 1, 2, ...")
+    if not isinstance(loaded, bool):
+        raise JounceError(f"wrench is of type {type(loaded).__name__}; expected True or False: whether calls take any")
     if loaded and name != "inverse_dynamics":
         raise JounceError(f"{name} takes no wrenches")
+    quantity = Quantity(name, int(order), loaded, mechanism.n, mechanism.nb)
+    if quantity.arrays > MOST:
+        raise JounceError(f"order {order} takes and gives {quantity.arrays} arrays; native code at most {MOST}")
     if not _numeric(mechanism) or not available():
         raise JounceError("native code takes a robot of numbers, and llvmlite")
-    return compiled(mechanism, Quantity(name, order, bool(loaded), mechanism.n, mechanism.nb))
+    return compiled(mechanism, quantity)
 
 
 @cache
