@@ -4,7 +4,6 @@ NumPy then does what it does well: broadcasting, casting, strides, `out`, lettin
 """
 
 import ctypes
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ FROM_SIGNATURE = 31  # PyUFunc_FromFuncAndDataAndSignature's place in the table 
 NO_IDENTITY = -1
 
 
-def ufunc(address: int, interface: Interface, name: str) -> tuple[Callable[..., Any], Any]:
+def ufunc(address: int, interface: Interface, name: str) -> tuple[np.ufunc, Any]:
     """The ufunc of a loop at an address, and what must live as long as it does."""
     taken, given = interface.taken, interface.given
     count = len(taken) + len(given)
