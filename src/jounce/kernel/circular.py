@@ -1,15 +1,15 @@
-"""Sine and cosine of vectors, in LLVM IR: each within about one unit in the last place, for every finite angle.
+"""Sine and cosine of vectors, in LLVM IR: each within two units in the last place, for every finite angle.
 
 An angle is reduced by the nearest multiple of pi/2, in three parts of which the first two are so short that their
-multiples are exact up to `LARGE` (Cody and Waite). Two polynomials do the rest. Lanes beyond, rare, are given to the C
-library, which also makes NaN of inf and NaN; meanwhile they hold 0, so that nothing overflows and no NaN is compared:
-NumPy would warn of it.
+multiples are exact up to `LARGE` (Cody and Waite), and the third so small that it does not round the rest once more.
+Two polynomials do what is left. Lanes beyond, rare, are given to the C library, which also makes NaN of inf and NaN.
+They hold 0 meanwhile, so that nothing overflows and no NaN is compared: NumPy would warn of it.
 """
 
 from jounce.kernel.ir import Writer, bits
 
-LARGE = 2.0**20  # rad
-HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)  # of 33, 33 and 53 bits
+LARGE = 2.0**17  # rad
+HALF_PI = (1.5707963267923333, 2.5633441515839558e-12, 1.0562999066987428e-23)  # of 36, 36 and 53 bits
 # sin r = r + r^3 S(r^2) and cos r = 1 - r^2/2 + r^4 C(r^2) for |r| <= pi/4: S and C of degree 5 through the exact
 # values at Chebyshev's points, computed to 50 digits; errors 0.18 and 0.01 units in the last place.
 S = (
