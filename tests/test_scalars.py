@@ -11,8 +11,8 @@ import pytest
 import sympy
 
 import jounce
-import tracing
 from jounce.errors import JounceError
+from jounce.kernel.trace import Tape
 from robots import GOLDEN_NAMES, golden, rates_of, relative_error
 
 jax.config.update("jax_enable_x64", True)
@@ -155,22 +155,10 @@ def test_sympy_states_of_a_robot_of_numbers():
 @pytest.mark.parametrize("name", GOLDEN_NAMES)
 def test_tracing_scalars(name):
     robot, q, _ = case(name)
-    tape = tracing.Tape()
-    Q = robot.inverse_dynamics(*symbols_of(robot, tape.variable))
-    values = {f"q{k}_{i}": x for k, rate in enumerate(q) for i, x in enumerate(rate)}
-    found = np.array(tracing.run([x for rate in Q for x in rate], values)).reshape(3, -1)
+    tape = Tape()
+    Q = robot.inverse_dynamics(*(tape.variables(robot.n) for _ in q))
+    found = np.reshape(tape.program(np.ravel(Q)).run(np.ravel(q)), (3, -1))
     agree(found, robot.inverse_dynamics(*q))
-
-
-@pytest.mark.parametrize(("order", "operations"), [(0, 574), (1, 1272), (2, 2333)])
-def test_the_iiwa_takes_no_more_operations_than_measured(order, operations):
-    """A guard of the recursion's economy: sums and products of one state, sine and cosine given."""
-    robot, _, _ = case("iiwa")
-    tape = tracing.Tape()
-    Q = robot.inverse_dynamics(*symbols_of(robot, tape.variable, order))
-    outputs = [x for rate in (Q if order else [Q]) for x in rate]
-    count = sum(node.key[0] in ("add", "sub", "mul") for node in tracing.program(outputs))
-    assert count <= operations
 
 
 def test_extended_precision_is_kept():

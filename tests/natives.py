@@ -1,0 +1,25 @@
+"""Programs as native code for the tests: for the host's vectors and for shorter ones, with fused products or not."""
+
+from dataclasses import replace
+
+from jounce.kernel import jit
+from jounce.kernel.emit import emitted
+from jounce.kernel.target import host
+from jounce.kernel.ufunc import ufunc
+
+WAYS = ["host", "4 lanes", "2 lanes", "4 lanes, no fma", "2 lanes, no fma"]
+
+
+def target(way):
+    if way == "host":
+        return host()
+    lanes, fma = int(way[0]), "no fma" not in way and host().fma
+    return replace(host(), lanes=lanes, fma=fma, features=host().features + ("" if fma else ",-fma"))
+
+
+def native(program, interface, way="host"):
+    """A function of arrays; what it needs lives as long as it does."""
+    code = jit.assembled(emitted(program, interface, target(way)), target(way))
+    address, engine = jit.loaded(code, target(way))
+    function, needed = ufunc(address, interface, "native")
+    return lambda *arrays, kept=(engine, needed), **options: function(*arrays, **options)
