@@ -89,7 +89,10 @@ def _spoilt(ir: Writer, interface: Interface) -> Iterator[str]:
 
 
 def _define_states(ir: Writer, interface: Interface) -> None:
-    """The loop over blocks of states: rows that lie one behind the other go through registers, others lane by lane."""
+    """The loop over blocks of states: rows that lie one behind the other go through registers, others lane by lane.
+
+    A result may lie exactly over an array of states, which NumPy then does not copy.
+    """
     shapes = [*interface.taken, *interface.given]
     into, out_of = interface.places()
     widths = [prod(shape) for shape in shapes]
@@ -105,6 +108,11 @@ def _define_states(ir: Writer, interface: Interface) -> None:
             for stride, expected in ((array.step, 8 * rows * columns), (array.down, 8 * columns), (array.across, 8)):
                 if stride != "0":
                     dense = ir.let(f"and i1 {dense}, {ir.let(f'icmp eq i64 {stride}, {expected}')}")
+        given = len(interface.taken)
+        for result, width in zip(arrays[given:], widths[given:], strict=True):
+            if width < ir.lanes:  # stored reaching into rows behind: not where these are states yet to be read
+                for array in arrays[:given]:
+                    dense = ir.let(f"and i1 {dense}, {ir.let(f'icmp ne ptr {result.pointer}, {array.pointer}')}")
         count = ir.let("load i64, ptr %dimensions")
         ir.do(f"br i1 {ir.let(f'icmp sgt i64 {count}, 0')}, label %some, label %done")
         ir.label("some")
@@ -113,11 +121,11 @@ def _define_states(ir: Writer, interface: Interface) -> None:
             first = ir.let(f"mul i64 {block}, {ir.lanes}")
             left = ir.let(f"sub i64 {count}, {first}")
             lanes = ir.call("llvm.smin.i64", "i64", left, str(ir.lanes))
-            enough = ir.let(f"icmp sge i64 {left}, {ir.lanes + max(behind, 0) + 1}")
+            enough = ir.let(f"icmp sge i64 {left}, {ir.lanes + behind}")
             quick = ir.let(f"and i1 {dense}, {enough}")
             places = [ir.at(x.pointer, ir.let(f"mul i64 {first}, {x.step}"), "i8") for x in arrays]
             moved = list(zip(shapes, arrays, places, scratch, strict=True))
-            for way, part in (("load", moved[: len(interface.taken)]), ("store", moved[len(interface.taken) :])):
+            for way, part in (("load", moved[:given]), ("store", moved[given:])):
                 if way == "store":
                     ir.do("call void @block(ptr %in, ptr %out)")
                 ir.do(f"br i1 {quick}, label %{way}.rows, label %{way}.lanes")
