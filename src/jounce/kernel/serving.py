@@ -64,7 +64,7 @@ def available() -> bool:
         import llvmlite.binding  # noqa: F401
     except (ImportError, OSError) as error:
         text = f"no native code, the recursion serves instead: llvmlite cannot be imported ({error})"
-        warnings.warn(text, JounceWarning, stacklevel=6)
+        warnings.warn(text, JounceWarning, stacklevel=5)
         return False
     return True
 
