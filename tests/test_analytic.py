@@ -125,7 +125,7 @@ BAD = {
     "repeated key": (BOTH + "  joint1: {offset: 3}\n", ["m.yaml:5: not YAML", "joint1"]),
     "code": ("time: !!python/object:os.system x", ["not YAML"]),
     "no joints": (TIME, ["the motion has no 'joints'"]),
-    "unknown key": (BOTH.replace("time", "tiem"), ["no key in the motion 'tiem'; did you mean 'time'?"]),
+    "unknown key": (BOTH.replace("time", "tiem"), ["m.yaml:1: no key in the motion 'tiem'; did you mean 'time'?"]),
     "unknown joint": (BOTH + "  joint3: {}\n", ["no joint 'joint3'; did you mean 'joint"]),
     "missing joint": (TIME + "joints: {joint1: {offset: 1}}", ["no terms for joint2; expected"]),
     "unknown term": (
@@ -136,12 +136,32 @@ BAD = {
         BOTH.replace("offset: 1", "cosines: [{frequency: 1}]"),
         ["cosine of joint 'joint1' has no 'amplitude'"],
     ),
-    "text": (BOTH.replace("offset: 1", "offset: one"), ["offset of joint 'joint1' is 'one'; expected a finite number"]),
+    "text": (
+        BOTH.replace("offset: 1", "offset: one"),
+        ["m.yaml:3: offset of joint 'joint1' is 'one'; expected a finite number"],
+    ),
     "not finite": (BOTH.replace("offset: 1", "offset: .nan"), ["offset of joint 'joint1' is nan"]),
     "truth": (BOTH.replace("offset: 1", "offset: true"), ["is True; expected a finite number"]),
     "no list": (BOTH.replace("offset: 1", "polynomial: 3"), ["polynomial of joint 'joint1' is 3; expected a list"]),
     "empty list": (BOTH.replace("offset: 1", "polynomial: []"), ["polynomial of joint 'joint1' is empty"]),
     "backwards": (BOTH.replace("stop: 1", "stop: -1"), ["time runs from 0 to -1 in 5 states; expected stop > start"]),
+    "beyond the doubles": (
+        "time: {start: -1.0e+308, stop: 1.0e+308, count: 5}\njoints: {}",
+        ["m.yaml:1: time runs from -1e+308 to 1e+308 in 5 states"],
+    ),
+    "more states than any memory holds": (BOTH.replace("count: 5", f"count: {10**30}"), ["count 2 to 100000000"]),
+    "frequency that overflows": (
+        BOTH.replace("offset: 1", "cosines: [{amplitude: 1, frequency: 1.0e+200}]"),
+        ["the terms of joint 'joint1' overflow; expected a finite time derivative of order 2"],
+    ),
+    "wrench that overflows": (
+        BOTH + "wrenches: {body2: {fx: {polynomial: [1.0e+308, 1.0e+308]}}}",
+        ["the terms of fx of the wrench of 'body2' overflow", "order 0"],
+    ),
+    "one name twice": (
+        TIME + "joints: {1: {}, '1': {}, joint1: {}, joint2: {}}",
+        ["joints is {", "expected keys that differ"],
+    ),
     "one state": (BOTH.replace("count: 5", "count: 1"), ["in 1 states"]),
     "half a state": (BOTH.replace("count: 5", "count: 2.5"), ["in 2.5 states"]),
     "wrench of no body": (BOTH + "wrenches: {bdy2: {fx: {offset: 1}}}", ["no body 'bdy2'; did you mean 'body2'?"]),
@@ -162,4 +182,5 @@ def test_refuses_what_is_no_motion(tmp_path):
         lambda: motions.read(tmp_path / "m.txt", PLANAR, 2), "unknown type of motion '.txt'", ".csv", ".yaml", "paper"
     )
     refusal(lambda: motions.read(tmp_path / "m.yaml", PLANAR, 2), "no such file")
+    refusal(lambda: motions.read(motions.Path("papr"), PLANAR, 2), "no motion 'papr'; did you mean 'paper'", ".csv")
     refusal(lambda: motions.read(motions.Path("paper"), PLANAR, 2), "no joint 'joint3'")

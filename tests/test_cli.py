@@ -177,6 +177,10 @@ REFUSED = {
     "output is a folder": ((*RUN[:3], "-o", "folder.csv"), ["folder.csv", "not a file"]),
     "output of other type": ((*RUN[:3], "-o", "out.xls"), ["out.xls", "'.xls'", ".csv, .npz"]),
     "output with a long name": ((*RUN[:3], "-o", "x" * 300 + ".csv"), ["xxx"]),
+    "fit of exact terms": (
+        ("run", "iiwa14", "paper", "-o", "out.csv", "--intervals", "5"),
+        ["paper: its terms are exact; --intervals is for the samples of a table"],
+    ),
     "unknown method": ((*RUN, "--method", "papr"), ["'papr'", "did you mean 'paper'", "recursion, closed_form, paper"]),
     "order beyond the paper": ((*RUN, "--method", "paper", "--order", "3"), ["order 3", "order 2"]),
     "order beyond the spline": ((*RUN, "--order", "6"), ["q8d", "degree 7"]),
@@ -212,7 +216,21 @@ def test_run_refuses_forces_that_are_not_finite(folder):
     before = contents(folder)
     result = call("run", "planar2r", "huge.csv", "-o", "out.csv", "--json")
     assert (result.exit_code, result.stdout) == (2, "")
-    assert result.stderr.splitlines()[-1].startswith("Error: ")
+    [line] = result.stderr.splitlines()
+    assert line.startswith("Error: out.csv: column 'joint1.Q' holds ")
+    assert contents(folder) == before
+
+
+@pytest.mark.parametrize("error", [MemoryError("Unable to allocate\n745. GiB"), MemoryError()])
+def test_run_refuses_what_memory_does_not_bear(folder, monkeypatch, error):
+    def fails(*_, **__):
+        raise error
+
+    monkeypatch.setattr(jounce.Robot, "inverse_dynamics", fails)
+    before, result = contents(folder), call(*RUN)
+    assert (result.exit_code, result.stdout) == (2, "")
+    [line] = result.stderr.splitlines()
+    assert line.startswith("Error: not enough memory: ")
     assert contents(folder) == before
 
 

@@ -1,6 +1,8 @@
 """The paper's example: its numbers against other paths, its command, and `jounce plot`."""
 
 import json
+import sys
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -10,6 +12,8 @@ from jounce.cli import main
 from jounce.io import tables
 from jounce.report.example import example, step_errors, without_steiner
 from robots import relative_error
+
+command = sys.modules["jounce.cli.demo"]  # its name in jounce.cli is that of the verb
 
 
 @pytest.fixture(scope="module")
@@ -28,6 +32,8 @@ def test_exact_rates_agree_with_central_differences_at_their_best_step(alone):
         assert best["central, 2 points"] < bound
         assert best["central, 4 points"] < bound
         assert errors.exact < 1e-14 < min(best.values())
+        for name, values in errors.of_scheme.items():
+            assert values[0] > best[name] < values[-1], f"{name} does not fall and rise again"
 
 
 @pytest.mark.parametrize("scheme", [("forward, 2 points", 1), ("central, 2 points", 2), ("central, 4 points", 4)])
@@ -67,6 +73,21 @@ def test_demo_writes_all_that_it_names(tmp_path):
     assert all(ms > 0 for pair in summary["milliseconds"].values() for ms in pair)
 
 
+def test_the_bar_of_the_demo_ends_with_it(tmp_path, monkeypatch):
+    """And a format that is asked for twice is drawn, told and counted once."""
+    steps = []
+
+    @contextmanager
+    def counted(_, total):
+        steps.append(total)
+        yield lambda: steps.append(-1)
+
+    monkeypatch.setattr(command, "progress", counted)
+    asked = ("--states", 100, "--format", "svg", "--format", "svg", "--json")
+    assert json.loads(call("demo", "-o", tmp_path, *asked).stdout)["formats"] == ["svg"]
+    assert sum(steps) == 0
+
+
 def test_demo_says_where_the_published_code_differs(tmp_path):
     words = call("demo", "-o", tmp_path, "--states", 200, "--format", "png").stdout
     for word in ("Steiner's theorem", "1.6 ms", "central, 4 points", "recursion", "forces-wrench", str(tmp_path)):
@@ -84,6 +105,12 @@ def test_plot_draws_what_run_wrote(tmp_path, monkeypatch, kind):
     assert (tmp_path / f"forces.{kind}").stat().st_size > 5000
     drawn = json.loads(call("plot", "forces.csv", "-o", f"one.{kind}", "--joint", "joint2", "--json").stdout)
     assert set(map(tuple, drawn["panels"].values())) == {("joint2",)}
+
+
+def test_plot_counts_the_joints_of_all_panels(tmp_path):
+    tables.write(tmp_path / "f.csv", {"t": np.arange(1.0), "a.Q": np.ones(1), "b.Qd": np.ones(1)})
+    result = call("plot", tmp_path / "f.csv", "-o", tmp_path / "f.png")
+    assert result.stdout.startswith("Q, Qd of 2 joints, 1 state, drawn")
 
 
 def write_motion(folder):

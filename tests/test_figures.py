@@ -11,7 +11,7 @@ import jounce
 from files import refusal
 from jounce.io import tables
 from jounce.report import canvas
-from jounce.report.curves import Panel, by_size, over_time
+from jounce.report.curves import MOST_POINTS, Panel, by_size, drawn_points, over_time
 from jounce.report.drawing import View, skeleton
 from jounce.report.gallery import portrait
 from jounce.report.schematic import schematic
@@ -80,6 +80,56 @@ def test_small_curves_have_their_own_scale():
     assert by_size([Panel("", {"a": 0 * T, "b": 0 * T})]) == [["a", "b"]]
 
 
+def test_a_table_need_not_hold_every_quantity_of_every_joint():
+    """A joint looks the same in all panels, and in the legend, which names all."""
+    figure = over_time(T, [Panel("Q", {"a": T, "b": T + 1}), Panel("Qd", {"b": T, "c": 0.01 * T})])
+    large_Q, small_Q, large_Qd, small_Qd = ([line.get_color() for line in shown(axes)] for axes in figure.axes)
+    a, b, c = (canvas.line_style(i)["color"] for i in range(3))
+    assert (large_Q, small_Q, large_Qd, small_Qd) == ([a, b], [], [b], [c])
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["a", "b", "c"]
+
+
+def test_names_stand_in_the_legend_as_they_are():
+    """No mark of TeX is one, and no first _ hides a name."""
+    names = ["a$x_b$", r"$\frac{", "_hidden", "100%", "a.b", "ü", ""]
+    figure = over_time(T, [Panel("Q [N m]", dict.fromkeys(names, T))])
+    figure.draw_without_rendering()
+    texts = figure.legends[0].get_texts()
+    assert [text.get_text() for text in texts] == names
+    assert not any(text.get_parse_math() for text in texts)
+
+
+@pytest.mark.parametrize(("count", "length"), [(8, 40), (40, 6), (40, 200), (1, 2000)])
+def test_a_legend_of_many_or_long_names_leaves_the_page_and_its_axes_their_size(count, length):
+    figure = over_time(T, [Panel("Q [N m]", {f"{i:02d}" + "x" * length: T for i in range(count)})])
+    figure.draw_without_rendering()
+    box = figure.legends[0].get_window_extent()
+    assert figure.bbox.x0 <= box.x0
+    assert box.x1 <= figure.bbox.x1
+    assert box.y1 <= figure.bbox.y1
+    [axes] = figure.axes
+    assert axes.get_window_extent().height > 1.5 * figure.dpi
+    assert not box.overlaps(axes.get_window_extent())
+
+
+@pytest.mark.parametrize("count", [1, 2, MOST_POINTS, MOST_POINTS + 1, 3 * MOST_POINTS - 1, 100_003])
+def test_of_many_samples_the_ends_and_the_extremes_are_drawn(count):
+    """A peak of one sample is what a reader looks for."""
+    values = np.random.default_rng(count).normal(size=count)
+    values[count // 3], values[count // 2] = -9, 9
+    at = drawn_points(values)
+    assert (np.diff(at) > 0).all()
+    assert len(at) <= MOST_POINTS + 2
+    assert {0, count // 2, count - 1} <= set(at.tolist())
+    assert values[at].min() == values.min()
+
+
+def test_one_sample_is_seen():
+    figure = over_time(T[:1], [Panel("Q [N m]", {"a": T[:1]})])
+    [line] = figure.axes[0].get_lines()
+    assert line.get_marker() == "o"
+
+
 @pytest.mark.parametrize("kind", canvas.FORMATS)
 def test_a_picture_is_the_same_file_each_time(tmp_path, kind):
     def content(name):
@@ -140,11 +190,18 @@ def test_drawings_name_frames_axes_and_centres_of_mass(picture):
     [axes] = figure.axes
     said = {text.get_text() for text in axes.texts}
     count = 7 if "$e_{7}$" in said else 2
+    assert {"x", "y"} <= said  # told apart without colour
     assert {str(i) for i in range(count + 1)} | {f"$c_{{{i}}}$" for i in range(1, count + 1)} <= said
     if count == 2:
         assert {"$q_1$", "$q_2$", "$L_1$", "$L_2$", "$m_1$", "$m_2$", "$g$"} <= said
     else:
         assert {f"$e_{{{i}}}$" for i in range(1, 8)} <= said
+
+
+@pytest.mark.parametrize("name", ["", "a.b", "two\nlines", "joint.Q", "é"])
+def test_a_joint_of_any_name_is_drawn(name):
+    [panel] = panels({"t": T, f"{name}.Qd": T}, "f.csv")
+    assert list(panel.curves) == [name]
 
 
 def test_panels_of_a_table(tmp_path):
@@ -159,6 +216,9 @@ def test_panels_of_a_table(tmp_path):
     refusal(lambda: panels({"time": T}, "f.csv"), "f.csv: no column 't'; there are: time")
     refusal(lambda: panels({"t": T, "a": T}, "f.csv"), "f.csv: no columns NAME.Q", "it has: t, a")
     refusal(lambda: panels(columns, "f.csv", ["c"]), "f.csv: no joint 'c'", "there are: a, b")
+    ragged = {"t": T, "a.Q": T, "b.Qd": T}
+    refusal(lambda: panels(ragged, "f.csv", ["a"], ["Qd"]), "f.csv: none of a has a column of Qd")
+    refusal(lambda: panels(ragged | {"a.Q": 1e307 * T}, "f.csv"), "f.csv: column 'a.Q' holds 2e+307", "1e+300")
     refusal(lambda: panels(columns, "f.csv", [], ["Q3d"]), "no quantity 'Q3d'; did you mean", "Q, Qd, Q2d")
 
 

@@ -63,6 +63,7 @@ def test_a_page_runs_as_printed(page, tmp_path, monkeypatch):
             (tmp_path / kind).write_text(text)
         else:
             assert kind == "sh", f"{page.name}:{line}: a block of {kind} that nothing runs"
+            assert "jounce " not in text, f"{page.name}:{line}: a command that nothing runs"
 
 
 def test_nothing_of_the_pages_escapes_the_test():

@@ -1,5 +1,6 @@
 """Wrenches in motion tables: by body or merged link, as samples or with all rates, in any component."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +37,16 @@ def test_samples_of_a_wrench_get_their_rates_from_a_spline(motion):
     for k, rate in enumerate(W):
         np.testing.assert_allclose(rate["link7"][:, 5], sine(k), atol=1e-5 * 10 * np.pi**k)
         assert not rate["link7"][:, :5].any()
+
+
+def test_a_body_may_be_called_as_a_joint_is():
+    """And a joint as a component of a wrench is."""
+    bodies, joints = ("arm", "hand"), ("arm", "elbow.fx")
+    twins = replace(jounce.load("planar2r").mechanism, bodies=bodies, joints=joints, coordinates=joints)
+    motion = from_table({"t": T, "arm": T, "elbow.fx": -T, "arm.fx": T}, twins, 2, "m.csv")
+    assert (motion.rates[0] == np.stack([T, -T], 1)).all()
+    assert [list(rate) for rate in motion.wrench] == [["arm"]]
+    assert (motion.wrench[0]["arm"][:, 3] == T).all()
 
 
 @pytest.mark.parametrize("motion", [JOINTS, RATES], ids=["samples", "rates"])

@@ -3,8 +3,9 @@
 from jounce.errors import JounceError, JounceWarning
 from jounce.inertia import inertia_matrix
 from jounce.io.loading import load
+from jounce.io.saving import save
 from jounce.robot import Robot
 
 __version__ = "0.1.0"
 
-__all__ = ["JounceError", "JounceWarning", "Robot", "__version__", "inertia_matrix", "load"]
+__all__ = ["JounceError", "JounceWarning", "Robot", "__version__", "inertia_matrix", "load", "save"]

@@ -1,5 +1,6 @@
 """What a robot is, as plain data: for `jounce info`, in words or JSON."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -47,6 +48,7 @@ def _body(mechanism: Mechanism, i: int) -> dict[str, Any]:
         "axis": (X[3:] if kind == "prismatic" else X[:3]).tolist(),
         "pitch": pitch if kind == "helical" else None,
         "follows": _follows(mechanism, i),
+        "limits": {key: _finite(float(array[i])) for key, array in vars(mechanism.limits).items()},
         "mass": mass,
         "com": (h[:, 0] / mass).tolist() if mass else None,
         "finding": inertia.defect(M),
@@ -59,6 +61,10 @@ def _follows(mechanism: Mechanism, i: int) -> str | None:
     terms = [f"{_factor(row[j])}{mechanism.coordinates[j]}" for j in np.flatnonzero(row)]
     plain = len(terms) == 1 and row.sum() == 1 and offset == 0 and mechanism.joints[i] in mechanism.coordinates
     return None if plain else " + ".join(terms + [f"{offset:g}"] * bool(offset)) or "0"
+
+
+def _finite(x: float) -> float | None:
+    return x if math.isfinite(x) else None
 
 
 def _factor(x: float) -> str:

@@ -66,12 +66,13 @@ def inertia_matrix(mass: Array, com: Array, inertia_com: Array, rotation: Array 
             raise JounceError("rotation is not one: R^T R differs from I")
         theta = R @ theta @ R.mT
     m, c, theta = broadcast([m[..., None, None], hat(c), theta], [2, 2, 2], ["mass", "com", "inertia_com"])
-    return _matrix(m, c * m, theta - m * (c @ c))  # (eqn_body_fixed_mass_inertia_matrix)
+    theta = theta - m * (c @ c)  # Steiner, after (eqn_body_fixed_mass_inertia_matrix)
+    return _matrix(m, c * m, theta)
 
 
 def _matrix(m: Array, h_hat: Array, theta: Array) -> Array:
     upper = concatenate([theta, h_hat], axis=-1)
-    return concatenate([upper, concatenate([-h_hat, m * _I], axis=-1)], axis=-2)
+    return concatenate([upper, concatenate([-h_hat, m * _I], axis=-1)], axis=-2)  # (eqn_body_fixed_mass_inertia_matrix)
 
 
 def moments(M: Array) -> tuple[Array, Array, Array]:
@@ -119,6 +120,12 @@ def form_error(M: np.ndarray, tolerance: float = 1e-9) -> str | None:
     if np.abs(h_hat + h_hat.T).max() > scale:
         return "has no skew matrix m c~ in its upper right block"
     return None
+
+
+def formed(M: np.ndarray) -> np.ndarray:
+    """The matrix of exactly the form ``[[Theta, h~], [-h~, m I]]`` nearest a matrix that has it but for rounding."""
+    h_hat = (M[:3, 3:] + M[3:, :3].T) / 2
+    return _matrix(M[3, 3], (h_hat - h_hat.T) / 2, (M[:3, :3] + M[:3, :3].T) / 2)
 
 
 def defect(M: np.ndarray, tolerance: float = 1e-9) -> str | None:

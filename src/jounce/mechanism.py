@@ -17,6 +17,27 @@ from jounce.errors import no_such
 
 GRAVITY = (0, 0, -9.81)  # m/s^2, unless told otherwise
 DATA = ("B", "X", "M", "gravity", "G", "g")  # the arrays of a mechanism
+UNLIMITED = {"lower": -np.inf, "upper": np.inf, "velocity": np.inf, "effort": np.inf}  # of one joint variable
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Limits:
+    """What bounds each joint variable theta, infinite where nothing is stated; no equation of motion asks for it."""
+
+    lower: np.ndarray  # (nb,) rad or m
+    upper: np.ndarray  # (nb,)
+    velocity: np.ndarray  # (nb,) of either sign, rad/s or m/s
+    effort: np.ndarray  # (nb,) moment or force of either sign, N m or N
+
+
+def limit_error(lower: float, upper: float, velocity: float, effort: float) -> str | None:
+    """What keeps four numbers from being the limits of a joint variable, or None."""
+    if not (-np.inf <= lower <= upper <= np.inf) or lower == np.inf or upper == -np.inf:
+        return f"lower and upper limit are {lower:g} and {upper:g}; expected lower <= upper"
+    for name, x in (("velocity", velocity), ("effort", effort)):
+        if not x >= 0:
+            return f"limit of {name} is {x:g}; expected 0 or more"
+    return None
 
 
 @dataclass(frozen=True)
@@ -42,11 +63,13 @@ class Mechanism:
     bodies: tuple[str, ...]
     joints: tuple[str, ...]
     coordinates: tuple[str, ...]
+    limits: Limits
     frames: tuple[Frame, ...] = ()  # of the links merged into bodies
     name: str = "robot"
 
     def __post_init__(self) -> None:
-        for array in (*(getattr(self, name) for name in DATA), *(frame.T for frame in self.frames)):
+        own = (getattr(self, name) for name in DATA)
+        for array in (*own, *vars(self.limits).values(), *(frame.T for frame in self.frames)):
             array.flags.writeable = False
 
     def __setstate__(self, state: dict[str, Any]) -> None:  # a copy or an unpickled one is as frozen as any

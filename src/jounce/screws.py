@@ -7,10 +7,11 @@ import numpy as np
 
 from jounce import inertia, lie
 from jounce._scalars import Array, asarray, is_numeric, is_symbolic
-from jounce.errors import JounceError, one_line, shortened
-from jounce.mechanism import GRAVITY, Mechanism, in_whole_numbers, reference_poses
+from jounce.errors import JounceError, no_such, one_line, shortened
+from jounce.mechanism import GRAVITY, UNLIMITED, Limits, Mechanism, in_whole_numbers, limit_error, reference_poses
 
 UNIT_TOLERANCE = 1e-9  # how far a direction or rotation may be from unit length before it is taken for a mistake
+ROUNDING = 1e-15  # what making them exact leaves; nothing as close is touched, so that data pass the door unchanged
 
 
 def from_screws(
@@ -24,6 +25,7 @@ def from_screws(
     joint_names: Sequence[str] | None = None,
     G: Array | None = None,
     g: Array | None = None,
+    limits: Limits | Mapping[str, Array] | None = None,
     name: str = "robot",
 ) -> Mechanism:
     """A mechanism from body-fixed data, every array checked; see `Robot.from_screws` for what they are."""
@@ -33,12 +35,9 @@ def from_screws(
     data["G"] = np.eye(nb) if G is None else _data(G, "G")
     data["g"] = np.zeros(nb) if g is None else _data(g, "g")
     _check_shapes(data, nb)
-    data["B"] = np.stack([_pose(T, f"B[{i}]") for i, T in enumerate(data["B"])])
-    data["X"] = np.stack([_screw(x, f"X[{i}]") for i, x in enumerate(data["X"])])
-    for i, M_i in enumerate(data["M"]):
-        error = inertia.form_error(M_i) if is_numeric(M_i) else None
-        if error:
-            raise JounceError(f"M[{i}] {error}; an inertia matrix is [[Theta, m c~], [-m c~, m I]]")
+    for label, exact in (("B", exact_pose), ("X", exact_screw), ("M", exact_inertia)):
+        data[label] = np.stack([exact(x, f"{label}[{i}]") for i, x in enumerate(data[label])])
+    data |= {label: array + 0.0 for label, array in data.items() if is_numeric(array)}  # no -0.0 among data
     coordinates = _names(joint_names, data["G"].shape[1], "joint_names", "joint" if G is None else "q")
     built = Mechanism(
         **data,
@@ -46,6 +45,7 @@ def from_screws(
         bodies=_names(names, nb, "names", "body"),
         joints=coordinates if G is None else _names(None, nb, "joints", "joint"),
         coordinates=coordinates,
+        limits=_limits(limits, nb),
         name=name,
     )
     return in_whole_numbers(built) if any(map(is_symbolic, data.values())) else built
@@ -60,8 +60,8 @@ def from_spatial_screws(A: Array, Y: Array, M: Array, parent: Sequence[int] | No
     nb = A.shape[0] if A.ndim == 3 else 0
     if nb == 0 or A.shape != (nb, 4, 4) or Y.shape != (nb, 6):
         raise JounceError(f"A and Y have shapes {A.shape} and {Y.shape}; expected (n, 4, 4) and (n, 6)")
-    A = [_pose(T, f"A[{i}]") for i, T in enumerate(A)]
-    Y = [_screw(y, f"Y[{i}]") for i, y in enumerate(Y)]
+    A = [exact_pose(T, f"A[{i}]") for i, T in enumerate(A)]
+    Y = [exact_screw(y, f"Y[{i}]") for i, y in enumerate(Y)]
     B = [A_i if p < 0 else lie.inverse(A[p]) @ A_i for A_i, p in zip(A, _tree(parent, nb), strict=True)]
     X = [lie.Ad(lie.inverse(A_i)) @ Y_i for A_i, Y_i in zip(A, Y, strict=True)]
     return from_screws(np.stack(B), np.stack(X), M, parent, **data)
@@ -98,9 +98,12 @@ def _check_shapes(data: Mapping[str, np.ndarray], nb: int) -> None:
         if is_numeric(array) and not np.all(np.isfinite(array)):
             at = np.argwhere(~np.isfinite(array))[0].tolist()
             raise JounceError(f"{label}{at} is {array[tuple(at)]}; expected finite numbers")
+    for j, column in enumerate(data["G"].T):
+        if is_numeric(column) and not column.any():
+            raise JounceError(f"G[:, {j}] is zero; expected a joint that moves with each coordinate")
 
 
-def _pose(T: np.ndarray, label: str) -> np.ndarray:
+def exact_pose(T: np.ndarray, label: str) -> np.ndarray:
     """A pose, checked, its rotation made orthonormal to the last digit by a Newton step of the polar decomposition."""
     if not is_numeric(T):
         return T
@@ -109,17 +112,46 @@ def _pose(T: np.ndarray, label: str) -> np.ndarray:
     if not error <= UNIT_TOLERANCE or np.linalg.det(R) < 0 or np.any(T[3] != [0, 0, 0, 1]):
         what = f"R^T R differs from I by {error:.2g}, det R = {np.linalg.det(R):.6g}, last row {T[3].tolist()}"
         raise JounceError(f"{label} is not a pose [[R, r], [0, 1]]: {what}")
-    return lie.pose(R @ (3 * np.eye(3) - R.T @ R) / 2, T[:3, 3:])
+    return lie.pose(R if error <= ROUNDING else R @ (3 * np.eye(3) - R.T @ R) / 2, T[:3, 3:]) + 0.0
 
 
-def _screw(X: np.ndarray, label: str) -> np.ndarray:
+def exact_screw(X: np.ndarray, label: str) -> np.ndarray:
     """A unit screw, checked, its length made 1 to the last digit."""
     if not is_numeric(X):
         return X
     length = np.linalg.norm(X[:3]) or np.linalg.norm(X[3:])
     if not abs(length - 1) <= UNIT_TOLERANCE:
         raise JounceError(f"{label} = {X.tolist()} is not a unit screw (xi; eta): |xi| = 1, or xi = 0 and |eta| = 1")
-    return X / length
+    return X if abs(length - 1) <= ROUNDING else X / length
+
+
+def exact_inertia(M: np.ndarray, label: str) -> np.ndarray:
+    """An inertia matrix, checked, its form exact: one mass, one first moment, one symmetric tensor."""
+    if not is_numeric(M):
+        return M
+    error = inertia.form_error(M)
+    if error:
+        raise JounceError(f"{label} {error}; an inertia matrix is [[Theta, m c~], [-m c~, m I]]")
+    return inertia.formed(M)
+
+
+def _limits(given: Limits | Mapping[str, Array] | None, nb: int) -> Limits:
+    stated = vars(given) if isinstance(given, Limits) else {} if given is None else given
+    if not isinstance(stated, Mapping):
+        raise JounceError(f"limits is of type {type(given).__name__}; expected a mapping of {', '.join(UNLIMITED)}")
+    for key in stated:
+        if key not in UNLIMITED:
+            raise no_such("limit", key, UNLIMITED)
+    free = {key: np.full(nb, value) for key, value in UNLIMITED.items()}
+    arrays = {key: _data(array, key) + 0.0 for key, array in (free | dict(stated)).items()}
+    for key, array in arrays.items():
+        if array.shape != (nb,) or not is_numeric(array):
+            raise JounceError(f"limits: {key} has shape {array.shape}; expected numbers ({nb},), one a joint")
+    for i, numbers in enumerate(zip(*arrays.values(), strict=True)):
+        error = limit_error(*numbers)
+        if error:
+            raise JounceError(f"limits of joint {i}: {error}")
+    return Limits(**arrays)
 
 
 def _tree(parent: Sequence[int] | None, nb: int) -> tuple[int, ...]:

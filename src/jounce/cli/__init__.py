@@ -7,11 +7,13 @@ from typing import IO, Any
 import click
 
 from jounce import JounceError, __version__
+from jounce.cli.convert import convert
 from jounce.cli.demo import demo
 from jounce.cli.info import info
 from jounce.cli.plot import plot
 from jounce.cli.run import run
 from jounce.cli.words import styled
+from jounce.errors import one_line
 
 EPILOG = """\b
 Example:
@@ -40,10 +42,13 @@ class _Verbs(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         with warnings.catch_warnings():
             warnings.showwarning = _warn
+            warnings.simplefilter("ignore", RuntimeWarning)  # numpy's of overflow; what is not finite is refused
             try:
                 return super().invoke(ctx)
             except JounceError as error:
                 raise _Refusal(str(error)) from error
+            except MemoryError as error:
+                raise _Refusal(f"not enough memory: {one_line(error) or 'fewer states need less'}") from error
             except OSError as error:  # of the terminal, or a full disk behind it; click sees to a closed pipe
                 if error.errno == errno.EPIPE:
                     raise
@@ -56,5 +61,5 @@ def main() -> None:
     """Higher-order inverse dynamics: a robot and a motion in, drive forces and their exact time derivatives out."""
 
 
-for verb in (run, plot, info, demo):
+for verb in (run, plot, info, convert, demo):
     main.add_command(verb)

@@ -23,7 +23,9 @@ Example:
     "-o", "--output", default=Path("jounce-demo"), show_default=True, type=click.Path(path_type=Path),
     help="Folder to write into; made where it is missing.",
 )  # fmt: skip
-@click.option("--states", default=10_000, show_default=True, type=click.IntRange(100), help="Evaluations, over 5 s.")
+@click.option(
+    "--states", default=10_000, show_default=True, type=click.IntRange(100, 1_000_000), help="Evaluations, over 5 s."
+)
 @click.option(
     "--format", "formats", multiple=True, default=("png", "svg", "pdf"), show_default=True,
     type=click.Choice(["png", "svg", "pdf"]), help="Of the pictures; may be given several times.",
@@ -39,9 +41,10 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
     from jounce.report import canvas, example
     from jounce.report.gallery import gallery
 
+    formats = list(dict.fromkeys(formats))
     canvas.check_installed()
     files.make_folder(output)
-    with progress("the paper's example", 7 + 5 * len(formats)) as advance:
+    with progress("the paper's example", 6 + 5 * len(formats)) as advance:
         examples = {}
         for name, motion in (("forces", "paper"), ("forces-wrench", "paper-wrench")):
             found = examples[name] = example.example(motion, states)
@@ -72,7 +75,7 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
         "folder": str(output),
         "tables": [f"{name}.csv" for name in examples],
         "pictures": list(pictures),
-        "formats": list(formats),
+        "formats": formats,
     }
     click.echo(json.dumps(summary, indent=2) if as_json else _in_words(summary))
 

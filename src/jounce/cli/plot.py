@@ -38,13 +38,14 @@ def plot(table: Path, output: Path, joints: Sequence[str], quantities: Sequence[
     columns = tables.read(table)
     drawn = panels(columns, str(table), joints, quantities)
     canvas.save(over_time(columns["t"], drawn), output)
+    states = len(columns["t"])
     summary = {
         "table": str(table),
         "output": str(output),
-        "states": len(columns["t"]),
+        "states": states,
         "panels": {panel.label: list(panel.curves) for panel in drawn},
     }
     shown = ", ".join(panel.label.split()[0] for panel in drawn)
-    count = len(drawn[0].curves)
-    words = f"{shown} of {count} joint{'s' * (count > 1)}, {summary['states']} states, drawn to {output}"
+    count = len({joint for panel in drawn for joint in panel.curves})
+    words = f"{shown} of {count} joint{'s' * (count > 1)}, {states} state{'s' * (states > 1)}, drawn to {output}"
     click.echo(json.dumps(summary, indent=2) if as_json else words)

@@ -61,7 +61,7 @@ def run(
     gravity: tuple[float, float, float] | None,
     as_json: bool,
 ) -> None:
-    """Compute Q, Qd, Q2d along MOTION for ROBOT: a URDF file or iiwa14, planar2r."""
+    """Compute Q, Qd, Q2d along MOTION for ROBOT: a file (.urdf, .yaml, .json) or iiwa14, planar2r."""
     from jounce.description import coordinate_unit
     from jounce.io import motions, tables
     from jounce.io.loading import load
@@ -72,6 +72,8 @@ def run(
     if output.resolve() == motion.resolve():
         raise JounceError(f"{output}: is the motion itself; expected another file to write into")
     arm = load(robot, **({"gravity": gravity} if gravity else {}))
+    if intervals is not None and motions.is_analytic(motion):
+        raise JounceError(f"{motion}: its terms are exact; --intervals is for the samples of a table")
     path = motions.read(motion, arm.mechanism, order + 2, Spline(degree, intervals))
     results = _along(arm, path, method)
     forces = dict(zip((rate_name("Q", k) for k in range(order + 1)), results, strict=True))

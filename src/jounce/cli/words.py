@@ -18,7 +18,8 @@ def styled(text: str, **style: Any) -> str:
 
 
 def straight_columns(rows: list[tuple[str, ...]]) -> list[str]:
-    """Rows of texts as lines with straight columns, the first of them in bold where the terminal can."""
+    """Rows of texts as lines, one each, with straight columns, the first of them in bold where the terminal can."""
+    rows = [tuple(cell if cell.isprintable() else repr(cell) for cell in row) for row in rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     head, *body = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
     return [styled(head, bold=True), *body]

@@ -12,7 +12,7 @@ import numpy as np
 
 from jounce import inertia
 from jounce.errors import JounceError, listed, no_such
-from jounce.mechanism import Frame, Mechanism
+from jounce.mechanism import UNLIMITED, Frame, Mechanism
 from jounce.screws import from_screws
 
 
@@ -44,6 +44,7 @@ class Joint:
     B: np.ndarray
     X: np.ndarray | None
     mimic: Mimic | None
+    limits: Mapping[str, float]  # those that the file states of lower, upper, velocity, effort
     place: str
 
 
@@ -86,6 +87,7 @@ def mechanism(links: Sequence[Link], joints: Sequence[Joint], gravity: object, n
         gravity=gravity,
         G=G,
         g=g,
+        limits={key: [joint.limits.get(key, free) for joint in movable] for key, free in UNLIMITED.items()},
         name=name,
     )
     merged = tuple(frame for link, frame in frames.items() if link not in bodies)

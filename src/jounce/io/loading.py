@@ -11,12 +11,13 @@ from jounce import inertia
 from jounce._scalars import is_numeric
 from jounce.errors import JounceError, JounceWarning, no_such
 from jounce.io.bundled import BUNDLED
+from jounce.io.native import reading
 from jounce.mechanism import GRAVITY, Mechanism
 from jounce.robot import Robot
 
 
 def load(source: str | os.PathLike[str], /, **parameters: object) -> Robot:
-    """A robot from a URDF file, or a bundled one by its name.
+    """A robot from a URDF file, a YAML or JSON file of jounce's own format, or a bundled one by its name.
 
     Fixed joints merge their links into one body (their names stay usable wherever a body's is); mimic joints are folded
     into their leaders' coordinates; several root links stand on the ground side by side.
@@ -24,10 +25,10 @@ def load(source: str | os.PathLike[str], /, **parameters: object) -> Robot:
     Parameters
     ----------
     source : str or path
-        Path of a .urdf file, or "iiwa14", "planar2r".
+        Path of a .urdf, .yaml, .yml or .json file, or "iiwa14", "planar2r".
     **parameters : keywords
-        gravity (3,) in m/s^2, (0, 0, -9.81) for files and (0, 0, -9.80665) for iiwa14; for planar2r L1, L2, m1, m2, g
-        (symbols are values too).
+        gravity (3,) in m/s^2; if left out that of the file, (0, 0, -9.81) where it states none, (0, 0, -9.80665) for
+        iiwa14; for planar2r L1, L2, m1, m2, g (symbols are values too).
 
     Raises
     ------
@@ -65,7 +66,16 @@ def _read_urdf(path: Path, /, gravity: object = GRAVITY) -> Mechanism:
     return urdf.read(path, gravity)
 
 
-READERS: dict[str, Callable[..., Mechanism]] = {".urdf": _read_urdf}
+def _read_native(path: Path, /, gravity: object = None) -> Mechanism:
+    return reading.read(path, gravity)
+
+
+READERS: dict[str, Callable[..., Mechanism]] = {
+    ".urdf": _read_urdf,
+    ".yaml": _read_native,
+    ".yml": _read_native,
+    ".json": _read_native,
+}
 
 
 def _call(build: Callable[..., Mechanism], parameters: dict[str, object], what: str) -> Mechanism:

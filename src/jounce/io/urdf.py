@@ -9,8 +9,9 @@ from jounce.errors import JounceError, no_such, one_line
 from jounce.inertia import inertia_matrix
 from jounce.io import linkage
 from jounce.io.files import finite, read_bytes
+from jounce.io.orientation import direction, from_rpy
 from jounce.lie import pose
-from jounce.mechanism import Mechanism
+from jounce.mechanism import UNLIMITED, Mechanism, limit_error
 
 MOVING = {"revolute": 0, "continuous": 0, "prismatic": 3}  # where in the screw the axis goes
 
@@ -63,18 +64,17 @@ def _joint(element: etree._Element, path: Path) -> linkage.Joint:
         B=_origin(element, path),
         X=_screw(element, kind, path) if kind in MOVING else None,
         mimic=_mimic(element, path) if kind in MOVING else None,
+        limits=_limits(element, kind, path) if kind in MOVING else {},
         place=_at(element, path),
     )
 
 
 def _screw(element: etree._Element, kind: str, path: Path) -> np.ndarray:
-    axis = _numbers(_child(element, "axis", path), "xyz", 3, path)
-    largest = np.abs(axis).max()
-    if largest == 0:
+    axis = direction(_numbers(_child(element, "axis", path), "xyz", 3, path))
+    if axis is None:
         raise JounceError(f"{_at(element, path)}: joint {element.get('name')!r} has a zero axis; expected a direction")
     X = np.zeros(6)
-    direction = axis / largest  # first, so that no length is too long or too short to be squared
-    X[MOVING[kind] : MOVING[kind] + 3] = direction / np.linalg.norm(direction)
+    X[MOVING[kind] : MOVING[kind] + 3] = axis
     return X
 
 
@@ -87,23 +87,26 @@ def _mimic(element: etree._Element, path: Path) -> linkage.Mimic | None:
     return linkage.Mimic(_text(mimic, "joint", path), multiplier, offset)
 
 
+def _limits(element: etree._Element, kind: str, path: Path) -> dict[str, float]:
+    """What a <limit> states; where it leaves positions out they are 0 by the format, unless the joint turns freely."""
+    limit = element.find("limit")
+    if limit is None:
+        return {}
+    keys = [*(("lower", "upper") if kind != "continuous" else ()), *({"velocity", "effort"} & set(limit.attrib))]
+    stated = {key: float(_numbers(limit, key, 1, path, default="0")[0]) for key in keys}
+    error = limit_error(**UNLIMITED | stated)
+    if error:
+        raise JounceError(f"{_at(limit, path)}: joint {element.get('name')!r}: {error}")
+    return stated
+
+
 def _origin(element: etree._Element, path: Path) -> np.ndarray:
     """The pose of an <origin>: the identity where there is none."""
     origin = element.find("origin")
     if origin is None:
         return np.eye(4)
-    roll, pitch, yaw = _numbers(origin, "rpy", 3, path, default="0 0 0")
-    R = _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
+    R = from_rpy(_numbers(origin, "rpy", 3, path, default="0 0 0"))
     return pose(R, _numbers(origin, "xyz", 3, path, default="0 0 0")[:, None])
-
-
-def _about(axis: int, angle: float) -> np.ndarray:
-    j, k = (axis + 1) % 3, (axis + 2) % 3
-    R = np.eye(3)
-    R[j, j] = R[k, k] = np.cos(angle)
-    R[k, j] = np.sin(angle)
-    R[j, k] = -R[k, j]
-    return R
 
 
 def _child(element: etree._Element, tag: str, path: Path) -> etree._Element:

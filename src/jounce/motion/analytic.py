@@ -23,7 +23,7 @@ class Cosine:
         """The k-th time derivative; whole quarter turns exchange cosine and sine, so that no phase is rounded."""
         angle = self.frequency * t + self.phase
         turned = np.cos(angle) if k % 2 == 0 else np.sin(angle)
-        return (1, -1, -1, 1)[k % 4] * self.amplitude * self.frequency**k * turned
+        return (1, -1, -1, 1)[k % 4] * self.amplitude * np.float64(self.frequency) ** k * turned
 
 
 @dataclass(frozen=True)
@@ -60,14 +60,26 @@ def along(terms: Terms, mechanism: Mechanism, highest: int) -> Motion:
         raise JounceError(f"no terms for {listed(missing)}; expected some for each of {listed(joints)}")
     for body in terms.wrenches:
         mechanism.frame(body)
-    rates = (np.stack([curves[joint].rate(terms.t, k) for joint in joints], axis=1) for k in range(highest + 1))
+    rates = (
+        np.stack([_finite(curves[joint], terms.t, k, f"joint {joint!r}") for joint in joints], axis=1)
+        for k in range(highest + 1)
+    )
     wrench = tuple(
-        {body: _wrench(components, terms.t, k) for body, components in terms.wrenches.items()}
+        {body: _wrench(body, components, terms.t, k) for body, components in terms.wrenches.items()}
         for k in range(max(highest - 2, 0) + 1)
     )
     return Motion(terms.t, tuple(rates), "analytic terms, all rates exact", wrench if terms.wrenches else None)
 
 
-def _wrench(components: Mapping[str, Curve], t: np.ndarray, k: int) -> np.ndarray:
+def _wrench(body: str, components: Mapping[str, Curve], t: np.ndarray, k: int) -> np.ndarray:
     """The k-th rate of a wrench (mx, my, mz, fx, fy, fz); components left out are zero."""
-    return np.stack([components.get(name, Curve()).rate(t, k) for name in COMPONENTS], axis=1)
+    named = ((components.get(name, Curve()), f"{name} of the wrench of {body!r}") for name in COMPONENTS)
+    return np.stack([_finite(curve, t, k, what) for curve, what in named], axis=1)
+
+
+@np.errstate(over="ignore", invalid="ignore")  # refused in words
+def _finite(curve: Curve, t: np.ndarray, k: int, what: str) -> np.ndarray:
+    rate = curve.rate(t, k)
+    if not np.isfinite(rate).all():
+        raise JounceError(f"the terms of {what} overflow; expected a finite time derivative of order {k}")
+    return rate

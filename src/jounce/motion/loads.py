@@ -11,12 +11,14 @@ from jounce.motion.spline import Spline, rates_of
 from jounce.motion.states import COMPONENTS
 from jounce.rates import SUFFIX, rate_name
 
-COLUMN = re.compile(r"(.+)\.([mf][xyz])" + SUFFIX)
+COLUMN = re.compile(r"(.*)\.([mf][xyz])" + SUFFIX, re.DOTALL)
 
 
-def named(names: Sequence[str], joints: Sequence[str]) -> list[str]:
-    """Those column names that are of wrenches."""
-    return [name for name in names if name.rpartition(".")[0] not in joints and COLUMN.fullmatch(name)]
+def named(names: Sequence[str], mechanism: Mechanism) -> list[str]:
+    """Those column names that are of wrenches; a body may be called as a joint is, and a joint ``arm.fx``."""
+    joints = set(mechanism.coordinates)
+    others = joints - {*mechanism.bodies, *(frame.name for frame in mechanism.frames)}
+    return [name for name in names if name not in joints and (m := COLUMN.fullmatch(name)) and m[1] not in others]
 
 
 def wrenches(

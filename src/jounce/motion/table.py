@@ -40,7 +40,7 @@ def from_table(
         i = int(steps[0])
         follows = f"{t[i]:.17g} is followed by {t[i + 1]:.17g}, rows {i} and {i + 1} counted from 0"
         raise JounceError(f"{place}: t does not increase: {follows}")
-    of_wrenches = loads.named(list(columns), joints)
+    of_wrenches = loads.named(list(columns), mechanism)
     given = [name for name in columns if name != "t" and name not in of_wrenches]
     wanted = [rate_name("q", k) for k in range(highest + 1)]
     sampled = not any(_is_rate(name, joints) for name in given)

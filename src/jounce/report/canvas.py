@@ -1,14 +1,13 @@
 """The canvas of all pictures: one look, axes told apart in colour and in grey, files written whole."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jounce.errors import JounceError, no_such
+from jounce.errors import JounceError, no_such, shortened
 from jounce.io import files
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 INK, PALE = "#222222", "#bbbbbb"
@@ -71,12 +70,28 @@ def line_style(i: int) -> dict[str, Any]:
     return {"color": COLOURS[i % len(COLOURS)], "linestyle": DASHES[(i + i // len(COLOURS)) % len(DASHES)]}
 
 
-def legend_above(figure: "Figure", axes: "Axes", columns: int = 8, **options: Any) -> None:
-    """A legend in rows above all the axes, where it hides nothing."""
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="outside upper center", ncols=min(columns, len(labels)), handlelength=3.6, **options
-    )
+def legend_above(figure: "Figure", entries: Mapping[str, Mapping[str, Any]], columns: int = 8, **options: Any) -> None:
+    """A legend of names, as they stand, and their line styles, in rows above all the axes, where it hides nothing.
+
+    It has as many columns as the page is wide enough for, and from its third row on the page grows with it.
+    """
+    from matplotlib.lines import Line2D
+
+    handles = [Line2D([], [], **style) for style in entries.values()]
+    for count in range(min(columns, len(entries)), 0, -1):
+        legend = figure.legend(
+            handles, ["-"] * len(handles), loc="outside upper center", ncols=count, handlelength=3.6, **options
+        )
+        for text, name in zip(legend.get_texts(), entries, strict=True):
+            text.set_parse_math(False)  # $ and _ of a name are not marks of TeX, nor does a first _ hide it
+            text.set_text(shortened(name if name.isprintable() else repr(name)))
+        box = legend.get_window_extent()
+        if box.width <= figure.bbox.width or count == 1:
+            break
+        legend.remove()
+    rows = -(-len(entries) // count)
+    if rows > 2:
+        figure.set_figheight(figure.get_figheight() + box.height * (1 - 2 / rows) / figure.dpi)
 
 
 def check_format(path: Path) -> None:

@@ -142,10 +142,11 @@ def _frame(axes: "Axes", view: View, pose: np.ndarray, size: float, aside: int, 
         place = origin + np.array([(np.sign(aside) * 0.1 + 0.2 * aside) * size, 0])
         axes.plot(*np.stack([origin, place]).T, color=PALE, linewidth=0.8, linestyle=":", zorder=1.5)
         origin = place
-    for colour, direction in zip(AXES.values(), pose[:3, :3].T, strict=True):
+    for (name, colour), direction in zip(AXES.items(), pose[:3, :3].T, strict=True):
         tip = view.of(direction) * length
         if np.linalg.norm(tip) > AT_US * length:
             arrow(axes, origin, origin + tip, colour)
+            write(axes, name, origin + tip, 6 * tip / np.linalg.norm(tip), color=colour, fontsize=7)
         else:
             axes.plot(*origin, "o", ms=13, mfc="none", mec=colour, mew=1.2, zorder=5)
             axes.plot(*origin, ".", ms=3, color=colour, zorder=4)
@@ -167,6 +168,6 @@ def _legend(axes: "Axes") -> None:
     marks += [
         Line2D([], [], marker="$\\mathbf{1}$", color=INK, linestyle="none", label="frame of body 1"),
         Line2D([], [], color=GREY, linewidth=0.9, dashes=(9, 2, 2, 2), label="joint axis $e_i$"),
-        Line2D([], [], marker="o", mfc=INK, mec=INK, linestyle="none", label="centre of mass $c_i$"),
+        Line2D([], [], marker="o", fillstyle="left", mfc=INK, mec=INK, linestyle="none", label="centre of mass $c_i$"),
     ]
     axes.legend(handles=marks, loc="upper center", bbox_to_anchor=(0.5, 0), ncols=3, fontsize=8, handlelength=2.4)

@@ -19,7 +19,7 @@ from jounce.robot import Robot
 
 PAPER_MS = 1.6  # of the authors: an evaluation of order 2, on an Intel Core i9-7960X; Section 6.2
 METHODS = ("closed_form", "paper", "recursion")
-STEPS = 2.0 ** -np.arange(4, 25)  # s; powers of two, which add to the times without rounding
+STEPS = 2.0 ** -np.arange(4, 29)  # s; powers of two, which add to the times without rounding
 SCHEMES = {  # of differentiation: how often they differentiate, and the weights of the values at t + j h
     "forward, 2 points": (1, {0: -1.0, 1: 1.0}),
     "central, 2 points": (1, {-1: -1 / 2, 1: 1 / 2}),

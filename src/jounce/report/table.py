@@ -10,7 +10,8 @@ from jounce.rates import SUFFIX
 from jounce.report.curves import Panel
 
 UNITS = {"q": ("rad", "m"), "Q": ("N m", "N")}  # of revolute and prismatic joints; a table does not tell which is which
-COLUMN = re.compile(rf"(.+)\.([qQ])({SUFFIX})")
+LARGEST = 1e300  # beyond it matplotlib cannot number an axis
+COLUMN = re.compile(rf"(.*)\.([qQ])({SUFFIX})", re.DOTALL)  # a name may be of any characters, or of none
 
 
 def panels(
@@ -20,7 +21,7 @@ def panels(
 
     Raises
     ------
-    JounceError : where the table has no column t, none of a quantity, or not those that are asked for.
+    JounceError : where the table has no column t, none of a quantity or not those asked for, or numbers too large.
     """
     if "t" not in columns:
         raise JounceError(f"{place}: {no_such('column', 't', columns)}")
@@ -42,7 +43,14 @@ def panels(
         for quantity, curves in found.items()
         if quantity in (quantities or found)
     }
-    return [Panel(_label(quantity), curves) for quantity, curves in shown.items() if curves]
+    drawn = [Panel(_label(quantity), curves) for quantity, curves in shown.items() if curves]
+    if not drawn:
+        raise JounceError(f"{place}: none of {listed(joints)} has a column of {listed(quantities)}")
+    for name in ["t", *(f"{joint}.{quantity}" for quantity, curves in shown.items() for joint in curves)]:
+        peak = np.abs(columns[name]).max()
+        if peak > LARGEST:
+            raise JounceError(f"{place}: column {name!r} holds {peak:g}; expected no more than {LARGEST:g} to draw it")
+    return drawn
 
 
 def _label(quantity: str) -> str:

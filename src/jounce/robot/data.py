@@ -8,7 +8,7 @@ from jounce import rates, screws, wrenches
 from jounce._scalars import Array
 from jounce.errors import JounceError
 from jounce.evaluation import delivered, evaluate
-from jounce.mechanism import GRAVITY, Mechanism, suited
+from jounce.mechanism import GRAVITY, Limits, Mechanism, suited
 from jounce.paths import Path
 
 Loads = Callable[[int], list[Array]]  # wrenches and their rates up to an order
@@ -66,7 +66,8 @@ class Data:
             Gravitational acceleration in the inertial frame, m/s^2; (0, 0, -9.81) if left out.
         **data : keywords
             joint_names, names of the n coordinates; G (nb, n) and g (nb,), constant, for joints that follow others,
-            theta = q if left out; name, of the robot.
+            theta = q if left out; limits, a mapping of lower, upper, velocity, effort (nb,) of theta, each infinite if
+            left out; name, of the robot.
 
         Raises
         ------
@@ -148,6 +149,14 @@ class Data:
     def gravity(self) -> Array:
         """The gravitational acceleration in the inertial frame, m/s^2."""
         return self.mechanism.gravity
+
+    @property
+    def limits(self) -> Limits:
+        """What bounds the nb joint variables: `lower`, `upper`, `velocity`, `effort`, (nb,) each, SI units.
+
+        Infinite where nothing is stated. They do not enter Q.
+        """
+        return self.mechanism.limits
 
     def _given(self, wrench: Any) -> Loads:
         return lambda order: wrenches.checked(self.mechanism, wrench, order)

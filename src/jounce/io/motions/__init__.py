@@ -3,7 +3,7 @@
 from importlib.resources import as_file, files
 from pathlib import Path
 
-from jounce.errors import JounceError
+from jounce.errors import JounceError, no_such
 from jounce.io import tables
 from jounce.io.motions import terms
 from jounce.mechanism import Mechanism
@@ -25,7 +25,14 @@ def read(source: Path, mechanism: Mechanism, highest: int, spline: Spline = THRO
     if source.suffix.lower() in tables.READERS:
         return from_table(tables.read(source), mechanism, highest, str(source), spline)
     known = ", ".join([*tables.READERS, *SUFFIXES])
+    if not source.suffix:
+        raise JounceError(f"{no_such('motion', source, BUNDLED)}, or a file of type {known}")
     raise JounceError(f"{source}: unknown type of motion {source.suffix!r}; there are: {known}, {', '.join(BUNDLED)}")
+
+
+def is_analytic(source: Path) -> bool:
+    """Whether a motion is given in closed form, by a name or a YAML file."""
+    return str(source) in BUNDLED or source.suffix.lower() in SUFFIXES
 
 
 def bundled(name: str) -> Terms:

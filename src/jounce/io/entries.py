@@ -1,0 +1,167 @@
+"""Entries of YAML and JSON files: values that know what messages call them and on which line they stand."""
+
+import json
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from reprlib import Repr
+from typing import Any
+
+import numpy as np
+
+from jounce.errors import JounceError, listed, no_such, one_line, shortened
+from jounce.io.files import read_bytes
+
+_BRIEF = Repr()  # of values in messages: aliases make trees of any size out of a few lines
+_BRIEF.maxlevel, _BRIEF.maxlist, _BRIEF.maxstring, _BRIEF.maxother = 2, 4, 60, 60
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A value in a file; every method checks it and raises a `JounceError` that says where and what it is."""
+
+    value: Any
+    what: str
+    path: Path
+    line: int | None = None
+    node: Any = None  # what ruamel.yaml made the value of: it knows the lines of its parts
+
+    @property
+    def place(self) -> str:
+        """FILE:LINE, or FILE alone where the line is not known."""
+        return f"{self.path}" if self.line is None else f"{self.path}:{self.line}"
+
+    def error(self, expected: str) -> JounceError:
+        """The refusal of the value."""
+        return JounceError(f"{self.place}: {self.what} is {one_line(_BRIEF.repr(self.value))}; expected {expected}")
+
+    @contextmanager
+    def refusals(self) -> Iterator[None]:
+        """Inside, refusals gain the place of this entry."""
+        try:
+            yield
+        except JounceError as error:
+            raise JounceError(f"{self.place}: {error}") from None
+
+    def named(self, what: str) -> "Entry":
+        """The same entry under the name that messages shall use."""
+        return replace(self, what=what)
+
+    def keys(self, needed: Sequence[str], optional: Sequence[str] = ()) -> "Entry":
+        """The entry itself, which has all the keys needed and none but those and the optional ones."""
+        known = [*needed, *optional]
+        for key in self._mapping():
+            if key not in known:
+                raise JounceError(f"{self.get(key).place}: {no_such(f'key in {self.what}', key, known)}")
+        for key in needed:
+            self.need(key, needed)
+        return self
+
+    def need(self, key: str, needed: Sequence[str] = ()) -> "Entry":
+        """What stands under a key that must be there, among all those needed."""
+        if key not in self._mapping():
+            raise JounceError(f"{self.place}: {self.what} has no {key!r}; expected {listed(needed or [key])}")
+        return self.get(key)
+
+    def alone(self, key: str, others: Sequence[str]) -> bool:
+        """Whether a key is there that excludes the others."""
+        for other in others:
+            if key in self._mapping() and other in self.value:
+                raise JounceError(f"{self.place}: {self.what} has both {key!r} and {other!r}; expected one of them")
+        return key in self.value
+
+    def get(self, key: Any, default: Any = None) -> "Entry":
+        """What stands under a key, or the default in its place."""
+        value = self._mapping().get(key, default)
+        pairs = self.node.value if self.node is not None and self.node.id == "mapping" else []
+        named, node = next(((k, v) for k, v in pairs if k.value == str(key)), (None, None))
+        line = self.line if named is None else named.start_mark.line + 1
+        return Entry(value, f"{key} of {self.what}", self.path, line, node)
+
+    def members(self) -> dict[str, "Entry"]:
+        """What stands under all the keys; a key that YAML takes for a number is a name all the same."""
+        found = {str(key): self.get(key) for key in self._mapping()}
+        if len(found) < len(self.value):
+            raise self.error("keys that differ as names, which 5 and '5' do not")
+        return found
+
+    def items(self, each: str = "", least: int = 0) -> list["Entry"]:
+        """What stands in a list, called as said, or ``entry 1 of ...`` and so on."""
+        if not isinstance(self.value, list):
+            raise self.error("a list")
+        if len(self.value) < least:
+            raise JounceError(f"{self.place}: {self.what} is empty; expected at least {least} entry")
+        nodes = self.node.value if self.node is not None else [None] * len(self.value)
+        lines = [self.line if node is None else node.start_mark.line + 1 for node in nodes]
+        return [
+            Entry(value, each or f"entry {i} of {self.what}", self.path, line, node)
+            for i, (value, line, node) in enumerate(zip(self.value, lines, nodes, strict=True), start=1)
+        ]
+
+    def text(self) -> str:
+        """A text."""
+        if not isinstance(self.value, str):
+            raise self.error("a text")
+        return self.value
+
+    def number(self) -> float:
+        """A finite number."""
+        if not isinstance(self.value, int | float) or isinstance(self.value, bool):
+            raise self.error("a finite number")
+        try:
+            number = float(self.value)
+        except OverflowError:  # of an integer
+            number = math.inf
+        if not math.isfinite(number):
+            raise self.error("a finite number")
+        return number
+
+    def numbers(self, *shapes: tuple[int, ...]) -> np.ndarray:
+        """Finite numbers in one of the shapes: a list, or a list of rows."""
+        words = " or ".join(" rows of ".join(map(str, shape)) + " numbers" for shape in shapes)
+        fitting = [inner for length, *inner in shapes if isinstance(self.value, list) and length == len(self.value)]
+        if not fitting:
+            raise self.error(words)
+        return np.array([item.numbers(tuple(fitting[0])) if fitting[0] else item.number() for item in self.items()])
+
+    def _mapping(self) -> Mapping[Any, Any]:
+        if not isinstance(self.value, Mapping):
+            raise self.error("keys and values")
+        return self.value
+
+
+def read(path: Path, what: str) -> Entry:
+    """The whole of a YAML file, or of a JSON file where its name ends so; messages call it `what`."""
+    content = read_bytes(path)
+    kind = "JSON" if path.suffix.lower() == ".json" else "YAML"
+    try:
+        if kind == "JSON":
+            return Entry(json.loads(content, object_pairs_hook=_distinct), what, path)
+        return _from_yaml(content, what, path)
+    except Exception as error:  # beside the parsers' own: numbers of 5,000 digits, the 31st of June, 9,999 brackets
+        mark = getattr(error, "problem_mark", None)
+        line = getattr(error, "lineno", None) if mark is None else mark.line + 1
+        said = shortened(one_line(getattr(error, "problem", None) or error) or type(error).__name__, 160)
+        raise JounceError(f"{path}{'' if line is None else f':{line}'}: not {kind}: {said}") from None
+
+
+def _from_yaml(content: bytes, what: str, path: Path) -> Entry:
+    from ruamel.yaml import YAML  # YAML 1.2: 1e-3 is a number, a repeated key an error
+
+    yaml = YAML(typ="safe", pure=True)  # safe: a tag that names code is refused
+    node = yaml.compose(content)
+    if node is None:
+        return Entry(None, what, path)
+    yaml.constructor.flatten_mapping = lambda _: None  # merge keys, which could make ten lines fill the memory
+    return Entry(yaml.constructor.construct_document(node), what, path, node.start_mark.line + 1, node)
+
+
+def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        [(key, _)] = Counter(key for key, _ in pairs).most_common(1)
+        raise ValueError(f"key {key!r} stands twice")
+    return found

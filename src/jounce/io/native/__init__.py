@@ -1,0 +1,17 @@
+"""jounce's own robot files, YAML or JSON: all that a mechanism holds, to the last bit, for people to read and write.
+
+name: arm
+units: SI                       # m, kg, s, rad
+gravity: [0, 0, -9.81]
+bodies:
+  - name: link1
+    parent: ground              # or a body above
+    pose: {position: [0, 0, 0.3], rpy: [0, 0, 1.57]}
+    joint: {name: joint1, type: revolute, axis: [0, 0, 1], limits: {lower: -2, upper: 2}}
+    inertia: {mass: 2, com: [0, 0, 0.1], inertia: [0.02, 0, 0, 0.02, 0, 0.01]}
+frames:
+  - {name: tool0, body: link1, pose: {position: [0, 0, 0.2]}}
+"""
+
+GROUND = "ground"  # what roots stand on; no name of a body
+UNITS = "SI"

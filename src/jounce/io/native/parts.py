@@ -1,0 +1,90 @@
+"""What a robot file says of one body: its pose, joint screw, limits and inertia, each in a form for people or exact."""
+
+import numpy as np
+
+from jounce import lie
+from jounce.errors import JounceError, no_such
+from jounce.inertia import inertia_matrix
+from jounce.io.entries import Entry
+from jounce.io.orientation import direction, from_rpy
+from jounce.mechanism import UNLIMITED, limit_error
+from jounce.screws import exact_inertia, exact_pose, exact_screw
+
+KINDS = {  # of joints: the keys that each needs, and those it may have
+    "revolute": (("axis",), ("point",)),
+    "prismatic": (("axis",), ()),
+    "helical": (("axis", "pitch"), ("point",)),
+}
+IDENTITY = np.eye(3).tolist()
+BESIDE = ("limits", "follows")  # keys of every joint
+
+
+def pose(carried: Entry) -> np.ndarray:
+    """The pose of a body or frame: position with rotation or rpy, or a 4x4 matrix; what is left out is the identity."""
+    entry = carried.get("pose", {}).keys((), ("position", "rotation", "rpy", "matrix"))
+    if entry.alone("matrix", ("position", "rotation", "rpy")):
+        T = entry.get("matrix").numbers((4, 4))
+    else:
+        turned = entry.alone("rpy", ("rotation",))
+        R = from_rpy(entry.get("rpy").numbers((3,))) if turned else entry.get("rotation", IDENTITY).numbers((3, 3))
+        T = lie.pose(R, entry.get("position", [0, 0, 0]).numbers((3,))[:, None])
+    with entry.refusals():
+        exact_pose(T, entry.what)
+    return T + 0.0  # as it stands: `from_screws` makes it exact, and a frame is read back as it was written
+
+
+def screw(joint: Entry) -> np.ndarray:
+    """The joint screw: of type, axis (of any length), point and pitch, or its six numbers."""
+    if joint.alone("screw", ("type", "axis", "point", "pitch")):
+        given = joint.keys(("name", "screw"), BESIDE).get("screw")
+        with given.refusals():
+            return exact_screw(given.numbers((6,)), given.what)
+    kind = joint.keys(("name", "type", "axis"), ("point", "pitch", *BESIDE)).get("type")
+    if kind.text() not in KINDS:
+        raise JounceError(f"{kind.place}: {joint.what}: {no_such('joint type', kind.value, KINDS)}")
+    needed, optional = KINDS[kind.value]
+    joint.keys(("name", "type", *needed), (*optional, *BESIDE))
+    axis = direction(joint.get("axis").numbers((3,)))
+    if axis is None:
+        raise joint.get("axis").error("a direction")
+    return along(kind.value, axis, joint.get("point", [0, 0, 0]).numbers((3,)), joint.get("pitch", 0).number())
+
+
+def along(kind: str, axis: np.ndarray, point: np.ndarray, pitch: float) -> np.ndarray:
+    """The screw of a unit axis e through a point x: (e; x cross e), helical (e; x cross e + h e), prismatic (0; e)."""
+    if kind == "prismatic":
+        return np.concatenate([np.zeros(3), axis])
+    return np.concatenate([axis, np.cross(point, axis) + pitch * axis])
+
+
+def limits(joint: Entry) -> dict[str, float]:
+    """The limits of a joint variable, infinite where they are left out."""
+    entry = joint.get("limits", {}).keys((), tuple(UNLIMITED))
+    stated = UNLIMITED | {key: number.number() for key, number in entry.members().items()}
+    error = limit_error(**stated)
+    if error:
+        raise JounceError(f"{entry.place}: {joint.what}: {error}")
+    return stated
+
+
+def inertia(body: Entry) -> np.ndarray:
+    """The inertia matrix: of mass, com and inertia about it, or its 36 numbers; zero where nothing is said."""
+    if "inertia" not in body.value:
+        return np.zeros((6, 6))
+    entry = body.get("inertia").keys((), ("mass", "com", "inertia", "rotation", "matrix"))
+    if entry.alone("matrix", ("mass", "com", "inertia", "rotation")):
+        M = entry.get("matrix").numbers((6, 6))
+    else:
+        entry.keys(("mass", "com", "inertia"), ("rotation",))
+        mass, com = entry.get("mass").number(), entry.get("com").numbers((3,))
+        theta = entry.get("inertia").numbers((6,), (3, 3))
+        R = entry.get("rotation").numbers((3, 3)) if "rotation" in entry.value else None
+        with entry.refusals():
+            M = inertia_matrix(mass, com, theta if theta.ndim == 2 else symmetric(theta), rotation=R)
+    with entry.refusals():
+        return exact_inertia(M, entry.what)
+
+
+def symmetric(moments: np.ndarray) -> np.ndarray:
+    """The tensor of xx, xy, xz, yy, yz, zz."""
+    return moments[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]

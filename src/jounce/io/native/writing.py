@@ -1,0 +1,128 @@
+"""Writing robot files of jounce's own format: the form that people read wherever it reads back to the same bits."""
+
+import json
+import math
+from collections.abc import Callable
+from io import StringIO
+from typing import Any
+
+import numpy as np
+
+from jounce._scalars import is_symbolic
+from jounce.errors import JounceError
+from jounce.inertia import inertia_matrix, moments
+from jounce.io.native import GROUND, UNITS, parts
+from jounce.lie import hat
+from jounce.mechanism import DATA, UNLIMITED, Mechanism
+
+
+def yaml(mechanism: Mechanism) -> str:
+    """The YAML text of a mechanism: vectors, rows and short mappings on one line each."""
+    from ruamel.yaml import YAML
+
+    writer = YAML(typ="safe", pure=True)
+    writer.default_flow_style = None  # one line for what holds no other collection
+    writer.width = 1_000_000
+    writer.sort_base_mapping_type_on_output = False  # type: ignore[assignment]  # declared None
+    writer.indent(mapping=2, sequence=4, offset=2)
+    text = StringIO()
+    writer.dump(document(mechanism), text)
+    return text.getvalue()
+
+
+def as_json(mechanism: Mechanism) -> str:
+    """The JSON text of a mechanism."""
+    return json.dumps(document(mechanism), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def document(mechanism: Mechanism) -> dict[str, Any]:
+    """What a file says of a mechanism of numbers, in plain data."""
+    _check(mechanism)
+    names = {-1: GROUND, **dict(enumerate(mechanism.bodies))}
+    joints = [_joint(mechanism, i) for i in range(mechanism.nb)]
+    free = [joint["name"] for joint in joints if "follows" not in joint]
+    frames = [{"name": f.name, "body": names[f.body], **_pose(f.T)} for f in mechanism.frames]
+    bodies = [
+        {"name": names[i], "parent": names[p], **_pose(B), "joint": joint, **_inertia(M)}
+        for i, (p, B, joint, M) in enumerate(zip(mechanism.parent, mechanism.B, joints, mechanism.M, strict=True))
+    ]
+    coordinates = {} if free == list(mechanism.coordinates) else {"coordinates": list(mechanism.coordinates)}
+    head = {"name": mechanism.name, "units": UNITS, "gravity": _plain(mechanism.gravity), "bodies": bodies}
+    return head | coordinates | ({"frames": frames} if frames else {})
+
+
+def _check(mechanism: Mechanism) -> None:
+    symbolic = [name for name in DATA if is_symbolic(getattr(mechanism, name))]
+    if symbolic:
+        raise JounceError(f"robot {mechanism.name!r} holds symbols in {', '.join(symbolic)}; a file holds numbers")
+    for name in DATA:
+        array = getattr(mechanism, name)
+        if np.any(array.astype(float) != array):
+            raise JounceError(f"{name} of robot {mechanism.name!r} has more digits than a file holds; expected doubles")
+    if GROUND in mechanism.bodies:
+        raise JounceError(f"a body is called {GROUND!r}, which in a file is what bodies stand on; give it another name")
+
+
+def _plain(x: Any) -> Any:
+    """The numbers of an array in lists, whole ones as integers."""
+    if np.ndim(x):
+        return [_plain(row) for row in x]
+    return int(x) if float(x).is_integer() and abs(x) < 1e15 else float(x)
+
+
+def _pose(T: np.ndarray) -> dict[str, Any]:
+    said = {"position": _plain(T[:3, 3])} if T[:3, 3].any() else {}
+    if np.any(T[:3, :3] != np.eye(3)):
+        said["rotation"] = _plain(T[:3, :3])
+    return {"pose": said} if said else {}
+
+
+def _joint(mechanism: Mechanism, i: int) -> dict[str, Any]:
+    said = {"name": mechanism.joints[i], **_screw(mechanism.X[i])}
+    stated = {key: array[i] for key, array in vars(mechanism.limits).items() if array[i] != UNLIMITED[key]}
+    if stated:
+        said["limits"] = {key: _plain(x) for key, x in stated.items()}
+    row, offset, names = mechanism.G[i], mechanism.g[i], mechanism.coordinates
+    if offset or [(names[j], row[j]) for j in np.flatnonzero(row)] != [(mechanism.joints[i], 1)]:
+        said["follows"] = {"coordinates": {names[j]: _plain(row[j]) for j in np.flatnonzero(row)}}
+        said["follows"] |= {"offset": _plain(offset)} if offset else {}
+    return said
+
+
+def _screw(X: np.ndarray) -> dict[str, Any]:
+    """A screw by its axis, the point of the axis nearest the origin and the pitch, or by its numbers."""
+    xi, eta = X[:3], X[3:]
+    if not xi.any():
+        return {"type": "prismatic", "axis": _plain(eta)}
+    point, pitch = np.cross(xi, eta), xi @ eta
+    for kind, h in (("revolute", 0.0), ("helical", pitch)):
+        if np.array_equal(parts.along(kind, xi, point, h), X):
+            foot = {"point": _plain(point)} if point.any() else {}
+            return {"type": kind, "axis": _plain(xi), **foot, **({"pitch": _plain(h)} if kind == "helical" else {})}
+    return {"screw": _plain(X)}
+
+
+@np.errstate(all="ignore")  # numbers too large to divide or square are written as the matrix
+def _inertia(M: np.ndarray) -> dict[str, Any]:
+    """An inertia about the COM in as few digits as give the same matrix, or the matrix."""
+    if not M.any():
+        return {}
+    m, h, _ = moments(M)
+    mass, h = m[0, 0], h[:, 0]
+    com = _shortest(h / mass if mass else h, lambda c: np.array_equal(c * mass, h))
+    if com is not None:
+        theta = M[:3, :3] + mass * hat(com) @ hat(com)
+        six = theta[np.triu_indices(3)]
+        about = _shortest(six, lambda x: np.array_equal(inertia_matrix(mass, com, parts.symmetric(x)), M))
+        if about is not None:
+            return {"inertia": {"mass": _plain(mass), "com": _plain(com), "inertia": _plain(about)}}
+    return {"inertia": {"matrix": _plain(M)}}
+
+
+def _shortest(numbers: np.ndarray, fit: Callable[[np.ndarray], bool]) -> np.ndarray | None:
+    """The numbers to as few decimals as fit, or with all their digits, or None where even these do not."""
+    if not np.isfinite(numbers).all():
+        return None
+    first = -math.floor(math.log10(np.abs(numbers).max(initial=1e-300)))  # the decimal where the largest begins
+    rounded = [np.round(numbers, first + more) for more in range(17)]
+    return next((short for short in (*rounded, numbers) if fit(short)), None)

@@ -1,0 +1,32 @@
+"""Orientations as robot files state them: angles of roll, pitch and yaw, axes of any length."""
+
+import math
+
+import numpy as np
+
+from jounce.screws import ROUNDING
+
+
+def from_rpy(angles: np.ndarray) -> np.ndarray:
+    """The rotation matrix ``Rz(yaw) Ry(pitch) Rx(roll)`` of the angles (roll, pitch, yaw) in rad."""
+    roll, pitch, yaw = angles
+    return _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
+
+
+def _about(axis: int, angle: float) -> np.ndarray:
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    R = np.eye(3)
+    R[j, j] = R[k, k] = np.cos(angle)
+    R[k, j] = np.sin(angle)
+    R[j, k] = -R[k, j]
+    return R
+
+
+def direction(axis: np.ndarray) -> np.ndarray | None:
+    """The unit vector along an axis, which is left as it is where its length is 1; None where it is 0."""
+    if not axis.any():
+        return None
+    if abs(math.hypot(*axis) - 1) <= ROUNDING:
+        return axis
+    scaled = axis / np.abs(axis).max()  # first, so that no length is too long or too short to be squared
+    return scaled / np.linalg.norm(scaled)

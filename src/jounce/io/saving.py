@@ -1,0 +1,62 @@
+"""`save`: a robot into a file."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from jounce.errors import JounceError, one_line
+from jounce.io import files
+from jounce.io.native import writing
+from jounce.mechanism import Mechanism
+from jounce.robot import Robot
+
+
+def save(robot: Robot, path: str | os.PathLike[str]) -> None:
+    """Write a robot into a file of jounce's own format: YAML or JSON.
+
+    Nothing is lost: `jounce.load` gives every array back to the last bit, and names, limits and frames.
+
+    Parameters
+    ----------
+    robot : Robot
+        A robot of numbers.
+    path : str or path
+        Of a .yaml, .yml or .json file; one that is there is replaced as a whole.
+
+    Raises
+    ------
+    JounceError
+        Where the robot holds symbols, the name ends otherwise, or the file cannot be written.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile, jounce
+    >>> robot = jounce.load("planar2r", L1=1.1)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     jounce.save(robot, pathlib.Path(folder, "arm.yaml"))
+    ...     same = jounce.load(pathlib.Path(folder, "arm.yaml"))
+    >>> (same.mechanism.M == robot.mechanism.M).all()
+    np.True_
+    """
+    if not isinstance(robot, Robot):
+        raise JounceError(f"a Robot is saved, not a {type(robot).__name__}; expected one of jounce.load, say")
+    if not isinstance(path, str | os.PathLike):
+        raise JounceError(f"a robot is saved to a path, not to one of type {type(path).__name__}")
+    target = Path(path).expanduser()
+    check_writable(target)
+    try:
+        content = WRITERS[target.suffix.lower()](robot.mechanism).encode()
+    except UnicodeEncodeError as error:  # half a character in a name
+        raise JounceError(f"{target}: a name cannot be written: {one_line(error)}") from None
+    with files.written_whole(target) as part:
+        part.write_bytes(content)
+
+
+WRITERS: dict[str, Callable[[Mechanism], str]] = {".yaml": writing.yaml, ".yml": writing.yaml, ".json": writing.as_json}
+
+
+def check_writable(path: Path) -> None:
+    """Raise `JounceError` where `save` could not write, before any work is done for it."""
+    if path.suffix.lower() not in WRITERS:
+        raise JounceError(f"{path}: no type of robot file to write {path.suffix!r}; there are: {', '.join(WRITERS)}")
+    files.check_writable(path)
