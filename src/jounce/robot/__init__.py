@@ -14,7 +14,7 @@ class Robot(Forces, Bodies):
       arrays of CasADi SX, SymPy or other symbols.
     * q is required; each further rate you give returns one more time derivative. With none to spare the result is
       a plain array, otherwise a tuple: the quantity, its rate, ...
-    * ``method`` picks the path: "recursion" (the default of all but C and J), "closed_form" or "paper"; all agree.
+    * ``method`` picks the path: "recursion" (the default), "closed_form" or "paper"; all agree.
     * ``out`` takes the NumPy array (or the tuple of them) to write into.
 
     Errors: `JounceError` for a wrong shape, a skipped rate, an unknown name or method, an `out` that does not fit.
