@@ -70,11 +70,13 @@ PATHS: dict[str, dict[str, Path]] = {
         "closed_form": Path(lambda m, q, W: _row(closed_form(m, q, W).F)),
     },
 }
-COMPILED = {
+COMPILED = {  # to native code, and how many of q, qd, ... each takes
     "inverse_dynamics": 3,
     "gravity_forces": 1,
     "mass_matrix": 1,
-}  # to native code, and how many rates each takes
+    "coriolis_matrix of form 'paper'": 2,
+    "coriolis_matrix of form 'skew'": 2,
+}
 FORMS = ("paper", "skew")  # of the Coriolis matrix
 
 

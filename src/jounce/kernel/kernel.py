@@ -12,7 +12,6 @@ import numpy as np
 from jounce.errors import JounceError, one_line
 from jounce.kernel import cache, jit
 from jounce.kernel.emit import emitted
-from jounce.kernel.fuse import fused
 from jounce.kernel.quantity import Quantity
 from jounce.kernel.target import host
 from jounce.kernel.ufunc import ufunc
@@ -127,7 +126,6 @@ def _code(mechanism: Mechanism, quantity: Quantity) -> bytes:
     key = cache.key(mechanism, repr(quantity), target)
     code = cache.read(key)
     if code is None:
-        program = fused(quantity.program(mechanism))
-        code = jit.assembled(emitted(program, quantity.interface, target), target)
+        code = jit.assembled(emitted(quantity.block(mechanism), quantity.interface, target), target)
         cache.write(key, code)
     return code

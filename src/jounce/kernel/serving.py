@@ -26,10 +26,11 @@ def serving(
     if name not in COMPILED or method not in (None, "kernel"):
         return None
     plain = all(type(x) is np.ndarray and x.dtype is FLOAT for x in (*q, *W))
-    if plain and _numeric(mechanism) and available():
-        return compiled(mechanism, Quantity(name, order, bool(W), mechanism.n, mechanism.nb))
+    quantity = Quantity(name, order, bool(W), mechanism.n, mechanism.nb)
+    if plain and quantity.compilable and _numeric(mechanism) and available():
+        return compiled(mechanism, quantity)
     if method == "kernel":
-        raise JounceError("method 'kernel' takes float64 arrays of NumPy and a robot of numbers, and needs llvmlite")
+        raise _unserved(quantity)
     return None
 
 
@@ -41,9 +42,15 @@ def ahead(mechanism: Mechanism, name: str, order: int, loaded: bool) -> Kernel:
         raise JounceError(f"order is {order!r}; expected 0, 1, 2, ...")
     if loaded and name != "inverse_dynamics":
         raise JounceError(f"{name} takes no wrenches")
-    if not _numeric(mechanism) or not available():
-        raise JounceError("native code takes a robot of numbers, and llvmlite")
-    return compiled(mechanism, Quantity(name, order, bool(loaded), mechanism.n, mechanism.nb))
+    quantity = Quantity(name, order, bool(loaded), mechanism.n, mechanism.nb)
+    if not (quantity.compilable and _numeric(mechanism) and available()):
+        raise _unserved(quantity)
+    return compiled(mechanism, quantity)
+
+
+def _unserved(quantity: Quantity) -> JounceError:
+    most = f"of at most {quantity.most} bodies for {quantity.name}"
+    return JounceError(f"native code takes float64 arrays of NumPy and a robot of numbers, {most}, and llvmlite")
 
 
 @cache
