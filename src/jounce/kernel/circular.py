@@ -1,15 +1,17 @@
-"""Sine and cosine of vectors, in LLVM IR: each within about one unit in the last place, for every finite angle.
+"""Sine and cosine of vectors, in LLVM IR: each within two units in the last place, for every finite angle.
 
-An angle is reduced by the nearest multiple of pi/2, in three parts of which the first two are so short that their
-multiples are exact up to `LARGE` (Cody and Waite). Two polynomials do the rest. Lanes beyond, rare, are given to the C
-library, which also makes NaN of inf and NaN; meanwhile they hold 0, so that nothing overflows and no NaN is compared:
-NumPy would warn of it.
+An angle is reduced by the nearest multiple of pi/2, in four parts of which the first three are so short that their
+multiples are exact up to `LARGE` (Cody and Waite), also next to multiples of pi/2, where all that they hold cancels. Two
+polynomials do the rest. Lanes beyond, rare, are given to the C library, which also makes NaN of inf and NaN; meanwhile
+they hold 0, so that nothing overflows and no NaN is compared: NumPy would warn of it.
 """
 
 from jounce.kernel.ir import Writer, bits
 
 LARGE = 2.0**20  # rad
-HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)  # of 33, 33 and 53 bits
+HALF_PI = (
+    1.5707963267341256, 6.077100506303966e-11, 2.0222662487111665e-21, 8.4784276603689e-32,
+)  # fmt: skip # of 33, 33, 33 and 53 bits
 # sin r = r + r^3 S(r^2) and cos r = 1 - r^2/2 + r^4 C(r^2) for |r| <= pi/4: S and C of degree 5 through the exact
 # values at Chebyshev's points, computed to 50 digits; errors 0.18 and 0.01 units in the last place.
 S = (
