@@ -6,26 +6,14 @@ steps the strides of the arrays from state to state, then those within a state.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import accumulate, pairwise
+from itertools import pairwise
 from math import prod
 
 from jounce.kernel import circular, layout
+from jounce.kernel.interface import Interface
 from jounce.kernel.ir import Writer
 from jounce.kernel.program import Program
 from jounce.kernel.target import Target
-
-
-@dataclass(frozen=True)
-class Interface:
-    """The shapes of the arrays for one state, and the order of the outputs from which on each input matters."""
-
-    taken: tuple[tuple[int, ...], ...]
-    given: tuple[tuple[int, ...], ...]
-    matters: tuple[int, ...]
-
-    def places(self) -> tuple[list[int], list[int]]:
-        """Where the arrays of inputs, and of outputs, begin and end in scratch memory."""
-        return tuple(list(accumulate(map(prod, shapes), initial=0)) for shapes in (self.taken, self.given))  # type: ignore[return-value]
 
 
 def emitted(define_block: Callable[[Writer], None], interface: Interface, target: Target) -> str:

@@ -7,6 +7,11 @@ from contextlib import contextmanager
 from jounce.kernel.target import Target
 
 
+def bits(x: float) -> int:
+    """A double as the integer that has the same bits."""
+    return int(struct.unpack("<Q", struct.pack("<d", x))[0])
+
+
 class Writer:
     """The text of a module, and shorthand for what is often written."""
 
@@ -45,7 +50,7 @@ class Writer:
 
     def number(self, x: float) -> str:
         """A constant, to the last bit."""
-        return f"0x{struct.unpack('<Q', struct.pack('<d', x))[0]:016X}"
+        return f"0x{bits(x):016X}"
 
     def vector(self, x: float) -> str:
         """A constant in all lanes."""

@@ -11,7 +11,8 @@ from itertools import accumulate, pairwise
 import numpy as np
 
 from jounce.equivalent import minimal
-from jounce.kernel.emit import Interface, spoilt, written_steps
+from jounce.kernel.emit import spoilt, written_steps
+from jounce.kernel.interface import Interface
 from jounce.kernel.ir import Writer
 from jounce.kernel.steps import CARRY, CONSTANTS, KINDS, Layout, Step, Sweeps, carry, constants, kinds
 from jounce.mechanism import Mechanism
