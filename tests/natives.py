@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from jounce.kernel import jit
-from jounce.kernel.emit import emitted
+from jounce.kernel.emit import define_block, emitted
 from jounce.kernel.target import host
 from jounce.kernel.ufunc import ufunc
 
@@ -18,8 +18,12 @@ def target(way):
 
 
 def native(program, interface, way="host"):
-    """A function of arrays; what it needs lives as long as it does."""
-    code = jit.assembled(emitted(program, interface, target(way)), target(way))
-    address, engine = jit.loaded(code, target(way))
+    """A program as a function of arrays."""
+    return assembled(emitted(lambda ir: define_block(ir, program, interface), interface, target(way)), interface, way)
+
+
+def assembled(text, interface, way="host"):
+    """A module as a function of arrays; what it needs lives as long as it does."""
+    address, engine = jit.loaded(jit.assembled(text, target(way)), target(way))
     function, needed = ufunc(address, interface, "native")
     return lambda *arrays, kept=(engine, needed), **options: function(*arrays, **options)

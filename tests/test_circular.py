@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jounce.kernel.circular import HALF_PI, LARGE
-from jounce.kernel.emit import Interface
+from jounce.kernel.interface import Interface
 from jounce.kernel.trace import Tape
 from natives import WAYS, native
 

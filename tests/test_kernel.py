@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 
 import jounce
 from jounce.errors import JounceError
-from jounce.kernel.fuse import fused
+from jounce.kernel import forms
 from jounce.kernel.quantity import Quantity
 from jounce.recursion import inverse_dynamics
 from jounce.series import columns
-from natives import WAYS, native
+from natives import WAYS, assembled, target
 from robots import GOLDEN_NAMES, golden, loads, mechanisms, random_mechanism, random_state, rates_of, relative_error
 
 BATCHES = [(), (1,), (7,), (8,), (9,), (17,), (64,), (3, 5), (0,), (2, 0)]
@@ -27,11 +27,18 @@ def forest():
     return jounce.Robot(random_mechanism(np.random.default_rng(1), [-1, 0, 0, -1], kinds, masses, mimic=True))
 
 
+def chain():
+    """Of more bodies than are written in a straight line."""
+    kinds = ["revolute", "prismatic", "helical", "revolute"] * 4
+    return jounce.Robot(random_mechanism(np.random.default_rng(2), [-1, 0, 0, *range(2, 15)], kinds, [1.0] * 16))
+
+
 KERNELS = {
     "one coordinate": lambda: pendulum().compile(2),
     "two coordinates": lambda: jounce.load("planar2r").compile(1),
     "a forest with wrenches": lambda: forest().compile(1, wrench=True),
     "seven coordinates": lambda: jounce.load("iiwa14").compile(2),
+    "sixteen coordinates in a loop": lambda: chain().compile(1, wrench=True),
     "a matrix": lambda: jounce.load("planar2r").compile(1, quantity="mass_matrix"),
     "gravity": lambda: forest().compile(0, quantity="gravity_forces"),
 }
@@ -84,6 +91,7 @@ def read_only(x):
 LAYOUTS = {
     "plain": np.copy,
     "every other state": lambda x: np.repeat(x, 2, axis=0)[::2],
+    "every other row": lambda x: np.repeat(x, 2, axis=-2)[..., ::2, :],
     "every other entry": lambda x: np.repeat(x, 2, axis=-1)[..., ::2],
     "reversed": lambda x: x[::-1].copy()[::-1],
     "reversed entries": lambda x: x[..., ::-1].copy()[..., ::-1],
@@ -150,7 +158,7 @@ def test_agrees_with_extended_precision_at_large_angles(name, angle):
 def test_agrees_with_the_host_on_other_targets(way):
     robot = forest()
     quantity = Quantity("inverse_dynamics", 1, True, robot.n, 4)
-    function = native(fused(quantity.program(robot.mechanism)), quantity.interface, way)
+    function = assembled(forms.module(robot.mechanism, quantity, target(way)), quantity.interface, way)
     kernel = robot.compile(1, wrench=True)
     for count in (1, 3, 29):
         arrays = states(kernel, count)

@@ -48,9 +48,18 @@ class Writer:
         self.lines.append(f"  %v{self.names - 1} = {text}")
         return f"%v{self.names - 1}"
 
+    def number(self, x: float) -> str:
+        """A constant, to the last bit."""
+        return f"0x{bits(x):016X}"
+
     def vector(self, x: float) -> str:
         """A constant in all lanes."""
-        return f"<{', '.join([f'double 0x{bits(x):016X}'] * self.lanes)}>"
+        return f"<{', '.join([f'double {self.number(x)}'] * self.lanes)}>"
+
+    def splat(self, x: str) -> str:
+        """A number in all lanes."""
+        one = self.let(f"insertelement {self.V} poison, double {x}, i64 0")
+        return self.let(f"shufflevector {self.V} {one}, {self.V} poison, <{self.lanes} x i32> zeroinitializer")
 
     def integers(self, x: int) -> str:
         """An integer constant in all lanes."""

@@ -11,8 +11,6 @@ import numpy as np
 
 from jounce.errors import JounceError, one_line
 from jounce.kernel import cache, jit
-from jounce.kernel.emit import emitted
-from jounce.kernel.fuse import fused
 from jounce.kernel.quantity import Quantity
 from jounce.kernel.target import host
 from jounce.kernel.ufunc import ufunc
@@ -31,6 +29,7 @@ class Kernel:
         self.mechanism, self.quantity = mechanism, quantity
         self.address, engine = jit.loaded(_code(mechanism, quantity), host())
         self._ufunc, needed = ufunc(self.address, quantity.interface, quantity.name)
+        self._count = len(quantity.interface.taken)
         self._alive = engine, needed
 
     def __reduce__(self) -> tuple[Callable[..., "Kernel"], tuple[Mechanism, Quantity]]:
@@ -42,8 +41,8 @@ class Kernel:
 
     def __call__(self, *arrays: np.ndarray, out: Any = None, threads: int = 1) -> Any:
         """The quantity and its rates: an array, or a tuple of them, written into `out` where it is given."""
-        if len(arrays) != self._ufunc.nin:  # NumPy would write into what comes after
-            raise JounceError(f"{self!r} takes {self._ufunc.nin} arrays, not {len(arrays)}")
+        if len(arrays) != self._count:  # NumPy would write into what comes after
+            raise JounceError(f"{self!r} takes {self._count} arrays, not {len(arrays)}")
         try:
             if type(threads) is not int or threads != 1:
                 return self._split(arrays, out, threads)
@@ -137,7 +136,8 @@ def _code(mechanism: Mechanism, quantity: Quantity) -> bytes:
     key = cache.key(mechanism, repr(quantity), target)
     code = cache.read(key)
     if code is None:
-        program = fused(quantity.program(mechanism))
-        code = jit.assembled(emitted(program, quantity.interface, target), target)
+        from jounce.kernel.forms import module  # what a warm cache spares
+
+        code = jit.assembled(module(mechanism, quantity, target), target)
         cache.write(key, code)
     return code

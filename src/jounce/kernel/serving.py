@@ -13,8 +13,6 @@ from jounce.kernel.quantity import Quantity
 from jounce.mechanism import DATA, Mechanism
 from jounce.paths import COMPILED
 
-MOST = 64  # arrays of a ufunc, results among them: a limit of NumPy
-
 
 def serving(
     mechanism: Mechanism, name: str, method: str | None, order: int, q: Sequence[Array], W: Sequence[Array]
@@ -27,16 +25,15 @@ def serving(
     """
     if name not in COMPILED or method not in (None, "kernel"):
         return None
-    plain = all(type(x) is np.ndarray and x.dtype == FLOAT for x in (*q, *W))  # an unpickled dtype is not FLOAT itself
-    quantity = Quantity(name, order, bool(W), mechanism.n, mechanism.nb)
-    if plain and _numeric(mechanism) and quantity.arrays <= MOST and available():
-        return compiled(mechanism, quantity)
-    if method == "kernel":
-        raise JounceError(
-            f"method 'kernel' takes float64 arrays of NumPy, {MOST} with its results at most, and a robot of numbers, "
-            "and needs llvmlite"
-        )
-    return None
+    for x in (*q, *W):
+        if type(x) is not np.ndarray or (x.dtype is not FLOAT and x.dtype != FLOAT):  # unpickled, it is another object
+            if method == "kernel":
+                raise JounceError("native code takes float64 arrays of NumPy")
+            return None
+    kernel, obstacle = _kernel(mechanism, name, order, bool(W))
+    if kernel is None and method == "kernel":
+        raise JounceError(f"no native code: {obstacle}")
+    return kernel
 
 
 def ahead(mechanism: Mechanism, name: str, order: int, loaded: bool) -> Kernel:
@@ -49,12 +46,23 @@ def ahead(mechanism: Mechanism, name: str, order: int, loaded: bool) -> Kernel:
         raise JounceError(f"wrench is of type {type(loaded).__name__}; expected True or False: whether calls take any")
     if loaded and name != "inverse_dynamics":
         raise JounceError(f"{name} takes no wrenches")
-    quantity = Quantity(name, int(order), loaded, mechanism.n, mechanism.nb)
-    if quantity.arrays > MOST:
-        raise JounceError(f"order {order} takes and gives {quantity.arrays} arrays; native code at most {MOST}")
-    if not _numeric(mechanism) or not available():
-        raise JounceError("native code takes a robot of numbers, and llvmlite")
-    return compiled(mechanism, quantity)
+    kernel, obstacle = _kernel(mechanism, name, int(order), loaded)
+    if kernel is None:
+        raise JounceError(f"no native code: {obstacle}")
+    return kernel
+
+
+@lru_cache(maxsize=128)
+def _kernel(mechanism: Mechanism, name: str, order: int, loaded: bool) -> tuple[Kernel | None, str | None]:
+    """The kernel, or why there is none."""
+    quantity = Quantity(name, order, loaded, mechanism.n, mechanism.nb)
+    if quantity.obstacle:
+        return None, quantity.obstacle
+    if not all(is_numeric(getattr(mechanism, data)) for data in DATA):
+        return None, "the robot holds symbols"
+    if not available():
+        return None, "llvmlite cannot be imported"
+    return compiled(mechanism, quantity), None
 
 
 @cache
@@ -64,11 +72,6 @@ def available() -> bool:
         import llvmlite.binding  # noqa: F401
     except (ImportError, OSError) as error:
         text = f"no native code, the recursion serves instead: llvmlite cannot be imported ({error})"
-        warnings.warn(text, JounceWarning, stacklevel=5)
+        warnings.warn(text, JounceWarning, stacklevel=6)
         return False
     return True
-
-
-@lru_cache(maxsize=128)
-def _numeric(mechanism: Mechanism) -> bool:
-    return all(is_numeric(getattr(mechanism, name)) for name in DATA)

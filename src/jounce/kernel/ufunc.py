@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.kernel.emit import Interface
+from jounce.kernel.interface import Interface
 
 FROM_SIGNATURE = 31  # PyUFunc_FromFuncAndDataAndSignature's place in the table of NumPy's C interface, part of its ABI
 NO_IDENTITY = -1
