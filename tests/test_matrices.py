@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-import tracing
 from hypothesis import given
 
 import jounce
 from jounce import equivalent, recursion
 from jounce.closed_form import closed_form
+from jounce.kernel.trace import Tape
 from jounce.mechanism import path_to
 from jounce.screws import from_screws
 from jounce.series import columns
@@ -115,10 +115,9 @@ def test_long_chains_do_not_nest_deeply():
 
 def test_the_jacobian_of_a_body_takes_the_joints_of_its_path_alone():
     robot = jounce.Robot(golden("tree7")[0])
-    tape = tracing.Tape()
-    q = np.array([tape.variable(i) for i in range(robot.n)], dtype=object)
-    J = robot.jacobian(q, body=robot.body_names[-1])
-    taken = {node.key[1] for node in tracing.program([tape.wrap(x) for x in J.flat]) if node.key[0] == "var"}
+    tape = Tape()
+    J = robot.jacobian(tape.variables(robot.n), body=robot.body_names[-1])
+    taken = {step.value for step in tape.program(J.ravel()).steps if step.kind == "input"}
     path = path_to(robot.mechanism, robot.n - 1)
     assert taken == set(path[1:])  # turning the first joint turns all that hangs on it
     assert 1 < len(path) < robot.n
