@@ -92,6 +92,7 @@ LAYOUTS = {
     "plain": np.copy,
     "every other state": lambda x: np.repeat(x, 2, axis=0)[::2],
     "every other row": lambda x: np.repeat(x, 2, axis=-2)[..., ::2, :],
+    "reversed rows": lambda x: x[..., ::-1, :].copy()[..., ::-1, :],
     "every other entry": lambda x: np.repeat(x, 2, axis=-1)[..., ::2],
     "reversed": lambda x: x[::-1].copy()[::-1],
     "reversed entries": lambda x: x[..., ::-1].copy()[..., ::-1],
