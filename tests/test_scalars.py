@@ -1,6 +1,7 @@
 """One source of the equations over every scalar type: JAX under jit and vmap, CasADi, SymPy, tracing scalars."""
 
 import math
+from functools import partial
 
 import casadi
 import jax
@@ -12,7 +13,10 @@ import sympy
 
 import jounce
 import tracing
+from jounce import recursion
 from jounce.errors import JounceError
+from jounce.mechanism import in_whole_numbers
+from jounce.series import columns
 from robots import GOLDEN_NAMES, golden, rates_of, relative_error
 
 jax.config.update("jax_enable_x64", True)
@@ -72,11 +76,22 @@ def test_each_order_is_the_exact_derivative_of_the_one_below(name, order):
     agree([rate], [robot.inverse_dynamics(*q)[-1]], 1e-12)
 
 
+MATRICES = [
+    jounce.Robot.mass_matrix,
+    jounce.Robot.gravity_forces,
+    jounce.Robot.coriolis_matrix,
+    partial(jounce.Robot.coriolis_matrix, form="skew"),
+    jounce.Robot.jacobian,
+    jounce.Robot.momentum,
+]
+
+
 def test_jax_matrices_and_jacobian():
     robot, q, _ = case("mixed5")
-    for quantity, needed in (("mass_matrix", 2), ("coriolis_matrix", 3), ("gravity_forces", 2), ("jacobian", 2)):
-        compute = getattr(robot, quantity)
-        agree(jax.jit(compute)(*map(jnp.asarray, q[:needed])), compute(*q[:needed]), 1e-12)
+    for quantity in MATRICES:
+        compute = partial(quantity, robot)
+        agree(jax.jit(compute)(*map(jnp.asarray, q[:2])), compute(*q[:2]), 1e-12)
+    agree(jax.jit(robot.base_wrench)(*map(jnp.asarray, q[:3])), robot.base_wrench(*q[:3]), 1e-12)
     agree([robot.poses(jnp.asarray(q[0]))], [robot.poses(q[0])])
     twist = jax.jit(lambda *q: robot.jacobian(*q, body="body2", frame="spatial"))(*map(jnp.asarray, q[:2]))
     agree(twist, robot.jacobian(*q[:2], body="body2", frame="spatial"))
@@ -106,13 +121,13 @@ def test_casadi_symbols(name, method):
 def test_casadi_matrices(name):
     robot, q, _ = case(name)
     symbols = symbols_of(robot, casadi.SX.sym)
-    for quantity in ("mass_matrix", "gravity_forces"):
-        terms = getattr(robot, quantity)(*symbols[:3])
+    for quantity in MATRICES:
+        terms = quantity(robot, *symbols[:3])
         function = casadi.Function(
             "f", [casadi.vertcat(*x) for x in symbols[:3]], [casadi.vertcat(*x.ravel()) for x in terms]
         )
         values = function(*q[:3])
-        expected = getattr(robot, quantity)(*q[:3])
+        expected = quantity(robot, *q[:3])
         agree([np.array(x).reshape(y.shape) for x, y in zip(values, expected, strict=True)], expected)
 
 
@@ -162,15 +177,38 @@ def test_tracing_scalars(name):
     agree(found, robot.inverse_dynamics(*q))
 
 
-@pytest.mark.parametrize(("order", "operations"), [(0, 574), (1, 1272), (2, 2333)])
-def test_the_iiwa_takes_no_more_operations_than_measured(order, operations):
-    """A guard of the recursion's economy: sums and products of one state, sine and cosine given."""
+QUANTITIES = {  # laws with the rates of q that their values take
+    "Q": (recursion.inverse_dynamics, 2),
+    "M": (recursion.mass_matrix, 0),
+    "C": (recursion.coriolis_matrix, 1),
+    "Cbar": (recursion.skew_coriolis_matrix, 1),
+    "G": (recursion.gravity_forces, 0),
+    "h": (recursion.momentum, 1),
+}
+
+
+@pytest.mark.parametrize(
+    ("quantities", "operations"),
+    [
+        ("Q", (574, 1272, 2328)),
+        ("M", (389, 861, 1645)),
+        ("C", (1423, 3240, 6085)),
+        ("Cbar", (2194, 4899, 8861)),
+        ("M C", (1448, 3244, 6089)),
+        ("M C G", (1550, 3493, 6575)),
+        ("h", (429, 958, 1687)),
+    ],
+)
+def test_the_iiwa_takes_no_more_operations_than_measured(quantities, operations):
+    """A guard of the recursion's economy: sums and products of one state, sine and cosine given, all rates together."""
     robot, _, _ = case("iiwa")
-    tape = tracing.Tape()
-    Q = robot.inverse_dynamics(*symbols_of(robot, tape.variable, order))
-    outputs = [x for rate in (Q if order else [Q]) for x in rate]
-    count = sum(node.key[0] in ("add", "sub", "mul") for node in tracing.program(outputs))
-    assert count <= operations
+    model = in_whole_numbers(robot.mechanism)
+    for order, most in enumerate(operations):
+        tape, outputs = tracing.Tape(), []
+        for law, rates in (QUANTITIES[name] for name in quantities.split()):
+            q = columns(symbols_of(robot, tape.variable, order)[: order + rates + 1])
+            outputs += [tape.wrap(x) for term in law(model, q).upto(order) for x in term.flat]
+        assert sum(node.key[0] in ("add", "sub", "mul") for node in tracing.program(outputs)) <= most
 
 
 def test_extended_precision_is_kept():

@@ -15,16 +15,11 @@ import numpy as np
 from jounce.errors import JounceError, one_line
 
 FLOAT = np.dtype(float)
-FLOAT = np.dtype(float)
 Array: TypeAlias = Any  # a NumPy array of floats or objects, a JAX array or tracer
 
 
 def asarray(x: Any, what: str = "an array") -> Array:
     """`x` as an array to calculate with: integers and short floats become float64, symbols stay what they are."""
-    if type(x) is np.ndarray and x.dtype is FLOAT:
-        return x
-    if type(x) is np.ndarray and x.dtype is FLOAT:
-        return x
     if not isinstance(x, np.ndarray) and hasattr(type(x), "__array_namespace__"):
         return x  # a foreign array that names its own namespace: JAX, also while it traces
     if isinstance(x, Mapping | str):

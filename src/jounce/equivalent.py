@@ -2,7 +2,8 @@
 
 `aligned` puts every body frame on its joint axis, z along it; `slid` slides the origins along the axes until offsets
 vanish; `base_parameters` gives each parent the inertia that a joint cannot feel. After all three (`minimal`) the
-recursion needs the fewest operations. Body order, coordinates, names and gravity stay.
+recursion needs the fewest operations. The Coriolis matrix survives the first two (`on_axes`), not the third: it tells
+where inertia sits, not only what it does. Body order, coordinates, names and gravity stay.
 """
 
 from collections.abc import Sequence
@@ -82,10 +83,19 @@ def base_parameters(mechanism: Mechanism) -> Mechanism:
 
 
 @lru_cache(maxsize=64)
+def on_axes(mechanism: Mechanism) -> Mechanism:
+    """The same bodies in the frames with the most zeros in them: aligned and slid."""
+    return _as_given(slid(aligned(mechanism)))
+
+
+@lru_cache(maxsize=64)
 def minimal(mechanism: Mechanism) -> Mechanism:
     """The equivalent mechanism with the fewest numbers in it: aligned, slid, reduced to base parameters."""
-    small = base_parameters(slid(aligned(mechanism)))
-    return in_whole_numbers(small) if is_symbolic(mechanism.B) else small
+    return _as_given(base_parameters(on_axes(mechanism)))
+
+
+def _as_given(mechanism: Mechanism) -> Mechanism:
+    return in_whole_numbers(mechanism) if is_symbolic(mechanism.B) else mechanism
 
 
 def _on_axis(X: Array) -> tuple[Array, Array]:

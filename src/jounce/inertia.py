@@ -93,6 +93,16 @@ def from_moments(m: Array, h: Array, P: Array) -> Array:
     return _matrix(m, hat(h[..., 0]), concatenate(diagonal, axis=-1) * _I - P * (1 - _I))
 
 
+def moment_matrix(M: Array) -> Array:
+    """The moments of an inertia matrix as one, ``[[P, h], [h^T, m]]``, the integral of (r; 1) (r; 1)^T dm: (..., 4, 4).
+
+    A rigid motion T carries it as ``T Pi T^T``; mass that moves with the screw X has the momentum
+    ``cowedge(wedge(X) @ Pi)``, which is M X.
+    """
+    m, h, P = moments(M)
+    return concatenate([concatenate([P, h], axis=-1), concatenate([h.mT, m], axis=-1)], axis=-2)
+
+
 def moved(M: Array, C: Array) -> Array:
     """The inertia matrix M of a frame placed at the pose C, seen from the frame in which C is given."""
     T = Ad(inverse(C))

@@ -9,12 +9,15 @@ import numpy as np
 from jounce._scalars import Array, concatenate, cos, is_zero, sin
 
 _E = np.eye(3, dtype=int)
-# hat and ad are linear, hence constant tensors: hat(v) = v @ _HAT, reshaped. Integers keep symbols exact.
+# hat, ad and wedge are linear, hence constant tensors: hat(v) = v @ _HAT, reshaped. Integers keep symbols exact.
 _HAT = np.stack([np.cross(e, _E).T for e in _E]).reshape(3, 9)
+_SCREWS = [*((e, 0 * e) for e in _E), *((0 * e, e) for e in _E)]
 _AD = np.stack(
-    [np.block([[np.cross(w, _E).T, 0 * _E], [np.cross(v, _E).T, np.cross(w, _E).T]])
-     for w, v in [*((e, 0 * e) for e in _E), *((0 * e, e) for e in _E)]]
-).reshape(6, 36)  # fmt: skip
+    [np.block([[np.cross(w, _E).T, 0 * _E], [np.cross(v, _E).T, np.cross(w, _E).T]]) for w, v in _SCREWS]
+).reshape(6, 36)
+_WEDGE = np.stack(
+    [np.block([[np.cross(w, _E).T, v[:, None]], [np.zeros((1, 4), dtype=int)]]) for w, v in _SCREWS]
+).reshape(6, 16)
 
 
 def hat(v: Array) -> Array:
@@ -25,6 +28,16 @@ def hat(v: Array) -> Array:
 def axial(T: Array) -> Array:
     """The vector n with ``hat(n) = T - T.mT``: (..., 3, 3) to (..., 3)."""
     return T.reshape((*T.shape[:-2], 9)) @ _HAT.T
+
+
+def wedge(X: Array) -> Array:
+    """The 4x4 matrix of a screw, ``[[xi~, eta], [0, 0]]``: (..., 6) to (..., 4, 4)."""
+    return (X @ _WEDGE).reshape((*X.shape[:-1], 4, 4))
+
+
+def cowedge(T: Array) -> Array:
+    """The wrench W with ``W . X = trace(wedge(X).mT @ T)`` for every screw X: (..., 4, 4) to (..., 6)."""
+    return T.reshape((*T.shape[:-2], 16)) @ _WEDGE.T
 
 
 def ad(X: Array) -> Array:
@@ -66,10 +79,21 @@ def exp(X: Array, phi: Array) -> Array:
 
     ``|xi| = 1`` (revolute, helical of any pitch) or ``xi = 0`` (prismatic), as `from_screws` checks.
     """
+    return exp_of(*turn_and_slide(X), phi)
+
+
+def turn_and_slide(X: Array) -> tuple[Array, Array]:
+    """The 4x4 matrices of the two screws that make up a screw: a pure turn about its axis, a pure slide along it."""
     e, eta = X[:3, None], X[3:, None]
     if all(map(is_zero, X[:3])):  # (Xi) with infinite pitch: prismatic
-        return pose(_E + 0 * phi, phi * eta)
+        return wedge(0 * X), wedge(X)
     hat_e = hat(X[:3])
-    R = _E + sin(phi) * hat_e + (1 - cos(phi)) * (hat_e @ hat_e)  # (SO3exp)
-    x, h = hat_e @ eta, e.mT @ eta  # a point on the axis and the pitch
-    return pose(R, (_E - R) @ x + phi * h * e)
+    across, along = -(hat_e @ (hat_e @ eta)), (e.mT @ eta) * e  # with |e| = 1 they add up to eta
+    turn, slide = concatenate([e, across], axis=-2), concatenate([0 * e, along], axis=-2)
+    return wedge(turn[:, 0]), wedge(slide[:, 0])
+
+
+def exp_of(turn: Array, slide: Array, phi: Array) -> Array:
+    """The exponential of a turn and a slide, (..., 4, 4); cosines alone where an axis is one of the frame's."""
+    square = turn @ turn
+    return (np.eye(4, dtype=int) + square) + sin(phi) * turn - cos(phi) * square + phi * slide  # (SO3exp)

@@ -5,7 +5,7 @@ import numpy as np
 from jounce import lie
 from jounce._scalars import Array, asarray, concatenate
 from jounce.errors import JounceError, no_such
-from jounce.kinematics import of_link
+from jounce.kinematics import of_link, poses
 from jounce.mechanism import Mechanism
 from jounce.rates import broadcast, has_rates, rate_name
 from jounce.series import Series, from_rate
@@ -20,8 +20,10 @@ def wrench(mechanism: Mechanism, q: Series, load: Series, body: str, axes: str, 
     """
     link = mechanism.frame(body)
     if axes == "world":
-        J, C = of_link(mechanism, q, body)
-        w = np.diag([1, 1, 1, 0, 0, 0]) @ (J @ q.dot)  # the link's angular velocity, as a twist
+        C = poses(mechanism, q, body)[0]
+        w = np.diag([1, 1, 1, 0, 0, 0]) @ (
+            of_link(mechanism, q, body) @ q.dot
+        )  # the link's angular velocity, as a twist
         turn = lie.Ad(lie.pose(lie.rotation(C).mT, 0 * lie.position(C)))
         load = from_rate(turn, lambda S: -(w.map(lambda v: lie.ad(v[..., 0])) @ S)) @ load
     about_origin = lie.Ad(lie.pose(np.eye(3, dtype=int), -point[:, None])).mT  # (torque + p x force; force)

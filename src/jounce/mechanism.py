@@ -131,6 +131,15 @@ def ancestors(mechanism: Mechanism) -> np.ndarray:
     return np.stack(rows)
 
 
+def path_to(mechanism: Mechanism, body: int) -> list[int]:
+    """The bodies on the way from the ground to a body, itself the last; none for the ground, -1."""
+    path: list[int] = []
+    while body >= 0:
+        path.insert(0, body)
+        body = mechanism.parent[body]
+    return path
+
+
 def reference_poses(mechanism: Mechanism) -> list[Array]:
     """The poses of all the bodies at theta = 0."""
     poses: list[Array] = []

@@ -16,14 +16,20 @@ Law = Callable[[Mechanism, Series, Any], Series]  # from coordinates and wrenche
 
 @dataclass(frozen=True)
 class Path:
-    """A law, and whether it works on dense system matrices of 6nb rows."""
+    """A law, and how many scalars its working arrays hold for one state of nb bodies."""
 
     law: Law
-    dense: bool = True
+    width: Callable[[int], int] = lambda nb: (6 * nb) ** 2  # a dense system matrix
 
-    def width(self, nb: int) -> int:
-        """How many scalars a working array holds for one state."""
-        return (6 * nb) ** 2 if self.dense else 4 * nb
+
+def column(nb: int) -> int:
+    """The width of a path that works on one column of vectors."""
+    return 4 * nb
+
+
+def columns(nb: int) -> int:
+    """The width of a path that works on columns of screws, one a joint."""
+    return 6 * nb
 
 
 def _row(column: Series) -> Series:
@@ -32,33 +38,45 @@ def _row(column: Series) -> Series:
 
 PATHS: dict[str, dict[str, Path]] = {
     "inverse_dynamics": {
-        "recursion": Path(lambda m, q, W: _row(recursion.inverse_dynamics(m, q, W)), dense=False),
+        "recursion": Path(lambda m, q, W: _row(recursion.inverse_dynamics(m, q, W)), column),
         "closed_form": Path(lambda m, q, W: _row(closed_form(m, q, W).Q)),
         "paper": Path(lambda m, q, W: _row(Paper(m, q, W).Q)),
     },
     "mass_matrix": {
-        "recursion": Path(lambda m, q, _: recursion.mass_matrix(m, q), dense=False),
+        "recursion": Path(lambda m, q, _: recursion.mass_matrix(m, q), columns),
         "closed_form": Path(lambda m, q, _: closed_form(m, q).gM),
         "paper": Path(lambda m, q, _: Paper(m, q).gM),
     },
     "gravity_forces": {
-        "recursion": Path(lambda m, q, _: _row(recursion.gravity_forces(m, q)), dense=False),
+        "recursion": Path(lambda m, q, _: _row(recursion.gravity_forces(m, q)), column),
         "closed_form": Path(lambda m, q, _: _row(closed_form(m, q).Qgrav)),
         "paper": Path(lambda m, q, _: _row(Paper(m, q).Qgrav)),
     },
     "coriolis_matrix of form 'paper'": {
+        "recursion": Path(lambda m, q, _: recursion.coriolis_matrix(m, q), columns),
         "closed_form": Path(lambda m, q, _: closed_form(m, q).gC),
         "paper": Path(lambda m, q, _: Paper(m, q).gC),
     },
-    "coriolis_matrix of form 'skew'": {"closed_form": Path(lambda m, q, _: closed_form(m, q).gCbar)},
-    "momentum": {"closed_form": Path(lambda m, q, _: _row(closed_form(m, q).h))},
-    "base_wrench": {"closed_form": Path(lambda m, q, W: _row(closed_form(m, q, W).F))},
+    "coriolis_matrix of form 'skew'": {
+        "recursion": Path(lambda m, q, _: recursion.skew_coriolis_matrix(m, q), columns),
+        "closed_form": Path(lambda m, q, _: closed_form(m, q).gCbar),
+    },
+    "momentum": {
+        "recursion": Path(lambda m, q, _: _row(recursion.momentum(m, q)), column),
+        "closed_form": Path(lambda m, q, _: _row(closed_form(m, q).h)),
+    },
+    "base_wrench": {
+        "recursion": Path(lambda m, q, W: _row(recursion.base_wrench(m, q, W)), column),
+        "closed_form": Path(lambda m, q, W: _row(closed_form(m, q, W).F)),
+    },
 }
-COMPILED = {
+COMPILED = {  # to native code, and how many of q, qd, ... each takes
     "inverse_dynamics": 3,
     "gravity_forces": 1,
     "mass_matrix": 1,
-}  # to native code, and how many rates each takes
+    "coriolis_matrix of form 'paper'": 2,
+    "coriolis_matrix of form 'skew'": 2,
+}
 FORMS = ("paper", "skew")  # of the Coriolis matrix
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jounce._scalars import Array, asarray, namespace
+from jounce._scalars import FLOAT, Array, asarray, namespace
 from jounce.errors import JounceError
 
 SUFFIX = r"(d|[2-9]d|[1-9]\d+d)?"  # what `rate_name` adds to a symbol, as a regular expression
@@ -25,15 +25,22 @@ def checked(given: Sequence[Array | None], least: int, names: Sequence[str]) -> 
     terms = list(given)
     while len(terms) > least and terms[-1] is None:
         terms.pop()
-    for k, term in enumerate(terms):
-        if term is None:
-            after = [rate_name("q", j) for j in range(k + 1, len(terms)) if terms[j] is not None]
-            skipped = f", yet {after[0]} is given" if after else ""
-            raise JounceError(f"{rate_name('q', k)} is None{skipped}; expected every rate up to the last")
-    return [_column(term, rate_name("q", k), names) for k, term in enumerate(terms)]
+    return [_column(term, k, names, terms) for k, term in enumerate(terms)]
 
 
-def _column(term: Array, label: str, names: Sequence[str]) -> Array:
+def _skipped(terms: Sequence[Array | None]) -> JounceError:
+    k = next(k for k, term in enumerate(terms) if term is None)
+    after = [rate_name("q", j) for j in range(k + 1, len(terms)) if terms[j] is not None]
+    skipped = f", yet {after[0]} is given" if after else ""
+    return JounceError(f"{rate_name('q', k)} is None{skipped}; expected every rate up to the last")
+
+
+def _column(term: Array | None, k: int, names: Sequence[str], terms: Sequence[Array | None]) -> Array:
+    if type(term) is np.ndarray and term.dtype is FLOAT and term.shape[-1:] == (len(names),):
+        return term  # as most are, and some a thousand times a second
+    if term is None:
+        raise _skipped(terms)
+    label = rate_name("q", k)
     array = asarray(term, label)
     if array.ndim == 0 or array.shape[-1] != len(names):
         raise JounceError(f"{label} has shape {array.shape}; expected (..., {len(names)}): {', '.join(names)}")

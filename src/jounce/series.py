@@ -90,8 +90,7 @@ def _leibniz(S: Series, T: Series, product: Callable[[Array, Array], Array]) -> 
     def term(k: int) -> Array:
         total = product(S[0], T[k])
         for j in range(1, k + 1):
-            part = product(S[j], T[k - j])
-            total = total + (part if j == k else comb(k, j) * part)
+            total = total + product(S[j] if j == k else comb(k, j) * S[j], T[k - j])
         return total
 
     return Series(term)

@@ -1,6 +1,5 @@
 """`load`: a robot from a file or by name."""
 
-import inspect
 import os
 import warnings
 from collections.abc import Callable
@@ -79,6 +78,10 @@ READERS: dict[str, Callable[..., Mechanism]] = {
 
 
 def _call(build: Callable[..., Mechanism], parameters: dict[str, object], what: str) -> Mechanism:
+    if not parameters:
+        return build()
+    import inspect  # slow to import, and seldom needed
+
     known = list(inspect.signature(build).parameters)
     for name in parameters:
         if name not in known:

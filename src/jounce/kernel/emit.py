@@ -6,51 +6,39 @@ steps the strides of the arrays from state to state, then those within a state.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import accumulate, pairwise
+from itertools import pairwise
 from math import prod
 
 from jounce.kernel import circular, layout
+from jounce.kernel.interface import Interface
 from jounce.kernel.ir import Writer
 from jounce.kernel.program import Program
 from jounce.kernel.target import Target
 
 
-@dataclass(frozen=True)
-class Interface:
-    """The shapes of the arrays for one state, and the order of the outputs from which on each input matters."""
-
-    taken: tuple[tuple[int, ...], ...]
-    given: tuple[tuple[int, ...], ...]
-    matters: tuple[int, ...]
-
-    def places(self) -> tuple[list[int], list[int]]:
-        """Where the arrays of inputs, and of outputs, begin and end in scratch memory."""
-        return tuple(list(accumulate(map(prod, shapes), initial=0)) for shapes in (self.taken, self.given))  # type: ignore[return-value]
-
-
-def emitted(program: Program, interface: Interface, target: Target) -> str:
-    """The module of a program."""
+def emitted(define_block: Callable[[Writer], None], interface: Interface, target: Target) -> str:
+    """The module of a kernel whose ``@block(in, out)`` works on one block of states in scratch memory."""
     ir = Writer(target)
     circular.define_sincos(ir)
     layout.define_transposes(ir)
     layout.define_lanes(ir)
-    _define_block(ir, program, interface)
+    define_block(ir)
     _define_states(ir, interface)
     return ir.text()
 
 
-def _define_block(ir: Writer, program: Program, interface: Interface) -> None:
-    """``@block(in, out)``: the program on one block of states in scratch memory."""
+def define_block(ir: Writer, program: Program, interface: Interface) -> None:
+    """``@block(in, out)``: a program in a straight line."""
     with ir.function("internal void @block(ptr %in, ptr %out)"):
-        value = _steps(ir, program)
+        value = written_steps(ir, program, lambda i: ir.load(ir.at("%in", i, ir.V)))
         _, places = interface.places()
-        for (first, last), spoilt in zip(pairwise(places), _spoilt(ir, interface), strict=True):
+        for (first, last), poison in zip(pairwise(places), spoilt(ir, interface), strict=True):
             for j in range(first, last):
-                ir.store(ir.op("add", value(program.outputs[j]), spoilt), ir.at("%out", j, ir.V))
+                ir.store(ir.op("add", value(program.outputs[j]), poison), ir.at("%out", j, ir.V))
         ir.do("ret void")
 
 
-def _steps(ir: Writer, program: Program) -> Callable[[int], str]:
+def written_steps(ir: Writer, program: Program, read: Callable[[int], str]) -> Callable[[int], str]:
     """The steps of a program, written in their order; returns how the value of each is called."""
     angles = sorted({step.operands[0] for step in program.steps if step.kind in ("sin", "cos")})
     circles = ir.let(f"alloca [{2 * max(1, len(angles))} x {ir.V}], align 64")
@@ -62,7 +50,7 @@ def _steps(ir: Writer, program: Program) -> Callable[[int], str]:
             return ir.vector(step.value)
         if i not in values:
             if step.kind == "input":
-                values[i] = ir.load(ir.at("%in", int(step.value), ir.V))
+                values[i] = read(int(step.value))
             elif step.kind in ("sin", "cos"):
                 j = 2 * angles.index(step.operands[0]) + (step.kind == "cos")
                 values[i] = ir.load(ir.at(circles, j, ir.V))
@@ -77,7 +65,7 @@ def _steps(ir: Writer, program: Program) -> Callable[[int], str]:
     return value
 
 
-def _spoilt(ir: Writer, interface: Interface) -> Iterator[str]:
+def spoilt(ir: Writer, interface: Interface) -> Iterator[str]:
     """For each order of the outputs 0, or NaN where an input that matters to it is not finite."""
     places, _ = interface.places()
     total = ir.vector(0.0)

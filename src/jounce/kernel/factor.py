@@ -92,7 +92,7 @@ class _Pass:
         for node in factors:
             if node.step.kind == "neg" or (node.step.kind == "constant" and node.step.value < 0):
                 node, sign = -node, -sign
-            plain.append(self.tape.nodes[node.step.kind, node.step.operands, node.step.value])
+            plain.append(node)
         return _Term(sign, tuple(plain))
 
     def _sum(self, terms: Sequence[_Term]) -> Node:

@@ -7,6 +7,11 @@ from contextlib import contextmanager
 from jounce.kernel.target import Target
 
 
+def bits(x: float) -> int:
+    """A double as the integer that has the same bits."""
+    return int(struct.unpack("<Q", struct.pack("<d", x))[0])
+
+
 class Writer:
     """The text of a module, and shorthand for what is often written."""
 
@@ -43,10 +48,18 @@ class Writer:
         self.lines.append(f"  %v{self.names - 1} = {text}")
         return f"%v{self.names - 1}"
 
+    def number(self, x: float) -> str:
+        """A constant, to the last bit."""
+        return f"0x{bits(x):016X}"
+
     def vector(self, x: float) -> str:
         """A constant in all lanes."""
-        bits = struct.unpack("<Q", struct.pack("<d", x))[0]
-        return f"<{', '.join([f'double 0x{bits:016X}'] * self.lanes)}>"
+        return f"<{', '.join([f'double {self.number(x)}'] * self.lanes)}>"
+
+    def splat(self, x: str) -> str:
+        """A number in all lanes."""
+        one = self.let(f"insertelement {self.V} poison, double {x}, i64 0")
+        return self.let(f"shufflevector {self.V} {one}, {self.V} poison, <{self.lanes} x i32> zeroinitializer")
 
     def integers(self, x: int) -> str:
         """An integer constant in all lanes."""

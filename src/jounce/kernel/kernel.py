@@ -3,16 +3,14 @@
 import ctypes
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextvars import copy_context
 from functools import lru_cache, partial
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from jounce.errors import JounceError, one_line
 from jounce.kernel import cache, jit
-from jounce.kernel.emit import emitted
-from jounce.kernel.fuse import fused
 from jounce.kernel.quantity import Quantity
 from jounce.kernel.target import host
 from jounce.kernel.ufunc import ufunc
@@ -31,6 +29,7 @@ class Kernel:
         self.mechanism, self.quantity = mechanism, quantity
         self.address, engine = jit.loaded(_code(mechanism, quantity), host())
         self._ufunc, needed = ufunc(self.address, quantity.interface, quantity.name)
+        self._count = len(quantity.interface.taken)
         self._alive = engine, needed
 
     def __reduce__(self) -> tuple[Callable[..., "Kernel"], tuple[Mechanism, Quantity]]:
@@ -42,10 +41,14 @@ class Kernel:
 
     def __call__(self, *arrays: np.ndarray, out: Any = None, threads: int = 1) -> Any:
         """The quantity and its rates: an array, or a tuple of them, written into `out` where it is given."""
+        if len(arrays) != self._count:  # NumPy would write into what comes after
+            raise JounceError(f"{self!r} takes {self._count} arrays, not {len(arrays)}")
         try:
-            if threads != 1:
+            if type(threads) is not int or threads != 1:
                 return self._split(arrays, out, threads)
-            return self._ufunc(*arrays) if out is None else self._ufunc(*arrays, out=out)
+            if out is None:
+                return self._ufunc(*arrays)
+            return self._ufunc(*arrays, out=tuple(out) if isinstance(out, list) else out)
         except (TypeError, ValueError) as error:
             raise JounceError(f"{self!r}: {one_line(error)}") from None
 
@@ -55,7 +58,7 @@ class Kernel:
         All are float64 arrays of one batch shape, with one batch axis at most; `out` shares no memory with the others.
         What the arrays hold when the function is called is what counts.
         """
-        results = [out] if isinstance(out, np.ndarray) else list(out)
+        results = list(out) if isinstance(out, tuple | list) else [out]
         batch = self._bound(arrays, results)
         everything = [*arrays, *results]
         steps = [array.strides[0] if batch else 0 for array in everything]
@@ -91,27 +94,33 @@ class Kernel:
                 raise JounceError(f"out[{k}] is read-only or shares memory with another array; expected one of its own")
         return batch
 
-    def _split(self, arrays: Sequence[np.ndarray], out: Any, threads: int) -> Any:
-        """The batch in as many parts along its first axis as there are threads."""
-        if not isinstance(threads, int) or threads < 1:
+    def _split(self, arrays: Sequence[Any], out: Any, threads: Any) -> Any:
+        """The batch in as many parts along its first axis as there are threads; what does not fit, NumPy says."""
+        if not isinstance(threads, int | np.integer) or isinstance(threads, bool) or threads < 1:
             raise JounceError(f"threads = {threads!r}; expected how many, 1 or more")
         taken, given = self.quantity.interface.taken, self.quantity.interface.given
         inputs = [np.asarray(array) for array in arrays]
-        leads = (x.shape[: x.ndim - len(shape)] for x, shape in zip(inputs, taken, strict=True))
-        batch = np.broadcast_shapes(*leads)
-        if not batch:
+        both = list(zip(inputs, taken, strict=True))
+        fits = all(x.shape[-len(shape) :] == shape for x, shape in both)
+        batch = np.broadcast_shapes(*(x.shape[: -len(shape)] for x, shape in both)) if fits else ()
+        shapes = [(*batch, *shape) for shape in given]
+        if out is None:
+            results = [np.empty(shape) for shape in shapes]
+        else:
+            results = list(out) if isinstance(out, tuple | list) else [out]
+        if not batch or batch[0] < 2 or [getattr(y, "shape", None) for y in results] != shapes:
             return self(*arrays, out=out)
-        results = [np.empty((*batch, *shape)) for shape in given] if out is None else out
-        results = [results] if isinstance(results, np.ndarray) else results
-        whole = [np.broadcast_to(x, (*batch, *shape)) for x, shape in zip(inputs, taken, strict=True)]
-        cuts = [batch[0] * i // threads for i in range(threads + 1)]
-        with ThreadPoolExecutor(threads) as pool:
-            parts = [slice(*ends) for ends in pairwise(cuts) if ends[0] < ends[1]]
-            list(
-                pool.map(
-                    lambda part: self._ufunc(*(x[part] for x in whole), out=tuple(y[part] for y in results)), parts
-                )
-            )
+        apart = [x.copy() if any(np.may_share_memory(x, y) for y in results) else x for x in inputs]
+        whole = [np.broadcast_to(x, (*batch, *shape)) for x, shape in zip(apart, taken, strict=True)]
+        parts = min(int(threads), batch[0])
+        cuts = [slice(batch[0] * i // parts, batch[0] * (i + 1) // parts) for i in range(parts)]
+
+        def work(part: slice) -> None:
+            self._ufunc(*(x[part] for x in whole), out=tuple(y[part] for y in results))
+
+        with ThreadPoolExecutor(parts) as pool:  # each in the caller's context, where np.errstate is kept
+            for future in [pool.submit(copy_context().run, work, part) for part in cuts]:
+                future.result()
         return results[0] if len(given) == 1 else tuple(results)
 
 
@@ -127,7 +136,8 @@ def _code(mechanism: Mechanism, quantity: Quantity) -> bytes:
     key = cache.key(mechanism, repr(quantity), target)
     code = cache.read(key)
     if code is None:
-        program = fused(quantity.program(mechanism))
-        code = jit.assembled(emitted(program, quantity.interface, target), target)
+        from jounce.kernel.forms import module  # what a warm cache spares
+
+        code = jit.assembled(module(mechanism, quantity, target), target)
         cache.write(key, code)
     return code

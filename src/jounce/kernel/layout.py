@@ -77,10 +77,7 @@ def define_lanes(ir: Writer) -> None:
         others = ir.let("sub i64 %count, 1")
         with ir.loop("%rows") as row, ir.loop("%columns") as column:
             value = ir.let(f"load double, ptr {_place(ir, others, row, column)}, align 1")
-            one = ir.let(f"insertelement {ir.V} poison, double {value}, i64 0")
-            all_lanes = f"<{ir.lanes} x i32> zeroinitializer"
-            everywhere = ir.let(f"shufflevector {ir.V} {one}, {ir.V} poison, {all_lanes}")
-            ir.store(everywhere, _vector(ir, row, column))
+            ir.store(ir.splat(value), _vector(ir, row, column))
         ir.do(f"br i1 {ir.let(f'icmp eq i64 {others}, 0')}, label %done, label %more")
         ir.label("more")
         with ir.loop("%rows") as row, ir.loop("%columns") as column, ir.loop(others) as lane:

@@ -1,16 +1,14 @@
-"""What a kernel computes: the arrays that it takes and gives, and the program of the law that gives them."""
+"""What a kernel computes, and for which robots there is a form of code for it."""
 
 from dataclasses import dataclass
 
-import numpy as np
+from jounce.kernel.interface import Interface
+from jounce.paths import COMPILED
 
-from jounce.kernel.emit import Interface
-from jounce.kernel.factor import factored
-from jounce.kernel.program import Program
-from jounce.kernel.trace import Tape
-from jounce.mechanism import Mechanism, in_whole_numbers
-from jounce.paths import COMPILED, PATHS
-from jounce.series import Series, columns
+STRAIGHT = 12  # bodies, up to which straight-line code is no slower than a loop, and compiled in a second
+LOOPS = ("inverse_dynamics", "gravity_forces")  # the quantities that the steps of a joint make up
+MOST = 1000  # bodies, whose scratch memory the stack of a thread holds with ease
+ARRAYS = 64  # of a ufunc, results among them: a limit of NumPy
 
 
 @dataclass(frozen=True)
@@ -27,19 +25,18 @@ class Quantity:
     def interface(self) -> Interface:
         """The arrays: q, qd, ..., then W, Wd, ... in; the quantity and its rates out."""
         rates, loads = self.order + COMPILED[self.name], self.order + 1 if self.loaded else 0
-        given = (self.n, self.n) if self.name.endswith("matrix") else (self.n,)
+        given = (self.n, self.n) if "matrix" in self.name else (self.n,)
         return Interface(
             taken=((self.n,),) * rates + ((self.nb, 6),) * loads,
             given=(given,) * (self.order + 1),
             matters=(*(max(0, k + 1 - COMPILED[self.name]) for k in range(rates)), *range(loads)),
         )
 
-    def program(self, mechanism: Mechanism) -> Program:
-        """The operations, traced from the recursion."""
-        tape = Tape()
-        inputs = [tape.variables(*shape) for shape in self.interface.taken]
-        least = self.order + COMPILED[self.name]
-        loads = [x.reshape(-1, 1) for x in inputs[least:]]
-        law = PATHS[self.name]["recursion"].law
-        results = law(in_whole_numbers(mechanism), columns(inputs[:least]), Series.of(loads) if loads else None)
-        return factored(tape.program([x for result in results.upto(self.order) for x in np.ravel(result)]))
+    @property
+    def obstacle(self) -> str | None:
+        """Why there is no native code for it."""
+        arrays = COMPILED[self.name] + self.order + (self.order + 1) * (2 if self.loaded else 1)
+        if arrays > ARRAYS:
+            return f"order {self.order} takes and gives {arrays} arrays, and {ARRAYS} is the most"
+        most = MOST if self.name in LOOPS else STRAIGHT
+        return None if self.nb <= most else f"of {self.name} it is for at most {most} bodies, not {self.nb}"

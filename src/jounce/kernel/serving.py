@@ -25,25 +25,44 @@ def serving(
     """
     if name not in COMPILED or method not in (None, "kernel"):
         return None
-    plain = all(type(x) is np.ndarray and x.dtype is FLOAT for x in (*q, *W))
-    if plain and _numeric(mechanism) and available():
-        return compiled(mechanism, Quantity(name, order, bool(W), mechanism.n, mechanism.nb))
-    if method == "kernel":
-        raise JounceError("method 'kernel' takes float64 arrays of NumPy and a robot of numbers, and needs llvmlite")
-    return None
+    for x in (*q, *W):
+        if type(x) is not np.ndarray or (x.dtype is not FLOAT and x.dtype != FLOAT):  # unpickled, it is another object
+            if method == "kernel":
+                raise JounceError("native code takes float64 arrays of NumPy")
+            return None
+    kernel, obstacle = _kernel(mechanism, name, order, bool(W))
+    if kernel is None and method == "kernel":
+        raise JounceError(f"no native code: {obstacle}")
+    return kernel
 
 
 def ahead(mechanism: Mechanism, name: str, order: int, loaded: bool) -> Kernel:
     """The kernel that a user asks for by name."""
-    if name not in COMPILED:
+    if not isinstance(name, str) or name not in COMPILED:
         raise no_such("quantity for native code", name, COMPILED)
-    if not isinstance(order, int) or isinstance(order, bool) or order < 0:
+    if not isinstance(order, int | np.integer) or isinstance(order, bool) or order < 0:
         raise JounceError(f"order is {order!r}; expected 0, 1, 2, ...")
+    if not isinstance(loaded, bool):
+        raise JounceError(f"wrench is of type {type(loaded).__name__}; expected True or False: whether calls take any")
     if loaded and name != "inverse_dynamics":
         raise JounceError(f"{name} takes no wrenches")
-    if not _numeric(mechanism) or not available():
-        raise JounceError("native code takes a robot of numbers, and llvmlite")
-    return compiled(mechanism, Quantity(name, order, bool(loaded), mechanism.n, mechanism.nb))
+    kernel, obstacle = _kernel(mechanism, name, int(order), loaded)
+    if kernel is None:
+        raise JounceError(f"no native code: {obstacle}")
+    return kernel
+
+
+@lru_cache(maxsize=128)
+def _kernel(mechanism: Mechanism, name: str, order: int, loaded: bool) -> tuple[Kernel | None, str | None]:
+    """The kernel, or why there is none."""
+    quantity = Quantity(name, order, loaded, mechanism.n, mechanism.nb)
+    if quantity.obstacle:
+        return None, quantity.obstacle
+    if not all(is_numeric(getattr(mechanism, data)) for data in DATA):
+        return None, "the robot holds symbols"
+    if not available():
+        return None, "llvmlite cannot be imported"
+    return compiled(mechanism, quantity), None
 
 
 @cache
@@ -56,8 +75,3 @@ def available() -> bool:
         warnings.warn(text, JounceWarning, stacklevel=6)
         return False
     return True
-
-
-@lru_cache(maxsize=128)
-def _numeric(mechanism: Mechanism) -> bool:
-    return all(is_numeric(getattr(mechanism, name)) for name in DATA)

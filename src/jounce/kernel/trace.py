@@ -76,6 +76,11 @@ class Tape:
             self.steps.append(Operation(kind, operands, value))
         return node
 
+    def known(self, i: int) -> Node:
+        """The node of a step by its number: one step is one node, so that nodes can be compared by identity."""
+        step = self.steps[i]
+        return self.nodes[step.kind, step.operands, step.value]
+
     def node(self, x: Any) -> Node:
         """A number as a node; a node is one already."""
         return x if isinstance(x, Node) else self.write("constant", value=float(x) + 0.0)  # no -0.0
@@ -107,7 +112,7 @@ class Tape:
         if x.step.kind == "constant":
             return self.node(-x.step.value)
         if x.step.kind == "neg":
-            return Node(self, x.step.operands[0])
+            return self.known(x.step.operands[0])
         return self.write("neg", x.i)
 
     def multiply(self, x: Node, y: Node) -> Node:

@@ -4,18 +4,17 @@ NumPy then does what it does well: broadcasting, casting, strides, `out`, lettin
 """
 
 import ctypes
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from jounce.kernel.emit import Interface
+from jounce.kernel.interface import Interface
 
 FROM_SIGNATURE = 31  # PyUFunc_FromFuncAndDataAndSignature's place in the table of NumPy's C interface, part of its ABI
 NO_IDENTITY = -1
 
 
-def ufunc(address: int, interface: Interface, name: str) -> tuple[Callable[..., Any], Any]:
+def ufunc(address: int, interface: Interface, name: str) -> tuple[np.ufunc, Any]:
     """The ufunc of a loop at an address, and what must live as long as it does."""
     taken, given = interface.taken, interface.given
     count = len(taken) + len(given)

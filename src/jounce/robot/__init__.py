@@ -14,8 +14,10 @@ class Robot(Forces, Bodies):
       arrays of CasADi SX, SymPy or other symbols.
     * q is required; each further rate you give returns one more time derivative. With none to spare the result is
       a plain array, otherwise a tuple: the quantity, its rate, ...
-    * ``method`` picks the path: "recursion" (the default of all but C and J), "closed_form" or "paper"; all agree.
-    * ``out`` takes the NumPy array (or the tuple of them) to write into.
+    * ``method`` picks the path: "kernel", native code, the default of float64 NumPy arrays where there is one;
+      "recursion", the default of all else; "closed_form" or "paper". All agree. The first call that native code serves
+      compiles it, in a fraction of a second, and keeps it on disk for the next process.
+    * ``out`` takes the NumPy array (or the tuple of them) to write into; ``threads`` splits a batch for native code.
 
     Errors: `JounceError` for a wrong shape, a skipped rate, an unknown name or method, an `out` that does not fit.
     """

@@ -1,11 +1,11 @@
 """The bodies of a robot: where they are, how they move, what acts on them."""
 
-from typing import Any, overload
+from typing import Any, Unpack, overload
 
 from jounce import kinematics, loads
 from jounce._scalars import Array
-from jounce.paths import Path, path
-from jounce.robot.data import Data
+from jounce.paths import Path, column, columns, path
+from jounce.robot.data import Data, Options
 
 
 class Bodies(Data):
@@ -22,7 +22,7 @@ class Bodies(Data):
         >>> jounce.load("planar2r").poses([0, 0])[1, :3, 3]
         array([1., 0., 0.])
         """
-        law = Path(lambda model, q, _: kinematics.poses(model, q, body))
+        law = Path(lambda model, q, _: kinematics.poses(model, q, body), column)
         return self._along(law, 1, (q,), out)
 
     @overload
@@ -60,16 +60,16 @@ class Bodies(Data):
         array([[0., 0.],
                [1., 0.]])
         """
-        law = Path(lambda model, q, _: kinematics.jacobian(model, q, body, frame))
+        law = Path(lambda model, q, _: kinematics.jacobian(model, q, body, frame), columns)
         return self._along(law, 1, (q, qd, q2d, *higher), out)
 
     @overload
-    def momentum(self, q: Array, qd: Array, *, out: Any = None) -> Array: ...
+    def momentum(self, q: Array, qd: Array, **options: Unpack[Options]) -> Array: ...
     @overload
     def momentum(
-        self, q: Array, qd: Array, q2d: Array, q3d: Array = None, *higher: Array, out: Any = None
+        self, q: Array, qd: Array, q2d: Array, q3d: Array = None, *higher: Array, **options: Unpack[Options]
     ) -> tuple[Array, ...]: ...
-    def momentum(self, q, qd, q2d=None, q3d=None, *higher, out=None):  # type: ignore[no-untyped-def]
+    def momentum(self, q, qd, q2d=None, q3d=None, *higher, method=None, out=None):  # type: ignore[no-untyped-def]
         """The spatial momentum h = (angular; linear) about the inertial origin, inertial axes, and its rates: (..., 6).
 
         ``h = U^T M V``, the sum of the bodies' momenta M_i V_i carried to the origin; kg m^2/s and kg m/s.
@@ -80,10 +80,12 @@ class Bodies(Data):
         >>> jounce.load("planar2r").momentum([0, 0], [1, 0])[[2, 4]]
         array([5., 3.])
         """
-        return self._along(path("momentum", None), 2, (q, qd, q2d, q3d, *higher), out)
+        return self._along(path("momentum", method), 2, (q, qd, q2d, q3d, *higher), out)
 
     @overload
-    def base_wrench(self, q: Array, qd: Array, q2d: Array, *, wrench: Any = None, out: Any = None) -> Array: ...
+    def base_wrench(
+        self, q: Array, qd: Array, q2d: Array, *, wrench: Any = None, **options: Unpack[Options]
+    ) -> Array: ...
     @overload
     def base_wrench(
         self,
@@ -94,9 +96,9 @@ class Bodies(Data):
         q4d: Array = None,
         *higher: Array,
         wrench: Any = None,
-        out: Any = None,
+        **options: Unpack[Options],
     ) -> tuple[Array, ...]: ...
-    def base_wrench(self, q, qd, q2d, q3d=None, q4d=None, *higher, wrench=None, out=None):  # type: ignore[no-untyped-def]
+    def base_wrench(self, q, qd, q2d, q3d=None, q4d=None, *higher, wrench=None, method=None, out=None):  # type: ignore[no-untyped-def]
         """What the ground exerts on the robot, F = (moment; force) about the inertial origin, and its rates: (..., 6).
 
         ``F = hd + U^T M U G + U^T W``: the rate of the momentum, less gravity and less the loads -W; inertial axes. A
@@ -108,7 +110,7 @@ class Bodies(Data):
         >>> jounce.load("planar2r").base_wrench([0, 0], [0, 0], [0, 0])[[2, 4]].round(6)
         array([29.43, 19.62])
         """
-        return self._along(path("base_wrench", None), 3, (q, qd, q2d, q3d, q4d, *higher), out, self._given(wrench))
+        return self._along(path("base_wrench", method), 3, (q, qd, q2d, q3d, q4d, *higher), out, self._given(wrench))
 
     @overload
     def wrench(
@@ -158,5 +160,5 @@ class Bodies(Data):
         >>> Q, Qd = robot.inverse_dynamics(q, qd, [0] * 7, [0] * 7, wrench=(W, Wd))
         """
         place = loads.checked_place(frame, point)
-        law = Path(lambda model, q, load: loads.wrench(model, q, load, body, frame, place))
+        law = Path(lambda model, q, load: loads.wrench(model, q, load, body, frame, place), columns)
         return self._along(law, 1, (q, qd, q2d, *higher), None, lambda order: loads.checked(force, torque, order))
