@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from jounce import load
-from jounce.kernel import circular
+from jounce.kernel import circular, forms
 from jounce.kernel.fuse import fused
 from jounce.kernel.ir import Writer
 from jounce.kernel.program import Program
@@ -64,7 +64,7 @@ def programs(order: int) -> tuple[Program, Program]:
     q = [tape.variables(m.n) for _ in range(order + 3)]
     law = PATHS["inverse_dynamics"]["recursion"].law(in_whole_numbers(m), columns(q), None)
     traced = tape.program([x for result in law.upto(order) for x in result.ravel()])
-    return traced, Quantity("inverse_dynamics", order, False, m.n, m.nb).program(m)
+    return traced, forms.program(m, Quantity("inverse_dynamics", order, False, m.n, m.nb))
 
 
 def floor(program: Program, peaks: Mapping[str, float]) -> float:

@@ -3,6 +3,7 @@
 from benchmarks.c import library, over_states
 from benchmarks.peers import Peer, Prepared
 from jounce import Robot
+from jounce.kernel import forms
 from jounce.kernel.program import Program
 from jounce.kernel.quantity import Quantity
 
@@ -36,7 +37,8 @@ def printed(program: Program, n: int) -> str:
 
 
 def _build(robot: Robot, order: int) -> Prepared:
-    program = Quantity("inverse_dynamics", order, False, robot.n, robot.mechanism.nb).program(robot.mechanism)
+    quantity = Quantity("inverse_dynamics", order, False, robot.n, robot.mechanism.nb)
+    program = forms.program(robot.mechanism, quantity)
     return over_states(library([printed(program, robot.n)]), order)
 
 
