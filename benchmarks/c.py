@@ -2,15 +2,13 @@
 
 import ctypes
 import subprocess
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from shutil import which
 from tempfile import TemporaryDirectory
 
-import numpy as np
-
-from benchmarks.peers import MissingError
+from benchmarks.peers import Arrays, Call, MissingError, Prepared
 
 OPTIMISED = ("-O3", "-march=native", "-shared", "-fPIC", "-w")
 
@@ -34,18 +32,19 @@ def library(sources: Sequence[Path | str], *flags: str) -> ctypes.CDLL:
         return ctypes.CDLL(str(made))
 
 
-def over_states(library: ctypes.CDLL, order: int) -> Callable[[Sequence[np.ndarray]], Callable[[], list[np.ndarray]]]:
-    """Calls of ``run(long states, const double **in, double **out)`` on arrays of rates."""
+def loop(statements: Sequence[str]) -> str:
+    """``run(states, in, out)``: the statements for one state i after the other."""
+    head = "#include <math.h>\nvoid run(long states, const double *const *in, double *const *out) {"
+    body = "\n    ".join(statements)
+    return f"{head}\n  for (long i = 0; i < states; i++) {{\n    {body}\n  }}\n}}\n"
 
-    def prepared(rates: Sequence[np.ndarray]) -> Callable[[], list[np.ndarray]]:
-        out = [np.empty_like(rates[0]) for _ in range(order + 1)]
+
+def over_states(library: ctypes.CDLL) -> Prepared:
+    """Calls of ``void run(long states, const double **in, double **out)`` on arrays of rates."""
+    library.run.restype = None
+
+    def prepared(rates: Arrays, out: Arrays) -> Call:
         taken, given = ((ctypes.c_void_p * len(x))(*(a.ctypes.data for a in x)) for x in (rates, out))
-        run = partial(library.run, ctypes.c_long(len(rates[0])), taken, given)
-
-        def call() -> list[np.ndarray]:
-            run()
-            return out
-
-        return call
+        return partial(library.run, ctypes.c_long(len(rates[0])), taken, given)
 
     return prepared

@@ -1,12 +1,12 @@
 """Q, Qd, ... of the iiwa and of smaller robots, by every peer, in batches of several sizes."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from benchmarks.measure import LONGEST, Case, roughly
-from benchmarks.peers import Call, MissingError, Peer, casadi, folder, jax, ours, pinocchio, program, skidy
+from benchmarks.peers import Arrays, Call, MissingError, Peer, casadi, folder, jax, ours, pinocchio, program, skidy
 from benchmarks.robots import start_of_iiwa, states
 from jounce import JounceError, Robot, load
 from jounce.errors import one_line
@@ -55,8 +55,10 @@ def _gather(found: Gathered, key: str, robot: Robot, peer: Peer, orders: Iterabl
             if expected * count > LONGEST:
                 break
             rates = states(robot.n, count, order)
-            call = prepared(rates)
-            found.errors[peer.name, order] = _error(robot, rates, call, peer.name)  # a first call, which compiles
+            out = [np.empty_like(rates[0]) for _ in range(order + 1)]
+            call = prepared(rates, out)
+            results = computed(call, out)  # a first call, which compiles
+            found.errors[peer.name, order] = _error(robot, rates, results, peer.name)
             took = roughly(call)
             if took > LONGEST:
                 break
@@ -64,11 +66,18 @@ def _gather(found: Gathered, key: str, robot: Robot, peer: Peer, orders: Iterabl
             found.cases.append(Case((key, peer.name, order, count), call, count))
 
 
-def _error(robot: Robot, rates: Sequence[np.ndarray], call: Call, name: str) -> float:
+def computed(call: Call, out: Arrays) -> Arrays:
+    """What a call computes, returned or written into `out`: each (states, n)."""
+    found = call()
+    found = out if found is None else found if isinstance(found, tuple | list) else [found]
+    return [np.reshape(x, out[0].shape) for x in found]
+
+
+def _error(robot: Robot, rates: Arrays, results: Arrays, name: str) -> float:
     """Of the highest rate: the largest difference to the closed form, as a share of its largest value."""
     exact = robot.inverse_dynamics(*(x[:COMPARED] for x in rates), method="closed_form")
-    highest = exact if isinstance(exact, np.ndarray) else exact[-1]
-    error = float(np.abs(np.asarray(call()[-1])[:COMPARED] - highest).max() / np.abs(highest).max())
+    highest = exact[-1] if isinstance(exact, tuple) else exact
+    error = float(np.abs(results[-1][:COMPARED] - highest).max() / np.abs(highest).max())
     if not error < WRONG:
         raise JounceError(f"{name}: its results are {error:.1g} from those of the closed form")
     return error

@@ -29,9 +29,9 @@ def seconds(call: Callable[[], object]) -> float:
 
 
 def roughly(call: Callable[[], object]) -> float:
-    """The time of a call once warm; of a call that is too long for more, its first time."""
+    """The time of a call, once warm where there is time for it; what compiles at its first call was called before."""
     first = seconds(call)
-    return first if first > 4 * LONGEST else min(seconds(call) for _ in range(2))
+    return first if first > LONGEST else min(first, seconds(call))
 
 
 def medians(cases: Sequence[Case], rounds: int, done: Callable[[], None]) -> dict[tuple[object, ...], float]:

@@ -7,8 +7,14 @@ import numpy as np
 
 from jounce import JounceError, Robot
 
-Call = Callable[[], Sequence[np.ndarray]]  # computes Q, Qd, ... anew, each (states, n)
-Prepared = Callable[[Sequence[np.ndarray]], Call]  # from q, qd, ..., each (states, n)
+Arrays = Sequence[np.ndarray]  # q, qd, ... or Q, Qd, ..., each (states, n)
+Call = Callable[[], object]  # returns Q, Qd, ... or, where they were written into arrays, None
+Prepared = Callable[[Arrays, Arrays], Call]  # from q, qd, ... and arrays to write into
+
+
+def alone(arrays: Arrays) -> Arrays:
+    """A single state as users hold it, without a batch axis; batches as they are."""
+    return [x[0] for x in arrays] if len(arrays[0]) == 1 else arrays
 
 
 class MissingError(JounceError):

@@ -30,7 +30,7 @@ def _build(robot: Robot, order: int) -> Prepared:
     made.add(forces)
     room = {name: 1 + getattr(forces, f"sz_{name}")() for name in ("arg", "res", "iw", "w")}
     text = made.dump() + LOOP.format(**room, rates=order + 3, given=order + 1, n=robot.n)
-    return over_states(library([text], "-ffast-math"), order)
+    return over_states(library([text], "-ffast-math"))
 
 
 PEERS = (Peer("the recursion through CasADi as scalar C, gcc -ffast-math", _build, orders=range(3)),)

@@ -6,13 +6,13 @@ and ``run(long states, const double *X, double *Y)`` in loop.c, which calls them
 
 import ctypes
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.c import library
-from benchmarks.peers import Call, MissingError, Peer, Prepared
+from benchmarks.peers import Arrays, Call, MissingError, Peer, Prepared
 from jounce import Robot
 
 
@@ -27,13 +27,14 @@ def _built(file: str, *flags: str) -> Callable[[Robot, int], Prepared]:
         made = library([Path(folder) / file, Path(folder) / "loop.c"], "-ffast-math", *flags)
         pointer = ctypes.POINTER(ctypes.c_double)
 
-        def prepared(rates: Sequence[np.ndarray]) -> Call:
+        def prepared(rates: Arrays, _: Arrays) -> Call:
             X, Y = np.concatenate(rates, axis=1), np.empty((len(rates[0]), 3 * robot.n))
             places = X.ctypes.data_as(pointer), Y.ctypes.data_as(pointer)
+            states, results = ctypes.c_long(len(X)), np.split(Y, 3, axis=1)
 
-            def call() -> Sequence[np.ndarray]:
-                made.run(ctypes.c_long(len(X)), *places)
-                return np.split(Y, 3, axis=1)
+            def call() -> Arrays:
+                made.run(states, *places)
+                return results
 
             return call
 

@@ -1,9 +1,9 @@
 """JAX: order 0 differentiated along the motion by nested forward mode, compiled over the batch."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
-from benchmarks.peers import Call, Peer, Prepared
+from benchmarks.peers import Arrays, Call, Peer, Prepared
 from jounce import Robot
 
 
@@ -27,7 +27,7 @@ def _build(robot: Robot, order: int) -> Prepared:
         forces = _differentiated(forces)
     compiled = jax.jit(jax.vmap(forces))
 
-    def prepared(rates: Sequence[Any]) -> Call:
+    def prepared(rates: Arrays, _: Arrays) -> Call:
         given = [jax.numpy.asarray(x) for x in rates]
         return lambda: jax.block_until_ready(compiled(*given))
 

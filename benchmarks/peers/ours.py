@@ -1,53 +1,31 @@
 """jounce: native code as users call it, and the two paths in NumPy."""
 
-from collections.abc import Callable, Sequence
-
-import numpy as np
+from collections.abc import Callable
+from functools import partial
 
 from benchmarks.machine import cores
-from benchmarks.peers import Call, Peer, Prepared
+from benchmarks.peers import Peer, Prepared, alone
 from jounce import Robot
-
-
-def _results(found: object) -> Sequence[np.ndarray]:
-    return found if isinstance(found, tuple) else (found,)  # type: ignore[return-value]
 
 
 def of_method(method: str | None) -> Callable[[Robot, int], Prepared]:
     """`Robot.inverse_dynamics` by a method."""
-    return lambda robot, order: lambda rates: lambda: _results(robot.inverse_dynamics(*rates, method=method))
+    return lambda robot, _: lambda rates, _: partial(robot.inverse_dynamics, *alone(rates), method=method)
 
 
 def _kernel(robot: Robot, order: int) -> Prepared:
     kernel = robot.compile(order)
-    return lambda rates: lambda: _results(kernel(*rates))
+    return lambda rates, _: partial(kernel, *alone(rates))
 
 
 def _bound(robot: Robot, order: int) -> Prepared:
     kernel = robot.compile(order)
-
-    def prepared(rates: Sequence[np.ndarray]) -> Call:
-        given = [x[0] for x in rates] if len(rates[0]) == 1 else rates
-        out = [np.empty_like(rates[0]) for _ in range(order + 1)]
-        run = kernel.bind(*given, out=[x[0] for x in out] if len(rates[0]) == 1 else out)
-
-        def call() -> Sequence[np.ndarray]:
-            run()
-            return out
-
-        return call
-
-    return prepared
+    return lambda rates, out: kernel.bind(*alone(rates), out=alone(out))
 
 
 def _threaded(robot: Robot, order: int) -> Prepared:
     kernel = robot.compile(order)
-
-    def prepared(rates: Sequence[np.ndarray]) -> Call:
-        out = tuple(np.empty_like(rates[0]) for _ in range(order + 1))
-        return lambda: _results(kernel(*rates, out=out, threads=cores()))
-
-    return prepared
+    return lambda rates, out: partial(kernel, *rates, out=tuple(out), threads=cores())
 
 
 DEFAULT = Peer("jounce: robot.inverse_dynamics", of_method(None))

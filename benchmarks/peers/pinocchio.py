@@ -1,11 +1,11 @@
 """Pinocchio's recursive Newton-Euler algorithm: exact at order 0, differentiated numerically beyond."""
 
-from collections.abc import Sequence
+from functools import partial
 from math import factorial
 
 import numpy as np
 
-from benchmarks.peers import Call, MissingError, Peer, Prepared
+from benchmarks.peers import Arrays, Call, MissingError, Peer, Prepared, alone
 from jounce import Robot
 from jounce.lie import hat, position, rotation
 
@@ -41,11 +41,10 @@ def _exact(robot: Robot, order: int) -> Prepared:
     model = _model(robot)
     data = model.createData()
 
-    def prepared(rates: Sequence[np.ndarray]) -> Call:
+    def prepared(rates: Arrays, _: Arrays) -> Call:
         if len(rates[0]) == 1:
-            q, qd, q2d = (x[0] for x in rates)
-            return lambda: (pinocchio.rnea(model, data, q, qd, q2d)[None],)
-        return lambda: (np.array([pinocchio.rnea(model, data, *state) for state in zip(*rates, strict=True)]),)
+            return partial(pinocchio.rnea, model, data, *alone(rates))
+        return lambda: np.array([pinocchio.rnea(model, data, *state) for state in zip(*rates, strict=True)])
 
     return prepared
 
@@ -56,7 +55,7 @@ def _differences(robot: Robot, order: int) -> Prepared:
     model = _model(robot)
     data, weights = model.createData(), np.array(WEIGHTS[: order + 1])
 
-    def call(rates: Sequence[np.ndarray]) -> Sequence[np.ndarray]:
+    def differentiated(rates: Arrays) -> Arrays:
         around = [
             [sum(x * (j * STEP) ** k / factorial(k) for k, x in enumerate(rates[i:])) for j in range(-2, 3)]
             for i in range(3)
@@ -64,7 +63,7 @@ def _differences(robot: Robot, order: int) -> Prepared:
         Q = [[pinocchio.rnea(model, data, *s) for s in zip(*at, strict=True)] for at in zip(*around, strict=True)]
         return list(np.einsum("kj,jsn->ksn", weights, np.array(Q)))
 
-    return lambda rates: lambda: call(rates)
+    return lambda rates, _: partial(differentiated, rates)
 
 
 PEERS = (

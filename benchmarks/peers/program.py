@@ -1,6 +1,6 @@
 """jounce's traced program printed as scalar C: what a compiler makes of the same operations."""
 
-from benchmarks.c import library, over_states
+from benchmarks.c import library, loop, over_states
 from benchmarks.peers import Peer, Prepared
 from jounce import Robot
 from jounce.kernel import forms
@@ -31,15 +31,13 @@ def printed(program: Program, n: int) -> str:
     for j, i in enumerate(program.outputs):
         array, column = divmod(j, n)
         lines.append(f"out[{array}][{n} * i + {column}] = v{i};")
-    body = "\n    ".join(lines)
-    head = "#include <math.h>\nvoid run(long states, const double *const *in, double *const *out) {"
-    return f"{head}\n  for (long i = 0; i < states; i++) {{\n    {body}\n  }}\n}}\n"
+    return loop(lines)
 
 
 def _build(robot: Robot, order: int) -> Prepared:
     quantity = Quantity("inverse_dynamics", order, False, robot.n, robot.mechanism.nb)
     program = forms.program(robot.mechanism, quantity)
-    return over_states(library([printed(program, robot.n)]), order)
+    return over_states(library([printed(program, robot.n)]))
 
 
 PEERS = (Peer("jounce's program as scalar C, gcc", _build),)

@@ -3,7 +3,7 @@
 import contextlib
 import io
 
-from benchmarks.c import library, over_states
+from benchmarks.c import library, loop, over_states
 from benchmarks.peers import Peer, Prepared
 from jounce import Robot
 from jounce.rates import rate_name
@@ -33,10 +33,7 @@ def _build(robot: Robot, order: int) -> Prepared:
     for j, value in enumerate(results):
         array, column = divmod(j, robot.n)
         lines.append(f"out[{array}][{robot.n} * i + {column}] = {sympy.ccode(value)};")
-    head = "#include <math.h>\nvoid run(long states, const double *const *in, double *const *out) {"
-    body = "\n    ".join(lines)
-    text = f"{head}\n  for (long i = 0; i < states; i++) {{\n    {body}\n  }}\n}}\n"
-    return over_states(library([text], "-ffast-math"), order)
+    return over_states(library([loop(lines)], "-ffast-math"))
 
 
 PEERS = (Peer("skidy's expressions, cse, as scalar C, gcc -ffast-math", _build, orders=(2,), batches=(1_000,)),)
