@@ -45,6 +45,8 @@ def over_states(library: ctypes.CDLL) -> Prepared:
 
     def prepared(rates: Arrays, out: Arrays) -> Call:
         taken, given = ((ctypes.c_void_p * len(x))(*(a.ctypes.data for a in x)) for x in (rates, out))
-        return partial(library.run, ctypes.c_long(len(rates[0])), taken, given)
+        call = partial(library.run, ctypes.c_long(len(rates[0])), taken, given)
+        vars(call)["alive"] = rates, out
+        return call
 
     return prepared

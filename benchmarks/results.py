@@ -90,7 +90,9 @@ def _forces(run: Run) -> Iterator[str]:
         rows = [(name, *map(figure, row)) for name, row in found.items() if any(x is not None for x in row)]
         yield from table(("ns per state, order", *map(str, forces.ORDERS)), rows)
     yield from paragraph("Largest difference of the highest rate to the closed form, over the largest value:")
-    errors = [(name, *(share(run.gathered.errors.get((name, k))) for k in forces.ORDERS)) for name in run.paths]
+    errors = [
+        (name, *(share(run.gathered.errors.get(("forces", name, k))) for k in forces.ORDERS)) for name in run.paths
+    ]
     yield from table(("order", *map(str, forces.ORDERS)), errors)
     yield from ["![Time of Q, Qd, Q2d by path](paths.svg)", ""]
 
