@@ -31,7 +31,7 @@ def seconds(call: Callable[[], object]) -> float:
 def roughly(call: Callable[[], object]) -> float:
     """The time of a call, once warm where there is time for it; what compiles at its first call was called before."""
     first = seconds(call)
-    return first if first > LONGEST else min(first, seconds(call))
+    return first if first > 2 * LONGEST else min(first, seconds(call))
 
 
 def medians(cases: Sequence[Case], rounds: int, done: Callable[[], None]) -> dict[tuple[object, ...], float]:

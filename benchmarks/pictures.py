@@ -60,7 +60,7 @@ def _orders(run: Run) -> "Figure":
         axes.set_ylabel("ns per state")
         legend_above(figure, entries | {"bound": below}, columns=2)
 
-    return painted(paint, 7, 4.8)
+    return painted(paint, 9, 4.2)
 
 
 def _chains(run: Run) -> "Figure":
