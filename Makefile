@@ -4,7 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint format types docs clean
+.PHONY: demo test lint format types docs bench clean
 
 demo: $(VENV)/installed
 	mkdir -p build
@@ -26,6 +26,10 @@ format: $(VENV)/installed-dev
 types: $(VENV)/installed-dev
 	$(BIN)/mypy
 
+# Figures are those of the machine: leave it alone meanwhile. JOUNCE_PEERS names a folder of further C to compare with.
+bench: $(VENV)/installed-bench
+	$(BIN)/python -m benchmarks
+
 # not --quiet, which hides warnings from --strict too
 docs: $(VENV)/installed-docs
 	$(BIN)/mkdocs build --strict
@@ -43,6 +47,10 @@ $(VENV)/installed: pyproject.toml | $(BIN)/python
 
 $(VENV)/installed-dev: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	touch $@ $(VENV)/installed
+
+$(VENV)/installed-bench: pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable '.[bench]'
 	touch $@ $(VENV)/installed
 
 $(VENV)/installed-docs: pyproject.toml | $(BIN)/python

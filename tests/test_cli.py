@@ -263,6 +263,7 @@ def test_the_example_of_the_help_runs_as_printed(verb, tmp_path, monkeypatch):
     assert not verb or any(words[0] == verb[0] for words in examples)
     assert examples
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("JOUNCE_CACHE_DIR", str(tmp_path / "kernels"))  # the tester's own is not cleared
     for words in examples:
         result = call(*words)
         assert (result.exit_code, result.stderr) == (0, ""), result.output

@@ -7,6 +7,7 @@ from typing import IO, Any
 import click
 
 from jounce import JounceError, __version__
+from jounce.cli.cache import cache
 from jounce.cli.convert import convert
 from jounce.cli.demo import demo
 from jounce.cli.info import info
@@ -61,5 +62,5 @@ def main() -> None:
     """Higher-order inverse dynamics: a robot and a motion in, drive forces and their exact time derivatives out."""
 
 
-for verb in (run, plot, info, convert, demo):
+for verb in (run, plot, info, convert, demo, cache):
     main.add_command(verb)

@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 from uuid import uuid4
 
+from jounce.errors import JounceError
 from jounce.kernel.target import Target
 from jounce.mechanism import DATA, Mechanism
 
@@ -79,7 +80,40 @@ def write(name: str, code: bytes) -> None:
 
 def entries() -> Iterator[Path]:
     """The kernels in the folder."""
-    return folder().glob(f"*{SUFFIX}")
+    return (path for path in folder().glob(f"*{SUFFIX}") if path.is_file() and not path.is_symlink())
+
+
+def private() -> bool:
+    """Whether kernels are read and written: the folder is its owner's alone, or still to be made."""
+    try:
+        found = os.lstat(folder())
+    except FileNotFoundError:
+        return True
+    except OSError:
+        return False
+    return stat.S_ISDIR(found.st_mode) and _private(folder(), found)
+
+
+def clear() -> list[int]:
+    """Remove the kernels, and nothing else; returns their sizes in bytes.
+
+    Raises
+    ------
+    JounceError : where others may write into the folder, or a kernel cannot be removed.
+    """
+    if not private():
+        raise JounceError(f"{folder()}: is not a folder of yours alone; expected one that no others may write into")
+    sizes = []
+    for path in entries():
+        try:
+            size = path.stat().st_size
+            path.unlink()
+        except FileNotFoundError:  # another process was faster
+            continue
+        except OSError as error:
+            raise JounceError(f"{path}: cannot be removed: {error.strerror or error}") from None
+        sizes.append(size)
+    return sizes
 
 
 def _hash(name: str, code: bytes) -> bytes:

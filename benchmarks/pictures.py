@@ -1,0 +1,81 @@
+"""The figures of a run as pictures."""
+
+from typing import TYPE_CHECKING
+
+from benchmarks import chains, forces
+from benchmarks.bound import floor, programs
+from benchmarks.results import BEST, Run
+from jounce.report.canvas import INK, PALE, legend_above, line_style, painted
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def pictures(run: Run) -> dict[str, "Figure"]:
+    """All of them by the names of their files."""
+    return {"paths": _paths(run), "orders": _orders(run), "chains": _chains(run)}
+
+
+def _paths(run: Run) -> "Figure":
+    """Bars: Q, Qd, Q2d of the iiwa in a batch of 1,000, by path, the fastest on top."""
+    found = {key[1]: 1e9 * s for key, s in run.times.items() if key[0] == "forces" and key[2:] == (2, 1_000)}
+    least = 1e9 * floor(programs(2)[1], run.peaks)
+    rows = sorted(found.items(), key=lambda row: -row[1])
+
+    def paint(figure: "Figure") -> None:
+        axes = figure.subplots()
+        names = [str(name) for name, _ in rows]
+        colours = [line_style(0)["color"] if name.startswith("jounce: ") else PALE for name in names]
+        axes.barh(names, [time for _, time in rows], color=colours, height=0.65)
+        for i, (_, time) in enumerate(rows):
+            axes.annotate(f"{time:,.0f}", (time, i), xytext=(3, 0), textcoords="offset points", va="center")
+        axes.axvline(least, color=INK, linestyle=(0, (3, 1.2)))
+        axes.annotate(
+            "bound", (least, 1), xycoords=("data", "axes fraction"), xytext=(3, 2), textcoords="offset points"
+        )
+        axes.set_xscale("log")
+        axes.set_xlim(min(least, *found.values()) / 2, 3 * max(found.values()))
+        axes.grid(visible=False, axis="y")
+        axes.set_xlabel("Q, Qd, Q2d of the iiwa, ns per state in batches of 1,000, one thread")
+
+    return painted(paint, 9, 0.9 + 0.28 * len(rows))
+
+
+def _orders(run: Run) -> "Figure":
+    """Lines: time over the order, in batches of 1,000, and the bound."""
+    curves = {name: [(k, run.ns("forces", name, k, 1_000)) for k in forces.ORDERS] for name in run.paths}
+    kept = {name: found for name, found in curves.items() if sum(t is not None for _, t in found) > 2}
+    kept = {name: found for name, found in kept.items() if name == BEST or not name.startswith("jounce: kernel")}
+    least = [1e9 * floor(programs(k)[1], run.peaks) for k in forces.ORDERS]
+    entries = {name: {"marker": "o", "ms": 3.5, **line_style(i)} for i, name in enumerate(kept)}
+    below = {"color": INK, "linewidth": 2}
+
+    def paint(figure: "Figure") -> None:
+        axes = figure.subplots()
+        for name, found in kept.items():
+            axes.semilogy(*zip(*[(k, t) for k, t in found if t is not None], strict=True), **entries[name])
+        axes.semilogy(forces.ORDERS, least, **below)
+        axes.set_xticks(forces.ORDERS)
+        axes.set_xlabel("order: the highest rate of Q")
+        axes.set_ylabel("ns per state")
+        legend_above(figure, entries | {"bound": below}, columns=2)
+
+    return painted(paint, 9, 4.2)
+
+
+def _chains(run: Run) -> "Figure":
+    """A panel an order: time over the number of joints."""
+    entries = {name: {"marker": "osD"[i], "ms": 3.5, **line_style(i)} for i, name in enumerate(chains.METHODS)}
+
+    def paint(figure: "Figure") -> None:
+        for axes, order in zip(figure.subplots(1, len(chains.ORDERS), sharey=True), chains.ORDERS, strict=True):
+            for name, style in entries.items():
+                found = [(n, run.ns("chain", name, order, n)) for n in chains.SIZES]
+                axes.loglog(*zip(*[(n, t) for n, t in found if t is not None], strict=True), **style)
+            axes.set_xticks([2, 5, 10, 20, 50, 100], labels=["2", "5", "10", "20", "50", "100"])
+            axes.set_xlabel("joints n")
+            axes.set_title(f"order {order}")
+        figure.axes[0].set_ylabel("ns per state")
+        legend_above(figure, entries)
+
+    return painted(paint, 9, 3.8)

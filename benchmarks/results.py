@@ -1,0 +1,148 @@
+"""The figures of a run as a page: the machine, tables, and how the figures were formed."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from benchmarks import bound, chains, forces, matrices, measure, start
+from benchmarks.forces import Gathered
+from benchmarks.tables import batch, figure, paragraph, share, table
+from jounce.kernel.target import host
+
+BEST = "jounce: kernel bound to its arrays"  # the row that is held against the bound: no Python, no new arrays
+FORMED = """Figures are medians of {rounds} measurements. They are taken in turn: each round measures every case once,
+as the mean over calls in a row that last {sample:g} ms or more, after one that is not counted where calls are short.
+Times are nanoseconds per state unless a table says otherwise; "-" is what a path does not serve, or takes more than
+{longest:g} s a call for. States are uniform in -1 .. 1. Every path's results were compared with those of the closed
+form before it was measured. One thread, except where a row names more."""
+BOUND = """A vector holds {lanes} states. Instructions are those of the program and, behind the plus, of its sines and
+cosines. The bound is the largest of: products over {fma}, sums over {add}, all of them over {both} (10^9 a second, from
+the loops above); divided by {lanes}. It leaves out integer instructions, loads, stores, and the check for what is not
+finite. Kernel: bound to its arrays, 1,000 states. Memory: the bytes of a state's arrays over the bandwidth of a copy,
+which batches beyond the caches need at least."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """All that a run found."""
+
+    times: Mapping[tuple[object, ...], float]  # s per state
+    gathered: Gathered
+    machine: Sequence[tuple[str, str]]
+    load: tuple[str, str]
+    rounds: int
+
+    @property
+    def peaks(self) -> dict[str, float]:
+        """Seconds per vector instruction, and per byte copied."""
+        return {str(key[1]): seconds for key, seconds in self.times.items() if key[0] == "peak"}
+
+    @property
+    def paths(self) -> list[str]:
+        """The peers that were measured on the iiwa."""
+        return list(dict.fromkeys(str(key[1]) for key in self.times if key[0] == "forces"))
+
+    def ns(self, *key: object) -> float | None:
+        """Nanoseconds per state of a case, where it was measured."""
+        return 1e9 * self.times[key] if key in self.times else None
+
+
+def page(run: Run) -> str:
+    """RESULTS.md."""
+    return "\n".join([
+        "# Results",
+        "",
+        "Written by `make bench`, the [benchmarks](__init__.py) beside this page.",
+        "",
+        *paragraph(FORMED.format(rounds=run.rounds, sample=1e3 * measure.SAMPLE, longest=measure.LONGEST)),
+        *table(("machine", ""), [*run.machine, ("load average before, after", ", ".join(run.load))], side="---"),
+        *_peaks(run),
+        *_forces(run),
+        *_bound(run),
+        *_chains(run),
+        *_matrices(run),
+        *_start(run),
+        *_small(run),
+        "## Left out",
+        "",
+        *(f"- {line}" for line in dict.fromkeys(run.gathered.left_out) or ["nothing"]),
+        "",
+    ])  # fmt: skip
+
+
+def _peaks(run: Run) -> Iterator[str]:
+    lanes, rate = host().lanes, {name: 1e-9 / seconds for name, seconds in run.peaks.items()}
+    yield from ["## What one core can do", ""]
+    loops = [("fused multiply-adds", "fma", 2), ("additions", "add", 1), ("both by turns", "both", 1.5)]
+    rows = [(name, figure(rate[kind]), figure(flops * lanes * rate[kind])) for name, kind, flops in loops]
+    yield from table(("loop", "10^9 vector instructions/s", "GFLOP/s"), rows)
+    apart = "have pipes of their own" if rate["both"] > 1.3 * rate["fma"] else "share the pipes of products"
+    faster = rate["both"] / rate["fma"]
+    yield from paragraph(
+        f"Additions {apart}: by turns both go {faster:.2f} times as fast as fused multiply-adds alone."
+        f" Copying: {figure(rate['copy'])} GB/s, read and written."
+    )
+
+
+def _forces(run: Run) -> Iterator[str]:
+    for count in forces.BATCHES:
+        yield from [f"## The iiwa, {batch(count)}{' from Python' if count == 1 else ''}", ""]
+        found = {name: [run.ns("forces", name, k, count) for k in forces.ORDERS] for name in run.paths}
+        rows = [(name, *map(figure, row)) for name, row in found.items() if any(x is not None for x in row)]
+        yield from table(("ns per state, order", *map(str, forces.ORDERS)), rows)
+    yield from paragraph("Largest difference of the highest rate to the closed form, over the largest value:")
+    errors = [
+        (name, *(share(run.gathered.errors.get(("forces", name, k))) for k in forces.ORDERS)) for name in run.paths
+    ]
+    yield from table(("order", *map(str, forces.ORDERS)), errors)
+    yield from ["![Time of Q, Qd, Q2d by path](paths.svg)", ""]
+
+
+def _bound(run: Run) -> Iterator[str]:
+    yield from ["## Operations of the iiwa, and the bound", ""]
+    rows = []
+    for order in forces.ORDERS:
+        traced, program = bound.programs(order)
+        own, circles = bound.of_program(program), bound.of_circles(program)
+        least, found = 1e9 * bound.floor(program, run.peaks), run.ns("forces", BEST, order, 1_000)
+        moved = 8 * (program.inputs + len(program.outputs))
+        rows.append((
+            str(order), f"{traced.operations:,}", f"{program.operations:,}",
+            f"{own.products:,} + {circles.products}", f"{own.sums:,} + {circles.sums}", figure(least), figure(found),
+            "-" if found is None else f"{100 * least / found:.0f} %", figure(1e9 * moved * run.peaks["copy"]),
+        ))  # fmt: skip
+    head = ("order", "operations traced", "factored", "products, fused or not", "lone sums", "bound ns", "kernel ns",
+            "bound / kernel", "memory ns")  # fmt: skip
+    yield from table(head, rows)
+    rates = {name: figure(1e-9 / run.peaks[name]) for name in ("fma", "add", "both")}
+    yield from paragraph(BOUND.format(lanes=host().lanes, **rates))
+    yield from ["![Time over the order, and the bound](orders.svg)", ""]
+
+
+def _chains(run: Run) -> Iterator[str]:
+    yield from ["## Chains of n joints at no special angles", ""]
+    yield from paragraph("In batches of 1,000 states; the closed form from n = 7 on of 100, from n = 20 on of 10.")
+    for order in chains.ORDERS:
+        rows = [(str(n), *(figure(run.ns("chain", name, order, n)) for name in chains.METHODS)) for n in chains.SIZES]
+        yield from table((f"ns per state, order {order}, n", *chains.METHODS), rows)
+    yield from ["![Time over the number of joints](chains.svg)", ""]
+
+
+def _matrices(run: Run) -> Iterator[str]:
+    yield from ["## Matrices of the iiwa, default methods", ""]
+    names = [*(name for names in matrices.NAMES.values() for name in names), matrices.ALL]
+    rows = [(name, *(figure(run.ns("matrix", name, count)) for count in matrices.BATCHES)) for name in names]
+    yield from table(("ns per state", *map(batch, matrices.BATCHES)), rows)
+
+
+def _start(run: Run) -> Iterator[str]:
+    yield from ["## From the start of the interpreter", ""]
+    yield from table(("", "ms"), [(name, figure(1e3 * run.times["start", name])) for name in start.RUNS])
+
+
+def _small(run: Run) -> Iterator[str]:
+    yield from ["## The first joints of the iiwa, order 2, 1,000 states", ""]
+    found = {
+        peer.name: [run.ns(f"first {n}", peer.name, 2, 1_000) for n in forces.SMALL] for peer in forces.SMALL_PEERS
+    }
+    rows = [(name, *map(figure, row)) for name, row in found.items() if any(x is not None for x in row)]
+    yield from table(("ns per state", *(f"{n} joints" for n in forces.SMALL)), rows)

@@ -1,0 +1,39 @@
+"""`jounce cache`: the compiled kernels that are kept on disk."""
+
+import json
+
+import click
+
+EPILOG = """\b
+Example:
+  jounce cache
+  jounce cache --clear
+
+\b
+Kernels are compiled anew where they are missing. JOUNCE_CACHE_DIR in the
+environment names another folder.
+"""
+
+
+@click.command(epilog=EPILOG, short_help="The compiled kernels on disk.")
+@click.option("--clear", is_flag=True, help="Remove them; other files in the folder stay.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+def cache(clear: bool, as_json: bool) -> None:
+    """Show where compiled kernels are kept, how many and how large they are; or remove them."""
+    from jounce.kernel import cache as kernels
+
+    sizes = kernels.clear() if clear else [path.stat().st_size for path in kernels.entries()]
+    summary = {
+        "folder": str(kernels.folder()),
+        "private": kernels.private(),
+        "cleared": clear,
+        "kernels": len(sizes),
+        "bytes": sum(sizes),
+    }
+    click.echo(json.dumps(summary, indent=2) if as_json else _in_words(summary))
+
+
+def _in_words(summary: dict[str, object]) -> str:
+    found = f"kernels {'removed' if summary['cleared'] else 'kept'}: {summary['kernels']}, {summary['bytes']} bytes"
+    unused = "" if summary["private"] else "\nnot used: the folder is not yours alone"
+    return f"{summary['folder']}\n{found}{unused}"
