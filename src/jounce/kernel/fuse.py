@@ -3,7 +3,7 @@
 The choice is made here and not by a compiler, so that results are the same wherever a state stands in a batch.
 """
 
-from jounce.kernel.program import Operation, Program, ordered
+from jounce.kernel.program import Operation, Program, needed
 
 
 def fused(program: Program) -> Program:
@@ -17,7 +17,4 @@ def fused(program: Program) -> Program:
                 steps[i] = Operation("fma" if step.kind == "add" else "fnma", (*steps[right].operands, left))
             elif left in lone:
                 steps[i] = Operation("fma" if step.kind == "add" else "fms", (*steps[left].operands, right))
-    order = list(ordered(program.outputs, lambda i: steps[i].operands))
-    place = {old: new for new, old in enumerate(order)}
-    kept = (Operation(steps[i].kind, tuple(place[j] for j in steps[i].operands), steps[i].value) for i in order)
-    return Program(tuple(kept), tuple(place[i] for i in program.outputs), program.inputs)
+    return needed(steps, program.outputs, program.inputs)

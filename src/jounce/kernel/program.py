@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 OPERATIONS: dict[str, Callable[..., float]] = {
     "add": lambda x, y: x + y,
@@ -60,6 +60,17 @@ class Program:
     def uses(self) -> Counter[int]:
         """How often each step is taken, by steps and as an output."""
         return Counter([*(i for step in self.steps for i in step.operands), *self.outputs])
+
+
+def needed(steps: Sequence[Operation], outputs: Sequence[int], inputs: int) -> Program:
+    """The program of those steps that the outputs need.
+
+    It begins with what the last outputs need, of the tip and the highest rate: fewer values then wait for their use.
+    """
+    order = list(ordered(outputs[::-1], lambda i: steps[i].operands))
+    place = {old: new for new, old in enumerate(order)}
+    kept = (replace(steps[i], operands=tuple(place[j] for j in steps[i].operands)) for i in order)
+    return Program(tuple(kept), tuple(place[i] for i in outputs), inputs)
 
 
 def ordered(roots: Sequence[int], operands: Callable[[int], Sequence[int]]) -> Iterator[int]:

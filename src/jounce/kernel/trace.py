@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.kernel.program import Operation, Program, ordered
+from jounce.kernel.program import Operation, Program, needed
 
 
 class Node:
@@ -133,13 +133,7 @@ class Tape:
     def program(self, outputs: Sequence[Any]) -> Program:
         """What the outputs need of the tape."""
         roots = [self.node(x).i for x in outputs]
-        order = list(ordered(roots, lambda i: self.steps[i].operands))
-        place = {old: new for new, old in enumerate(order)}
-        steps = (
-            Operation(step.kind, tuple(place[i] for i in step.operands), step.value)
-            for step in (self.steps[i] for i in order)
-        )
-        return Program(tuple(steps), tuple(place[i] for i in roots), self.inputs)
+        return needed(self.steps, roots, self.inputs)
 
 
 def _is(x: Node, value: float) -> bool:
