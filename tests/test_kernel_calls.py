@@ -19,6 +19,7 @@ from jounce.kernel import jit, serving
 from jounce.kernel import kernel as module
 from jounce.kernel.kernel import Kernel
 from jounce.kernel.quantity import Quantity
+from robots import golden, relative_error
 
 ROBOT = jounce.load("planar2r")
 ONES = [np.ones((5, 2))] * 4
@@ -94,7 +95,7 @@ def test_arrays_to_write_into_may_be_listed_and_short(threads):
         ({"order": 1.0}, r"^order is 1\.0;"),
         ({"order": True}, r"^order is True;"),
         ({"order": "2"}, r"^order is '2';"),
-        ({"order": 31}, r"^no native code: order 31 takes and gives 66 arrays, and 64 is the most$"),
+        ({"order": 13}, r"^no native code: it goes to order 12, not 13$"),
         ({"wrench": np.ones((2, 6))}, r"^wrench is of type ndarray; expected True or False"),
         ({"wrench": True, "quantity": "mass_matrix"}, r"^mass_matrix takes no wrenches$"),
     ],
@@ -142,13 +143,29 @@ def test_other_scalars_go_to_the_recursion(kind):
 
 
 @pytest.mark.usefixtures("no_kernel")
-def test_more_arrays_than_a_ufunc_takes_go_to_the_recursion():
-    q = [np.ones(2)] * 33
-    robot = jounce.load("planar2r")
-    assert len(robot.gravity_forces(*q)) == 33
-    one_line(lambda: robot.gravity_forces(*q, method="kernel"), r"takes and gives 66 arrays, and 64 is the most$")
+def test_what_takes_long_to_compile_goes_to_the_recursion():
+    robot, chain = jounce.load("planar2r"), jounce.Robot(golden("iiwa")[0])
+    q = [np.ones(2)] * 14
+    assert len(robot.gravity_forces(*q)) == 14
+    one_line(lambda: robot.gravity_forces(*q, method="kernel"), r"^no native code: it goes to order 12, not 13$")
     with pytest.raises(AssertionError, match=r"^native code asked for$"):
-        robot.gravity_forces(*q[:32])
+        robot.gravity_forces(*q[:13])
+    assert len(chain.mass_matrix(*[np.ones(7)] * 6)) == 6
+    one_line(
+        lambda: chain.compile(5, quantity="mass_matrix"), r"of mass_matrix to order 5 it is for fewer than 7 bodies$"
+    )
+
+
+def test_high_orders_of_many_bodies_take_the_loop_form():
+    """The last order in a straight line and the first in a loop agree with the recursion, and with each other."""
+    robot = jounce.Robot(golden("iiwa")[0])
+    q = np.random.default_rng(3).uniform(-1, 1, (8, 3, 7))
+    expected = robot.inverse_dynamics(*q, method="recursion")
+    for order, straight in ((4, True), (5, False)):
+        kernel = robot.compile(order)
+        assert kernel.quantity.straight == straight
+        for found, other in zip(kernel(*q[: order + 3]), expected, strict=False):
+            assert relative_error(found, other) < 1e-14
 
 
 @pytest.mark.parametrize("kind", [list, np.float32, np.int64, np.float16, ">f8", "unpickled"])

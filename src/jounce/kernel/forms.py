@@ -9,7 +9,7 @@ from jounce.kernel.factor import factored
 from jounce.kernel.fuse import fused
 from jounce.kernel.ir import Writer
 from jounce.kernel.program import Program
-from jounce.kernel.quantity import STRAIGHT, Quantity
+from jounce.kernel.quantity import Quantity
 from jounce.kernel.steps import Sweeps
 from jounce.kernel.target import Target
 from jounce.kernel.trace import Tape
@@ -36,7 +36,7 @@ def program(mechanism: Mechanism, quantity: Quantity) -> Program:
 
 def _block(mechanism: Mechanism, quantity: Quantity) -> Callable[[Writer], None]:
     """What defines ``@block``."""
-    if quantity.nb > STRAIGHT:
+    if not quantity.straight:
         sweeps = Sweeps(quantity.name, quantity.order, quantity.loaded)
         return lambda ir: tree.define_block(ir, mechanism, sweeps, quantity.interface)
     steps = fused(program(mechanism, quantity))

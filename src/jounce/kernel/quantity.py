@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from jounce.kernel.interface import Interface
 from jounce.paths import COMPILED
 
-STRAIGHT = 12  # bodies, up to which straight-line code is no slower than a loop, and compiled in a second
+STRAIGHT = 12  # bodies, up to which straight-line code is no slower than a loop
+WORK = 250  # bodies times orders squared, with which operations grow, up to which it is compiled in a second
 LOOPS = ("inverse_dynamics", "gravity_forces")  # the quantities that the steps of a joint make up
 MOST = 1000  # bodies, whose scratch memory the stack of a thread holds with ease
-ARRAYS = 64  # of a ufunc, results among them: a limit of NumPy
+HIGHEST = 12  # order, beyond which compiling takes longer than anyone waits unasked
 
 
 @dataclass(frozen=True)
@@ -33,10 +34,15 @@ class Quantity:
         )
 
     @property
+    def straight(self) -> bool:
+        """Whether its code is a straight line, not a loop."""
+        return self.nb <= STRAIGHT and self.nb * (self.order + 1) ** 2 <= WORK
+
+    @property
     def obstacle(self) -> str | None:
         """Why there is no native code for it."""
-        arrays = COMPILED[self.name] + self.order + (self.order + 1) * (2 if self.loaded else 1)
-        if arrays > ARRAYS:
-            return f"order {self.order} takes and gives {arrays} arrays, and {ARRAYS} is the most"
-        most = MOST if self.name in LOOPS else STRAIGHT
-        return None if self.nb <= most else f"of {self.name} it is for at most {most} bodies, not {self.nb}"
+        if self.order > HIGHEST:
+            return f"it goes to order {HIGHEST}, not {self.order}"
+        if not self.straight and self.name not in LOOPS:
+            return f"of {self.name} to order {self.order} it is for fewer than {self.nb} bodies"
+        return f"it is for at most {MOST} bodies, not {self.nb}" if self.nb > MOST else None
