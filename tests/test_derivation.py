@@ -17,6 +17,12 @@ def test_every_label_of_the_code_has_its_entry():
     assert len(listings.labelled()) > 40
 
 
+def test_every_listing_that_a_page_asks_for_is_there():
+    asked = [found for page in PAGES.values() for found in listings.ASKED.findall(page)]
+    assert len(asked) > 50
+    assert all(listings.places(name, module or None) for name, module in asked)
+
+
 def test_no_label_has_two_entries():
     labels = [label for label, _ in ENTRIES]
     assert len(set(labels)) == len(labels)

@@ -79,8 +79,8 @@ class Forces(Data):
             What the bodies EXERT ON their environment, Qext = +J^T W, (moment; force) in body-frame components about
             the origin of the body frame: W or a tuple (W, Wd, ...) with as many rates as Q; each an array
             (..., nb, 6) or a dict {body or merged link: (..., 6)}. Wd is the derivative of those components.
-        method, out : optional
-            See `Robot`.
+        **options : keywords
+            method, out and threads, see `Robot`.
 
         References
         ----------
