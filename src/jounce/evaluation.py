@@ -9,7 +9,7 @@ import numpy as np
 from jounce._scalars import FLOAT, Array, is_numeric
 from jounce.errors import JounceError
 from jounce.kernel.kernel import Kernel
-from jounce.rates import broadcast, rate_name
+from jounce.rates import batch_of, broadcast, rate_name
 from jounce.series import Series, columns
 
 Law = Callable[[Series, Series | None], Series]  # a law of `paths` for one mechanism
@@ -19,7 +19,7 @@ PIECE = 2**20  # bytes that a working array of a piece may take: longer batches 
 
 def evaluate(law: Law, q: Sequence[Array], W: Sequence[Array], order: int, width: int) -> tuple[Array, ...]:
     """The terms 0 .. order of a law, for the whole batch; `width` is the number of scalars a state works on."""
-    arrays = _broadcast(q, W)
+    arrays = broadcast(*_axes(q, W))
     batch = arrays[0].shape[:-1]
     size, piece = int(np.prod(batch)), max(1, PIECE // (8 * width))
     if size <= piece or not all(is_numeric(x) for x in arrays):
@@ -38,22 +38,23 @@ def _terms(law: Law, q: Sequence[Array], W: Sequence[Array], order: int) -> tupl
     return law(columns(q), loads).upto(order)
 
 
-def _broadcast(q: Sequence[Array], W: Sequence[Array]) -> list[Array]:
+def _axes(q: Sequence[Array], W: Sequence[Array]) -> tuple[list[Array], list[int], list[str]]:
+    """The arrays, how many of their axes are no batch axes, and their names."""
     labels = [rate_name("q", k) for k in range(len(q))] + [rate_name("W", k) for k in range(len(W))]
-    return broadcast([*q, *W], [1] * len(q) + [2] * len(W), labels)
+    return [*q, *W], [1] * len(q) + [2] * len(W), labels
 
 
 def by_kernel(kernel: Kernel, q: Sequence[Array], W: Sequence[Array], out: Any, threads: int) -> Any:
     """The results of native code, written straight into `out` where it is given."""
     if out is not None:
-        batch = _broadcast(q, W)[0].shape[:-1]
+        batch = batch_of(*_axes(q, W))
         shapes = [(*batch, *shape) for shape in kernel.quantity.interface.given]
         results = kernel(*q, *W, out=_checked(out, shapes, FLOAT), threads=threads)
         return out if isinstance(out, np.ndarray) else results
     try:
         return kernel(*q, *W, threads=threads)
     except JounceError:
-        _broadcast(q, W)  # which says what does not fit
+        batch_of(*_axes(q, W))  # which says what does not fit
         raise
 
 

@@ -47,13 +47,17 @@ def _column(term: Array | None, k: int, names: Sequence[str], terms: Sequence[Ar
     return array
 
 
-def broadcast(arrays: Sequence[Array], tails: Sequence[int], labels: Sequence[str]) -> list[Array]:
-    """The arrays with their leading (batch) axes broadcast against each other; the last `tails` axes stay."""
+def batch_of(arrays: Sequence[Array], tails: Sequence[int], labels: Sequence[str]) -> tuple[int, ...]:
+    """The shape to which the leading (batch) axes broadcast, all but the last `tails` axes of each array."""
     batches = [x.shape[: x.ndim - tail] for x, tail in zip(arrays, tails, strict=True)]
     try:
-        batch = np.broadcast_shapes(*batches)
+        return np.broadcast_shapes(*batches)
     except ValueError:
         shapes = ", ".join(f"{label} {b}" for label, b in zip(labels, batches, strict=True))
         raise JounceError(f"batch axes do not fit together: {shapes}") from None
-    xp = namespace(*arrays)
+
+
+def broadcast(arrays: Sequence[Array], tails: Sequence[int], labels: Sequence[str]) -> list[Array]:
+    """The arrays with their leading (batch) axes broadcast against each other; the last `tails` axes stay."""
+    batch, xp = batch_of(arrays, tails, labels), namespace(*arrays)
     return [xp.broadcast_to(x, batch + x.shape[x.ndim - tail :]) for x, tail in zip(arrays, tails, strict=True)]
