@@ -1,6 +1,7 @@
 """What jounce raises and warns of: one base class each, one line each."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 
 
@@ -10,6 +11,15 @@ class JounceError(Exception):
 
 class JounceWarning(UserWarning):
     """Base class of everything that jounce warns of."""
+
+
+@contextmanager
+def at(place: object) -> Iterator[None]:
+    """Inside, refusals begin with the place, a file or a line of one, that they come from."""
+    try:
+        yield
+    except JounceError as error:
+        raise JounceError(f"{place}: {error}") from None
 
 
 def no_such(kind: str, name: object, existing: Iterable[str]) -> JounceError:

@@ -3,8 +3,8 @@
 import json
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from reprlib import Repr
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.errors import JounceError, listed, no_such, one_line, shortened
+from jounce.errors import JounceError, at, listed, no_such, one_line, shortened
 from jounce.io.files import read_bytes
 
 _BRIEF = Repr()  # of values in messages: aliases make trees of any size out of a few lines
@@ -38,13 +38,9 @@ class Entry:
         """The refusal of the value."""
         return JounceError(f"{self.place}: {self.what} is {one_line(_BRIEF.repr(self.value))}; expected {expected}")
 
-    @contextmanager
-    def refusals(self) -> Iterator[None]:
+    def refusals(self) -> AbstractContextManager[None]:
         """Inside, refusals gain the place of this entry."""
-        try:
-            yield
-        except JounceError as error:
-            raise JounceError(f"{self.place}: {error}") from None
+        return at(self.place)
 
     def named(self, what: str) -> "Entry":
         """The same entry under the name that messages shall use."""

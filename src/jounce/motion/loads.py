@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jounce.errors import JounceError
+from jounce.errors import JounceError, at
 from jounce.mechanism import Mechanism
 from jounce.motion.spline import Spline, rates_of
 from jounce.motion.states import COMPONENTS
@@ -27,11 +27,9 @@ def wrenches(
     """W by body and its rates up to `order`, as `inverse_dynamics` takes them; components left out are zero."""
     parts = [match.groups() for name in columns if (match := COLUMN.fullmatch(name))]
     given = list(dict.fromkeys((body, component) for body, component, _ in parts))
-    for body, _ in given:
-        try:
+    with at(place):
+        for body, _ in given:
             mechanism.frame(body)
-        except JounceError as error:
-            raise JounceError(f"{place}: {error}") from None
     if not given:
         return None
     if any(rate for _, _, rate in parts):

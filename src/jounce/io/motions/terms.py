@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jounce.errors import JounceError
+from jounce.errors import JounceError, at
 from jounce.io import entries
 from jounce.io.entries import Entry
 from jounce.mechanism import Mechanism
@@ -19,10 +19,8 @@ MOST = 100_000_000  # states; a slip of the pen asks for more
 def read(path: Path, mechanism: Mechanism, highest: int) -> Motion:
     """The motion of a YAML file for a mechanism, with rates up to the one of order `highest`."""
     terms = of_file(path)
-    try:
+    with at(path):
         return along(terms, mechanism, highest)
-    except JounceError as error:
-        raise JounceError(f"{path}: {error}") from None
 
 
 def of_file(path: Path) -> Terms:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jounce.errors import JounceError, no_such
+from jounce.errors import JounceError, at, no_such
 from jounce.io import entries
 from jounce.io.entries import Entry
 from jounce.io.native import GROUND, UNITS, parts
@@ -47,7 +47,7 @@ def _built(robot: Entry, bodies: Sequence[Entry], joints: Sequence[Entry], names
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as not finite
         X, M = [parts.screw(joint) for joint in joints], [parts.inertia(body) for body in bodies]
     B = [parts.pose(body) for body in bodies]
-    try:
+    with at(robot.path):
         return from_screws(
             np.stack(B),
             np.stack(X),
@@ -61,8 +61,6 @@ def _built(robot: Entry, bodies: Sequence[Entry], joints: Sequence[Entry], names
             limits={key: [one[key] for one in limits] for key in UNLIMITED},
             name=name,
         )
-    except JounceError as error:
-        raise JounceError(f"{robot.path}: {error}") from None
 
 
 def _named(kind: str, entry: Entry) -> Entry:
