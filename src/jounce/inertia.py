@@ -13,6 +13,7 @@ from jounce.lie import Ad, axial, hat, inverse
 from jounce.rates import broadcast
 
 _I = np.eye(3, dtype=int)
+_SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # where in xx, xy, xz, yy, yz, zz an entry stands
 
 
 def inertia_matrix(mass: Array, com: Array, inertia_com: Array, rotation: Array | None = None) -> Array:
@@ -73,6 +74,11 @@ def inertia_matrix(mass: Array, com: Array, inertia_com: Array, rotation: Array 
 def _matrix(m: Array, h_hat: Array, theta: Array) -> Array:
     upper = concatenate([theta, h_hat], axis=-1)
     return concatenate([upper, concatenate([-h_hat, m * _I], axis=-1)], axis=-2)  # (eqn_body_fixed_mass_inertia_matrix)
+
+
+def symmetric(six: Array) -> Array:
+    """The tensor of its entries xx, xy, xz, yy, yz, zz: (6) to (3, 3)."""
+    return six[_SYMMETRIC]
 
 
 def moments(M: Array) -> tuple[Array, Array, Array]:

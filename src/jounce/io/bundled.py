@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from jounce._scalars import Array
-from jounce.inertia import inertia_matrix
+from jounce.inertia import inertia_matrix, symmetric
 from jounce.lie import pose
 from jounce.mechanism import Mechanism
 from jounce.screws import from_screws
@@ -33,10 +33,7 @@ def iiwa14(gravity: Array = (0, 0, -9.80665)) -> Mechanism:
     r = np.zeros((7, 3))
     r[2, 1], r[4, 1] = R3, -R5
     B = [pose(np.array(R_i, dtype=float), r_i[:, None]) for R_i, r_i in zip(R, r, strict=True)]
-    M = [
-        inertia_matrix(m, c, [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        for m, *c, xx, xy, xz, yy, yz, zz in IIWA14.tolist()
-    ]
+    M = [inertia_matrix(row[0], row[1:4], symmetric(row[4:])) for row in IIWA14]
     names = [f"link{i}" for i in range(1, 8)]
     return from_screws(B, [[0, 0, 1, 0, 0, 0]] * 7, M, names=names, gravity=gravity, name="iiwa14")
 

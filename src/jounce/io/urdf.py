@@ -6,7 +6,7 @@ import numpy as np
 from lxml import etree
 
 from jounce.errors import JounceError, no_such, one_line
-from jounce.inertia import inertia_matrix
+from jounce.inertia import inertia_matrix, symmetric
 from jounce.io import linkage
 from jounce.io.files import finite, read_bytes
 from jounce.io.orientation import direction, from_rpy
@@ -47,9 +47,9 @@ def _link(element: etree._Element, path: Path) -> linkage.Link:
         return linkage.Link(name, np.zeros((6, 6)), _at(element, path))
     mass = _numbers(_child(inertial, "mass", path), "value", 1, path)[0]
     tensor = _child(inertial, "inertia", path)
-    xx, xy, xz, yy, yz, zz = (_numbers(tensor, "i" + axes, 1, path)[0] for axes in ("xx", "xy", "xz", "yy", "yz", "zz"))
+    six = [_numbers(tensor, "i" + axes, 1, path)[0] for axes in ("xx", "xy", "xz", "yy", "yz", "zz")]
     C = _origin(inertial, path)
-    theta = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    theta = symmetric(np.array(six))
     return linkage.Link(name, inertia_matrix(mass, C[:3, 3], theta, rotation=C[:3, :3]), _at(element, path))
 
 

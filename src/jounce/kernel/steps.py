@@ -24,7 +24,6 @@ from jounce.series import Series
 
 KINDS = ("revolute", "prismatic", "helical")
 NO_FIELD = Series.constant(np.zeros((3, 3), dtype=int))
-_SYMMETRIC = [[0, 1, 2], [1, 3, 4], [2, 4, 5]]
 CONSTANTS = {"R": 9, "r": 3, "pitch": 1, "m": 1, "h": 3, "P": 6}  # of a joint and its body
 CARRY = {"R": 9, "r": 3}  # where the joint's frame lies in the body's own, in which wrenches are given
 
@@ -173,7 +172,7 @@ def _joint(sheet: _Sheet, kind: str) -> tuple[AlignedJoint, tuple[np.ndarray, np
         d=None if kind == "revolute" else theta * pitch,
         pitch=pitch,
     )
-    return joint, (c["m"][:, None], c["h"][:, None], c["P"][_SYMMETRIC])
+    return joint, (c["m"][:, None], c["h"][:, None], inertia.symmetric(c["P"]))
 
 
 def kinds(mechanism: Mechanism) -> list[str]:

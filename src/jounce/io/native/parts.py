@@ -4,7 +4,7 @@ import numpy as np
 
 from jounce import lie
 from jounce.errors import JounceError, no_such
-from jounce.inertia import inertia_matrix
+from jounce.inertia import inertia_matrix, symmetric
 from jounce.io.entries import Entry
 from jounce.io.orientation import direction, from_rpy
 from jounce.mechanism import UNLIMITED, limit_error
@@ -83,8 +83,3 @@ def inertia(body: Entry) -> np.ndarray:
             M = inertia_matrix(mass, com, theta if theta.ndim == 2 else symmetric(theta), rotation=R)
     with entry.refusals():
         return exact_inertia(M, entry.what)
-
-
-def symmetric(moments: np.ndarray) -> np.ndarray:
-    """The tensor of xx, xy, xz, yy, yz, zz."""
-    return moments[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]

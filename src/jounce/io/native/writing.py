@@ -10,7 +10,7 @@ import numpy as np
 
 from jounce._scalars import is_symbolic
 from jounce.errors import JounceError
-from jounce.inertia import inertia_matrix, moments
+from jounce.inertia import inertia_matrix, moments, symmetric
 from jounce.io.native import GROUND, UNITS, parts
 from jounce.lie import hat
 from jounce.mechanism import DATA, UNLIMITED, Mechanism
@@ -113,7 +113,7 @@ def _inertia(M: np.ndarray) -> dict[str, Any]:
     if com is not None:
         theta = M[:3, :3] + mass * hat(com) @ hat(com)
         six = theta[np.triu_indices(3)]
-        about = _shortest(six, lambda x: np.array_equal(inertia_matrix(mass, com, parts.symmetric(x)), M))
+        about = _shortest(six, lambda x: np.array_equal(inertia_matrix(mass, com, symmetric(x)), M))
         if about is not None:
             return {"inertia": {"mass": _plain(mass), "com": _plain(com), "inertia": _plain(about)}}
     return {"inertia": {"matrix": _plain(M)}}
