@@ -51,10 +51,8 @@ def _sources() -> str:
 def read(name: str) -> bytes | None:
     """The code under a key, or None where there is none that can be trusted."""
     try:
-        if not _private(folder(), os.lstat(folder())):
-            return None
         path = folder() / (name + SUFFIX)
-        content = path.read_bytes() if _private(path, os.lstat(path)) else b""
+        content = path.read_bytes() if _private(folder()) and _private(path) else b""
     except OSError:
         return None
     digest, code = content[:32], content[32:]
@@ -66,7 +64,7 @@ def write(name: str, code: bytes) -> None:
     part = folder() / f"{uuid4().hex}.part"
     try:
         folder().mkdir(mode=0o700, parents=True, exist_ok=True)
-        if not _private(folder(), os.lstat(folder())):
+        if not _private(folder()):
             return
         try:
             part.touch(mode=0o600, exist_ok=False)
@@ -86,12 +84,11 @@ def entries() -> Iterator[Path]:
 def private() -> bool:
     """Whether kernels are read and written: the folder is its owner's alone, or still to be made."""
     try:
-        found = os.lstat(folder())
+        return stat.S_ISDIR(os.lstat(folder()).st_mode) and _private(folder())
     except FileNotFoundError:
         return True
     except OSError:
         return False
-    return stat.S_ISDIR(found.st_mode) and _private(folder(), found)
 
 
 def clear() -> list[int]:
@@ -120,8 +117,9 @@ def _hash(name: str, code: bytes) -> bytes:
     return hashlib.sha256(name.encode() + code).digest()
 
 
-def _private(path: Path, found: os.stat_result) -> bool:
-    """Whether nobody but this user can write there; Windows keeps users' folders apart itself."""
+def _private(path: Path) -> bool:
+    """Whether nobody but this user can write to what is there; Windows keeps users' folders apart itself."""
+    found = os.lstat(path)
     if not hasattr(os, "getuid"):
         return True
     kind = stat.S_ISDIR(found.st_mode) or stat.S_ISREG(found.st_mode)  # no link that leads elsewhere
