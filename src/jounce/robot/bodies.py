@@ -4,7 +4,7 @@ from typing import Any, Unpack, overload
 
 from jounce import kinematics, loads
 from jounce._scalars import Array
-from jounce.paths import Path, column, columns, path
+from jounce.paths import Path, column, columns
 from jounce.robot.data import Data, Options
 
 
@@ -69,7 +69,7 @@ class Bodies(Data):
     def momentum(
         self, q: Array, qd: Array, q2d: Array, q3d: Array = None, *higher: Array, **options: Unpack[Options]
     ) -> tuple[Array, ...]: ...
-    def momentum(self, q, qd, q2d=None, q3d=None, *higher, method=None, out=None):  # type: ignore[no-untyped-def]
+    def momentum(self, q, qd, q2d=None, q3d=None, *higher, **options):  # type: ignore[no-untyped-def]
         """The spatial momentum h = (angular; linear) about the inertial origin, inertial axes, and its rates: (..., 6).
 
         ``h = U^T M V``, the sum of the bodies' momenta M_i V_i carried to the origin; kg m^2/s and kg m/s.
@@ -80,7 +80,7 @@ class Bodies(Data):
         >>> jounce.load("planar2r").momentum([0, 0], [1, 0])[[2, 4]]
         array([5., 3.])
         """
-        return self._along(path("momentum", method), 2, (q, qd, q2d, q3d, *higher), out)
+        return self._quantity("momentum", 2, (q, qd, q2d, q3d, *higher), **options)
 
     @overload
     def base_wrench(
@@ -98,7 +98,7 @@ class Bodies(Data):
         wrench: Any = None,
         **options: Unpack[Options],
     ) -> tuple[Array, ...]: ...
-    def base_wrench(self, q, qd, q2d, q3d=None, q4d=None, *higher, wrench=None, method=None, out=None):  # type: ignore[no-untyped-def]
+    def base_wrench(self, q, qd, q2d, q3d=None, q4d=None, *higher, wrench=None, **options):  # type: ignore[no-untyped-def]
         """What the ground exerts on the robot, F = (moment; force) about the inertial origin, and its rates: (..., 6).
 
         ``F = hd + U^T M U G + U^T W``: the rate of the momentum, less gravity and less the loads -W; inertial axes. A
@@ -110,7 +110,7 @@ class Bodies(Data):
         >>> jounce.load("planar2r").base_wrench([0, 0], [0, 0], [0, 0])[[2, 4]].round(6)
         array([29.43, 19.62])
         """
-        return self._along(path("base_wrench", method), 3, (q, qd, q2d, q3d, q4d, *higher), out, self._given(wrench))
+        return self._quantity("base_wrench", 3, (q, qd, q2d, q3d, q4d, *higher), self._given(wrench), **options)
 
     @overload
     def wrench(

@@ -176,13 +176,14 @@ class Data:
     ) -> Any:
         """A quantity of `paths`, or of native code, along q; see `_along`."""
         given = rates.checked(q, least, self.joint_names)
-        W = loads(len(given) - least)
-        kernel = serving(self.mechanism, name, method, len(given) - least, given, W)
+        order = len(given) - least
+        W = loads(order)
+        kernel = serving(self.mechanism, name, method, order, given, W)
         if kernel is not None:
             return by_kernel(kernel, given, W, out, threads)
         if threads != 1:
             raise JounceError(f"threads = {threads!r} is for native code only, which does not serve this call")
-        return self._along(path(name, method), least, given, out, lambda _: W)
+        return self._by(path(name, method), order, given, W, out)
 
     def _along(
         self,
@@ -195,7 +196,10 @@ class Data:
         """The quantity of a path along q: it takes `least` of the rates, each further one gives one more derivative."""
         given = rates.checked(q, least, self.joint_names)
         order = len(given) - least
-        W = loads(order)
-        model = suited(self.mechanism, [*given, *W])
-        terms = evaluate(lambda q, W: path.law(model, q, W), given, W, order, path.width(model.nb))
+        return self._by(path, order, given, loads(order), out)
+
+    def _by(self, path: Path, order: int, q: Sequence[Array], W: Sequence[Array], out: Any) -> Any:
+        """The quantity of a path and its rates up to an order, of checked arrays."""
+        model = suited(self.mechanism, [*q, *W])
+        terms = evaluate(lambda q, W: path.law(model, q, W), q, W, order, path.width(model.nb))
         return delivered(terms, out)
