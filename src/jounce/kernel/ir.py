@@ -79,18 +79,17 @@ class Writer:
                 return self.let(f"f{kind} {self.V} {x[0]}, {x[1]}")
             case "fma" if self.fma:
                 return self.call(f"llvm.fma.v{self.lanes}f64", self.V, *x)
+            case "fms" if self.fma:
+                return self.op("fma", x[0], x[1], self.op("neg", x[2]))
+            case "fnma" if self.fma:
+                return self.op("fma", self.op("neg", x[0]), x[1], x[2])
             case "fma":
                 return self.op("add", self.op("mul", x[0], x[1]), x[2])
             case "fms":
-                return self.op("fma", x[0], x[1], self.op("neg", x[2])) if self.fma else self._apart(x[0], x[1], x[2])
+                return self.op("sub", self.op("mul", x[0], x[1]), x[2])
             case "fnma":
-                if self.fma:
-                    return self.op("fma", self.op("neg", x[0]), x[1], x[2])
                 return self.op("sub", x[2], self.op("mul", x[0], x[1]))
         raise ValueError(kind)
-
-    def _apart(self, x: str, y: str, z: str) -> str:
-        return self.op("sub", self.op("mul", x, y), z)
 
     def load(self, address: str) -> str:
         """A vector from memory, wherever it lies."""

@@ -22,9 +22,10 @@ MEMORY = ("constants", "body", "parent", "motion", "carrier")  # what a step rea
 
 def define_block(ir: Writer, mechanism: Mechanism, sweeps: Sweeps, interface: Interface) -> None:
     """``@block(in, out)``: the sweeps over the tree for one block of states."""
-    chain, slots = minimal(mechanism), motion_slots(mechanism.parent)
-    _define_steps(ir, kinds(mechanism), sweeps)
-    _define_tables(ir, mechanism, slots)
+    chain, slots, of_joints = minimal(mechanism), motion_slots(mechanism.parent), kinds(mechanism)
+    present = [kind for kind in KINDS if kind in of_joints]
+    _define_steps(ir, present, sweeps)
+    _define_tables(ir, mechanism, slots, [present.index(kind) for kind in of_joints])
     with ir.function("internal void @block(ptr %in, ptr %out)"):
         ir.label("start")
         ir.do(f"%bodies = alloca [{(chain.nb + 1) * sweeps.layout.size} x {ir.V}], align 64")
@@ -33,7 +34,7 @@ def define_block(ir: Writer, mechanism: Mechanism, sweeps: Sweeps, interface: In
         with ir.loop(str(chain.nb)) as i:
             memory = _memory(ir, i, sweeps)
             _joint_variable(ir, i, memory[0], sweeps.layout, chain.n)
-            _call(ir, "outward", kinds(mechanism), i, memory)
+            _call(ir, "outward", present, i, memory)
             if sweeps.loaded:
                 _load(ir, i, memory, sweeps.layout, interface)
         _, out_of = interface.places()
@@ -42,7 +43,7 @@ def define_block(ir: Writer, mechanism: Mechanism, sweeps: Sweeps, interface: In
         with ir.loop(str(chain.nb)) as down:
             i = ir.let(f"sub i64 {chain.nb - 1}, {down}")
             memory = _memory(ir, i, sweeps)
-            _call(ir, "inward", kinds(mechanism), i, memory)
+            _call(ir, "inward", present, i, memory)
             with _followed(ir, i) as (coordinate, factor):  # Q = G^T Q_theta
                 for k, (place,) in enumerate(sweeps.layout.places("Q")):
                     Q = ir.at("%out", ir.let(f"add i64 {coordinate}, {k * chain.n}"), ir.V)
@@ -54,18 +55,18 @@ def define_block(ir: Writer, mechanism: Mechanism, sweeps: Sweeps, interface: In
         ir.do("ret void")
 
 
-def _define_steps(ir: Writer, of_joints: Sequence[str], sweeps: Sweeps) -> None:
-    for kind in _present(of_joints):
+def _define_steps(ir: Writer, present: Sequence[str], sweeps: Sweeps) -> None:
+    for kind in present:
         _define_step(ir, f"outward_{kind}", sweeps.outward(kind))
         _define_step(ir, f"inward_{kind}", sweeps.inward(kind))
     if sweeps.loaded:
         _define_step(ir, "load", sweeps.load())
 
 
-def _define_tables(ir: Writer, mechanism: Mechanism, slots: Sequence[int]) -> None:
-    """What distinguishes the joints."""
-    of_joints, G = kinds(mechanism), mechanism.G.astype(float)
-    _define_table(ir, "kinds", [_present(of_joints).index(kind) for kind in of_joints])
+def _define_tables(ir: Writer, mechanism: Mechanism, slots: Sequence[int], of_joints: Sequence[int]) -> None:
+    """What distinguishes the joints: `of_joints` are the numbers of their kinds."""
+    G = mechanism.G.astype(float)
+    _define_table(ir, "kinds", of_joints)
     _define_table(ir, "parents", [p + 1 for p in mechanism.parent])
     _define_table(ir, "slots", slots)
     _define_table(ir, "constants", constants(mechanism).ravel().tolist())
@@ -142,10 +143,10 @@ def _followed(ir: Writer, i: str) -> Iterator[tuple[str, str]]:
         yield coordinate, ir.splat(ir.let(f"load double, ptr {ir.at('@factors', entry)}"))
 
 
-def _call(ir: Writer, step: str, of_joints: Sequence[str], i: str, memory: Sequence[str]) -> None:
+def _call(ir: Writer, step: str, present: Sequence[str], i: str, memory: Sequence[str]) -> None:
     """The step of joint i, of its kind."""
     table = ir.at("@constants", ir.let(f"mul i64 {i}, {sum(CONSTANTS.values())}"))
-    kind, present = ir.let(f"load i64, ptr {ir.at('@kinds', i, 'i64')}"), _present(of_joints)
+    kind = ir.let(f"load i64, ptr {ir.at('@kinds', i, 'i64')}")
     cases = " ".join(f"i64 {k}, label %{step}.{name}" for k, name in enumerate(present))
     ir.do(f"switch i64 {kind}, label %{step}.{present[0]} [ {cases} ]")
     for name in present:
@@ -153,10 +154,6 @@ def _call(ir: Writer, step: str, of_joints: Sequence[str], i: str, memory: Seque
         ir.do(f"call void @{step}_{name}({_pointers(table, *memory)})")
         ir.do(f"br label %{step}.done")
     ir.label(f"{step}.done")
-
-
-def _present(of_joints: Sequence[str]) -> list[str]:
-    return [kind for kind in KINDS if kind in of_joints]
 
 
 def _pointers(*names: str) -> str:

@@ -36,11 +36,8 @@ class Spline:
 
         if self.intervals is None:
             return make_interp_spline(t, q, k=self.degree)
-        inner = np.linspace(0, len(t) - 1, self.intervals + 1)[1:-1]  # as many samples in each interval
-        ends = [np.full(self.degree + 1, end) for end in (t[0], t[-1])]
-        return make_lsq_spline(
-            t, q, np.concatenate([ends[0], np.interp(inner, range(len(t)), t), ends[1]]), self.degree
-        )
+        knots = np.interp(np.linspace(0, len(t) - 1, self.intervals + 1), range(len(t)), t)  # as many samples between
+        return make_lsq_spline(t, q, np.pad(knots, self.degree, mode="edge"), self.degree)
 
     def check(self, samples: int, place: str) -> None:
         """Raise `JounceError` where no such spline can be made of so many samples."""
