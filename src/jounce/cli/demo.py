@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jounce.cli.words import progress, straight_columns
+from jounce.report.canvas import FORMATS
 
 if TYPE_CHECKING:
     from jounce.report.example import Example, StepErrors
@@ -27,8 +28,8 @@ Example:
     "--states", default=10_000, show_default=True, type=click.IntRange(100, 1_000_000), help="Evaluations, over 5 s."
 )
 @click.option(
-    "--format", "formats", multiple=True, default=("png", "svg", "pdf"), show_default=True,
-    type=click.Choice(["png", "svg", "pdf"]), help="Of the pictures; may be given several times.",
+    "--format", "formats", multiple=True, default=FORMATS, show_default=True,
+    type=click.Choice(FORMATS), help="Of the pictures; may be given several times.",
 )  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> None:
@@ -44,7 +45,7 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
     formats = list(dict.fromkeys(formats))
     canvas.check_installed()
     files.make_folder(output)
-    with progress("the paper's example", 6 + 5 * len(formats)) as advance:
+    with progress("the paper's example", 3 + len(example.methods()) + 5 * len(formats)) as advance:
         examples = {}
         for name, motion in (("forces", "paper"), ("forces-wrench", "paper-wrench")):
             found = examples[name] = example.example(motion, states)

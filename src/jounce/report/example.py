@@ -12,13 +12,14 @@ import numpy as np
 from jounce.inertia import moments
 from jounce.io import motions
 from jounce.io.bundled import iiwa14
+from jounce.kernel.serving import available
 from jounce.lie import hat
 from jounce.motion import Motion
 from jounce.motion.analytic import along
 from jounce.robot import Robot
 
 PAPER_MS = 1.6  # of the authors: an evaluation of order 2, on an Intel Core i9-7960X; Section 6.2
-METHODS = ("closed_form", "paper", "recursion")
+METHODS = ("closed_form", "paper", "recursion", "kernel")
 STEPS = 2.0 ** -np.arange(4, 29)  # s; powers of two, which add to the times without rounding
 SCHEMES = {  # of differentiation: how often they differentiate, and the weights of the values at t + j h
     "forward, 2 points": (1, {0: -1.0, 1: 1.0}),
@@ -75,7 +76,7 @@ def step_errors(robot: Robot) -> tuple[StepErrors, StepErrors]:
     def forces_at(times: np.ndarray, method: str | None = None) -> Forces:
         return forces_of(robot, along(replace(terms, t=times), robot.mechanism, 4), method)
 
-    exact, again = forces_at(t), forces_at(t, "closed_form")
+    exact, again = forces_at(t, "recursion"), forces_at(t, "closed_form")
     moved = [{j: forces_at(t + j * h) for j in range(-2, 3)} for h in STEPS]
 
     def errors(k: int) -> StepErrors:
@@ -105,10 +106,15 @@ def without_steiner(found: Example) -> tuple[float, ...]:
     return tuple(share(a - b, b) for a, b in zip(other, found.forces, strict=True))
 
 
+def methods() -> list[str]:
+    """The paths to the forces that are at hand here."""
+    return [method for method in METHODS if method != "kernel" or available()]
+
+
 def seconds(found: Example) -> Iterator[tuple[str, float, float]]:
     """By method: the time of an evaluation in the batch of the whole motion, and of one called alone."""
     alone = [Motion(found.motion.t[:1], tuple(x[i] for x in found.motion.rates), "") for i in range(20)]
-    for method in METHODS:
+    for method in methods():
         start = perf_counter()
         forces_of(found.robot, found.motion, method)
         batch = perf_counter() - start
