@@ -112,3 +112,4 @@ def _elementwise(name: str) -> Callable[[Array], Array]:
 
 sin = _elementwise("sin")
 cos = _elementwise("cos")
+tanh = _elementwise("tanh")

@@ -71,7 +71,7 @@ def run(
     tables.check_writable(output)
     if output.resolve() == motion.resolve():
         raise JounceError(f"{output}: is the motion itself; expected another file to write into")
-    arm = load(robot, **({"gravity": gravity} if gravity else {}))
+    arm = load(robot, gravity=gravity) if gravity else load(robot)
     if intervals is not None and motions.is_analytic(motion):
         raise JounceError(f"{motion}: its terms are exact; --intervals is for the samples of a table")
     path = motions.read(motion, arm.mechanism, order + 2, Spline(degree, intervals))

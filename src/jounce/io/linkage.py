@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from jounce import inertia
+from jounce.drives import UNDRIVEN
 from jounce.errors import JounceError, listed, no_such
 from jounce.mechanism import UNLIMITED, Frame, Mechanism
 from jounce.screws import from_screws
@@ -45,6 +46,7 @@ class Joint:
     X: np.ndarray | None
     mimic: Mimic | None
     limits: Mapping[str, float]  # those that the file states of lower, upper, velocity, effort
+    drive: Mapping[str, float]  # and of armature, damping, friction, stiffness, rest
     place: str
 
 
@@ -88,6 +90,7 @@ def mechanism(links: Sequence[Link], joints: Sequence[Joint], gravity: object, n
         G=G,
         g=g,
         limits={key: [joint.limits.get(key, free) for joint in movable] for key, free in UNLIMITED.items()},
+        drives={key: [joint.drive.get(key, none) for joint in movable] for key, none in UNDRIVEN.items()},
         name=name,
     )
     merged = tuple(frame for link, frame in frames.items() if link not in bodies)

@@ -2,7 +2,7 @@
 
 import os
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
 
@@ -15,7 +15,14 @@ from jounce.mechanism import GRAVITY, Mechanism
 from jounce.robot import Robot
 
 
-def load(source: str | os.PathLike[str], /, **parameters: object) -> Robot:
+def load(
+    source: str | os.PathLike[str],
+    /,
+    *,
+    lock: Mapping[str, float] | None = None,
+    drives: bool | str | Iterable[str] = False,
+    **parameters: object,
+) -> Robot:
     """A robot from a URDF file, a YAML or JSON file of jounce's own format, or a bundled one by its name.
 
     Fixed joints merge their links into one body (their names stay usable wherever a body's is); mimic joints are folded
@@ -25,6 +32,10 @@ def load(source: str | os.PathLike[str], /, **parameters: object) -> Robot:
     ----------
     source : str or path
         Path of a .urdf, .yaml, .yml or .json file, or "iiwa14", "planar2r".
+    lock : dict
+        Joints to hold still, {name: rad or m}: their bodies merge into those that carry them, see `Robot.locked`.
+    drives : bool, str or several
+        Which terms of the drives that the file states enter Q, see `Robot.with_drives`; none if left out.
     **parameters : keywords
         gravity (3,) in m/s^2; if left out that of the file, (0, 0, -9.81) where it states none, (0, 0, -9.80665) for
         iiwa14; for planar2r L1, L2, m1, m2, g (symbols are values too).
@@ -47,8 +58,14 @@ def load(source: str | os.PathLike[str], /, **parameters: object) -> Robot:
     """
     if not isinstance(source, str | os.PathLike):
         raise JounceError(f"a robot is a path or a name, not {type(source).__name__}; names: {', '.join(BUNDLED)}")
+    robot = Robot(_mechanism(source, parameters))
+    robot = robot.locked(lock) if lock else robot
+    return robot.with_drives(drives) if drives else robot
+
+
+def _mechanism(source: str | os.PathLike[str], parameters: dict[str, object]) -> Mechanism:
     if str(source) in BUNDLED:
-        return Robot(_call(BUNDLED[str(source)], parameters, str(source)))
+        return _call(BUNDLED[str(source)], parameters, str(source))
     path = Path(source).expanduser()
     if path.suffix.lower() not in READERS:
         if not path.suffix:
@@ -56,7 +73,7 @@ def load(source: str | os.PathLike[str], /, **parameters: object) -> Robot:
         raise JounceError(f"{path}: unknown type of robot file {path.suffix!r}; there are: {', '.join(READERS)}")
     mechanism = _call(partial(READERS[path.suffix.lower()], path), parameters, str(path))
     _warn_of_inertias(mechanism, path)
-    return Robot(mechanism)
+    return mechanism
 
 
 def _read_urdf(path: Path, /, gravity: object = GRAVITY) -> Mechanism:
@@ -98,4 +115,4 @@ def _warn_of_inertias(mechanism: Mechanism, path: Path) -> None:
         more = f" (and {len(odd) - 1} more)" if len(odd) > 1 else ""
         count = f"{len(odd)} of {mechanism.nb} bodies"
         text = f"{path}: {count} have an inertia that no distribution of mass has: {odd[0]}{more}"
-        warnings.warn(text, JounceWarning, stacklevel=3)
+        warnings.warn(text, JounceWarning, stacklevel=4)

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
+from jounce.drives import drive_error
 from jounce.errors import JounceError, no_such, one_line
 from jounce.inertia import inertia_matrix, symmetric
 from jounce.io import linkage
@@ -65,6 +66,7 @@ def _joint(element: etree._Element, path: Path) -> linkage.Joint:
         X=_screw(element, kind, path) if kind in MOVING else None,
         mimic=_mimic(element, path) if kind in MOVING else None,
         limits=_limits(element, kind, path) if kind in MOVING else {},
+        drive=_drive(element, path) if kind in MOVING else {},
         place=_at(element, path),
     )
 
@@ -97,6 +99,18 @@ def _limits(element: etree._Element, kind: str, path: Path) -> dict[str, float]:
     error = limit_error(**UNLIMITED | stated)
     if error:
         raise JounceError(f"{_at(limit, path)}: joint {element.get('name')!r}: {error}")
+    return stated
+
+
+def _drive(element: etree._Element, path: Path) -> dict[str, float]:
+    """What a <dynamics> states."""
+    dynamics = element.find("dynamics")
+    if dynamics is None:
+        return {}
+    stated = {key: float(_numbers(dynamics, key, 1, path, default="0")[0]) for key in ("damping", "friction")}
+    error = drive_error(**stated)
+    if error:
+        raise JounceError(f"{_at(dynamics, path)}: joint {element.get('name')!r}: {error}")
     return stated
 
 

@@ -1,16 +1,18 @@
 """What a robot is made of, and the one way from its data and a caller's state to a result."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Self, TypedDict
 
 from jounce import rates, screws, wrenches
 from jounce._scalars import Array
+from jounce.drives import Drives, chosen, with_eps
 from jounce.errors import JounceError
 from jounce.evaluation import by_kernel, delivered, evaluate
 from jounce.kernel.serving import serving
 from jounce.mechanism import GRAVITY, Limits, Mechanism, suited
 from jounce.paths import Path, path
+from jounce.welding import locked
 
 Loads = Callable[[int], list[Array]]  # wrenches and their rates up to an order
 
@@ -69,7 +71,8 @@ class Data:
         **data : keywords
             joint_names, names of the n coordinates; G (nb, n) and g (nb,), constant, for joints that follow others,
             theta = q if left out; limits, a mapping of lower, upper, velocity, effort (nb,) of theta, each infinite if
-            left out; name, of the robot.
+            left out; drives, a mapping of armature, damping, friction, eps, stiffness, rest (nb,) of theta, each zero
+            (eps 0.05) if left out, see `with_drives`; name, of the robot.
 
         Raises
         ------
@@ -159,6 +162,48 @@ class Data:
         Infinite where nothing is stated. They do not enter Q.
         """
         return self.mechanism.limits
+
+    @property
+    def drives(self) -> Drives:
+        """The drive trains as stated: `armature`, `damping`, `friction`, `eps`, `stiffness`, `rest`, (nb,) each.
+
+        Of the nb joint variables, SI units. They enter Q where `with_drives` or ``load(..., drives=True)`` says so.
+        """
+        return self.mechanism.drives
+
+    def with_drives(self, terms: bool | str | Iterable[str] = True, eps: float | None = None) -> Self:
+        """The same robot with some terms of its drives in Q, the armature in M too: all, none, or those named.
+
+        ``Q_theta = armature theta'' + damping theta' + friction tanh(theta' / eps) + stiffness (theta - rest)`` of the
+        joint variables theta = G q + g; Q gains ``G^T Q_theta`` and M ``G^T diag(armature) G``, with exact rates.
+
+        Parameters
+        ----------
+        terms : bool, str or several
+            "armature", "damping", "friction", "spring"; True for all, False for none.
+        eps : float
+            Speed in rad/s or m/s over which friction turns over; that of each joint (0.05 unless stated) if left out.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.Robot(jounce.load("planar2r").mechanism)
+        >>> arm.with_drives("armature").mechanism.acting
+        ('armature',)
+        """
+        drives = self.drives if eps is None else with_eps(self.drives, eps)
+        return type(self)(replace(self.mechanism, acting=chosen(terms), drives=drives))
+
+    def locked(self, values: Mapping[str, float]) -> Self:
+        """The robot with some joints held at values, {joint: rad or m}: their bodies merge into those that carry them.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("iiwa14").locked({"joint3": 0.0, "joint7": 0.5}).n
+        5
+        """
+        return type(self)(locked(self.mechanism, values))
 
     def _given(self, wrench: Any) -> Loads:
         return lambda order: wrenches.checked(self.mechanism, wrench, order)

@@ -3,6 +3,7 @@
 import numpy as np
 
 from jounce import lie
+from jounce.drives import UNDRIVEN, drive_error
 from jounce.errors import JounceError, no_such
 from jounce.inertia import inertia_matrix, symmetric
 from jounce.io.entries import Entry
@@ -16,7 +17,7 @@ KINDS = {  # of joints: the keys that each needs, and those it may have
     "helical": (("axis", "pitch"), ("point",)),
 }
 IDENTITY = np.eye(3).tolist()
-BESIDE = ("limits", "follows")  # keys of every joint
+BESIDE = ("limits", "drive", "follows")  # keys of every joint
 
 
 def pose(carried: Entry) -> np.ndarray:
@@ -62,6 +63,16 @@ def limits(joint: Entry) -> dict[str, float]:
     entry = joint.get("limits", {}).keys((), tuple(UNLIMITED))
     stated = UNLIMITED | {key: number.number() for key, number in entry.members().items()}
     error = limit_error(**stated)
+    if error:
+        raise JounceError(f"{entry.place}: {joint.what}: {error}")
+    return stated
+
+
+def drive(joint: Entry) -> dict[str, float]:
+    """The drive train of a joint variable, zero where it is left out."""
+    entry = joint.get("drive", {}).keys((), tuple(UNDRIVEN))
+    stated = UNDRIVEN | {key: number.number() for key, number in entry.members().items()}
+    error = drive_error(**stated)
     if error:
         raise JounceError(f"{entry.place}: {joint.what}: {error}")
     return stated

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from jounce.drives import UNDRIVEN
 from jounce.errors import JounceError, at, no_such
 from jounce.io import entries
 from jounce.io.entries import Entry
@@ -43,7 +44,7 @@ def _built(robot: Entry, bodies: Sequence[Entry], joints: Sequence[Entry], names
     for coordinate, column in zip(coordinates, G.T, strict=True):
         if not column.any():
             raise robot.get("coordinates").error(f"a joint that moves with {coordinate!r}")
-    limits = [parts.limits(joint) for joint in joints]
+    limits, drives = [parts.limits(joint) for joint in joints], [parts.drive(joint) for joint in joints]
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as not finite
         X, M = [parts.screw(joint) for joint in joints], [parts.inertia(body) for body in bodies]
     B = [parts.pose(body) for body in bodies]
@@ -59,6 +60,7 @@ def _built(robot: Entry, bodies: Sequence[Entry], joints: Sequence[Entry], names
             G=G,
             g=g,
             limits={key: [one[key] for one in limits] for key in UNLIMITED},
+            drives={key: [one[key] for one in drives] for key in UNDRIVEN},
             name=name,
         )
 
