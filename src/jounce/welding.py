@@ -14,6 +14,8 @@ from jounce.mechanism import Frame, Limits, Mechanism
 
 def locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
     """The mechanism with some coordinates held at values, rad or m; joints that follow only these are welded too."""
+    if not isinstance(values, Mapping):
+        raise JounceError(f"joints are locked by a dict {{joint: value}}, not by {type(values).__name__}")
     for name, value in values.items():
         if name in mechanism.joints and name not in mechanism.coordinates:
             leaders = np.flatnonzero(mechanism.G[mechanism.joints.index(name)])

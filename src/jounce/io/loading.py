@@ -60,7 +60,13 @@ def load(
         raise JounceError(f"a robot is a path or a name, not {type(source).__name__}; names: {', '.join(BUNDLED)}")
     robot = Robot(_mechanism(source, parameters))
     robot = robot.locked(lock) if lock else robot
-    return robot.with_drives(drives) if drives else robot
+    if not drives:
+        return robot
+    driven = robot.with_drives(drives)
+    if not any(getattr(driven.drives, name).any() for name in ("armature", "damping", "friction", "stiffness")):
+        text = f"{source}: states no drive trains; drives={drives!r} adds nothing"
+        warnings.warn(text, JounceWarning, stacklevel=2)
+    return driven
 
 
 def _mechanism(source: str | os.PathLike[str], parameters: dict[str, object]) -> Mechanism:
