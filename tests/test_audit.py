@@ -266,6 +266,10 @@ class TestSingular:
         assert set(found(arm(last(body(-9.0, [1, 1, 1]))))) == {("error", "negative mass")}
 
 
+def test_negative_moments_have_no_density():
+    assert set(found(arm(last(body(1.0, [-3, -1, -1]))))) == {("error", "negative moment")}
+
+
 def test_limits_of_joints_that_follow_are_not_missed():
     free = {"effort": [50, 40, np.inf], "velocity": [2, 2, np.inf]}
     assert arm(limits=free, G=[[1, 0], [0, 1], [0, -1]]).audit() == ()
@@ -321,11 +325,19 @@ REAL = {
     if file.suffix == ".urdf"
 }
 SOUND = (
-    "panda_description/urdf/panda.urdf ur_description/urdf/ur5_robot.urdf ur_description/urdf/ur10_robot.urdf "
-    "xarm_description/urdf/xarm7.urdf z1_description/urdf/z1.urdf talos_data/robots/talos_full_v2.urdf "
-    "anymal_b_simple_description/robots/anymal.urdf solo_description/robots/solo12.urdf g1_description/urdf/"
-    "g1_29dof_rev_1_0.urdf so_arm_description/urdf/so101.urdf allegro_hand_description/urdf/allegro_left_hand.urdf"
-).split()
+    "panda_description/urdf/panda.urdf",
+    "ur_description/urdf/ur5_robot.urdf",
+    "ur_description/urdf/ur10_robot.urdf",
+    "xarm_description/urdf/xarm7.urdf",
+    "z1_description/urdf/z1.urdf",
+    "talos_data/robots/talos_full_v2.urdf",
+    "anymal_b_simple_description/robots/anymal.urdf",
+    "solo_description/robots/solo12.urdf",
+    "g1_description/urdf/g1_29dof_rev_1_0.urdf",
+    "so_arm_description/urdf/so101.urdf",
+    "allegro_hand_description/urdf/allegro_left_hand.urdf",
+)
+GUESSED = ("warning", "placeholder inertia")
 MASSLESS = {("warning", "massless tip"), ("error", "singular mass matrix")}
 UNLIMITED = {("warning", "effort limit"), ("warning", "velocity limit")}
 ODDITIES = {
@@ -333,7 +345,7 @@ ODDITIES = {
         ("warning", "placeholder inertia"),
         ("warning", "density"),
     },
-    "asr_twodof_description/urdf/TwoDofs.urdf": {("warning", "placeholder inertia")},
+    "asr_twodof_description/urdf/TwoDofs.urdf": {GUESSED},
     "baxter_description/urdf/baxter.urdf": {("warning", "density")},  # fingers of 30 g, of 0.02 kg m^2
     "double_pendulum_description/urdf/double_pendulum.urdf": UNLIMITED,
     "romeo_description/urdf/romeo.urdf": MASSLESS | UNLIMITED,

@@ -28,7 +28,10 @@ def densities(mechanism: Mechanism) -> list[Finding]:
     for i, M in enumerate(mechanism.M):
         if not M[3, 3] > 0 or is_point(M):
             continue
-        P = np.maximum(inertia.second_moments(inertia.principal_moments(M)), 0) / M[3, 3]
+        principal = inertia.principal_moments(M)
+        if not principal[2] > 0:  # an error already
+            continue
+        P = np.maximum(inertia.second_moments(principal), 0) / M[3, 3]
         ball, ellipsoid = _ball(P.sum()), _ellipsoid(P)
         if ball > 0 and M[3, 3] / ball > OSMIUM:
             dense[i] = float(M[3, 3] / ball)
