@@ -1,4 +1,4 @@
-"""`jounce info`: the bodies, joints, limits and masses of a robot."""
+"""`jounce info`: the bodies, joints, limits and masses of a robot, and an audit of them."""
 
 import json
 from pathlib import Path
@@ -14,19 +14,27 @@ WIDTH = 100  # columns of a terminal
 EPILOG = """\b
 Example:
   jounce info iiwa14
+  jounce info planar2r --strict --json
 """
 
 
-@click.command(epilog=EPILOG, short_help="Bodies, joints and masses of a robot.")
+@click.command(epilog=EPILOG, short_help="Bodies, joints and masses of a robot, and an audit.")
 @click.argument("robot", type=ROBOT)
+@click.option("--strict", is_flag=True, help="Exit with 1 where the audit found errors or warnings.")
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
-def info(robot: Path, as_json: bool) -> None:
-    """Show the bodies, joints, limits and masses of ROBOT: a file (.urdf, .yaml, .json) or iiwa14, planar2r."""
+def info(robot: Path, strict: bool, as_json: bool) -> None:
+    """Show the bodies, joints, limits and masses of ROBOT: a file (.urdf, .yaml, .json) or iiwa14, planar2r.
+
+    An audit of the data ends it: errors, which no body can have or which leave the mass matrix singular; warnings,
+    which are more likely a mistake than not; and notes, which are good to know.
+    """
     from jounce.description import describe
     from jounce.io.loading import load
 
     data = describe(load(robot).mechanism)
     click.echo(json.dumps(data, indent=2) if as_json else _in_words(data))
+    if strict and any(finding["severity"] != "note" for finding in data["findings"]):
+        raise SystemExit(1)
 
 
 def _in_words(data: dict[str, Any]) -> str:
@@ -50,8 +58,27 @@ def _in_words(data: dict[str, Any]) -> str:
     merged = [f"{link} ({body})" for link, body in data["merged_links"].items()]
     if merged:
         lines += ["", *wrap(f"merged links: {', '.join(merged)}", width=WIDTH, subsequent_indent="  ")]
-    findings = [f"finding: {body['name']}: {body['finding']}" for body in data["bodies"] if body["finding"]]
-    return "\n".join([*lines, *([""] if findings else []), *findings])
+    return "\n".join([*lines, *_moments(data["bodies"]), *_findings(data["findings"])])
+
+
+def _moments(bodies: list[dict[str, Any]]) -> list[str]:
+    """A table of principal moments and of what is left until they break the triangle inequality."""
+    rows = [
+        (body["name"], *(f"{x:.4g}" for x in body["principal_moments"]), f"{body['triangle_slack']:.3g}")
+        for body in bodies
+        if body["principal_moments"] is not None
+    ]
+    return ["", *straight_columns([("body", "principal moments", "about COM", "kg m^2", "triangle slack"), *rows])]
+
+
+def _findings(findings: list[dict[str, Any]]) -> list[str]:
+    from jounce.audit import Finding
+
+    lines = [""]
+    for finding in (Finding(**data) for data in findings):
+        for said, indent in ((f"{finding.severity}: {finding}", ""), (finding.advice, "  ")):
+            lines += wrap(said, WIDTH, initial_indent=indent, subsequent_indent="  ", break_long_words=False)
+    return lines if findings else ["", "no findings"]
 
 
 def _vector(x: list[float], form: str) -> str:

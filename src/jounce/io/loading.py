@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
 
-from jounce import inertia
 from jounce._scalars import is_numeric
+from jounce.audit import impossible
 from jounce.errors import JounceError, JounceWarning, no_such
 from jounce.io.bundled import BUNDLED
 from jounce.io.native import reading
@@ -48,7 +48,7 @@ def load(
     Warns
     -----
     JounceWarning
-        Where bodies of a file have an inertia that no distribution of mass has.
+        Where bodies of a file have an inertia that no distribution of mass has; `Robot.audit` says more.
 
     Examples
     --------
@@ -113,12 +113,9 @@ def _call(build: Callable[..., Mechanism], parameters: dict[str, object], what: 
 
 
 def _warn_of_inertias(mechanism: Mechanism, path: Path) -> None:
-    if not is_numeric(mechanism.M):
-        return
-    found = [(body, inertia.defect(M)) for body, M in zip(mechanism.bodies, mechanism.M, strict=True)]
-    odd = [f"{body}: {defect}" for body, defect in found if defect]
-    if odd:
-        more = f" (and {len(odd) - 1} more)" if len(odd) > 1 else ""
-        count = f"{len(odd)} of {mechanism.nb} bodies"
-        text = f"{path}: {count} have an inertia that no distribution of mass has: {odd[0]}{more}"
+    found = impossible(mechanism) if is_numeric(mechanism.M) else []
+    if found:
+        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+        count = f"{len(found)} of {mechanism.nb} bodies"
+        text = f"{path}: {count} have an inertia that no distribution of mass has: {found[0]}{more}"
         warnings.warn(text, JounceWarning, stacklevel=4)

@@ -6,6 +6,7 @@ from typing import Any, Self, TypedDict
 
 from jounce import rates, screws, wrenches
 from jounce._scalars import Array
+from jounce.audit import Finding, audit
 from jounce.drives import Drives, chosen, with_eps
 from jounce.errors import JounceError
 from jounce.evaluation import by_kernel, delivered, evaluate
@@ -204,6 +205,29 @@ class Data:
         5
         """
         return type(self)(locked(self.mechanism, values))
+
+    def audit(self) -> tuple[Finding, ...]:
+        """What in the data no body can have, or looks like a mistake: findings, errors first; empty where all is well.
+
+        Inertias that are not positive semidefinite or break the triangle inequality, placeholders, massless bodies and
+        a singular mass matrix, masses, lengths and moments off by powers of 1000, missing effort and velocity limits,
+        odd gravity. See `jounce.audit.Finding`.
+
+        Raises
+        ------
+        JounceError
+            Where the robot holds symbols.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> for finding in jounce.load("planar2r").audit():
+        ...     print(finding.severity, finding)
+        note body1, body2: mass, 1 kg at most, without moments about its COM
+        note joint1, joint2: no effort limit on any joint
+        note joint1, joint2: no velocity limit on any joint
+        """
+        return audit(self.mechanism)
 
     def _given(self, wrench: Any) -> Loads:
         return lambda order: wrenches.checked(self.mechanism, wrench, order)
