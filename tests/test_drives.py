@@ -9,11 +9,14 @@ import mpmath
 import numpy as np
 import pytest
 import sympy
+from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jounce
 from files import LINKS, joint, refusal, robot_file
+from jounce.cli import main
+from jounce.description import describe
 from jounce.drives import EPS, TERMS
 from jounce.kernel.interface import Interface
 from jounce.kernel.trace import Tape
@@ -224,6 +227,24 @@ def test_a_robot_file_keeps_the_drives(tmp_path, suffix):
 def test_asking_for_drives_that_no_file_states_warns():
     with pytest.warns(jounce.JounceWarning, match="states no drive trains"):
         jounce.load("planar2r", drives=True)
+
+
+def test_info_shows_what_is_stated_and_what_acts(tmp_path):
+    turn = joint("turn", "base", "arm", inner="<dynamics damping='2.5' friction='0.5'/>")
+    path = robot_file(tmp_path, *LINKS, turn)
+    said = CliRunner().invoke(main, ["info", str(path)]).output
+    assert "2.5 N m s/rad" in said
+    assert "0.5 N m over 0.05 rad/s" in said
+    assert "in Q: none of these" in said
+    data = describe(jounce.load(path, drives="damping").mechanism)
+    assert data["acting_drives"] == ["damping"]
+    assert data["bodies"][0]["drive"]["friction"] == 0.5
+
+
+def test_a_rotor_moves_what_has_no_mass():
+    robot = jounce.Robot.from_screws(**ONE | {"M": [np.zeros((6, 6))]}, drives={"armature": [0.1]})
+    kinds = [{finding.kind for finding in arm.audit()} for arm in (robot, robot.with_drives())]
+    assert ["singular mass matrix" in found for found in kinds] == [True, False]
 
 
 def test_drives_are_copied_and_frozen():

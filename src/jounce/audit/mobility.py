@@ -67,8 +67,9 @@ def singular(mechanism: Mechanism) -> list[Finding]:
 def _idle(mechanism: Mechanism, q: np.ndarray) -> tuple[int, np.ndarray]:
     """The rank of the mass matrix at q, and which coordinates take part in motions without kinetic energy."""
     J = recursion.system_jacobian(mechanism, columns([q]))[0]
-    gM = np.einsum("iaj,iab,ibk->jk", J, mechanism.M, J)  # (MC)
-    most = np.einsum("iaj,iaj,i->j", J, J, np.abs(mechanism.M).max(axis=(1, 2)))
+    rotors = mechanism.drives.armature * ("armature" in mechanism.acting)
+    gM = np.einsum("iaj,iab,ibk->jk", J, mechanism.M, J) + mechanism.G.T * rotors @ mechanism.G  # (MC)
+    most = np.einsum("iaj,iaj,i->j", J, J, np.abs(mechanism.M).max(axis=(1, 2))) + rotors @ mechanism.G**2
     own = np.abs(np.diag(gM))
     moves = own > SINGULAR * most
     scale = np.sqrt(np.where(moves, own, 1.0))

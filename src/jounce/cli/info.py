@@ -52,6 +52,10 @@ def _in_words(data: dict[str, Any]) -> str:
     limited = [_limits(body) for body in data["bodies"] if any(x is not None for x in body["limits"].values())]
     if limited:
         lines += ["", *straight_columns([("limits", "position", "velocity", "effort"), *limited])]
+    driven = [_drive(body) for body in data["bodies"] if body["drive"]]
+    if driven:
+        lines += ["", *straight_columns([("drive", "armature", "damping", "friction", "spring"), *driven])]
+        lines += [f"in Q: {', '.join(data['acting_drives']) or 'none of these, until load(..., drives=True)'}"]
     follows = [f"{body['joint']} = {body['follows']}" for body in data["bodies"] if body["follows"]]
     if follows:
         lines += ["", *follows]
@@ -83,6 +87,17 @@ def _findings(findings: list[dict[str, Any]]) -> list[str]:
 
 def _vector(x: list[float], form: str) -> str:
     return " ".join(f"{v:{form}}" for v in x)
+
+
+def _drive(body: dict[str, Any]) -> tuple[str, ...]:
+    """The drive train of a joint as cells of a table."""
+    unit, force, inertia = ("m", "N", "kg") if body["type"] == "prismatic" else ("rad", "N m", "kg m^2")
+    d = {name: f"{x:.5g}" for name, x in body["drive"].items()}
+    return (
+        body["joint"], f"{d['armature']} {inertia}", f"{d['damping']} {force} s/{unit}",
+        f"{d['friction']} {force} over {d['eps']} {unit}/s",
+        f"{d['stiffness']} {force}/{unit} from {d['rest']} {unit}" if body["drive"]["stiffness"] else "-",
+    )  # fmt: skip
 
 
 def _limits(body: dict[str, Any]) -> tuple[str, ...]:
