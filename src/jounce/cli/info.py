@@ -21,7 +21,7 @@ Example:
 @click.argument("robot", type=ROBOT)
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
 def info(robot: Path, as_json: bool) -> None:
-    """Show the bodies, joints, limits and masses of ROBOT: a file (.urdf, .yaml, .json) or iiwa14, planar2r."""
+    """Show the bodies, joints, limits and masses of ROBOT: a file (.urdf, .yaml, .json) or a bundled one's name."""
     from jounce.description import describe
     from jounce.io.loading import load
 
