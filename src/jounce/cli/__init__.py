@@ -13,6 +13,7 @@ from jounce.cli.convert import convert
 from jounce.cli.demo import demo
 from jounce.cli.info import info
 from jounce.cli.plot import plot
+from jounce.cli.robots import robots
 from jounce.cli.run import run
 from jounce.cli.words import styled
 from jounce.errors import one_line
@@ -63,5 +64,5 @@ def main() -> None:
     """Higher-order inverse dynamics: a robot and a motion in, drive forces and their exact time derivatives out."""
 
 
-for verb in (run, plot, info, compare, convert, demo, cache):
+for verb in (run, plot, info, robots, compare, convert, demo, cache):
     main.add_command(verb)

@@ -25,7 +25,7 @@ units. Nothing is lost: what is read from it is the same to the last bit.
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def convert(robot: Path, output: Path, as_json: bool) -> None:
-    """Write ROBOT, a file (.urdf, .yaml, .json) or iiwa14, planar2r, as a YAML or JSON file for people to edit."""
+    """Write ROBOT, a file (.urdf, .yaml, .json) or a bundled one's name, as a YAML or JSON file for people to edit."""
     from jounce.io.loading import load
     from jounce.io.saving import check_writable, save
 

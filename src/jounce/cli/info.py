@@ -23,7 +23,7 @@ Example:
 @click.option("--strict", is_flag=True, help="Exit with 1 where the audit found errors or warnings.")
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
 def info(robot: Path, strict: bool, as_json: bool) -> None:
-    """Show the bodies, joints, limits and masses of ROBOT: a file (.urdf, .yaml, .json) or iiwa14, planar2r.
+    """Show the bodies, joints, limits and masses of ROBOT: a file or the name of a bundled one.
 
     An audit of the data ends it: errors, which no body can have or which leave the mass matrix singular; warnings,
     which are more likely a mistake than not; and notes, which are good to know.

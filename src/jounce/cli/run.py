@@ -61,7 +61,7 @@ def run(
     gravity: tuple[float, float, float] | None,
     as_json: bool,
 ) -> None:
-    """Compute Q, Qd, Q2d along MOTION for ROBOT: a file (.urdf, .yaml, .json) or iiwa14, planar2r."""
+    """Compute Q, Qd, Q2d along MOTION for ROBOT: a file (.urdf, .yaml, .json) or a bundled one's name."""
     from jounce.description import coordinate_unit
     from jounce.io import motions, tables
     from jounce.io.loading import load

@@ -31,7 +31,8 @@ def load(
     Parameters
     ----------
     source : str or path
-        Path of a .urdf, .yaml, .yml or .json file, or "iiwa14", "planar2r".
+        Path of a .urdf, .yaml, .yml or .json file, or the name of a bundled one: "iiwa14", "planar2r", "panda", "ur5"
+        and others, which `jounce robots` lists.
     lock : dict
         Joints to hold still, {name: rad or m}: their bodies merge into those that carry them, see `Robot.locked`.
     drives : bool, str or several
@@ -71,7 +72,7 @@ def load(
 
 def _mechanism(source: str | os.PathLike[str], parameters: dict[str, object]) -> Mechanism:
     if str(source) in BUNDLED:
-        return _call(BUNDLED[str(source)], parameters, str(source))
+        return _call(BUNDLED[str(source)].build, parameters, str(source))
     path = Path(source).expanduser()
     if path.suffix.lower() not in READERS:
         if not path.suffix:
