@@ -3,9 +3,10 @@
 from jounce.errors import JounceError, JounceWarning
 from jounce.inertia import inertia_matrix
 from jounce.io.loading import load
+from jounce.io.motions.loading import load_motion
 from jounce.io.saving import save
 from jounce.robot import Robot
 
 __version__ = "0.1.0"
 
-__all__ = ["JounceError", "JounceWarning", "Robot", "__version__", "inertia_matrix", "load", "save"]
+__all__ = ["JounceError", "JounceWarning", "Robot", "__version__", "inertia_matrix", "load", "load_motion", "save"]

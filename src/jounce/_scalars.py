@@ -39,6 +39,15 @@ def asarray(x: Any, what: str = "an array") -> Array:
     raise JounceError(f"{what} holds {_kind(array)}; expected real numbers or symbols")
 
 
+def element(x: Any, what: str) -> Array:
+    """`x` as what stands for one scalar of an array, batch axes alone; a CasADi scalar, which has two axes, is one."""
+    if not type(x).__module__.startswith("casadi") or x.shape != (1, 1):
+        return asarray(x, what)
+    array = np.empty((), dtype=object)
+    array[()] = x
+    return array
+
+
 def _kind(array: np.ndarray) -> str:
     kinds = {"c": "complex numbers", "U": "text", "S": "bytes", "M": "dates", "m": "durations", "O": "None or text"}
     return kinds.get(array.dtype.kind, f"values of type {array.dtype}")

@@ -63,18 +63,16 @@ def run(
 ) -> None:
     """Compute Q, Qd, Q2d along MOTION for ROBOT: a file (.urdf, .yaml, .json) or a bundled one's name."""
     from jounce.description import coordinate_unit
-    from jounce.io import motions, tables
+    from jounce.io import tables
     from jounce.io.loading import load
-    from jounce.motion.spline import Spline
+    from jounce.io.motions.loading import load_motion
     from jounce.rates import rate_name
 
     tables.check_writable(output)
     if output.resolve() == motion.resolve():
         raise JounceError(f"{output}: is the motion itself; expected another file to write into")
     arm = load(robot, gravity=gravity) if gravity else load(robot)
-    if intervals is not None and motions.is_analytic(motion):
-        raise JounceError(f"{motion}: its terms are exact; --intervals is for the samples of a table")
-    path = motions.read(motion, arm.mechanism, order + 2, Spline(degree, intervals))
+    path = load_motion(motion, arm, order, degree, intervals)
     results = _along(arm, path, method)
     forces = dict(zip((rate_name("Q", k) for k in range(order + 1)), results, strict=True))
     tables.write(output, tables.of_rates(path.t, arm.joint_names, "Q", tuple(forces.values())))

@@ -12,6 +12,8 @@ class Robot(Forces, Bodies):
     * SI units. Twists, screws and wrenches are (angular; linear).
     * Leading axes are batch axes and broadcast; the coordinate axis is last. Any real scalars: NumPy, JAX, or object
       arrays of CasADi SX, SymPy or other symbols.
+    * A state may name its coordinates: a dict, a data frame or series, a structured array, matched by joint name.
+      Results are arrays all the same, in the order of `joint_names`.
     * q is required; each further rate you give returns one more time derivative. With none to spare the result is
       a plain array, otherwise a tuple: the quantity, its rate, ...
     * ``method`` picks the path: "kernel", native code, the default of float64 NumPy arrays where there is one;

@@ -236,7 +236,7 @@ class Data:
         self,
         name: str,
         least: int,
-        q: Sequence[Array | None],
+        q: Sequence[Any],
         loads: Loads = lambda order: [],
         *,
         method: str | None = None,
@@ -244,7 +244,7 @@ class Data:
         threads: int = 1,
     ) -> Any:
         """A quantity of `paths`, or of native code, along q; see `_along`."""
-        given = rates.checked(q, least, self.joint_names)
+        given = rates.checked(q, least, self.mechanism)
         order = len(given) - least
         W = loads(order)
         kernel = serving(self.mechanism, name, method, order, given, W)
@@ -258,12 +258,12 @@ class Data:
         self,
         path: Path,
         least: int,
-        q: Sequence[Array | None],
+        q: Sequence[Any],
         out: Any,
         loads: Loads = lambda order: [],
     ) -> Any:
         """The quantity of a path along q: it takes `least` of the rates, each further one gives one more derivative."""
-        given = rates.checked(q, least, self.joint_names)
+        given = rates.checked(q, least, self.mechanism)
         order = len(given) - least
         return self._by(path, order, given, loads(order), out)
 
