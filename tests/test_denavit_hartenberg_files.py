@@ -92,6 +92,7 @@ CHANGED = {  # what is replaced, by what, the line of the refusal, its words
     "other units": ("SI", "mm", 2, ["units of the robot is 'mm'", "SI: m, kg, s, rad"]),
     "no angles": ("angles: deg\n", "", 1, ["the robot has no 'angles'"]),
     "angles misspelt": ("deg", "degree", 3, ["no angles of the robot 'degree'; did you mean 'deg'", "rad, deg"]),
+    "name as a number": ("name: lifted", "name: 3", 1, ["name of the robot is 3; expected a text"]),
     "no convention": ("convention: modified\n", "", 1, ["the robot has no 'convention'"]),
     "unknown convention": ("modified", "craig", 4, ["no convention of the robot 'craig'", "standard, modified"]),
     "unknown key": ("base:", "bas:", 6, ["no key in the robot 'bas'; did you mean 'base'"]),
@@ -115,7 +116,8 @@ CHANGED = {  # what is replaced, by what, the line of the refusal, its words
 def test_refuses(tmp_path, old, new, line, words):
     assert old in GOOD
     place = f"arm.yaml:{line}: " if line else "arm.yaml: "
-    refusal(lambda: load(tmp_path, GOOD.replace(old, new, 1)), place, *words)
+    message = refusal(lambda: load(tmp_path, GOOD.replace(old, new, 1)), *words)
+    assert message.startswith(str(tmp_path / place))
 
 
 @pytest.mark.parametrize("rows", ["[]", "3", "[[0, 0, 0, 0]]", ""], ids=["none", "a number", "numbers", "nothing"])

@@ -81,6 +81,8 @@ def test_a_short_file_and_its_json(tmp_path):
     for label in ("B", "X", "M", "gravity"):
         np.testing.assert_allclose(getattr(same.mechanism, label), getattr(robot.mechanism, label), atol=1e-16)
     assert (robot.joint_names, same.joint_names) == (("a", "b"), ("joint1", "joint2"))
+    empty = GOOD.replace("parent: [0, 1]", "parent:\nchild:\nsupport:")  # as skidy writes a chain
+    assert load(tmp_path, empty).mechanism.parent == robot.mechanism.parent == (-1, 0)
     assert load(tmp_path, GOOD, gravity=(1, 2, 3)).gravity.tolist() == [1, 2, 3]
 
 
@@ -134,7 +136,8 @@ def test_the_changed_file_is_good(tmp_path):
 def test_refuses(tmp_path, old, new, line, words):
     assert old in GOOD
     text = GOOD.replace(old, new, 1)
-    refusal(lambda: load(tmp_path, text), f"arm.yaml:{line}: ", *words)
+    message = refusal(lambda: load(tmp_path, text), *words)
+    assert message.startswith(f"{tmp_path / 'arm.yaml'}:{line}: ")
 
 
 def test_a_frame_left_out_after_com_is_refused(tmp_path):

@@ -12,6 +12,7 @@ tool: {position: [0, 0, 0.1], rpy: [0, 180, 0]}
 """
 
 import math
+from collections.abc import Collection
 
 import numpy as np
 
@@ -33,7 +34,7 @@ def read(robot: Entry, gravity: object = None) -> Mechanism:
     robot.keys(("units", "angles", "convention", "dh"), ("name", "gravity", "base", "tool"))
     parts.check_units(robot)
     unit, convention = ANGLES[_choice(robot, "angles", ANGLES)], _choice(robot, "convention", CONVENTIONS)
-    own = robot.get("gravity", list(GRAVITY)).numbers((3,))
+    name, own = robot.get("name", robot.path.stem).text(), robot.get("gravity", list(GRAVITY)).numbers((3,))
     rows = [row.keys(PARAMETERS, ROW) for row in robot.get("dh").items(least=1)]
     joints, bodies = _names(rows, "name", "joint"), _names(rows, "body", "body")
     rows = [row.named(f"joint {name!r}") for row, name in zip(rows, joints, strict=True)]
@@ -58,15 +59,15 @@ def read(robot: Entry, gravity: object = None) -> Mechanism:
             joint_names=joints,
             limits={key: [one[key] for one in limits] for key in UNLIMITED},
             drives={key: [one[key] for one in drives] for key in UNDRIVEN},
-            name=robot.get("name", robot.path.stem).text(),
+            name=name,
         )
 
 
-def _choice(entry: Entry, key: str, known: object) -> str:
+def _choice(entry: Entry, key: str, known: Collection[str]) -> str:
     """The text under a key, one of those known."""
-    given, names = entry.get(key), list(known)  # type: ignore[call-overload]
-    if given.text() not in names:
-        raise JounceError(f"{given.place}: {no_such(given.what, given.value, names)}")
+    given = entry.get(key)
+    if given.text() not in known:
+        raise JounceError(f"{given.place}: {no_such(given.what, given.value, known)}")
     return given.value
 
 

@@ -36,14 +36,15 @@ def read(robot: Entry, gravity: object = None) -> Mechanism:
         Y = [parts.screw(entry, number) for entry in screws]
         com = [_says_com(entry) for entry in inertias]
         M = [parts.inertia(entry, number, any(com[:i])) for i, entry in enumerate(inertias)]
+    parent, names = _parents(robot, len(poses)), _joint_names(robot, len(poses))
     with at(robot.path):
         built = BUILDERS[representation.value](
             np.stack(A),
             np.stack(Y),
             np.stack(M),
-            _parents(robot, len(poses)),
+            parent,
             gravity=own if gravity is None else gravity,
-            joint_names=_joint_names(robot, len(poses)),
+            joint_names=names,
             name=robot.path.stem,
         )
     return replace(built, frames=_frames(robot, len(poses), number))
@@ -72,13 +73,13 @@ def _check_loads(robot: Entry) -> None:
 def _parents(robot: Entry, nb: int) -> list[int]:
     """The parent of each body, from 0; -1 is the ground."""
     chain = list(range(-1, nb - 1))
-    if "parent" not in robot.value:
+    if not robot.value.get("parent"):  # skidy writes the key of a chain with nothing under it
         return chain
     entry = robot.get("parent")
     parents = [_whole(parent, 0, i) - 1 for i, parent in enumerate(entry.items())]
     if len(parents) != nb:
         raise entry.error(f"{nb} numbers, one a body")
-    if "support" not in robot.value:
+    if not robot.value.get("support"):
         if parents != chain:
             raise JounceError(f"{entry.place}: {entry.what} is a tree without 'support', which skidy takes for a chain")
         return parents
