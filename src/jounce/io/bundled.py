@@ -13,6 +13,7 @@ import numpy as np
 
 from jounce._scalars import Array
 from jounce.inertia import inertia_matrix, symmetric
+from jounce.io import entries
 from jounce.io.native import reading
 from jounce.lie import pose
 from jounce.mechanism import Mechanism
@@ -80,7 +81,7 @@ def _of_file(name: str, kind: str, size: tuple[int, int, float], licence: str, p
 
 def _read(name: str, /, gravity: object = None) -> Mechanism:
     with as_file(_FOLDER / name / "robot.yaml") as path:
-        return reading.read(path, gravity)
+        return reading.read(entries.read(path, "the robot"), gravity)
 
 
 def notices(name: str) -> dict[str, str]:

@@ -10,7 +10,6 @@ from jounce._scalars import is_numeric
 from jounce.audit import impossible
 from jounce.errors import JounceError, JounceWarning, no_such
 from jounce.io.bundled import BUNDLED
-from jounce.io.native import reading
 from jounce.mechanism import GRAVITY, Mechanism
 from jounce.robot import Robot
 
@@ -23,7 +22,9 @@ def load(
     drives: bool | str | Iterable[str] = False,
     **parameters: object,
 ) -> Robot:
-    """A robot from a URDF file, a YAML or JSON file of jounce's own format, or a bundled one by its name.
+    """A robot from a URDF file, a YAML or JSON file, or a bundled one by its name.
+
+    YAML and JSON hold jounce's own format, a Denavit-Hartenberg table or skidy's description, told apart by their keys.
 
     Fixed joints merge their links into one body (their names stay usable wherever a body's is); mimic joints are folded
     into their leaders' coordinates; several root links stand on the ground side by side.
@@ -89,15 +90,17 @@ def _read_urdf(path: Path, /, gravity: object = GRAVITY) -> Mechanism:
     return urdf.read(path, gravity)
 
 
-def _read_native(path: Path, /, gravity: object = None) -> Mechanism:
-    return reading.read(path, gravity)
+def _read_document(path: Path, /, gravity: object = None) -> Mechanism:
+    from jounce.io import documents
+
+    return documents.read(path, gravity)
 
 
 READERS: dict[str, Callable[..., Mechanism]] = {
     ".urdf": _read_urdf,
-    ".yaml": _read_native,
-    ".yml": _read_native,
-    ".json": _read_native,
+    ".yaml": _read_document,
+    ".yml": _read_document,
+    ".json": _read_document,
 }
 
 

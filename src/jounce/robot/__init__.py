@@ -7,7 +7,9 @@ from jounce.robot.forces import Forces
 class Robot(Forces, Bodies):
     """A robot: its mechanism, and the quantities of its equations of motion along a motion.
 
-    Build one by `jounce.load`, `Robot.from_screws` or `Robot.from_spatial_screws`. Conventions of every method:
+    Build one by `jounce.load`, `Robot.from_screws`, `Robot.from_spatial_screws` or `Robot.from_dh`.
+
+    Conventions of every method:
 
     * SI units. Twists, screws and wrenches are (angular; linear).
     * Leading axes are batch axes and broadcast; the coordinate axis is last. Any real scalars: NumPy, JAX, or object

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self, TypedDict
 
-from jounce import rates, screws, wrenches
+from jounce import denavit_hartenberg, rates, screws, wrenches
 from jounce._scalars import Array
 from jounce.audit import Finding, audit
 from jounce.drives import Drives, chosen, with_eps
@@ -127,6 +127,53 @@ class Data:
         array([10.81])
         """
         return cls(screws.from_spatial_screws(A, Y, M, parent, **data))
+
+    @classmethod
+    def from_dh(cls, table: Any, M: Array, convention: str, **options: Any) -> Self:
+        """A serial robot from a Denavit-Hartenberg table.
+
+        "standard": ``T_i = Rot_z(theta_i) Trans_z(d_i) Trans_x(a_i) Rot_x(alpha_i)``, frame i at the end of link i,
+        the axis of joint i is z of frame i - 1.
+
+        "modified" (Craig's): ``T_i = Rot_x(alpha_i) Trans_x(a_i) Rot_z(theta_i) Trans_z(d_i)``, frame i on the axis
+        of joint i, its z; row i holds what Craig calls a_{i-1}, alpha_{i-1}, d_i, theta_i.
+
+        The joint variable is added to theta_i, of a prismatic joint to d_i. **Body i has frame i**: inertias, wrenches
+        and poses are those of this frame, which is another one in each convention.
+
+        Parameters
+        ----------
+        table : (n, 4), or n mappings
+            Rows **a, alpha, d, theta**, in this order, which is not that of every book; in m and rad. Rows that cannot
+            be confused are mappings, ``{"theta": 0, "d": 0.1, "a": 0, "alpha": 1.2}``, with ``"type": "prismatic"``
+            where the joint is one.
+        M : (n, 6, 6)
+            Inertia matrices in the frames of the table, see `inertia_matrix`.
+        convention : str
+            "standard" or "modified".
+        **options : keywords
+            types, of the joints where rows are numbers, "revolute" (all, if left out) or "prismatic"; degrees=True
+            where alpha and theta are in degrees; base (4, 4), the pose of frame 0 in the inertial frame; tool (4, 4),
+            the pose of a frame "tool" in frame n; names, gravity, joint_names, limits and the others of `from_screws`.
+
+        Raises
+        ------
+        JounceError
+            Where a row has not four finite numbers, a convention or type is unknown, or as in `from_screws`.
+
+        Examples
+        --------
+        An arm of two links of 0.5 m, whose centres of mass are half a link before their ends:
+
+        >>> import numpy as np, jounce
+        >>> M = jounce.inertia_matrix(2.0, [-0.25, 0, 0], np.diag([0, 0.04, 0.04]))
+        >>> arm = jounce.Robot.from_dh([[0.5, 0, 0, 0], [0.5, 0, 0, 0]], [M, M], "standard", gravity=(0, -9.81, 0))
+        >>> arm.poses([np.pi / 2, 0.0], body="body2")[:3, 3].round(9) + 0.0
+        array([0., 1., 0.])
+        >>> arm.gravity_forces([0.0, 0.0])
+        array([19.62 ,  4.905])
+        """
+        return cls(denavit_hartenberg.from_dh(table, M, convention, **options))
 
     def __repr__(self) -> str:
         return f"<Robot {self.name!r}: {self.n} coordinates, {self.mechanism.nb} bodies>"

@@ -7,6 +7,7 @@ from jounce.drives import UNDRIVEN, drive_error
 from jounce.errors import JounceError, no_such
 from jounce.inertia import inertia_matrix, symmetric
 from jounce.io.entries import Entry
+from jounce.io.native import UNITS
 from jounce.io.orientation import direction, from_rpy
 from jounce.mechanism import UNLIMITED, limit_error
 from jounce.screws import exact_inertia, exact_pose, exact_screw
@@ -20,14 +21,28 @@ IDENTITY = np.eye(3).tolist()
 BESIDE = ("limits", "drive", "follows")  # keys of every joint
 
 
-def pose(carried: Entry) -> np.ndarray:
-    """The pose of a body or frame: position with rotation or rpy, or a 4x4 matrix; what is left out is the identity."""
-    entry = carried.get("pose", {}).keys((), ("position", "rotation", "rpy", "matrix"))
+def check_units(robot: Entry) -> None:
+    """Refuse a file of other units than SI."""
+    units = robot.get("units")
+    if units.value != UNITS:
+        raise units.error(f"{UNITS}: m, kg, s, rad")
+
+
+def pose(carried: Entry, key: str = "pose", angle: float = 1.0) -> np.ndarray:
+    """The pose of a body or frame: position with rotation or rpy, or a 4x4 matrix; what is left out is the identity.
+
+    `angle` is the unit of rpy in rad.
+    """
+    entry = carried.get(key, {}).keys((), ("position", "rotation", "rpy", "matrix"))
     if entry.alone("matrix", ("position", "rotation", "rpy")):
         T = entry.get("matrix").numbers((4, 4))
     else:
         turned = entry.alone("rpy", ("rotation",))
-        R = from_rpy(entry.get("rpy").numbers((3,))) if turned else entry.get("rotation", IDENTITY).numbers((3, 3))
+        R = (
+            from_rpy(angle * entry.get("rpy").numbers((3,)))
+            if turned
+            else entry.get("rotation", IDENTITY).numbers((3, 3))
+        )
         T = lie.pose(R, entry.get("position", [0, 0, 0]).numbers((3,))[:, None])
     with entry.refusals():
         exact_pose(T, entry.what)
