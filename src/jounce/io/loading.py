@@ -1,14 +1,13 @@
 """`load`: a robot from a file or by name."""
 
 import os
-import warnings
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
 
 from jounce import inertia
 from jounce._scalars import is_numeric
-from jounce.errors import JounceError, JounceWarning, no_such
+from jounce.errors import JounceError, no_such, warn
 from jounce.io.bundled import BUNDLED
 from jounce.io.native import reading
 from jounce.mechanism import GRAVITY, Mechanism
@@ -76,10 +75,10 @@ def _mechanism(source: str | os.PathLike[str], parameters: dict[str, object]) ->
     return mechanism
 
 
-def _read_urdf(path: Path, /, gravity: object = GRAVITY) -> Mechanism:
+def _read_urdf(path: Path, /, gravity: object = GRAVITY, base: str | None = None, root: str | None = None) -> Mechanism:
     from jounce.io import urdf  # where lxml is needed
 
-    return urdf.read(path, gravity)
+    return urdf.read(path, gravity, base, root)
 
 
 def _read_native(path: Path, /, gravity: object = None) -> Mechanism:
@@ -114,5 +113,4 @@ def _warn_of_inertias(mechanism: Mechanism, path: Path) -> None:
     if odd:
         more = f" (and {len(odd) - 1} more)" if len(odd) > 1 else ""
         count = f"{len(odd)} of {mechanism.nb} bodies"
-        text = f"{path}: {count} have an inertia that no distribution of mass has: {odd[0]}{more}"
-        warnings.warn(text, JounceWarning, stacklevel=4)
+        warn(f"{path}: {count} have an inertia that no distribution of mass has: {odd[0]}{more}")

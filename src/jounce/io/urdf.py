@@ -5,24 +5,26 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
+from jounce import linkage
 from jounce.drives import drive_error
 from jounce.errors import JounceError, no_such, one_line
 from jounce.inertia import inertia_matrix, symmetric
-from jounce.io import linkage
 from jounce.io.files import finite, read_bytes
 from jounce.io.orientation import direction, from_rpy
 from jounce.lie import pose
 from jounce.mechanism import UNLIMITED, Mechanism, limit_error
 
 MOVING = {"revolute": 0, "continuous": 0, "prismatic": 3}  # where in the screw the axis goes
+FREE = ("floating", "planar")
 
 
-def read(path: Path, gravity: object) -> Mechanism:
+def read(path: Path, gravity: object, base: str | None = None, root: str | None = None) -> Mechanism:
     """The mechanism of a URDF file: fixed joints merged, mimic joints folded, joints in its order depth first."""
     robot = _parsed(path)
     links = [_link(element, path) for element in robot.iterchildren("link")]
     joints = [_joint(element, path) for element in robot.iterchildren("joint")]
-    return linkage.mechanism(links, joints, gravity, robot.get("name") or path.stem, str(path))
+    name = robot.get("name") or path.stem
+    return linkage.mechanism(links, joints, gravity, name, str(path), base=base, root=root)
 
 
 def _parsed(path: Path) -> etree._Element:
@@ -56,8 +58,9 @@ def _link(element: etree._Element, path: Path) -> linkage.Link:
 
 def _joint(element: etree._Element, path: Path) -> linkage.Joint:
     name, kind = _text(element, "name", path), _text(element, "type", path)
-    if kind != "fixed" and kind not in MOVING:
-        raise JounceError(f"{_at(element, path)}: joint {name!r}: {no_such('joint type', kind, ['fixed', *MOVING])}")
+    kinds = ["fixed", *MOVING, *FREE]
+    if kind not in kinds:
+        raise JounceError(f"{_at(element, path)}: joint {name!r}: {no_such('joint type', kind, kinds)}")
     return linkage.Joint(
         name=name,
         parent=_text(_child(element, "parent", path), "link", path),
@@ -68,6 +71,7 @@ def _joint(element: etree._Element, path: Path) -> linkage.Joint:
         limits=_limits(element, kind, path) if kind in MOVING else {},
         drive=_drive(element, path) if kind in MOVING else {},
         place=_at(element, path),
+        free=kind if kind in FREE else None,
     )
 
 
