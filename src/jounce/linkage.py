@@ -13,7 +13,7 @@ import numpy as np
 
 from jounce import inertia
 from jounce.drives import UNDRIVEN
-from jounce.errors import JounceError, listed, no_such, warn
+from jounce.errors import JounceError, at, listed, no_such, warn
 from jounce.mechanism import UNLIMITED, Frame, Mechanism
 from jounce.screws import from_screws
 
@@ -79,7 +79,8 @@ def mechanism(
     movable = [joint for joint in ordered if joint.X is not None]
     screws = [joint.X for joint in ordered if joint.X is not None]
     if not movable:
-        raise JounceError(f"{file}: no movable joint among its {len(ordered)} joints; expected at least one")
+        stated = f"{len(by_name)} link{'s' * (len(by_name) != 1)} and {len(ordered)} joint{'s' * (len(ordered) != 1)}"
+        raise JounceError(f"{file}: no movable joint among {stated}; expected at least one")
 
     frames = {link: Frame(link, -1, np.eye(4)) for link in by_name}  # the roots stand on the ground
     parent: list[Frame] = []
@@ -97,20 +98,21 @@ def mechanism(
 
     G, g, coordinates = _coordinates(movable, ordered, joints)
     bodies = tuple(joint.child for joint in movable)
-    built = from_screws(
-        np.stack([carrier.T @ joint.B for carrier, joint in zip(parent, movable, strict=True)]),
-        np.stack(screws),
-        M,
-        [carrier.body for carrier in parent],
-        names=bodies,
-        joint_names=coordinates,
-        gravity=gravity,
-        G=G,
-        g=g,
-        limits={key: [joint.limits.get(key, free) for joint in movable] for key, free in UNLIMITED.items()},
-        drives={key: [joint.drive.get(key, none) for joint in movable] for key, none in UNDRIVEN.items()},
-        name=name,
-    )
+    with at(file):
+        built = from_screws(
+            np.stack([carrier.T @ joint.B for carrier, joint in zip(parent, movable, strict=True)]),
+            np.stack(screws),
+            M,
+            [carrier.body for carrier in parent],
+            names=bodies,
+            joint_names=coordinates,
+            gravity=gravity,
+            G=G,
+            g=g,
+            limits={key: [joint.limits.get(key, free) for joint in movable] for key, free in UNLIMITED.items()},
+            drives={key: [joint.drive.get(key, none) for joint in movable] for key, none in UNDRIVEN.items()},
+            name=name,
+        )
     merged = tuple(frame for link, frame in frames.items() if link not in bodies)
     return replace(built, joints=tuple(joint.name for joint in movable), frames=merged)
 

@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
 from jounce import inertia
 from jounce._scalars import is_numeric
@@ -81,12 +82,27 @@ def _read_urdf(path: Path, /, gravity: object = GRAVITY, base: str | None = None
     return urdf.read(path, gravity, base, root)
 
 
+def _read_xacro(
+    path: Path,
+    /,
+    gravity: object = GRAVITY,
+    base: str | None = None,
+    root: str | None = None,
+    xacro_args: Mapping[str, object] = MappingProxyType({}),
+) -> Mechanism:
+    from jounce.io import urdf, xacro
+
+    content = xacro.expanded(path, xacro_args)
+    return urdf.parse(content, f"{path} (expanded)", path.name.partition(".")[0], gravity, base, root)
+
+
 def _read_native(path: Path, /, gravity: object = None) -> Mechanism:
     return reading.read(path, gravity)
 
 
 READERS: dict[str, Callable[..., Mechanism]] = {
     ".urdf": _read_urdf,
+    ".xacro": _read_xacro,
     ".yaml": _read_native,
     ".yml": _read_native,
     ".json": _read_native,
