@@ -143,7 +143,6 @@ SOURCES = {
     "near a bundled one": ("iiwa15", ["'iiwa15'", "did you mean 'iiwa14'", "planar2r", ".urdf"]),
     "bare name": ("robot", ["'robot'", "iiwa14, planar2r", ".urdf"]),
     "other suffix": ("robot.sdf", ["robot.sdf", "'.sdf'", ".urdf"]),
-    "xacro": ("robot.urdf.xacro", ["robot.urdf.xacro", "'.xacro'", ".urdf"]),
     "long name": ("x" * 300, ["xxx"]),
     "long file name": ("x" * 300 + ".urdf", ["xxx"]),
 }

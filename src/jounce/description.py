@@ -20,6 +20,7 @@ def describe(mechanism: Mechanism) -> dict[str, Any]:
         "coordinates": [
             {"name": c, "unit": coordinate_unit(mechanism, j)} for j, c in enumerate(mechanism.coordinates)
         ],
+        "acting": list(mechanism.acting),
         "bodies": [_body(mechanism, i) for i in range(mechanism.nb)],
         "merged_links": {
             frame.name: "ground" if frame.body < 0 else mechanism.bodies[frame.body] for frame in mechanism.frames
@@ -49,6 +50,7 @@ def _body(mechanism: Mechanism, i: int) -> dict[str, Any]:
         "pitch": pitch if kind == "helical" else None,
         "follows": _follows(mechanism, i),
         "limits": {key: _finite(float(array[i])) for key, array in vars(mechanism.limits).items()},
+        "drive": {key: float(array[i]) for key, array in vars(mechanism.drives).items()},
         "mass": mass,
         "com": (h[:, 0] / mass).tolist() if mass else None,
         "finding": inertia.defect(M),

@@ -10,6 +10,7 @@ from jounce._scalars import Array
 from jounce.drives import Drives
 from jounce.errors import JounceError, listed, no_such
 from jounce.mechanism import Frame, Limits, Mechanism
+from jounce.screws import exact_inertia, exact_pose
 
 
 def locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
@@ -55,9 +56,9 @@ def _without(mechanism: Mechanism, still: list[bool]) -> Mechanism:
     moved = [Frame(f.name, places[f.body].body, places[f.body].T @ f.T) for f in mechanism.frames]
     return replace(
         mechanism,
-        B=np.stack(B),
+        B=np.stack([exact_pose(T, "B") for T in B]),  # no rounding of the products, so that a file can hold it
         X=mechanism.X[kept],
-        M=M,
+        M=np.stack([exact_inertia(M_i, "M") for M_i in M]) + 0,
         parent=tuple(parent),
         G=mechanism.G[kept],
         g=mechanism.g[kept],

@@ -1,31 +1,31 @@
 """`jounce info`: the bodies, joints, limits and masses of a robot."""
 
 import json
-from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
 import click
 
-from jounce.cli.names import ROBOT
+from jounce.cli.robots import Asked, on_robot
 from jounce.cli.words import straight_columns
 
 WIDTH = 100  # columns of a terminal
+DRIVE = ("armature", "damping", "friction", "stiffness")
 EPILOG = """\b
 Example:
   jounce info iiwa14
+  jounce info iiwa14 --lock joint3=0 --gravity 0 0 -1.62
 """
 
 
 @click.command(epilog=EPILOG, short_help="Bodies, joints and masses of a robot.")
-@click.argument("robot", type=ROBOT)
+@on_robot
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
-def info(robot: Path, as_json: bool) -> None:
-    """Show the bodies, joints, limits and masses of ROBOT: a file (.urdf, .yaml, .json) or iiwa14, planar2r."""
+def info(robot: Asked, as_json: bool) -> None:
+    """Show the bodies, joints, limits and masses of ROBOT: a file (.urdf, .xacro, .yaml, .json) or iiwa14, planar2r."""
     from jounce.description import describe
-    from jounce.io.loading import load
 
-    data = describe(load(robot).mechanism)
+    data = describe(robot.load().mechanism)
     click.echo(json.dumps(data, indent=2) if as_json else _in_words(data))
 
 
@@ -40,10 +40,15 @@ def _in_words(data: dict[str, Any]) -> str:
             body["joint"], kind, _vector(body["axis"], ".4g"), body["name"], body["parent"],
             f"{body['mass']:.5g}", "-" if body["com"] is None else _vector(body["com"], "z.3f"),
         ))  # fmt: skip
-    lines = [head, "", *straight_columns(rows)]
+    order = wrap(f"q: {', '.join(c['name'] for c in data['coordinates'])}", width=WIDTH, subsequent_indent="   ")
+    lines = [head, *order, "", *straight_columns(rows)]
     limited = [_limits(body) for body in data["bodies"] if any(x is not None for x in body["limits"].values())]
     if limited:
         lines += ["", *straight_columns([("limits", "position", "velocity", "effort"), *limited])]
+    driven = [_drive(body) for body in data["bodies"] if any(body["drive"][key] for key in DRIVE)]
+    if driven:
+        acting = f"in Q: {', '.join(data['acting']) or 'none of these'}"
+        lines += ["", *straight_columns([("drives", *DRIVE), *driven]), acting]
     follows = [f"{body['joint']} = {body['follows']}" for body in data["bodies"] if body["follows"]]
     if follows:
         lines += ["", *follows]
@@ -56,6 +61,11 @@ def _in_words(data: dict[str, Any]) -> str:
 
 def _vector(x: list[float], form: str) -> str:
     return " ".join(f"{v:{form}}" for v in x)
+
+
+def _drive(body: dict[str, Any]) -> tuple[str, ...]:
+    """What the drive train of a joint takes as cells of a table, SI units; "-" for what it does not."""
+    return (body["joint"], *(f"{body['drive'][key]:.5g}" if body["drive"][key] else "-" for key in DRIVE))
 
 
 def _limits(body: dict[str, Any]) -> tuple[str, ...]:

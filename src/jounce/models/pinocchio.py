@@ -31,6 +31,8 @@ def mechanism(model: Any, gravity: object = None, base: str | None = None, root:
     if kind.__name__ != "Model" or not kind.__module__.startswith("pinocchio.pinocchio_pywrap_default"):
         raise JounceError(f"a model of type {kind.__module__}.{kind.__name__}; expected a pinocchio.Model of numbers")
     what = f"model {model.name!r}"
+    if gravity is None and model.gravity.angular.any():
+        raise JounceError(f"{what}: gravity turns, {model.gravity.angular.tolist()}; expected an acceleration alone")
     bodies = _bodies(model)
     links, joints = [linkage.Link(bodies[0], MASSLESS, what)], []
     for i, Y in enumerate(model.inertias[1:], start=1):
