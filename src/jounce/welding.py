@@ -15,6 +15,8 @@ from jounce.screws import exact_inertia, exact_pose
 
 def locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
     """The mechanism with some coordinates held at values, rad or m; joints that follow only these are welded too."""
+    if not isinstance(values, Mapping):
+        raise JounceError(f"joints to lock are of type {type(values).__name__}; expected a mapping of names and values")
     for name, value in values.items():
         if name in mechanism.joints and name not in mechanism.coordinates:
             leaders = np.flatnonzero(mechanism.G[mechanism.joints.index(name)])

@@ -26,19 +26,22 @@ def load(
     """A robot from a URDF file, a YAML or JSON file of jounce's own format, or a bundled one by its name.
 
     Fixed joints merge their links into one body (their names stay usable wherever a body's is); mimic joints are folded
-    into their leaders' coordinates; several root links stand on the ground side by side.
+    into their leaders' coordinates; several root links stand on the ground side by side. Coordinates are in the order
+    of the file, depth first.
 
     Parameters
     ----------
     source : str or path
-        Path of a .urdf, .yaml, .yml or .json file, or "iiwa14", "planar2r".
+        Path of a .urdf, .xacro, .yaml, .yml or .json file, or "iiwa14", "planar2r".
     lock : dict
         Joints to hold still, {name: rad or m}: their bodies merge into those that carry them, see `Robot.locked`.
     drives : bool, str or several
         Which terms of the drives that the file states enter Q, see `Robot.with_drives`; none if left out.
     **parameters : keywords
         gravity (3,) in m/s^2; if left out that of the file, (0, 0, -9.81) where it states none, (0, 0, -9.80665) for
-        iiwa14; for planar2r L1, L2, m1, m2, g (symbols are values too).
+        iiwa14; for planar2r L1, L2, m1, m2, g (symbols are values too). Of a URDF: base, "fixed" to weld floating and
+        planar joints at zero, which are refused otherwise; root, a link to start at: what it carries remains, and it
+        stands on the ground itself. Of a .xacro file: xacro_args, a mapping of its arguments.
 
     Raises
     ------
@@ -48,7 +51,7 @@ def load(
     Warns
     -----
     JounceWarning
-        Where bodies of a file have an inertia that no distribution of mass has.
+        Where bodies of a file have an inertia that no distribution of mass has, or joints are welded by base.
 
     Examples
     --------
