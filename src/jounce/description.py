@@ -21,7 +21,7 @@ def describe(mechanism: Mechanism) -> dict[str, Any]:
         "coordinates": [
             {"name": c, "unit": coordinate_unit(mechanism, j)} for j, c in enumerate(mechanism.coordinates)
         ],
-        "acting_drives": list(mechanism.acting),
+        "acting": list(mechanism.acting),
         "bodies": [_body(mechanism, i) for i in range(mechanism.nb)],
         "merged_links": {
             frame.name: "ground" if frame.body < 0 else mechanism.bodies[frame.body] for frame in mechanism.frames
@@ -53,17 +53,12 @@ def _body(mechanism: Mechanism, i: int) -> dict[str, Any]:
         "pitch": pitch if kind == "helical" else None,
         "follows": _follows(mechanism, i),
         "limits": {key: _finite(float(array[i])) for key, array in vars(mechanism.limits).items()},
-        "drive": {key: float(array[i]) for key, array in vars(mechanism.drives).items() if _drives(mechanism, i)},
+        "drive": {key: float(array[i]) for key, array in vars(mechanism.drives).items()},
         "mass": mass,
         "com": (h[:, 0] / mass).tolist() if mass else None,
         "principal_moments": None if principal is None else principal.tolist(),
         "triangle_slack": None if principal is None else inertia.triangle_slack(principal),
     }
-
-
-def _drives(mechanism: Mechanism, i: int) -> bool:
-    """Whether anything is stated of a joint's drive train."""
-    return any(array[i] for key, array in vars(mechanism.drives).items() if key not in ("eps", "rest"))
 
 
 def _follows(mechanism: Mechanism, i: int) -> str | None:

@@ -10,12 +10,13 @@ from jounce._scalars import Array
 from jounce.drives import Drives
 from jounce.errors import JounceError, listed, no_such
 from jounce.mechanism import Frame, Limits, Mechanism
+from jounce.screws import exact_inertia, exact_pose
 
 
 def locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
     """The mechanism with some coordinates held at values, rad or m; joints that follow only these are welded too."""
     if not isinstance(values, Mapping):
-        raise JounceError(f"joints are locked by a dict {{joint: value}}, not by {type(values).__name__}")
+        raise JounceError(f"joints to lock are of type {type(values).__name__}; expected a mapping of names and values")
     for name, value in values.items():
         if name in mechanism.joints and name not in mechanism.coordinates:
             leaders = np.flatnonzero(mechanism.G[mechanism.joints.index(name)])
@@ -57,9 +58,9 @@ def _without(mechanism: Mechanism, still: list[bool]) -> Mechanism:
     moved = [Frame(f.name, places[f.body].body, places[f.body].T @ f.T) for f in mechanism.frames]
     return replace(
         mechanism,
-        B=np.stack(B),
+        B=np.stack([exact_pose(T, "B") for T in B]),  # no rounding of the products, so that a file can hold it
         X=mechanism.X[kept],
-        M=M,
+        M=np.stack([exact_inertia(M_i, "M") for M_i in M]) + 0,
         parent=tuple(parent),
         G=mechanism.G[kept],
         g=mechanism.g[kept],

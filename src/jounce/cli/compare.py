@@ -1,12 +1,11 @@
 """`jounce compare`: a robot checked against other libraries, its own other paths, and differentiation."""
 
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from jounce.cli.names import ROBOT
+from jounce.cli.asked import Asked, on_robot
 from jounce.cli.words import straight_columns
 
 if TYPE_CHECKING:
@@ -27,19 +26,18 @@ explain.
 
 
 @click.command(epilog=EPILOG, short_help="Check a robot against other libraries and paths.")
-@click.argument("robot", type=ROBOT)
+@on_robot
 @click.option("--order", default=2, show_default=True, type=click.IntRange(0, 6), help="Highest time derivative of Q.")
 @click.option("--states", default=20, show_default=True, type=click.IntRange(1, 10_000), help="How many.")
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(0), help="Of the random states.")
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
 @click.pass_context
-def compare(ctx: click.Context, robot: Path, order: int, states: int, seed: int, as_json: bool) -> None:
+def compare(ctx: click.Context, robot: Asked, order: int, states: int, seed: int, as_json: bool) -> None:
     """Compare ROBOT, a file or a bundled name, with other ways to the same numbers; print the worst errors."""
     from jounce.comparison import compare as checks_of
-    from jounce.io.loading import load
 
-    arm = load(robot)
-    checks = checks_of(arm, robot if robot.is_file() else None, order=order, states=states, seed=seed)
+    arm, path = robot.load(), robot.path
+    checks = checks_of(arm, path if path.is_file() else None, order=order, states=states, seed=seed)
     passed = all(check.passed for check in checks)
     if as_json:
         data = {"robot": arm.name, "states": states, "order": order, "passed": passed}

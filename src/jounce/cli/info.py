@@ -1,37 +1,37 @@
 """`jounce info`: the bodies, joints, limits and masses of a robot, and an audit of them."""
 
 import json
-from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
 import click
 
-from jounce.cli.names import ROBOT
+from jounce.cli.asked import Asked, on_robot
 from jounce.cli.words import straight_columns
 
 WIDTH = 100  # columns of a terminal
+DRIVE = ("armature", "damping", "friction", "stiffness")
 EPILOG = """\b
 Example:
   jounce info iiwa14
   jounce info planar2r --strict --json
+  jounce info iiwa14 --lock joint3=0 --gravity 0 0 -1.62
 """
 
 
 @click.command(epilog=EPILOG, short_help="Bodies, joints and masses of a robot, and an audit.")
-@click.argument("robot", type=ROBOT)
+@on_robot
 @click.option("--strict", is_flag=True, help="Exit with 1 where the audit found errors or warnings.")
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
-def info(robot: Path, strict: bool, as_json: bool) -> None:
+def info(robot: Asked, strict: bool, as_json: bool) -> None:
     """Show the bodies, joints, limits and masses of ROBOT: a file or the name of a bundled one.
 
     An audit of the data ends it: errors, which no body can have or which leave the mass matrix singular; warnings,
     which are more likely a mistake than not; and notes, which are good to know.
     """
     from jounce.description import describe
-    from jounce.io.loading import load
 
-    data = describe(load(robot).mechanism)
+    data = describe(robot.load().mechanism)
     click.echo(json.dumps(data, indent=2) if as_json else _in_words(data))
     if strict and any(finding["severity"] != "note" for finding in data["findings"]):
         raise SystemExit(1)
@@ -48,14 +48,15 @@ def _in_words(data: dict[str, Any]) -> str:
             body["joint"], kind, _vector(body["axis"], ".4g"), body["name"], body["parent"],
             f"{body['mass']:.5g}", "-" if body["com"] is None else _vector(body["com"], "z.3f"),
         ))  # fmt: skip
-    lines = [head, "", *straight_columns(rows)]
+    order = wrap(f"q: {', '.join(c['name'] for c in data['coordinates'])}", width=WIDTH, subsequent_indent="   ")
+    lines = [head, *order, "", *straight_columns(rows)]
     limited = [_limits(body) for body in data["bodies"] if any(x is not None for x in body["limits"].values())]
     if limited:
         lines += ["", *straight_columns([("limits", "position", "velocity", "effort"), *limited])]
-    driven = [_drive(body) for body in data["bodies"] if body["drive"]]
+    driven = [_drive(body) for body in data["bodies"] if any(body["drive"][key] for key in DRIVE)]
     if driven:
-        lines += ["", *straight_columns([("drive", "armature", "damping", "friction", "spring"), *driven])]
-        lines += [f"in Q: {', '.join(data['acting_drives']) or 'none of these, until load(..., drives=True)'}"]
+        acting = f"in Q: {', '.join(data['acting']) or 'none of these'}"
+        lines += ["", *straight_columns([("drive", "armature", "damping", "friction", "spring"), *driven]), acting]
     follows = [f"{body['joint']} = {body['follows']}" for body in data["bodies"] if body["follows"]]
     if follows:
         lines += ["", *follows]
@@ -90,14 +91,16 @@ def _vector(x: list[float], form: str) -> str:
 
 
 def _drive(body: dict[str, Any]) -> tuple[str, ...]:
-    """The drive train of a joint as cells of a table."""
+    """The drive train of a joint as cells of a table; "-" for what it does not take."""
     unit, force, inertia = ("m", "N", "kg") if body["type"] == "prismatic" else ("rad", "N m", "kg m^2")
-    d = {name: f"{x:.5g}" for name, x in body["drive"].items()}
-    return (
-        body["joint"], f"{d['armature']} {inertia}", f"{d['damping']} {force} s/{unit}",
-        f"{d['friction']} {force} over {d['eps']} {unit}/s",
-        f"{d['stiffness']} {force}/{unit} from {d['rest']} {unit}" if body["drive"]["stiffness"] else "-",
-    )  # fmt: skip
+    d = body["drive"]
+    cells = (
+        (d["armature"], f"{d['armature']:.5g} {inertia}"),
+        (d["damping"], f"{d['damping']:.5g} {force} s/{unit}"),
+        (d["friction"], f"{d['friction']:.5g} {force} over {d['eps']:.5g} {unit}/s"),
+        (d["stiffness"], f"{d['stiffness']:.5g} {force}/{unit} from {d['rest']:.5g} {unit}"),
+    )
+    return (body["joint"], *(said if stated else "-" for stated, said in cells))
 
 
 def _limits(body: dict[str, Any]) -> tuple[str, ...]:

@@ -1,14 +1,14 @@
 """`load`: a robot from a file or by name."""
 
 import os
-import warnings
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
 from jounce._scalars import is_numeric
 from jounce.audit import impossible
-from jounce.errors import JounceError, JounceWarning, no_such
+from jounce.errors import JounceError, no_such, warn
 from jounce.io.bundled import BUNDLED
 from jounce.mechanism import GRAVITY, Mechanism
 from jounce.robot import Robot
@@ -27,12 +27,13 @@ def load(
     YAML and JSON hold jounce's own format, a Denavit-Hartenberg table or skidy's description, told apart by their keys.
 
     Fixed joints merge their links into one body (their names stay usable wherever a body's is); mimic joints are folded
-    into their leaders' coordinates; several root links stand on the ground side by side.
+    into their leaders' coordinates; several root links stand on the ground side by side. Coordinates are in the order
+    of the file, depth first.
 
     Parameters
     ----------
     source : str or path
-        Path of a .urdf, .yaml, .yml or .json file, or the name of a bundled one: "iiwa14", "planar2r", "panda", "ur5"
+        Path of a .urdf, .xacro, .yaml, .yml or .json file, or the name of a bundled one: "iiwa14", "planar2r", "panda"
         and others, which `jounce robots` lists.
     lock : dict
         Joints to hold still, {name: rad or m}: their bodies merge into those that carry them, see `Robot.locked`.
@@ -40,7 +41,9 @@ def load(
         Which terms of the drives that the file states enter Q, see `Robot.with_drives`; none if left out.
     **parameters : keywords
         gravity (3,) in m/s^2; if left out that of the file, (0, 0, -9.81) where it states none, (0, 0, -9.80665) for
-        iiwa14; for planar2r L1, L2, m1, m2, g (symbols are values too).
+        iiwa14; for planar2r L1, L2, m1, m2, g (symbols are values too). Of a URDF: base, "fixed" to weld floating and
+        planar joints at zero, which are refused otherwise; root, a link to start at: what it carries remains, and it
+        stands on the ground itself. Of a .xacro file: xacro_args, a mapping of its arguments.
 
     Raises
     ------
@@ -50,7 +53,8 @@ def load(
     Warns
     -----
     JounceWarning
-        Where bodies of a file have an inertia that no distribution of mass has; `Robot.audit` says more.
+        Where bodies of a file have an inertia that no distribution of mass has (`Robot.audit` says more), joints are
+        welded by base, or drives are asked for and none is stated.
 
     Examples
     --------
@@ -66,8 +70,7 @@ def load(
         return robot
     driven = robot.with_drives(drives)
     if not any(getattr(driven.drives, name).any() for name in ("armature", "damping", "friction", "stiffness")):
-        text = f"{source}: states no drive trains; drives={drives!r} adds nothing"
-        warnings.warn(text, JounceWarning, stacklevel=2)
+        warn(f"{source}: states no drive trains; drives={drives!r} adds nothing")
     return driven
 
 
@@ -84,10 +87,24 @@ def _mechanism(source: str | os.PathLike[str], parameters: dict[str, object]) ->
     return mechanism
 
 
-def _read_urdf(path: Path, /, gravity: object = GRAVITY) -> Mechanism:
+def _read_urdf(path: Path, /, gravity: object = GRAVITY, base: str | None = None, root: str | None = None) -> Mechanism:
     from jounce.io import urdf  # where lxml is needed
 
-    return urdf.read(path, gravity)
+    return urdf.read(path, gravity, base, root)
+
+
+def _read_xacro(
+    path: Path,
+    /,
+    gravity: object = GRAVITY,
+    base: str | None = None,
+    root: str | None = None,
+    xacro_args: Mapping[str, object] = MappingProxyType({}),
+) -> Mechanism:
+    from jounce.io import urdf, xacro
+
+    content = xacro.expanded(path, xacro_args)
+    return urdf.parse(content, f"{path} (expanded)", path.name.partition(".")[0], gravity, base, root)
 
 
 def _read_document(path: Path, /, gravity: object = None) -> Mechanism:
@@ -98,6 +115,7 @@ def _read_document(path: Path, /, gravity: object = None) -> Mechanism:
 
 READERS: dict[str, Callable[..., Mechanism]] = {
     ".urdf": _read_urdf,
+    ".xacro": _read_xacro,
     ".yaml": _read_document,
     ".yml": _read_document,
     ".json": _read_document,
@@ -121,5 +139,4 @@ def _warn_of_inertias(mechanism: Mechanism, path: Path) -> None:
     if found:
         more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
         count = f"{len(found)} of {mechanism.nb} bodies"
-        text = f"{path}: {count} have an inertia that no distribution of mass has: {found[0]}{more}"
-        warnings.warn(text, JounceWarning, stacklevel=4)
+        warn(f"{path}: {count} have an inertia that no distribution of mass has: {found[0]}{more}")

@@ -2,9 +2,10 @@
 
 from jounce.robot.bodies import Bodies
 from jounce.robot.forces import Forces
+from jounce.robot.models import Models
 
 
-class Robot(Forces, Bodies):
+class Robot(Forces, Bodies, Models):
     """A robot: its mechanism, and the quantities of its equations of motion along a motion.
 
     Build one by `jounce.load`, `Robot.from_screws`, `Robot.from_spatial_screws` or `Robot.from_dh`.
