@@ -99,6 +99,12 @@ def _read_xacro(
     return urdf.parse(content, f"{path} (expanded)", path.name.partition(".")[0], gravity, base, root)
 
 
+def _read_xml(path: Path, /, gravity: object = None, base: str | None = None, root: str | None = None) -> Mechanism:
+    from jounce.io import mjcf  # where lxml and MuJoCo are needed
+
+    return mjcf.read(path, gravity, base, root)
+
+
 def _read_native(path: Path, /, gravity: object = None) -> Mechanism:
     return reading.read(path, gravity)
 
@@ -106,6 +112,7 @@ def _read_native(path: Path, /, gravity: object = None) -> Mechanism:
 READERS: dict[str, Callable[..., Mechanism]] = {
     ".urdf": _read_urdf,
     ".xacro": _read_xacro,
+    ".xml": _read_xml,
     ".yaml": _read_native,
     ".yml": _read_native,
     ".json": _read_native,
