@@ -23,7 +23,7 @@ def load(
     drives: bool | str | Iterable[str] = False,
     **parameters: object,
 ) -> Robot:
-    """A robot from a URDF file, a YAML or JSON file of jounce's own format, or a bundled one by its name.
+    """A robot from a URDF or MJCF file, a YAML or JSON file of jounce's own format, or a bundled one by its name.
 
     Fixed joints merge their links into one body (their names stay usable wherever a body's is); mimic joints are folded
     into their leaders' coordinates; several root links stand on the ground side by side. Coordinates are in the order
@@ -32,7 +32,7 @@ def load(
     Parameters
     ----------
     source : str or path
-        Path of a .urdf, .xacro, .yaml, .yml or .json file, or "iiwa14", "planar2r".
+        Path of a .urdf, .xacro, .xml (MJCF, by MuJoCo; or a URDF), .yaml, .yml or .json file, or "iiwa14", "planar2r".
     lock : dict
         Joints to hold still, {name: rad or m}: their bodies merge into those that carry them, see `Robot.locked`.
     drives : bool, str or several

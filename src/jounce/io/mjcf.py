@@ -60,6 +60,5 @@ def _root(path: Path) -> object:
     parts = etree.iterparse(BytesIO(read_bytes(path)), events=("start",), resolve_entities=False, no_network=True)
     try:
         return next(parts)[1].tag
-    except (etree.XMLSyntaxError, StopIteration) as error:
-        said = one_line(getattr(error, "msg", None) or "") or "the file is empty"
-        raise JounceError(f"{path}:{getattr(error, 'lineno', None) or 1}: not XML: {said}") from None
+    except etree.XMLSyntaxError as error:
+        raise JounceError(f"{path}:{error.lineno or 1}: not XML: {one_line(error.msg)}") from None
