@@ -65,6 +65,12 @@ ARM = """<mujoco model="odd">
 </mujoco>"""
 
 
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch):
+    """MuJoCo appends what it warns of, where nobody listens, to a MUJOCO_LOG.TXT in the current folder."""
+    monkeypatch.chdir(tmp_path)
+
+
 def path_of(name):
     package, inner = name.split("/", 1)
     spec = find_spec(package)
@@ -357,8 +363,7 @@ def test_a_urdf_may_end_in_xml(tmp_path):
     assert here.gravity.tolist() == [0, 0, -9.81]
 
 
-def test_what_mujoco_warns_of_is_passed_on_and_leaves_no_log(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_what_mujoco_warns_of_is_passed_on_and_leaves_no_log(tmp_path):
     (tmp_path / "old.xml").write_text(small(hinge()).replace("<option />", "<compiler settotalmass='3'/>"))
     with pytest.warns(jounce.JounceWarning, match=r"^old\.xml: MuJoCo warns: .*settotalmass"):
         assert jounce.load("old.xml").mechanism.M[0, 3, 3] == pytest.approx(3)
