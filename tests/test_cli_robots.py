@@ -76,12 +76,12 @@ def test_info_shows_the_order_of_q_and_the_drives(tmp_path):
     path = robot_file(tmp_path, *DRIVEN)
     lines = [line.split() for line in call("info", path).stdout.splitlines()]
     assert ["q:", "turn,", "bend"] in lines
-    assert ["drives", "armature", "damping", "friction", "stiffness"] in lines
-    assert ["bend", "-", "0.5", "0.2", "-"] in lines
+    assert ["drive", "armature", "damping", "friction", "spring"] in lines
+    assert ["bend", "-", "0.5", "N", "m", "s/rad", "0.2", "N", "m", "over", "0.05", "rad/s", "-"] in lines
     assert ["in", "Q:", "none", "of", "these"] in lines
     acting = call("info", path, "--drives", "friction,damping").stdout.splitlines()
     assert "in Q: damping, friction" in acting
-    assert "drives" not in call("info", robot_file(tmp_path, *GOOD)).stdout
+    assert "armature" not in call("info", robot_file(tmp_path, *GOOD)).stdout
 
 
 REFUSED = {

@@ -105,6 +105,7 @@ def test_refuses(tmp_path, items, options, words):
         ("<dynamics/>", 0, 0),
     ],
 )
+@pytest.mark.filterwarnings("ignore:.*states no drive trains:jounce.JounceWarning")
 def test_dynamics_are_kept_and_enter_q_where_asked(tmp_path, inner, damping, friction):
     path = robot_file(tmp_path, *LINKS, joint("turn", "base", "arm", inner=inner))
     robot, driven = jounce.load(path), jounce.load(path, drives=True)

@@ -76,7 +76,7 @@ def test_load_locks_joints_of_a_file_and_links_stay_findable(tmp_path):
     [
         ({"join1": 0}, ["no joint to lock 'join1'; did you mean 'joint1'"]),
         ({"joint1": np.nan}, ["joint 'joint1' is locked at nan; expected a finite number"]),
-        (["joint1"], ["locked by a dict {joint: value}, not by list"]),
+        (["joint1"], ["joints to lock are of type list; expected a mapping of names and values"]),
         ({"joint1": "0"}, ["locked at '0'"]),
         ({"joint1": 0, "joint2": 0}, ["all 2 joints are locked; expected one that moves"]),
     ],

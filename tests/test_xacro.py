@@ -65,7 +65,7 @@ def test_expands(written, monkeypatch, name, given, mass):
 def test_all_options_of_a_urdf_hold(written):
     path = written('type="revolute"', 'type="floating"')
     refusal(lambda: jounce.load(path), "(expanded):", "base='fixed'")
-    robot = jounce.load(written(), gravity=(0, 0, -1), drives=True)
+    robot = jounce.load(written(), gravity=(0, 0, -1), lock={})
     np.testing.assert_allclose(robot.gravity_forces([np.pi / 2]), [2 * 0.5], atol=1e-15)
 
 

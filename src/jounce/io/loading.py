@@ -22,7 +22,7 @@ def load(
     drives: bool | str | Iterable[str] = False,
     **parameters: object,
 ) -> Robot:
-    """A robot from a URDF file, a YAML or JSON file, or a bundled one by its name.
+    """A robot from a URDF or MJCF file, a YAML or JSON file, or a bundled one by its name.
 
     YAML and JSON hold jounce's own format, a Denavit-Hartenberg table or skidy's description, told apart by their keys.
 
@@ -33,8 +33,8 @@ def load(
     Parameters
     ----------
     source : str or path
-        Path of a .urdf, .xacro, .yaml, .yml or .json file, or the name of a bundled one: "iiwa14", "planar2r", "panda"
-        and others, which `jounce robots` lists.
+        Path of a .urdf, .xacro, .xml (MJCF, by MuJoCo; or a URDF), .yaml, .yml or .json file, or the name of a bundled
+        one: "iiwa14", "planar2r", "panda" and others, which `jounce robots` lists.
     lock : dict
         Joints to hold still, {name: rad or m}: their bodies merge into those that carry them, see `Robot.locked`.
     drives : bool, str or several
@@ -107,6 +107,12 @@ def _read_xacro(
     return urdf.parse(content, f"{path} (expanded)", path.name.partition(".")[0], gravity, base, root)
 
 
+def _read_xml(path: Path, /, gravity: object = None, base: str | None = None, root: str | None = None) -> Mechanism:
+    from jounce.io import mjcf  # where lxml and MuJoCo are needed
+
+    return mjcf.read(path, gravity, base, root)
+
+
 def _read_document(path: Path, /, gravity: object = None) -> Mechanism:
     from jounce.io import documents
 
@@ -116,6 +122,7 @@ def _read_document(path: Path, /, gravity: object = None) -> Mechanism:
 READERS: dict[str, Callable[..., Mechanism]] = {
     ".urdf": _read_urdf,
     ".xacro": _read_xacro,
+    ".xml": _read_xml,
     ".yaml": _read_document,
     ".yml": _read_document,
     ".json": _read_document,
