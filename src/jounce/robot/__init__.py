@@ -1,14 +1,15 @@
 """Robot: what users hold. It checks at the door, then calls one function a method."""
 
 from jounce.robot.bodies import Bodies
+from jounce.robot.construction import Construction
 from jounce.robot.forces import Forces
 from jounce.robot.models import Models
 
 
-class Robot(Forces, Bodies, Models):
+class Robot(Forces, Bodies, Construction, Models):
     """A robot: its mechanism, and the quantities of its equations of motion along a motion.
 
-    Build one by `jounce.load`, `Robot.from_screws`, `Robot.from_spatial_screws` or `Robot.from_dh`.
+    Build one by `jounce.load` or by one of the constructors `Robot.from_...`.
 
     Conventions of every method:
 

@@ -8,10 +8,10 @@ from jounce.errors import no_such
 from jounce.kernel.kernel import Kernel
 from jounce.kernel.serving import ahead
 from jounce.paths import FORMS, Path, column, drive_forces, row
-from jounce.robot.data import Data, Options
+from jounce.robot.quantities import Options, Quantities
 
 
-class Forces(Data):
+class Forces(Quantities):
     """Q, M, C and Qgrav with their rates, each a line on its path."""
 
     def compile(self, order: int = 2, wrench: bool = False, quantity: str = "inverse_dynamics") -> Kernel:
