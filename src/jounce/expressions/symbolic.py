@@ -14,14 +14,15 @@ from jounce._scalars import Array
 from jounce.closed_form import closed_form
 from jounce.errors import JounceError, at, no_such
 from jounce.expressions.terms import Print, waves
-from jounce.expressions.waves import Alphabet
+from jounce.expressions.waves import Alphabet, Waves
 from jounce.mechanism import DATA, Mechanism
 from jounce.paths import PATHS, SYMBOLS
 from jounce.rates import SUFFIX, rate_name
 from jounce.robot import Robot
 from jounce.series import Series
 
-WORK = 200_000  # products of terms, up to which one matrix is worked out: some seconds, some ten thousand terms
+WORK = 1_000_000  # operations on terms, up to which one matrix is worked out: some seconds, some ten thousand terms
+PRINTED = 50  # operations that take as long as to print one term
 NAMED = 12  # rates of the coordinates that `Symbolic.dot` knows
 
 
@@ -150,6 +151,7 @@ def symbolic(robot: Robot) -> Symbolic:
             alphabet.work = 0
             with at(f"{rate_name(name, k)} of {mechanism.name!r}"):
                 values = np.atleast_2d(law()[k])
+                alphabet.spend(PRINTED * sum(len(x.terms) for x in values.flat if isinstance(x, Waves)))
             entries = [printer.expression(x) for x in values.flat]
             return sympy.ImmutableMatrix(mechanism.n, len(entries) // mechanism.n, entries)
 

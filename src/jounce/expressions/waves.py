@@ -37,17 +37,17 @@ class Alphabet:
         sign = -1 if factor < 0 else 1
         return sign * _digit(self.angles, (powers, sign * factor))
 
-    def spend(self, products: int) -> None:
-        """Count products of terms.
+    def spend(self, operations: int) -> None:
+        """Count operations on terms.
 
         Raises
         ------
         JounceError : where they are more than the most there may be.
         """
-        self.work += products
+        self.work += operations
         if self.work > self.most:
             raise JounceError(
-                f"too large for symbolic form: it takes more than {self.most:,} products of terms; "
+                f"too large for symbolic form: it takes more than {self.most:,} operations on terms; "
                 "jounce.codegen writes it as a program instead"
             )
 
@@ -66,6 +66,7 @@ class Waves:
 
     def __add__(self, other: Any) -> "Waves":
         few, many = sorted((self.terms, self._lifted(other).terms), key=len)
+        self.alphabet.spend(len(few))
         total = dict(many)
         for term, c in few.items():
             _add(total, term, c)
@@ -85,6 +86,7 @@ class Waves:
             number = exact(other)
             if number == 1:
                 return self
+            self.alphabet.spend(len(self.terms))
             return Waves(self.alphabet, {term: c * number for term, c in self.terms.items()} if number else {})
         self.alphabet.spend(len(self.terms) * len(other.terms))
         total: dict[Term, Fraction] = {}
