@@ -25,7 +25,7 @@ def asarray(x: Any, what: str = "an array") -> Array:
     if isinstance(x, Mapping | str):
         raise JounceError(f"{what} is of type {type(x).__name__}; expected an array of numbers")
     if type(x).__module__.startswith("casadi"):
-        raise JounceError(f"{what} is a CasADi {type(x).__name__}; pass np.array(casadi.vertsplit(x), dtype=object)")
+        x = _of_casadi(x, what)
     try:
         array = np.asarray(x)
     except Exception as error:  # ragged lists, and whatever a foreign type raises in its conversion
@@ -46,6 +46,18 @@ def element(x: Any, what: str) -> Array:
     array = np.empty((), dtype=object)
     array[()] = x
     return array
+
+
+def _of_casadi(x: Any, what: str) -> np.ndarray:
+    """The entries of a CasADi matrix, `SX` or numbers: (n,) of a column or a row, else (m, n)."""
+    if type(x).__name__ not in ("SX", "DM"):
+        raise JounceError(
+            f"{what} is a CasADi {type(x).__name__}; expected SX, or call with it what jounce.casadi_function returns"
+        )
+    array = np.empty(x.shape, dtype=object)
+    for index in np.ndindex(*x.shape):
+        array[index] = x[index] if type(x).__name__ == "SX" else float(x[index])
+    return array.ravel() if 1 in x.shape else array
 
 
 def _kind(array: np.ndarray) -> str:
