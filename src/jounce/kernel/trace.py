@@ -37,6 +37,9 @@ class Node:
 
     __radd__, __rmul__ = __add__, __mul__
 
+    def __truediv__(self, number: float) -> "Node":
+        return self * (1 / number)
+
     def sin(self) -> "Node":
         """The sine, as NumPy's object arrays ask for it."""
         return self.tape.write("sin", self.i)
