@@ -9,7 +9,7 @@ import numpy as np
 from jounce.codegen.routine import Array
 from jounce.errors import JounceError, no_such
 
-NAMES = ("c",)
+NAMES = ("c", "python")
 
 
 def digits(x: float, single: bool) -> str:
@@ -48,7 +48,6 @@ class Language:
     title: str
     reserved: str  # words that can name nothing
     real: tuple[str, str] = ("double", "float")  # types, in double and single precision
-    layout: str = "Matrices are flat arrays, row after row: M[{n} * i + j] is entry (i, j)."  # a sentence, of n
     literal: Callable[[str, bool], str] = c_literal  # of digits, single
     function: Callable[[str, str, bool], str] = c_function  # of a kind of step, its operand, single
     element: Callable[[Array, int], str] = lambda array, i: f"{array.name}[{i}]"  # the i-th scalar of an array

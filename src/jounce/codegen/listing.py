@@ -5,7 +5,7 @@ while little else must be kept over their calls; outputs are written last, so th
 listings are cut into parts, functions of their own: what a later part uses is kept in scratch memory.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -45,6 +45,10 @@ class Listing:
         plain = [i for i in names if names[i] == f"t{i}"]
         return names | {i: f"t{k + 1}" for k, i in enumerate(plain)}
 
+    def leaves(self, i: int) -> set[int]:
+        """The steps that a statement reads: other statements, inputs, constants."""
+        return _leaves(i, self.program, self.names)
+
 
 def is_function(kind: str) -> bool:
     """Whether a kind of step is a function of one operand: sin, cos."""
@@ -74,8 +78,9 @@ def _stated(program: Program) -> dict[int, None]:
     """The steps that are statements of their own, in order."""
     uses, steps = program.uses(), program.steps
     sizes: dict[int, int] = {}  # operations in the expression of a step that is not a leaf
-    apart = {i: None for i, step in enumerate(steps) if step.kind not in LEAVES}
-    kept = set(program.outputs) | {i for i in apart if is_function(steps[i].kind)}
+    outputs = {i for i in program.outputs if steps[i].kind != "constant"}
+    apart = {i: None for i, step in enumerate(steps) if step.kind not in LEAVES or i in outputs}
+    kept = outputs | {i for i in apart if is_function(steps[i].kind)}
     for i in list(apart):
         sizes[i] = 1
         for j in steps[i].operands:
@@ -89,7 +94,7 @@ def _slots(program: Program, stated: Mapping[int, None], parts: list[tuple[int, 
     """Where in scratch memory the statements that later parts, or the outputs, use are kept; a slot serves many."""
     part_of = {i: k for k, part in enumerate(parts) for i in part}
     statements = [i for part in parts for i in part]
-    reads = [_read(i, program, lambda j: j in stated) for i in statements]
+    reads = [{j for j in _leaves(i, program, stated) if j in stated} for i in statements]
     last = {j: place for place, found in enumerate(reads) for j in found}
     last |= {i: len(statements) for i in program.outputs if i in stated}
     crossing = {j for i, found in zip(statements, reads, strict=True) for j in found if part_of[j] != part_of[i]}
@@ -107,13 +112,13 @@ def _slots(program: Program, stated: Mapping[int, None], parts: list[tuple[int, 
     return slots
 
 
-def _read(i: int, program: Program, stated: Callable[[int], bool]) -> set[int]:
-    """The statements that the expression of a statement reads."""
+def _leaves(i: int, program: Program, stated: Container[int]) -> set[int]:
+    """The steps that a statement reads: other statements, inputs, constants; an input that is one itself."""
     found: set[int] = set()
-    stack = list(program.steps[i].operands)
+    stack = list(program.steps[i].operands) if program.steps[i].operands else [i]
     while stack:
         j = stack.pop()
-        if stated(j):
+        if j in stated or not program.steps[j].operands:
             found.add(j)
         else:
             stack.extend(program.steps[j].operands)

@@ -67,23 +67,28 @@ def effort(program: Program) -> str:
     """The operations of a program in words: the same for all states."""
     counts = program.counts()
     kinds = [("mul", "products"), ("add", "sums"), ("sub", "differences")]
-    kinds += [(kind, f"{kind}()") for kind in sorted(counts) if is_function(kind) and kind not in FREE]
+    kinds += [(kind, kind) for kind in sorted(counts) if is_function(kind) and kind not in FREE]
     listed = ", ".join(f"{counts[kind]} {word}" for kind, word in kinds if counts[kind])
     return f"{program.operations} operations: {listed or 'none'}"
 
 
-def parameters(robot: Parametric) -> list[tuple[str, str]]:
-    """The parameters by name, and what they are."""
-    return [
-        (name, MEANINGS.get(re.sub(r"^payload\d*", "payload", name), "a symbol of the robot")) for name in robot.shapes
-    ]
+def parameters(robot: Parametric) -> dict[str, str]:
+    """What the parameters are, by their names."""
+    bodies = [name.partition(":")[2] or robot.origin.bodies[-1] for name in robot.asked if name.startswith("payload")]
+    meanings = dict(MEANINGS)
+    for k, body in enumerate(bodies):
+        stem = f"payload{k + 1 if k else ''}"
+        meanings |= {f"{stem}_{part}": meaning.format(body=printable(body)) for part, meaning in OF_PAYLOAD.items()}
+    return {name: meanings.get(name, "a symbol of the robot") for name in robot.shapes}
 
 
 MEANINGS = {
     "gravity": "gravitational acceleration in the inertial frame, m/s^2",
     "masses": "of the bodies, kg; the COM stays, inertia grows in proportion",
     "lengths": "positions of the body frames in their parents' at rest, x, y, z a body, m",
-    "payload_mass": "kg",
-    "payload_com": "centre of mass in the frame of the payload's body, m",
-    "payload_inertia": "about the COM, axes of that frame, xx xy xz yy yz zz, kg m^2",
+}
+OF_PAYLOAD = {
+    "mass": "on {body}, kg",
+    "com": "centre of mass in the frame of {body}, m",
+    "inertia": "about the COM in the axes of {body}, xx xy xz yy yz zz, kg m^2",
 }

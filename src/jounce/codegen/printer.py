@@ -6,10 +6,20 @@ from functools import cached_property
 
 from jounce.codegen.language import Language, digits
 from jounce.codegen.listing import Listing, listing
+from jounce.codegen.notes import effort
 from jounce.codegen.routine import Array, Routine
 
 SIGNS = {"add": "+", "sub": "-", "mul": "*"}
 SUM, PRODUCT, ATOM = range(3)  # how tightly an expression holds together
+
+
+@dataclass(frozen=True)
+class Part:
+    """Some of the statements, as lines, and the arrays of states that they read; `parametric` where they read p."""
+
+    lines: list[str]
+    inputs: list[Array]
+    parametric: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,6 +29,26 @@ class Printed:
     routine: Routine
     language: Language
     single: bool
+
+    @property
+    def name(self) -> str:
+        """Of the quantity."""
+        return self.routine.name
+
+    @property
+    def inputs(self) -> tuple[Array, ...]:
+        """The arrays of states that it takes."""
+        return self.routine.inputs
+
+    @property
+    def outputs(self) -> tuple[Array, ...]:
+        """The arrays that it gives."""
+        return self.routine.outputs
+
+    @property
+    def effort(self) -> str:
+        """How many operations it takes, in words."""
+        return effort(self.routine.program)
 
     @cached_property
     def listing(self) -> Listing:
@@ -31,9 +61,16 @@ class Printed:
         return self.listing.scratch
 
     @cached_property
-    def parts(self) -> list[list[str]]:
-        """The statements as lines, part by part; a single part is the body of the routine itself."""
-        return [[self._statement(i) for i in part] for part in self.listing.parts]
+    def parts(self) -> list[Part]:
+        """The statements, part by part; a single part is the body of the routine itself."""
+        return [self._part(part) for part in self.listing.parts]
+
+    @property
+    def unused(self) -> list[str]:
+        """The arguments that no statement reads."""
+        read = {array.name for part in self.parts for array in part.inputs}
+        parametric = not self.routine.parameters or any(part.parametric for part in self.parts)
+        return [array.name for array in self.inputs if array.name not in read] + ([] if parametric else ["p"])
 
     @cached_property
     def results(self) -> list[str]:
@@ -48,6 +85,13 @@ class Printed:
     def number(self, x: float) -> str:
         """A number of the code."""
         return self.language.literal(digits(x, self.single), self.single)
+
+    def _part(self, statements: Sequence[int]) -> Part:
+        steps = self.routine.program.steps
+        read = {int(steps[j].value) for i in statements for j in self.listing.leaves(i) if steps[j].kind == "input"}
+        used = [array for array in self.inputs if any(array.start <= j < array.start + array.size for j in read)]
+        first = self.inputs[0].start  # parameters come before
+        return Part([self._statement(i) for i in statements], used, any(j < first for j in read))
 
     def _statement(self, i: int) -> str:
         value = self._expression(i, whole=True)[0]

@@ -1,6 +1,6 @@
 """Test vectors: states, and what a routine has to give for them by the closed form, not by the program printed."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,6 +30,10 @@ class Vectors:
     def count(self) -> int:
         """How many states there are."""
         return len(self.inputs["q"])
+
+    def parameter_sets(self) -> Iterator[dict[str, np.ndarray]]:
+        """The parameters of one state after the other."""
+        return ({name: values[k] for name, values in self.parameters.items()} for k in range(self.count))
 
 
 def vectors(

@@ -9,6 +9,7 @@ import numpy as np
 from jounce.codegen import notes
 from jounce.codegen.generation import Request
 from jounce.codegen.language import digits
+from jounce.codegen.parametric import Parametric
 from jounce.codegen.printer import Printed
 from jounce.codegen.routine import Routine
 from jounce.codegen.vectors import TOLERANCE, vectors
@@ -61,15 +62,13 @@ def _context(request: Request, routines: Sequence[Routine], tested: Mapping[str,
         "routines": printed,  # Printed, in the order asked for
         "tests": list(zip(printed, found, strict=True)),  # each with its Vectors
         "parameters": routines[0].parameters,
-        "meanings": dict(notes.parameters(request.robot)),
-        "own": {name: value for name, value in request.robot.own.items() if value.dtype != object},
+        "meanings": notes.parameters(request.robot),
+        "own": _own(request.robot),
         "tolerance": TOLERANCE[single],
         "origin": notes.origin(mechanism, request.order, single),
         "arrays": notes.arrays(mechanism),
         "conventions": notes.conventions(routines),
-        "layout": request.language.layout.format(n=mechanism.n),
         "matrices": any("matrix" in routine.name for routine in routines),
-        "effort": notes.effort,
         "number": lambda x: literal(digits(x, single), single),
         "double": lambda x: literal(digits(x, False), False),
     }
@@ -82,17 +81,23 @@ def _wrapped(text: str, indent: str = "", width: int = 118) -> str:
     return f"\n{indent}".join(wrap(text, width - len(indent), break_long_words=False, break_on_hyphens=False))
 
 
-def _packed(text: str, indent: str = "", width: int = 118) -> str:
-    """What commas separate in lines, each but the first behind an indent; nothing else is broken."""
+def _own(robot: Parametric) -> dict[str, np.ndarray]:
+    """The robot's own values of all parameters; none where one has no number."""
+    numbers = all(name in robot.own and robot.own[name].dtype != object for name in robot.shapes)
+    return robot.own if numbers else {}
+
+
+def _packed(text: str, indent: str = "", end: str = "", width: int = 118) -> str:
+    """What commas separate in lines, each but the first behind an indent, each but the last with an end."""
     lines = [""]
     for item in text.strip().split(", "):
         longer = f"{lines[-1]}, {item}" if lines[-1] else item
-        if len(indent) + len(longer) < width:
+        if len(indent) + len(longer) + len(end) < width:
             lines[-1] = longer
         else:
             lines[-1] += ","
             lines.append(item)
-    return f"\n{indent}".join(lines)
+    return f"{end}\n{indent}".join(lines)
 
 
 def _rows(array: np.ndarray) -> Iterator[list[float]]:
