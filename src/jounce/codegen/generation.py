@@ -9,13 +9,14 @@ from pathlib import Path
 from jounce.codegen import notes
 from jounce.codegen.language import Language, language
 from jounce.codegen.parametric import Parametric, parametric
-from jounce.codegen.routine import OUTPUTS, routine
+from jounce.codegen.routine import OUTPUTS, Routine, routine
 from jounce.errors import JounceError, no_such
 from jounce.io import folders
 from jounce.robot import Robot
 
 HIGHEST = 4  # order
 TRACED = 1500  # bodies times orders squared, up to which a program is traced in seconds
+LOADED = "inverse_dynamics"  # the quantity that takes wrenches
 LARGEST = 60_000  # operations of a function, up to which compilers take seconds and code stays below a megabyte
 
 
@@ -112,19 +113,10 @@ def codegen(
     folder = Path(f"{request.prefix}-{lang}" if directory is None else directory).expanduser()
     names = writing.names(request)
     folders.check_folder(folder, notes.MARK, names, force)
-    routines = [routine(request.robot, name, order, wrench and name == LOADED) for name in outputs]
-    for made in routines:
-        if made.operations > LARGEST:
-            raise JounceError(
-                f"{made.name} of {robot.name} to order {order} takes {made.operations} operations;"
-                f" code is generated up to {LARGEST}"
-            )
+    routines = traced(request)
     files = writing.files(request, routines)
     folders.write_folder(folder, files, notes.MARK, force)
     return Generated(folder, tuple(sorted(files)), {f"{request.prefix}_{r.name}": r.operations for r in routines})
-
-
-LOADED = "inverse_dynamics"  # the quantity that takes wrenches
 
 
 def checked(
@@ -157,6 +149,20 @@ def checked(
     for name in found.shapes:
         target.check_name(name, "parameter")
     return Request(found, target, order, tuple(outputs), wrench, float32, _prefix(prefix, robot.name, target))
+
+
+def traced(request: Request) -> list[Routine]:
+    """The routines of what is asked for, or `JounceError` where one is too large."""
+    routines = []
+    for name in request.outputs:
+        made = routine(request.robot, name, request.order, request.wrench and name == LOADED)
+        if made.operations > LARGEST:
+            raise JounceError(
+                f"{name} of {request.robot.origin.name} to order {request.order} takes {made.operations} operations;"
+                f" code is generated for up to {LARGEST}"
+            )
+        routines.append(made)
+    return routines
 
 
 def _prefix(given: str | None, name: str, target: Language) -> str:

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce.codegen.parametric import Parametric
-from jounce.codegen.routine import OUTPUTS, Routine
+from jounce.codegen.routine import OUTPUTS, Array, Routine
 from jounce.evaluation import evaluate
-from jounce.mechanism import in_extended_precision
+from jounce.mechanism import Mechanism, in_extended_precision
 from jounce.paths import PATHS
-from jounce.rates import rate_name
 
-WORK = 200  # bodies times states: the closed form is dense
+WORK = 100  # bodies times states: the closed form is dense
 MOST = 10  # states
 STEPS = 1000  # states are whole multiples of 1/STEPS: short to write, the same in every language
 TOLERANCE = {False: 1e-13, True: 2e-4}  # of the test, in double and single precision
@@ -31,6 +30,10 @@ class Vectors:
         """How many states there are."""
         return len(self.inputs["q"])
 
+    def scale(self, name: str) -> float:
+        """What errors of an output are relative to: its largest entry, over all states; a single one may be all zeros."""
+        return float(np.abs(self.outputs[name]).max()) or 1.0
+
     def parameter_sets(self) -> Iterator[dict[str, np.ndarray]]:
         """The parameters of one state after the other."""
         return ({name: values[k] for name, values in self.parameters.items()} for k in range(self.count))
@@ -44,23 +47,26 @@ def vectors(
     For single precision the inputs are numbers of that precision.
     """
     rng = np.random.default_rng(0)
-    nb = robot.origin.nb
-    count = max(1, min(MOST, WORK // nb)) if count is None else count
-    as_given = np.float32 if single else np.float64
+    count = max(1, min(MOST, WORK // robot.origin.nb)) if count is None else count
 
-    def random(*shape: int) -> np.ndarray:
-        return (rng.integers(-2 * STEPS, 2 * STEPS, (count, *shape)) / STEPS).astype(as_given).astype(float)
+    def random(array: Array) -> np.ndarray:
+        return rng.integers(-2 * STEPS, 2 * STEPS, (count, *array.shape)) / STEPS
 
-    inputs = {array.name: random(*array.shape) for array in routine.inputs}
+    def given(x: np.ndarray) -> np.ndarray:
+        return x.astype(np.float32).astype(float) if single else x
+
+    inputs = {array.name: given(random(array)) for array in routine.inputs}
+    batch = -(-count // MOST) if routine.parameters else count  # states that share their parameters
+    starts = np.arange(count) // batch * batch
     parameters = {
-        array.name: _near(robot.own.get(array.name), random(*array.shape)).astype(as_given).astype(float)
-        for array in routine.parameters
+        array.name: given(_near(robot.own.get(array.name), random(array)))[starts] for array in routine.parameters
     }
-    results = (
-        [_exact(robot, routine, parameters, inputs, slice(k, k + 1), method) for k in range(count)]
-        if parameters
-        else [_exact(robot, routine, {}, inputs, slice(None), method)]
-    )
+    results = []
+    for k in range(0, count, batch):
+        values = {name: np.asarray(x[k].astype(np.longdouble), dtype=object) for name, x in parameters.items()}
+        mechanism = in_extended_precision(robot.mechanism(values))
+        states = {name: x[k : k + batch].astype(np.longdouble) for name, x in inputs.items()}
+        results.append(_exact(mechanism, routine, states, method))
     outputs = [np.concatenate(terms).astype(float) for terms in zip(*results, strict=True)]
     return Vectors(parameters, inputs, dict(zip((array.name for array in routine.outputs), outputs, strict=True)))
 
@@ -74,14 +80,10 @@ def _near(own: np.ndarray | None, random: np.ndarray) -> np.ndarray:
 
 
 def _exact(
-    robot: Parametric, routine: Routine, parameters: Mapping[str, np.ndarray], inputs: Mapping[str, np.ndarray],
-    states: slice, method: str,
-) -> tuple[np.ndarray, ...]:  # fmt: skip
-    """The outputs for some states, all of the same parameters."""
-    values = {name: value[states][0].astype(np.longdouble).astype(object) for name, value in parameters.items()}
-    mechanism = in_extended_precision(robot.mechanism({name: np.asarray(value) for name, value in values.items()}))
-    order = len(routine.outputs) - 1
-    q = [x[states].astype(np.longdouble) for name, x in inputs.items() if name.startswith("q")]
-    W = [x[states].astype(np.longdouble) for name, x in inputs.items() if name.startswith(rate_name("W", 0))]
+    mechanism: Mechanism, routine: Routine, states: Mapping[str, np.ndarray], method: str
+) -> tuple[np.ndarray, ...]:
+    """The outputs for some states."""
+    q = [x for name, x in states.items() if name.startswith("q")]
+    W = [x for name, x in states.items() if name.startswith("W")]
     path = PATHS[OUTPUTS[routine.name][0]][method]
-    return evaluate(lambda q, W: path.law(mechanism, q, W), q, W, order, path.width(mechanism.nb))
+    return evaluate(lambda q, W: path.law(mechanism, q, W), q, W, len(routine.outputs) - 1, path.width(mechanism.nb))
