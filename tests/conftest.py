@@ -3,8 +3,14 @@
 import pytest
 from hypothesis import settings
 
+collect_ignore = ["golden"]  # data, generated tests in Python among them
+
 settings.register_profile("jounce", deadline=None, max_examples=40, derandomize=True)
 settings.load_profile("jounce")
+
+
+def pytest_addoption(parser):
+    parser.addoption("--refresh-golden", action="store_true", help="Write generated code anew as golden files.")
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -1,6 +1,7 @@
 """Higher-order inverse dynamics: a robot and a motion in, the drive forces Q and their exact time derivatives out."""
 
 from jounce.casadi_functions import casadi_function
+from jounce.codegen.generation import codegen
 from jounce.errors import JounceError, JounceWarning
 from jounce.expressions import symbolic
 from jounce.inertia import inertia_matrix
@@ -17,6 +18,7 @@ __all__ = [
     "Robot",
     "__version__",
     "casadi_function",
+    "codegen",
     "inertia_matrix",
     "load",
     "load_motion",

@@ -8,6 +8,7 @@ import click
 
 from jounce import JounceError, __version__
 from jounce.cli.cache import cache
+from jounce.cli.codegen import codegen
 from jounce.cli.compare import compare
 from jounce.cli.convert import convert
 from jounce.cli.demo import demo
@@ -64,5 +65,5 @@ def main() -> None:
     """Higher-order inverse dynamics: a robot and a motion in, drive forces and their exact time derivatives out."""
 
 
-for verb in (run, plot, info, robots, compare, convert, demo, cache):
+for verb in (run, plot, info, robots, compare, convert, codegen, demo, cache):
     main.add_command(verb)

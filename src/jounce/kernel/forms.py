@@ -23,9 +23,12 @@ def module(mechanism: Mechanism, quantity: Quantity, target: Target) -> str:
     return emit.emitted(_block(mechanism, quantity), quantity.interface, target)
 
 
-def program(mechanism: Mechanism, quantity: Quantity) -> Program:
-    """The operations of a quantity, traced from the recursion, products with shared factors grouped."""
-    tape = Tape()
+def program(mechanism: Mechanism, quantity: Quantity, tape: Tape | None = None) -> Program:
+    """The operations of a quantity, traced from the recursion, products with shared factors grouped.
+
+    Where the mechanism holds nodes of a tape, that tape is written on, and the quantity's inputs follow those on it.
+    """
+    tape = Tape() if tape is None else tape
     inputs = [tape.variables(*shape) for shape in quantity.interface.taken]
     least = quantity.order + COMPILED[quantity.name]
     loads = [x.reshape(-1, 1) for x in inputs[least:]]

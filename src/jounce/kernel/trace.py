@@ -135,6 +135,10 @@ class Tape:
                 return -self.multiply(-one, other)
             if one.step.kind == "constant" and one.step.value < 0:
                 return -self.multiply(-one, other)
+            if one.step.kind == "constant" and other.step.kind == "mul":
+                for inner, rest in (other.step.operands, other.step.operands[::-1]):
+                    if self.steps[inner].kind == "constant":
+                        return self.known(rest) * (one.step.value * self.steps[inner].value)
         return self.write("mul", *sorted((x.i, y.i)))
 
     def program(self, outputs: Sequence[Any]) -> Program:

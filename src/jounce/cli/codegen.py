@@ -1,0 +1,69 @@
+"""`jounce codegen`: a robot's equations as source code in another language, with tests."""
+
+import json
+from pathlib import Path
+
+import click
+
+from jounce.cli.asked import Asked, on_robot
+
+EPILOG = """\b
+Example:
+  jounce codegen iiwa14 --lang c --order 2 -o iiwa14-c
+  make -C iiwa14-c test
+
+\b
+Outputs: inverse_dynamics, gravity_forces, mass_matrix, coriolis_matrix,
+  skew_coriolis_matrix, each with its rates.
+Parameters of the functions at run time: gravity, masses, lengths, payload,
+  payload:BODY.
+"""
+
+
+def _names(_: click.Context, __: click.Parameter, given: str) -> list[str]:
+    """Names that commas separate."""
+    return [name.strip() for name in given.split(",") if name.strip()]
+
+
+@click.command(epilog=EPILOG, short_help="Source code in another language, with tests.")
+@on_robot
+@click.option("--lang", required=True, help="The language: c, ...; an unknown one lists them.")
+@click.option("--order", default=2, show_default=True, help="Highest time derivative: 2 gives Q, Qd, Q2d.")
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Folder to write, new or empty.")
+@click.option(
+    "--outputs", default="inverse_dynamics", show_default=True, callback=_names, metavar="NAMES",
+    help="What to compute, separated by commas.",
+)  # fmt: skip
+@click.option("--wrench", is_flag=True, help="inverse_dynamics takes wrenches on the bodies.")
+@click.option("--parameters", default="", callback=_names, metavar="NAMES", help="What to take at run time.")
+@click.option("--float32", is_flag=True, help="Single precision.")
+@click.option("--prefix", help="Of all names in the code; the robot's name if left out.")
+@click.option("--force", is_flag=True, help="Replace what jounce generated there before; other files stay.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+def codegen(
+    robot: Asked,
+    lang: str,
+    order: int,
+    output: Path,
+    outputs: list[str],
+    wrench: bool,
+    parameters: list[str],
+    float32: bool,
+    prefix: str | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Write the equations of ROBOT, a file or a bundled name, as source code with a test of its own."""
+    from jounce.codegen import generation
+
+    made = generation.codegen(
+        robot.load(), lang, order, output,
+        outputs=outputs, wrench=wrench, parameters=parameters, float32=float32, prefix=prefix, force=force,
+    )  # fmt: skip
+    summary = {
+        "robot": str(robot.path), "language": lang, "order": order, "output": str(made.directory),
+        "files": list(made.files), "operations": made.operations,
+    }  # fmt: skip
+    lines = [f"{name}: {count} operations" for name, count in made.operations.items()]
+    lines.append(f"{', '.join(made.files)} written to {made.directory}")
+    click.echo(json.dumps(summary, indent=2) if as_json else "\n".join(lines))

@@ -1,0 +1,174 @@
+"""`codegen`: a robot's equations as a folder of source code in another language, with its tests."""
+
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from jounce.codegen import notes
+from jounce.codegen.language import Language, language
+from jounce.codegen.parametric import Parametric, parametric
+from jounce.codegen.routine import OUTPUTS, Routine, routine
+from jounce.errors import JounceError, no_such
+from jounce.io import folders
+from jounce.robot import Robot
+
+HIGHEST = 4  # order
+TRACED = 1500  # bodies times orders squared, up to which a program is traced in seconds
+LOADED = "inverse_dynamics"  # the quantity that takes wrenches
+LARGEST = 60_000  # operations of a function, up to which compilers take seconds and code stays below a megabyte
+
+
+@dataclass(frozen=True)
+class Request:
+    """What code is asked for, checked."""
+
+    robot: Parametric
+    language: Language
+    order: int
+    outputs: tuple[str, ...]
+    wrench: bool
+    single: bool
+    prefix: str
+
+
+@dataclass(frozen=True)
+class Generated:
+    """What `codegen` has written."""
+
+    directory: Path
+    files: tuple[str, ...]
+    operations: dict[str, int] = field(hash=False)  # by function
+
+
+def codegen(
+    robot: Robot,
+    lang: str,
+    order: int = 2,
+    directory: str | os.PathLike[str] | None = None,
+    *,
+    outputs: Sequence[str] = ("inverse_dynamics",),
+    wrench: bool = False,
+    parameters: Sequence[str] = (),
+    float32: bool = False,
+    prefix: str | None = None,
+    force: bool = False,
+) -> Generated:
+    """Write a robot's equations as source code that needs no jounce, with tests that the user's own compiler runs.
+
+    One function a quantity: the recursion, written down operation by operation for this robot, without loops, branches
+    or memory of its own; ``PREFIX_inverse_dynamics(q, qd, q2d, q3d, q4d, Q, Qd, Q2d)``, say. ``make test`` in the
+    folder compares it with the closed form.
+
+    Parameters
+    ----------
+    robot : Robot
+        Of numbers, or of SymPy symbols, which become parameters by their names.
+    lang : str
+        The language: "c" (C99), "python" (NumPy).
+    order : int
+        The highest time derivative: 2 gives Q, Qd, Q2d.
+    directory : str or path
+        The folder to write, new or empty; PREFIX-LANG in the working directory if left out.
+    outputs : sequence of str
+        Of "inverse_dynamics", "gravity_forces", "mass_matrix", "coriolis_matrix" (the paper's) and
+        "skew_coriolis_matrix" (for passivity-based control).
+    wrench : bool
+        Whether inverse_dynamics takes wrenches W, Wd, ..., (nb, 6), as `Robot.inverse_dynamics` does.
+    parameters : sequence of str
+        What the functions take at run time: "gravity", "masses", "lengths", "payload", "payload:BODY".
+    float32 : bool
+        Single precision.
+    prefix : str
+        The beginning of all names in the code; the robot's name if left out.
+    force : bool
+        Write into a folder that is not empty: files that jounce generated are replaced, all others stay.
+
+    Returns
+    -------
+    Generated : its `directory`, `files`, and `operations`, how many each function takes.
+
+    Raises
+    ------
+    JounceError
+        Where a language, output or parameter is unknown, a name is none in the language, the robot is too large, or the
+        folder is not empty. Nothing is written then.
+
+    Examples
+    --------
+    >>> import tempfile, jounce
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     made = jounce.codegen(jounce.load("iiwa14"), "c", directory=folder)
+    >>> made.files
+    ('Makefile', 'README.md', 'iiwa14.c', 'iiwa14.h', 'test_iiwa14.c')
+    >>> made.operations
+    {'iiwa14_inverse_dynamics': 2213}
+    """
+    from jounce.codegen import writing  # where Jinja is needed
+
+    if not isinstance(robot, Robot):
+        raise JounceError(f"code is generated for a Robot, not for a {type(robot).__name__}; try jounce.load")
+    request = checked(robot, lang, order, outputs, wrench, parameters, float32, prefix)
+    folder = Path(f"{request.prefix}-{lang}" if directory is None else directory).expanduser()
+    names = writing.names(request)
+    folders.check_folder(folder, notes.MARK, names, force)
+    routines = traced(request)
+    files = writing.files(request, routines)
+    folders.write_folder(folder, files, notes.MARK, force)
+    return Generated(folder, tuple(sorted(files)), {f"{request.prefix}_{r.name}": r.operations for r in routines})
+
+
+def checked(
+    robot: Robot,
+    lang: str,
+    order: int,
+    outputs: Sequence[str],
+    wrench: bool,
+    parameters: Sequence[str],
+    float32: bool,
+    prefix: str | None,
+) -> Request:
+    """What is asked for, or `JounceError`."""
+    target = language(lang)
+    if not isinstance(order, int) or isinstance(order, bool) or not 0 <= order <= HIGHEST:
+        raise JounceError(f"order is {order!r}; expected 0 to {HIGHEST}")
+    for name in (outputs := [outputs] if isinstance(outputs, str) else list(outputs)):
+        if name not in OUTPUTS:
+            raise no_such("output", name, OUTPUTS)
+    if not outputs or len(set(outputs)) != len(outputs):
+        raise JounceError(f"outputs are {outputs!r}; expected one or more different ones of {', '.join(OUTPUTS)}")
+    if wrench and LOADED not in outputs:
+        raise JounceError(f"{outputs[0]} takes no wrenches; they are for {LOADED}")
+    if robot.mechanism.nb * (order + 1) ** 2 > TRACED:
+        raise JounceError(
+            f"{robot.name} has {robot.mechanism.nb} bodies; code of order {order} is generated for at most"
+            f" {TRACED // (order + 1) ** 2}"
+        )
+    found = parametric(robot.mechanism, list(parameters))
+    for name in found.shapes:
+        target.check_name(name, "parameter")
+    return Request(found, target, order, tuple(outputs), wrench, float32, _prefix(prefix, robot.name, target))
+
+
+def traced(request: Request) -> list[Routine]:
+    """The routines of what is asked for, or `JounceError` where one is too large."""
+    routines = []
+    for name in request.outputs:
+        made = routine(request.robot, name, request.order, request.wrench and name == LOADED)
+        if made.operations > LARGEST:
+            raise JounceError(
+                f"{name} of {request.robot.origin.name} to order {request.order} takes {made.operations} operations;"
+                f" code is generated for up to {LARGEST}"
+            )
+        routines.append(made)
+    return routines
+
+
+def _prefix(given: str | None, name: str, target: Language) -> str:
+    """The prefix that is given, or the robot's name made one."""
+    found = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_") if given is None else given
+    if given is None and (not found or found[0].isdigit() or found in target.reserved.split()):
+        found = f"robot_{found}".rstrip("_")
+    target.check_name(found, "prefix")
+    return found

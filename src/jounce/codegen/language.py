@@ -1,0 +1,79 @@
+"""Languages: how statements are written in each, and the files around them. One folder each, found by its name."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+
+import numpy as np
+
+from jounce.codegen.routine import Array
+from jounce.errors import JounceError, no_such
+
+NAMES = ("c", "python")
+
+
+def digits(x: float, single: bool) -> str:
+    """The shortest decimal number that reads back as x, in the precision; it has a point or an exponent."""
+    with np.errstate(over="ignore"):
+        text = str(np.float32(x)) if single else repr(float(x))
+    if not text.strip("-")[0].isdigit():
+        raise JounceError(
+            f"the code would hold the number {x!r}, which is none in {'single' if single else 'double'} precision"
+        )
+    return text if set(text) & set(".e") else f"{text}.0"
+
+
+def c_literal(text: str, single: bool) -> str:
+    """A number in C and its relatives."""
+    return text + "f" if single else text
+
+
+def c_function(kind: str, x: str, single: bool) -> str:
+    """A function of one operand in C and its relatives."""
+    return f"{kind}{'f' if single else ''}({x})"
+
+
+def is_identifier(name: str) -> bool:
+    """Whether a text is a name in every language: ASCII letters, digits and _, a letter first."""
+    return name.isascii() and name.isidentifier() and not name.startswith("_")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Language:
+    """A target: what its statements look like. Sums, differences, products and signs look alike in all of them.
+
+    Its folder holds templates of the files to write; PREFIX in their names stands for that of the code.
+    """
+
+    name: str  # of the folder, and on the command line
+    title: str
+    reserved: str  # words that can name nothing
+    real: tuple[str, str] = ("double", "float")  # types, in double and single precision
+    literal: Callable[[str, bool], str] = c_literal  # of digits, single
+    function: Callable[[str, str, bool], str] = c_function  # of a kind of step, its operand, single
+    element: Callable[[Array, int], str] = lambda array, i: f"{array.name}[{i}]"  # the i-th scalar of an array
+    parameter: Callable[[Array, int], str] = lambda array, i: f"p->{array.name}" + (f"[{i}]" if array.shape else "")
+    scratch: Callable[[int], str] = lambda i: f"scratch[{i}]"
+    let: str = "const {real} {name} = {value};"  # a statement that defines a name
+    put: str = "{place} = {value};"  # one that writes into an array
+
+    def check_name(self, name: str, what: str) -> None:
+        """Raise `JounceError` where a text cannot be a name."""
+        if not is_identifier(name):
+            raise JounceError(
+                f"{what} {name!r} is no name in code; expected ASCII letters, digits and _, a letter first"
+            )
+        if name in self.reserved.split():
+            raise JounceError(f"{what} {name!r} is a reserved word of {self.title}; expected another name")
+
+
+def language(name: str) -> Language:
+    """The language of a name.
+
+    Raises
+    ------
+    JounceError : where there is none, with all there are.
+    """
+    if name not in NAMES:
+        raise no_such("language", name, NAMES)
+    return import_module(f"jounce.codegen.{name}").LANGUAGE

@@ -1,0 +1,105 @@
+"""The files of generated code: the templates of a language, filled in."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jounce.codegen import notes
+from jounce.codegen.generation import Request
+from jounce.codegen.language import digits
+from jounce.codegen.parametric import Parametric
+from jounce.codegen.printer import Printed
+from jounce.codegen.routine import Routine
+from jounce.codegen.vectors import TOLERANCE, vectors
+
+HERE = Path(__file__).parent
+SUFFIX = ".jinja"
+
+
+def names(request: Request) -> list[str]:
+    """The names of the files that there will be."""
+    return list(_templates(request))
+
+
+def files(request: Request, routines: Sequence[Routine], **tested: Any) -> dict[str, str]:
+    """The files by name; `tested` is how many states, and by which method, the test vectors hold."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(HERE), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )  # fmt: skip
+    environment.filters["wrapped"] = _wrapped
+    environment.filters["packed"] = _packed
+    environment.filters["rows"] = _rows
+    context = _context(request, routines, tested)
+    return {name: environment.get_template(path).render(context) for name, path in _templates(request).items()}
+
+
+def _templates(request: Request) -> dict[str, str]:
+    """The templates by the names of the files that they make, as paths in this package."""
+    folder = request.language.name
+    found = sorted((HERE / folder).glob(f"*{SUFFIX}"))
+    made = {path.name.removesuffix(SUFFIX).replace("PREFIX", request.prefix): f"{folder}/{path.name}" for path in found}
+    return {name: path for name, path in made.items() if not name.startswith("_")}
+
+
+def _context(request: Request, routines: Sequence[Routine], tested: Mapping[str, Any]) -> dict[str, Any]:
+    """What templates are given."""
+    mechanism, single = request.robot.origin, request.single
+    printed = [Printed(routine, request.language, single) for routine in routines]
+    found = [vectors(request.robot, routine, single, **tested) for routine in routines]
+    literal = request.language.literal
+    return {
+        "prefix": request.prefix,
+        "real": request.language.real[single],
+        "single": single,
+        "order": request.order,
+        "n": mechanism.n,
+        "nb": mechanism.nb,
+        "routines": printed,  # Printed, in the order asked for
+        "tests": list(zip(printed, found, strict=True)),  # each with its Vectors
+        "parameters": routines[0].parameters,
+        "meanings": notes.parameters(request.robot),
+        "own": _own(request.robot),
+        "tolerance": TOLERANCE[single],
+        "origin": notes.origin(mechanism, request.order, single),
+        "arrays": notes.arrays(mechanism),
+        "conventions": notes.conventions(routines),
+        "matrices": any("matrix" in routine.name for routine in routines),
+        "number": lambda x: literal(digits(x, single), single),
+        "double": lambda x: literal(digits(x, False), False),
+    }
+
+
+def _wrapped(text: str, indent: str = "", width: int = 118) -> str:
+    """A sentence in lines, each but the first behind an indent."""
+    from textwrap import wrap
+
+    return f"\n{indent}".join(wrap(text, width - len(indent), break_long_words=False, break_on_hyphens=False))
+
+
+def _own(robot: Parametric) -> dict[str, np.ndarray]:
+    """The robot's own values of all parameters; none where one has no number."""
+    numbers = all(name in robot.own and robot.own[name].dtype != object for name in robot.shapes)
+    return robot.own if numbers else {}
+
+
+def _packed(text: str, indent: str = "", end: str = "", width: int = 118) -> str:
+    """What commas separate in lines, each but the first behind an indent, each but the last with an end."""
+    lines = [""]
+    for item in text.strip().split(", "):
+        longer = f"{lines[-1]}, {item}" if lines[-1] else item
+        if len(indent) + len(longer) + len(end) < width:
+            lines[-1] = longer
+        else:
+            lines[-1] += ","
+            lines.append(item)
+    return f"{end}\n{indent}".join(lines)
+
+
+def _rows(array: np.ndarray) -> Iterator[list[float]]:
+    """An array (states, ...) as flat lists, one a state."""
+    return (np.ravel(state).tolist() for state in array)

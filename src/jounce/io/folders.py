@@ -1,0 +1,61 @@
+"""Folders written as a whole: all files or none, and nothing of a user's lost."""
+
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from uuid import uuid4
+
+from jounce.errors import JounceError, listed
+from jounce.io.files import check_writable
+
+
+def check_folder(folder: Path, mark: str, names: list[str], force: bool) -> None:
+    """Raise `JounceError` where `write_folder` would, before any work is done for it."""
+    try:
+        there = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+        if folder.exists() and not folder.is_dir():
+            raise JounceError(f"{folder}: exists and is not a folder")
+        if there and not force:
+            raise JounceError(
+                f"{folder}: is not empty ({listed(there, most=3)}); expected a new or empty folder, or --force"
+            )
+        foreign = [name for name in names if name in there and not _is_marked(folder / name, mark)]
+    except OSError as error:
+        raise JounceError(f"{folder}: {error.strerror or error}") from None
+    if foreign:
+        raise JounceError(f"{folder / foreign[0]}: was not made by jounce; it is not replaced, with --force neither")
+    check_writable(folder / "any" if folder.is_dir() else folder)
+
+
+def write_folder(folder: Path, files: Mapping[str, str], mark: str, force: bool) -> None:
+    """Write texts as the files of a folder, all of them or none.
+
+    With `force` it need not be empty: of the files in it only those of the same names are replaced, if they bear the
+    mark of such files; all others stay.
+    """
+    check_folder(folder, mark, list(files), force)
+    target = folder.resolve()
+    part = target.with_name(f".jounce-{uuid4().hex[:12]}.part")
+    try:
+        part.mkdir()
+        for name, text in files.items():
+            (part / name).write_text(text, encoding="utf-8", newline="\n")
+        if target.is_dir() and any(target.iterdir()):
+            for name in files:
+                (part / name).replace(target / name)
+        else:
+            if target.is_dir():
+                target.rmdir()  # empty, as is checked anew by the system
+            part.replace(target)
+    except OSError as error:
+        raise JounceError(f"{folder}: cannot be written: {error.strerror or error}") from None
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def _is_marked(path: Path, mark: str) -> bool:
+    """Whether a file bears the mark within its first lines."""
+    if path.is_symlink() or not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return mark.encode() in file.read(4096)
