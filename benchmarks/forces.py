@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from benchmarks.measure import LONGEST, Case, roughly
-from benchmarks.peers import Arrays, Call, Peer, casadi, folder, jax, ours, pinocchio, program, skidy
+from benchmarks.peers import Arrays, Call, Peer, casadi, folder, generated, jax, ours, pinocchio, skidy
 from benchmarks.robots import start_of_iiwa, states
 from jounce import JounceError, Robot, load
 from jounce.errors import one_line
 
-PEERS = (*ours.PEERS, *program.PEERS, *casadi.PEERS, *folder.PEERS, *jax.PEERS, *pinocchio.PEERS)
-SMALL_PEERS = (ours.DEFAULT, *program.PEERS, *skidy.PEERS)
+PEERS = (*ours.PEERS, *generated.PEERS, *casadi.PEERS, *folder.PEERS, *jax.PEERS, *pinocchio.PEERS)
+SMALL_PEERS = (ours.DEFAULT, *generated.PEERS, *skidy.PEERS)
 SMALL = (2, 3)  # joints
 ORDERS, BATCHES = range(5), (1, 1_000, 100_000)
 WRONG = 1e-5  # differentiating numerically leaves less; whoever is further off computes something else

@@ -1,15 +1,13 @@
-"""The benchmarks compute what they say: figures are medians, counts are right, printed C is the program."""
+"""The benchmarks compute what they say: figures are medians, counts are right."""
 
 from collections import Counter
 from itertools import count
-from shutil import which
 
 import numpy as np
 import pytest
 from benchmarks import bound, measure, peaks, robots
 from benchmarks.forces import PEERS, computed
 from benchmarks.peers import MissingError
-from benchmarks.peers.program import printed
 from benchmarks.tables import figure, paragraph, share, table
 
 import jounce
@@ -49,17 +47,6 @@ def test_peers_compute_the_forces(peer, order, states):
     exact = robot.inverse_dynamics(*rates, method="closed_form")
     for Q, expected in zip(computed(call, out), exact if order else (exact,), strict=True):
         assert relative_error(Q, expected) < (1e-5 if "five-point" in peer.name else 1e-13)
-
-
-@pytest.mark.skipif(which("gcc") is None, reason="no gcc")
-def test_printed_c_is_the_program():
-    from benchmarks.c import library, over_states
-
-    rates = [np.array([[0.3, -1.2], [2.0, 0.7]]), np.array([[0.5, 4.0], [-3.0, 1.5]])]
-    found = [np.empty((2, 2))]
-    over_states(library([printed(PROGRAM, 2)]))(rates, found)()
-    expected = [PROGRAM.run([*q, *qd]) for q, qd in zip(*rates, strict=True)]
-    assert np.allclose(found[0], expected, rtol=1e-15)
 
 
 def test_arithmetic_is_counted_fused():

@@ -31,7 +31,7 @@ class Vectors:
         return len(self.inputs["q"])
 
     def scale(self, name: str) -> float:
-        """What errors of an output are relative to: its largest entry, over all states; a single one may be all zeros."""
+        """What errors of an output are relative to: its largest entry over all states, 1 where all are zero."""
         return float(np.abs(self.outputs[name]).max()) or 1.0
 
     def parameter_sets(self) -> Iterator[dict[str, np.ndarray]]:
