@@ -5,9 +5,9 @@ from math import prod
 from jounce.codegen.language import Language
 from jounce.codegen.routine import Array
 
-RESERVED = """Self abstract alloc as async await become box break const continue core crate do dyn else enum extern false
-final fn for gen if impl in let loop macro match mod move mut override priv proc_macro pub ref return self static std
-struct super test trait true try type typeof unsafe unsized use virtual where while yield"""
+RESERVED = """Self abstract alloc as async await become box break const continue core crate do dyn else enum extern
+f32 f64 false final fn for gen i32 if impl in let loop macro match mod move mut override priv proc_macro pub ref return
+self static std struct super test trait true try type typeof unsafe unsized use usize virtual where while yield"""
 
 
 def _entry(array: Array, i: int) -> str:

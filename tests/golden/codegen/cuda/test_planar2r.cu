@@ -183,7 +183,9 @@ static int test_inverse_dynamics()
         double *all_Q = room<double>(STATES * 2);
         double *all_Qd = room<double>(STATES * 2);
         double *all_Q2d = room<double>(STATES * 2);
-        launch(planar2r_inverse_dynamics_batch, (STATES + THREADS - 1) / THREADS, THREADS, STATES, all_q, all_qd, all_q2d, all_q3d, all_q4d, all_Q, all_Qd, all_Q2d);
+        launch(
+            planar2r_inverse_dynamics_batch, (STATES + THREADS - 1) / THREADS, THREADS, STATES, all_q, all_qd,
+            all_q2d, all_q3d, all_q4d, all_Q, all_Qd, all_Q2d);
         if (cudaDeviceSynchronize() != cudaSuccess)
             worst = HUGE_VAL;
         for (k = 0; k < STATES; k++) {
