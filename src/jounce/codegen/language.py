@@ -9,7 +9,7 @@ import numpy as np
 from jounce.codegen.routine import Array
 from jounce.errors import JounceError, no_such
 
-NAMES = ("c", "python")
+NAMES = ("c", "cpp", "cuda", "python", "rust")
 
 
 def digits(x: float, single: bool) -> str:
