@@ -4,9 +4,11 @@ import json
 import re
 import subprocess
 import sys
+import textwrap
 from importlib import metadata
 from pathlib import Path
 from shutil import which
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,11 +22,14 @@ from jounce.codegen import generation, listing, notes, writing
 from jounce.codegen.language import NAMES, language
 from jounce.codegen.parametric import parametric
 from jounce.codegen.routine import OUTPUTS, routine
+from jounce.codegen.vectors import vectors
 from robots import GOLDEN, golden, random_mechanism
 
 STRICT = "-std=c99 -O0 -Wall -Wextra -Wpedantic -Wconversion -Wdouble-promotion -Wfloat-conversion -Werror"
 LANGUAGES = {  # the tools that a language takes, and what its Makefile is told
     "c": (["make", "gcc"], ["CC=gcc", f"CFLAGS={STRICT}"]),
+    "julia": (["make", "julia"], []),
+    "matlab": (["make", "octave-cli"], []),
     "python": (["make"], [f"PYTHON={sys.executable}"]),
 }
 PANDA = Path(__file__).parents[1] / "examples" / "panda.urdf"
@@ -142,6 +147,54 @@ def test_names_of_bodies_and_joints_never_leave_their_comments(lang, tmp_path):
     assert all(text.isascii() for text in files.values())
     passed, output = passes(written(tmp_path, files), lang)
     assert passed, output
+
+
+class FromOne:
+    """An array whose indices begin with one."""
+
+    def __init__(self, array):
+        self.array = array
+
+    def __getitem__(self, index):
+        return self.array[tuple(np.subtract(index, 1, dtype=int).reshape(-1))]
+
+    def __setitem__(self, index, value):
+        self.array[tuple(np.subtract(index, 1, dtype=int).reshape(-1))] = value
+
+
+@pytest.mark.parametrize("case", ["iiwa14, order 2", "panda, order 2", "planar2r, all", "mimic"])
+def test_statements_of_julia_are_right_where_there_is_no_julia(case, monkeypatch):
+    """Python reads them as they are, given arrays that begin with one."""
+    if case == "mimic":
+        monkeypatch.setattr(listing, "WHOLE", 50)
+        monkeypatch.setattr(listing, "PART", 30)
+    robot, options = CASES[case]
+    request, routines = requested(ROBOTS[robot](), "julia", **options)
+    text = writing.files(request, routines, count=1)[f"{request.prefix}.jl"]
+    for traced in routines:
+        expected = vectors(request.robot, traced, False)
+        bodies = re.findall(
+            rf"^function {traced.name}(?:_part\d+)?!.*?@inbounds begin\n(.*?)\n    end", text, re.M | re.S
+        )
+        code = compile(textwrap.dedent("\n".join(bodies)), case, "exec")
+        for k, p in enumerate(expected.parameter_sets()):
+            arrays = {name: FromOne(x[k]) for name, x in expected.inputs.items()}
+            arrays |= {x.name: FromOne(np.zeros(x.shape)) for x in traced.outputs} | {"scratch": FromOne(np.zeros(999))}
+            parameters = {name: FromOne(x) if x.ndim else x for name, x in p.items()}
+            exec(code, arrays | {"p": SimpleNamespace(**parameters), "sin": np.sin, "cos": np.cos})
+            for x in traced.outputs:
+                error = np.abs(arrays[x.name].array - expected.outputs[x.name][k].reshape(x.shape)).max()
+                assert error <= 1e-13 * expected.scale(x.name)
+
+
+@pytest.mark.parametrize("case", ["panda, order 0", "planar2r, all", "planar2r, all, single", "symbols"])
+def test_julia_parses(case):
+    tree_sitter = pytest.importorskip("tree_sitter")
+    grammar = tree_sitter.Language(pytest.importorskip("tree_sitter_julia").language())
+    robot, options = CASES[case]
+    for name, text in texts(ROBOTS[robot](), "julia", count=1, **options).items():
+        if name.endswith(".jl"):
+            assert not tree_sitter.Parser(grammar).parse(text.encode()).root_node.has_error, name
 
 
 @pytest.mark.skipif(not TALOS, reason="no example-robot-data")

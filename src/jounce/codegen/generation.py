@@ -66,7 +66,7 @@ def codegen(
     robot : Robot
         Of numbers, or of SymPy symbols, which become parameters by their names.
     lang : str
-        The language: "c" (C99), "python" (NumPy).
+        The language: "c" (C99), "julia", "matlab" (and GNU Octave), "python" (NumPy).
     order : int
         The highest time derivative: 2 gives Q, Qd, Q2d.
     directory : str or path

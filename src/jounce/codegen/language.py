@@ -9,7 +9,7 @@ import numpy as np
 from jounce.codegen.routine import Array
 from jounce.errors import JounceError, no_such
 
-NAMES = ("c", "python")
+NAMES = ("c", "julia", "matlab", "python")
 
 
 def digits(x: float, single: bool) -> str:
@@ -30,6 +30,11 @@ def c_literal(text: str, single: bool) -> str:
 def c_function(kind: str, x: str, single: bool) -> str:
     """A function of one operand in C and its relatives."""
     return f"{kind}{'f' if single else ''}({x})"
+
+
+def from_one(array: Array, i: int) -> str:
+    """The subscripts of the i-th scalar of an array, row after row, where indices begin with one."""
+    return ", ".join(str(k + 1) for k in np.unravel_index(i, array.shape))
 
 
 def is_identifier(name: str) -> bool:
@@ -53,6 +58,7 @@ class Language:
     element: Callable[[Array, int], str] = lambda array, i: f"{array.name}[{i}]"  # the i-th scalar of an array
     parameter: Callable[[Array, int], str] = lambda array, i: f"p->{array.name}" + (f"[{i}]" if array.shape else "")
     scratch: Callable[[int], str] = lambda i: f"scratch[{i}]"
+    first: int = 0  # the index with which arrays begin
     let: str = "const {real} {name} = {value};"  # a statement that defines a name
     put: str = "{place} = {value};"  # one that writes into an array
 
