@@ -264,15 +264,6 @@ def test_data_of_a_robot_are_concrete():
         jounce.Robot.from_screws(**given | {"B": 2 * given["B"]})
 
 
-def test_casadi_vectors_are_refused_with_the_way_out():
-    robot, _, _ = case("planar2r")
-    x = casadi.SX.sym("x", 2)
-    with pytest.raises(JounceError, match=r"q is a CasADi SX; pass np\.array\(casadi\.vertsplit"):
-        robot.inverse_dynamics(x, x, x)
-    scalars = np.array(casadi.vertsplit(x), dtype=object)
-    assert robot.inverse_dynamics(scalars, scalars, scalars).shape == (2,)
-
-
 def test_numbers_of_a_robot_leave_no_floats_among_symbols():
     robot = jounce.load("planar2r")
     q, qd = (np.array(sympy.symbols(names), dtype=object) for names in ("a b", "da db"))

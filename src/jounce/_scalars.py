@@ -25,7 +25,7 @@ def asarray(x: Any, what: str = "an array") -> Array:
     if isinstance(x, Mapping | str):
         raise JounceError(f"{what} is of type {type(x).__name__}; expected an array of numbers")
     if type(x).__module__.startswith("casadi"):
-        raise JounceError(f"{what} is a CasADi {type(x).__name__}; pass np.array(casadi.vertsplit(x), dtype=object)")
+        x = _of_casadi(x, what)
     try:
         array = np.asarray(x)
     except Exception as error:  # ragged lists, and whatever a foreign type raises in its conversion
@@ -37,6 +37,18 @@ def asarray(x: Any, what: str = "an array") -> Array:
     if array.dtype.kind == "O" and not any(v is None or isinstance(v, str | complex) for v in array.flat):
         return array
     raise JounceError(f"{what} holds {_kind(array)}; expected real numbers or symbols")
+
+
+def _of_casadi(x: Any, what: str) -> np.ndarray:
+    """The entries of a CasADi matrix, `SX` or numbers: (n,) of a column or a row, else (m, n)."""
+    if type(x).__name__ not in ("SX", "DM"):
+        raise JounceError(
+            f"{what} is a CasADi {type(x).__name__}; expected SX, or call with it what jounce.casadi_function returns"
+        )
+    array = np.empty(x.shape, dtype=object)
+    for index in np.ndindex(*x.shape):
+        array[index] = x[index] if type(x).__name__ == "SX" else float(x[index])
+    return array.ravel() if 1 in x.shape else array
 
 
 def _kind(array: np.ndarray) -> str:

@@ -77,6 +77,13 @@ COMPILED = {  # to native code, and how many of q, qd, ... each takes
     "coriolis_matrix of form 'paper'": 2,
     "coriolis_matrix of form 'skew'": 2,
 }
+SYMBOLS = {  # the paper's, by which results are named
+    "inverse_dynamics": "Q",
+    "mass_matrix": "M",
+    "coriolis_matrix of form 'paper'": "C",
+    "coriolis_matrix of form 'skew'": "Cbar",
+    "gravity_forces": "Qgrav",
+}
 FORMS = ("paper", "skew")  # of the Coriolis matrix
 
 
