@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import textwrap
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from shutil import which
@@ -308,6 +309,23 @@ def test_refusals(options, words, tmp_path):
 def test_robots_that_cannot_be_written_are_refused(robot, words, tmp_path):
     refusal(lambda: jounce.codegen(robot(), "c", directory=tmp_path / "new"), *words)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_numbers_beyond_single_precision_are_refused(tmp_path):
+    robot = jounce.load("planar2r", m1=1e39)
+    assert jounce.codegen(robot, "c", directory=tmp_path / "double").operations
+    call = partial(jounce.codegen, robot, "c", directory=tmp_path / "single", float32=True)
+    refusal(call, "the code would hold the number ", "e+39, which is none in single precision")
+    assert not (tmp_path / "single").exists()
+
+
+@languages
+def test_what_depends_on_nothing_is_written_too(lang, tmp_path):
+    """A slide across gravity: Qgrav is zero, M constant, no argument is read."""
+    slide = jounce.Robot.from_screws([np.eye(4)], [[0, 0, 0, 1, 0, 0]], [np.diag([1, 1, 1, 3.5, 3.5, 3.5])])
+    options = {"order": 1, "outputs": ["gravity_forces", "mass_matrix"], "parameters": ["lengths"]}
+    passed, output = passes(written(tmp_path, texts(slide, lang, **options)), lang)
+    assert passed, output
 
 
 def test_too_many_operations_are_refused(monkeypatch, tmp_path):

@@ -1,14 +1,17 @@
 """The pages, README.md and all of docs/, run as printed: files are written, commands and Python run, in page order.
 
-A fence with a title holds a file. Indented, or after ``$`` in a ``console`` fence, `jounce ...` is a command; lines
-without ``$`` are its output, ``...`` standing for any of it. Python fences are doctests, all of a page in one session.
+A fence with a title holds a file. Indented, or after ``$`` in a ``console`` fence, `jounce ...` is a command, after
+``$`` make, gcc and what they made too, where they are there; lines without ``$`` are its output, ``...`` standing for
+any of it. Python fences are doctests, all of a page in one session.
 """
 
 import doctest
 import re
 import shlex
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
+from shutil import which
 
 import pytest
 from click.testing import CliRunner
@@ -18,6 +21,8 @@ from jounce.cli import main
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r'^```(\w+)(?: title="([^"]+)")?\n(.*?)^```$|^    (jounce [^\n]+)$', re.MULTILINE | re.DOTALL)
+
+COMMAND = re.compile(r"^\$ ((?:jounce |make |gcc |\./).+)\n((?:(?!\$ ).*\n)*)", re.MULTILINE)
 
 
 def blocks(page: Path) -> Iterator[tuple[str, str, int]]:
@@ -30,14 +35,29 @@ def blocks(page: Path) -> Iterator[tuple[str, str, int]]:
 
 
 def run_commands(session: str) -> None:
-    for command, expected in re.findall(r"^\$ (jounce .+)\n((?:(?!\$ ).*\n)*)", session, re.MULTILINE):
-        words = shlex.split(command, comments=True)[1:]
-        result = CliRunner().invoke(main, words)
-        assert result.exit_code == 0, f"{command}: {result.output}"
-        if expected:
-            assert doctest.OutputChecker().check_output(expected, result.output, doctest.ELLIPSIS), result.output
-        if "-o" in words:
-            assert Path(words[words.index("-o") + 1]).stat().st_size > 1000
+    for command, expected in COMMAND.findall(session):
+        words = shlex.split(command, comments=True)
+        output = run_jounce(words[1:]) if words[0] == "jounce" else run_tool(words)
+        if expected and output is not None:
+            assert doctest.OutputChecker().check_output(expected, output, doctest.ELLIPSIS), output
+
+
+def run_jounce(words: list[str]) -> str:
+    result = CliRunner().invoke(main, words)
+    assert result.exit_code == 0, f"{words}: {result.output}"
+    if "-o" in words:
+        made = Path(words[words.index("-o") + 1])
+        assert sum(path.stat().st_size for path in ([made] if made.is_file() else made.iterdir())) > 1000
+    return result.output
+
+
+def run_tool(words: list[str]) -> str | None:
+    """What it says; None where a tool is missing."""
+    if any(which(tool) is None for tool in ("make", "gcc", *["arm-none-eabi-gcc"] * ("size" in words))):
+        return None
+    done = subprocess.run(words, capture_output=True, text=True)
+    assert done.returncode == 0, f"{words}: {done.stderr}"
+    return done.stdout
 
 
 def run_python(session: str, names: dict[str, object], place: str, line: int) -> None:

@@ -14,7 +14,8 @@ NAMES = ("c", "julia", "matlab", "python")
 
 def digits(x: float, single: bool) -> str:
     """The shortest decimal number that reads back as x, in the precision; it has a point or an exponent."""
-    text = str(np.float32(x)) if single else repr(float(x))
+    with np.errstate(over="ignore"):
+        text = str(np.float32(x)) if single else repr(float(x))
     if not text.strip("-")[0].isdigit():
         raise JounceError(
             f"the code would hold the number {x!r}, which is none in {'single' if single else 'double'} precision"

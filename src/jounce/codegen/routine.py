@@ -1,6 +1,5 @@
 """Routines: what generated code computes, as a program and the named arrays that it takes and gives."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from math import prod
@@ -80,13 +79,3 @@ def routine(robot: Parametric, name: str, order: int, loaded: bool) -> Routine:
     quantity = Quantity(OUTPUTS[name][0], order, loaded, n, nb)
     inputs = in_a_row(taken, tape.inputs)
     return Routine(name, parameters, inputs, in_a_row(given), program(mechanism, quantity, tape))
-
-
-def loads(name: str, wrench: bool) -> bool:
-    """Whether a quantity takes wrenches where they are asked for."""
-    return wrench and name == "inverse_dynamics"
-
-
-def arrays(routines: Sequence[Routine]) -> list[Array]:
-    """All the arrays of states that routines take and give, each name once."""
-    return list({array.name: array for r in routines for array in (*r.inputs, *r.outputs)}.values())
