@@ -17,12 +17,7 @@ UNPRINTABLE = re.compile(r"[^\w .,:;+/()\[\]<>@=&|-]", re.ASCII)
 
 def printable(name: str) -> str:
     r"""A name as it can stand in a comment of any language: what could end one is written as \x2a, say."""
-    return UNPRINTABLE.sub(
-        lambda found: (
-            found[0].encode("unicode_escape").decode() if not found[0].isascii() else f"\\x{ord(found[0]):02x}"
-        ),
-        name,
-    )
+    return UNPRINTABLE.sub(lambda found: f"\\x{ord(found[0]):02x}", name)
 
 
 def origin(robot: Mechanism, order: int, single: bool) -> str:
