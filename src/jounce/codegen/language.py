@@ -1,15 +1,16 @@
 """Languages: how statements are written in each, and the files around them. One folder each, found by its name."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from importlib import import_module
+from typing import Any
 
 import numpy as np
 
 from jounce.codegen.routine import Array
 from jounce.errors import JounceError, no_such
 
-NAMES = ("c", "julia", "matlab", "python")
+NAMES = ("c", "julia", "latex", "matlab", "python")
 
 
 def digits(x: float, single: bool) -> str:
@@ -62,6 +63,9 @@ class Language:
     first: int = 0  # the index with which arrays begin
     let: str = "const {real} {name} = {value};"  # a statement that defines a name
     put: str = "{place} = {value};"  # one that writes into an array
+    helpers: Mapping[str, Callable[..., Any]] = field(default_factory=dict)  # what its templates call, by name
+    single: bool = True  # whether there is single precision
+    largest: int = 60_000  # operations of a function: compilers take seconds, and code stays below a megabyte
 
     def check_name(self, name: str, what: str) -> None:
         """Raise `JounceError` where a text cannot be a name."""

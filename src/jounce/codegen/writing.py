@@ -67,6 +67,8 @@ def _context(request: Request, routines: Sequence[Routine], tested: Mapping[str,
     found = [vectors(request.robot, routine, single, **tested) for routine in routines]
     literal = request.language.literal
     return {
+        **request.language.helpers,
+        "robot": request.robot,
         "prefix": request.prefix,
         "real": request.language.real[single],
         "single": single,
