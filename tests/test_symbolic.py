@@ -226,7 +226,7 @@ def test_what_is_too_large_says_so_and_names_the_way_out():
 
 
 def test_an_order_too_high_says_so(monkeypatch):
-    monkeypatch.setattr("jounce.expressions.symbolic.WORK", 20_000)
+    monkeypatch.setattr("jounce.expressions.equations.WORK", 20_000)
     S = jounce.symbolic(planar2r())
     assert S.Q2d.shape == (2, 1)
     with pytest.raises(
