@@ -4,10 +4,13 @@ import json
 import re
 import subprocess
 import sys
+import textwrap
+from dataclasses import replace
 from functools import partial
 from importlib import metadata
 from pathlib import Path
 from shutil import which
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,6 +24,7 @@ from jounce.codegen import generation, listing, notes, writing
 from jounce.codegen.language import NAMES, language
 from jounce.codegen.parametric import parametric
 from jounce.codegen.routine import OUTPUTS, routine
+from jounce.codegen.vectors import vectors
 from robots import GOLDEN, golden, random_mechanism
 
 STRICT = "-std=c99 -O0 -Wall -Wextra -Wpedantic -Wconversion -Wdouble-promotion -Wfloat-conversion -Werror"
@@ -29,6 +33,9 @@ LANGUAGES = {  # the tools that a language takes, and what its Makefile is told
     "c": (["make", "gcc"], ["CC=gcc", f"CFLAGS={STRICT}"]),
     "cpp": (["make", "g++"], ["CXX=g++", f"CXXFLAGS={STRICT_CXX[0]}", "EIGEN="]),
     "cuda": (["make", "g++"], ["NVCC=", "CXX=g++", f"CXXFLAGS={STRICT_CXX[1]}"]),
+    "julia": (["make", "julia"], []),
+    "latex": (["make", "pdflatex"], []),
+    "matlab": (["make", "octave-cli"], []),
     "python": (["make"], [f"PYTHON={sys.executable}"]),
     "rust": (["make", "rustc"], ["RUSTFLAGS=-D warnings"]),
 }
@@ -67,6 +74,7 @@ CASES = {
     "mimic": ("mimic", {"order": 1, "wrench": True, "outputs": ALL}),
 }  # fmt: skip
 languages = pytest.mark.parametrize("lang", LANGUAGES)
+programs = pytest.mark.parametrize("lang", [lang for lang in LANGUAGES if lang != "latex"])
 
 
 def requested(robot, lang, order=2, outputs=("inverse_dynamics",), wrench=False, parameters=(), float32=False):
@@ -101,7 +109,7 @@ def test_every_language_is_tested():
     assert set(LANGUAGES) == set(NAMES)
 
 
-@languages
+@programs
 @pytest.mark.parametrize("case", CASES)
 def test_agrees_with_the_recursion_on_100_states(case, lang, tmp_path):
     robot, options = CASES[case]
@@ -112,7 +120,7 @@ def test_agrees_with_the_recursion_on_100_states(case, lang, tmp_path):
     assert {float(allowed) for _, allowed in errors} == {2e-4 if options.get("float32") else 1e-13}
 
 
-@languages
+@programs
 def test_the_test_beside_the_code_proves_it(lang, tmp_path):
     """Written as users get it, it passes; with one constant of the code changed by a part in 10^9 it fails."""
     made = jounce.codegen(ROBOTS["planar2r"](), lang, directory=tmp_path / "arm", outputs=ALL, wrench=True)
@@ -125,7 +133,7 @@ def test_the_test_beside_the_code_proves_it(lang, tmp_path):
     assert not passes(made.directory, lang)[0]
 
 
-@languages
+@programs
 def test_long_programs_are_cut_into_parts_that_share_scratch_memory(lang, tmp_path, monkeypatch):
     monkeypatch.setattr(listing, "WHOLE", 50)
     monkeypatch.setattr(listing, "PART", 30)
@@ -147,6 +155,54 @@ def test_names_of_bodies_and_joints_never_leave_their_comments(lang, tmp_path):
     assert all(text.isascii() for text in files.values())
     passed, output = passes(written(tmp_path, files), lang)
     assert passed, output
+
+
+class FromOne:
+    """An array whose indices begin with one."""
+
+    def __init__(self, array):
+        self.array = array
+
+    def __getitem__(self, index):
+        return self.array[tuple(np.subtract(index, 1, dtype=int).reshape(-1))]
+
+    def __setitem__(self, index, value):
+        self.array[tuple(np.subtract(index, 1, dtype=int).reshape(-1))] = value
+
+
+@pytest.mark.parametrize("case", ["iiwa14, order 2", "panda, order 2", "planar2r, all", "mimic"])
+def test_statements_of_julia_are_right_where_there_is_no_julia(case, monkeypatch):
+    """Python reads them as they are, given arrays that begin with one."""
+    if case == "mimic":
+        monkeypatch.setattr(listing, "WHOLE", 50)
+        monkeypatch.setattr(listing, "PART", 30)
+    robot, options = CASES[case]
+    request, routines = requested(ROBOTS[robot](), "julia", **options)
+    text = writing.files(request, routines, count=1)[f"{request.prefix}.jl"]
+    for traced in routines:
+        expected = vectors(request.robot, traced, False)
+        bodies = re.findall(
+            rf"^function {traced.name}(?:_part\d+)?!.*?@inbounds begin\n(.*?)\n    end", text, re.M | re.S
+        )
+        code = compile(textwrap.dedent("\n".join(bodies)), case, "exec")
+        for k, p in enumerate(expected.parameter_sets()):
+            arrays = {name: FromOne(x[k]) for name, x in expected.inputs.items()}
+            arrays |= {x.name: FromOne(np.zeros(x.shape)) for x in traced.outputs} | {"scratch": FromOne(np.zeros(999))}
+            parameters = {name: FromOne(x) if x.ndim else x for name, x in p.items()}
+            exec(code, arrays | {"p": SimpleNamespace(**parameters), "sin": np.sin, "cos": np.cos})
+            for x in traced.outputs:
+                error = np.abs(arrays[x.name].array - expected.outputs[x.name][k].reshape(x.shape)).max()
+                assert error <= 1e-13 * expected.scale(x.name)
+
+
+@pytest.mark.parametrize("case", ["panda, order 0", "planar2r, all", "planar2r, all, single", "symbols"])
+def test_julia_parses(case):
+    tree_sitter = pytest.importorskip("tree_sitter")
+    grammar = tree_sitter.Language(pytest.importorskip("tree_sitter_julia").language())
+    robot, options = CASES[case]
+    for name, text in texts(ROBOTS[robot](), "julia", count=1, **options).items():
+        if name.endswith(".jl"):
+            assert not tree_sitter.Parser(grammar).parse(text.encode()).root_node.has_error, name
 
 
 @pytest.mark.skipif(not TALOS, reason="no example-robot-data")
@@ -280,11 +336,11 @@ def test_what_depends_on_nothing_is_written_too(lang, tmp_path):
 
 
 def test_too_many_operations_are_refused(monkeypatch, tmp_path):
-    monkeypatch.setattr(generation, "LARGEST", 2000)
+    monkeypatch.setattr(generation, "language", lambda name: replace(language(name), largest=2000))
     refusal(lambda: jounce.codegen(jounce.load("iiwa14"), "c", directory=tmp_path / "new"), "2213 operations", "2000")
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [name for name in NAMES if language(name).reserved])
 def test_words_of_the_language_are_refused_as_prefixes(name):
     word = "for"
     assert word in language(name).reserved.split()

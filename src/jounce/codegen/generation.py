@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from jounce.codegen import notes
-from jounce.codegen.language import Language, language
+from jounce.codegen.language import NAMES, Language, language
 from jounce.codegen.parametric import Parametric, parametric
 from jounce.codegen.routine import OUTPUTS, Routine, routine
 from jounce.errors import JounceError, no_such
@@ -17,7 +17,6 @@ from jounce.robot import Robot
 HIGHEST = 4  # order
 TRACED = 1500  # bodies times orders squared, up to which a program is traced in seconds
 LOADED = "inverse_dynamics"  # the quantity that takes wrenches
-LARGEST = 60_000  # operations of a function, up to which compilers take seconds and code stays below a megabyte
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,8 @@ def codegen(
     robot : Robot
         Of numbers, or of SymPy symbols, which become parameters by their names.
     lang : str
-        The language: "c" (C99), "cpp" (C++11, and overloads for Eigen), "cuda", "python" (NumPy), "rust" (no_std).
+        The language: "c" (C99), "cpp" (C++11, and overloads for Eigen), "cuda", "julia", "latex" (a document),
+        "matlab" (and GNU Octave), "python" (NumPy), "rust" (no_std).
     order : int
         The highest time derivative: 2 gives Q, Qd, Q2d.
     directory : str or path
@@ -131,6 +131,8 @@ def checked(
 ) -> Request:
     """What is asked for, or `JounceError`."""
     target = language(lang)
+    if float32 and not target.single:
+        raise JounceError(f"{target.title} has no single precision; float32 is for code that runs")
     if not isinstance(order, int) or isinstance(order, bool) or not 0 <= order <= HIGHEST:
         raise JounceError(f"order is {order!r}; expected 0 to {HIGHEST}")
     for name in (outputs := [outputs] if isinstance(outputs, str) else list(outputs)):
@@ -156,13 +158,19 @@ def traced(request: Request) -> list[Routine]:
     routines = []
     for name in request.outputs:
         made = routine(request.robot, name, request.order, request.wrench and name == LOADED)
-        if made.operations > LARGEST:
+        if made.operations > (most := request.language.largest):
             raise JounceError(
                 f"{name} of {request.robot.origin.name} to order {request.order} takes {made.operations} operations;"
-                f" code is generated for up to {LARGEST}"
+                f" {request.language.title} is generated for up to {most}{_larger(most)}"
             )
         routines.append(made)
     return routines
+
+
+def _larger(most: int) -> str:
+    """The languages that take larger robots, as the end of a sentence."""
+    found = [name for name in NAMES if language(name).largest > most]
+    return f"; larger robots go into {', '.join(found)}" if found else ""
 
 
 def _prefix(given: str | None, name: str, target: Language) -> str:

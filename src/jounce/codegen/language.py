@@ -1,15 +1,16 @@
 """Languages: how statements are written in each, and the files around them. One folder each, found by its name."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from importlib import import_module
+from typing import Any
 
 import numpy as np
 
 from jounce.codegen.routine import Array
 from jounce.errors import JounceError, no_such
 
-NAMES = ("c", "cpp", "cuda", "python", "rust")
+NAMES = ("c", "cpp", "cuda", "julia", "latex", "matlab", "python", "rust")
 
 
 def digits(x: float, single: bool) -> str:
@@ -33,6 +34,11 @@ def c_function(kind: str, x: str, single: bool) -> str:
     return f"{kind}{'f' if single else ''}({x})"
 
 
+def from_one(array: Array, i: int) -> str:
+    """The subscripts of the i-th scalar of an array, row after row, where indices begin with one."""
+    return ", ".join(str(k + 1) for k in np.unravel_index(i, array.shape))
+
+
 def is_identifier(name: str) -> bool:
     """Whether a text is a name in every language: ASCII letters, digits and _, a letter first."""
     return name.isascii() and name.isidentifier() and not name.startswith("_")
@@ -54,8 +60,12 @@ class Language:
     element: Callable[[Array, int], str] = lambda array, i: f"{array.name}[{i}]"  # the i-th scalar of an array
     parameter: Callable[[Array, int], str] = lambda array, i: f"p->{array.name}" + (f"[{i}]" if array.shape else "")
     scratch: Callable[[int], str] = lambda i: f"scratch[{i}]"
+    first: int = 0  # the index with which arrays begin
     let: str = "const {real} {name} = {value};"  # a statement that defines a name
     put: str = "{place} = {value};"  # one that writes into an array
+    helpers: Mapping[str, Callable[..., Any]] = field(default_factory=dict)  # what its templates call, by name
+    single: bool = True  # whether there is single precision
+    largest: int = 60_000  # operations of a function: compilers take seconds, and code stays below a megabyte
 
     def check_name(self, name: str, what: str) -> None:
         """Raise `JounceError` where a text cannot be a name."""

@@ -26,12 +26,13 @@ def origin(robot: Mechanism, order: int, single: bool) -> str:
     return f"{MARK} {jounce.__version__} from the robot {printable(robot.name)}, order {order}, {precision} precision."
 
 
-def arrays(robot: Mechanism) -> list[tuple[str, list[str]]]:
-    """What the entries of arrays stand for: coordinates and bodies, a list under a title each."""
-    n = robot.n
-    coordinates = [f"{j}  {printable(name)}, {coordinate_unit(robot, j)}" for j, name in enumerate(robot.coordinates)]
-    bodies = [f"{i}  {printable(name)}" for i, name in enumerate(robot.bodies)]
-    return [(f"Coordinates, the {n} entries of q, qd, ... and of forces:", coordinates), ("Bodies:", bodies)]
+def arrays(robot: Mechanism, first: int) -> list[tuple[str, list[str]]]:
+    """What the entries of arrays stand for, the first index being so: coordinates and bodies, a list under a title."""
+    units = [coordinate_unit(robot, j) for j in range(robot.n)]
+    named = zip(map(printable, robot.coordinates), units, strict=True)
+    coordinates = [f"{j}  {name}, {unit}" for j, (name, unit) in enumerate(named, start=first)]
+    bodies = [f"{i}  {printable(name)}" for i, name in enumerate(robot.bodies, start=first)]
+    return [(f"Coordinates, the {robot.n} entries of q, qd, ... and of forces:", coordinates), ("Bodies:", bodies)]
 
 
 def conventions(routines: Sequence[Routine]) -> list[str]:

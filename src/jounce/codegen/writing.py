@@ -19,12 +19,15 @@ SUFFIX = ".jinja"
 
 
 def names(request: Request) -> list[str]:
-    """The names of the files that there will be."""
+    """The names of the files that there may be."""
     return list(_templates(request))
 
 
 def files(request: Request, routines: Sequence[Routine], **tested: Any) -> dict[str, str]:
-    """The files by name; `tested` is how many states, and by which method, the test vectors hold."""
+    """The files by name; `tested` is how many states, and by which method, the test vectors hold.
+
+    A template that comes out empty makes no file.
+    """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
@@ -35,15 +38,26 @@ def files(request: Request, routines: Sequence[Routine], **tested: Any) -> dict[
     environment.filters["packed"] = _packed
     environment.filters["rows"] = _rows
     context = _context(request, routines, tested)
-    return {name: environment.get_template(path).render(context) for name, path in _templates(request).items()}
+    functions = {f.name: f for f in context["routines"]}
+    made = {
+        name: environment.get_template(path).render(context, function=functions.get(function))
+        for name, (path, function) in _templates(request).items()
+    }
+    return {name: text for name, text in made.items() if text.strip()}
 
 
-def _templates(request: Request) -> dict[str, str]:
-    """The templates by the names of the files that they make, as paths in this package."""
+def _templates(request: Request) -> dict[str, tuple[str, str]]:
+    """By the names of the files that they make the templates, as paths in this package.
+
+    One with FUNCTION in its name makes a file for each function, which stands beside the path.
+    """
     folder = request.language.name
-    found = sorted((HERE / folder).glob(f"*{SUFFIX}"))
-    made = {path.name.removesuffix(SUFFIX).replace("PREFIX", request.prefix): f"{folder}/{path.name}" for path in found}
-    return {name: path for name, path in made.items() if not name.startswith("_")}
+    made = {}
+    for path in sorted((HERE / folder).glob(f"[!_]*{SUFFIX}")):
+        for function in request.outputs if "FUNCTION" in path.name else ("",):
+            name = path.name.removesuffix(SUFFIX).replace("FUNCTION", function).replace("PREFIX", request.prefix)
+            made[name] = f"{folder}/{path.name}", function
+    return made
 
 
 def _context(request: Request, routines: Sequence[Routine], tested: Mapping[str, Any]) -> dict[str, Any]:
@@ -53,6 +67,8 @@ def _context(request: Request, routines: Sequence[Routine], tested: Mapping[str,
     found = [vectors(request.robot, routine, single, **tested) for routine in routines]
     literal = request.language.literal
     return {
+        **request.language.helpers,
+        "robot": request.robot,
         "prefix": request.prefix,
         "real": request.language.real[single],
         "single": single,
@@ -66,7 +82,7 @@ def _context(request: Request, routines: Sequence[Routine], tested: Mapping[str,
         "own": _own(request.robot),
         "tolerance": TOLERANCE[single],
         "origin": notes.origin(mechanism, request.order, single),
-        "arrays": notes.arrays(mechanism),
+        "arrays": notes.arrays(mechanism, request.language.first),
         "conventions": notes.conventions(routines),
         "matrices": any("matrix" in routine.name for routine in routines),
         "number": lambda x: literal(digits(x, single), single),

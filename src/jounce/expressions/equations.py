@@ -144,7 +144,7 @@ def symbolic(robot: Robot) -> Symbolic:
         "W": Series(lambda k: sympy.ImmutableMatrix(mechanism.nb, 6, list(_wrenches(mechanism.nb, k)))),
     }
     _check_names(alphabet, symbols)
-    decimals = any(isinstance(x, float) and not x.is_integer() for label in DATA for x in _scalars(mechanism, label))
+    decimals = any(_has_decimals(x) for label in DATA for x in _scalars(mechanism, label))
     printer = Print(alphabet, parameters=len(alphabet.variables), decimals=decimals)
 
     def printed(name: str, law: Callable[[], Series]) -> Series:
@@ -163,6 +163,14 @@ def symbolic(robot: Robot) -> Symbolic:
     if FRICTION in mechanism.acting:
         matrices["Q"] = matrices["Q"] + _friction(mechanism, symbols["q"])
     return Symbolic(mechanism.name, symbols | matrices)
+
+
+def _has_decimals(x: Any) -> bool:
+    """Whether a scalar is a float that is not whole, or holds one."""
+    import sympy
+
+    floats = x.atoms(sympy.Float) if isinstance(x, sympy.Expr) else [x] if isinstance(x, float) else []
+    return any(not float(number).is_integer() for number in floats)
 
 
 def _laws(model: Mechanism, q: Series, W: Series) -> dict[str, Callable[[], Series]]:
