@@ -9,9 +9,9 @@ import sympy
 
 import jounce
 from files import refusal
-from jounce.codegen import writing
-from jounce.codegen.latex.equations import WIDEST, _width, document, tex
-from jounce.codegen.vectors import vectors
+from jounce.printing import writing
+from jounce.printing.latex.equations import WIDEST, _width, document, tex
+from jounce.printing.vectors import vectors
 from test_codegen import ALL, PARAMETERS, ROBOTS, requested
 
 CASES = {

@@ -7,14 +7,12 @@ beside it.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from importlib.resources import as_file, files
+from typing import Any
 
 import numpy as np
 
 from jounce._scalars import Array
 from jounce.inertia import inertia_matrix, symmetric
-from jounce.io import entries
-from jounce.io.native import reading
 from jounce.lie import pose
 from jounce.mechanism import Mechanism
 from jounce.screws import from_screws
@@ -57,7 +55,10 @@ def planar2r(L1: Array = 1, L2: Array = 1, m1: Array = 1, m2: Array = 1, g: Arra
     return from_screws(B, [[0, 0, 1, 0, 0, 0]] * 2, M, gravity=[0, -g, 0], name="planar2r")
 
 
-_FOLDER = files("jounce.io") / "robots"
+def _folder(name: str) -> Any:
+    from importlib.resources import files  # slow to import
+
+    return files("jounce.io") / "robots" / name
 
 
 @dataclass(frozen=True)
@@ -80,13 +81,18 @@ def _of_file(name: str, kind: str, size: tuple[int, int, float], licence: str, p
 
 
 def _read(name: str, /, gravity: object = None) -> Mechanism:
-    with as_file(_FOLDER / name / "robot.yaml") as path:
+    from importlib.resources import as_file
+
+    from jounce.io import entries
+    from jounce.io.native import reading
+
+    with as_file(_folder(name) / "robot.yaml") as path:
         return reading.read(entries.read(path, "the robot"), gravity)
 
 
 def notices(name: str) -> dict[str, str]:
     """The texts that must go with a robot's file, by their names: none for those of the paper, which have no file."""
-    texts = (_FOLDER / name / text for text in ("NOTICE", "LICENSE"))
+    texts = (_folder(name) / text for text in ("NOTICE", "LICENSE"))
     return {text.name: text.read_text(encoding="utf-8") for text in texts if text.is_file()}
 
 

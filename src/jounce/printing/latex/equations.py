@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from jounce.codegen.parametric import Parametric
-from jounce.codegen.routine import Array, Routine
 from jounce.errors import JounceError
 from jounce.expressions import Symbolic, symbolic
+from jounce.printing.parametric import Parametric
+from jounce.printing.routine import Array, Routine
 from jounce.robot import Robot
 
 WIDEST = 72  # glyphs of a line
