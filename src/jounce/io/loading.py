@@ -10,7 +10,7 @@ from jounce._scalars import is_numeric
 from jounce.audit import impossible
 from jounce.errors import JounceError, no_such, warn
 from jounce.io.bundled import BUNDLED
-from jounce.mechanism import GRAVITY, Mechanism
+from jounce.mechanism import Mechanism
 from jounce.robot import Robot
 
 
@@ -87,7 +87,7 @@ def _mechanism(source: str | os.PathLike[str], parameters: dict[str, object]) ->
     return mechanism
 
 
-def _read_urdf(path: Path, /, gravity: object = GRAVITY, base: str | None = None, root: str | None = None) -> Mechanism:
+def _read_urdf(path: Path, /, gravity: object = None, base: str | None = None, root: str | None = None) -> Mechanism:
     from jounce.io import urdf  # where lxml is needed
 
     return urdf.read(path, gravity, base, root)
@@ -96,7 +96,7 @@ def _read_urdf(path: Path, /, gravity: object = GRAVITY, base: str | None = None
 def _read_xacro(
     path: Path,
     /,
-    gravity: object = GRAVITY,
+    gravity: object = None,
     base: str | None = None,
     root: str | None = None,
     xacro_args: Mapping[str, object] = MappingProxyType({}),
