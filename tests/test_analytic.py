@@ -186,4 +186,4 @@ def test_refuses_what_is_no_motion(tmp_path):
     )
     refusal(lambda: motions.read(tmp_path / "m.yaml", PLANAR, 2), "no such file")
     refusal(lambda: motions.read(motions.Path("papr"), PLANAR, 2), "no motion 'papr'; did you mean 'paper'", ".csv")
-    refusal(lambda: motions.read(motions.Path("paper"), PLANAR, 2), "unknown 'joint3'")
+    refusal(lambda: motions.read(motions.Path("paper"), PLANAR, 2), "paper: unknown 'joint3'")

@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from jounce._scalars import is_numeric
 from jounce.audit import impossible
-from jounce.errors import JounceError, no_such, warn
+from jounce.errors import JounceError, at, no_such, warn
 from jounce.io.bundled import BUNDLED
 from jounce.mechanism import Mechanism
 from jounce.robot import Robot
@@ -65,7 +65,9 @@ def load(
     if not isinstance(source, str | os.PathLike):
         raise JounceError(f"a robot is a path or a name, not {type(source).__name__}; names: {', '.join(BUNDLED)}")
     robot = Robot(_mechanism(source, parameters))
-    robot = robot.locked(lock) if lock else robot
+    if lock:
+        with at(source):
+            robot = robot.locked(lock)
     if not drives:
         return robot
     driven = robot.with_drives(drives)

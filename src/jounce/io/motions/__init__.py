@@ -3,7 +3,7 @@
 from importlib.resources import as_file, files
 from pathlib import Path
 
-from jounce.errors import JounceError, no_such
+from jounce.errors import JounceError, at, no_such
 from jounce.io import tables
 from jounce.io.motions import terms
 from jounce.mechanism import Mechanism
@@ -19,7 +19,8 @@ SUFFIXES = (".yaml", ".yml")
 def read(source: Path, mechanism: Mechanism, highest: int, spline: Spline = THROUGH) -> Motion:
     """The motion of a file, or of a bundled name, for a mechanism: rates up to the one of order `highest`."""
     if str(source) in BUNDLED:
-        return along(bundled(str(source)), mechanism, highest)
+        with at(source):
+            return along(bundled(str(source)), mechanism, highest)
     if source.suffix.lower() in SUFFIXES:
         return terms.read(source, mechanism, highest)
     if source.suffix.lower() in tables.READERS:
