@@ -178,7 +178,6 @@ TABLES = {
     "a text": ("ur5", {}, ["table is 'ur5'"]),
     "a mapping": (NAMED, {}, ["expected rows"]),
     "none": (None, {}, ["table is None"]),
-    "a set": ({"row", "of\nrows"}, {}, ["table is {", "expected rows"]),
     "what takes several lines": (pd.DataFrame([ROW]), {}, ["table is ", "expected rows"]),
     "degrees as a text": ([ROW], {"degrees": "yes"}, ["degrees is 'yes'; expected True or False"]),
     "degrees as a number": ([ROW], {"degrees": 90}, ["degrees is 90"]),

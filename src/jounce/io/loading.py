@@ -41,9 +41,9 @@ def load(
         Which terms of the drives that the file states enter Q, see `Robot.with_drives`; none if left out.
     **parameters : keywords
         gravity (3,) in m/s^2; if left out that of the file, (0, 0, -9.81) where it states none, (0, 0, -9.80665) for
-        iiwa14; for planar2r L1, L2, m1, m2, g (symbols are values too). Of a URDF: base, "fixed" to weld floating and
-        planar joints at zero, which are refused otherwise; root, a link to start at: what it carries remains, and it
-        stands on the ground itself. Of a .xacro file: xacro_args, a mapping of its arguments.
+        iiwa14; for planar2r L1, L2, m1, m2, g (symbols are values too). Of a URDF or MJCF file: base, "fixed" to weld
+        floating, planar and spherical joints at zero, which are refused otherwise; root, a link to start at: what it
+        carries remains, and it stands on the ground itself. Of a .xacro file: xacro_args, a mapping of its arguments.
 
     Raises
     ------
