@@ -59,11 +59,14 @@ def test_a_robot_with_locked_joints_is_not_what_a_library_reads_and_is_given_to_
     ]
 
 
-def test_a_file_that_pinocchio_refuses_is_compared_all_the_same(tmp_path):
+def test_a_file_that_pinocchio_refuses_is_compared_all_the_same(tmp_path, capfd):
     path = robot_file(tmp_path, *GOOD)  # a revolute joint without limits
     checks = of(compare(jounce.load(path), path, order=0, states=2), "Pinocchio")
     assert checks[0].error is None
+    assert "refuses the file: " in checks[0].remark
+    assert "does not specify limits" in checks[0].remark
     assert [check.passed for check in checks[1:]] == [True] * 3
+    assert capfd.readouterr() == ("", "")  # where urdfdom would print it on four lines
 
 
 def test_rotors_of_actuators_are_left_out_as_all_drives_are(tmp_path):

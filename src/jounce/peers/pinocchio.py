@@ -8,9 +8,11 @@ import numpy as np
 
 from jounce import inertia
 from jounce.equivalent import on_axes
+from jounce.errors import one_line, shortened
 from jounce.lie import hat, position, rotation
 from jounce.mechanism import Mechanism
 from jounce.peers import OTHER_JOINTS, OUR_DATA, OWN_READING, NotComparableError, Peer
+from jounce.peers.terminal import errors_caught
 
 NAME = "Pinocchio"
 SUFFIX = ".urdf"  # of the files that it reads itself
@@ -20,7 +22,13 @@ def of_file(mechanism: Mechanism, path: Path) -> Peer:
     """The model of a URDF."""
     import pinocchio as pin
 
-    model = pin.buildModelFromUrdf(str(path))
+    said: list[str] = []
+    try:
+        with errors_caught(said):
+            model = pin.buildModelFromUrdf(str(path))
+    except Exception as error:
+        reason = one_line(" ".join(said)) or one_line(error)
+        raise NotComparableError(f"refuses the file: {shortened(reason, 200)}") from error
     names = {name for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True) if joint.nv}
     if names != set(mechanism.joints):
         raise NotComparableError(OTHER_JOINTS)
