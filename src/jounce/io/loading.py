@@ -7,7 +7,6 @@ from pathlib import Path
 from types import MappingProxyType
 
 from jounce._scalars import is_numeric
-from jounce.audit import impossible
 from jounce.errors import JounceError, at, no_such, warn
 from jounce.io.bundled import BUNDLED
 from jounce.mechanism import Mechanism
@@ -144,6 +143,8 @@ def _call(build: Callable[..., Mechanism], parameters: dict[str, object], what: 
 
 
 def _warn_of_inertias(mechanism: Mechanism, path: Path) -> None:
+    from jounce.audit import impossible
+
     found = impossible(mechanism) if is_numeric(mechanism.M) else []
     if found:
         more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
