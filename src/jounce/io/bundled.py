@@ -7,15 +7,20 @@ beside it.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jounce._scalars import Array
 from jounce.inertia import inertia_matrix, symmetric
+from jounce.io import entries
+from jounce.io.native import reading
 from jounce.lie import pose
 from jounce.mechanism import Mechanism
 from jounce.screws import from_screws
+
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
 
 # KUKA LBR iiwa 14 R820, the table of Müller & Kumar, Section 6.2: mass in kg; centre of mass in m; inertia about it in
 # kg m^2, axes parallel to the link frame, in the order xx, xy, xz, yy, yz, zz (the paper heads its third column "yx";
@@ -55,12 +60,6 @@ def planar2r(L1: Array = 1, L2: Array = 1, m1: Array = 1, m2: Array = 1, g: Arra
     return from_screws(B, [[0, 0, 1, 0, 0, 0]] * 2, M, gravity=[0, -g, 0], name="planar2r")
 
 
-def _folder(name: str) -> Any:
-    from importlib.resources import files  # slow to import
-
-    return files("jounce.io") / "robots" / name
-
-
 @dataclass(frozen=True)
 class Bundled:
     """A robot that comes with jounce: what it is, how large, whose numbers it has, and how it is made."""
@@ -83,11 +82,14 @@ def _of_file(name: str, kind: str, size: tuple[int, int, float], licence: str, p
 def _read(name: str, /, gravity: object = None) -> Mechanism:
     from importlib.resources import as_file
 
-    from jounce.io import entries
-    from jounce.io.native import reading
-
     with as_file(_folder(name) / "robot.yaml") as path:
         return reading.read(entries.read(path, "the robot"), gravity)
+
+
+def _folder(name: str) -> "Traversable":
+    from importlib.resources import files  # slow to import, and the paper's robots do without
+
+    return files("jounce.io") / "robots" / name
 
 
 def notices(name: str) -> dict[str, str]:
