@@ -19,3 +19,13 @@ def _own_cache(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("JOUNCE_CACHE_DIR", str(tmp_path_factory.mktemp("kernels")))
         yield
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Tables that tests have recorded, a row each, as the property "robots"."""
+    reports = terminalreporter.getreports("passed") + terminalreporter.getreports("failed")
+    rows = sorted(tuple(map(str, row)) for r in reports for name, row in r.user_properties if name == "robots")
+    if rows:
+        terminalreporter.section("robots of example-robot-data against Pinocchio: n, bodies, errors of Q and M")
+        for name, n, nb, *found in rows:
+            terminalreporter.write_line(f"{name:48} {n:>3} {nb:>3}  {'  '.join(found)}")

@@ -126,8 +126,11 @@ BAD = {
     "code": ("time: !!python/object:os.system x", ["not YAML"]),
     "no joints": (TIME, ["the motion has no 'joints'"]),
     "unknown key": (BOTH.replace("time", "tiem"), ["m.yaml:1: no key in the motion 'tiem'; did you mean 'time'?"]),
-    "unknown joint": (BOTH + "  joint3: {}\n", ["no joint 'joint3'; did you mean 'joint"]),
-    "missing joint": (TIME + "joints: {joint1: {offset: 1}}", ["no terms for joint2; expected"]),
+    "unknown joint": (BOTH + "  joint3: {}\n", ["unknown 'joint3' (did you mean 'joint"]),
+    "missing joint": (
+        TIME + "joints: {joint1: {offset: 1}}",
+        ["missing 'joint2'; expected terms for each of joint1, joint2"],
+    ),
     "unknown term": (
         BOTH.replace("offset: 1", "ofset: 1"),
         ["no key in joint 'joint1' 'ofset'; did you mean 'offset'?"],
@@ -183,4 +186,4 @@ def test_refuses_what_is_no_motion(tmp_path):
     )
     refusal(lambda: motions.read(tmp_path / "m.yaml", PLANAR, 2), "no such file")
     refusal(lambda: motions.read(motions.Path("papr"), PLANAR, 2), "no motion 'papr'; did you mean 'paper'", ".csv")
-    refusal(lambda: motions.read(motions.Path("paper"), PLANAR, 2), "no joint 'joint3'")
+    refusal(lambda: motions.read(motions.Path("paper"), PLANAR, 2), "unknown 'joint3'")

@@ -28,12 +28,16 @@ from jounce.codegen.vectors import vectors
 from robots import GOLDEN, golden, random_mechanism
 
 STRICT = "-std=c99 -O0 -Wall -Wextra -Wpedantic -Wconversion -Wdouble-promotion -Wfloat-conversion -Werror"
+STRICT_CXX = STRICT.replace("c99", "c++11"), STRICT.replace("c99", "c++17")
 LANGUAGES = {  # the tools that a language takes, and what its Makefile is told
     "c": (["make", "gcc"], ["CC=gcc", f"CFLAGS={STRICT}"]),
+    "cpp": (["make", "g++"], ["CXX=g++", f"CXXFLAGS={STRICT_CXX[0]}", "EIGEN="]),
+    "cuda": (["make", "g++"], ["NVCC=", "CXX=g++", f"CXXFLAGS={STRICT_CXX[1]}"]),
     "julia": (["make", "julia"], []),
     "latex": (["make", "pdflatex"], []),
     "matlab": (["make", "octave-cli"], []),
     "python": (["make"], [f"PYTHON={sys.executable}"]),
+    "rust": (["make", "rustc"], ["RUSTFLAGS=-D warnings"]),
 }
 PANDA = Path(__file__).parents[1] / "examples" / "panda.urdf"
 TALOS = [f for f in metadata.files("example-robot-data") or [] if f.name == "talos_full_v2.urdf"]

@@ -65,13 +65,22 @@ BAD_MOTIONS = {
     "no t": (without(SAMPLES, "t"), 4, ["'t'", "joint1, joint2"]),
     "line break in a name": ({"a\nb": np.zeros(3)}, 4, ["'t'"]),
     "joint missing": (without(SAMPLES, "joint2"), 4, ["missing 'joint2'", "t and joint1, joint2"]),
+    "all that is wrong": (
+        {**without(SAMPLES, "t", "joint2"), "jont2": np.zeros(9), "body": np.zeros(9)},
+        4,
+        ["missing 't', 'joint2'; unknown 'jont2' (did you mean 'joint2'?), 'body'; expected t and joint1, joint2"],
+    ),
     "only t": ({"t": SAMPLES["t"]}, 4, ["missing 'joint1', 'joint2'"]),
     "unknown column": ({**SAMPLES, "jont1": np.zeros(3)}, 4, ["'jont1'", "did you mean 'joint1'", "joint1, joint2"]),
     "unknown column beside rates": ({**full(4), "jont1.q": np.zeros(3)}, 4, ["'jont1.q'", "did you mean 'joint1"]),
     "unknown rate": ({**full(4), "joint1.qzzd": np.zeros(3)}, 4, ["'joint1.qzzd'"]),
     "rate missing": (without(full(4), "joint2.q3d"), 4, ["missing 'joint2.q3d'"]),
     "order beyond the rates": (full(4), 5, ["missing 'joint1.q5d', 'joint2.q5d'"]),
-    "samples among rates": ({**without(full(4), "joint1.q"), "joint1": np.zeros(3)}, 4, ["'joint1'"]),
+    "samples among rates": (
+        {**without(full(4), "joint1.q"), "joint1": np.zeros(3)},
+        4,
+        ["leave out 'joint1', samples beside"],
+    ),
     "t repeated": (at(0, 1, 2, 3, 4, 4, 5, 6), 4, ["t does not increase", "rows 4 and 5", "4 is followed by 4"]),
     "t decreasing": (at(0, 1, 0.5, 3, 4, 5, 6, 7), 4, ["t does not increase", "rows 1 and 2", "1 is followed by 0.5"]),
     "t repeated among rates": ({**full(4), "t": np.zeros(3)}, 4, ["t does not increase", "rows 0 and 1"]),
@@ -85,7 +94,7 @@ BAD_MOTIONS = {
 def test_refuses_motions(columns, highest, words):
     message = refusal(lambda: from_table(columns, PLANAR, highest, "m.csv"), "m.csv: ", *words)
     for name in PLANAR.coordinates:
-        assert f"no joint column '{name}'" not in message
+        assert f"unknown '{name}'" not in message
 
 
 def test_eight_samples_are_enough():

@@ -8,28 +8,30 @@ import numpy as np
 import pytest
 
 import jounce
+from jounce.io.bundled import BUNDLED
 from robots import relative_error
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
     import pinocchio
 
-ROBOTS = ("panda_description/urdf/panda.urdf", "ur_description/urdf/ur5_robot.urdf")
-REAL = [
-    Path(str(file.locate()))
+REAL = {  # bundled robots and the URDFs that they were converted from
+    name: Path(str(file.locate()))
+    for name, robot in BUNDLED.items()
     for file in metadata.files("example-robot-data") or []
-    if str(file).endswith(tuple(f"robots/{name}" for name in ROBOTS))
-]
+    if robot.urdf and str(file).endswith(f"/robots/{robot.urdf}")
+}
 OURS = Path(__file__).parents[1] / "examples" / "panda.urdf"
 
 
-@pytest.fixture(params=[*REAL, OURS], ids=lambda p: p.stem)
+@pytest.fixture(params=[*REAL.items(), (OURS, OURS)], ids=lambda pair: Path(pair[0]).name)
 def pair(request):
-    return jounce.load(request.param), pinocchio.buildModelFromUrdf(str(request.param))
+    source, urdf = request.param
+    return jounce.load(source), pinocchio.buildModelFromUrdf(str(urdf))
 
 
 def test_the_real_robots_are_there():
-    assert len(REAL) == len(ROBOTS)
+    assert set(REAL) == {name for name, robot in BUNDLED.items() if robot.urdf}
 
 
 def by_name(robot, model):
@@ -91,8 +93,7 @@ def test_poses_and_jacobians_of_merged_links_agree(pair):
     theta = np.zeros(model.nv)
     theta[rows] = q
     for link in (frame.name for frame in robot.mechanism.frames):
-        J = pinocchio.computeFrameJacobian(
-            model, data, theta, model.getFrameId(link), pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        )
+        frame = model.getFrameId(link, pinocchio.FrameType.BODY)  # a joint may have the same name
+        J = pinocchio.computeFrameJacobian(model, data, theta, frame, pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED)
         J = np.concatenate([J[3:], J[:3]])[:, rows]
         assert np.abs(robot.jacobian(q, body=link, frame="world") - J).max() < 1e-12

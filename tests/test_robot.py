@@ -222,7 +222,10 @@ def bad(robot, **changes):
             {"wrench": ({"body1": np.zeros((2, 6)), "body2": np.zeros((3, 6))},) * 2},
             "batch axes do not fit together: bodies",
         ),
-        ({"q": {"joint1": 0.0}}, "q is of type dict"),
+        (
+            {"q": {"joint1": 0.0}},
+            "q: missing .joint2., .joint3., .joint4., .joint5., .joint6., .joint7.; expected joint1",
+        ),
         ({"wrench": (np.zeros((7, 6)), np.zeros((6, 6)))}, r"Wd has shape \(6, 6\); expected \(\.\.\., 7, 6\)"),
         ({"wrench": ({"hand": np.zeros(6)},) * 2}, "no body 'hand'; there are: body0, body1"),
         ({"wrench": ({"body6": np.zeros(3)},) * 2}, r"W\['body6'\] has shape \(3,\); expected \(\.\.\., 6\)"),
@@ -276,5 +279,5 @@ def test_public_names():
     assert (robot.n, robot.joint_names[0], robot.body_names[-1]) == (7, "joint1", "link7")
     assert robot.gravity.tolist() == [0, 0, -9.80665]
     assert robot.name == "iiwa14"
-    assert set(jounce.__all__) >= {"load", "Robot", "inertia_matrix", "JounceError", "JounceWarning"}
+    assert set(jounce.__all__) >= {"load", "load_motion", "Robot", "inertia_matrix", "JounceError", "JounceWarning"}
     assert issubclass(jounce.JounceWarning, Warning)

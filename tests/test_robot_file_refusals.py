@@ -46,7 +46,7 @@ CHANGED = {  # what is replaced, by what, the line of the refusal, its words
     "unknown key of a frame": ("body: lower", "bdy: lower", 20, ["entry 1 of frames", "did you mean 'body'"]),
     "key of another joint type": ("axis: [0, 0, 1]", "axis: [0, 0, 1]\n      pitch: 1", 12, ["'pitch'", "point"]),
     "no units": ("units: SI\n", "", 1, ["the robot has no 'units'"]),
-    "no bodies": (GOOD[GOOD.index("bodies") : GOOD.index("\ncoord") + 1], "", 1, ["the robot has no 'bodies'"]),
+    "no bodies": (GOOD[GOOD.index("bodies") : GOOD.index("\ncoord") + 1], "", 1, ["no key that tells its format, 'bodies'", "are: name"]),  # noqa: E501
     "no body name": ("- name: lower\n    parent", "- parent", 14, ["entry 2 of bodies", "no 'name'"]),
     "no parent": ("    parent: ground\n", "", 5, ["entry 1 of bodies", "no 'parent'"]),
     "no joint": (GOOD[GOOD.index("    joint: {") : GOOD.index("coordinates: [")], "", 14, ["entry 2", "no 'joint'"]),
@@ -161,11 +161,14 @@ FILES = {
     "other encoding": ("name: Grüße".encode("latin-1"), ["not YAML"]),
     "brackets": (b"a: " + b"[" * 9999, ["not YAML"]),
     "a URDF": (b"<robot name='r'/>", ["expected keys and values"]),
-    "a motion": (b"time: {stop: 1, count: 5}\njoints: {}", ["arm.yaml:1", "no key in the robot 'time'", "bodies"]),
+    "a motion": (
+        b"time: {stop: 1, count: 5}\njoints: {}",
+        ["arm.yaml:1", "'bodies' (", "'dh' (", "its keys are: time, joints"],
+    ),
     "cycle": (b"units: SI\nbodies: &a [*a]", ["entry 1 of bodies", "expected keys and values"]),
     "ordered map": (b"!!omap [units: SI, bodies: 1]", ["expected a list"]),
     "set": (b"!!set {units, bodies}", ["expected keys and values"]),
-    "key of its own": (b"? [1, 2]\n: 3", ["no key in the robot '(1, 2)'"]),
+    "key of its own": (b"? [1, 2]\n: 3", ["its keys are: (1, 2)"]),
 }
 
 

@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 import jounce
 from files import refusal
 from jounce.cli import main
-from jounce.io.native import reading, writing
+from jounce.io import documents
+from jounce.io.native import writing
 from jounce.mechanism import DATA, Frame
 from robots import GOLDEN_NAMES, golden, mechanisms, random_inertia, random_pose, with_tool
 
@@ -227,7 +228,7 @@ def test_odd_inertias_are_kept(tmp_path, M, suffix):
     mechanism = jounce.Robot.from_screws([np.eye(4)], [[0, 0, 1, 0, 0, 0]], [M]).mechanism
     path = tmp_path / f"arm{suffix}"
     jounce.save(jounce.Robot(mechanism), path)
-    assert reading.read(path).M.tobytes() == mechanism.M.tobytes()
+    assert documents.read(path).M.tobytes() == mechanism.M.tobytes()
 
 
 def test_a_robot_of_symbols_is_not_written(tmp_path):

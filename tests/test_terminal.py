@@ -73,6 +73,7 @@ def test_columns_are_straight(monkeypatch):
     ("typed", "offered"),
     [
         ("jounce info i", "plain,iiwa14"),
+        ("jounce robots pan", "plain,panda"),
         ("jounce run iiwa14 pap", "plain,paper\nplain,paper-wrench"),
         ("jounce info examples/p", "file,examples/p"),
         ("jounce pl", "plain,plot"),

@@ -40,7 +40,7 @@ REFUSED = {
     "line break in joints of a cycle": ((link("a"), joint("j&#10;k", "a", "a")), ["cycle"]),
     "line break in known names": ((link("a&#10;b"), joint("j", "a", "a")), [":3", "'a'"]),
     "two parents": ((*GOOD, link("top"), joint("grip", "top", "arm")), [":6", "'arm'", "'turn' and 'grip'"]),
-    "floating joint": (turn(kind="floating"), [":4", "'turn'", "'floating'", "fixed, revolute"]),
+    "floating joint": (turn(kind="floating"), [":4", "'turn'", "floating", "base='fixed'", "root="]),
     "misspelt joint type": (turn(kind="revolut"), [":4", "did you mean 'revolute'"]),
     "no axis": (turn(axis=""), [":4", "'turn'", "<axis>"]),
     "zero axis": (turn(axis="0 0 -0.0"), [":4", "'turn'", "zero axis"]),
@@ -143,7 +143,6 @@ SOURCES = {
     "near a bundled one": ("iiwa15", ["'iiwa15'", "did you mean 'iiwa14'", "planar2r", ".urdf"]),
     "bare name": ("robot", ["'robot'", "iiwa14, planar2r", ".urdf"]),
     "other suffix": ("robot.sdf", ["robot.sdf", "'.sdf'", ".urdf"]),
-    "xacro": ("robot.urdf.xacro", ["robot.urdf.xacro", "'.xacro'", ".urdf"]),
     "long name": ("x" * 300, ["xxx"]),
     "long file name": ("x" * 300 + ".urdf", ["xxx"]),
 }

@@ -81,8 +81,8 @@ def test_run_applies_them_also_on_merged_links(tmp_path):
         ({"link8.fz": T}, ["no body 'link8'; did you mean 'link7'"]),
         ({k: v for k, v in FULL.items() if k != "link7.fzd"}, ["missing 'link7.fzd'"]),
         (FULL | {"link7.mx": T}, ["missing 'link7.mxd'"]),
-        ({"link7.fw": T}, ["no joint column 'link7.fw'"]),
-        ({"link7.fzdd": T}, ["no joint column 'link7.fzdd'"]),
+        ({"link7.fw": T}, ["unknown 'link7.fw'"]),
+        ({"link7.fzdd": T}, ["unknown 'link7.fzdd'"]),
     ],
 )
 def test_refuses_bad_wrench_columns(columns, words):

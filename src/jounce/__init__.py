@@ -6,6 +6,7 @@ from jounce.errors import JounceError, JounceWarning
 from jounce.expressions import symbolic
 from jounce.inertia import inertia_matrix
 from jounce.io.loading import load
+from jounce.io.motions.loading import load_motion
 from jounce.io.saving import save
 from jounce.robot import Robot
 
@@ -20,6 +21,7 @@ __all__ = [
     "codegen",
     "inertia_matrix",
     "load",
+    "load_motion",
     "save",
     "symbolic",
 ]

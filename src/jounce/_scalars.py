@@ -39,6 +39,15 @@ def asarray(x: Any, what: str = "an array") -> Array:
     raise JounceError(f"{what} holds {_kind(array)}; expected real numbers or symbols")
 
 
+def element(x: Any, what: str) -> Array:
+    """`x` as what stands for one scalar of an array, batch axes alone; a CasADi scalar, which has two axes, is one."""
+    if not type(x).__module__.startswith("casadi") or x.shape != (1, 1):
+        return asarray(x, what)
+    array = np.empty((), dtype=object)
+    array[()] = x
+    return array
+
+
 def _of_casadi(x: Any, what: str) -> np.ndarray:
     """The entries of a CasADi matrix, `SX` or numbers: (n,) of a column or a row, else (m, n)."""
     if type(x).__name__ not in ("SX", "DM"):
@@ -124,3 +133,4 @@ def _elementwise(name: str) -> Callable[[Array], Array]:
 
 sin = _elementwise("sin")
 cos = _elementwise("cos")
+tanh = _elementwise("tanh")

@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 
 from jounce import inertia
+from jounce.audit import audit
 from jounce.mechanism import Mechanism
 
 
 def describe(mechanism: Mechanism) -> dict[str, Any]:
-    """Names, tree, joints and inertias of a mechanism of numbers, ready for JSON."""
+    """Names, tree, joints, inertias and findings of a mechanism of numbers, ready for JSON."""
     return {
         "name": mechanism.name,
         "n": mechanism.n,
@@ -20,10 +21,12 @@ def describe(mechanism: Mechanism) -> dict[str, Any]:
         "coordinates": [
             {"name": c, "unit": coordinate_unit(mechanism, j)} for j, c in enumerate(mechanism.coordinates)
         ],
+        "acting": list(mechanism.acting),
         "bodies": [_body(mechanism, i) for i in range(mechanism.nb)],
         "merged_links": {
             frame.name: "ground" if frame.body < 0 else mechanism.bodies[frame.body] for frame in mechanism.frames
         },
+        "findings": [finding.as_data() for finding in audit(mechanism)],
     }
 
 
@@ -38,6 +41,7 @@ def _body(mechanism: Mechanism, i: int) -> dict[str, Any]:
     p, M, X = mechanism.parent[i], mechanism.M[i], mechanism.X[i]
     m, h, _ = inertia.moments(M)
     mass = float(m[0, 0])
+    principal = inertia.principal_moments(M) if mass else None
     pitch = float(X[:3] @ X[3:])
     kind = "prismatic" if not X[:3].any() else "helical" if abs(pitch) > 1e-12 else "revolute"
     return {
@@ -49,9 +53,11 @@ def _body(mechanism: Mechanism, i: int) -> dict[str, Any]:
         "pitch": pitch if kind == "helical" else None,
         "follows": _follows(mechanism, i),
         "limits": {key: _finite(float(array[i])) for key, array in vars(mechanism.limits).items()},
+        "drive": {key: float(array[i]) for key, array in vars(mechanism.drives).items()},
         "mass": mass,
         "com": (h[:, 0] / mass).tolist() if mass else None,
-        "finding": inertia.defect(M),
+        "principal_moments": None if principal is None else principal.tolist(),
+        "triangle_slack": None if principal is None else inertia.triangle_slack(principal),
     }
 
 

@@ -1,8 +1,11 @@
 """What jounce raises and warns of: one base class each, one line each."""
 
+import sys
+import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
+from pathlib import Path
 
 
 class JounceError(Exception):
@@ -11,6 +14,14 @@ class JounceError(Exception):
 
 class JounceWarning(UserWarning):
     """Base class of everything that jounce warns of."""
+
+
+def warn(text: str) -> None:
+    """Warn of something, at the line outside of jounce that called into it."""
+    frame, depth = sys._getframe(1), 2
+    while frame.f_back and Path(frame.f_code.co_filename).is_relative_to(Path(__file__).parent):
+        frame, depth = frame.f_back, depth + 1
+    warnings.warn(text, JounceWarning, stacklevel=depth)
 
 
 @contextmanager

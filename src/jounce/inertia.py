@@ -134,23 +134,19 @@ def formed(M: np.ndarray) -> np.ndarray:
     return _matrix(M[3, 3], (h_hat - h_hat.T) / 2, (M[:3, :3] + M[:3, :3].T) / 2)
 
 
-def defect(M: np.ndarray, tolerance: float = 1e-9) -> str | None:
-    """What no distribution of mass could have, or None: negative mass, or negative second moments about the COM.
-
-    Second moments about the COM that are positive semidefinite are the same as: principal moments non-negative and
-    within the triangle inequality.
-    """
+def principal_moments(M: np.ndarray) -> np.ndarray:
+    """The principal moments about the COM, ascending, of a body that has mass: (3,), NaN where they overflow."""
     m, h, _ = moments(M)
-    mass = float(m[0, 0])
-    if mass < 0:
-        return f"mass {mass:g} kg is negative"
-    if mass == 0:
-        return None if not np.any(M) else "massless, yet with moments of inertia"
-    theta = M[:3, :3] + hat(h[:, 0]) @ hat(h[:, 0]) / mass
-    principal = np.linalg.eigvalsh(theta)
-    if principal[0] < -tolerance * np.abs(M[:3, :3]).max():
-        return f"principal moment {principal[0]:.3g} kg m^2 about the COM is negative"
-    slack = principal[0] + principal[1] - principal[2]
-    if slack < -tolerance * np.abs(M[:3, :3]).max():
-        return f"principal moments about the COM break the triangle inequality by {-slack:.3g} kg m^2"
-    return None
+    c = hat(h[:, 0] / m[0, 0])
+    theta = M[:3, :3] + m * (c @ c)  # Steiner, back to the COM
+    return np.linalg.eigvalsh(theta) if np.isfinite(theta).all() else np.full(3, np.nan)
+
+
+def second_moments(principal: np.ndarray) -> np.ndarray:
+    """The principal second moments ``P = tr(Theta)/2 - Theta``, descending, of ascending principal moments: (3,)."""
+    return principal.sum() / 2 - principal
+
+
+def triangle_slack(principal: np.ndarray) -> float:
+    """By how much the two smaller principal moments exceed the largest; no distribution of mass has less than 0."""
+    return float(principal[0] + principal[1] - principal[2])

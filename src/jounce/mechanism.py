@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from jounce._scalars import Array, is_numeric, is_symbolic, whole
+from jounce.drives import Drives
 from jounce.errors import no_such
 
 GRAVITY = (0, 0, -9.81)  # m/s^2, unless told otherwise
@@ -64,12 +65,15 @@ class Mechanism:
     joints: tuple[str, ...]
     coordinates: tuple[str, ...]
     limits: Limits
+    drives: Drives  # of the joint variables, as stated
+    acting: tuple[str, ...] = ()  # the terms of the drives that enter Q
     frames: tuple[Frame, ...] = ()  # of the links merged into bodies
     name: str = "robot"
 
     def __post_init__(self) -> None:
         own = (getattr(self, name) for name in DATA)
-        for array in (*own, *vars(self.limits).values(), *(frame.T for frame in self.frames)):
+        beside = (*vars(self.limits).values(), *vars(self.drives).values(), *(frame.T for frame in self.frames))
+        for array in (*own, *beside):
             array.flags.writeable = False
 
     def __setstate__(self, state: dict[str, Any]) -> None:  # a copy or an unpickled one is as frozen as any
@@ -111,7 +115,8 @@ def in_extended_precision(mechanism: Mechanism) -> Mechanism:
 def _converted(mechanism: Mechanism, convert: Callable[[Array], Array]) -> Mechanism:
     data: dict[str, Any] = {name: convert(getattr(mechanism, name)) for name in DATA}
     frames = tuple(replace(frame, T=convert(frame.T)) for frame in mechanism.frames)
-    return replace(mechanism, frames=frames, **data)
+    drives = Drives(**{name: convert(array) for name, array in vars(mechanism.drives).items()})
+    return replace(mechanism, frames=frames, drives=drives, **data)
 
 
 def suited(mechanism: Mechanism, arrays: Sequence[Array]) -> Mechanism:

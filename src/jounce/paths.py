@@ -1,14 +1,15 @@
 """Which path computes what: one table, the default of each row first. All paths of a row agree."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from jounce import recursion
+from jounce import drives, recursion
 from jounce.closed_form import closed_form
 from jounce.errors import no_such
 from jounce.mechanism import Mechanism
 from jounce.paper import Paper
+from jounce.recursion.joints import joint_variables
 from jounce.series import Series
 
 Law = Callable[[Mechanism, Series, Any], Series]  # from coordinates and wrenches (or None), columns, to a quantity
@@ -32,25 +33,39 @@ def columns(nb: int) -> int:
     return 6 * nb
 
 
-def _row(column: Series) -> Series:
+def row(column: Series) -> Series:
+    """Columns (..., n, 1) as (..., n)."""
     return column.map(lambda Q: Q[..., 0])
+
+
+def _driven(m: Mechanism, q: Series, Q: Series) -> Series:
+    return Q + drive_forces(m, q, m.acting) if m.acting else Q
+
+
+def _with_rotors(m: Mechanism, M: Series) -> Series:
+    return M + m.G.T @ (m.drives.armature[:, None] * m.G) if "armature" in m.acting else M
+
+
+def drive_forces(m: Mechanism, q: Series, terms: Sequence[str]) -> Series:
+    """What terms of the drives add to the forces, (..., n, 1)."""
+    return m.G.T @ drives.forces(drives.coefficients(m.drives), terms, joint_variables(m, q))
 
 
 PATHS: dict[str, dict[str, Path]] = {
     "inverse_dynamics": {
-        "recursion": Path(lambda m, q, W: _row(recursion.inverse_dynamics(m, q, W)), column),
-        "closed_form": Path(lambda m, q, W: _row(closed_form(m, q, W).Q)),
-        "paper": Path(lambda m, q, W: _row(Paper(m, q, W).Q)),
+        "recursion": Path(lambda m, q, W: row(_driven(m, q, recursion.inverse_dynamics(m, q, W))), column),
+        "closed_form": Path(lambda m, q, W: row(_driven(m, q, closed_form(m, q, W).Q))),
+        "paper": Path(lambda m, q, W: row(_driven(m, q, Paper(m, q, W).Q))),
     },
     "mass_matrix": {
-        "recursion": Path(lambda m, q, _: recursion.mass_matrix(m, q), columns),
-        "closed_form": Path(lambda m, q, _: closed_form(m, q).gM),
-        "paper": Path(lambda m, q, _: Paper(m, q).gM),
+        "recursion": Path(lambda m, q, _: _with_rotors(m, recursion.mass_matrix(m, q)), columns),
+        "closed_form": Path(lambda m, q, _: _with_rotors(m, closed_form(m, q).gM)),
+        "paper": Path(lambda m, q, _: _with_rotors(m, Paper(m, q).gM)),
     },
     "gravity_forces": {
-        "recursion": Path(lambda m, q, _: _row(recursion.gravity_forces(m, q)), column),
-        "closed_form": Path(lambda m, q, _: _row(closed_form(m, q).Qgrav)),
-        "paper": Path(lambda m, q, _: _row(Paper(m, q).Qgrav)),
+        "recursion": Path(lambda m, q, _: row(recursion.gravity_forces(m, q)), column),
+        "closed_form": Path(lambda m, q, _: row(closed_form(m, q).Qgrav)),
+        "paper": Path(lambda m, q, _: row(Paper(m, q).Qgrav)),
     },
     "coriolis_matrix of form 'paper'": {
         "recursion": Path(lambda m, q, _: recursion.coriolis_matrix(m, q), columns),
@@ -62,12 +77,12 @@ PATHS: dict[str, dict[str, Path]] = {
         "closed_form": Path(lambda m, q, _: closed_form(m, q).gCbar),
     },
     "momentum": {
-        "recursion": Path(lambda m, q, _: _row(recursion.momentum(m, q)), column),
-        "closed_form": Path(lambda m, q, _: _row(closed_form(m, q).h)),
+        "recursion": Path(lambda m, q, _: row(recursion.momentum(m, q)), column),
+        "closed_form": Path(lambda m, q, _: row(closed_form(m, q).h)),
     },
     "base_wrench": {
-        "recursion": Path(lambda m, q, W: _row(recursion.base_wrench(m, q, W)), column),
-        "closed_form": Path(lambda m, q, W: _row(closed_form(m, q, W).F)),
+        "recursion": Path(lambda m, q, W: row(recursion.base_wrench(m, q, W)), column),
+        "closed_form": Path(lambda m, q, W: row(closed_form(m, q, W).F)),
     },
 }
 COMPILED = {  # to native code, and how many of q, qd, ... each takes

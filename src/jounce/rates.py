@@ -1,11 +1,14 @@
 """Rates: the names q, qd, q2d, ... of a quantity's time derivatives, and the check of those that a caller gives."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from jounce._scalars import FLOAT, Array, asarray, namespace
-from jounce.errors import JounceError
+from jounce import names
+from jounce._scalars import FLOAT, Array, asarray, element, is_symbolic, namespace, whole
+from jounce.errors import JounceError, at
+from jounce.mechanism import Mechanism
 
 SUFFIX = r"(d|[2-9]d|[1-9]\d+d)?"  # what `rate_name` adds to a symbol, as a regular expression
 
@@ -15,17 +18,30 @@ def rate_name(symbol: str, k: int) -> str:
     return symbol + ("" if k == 0 else "d" if k == 1 else f"{k}d")
 
 
+def checked_order(order: object) -> int:
+    """The order of the highest rate that a caller asks for."""
+    if not isinstance(order, int | np.integer) or isinstance(order, bool) or order < 0:
+        raise JounceError(f"order is {order!r}; expected 0, 1, 2, ...")
+    return int(order)
+
+
 def has_rates(given: object, axes: int) -> bool:
     """Whether a caller's tuple or list holds a quantity of so many axes with its rates, not the quantity's own rows."""
     return isinstance(given, tuple | list) and not (len(given) > 0 and np.ndim(given[0]) == axes - 1)
 
 
-def checked(given: Sequence[Array | None], least: int, names: Sequence[str]) -> list[Array]:
+def checked(given: Sequence[Any], least: int, mechanism: Mechanism) -> list[Array]:
     """The coordinates and their rates as arrays (..., n): at least `least` of them, none skipped."""
     terms = list(given)
     while len(terms) > least and terms[-1] is None:
         terms.pop()
-    return [_column(term, k, names, terms) for k, term in enumerate(terms)]
+    tail = (mechanism.n,)
+    return [
+        term  # as most are, and some a thousand times a second
+        if type(term) is np.ndarray and term.dtype is FLOAT and term.shape[-1:] == tail
+        else _column(term, k, mechanism, terms)
+        for k, term in enumerate(terms)
+    ]
 
 
 def _skipped(terms: Sequence[Array | None]) -> JounceError:
@@ -35,16 +51,28 @@ def _skipped(terms: Sequence[Array | None]) -> JounceError:
     return JounceError(f"{rate_name('q', k)} is None{skipped}; expected every rate up to the last")
 
 
-def _column(term: Array | None, k: int, names: Sequence[str], terms: Sequence[Array | None]) -> Array:
-    if type(term) is np.ndarray and term.dtype is FLOAT and term.shape[-1:] == (len(names),):
-        return term  # as most are, and some a thousand times a second
+def _column(term: Any, k: int, mechanism: Mechanism, terms: Sequence[Any]) -> Array:
     if term is None:
         raise _skipped(terms)
     label = rate_name("q", k)
-    array = asarray(term, label)
-    if array.ndim == 0 or array.shape[-1] != len(names):
-        raise JounceError(f"{label} has shape {array.shape}; expected (..., {len(names)}): {', '.join(names)}")
+    if names.listed_in(term) is not None:
+        with at(label):
+            return _by_name(term, mechanism)
+    array, joints = asarray(term, label), mechanism.coordinates
+    if array.ndim == 0 or array.shape[-1] != len(joints):
+        raise JounceError(f"{label} has shape {array.shape}; expected (..., {len(joints)}): {', '.join(joints)}")
     return array
+
+
+def _by_name(term: Any, mechanism: Mechanism) -> Array:
+    """The coordinates (...) that stand under the joints' names, broadcast, as an array (..., n)."""
+    joints, named = mechanism.coordinates, names.entries(term)
+    names.check(named, joints, names.followers(mechanism))
+    parts = [element(named[joint], repr(joint)) for joint in joints]
+    if any(map(is_symbolic, parts)):
+        parts = [part if is_symbolic(part) else whole(part) for part in parts]
+    parts = broadcast(parts, [0] * len(parts), [repr(joint) for joint in joints])
+    return namespace(*parts).stack(parts, axis=-1)
 
 
 def batch_of(arrays: Sequence[Array], tails: Sequence[int], labels: Sequence[str]) -> tuple[int, ...]:

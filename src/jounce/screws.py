@@ -1,12 +1,13 @@
 """Mechanisms from screw data, body-fixed or spatial: every array is checked here, at the door, and nowhere else."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from jounce import inertia, lie
 from jounce._scalars import Array, asarray, is_numeric, is_symbolic
+from jounce.drives import UNDRIVEN, Drives, drive_error
 from jounce.errors import JounceError, no_such, one_line, shortened
 from jounce.mechanism import GRAVITY, UNLIMITED, Limits, Mechanism, in_whole_numbers, limit_error, reference_poses
 
@@ -26,6 +27,7 @@ def from_screws(
     G: Array | None = None,
     g: Array | None = None,
     limits: Limits | Mapping[str, Array] | None = None,
+    drives: Drives | Mapping[str, Array] | None = None,
     name: str = "robot",
 ) -> Mechanism:
     """A mechanism from body-fixed data, every array checked; see `Robot.from_screws` for what they are."""
@@ -45,7 +47,8 @@ def from_screws(
         bodies=_names(names, nb, "names", "body"),
         joints=coordinates if G is None else _names(None, nb, "joints", "joint"),
         coordinates=coordinates,
-        limits=_limits(limits, nb),
+        limits=Limits(**_of_joints(limits, UNLIMITED, limit_error, nb, "limit")),
+        drives=Drives(**_of_joints(drives, UNDRIVEN, drive_error, nb, "drive")),
         name=name,
     )
     return in_whole_numbers(built) if any(map(is_symbolic, data.values())) else built
@@ -135,23 +138,26 @@ def exact_inertia(M: np.ndarray, label: str) -> np.ndarray:
     return inertia.formed(M)
 
 
-def _limits(given: Limits | Mapping[str, Array] | None, nb: int) -> Limits:
-    stated = vars(given) if isinstance(given, Limits) else {} if given is None else given
+def _of_joints(
+    given: object, free: Mapping[str, float], error_of: Callable[..., str | None], nb: int, what: str
+) -> dict[str, np.ndarray]:
+    """Numbers of the joint variables by name, as stated or free."""
+    stated = vars(given) if isinstance(given, Limits | Drives) else {} if given is None else given
     if not isinstance(stated, Mapping):
-        raise JounceError(f"limits is of type {type(given).__name__}; expected a mapping of {', '.join(UNLIMITED)}")
+        raise JounceError(f"{what}s is of type {type(given).__name__}; expected a mapping of {', '.join(free)}")
     for key in stated:
-        if key not in UNLIMITED:
-            raise no_such("limit", key, UNLIMITED)
-    free = {key: np.full(nb, value) for key, value in UNLIMITED.items()}
-    arrays = {key: _data(array, key) + 0.0 for key, array in (free | dict(stated)).items()}
+        if key not in free:
+            raise no_such(what, key, free)
+    whole = {key: np.full(nb, value) for key, value in free.items()}
+    arrays = {key: _data(array, key) + 0.0 for key, array in (whole | dict(stated)).items()}
     for key, array in arrays.items():
         if array.shape != (nb,) or not is_numeric(array):
-            raise JounceError(f"limits: {key} has shape {array.shape}; expected numbers ({nb},), one a joint")
-    for i, numbers in enumerate(zip(*arrays.values(), strict=True)):
-        error = limit_error(*numbers)
+            raise JounceError(f"{what}s: {key} has shape {array.shape}; expected numbers ({nb},), one a joint")
+    for i in range(nb):
+        error = error_of(**{key: array[i] for key, array in arrays.items()})
         if error:
-            raise JounceError(f"limits of joint {i}: {error}")
-    return Limits(**arrays)
+            raise JounceError(f"{what}s of joint {i}: {error}")
+    return arrays
 
 
 def _tree(parent: Sequence[int] | None, nb: int) -> tuple[int, ...]:

@@ -9,10 +9,12 @@ import click
 from jounce import JounceError, __version__
 from jounce.cli.cache import cache
 from jounce.cli.codegen import codegen
+from jounce.cli.compare import compare
 from jounce.cli.convert import convert
 from jounce.cli.demo import demo
 from jounce.cli.info import info
 from jounce.cli.plot import plot
+from jounce.cli.robots import robots
 from jounce.cli.run import run
 from jounce.cli.words import styled
 from jounce.errors import one_line
@@ -63,5 +65,5 @@ def main() -> None:
     """Higher-order inverse dynamics: a robot and a motion in, drive forces and their exact time derivatives out."""
 
 
-for verb in (run, plot, info, convert, demo, codegen, cache):
+for verb in (run, plot, info, robots, compare, convert, codegen, demo, cache):
     main.add_command(verb)

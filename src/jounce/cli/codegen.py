@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from jounce.cli.names import ROBOT
+from jounce.cli.asked import Asked, on_robot
 
 EPILOG = """\b
 Example:
@@ -26,7 +26,7 @@ def _names(_: click.Context, __: click.Parameter, given: str) -> list[str]:
 
 
 @click.command(epilog=EPILOG, short_help="Source code in another language, with tests.")
-@click.argument("robot", type=ROBOT)
+@on_robot
 @click.option("--lang", required=True, help="The language: c, ...; an unknown one lists them.")
 @click.option("--order", default=2, show_default=True, help="Highest time derivative: 2 gives Q, Qd, Q2d.")
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Folder to write, new or empty.")
@@ -41,7 +41,7 @@ def _names(_: click.Context, __: click.Parameter, given: str) -> list[str]:
 @click.option("--force", is_flag=True, help="Replace what jounce generated there before; other files stay.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def codegen(
-    robot: Path,
+    robot: Asked,
     lang: str,
     order: int,
     output: Path,
@@ -55,14 +55,13 @@ def codegen(
 ) -> None:
     """Write the equations of ROBOT, a file or a bundled name, as source code with a test of its own."""
     from jounce.codegen import generation
-    from jounce.io.loading import load
 
     made = generation.codegen(
-        load(robot), lang, order, output,
+        robot.load(), lang, order, output,
         outputs=outputs, wrench=wrench, parameters=parameters, float32=float32, prefix=prefix, force=force,
     )  # fmt: skip
     summary = {
-        "robot": str(robot), "language": lang, "order": order, "output": str(made.directory),
+        "robot": str(robot.path), "language": lang, "order": order, "output": str(made.directory),
         "files": list(made.files), "operations": made.operations,
     }  # fmt: skip
     lines = [f"{name}: {count} operations" for name, count in made.operations.items()]

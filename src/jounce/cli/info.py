@@ -1,32 +1,40 @@
-"""`jounce info`: the bodies, joints, limits and masses of a robot."""
+"""`jounce info`: the bodies, joints, limits and masses of a robot, and an audit of them."""
 
 import json
-from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
 import click
 
-from jounce.cli.names import ROBOT
+from jounce.cli.asked import Asked, on_robot
 from jounce.cli.words import straight_columns
 
 WIDTH = 100  # columns of a terminal
+DRIVE = ("armature", "damping", "friction", "stiffness")
 EPILOG = """\b
 Example:
   jounce info iiwa14
+  jounce info planar2r --strict --json
+  jounce info iiwa14 --lock joint3=0 --gravity 0 0 -1.62
 """
 
 
-@click.command(epilog=EPILOG, short_help="Bodies, joints and masses of a robot.")
-@click.argument("robot", type=ROBOT)
+@click.command(epilog=EPILOG, short_help="Bodies, joints and masses of a robot, and an audit.")
+@on_robot
+@click.option("--strict", is_flag=True, help="Exit with 1 where the audit found errors or warnings.")
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
-def info(robot: Path, as_json: bool) -> None:
-    """Show the bodies, joints, limits and masses of ROBOT: a file (.urdf, .yaml, .json) or iiwa14, planar2r."""
-    from jounce.description import describe
-    from jounce.io.loading import load
+def info(robot: Asked, strict: bool, as_json: bool) -> None:
+    """Show the bodies, joints, limits and masses of ROBOT: a file or the name of a bundled one.
 
-    data = describe(load(robot).mechanism)
+    An audit of the data ends it: errors, which no body can have or which leave the mass matrix singular; warnings,
+    which are more likely a mistake than not; and notes, which are good to know.
+    """
+    from jounce.description import describe
+
+    data = describe(robot.load().mechanism)
     click.echo(json.dumps(data, indent=2) if as_json else _in_words(data))
+    if strict and any(finding["severity"] != "note" for finding in data["findings"]):
+        raise SystemExit(1)
 
 
 def _in_words(data: dict[str, Any]) -> str:
@@ -40,22 +48,59 @@ def _in_words(data: dict[str, Any]) -> str:
             body["joint"], kind, _vector(body["axis"], ".4g"), body["name"], body["parent"],
             f"{body['mass']:.5g}", "-" if body["com"] is None else _vector(body["com"], "z.3f"),
         ))  # fmt: skip
-    lines = [head, "", *straight_columns(rows)]
+    order = wrap(f"q: {', '.join(c['name'] for c in data['coordinates'])}", width=WIDTH, subsequent_indent="   ")
+    lines = [head, *order, "", *straight_columns(rows)]
     limited = [_limits(body) for body in data["bodies"] if any(x is not None for x in body["limits"].values())]
     if limited:
         lines += ["", *straight_columns([("limits", "position", "velocity", "effort"), *limited])]
+    driven = [_drive(body) for body in data["bodies"] if any(body["drive"][key] for key in DRIVE)]
+    if driven:
+        acting = f"in Q: {', '.join(data['acting']) or 'none of these'}"
+        lines += ["", *straight_columns([("drive", "armature", "damping", "friction", "spring"), *driven]), acting]
     follows = [f"{body['joint']} = {body['follows']}" for body in data["bodies"] if body["follows"]]
     if follows:
         lines += ["", *follows]
     merged = [f"{link} ({body})" for link, body in data["merged_links"].items()]
     if merged:
         lines += ["", *wrap(f"merged links: {', '.join(merged)}", width=WIDTH, subsequent_indent="  ")]
-    findings = [f"finding: {body['name']}: {body['finding']}" for body in data["bodies"] if body["finding"]]
-    return "\n".join([*lines, *([""] if findings else []), *findings])
+    return "\n".join([*lines, *_moments(data["bodies"]), *_findings(data["findings"])])
+
+
+def _moments(bodies: list[dict[str, Any]]) -> list[str]:
+    """A table of principal moments and of what is left until they break the triangle inequality."""
+    rows = [
+        (body["name"], *(f"{x:.4g}" for x in body["principal_moments"]), f"{body['triangle_slack']:.3g}")
+        for body in bodies
+        if body["principal_moments"] is not None
+    ]
+    return ["", *straight_columns([("body", "principal moments", "about COM", "kg m^2", "triangle slack"), *rows])]
+
+
+def _findings(findings: list[dict[str, Any]]) -> list[str]:
+    from jounce.audit import Finding
+
+    lines = [""]
+    for finding in (Finding(**data) for data in findings):
+        for said, indent in ((f"{finding.severity}: {finding}", ""), (finding.advice, "  ")):
+            lines += wrap(said, WIDTH, initial_indent=indent, subsequent_indent="  ", break_long_words=False)
+    return lines if findings else ["", "no findings"]
 
 
 def _vector(x: list[float], form: str) -> str:
     return " ".join(f"{v:{form}}" for v in x)
+
+
+def _drive(body: dict[str, Any]) -> tuple[str, ...]:
+    """The drive train of a joint as cells of a table; "-" for what it does not take."""
+    unit, force, inertia = ("m", "N", "kg") if body["type"] == "prismatic" else ("rad", "N m", "kg m^2")
+    d = body["drive"]
+    cells = (
+        (d["armature"], f"{d['armature']:.5g} {inertia}"),
+        (d["damping"], f"{d['damping']:.5g} {force} s/{unit}"),
+        (d["friction"], f"{d['friction']:.5g} {force} over {d['eps']:.5g} {unit}/s"),
+        (d["stiffness"], f"{d['stiffness']:.5g} {force}/{unit} from {d['rest']:.5g} {unit}"),
+    )
+    return (body["joint"], *(said if stated else "-" for stated, said in cells))
 
 
 def _limits(body: dict[str, Any]) -> tuple[str, ...]:

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.names import MOTION, ROBOT
+from jounce.cli.asked import Asked, on_robot
+from jounce.cli.names import MOTION
 from jounce.cli.words import progress, straight_columns
 from jounce.errors import JounceError
 
@@ -41,40 +42,35 @@ OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all their digits.
 
 
 @click.command(epilog=EPILOG, short_help="Q, Qd, Q2d along a motion, from table to table.")
-@click.argument("robot", type=ROBOT)
+@on_robot
 @click.argument("motion", type=MOTION)
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Table to write: .csv or .npz.")
 @click.option("--order", default=2, show_default=True, type=click.IntRange(0), help="Highest time derivative of Q.")
 @click.option("--degree", default=7, show_default=True, help="Of the spline of samples: 5 or 7.")
 @click.option("--intervals", type=int, help="Fit the spline with so many, for measured samples; else through all.")
 @click.option("--method", default=None, help="recursion (the default), closed_form or paper.")
-@click.option("--gravity", nargs=3, type=float, metavar="X Y Z", help="In m/s^2; the robot's own if left out.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(
-    robot: Path,
+    robot: Asked,
     motion: Path,
     output: Path,
     order: int,
     degree: int,
     intervals: int | None,
     method: str | None,
-    gravity: tuple[float, float, float] | None,
     as_json: bool,
 ) -> None:
-    """Compute Q, Qd, Q2d along MOTION for ROBOT: a file (.urdf, .yaml, .json) or iiwa14, planar2r."""
+    """Compute Q, Qd, Q2d along MOTION for ROBOT, a file or the name of a bundled one."""
     from jounce.description import coordinate_unit
-    from jounce.io import motions, tables
-    from jounce.io.loading import load
-    from jounce.motion.spline import Spline
+    from jounce.io import tables
+    from jounce.io.motions.loading import load_motion
     from jounce.rates import rate_name
 
     tables.check_writable(output)
     if output.resolve() == motion.resolve():
         raise JounceError(f"{output}: is the motion itself; expected another file to write into")
-    arm = load(robot, **({"gravity": gravity} if gravity else {}))
-    if intervals is not None and motions.is_analytic(motion):
-        raise JounceError(f"{motion}: its terms are exact; --intervals is for the samples of a table")
-    path = motions.read(motion, arm.mechanism, order + 2, Spline(degree, intervals))
+    arm = robot.load()
+    path = load_motion(motion, arm, order, degree, intervals)
     results = _along(arm, path, method)
     forces = dict(zip((rate_name("Q", k) for k in range(order + 1)), results, strict=True))
     tables.write(output, tables.of_rates(path.t, arm.joint_names, "Q", tuple(forces.values())))

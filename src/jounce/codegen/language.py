@@ -10,7 +10,7 @@ import numpy as np
 from jounce.codegen.routine import Array
 from jounce.errors import JounceError, no_such
 
-NAMES = ("c", "julia", "latex", "matlab", "python")
+NAMES = ("c", "cpp", "cuda", "julia", "latex", "matlab", "python", "rust")
 
 
 def digits(x: float, single: bool) -> str:

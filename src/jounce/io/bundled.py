@@ -1,11 +1,20 @@
-"""The robots that come with jounce, as functions of their parameters."""
+"""The robots that come with jounce: the paper's as functions of their parameters, others as files.
+
+A file is ``robots/NAME/robot.yaml``, converted from a URDF without loss: its first lines say which. Its licence is
+beside it.
+"""
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from importlib.resources import as_file, files
 
 import numpy as np
 
 from jounce._scalars import Array
 from jounce.inertia import inertia_matrix, symmetric
+from jounce.io import entries
+from jounce.io.native import reading
 from jounce.lie import pose
 from jounce.mechanism import Mechanism
 from jounce.screws import from_screws
@@ -48,4 +57,74 @@ def planar2r(L1: Array = 1, L2: Array = 1, m1: Array = 1, m2: Array = 1, g: Arra
     return from_screws(B, [[0, 0, 1, 0, 0, 0]] * 2, M, gravity=[0, -g, 0], name="planar2r")
 
 
-BUNDLED: dict[str, Callable[..., Mechanism]] = {"iiwa14": iiwa14, "planar2r": planar2r}
+_FOLDER = files("jounce.io") / "robots"
+
+
+@dataclass(frozen=True)
+class Bundled:
+    """A robot that comes with jounce: what it is, how large, whose numbers it has, and how it is made."""
+
+    name: str
+    kind: str
+    n: int
+    nb: int
+    mass: float  # kg, of what moves
+    licence: str  # its SPDX identifier
+    source: str
+    build: Callable[..., Mechanism]
+    urdf: str | None = None  # what its file was converted from, in example-robot-data
+
+
+def _of_file(name: str, kind: str, size: tuple[int, int, float], licence: str, project: str, urdf: str) -> Bundled:
+    return Bundled(name, kind, *size, licence, f"https://github.com/{project}", partial(_read, name), urdf)
+
+
+def _read(name: str, /, gravity: object = None) -> Mechanism:
+    with as_file(_FOLDER / name / "robot.yaml") as path:
+        return reading.read(entries.read(path, "the robot"), gravity)
+
+
+def notices(name: str) -> dict[str, str]:
+    """The texts that must go with a robot's file, by their names: none for those of the paper, which have no file."""
+    texts = (_FOLDER / name / text for text in ("NOTICE", "LICENSE"))
+    return {text.name: text.read_text(encoding="utf-8") for text in texts if text.is_file()}
+
+
+_APACHE, _BSD = "Apache-2.0", "BSD-3-Clause"
+_PAPER = "Müller & Kumar, Section 6"
+
+BUNDLED: dict[str, Bundled] = {
+    robot.name: robot
+    for robot in (
+        Bundled("iiwa14", "arm, KUKA LBR iiwa 14 R820", 7, 7, 20.66958, _BSD, _PAPER, iiwa14),
+        Bundled("planar2r", "two links in a plane", 2, 2, 2.0, _BSD, _PAPER, planar2r),
+        _of_file(
+            "panda", "arm with gripper, Franka Panda", (8, 9, 16.822132), _APACHE,
+            "frankaemika/franka_ros", "panda_description/urdf/panda.urdf",
+        ),
+        _of_file(
+            "ur5", "arm, Universal Robots UR5", (6, 6, 16.9939), _BSD,
+            "ros-industrial/universal_robot", "ur_description/urdf/ur5_robot.urdf",
+        ),
+        _of_file(
+            "ur10", "arm, Universal Robots UR10", (6, 6, 28.7), _BSD,
+            "ros-industrial/universal_robot", "ur_description/urdf/ur10_robot.urdf",
+        ),
+        _of_file(
+            "xarm7", "arm, UFACTORY xArm 7", (7, 7, 10.4315), _BSD,
+            "xArm-Developer/xarm_ros2", "xarm_description/urdf/xarm7.urdf",
+        ),
+        _of_file(
+            "g1", "humanoid on its pelvis, Unitree G1", (29, 29, 29.52714202), _BSD,
+            "unitreerobotics/unitree_ros", "g1_description/urdf/g1_29dof_rev_1_0.urdf",
+        ),
+        _of_file(
+            "anymal", "quadruped on its base, ANYmal C", (12, 12, 25.76168), _BSD,
+            "ANYbotics/anymal_c_simple_description", "anymal_c_simple_description/urdf/anymal.urdf",
+        ),
+        _of_file(
+            "solo12", "quadruped on its base, Solo 12", (12, 12, 1.33885188), _BSD,
+            "open-dynamic-robot-initiative/robot_properties_solo", "solo_description/robots/solo12.urdf",
+        ),
+    )
+}  # fmt: skip

@@ -1,33 +1,49 @@
 """`load`: a robot from a file or by name."""
 
 import os
-import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
-from jounce import inertia
 from jounce._scalars import is_numeric
-from jounce.errors import JounceError, JounceWarning, no_such
+from jounce.audit import impossible
+from jounce.errors import JounceError, no_such, warn
 from jounce.io.bundled import BUNDLED
-from jounce.io.native import reading
 from jounce.mechanism import GRAVITY, Mechanism
 from jounce.robot import Robot
 
 
-def load(source: str | os.PathLike[str], /, **parameters: object) -> Robot:
-    """A robot from a URDF file, a YAML or JSON file of jounce's own format, or a bundled one by its name.
+def load(
+    source: str | os.PathLike[str],
+    /,
+    *,
+    lock: Mapping[str, float] | None = None,
+    drives: bool | str | Iterable[str] = False,
+    **parameters: object,
+) -> Robot:
+    """A robot from a URDF or MJCF file, a YAML or JSON file, or a bundled one by its name.
+
+    YAML and JSON hold jounce's own format, a Denavit-Hartenberg table or skidy's description, told apart by their keys.
 
     Fixed joints merge their links into one body (their names stay usable wherever a body's is); mimic joints are folded
-    into their leaders' coordinates; several root links stand on the ground side by side.
+    into their leaders' coordinates; several root links stand on the ground side by side. Coordinates are in the order
+    of the file, depth first.
 
     Parameters
     ----------
     source : str or path
-        Path of a .urdf, .yaml, .yml or .json file, or "iiwa14", "planar2r".
+        Path of a .urdf, .xacro, .xml (MJCF, by MuJoCo; or a URDF), .yaml, .yml or .json file, or the name of a bundled
+        one: "iiwa14", "planar2r", "panda" and others, which `jounce robots` lists.
+    lock : dict
+        Joints to hold still, {name: rad or m}: their bodies merge into those that carry them, see `Robot.locked`.
+    drives : bool, str or several
+        Which terms of the drives that the file states enter Q, see `Robot.with_drives`; none if left out.
     **parameters : keywords
         gravity (3,) in m/s^2; if left out that of the file, (0, 0, -9.81) where it states none, (0, 0, -9.80665) for
-        iiwa14; for planar2r L1, L2, m1, m2, g (symbols are values too).
+        iiwa14; for planar2r L1, L2, m1, m2, g (symbols are values too). Of a URDF: base, "fixed" to weld floating and
+        planar joints at zero, which are refused otherwise; root, a link to start at: what it carries remains, and it
+        stands on the ground itself. Of a .xacro file: xacro_args, a mapping of its arguments.
 
     Raises
     ------
@@ -37,7 +53,8 @@ def load(source: str | os.PathLike[str], /, **parameters: object) -> Robot:
     Warns
     -----
     JounceWarning
-        Where bodies of a file have an inertia that no distribution of mass has.
+        Where bodies of a file have an inertia that no distribution of mass has (`Robot.audit` says more), joints are
+        welded by base, or drives are asked for and none is stated.
 
     Examples
     --------
@@ -47,8 +64,19 @@ def load(source: str | os.PathLike[str], /, **parameters: object) -> Robot:
     """
     if not isinstance(source, str | os.PathLike):
         raise JounceError(f"a robot is a path or a name, not {type(source).__name__}; names: {', '.join(BUNDLED)}")
+    robot = Robot(_mechanism(source, parameters))
+    robot = robot.locked(lock) if lock else robot
+    if not drives:
+        return robot
+    driven = robot.with_drives(drives)
+    if not any(getattr(driven.drives, name).any() for name in ("armature", "damping", "friction", "stiffness")):
+        warn(f"{source}: states no drive trains; drives={drives!r} adds nothing")
+    return driven
+
+
+def _mechanism(source: str | os.PathLike[str], parameters: dict[str, object]) -> Mechanism:
     if str(source) in BUNDLED:
-        return Robot(_call(BUNDLED[str(source)], parameters, str(source)))
+        return _call(BUNDLED[str(source)].build, parameters, str(source))
     path = Path(source).expanduser()
     if path.suffix.lower() not in READERS:
         if not path.suffix:
@@ -56,24 +84,48 @@ def load(source: str | os.PathLike[str], /, **parameters: object) -> Robot:
         raise JounceError(f"{path}: unknown type of robot file {path.suffix!r}; there are: {', '.join(READERS)}")
     mechanism = _call(partial(READERS[path.suffix.lower()], path), parameters, str(path))
     _warn_of_inertias(mechanism, path)
-    return Robot(mechanism)
+    return mechanism
 
 
-def _read_urdf(path: Path, /, gravity: object = GRAVITY) -> Mechanism:
+def _read_urdf(path: Path, /, gravity: object = GRAVITY, base: str | None = None, root: str | None = None) -> Mechanism:
     from jounce.io import urdf  # where lxml is needed
 
-    return urdf.read(path, gravity)
+    return urdf.read(path, gravity, base, root)
 
 
-def _read_native(path: Path, /, gravity: object = None) -> Mechanism:
-    return reading.read(path, gravity)
+def _read_xacro(
+    path: Path,
+    /,
+    gravity: object = GRAVITY,
+    base: str | None = None,
+    root: str | None = None,
+    xacro_args: Mapping[str, object] = MappingProxyType({}),
+) -> Mechanism:
+    from jounce.io import urdf, xacro
+
+    content = xacro.expanded(path, xacro_args)
+    return urdf.parse(content, f"{path} (expanded)", path.name.partition(".")[0], gravity, base, root)
+
+
+def _read_xml(path: Path, /, gravity: object = None, base: str | None = None, root: str | None = None) -> Mechanism:
+    from jounce.io import mjcf  # where lxml and MuJoCo are needed
+
+    return mjcf.read(path, gravity, base, root)
+
+
+def _read_document(path: Path, /, gravity: object = None) -> Mechanism:
+    from jounce.io import documents
+
+    return documents.read(path, gravity)
 
 
 READERS: dict[str, Callable[..., Mechanism]] = {
     ".urdf": _read_urdf,
-    ".yaml": _read_native,
-    ".yml": _read_native,
-    ".json": _read_native,
+    ".xacro": _read_xacro,
+    ".xml": _read_xml,
+    ".yaml": _read_document,
+    ".yml": _read_document,
+    ".json": _read_document,
 }
 
 
@@ -90,12 +142,8 @@ def _call(build: Callable[..., Mechanism], parameters: dict[str, object], what: 
 
 
 def _warn_of_inertias(mechanism: Mechanism, path: Path) -> None:
-    if not is_numeric(mechanism.M):
-        return
-    found = [(body, inertia.defect(M)) for body, M in zip(mechanism.bodies, mechanism.M, strict=True)]
-    odd = [f"{body}: {defect}" for body, defect in found if defect]
-    if odd:
-        more = f" (and {len(odd) - 1} more)" if len(odd) > 1 else ""
-        count = f"{len(odd)} of {mechanism.nb} bodies"
-        text = f"{path}: {count} have an inertia that no distribution of mass has: {odd[0]}{more}"
-        warnings.warn(text, JounceWarning, stacklevel=3)
+    found = impossible(mechanism) if is_numeric(mechanism.M) else []
+    if found:
+        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+        count = f"{len(found)} of {mechanism.nb} bodies"
+        warn(f"{path}: {count} have an inertia that no distribution of mass has: {found[0]}{more}")

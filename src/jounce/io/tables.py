@@ -9,6 +9,7 @@ from zipfile import ZipFile
 
 import numpy as np
 
+from jounce import names
 from jounce.errors import JounceError, one_line
 from jounce.io import files
 from jounce.io.files import finite, read_bytes
@@ -21,6 +22,19 @@ Handler = TypeVar("Handler")
 def read(path: Path) -> Columns:
     """The columns of a table: finite numbers, all of one length, at least one row."""
     return _by_suffix(path, READERS)(path, read_bytes(path))
+
+
+def checked(place: object, columns: Mapping[str, np.ndarray]) -> Columns:
+    """Columns as `read` gives them, of arrays that come from elsewhere."""
+    if not columns or not max(array.size for array in columns.values()):
+        raise JounceError(f"{place}: nothing in it; expected named columns of numbers")
+    rows = next(iter(columns.values())).shape[:1]
+    for name, array in columns.items():
+        if array.shape != rows or array.ndim != 1 or array.dtype.kind not in "fiu":
+            came = f"{array.dtype} of shape {array.shape}"
+            raise JounceError(f"{place}: column {name!r} is {came}; expected numbers of shape {rows or '(N,)'}")
+    _check_finite(place, columns)
+    return {name: array.astype(float) for name, array in columns.items()}
 
 
 def check_writable(path: Path) -> None:
@@ -45,12 +59,12 @@ def of_rates(t: np.ndarray, names: Sequence[str], symbol: str, rates: Sequence[n
     return columns
 
 
-def _check_finite(path: Path, columns: Mapping[str, np.ndarray]) -> None:
+def _check_finite(place: object, columns: Mapping[str, np.ndarray]) -> None:
     for name, array in columns.items():
         bad = np.flatnonzero(~np.isfinite(array))
         if bad.size:
             i = int(bad[0])
-            raise JounceError(f"{path}: column {name!r} holds {array[i]} in row {i} from 0; expected finite numbers")
+            raise JounceError(f"{place}: column {name!r} holds {array[i]} in row {i} from 0; expected finite numbers")
 
 
 def _read_csv(path: Path, content: bytes) -> Columns:
@@ -92,19 +106,12 @@ def _read_npz(path: Path, content: bytes) -> Columns:
         with ZipFile(BytesIO(content)) as archive:
             for member in archive.namelist():
                 name = member.removesuffix(".npy")
-                columns[name] = np.lib.format.read_array(BytesIO(archive.read(member)), allow_pickle=False)
+                array = np.lib.format.read_array(BytesIO(archive.read(member)), allow_pickle=False)
+                columns |= {name: array} if array.dtype.names is None else names.entries(array)  # a table of its own
     except Exception as error:  # damaged archives raise whatever their decoder stumbles over
         where = "" if name is None else f" column {name!r}:"
         raise JounceError(f"{path}: not an NPZ table:{where} {one_line(error)}") from None
-    if not columns or not max(array.size for array in columns.values()):
-        raise JounceError(f"{path}: nothing in it; expected named columns of numbers")
-    rows = next(iter(columns.values())).shape[:1]
-    for name, array in columns.items():
-        if array.shape != rows or array.ndim != 1 or array.dtype.kind not in "fiu":
-            came = f"{array.dtype} of shape {array.shape}"
-            raise JounceError(f"{path}: column {name!r} is {came}; expected numbers of shape {rows or '(N,)'}")
-    _check_finite(path, columns)
-    return {name: array.astype(float) for name, array in columns.items()}
+    return checked(path, columns)
 
 
 def _write_csv(path: Path, columns: Mapping[str, np.ndarray]) -> None:

@@ -31,9 +31,9 @@ def key(mechanism: Mechanism, what: str, target: Target) -> str:
     import llvmlite
 
     digest = hashlib.sha256(f"{what} {target} llvmlite {llvmlite.__version__} {_sources()}".encode())
-    digest.update(repr(mechanism.parent).encode())
-    for name in DATA:
-        array = getattr(mechanism, name)
+    digest.update(repr((mechanism.parent, mechanism.acting)).encode())
+    arrays = {name: getattr(mechanism, name) for name in DATA} | (vars(mechanism.drives) if mechanism.acting else {})
+    for name, array in arrays.items():
         digest.update(f"{name} {array.shape} {array.dtype}".encode())
         digest.update(array.tobytes())
     return digest.hexdigest()

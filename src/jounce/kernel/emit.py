@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from math import prod
 
-from jounce.kernel import circular, layout
+from jounce.kernel import circular, hyperbolic, layout
 from jounce.kernel.interface import Interface
 from jounce.kernel.ir import Writer
 from jounce.kernel.program import Program
@@ -20,6 +20,7 @@ def emitted(define_block: Callable[[Writer], None], interface: Interface, target
     """The module of a kernel whose ``@block(in, out)`` works on one block of states in scratch memory."""
     ir = Writer(target)
     circular.define_sincos(ir)
+    hyperbolic.define_tanh(ir)
     layout.define_transposes(ir)
     layout.define_lanes(ir)
     define_block(ir)
@@ -54,12 +55,17 @@ def written_steps(ir: Writer, program: Program, read: Callable[[int], str]) -> C
             elif step.kind in ("sin", "cos"):
                 j = 2 * angles.index(step.operands[0]) + (step.kind == "cos")
                 values[i] = ir.load(ir.at(circles, j, ir.V))
+            elif step.kind == "tanh":
+                values[i] = ir.let(f"call {ir.V} @tanh({ir.V} {value(step.operands[0])})")
             else:
                 values[i] = ir.op(step.kind, *(value(j) for j in step.operands))
         return values[i]
 
     for j, angle in enumerate(angles):  # first, while no other value must be saved over the call
         ir.do(f"call void @sincos({ir.V} {value(angle)}, ptr {ir.at(circles, 2 * j, ir.V)})")
+    for i, step in enumerate(program.steps):
+        if step.kind == "tanh":
+            value(i)
     for i in range(len(program.steps)):
         value(i)
     return value

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from jounce.kernel.program import Operation, Program
+from jounce.kernel.program import FUNCTIONS, Operation, Program
 from jounce.kernel.trace import Node, Tape
 
 SUMS = ("add", "sub")
@@ -61,7 +61,7 @@ class _Pass:
                 return self.tape.node(step.value)
             case "neg":
                 return -self.made[step.operands[0]]
-            case "sin" | "cos":
+            case kind if kind in FUNCTIONS:
                 return self.tape.write(step.kind, self.made[step.operands[0]].i)
         return self._sum(self._terms(i, 1))
 

@@ -40,7 +40,8 @@ def program(mechanism: Mechanism, quantity: Quantity, tape: Tape | None = None) 
 def _block(mechanism: Mechanism, quantity: Quantity) -> Callable[[Writer], None]:
     """What defines ``@block``."""
     if not quantity.straight:
-        sweeps = Sweeps(quantity.name, quantity.order, quantity.loaded)
+        acting = mechanism.acting if quantity.name == "inverse_dynamics" else ()
+        sweeps = Sweeps(quantity.name, quantity.order, quantity.loaded, acting)
         return lambda ir: tree.define_block(ir, mechanism, sweeps, quantity.interface)
     steps = fused(program(mechanism, quantity))
     return lambda ir: emit.define_block(ir, steps, quantity.interface)

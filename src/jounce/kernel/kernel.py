@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from jounce import names
 from jounce.errors import JounceError, one_line
 from jounce.kernel import cache, jit
 from jounce.kernel.quantity import Quantity
@@ -21,8 +22,9 @@ class Kernel:
     """A quantity with its rates up to an order, compiled; `Robot.compile` gives one.
 
     Called on float64 arrays q, qd, ... and, where it was compiled with wrenches, W, Wd, ..., each (..., nb, 6); batch
-    axes lead and broadcast. Results have the same digits wherever a state stands in a batch, however large, on however
-    many threads. Kernels can be pickled: where they are unpickled they are found in the cache, or compiled again.
+    axes lead and broadcast. Arrays alone, in the order of the robot's joints: its methods match names, this does not.
+    Results have the same digits wherever a state stands in a batch, however large, on however many threads. Kernels can
+    be pickled: where they are unpickled they are found in the cache, or compiled again.
     """
 
     def __init__(self, mechanism: Mechanism, quantity: Quantity) -> None:
@@ -47,10 +49,15 @@ class Kernel:
             if type(threads) is not int or threads != 1:
                 return self._split(arrays, out, threads)
             if out is None:
-                return self._ufunc(*arrays)
-            return self._ufunc(*arrays, out=tuple(out) if isinstance(out, list) else out)
+                results = self._ufunc(*arrays)
+            else:
+                results = self._ufunc(*arrays, out=tuple(out) if isinstance(out, list) else out)
         except (TypeError, ValueError) as error:
+            self._refuse_names(arrays)
             raise JounceError(f"{self!r}: {one_line(error)}") from None
+        if not isinstance(results[0] if type(results) is tuple else results, np.ndarray):
+            self._refuse_names(arrays)  # data frames, which have NumPy look at their values alone
+        return results
 
     def bind(self, *arrays: np.ndarray, out: Any) -> Callable[[], None]:
         """A function without arguments that computes from these very arrays into `out`: the lowest latency there is.
@@ -94,10 +101,17 @@ class Kernel:
                 raise JounceError(f"out[{k}] is read-only or shares memory with another array; expected one of its own")
         return batch
 
+    def _refuse_names(self, arrays: Sequence[Any]) -> None:
+        if any(names.listed_in(x) is not None for x in arrays):
+            raise JounceError(
+                f"{self!r} takes arrays without names, in the order of its joints; a Robot's methods match names"
+            )
+
     def _split(self, arrays: Sequence[Any], out: Any, threads: Any) -> Any:
         """The batch in as many parts along its first axis as there are threads; what does not fit, NumPy says."""
         if not isinstance(threads, int | np.integer) or isinstance(threads, bool) or threads < 1:
             raise JounceError(f"threads = {threads!r}; expected how many, 1 or more")
+        self._refuse_names(arrays)
         taken, given = self.quantity.interface.taken, self.quantity.interface.given
         inputs = [np.asarray(array) for array in arrays]
         both = list(zip(inputs, taken, strict=True))

@@ -12,11 +12,13 @@ OPERATIONS: dict[str, Callable[..., float]] = {
     "neg": lambda x: -x,
     "sin": math.sin,
     "cos": math.cos,
+    "tanh": math.tanh,
     "fma": lambda x, y, z: x * y + z,  # in native code rounded once
     "fms": lambda x, y, z: x * y - z,
     "fnma": lambda x, y, z: z - x * y,
 }
 FREE = ("input", "constant", "neg")  # what costs no operation: signs are kept outside, and end in subtractions
+FUNCTIONS = ("sin", "cos", "tanh")
 
 
 @dataclass(frozen=True)

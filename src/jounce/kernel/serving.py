@@ -12,6 +12,7 @@ from jounce.kernel.kernel import Kernel, compiled
 from jounce.kernel.quantity import Quantity
 from jounce.mechanism import DATA, Mechanism
 from jounce.paths import COMPILED
+from jounce.rates import checked_order
 
 
 def serving(
@@ -40,13 +41,12 @@ def ahead(mechanism: Mechanism, name: str, order: int, loaded: bool) -> Kernel:
     """The kernel that a user asks for by name."""
     if not isinstance(name, str) or name not in COMPILED:
         raise no_such("quantity for native code", name, COMPILED)
-    if not isinstance(order, int | np.integer) or isinstance(order, bool) or order < 0:
-        raise JounceError(f"order is {order!r}; expected 0, 1, 2, ...")
+    order = checked_order(order)
     if not isinstance(loaded, bool):
         raise JounceError(f"wrench is of type {type(loaded).__name__}; expected True or False: whether calls take any")
     if loaded and name != "inverse_dynamics":
         raise JounceError(f"{name} takes no wrenches")
-    kernel, obstacle = _kernel(mechanism, name, int(order), loaded)
+    kernel, obstacle = _kernel(mechanism, name, order, loaded)
     if kernel is None:
         raise JounceError(f"no native code: {obstacle}")
     return kernel

@@ -9,7 +9,7 @@ from itertools import accumulate
 
 import numpy as np
 
-from jounce import inertia
+from jounce import drives, inertia
 from jounce._scalars import is_zero
 from jounce.equivalent import minimal, moves
 from jounce.kernel.factor import factored
@@ -25,6 +25,7 @@ from jounce.series import Series
 KINDS = ("revolute", "prismatic", "helical")
 NO_FIELD = Series.constant(np.zeros((3, 3), dtype=int))
 CONSTANTS = {"R": 9, "r": 3, "pitch": 1, "m": 1, "h": 3, "P": 6}  # of a joint and its body
+DRIVES = dict.fromkeys(drives.COEFFICIENTS, 1)  # of a joint's drive train
 CARRY = {"R": 9, "r": 3}  # where the joint's frame lies in the body's own, in which wrenches are given
 
 
@@ -98,6 +99,7 @@ class Sweeps:
     quantity: str
     order: int
     loaded: bool
+    acting: tuple[str, ...] = ()  # the terms of the drives in Q
 
     @property
     def moving(self) -> bool:
@@ -155,6 +157,13 @@ class Sweeps:
         sheet.write("parent", "n", total.n)
         return sheet.step()
 
+    def drive(self) -> Step:
+        """What a joint's drive train takes, added to what the joint feels."""
+        sheet = _Sheet(self)
+        added = drives.forces(sheet.constants(DRIVES), self.acting, sheet.read("body", "theta"))
+        sheet.write("body", "Q", sheet.read("body", "Q") + added)
+        return sheet.step()
+
 
 def _joint(sheet: _Sheet, kind: str) -> tuple[AlignedJoint, tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """A joint of a kind with the moments of its body, all numbers yet unknown."""
@@ -190,6 +199,11 @@ def constants(mechanism: Mechanism) -> np.ndarray:
         parts: Sequence[np.ndarray] = (rotation(B), position(B), X[5:], m, h, P[np.triu_indices(3)])
         table.append(np.concatenate([np.ravel(part) for part in parts]))
     return np.array(table, dtype=float)
+
+
+def drive_table(mechanism: Mechanism) -> np.ndarray:
+    """The numbers of each joint's drive train, as `DRIVES` lists them."""
+    return np.concatenate(list(drives.coefficients(mechanism.drives).values()), axis=1)
 
 
 def carry(mechanism: Mechanism) -> np.ndarray:

@@ -48,6 +48,10 @@ class Node:
         """The cosine."""
         return self.tape.write("cos", self.i)
 
+    def tanh(self) -> "Node":
+        """The hyperbolic tangent."""
+        return self.tape.write("tanh", self.i)
+
     @property
     def step(self) -> Operation:
         """What the node stands for."""

@@ -14,7 +14,19 @@ from jounce.equivalent import minimal
 from jounce.kernel.emit import spoilt, written_steps
 from jounce.kernel.interface import Interface
 from jounce.kernel.ir import Writer
-from jounce.kernel.steps import CARRY, CONSTANTS, KINDS, Layout, Step, Sweeps, carry, constants, kinds
+from jounce.kernel.steps import (
+    CARRY,
+    CONSTANTS,
+    DRIVES,
+    KINDS,
+    Layout,
+    Step,
+    Sweeps,
+    carry,
+    constants,
+    drive_table,
+    kinds,
+)
 from jounce.mechanism import Mechanism
 
 MEMORY = ("constants", "body", "parent", "motion", "carrier")  # what a step reads and writes
@@ -44,6 +56,9 @@ def define_block(ir: Writer, mechanism: Mechanism, sweeps: Sweeps, interface: In
             i = ir.let(f"sub i64 {chain.nb - 1}, {down}")
             memory = _memory(ir, i, sweeps)
             _call(ir, "inward", present, i, memory)
+            if sweeps.acting:
+                table = ir.at("@drives", ir.let(f"mul i64 {i}, {len(DRIVES)}"))
+                ir.do(f"call void @drive({_pointers(table, *memory)})")
             with _followed(ir, i) as (coordinate, factor):  # Q = G^T Q_theta
                 for k, (place,) in enumerate(sweeps.layout.places("Q")):
                     Q = ir.at("%out", ir.let(f"add i64 {coordinate}, {k * chain.n}"), ir.V)
@@ -61,6 +76,8 @@ def _define_steps(ir: Writer, present: Sequence[str], sweeps: Sweeps) -> None:
         _define_step(ir, f"inward_{kind}", sweeps.inward(kind))
     if sweeps.loaded:
         _define_step(ir, "load", sweeps.load())
+    if sweeps.acting:
+        _define_step(ir, "drive", sweeps.drive())
 
 
 def _define_tables(ir: Writer, mechanism: Mechanism, slots: Sequence[int], of_joints: Sequence[int]) -> None:
@@ -70,6 +87,7 @@ def _define_tables(ir: Writer, mechanism: Mechanism, slots: Sequence[int], of_jo
     _define_table(ir, "parents", [p + 1 for p in mechanism.parent])
     _define_table(ir, "slots", slots)
     _define_table(ir, "constants", constants(mechanism).ravel().tolist())
+    _define_table(ir, "drives", drive_table(mechanism).ravel().tolist())
     _define_table(ir, "carry", carry(mechanism).ravel().tolist())
     followed = [np.flatnonzero(row).tolist() or [0] for row in G]  # coordinates by joint, at least one
     _define_table(ir, "entries", [0, *accumulate(map(len, followed))])  # those of joint i: from entry i to entry i + 1

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from jounce.errors import JounceError, listed, no_such
+from jounce import names
+from jounce.errors import JounceError, listed
 from jounce.mechanism import Mechanism
 from jounce.motion.states import COMPONENTS, Motion
 
@@ -52,12 +53,7 @@ class Terms:
 def along(terms: Terms, mechanism: Mechanism, highest: int) -> Motion:
     """The motion that terms describe, with rates up to the one of order `highest`."""
     joints, curves = mechanism.coordinates, terms.joints
-    for name in curves:
-        if name not in joints:
-            raise no_such("joint", name, joints)
-    missing = [name for name in joints if name not in curves]
-    if missing:
-        raise JounceError(f"no terms for {listed(missing)}; expected some for each of {listed(joints)}")
+    names.check(curves, joints, names.followers(mechanism), f"terms for each of {listed(joints)}")
     for body in terms.wrenches:
         mechanism.frame(body)
     rates = (

@@ -41,15 +41,15 @@ class Spline:
 
     def check(self, samples: int, place: str) -> None:
         """Raise `JounceError` where no such spline can be made of so many samples."""
-        if self.degree not in DEGREES:
+        if not isinstance(self.degree, int) or self.degree not in DEGREES:
             known = ", ".join(map(str, DEGREES))
-            raise JounceError(f"a spline of degree {self.degree} is not offered; there are: {known}")
+            raise JounceError(f"a spline of degree {self.degree!r} is not offered; there are: {known}")
         if samples <= self.degree:
             least = f"a spline of degree {self.degree} needs at least {self.degree + 1}"
             raise JounceError(f"{place}: {samples} samples; {least}")
         most = samples - self.degree
-        if self.intervals is not None and not 1 <= self.intervals <= most:
-            raise JounceError(f"{place}: {self.intervals} intervals for {samples} samples; expected 1 to {most}")
+        if self.intervals is not None and not (isinstance(self.intervals, int) and 1 <= self.intervals <= most):
+            raise JounceError(f"{place}: {self.intervals!r} intervals for {samples} samples; expected 1 to {most}")
 
 
 def rates_of(

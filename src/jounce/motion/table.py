@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jounce.errors import JounceError, JounceWarning, listed, no_such
+from jounce import names
+from jounce.errors import JounceError, JounceWarning, at, listed
 from jounce.mechanism import Mechanism
 from jounce.motion import loads, smoothness
 from jounce.motion.spline import Spline, rates_of
@@ -30,21 +31,21 @@ def from_table(
     ------
     JounceError : where a joint or rate is missing, a column unknown, t does not increase, or there are too few samples.
     """
-    joints, t = mechanism.coordinates, columns.get("t")
+    joints = mechanism.coordinates
     if "t" in joints:
         raise JounceError(f"{place}: a joint is named 't', as the column of times is; give it another name")
-    if t is None:
-        raise JounceError(f"{place}: {no_such('column', 't', columns)}")
+    of_wrenches = loads.named(list(columns), mechanism)
+    given = [name for name in columns if name not in of_wrenches]
+    wanted = [rate_name("q", k) for k in range(highest + 1)]
+    sampled = not any(_is_rate(name, joints) for name in given)
+    with at(place):
+        _check_columns(given, mechanism, [] if sampled else wanted)
+    t = columns["t"]
     steps = np.flatnonzero(np.diff(t) <= 0)
     if steps.size:
         i = int(steps[0])
         follows = f"{t[i]:.17g} is followed by {t[i + 1]:.17g}, rows {i} and {i + 1} counted from 0"
         raise JounceError(f"{place}: t does not increase: {follows}")
-    of_wrenches = loads.named(list(columns), mechanism)
-    given = [name for name in columns if name != "t" and name not in of_wrenches]
-    wanted = [rate_name("q", k) for k in range(highest + 1)]
-    sampled = not any(_is_rate(name, joints) for name in given)
-    _check_columns(given, mechanism, [] if sampled else wanted, place)
     wrenches = {name: columns[name] for name in ("t", *of_wrenches)}
     W = loads.wrenches(wrenches, mechanism, max(highest - 2, 0), spline, place)
     if not sampled:
@@ -68,19 +69,12 @@ def _is_rate(name: str, joints: Sequence[str]) -> bool:
     return name not in joints and joint in joints and RATE.fullmatch(rate) is not None
 
 
-def _check_columns(given: Sequence[str], mechanism: Mechanism, rates: Sequence[str], place: str) -> None:
-    joints = mechanism.coordinates
-    followers = set(mechanism.joints) - set(joints)
-    expected = [f"{joint}.{rate}" for joint in joints for rate in rates] or list(joints)
-    for name in given:
-        if name in expected or (rates and _is_rate(name, joints)):  # rates beyond those needed do no harm
-            continue
-        if name in joints:
-            raise JounceError(f"{place}: column {name!r} of samples beside columns of rates; expected one kind")
-        if {name, name.rpartition(".")[0]} & followers:
-            raise JounceError(f"{place}: column {name!r}: this joint follows another (mimic); leave it out")
-        raise JounceError(f"{place}: {no_such('joint column', name, expected)}")
-    missing = [repr(name) for name in expected if name not in given]
-    if missing:
-        columns = f"for each joint {', '.join(rates)}" if rates else listed(joints)
-        raise JounceError(f"{place}: missing {', '.join(missing)}; expected t and {columns}")
+def _check_columns(given: Sequence[str], mechanism: Mechanism, rates: Sequence[str]) -> None:
+    joints, follows = mechanism.coordinates, names.followers(mechanism)
+    expected = ["t", *([f"{joint}.{rate}" for joint in joints for rate in rates] or joints)]
+    others = set(given) - set(expected)
+    higher = {name for name in others if rates and _is_rate(name, joints)}  # than those needed: they do no harm
+    unfit = {name: "samples beside columns of rates" for name in others if name in joints}
+    unfit |= {name: follows[joint] for name in others for joint in (name, name.rpartition(".")[0]) if joint in follows}
+    asked = f"for each joint {', '.join(rates)}" if rates else listed(joints)
+    names.check([name for name in given if name not in higher], expected, unfit, f"t and {asked}")

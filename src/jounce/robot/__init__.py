@@ -1,17 +1,23 @@
 """Robot: what users hold. It checks at the door, then calls one function a method."""
 
 from jounce.robot.bodies import Bodies
+from jounce.robot.construction import Construction
 from jounce.robot.forces import Forces
+from jounce.robot.models import Models
 
 
-class Robot(Forces, Bodies):
+class Robot(Forces, Bodies, Construction, Models):
     """A robot: its mechanism, and the quantities of its equations of motion along a motion.
 
-    Build one by `jounce.load`, `Robot.from_screws` or `Robot.from_spatial_screws`. Conventions of every method:
+    Build one by `jounce.load` or by one of the constructors `Robot.from_...`.
+
+    Conventions of every method:
 
     * SI units. Twists, screws and wrenches are (angular; linear).
     * Leading axes are batch axes and broadcast; the coordinate axis is last. Any real scalars: NumPy, JAX, or object
       arrays of CasADi SX, SymPy or other symbols.
+    * A state may name its coordinates: a dict, a data frame or series, a structured array, matched by joint name.
+      Results are arrays all the same, in the order of `joint_names`.
     * q is required; each further rate you give returns one more time derivative. With none to spare the result is
       a plain array, otherwise a tuple: the quantity, its rate, ...
     * ``method`` picks the path: "kernel", native code, the default of float64 NumPy arrays where there is one;

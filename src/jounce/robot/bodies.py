@@ -5,10 +5,10 @@ from typing import Any, Unpack, overload
 from jounce import kinematics, loads
 from jounce._scalars import Array
 from jounce.paths import Path, column, columns
-from jounce.robot.data import Data, Options
+from jounce.robot.quantities import Options, Quantities
 
 
-class Bodies(Data):
+class Bodies(Quantities):
     """Poses, Jacobians, momentum and wrenches with their rates, each a line on its path."""
 
     def poses(self, q: Array, *, body: str | None = None, out: Any = None) -> Array:

@@ -1,26 +1,15 @@
-"""What a robot is made of, and the one way from its data and a caller's state to a result."""
+"""What a robot is: its mechanism under the names that users know, judged, locked, with drives or without."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, Self, TypedDict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Self
 
-from jounce import rates, screws, wrenches
 from jounce._scalars import Array
+from jounce.audit import Finding, audit
+from jounce.drives import Drives, chosen, with_eps
 from jounce.errors import JounceError
-from jounce.evaluation import by_kernel, delivered, evaluate
-from jounce.kernel.serving import serving
-from jounce.mechanism import GRAVITY, Limits, Mechanism, suited
-from jounce.paths import Path, path
-
-Loads = Callable[[int], list[Array]]  # wrenches and their rates up to an order
-
-
-class Options(TypedDict, total=False):
-    """Keywords that the quantities share: the path that computes them, arrays to write into, threads for a batch."""
-
-    method: str | None
-    out: Any
-    threads: int
+from jounce.mechanism import Limits, Mechanism
+from jounce.welding import locked
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -34,95 +23,6 @@ class Data:
             raise JounceError(
                 f"a Robot is made of a Mechanism, not of {type(self.mechanism).__name__}; try jounce.load"
             )
-
-    @classmethod
-    def from_screws(
-        cls,
-        B: Array,
-        X: Array,
-        M: Array,
-        parent: Sequence[int] | None = None,
-        names: Sequence[str] | None = None,
-        gravity: Array = GRAVITY,
-        **data: Any,
-    ) -> Self:
-        """A robot from body-fixed data.
-
-        Body i hangs on its parent by ``C_i = C_p B_i exp(X_i theta_i)`` with joint variables ``theta = G q + g``.
-
-        Parameters
-        ----------
-        B : (nb, 4, 4)
-            Pose of body i in the frame of its parent body at theta_i = 0.
-        X : (nb, 6)
-            Joint screw in the frame of body i, (xi; eta): revolute (e; x cross e), helical of pitch h
-            (e; x cross e + h e), prismatic (0; e), with a unit vector e and a point x on the axis.
-        M : (nb, 6, 6)
-            Inertia matrix in the frame of body i, see `inertia_matrix`.
-        parent : (nb,)
-            Index of the parent body, smaller than i; -1 is the ground, several roots are allowed; a serial chain if
-            left out.
-        names : (nb,)
-            Names of the bodies.
-        gravity : (3,)
-            Gravitational acceleration in the inertial frame, m/s^2; (0, 0, -9.81) if left out.
-        **data : keywords
-            joint_names, names of the n coordinates; G (nb, n) and g (nb,), constant, for joints that follow others,
-            theta = q if left out; limits, a mapping of lower, upper, velocity, effort (nb,) of theta, each infinite if
-            left out; name, of the robot.
-
-        Raises
-        ------
-        JounceError
-            Where a shape or name is wrong, a number is not finite, a pose, screw or inertia has not its form, or a
-            body comes before its parent.
-
-        References
-        ----------
-        Müller & Kumar, (Ci), (Xi), (eqn_body_fixed_mass_inertia_matrix).
-
-        Examples
-        --------
-        A pendulum of 2 kg at 0.5 m, turning about the y axis:
-
-        >>> import numpy as np, jounce
-        >>> M = jounce.inertia_matrix(2.0, [0, 0, -0.5], np.zeros((3, 3)))
-        >>> pendulum = jounce.Robot.from_screws([np.eye(4)], [[0, 1, 0, 0, 0, 0]], [M])
-        >>> pendulum.inverse_dynamics([np.pi / 2], [0.0], [0.0]).round(6)
-        array([9.81])
-        """
-        return cls(screws.from_screws(B, X, M, parent, names, gravity, **data))
-
-    @classmethod
-    def from_spatial_screws(
-        cls, A: Array, Y: Array, M: Array, parent: Sequence[int] | None = None, **data: Any
-    ) -> Self:
-        """A robot from spatial data, all in the inertial frame at theta = 0.
-
-        ``B_i = A_p^-1 A_i``, ``X_i = Ad(A_i^-1) Y_i``.
-
-        Parameters
-        ----------
-        A : (nb, 4, 4)
-            Absolute poses of the bodies.
-        Y : (nb, 6)
-            Joint screws in the inertial frame.
-        M : (nb, 6, 6)
-            Inertia matrices, in the body frames.
-        parent : (nb,)
-            As in `from_screws`, with the same errors.
-        **data : keywords
-            names and gravity too, as in `from_screws`.
-
-        Examples
-        --------
-        >>> import numpy as np, jounce
-        >>> M = jounce.inertia_matrix(1.0, [0.1, 0, 0], 0.01 * np.eye(3))
-        >>> robot = jounce.Robot.from_spatial_screws([np.eye(4)], [[0, 0, 0, 0, 0, 1]], [M])  # a vertical slide
-        >>> robot.inverse_dynamics([0.3], [0.0], [1.0])
-        array([10.81])
-        """
-        return cls(screws.from_spatial_screws(A, Y, M, parent, **data))
 
     def __repr__(self) -> str:
         return f"<Robot {self.name!r}: {self.n} coordinates, {self.mechanism.nb} bodies>"
@@ -160,46 +60,67 @@ class Data:
         """
         return self.mechanism.limits
 
-    def _given(self, wrench: Any) -> Loads:
-        return lambda order: wrenches.checked(self.mechanism, wrench, order)
+    @property
+    def drives(self) -> Drives:
+        """The drive trains as stated: `armature`, `damping`, `friction`, `eps`, `stiffness`, `rest`, (nb,) each.
 
-    def _quantity(
-        self,
-        name: str,
-        least: int,
-        q: Sequence[Array | None],
-        loads: Loads = lambda order: [],
-        *,
-        method: str | None = None,
-        out: Any = None,
-        threads: int = 1,
-    ) -> Any:
-        """A quantity of `paths`, or of native code, along q; see `_along`."""
-        given = rates.checked(q, least, self.joint_names)
-        order = len(given) - least
-        W = loads(order)
-        kernel = serving(self.mechanism, name, method, order, given, W)
-        if kernel is not None:
-            return by_kernel(kernel, given, W, out, threads)
-        if threads != 1:
-            raise JounceError(f"threads = {threads!r} is for native code only, which does not serve this call")
-        return self._by(path(name, method), order, given, W, out)
+        Of the nb joint variables, SI units. They enter Q where `with_drives` or ``load(..., drives=True)`` says so.
+        """
+        return self.mechanism.drives
 
-    def _along(
-        self,
-        path: Path,
-        least: int,
-        q: Sequence[Array | None],
-        out: Any,
-        loads: Loads = lambda order: [],
-    ) -> Any:
-        """The quantity of a path along q: it takes `least` of the rates, each further one gives one more derivative."""
-        given = rates.checked(q, least, self.joint_names)
-        order = len(given) - least
-        return self._by(path, order, given, loads(order), out)
+    def with_drives(self, terms: bool | str | Iterable[str] = True, eps: float | None = None) -> Self:
+        """The same robot with some terms of its drives in Q, the armature in M too: all, none, or those named.
 
-    def _by(self, path: Path, order: int, q: Sequence[Array], W: Sequence[Array], out: Any) -> Any:
-        """The quantity of a path and its rates up to an order, of checked arrays."""
-        model = suited(self.mechanism, [*q, *W])
-        terms = evaluate(lambda q, W: path.law(model, q, W), q, W, order, path.width(model.nb))
-        return delivered(terms, out)
+        ``Q_theta = armature theta'' + damping theta' + friction tanh(theta' / eps) + stiffness (theta - rest)`` of the
+        joint variables theta = G q + g; Q gains ``G^T Q_theta`` and M ``G^T diag(armature) G``, with exact rates.
+
+        Parameters
+        ----------
+        terms : bool, str or several
+            "armature", "damping", "friction", "spring"; True for all, False for none.
+        eps : float
+            Speed in rad/s or m/s over which friction turns over; that of each joint (0.05 unless stated) if left out.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.Robot(jounce.load("planar2r").mechanism)
+        >>> arm.with_drives("armature").mechanism.acting
+        ('armature',)
+        """
+        drives = self.drives if eps is None else with_eps(self.drives, eps)
+        return type(self)(replace(self.mechanism, acting=chosen(terms), drives=drives))
+
+    def locked(self, values: Mapping[str, float]) -> Self:
+        """The robot with some joints held at values, {joint: rad or m}: their bodies merge into those that carry them.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("iiwa14").locked({"joint3": 0.0, "joint7": 0.5}).n
+        5
+        """
+        return type(self)(locked(self.mechanism, values))
+
+    def audit(self) -> tuple[Finding, ...]:
+        """What in the data no body can have, or looks like a mistake: findings, errors first; empty where all is well.
+
+        Inertias that are not positive semidefinite or break the triangle inequality, placeholders, massless bodies and
+        a singular mass matrix, masses, lengths and moments off by powers of 1000, missing effort and velocity limits,
+        odd gravity. See `jounce.audit.Finding`.
+
+        Raises
+        ------
+        JounceError
+            Where the robot holds symbols.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> for finding in jounce.load("planar2r").audit():
+        ...     print(finding.severity, finding)
+        note body1, body2: mass, 1 kg at most, without moments about its COM
+        note joint1, joint2: no effort limit on any joint
+        note joint1, joint2: no velocity limit on any joint
+        """
+        return audit(self.mechanism)

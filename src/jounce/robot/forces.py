@@ -3,14 +3,15 @@
 from typing import Any, Unpack, overload
 
 from jounce._scalars import Array
+from jounce.drives import chosen
 from jounce.errors import no_such
 from jounce.kernel.kernel import Kernel
 from jounce.kernel.serving import ahead
-from jounce.paths import FORMS
-from jounce.robot.data import Data, Options
+from jounce.paths import FORMS, Path, column, drive_forces, row
+from jounce.robot.quantities import Options, Quantities
 
 
-class Forces(Data):
+class Forces(Quantities):
     """Q, M, C and Qgrav with their rates, each a line on its path."""
 
     def compile(self, order: int = 2, wrench: bool = False, quantity: str = "inverse_dynamics") -> Kernel:
@@ -96,6 +97,37 @@ class Forces(Data):
         """
         rates = (q, qd, q2d, q3d, q4d, *higher)
         return self._quantity("inverse_dynamics", 3, rates, self._given(wrench), **options)
+
+    @overload
+    def drive_forces(self, q: Array, qd: Array, q2d: Array, *, terms: Any = True, out: Any = None) -> Array: ...
+    @overload
+    def drive_forces(
+        self,
+        q: Array,
+        qd: Array,
+        q2d: Array,
+        q3d: Array,
+        q4d: Array = None,
+        *higher: Array,
+        terms: Any = True,
+        out: Any = None,
+    ) -> tuple[Array, ...]: ...
+    def drive_forces(self, q, qd, q2d, q3d=None, q4d=None, *higher, terms=True, out=None):  # type: ignore[no-untyped-def]
+        """What the drives take beside the rigid mechanism, and its rates: (..., n), whether or not they act in Q.
+
+        ``terms`` picks some of "armature", "damping", "friction", "spring", see `with_drives`; True is all.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> base = jounce.load("planar2r").mechanism
+        >>> arm = jounce.Robot.from_screws(base.B, base.X, base.M, drives={"damping": [2.0, 3.0]})
+        >>> arm.drive_forces([0, 0], [1, 1], [0, 0])
+        array([2., 3.])
+        """
+        names = chosen(terms)
+        law = Path(lambda model, q, _: row(drive_forces(model, q, names)), column)
+        return self._along(law, 3, (q, qd, q2d, q3d, q4d, *higher), out)
 
     @overload
     def mass_matrix(self, q: Array, **options: Unpack[Options]) -> Array: ...

@@ -3,9 +3,11 @@
 import numpy as np
 
 from jounce import lie
+from jounce.drives import UNDRIVEN, drive_error
 from jounce.errors import JounceError, no_such
 from jounce.inertia import inertia_matrix, symmetric
 from jounce.io.entries import Entry
+from jounce.io.native import UNITS
 from jounce.io.orientation import direction, from_rpy
 from jounce.mechanism import UNLIMITED, limit_error
 from jounce.screws import exact_inertia, exact_pose, exact_screw
@@ -16,17 +18,31 @@ KINDS = {  # of joints: the keys that each needs, and those it may have
     "helical": (("axis", "pitch"), ("point",)),
 }
 IDENTITY = np.eye(3).tolist()
-BESIDE = ("limits", "follows")  # keys of every joint
+BESIDE = ("limits", "drive", "follows")  # keys of every joint
 
 
-def pose(carried: Entry) -> np.ndarray:
-    """The pose of a body or frame: position with rotation or rpy, or a 4x4 matrix; what is left out is the identity."""
-    entry = carried.get("pose", {}).keys((), ("position", "rotation", "rpy", "matrix"))
+def check_units(robot: Entry) -> None:
+    """Refuse a file of other units than SI."""
+    units = robot.get("units")
+    if units.value != UNITS:
+        raise units.error(f"{UNITS}: m, kg, s, rad")
+
+
+def pose(carried: Entry, key: str = "pose", angle: float = 1.0) -> np.ndarray:
+    """The pose of a body or frame: position with rotation or rpy, or a 4x4 matrix; what is left out is the identity.
+
+    `angle` is the unit of rpy in rad.
+    """
+    entry = carried.get(key, {}).keys((), ("position", "rotation", "rpy", "matrix"))
     if entry.alone("matrix", ("position", "rotation", "rpy")):
         T = entry.get("matrix").numbers((4, 4))
     else:
         turned = entry.alone("rpy", ("rotation",))
-        R = from_rpy(entry.get("rpy").numbers((3,))) if turned else entry.get("rotation", IDENTITY).numbers((3, 3))
+        R = (
+            from_rpy(angle * entry.get("rpy").numbers((3,)))
+            if turned
+            else entry.get("rotation", IDENTITY).numbers((3, 3))
+        )
         T = lie.pose(R, entry.get("position", [0, 0, 0]).numbers((3,))[:, None])
     with entry.refusals():
         exact_pose(T, entry.what)
@@ -62,6 +78,16 @@ def limits(joint: Entry) -> dict[str, float]:
     entry = joint.get("limits", {}).keys((), tuple(UNLIMITED))
     stated = UNLIMITED | {key: number.number() for key, number in entry.members().items()}
     error = limit_error(**stated)
+    if error:
+        raise JounceError(f"{entry.place}: {joint.what}: {error}")
+    return stated
+
+
+def drive(joint: Entry) -> dict[str, float]:
+    """The drive train of a joint variable, zero where it is left out."""
+    entry = joint.get("drive", {}).keys((), tuple(UNDRIVEN))
+    stated = UNDRIVEN | {key: number.number() for key, number in entry.members().items()}
+    error = drive_error(**stated)
     if error:
         raise JounceError(f"{entry.place}: {joint.what}: {error}")
     return stated

@@ -2,26 +2,24 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
+from jounce.drives import UNDRIVEN
 from jounce.errors import JounceError, at, no_such
-from jounce.io import entries
 from jounce.io.entries import Entry
-from jounce.io.native import GROUND, UNITS, parts
+from jounce.io.native import GROUND, parts
 from jounce.mechanism import GRAVITY, UNLIMITED, Frame, Mechanism
 from jounce.screws import from_screws
 
 Index = Mapping[str, int]  # names and their places in a row
 
 
-def read(path: Path, gravity: object = None) -> Mechanism:
-    """The mechanism of a file, under its own gravity unless another is given."""
-    robot = entries.read(path, "the robot").keys(("units", "bodies"), ("name", "gravity", "coordinates", "frames"))
-    units, own = robot.get("units"), robot.get("gravity", list(GRAVITY)).numbers((3,))
-    if units.value != UNITS:
-        raise units.error(f"{UNITS}: m, kg, s, rad")
+def read(robot: Entry, gravity: object = None) -> Mechanism:
+    """The mechanism of a file's content, under its own gravity unless another is given."""
+    robot.keys(("units", "bodies"), ("name", "gravity", "coordinates", "frames"))
+    parts.check_units(robot)
+    own = robot.get("gravity", list(GRAVITY)).numbers((3,))
     listed = robot.get("bodies").items(least=1)
     bodies = [_named("body", body.keys(("name", "parent", "joint"), ("pose", "inertia"))) for body in listed]
     joints = [_named("joint", body.get("joint")) for body in bodies]
@@ -43,7 +41,7 @@ def _built(robot: Entry, bodies: Sequence[Entry], joints: Sequence[Entry], names
     for coordinate, column in zip(coordinates, G.T, strict=True):
         if not column.any():
             raise robot.get("coordinates").error(f"a joint that moves with {coordinate!r}")
-    limits = [parts.limits(joint) for joint in joints]
+    limits, drives = [parts.limits(joint) for joint in joints], [parts.drive(joint) for joint in joints]
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as not finite
         X, M = [parts.screw(joint) for joint in joints], [parts.inertia(body) for body in bodies]
     B = [parts.pose(body) for body in bodies]
@@ -59,6 +57,7 @@ def _built(robot: Entry, bodies: Sequence[Entry], joints: Sequence[Entry], names
             G=G,
             g=g,
             limits={key: [one[key] for one in limits] for key in UNLIMITED},
+            drives={key: [one[key] for one in drives] for key in UNDRIVEN},
             name=name,
         )
 

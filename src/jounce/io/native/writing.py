@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from jounce._scalars import is_symbolic
+from jounce.drives import UNDRIVEN
 from jounce.errors import JounceError
 from jounce.inertia import inertia_matrix, moments, symmetric
 from jounce.io.native import GROUND, UNITS, parts
@@ -79,9 +80,9 @@ def _pose(T: np.ndarray) -> dict[str, Any]:
 
 def _joint(mechanism: Mechanism, i: int) -> dict[str, Any]:
     said = {"name": mechanism.joints[i], **_screw(mechanism.X[i])}
-    stated = {key: array[i] for key, array in vars(mechanism.limits).items() if array[i] != UNLIMITED[key]}
-    if stated:
-        said["limits"] = {key: _plain(x) for key, x in stated.items()}
+    for what, numbers, free in (("limits", mechanism.limits, UNLIMITED), ("drive", mechanism.drives, UNDRIVEN)):
+        stated = {key: _plain(array[i]) for key, array in vars(numbers).items() if array[i] != free[key]}
+        said |= {what: stated} if stated else {}
     row, offset, names = mechanism.G[i], mechanism.g[i], mechanism.coordinates
     if offset or [(names[j], row[j]) for j in np.flatnonzero(row)] != [(mechanism.joints[i], 1)]:
         said["follows"] = {"coordinates": {names[j]: _plain(row[j]) for j in np.flatnonzero(row)}}

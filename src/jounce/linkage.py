@@ -1,7 +1,8 @@
-"""Links and joints as robot files state them, fixed and mimic joints included, made into a mechanism.
+"""Links and joints as robot files and other libraries' models state them, made into a mechanism.
 
 Links behind fixed joints merge into the body that carries them: their inertia is added, their names and frames stay
-findable. Bodies are named after the link that their joint moves, in the file's order, depth first.
+findable. Bodies are named after the link that their joint moves, in the file's order, depth first. A joint that no one
+screw makes, floating, planar or spherical, can be welded, or left behind by starting at a link that it carries.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,7 +12,8 @@ from typing import TypeVar
 import numpy as np
 
 from jounce import inertia
-from jounce.errors import JounceError, listed, no_such
+from jounce.drives import UNDRIVEN
+from jounce.errors import JounceError, at, listed, no_such, warn
 from jounce.mechanism import UNLIMITED, Frame, Mechanism
 from jounce.screws import from_screws
 
@@ -22,7 +24,7 @@ class Link:
 
     name: str
     M: np.ndarray
-    place: str  # where the file states it, for messages: FILE:LINE
+    place: str  # where it is stated, for messages: FILE:LINE
 
 
 @dataclass(frozen=True)
@@ -36,30 +38,49 @@ class Mimic:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint between two links; B is the child's pose in the parent's frame at zero, X None where it is fixed."""
+    """A joint between two links; B is the child's pose in the parent's frame at zero, X its screw in the child's."""
 
     name: str
     parent: str
     child: str
     B: np.ndarray
-    X: np.ndarray | None
+    X: np.ndarray | None  # None where it is fixed or free
     mimic: Mimic | None
     limits: Mapping[str, float]  # those that the file states of lower, upper, velocity, effort
+    drive: Mapping[str, float]  # and of armature, damping, friction, stiffness, rest
     place: str
+    free: str | None = None  # "floating", "planar", "spherical": what makes of it more than one screw does
 
 
 Item = TypeVar("Item", Link, Joint)
 
 
-def mechanism(links: Sequence[Link], joints: Sequence[Joint], gravity: object, name: str, file: str) -> Mechanism:
-    """The mechanism that links and joints of a file make, or a `JounceError` that says why they make none."""
+def mechanism(
+    links: Sequence[Link],
+    joints: Sequence[Joint],
+    gravity: object,
+    name: str,
+    file: str,
+    *,
+    base: str | None = None,
+    root: str | None = None,
+) -> Mechanism:
+    """The mechanism that links and joints make, or a `JounceError` that says why they make none.
+
+    ``base="fixed"`` welds free joints at their zero pose and warns of it; ``root`` is a link to start at: what it
+    carries remains, it stands on the ground itself, and everything else is left out.
+    """
     by_name = _distinct(links, "link")
     _distinct(joints, "joint")
     ordered = _outward(by_name, joints, file)
+    if root is not None:
+        by_name, ordered = _from(root, by_name, ordered, file)
+    _weld(ordered, base, file)
     movable = [joint for joint in ordered if joint.X is not None]
     screws = [joint.X for joint in ordered if joint.X is not None]
     if not movable:
-        raise JounceError(f"{file}: no movable joint among its {len(joints)} joints; expected at least one")
+        stated = f"{len(by_name)} link{'s' * (len(by_name) != 1)} and {len(ordered)} joint{'s' * (len(ordered) != 1)}"
+        raise JounceError(f"{file}: no movable joint among {stated}; expected at least one")
 
     frames = {link: Frame(link, -1, np.eye(4)) for link in by_name}  # the roots stand on the ground
     parent: list[Frame] = []
@@ -75,21 +96,23 @@ def mechanism(links: Sequence[Link], joints: Sequence[Joint], gravity: object, n
         if frame.body >= 0:
             M[frame.body] += inertia.moved(by_name[link].M, frame.T)
 
-    G, g, coordinates = _coordinates(movable, joints)
+    G, g, coordinates = _coordinates(movable, ordered, joints)
     bodies = tuple(joint.child for joint in movable)
-    built = from_screws(
-        np.stack([carrier.T @ joint.B for carrier, joint in zip(parent, movable, strict=True)]),
-        np.stack(screws),
-        M,
-        [carrier.body for carrier in parent],
-        names=bodies,
-        joint_names=coordinates,
-        gravity=gravity,
-        G=G,
-        g=g,
-        limits={key: [joint.limits.get(key, free) for joint in movable] for key, free in UNLIMITED.items()},
-        name=name,
-    )
+    with at(file):
+        built = from_screws(
+            np.stack([carrier.T @ joint.B for carrier, joint in zip(parent, movable, strict=True)]),
+            np.stack(screws),
+            M,
+            [carrier.body for carrier in parent],
+            names=bodies,
+            joint_names=coordinates,
+            gravity=gravity,
+            G=G,
+            g=g,
+            limits={key: [joint.limits.get(key, free) for joint in movable] for key, free in UNLIMITED.items()},
+            drives={key: [joint.drive.get(key, none) for joint in movable] for key, none in UNDRIVEN.items()},
+            name=name,
+        )
     merged = tuple(frame for link, frame in frames.items() if link not in bodies)
     return replace(built, joints=tuple(joint.name for joint in movable), frames=merged)
 
@@ -132,9 +155,39 @@ def _outward(links: Mapping[str, Link], joints: Sequence[Joint], file: str) -> l
     return ordered
 
 
-def _coordinates(movable: Sequence[Joint], joints: Sequence[Joint]) -> tuple[np.ndarray, np.ndarray, list[str]]:
+def _from(
+    root: str, links: Mapping[str, Link], ordered: Sequence[Joint], file: str
+) -> tuple[dict[str, Link], list[Joint]]:
+    """The links and joints from a link outward, itself the first."""
+    if root not in links:
+        raise JounceError(f"{file}: {no_such('link', root, links)}")
+    carried, kept = {root: links[root]}, []
+    for joint in ordered:
+        if joint.parent in carried:
+            carried[joint.child] = links[joint.child]
+            kept.append(joint)
+    return carried, kept
+
+
+def _weld(ordered: Sequence[Joint], base: str | None, file: str) -> None:
+    """Say of free joints, which have no screw, that they are welded, or refuse them where that is not asked for."""
+    if base not in (None, "fixed"):
+        raise JounceError(f"{file}: {no_such('base', base, ['fixed'])}")
+    free = [joint for joint in ordered if joint.free is not None]
+    if not free:
+        return
+    if base is None:
+        more = f" (and {len(free) - 1} more are free)" if len(free) > 1 else ""
+        ways = "base='fixed', which welds it at its zero pose, or root=, a link to start at"
+        raise JounceError(f"{free[0].place}: joint {free[0].name!r} is {free[0].free}{more}; expected {ways}")
+    warn(f"{file}: welded at zero, as base='fixed' asks: {listed(f'{joint.name} ({joint.free})' for joint in free)}")
+
+
+def _coordinates(
+    movable: Sequence[Joint], ordered: Sequence[Joint], joints: Sequence[Joint]
+) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """G, g and the names of the coordinates: the joints that follow no other."""
-    known = {joint.name: joint for joint in joints}
+    known, kept = {joint.name: joint for joint in joints}, {joint.name for joint in ordered}
     free = [joint.name for joint in movable if joint.mimic is None]
     G, g = np.zeros((len(movable), len(free))), np.zeros(len(movable))
     for i, joint in enumerate(movable):
@@ -144,8 +197,9 @@ def _coordinates(movable: Sequence[Joint], joints: Sequence[Joint]) -> tuple[np.
                 raise JounceError(f"{joint.place}: mimic of {followed[-1]!r}: {no_such('joint', mimic.joint, known)}")
             if mimic.joint in followed:
                 raise JounceError(f"{joint.place}: joints mimic in a circle: {' -> '.join([*followed, mimic.joint])}")
-            if known[mimic.joint].X is None:
-                raise JounceError(f"{joint.place}: joint {followed[-1]!r} mimics {mimic.joint!r}, which is fixed")
+            held = "fixed" if known[mimic.joint].X is None else None if mimic.joint in kept else "left out by root="
+            if held:
+                raise JounceError(f"{joint.place}: joint {followed[-1]!r} mimics {mimic.joint!r}, which is {held}")
             factor, offset = factor * mimic.multiplier, offset + factor * mimic.offset
             followed.append(mimic.joint)
         G[i, free.index(followed[-1])], g[i] = factor, offset

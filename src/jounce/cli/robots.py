@@ -1,0 +1,52 @@
+"""`jounce robots`: the robots that come with jounce, and whose numbers they have."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from jounce.cli.names import ROBOT
+from jounce.cli.words import straight_columns
+from jounce.errors import no_such
+
+if TYPE_CHECKING:
+    from jounce.io.bundled import Bundled
+
+EPILOG = """\b
+Example:
+  jounce robots
+  jounce robots panda
+  jounce info panda
+"""
+
+
+@click.command(epilog=EPILOG, short_help="The robots that come with jounce.")
+@click.argument("robot", type=ROBOT, required=False)
+@click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
+def robots(robot: Path | None, as_json: bool) -> None:
+    """List the robots that come with jounce, by the names that all verbs take; or show the licence of ROBOT in full."""
+    from jounce.io.bundled import BUNDLED, notices
+
+    if robot is None:
+        data: Any = [_plain(one) for one in BUNDLED.values()]
+        text = _table(data)
+    else:
+        name = str(robot)
+        if name not in BUNDLED:
+            raise no_such("bundled robot", name, BUNDLED)
+        data = _plain(BUNDLED[name]) | {"notices": notices(name)}
+        text = "\n\n".join([_table([data]), *data["notices"].values()]).rstrip()
+    click.echo(json.dumps(data, indent=2, ensure_ascii=False) if as_json else text)
+
+
+def _plain(robot: "Bundled") -> dict[str, Any]:
+    return {key: value for key, value in vars(robot).items() if key != "build"}
+
+
+def _table(robots: list[dict[str, Any]]) -> str:
+    head = ("robot", "joints", "bodies", "mass kg", "what", "licence", "source")
+    rows = [
+        (r["name"], str(r["n"]), str(r["nb"]), f"{r['mass']:.5g}", r["kind"], r["licence"], r["source"]) for r in robots
+    ]
+    return "\n".join(straight_columns([head, *rows]))

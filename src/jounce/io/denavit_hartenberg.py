@@ -1,0 +1,88 @@
+"""Denavit-Hartenberg tables in YAML or JSON: every row says which number is which.
+
+name: arm
+units: SI                       # m, kg, s
+angles: deg                     # or rad: of alpha, theta and rpy, of limits, of rest and eps of drives
+convention: modified            # or standard
+base: {position: [0, 0, 0.3]}
+dh:
+  - {name: shoulder, a: 0, alpha: -90, d: 0.2, theta: 0, limits: {lower: -170, upper: 170}, inertia: {...}}
+  - {name: lift, type: prismatic, a: 0.5, alpha: 0, d: 0, theta: 90, inertia: {...}}
+tool: {position: [0, 0, 0.1], rpy: [0, 180, 0]}
+"""
+
+import math
+from collections.abc import Collection
+
+import numpy as np
+
+from jounce import denavit_hartenberg
+from jounce.denavit_hartenberg import CONVENTIONS, PARAMETERS, TYPES
+from jounce.drives import UNDRIVEN
+from jounce.errors import JounceError, at, no_such
+from jounce.io.entries import Entry
+from jounce.io.native import parts
+from jounce.mechanism import GRAVITY, UNLIMITED, Mechanism
+
+ANGLES = {"rad": 1.0, "deg": math.pi / 180}
+ROW = ("name", "body", "type", "limits", "drive", "inertia")  # keys of a row beside its four parameters
+ANGULAR = ("lower", "upper", "velocity", "rest", "eps")  # what is an angle, or the rate of one, where a joint turns
+
+
+def read(robot: Entry, gravity: object = None) -> Mechanism:
+    """The mechanism of a file's content, under its own gravity unless another is given."""
+    robot.keys(("units", "angles", "convention", "dh"), ("name", "gravity", "base", "tool"))
+    parts.check_units(robot)
+    unit, convention = ANGLES[_choice(robot, "angles", ANGLES)], _choice(robot, "convention", CONVENTIONS)
+    name, own = robot.get("name", robot.path.stem).text(), robot.get("gravity", list(GRAVITY)).numbers((3,))
+    rows = [row.keys(PARAMETERS, ROW) for row in robot.get("dh").items(least=1)]
+    joints, bodies = _names(rows, "name", "joint"), _names(rows, "body", "body")
+    rows = [row.named(f"joint {name!r}") for row, name in zip(rows, joints, strict=True)]
+    types = [_choice(row, "type", TYPES) if "type" in row.value else TYPES[0] for row in rows]
+    units = [unit if kind == "revolute" else 1.0 for kind in types]
+    limits = [_in_rad(parts.limits(row), row, "limits", x) for row, x in zip(rows, units, strict=True)]
+    drives = [_in_rad(parts.drive(row), row, "drive", x) for row, x in zip(rows, units, strict=True)]
+    table = [[row.get(key).number() for key in PARAMETERS] for row in rows]
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as not finite
+        M = [parts.inertia(row) for row in rows]
+    placed = {key: parts.pose(robot, key, unit) for key in ("base", "tool") if key in robot.value}
+    with at(robot.path):
+        return denavit_hartenberg.from_dh(
+            table,
+            np.stack(M),
+            convention,
+            types=types,
+            degrees=unit != 1,
+            **placed,
+            names=bodies,
+            gravity=own if gravity is None else gravity,
+            joint_names=joints,
+            limits={key: [one[key] for one in limits] for key in UNLIMITED},
+            drives={key: [one[key] for one in drives] for key in UNDRIVEN},
+            name=name,
+        )
+
+
+def _choice(entry: Entry, key: str, known: Collection[str]) -> str:
+    """The text under a key, one of those known."""
+    given = entry.get(key)
+    if given.text() not in known:
+        raise JounceError(f"{given.place}: {no_such(given.what, given.value, known)}")
+    return given.value
+
+
+def _names(rows: list[Entry], key: str, stem: str) -> list[str]:
+    """What rows are called under a key, by their number where they leave it out; all different."""
+    names: list[str] = []
+    for i, row in enumerate(rows, start=1):
+        given = row.get(key, f"{stem}{i}")
+        if given.text() in names:
+            raise given.error(f"another name: that of the {stem} of row {names.index(given.value) + 1}")
+        names.append(given.value)
+    return names
+
+
+def _in_rad(numbers: dict[str, float], row: Entry, key: str, unit: float) -> dict[str, float]:
+    """Numbers of a joint, those of angles that the row states under a key turned from their unit into rad."""
+    stated = row.get(key, {}).value
+    return {name: x * unit if name in ANGULAR and name in stated else x for name, x in numbers.items()}

@@ -1,0 +1,32 @@
+"""Robots in YAML or JSON: parsed once, then read in the format that their keys tell."""
+
+from collections.abc import Callable
+from difflib import get_close_matches
+from pathlib import Path
+
+from jounce.errors import JounceError, listed, no_such, shortened
+from jounce.io import denavit_hartenberg, entries, skidy
+from jounce.io.entries import Entry
+from jounce.io.native import reading
+from jounce.mechanism import Mechanism
+
+FORMATS: dict[str, tuple[str, Callable[[Entry, object], Mechanism]]] = {  # by the key that no other one has
+    "bodies": ("jounce's own format", reading.read),
+    "dh": ("a Denavit-Hartenberg table", denavit_hartenberg.read),
+    "joint_screw_coord": ("skidy's", skidy.read),
+}
+
+
+def read(path: Path, gravity: object = None) -> Mechanism:
+    """The mechanism of a file, under its own gravity unless another is given."""
+    robot = entries.read(path, "the robot")
+    keys = list(robot.members())
+    for key, (_, reader) in FORMATS.items():
+        if key in keys:
+            return reader(robot, gravity)
+    for key in keys:
+        if get_close_matches(key, FORMATS, n=1):
+            raise JounceError(f"{robot.get(key).place}: {no_such('key in the robot', key, FORMATS)}")
+    formats = ", ".join(f"{key!r} ({words})" for key, (words, _) in FORMATS.items())
+    came = listed(shortened(key) for key in keys) or "none"
+    raise JounceError(f"{robot.place}: the robot has no key that tells its format, {formats}; its keys are: {came}")

@@ -1,0 +1,64 @@
+"""Robot files in XML: MJCF, compiled by MuJoCo itself, whose model is then read; a URDF by its reader."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+from lxml import etree
+
+from jounce.errors import JounceError, one_line, warn
+from jounce.io import urdf
+from jounce.io.files import read_bytes
+from jounce.mechanism import GRAVITY, Mechanism
+from jounce.models import mujoco as models
+
+MJCF = ("mujoco", "mujocoinclude")  # root elements
+
+
+def read(path: Path, gravity: object = None, base: str | None = None, root: str | None = None) -> Mechanism:
+    """The mechanism of an .xml file, under its own gravity unless another is given."""
+    element = _root(path)
+    if element == "robot":
+        return urdf.read(path, GRAVITY if gravity is None else gravity, base, root)
+    if element not in MJCF:
+        raise JounceError(f"{path}: the root element is <{element}>; MJCF has <mujoco>, a URDF <robot>")
+    return models.mechanism(compiled(path), gravity, base, root, file=path)
+
+
+def compiled(path: Path) -> Any:
+    """The model that MuJoCo makes of a file; what it refuses or warns of is passed on in one line each."""
+    try:
+        import mujoco
+    except ImportError:
+        raise JounceError(f"{path}: MJCF needs MuJoCo; install it by: pip install 'jounce[mujoco]'") from None
+    with _warnings(mujoco) as said:
+        try:
+            model = mujoco.MjModel.from_xml_path(str(path))
+        except Exception as error:  # ValueError, and one of MuJoCo's own that is no child of it
+            raise JounceError(f"{path}: refused by MuJoCo: {one_line(error)}") from None
+    for warning in said:
+        warn(f"{path}: MuJoCo warns: {one_line(warning)}")
+    return model
+
+
+@contextmanager
+def _warnings(mujoco: Any) -> Iterator[list[str]]:
+    """What MuJoCo warns of meanwhile, which else it would append to a MUJOCO_LOG.TXT in the current folder."""
+    said: list[str] = []
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(said.append)
+    try:
+        yield said
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
+def _root(path: Path) -> object:
+    """The tag of the root element, before anything is made of the file."""
+    parts = etree.iterparse(BytesIO(read_bytes(path)), events=("start",), resolve_entities=False, no_network=True)
+    try:
+        return next(parts)[1].tag
+    except etree.XMLSyntaxError as error:
+        raise JounceError(f"{path}:{error.lineno or 1}: not XML: {one_line(error.msg)}") from None

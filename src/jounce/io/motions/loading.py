@@ -1,0 +1,87 @@
+"""`load_motion`: the motion of a robot from a file, by name, or from named columns."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jounce import names
+from jounce._scalars import asarray
+from jounce.errors import JounceError, at
+from jounce.io import motions, tables
+from jounce.motion import Motion
+from jounce.motion.spline import Spline
+from jounce.motion.table import from_table
+from jounce.rates import checked_order
+from jounce.robot import Robot
+
+PLACE = "the motion"  # where columns without a file stand, in messages
+
+
+def load_motion(source: Any, /, robot: Robot, order: int = 2, degree: int = 7, intervals: int | None = None) -> Motion:
+    """A motion of a robot, with the rates that its forces take: from a file, by name, or from named columns.
+
+    Columns are matched by joint name in any order: ``t`` and either one column a joint (samples; the rates are those of
+    a spline) or ``NAME.q, NAME.qd, NAME.q2d, ...`` (used as they are), and where wrenches act ``BODY.mx .. BODY.fz``.
+
+    Parameters
+    ----------
+    source : str, path or columns
+        Path of a .csv, .npz, .yaml or .yml file, "paper", "paper-wrench", or columns (N,) of numbers in SI units: a
+        dict, a data frame, a structured array.
+    robot : Robot
+        Whose motion it is.
+    order : int
+        The highest rate of the forces to be computed: 2, for Q2d, takes q to q4d.
+    degree : int
+        Of the spline of samples: 7 (C^6) or 5 (C^4).
+    intervals : int
+        Fit the spline by least squares with so many, for measured samples; through all of them if left out.
+
+    Returns
+    -------
+    Motion : frozen; the times ``t`` (N,), ``rates`` q, qd, ... (N, n) each, ``wrench`` by body with its rates or None,
+        ``source``, how the rates came about, and ``residual``, the largest distance of a spline from its samples.
+
+    Raises
+    ------
+    JounceError
+        Where the file cannot be read, columns are missing or unknown, t does not increase, or samples are too few.
+
+    Warns
+    -----
+    JounceWarning
+        Where velocity, acceleration or jerk jump, or the rounding of the samples drowns the highest rate.
+
+    Examples
+    --------
+    >>> import numpy as np, jounce
+    >>> robot, t = jounce.load("planar2r"), np.linspace(0, 1, 101)
+    >>> motion = jounce.load_motion({"t": t, "joint2": np.sin(t), "joint1": np.cos(t)}, robot)
+    >>> Q, Qd, Q2d = robot.inverse_dynamics(*motion.rates, wrench=motion.wrench)
+    >>> Q2d.shape
+    (101, 2)
+    """
+    if not isinstance(robot, Robot):
+        raise JounceError(f"a motion is loaded for a Robot, not for a {type(robot).__name__}; try jounce.load")
+    mechanism, highest, spline = robot.mechanism, checked_order(order) + 2, Spline(degree, intervals)
+    if names.listed_in(source) is not None:
+        return from_table(_columns(source), mechanism, highest, PLACE, spline)
+    if not isinstance(source, str | os.PathLike):
+        known = f"a path, one of {', '.join(motions.BUNDLED)}, or named columns"
+        raise JounceError(f"a motion is of type {type(source).__name__}; expected {known}")
+    path = Path(source).expanduser()
+    if intervals is not None and motions.is_analytic(path):
+        raise JounceError(f"{path}: its terms are exact; intervals are for the samples of a table")
+    return motions.read(path, mechanism, highest, spline)
+
+
+def _columns(source: Any) -> tables.Columns:
+    with at(PLACE):
+        columns = names.entries(source)
+        odd = [name for name in columns if not isinstance(name, str)]
+        if odd:
+            raise JounceError(f"column {odd[0]!r} has no text as its name; expected t and names of joints")
+        arrays = {str(name): np.asarray(asarray(x, f"column {name!r}")) for name, x in columns.items()}
+    return tables.checked(PLACE, arrays)

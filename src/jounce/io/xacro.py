@@ -1,0 +1,56 @@
+"""xacro: a URDF file written with macros, expanded to plain URDF by the package xacrodoc."""
+
+from collections.abc import Mapping
+from contextlib import redirect_stderr
+from io import StringIO
+from pathlib import Path
+
+from jounce.errors import JounceError, no_such, one_line, shortened, warn
+from jounce.io.files import check_readable
+
+
+class _Arguments(dict[str, str]):
+    """Arguments that know which names xacro has asked for."""
+
+    def __init__(self, given: Mapping[str, object]) -> None:
+        super().__init__({name: str(value) for name, value in given.items()})
+        self.asked: set[str] = set()
+
+    def __contains__(self, name: object) -> bool:
+        self.asked.add(str(name))
+        return super().__contains__(name)
+
+    def __getitem__(self, name: str) -> str:
+        self.asked.add(name)
+        return super().__getitem__(name)
+
+
+def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
+    """The URDF that a xacro file makes of arguments, those of its <xacro:arg>; packages are looked for above the file.
+
+    Unlike all other readers xacro evaluates what the file says: expressions in a subset of Python.
+    """
+    check_readable(path)
+    if not isinstance(arguments, Mapping):
+        raise JounceError(f"xacro_args is of type {type(arguments).__name__}; expected a mapping of names and values")
+    try:
+        from xacrodoc import packages  # first: it makes xacro look for packages by it
+    except ImportError:
+        install = "pip install 'jounce[xacro]'"
+        raise JounceError(f"{path}: xacro is expanded by the package xacrodoc, not installed; {install}") from None
+    import xacro
+
+    said, given = StringIO(), _Arguments(arguments)
+    packages.walk_up_from(path)
+    try:
+        with redirect_stderr(said):
+            document = xacro.process_file(str(path), mappings=given)
+    except Exception as error:  # of xacro, its parser, or of the expressions in the file
+        message = shortened(one_line(error) or type(error).__name__, 300)
+        raise JounceError(f"{path}: xacro: {message}") from None
+    for name in arguments:
+        if name not in given.asked:
+            raise JounceError(f"{path}: {no_such('xacro argument', name, sorted(given.asked))}")
+    if said.getvalue().strip():
+        warn(f"{path}: xacro: {shortened(one_line(said.getvalue()), 300)}")
+    return document.toprettyxml(indent="  ").encode()  # the lines that `xacro FILE` writes

@@ -1,0 +1,81 @@
+"""Pinocchio as a peer: its own reading of a URDF, or a model built joint by joint in the frames on the axes."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jounce import inertia
+from jounce.equivalent import on_axes
+from jounce.lie import hat, position, rotation
+from jounce.mechanism import Mechanism
+from jounce.peers import OUR_DATA, OWN_READING, NotComparableError, Peer
+
+NAME = "Pinocchio"
+
+
+def model(mechanism: Mechanism, path: Path | None) -> Peer:
+    """The model of a URDF, or of our data for any other source."""
+    import pinocchio as pin
+
+    if path is not None and path.suffix.lower() == ".urdf":
+        return _peer(pin, mechanism, _read(pin, mechanism, path), OWN_READING)
+    return _peer(pin, mechanism, _built(pin, mechanism), OUR_DATA)
+
+
+def _read(pin: Any, mechanism: Mechanism, path: Path) -> Any:
+    model = pin.buildModelFromUrdf(str(path))
+    names = {name for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True) if joint.nv}
+    if names != set(mechanism.joints):
+        raise NotComparableError("joints differ from those of the file: some were locked, welded or left out")
+    model.gravity.linear = mechanism.gravity
+    return model
+
+
+def _built(pin: Any, mechanism: Mechanism) -> Any:
+    chain, model = on_axes(mechanism), pin.Model()
+    model.gravity.linear = chain.gravity
+    numbers = {-1: 0}
+    for i in _depth_first(chain.parent):  # the order that its algorithms rely on
+        B, X, M = chain.B[i], chain.X[i], chain.M[i]
+        kind = pin.JointModelPZ() if not X[2] else pin.JointModelHZ(float(X[5])) if X[5] else pin.JointModelRZ()
+        placed = pin.SE3(rotation(B).astype(float), position(B)[:, 0].astype(float))
+        numbers[i] = model.addJoint(numbers[chain.parent[i]], kind, placed, chain.joints[i])
+        m, h, _ = inertia.moments(M)
+        mass = float(m[0, 0])
+        com = h[:, 0] / mass if mass else np.zeros(3)
+        about = M[:3, :3] + mass * hat(com) @ hat(com)
+        model.appendBodyToJoint(numbers[i], pin.Inertia(mass, com, about), pin.SE3.Identity())
+    return model
+
+
+def _depth_first(parent: Sequence[int], body: int = -1) -> Iterator[int]:
+    for i, p in enumerate(parent):
+        if p == body:
+            yield i
+            yield from _depth_first(parent, i)
+
+
+def _peer(pin: Any, mechanism: Mechanism, model: Any, source: str) -> Peer:
+    data = model.createData()
+    rows = [model.joints[model.getJointId(name)].idx_v for name in mechanism.joints]
+
+    def spread(x: np.ndarray) -> np.ndarray:
+        v = np.zeros(model.nv)
+        v[rows] = x
+        return v
+
+    def placed(theta: np.ndarray) -> np.ndarray:
+        return pin.integrate(model, pin.neutral(model), spread(theta))
+
+    def mass_matrix(theta: np.ndarray) -> np.ndarray:
+        upper = np.triu(pin.crba(model, data, placed(theta)))
+        return (upper + np.triu(upper, 1).T)[np.ix_(rows, rows)]
+
+    return Peer(
+        name=f"{NAME} {pin.__version__}",
+        source=source,
+        forces=lambda theta, rate, second: pin.rnea(model, data, placed(theta), spread(rate), spread(second))[rows],
+        mass_matrix=mass_matrix,
+    )

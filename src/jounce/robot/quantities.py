@@ -1,0 +1,71 @@
+"""The one way from a robot and a caller's state to a result."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, TypedDict
+
+from jounce import rates, wrenches
+from jounce._scalars import Array
+from jounce.errors import JounceError
+from jounce.evaluation import by_kernel, delivered, evaluate
+from jounce.kernel.serving import serving
+from jounce.mechanism import suited
+from jounce.paths import Path, path
+from jounce.robot.data import Data
+
+Loads = Callable[[int], list[Array]]  # wrenches and their rates up to an order
+
+
+class Options(TypedDict, total=False):
+    """Keywords that the quantities share: the path that computes them, arrays to write into, threads for a batch."""
+
+    method: str | None
+    out: Any
+    threads: int
+
+
+class Quantities(Data):
+    """How the methods of a robot are computed: checked, served by native code or by a path, delivered."""
+
+    def _given(self, wrench: Any) -> Loads:
+        return lambda order: wrenches.checked(self.mechanism, wrench, order)
+
+    def _quantity(
+        self,
+        name: str,
+        least: int,
+        q: Sequence[Any],
+        loads: Loads = lambda order: [],
+        *,
+        method: str | None = None,
+        out: Any = None,
+        threads: int = 1,
+    ) -> Any:
+        """A quantity of `paths`, or of native code, along q; see `_along`."""
+        given = rates.checked(q, least, self.mechanism)
+        order = len(given) - least
+        W = loads(order)
+        kernel = serving(self.mechanism, name, method, order, given, W)
+        if kernel is not None:
+            return by_kernel(kernel, given, W, out, threads)
+        if threads != 1:
+            raise JounceError(f"threads = {threads!r} is for native code only, which does not serve this call")
+        return self._by(path(name, method), order, given, W, out)
+
+    def _along(
+        self,
+        path: Path,
+        least: int,
+        q: Sequence[Any],
+        out: Any,
+        loads: Loads = lambda order: [],
+    ) -> Any:
+        """The quantity of a path along q: it takes `least` of the rates, each further one gives one more derivative."""
+        given = rates.checked(q, least, self.mechanism)
+        order = len(given) - least
+        return self._by(path, order, given, loads(order), out)
+
+    def _by(self, path: Path, order: int, q: Sequence[Array], W: Sequence[Array], out: Any) -> Any:
+        """The quantity of a path and its rates up to an order, of checked arrays."""
+        model = suited(self.mechanism, [*q, *W])
+        terms = evaluate(lambda q, W: path.law(model, q, W), q, W, order, path.width(model.nb))
+        return delivered(terms, out)

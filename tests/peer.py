@@ -1,0 +1,41 @@
+"""What tests share that ask Pinocchio: the robots of example-robot-data, and its states by the names of joints."""
+
+import warnings
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")
+    import pinocchio
+
+FOLDER = "example-robot-data/robots/"
+REAL = {
+    str(file).partition(FOLDER)[2].replace("_description", "").replace("/urdf/", "/"): Path(str(file.locate()))
+    for file in sorted(metadata.files("example-robot-data") or [])
+    if str(file).endswith(".urdf")
+}
+
+
+def configuration(model, theta):
+    """Pinocchio's q of joint variables in the order of v: joints without bounds have a cosine and a sine in it."""
+    q = pinocchio.neutral(model)
+    for joint in list(model.joints)[1:]:
+        q_part, v_part = (slice(at, at + n) for at, n in ((joint.idx_q, joint.nq), (joint.idx_v, joint.nv)))
+        if joint.nq == joint.nv:
+            q[q_part] = theta[v_part]
+        elif (joint.nq, joint.nv) == (2, 1):
+            q[q_part] = np.cos(theta[joint.idx_v]), np.sin(theta[joint.idx_v])
+    return q
+
+
+def rnea(model, theta, *rates):
+    """Pinocchio's forces at joint variables and rates in the order of v."""
+    return pinocchio.rnea(model, model.createData(), configuration(model, theta), *rates)
+
+
+def crba(model, theta):
+    """Pinocchio's mass matrix, both halves of it."""
+    upper = np.triu(pinocchio.crba(model, model.createData(), configuration(model, theta)))
+    return upper + np.triu(upper, 1).T

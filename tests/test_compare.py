@@ -1,0 +1,107 @@
+"""`jounce compare`: libraries and paths agree on good robots; a robot that is not that of its file is found."""
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hypothesis import given, settings
+
+import jounce
+from jounce.cli import main
+from jounce.comparison import compare
+from robots import mechanisms, random_mechanism
+
+PANDA = Path(__file__).parents[1] / "examples" / "panda.urdf"
+
+
+def of(checks, library):
+    return [check for check in checks if library in check.against]
+
+
+@settings(max_examples=8)
+@given(mechanisms(4))
+def test_libraries_and_paths_agree_on_random_mechanisms(drawn):
+    mechanism, _ = drawn
+    checks = compare(jounce.Robot(mechanism), states=3, order=1)
+    assert [check for check in checks if not check.passed] == []
+    assert [check.quantity for check in of(checks, "Pinocchio")] == ["Q", "Qgrav", "M"]
+    helical = any(X[:3].any() and abs(X[:3] @ X[3:]) > 1e-12 for X in mechanism.X)
+    [*others] = of(checks, "MuJoCo")
+    assert ("helical" in others[0].remark) if helical else len(others) == 3
+
+
+def test_libraries_read_the_file_themselves_where_they_can():
+    checks = compare(jounce.load(PANDA), PANDA)
+    assert {check.remark for check in of(checks, "Pinocchio")} == {"its own reading of the file"}
+    assert {check.remark for check in of(checks, "MuJoCo")} == {"our data"}
+    assert [check for check in checks if not check.passed] == []
+
+
+def test_a_robot_that_is_not_that_of_its_file_is_found():
+    robot = jounce.load(PANDA)
+    M = robot.mechanism.M.copy()
+    M[3] *= 1.001
+    checks = compare(jounce.Robot(replace(robot.mechanism, M=M)), PANDA, order=0)
+    assert [check.passed for check in of(checks, "Pinocchio")] == [False, False, False]
+    assert all(check.passed for check in of(checks, "MuJoCo"))  # which is given our data
+
+
+def test_a_robot_with_locked_joints_is_not_what_a_library_reads():
+    checks = compare(jounce.load(PANDA, lock={"panda_joint3": 0.2}), PANDA, order=0, states=2)
+    assert of(checks, "Pinocchio")[0].remark.startswith("joints differ")
+
+
+def test_differences_show_a_rate_that_is_wrong(monkeypatch):
+    robot = jounce.load("planar2r")
+    right = type(robot).inverse_dynamics
+
+    def wrong(self, *q, **options):
+        results = right(self, *q, **options)
+        return (results[0], 1.001 * results[1], *results[2:]) if len(q) > 3 else results
+
+    monkeypatch.setattr(type(robot), "inverse_dynamics", wrong)
+    [first, _] = [check for check in compare(robot) if "differences" in check.against]
+    assert not first.passed
+
+
+@pytest.mark.parametrize("library", ["mujoco", "pinocchio"])
+def test_libraries_that_are_not_there_are_said_to_be_missing(monkeypatch, library):
+    monkeypatch.setitem(sys.modules, library, None)
+    checks = compare(jounce.load("planar2r"), states=2, order=0)
+    assert [check.remark for check in checks if check.error is None] == ["not installed"]
+
+
+def test_massless_and_impossible_bodies_are_compared_too():
+    mechanism = random_mechanism(np.random.default_rng(0), [-1, 0, 1], ["revolute"] * 3, [1.0] * 3)
+    M = mechanism.M.copy()
+    M[1] = 0
+    M[2, 0, 0] += 5
+    checks = compare(jounce.Robot(replace(mechanism, M=M)), states=3)
+    assert len(of(checks, "MuJoCo")) == 3
+    assert [check for check in checks if not check.passed] == []
+
+
+@pytest.mark.parametrize("robot", ["iiwa14", PANDA])
+def test_the_command_prints_a_table_of_the_worst_errors(robot):
+    result = CliRunner().invoke(main, ["compare", str(robot), "--states", "4"])
+    assert result.exit_code == 0, result.output
+    assert "4 random states: all agree" in result.output
+    assert all(word in result.output for word in ("Pinocchio", "MuJoCo", "differences of Qd", "worst error"))
+
+
+def test_the_command_prints_json():
+    result = CliRunner().invoke(main, ["compare", "planar2r", "--states", "3", "--order", "1", "--json"])
+    data = json.loads(result.output)
+    assert data["passed"]
+    assert {"quantity", "against", "error", "allowed", "remark", "passed"} == set(data["checks"][0])
+
+
+def test_the_command_ends_with_1_where_something_differs(monkeypatch):
+    monkeypatch.setattr("jounce.comparison.ALLOWED", {"exact": 0.0, "differences": 0.0})
+    result = CliRunner().invoke(main, ["compare", "planar2r", "--states", "3"])
+    assert result.exit_code == 1
+    assert "TOO LARGE" in result.output
