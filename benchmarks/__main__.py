@@ -5,7 +5,7 @@ from tempfile import TemporaryDirectory
 
 import click
 
-from benchmarks import chains, forces, machine, matrices, measure, peaks, start
+from benchmarks import chains, forces, machine, making, matrices, measure, peaks, start
 from benchmarks.pictures import pictures
 from benchmarks.results import Run, page
 from jounce.io.files import make_folder, written_whole
@@ -28,7 +28,8 @@ def main(rounds: int, output: Path) -> None:
         cases = [*peaks.cases(), *found.cases, *chains.cases(), *matrices.cases(), *start.cases(Path(folder))]
         with click.progressbar(length=rounds, label=f"{len(cases)} cases") as bar:
             times = measure.medians(cases, rounds, lambda: bar.update(1))
-    run = Run(times, found, machine.described(), (before, machine.load()), rounds)
+    click.echo("making equations", err=True)
+    run = Run(times, found, machine.described(), (before, machine.load()), rounds, tuple(making.made()))
     with written_whole(output / "RESULTS.md") as part:
         part.write_text(page(run), encoding="utf-8")
     for name, figure in pictures(run).items():

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from benchmarks import bound, chains, forces, matrices, measure, start
+from benchmarks import bound, chains, forces, making, matrices, measure, start
 from benchmarks.forces import Gathered
 from benchmarks.tables import batch, figure, paragraph, share, table
 from jounce.kernel.target import host
@@ -19,6 +19,8 @@ cosines. The bound is the largest of: products over {fma}, sums over {add}, all 
 the loops above); divided by {lanes}. It leaves out integer instructions, loads, stores, and the check for what is not
 finite. Kernel: bound to its arrays, 1,000 states. Memory: the bytes of a state's arrays over the bandwidth of a copy,
 which batches beyond the caches need at least."""
+MADE = """Seconds from the robot's numbers to the equations, once, each in a process that is stopped after {limit:g} s,
+and the operations on scalars that they take, shared subexpressions found by SymPy's cse, or by jounce's own trace."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,7 @@ class Run:
     machine: Sequence[tuple[str, str]]
     load: tuple[str, str]
     rounds: int
+    made: Sequence[tuple[str, ...]] = ()  # rows of `making`
 
     @property
     def peaks(self) -> dict[str, float]:
@@ -62,6 +65,7 @@ def page(run: Run) -> str:
         *_matrices(run),
         *_start(run),
         *_small(run),
+        *_made(run),
         "## Left out",
         "",
         *(f"- {line}" for line in dict.fromkeys(run.gathered.left_out) or ["nothing"]),
@@ -146,3 +150,10 @@ def _small(run: Run) -> Iterator[str]:
     }
     rows = [(name, *map(figure, row)) for name, row in found.items() if any(x is not None for x in row)]
     yield from table(("ns per state", *(f"{n} joints" for n in forces.SMALL)), rows)
+
+
+def _made(run: Run) -> Iterator[str]:
+    yield from ["## From the first joints of the iiwa to equations of order 2", ""]
+    yield from paragraph(MADE.format(limit=making.LIMIT))
+    head = ("", *(cell for n in making.SIZES for cell in (f"{n} joints", "operations")))
+    yield from table(head, run.made)

@@ -1,6 +1,7 @@
 """Analytic motions: exact rates of every order, the paper's own motion, and YAML that is refused in one line."""
 
 import json
+from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -39,7 +40,7 @@ def test_the_motion_of_the_paper_is_that_of_the_golden_data(tmp_path):
     """Rates of all orders at the times of the golden cases, and the whole way through the command."""
     cases = [case for case in golden("iiwa")[1] if "t" in case]
     assert len(cases) >= 5
-    text = (motions.files(motions.__name__) / "paper.yaml").read_text()
+    text = (files(motions.__name__) / "paper.yaml").read_text()
     for case in cases[1:]:
         path = tmp_path / "at.yaml"
         path.write_text(text.replace("stop: 5, count: 10000", f"stop: {case['t']!r}, count: 2"))
@@ -186,4 +187,4 @@ def test_refuses_what_is_no_motion(tmp_path):
     )
     refusal(lambda: motions.read(tmp_path / "m.yaml", PLANAR, 2), "no such file")
     refusal(lambda: motions.read(motions.Path("papr"), PLANAR, 2), "no motion 'papr'; did you mean 'paper'", ".csv")
-    refusal(lambda: motions.read(motions.Path("paper"), PLANAR, 2), "unknown 'joint3'")
+    refusal(lambda: motions.read(motions.Path("paper"), PLANAR, 2), "paper: unknown 'joint3'")

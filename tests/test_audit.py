@@ -270,9 +270,10 @@ def test_negative_moments_have_no_density():
     assert set(found(arm(last(body(1.0, [-3, -1, -1]))))) == {("error", "negative moment")}
 
 
-def test_limits_of_joints_that_follow_are_not_missed():
+@pytest.mark.parametrize("factor", [-1, 1])  # of a gripper's other finger, as often 1 as -1
+def test_limits_of_joints_that_follow_are_not_missed(factor):
     free = {"effort": [50, 40, np.inf], "velocity": [2, 2, np.inf]}
-    assert arm(limits=free, G=[[1, 0], [0, 1], [0, -1]]).audit() == ()
+    assert arm(limits=free, G=[[1, 0], [0, 1], [0, factor]]).audit() == ()
     assert set(found(arm(limits=free))) == {("warning", "effort limit"), ("warning", "velocity limit")}
 
 

@@ -276,6 +276,8 @@ def test_help_imports_nothing_heavy():
     assert "numpy" in imported
     for heavy in ("scipy", "lxml", "sympy", "matplotlib"):
         assert not re.search(rf"\| +{heavy}", imported)
+    for seldom in ("audit", "linkage", "models", "motion", "io.tables", "io.urdf"):  # rooms of our own
+        assert not re.search(rf"\| +jounce\.{seldom}\b", imported)
 
 
 def test_output_onto_the_motion_is_refused(folder):

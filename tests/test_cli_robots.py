@@ -11,6 +11,7 @@ from files import BODY, GOOD, LINKS, OTHER, joint, link, robot_file
 from jounce.cli import main
 from jounce.description import describe
 from jounce.io import tables
+from jounce.paths import PATHS
 
 FLOATING = (*LINKS, joint("hold", "base", "arm", "floating"), link("x", OTHER), joint("turn", "arm", "x"))
 DRIVEN = (*GOOD, link("x", BODY), joint("bend", "arm", "x", inner='<dynamics damping="0.5" friction="0.2"/>'))
@@ -111,3 +112,9 @@ def test_refuses(tmp_path, monkeypatch, verb, options, words):
     assert len(result.stderr.splitlines()) == 1
     assert [word for word in words if word not in result.stderr] == [], result.stderr
     assert [file.name for file in tmp_path.iterdir()] == ["robot.urdf"]
+
+
+def test_help_of_run_names_every_method():
+    helped = call("run", "--help").stdout
+    assert [method for method in ("kernel", *PATHS["inverse_dynamics"]) if method not in helped] == []
+    assert "kernel (native code, the default)" in " ".join(helped.split())

@@ -20,11 +20,11 @@ from click.testing import CliRunner
 import jounce
 from files import refusal
 from jounce.cli import main
-from jounce.codegen import generation, listing, notes, writing
-from jounce.codegen.language import NAMES, language
-from jounce.codegen.parametric import parametric
-from jounce.codegen.routine import OUTPUTS, routine
-from jounce.codegen.vectors import vectors
+from jounce.printing import generation, listing, notes, writing
+from jounce.printing.language import NAMES, language
+from jounce.printing.parametric import parametric
+from jounce.printing.routine import OUTPUTS, routine
+from jounce.printing.vectors import vectors
 from robots import GOLDEN, golden, random_mechanism
 
 STRICT = "-std=c99 -O0 -Wall -Wextra -Wpedantic -Wconversion -Wdouble-promotion -Wfloat-conversion -Werror"

@@ -6,7 +6,7 @@ from shutil import which
 
 import pytest
 
-from jounce.codegen import listing
+from jounce.printing import listing
 from test_codegen import ALL, CASES, PARAMETERS, ROBOTS, STRICT, passes, texts, written
 
 EIGEN = Path("/usr/include/eigen3")

@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 
 import jounce
+from files import GOOD, robot_file
 from jounce.cli import main
 from jounce.comparison import compare
 from robots import mechanisms, random_mechanism
@@ -50,9 +51,36 @@ def test_a_robot_that_is_not_that_of_its_file_is_found():
     assert all(check.passed for check in of(checks, "MuJoCo"))  # which is given our data
 
 
-def test_a_robot_with_locked_joints_is_not_what_a_library_reads():
-    checks = compare(jounce.load(PANDA, lock={"panda_joint3": 0.2}), PANDA, order=0, states=2)
-    assert of(checks, "Pinocchio")[0].remark.startswith("joints differ")
+def test_a_robot_with_locked_joints_is_not_what_a_library_reads_and_is_given_to_it():
+    checks = of(compare(jounce.load(PANDA, lock={"panda_joint3": 0.2}), PANDA, order=0, states=2), "Pinocchio")
+    assert checks[0].remark.startswith("joints differ")
+    assert [(check.quantity, check.remark, check.passed) for check in checks[1:]] == [
+        (quantity, "our data", True) for quantity in ("Q", "Qgrav", "M")
+    ]
+
+
+def test_a_file_that_pinocchio_refuses_is_compared_all_the_same(tmp_path, capfd):
+    path = robot_file(tmp_path, *GOOD)  # a revolute joint without limits
+    checks = of(compare(jounce.load(path), path, order=0, states=2), "Pinocchio")
+    assert checks[0].error is None
+    assert "refuses the file: " in checks[0].remark
+    assert "does not specify limits" in checks[0].remark
+    assert [check.passed for check in checks[1:]] == [True] * 3
+    assert capfd.readouterr() == ("", "")  # where urdfdom would print it on four lines
+
+
+def test_rotors_of_actuators_are_left_out_as_all_drives_are(tmp_path):
+    path = tmp_path / "arm.xml"
+    body = '<body><joint name="k" axis="0 1 0" armature="0.1"/><geom size=".1" pos=".3 0 0"/></body>'
+    motor = '<motor joint="k" gear="50" armature="0.01"/>'
+    path.write_text(f"<mujoco><worldbody>{body}</worldbody><actuator>{motor}</actuator></mujoco>")
+    try:
+        robot = jounce.load(path)
+    except jounce.JounceError:
+        pytest.skip("this MuJoCo knows no rotors of actuators")
+    assert robot.drives.armature.tolist() == [0.1 + 50**2 * 0.01]
+    checks = of(compare(robot, path, order=0, states=2), "MuJoCo")
+    assert [(check.remark, check.passed) for check in checks] == [("its own reading of the file", True)] * 3
 
 
 def test_differences_show_a_rate_that_is_wrong(monkeypatch):
@@ -68,10 +96,11 @@ def test_differences_show_a_rate_that_is_wrong(monkeypatch):
     assert not first.passed
 
 
+@pytest.mark.parametrize("path", [None, PANDA])
 @pytest.mark.parametrize("library", ["mujoco", "pinocchio"])
-def test_libraries_that_are_not_there_are_said_to_be_missing(monkeypatch, library):
+def test_libraries_that_are_not_there_are_said_to_be_missing(monkeypatch, library, path):
     monkeypatch.setitem(sys.modules, library, None)
-    checks = compare(jounce.load("planar2r"), states=2, order=0)
+    checks = compare(jounce.load(path or "planar2r"), path, states=2, order=0)
     assert [check.remark for check in checks if check.error is None] == ["not installed"]
 
 

@@ -5,6 +5,7 @@ from importlib import metadata
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import sympy
 from hypothesis import given
@@ -177,6 +178,9 @@ TABLES = {
     "a text": ("ur5", {}, ["table is 'ur5'"]),
     "a mapping": (NAMED, {}, ["expected rows"]),
     "none": (None, {}, ["table is None"]),
+    "what takes several lines": (pd.DataFrame([ROW]), {}, ["table is ", "expected rows"]),
+    "degrees as a text": ([ROW], {"degrees": "yes"}, ["degrees is 'yes'; expected True or False"]),
+    "degrees as a number": ([ROW], {"degrees": 90}, ["degrees is 90"]),
     "not finite": ([ROW, [0, np.nan, 0, 0]], {}, ["table[1] is [0.0, nan, 0.0, 0.0]", "finite"]),
     "text in a row": ([[0, "pi/2", 0, 0]], {}, ["table[0] holds text"]),
     "key left out": ([{"a": 0, "alpha": 0, "theta": 0}], {}, ["table[0] has no 'd'", "a, alpha, d, theta"]),

@@ -1,7 +1,10 @@
 """Drive trains: every term and its rates against exact differentiation, each alone and all together, on every path."""
 
 import copy
+import subprocess
+import sys
 from pathlib import Path
+from shutil import which
 
 import casadi
 import jax.numpy as jnp
@@ -189,6 +192,32 @@ def test_drives_work_on_every_scalar_type(kind):
         found, tolerance = np.array(values).reshape(3, 2), 1e-13
     for x, y in zip(found, expected, strict=True):
         assert relative_error(x, y) < tolerance
+
+
+def test_symbolic_form_has_the_drives_that_act():
+    rng = np.random.default_rng(9)
+    base = jounce.load("planar2r").mechanism
+    robot, q = driven(base, stated(rng, 2)), rng.uniform(-1, 1, (5, 2))
+    S = jounce.symbolic(robot)
+    values = dict(zip([x for name in ("q", "qd", "q2d", "q3d", "q4d") for x in getattr(S, name)], q.flat, strict=True))
+    for name, expected in zip(("Q", "Qd", "Q2d"), robot.inverse_dynamics(*q), strict=True):
+        found = [float(x.subs(values)) for x in getattr(S, name)]
+        assert relative_error(found, expected) < 1e-12, name
+    M = [float(x.subs(values)) for x in S.M]
+    assert relative_error(M, robot.mass_matrix(q[0]).ravel()) < 1e-12
+    assert (S.dot(S.Q) - S.Qd).subs(values).norm() < 1e-12
+
+
+@pytest.mark.parametrize("lang", ["c", "python"])
+def test_generated_code_has_the_drives_that_act(tmp_path, lang):
+    base = jounce.load("planar2r").mechanism
+    robot = driven(base, stated(np.random.default_rng(10), 2))
+    made = jounce.codegen(robot, lang, directory=tmp_path / lang, outputs=["inverse_dynamics", "mass_matrix"])
+    if which("make") is None or (lang == "c" and which("cc") is None):
+        pytest.skip("no make, or no compiler")
+    command = ["make", "-C", str(made.directory), "test", f"PYTHON={sys.executable}"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 @pytest.mark.parametrize("way", WAYS)

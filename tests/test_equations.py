@@ -9,9 +9,9 @@ import sympy
 
 import jounce
 from files import refusal
-from jounce.codegen import writing
-from jounce.codegen.latex.equations import WIDEST, _width, document, tex
-from jounce.codegen.vectors import vectors
+from jounce.printing import writing
+from jounce.printing.latex.equations import WIDEST, _width, document, tex
+from jounce.printing.vectors import vectors
 from test_codegen import ALL, PARAMETERS, ROBOTS, requested
 
 CASES = {
@@ -61,6 +61,7 @@ def test_the_equations_that_are_printed_are_right(case):
     request, routines = requested(ROBOTS[robot](), "latex", **options)
     text = writing.files(request, routines, count=1)[f"{request.prefix}.tex"]
     blocks = re.findall(r"\\begin\{align\*\}\n(.*?)\\end\{align\*\}", text, re.DOTALL)
+    assert r"\frac{" not in "".join(blocks)  # decimals remain decimals
     symbols = document(request.robot).symbols
     for routine in routines:
         expected = vectors(request.robot, routine, False, 3)

@@ -199,10 +199,15 @@ def damped(model):
     model.damping = np.array([0.0, np.nan])
 
 
+def bounded(model):
+    model.lowerPositionLimit = np.array([0.0, np.nan])
+
+
 BAD = {
     "gravity that turns": (turning, ["gravity", "[0.0, 0.0, 1.0]"]),
-    "mass that is none": (heavy, ["nan", "finite"]),
-    "damping that is none": (damped, ["damping", "nan"]),
+    "mass that is none": (heavy, ["inertia of link 'j1' holds nan", "finite"]),
+    "damping that is none": (damped, ["joint 'j2': damping is nan"]),
+    "limit that is none": (bounded, ["joint 'j2': lower and upper limit are nan"]),
     "two of one name": (lambda model: model.names.__setitem__(2, "j1"), ["second", "'j1'"]),
 }
 
@@ -218,4 +223,4 @@ def test_refuses_what_is_no_model(model):
 
 
 def test_refuses_a_model_without_joints():
-    refusal(lambda: jounce.Robot.from_pinocchio(pinocchio.Model()), "no movable joint")
+    refusal(lambda: jounce.Robot.from_pinocchio(pinocchio.Model()), "model 'robot': no movable joint")

@@ -147,7 +147,7 @@ ALL = "expected joint1, joint2"
         ({"joint1": 0.0, "joint2": "0"}, "q: 'joint2' is of type str; expected an array of numbers"),
         ({"joint1": 0.0, "joint2": {}}, "q: 'joint2' is of type dict; expected an array of numbers"),
         ({"joint1": 0.0, "joint2": 1j}, "q: 'joint2' holds complex numbers; expected real"),
-        ({"joint1": 0.0, "joint2": casadi.SX.sym("q", 2)}, "q: 'joint2' is a CasADi SX; pass"),
+        ({"joint1": 0.0, "joint2": casadi.MX.sym("q", 2)}, "q: 'joint2' is a CasADi MX; expected SX"),
         (type("Lazy", (), {"columns": ["joint1"]})(), "q: nothing can be read from Lazy: 'Lazy' object"),
     ],
 )  # fmt: skip

@@ -16,6 +16,7 @@ from shutil import which
 import pytest
 from click.testing import CliRunner
 
+import jounce
 from jounce.cli import main
 
 ROOT = Path(__file__).parents[1]
@@ -96,6 +97,15 @@ def test_a_page_runs_as_printed(page, tmp_path, monkeypatch):
             assert "jounce " not in text, f"{page.name}:{line}: a command that nothing runs"
     if missed:
         pytest.skip(f"all but the commands that take {', '.join(sorted(missed))}")
+
+
+def test_every_public_name_of_a_robot_has_its_place_in_the_api():
+    pages = "\n".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs" / "api").glob("*.md"))
+    listed = set(re.findall(r"members: \[(.*)\]", pages)[0].split(", "))
+    named = set(re.findall(r"::: jounce\.Robot\.(\w+)", pages))
+    public = {name for name in dir(jounce.Robot) if not name.startswith("_")}
+    assert listed | named == public
+    assert {f"::: jounce.{name}" for name in jounce.__all__ if name != "__version__"} <= set(pages.splitlines())
 
 
 def test_nothing_of_the_pages_escapes_the_test():

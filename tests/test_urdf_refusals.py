@@ -32,10 +32,11 @@ def fixed(inner):
     return (*GOOD, f'<joint name="x" type="fixed">{inner}</joint>')
 
 
+MOMENTS_OF_ONE = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
 LOOP = (link("a"), link("b"), joint("one", "a", "b"), joint("two", "b", "a"))
 CIRCLE = (link("c"), link("d"), joint("x", "arm", "c", inner=mimic("y")), joint("y", "arm", "d", inner=mimic("x")))
 REFUSED = {
-    "cycle without root": (LOOP, ["no root", "one, two", "cycle", "tree"]),
+    "cycle without root": (LOOP, [":4", "no root", "one, two", "cycle", "tree"]),
     "cycle beside a root": ((*GOOD, *LOOP), ["one, two", "cycle", "tree"]),
     "line break in joints of a cycle": ((link("a"), joint("j&#10;k", "a", "a")), ["cycle"]),
     "line break in known names": ((link("a&#10;b"), joint("j", "a", "a")), [":3", "'a'"]),
@@ -69,6 +70,19 @@ REFUSED = {
     "inertial without inertia": (inertial('<mass value="1"/>'), [":5", "<inertia>"]),
     "mass without value": (inertial("<mass/><inertia/>"), [":5", "<mass>", "value="]),
     "inertia without moments": (inertial('<mass value="1"/><inertia ixx="1"/>'), [":5", "<inertia>", "ixy="]),
+    "inertia too large": (
+        inertial('<origin xyz="1e300 0 0"/><mass value="1e300"/>' + MOMENTS_OF_ONE),
+        [":5", "inertia of link 'x' holds inf", "finite"],
+    ),
+    "frame of an inertial": (
+        inertial('<origin xyz="0 0 1" frame="arm"/><mass value="1"/>' + MOMENTS_OF_ONE),
+        [":5", "no attribute of <origin> 'frame'", "xyz, rpy"],
+    ),
+    "orientation that would be lost": (turn(inner='<origin quat_xyzw="0 0 1 0"/>'), [":4", "'quat_xyzw'", "xyz, rpy"]),
+    "limits the wrong way": (
+        turn(inner='<limit lower="1" upper="-1"/>'),
+        [":4", "joint 'turn': lower and upper limit are 1 and -1"],
+    ),
     "xacro expression": (inertial('<mass value="${m}"/><inertia/>'), [":5", "${m}"]),
 }
 
@@ -165,6 +179,15 @@ def test_refuses_an_unreadable_file(tmp_path):
     path = robot_file(tmp_path, *GOOD)
     path.chmod(0)
     refusal(lambda: jounce.load(path), str(path), "cannot be read")
+
+
+@pytest.mark.parametrize("root", [3, ["base"], ("base",)])
+def test_refuses_roots_that_are_no_names(tmp_path, root):
+    refusal(lambda: jounce.load(robot_file(tmp_path, *GOOD), root=root), "no link", "base, arm")
+
+
+def test_gravity_none_is_that_of_a_file_without_any(tmp_path):
+    assert jounce.load(robot_file(tmp_path, *GOOD), gravity=None).gravity.tolist() == [0, 0, -9.81]
 
 
 @pytest.mark.parametrize("source", ["planar2r", "iiwa14", "file"])

@@ -82,7 +82,7 @@ def test_load_locks_joints_of_a_file_and_links_stay_findable(tmp_path):
     ],
 )
 def test_refuses_what_cannot_be_locked(lock, words):
-    refusal(lambda: jounce.load("planar2r", lock=lock), *words)
+    refusal(lambda: jounce.load("planar2r", lock=lock), "planar2r: ", *words)
 
 
 def test_refuses_to_lock_a_follower():

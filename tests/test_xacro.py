@@ -74,6 +74,22 @@ def test_packages_are_looked_for_above_the_file(written, tmp_path):
     assert jounce.load(written('"rod.xacro"', '"$(find rods_of_a_test)/rod.xacro"')).n == 1
 
 
+def test_packages_of_one_name_are_those_above_each_file(written, tmp_path):
+    """What the expansion of one checkout found must not serve another."""
+    masses = []
+    for checkout in ("one", "two"):
+        folder = tmp_path / checkout
+        folder.mkdir()
+        (folder / "package.xml").write_text("<package><name>rods_of_a_test</name></package>")
+        (folder / "rod.xacro").write_text(ROD.replace("${mass}", str(len(masses) + 1)))
+        path = folder / "arm.xacro"
+        path.write_text(ARM.replace('"rod.xacro"', '"$(find rods_of_a_test)/rod.xacro"'))
+        masses.append(jounce.load(path).mechanism.M[0, 3, 3])
+    assert masses == [1.0, 2.0]
+    path = written('"rod.xacro"', '"$(find rods_of_a_test)/rod.xacro"')  # above both
+    refusal(lambda: jounce.load(path), str(path), "no package 'rods_of_a_test'", "ROS_PACKAGE_PATH")
+
+
 def test_a_nameless_robot_is_named_after_its_file(written):
     assert jounce.load(written(' name="arm" xmlns', " xmlns")).name == "arm"
 

@@ -2,14 +2,19 @@
 
 import contextlib
 import io
+from typing import TYPE_CHECKING
 
 from benchmarks.c import library, loop, over_states
 from benchmarks.peers import Peer, Prepared
 from jounce import Robot
 from jounce.rates import rate_name
 
+if TYPE_CHECKING:
+    import sympy
 
-def _build(robot: Robot, order: int) -> Prepared:
+
+def expressions(robot: Robot, order: int) -> "tuple[list[sympy.Matrix], list[sympy.Matrix]]":
+    """The symbols of q, qd, ..., and skidy's Q, Qd, ... of them."""
     import skidy
     import sympy
 
@@ -25,7 +30,14 @@ def _build(robot: Robot, order: int) -> Prepared:
             Mb=[sympy.Matrix(M) for M in m.M],
         )
         model.closed_form_inv_dyn_body_fixed(*rates, simplify=False, parallel=False)
-    shared, results = sympy.cse([x for Q in (model.Q, model.Qd, model.Q2d)[: order + 1] for x in Q])
+    return rates, [model.Q, model.Qd, model.Q2d][: order + 1]
+
+
+def _build(robot: Robot, order: int) -> Prepared:
+    import sympy
+
+    rates, forces = expressions(robot, order)
+    shared, results = sympy.cse([x for Q in forces for x in Q])
     lines = [
         f"const double {x} = in[{k}][{robot.n} * i + {j}];" for k, rate in enumerate(rates) for j, x in enumerate(rate)
     ]

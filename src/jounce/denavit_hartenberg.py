@@ -17,7 +17,7 @@ import numpy as np
 
 from jounce import _scalars
 from jounce._scalars import Array, asarray, is_symbolic
-from jounce.errors import JounceError, no_such
+from jounce.errors import JounceError, no_such, one_line, shortened
 from jounce.mechanism import Frame, Mechanism
 from jounce.screws import exact_pose, from_screws
 
@@ -43,6 +43,8 @@ def from_dh(
     """A mechanism from a table, every entry checked; see `Robot.from_dh` for what they are."""
     if convention not in CONVENTIONS:
         raise no_such("Denavit-Hartenberg convention", convention, CONVENTIONS)
+    if not isinstance(degrees, bool):
+        raise JounceError(f"degrees is {_brief(degrees)}; expected True or False: the unit of alpha and theta")
     rows = _rows(table, types)
     moved = [_standard(*row, degrees) if convention == "standard" else _modified(*row, degrees) for row in rows]
     B, X = ([pair[k] for pair in moved] for k in (0, 1))
@@ -101,18 +103,22 @@ def _array(entries: list[Any]) -> Array:
 
 def _rows(table: Any, types: Sequence[str] | None) -> list[Row]:
     if not isinstance(table, Sequence | np.ndarray) or isinstance(table, str) or not len(table):
-        raise JounceError(f"table is {table!r:.60}; expected rows of {', '.join(PARAMETERS)}")
+        raise JounceError(f"table is {_brief(table)}; expected rows of {', '.join(PARAMETERS)}")
     named = [isinstance(row, Mapping) for row in table]
     if types is None:
         types = [row.get("type", TYPES[0]) if isinstance(row, Mapping) else TYPES[0] for row in table]
     elif any(named):
         raise JounceError("types= goes with rows of numbers; rows of names hold their 'type' themselves")
     elif isinstance(types, str) or len(types) != len(table):
-        raise JounceError(f"types is {types!r:.60}; expected {len(table)} of {', '.join(TYPES)}, one a row")
+        raise JounceError(f"types is {_brief(types)}; expected {len(table)} of {', '.join(TYPES)}, one a row")
     for i, kind in enumerate(types):
         if kind not in TYPES:
             raise JounceError(f"joint of table[{i}]: {no_such('type', kind, TYPES)}")
     return [(_row(row, f"table[{i}]"), kind) for i, (row, kind) in enumerate(zip(table, types, strict=True))]
+
+
+def _brief(given: Any) -> str:
+    return shortened(one_line(repr(given)), 60)
 
 
 def _row(row: Any, label: str) -> Array:

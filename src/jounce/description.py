@@ -7,7 +7,7 @@ import numpy as np
 
 from jounce import inertia
 from jounce.audit import audit
-from jounce.mechanism import Mechanism
+from jounce.mechanism import Mechanism, leading
 
 
 def describe(mechanism: Mechanism) -> dict[str, Any]:
@@ -31,10 +31,8 @@ def describe(mechanism: Mechanism) -> dict[str, Any]:
 
 
 def coordinate_unit(mechanism: Mechanism, j: int) -> str:
-    """rad or m: the unit of a coordinate, that of the joint of its name, else of the first that follows it."""
-    name = mechanism.coordinates[j]
-    i = mechanism.joints.index(name) if name in mechanism.joints else int(np.flatnonzero(mechanism.G[:, j])[0])
-    return "rad" if np.any(mechanism.X[i][:3]) else "m"
+    """rad or m: the unit of a coordinate."""
+    return "rad" if np.any(mechanism.X[leading(mechanism)[j]][:3]) else "m"
 
 
 def _body(mechanism: Mechanism, i: int) -> dict[str, Any]:

@@ -12,9 +12,9 @@ from typing import TypeVar
 import numpy as np
 
 from jounce import inertia
-from jounce.drives import UNDRIVEN
+from jounce.drives import UNDRIVEN, drive_error
 from jounce.errors import JounceError, at, listed, no_such, warn
-from jounce.mechanism import UNLIMITED, Frame, Mechanism
+from jounce.mechanism import UNLIMITED, Frame, Mechanism, limit_error
 from jounce.screws import from_screws
 
 
@@ -72,7 +72,8 @@ def mechanism(
     """
     by_name = _distinct(links, "link")
     _distinct(joints, "joint")
-    ordered = _outward(by_name, joints, file)
+    _check(links, joints)
+    ordered = _outward(by_name, joints)
     if root is not None:
         by_name, ordered = _from(root, by_name, ordered, file)
     _weld(ordered, base, file)
@@ -127,7 +128,22 @@ def _distinct(items: Sequence[Item], kind: str) -> dict[str, Item]:
     return found
 
 
-def _outward(links: Mapping[str, Link], joints: Sequence[Joint], file: str) -> list[Joint]:
+def _check(links: Sequence[Link], joints: Sequence[Joint]) -> None:
+    """Refuse numbers that are none, or none of a joint, by the name and place of what states them."""
+    held = [(link.place, f"inertia of link {link.name!r}", link.M) for link in links]
+    for joint in joints:
+        law = [] if joint.mimic is None else [joint.mimic.multiplier, joint.mimic.offset]
+        for what, numbers in (("pose", joint.B), ("axis", [] if joint.X is None else joint.X), ("mimic", law)):
+            held.append((joint.place, f"{what} of joint {joint.name!r}", np.array(numbers)))
+        error = limit_error(**UNLIMITED | dict(joint.limits)) or drive_error(**joint.drive)
+        if error:
+            raise JounceError(f"{joint.place}: joint {joint.name!r}: {error}")
+    for place, what, array in held:
+        for x in array[~np.isfinite(array)][:1]:
+            raise JounceError(f"{place}: {what} holds {x}; expected finite numbers")
+
+
+def _outward(links: Mapping[str, Link], joints: Sequence[Joint]) -> list[Joint]:
     """The joints from the roots outward, depth first, in the file's order; a forest is all there may be."""
     above: dict[str, Joint] = {}
     children: dict[str, list[Joint]] = {link: [] for link in links}
@@ -149,9 +165,9 @@ def _outward(links: Mapping[str, Link], joints: Sequence[Joint], file: str) -> l
         stack.extend(reversed(children[joint.child]))
     if len(ordered) < len(joints):
         reached = {joint.name for joint in ordered}
-        cycle = [joint.name for joint in joints if joint.name not in reached]
-        rootless = "" if roots else "no root link: "
-        raise JounceError(f"{file}: {rootless}joints {listed(cycle)} go round in a cycle; expected a tree")
+        cycle = [joint for joint in joints if joint.name not in reached]
+        rootless, names = "" if roots else "no root link: ", listed(joint.name for joint in cycle)
+        raise JounceError(f"{cycle[0].place}: {rootless}joints {names} go round in a cycle; expected a tree")
     return ordered
 
 
@@ -159,7 +175,7 @@ def _from(
     root: str, links: Mapping[str, Link], ordered: Sequence[Joint], file: str
 ) -> tuple[dict[str, Link], list[Joint]]:
     """The links and joints from a link outward, itself the first."""
-    if root not in links:
+    if not isinstance(root, str) or root not in links:
         raise JounceError(f"{file}: {no_such('link', root, links)}")
     carried, kept = {root: links[root]}, []
     for joint in ordered:

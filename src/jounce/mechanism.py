@@ -128,6 +128,14 @@ def suited(mechanism: Mechanism, arrays: Sequence[Array]) -> Mechanism:
     return mechanism
 
 
+def leading(mechanism: Mechanism) -> list[int]:
+    """The joint that each coordinate of a mechanism of numbers is: that of its name, else the first that follows it."""
+    return [
+        mechanism.joints.index(name) if name in mechanism.joints else int(np.flatnonzero(column)[0])
+        for name, column in zip(mechanism.coordinates, mechanism.G.T, strict=True)
+    ]
+
+
 def ancestors(mechanism: Mechanism) -> np.ndarray:
     """(nb, nb) integers: 1 where body j is body i itself or carries it."""
     rows: list[np.ndarray] = []

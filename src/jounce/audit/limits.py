@@ -3,23 +3,17 @@
 import numpy as np
 
 from jounce.audit.finding import Finding
-from jounce.mechanism import Mechanism
+from jounce.mechanism import Mechanism, leading
 
 
 def limits(mechanism: Mechanism) -> list[Finding]:
     """Effort and velocity limits that are missing or zero, of the joints that are driven; a finding for each kind."""
-    driven = [i for i in range(mechanism.nb) if _leads(mechanism, i)]
+    driven = sorted(set(leading(mechanism)))  # what follows others has no drive of its own
     found = []
     for kind in ("effort", "velocity"):
         stated = getattr(mechanism.limits, kind)[driven]
         found += _missing(mechanism, kind, driven, np.isinf(stated)) + _zero(mechanism, kind, driven, stated == 0)
     return found
-
-
-def _leads(mechanism: Mechanism, i: int) -> bool:
-    """Whether a joint variable is a coordinate itself: one that follows others has no drive of its own."""
-    row = mechanism.G[i]
-    return np.count_nonzero(row) == 1 and row.sum() == 1 and mechanism.g[i] == 0
 
 
 def _missing(mechanism: Mechanism, kind: str, driven: list[int], missing: np.ndarray) -> list[Finding]:

@@ -54,7 +54,7 @@ def codegen(
     as_json: bool,
 ) -> None:
     """Write the equations of ROBOT, a file or a bundled name, as source code with a test of its own."""
-    from jounce.codegen import generation
+    from jounce.printing import generation
 
     made = generation.codegen(
         robot.load(), lang, order, output,

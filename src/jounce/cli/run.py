@@ -48,7 +48,7 @@ OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all their digits.
 @click.option("--order", default=2, show_default=True, type=click.IntRange(0), help="Highest time derivative of Q.")
 @click.option("--degree", default=7, show_default=True, help="Of the spline of samples: 5 or 7.")
 @click.option("--intervals", type=int, help="Fit the spline with so many, for measured samples; else through all.")
-@click.option("--method", default=None, help="recursion (the default), closed_form or paper.")
+@click.option("--method", default=None, help="kernel (native code, the default), recursion, closed_form or paper.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(
     robot: Asked,

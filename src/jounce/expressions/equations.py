@@ -15,14 +15,15 @@ from jounce.closed_form import closed_form
 from jounce.errors import JounceError, at, no_such
 from jounce.expressions.terms import Print, waves
 from jounce.expressions.waves import Alphabet, Waves
-from jounce.mechanism import DATA, Mechanism
-from jounce.paths import PATHS, SYMBOLS
+from jounce.mechanism import DATA, Mechanism, in_whole_numbers
+from jounce.paths import PATHS, SYMBOLS, drive_forces
 from jounce.rates import SUFFIX, rate_name
 from jounce.robot import Robot
 from jounce.series import Series
 
 WORK = 1_000_000  # operations on terms, up to which one matrix is worked out: some seconds, some ten thousand terms
 PRINTED = 50  # operations that take as long as to print one term
+FRICTION = "friction"
 NAMED = 12  # rates of the coordinates that `Symbolic.dot` knows
 
 
@@ -35,7 +36,7 @@ class Symbolic:
     ============ ========= ===================================================================================
     q .. q4d     n x 1     symbols q1, qdot1, qddot1, ... of the coordinates, in the order of `joint_names`
     W, Wd, W2d   nb x 6    symbols m_x1 .. f_z1, mdot_x1, ... of the wrenches that the bodies exert
-    Q, Qd, Q2d   n x 1     generalized forces without wrenches, M q2d + C qd + Qgrav
+    Q, Qd, Q2d   n x 1     generalized forces without wrenches, M q2d + C qd + Qgrav, and the drives that act
     M, Md, M2d   n x n     mass matrix
     C, Cd, C2d   n x n     Coriolis matrix of the paper (Csys)
     Cbar, ...    n x n     the one for which Md - 2 Cbar is skew
@@ -159,6 +160,8 @@ def symbolic(robot: Robot) -> Symbolic:
 
     laws = _laws(model, *(s.map(lambda x: _variables(x, alphabet)) for s in symbols.values()))
     matrices = {name: printed(name, cache(law)) for name, law in laws.items()}
+    if FRICTION in mechanism.acting:
+        matrices["Q"] = matrices["Q"] + _friction(mechanism, symbols["q"])
     return Symbolic(mechanism.name, symbols | matrices)
 
 
@@ -183,6 +186,14 @@ def _laws(model: Mechanism, q: Series, W: Series) -> dict[str, Callable[[], Seri
     return {symbol: law(name) for name, symbol in SYMBOLS.items()} | {"Qext": external}
 
 
+def _friction(mechanism: Mechanism, q: Series) -> Series:
+    """What Coulomb friction adds to Q: no polynomial in waves, hence in SymPy's own terms."""
+    import sympy
+
+    columns = q.map(lambda x: np.array(x.tolist(), dtype=object))
+    return drive_forces(in_whole_numbers(mechanism), columns, [FRICTION]).map(sympy.ImmutableMatrix)
+
+
 def _has_direction(X: Array) -> bool:
     """Whether the direction of a joint is made of numbers."""
     return all(isinstance(x, Fraction) for x in (X[:3] if any(x != 0 for x in X[:3]) else X[3:]))
@@ -197,7 +208,8 @@ def _in_waves(mechanism: Mechanism, alphabet: Alphabet) -> Mechanism:
             with at(f"{label}{list(index)} of {mechanism.name!r}"):
                 array[index] = waves(x, alphabet)
         data[label] = array
-    return replace(mechanism, frames=(), **data)
+    acting = tuple(term for term in mechanism.acting if term != FRICTION)
+    return replace(mechanism, frames=(), acting=acting, **data)
 
 
 def _scalars(mechanism: Mechanism, label: str) -> Iterator[Any]:

@@ -7,7 +7,7 @@ beside it.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from importlib.resources import as_file, files
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from jounce.io.native import reading
 from jounce.lie import pose
 from jounce.mechanism import Mechanism
 from jounce.screws import from_screws
+
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
 
 # KUKA LBR iiwa 14 R820, the table of Müller & Kumar, Section 6.2: mass in kg; centre of mass in m; inertia about it in
 # kg m^2, axes parallel to the link frame, in the order xx, xy, xz, yy, yz, zz (the paper heads its third column "yx";
@@ -57,9 +60,6 @@ def planar2r(L1: Array = 1, L2: Array = 1, m1: Array = 1, m2: Array = 1, g: Arra
     return from_screws(B, [[0, 0, 1, 0, 0, 0]] * 2, M, gravity=[0, -g, 0], name="planar2r")
 
 
-_FOLDER = files("jounce.io") / "robots"
-
-
 @dataclass(frozen=True)
 class Bundled:
     """A robot that comes with jounce: what it is, how large, whose numbers it has, and how it is made."""
@@ -80,13 +80,21 @@ def _of_file(name: str, kind: str, size: tuple[int, int, float], licence: str, p
 
 
 def _read(name: str, /, gravity: object = None) -> Mechanism:
-    with as_file(_FOLDER / name / "robot.yaml") as path:
+    from importlib.resources import as_file
+
+    with as_file(_folder(name) / "robot.yaml") as path:
         return reading.read(entries.read(path, "the robot"), gravity)
+
+
+def _folder(name: str) -> "Traversable":
+    from importlib.resources import files  # slow to import, and the paper's robots do without
+
+    return files("jounce.io") / "robots" / name
 
 
 def notices(name: str) -> dict[str, str]:
     """The texts that must go with a robot's file, by their names: none for those of the paper, which have no file."""
-    texts = (_FOLDER / name / text for text in ("NOTICE", "LICENSE"))
+    texts = (_folder(name) / text for text in ("NOTICE", "LICENSE"))
     return {text.name: text.read_text(encoding="utf-8") for text in texts if text.is_file()}
 
 

@@ -7,10 +7,9 @@ from pathlib import Path
 from types import MappingProxyType
 
 from jounce._scalars import is_numeric
-from jounce.audit import impossible
-from jounce.errors import JounceError, no_such, warn
+from jounce.errors import JounceError, at, no_such, warn
 from jounce.io.bundled import BUNDLED
-from jounce.mechanism import GRAVITY, Mechanism
+from jounce.mechanism import Mechanism
 from jounce.robot import Robot
 
 
@@ -41,9 +40,9 @@ def load(
         Which terms of the drives that the file states enter Q, see `Robot.with_drives`; none if left out.
     **parameters : keywords
         gravity (3,) in m/s^2; if left out that of the file, (0, 0, -9.81) where it states none, (0, 0, -9.80665) for
-        iiwa14; for planar2r L1, L2, m1, m2, g (symbols are values too). Of a URDF: base, "fixed" to weld floating and
-        planar joints at zero, which are refused otherwise; root, a link to start at: what it carries remains, and it
-        stands on the ground itself. Of a .xacro file: xacro_args, a mapping of its arguments.
+        iiwa14; for planar2r L1, L2, m1, m2, g (symbols are values too). Of a URDF or MJCF file: base, "fixed" to weld
+        floating, planar and spherical joints at zero, which are refused otherwise; root, a link to start at: what it
+        carries remains, and it stands on the ground itself. Of a .xacro file: xacro_args, a mapping of its arguments.
 
     Raises
     ------
@@ -65,7 +64,9 @@ def load(
     if not isinstance(source, str | os.PathLike):
         raise JounceError(f"a robot is a path or a name, not {type(source).__name__}; names: {', '.join(BUNDLED)}")
     robot = Robot(_mechanism(source, parameters))
-    robot = robot.locked(lock) if lock else robot
+    if lock:
+        with at(source):
+            robot = robot.locked(lock)
     if not drives:
         return robot
     driven = robot.with_drives(drives)
@@ -87,7 +88,7 @@ def _mechanism(source: str | os.PathLike[str], parameters: dict[str, object]) ->
     return mechanism
 
 
-def _read_urdf(path: Path, /, gravity: object = GRAVITY, base: str | None = None, root: str | None = None) -> Mechanism:
+def _read_urdf(path: Path, /, gravity: object = None, base: str | None = None, root: str | None = None) -> Mechanism:
     from jounce.io import urdf  # where lxml is needed
 
     return urdf.read(path, gravity, base, root)
@@ -96,7 +97,7 @@ def _read_urdf(path: Path, /, gravity: object = GRAVITY, base: str | None = None
 def _read_xacro(
     path: Path,
     /,
-    gravity: object = GRAVITY,
+    gravity: object = None,
     base: str | None = None,
     root: str | None = None,
     xacro_args: Mapping[str, object] = MappingProxyType({}),
@@ -142,6 +143,8 @@ def _call(build: Callable[..., Mechanism], parameters: dict[str, object], what: 
 
 
 def _warn_of_inertias(mechanism: Mechanism, path: Path) -> None:
+    from jounce.audit import impossible
+
     found = impossible(mechanism) if is_numeric(mechanism.M) else []
     if found:
         more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""

@@ -11,7 +11,7 @@ from lxml import etree
 from jounce.errors import JounceError, one_line, warn
 from jounce.io import urdf
 from jounce.io.files import read_bytes
-from jounce.mechanism import GRAVITY, Mechanism
+from jounce.mechanism import Mechanism
 from jounce.models import mujoco as models
 
 MJCF = ("mujoco", "mujocoinclude")  # root elements
@@ -21,7 +21,7 @@ def read(path: Path, gravity: object = None, base: str | None = None, root: str 
     """The mechanism of an .xml file, under its own gravity unless another is given."""
     element = _root(path)
     if element == "robot":
-        return urdf.read(path, GRAVITY if gravity is None else gravity, base, root)
+        return urdf.read(path, gravity, base, root)
     if element not in MJCF:
         raise JounceError(f"{path}: the root element is <{element}>; MJCF has <mujoco>, a URDF <robot>")
     return models.mechanism(compiled(path), gravity, base, root, file=path)

@@ -77,7 +77,8 @@ def _read_csv(path: Path, content: bytes) -> Columns:
         raise JounceError(f"{path}: nothing in it; expected a row of column names and rows of numbers")
     header = [rows[0][1][0].lstrip("# "), *rows[0][1][1:]]  # numpy.savetxt marks its header with #
     if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
-        raise JounceError(f"{path}: columns are separated by {';' if ';' in header[0] else 'tabs'}; expected commas")
+        marks = "semicolons" if ";" in header[0] else "tabs"
+        raise JounceError(f"{path}: columns are separated by {marks}; expected commas")
     if all(finite(name) is not None for name in header):
         raise JounceError(f"{path}: no row of column names above the numbers")
     repeated = [name for name in dict.fromkeys(header) if header.count(name) > 1]

@@ -6,19 +6,19 @@ import numpy as np
 from lxml import etree
 
 from jounce import linkage
-from jounce.drives import drive_error
 from jounce.errors import JounceError, no_such, one_line
 from jounce.inertia import inertia_matrix, symmetric
 from jounce.io.files import finite, read_bytes
 from jounce.io.orientation import direction, from_rpy
 from jounce.lie import pose
-from jounce.mechanism import UNLIMITED, Mechanism, limit_error
+from jounce.mechanism import GRAVITY, Mechanism
 
 MOVING = {"revolute": 0, "continuous": 0, "prismatic": 3}  # where in the screw the axis goes
 FREE = ("floating", "planar")
+PLACED = ("xyz", "rpy")  # how an <origin> says its pose
 
 
-def read(path: Path, gravity: object, base: str | None = None, root: str | None = None) -> Mechanism:
+def read(path: Path, gravity: object = None, base: str | None = None, root: str | None = None) -> Mechanism:
     """The mechanism of a URDF file: fixed joints merged, mimic joints folded, joints in its order depth first."""
     return parse(read_bytes(path), str(path), path.stem, gravity, base, root)
 
@@ -26,9 +26,11 @@ def read(path: Path, gravity: object, base: str | None = None, root: str | None 
 def parse(content: bytes, file: str, name: str, gravity: object, base: str | None, root: str | None) -> Mechanism:
     """The mechanism of a URDF's text; messages call it `file`, and a robot without a name is called `name`."""
     robot = _parsed(content, file)
-    links = [_link(element, file) for element in robot.iterchildren("link")]
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as not finite
+        links = [_link(element, file) for element in robot.iterchildren("link")]
     joints = [_joint(element, file) for element in robot.iterchildren("joint")]
-    return linkage.mechanism(links, joints, gravity, robot.get("name") or name, file, base=base, root=root)
+    given = GRAVITY if gravity is None else gravity
+    return linkage.mechanism(links, joints, given, robot.get("name") or name, file, base=base, root=root)
 
 
 def _parsed(content: bytes, file: str) -> etree._Element:
@@ -103,11 +105,7 @@ def _limits(element: etree._Element, kind: str, file: str) -> dict[str, float]:
     if limit is None:
         return {}
     keys = [*(("lower", "upper") if kind != "continuous" else ()), *({"velocity", "effort"} & set(limit.attrib))]
-    stated = {key: float(_numbers(limit, key, 1, file, default="0")[0]) for key in keys}
-    error = limit_error(**UNLIMITED | stated)
-    if error:
-        raise JounceError(f"{_at(limit, file)}: joint {element.get('name')!r}: {error}")
-    return stated
+    return {key: float(_numbers(limit, key, 1, file, default="0")[0]) for key in keys}
 
 
 def _drive(element: etree._Element, file: str) -> dict[str, float]:
@@ -115,11 +113,7 @@ def _drive(element: etree._Element, file: str) -> dict[str, float]:
     dynamics = element.find("dynamics")
     if dynamics is None:
         return {}
-    stated = {key: float(_numbers(dynamics, key, 1, file, default="0")[0]) for key in ("damping", "friction")}
-    error = drive_error(**stated)
-    if error:
-        raise JounceError(f"{_at(dynamics, file)}: joint {element.get('name')!r}: {error}")
-    return stated
+    return {key: float(_numbers(dynamics, key, 1, file, default="0")[0]) for key in ("damping", "friction")}
 
 
 def _origin(element: etree._Element, file: str) -> np.ndarray:
@@ -127,6 +121,9 @@ def _origin(element: etree._Element, file: str) -> np.ndarray:
     origin = element.find("origin")
     if origin is None:
         return np.eye(4)
+    for key in origin.attrib:  # a quaternion, or a frame that the pose is given in, must not be lost in silence
+        if key not in PLACED:
+            raise JounceError(f"{_at(origin, file)}: {no_such('attribute of <origin>', key, PLACED)}")
     R = from_rpy(_numbers(origin, "rpy", 3, file, default="0 0 0"))
     return pose(R, _numbers(origin, "xyz", 3, file, default="0 0 0")[:, None])
 
@@ -147,13 +144,12 @@ def _text(element: etree._Element, attribute: str, file: str) -> str:
 
 
 def _numbers(element: etree._Element, attribute: str, count: int, file: str, default: str | None = None) -> np.ndarray:
-    text = element.get(attribute, default)
+    text, expected = element.get(attribute, default), f"expected {count} finite number{'s' * (count > 1)}"
     if text is None:
-        raise JounceError(f"{_at(element, file)}: <{element.tag}> has no {attribute}=; expected {count} numbers")
+        raise JounceError(f"{_at(element, file)}: <{element.tag}> has no {attribute}=; {expected}")
     numbers = [number for number in map(finite, text.split()) if number is not None]
     if not len(numbers) == len(text.split()) == count:
-        came = f"<{element.tag} {attribute}={text!r}>"
-        raise JounceError(f"{_at(element, file)}: {came}; expected {count} finite number{'s' * (count > 1)}")
+        raise JounceError(f"{_at(element, file)}: <{element.tag} {attribute}={text!r}>; {expected}")
     return np.array(numbers)
 
 

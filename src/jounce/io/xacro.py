@@ -41,11 +41,16 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
     import xacro
 
     said, given = StringIO(), _Arguments(arguments)
+    packages.reset()  # it remembers where each package was: two checkouts may hold one of the same name
     packages.walk_up_from(path)
     try:
         with redirect_stderr(said):
             document = xacro.process_file(str(path), mappings=given)
     except Exception as error:  # of xacro, its parser, or of the expressions in the file
+        absent = getattr(error, "exc", None)
+        if isinstance(absent, packages.PackageNotFoundError):
+            places = "in the folders above the file, nor in those that ROS_PACKAGE_PATH names"
+            raise JounceError(f"{path}: xacro: no package {absent.args[0]!r} {places}") from None
         message = shortened(one_line(error) or type(error).__name__, 300)
         raise JounceError(f"{path}: xacro: {message}") from None
     for name in arguments:

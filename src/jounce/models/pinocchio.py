@@ -30,7 +30,8 @@ def mechanism(model: Any, gravity: object = None, base: str | None = None, root:
     kind = type(model)
     if kind.__name__ != "Model" or not kind.__module__.startswith("pinocchio.pinocchio_pywrap_default"):
         raise JounceError(f"a model of type {kind.__module__}.{kind.__name__}; expected a pinocchio.Model of numbers")
-    what = f"model {model.name!r}"
+    called = model.name or "robot"
+    what = f"model {called!r}"
     if gravity is None and model.gravity.angular.any():
         raise JounceError(f"{what}: gravity turns, {model.gravity.angular.tolist()}; expected an acceleration alone")
     bodies = _bodies(model)
@@ -39,12 +40,13 @@ def mechanism(model: Any, gravity: object = None, base: str | None = None, root:
         chain = _chain(model, i, bodies, what)
         joints += chain
         links += [linkage.Link(joint.child, MASSLESS, what) for joint in chain[:-1]]
-        links += [linkage.Link(bodies[i], inertia_matrix(Y.mass, Y.lever, Y.inertia), what)]
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as not finite
+            links += [linkage.Link(bodies[i], inertia_matrix(Y.mass, Y.lever, Y.inertia), what)]
     for name, frame in _frames(model, bodies).items():
         links.append(linkage.Link(name, MASSLESS, what))
         joints.append(_fixed(f"frame {name}", bodies[frame.parentJoint], name, frame.placement.homogeneous, what))
     given = model.gravity.linear if gravity is None else gravity
-    built = linkage.mechanism(links, joints, given, model.name or "robot", what, base=base, root=root)
+    built = linkage.mechanism(links, joints, given, called, what, base=base, root=root)
     order = [built.coordinates.index(joint.name) for joint in joints if joint.name in built.coordinates]
     return replace(built, G=built.G[:, order], coordinates=tuple(built.coordinates[j] for j in order))
 
@@ -147,7 +149,7 @@ def _limits(model: Any, joint: Any, k: int) -> dict[str, float]:
     found = {"velocity": model.velocityLimit[v], "effort": model.effortLimit[v]}
     if joint.nq == joint.nv:
         found |= {"lower": model.lowerPositionLimit[q], "upper": model.upperPositionLimit[q]}
-    return {key: float(x) for key, x in found.items() if abs(x) < UNBOUNDED}
+    return {key: float(x) for key, x in found.items() if not abs(x) >= UNBOUNDED}  # NaN stays, and is refused
 
 
 def _drive(model: Any, v: int) -> dict[str, float]:

@@ -1,7 +1,8 @@
 """Other libraries that know rigid body dynamics at order 0, to check a robot against, where they are installed."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from jounce.errors import JounceError, one_line
 from jounce.mechanism import Mechanism
 
 OWN_READING, OUR_DATA = "its own reading of the file", "our data"
+OTHER_JOINTS = "joints differ from those of the file: some were locked, welded or left out"
 
 
 class NotComparableError(JounceError):
@@ -35,15 +37,24 @@ class Absence:
 
 
 def peers(mechanism: Mechanism, path: Path | None) -> Iterator[Peer | Absence]:
-    """What is installed, reading the file itself where it can, else given our data."""
+    """What is installed, reading the file itself where it can; given our data where it cannot, or there is none."""
     from jounce.peers import mujoco, pinocchio
 
     for library in (pinocchio, mujoco):
+        ways = [partial(library.of_data, mechanism)]
+        if path is not None and path.suffix.lower() == library.SUFFIX:
+            ways.insert(0, partial(library.of_file, mechanism, path))
+        yield from _first(library.NAME, ways)
+
+
+def _first(name: str, ways: Sequence[Callable[[], Peer]]) -> Iterator[Peer | Absence]:
+    """The first of some ways to a library's model that succeeds, after what kept those before it from doing so."""
+    for way in ways:
         try:
-            yield library.model(mechanism, path)
+            yield way()
         except ImportError:
-            yield Absence(library.NAME, "not installed")
-        except NotComparableError as error:
-            yield Absence(library.NAME, str(error))
+            yield Absence(name, "not installed")
         except Exception as error:  # whatever a foreign library raises at a robot that it cannot hold
-            yield Absence(library.NAME, one_line(error))
+            yield Absence(name, one_line(error))
+            continue
+        return

@@ -9,18 +9,24 @@ from jounce import inertia
 from jounce.equivalent import on_axes
 from jounce.lie import hat, position, rotation
 from jounce.mechanism import Mechanism
-from jounce.peers import OUR_DATA, OWN_READING, NotComparableError, Peer
+from jounce.peers import OTHER_JOINTS, OUR_DATA, OWN_READING, NotComparableError, Peer
 
 NAME = "MuJoCo"
+SUFFIX = ".xml"  # of the files that it reads itself
 ANY = 1.0, [0.1, 0.2, 0.3], [0.5, -0.5, 0.1, 0.7], [0.2, 0.3, 0.4]  # an inertia without symmetries to make use of
 
 
-def model(mechanism: Mechanism, path: Path | None) -> Peer:
-    """The model of an MJCF file, or of our data for any other source."""
+def of_file(mechanism: Mechanism, path: Path) -> Peer:
+    """The model of an MJCF file."""
     import mujoco
 
-    if path is not None and path.suffix.lower() == ".xml":
-        return _peer(mujoco, mechanism, mujoco.MjModel.from_xml_path(str(path)), OWN_READING)
+    return _peer(mujoco, mechanism, mujoco.MjModel.from_xml_path(str(path)), OWN_READING)
+
+
+def of_data(mechanism: Mechanism) -> Peer:
+    """The model of our data."""
+    import mujoco
+
     return _peer(mujoco, mechanism, _built(mujoco, mechanism), OUR_DATA)
 
 
@@ -59,11 +65,13 @@ def _quaternion(mujoco: Any, R: np.ndarray) -> np.ndarray:
 def _peer(mujoco: Any, mechanism: Mechanism, model: Any, source: str) -> Peer:
     joints = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in mechanism.joints]
     if -1 in joints or model.nv != len(joints):
-        raise NotComparableError("joints differ from those of the file: some were locked, welded or left out")
+        raise NotComparableError(OTHER_JOINTS)
     for bit in ("CONSTRAINT", "ACTUATION", "SPRING", "DAMPER"):
         model.opt.disableflags |= getattr(mujoco.mjtDisableBit, f"mjDSBL_{bit}")
     model.opt.gravity[:] = mechanism.gravity
-    model.dof_armature[:] = 0
+    for rotors in ("dof_armature", "actuator_armature"):  # MuJoCo 3.3 has the first alone
+        if hasattr(model, rotors):
+            getattr(model, rotors)[:] = 0
     data = mujoco.MjData(model)
     places, rows = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
 

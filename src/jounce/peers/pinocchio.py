@@ -8,29 +8,39 @@ import numpy as np
 
 from jounce import inertia
 from jounce.equivalent import on_axes
+from jounce.errors import one_line, shortened
 from jounce.lie import hat, position, rotation
 from jounce.mechanism import Mechanism
-from jounce.peers import OUR_DATA, OWN_READING, NotComparableError, Peer
+from jounce.peers import OTHER_JOINTS, OUR_DATA, OWN_READING, NotComparableError, Peer
+from jounce.peers.terminal import errors_caught
 
 NAME = "Pinocchio"
+SUFFIX = ".urdf"  # of the files that it reads itself
 
 
-def model(mechanism: Mechanism, path: Path | None) -> Peer:
-    """The model of a URDF, or of our data for any other source."""
+def of_file(mechanism: Mechanism, path: Path) -> Peer:
+    """The model of a URDF."""
     import pinocchio as pin
 
-    if path is not None and path.suffix.lower() == ".urdf":
-        return _peer(pin, mechanism, _read(pin, mechanism, path), OWN_READING)
-    return _peer(pin, mechanism, _built(pin, mechanism), OUR_DATA)
-
-
-def _read(pin: Any, mechanism: Mechanism, path: Path) -> Any:
-    model = pin.buildModelFromUrdf(str(path))
+    said: list[str] = []
+    try:
+        with errors_caught(said):
+            model = pin.buildModelFromUrdf(str(path))
+    except Exception as error:
+        reason = one_line(" ".join(said)) or one_line(error)
+        raise NotComparableError(f"refuses the file: {shortened(reason, 200)}") from error
     names = {name for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True) if joint.nv}
     if names != set(mechanism.joints):
-        raise NotComparableError("joints differ from those of the file: some were locked, welded or left out")
+        raise NotComparableError(OTHER_JOINTS)
     model.gravity.linear = mechanism.gravity
-    return model
+    return _peer(pin, mechanism, model, OWN_READING)
+
+
+def of_data(mechanism: Mechanism) -> Peer:
+    """The model of our data."""
+    import pinocchio as pin
+
+    return _peer(pin, mechanism, _built(pin, mechanism), OUR_DATA)
 
 
 def _built(pin: Any, mechanism: Mechanism) -> Any:

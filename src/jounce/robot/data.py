@@ -2,14 +2,16 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from jounce._scalars import Array
-from jounce.audit import Finding, audit
 from jounce.drives import Drives, chosen, with_eps
 from jounce.errors import JounceError
 from jounce.mechanism import Limits, Mechanism
 from jounce.welding import locked
+
+if TYPE_CHECKING:
+    from jounce.audit import Finding
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -102,7 +104,7 @@ class Data:
         """
         return type(self)(locked(self.mechanism, values))
 
-    def audit(self) -> tuple[Finding, ...]:
+    def audit(self) -> "tuple[Finding, ...]":
         """What in the data no body can have, or looks like a mistake: findings, errors first; empty where all is well.
 
         Inertias that are not positive semidefinite or break the triangle inequality, placeholders, massless bodies and
@@ -123,4 +125,6 @@ class Data:
         note joint1, joint2: no effort limit on any joint
         note joint1, joint2: no velocity limit on any joint
         """
+        from jounce.audit import audit  # what few programs need
+
         return audit(self.mechanism)

@@ -24,7 +24,8 @@ class Forces(Quantities):
         wrench : bool
             Whether wrenches W, Wd, ... (..., nb, 6) follow the coordinates' rates in its calls.
         quantity : str
-            "inverse_dynamics", "gravity_forces" or "mass_matrix".
+            "inverse_dynamics", "gravity_forces", "mass_matrix", "coriolis_matrix of form 'paper'" or
+            "coriolis_matrix of form 'skew'".
 
         Returns
         -------

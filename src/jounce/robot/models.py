@@ -3,7 +3,6 @@
 from typing import Any, Self
 
 from jounce._scalars import Array
-from jounce.models import mujoco, pinocchio
 from jounce.robot.data import Data
 
 
@@ -47,6 +46,8 @@ class Models(Data):
         >>> robot.joint_names == tuple(model.names)[1:]
         True
         """
+        from jounce.models import pinocchio  # what few programs need
+
         return cls(pinocchio.mechanism(model, gravity, base, root))
 
     @classmethod
@@ -90,4 +91,6 @@ class Models(Data):
         >>> jounce.Robot.from_mujoco(model)
         <Robot 'm': 1 coordinates, 1 bodies>
         """
+        from jounce.models import mujoco  # what few programs need
+
         return cls(mujoco.mechanism(model, gravity, base, root))

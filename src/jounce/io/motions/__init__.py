@@ -1,29 +1,34 @@
 """Motion files: tables of samples or of all rates, YAML of analytic terms, and the motions that come with jounce."""
 
-from importlib.resources import as_file, files
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from jounce.errors import JounceError, no_such
-from jounce.io import tables
-from jounce.io.motions import terms
+from jounce.errors import JounceError, at, no_such
 from jounce.mechanism import Mechanism
-from jounce.motion import Motion
-from jounce.motion.analytic import Terms, along
-from jounce.motion.spline import Spline
-from jounce.motion.table import THROUGH, from_table
+
+if TYPE_CHECKING:  # what reads them takes a while to import, and robots need it not
+    from jounce.motion import Motion
+    from jounce.motion.analytic import Terms
+    from jounce.motion.spline import Spline
 
 BUNDLED = {"paper": "paper.yaml", "paper-wrench": "paper-wrench.yaml"}  # names of motions, beside files
 SUFFIXES = (".yaml", ".yml")
 
 
-def read(source: Path, mechanism: Mechanism, highest: int, spline: Spline = THROUGH) -> Motion:
+def read(source: Path, mechanism: Mechanism, highest: int, spline: "Spline | None" = None) -> "Motion":
     """The motion of a file, or of a bundled name, for a mechanism: rates up to the one of order `highest`."""
+    from jounce.io import tables
+    from jounce.io.motions import terms
+    from jounce.motion.analytic import along
+    from jounce.motion.table import THROUGH, from_table
+
     if str(source) in BUNDLED:
-        return along(bundled(str(source)), mechanism, highest)
+        with at(source):
+            return along(bundled(str(source)), mechanism, highest)
     if source.suffix.lower() in SUFFIXES:
         return terms.read(source, mechanism, highest)
     if source.suffix.lower() in tables.READERS:
-        return from_table(tables.read(source), mechanism, highest, str(source), spline)
+        return from_table(tables.read(source), mechanism, highest, str(source), spline or THROUGH)
     known = ", ".join([*tables.READERS, *SUFFIXES])
     if not source.suffix:
         raise JounceError(f"{no_such('motion', source, BUNDLED)}, or a file of type {known}")
@@ -35,7 +40,11 @@ def is_analytic(source: Path) -> bool:
     return str(source) in BUNDLED or source.suffix.lower() in SUFFIXES
 
 
-def bundled(name: str) -> Terms:
+def bundled(name: str) -> "Terms":
     """The analytic terms of a motion that comes with jounce."""
+    from importlib.resources import as_file, files
+
+    from jounce.io.motions import terms
+
     with as_file(files(__name__) / BUNDLED[name]) as path:
         return terms.of_file(path)

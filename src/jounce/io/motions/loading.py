@@ -2,24 +2,27 @@
 
 import os
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from jounce import names
 from jounce._scalars import asarray
 from jounce.errors import JounceError, at
-from jounce.io import motions, tables
-from jounce.motion import Motion
-from jounce.motion.spline import Spline
-from jounce.motion.table import from_table
+from jounce.io import motions
 from jounce.rates import checked_order
 from jounce.robot import Robot
+
+if TYPE_CHECKING:
+    from jounce.io.tables import Columns
+    from jounce.motion import Motion
 
 PLACE = "the motion"  # where columns without a file stand, in messages
 
 
-def load_motion(source: Any, /, robot: Robot, order: int = 2, degree: int = 7, intervals: int | None = None) -> Motion:
+def load_motion(
+    source: Any, /, robot: Robot, order: int = 2, degree: int = 7, intervals: int | None = None
+) -> "Motion":
     """A motion of a robot, with the rates that its forces take: from a file, by name, or from named columns.
 
     Columns are matched by joint name in any order: ``t`` and either one column a joint (samples; the rates are those of
@@ -65,6 +68,9 @@ def load_motion(source: Any, /, robot: Robot, order: int = 2, degree: int = 7, i
     """
     if not isinstance(robot, Robot):
         raise JounceError(f"a motion is loaded for a Robot, not for a {type(robot).__name__}; try jounce.load")
+    from jounce.motion.spline import Spline
+    from jounce.motion.table import from_table
+
     mechanism, highest, spline = robot.mechanism, checked_order(order) + 2, Spline(degree, intervals)
     if names.listed_in(source) is not None:
         return from_table(_columns(source), mechanism, highest, PLACE, spline)
@@ -77,7 +83,9 @@ def load_motion(source: Any, /, robot: Robot, order: int = 2, degree: int = 7, i
     return motions.read(path, mechanism, highest, spline)
 
 
-def _columns(source: Any) -> tables.Columns:
+def _columns(source: Any) -> "Columns":
+    from jounce.io import tables
+
     with at(PLACE):
         columns = names.entries(source)
         odd = [name for name in columns if not isinstance(name, str)]

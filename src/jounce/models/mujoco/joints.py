@@ -6,9 +6,6 @@ Joint variables are MuJoCo's own, which are `qpos0` where the bodies stand as th
 import numpy as np
 
 from jounce import lie, linkage
-from jounce.drives import drive_error
-from jounce.errors import JounceError
-from jounce.mechanism import UNLIMITED, limit_error
 from jounce.models.mujoco.arrays import Arrays
 
 FREE = {0: "floating", 1: "spherical"}  # by MuJoCo's types of joints
@@ -45,7 +42,7 @@ def _limits(m: Arrays, j: int) -> dict[str, float]:
         stated["lower"], stated["upper"] = m.of["jnt_range"][j].tolist()
     if m.of["jnt_actfrclimited"][j]:
         stated["effort"] = float(np.abs(m.of["jnt_actfrcrange"][j]).max())
-    return _checked(stated, limit_error(**UNLIMITED | stated), m, j)
+    return stated
 
 
 def _drive(m: Arrays, j: int) -> dict[str, float]:
@@ -60,17 +57,10 @@ def _drive(m: Arrays, j: int) -> dict[str, float]:
     stated["damping"] *= m.acts("DAMPER", "PASSIVE")
     if stated["stiffness"]:
         stated["rest"] = m.of["qpos_spring"][m.of["jnt_qposadr"][j]]
-    numbers = {key: float(x) for key, x in stated.items()}
-    return _checked(numbers, drive_error(**numbers), m, j)
+    return {key: float(x) for key, x in stated.items()}
 
 
 def _squared_gears(m: Arrays, j: int) -> np.ndarray:
     """The square of the gear of every actuator that acts on a joint, 0 for the others."""
     acting = np.isin(m.of["actuator_trntype"], AT_A_JOINT) & (m.of["actuator_trnid"][:, 0] == j)
     return acting * m.of["actuator_gear"][:, 0] ** 2
-
-
-def _checked(stated: dict[str, float], error: str | None, m: Arrays, j: int) -> dict[str, float]:
-    if error:
-        raise JounceError(f"{m.place}: joint {m.joints[j]!r}: {error}")
-    return stated

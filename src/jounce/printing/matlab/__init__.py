@@ -1,6 +1,6 @@
 """MATLAB and GNU Octave: a function a file, of columns, within what MATLAB Coder and Simulink take."""
 
-from jounce.codegen.language import Language, from_one
+from jounce.printing.language import Language, from_one
 
 RESERVED = """break case catch classdef continue do else elseif end end_try_catch end_unwind_protect endfor
 endfunction endif endparfor endswitch endwhile for function global if otherwise parfor persistent return spmd switch

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from jounce.codegen.routine import Array
 from jounce.errors import JounceError, no_such
+from jounce.printing.routine import Array
 
 NAMES = ("c", "cpp", "cuda", "julia", "latex", "matlab", "python", "rust")
 
@@ -86,4 +86,4 @@ def language(name: str) -> Language:
     """
     if name not in NAMES:
         raise no_such("language", name, NAMES)
-    return import_module(f"jounce.codegen.{name}").LANGUAGE
+    return import_module(f"jounce.printing.{name}").LANGUAGE

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.codegen.parametric import Parametric
-from jounce.codegen.routine import OUTPUTS, Array, Routine
 from jounce.evaluation import evaluate
 from jounce.mechanism import Mechanism, in_extended_precision
 from jounce.paths import PATHS
+from jounce.printing.parametric import Parametric
+from jounce.printing.routine import OUTPUTS, Array, Routine
 
 WORK = 100  # bodies times states: the closed form is dense
 MOST = 10  # states

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from jounce.codegen.parametric import Parametric
-from jounce.codegen.routine import Array, Routine
 from jounce.errors import JounceError
 from jounce.expressions import Symbolic, symbolic
+from jounce.printing.parametric import Parametric
+from jounce.printing.routine import Array, Routine
 from jounce.robot import Robot
 
 WIDEST = 72  # glyphs of a line
@@ -19,14 +19,6 @@ LETTERS = {"gravity": "g", "masses": "m", "lengths": "r", "mass": "m", "com": "c
 AXES = {3: ("x", "y", "z"), 6: ("xx", "xy", "xz", "yy", "yz", "zz")}  # of positions and of moments
 RATES = ("", r"\dot", r"\ddot", r"\dddot", r"\ddddot")
 WRITTEN = {"Qgrav": ("Q", r"\mathrm{grav},"), "Cbar": (r"\bar{C}", "")}  # what is not printed as it is named
-
-
-@dataclass(frozen=True)
-class Equations:
-    """The equations of one rate of a quantity: its name, and the lines of each."""
-
-    name: str
-    lines: list[list[str]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,10 +34,10 @@ class Document:
 
         return ", ".join(f"${sympy.latex(x)}$" for x in self.symbols[name].flat)
 
-    def equations(self, routine: Routine) -> list[Equations]:
-        """The equations of a routine's outputs: an entry a line, or several where it is long."""
+    def equations(self, routine: Routine) -> Iterator[list[list[str]]]:
+        """The equations of each output of a routine: the lines of every entry."""
         loaded = any(array.name == "W" for array in routine.inputs)
-        return [Equations(x.name, list(_entries(self.form, x, k, loaded))) for k, x in enumerate(routine.outputs)]
+        return (list(_entries(self.form, array, k, loaded)) for k, array in enumerate(routine.outputs))
 
 
 def document(robot: Parametric) -> Document:

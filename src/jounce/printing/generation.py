@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from jounce.codegen import notes
-from jounce.codegen.language import NAMES, Language, language
-from jounce.codegen.parametric import Parametric, parametric
-from jounce.codegen.routine import OUTPUTS, Routine, routine
 from jounce.errors import JounceError, no_such
 from jounce.io import folders
+from jounce.printing import notes
+from jounce.printing.language import NAMES, Language, language
+from jounce.printing.parametric import Parametric, parametric
+from jounce.printing.routine import OUTPUTS, Routine, routine
 from jounce.robot import Robot
 
 HIGHEST = 4  # order
@@ -65,8 +65,8 @@ def codegen(
     robot : Robot
         Of numbers, or of SymPy symbols, which become parameters by their names.
     lang : str
-        The language: "c" (C99), "cpp" (C++11, and overloads for Eigen), "cuda", "julia", "latex" (a document), "matlab"
-        (and GNU Octave), "python" (NumPy), "rust" (no_std).
+        The language: "c" (C99), "cpp" (C++11, and overloads for Eigen), "cuda", "julia", "latex" (a document),
+        "matlab" (and GNU Octave), "python" (NumPy), "rust" (no_std).
     order : int
         The highest time derivative: 2 gives Q, Qd, Q2d.
     directory : str or path
@@ -105,7 +105,7 @@ def codegen(
     >>> made.operations
     {'iiwa14_inverse_dynamics': 2213}
     """
-    from jounce.codegen import writing  # where Jinja is needed
+    from jounce.printing import writing  # where Jinja is needed
 
     if not isinstance(robot, Robot):
         raise JounceError(f"code is generated for a Robot, not for a {type(robot).__name__}; try jounce.load")

@@ -1,7 +1,7 @@
 """C++: a header with plain arrays, and one with overloads for Eigen."""
 
-from jounce.codegen.c import RESERVED
-from jounce.codegen.language import Language
+from jounce.printing.c import RESERVED
+from jounce.printing.language import Language
 
 ADDED = """alignas alignof and and_eq asm bitand bitor bool catch char8_t char16_t char32_t class co_await co_return
 co_yield compl concept consteval constexpr constinit const_cast decltype delete dynamic_cast explicit export false

@@ -1,6 +1,6 @@
 """Julia: a module of functions that write into vectors given, and of ones that make them."""
 
-from jounce.codegen.language import Language, from_one
+from jounce.printing.language import Language, from_one
 
 RESERVED = """abstract baremodule begin break catch const continue do else elseif end export false finally for
 function global if import in isa let local macro module mutable outer primitive public quote return struct true try

@@ -1,6 +1,6 @@
 """C99."""
 
-from jounce.codegen.language import Language
+from jounce.printing.language import Language
 
 RESERVED = """auto break case char const continue default do double else enum extern float for goto if inline int long
 register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while"""

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from jounce.codegen import notes
-from jounce.codegen.generation import Request
-from jounce.codegen.language import digits
-from jounce.codegen.parametric import Parametric
-from jounce.codegen.printer import Printed
-from jounce.codegen.routine import Routine
-from jounce.codegen.vectors import TOLERANCE, vectors
+from jounce.printing import notes
+from jounce.printing.generation import Request
+from jounce.printing.language import digits
+from jounce.printing.parametric import Parametric
+from jounce.printing.printer import Printed
+from jounce.printing.routine import Routine
+from jounce.printing.vectors import TOLERANCE, vectors
 
 HERE = Path(__file__).parent
 SUFFIX = ".jinja"

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from jounce.codegen.language import Language, digits
-from jounce.codegen.listing import Listing, listing
-from jounce.codegen.notes import effort
-from jounce.codegen.routine import Array, Routine
+from jounce.printing.language import Language, digits
+from jounce.printing.listing import Listing, listing
+from jounce.printing.notes import effort
+from jounce.printing.routine import Array, Routine
 
 SIGNS = {"add": "+", "sub": "-", "mul": "*"}
 SUM, PRODUCT, ATOM = range(3)  # how tightly an expression holds together

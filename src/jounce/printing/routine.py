@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from itertools import accumulate
 from math import prod
 
-from jounce.codegen.parametric import Parametric
 from jounce.kernel.interface import Shape
 from jounce.kernel.program import Program
 from jounce.paths import COMPILED
+from jounce.printing.parametric import Parametric
 from jounce.rates import rate_name
 
 OUTPUTS = {  # by name the quantity of `paths`, and its symbol

@@ -1,7 +1,7 @@
 """LaTeX: a document of the equations themselves, in symbols, for robots that are small."""
 
-from jounce.codegen.language import Language
-from jounce.codegen.latex.equations import document, tex
+from jounce.printing.language import Language
+from jounce.printing.latex.equations import document, tex
 
 LANGUAGE = Language(
     name="latex",

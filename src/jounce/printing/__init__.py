@@ -7,6 +7,6 @@ own: a configuration, and templates of its files, tests among them; to add one t
 and a line in the tests.
 """
 
-from jounce.codegen.generation import Generated, codegen
+from jounce.printing.generation import Generated, codegen
 
 __all__ = ["Generated", "codegen"]

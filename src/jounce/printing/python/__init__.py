@@ -1,6 +1,6 @@
 """Python with NumPy: arrays of any batch shape, as jounce itself takes them."""
 
-from jounce.codegen.language import Language
+from jounce.printing.language import Language
 
 RESERVED = """False None True and as assert async await break class continue def del elif else except finally for from
 global if import in is lambda nonlocal not or pass raise return try while with yield numpy sys"""
