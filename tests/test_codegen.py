@@ -42,12 +42,23 @@ LANGUAGES = {  # the tools that a language takes, and what its Makefile is told
 PANDA = Path(__file__).parents[1] / "examples" / "panda.urdf"
 TALOS = [f for f in metadata.files("example-robot-data") or [] if f.name == "talos_full_v2.urdf"]
 SYMBOLS = {name: sympy.Symbol(name) for name in ("L1", "L2", "m1", "m2", "g")}
+DRIVES = {"armature": [0.3, 0.2], "damping": [0.5, 0.4], "friction": [2.0, 1.5], "eps": [0.5, 0.8]}
+
+
+def driven(terms):
+    """The planar 2R with drive trains, these terms of them in Q."""
+    m = jounce.load("planar2r").mechanism
+    robot = jounce.Robot.from_screws(m.B, m.X, m.M, m.parent, gravity=m.gravity, drives=DRIVES, name="planar2r")
+    return robot.with_drives(terms)
+
+
 ROBOTS = {
     "iiwa14": lambda: jounce.load("iiwa14"),
     "panda": lambda: jounce.load(PANDA),
     "planar2r": lambda: jounce.load("planar2r", L1=1.1, L2=0.7, m1=2.0, m2=1.5),
     "symbols": lambda: jounce.load("planar2r", **SYMBOLS),
     "mixed5": lambda: jounce.Robot(golden("mixed5")[0]),
+    "driven": lambda: driven(True),
     "mimic": lambda: jounce.Robot(
         random_mechanism(
             np.random.default_rng(5),
@@ -71,6 +82,8 @@ CASES = {
     "planar2r, all, single": ("planar2r", {"order": 2, "outputs": ALL, "float32": True, "parameters": PARAMETERS}),
     "symbols": ("symbols", {"order": 2, "outputs": ["inverse_dynamics", "coriolis_matrix"]}),
     "mixed5": ("mixed5", {"order": 2, "wrench": True}),
+    "driven": ("driven", {"order": 2, "outputs": ["inverse_dynamics", "mass_matrix"]}),
+    "driven, single": ("driven", {"order": 1, "float32": True}),
     "mimic": ("mimic", {"order": 1, "wrench": True, "outputs": ALL}),
 }  # fmt: skip
 languages = pytest.mark.parametrize("lang", LANGUAGES)
@@ -118,6 +131,19 @@ def test_agrees_with_the_recursion_on_100_states(case, lang, tmp_path):
     errors = re.findall(r"worst relative error (\S+) over 100 states, allowed (\S+)", output)
     assert len(errors) == len(options.get("outputs", "1")), output
     assert {float(allowed) for _, allowed in errors} == {2e-4 if options.get("float32") else 1e-13}
+
+
+@languages
+@pytest.mark.parametrize(
+    ("terms", "holds", "left"),
+    [(True, ["armature", "damping", "friction"], []), (["damping"], ["damping"], ["armature", "friction"])],
+)
+def test_the_code_says_what_it_holds_of_drive_trains(lang, terms, holds, left):
+    text = re.sub(r"\s[\s/*#%]*", " ", "".join(texts(driven(terms), lang, count=1, order=0).values()))
+    held = re.search(r"Q holds the forces of drive trains too: ([^.]*)\.", text)[1]
+    assert re.findall("armature|damping|friction|spring", held) == holds
+    without = re.search(r"state this is left out: ([^.]*)\.", text)
+    assert (without[1].split(", ") if without else []) == left
 
 
 @programs
