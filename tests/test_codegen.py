@@ -317,6 +317,23 @@ def test_texts_are_tidy_and_marked(lang):
         ({"prefix": "my arm"}, ["prefix 'my arm' is no name in code"]),
         ({"prefix": "while"}, ["prefix 'while' is a reserved word of C99"]),
         ({"prefix": "_arm"}, ["prefix '_arm' is no name"]),
+        ({"prefix": 5}, ["prefix 5 is no name"]),
+        ({"prefix": "math"}, ["prefix 'math' is the name of something else in C99"]),
+        ({"prefix": "j1", "lang": "cpp"}, ["prefix 'j1' is the name of something else in C++"]),
+        ({"prefix": "typing", "lang": "python"}, ["prefix 'typing' is the name of something else in Python"]),
+        ({"prefix": "a" * 47, "lang": "matlab"}, ["makes names of 64 letters; MATLAB is generated with 63 at most"]),
+        ({"prefix": "a" * 300}, ["aaa...' makes names of 317 letters; C99 is generated with 200 at most"]),
+        ({"outputs": None}, ["outputs are None; expected a list of names: inverse_dynamics, "]),
+        ({"parameters": "gravity"}, ["parameters are 'gravity'; expected a list of different names"]),
+        ({"parameters": None}, ["parameters are None; expected a list"]),
+        ({"wrench": "no"}, ["wrench is 'no'; expected True or False"]),
+        ({"float32": 1}, ["float32 is 1; expected True or False"]),
+        ({"directory": 5}, ["directory is 5; expected the path of a folder"]),
+        (
+            {"lang": "latex", "float32": True},
+            ["LaTeX has no single precision", "c, cpp, cuda, julia, matlab, python, rust"],
+        ),
+        ({"lang": "latex"}, ["2213 operations; LaTeX is generated for up to 1200; larger robots go into c, cpp, "]),
     ],
     ids=lambda x: str(x) if isinstance(x, dict) else "",
 )
@@ -332,6 +349,12 @@ def test_refusals(options, words, tmp_path):
         (lambda: jounce.load("planar2r", m1=sympy.Symbol("double")), ["parameter 'double' is a reserved word of C99"]),
         (lambda: jounce.load("planar2r", m1=sympy.Symbol("m 1")), ["parameter 'm 1' is no name in code"]),
         (lambda: jounce.load("planar2r", m1=1 / sympy.Symbol("k")), ["the robot holds 1/k", "sums, products"]),
+        (lambda: jounce.load("planar2r", m1=sympy.I * SYMBOLS["m1"]), ["the robot holds I", "real numbers"]),
+        (lambda: jounce.load("planar2r", m1=sympy.zoo), ["code is generated from real numbers"]),
+        (
+            lambda: jounce.load("planar2r", m1=SYMBOLS["m1"], m2=sympy.Symbol("m1", positive=True)),
+            ["the robot holds two symbols that are named m1"],
+        ),
         (lambda: jounce.load("iiwa14").mechanism, ["for a Robot, not for a Mechanism"]),
         (
             lambda: jounce.Robot.from_screws([np.eye(4)] * 200, [[0, 0, 1, 0, 0, 0]] * 200, [np.eye(6)] * 200),
@@ -376,8 +399,44 @@ def test_words_of_the_language_are_refused_as_prefixes(name):
 def test_symbols_are_parameters_by_their_names_and_may_not_meet_others():
     robot = ROBOTS["symbols"]().mechanism
     assert list(parametric(robot, []).shapes) == sorted(SYMBOLS)
-    one = jounce.load("planar2r", g=sympy.Symbol("gravity")).mechanism
+    one = jounce.load("planar2r", m1=sympy.Symbol("gravity")).mechanism
     refusal(lambda: parametric(one, ["gravity"]), "parameter 'gravity' is asked for, and a symbol")
+    two = jounce.load("planar2r", m2=SYMBOLS["m2"]).mechanism
+    refusal(lambda: parametric(two, ["masses"]), "the mass of 'body2' is m2; 'masses' is for numbers")
+
+
+def test_symbols_that_parameters_replace_are_none_themselves():
+    """Who set them would move nothing."""
+    robot = jounce.load("planar2r", L2=SYMBOLS["L2"], g=SYMBOLS["g"]).mechanism
+    assert list(parametric(robot, ["gravity", "masses", "lengths"]).shapes) == ["L2", "gravity", "masses", "lengths"]
+
+
+def test_powers_of_symbols_take_few_products():
+    mass = jounce.load("planar2r", m1=SYMBOLS["m1"]), jounce.load("planar2r", m1=SYMBOLS["m1"] ** 3001)
+    first, power = (requested(robot, "c", order=0)[1][0].operations for robot in mass)
+    assert power - first < 2 * np.log2(3001)
+
+
+HOSTILE = (
+    "q qd Q M W p k j i t1 cos1 sin np x f scale found error worst passed larger scratch expected_Q STATES TOLERANCE"
+)
+
+
+@programs
+def test_symbols_may_have_any_name(lang, tmp_path):
+    """Those of the arguments and of what the code and its test call their own among them."""
+    robot = jounce.load("planar2r", m1=1 + sum(map(sympy.Symbol, HOSTILE.split())))
+    passed, output = passes(written(tmp_path, texts(robot, lang, count=10, order=0, outputs=ALL)), lang)
+    assert passed, output
+
+
+@pytest.mark.parametrize(
+    ("lang", "prefix"), [(x, y) for x in ("c", "cpp", "python", "rust") for y in ("q", "k", "main_")]
+)
+def test_prefixes_may_be_names_of_arguments(lang, prefix, tmp_path):
+    made = jounce.codegen(ROBOTS["planar2r"](), lang, 0, tmp_path / "arm", prefix=prefix)
+    passed, output = passes(made.directory, lang)
+    assert passed, output
 
 
 def test_parameters_cost_nothing_where_there_are_none():

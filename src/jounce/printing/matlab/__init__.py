@@ -10,6 +10,7 @@ LANGUAGE = Language(
     name="matlab",
     title="MATLAB",
     reserved=RESERVED,
+    longest=63,
     literal=lambda digits, single: digits,  # what meets a single becomes one
     function=lambda kind, x, single: f"{kind}({x})",
     element=lambda array, i: f"{array.name}({from_one(array, i)})",
