@@ -323,6 +323,7 @@ def test_texts_are_tidy_and_marked(lang):
         ({"prefix": "typing", "lang": "python"}, ["prefix 'typing' is the name of something else in Python"]),
         ({"prefix": "a" * 47, "lang": "matlab"}, ["makes names of 64 letters; MATLAB is generated with 63 at most"]),
         ({"prefix": "a" * 300}, ["aaa...' makes names of 317 letters; C99 is generated with 200 at most"]),
+        ({"outputs": [["mass_matrix"]]}, ["no output \"['mass_matrix']\""]),
         ({"outputs": None}, ["outputs are None; expected a list of names: inverse_dynamics, "]),
         ({"parameters": "gravity"}, ["parameters are 'gravity'; expected a list of different names"]),
         ({"parameters": None}, ["parameters are None; expected a list"]),
@@ -443,6 +444,10 @@ def test_parameters_cost_nothing_where_there_are_none():
     plain = routine(parametric(jounce.load("iiwa14").mechanism, []), "inverse_dynamics", 2, False)
     assert plain.operations <= 2213
     assert plain.parameters == ()
+
+
+def test_the_help_names_all_languages():
+    assert ", ".join(NAMES[:-1]) + f" or {NAMES[-1]}." in " ".join(run("--help").output.split())
 
 
 def run(*words):

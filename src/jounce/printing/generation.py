@@ -147,7 +147,7 @@ def checked(
     if not isinstance(outputs, Iterable):
         raise JounceError(f"outputs are {outputs!r}; expected a list of names: {', '.join(OUTPUTS)}")
     for name in (outputs := [outputs] if isinstance(outputs, str) else list(outputs)):
-        if name not in OUTPUTS:
+        if not isinstance(name, str) or name not in OUTPUTS:
             raise no_such("output", name, OUTPUTS)
     if not outputs or len(set(outputs)) != len(outputs):
         raise JounceError(f"outputs are {outputs!r}; expected one or more different ones of {', '.join(OUTPUTS)}")
