@@ -321,6 +321,7 @@ def test_texts_are_tidy_and_marked(lang):
         ({"prefix": "math"}, ["prefix 'math' is the name of something else in C99"]),
         ({"prefix": "j1", "lang": "cpp"}, ["prefix 'j1' is the name of something else in C++"]),
         ({"prefix": "typing", "lang": "python"}, ["prefix 'typing' is the name of something else in Python"]),
+        ({"prefix": "mass_matrix", "lang": "matlab"}, ["prefix 'mass_matrix' is the name of something else in MATLAB"]),
         ({"prefix": "a" * 47, "lang": "matlab"}, ["makes names of 64 letters; MATLAB is generated with 63 at most"]),
         ({"prefix": "a" * 300}, ["aaa...' makes names of 317 letters; C99 is generated with 200 at most"]),
         ({"outputs": [["mass_matrix"]]}, ["no output \"['mass_matrix']\""]),
