@@ -441,6 +441,18 @@ def test_prefixes_may_be_names_of_arguments(lang, prefix, tmp_path):
     assert passed, output
 
 
+@pytest.mark.parametrize("shape", [(), (1,), (3,), (2, 3), (4, 1)])
+def test_the_python_refuses_arrays_of_another_shape(shape):
+    module = {}
+    exec(texts(ROBOTS["planar2r"](), "python", count=1, order=0, wrench=True)["planar2r.py"], module)
+    q, W = np.zeros((4, 2)), np.zeros((4, 2, 6))
+    assert module["inverse_dynamics"](q, q, q, W).shape == (4, 2)
+    with pytest.raises(ValueError, match=r"expected \(2,\) behind any batch axes"):
+        module["inverse_dynamics"](np.zeros(shape), q, q, W)
+    with pytest.raises(ValueError, match=r"expected \(2, 6\) behind any batch axes"):
+        module["inverse_dynamics"](q, q, q, np.zeros((*shape, 6)) if shape else q)
+
+
 def test_parameters_cost_nothing_where_there_are_none():
     plain = routine(parametric(jounce.load("iiwa14").mechanism, []), "inverse_dynamics", 2, False)
     assert plain.operations <= 2213
