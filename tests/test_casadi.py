@@ -177,6 +177,10 @@ def test_a_matrix_of_sx_is_a_wrench_on_every_body():
             lambda r: jounce.casadi_function(r, quantity="mass_matrx"),
             r"^no quantity for CasADi 'mass_matrx'; did you mean 'mass_matrix'",
         ),
+        (
+            lambda r: jounce.casadi_function(r, quantity=["mass_matrix"]),
+            r"^no quantity for CasADi \"\['mass_matrix'\]\"",
+        ),
         (lambda r: jounce.casadi_function(r, wrench=1), r"^wrench is of type int; expected True or False"),
         (lambda r: jounce.casadi_function(r, wrench=True, quantity="mass_matrix"), "^mass_matrix takes no wrenches$"),
         (lambda r: jounce.casadi_function(r, parameters=["gravty"]), r"^no parameter 'gravty'; did you mean 'gravity'"),

@@ -42,12 +42,23 @@ LANGUAGES = {  # the tools that a language takes, and what its Makefile is told
 PANDA = Path(__file__).parents[1] / "examples" / "panda.urdf"
 TALOS = [f for f in metadata.files("example-robot-data") or [] if f.name == "talos_full_v2.urdf"]
 SYMBOLS = {name: sympy.Symbol(name) for name in ("L1", "L2", "m1", "m2", "g")}
+DRIVES = {"armature": [0.3, 0.2], "damping": [0.5, 0.4], "friction": [2.0, 1.5], "eps": [0.5, 0.8]}
+
+
+def driven(terms):
+    """The planar 2R with drive trains, these terms of them in Q."""
+    m = jounce.load("planar2r").mechanism
+    robot = jounce.Robot.from_screws(m.B, m.X, m.M, m.parent, gravity=m.gravity, drives=DRIVES, name="planar2r")
+    return robot.with_drives(terms)
+
+
 ROBOTS = {
     "iiwa14": lambda: jounce.load("iiwa14"),
     "panda": lambda: jounce.load(PANDA),
     "planar2r": lambda: jounce.load("planar2r", L1=1.1, L2=0.7, m1=2.0, m2=1.5),
     "symbols": lambda: jounce.load("planar2r", **SYMBOLS),
     "mixed5": lambda: jounce.Robot(golden("mixed5")[0]),
+    "driven": lambda: driven(True),
     "mimic": lambda: jounce.Robot(
         random_mechanism(
             np.random.default_rng(5),
@@ -71,6 +82,8 @@ CASES = {
     "planar2r, all, single": ("planar2r", {"order": 2, "outputs": ALL, "float32": True, "parameters": PARAMETERS}),
     "symbols": ("symbols", {"order": 2, "outputs": ["inverse_dynamics", "coriolis_matrix"]}),
     "mixed5": ("mixed5", {"order": 2, "wrench": True}),
+    "driven": ("driven", {"order": 2, "outputs": ["inverse_dynamics", "mass_matrix"]}),
+    "driven, single": ("driven", {"order": 1, "float32": True}),
     "mimic": ("mimic", {"order": 1, "wrench": True, "outputs": ALL}),
 }  # fmt: skip
 languages = pytest.mark.parametrize("lang", LANGUAGES)
@@ -118,6 +131,19 @@ def test_agrees_with_the_recursion_on_100_states(case, lang, tmp_path):
     errors = re.findall(r"worst relative error (\S+) over 100 states, allowed (\S+)", output)
     assert len(errors) == len(options.get("outputs", "1")), output
     assert {float(allowed) for _, allowed in errors} == {2e-4 if options.get("float32") else 1e-13}
+
+
+@languages
+@pytest.mark.parametrize(
+    ("terms", "holds", "left"),
+    [(True, ["armature", "damping", "friction"], []), (["damping"], ["damping"], ["armature", "friction"])],
+)
+def test_the_code_says_what_it_holds_of_drive_trains(lang, terms, holds, left):
+    text = re.sub(r"\s[\s/*#%]*", " ", "".join(texts(driven(terms), lang, count=1, order=0).values()))
+    held = re.search(r"Q holds the forces of drive trains too: ([^.]*)\.", text)[1]
+    assert re.findall("armature|damping|friction|spring", held) == holds
+    without = re.search(r"state this is left out: ([^.]*)\.", text)
+    assert (without[1].split(", ") if without else []) == left
 
 
 @programs
@@ -291,6 +317,25 @@ def test_texts_are_tidy_and_marked(lang):
         ({"prefix": "my arm"}, ["prefix 'my arm' is no name in code"]),
         ({"prefix": "while"}, ["prefix 'while' is a reserved word of C99"]),
         ({"prefix": "_arm"}, ["prefix '_arm' is no name"]),
+        ({"prefix": 5}, ["prefix 5 is no name"]),
+        ({"prefix": "math"}, ["prefix 'math' is the name of something else in C99"]),
+        ({"prefix": "j1", "lang": "cpp"}, ["prefix 'j1' is the name of something else in C++"]),
+        ({"prefix": "typing", "lang": "python"}, ["prefix 'typing' is the name of something else in Python"]),
+        ({"prefix": "mass_matrix", "lang": "matlab"}, ["prefix 'mass_matrix' is the name of something else in MATLAB"]),
+        ({"prefix": "a" * 47, "lang": "matlab"}, ["makes names of 64 letters; MATLAB is generated with 63 at most"]),
+        ({"prefix": "a" * 300}, ["aaa...' makes names of 317 letters; C99 is generated with 200 at most"]),
+        ({"outputs": [["mass_matrix"]]}, ["no output \"['mass_matrix']\""]),
+        ({"outputs": None}, ["outputs are None; expected a list of names: inverse_dynamics, "]),
+        ({"parameters": "gravity"}, ["parameters are 'gravity'; expected a list of different names"]),
+        ({"parameters": None}, ["parameters are None; expected a list"]),
+        ({"wrench": "no"}, ["wrench is 'no'; expected True or False"]),
+        ({"float32": 1}, ["float32 is 1; expected True or False"]),
+        ({"directory": 5}, ["directory is 5; expected the path of a folder"]),
+        (
+            {"lang": "latex", "float32": True},
+            ["LaTeX has no single precision", "c, cpp, cuda, julia, matlab, python, rust"],
+        ),
+        ({"lang": "latex"}, ["2213 operations; LaTeX is generated for up to 1200; larger robots go into c, cpp, "]),
     ],
     ids=lambda x: str(x) if isinstance(x, dict) else "",
 )
@@ -306,6 +351,12 @@ def test_refusals(options, words, tmp_path):
         (lambda: jounce.load("planar2r", m1=sympy.Symbol("double")), ["parameter 'double' is a reserved word of C99"]),
         (lambda: jounce.load("planar2r", m1=sympy.Symbol("m 1")), ["parameter 'm 1' is no name in code"]),
         (lambda: jounce.load("planar2r", m1=1 / sympy.Symbol("k")), ["the robot holds 1/k", "sums, products"]),
+        (lambda: jounce.load("planar2r", m1=sympy.I * SYMBOLS["m1"]), ["the robot holds I", "real numbers"]),
+        (lambda: jounce.load("planar2r", m1=sympy.zoo), ["code is generated from real numbers"]),
+        (
+            lambda: jounce.load("planar2r", m1=SYMBOLS["m1"], m2=sympy.Symbol("m1", positive=True)),
+            ["the robot holds two symbols that are named m1"],
+        ),
         (lambda: jounce.load("iiwa14").mechanism, ["for a Robot, not for a Mechanism"]),
         (
             lambda: jounce.Robot.from_screws([np.eye(4)] * 200, [[0, 0, 1, 0, 0, 0]] * 200, [np.eye(6)] * 200),
@@ -350,14 +401,66 @@ def test_words_of_the_language_are_refused_as_prefixes(name):
 def test_symbols_are_parameters_by_their_names_and_may_not_meet_others():
     robot = ROBOTS["symbols"]().mechanism
     assert list(parametric(robot, []).shapes) == sorted(SYMBOLS)
-    one = jounce.load("planar2r", g=sympy.Symbol("gravity")).mechanism
+    one = jounce.load("planar2r", m1=sympy.Symbol("gravity")).mechanism
     refusal(lambda: parametric(one, ["gravity"]), "parameter 'gravity' is asked for, and a symbol")
+    two = jounce.load("planar2r", m2=SYMBOLS["m2"]).mechanism
+    refusal(lambda: parametric(two, ["masses"]), "the mass of 'body2' is m2; 'masses' is for numbers")
+
+
+def test_symbols_that_parameters_replace_are_none_themselves():
+    """Who set them would move nothing."""
+    robot = jounce.load("planar2r", L2=SYMBOLS["L2"], g=SYMBOLS["g"]).mechanism
+    assert list(parametric(robot, ["gravity", "masses", "lengths"]).shapes) == ["L2", "gravity", "masses", "lengths"]
+
+
+def test_powers_of_symbols_take_few_products():
+    mass = jounce.load("planar2r", m1=SYMBOLS["m1"]), jounce.load("planar2r", m1=SYMBOLS["m1"] ** 3001)
+    first, power = (requested(robot, "c", order=0)[1][0].operations for robot in mass)
+    assert power - first < 2 * np.log2(3001)
+
+
+HOSTILE = (
+    "q qd Q M W p k j i t1 cos1 sin np x f scale found error worst passed larger scratch expected_Q STATES TOLERANCE"
+)
+
+
+@programs
+def test_symbols_may_have_any_name(lang, tmp_path):
+    """Those of the arguments and of what the code and its test call their own among them."""
+    robot = jounce.load("planar2r", m1=1 + sum(map(sympy.Symbol, HOSTILE.split())))
+    passed, output = passes(written(tmp_path, texts(robot, lang, count=10, order=0, outputs=ALL)), lang)
+    assert passed, output
+
+
+@pytest.mark.parametrize(
+    ("lang", "prefix"), [(x, y) for x in ("c", "cpp", "python", "rust") for y in ("q", "k", "main_")]
+)
+def test_prefixes_may_be_names_of_arguments(lang, prefix, tmp_path):
+    made = jounce.codegen(ROBOTS["planar2r"](), lang, 0, tmp_path / "arm", prefix=prefix)
+    passed, output = passes(made.directory, lang)
+    assert passed, output
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (3,), (2, 3), (4, 1)])
+def test_the_python_refuses_arrays_of_another_shape(shape):
+    module = {}
+    exec(texts(ROBOTS["planar2r"](), "python", count=1, order=0, wrench=True)["planar2r.py"], module)
+    q, W = np.zeros((4, 2)), np.zeros((4, 2, 6))
+    assert module["inverse_dynamics"](q, q, q, W).shape == (4, 2)
+    with pytest.raises(ValueError, match=r"expected \(2,\) behind any batch axes"):
+        module["inverse_dynamics"](np.zeros(shape), q, q, W)
+    with pytest.raises(ValueError, match=r"expected \(2, 6\) behind any batch axes"):
+        module["inverse_dynamics"](q, q, q, np.zeros((*shape, 6)) if shape else q)
 
 
 def test_parameters_cost_nothing_where_there_are_none():
     plain = routine(parametric(jounce.load("iiwa14").mechanism, []), "inverse_dynamics", 2, False)
     assert plain.operations <= 2213
     assert plain.parameters == ()
+
+
+def test_the_help_names_all_languages():
+    assert ", ".join(NAMES[:-1]) + f" or {NAMES[-1]}." in " ".join(run("--help").output.split())
 
 
 def run(*words):

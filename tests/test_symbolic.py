@@ -162,6 +162,12 @@ def test_numbers_are_read_as_the_decimals_they_print_as():
     assert exact.Qgrav[1] == sympy.Rational(981, 100) * cos(sum(exact.q))
 
 
+@pytest.mark.parametrize("exponent", [-40_000, -3, 3, 99, 100, 40_000])
+def test_powers_keep_their_exponents(exponent):
+    m = sympy.Symbol("m")
+    assert jounce.symbolic(jounce.load("planar2r", m1=m**exponent)).M.diff(m)[0, 0] == sympy.diff(m**exponent, m)
+
+
 def test_angles_in_the_data_are_waves_too():
     """A symbolic twist of a joint's frame, as in Denavit-Hartenberg tables: cos^2 + sin^2 is 1."""
     a = sympy.Symbol("alpha")

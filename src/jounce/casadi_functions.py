@@ -100,7 +100,7 @@ def _matrix(array: np.ndarray) -> "casadi.SX":
 def _check(robot: Robot, order: int, wrench: bool, quantity: str) -> None:
     if not isinstance(robot, Robot):
         raise JounceError(f"a function is made of a Robot, not of a {type(robot).__name__}; try jounce.load")
-    if quantity not in COMPILED:
+    if not isinstance(quantity, str) or quantity not in COMPILED:
         raise no_such("quantity for CasADi", quantity, COMPILED)
     if not isinstance(order, int | np.integer) or isinstance(order, bool) or order < 0:
         raise JounceError(f"order is {order!r}; expected 0, 1, 2, ...")

@@ -67,7 +67,7 @@ def own_values(mechanism: Mechanism, names: Sequence[str]) -> dict[str, np.ndarr
 
 def _payloads(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Frame]:
     """Where payloads are, by the stem of their symbols' names; `names` are checked."""
-    if isinstance(names, str) or len(set(names)) != len(names):
+    if isinstance(names, str) or not isinstance(names, Sequence) or len(set(map(str, names))) != len(names):
         raise JounceError(f"parameters are {names!r}; expected a list of different names of {', '.join(PARAMETERS)}")
     payloads: dict[str, Frame] = {}
     for name in names:

@@ -27,8 +27,8 @@ def _names(_: click.Context, __: click.Parameter, given: str) -> list[str]:
 
 @click.command(epilog=EPILOG, short_help="Source code in another language, with tests.")
 @on_robot
-@click.option("--lang", required=True, help="The language: c, ...; an unknown one lists them.")
-@click.option("--order", default=2, show_default=True, help="Highest time derivative: 2 gives Q, Qd, Q2d.")
+@click.option("--lang", required=True, help="c, cpp, cuda, julia, latex, matlab, python or rust.")
+@click.option("--order", default=2, show_default=True, help="Highest time derivative, up to 4: 2 gives Q, Qd, Q2d.")
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Folder to write, new or empty.")
 @click.option(
     "--outputs", default="inverse_dynamics", show_default=True, callback=_names, metavar="NAMES",

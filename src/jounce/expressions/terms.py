@@ -12,6 +12,7 @@ from typing import Any
 from jounce.errors import JounceError
 from jounce.expressions.waves import Alphabet, Waves, digits, exact
 
+LARGEST = 100  # exponent, below which a power is multiplied out; others are variables, not to leave their digit
 Powers = Mapping[int, int]  # exponents by variable, by its place in the alphabet
 
 
@@ -37,7 +38,7 @@ def _converted(x: Any, alphabet: Alphabet) -> Waves:
         return alphabet.variable(x, 0) * (Fraction(x.p, x.q) if x.is_Rational else float(x))
     if x.is_Add or x.is_Mul:
         return reduce(add if x.is_Add else mul, (_converted(part, alphabet) for part in x.args))
-    if x.is_Pow and x.exp.is_Integer:
+    if x.is_Pow and x.exp.is_Integer and abs(x.exp) < LARGEST:
         if x.exp > 0:
             return reduce(mul, [_converted(x.base, alphabet)] * int(x.exp))
         if x.base.is_Symbol:

@@ -48,7 +48,7 @@ class Alphabet:
         if self.work > self.most:
             raise JounceError(
                 f"too large for symbolic form: it takes more than {self.most:,} operations on terms; "
-                "jounce.codegen writes it as a program instead"
+                "jounce.codegen writes it as a program in C, Python, Rust and others"
             )
 
 

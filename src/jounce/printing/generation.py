@@ -2,9 +2,11 @@
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+
+import numpy as np
 
 from jounce.errors import JounceError, no_such
 from jounce.io import folders
@@ -109,6 +111,8 @@ def codegen(
 
     if not isinstance(robot, Robot):
         raise JounceError(f"code is generated for a Robot, not for a {type(robot).__name__}; try jounce.load")
+    if not isinstance(directory, str | os.PathLike | None):
+        raise JounceError(f"directory is {directory!r}; expected the path of a folder")
     request = checked(robot, lang, order, outputs, wrench, parameters, float32, prefix)
     folder = Path(f"{request.prefix}-{lang}" if directory is None else directory).expanduser()
     names = writing.names(request)
@@ -131,12 +135,19 @@ def checked(
 ) -> Request:
     """What is asked for, or `JounceError`."""
     target = language(lang)
+    for name, given in (("wrench", wrench), ("float32", float32)):
+        if not isinstance(given, bool):
+            raise JounceError(f"{name} is {given!r}; expected True or False")
     if float32 and not target.single:
-        raise JounceError(f"{target.title} has no single precision; float32 is for code that runs")
-    if not isinstance(order, int) or isinstance(order, bool) or not 0 <= order <= HIGHEST:
+        raise JounceError(
+            f"{target.title} has no single precision; float32 is for code that runs: {_others(lambda x: x.single)}"
+        )
+    if not isinstance(order, int | np.integer) or isinstance(order, bool) or not 0 <= order <= HIGHEST:
         raise JounceError(f"order is {order!r}; expected 0 to {HIGHEST}")
+    if not isinstance(outputs, Iterable):
+        raise JounceError(f"outputs are {outputs!r}; expected a list of names: {', '.join(OUTPUTS)}")
     for name in (outputs := [outputs] if isinstance(outputs, str) else list(outputs)):
-        if name not in OUTPUTS:
+        if not isinstance(name, str) or name not in OUTPUTS:
             raise no_such("output", name, OUTPUTS)
     if not outputs or len(set(outputs)) != len(outputs):
         raise JounceError(f"outputs are {outputs!r}; expected one or more different ones of {', '.join(OUTPUTS)}")
@@ -147,10 +158,12 @@ def checked(
             f"{robot.name} has {robot.mechanism.nb} bodies; code of order {order} is generated for at most"
             f" {TRACED // (order + 1) ** 2}"
         )
-    found = parametric(robot.mechanism, list(parameters))
+    found = parametric(robot.mechanism, parameters)
     for name in found.shapes:
-        target.check_name(name, "parameter")
-    return Request(found, target, order, tuple(outputs), wrench, float32, _prefix(prefix, robot.name, target))
+        target.check_name(name, "parameter", len("p_"))
+    begins = _prefix(prefix, robot.name, target)
+    target.check_prefix(begins, [*(f"_{name}" for name in outputs), *["_parameters"] * bool(found.shapes)])
+    return Request(found, target, int(order), tuple(outputs), wrench, float32, begins)
 
 
 def traced(request: Request) -> list[Routine]:
@@ -169,14 +182,19 @@ def traced(request: Request) -> list[Routine]:
 
 def _larger(most: int) -> str:
     """The languages that take larger robots, as the end of a sentence."""
-    found = [name for name in NAMES if language(name).largest > most]
-    return f"; larger robots go into {', '.join(found)}" if found else ""
+    found = _others(lambda x: x.largest > most)
+    return f"; larger robots go into {found}" if found else ""
+
+
+def _others(fit: Callable[[Language], bool]) -> str:
+    """The languages that something goes into."""
+    return ", ".join(name for name in NAMES if fit(language(name)))
 
 
 def _prefix(given: str | None, name: str, target: Language) -> str:
     """The prefix that is given, or the robot's name made one."""
-    found = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_") if given is None else given
-    if given is None and (not found or found[0].isdigit() or found in target.reserved.split()):
-        found = f"robot_{found}".rstrip("_")
-    target.check_name(found, "prefix")
-    return found
+    if given is not None:
+        return given
+    found = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")
+    odd = not found or found[0].isdigit() or found in f"{target.reserved} {target.taken}".split()
+    return f"robot_{found}".rstrip("_") if odd else found

@@ -1,13 +1,13 @@
 """Languages: how statements are written in each, and the files around them. One folder each, found by its name."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
 
 import numpy as np
 
-from jounce.errors import JounceError, no_such
+from jounce.errors import JounceError, no_such, shortened
 from jounce.printing.routine import Array
 
 NAMES = ("c", "cpp", "cuda", "julia", "latex", "matlab", "python", "rust")
@@ -54,6 +54,8 @@ class Language:
     name: str  # of the folder, and on the command line
     title: str
     reserved: str  # words that can name nothing
+    taken: str = ""  # words that can be no prefix, besides
+    longest: int = 200  # letters of a name, and of a file
     real: tuple[str, str] = ("double", "float")  # types, in double and single precision
     literal: Callable[[str, bool], str] = c_literal  # of digits, single
     function: Callable[[str, str, bool], str] = c_function  # of a kind of step, its operand, single
@@ -67,14 +69,25 @@ class Language:
     single: bool = True  # whether there is single precision
     largest: int = 60_000  # operations of a function: compilers take seconds, and code stays below a megabyte
 
-    def check_name(self, name: str, what: str) -> None:
-        """Raise `JounceError` where a text cannot be a name."""
-        if not is_identifier(name):
+    def check_name(self, name: str, what: str, added: int = 0) -> None:
+        """Raise `JounceError` where a text cannot be a name, or not one to which so many letters are added."""
+        if not isinstance(name, str) or not is_identifier(name):
             raise JounceError(
                 f"{what} {name!r} is no name in code; expected ASCII letters, digits and _, a letter first"
             )
         if name in self.reserved.split():
             raise JounceError(f"{what} {name!r} is a reserved word of {self.title}; expected another name")
+        if (letters := len(name) + added) > self.longest:
+            raise JounceError(
+                f"{what} {shortened(name)!r} makes names of {letters} letters; {self.title} is generated with"
+                f" {self.longest} at most"
+            )
+
+    def check_prefix(self, name: str, endings: Sequence[str]) -> None:
+        """Raise `JounceError` where a text cannot be the beginning of all names, with each of these endings."""
+        self.check_name(name, "prefix", max(map(len, endings)))
+        if name in self.taken.split():
+            raise JounceError(f"prefix {name!r} is the name of something else in {self.title}; expected another name")
 
 
 def language(name: str) -> Language:

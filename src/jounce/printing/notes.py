@@ -1,10 +1,13 @@
 """What stands at the head of generated code: where it is from, the order of its arrays, units, frames, signs."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
+
+import numpy as np
 
 import jounce
 from jounce.description import coordinate_unit
+from jounce.drives import TERMS
 from jounce.kernel.program import FREE, Program
 from jounce.mechanism import Mechanism
 from jounce.printing.listing import is_function
@@ -35,7 +38,7 @@ def arrays(robot: Mechanism, first: int) -> list[tuple[str, list[str]]]:
     return [(f"Coordinates, the {robot.n} entries of q, qd, ... and of forces:", coordinates), ("Bodies:", bodies)]
 
 
-def conventions(routines: Sequence[Routine]) -> list[str]:
+def conventions(robot: Mechanism, routines: Sequence[Routine]) -> list[str]:
     """Units, frames, signs, as sentences."""
     names = {routine.name for routine in routines}
     loaded = any(array.name == "W" for routine in routines for array in routine.inputs)
@@ -45,6 +48,7 @@ def conventions(routines: Sequence[Routine]) -> list[str]:
         found.append(
             f"Q = M(q) q2d + C(q, qd) qd + Qgrav(q){external}: forces of the drives, N m or, for coordinates in m, N."
         )
+    found += drive_trains(robot, names)
     if loaded:
         found.append(
             "W: six entries a body, (moment; force), what the body EXERTS on its environment, in the axes of the body's"
@@ -56,6 +60,22 @@ def conventions(routines: Sequence[Routine]) -> list[str]:
         found.append("C is the paper's Coriolis matrix; for passivity-based control take skew_coriolis_matrix.")
     if "skew_coriolis_matrix" in names:
         found.append("Cbar is the Coriolis matrix for which Md - 2 Cbar is skew-symmetric.")
+    return found
+
+
+def drive_trains(robot: Mechanism, names: Container[str]) -> list[str]:
+    """What of the robot's drive trains routines of these names hold, and what they leave out, as sentences."""
+    terms = TERMS if "inverse_dynamics" in names else ("armature",) if "mass_matrix" in names else ()
+    stated = [term for term in terms if np.any(getattr(robot.drives, STATED.get(term, term)))]
+    acting = [term for term in stated if term in robot.acting]
+    left = [term for term in stated if term not in robot.acting]
+    found = []
+    if acting and "inverse_dynamics" in names:
+        found.append(f"Q holds the forces of drive trains too: {', '.join(OF_DRIVES[term] for term in acting)}.")
+    if "armature" in acting and "mass_matrix" in names:
+        found.append("M holds the armature of drive trains too.")
+    if left:
+        found.append(f"Of the drive trains that the robot's data state this is left out: {', '.join(left)}.")
     return found
 
 
@@ -78,6 +98,13 @@ def parameters(robot: Parametric) -> dict[str, str]:
     return {name: meanings.get(name, "a symbol of the robot") for name in robot.shapes}
 
 
+STATED = {"spring": "stiffness"}  # the coefficient of a term, where it has not the term's name
+OF_DRIVES = {  # theta is the angle of a joint, or its path
+    "armature": "armature (I theta2d)",
+    "damping": "damping (d thetad)",
+    "friction": "friction (f tanh(thetad / eps))",
+    "spring": "spring (k (theta - rest))",
+}
 MEANINGS = {
     "gravity": "gravitational acceleration in the inertial frame, m/s^2",
     "masses": "of the bodies, kg; the COM stays, inertia grows in proportion",

@@ -1,8 +1,9 @@
 """Parametric robots: which of their data generated code takes at run time, and the mechanism of given values."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
+from itertools import pairwise
 from operator import mul
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from jounce._scalars import Array, is_symbolic
 from jounce.errors import JounceError
 from jounce.kernel.interface import Shape
+from jounce.lie import pose, rotation
 from jounce.mechanism import DATA, Mechanism
 from jounce.parameters import own_values, parametrised
 
@@ -43,6 +45,9 @@ def parametric(mechanism: Mechanism, asked: Sequence[str]) -> Parametric:
     JounceError : where one that is asked for is unknown, comes twice, or has the name of a symbol.
     """
     own = own_values(mechanism, asked)
+    if "masses" in own:
+        _check_masses(mechanism)
+    mechanism = _without(mechanism, own)
     free = symbols(mechanism)
     twice = sorted(set(free) & set(own))
     if twice:
@@ -52,13 +57,34 @@ def parametric(mechanism: Mechanism, asked: Sequence[str]) -> Parametric:
     return Parametric(mechanism, tuple(asked), shapes, own)
 
 
+def _check_masses(mechanism: Mechanism) -> None:
+    for body, mass in zip(mechanism.bodies, mechanism.M[:, 3, 3], strict=True):
+        if _is_sympy(mass) and mass.free_symbols:
+            raise JounceError(
+                f"the mass of {body!r} is {mass}; 'masses' is for numbers: symbols are parameters as they are"
+            )
+
+
+def _without(mechanism: Mechanism, replaced: Container[str]) -> Mechanism:
+    """The mechanism without the data that parameters replace: no symbol in them is asked for in vain."""
+    if "gravity" in replaced:
+        mechanism = replace(mechanism, gravity=np.zeros(3))
+    if "lengths" in replaced:
+        mechanism = replace(mechanism, B=pose(rotation(mechanism.B), np.zeros((mechanism.nb, 3, 1))))
+    return mechanism
+
+
 def symbols(mechanism: Mechanism) -> list[str]:
     """The names of SymPy's symbols in the data of a mechanism."""
     entries = [x for name in DATA if is_symbolic(array := getattr(mechanism, name)) for x in array.flat]
     odd = next((x for x in entries if not isinstance(x, int | float | np.number) and not _is_sympy(x)), None)
     if odd is not None:
         raise JounceError(f"the robot holds a {type(odd).__name__}; code is generated from numbers and SymPy's symbols")
-    return sorted({symbol.name for x in entries if _is_sympy(x) for symbol in x.free_symbols})
+    found = sorted(symbol.name for symbol in {s for x in entries if _is_sympy(x) for s in x.free_symbols})
+    twice = next((name for name, after in pairwise(found) if name == after), None)
+    if twice is not None:
+        raise JounceError(f"the robot holds two symbols that are named {twice}; expected names of their own")
+    return found
 
 
 def substituted(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
@@ -79,14 +105,24 @@ def _value(x: Any, values: Mapping[str, Any]) -> Any:
     if x.is_Symbol:
         return values[x.name]
     if x.is_number:
+        if not x.is_real:
+            raise JounceError(f"the robot holds {x}; code is generated from real numbers and symbols")
         return int(x) if x.is_Integer else float(x)
     name = type(x).__name__
     if name == "Pow" and x.exp.is_Integer and x.exp > 0:
-        return reduce(mul, [_value(x.base, values)] * int(x.exp))
+        return _power(_value(x.base, values), int(x.exp))
     inner = [_value(part, values) for part in x.args] if name in _RULES else []
     if not inner:
         raise JounceError(f"the robot holds {x}; code is generated from sums, products, sines and cosines of symbols")
     return _RULES[name](inner)
+
+
+def _power(x: Any, k: int) -> Any:
+    """The k-th power, k > 0, by squares: with few products."""
+    if k == 1:
+        return x
+    half = _power(x, k // 2)
+    return half * half * x if k % 2 else half * half
 
 
 _RULES: dict[str, Callable[[list[Any]], Any]] = {

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from jounce.kernel.program import FUNCTIONS
 from jounce.printing import notes
 from jounce.printing.generation import Request
 from jounce.printing.language import digits
@@ -34,6 +35,7 @@ def files(request: Request, routines: Sequence[Routine], **tested: Any) -> dict[
         loader=FileSystemLoader(HERE), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
         keep_trailing_newline=True,
     )  # fmt: skip
+    environment.globals["listed"] = lambda words: " and ".join(", ".join(words).rsplit(", ", 1))
     environment.filters["wrapped"] = _wrapped
     environment.filters["packed"] = _packed
     environment.filters["rows"] = _rows
@@ -83,11 +85,19 @@ def _context(request: Request, routines: Sequence[Routine], tested: Mapping[str,
         "tolerance": TOLERANCE[single],
         "origin": notes.origin(mechanism, request.order, single),
         "arrays": notes.arrays(mechanism, request.language.first),
-        "conventions": notes.conventions(routines),
+        "conventions": notes.conventions(mechanism, routines),
+        "drive_trains": notes.drive_trains(mechanism, request.outputs),
+        "functions": _functions(routines),
         "matrices": any("matrix" in routine.name for routine in routines),
         "number": lambda x: literal(digits(x, single), single),
         "double": lambda x: literal(digits(x, False), False),
     }
+
+
+def _functions(routines: Sequence[Routine]) -> list[str]:
+    """The functions of one operand that code calls: sines and cosines of any robot, others where there are some."""
+    used = {step.kind for routine in routines for step in routine.program.steps}
+    return [kind for kind in FUNCTIONS if kind in ("sin", "cos") or kind in used]
 
 
 def _wrapped(text: str, indent: str = "", width: int = 118) -> str:

@@ -3,4 +3,4 @@
 from jounce.printing import cpp
 from jounce.printing.language import Language
 
-LANGUAGE = Language(name="cuda", title="CUDA", reserved=cpp.LANGUAGE.reserved)
+LANGUAGE = Language(name="cuda", title="CUDA", reserved=cpp.LANGUAGE.reserved, taken="test")

@@ -5,6 +5,9 @@ from jounce.printing.language import Language, from_one
 RESERVED = """abstract baremodule begin break catch const continue do else elseif end export false finally for
 function global if import in isa let local macro module mutable outer primitive public quote return struct true try
 type using where while Base Core Main"""
+TAKEN = """C Cbar Cd Cbard Cbar2d C2d DimensionMismatch Float32 Float64 M Md M2d OWN Parameters Q Qd Q2d Qgrav Qgravd
+Qgrav2d S T TOLERANCE W Wd W2d abs all cos eltype error exit found include k larger max maximum p passed permutedims
+promote_type q q2d q3d q4d qd reshape scratch sin size sized so_far tanh throw worst zeros"""
 
 
 def literal(digits: str, single: bool) -> str:
@@ -18,6 +21,7 @@ LANGUAGE = Language(
     name="julia",
     title="Julia",
     reserved=RESERVED,
+    taken=TAKEN,
     real=("Float64", "Float32"),
     literal=literal,
     function=lambda kind, x, single: f"{kind}({x})",

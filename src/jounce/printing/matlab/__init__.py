@@ -1,6 +1,7 @@
 """MATLAB and GNU Octave: a function a file, of columns, within what MATLAB Coder and Simulink take."""
 
 from jounce.printing.language import Language, from_one
+from jounce.printing.routine import OUTPUTS
 
 RESERVED = """break case catch classdef continue do else elseif end end_try_catch end_unwind_protect endfor
 endfunction endif endparfor endswitch endwhile for function global if otherwise parfor persistent return spmd switch
@@ -10,6 +11,8 @@ LANGUAGE = Language(
     name="matlab",
     title="MATLAB",
     reserved=RESERVED,
+    taken=f"test {' '.join(OUTPUTS)}",  # functions within the test, of which the file may not bear the name
+    longest=63,
     literal=lambda digits, single: digits,  # what meets a single becomes one
     function=lambda kind, x, single: f"{kind}({x})",
     element=lambda array, i: f"{array.name}({from_one(array, i)})",

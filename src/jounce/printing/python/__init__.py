@@ -1,5 +1,7 @@
 """Python with NumPy: arrays of any batch shape, as jounce itself takes them."""
 
+import sys
+
 from jounce.printing.language import Language
 
 RESERVED = """False None True and as assert async await break class continue def del elif else except finally for from
@@ -9,6 +11,7 @@ LANGUAGE = Language(
     name="python",
     title="Python",
     reserved=RESERVED,
+    taken=" ".join(sys.stdlib_module_names),
     literal=lambda digits, single: digits,
     function=lambda kind, x, single: f"np.{kind}({x})",
     parameter=lambda array, i: f"p.{array.name}" + (f"[{i}]" if array.shape else ""),

@@ -20,6 +20,7 @@ LANGUAGE = Language(
     name="rust",
     title="Rust",
     reserved=RESERVED,
+    taken="Std",
     real=("f64", "f32"),
     literal=lambda digits, single: digits,
     function=lambda kind, x, single: f"F::{kind}({x})",

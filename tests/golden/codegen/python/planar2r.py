@@ -17,10 +17,12 @@ import numpy as np
 REAL = np.float64
 
 
-def _scalars(x, axes):
+def _scalars(x, shape):
     """The scalars of a state, each an array over the batch."""
     x = np.asarray(x, REAL)
-    batch = x.shape[: x.ndim - axes]
+    batch = x.shape[: x.ndim - len(shape)]
+    if x.shape != batch + shape:
+        raise ValueError(f"an array has shape {x.shape}, expected {shape} behind any batch axes")
     return list(np.moveaxis(x.reshape(*batch, -1), -1, 0))
 
 
@@ -32,11 +34,11 @@ def _array(scalars, shape):
 
 def inverse_dynamics(q, qd, q2d, q3d, q4d):
     """Q, Qd, Q2d; 100 operations: 52 products, 25 sums, 19 differences, 2 cos, 2 sin."""
-    q = _scalars(q, 1)
-    qd = _scalars(qd, 1)
-    q2d = _scalars(q2d, 1)
-    q3d = _scalars(q3d, 1)
-    q4d = _scalars(q4d, 1)
+    q = _scalars(q, (2,))
+    qd = _scalars(qd, (2,))
+    q2d = _scalars(q2d, (2,))
+    q3d = _scalars(q3d, (2,))
+    q4d = _scalars(q4d, (2,))
     Q = [0.0] * 2
     Qd = [0.0] * 2
     Q2d = [0.0] * 2

@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 
-import planar2r
+import planar2r as code
 
 TOLERANCE = 1e-13
 
@@ -114,7 +114,7 @@ def test_inverse_dynamics():
     ]
     worst = 0.0
     for k in range(10):
-        Q, Qd, Q2d = planar2r.inverse_dynamics(q[k], qd[k], q2d[k], q3d[k], q4d[k])
+        Q, Qd, Q2d = code.inverse_dynamics(q[k], qd[k], q2d[k], q3d[k], q4d[k])
         worst = larger(worst, Q, expected_Q[k], 32.63550150425233)
         worst = larger(worst, Qd, expected_Qd[k], 52.16551229143021)
         worst = larger(worst, Q2d, expected_Q2d[k], 108.85745653812675)

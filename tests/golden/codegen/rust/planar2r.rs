@@ -15,7 +15,7 @@
 #![forbid(unsafe_code)]
 #![allow(non_snake_case, clippy::all)]
 
-/// Sine and cosine, which Rust's core lacks: those of std, of the crate libm, or of the hardware.
+/// Functions that Rust's core lacks: those of std, of the crate libm, or of the hardware.
 pub trait Functions {
     fn sin(x: f64) -> f64;
     fn cos(x: f64) -> f64;
