@@ -23,6 +23,7 @@ from jounce.cli import main
 from jounce.printing import generation, listing, notes, writing
 from jounce.printing.language import NAMES, language
 from jounce.printing.parametric import parametric
+from jounce.printing.request import checked
 from jounce.printing.routine import OUTPUTS, routine
 from jounce.printing.vectors import vectors
 from robots import GOLDEN, golden, random_mechanism
@@ -92,7 +93,7 @@ programs = pytest.mark.parametrize("lang", [lang for lang in LANGUAGES if lang !
 
 def requested(robot, lang, order=2, outputs=("inverse_dynamics",), wrench=False, parameters=(), float32=False):
     """A request, and what it traces."""
-    request = generation.checked(robot, lang, order, outputs, wrench, parameters, float32, None)
+    request = checked(robot, lang, order, outputs, wrench, parameters, float32, None)
     return request, generation.traced(request)
 
 
@@ -387,7 +388,7 @@ def test_what_depends_on_nothing_is_written_too(lang, tmp_path):
 
 
 def test_too_many_operations_are_refused(monkeypatch, tmp_path):
-    monkeypatch.setattr(generation, "language", lambda name: replace(language(name), largest=2000))
+    monkeypatch.setattr("jounce.printing.request.language", lambda name: replace(language(name), largest=2000))
     refusal(lambda: jounce.codegen(jounce.load("iiwa14"), "c", directory=tmp_path / "new"), "2213 operations", "2000")
 
 

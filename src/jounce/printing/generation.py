@@ -1,37 +1,16 @@
 """`codegen`: a robot's equations as a folder of source code in another language, with its tests."""
 
 import os
-import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
-from jounce.errors import JounceError, no_such
+from jounce.errors import JounceError
 from jounce.io import folders
 from jounce.printing import notes
-from jounce.printing.language import NAMES, Language, language
-from jounce.printing.parametric import Parametric, parametric
-from jounce.printing.routine import OUTPUTS, Routine, routine
+from jounce.printing.request import LOADED, Request, checked, languages_where
+from jounce.printing.routine import Routine, routine
 from jounce.robot import Robot
-
-HIGHEST = 4  # order
-TRACED = 1500  # bodies times orders squared, up to which a program is traced in seconds
-LOADED = "inverse_dynamics"  # the quantity that takes wrenches
-
-
-@dataclass(frozen=True)
-class Request:
-    """What code is asked for, checked."""
-
-    robot: Parametric
-    language: Language
-    order: int
-    outputs: tuple[str, ...]
-    wrench: bool
-    single: bool
-    prefix: str
 
 
 @dataclass(frozen=True)
@@ -123,49 +102,6 @@ def codegen(
     return Generated(folder, tuple(sorted(files)), {f"{request.prefix}_{r.name}": r.operations for r in routines})
 
 
-def checked(
-    robot: Robot,
-    lang: str,
-    order: int,
-    outputs: Sequence[str],
-    wrench: bool,
-    parameters: Sequence[str],
-    float32: bool,
-    prefix: str | None,
-) -> Request:
-    """What is asked for, or `JounceError`."""
-    target = language(lang)
-    for name, given in (("wrench", wrench), ("float32", float32)):
-        if not isinstance(given, bool):
-            raise JounceError(f"{name} is {given!r}; expected True or False")
-    if float32 and not target.single:
-        raise JounceError(
-            f"{target.title} has no single precision; float32 is for code that runs: {_others(lambda x: x.single)}"
-        )
-    if not isinstance(order, int | np.integer) or isinstance(order, bool) or not 0 <= order <= HIGHEST:
-        raise JounceError(f"order is {order!r}; expected 0 to {HIGHEST}")
-    if not isinstance(outputs, Iterable):
-        raise JounceError(f"outputs are {outputs!r}; expected a list of names: {', '.join(OUTPUTS)}")
-    for name in (outputs := [outputs] if isinstance(outputs, str) else list(outputs)):
-        if not isinstance(name, str) or name not in OUTPUTS:
-            raise no_such("output", name, OUTPUTS)
-    if not outputs or len(set(outputs)) != len(outputs):
-        raise JounceError(f"outputs are {outputs!r}; expected one or more different ones of {', '.join(OUTPUTS)}")
-    if wrench and LOADED not in outputs:
-        raise JounceError(f"{outputs[0]} takes no wrenches; they are for {LOADED}")
-    if robot.mechanism.nb * (order + 1) ** 2 > TRACED:
-        raise JounceError(
-            f"{robot.name} has {robot.mechanism.nb} bodies; code of order {order} is generated for at most"
-            f" {TRACED // (order + 1) ** 2}"
-        )
-    found = parametric(robot.mechanism, parameters)
-    for name in found.shapes:
-        target.check_name(name, "parameter", len("p_"))
-    begins = _prefix(prefix, robot.name, target)
-    target.check_prefix(begins, [*(f"_{name}" for name in outputs), *["_parameters"] * bool(found.shapes)])
-    return Request(found, target, int(order), tuple(outputs), wrench, float32, begins)
-
-
 def traced(request: Request) -> list[Routine]:
     """The routines of what is asked for, or `JounceError` where one is too large."""
     routines = []
@@ -182,19 +118,5 @@ def traced(request: Request) -> list[Routine]:
 
 def _larger(most: int) -> str:
     """The languages that take larger robots, as the end of a sentence."""
-    found = _others(lambda x: x.largest > most)
+    found = languages_where(lambda x: x.largest > most)
     return f"; larger robots go into {found}" if found else ""
-
-
-def _others(fit: Callable[[Language], bool]) -> str:
-    """The languages that something goes into."""
-    return ", ".join(name for name in NAMES if fit(language(name)))
-
-
-def _prefix(given: str | None, name: str, target: Language) -> str:
-    """The prefix that is given, or the robot's name made one."""
-    if given is not None:
-        return given
-    found = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")
-    odd = not found or found[0].isdigit() or found in f"{target.reserved} {target.taken}".split()
-    return f"robot_{found}".rstrip("_") if odd else found

@@ -8,10 +8,10 @@ import numpy as np
 
 from jounce.kernel.program import FUNCTIONS
 from jounce.printing import notes
-from jounce.printing.generation import Request
 from jounce.printing.language import digits
 from jounce.printing.parametric import Parametric
 from jounce.printing.printer import Printed
+from jounce.printing.request import Request
 from jounce.printing.routine import Routine
 from jounce.printing.vectors import TOLERANCE, vectors
 
