@@ -51,6 +51,12 @@ def pose(R: Array, r: Array) -> Array:
     return concatenate([upper, np.array([[0, 0, 0, 1]])], axis=-2)
 
 
+def from_quaternion(Q: Array) -> Array:
+    """The 3x3 matrix of a quaternion (w, x, y, z): a rotation where its length is 1, else that times its square."""
+    w, v = Q[0], hat(Q[1:])
+    return Q @ Q * np.eye(3) + 2 * w * v + 2 * v @ v
+
+
 def rotation(C: Array) -> Array:
     """The rotation matrix of a pose, (..., 3, 3)."""
     return C[..., :3, :3]

@@ -71,9 +71,7 @@ def rotation(entry: Entry, number: Number) -> np.ndarray:
         return entry.numbers((3, 3), read=number)
     entry.keys((), ("Q", "rpy", "axis", "angle"))
     if entry.alone("Q", ("rpy", "axis", "angle")):
-        w, *v = entry.get("Q").numbers((4,), read=number)
-        hat, scale = lie.hat(np.array(v)), w * w + np.dot(v, v)
-        return scale * np.eye(3) + 2 * w * hat + 2 * hat @ hat  # no rotation, unless Q has unit length
+        return lie.from_quaternion(entry.get("Q").numbers((4,), read=number))  # no rotation, unless of unit length
     if entry.alone("rpy", ("axis", "angle")):
         return from_rpy(entry.get("rpy").numbers((3,), read=number))
     hat = lie.hat(entry.need("axis").numbers((3,), read=number))

@@ -66,5 +66,4 @@ def _inertia(m: Arrays, i: int) -> np.ndarray:
 
 def _pose(m: Arrays, position: str, quaternion: str, i: int) -> np.ndarray:
     """The pose of a position and a unit quaternion (w, x, y, z)."""
-    w, v = m.of[quaternion][i, 0], lie.hat(m.of[quaternion][i, 1:])
-    return lie.pose(np.eye(3) + 2 * w * v + 2 * v @ v, m.of[position][i][:, None])
+    return lie.pose(lie.from_quaternion(m.of[quaternion][i]), m.of[position][i][:, None])
