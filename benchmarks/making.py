@@ -15,7 +15,7 @@ from benchmarks.robots import start_of_iiwa
 from jounce import Robot, codegen, symbolic
 
 SIZES = (2, 3, 7)  # joints of the iiwa
-LIMIT = 300.0  # s
+LIMIT = 150.0  # s
 
 
 def _skidy(robot: Robot) -> int:
