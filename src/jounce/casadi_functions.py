@@ -10,7 +10,7 @@ from jounce.errors import JounceError, no_such
 from jounce.mechanism import DATA
 from jounce.parameters import parametrised
 from jounce.paths import COMPILED, PATHS, SYMBOLS
-from jounce.rates import rate_name
+from jounce.rates import checked_order, rate_name
 from jounce.robot import Robot
 from jounce.series import Series, columns
 
@@ -102,8 +102,7 @@ def _check(robot: Robot, order: int, wrench: bool, quantity: str) -> None:
         raise JounceError(f"a function is made of a Robot, not of a {type(robot).__name__}; try jounce.load")
     if not isinstance(quantity, str) or quantity not in COMPILED:
         raise no_such("quantity for CasADi", quantity, COMPILED)
-    if not isinstance(order, int | np.integer) or isinstance(order, bool) or order < 0:
-        raise JounceError(f"order is {order!r}; expected 0, 1, 2, ...")
+    checked_order(order)
     if not isinstance(wrench, bool):
         raise JounceError(f"wrench is of type {type(wrench).__name__}; expected True or False: whether W is an input")
     if wrench and quantity != "inverse_dynamics":

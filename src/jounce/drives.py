@@ -37,6 +37,7 @@ class Drives:
     rest: np.ndarray  # (nb,) rad or m, where the spring is slack
 
 
+AMOUNTS = ("armature", "damping", "friction", "stiffness")  # of the terms: where all are zero, nothing is stated
 UNDRIVEN = {"armature": 0.0, "damping": 0.0, "friction": 0.0, "eps": EPS, "stiffness": 0.0, "rest": 0.0}
 COEFFICIENTS = ("armature", "damping", "friction", "slope", "stiffness", "rest")  # of the laws; slope is 1 / eps
 LAWS: dict[str, Callable[[Coefficients, Series], Series]] = {

@@ -10,7 +10,6 @@ from jounce.cli.asked import Asked, on_robot
 from jounce.cli.words import straight_columns
 
 WIDTH = 100  # columns of a terminal
-DRIVE = ("armature", "damping", "friction", "stiffness")
 EPILOG = """\b
 Example:
   jounce info iiwa14
@@ -38,6 +37,8 @@ def info(robot: Asked, strict: bool, as_json: bool) -> None:
 
 
 def _in_words(data: dict[str, Any]) -> str:
+    from jounce.drives import AMOUNTS
+
     gravity = " ".join(f"{x:g}" for x in data["gravity"])
     size = f"{data['n']} coordinates, {data['nb']} bodies, {data['mass']:.6g} kg moving"
     head = f"{data['name']}: {size}, gravity {gravity} m/s^2"
@@ -53,7 +54,7 @@ def _in_words(data: dict[str, Any]) -> str:
     limited = [_limits(body) for body in data["bodies"] if any(x is not None for x in body["limits"].values())]
     if limited:
         lines += ["", *straight_columns([("limits", "position", "velocity", "effort"), *limited])]
-    driven = [_drive(body) for body in data["bodies"] if any(body["drive"][key] for key in DRIVE)]
+    driven = [_drive(body) for body in data["bodies"] if any(body["drive"][key] for key in AMOUNTS)]
     if driven:
         acting = f"in Q: {', '.join(data['acting']) or 'none of these'}"
         lines += ["", *straight_columns([("drive", "armature", "damping", "friction", "spring"), *driven]), acting]

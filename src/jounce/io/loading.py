@@ -7,6 +7,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from jounce._scalars import is_numeric
+from jounce.drives import AMOUNTS
 from jounce.errors import JounceError, at, no_such, warn
 from jounce.io.bundled import BUNDLED
 from jounce.mechanism import Mechanism
@@ -70,7 +71,7 @@ def load(
     if not drives:
         return robot
     driven = robot.with_drives(drives)
-    if not any(getattr(driven.drives, name).any() for name in ("armature", "damping", "friction", "stiffness")):
+    if not any(getattr(driven.drives, name).any() for name in AMOUNTS):
         warn(f"{source}: states no drive trains; drives={drives!r} adds nothing")
     return driven
 
