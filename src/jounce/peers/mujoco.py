@@ -53,6 +53,9 @@ def _built(mujoco: Any, mechanism: Mechanism) -> Any:
         model.body_ipos[i] = com = h[:, 0] / mass if mass else np.zeros(3)
         moments, axes = np.linalg.eigh(M[:3, :3] + mass * hat(com) @ hat(com))
         model.body_inertia[i], model.body_iquat[i] = moments, _quaternion(mujoco, axes * np.linalg.det(axes))
+    model.body_subtreemass[:] = model.body_mass  # mj_setConst would solve with M too, which may be singular
+    for i in reversed(range(1, model.nbody)):
+        model.body_subtreemass[model.body_parentid[i]] += model.body_subtreemass[i]
     return model
 
 
