@@ -116,6 +116,13 @@ def with_tool(drawn: tuple[Mechanism, np.random.Generator]) -> tuple[jounce.Robo
     return jounce.Robot(replace(mechanism, frames=frames)), rng, T
 
 
+def on_its_axis(mass: float = 2.0) -> jounce.Robot:
+    """A body turning about an odd axis through its COM: gravity does nothing, the mass matrix stays as it is."""
+    e, x = np.array([1, 2, 3]) / np.sqrt(14), np.array([0.1, 0.2, -0.4])
+    M = jounce.inertia_matrix(mass, x + 0.7 * e, mass * np.diag([0.1, 0.2, 0.25]))
+    return jounce.Robot.from_screws([np.eye(4)], [[*e, *np.cross(x, e)]], [M], name="balanced")
+
+
 def random_state(
     rng: np.random.Generator, mechanism: Mechanism, order: int = 2
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:

@@ -14,7 +14,8 @@ import jounce
 from files import GOOD, robot_file
 from jounce.cli import main
 from jounce.comparison import compare
-from robots import mechanisms, random_mechanism
+from jounce.lie import pose
+from robots import mechanisms, on_its_axis, random_mechanism
 
 PANDA = Path(__file__).parents[1] / "examples" / "panda.urdf"
 
@@ -81,6 +82,32 @@ def test_rotors_of_actuators_are_left_out_as_all_drives_are(tmp_path):
     assert robot.drives.armature.tolist() == [0.1 + 50**2 * 0.01]
     checks = of(compare(robot, path, order=0, states=2), "MuJoCo")
     assert [(check.remark, check.passed) for check in checks] == [("its own reading of the file", True)] * 3
+
+
+@pytest.mark.parametrize("mass", [1e-6, 2.0, 1e7])
+def test_forces_that_are_zero_are_no_false_alarm(mass):
+    robot = on_its_axis(mass)
+    assert [check for check in compare(robot, states=3) if not check.passed] == []
+    assert np.abs(robot.gravity_forces([[0.3]])).max() < 1e-14 * mass
+
+
+def test_heavy_bodies_are_no_false_alarm():
+    """MuJoCo's model keeps no mass of those that it was compiled with."""
+    boom = jounce.inertia_matrix(12_000, [6, 0.2, 0.3], np.diag([3e4, 2e5, 2e5]))
+    tool = jounce.inertia_matrix(3, [0.1, 0, 0], 0.01 * np.eye(3))
+    B, X, M = [np.eye(4), pose(np.eye(3), np.array([[12], [0], [0]]))], np.eye(6)[[1, 2]], [boom, tool]
+    checks = compare(jounce.Robot.from_screws(B, X, M, name="boom"), states=5, order=0)
+    assert [check for check in checks if not check.passed] == []
+    assert len(errors := [check.error for check in of(checks, "MuJoCo")]) == 3
+    assert max(errors) < 1e-13
+
+
+@pytest.mark.parametrize("added", [1e-3, 1e-6])
+def test_a_force_that_should_be_zero_is_found(monkeypatch, added):
+    right = jounce.Robot.gravity_forces
+    monkeypatch.setattr(jounce.Robot, "gravity_forces", lambda *given, **options: right(*given, **options) + added)
+    wrong = [check for check in compare(on_its_axis(), states=3, order=0) if not check.passed]
+    assert {check.quantity for check in wrong} == {"Qgrav"}
 
 
 def test_differences_show_a_rate_that_is_wrong(monkeypatch):

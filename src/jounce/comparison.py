@@ -1,6 +1,7 @@
 """A robot checked at random states: against other libraries at order 0, its own other paths, and differentiation.
 
-Errors are norm-wise: the largest difference over the largest entry, of all the states.
+Errors are norm-wise: the largest difference over the largest entry of all the states, or over the magnitude of what
+is added up where that is larger, as where forces are zero.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -11,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from jounce.magnitudes import magnitudes, scale
 from jounce.peers import Absence, peers
 from jounce.rates import rate_name
 from jounce.robot import Robot
@@ -42,13 +44,16 @@ def compare(
     """The checks of a robot, its drives left out; `source` is the file that it was read from, for peers to read too."""
     rigid, rng = robot.with_drives(False), np.random.default_rng(seed)
     q = rng.uniform(-1, 1, (order + 3, states, robot.n))
-    return [*_with_peers(rigid, source, q), *_with_paths(rigid, q), *_with_differences(rigid, q)]
+    sizes = magnitudes(rigid.mechanism, "inverse_dynamics", [*q], [], order)
+    return [*_with_peers(rigid, source, q), *_with_paths(rigid, q, sizes), *_with_differences(rigid, q, sizes)]
 
 
 def _with_peers(robot: Robot, source: Path | None, q: np.ndarray) -> Iterator[Check]:
     m, G = robot.mechanism, robot.mechanism.G
     thetas = [q[0] @ G.T + m.g, q[1] @ G.T, q[2] @ G.T]
     ours = {"Q": robot.inverse_dynamics(*q[:3]), "Qgrav": robot.gravity_forces(q[0]), "M": robot.mass_matrix(q[0])}
+    taken = {"Q": ("inverse_dynamics", q[:3]), "Qgrav": ("gravity_forces", q[:1]), "M": ("mass_matrix", q[:1])}
+    sizes = {name: magnitudes(m, quantity, [*rates], [], 0)[0] for name, (quantity, rates) in taken.items()}
     for peer in peers(m, source):
         if isinstance(peer, Absence):
             yield Check("-", peer.name, None, 0.0, peer.reason)
@@ -59,10 +64,11 @@ def _with_peers(robot: Robot, source: Path | None, q: np.ndarray) -> Iterator[Ch
             "M": [G.T @ peer.mass_matrix(theta) @ G for theta in thetas[0]],
         }
         for name, expected in theirs.items():
-            yield Check(name, peer.name, _error(ours[name], np.stack(expected)), ALLOWED["exact"], peer.source)
+            error = _error(ours[name], np.stack(expected), sizes[name])
+            yield Check(name, peer.name, error, ALLOWED["exact"], peer.source)
 
 
-def _with_paths(robot: Robot, q: np.ndarray) -> Iterator[Check]:
+def _with_paths(robot: Robot, q: np.ndarray, sizes: Sequence[np.ndarray]) -> Iterator[Check]:
     """Every other path, and the recursion with long doubles."""
     own = _all(robot.inverse_dynamics(*q))
     paths: dict[str, Callable[[], Sequence[np.ndarray]]] = {
@@ -71,18 +77,18 @@ def _with_paths(robot: Robot, q: np.ndarray) -> Iterator[Check]:
         "long doubles": lambda: _all(robot.inverse_dynamics(*q.astype(np.longdouble), method="recursion")),
     }
     for name, results in paths.items():
-        for k, (x, y) in enumerate(zip(own, results(), strict=True)):
-            yield Check(rate_name("Q", k), name, _error(x, y), ALLOWED["exact"])
+        for k, (x, y, size) in enumerate(zip(own, results(), sizes, strict=True)):
+            yield Check(rate_name("Q", k), name, _error(x, y, size), ALLOWED["exact"])
 
 
-def _with_differences(robot: Robot, q: np.ndarray) -> Iterator[Check]:
+def _with_differences(robot: Robot, q: np.ndarray, sizes: Sequence[np.ndarray]) -> Iterator[Check]:
     """Each rate against nine-point differences of the one before, along the polynomials that have the rates q."""
     exact = _all(robot.inverse_dynamics(*q))
     for k in range(1, len(exact)):
         errors = []
         for h in STEPS:
             along = [_all(robot.inverse_dynamics(*_moved(q, j * h)[: k + 2]))[-1] for j in range(-4, 5)]
-            errors.append(_error(np.tensordot(STENCIL, along, 1) / h, exact[k]))
+            errors.append(_error(np.tensordot(STENCIL, along, 1) / h, exact[k], sizes[k]))
         yield Check(rate_name("Q", k), f"differences of {rate_name('Q', k - 1)}", min(errors), ALLOWED["differences"])
 
 
@@ -95,7 +101,5 @@ def _all(results: Any) -> Sequence[np.ndarray]:
     return results if isinstance(results, tuple) else (results,)
 
 
-def _error(found: Any, expected: Any) -> float:
-    scale = float(np.abs(expected).max())
-    difference = float(np.abs(found - expected).max())
-    return difference / scale if scale else difference
+def _error(found: Any, expected: Any, magnitude: np.ndarray) -> float:
+    return float(np.abs(found - expected).max()) / scale(expected, magnitude)

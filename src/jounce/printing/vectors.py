@@ -1,11 +1,12 @@
 """Test vectors: states, and what a routine has to give for them by the closed form, not by the program printed."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from jounce.evaluation import evaluate
+from jounce.magnitudes import magnitudes, scale
 from jounce.mechanism import Mechanism, in_extended_precision
 from jounce.paths import PATHS
 from jounce.printing.parametric import Parametric
@@ -19,11 +20,12 @@ TOLERANCE = {False: 1e-13, True: 2e-4}  # of the test, in double and single prec
 
 @dataclass(frozen=True, eq=False)
 class Vectors:
-    """Arrays (states, ...) by name: parameters, q, qd, ..., W, ..., and the outputs expected."""
+    """Arrays (states, ...) by name: parameters, q, qd, ..., W, ..., the outputs expected and their magnitudes."""
 
     parameters: Mapping[str, np.ndarray]
     inputs: Mapping[str, np.ndarray]
     outputs: Mapping[str, np.ndarray]
+    magnitudes: Mapping[str, np.ndarray]
 
     @property
     def count(self) -> int:
@@ -31,8 +33,8 @@ class Vectors:
         return len(self.inputs["q"])
 
     def scale(self, name: str) -> float:
-        """What errors of an output are relative to: its largest entry over all states, 1 where all are zero."""
-        return float(np.abs(self.outputs[name]).max()) or 1.0
+        """What errors of an output are relative to, over all states, in three digits: the same on every machine."""
+        return float(f"{scale(self.outputs[name], self.magnitudes[name]):.3g}")
 
     def parameter_sets(self) -> Iterator[dict[str, np.ndarray]]:
         """The parameters of one state after the other."""
@@ -61,14 +63,16 @@ def vectors(
     parameters = {
         array.name: given(_near(robot.own.get(array.name), random(array)))[starts] for array in routine.parameters
     }
-    results = []
+    results, sizes = [], []
     for k in range(0, count, batch):
         values = {name: np.asarray(x[k].astype(np.longdouble), dtype=object) for name, x in parameters.items()}
         mechanism = in_extended_precision(robot.mechanism(values))
         states = {name: x[k : k + batch].astype(np.longdouble) for name, x in inputs.items()}
-        results.append(_exact(mechanism, routine, states, method))
-    outputs = [np.concatenate(terms).astype(float) for terms in zip(*results, strict=True)]
-    return Vectors(parameters, inputs, dict(zip((array.name for array in routine.outputs), outputs, strict=True)))
+        q = [x for name, x in states.items() if name.startswith("q")]
+        W = [x for name, x in states.items() if name.startswith("W")]
+        results.append(_exact(mechanism, routine, q, W, method))
+        sizes.append(magnitudes(mechanism, OUTPUTS[routine.name][0], q, W, len(routine.outputs) - 1))
+    return Vectors(parameters, inputs, _by_name(routine, results), _by_name(routine, sizes))
 
 
 def _near(own: np.ndarray | None, random: np.ndarray) -> np.ndarray:
@@ -80,10 +84,14 @@ def _near(own: np.ndarray | None, random: np.ndarray) -> np.ndarray:
 
 
 def _exact(
-    mechanism: Mechanism, routine: Routine, states: Mapping[str, np.ndarray], method: str
+    mechanism: Mechanism, routine: Routine, q: Sequence[np.ndarray], W: Sequence[np.ndarray], method: str
 ) -> tuple[np.ndarray, ...]:
     """The outputs for some states."""
-    q = [x for name, x in states.items() if name.startswith("q")]
-    W = [x for name, x in states.items() if name.startswith("W")]
     path = PATHS[OUTPUTS[routine.name][0]][method]
     return evaluate(lambda q, W: path.law(mechanism, q, W), q, W, len(routine.outputs) - 1, path.width(mechanism.nb))
+
+
+def _by_name(routine: Routine, results: Sequence[Sequence[np.ndarray]]) -> dict[str, np.ndarray]:
+    """The outputs by name, of one group of states after the other."""
+    arrays = [np.concatenate(terms).astype(float) for terms in zip(*results, strict=True)]
+    return dict(zip((array.name for array in routine.outputs), arrays, strict=True))

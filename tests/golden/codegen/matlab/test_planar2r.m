@@ -10,7 +10,7 @@ function test_planar2r()
 end
 
 function worst = larger(worst, found, expected, scale)
-% The largest difference of two arrays over a scale, or what was found so far where that is larger.
+% The largest difference of two arrays over the scale of their terms, or what was found so far where that is larger.
     assert(isa(found, 'double') && isequal(size(found), size(expected)));
     difference = abs(double(found(:)) - expected(:)) / scale;
     difference(isnan(difference)) = Inf;
@@ -119,9 +119,9 @@ function passed = test_inverse_dynamics()
     for k = 1:10
         [Q, Qd, Q2d] = planar2r_inverse_dynamics( ...
             q(k, :)', qd(k, :)', q2d(k, :)', q3d(k, :)', q4d(k, :)');
-        worst = larger(worst, Q, expected_Q(k, :)', 32.63550150425233);
-        worst = larger(worst, Qd, expected_Qd(k, :)', 52.16551229143021);
-        worst = larger(worst, Q2d, expected_Q2d(k, :)', 108.85745653812675);
+        worst = larger(worst, Q, expected_Q(k, :)', 32.6);
+        worst = larger(worst, Qd, expected_Qd(k, :)', 52.2);
+        worst = larger(worst, Q2d, expected_Q2d(k, :)', 184.0);
     end
     fprintf('planar2r_inverse_dynamics: worst relative error %.1e over %d states, allowed %.0e\n', worst, 10, tolerance);
     passed = worst <= tolerance;

@@ -16,7 +16,7 @@ impl planar2r::Functions for Std {
     }
 }
 
-/// The largest difference of two arrays over a scale, or what was found so far where that is larger.
+/// The largest difference of two arrays over the scale of their terms, or so_far where that is larger.
 fn larger(mut so_far: f64, found: &[f64], expected: &[f64], scale: f64) -> f64 {
     for (&x, y) in found.iter().zip(expected) {
         let error = (x - y).abs() / scale;
@@ -127,9 +127,9 @@ fn test_inverse_dynamics() -> bool {
     let mut worst = 0.0;
     for k in 0..STATES {
         let (Q, Qd, Q2d) = planar2r::inverse_dynamics::<Std>(&q[k], &qd[k], &q2d[k], &q3d[k], &q4d[k]);
-        worst = larger(worst, &Q, &expected_Q[k], 32.63550150425233);
-        worst = larger(worst, &Qd, &expected_Qd[k], 52.16551229143021);
-        worst = larger(worst, &Q2d, &expected_Q2d[k], 108.85745653812675);
+        worst = larger(worst, &Q, &expected_Q[k], 32.6);
+        worst = larger(worst, &Qd, &expected_Qd[k], 52.2);
+        worst = larger(worst, &Q2d, &expected_Q2d[k], 184.0);
     }
     println!("planar2r::inverse_dynamics: worst relative error {worst:.1e} over {STATES} states, allowed {TOLERANCE:.0e}");
     worst <= TOLERANCE
