@@ -9,8 +9,7 @@ from dataclasses import replace
 from functools import partial
 from importlib import metadata
 from pathlib import Path
-from shutil import which
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -26,7 +25,8 @@ from jounce.printing.parametric import parametric
 from jounce.printing.request import checked
 from jounce.printing.routine import OUTPUTS, routine
 from jounce.printing.vectors import vectors
-from robots import GOLDEN, golden, random_mechanism
+from robots import GOLDEN, golden, on_its_axis, random_mechanism
+from tools import needs, require
 
 STRICT = "-std=c99 -O0 -Wall -Wextra -Wpedantic -Wconversion -Wdouble-promotion -Wfloat-conversion -Werror"
 STRICT_CXX = STRICT.replace("c99", "c++11"), STRICT.replace("c99", "c++17")
@@ -111,9 +111,7 @@ def written(folder, files):
 def passes(folder, lang, *more):
     """What the test beside the code prints, and whether it passes."""
     tools, variables = LANGUAGES[lang]
-    missing = [tool for tool in tools if which(tool) is None]
-    if missing:
-        pytest.skip(f"no {missing[0]}")
+    require(*tools)
     done = subprocess.run(["make", "-C", str(folder), "test", *variables, *more], capture_output=True, text=True)
     assert "warning" not in done.stderr
     return done.returncode == 0, done.stdout + done.stderr
@@ -158,6 +156,57 @@ def test_the_test_beside_the_code_proves_it(lang, tmp_path):
     (changed,) = (path for path in code if "1.65" in path.read_text())  # m2 L1
     changed.write_text(changed.read_text().replace("1.65", "1.65000001"))
     assert not passes(made.directory, lang)[0]
+
+
+@programs
+def test_what_is_zero_in_exact_arithmetic_is_no_false_alarm(lang, tmp_path):
+    """The closed form gives noise for rates of the mass matrix and for gravity, the code gives 0 or other noise."""
+    robot, outputs = on_its_axis(), ["inverse_dynamics", "gravity_forces", "mass_matrix"]
+    made = jounce.codegen(robot, lang, directory=tmp_path / "arm", outputs=outputs)
+    passed, output = passes(made.directory, lang)
+    assert passed, output
+
+
+def passes_in_python(text, test):
+    """Whether generated Python passes the test beside it, in this process."""
+    names = {"__name__": "test", "code": ModuleType("code")}
+    exec(text, vars(names["code"]))
+    exec(re.sub(r"^import \w+ as code$", "", test, flags=re.MULTILINE), names)
+    return all(check() for name, check in names.items() if name.startswith("test_"))
+
+
+STATEMENT = r"(?m)^    (?:t\d+|(?:sin|cos)\d+|\w+\[\d+\]) = .*$"
+RESULT = r"(?m)^    \w+\[\d+\] = .*$"
+SIGNS = {" + ": " - ", " - ": " + ", "np.sin": "np.cos", "np.cos": "np.sin"}
+
+
+def changed(text, lines, pattern, change):
+    """The text with one place of some lines changed, for each place."""
+    for line in re.finditer(lines, text):
+        for place in re.finditer(pattern, line[0]):
+            start, end = (line.start() + k for k in place.span())
+            yield text[:start] + change(place[0]) + text[end:]
+
+
+@pytest.mark.parametrize(
+    ("case", "lines", "pattern", "change", "least"),
+    [
+        ("planar2r", STATEMENT, "|".join(map(re.escape, SIGNS)), SIGNS.get, 60),
+        ("planar2r", STATEMENT, r"\d+\.\d+", lambda x: repr(float(x) + 1e-8), 50),
+        ("balanced", RESULT, "$", lambda _: " + 1e-11", 8),
+    ],
+    ids=["signs", "numbers", "zeros"],
+)
+def test_any_single_change_of_the_code_fails_the_test_beside_it(case, lines, pattern, change, least):
+    robot = on_its_axis() if case == "balanced" else ROBOTS[case]()
+    outputs = ALL[:4]  # the last adds zeros up
+    files = writing.files(*requested(robot, "python", order=1, outputs=outputs, wrench=True))
+    text, test = files[f"{robot.name}.py"], files[f"test_{robot.name}.py"]
+    assert passes_in_python(text, test)
+    mutants = list(changed(text, lines, pattern, change))
+    assert len(mutants) >= least
+    for mutant in mutants:
+        assert not passes_in_python(mutant, test), set(mutant.splitlines()) - set(text.splitlines())
 
 
 @programs
@@ -259,7 +308,7 @@ def test_the_c_has_no_branches_no_globals_and_no_memory():
     assert re.findall(r"^\w.*;$", code, re.MULTILINE) == []  # nothing is declared outside of functions
 
 
-@pytest.mark.skipif(which("arm-none-eabi-gcc") is None or which("make") is None, reason="no arm-none-eabi-gcc")
+@needs("make", "arm-none-eabi-gcc", "arm-none-eabi-nm")
 @pytest.mark.parametrize("single", [False, True])
 def test_what_the_c_takes_on_a_microcontroller(single, tmp_path):
     folder = written(tmp_path, texts(ROBOTS["iiwa14"](), "c", count=1, float32=single))
@@ -274,7 +323,7 @@ def test_what_the_c_takes_on_a_microcontroller(single, tmp_path):
     assert needed == ({"sinf", "cosf"} if single else {"sin", "cos"})
 
 
-@pytest.mark.skipif(which("clang") is None or which("make") is None, reason="no clang")
+@needs("make", "clang")
 def test_clang_warns_of_nothing(tmp_path):
     options = {"order": 1, "outputs": ALL, "wrench": True, "parameters": PARAMETERS, "float32": True}
     assert passes(written(tmp_path, texts(ROBOTS["planar2r"](), "c", **options)), "c", "CC=clang")[0]

@@ -2,21 +2,16 @@
 
 import subprocess
 from pathlib import Path
-from shutil import which
 
 import pytest
 
 from jounce.printing import listing
 from test_codegen import ALL, CASES, PARAMETERS, ROBOTS, STRICT, passes, texts, written
+from tools import needs, obstacles
 
 EIGEN = Path("/usr/include/eigen3")
 EVERYTHING = {"order": 1, "outputs": ALL, "wrench": True, "parameters": PARAMETERS}
-eigen = pytest.mark.skipif(not EIGEN.exists() or which("make") is None, reason="no Eigen")
-
-
-def needs(*tools):
-    missing = [tool for tool in tools if which(tool) is None]
-    return pytest.mark.skipif(bool(missing), reason=f"no {', '.join(missing)}")
+eigen = pytest.mark.skipif(not EIGEN.exists() or bool(obstacles("make")), reason=obstacles("make") or "no Eigen")
 
 
 @eigen

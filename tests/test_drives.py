@@ -4,7 +4,6 @@ import copy
 import subprocess
 import sys
 from pathlib import Path
-from shutil import which
 
 import casadi
 import jax.numpy as jnp
@@ -25,6 +24,7 @@ from jounce.kernel.interface import Interface
 from jounce.kernel.trace import Tape
 from natives import WAYS, native
 from robots import mechanisms, random_mechanism, relative_error
+from tools import require
 
 PANDA = Path(__file__).parents[1] / "examples" / "panda.urdf"
 ONE = {"B": [np.eye(4)], "X": [[0, 0, 1, 0, 0, 0]], "M": [np.eye(6)]}
@@ -213,8 +213,7 @@ def test_generated_code_has_the_drives_that_act(tmp_path, lang):
     base = jounce.load("planar2r").mechanism
     robot = driven(base, stated(np.random.default_rng(10), 2))
     made = jounce.codegen(robot, lang, directory=tmp_path / lang, outputs=["inverse_dynamics", "mass_matrix"])
-    if which("make") is None or (lang == "c" and which("cc") is None):
-        pytest.skip("no make, or no compiler")
+    require("make", *["cc"] * (lang == "c"))
     command = ["make", "-C", str(made.directory), "test", f"PYTHON={sys.executable}"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -11,13 +11,13 @@ import shlex
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
-from shutil import which
 
 import pytest
 from click.testing import CliRunner
 
 import jounce
 from jounce.cli import main
+from tools import obstacle
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -40,11 +40,11 @@ def blocks(page: Path) -> Iterator[tuple[str, str, int]]:
 
 
 def run_commands(session: str) -> set[str]:
-    """Runs them; the tools that are missing, for which some are left out."""
+    """Runs them; what is wrong with the tools for which some are left out."""
     missed = set()
     for command, expected in COMMAND.findall(session):
         words = shlex.split(command, comments=True)
-        missing = {tool for said, tool in TOOLS.items() if said in command and which(tool) is None}
+        missing = {found for said, tool in TOOLS.items() if said in command and (found := obstacle(tool))}
         if words[0] != "jounce" and missing:
             missed |= missing
             continue
@@ -96,7 +96,7 @@ def test_a_page_runs_as_printed(page, tmp_path, monkeypatch):
             assert kind == "sh", f"{page.name}:{line}: a block of {kind} that nothing runs"
             assert "jounce " not in text, f"{page.name}:{line}: a command that nothing runs"
     if missed:
-        pytest.skip(f"all but the commands that take {', '.join(sorted(missed))}")
+        pytest.skip(f"commands are left out: {'; '.join(sorted(missed))}")
 
 
 def test_every_public_name_of_a_robot_has_its_place_in_the_api():

@@ -2,7 +2,6 @@
 
 import subprocess
 from pathlib import Path
-from shutil import which
 from xml.etree import ElementTree
 
 import numpy as np
@@ -11,6 +10,7 @@ from ruamel.yaml import YAML
 
 import jounce
 from test_pages import ROOT, blocks
+from tools import needs
 
 PAGE = ROOT / "docs" / "howto" / "ros2-control.md"
 FLAGS = ["-std=c++17", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wsign-conversion", "-Wshadow", "-Werror"]
@@ -92,7 +92,7 @@ def stepped(package, parameters):
     return subprocess.run([package / "driver"], capture_output=True, text=True, check=True).stdout
 
 
-@pytest.mark.skipif(which("g++") is None, reason="no g++")
+@needs("g++")
 def test_the_plugin_commands_the_torques_of_elastic_joints(package, settings):
     given = settings["feedforward"]["ros__parameters"]
     names, commands = stepped(package, given).split("\n")
