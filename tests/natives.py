@@ -25,5 +25,5 @@ def native(program, interface, way="host"):
 def assembled(text, interface, way="host"):
     """A module as a function of arrays; what it needs lives as long as it does."""
     address, engine = jit.loaded(jit.assembled(text, target(way)), target(way))
-    function, needed = ufunc(address, interface, "native")
+    function, needed = ufunc(address, interface, "native", None)
     return lambda *arrays, kept=(engine, needed), **options: function(*arrays, **options)

@@ -9,33 +9,42 @@ from dataclasses import dataclass
 from itertools import pairwise
 from math import prod
 
-from jounce.kernel import circular, hyperbolic, layout
+from jounce.kernel import circular, hyperbolic, layout, memory, pool
 from jounce.kernel.interface import Interface
 from jounce.kernel.ir import Writer
 from jounce.kernel.program import Program
 from jounce.kernel.target import Target
 
 
-def emitted(define_block: Callable[[Writer], None], interface: Interface, target: Target) -> str:
-    """The module of a kernel whose ``@block(in, out)`` works on one block of states in scratch memory."""
+def emitted(define_block: Callable[[Writer], None], interface: Interface, target: Target, of_bodies: int = 0) -> str:
+    """The module of a kernel whose ``@block(in, out, bodies)`` works on one block of states in scratch memory."""
     ir = Writer(target)
     circular.define_sincos(ir)
     hyperbolic.define_tanh(ir)
     layout.define_transposes(ir)
     layout.define_lanes(ir)
     define_block(ir)
-    _define_states(ir, interface)
+    _define_blocks(ir, interface)
+    size = memory.call_size(interface, of_bodies, target.lanes)
+    define_states = _define_on_stack if size <= memory.STACK else pool.define_on_heap
+    define_states(ir, size)
     return ir.text()
 
 
 def define_block(ir: Writer, program: Program, interface: Interface) -> None:
-    """``@block(in, out)``: a program in a straight line."""
-    with ir.function("internal void @block(ptr %in, ptr %out)"):
+    """``@block(in, out, bodies)``: a program in a straight line."""
+
+    def checked(total: str, first: int, last: int) -> str:
+        for j in range(first, last):
+            total = ir.op("fma", ir.load(ir.at("%in", j, ir.V)), ir.vector(0.0), total)
+        return total
+
+    with ir.function("internal void @block(ptr %in, ptr %out, ptr %bodies)"):
         value = written_steps(ir, program, lambda i: ir.load(ir.at("%in", i, ir.V)))
         _, places = interface.places()
-        for (first, last), poison in zip(pairwise(places), spoilt(ir, interface), strict=True):
+        for (first, last), mask in zip(pairwise(places), nan_masks(ir, interface, checked), strict=True):
             for j in range(first, last):
-                ir.store(ir.op("add", value(program.outputs[j]), poison), ir.at("%out", j, ir.V))
+                ir.store(ir.op("add", value(program.outputs[j]), mask), ir.at("%out", j, ir.V))
         ir.do("ret void")
 
 
@@ -71,31 +80,35 @@ def written_steps(ir: Writer, program: Program, read: Callable[[int], str]) -> C
     return value
 
 
-def spoilt(ir: Writer, interface: Interface) -> Iterator[str]:
-    """For each order of the outputs 0, or NaN where an input that matters to it is not finite."""
+def nan_masks(ir: Writer, interface: Interface, add: Callable[[str, int, int], str]) -> Iterator[str]:
+    """For each order of the outputs 0, or NaN where an input that matters to it is not finite.
+
+    ``add(total, first, last)`` adds 0 times each input from the first to the last.
+    """
     places, _ = interface.places()
     total = ir.vector(0.0)
     for order in range(len(interface.given)):
         for (first, last), matters in zip(pairwise(places), interface.matters, strict=True):
-            for j in range(first, last) if matters == order else ():
-                total = ir.op("fma", ir.load(ir.at("%in", j, ir.V)), ir.vector(0.0), total)
+            if matters == order:
+                total = add(total, first, last)
         yield total
 
 
-def _define_states(ir: Writer, interface: Interface) -> None:
-    """The loop over blocks of states: rows that lie one behind the other go through registers, others lane by lane.
+def _define_blocks(ir: Writer, interface: Interface) -> None:
+    """``@blocks(args, dimensions, steps, memory)``: the loop over blocks of states.
 
-    A result may lie exactly over an array of states, which NumPy then does not copy.
+    Rows that lie one behind the other go through registers, others lane by lane. A result may lie exactly over an array
+    of states, which NumPy then does not copy.
     """
     shapes = [*interface.taken, *interface.given]
     into, out_of = interface.places()
     widths = [prod(shape) for shape in shapes]
     behind = max((-((width - ir.lanes) // width) for width in widths if width < ir.lanes), default=0)
-    with ir.function("void @states(ptr %args, ptr %dimensions, ptr %steps, ptr %data)"):
+    with ir.function("internal void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr %in)"):
         ir.label("start")
-        ir.do(f"%in = alloca [{into[-1] + ir.lanes} x {ir.V}], align 64")
-        ir.do(f"%out = alloca [{out_of[-1] + ir.lanes} x {ir.V}], align 64")
-        scratch = [ir.at("%in", i, ir.V) for i in into[:-1]] + [ir.at("%out", i, ir.V) for i in out_of[:-1]]
+        out = ir.at("%in", into[-1] + ir.lanes, ir.V)
+        bodies = ir.at(out, out_of[-1] + ir.lanes, ir.V)
+        scratch = [ir.at("%in", i, ir.V) for i in into[:-1]] + [ir.at(out, i, ir.V) for i in out_of[:-1]]
         arrays = list(_arrays(ir, shapes))
         dense = "true"
         for array, (rows, columns) in zip(arrays, map(_matrix, shapes), strict=True):
@@ -121,7 +134,7 @@ def _define_states(ir: Writer, interface: Interface) -> None:
             moved = list(zip(shapes, arrays, places, scratch, strict=True))
             for way, part in (("load", moved[:given]), ("store", moved[given:])):
                 if way == "store":
-                    ir.do("call void @block(ptr %in, ptr %out)")
+                    ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies})")
                 ir.do(f"br i1 {quick}, label %{way}.rows, label %{way}.lanes")
                 ir.label(f"{way}.rows")
                 for shape, _, place, there in part:
@@ -136,6 +149,14 @@ def _define_states(ir: Writer, interface: Interface) -> None:
                 ir.label(f"{way}.done")
         ir.do("br label %done")
         ir.label("done")
+        ir.do("ret void")
+
+
+def _define_on_stack(ir: Writer, size: int) -> None:
+    """``@states`` with its scratch memory on the stack."""
+    with ir.function("void @states(ptr %args, ptr %dimensions, ptr %steps, ptr %pool)"):
+        memory = ir.let(f"alloca [{size} x i8], align {pool.ALIGNMENT}")
+        ir.do(f"call void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr {memory})")
         ir.do("ret void")
 
 

@@ -1,6 +1,7 @@
 """The two forms of native code: operations in a straight line, or for larger robots the steps of a joint in a loop."""
 
 from collections.abc import Callable
+from math import inf
 
 import numpy as np
 
@@ -8,19 +9,31 @@ from jounce.kernel import emit, tree
 from jounce.kernel.factor import factored
 from jounce.kernel.fuse import fused
 from jounce.kernel.ir import Writer
+from jounce.kernel.memory import vectors_of_bodies
 from jounce.kernel.program import Program
-from jounce.kernel.quantity import Quantity
-from jounce.kernel.steps import Sweeps
+from jounce.kernel.quantity import LongCompilationError, Quantity
+from jounce.kernel.steps import Sweeps, kinds
 from jounce.kernel.target import Target
-from jounce.kernel.trace import Tape
+from jounce.kernel.trace import Tape, TapeFullError
 from jounce.mechanism import Mechanism, in_whole_numbers
 from jounce.paths import COMPILED, PATHS
 from jounce.series import Series, columns
 
+# What compiling takes, in seconds, as measured on one core of a Zen 4:
+OPERATION = 75e-6  # for an operation in a straight line, as traced
+BODY = 1.2e-3  # for a body in the tables of the loop form
+STEP = 6e-3  # for a kind of joint there, times the square of how many rates
 
-def module(mechanism: Mechanism, quantity: Quantity, target: Target) -> str:
-    """The LLVM IR of a quantity of a robot."""
-    return emit.emitted(_block(mechanism, quantity), quantity.interface, target)
+
+def module(mechanism: Mechanism, quantity: Quantity, target: Target, patience: float = inf) -> str:
+    """The LLVM IR of a quantity of a robot.
+
+    Raises
+    ------
+    LongCompilationError : where compiling it is likely to take longer than `patience` seconds.
+    """
+    of_bodies = vectors_of_bodies(quantity, mechanism.parent)
+    return emit.emitted(_block(mechanism, quantity, patience), quantity.interface, target, of_bodies)
 
 
 def program(mechanism: Mechanism, quantity: Quantity, tape: Tape | None = None) -> Program:
@@ -37,11 +50,17 @@ def program(mechanism: Mechanism, quantity: Quantity, tape: Tape | None = None) 
     return factored(tape.program([x for result in results.upto(quantity.order) for x in np.ravel(result)]))
 
 
-def _block(mechanism: Mechanism, quantity: Quantity) -> Callable[[Writer], None]:
+def _block(mechanism: Mechanism, quantity: Quantity, patience: float) -> Callable[[Writer], None]:
     """What defines ``@block``."""
     if not quantity.straight:
+        steps_of_joints = len(set(kinds(mechanism))) * (quantity.order + 1) ** 2
+        if quantity.nb * BODY + steps_of_joints * STEP > patience:
+            raise LongCompilationError
         acting = mechanism.acting if quantity.name == "inverse_dynamics" else ()
-        sweeps = Sweeps(quantity.name, quantity.order, quantity.loaded, acting)
+        sweeps = Sweeps(quantity, acting)
         return lambda ir: tree.define_block(ir, mechanism, sweeps, quantity.interface)
-    steps = fused(program(mechanism, quantity))
+    try:
+        steps = fused(program(mechanism, quantity, Tape(patience / OPERATION)))
+    except TapeFullError:
+        raise LongCompilationError from None
     return lambda ir: emit.define_block(ir, steps, quantity.interface)

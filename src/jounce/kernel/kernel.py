@@ -5,13 +5,16 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context
 from functools import lru_cache, partial
+from math import inf
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 
 from jounce import names
 from jounce.errors import JounceError, one_line
-from jounce.kernel import cache, jit
+from jounce.kernel import cache, jit, memory
+from jounce.kernel.pool import Pool
 from jounce.kernel.quantity import Quantity
 from jounce.kernel.target import host
 from jounce.kernel.ufunc import ufunc
@@ -27,10 +30,13 @@ class Kernel:
     be pickled: where they are unpickled they are found in the cache, or compiled again.
     """
 
-    def __init__(self, mechanism: Mechanism, quantity: Quantity) -> None:
+    def __init__(self, mechanism: Mechanism, quantity: Quantity, patience: float = inf) -> None:
         self.mechanism, self.quantity = mechanism, quantity
-        self.address, engine = jit.loaded(_code(mechanism, quantity), host())
-        self._ufunc, needed = ufunc(self.address, quantity.interface, quantity.name)
+        self.address, engine = jit.loaded(_code(mechanism, quantity, patience), host())
+        size = memory.scratch_size(quantity, mechanism.parent, host().lanes)
+        self._pool = Pool(size) if size > memory.STACK else None
+        self._pool_address = self._pool.address if self._pool else None
+        self._ufunc, needed = ufunc(self.address, quantity.interface, quantity.name, self._pool_address)
         self._count = len(quantity.interface.taken)
         self._alive = engine, needed
 
@@ -70,13 +76,14 @@ class Kernel:
         everything = [*arrays, *results]
         steps = [array.strides[0] if batch else 0 for array in everything]
         within = [stride for array in everything for stride in array.strides[len(batch) :]]
-        memory = (
+        called = (
             (ctypes.c_void_p * len(everything))(*(array.ctypes.data for array in everything)),
             (ctypes.c_ssize_t * 1)(*batch or (1,)),
             (ctypes.c_ssize_t * len(steps + within))(*steps, *within),
         )
-        call = partial(jit.Loop(self.address), *(ctypes.c_void_p(ctypes.addressof(part)) for part in memory), None)
-        vars(call)["alive"] = self, everything, memory
+        addresses = [*(ctypes.addressof(part) for part in called), self._pool_address]
+        call = partial(jit.Loop(self.address), *map(ctypes.c_void_p, addresses))
+        vars(call)["alive"] = self, everything, called
         return call
 
     def _bound(self, arrays: Sequence[np.ndarray], out: Sequence[np.ndarray]) -> tuple[int, ...]:
@@ -138,13 +145,22 @@ class Kernel:
         return results[0] if len(given) == 1 else tuple(results)
 
 
+_living: WeakValueDictionary[tuple[Mechanism, Quantity], Kernel] = WeakValueDictionary()
+
+
 @lru_cache(maxsize=128)
-def compiled(mechanism: Mechanism, quantity: Quantity) -> Kernel:
-    """The kernel of a quantity of a mechanism of numbers, compiled at its first use."""
-    return Kernel(mechanism, quantity)
+def compiled(mechanism: Mechanism, quantity: Quantity, patience: float = inf) -> Kernel:
+    """The kernel of a quantity of a mechanism of numbers: the one there is, else from the cache, else compiled.
+
+    Raises
+    ------
+    LongCompilationError : where it is still to be compiled, which would take longer than `patience` seconds.
+    """
+    kernel = _living.get((mechanism, quantity)) or Kernel(mechanism, quantity, patience)
+    return _living.setdefault((mechanism, quantity), kernel)
 
 
-def _code(mechanism: Mechanism, quantity: Quantity) -> bytes:
+def _code(mechanism: Mechanism, quantity: Quantity, patience: float) -> bytes:
     """Object code, from the cache where it is there."""
     target = host()
     key = cache.key(mechanism, repr(quantity), target)
@@ -152,6 +168,6 @@ def _code(mechanism: Mechanism, quantity: Quantity) -> bytes:
     if code is None:
         from jounce.kernel.forms import module  # what a warm cache spares
 
-        code = jit.assembled(module(mechanism, quantity, target), target)
+        code = jit.assembled(module(mechanism, quantity, target, patience), target)
         cache.write(key, code)
     return code

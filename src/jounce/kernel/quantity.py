@@ -8,8 +8,11 @@ from jounce.paths import COMPILED
 STRAIGHT = 12  # bodies, up to which straight-line code is no slower than a loop
 WORK = 250  # bodies times orders squared, with which operations grow, up to which it is compiled in a second
 LOOPS = ("inverse_dynamics", "gravity_forces")  # the quantities that the steps of a joint make up
-MOST = 1000  # bodies, whose scratch memory the stack of a thread holds with ease
-HIGHEST = 12  # order, beyond which compiling takes longer than anyone waits unasked
+HIGHEST = 12  # order, up to which the step of a joint takes no more than 40 KiB of a thread's stack
+
+
+class LongCompilationError(Exception):
+    """Compiling takes longer than a caller waits for it."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,11 @@ class Quantity:
         )
 
     @property
+    def moving(self) -> bool:
+        """Whether bodies move: gravity alone is felt at rest."""
+        return self.name != "gravity_forces"
+
+    @property
     def straight(self) -> bool:
         """Whether its code is a straight line, not a loop."""
         return self.nb <= STRAIGHT and self.nb * (self.order + 1) ** 2 <= WORK
@@ -45,4 +53,4 @@ class Quantity:
             return f"it goes to order {HIGHEST}, not {self.order}"
         if not self.straight and self.name not in LOOPS:
             return f"of {self.name} to order {self.order} it is for fewer than {self.nb} bodies"
-        return f"it is for at most {MOST} bodies, not {self.nb}" if self.nb > MOST else None
+        return None

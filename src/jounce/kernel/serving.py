@@ -3,16 +3,21 @@
 import warnings
 from collections.abc import Sequence
 from functools import cache, lru_cache
+from math import inf
 
 import numpy as np
 
 from jounce._scalars import FLOAT, Array, is_numeric
-from jounce.errors import JounceError, JounceWarning, no_such
+from jounce.errors import JounceError, JounceWarning, no_such, warn
+from jounce.kernel import memory
 from jounce.kernel.kernel import Kernel, compiled
-from jounce.kernel.quantity import Quantity
+from jounce.kernel.quantity import LongCompilationError, Quantity
+from jounce.kernel.target import host
 from jounce.mechanism import DATA, Mechanism
 from jounce.paths import COMPILED
 from jounce.rates import checked_order
+
+PATIENCE = 3.0  # seconds that a call may take to compile native code that nobody asked for
 
 
 def serving(
@@ -31,7 +36,7 @@ def serving(
             if method == "kernel":
                 raise JounceError("native code takes float64 arrays of NumPy")
             return None
-    kernel, obstacle = _kernel(mechanism, name, order, bool(W))
+    kernel, obstacle = _kernel(mechanism, name, order, bool(W), PATIENCE if method is None else inf)
     if kernel is None and method == "kernel":
         raise JounceError(f"no native code: {obstacle}")
     return kernel
@@ -46,14 +51,16 @@ def ahead(mechanism: Mechanism, name: str, order: int, loaded: bool) -> Kernel:
         raise JounceError(f"wrench is of type {type(loaded).__name__}; expected True or False: whether calls take any")
     if loaded and name != "inverse_dynamics":
         raise JounceError(f"{name} takes no wrenches")
-    kernel, obstacle = _kernel(mechanism, name, order, loaded)
+    kernel, obstacle = _kernel(mechanism, name, order, loaded, inf)
     if kernel is None:
         raise JounceError(f"no native code: {obstacle}")
     return kernel
 
 
 @lru_cache(maxsize=128)
-def _kernel(mechanism: Mechanism, name: str, order: int, loaded: bool) -> tuple[Kernel | None, str | None]:
+def _kernel(
+    mechanism: Mechanism, name: str, order: int, loaded: bool, patience: float
+) -> tuple[Kernel | None, str | None]:
     """The kernel, or why there is none."""
     quantity = Quantity(name, order, loaded, mechanism.n, mechanism.nb)
     if quantity.obstacle:
@@ -62,7 +69,21 @@ def _kernel(mechanism: Mechanism, name: str, order: int, loaded: bool) -> tuple[
         return None, "the robot holds symbols"
     if not available():
         return None, "llvmlite cannot be imported"
-    return compiled(mechanism, quantity), None
+    size = memory.scratch_size(quantity, mechanism.parent, host().lanes)
+    if size > memory.LIMIT:
+        return None, f"it needs {size >> 20} MiB of scratch memory, more than the limit of {memory.LIMIT >> 20} MiB"
+    try:
+        kernel = compiled(mechanism, quantity, patience)
+    except LongCompilationError:
+        text = (
+            f"native code for {name} of {mechanism.name!r} to order {order} takes longer than {PATIENCE:g} s to compile"
+        )
+        options = [f"order={order}", *["wrench=True"] * loaded, *[f"quantity={name!r}"] * (name != "inverse_dynamics")]
+        warn(f"{text}, so the slower recursion in NumPy is used; robot.compile({', '.join(options)}) compiles it once")
+        return None, text
+    if patience > PATIENCE:
+        _kernel.cache_clear()  # now calls that did not wait have it too
+    return kernel, None
 
 
 @cache

@@ -5,7 +5,6 @@ The mathematics is that of `jounce.recursion.steps`; what distinguishes joints o
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import accumulate
 
 import numpy as np
 
@@ -14,7 +13,9 @@ from jounce._scalars import is_zero
 from jounce.equivalent import minimal, moves
 from jounce.kernel.factor import factored
 from jounce.kernel.fuse import fused
+from jounce.kernel.memory import Layout, body_layout, motion_layout
 from jounce.kernel.program import Program
+from jounce.kernel.quantity import Quantity
 from jounce.kernel.trace import Tape
 from jounce.lie import Ad, pose, position, rotation
 from jounce.mechanism import Mechanism
@@ -27,26 +28,6 @@ NO_FIELD = Series.constant(np.zeros((3, 3), dtype=int))
 CONSTANTS = {"R": 9, "r": 3, "pitch": 1, "m": 1, "h": 3, "P": 6}  # of a joint and its body
 DRIVES = dict.fromkeys(drives.COEFFICIENTS, 1)  # of a joint's drive train
 CARRY = {"R": 9, "r": 3}  # where the joint's frame lies in the body's own, in which wrenches are given
-
-
-@dataclass(frozen=True)
-class Layout:
-    """The vectors of one body in scratch memory: by part, how many rates of how many scalars."""
-
-    parts: tuple[tuple[str, int, int], ...]
-
-    def places(self, name: str) -> list[range]:
-        """Where the rates of a part lie."""
-        starts = accumulate((rates * scalars for _, rates, scalars in self.parts), initial=0)
-        for (part, rates, scalars), start in zip(self.parts, starts, strict=False):
-            if part == name:
-                return [range(start + k * scalars, start + (k + 1) * scalars) for k in range(rates)]
-        raise KeyError(name)
-
-    @property
-    def size(self) -> int:
-        """The number of vectors."""
-        return sum(rates * scalars for _, rates, scalars in self.parts)
 
 
 @dataclass(frozen=True)
@@ -96,36 +77,25 @@ class _Sheet:
 class Sweeps:
     """The steps of a quantity with its rates up to an order."""
 
-    quantity: str
-    order: int
-    loaded: bool
+    quantity: Quantity
     acting: tuple[str, ...] = ()  # the terms of the drives in Q
 
     @property
-    def moving(self) -> bool:
-        """Whether bodies move: gravity alone is felt at rest."""
-        return self.quantity == "inverse_dynamics"
-
-    @property
     def motion(self) -> Layout:
-        """Of one body: its motion, wanted only until its children have theirs."""
-        a = ("a", self.order + 1, 3)
-        return Layout((("w", self.order + 2, 3), a, ("K", self.order + 1, 9)) if self.moving else (a,))
+        """The vectors of the motion of a body."""
+        return motion_layout(self.quantity)
 
     @property
     def layout(self) -> Layout:
-        """Of one body: its joint variable, what acts on it, what its joint feels."""
-        count = self.order + 1
-        joint = (("theta", self.order + (3 if self.moving else 1), 1), ("sine", 1, 1), ("cosine", 1, 1))
-        acting = (("f", count, 3), ("n", count, 3), ("Q", count, 1))
-        return Layout((*joint, *acting, ("W", count, 6)) if self.loaded else (*joint, *acting))
+        """The other vectors of a body."""
+        return body_layout(self.quantity)
 
     def outward(self, kind: str) -> Step:
         """From the parent's motion to the body's, and what this takes."""
         sheet = _Sheet(self)
         joint, moments = _joint(sheet, kind)
         parent = [sheet.read("carrier", name) for name, _, _ in self.motion.parts]
-        if self.moving:
+        if self.quantity.moving:
             x = outward(joint, Motion(*parent))
             results, force = [x.w, x.a, x.K], inertia_force(moments, x.a, x.K)
         else:

@@ -5,6 +5,7 @@ Equal expressions are one node (hash-consing), sums and products have one order,
 """
 
 from collections.abc import Sequence
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -58,10 +59,15 @@ class Node:
         return self.tape.steps[self.i]
 
 
-class Tape:
-    """The steps written so far, each distinct one once."""
+class TapeFullError(Exception):
+    """A trace has more steps than its tape may hold."""
 
-    def __init__(self) -> None:
+
+class Tape:
+    """The steps written so far, each distinct one once, up to a number of them."""
+
+    def __init__(self, most: float = inf) -> None:
+        self.most = most
         self.steps: list[Operation] = []
         self.nodes: dict[tuple[Any, ...], Node] = {}
         self.inputs = 0
@@ -79,6 +85,8 @@ class Tape:
         key = (kind, operands, value)
         node = self.nodes.get(key)
         if node is None:
+            if len(self.steps) >= self.most:
+                raise TapeFullError
             node = self.nodes[key] = Node(self, len(self.steps))
             self.steps.append(Operation(kind, operands, value))
         return node

@@ -11,15 +11,15 @@ from itertools import accumulate, pairwise
 import numpy as np
 
 from jounce.equivalent import minimal
-from jounce.kernel.emit import spoilt, written_steps
+from jounce.kernel.emit import nan_masks, written_steps
 from jounce.kernel.interface import Interface
 from jounce.kernel.ir import Writer
+from jounce.kernel.memory import Layout, motion_slots
 from jounce.kernel.steps import (
     CARRY,
     CONSTANTS,
     DRIVES,
     KINDS,
-    Layout,
     Step,
     Sweeps,
     carry,
@@ -33,25 +33,23 @@ MEMORY = ("constants", "body", "parent", "motion", "carrier")  # what a step rea
 
 
 def define_block(ir: Writer, mechanism: Mechanism, sweeps: Sweeps, interface: Interface) -> None:
-    """``@block(in, out)``: the sweeps over the tree for one block of states."""
+    """``@block(in, out, bodies)``: the sweeps over the tree for one block of states."""
     chain, slots, of_joints = minimal(mechanism), motion_slots(mechanism.parent), kinds(mechanism)
     present = [kind for kind in KINDS if kind in of_joints]
     _define_steps(ir, present, sweeps)
     _define_tables(ir, mechanism, slots, [present.index(kind) for kind in of_joints])
-    with ir.function("internal void @block(ptr %in, ptr %out)"):
+    _define_sum(ir)
+    with ir.function("internal void @block(ptr %in, ptr %out, ptr %bodies)"):
         ir.label("start")
-        ir.do(f"%bodies = alloca [{(chain.nb + 1) * sweeps.layout.size} x {ir.V}], align 64")
-        ir.do(f"%motions = alloca [{(max(slots) + 1) * sweeps.motion.size} x {ir.V}], align 64")
+        ir.do(f"%motions = getelementptr {ir.V}, ptr %bodies, i64 {(chain.nb + 1) * sweeps.layout.size}")
+        _set_results(ir, interface)
         _set_ground(ir, sweeps.motion, chain.gravity)
         with ir.loop(str(chain.nb)) as i:
             memory = _memory(ir, i, sweeps)
             _joint_variable(ir, i, memory[0], sweeps.layout, chain.n)
             _call(ir, "outward", present, i, memory)
-            if sweeps.loaded:
+            if sweeps.quantity.loaded:
                 _load(ir, i, memory, sweeps.layout, interface)
-        _, out_of = interface.places()
-        for j in range(out_of[-1]):
-            ir.store(ir.vector(0.0), ir.at("%out", j, ir.V))
         with ir.loop(str(chain.nb)) as down:
             i = ir.let(f"sub i64 {chain.nb - 1}, {down}")
             memory = _memory(ir, i, sweeps)
@@ -63,10 +61,6 @@ def define_block(ir: Writer, mechanism: Mechanism, sweeps: Sweeps, interface: In
                 for k, (place,) in enumerate(sweeps.layout.places("Q")):
                     Q = ir.at("%out", ir.let(f"add i64 {coordinate}, {k * chain.n}"), ir.V)
                     ir.store(ir.op("fma", factor, ir.load(ir.at(memory[0], place, ir.V)), ir.load(Q)), Q)
-        for (first, last), poison in zip(pairwise(out_of), spoilt(ir, interface), strict=True):
-            for j in range(first, last):
-                Q = ir.at("%out", j, ir.V)
-                ir.store(ir.op("add", ir.load(Q), poison), Q)
         ir.do("ret void")
 
 
@@ -74,7 +68,7 @@ def _define_steps(ir: Writer, present: Sequence[str], sweeps: Sweeps) -> None:
     for kind in present:
         _define_step(ir, f"outward_{kind}", sweeps.outward(kind))
         _define_step(ir, f"inward_{kind}", sweeps.inward(kind))
-    if sweeps.loaded:
+    if sweeps.quantity.loaded:
         _define_step(ir, "load", sweeps.load())
     if sweeps.acting:
         _define_step(ir, "drive", sweeps.drive())
@@ -92,8 +86,36 @@ def _define_tables(ir: Writer, mechanism: Mechanism, slots: Sequence[int], of_jo
     followed = [np.flatnonzero(row).tolist() or [0] for row in G]  # coordinates by joint, at least one
     _define_table(ir, "entries", [0, *accumulate(map(len, followed))])  # those of joint i: from entry i to entry i + 1
     _define_table(ir, "coordinates", [j for row in followed for j in row])
-    _define_table(ir, "factors", [row[j] for row, listed in zip(G.tolist(), followed, strict=True) for j in listed])
+    _define_table(ir, "factors", [float(row[j]) for row, listed in zip(G, followed, strict=True) for j in listed])
     _define_table(ir, "offsets", mechanism.g.astype(float).tolist())
+
+
+def _define_sum(ir: Writer) -> None:
+    """``@sum(x, count, total)``: 0 times each of so many vectors, added to a total."""
+    with ir.function(f"internal {ir.V} @sum(ptr %x, i64 %count, {ir.V} %total)"):
+        ir.label("start")
+        ir.do("br label %loop")
+        ir.label("loop")
+        i = ir.let("phi i64 [ 0, %start ], [ %next, %loop ]")
+        total = ir.let(f"phi {ir.V} [ %total, %start ], [ %more, %loop ]")
+        zero = ir.op("mul", ir.load(ir.at("%x", i, ir.V)), ir.vector(0.0))
+        ir.do(f"%more = fadd {ir.V} {total}, {zero}")
+        ir.do(f"%next = add i64 {i}, 1")
+        ir.do(f"br i1 {ir.let('icmp slt i64 %next, %count')}, label %loop, label %done")
+        ir.label("done")
+        ir.do(f"ret {ir.V} %more")
+
+
+def _set_results(ir: Writer, interface: Interface) -> None:
+    """What the forces are added to: 0, or NaN where an input that matters to their order is not finite."""
+    _, places = interface.places()
+
+    def add(total: str, first: int, last: int) -> str:
+        return ir.let(f"call {ir.V} @sum(ptr {ir.at('%in', first, ir.V)}, i64 {last - first}, {ir.V} {total})")
+
+    for (first, last), mask in zip(pairwise(places), nan_masks(ir, interface, add), strict=True):
+        with ir.loop(str(last), str(first)) as j:
+            ir.store(mask, ir.at("%out", j, ir.V))
 
 
 def _set_ground(ir: Writer, motion: Layout, gravity: np.ndarray) -> None:
@@ -128,18 +150,6 @@ def _load(ir: Writer, i: str, memory: Sequence[str], layout: Layout, interface: 
             ir.store(ir.load(given), ir.at(memory[0], place, ir.V))
     table = ir.at("@carry", ir.let(f"mul i64 {i}, {sum(CARRY.values())}"))
     ir.do(f"call void @load({_pointers(table, *memory)})")
-
-
-def motion_slots(parent: Sequence[int]) -> list[int]:
-    """Where motions are kept, the ground's first: a slot is free again when the last child has its motion."""
-    last = [max((i for i, p in enumerate(parent) if p == body), default=body) for body in range(-1, len(parent))]
-    held: dict[int, int] = {0: last[0]}  # by slot, until which body
-    slots = [0]
-    for i in range(len(parent)):
-        slot = next(k for k in range(len(held) + 1) if held.get(k, -1) < i)
-        held[slot] = last[i + 1]
-        slots.append(slot)
-    return slots
 
 
 def _memory(ir: Writer, i: str, sweeps: Sweeps) -> list[str]:

@@ -14,11 +14,11 @@ FROM_SIGNATURE = 31  # PyUFunc_FromFuncAndDataAndSignature's place in the table 
 NO_IDENTITY = -1
 
 
-def ufunc(address: int, interface: Interface, name: str) -> tuple[np.ufunc, Any]:
-    """The ufunc of a loop at an address, and what must live as long as it does."""
+def ufunc(address: int, interface: Interface, name: str, pool: int | None) -> tuple[np.ufunc, Any]:
+    """The ufunc of a loop at an address that is given the address of a pool, and what must live as long as it does."""
     taken, given = interface.taken, interface.given
     count = len(taken) + len(given)
-    loops, data = (ctypes.c_void_p * 1)(address), (ctypes.c_void_p * 1)(None)
+    loops, data = (ctypes.c_void_p * 1)(address), (ctypes.c_void_p * 1)(pool)
     types = ctypes.create_string_buffer(bytes([np.dtype(float).num] * count))
     signature = "->".join(",".join(f"({','.join(map(str, shape))})" for shape in shapes) for shapes in (taken, given))
     texts = name.encode(), b"", signature.encode()
