@@ -6,7 +6,7 @@ import numpy as np
 from lxml import etree
 
 from jounce import linkage
-from jounce.errors import JounceError, no_such, one_line
+from jounce.errors import JounceError, no_such, one_line, quoted
 from jounce.inertia import inertia_matrix, symmetric
 from jounce.io.files import finite, read_bytes
 from jounce.io.orientation import direction, from_rpy
@@ -66,7 +66,7 @@ def _joint(element: etree._Element, file: str) -> linkage.Joint:
     name, kind = _text(element, "name", file), _text(element, "type", file)
     kinds = ["fixed", *MOVING, *FREE]
     if kind not in kinds:
-        raise JounceError(f"{_at(element, file)}: joint {name!r}: {no_such('joint type', kind, kinds)}")
+        raise JounceError(f"{_at(element, file)}: joint {quoted(name)}: {no_such('joint type', kind, kinds)}")
     return linkage.Joint(
         name=name,
         parent=_text(_child(element, "parent", file), "link", file),
@@ -84,7 +84,8 @@ def _joint(element: etree._Element, file: str) -> linkage.Joint:
 def _screw(element: etree._Element, kind: str, file: str) -> np.ndarray:
     axis = direction(_numbers(_child(element, "axis", file), "xyz", 3, file))
     if axis is None:
-        raise JounceError(f"{_at(element, file)}: joint {element.get('name')!r} has a zero axis; expected a direction")
+        name = quoted(element.get("name"))
+        raise JounceError(f"{_at(element, file)}: joint {name} has a zero axis; expected a direction")
     X = np.zeros(6)
     X[MOVING[kind] : MOVING[kind] + 3] = axis
     return X
@@ -132,7 +133,7 @@ def _child(element: etree._Element, tag: str, file: str) -> etree._Element:
     child = element.find(tag)
     if child is None:
         name = element.get("name")
-        raise JounceError(f"{_at(element, file)}: <{element.tag}>{f' {name!r}' if name else ''} has no <{tag}>")
+        raise JounceError(f"{_at(element, file)}: <{element.tag}>{f' {quoted(name)}' if name else ''} has no <{tag}>")
     return child
 
 
@@ -149,7 +150,7 @@ def _numbers(element: etree._Element, attribute: str, count: int, file: str, def
         raise JounceError(f"{_at(element, file)}: <{element.tag}> has no {attribute}=; {expected}")
     numbers = [number for number in map(finite, text.split()) if number is not None]
     if not len(numbers) == len(text.split()) == count:
-        raise JounceError(f"{_at(element, file)}: <{element.tag} {attribute}={text!r}>; {expected}")
+        raise JounceError(f"{_at(element, file)}: <{element.tag} {attribute}={quoted(text)}>; {expected}")
     return np.array(numbers)
 
 

@@ -5,7 +5,7 @@ from contextlib import redirect_stderr
 from io import StringIO
 from pathlib import Path
 
-from jounce.errors import JounceError, no_such, one_line, shortened, warn
+from jounce.errors import JounceError, no_such, one_line, quoted, warn
 from jounce.io.files import check_readable
 
 
@@ -50,12 +50,12 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
         absent = getattr(error, "exc", None)
         if isinstance(absent, packages.PackageNotFoundError):
             places = "in the folders above the file, nor in those that ROS_PACKAGE_PATH names"
-            raise JounceError(f"{path}: xacro: no package {absent.args[0]!r} {places}") from None
-        message = shortened(one_line(error) or type(error).__name__, 300)
+            raise JounceError(f"{path}: xacro: no package {quoted(absent.args[0])} {places}") from None
+        message = one_line(error) or type(error).__name__
         raise JounceError(f"{path}: xacro: {message}") from None
     for name in arguments:
         if name not in given.asked:
             raise JounceError(f"{path}: {no_such('xacro argument', name, sorted(given.asked))}")
     if said.getvalue().strip():
-        warn(f"{path}: xacro: {shortened(one_line(said.getvalue()), 300)}")
+        warn(f"{path}: xacro: {one_line(said.getvalue())}")
     return document.toprettyxml(indent="  ").encode()  # the lines that `xacro FILE` writes
