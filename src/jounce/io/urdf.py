@@ -6,8 +6,9 @@ import numpy as np
 from lxml import etree
 
 from jounce import linkage
-from jounce.errors import JounceError, no_such, one_line, quoted
+from jounce.errors import JounceError, no_such, one_line, quoted, shortened
 from jounce.inertia import inertia_matrix, symmetric
+from jounce.io.doctype import refuse_declarations
 from jounce.io.files import finite, read_bytes
 from jounce.io.orientation import direction, from_rpy
 from jounce.lie import pose
@@ -34,17 +35,19 @@ def parse(content: bytes, file: str, name: str, gravity: object, base: str | Non
 
 
 def _parsed(content: bytes, file: str) -> etree._Element:
-    # entities stay unresolved and nothing is fetched: a robot file is data, never a program
+    # nothing is resolved and nothing is fetched: a robot file is data, never a program
+    refuse_declarations(content, file)
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, remove_comments=True)
     try:
         root = etree.fromstring(content, parser)
     except etree.XMLSyntaxError as error:
         raise JounceError(f"{file}:{error.lineno}: not XML: {one_line(error.msg) or 'the file is empty'}") from None
     if root.tag != "robot":
-        raise JounceError(f"{file}: the root element is <{root.tag}>; a URDF has <robot>")
+        raise JounceError(f"{file}: the root element is <{shortened(str(root.tag))}>; a URDF has <robot>")
     for element in root.iter(etree.Element, etree.Entity):
         if element.tag is etree.Entity:
-            raise JounceError(f"{_at(element, file)}: {element.text} is an entity, never resolved; write its content")
+            name = shortened(element.text or "")
+            raise JounceError(f"{_at(element, file)}: {name} is an entity, never resolved; write its content")
         if element.prefix == "xacro":
             raise JounceError(f"{_at(element, file)}: xacro macros, which are expanded where a file is called *.xacro")
     return root
