@@ -14,7 +14,7 @@ from jounce.rates import checked_order
 from jounce.robot import Robot
 
 if TYPE_CHECKING:
-    from jounce.io.tables import Columns
+    from jounce.io.columns import Columns
     from jounce.motion import Motion
 
 PLACE = "the motion"  # where columns without a file stand, in messages
@@ -84,7 +84,7 @@ def load_motion(
 
 
 def _columns(source: Any) -> "Columns":
-    from jounce.io import tables
+    from jounce.io.columns import checked
 
     with at(PLACE):
         columns = names.entries(source)
@@ -92,4 +92,4 @@ def _columns(source: Any) -> "Columns":
         if odd:
             raise JounceError(f"column {quoted(odd[0])} has no text as its name; expected t and names of joints")
         arrays = {str(name): np.asarray(asarray(x, f"column {quoted(name)}")) for name, x in columns.items()}
-    return tables.checked(PLACE, arrays)
+    return checked(PLACE, arrays)
