@@ -9,6 +9,7 @@ from click.testing import CliRunner
 import jounce
 from jounce.cli import main
 from jounce.kernel import cache
+from test_parts import left
 
 CODE = {"a" * 64: b"code", "b" * 64: b"more code"}
 
@@ -40,9 +41,9 @@ def summary(*words):
 
 def test_it_counts_kernels_alone(filled):
     size = sum((filled / (name + cache.SUFFIX)).stat().st_size for name in CODE)
-    expected = {"folder": str(filled), "private": True, "cleared": False, "kernels": 2, "bytes": size}
+    expected = {"folder": str(filled), "private": True, "cleared": False, "kernels": 2, "bytes": size, "limit": 2**28}
     assert summary() == expected
-    assert call().stdout == f"{filled}\nkernels kept: 2, {size} bytes\n"
+    assert call().stdout == f"{filled}\nkernels kept: 2, {size} bytes of at most {2**28}\n"
 
 
 def test_it_removes_kernels_alone(filled):
@@ -52,6 +53,29 @@ def test_it_removes_kernels_alone(filled):
     assert (filled / "notes.txt").read_text() == "mine"
     assert all(cache.read(name) is None for name in CODE)
     assert summary("--clear")["kernels"] == 0
+
+
+def test_it_shows_the_limit_that_is_set(filled, monkeypatch):
+    monkeypatch.setenv("JOUNCE_CACHE_SIZE", "0.5")
+    assert summary()["limit"] == 2**19
+
+
+@pytest.mark.parametrize("set_to", ["much", "-1", "nan", "inf", "1_0", "x" * 200])
+def test_a_limit_that_is_no_size_is_refused(filled, monkeypatch, set_to):
+    monkeypatch.setenv("JOUNCE_CACHE_SIZE", set_to)
+    result = call()
+    assert (result.exit_code, result.stdout) == (2, "")
+    [line] = result.stderr.splitlines()
+    assert line.startswith(f"Error: JOUNCE_CACHE_SIZE is '{set_to[:80]}")
+    assert len(line) < 200
+
+
+@pytest.mark.skipif(not hasattr(os, "uname"), reason="which processes are gone cannot be told on Windows")
+def test_it_removes_what_killed_writers_left_and_nothing_of_those_that_write(filled):
+    gone, live, mine = left(filled), left(filled, os.getpid()), filled / "notes.part"
+    mine.touch()
+    summary("--clear")
+    assert (gone.exists(), live.exists(), mine.exists()) == (False, True, True)
 
 
 @pytest.mark.parametrize("words", [(), ("--clear",)])

@@ -15,6 +15,7 @@ from jounce.kernel import kernel as module
 from jounce.kernel.kernel import Kernel
 from jounce.kernel.quantity import Quantity
 from jounce.kernel.target import host
+from test_parts import left
 
 ROBOT = jounce.load("planar2r")
 QUANTITY = Quantity("gravity_forces", 0, False, 2, 2)
@@ -187,6 +188,52 @@ def test_a_disk_that_is_full_leaves_nothing_behind(folder, monkeypatch):
     monkeypatch.setattr(cache.Path, "write_bytes", lambda *_: (_ for _ in ()).throw(OSError(28, "no space left")))
     works()
     assert list(folder.iterdir()) == []
+
+
+def kept(folder):
+    return {path.stem for path in folder.glob(f"*{cache.SUFFIX}")}
+
+
+def fill(folder, names, size=1000):
+    """Kernels of so many bytes each, used one after the other, a long time ago."""
+    for i, name in enumerate(names):
+        cache.write(name, bytes(size - 32))
+        os.utime(folder / (name + cache.SUFFIX), (i, i))
+
+
+def test_the_least_recently_used_make_room(folder, monkeypatch):
+    monkeypatch.setenv("JOUNCE_CACHE_SIZE", str(4000 / 2**20))
+    fill(folder, "abcd")
+    assert cache.read("a") is not None  # which is a use
+    cache.write("e", bytes(1500 - 32))
+    assert kept(folder) == set("ade")
+    assert sum(path.stat().st_size for path in cache.entries()) <= 4000
+    cache.write("d", bytes(1500 - 32))  # in place of its older self
+    assert kept(folder) == set("ade")
+
+
+def test_a_kernel_larger_than_the_limit_drives_nothing_out(folder, monkeypatch):
+    fill(folder, "ab")
+    monkeypatch.setenv("JOUNCE_CACHE_SIZE", str(2000 / 2**20))
+    cache.write("c", bytes(2000))
+    assert kept(folder) == set("ab")
+    monkeypatch.setenv("JOUNCE_CACHE_SIZE", "0")
+    works()
+    assert kept(folder) == set("ab")
+
+
+@posix
+def test_the_next_kernel_removes_what_a_killed_writer_left(folder):
+    fill(folder, "a")
+    gone, live = left(folder), left(folder, os.getpid())
+    fill(folder, "b")
+    assert (gone.exists(), live.exists()) == (False, True)
+
+
+def test_an_entry_that_cannot_be_touched_is_read(folder, monkeypatch):
+    fill(folder, "a")
+    monkeypatch.setattr(os, "utime", lambda *_: (_ for _ in ()).throw(PermissionError()))
+    assert cache.read("a") is not None
 
 
 def test_the_key_tells_apart_whatever_the_code_depends_on():

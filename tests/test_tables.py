@@ -1,14 +1,17 @@
 """Tables: every digit kept, every bad cell named, never half a file."""
 
 import gc
+import tracemalloc
+import warnings
 from io import BytesIO, StringIO
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
 
 import jounce
 from files import refusal
-from jounce.io import tables
+from jounce.io import csv, tables
 
 COLUMNS = {"t": np.arange(9.0), "a": np.arange(9.0) ** 2}
 
@@ -22,6 +25,15 @@ def npz(compressed=False, **columns):
 def npy(array):
     file = BytesIO()
     np.save(file, array)
+    return file.getvalue()
+
+
+def doubled(name, more=b""):
+    """An archive with a column t, and one more member."""
+    file = BytesIO(npz(t=np.zeros(3)))
+    with ZipFile(file, "a") as archive, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the name that is there already
+        archive.writestr(name, npy(np.ones(3)) + more)
     return file.getvalue()
 
 
@@ -79,6 +91,41 @@ def test_what_numpy_writes(tmp_path, read):
     assert found["a"].tolist() == (np.arange(3, dtype=np.float32) / 3).tolist()
 
 
+@pytest.mark.parametrize("cells", [1, 6, 1000])
+def test_pieces_are_of_some_rows_and_make_the_whole(tmp_path, monkeypatch, cells):
+    monkeypatch.setattr(csv, "CELLS", cells)
+    x = np.random.default_rng(3).normal(size=(3, 50))
+    columns, path = dict(zip("tab", x, strict=True)), tmp_path / "table.csv"
+    tables.write(path, columns)
+    rows = [len(piece["t"]) for piece in tables.pieces(path)]
+    assert sum(rows) == 50
+    assert max(rows) == max(1, min(50, cells // 3))
+    found = tables.read(path)
+    assert np.array_equal([found[name] for name in columns], x)
+    path.write_text(path.read_text() + "1,2,bad\n")
+    refusal(lambda: tables.read(path), f"{path}:52: column 'b' holds 'bad'")
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz"])
+def test_tables_take_no_more_than_three_times_their_size_in_memory(tmp_path, suffix):
+    rng = np.random.default_rng(4)
+    columns, path = {name: rng.normal(size=30_000) for name in "tabc"}, tmp_path / f"table{suffix}"
+    peaks = []
+    for call in (lambda: tables.write(path, columns), lambda: tables.read(path)):
+        gc.collect()
+        tracemalloc.start()
+        call()
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert max(peaks) < 3 * path.stat().st_size + 8e6  # which a piece takes, of a table of any size
+
+
+def test_half_a_character_in_a_column_name_is_refused(tmp_path):
+    for suffix in (".csv", ".npz"):
+        refusal(lambda suffix=suffix: tables.write(tmp_path / f"t{suffix}", {"\ud800": ZEROS}), "cannot be written")
+    assert list(tmp_path.iterdir()) == []
+
+
 BAD_CSV = {
     "empty": ("", ["nothing in it", "column names"]),
     "blank": ("\n , \n", ["nothing in it"]),
@@ -97,6 +144,8 @@ BAD_CSV = {
     "zeros": (bytes(99), []),
     "open quote": ('t,"a\n1,2\n', ["CSV"]),
     "text after a quote": ('t,"a"b\n1,2\n', ["CSV"]),
+    "long cell": (f"t,a\n1,{'x' * 200}\n", [":2", f"'{'x' * 80}...'"]),
+    "directions in a cell": ("t,a\n1,\u202e\x1b[2J\n", [":2", r"'\u202e\x1b[2J'"]),
     "huge cell": (f"t,a\n1,{'2' * 200_000}\n", ["CSV"]),
 }
 ZEROS = np.zeros(3)
@@ -114,6 +163,10 @@ BAD_NPZ = {
     "ragged": (npz(t=ZEROS, a=np.zeros(2)), ["'a'", "(2,)", "(3,)"]),
     "text column": (npz(t=ZEROS, a=np.array(["x"] * 3)), ["'a'", "<U1"]),
     "complex": (npz(t=ZEROS, a=1j * ZEROS), ["'a'", "complex128"]),
+    "column twice": (doubled("t.npy"), ["'t'", "2 times"]),
+    "column with and without its ending": (doubled("t"), ["'t'", "2 times"]),
+    "column beside a field": (npz(a=ZEROS, t=np.zeros(3, [("a", float)])), ["'a'", "2 times"]),
+    "more after the array": (doubled("a.npy", b"more"), ["'a'", "more follows"]),
     "NaN": (npz(t=ZEROS, a=np.array([0, np.nan, 0])), ["'a'", "nan", "row 1", "finite"]),
     "infinite": (npz(t=np.array([0, 1, -np.inf])), ["'t'", "-inf", "row 2"]),
 }

@@ -66,7 +66,7 @@ def test_colour_only_where_wanted(monkeypatch, settings, coloured, asked):
 def test_columns_are_straight(monkeypatch):
     monkeypatch.setenv("NO_COLOR", "1")
     assert straight_columns([("a", "bb", ""), ("ccc", "d", "e")]) == ["a    bb", "ccc  d   e"]
-    assert straight_columns([("a\nb", "c"), ("d", "e")]) == [r"'a\nb'  c", "d       e"]
+    assert straight_columns([("a\nb", "c"), ("d", "e")]) == [r"a\nb  c", "d     e"]
 
 
 @pytest.mark.parametrize(

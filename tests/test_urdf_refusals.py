@@ -239,4 +239,47 @@ def test_content_behind_an_entity_is_not_lost_silently(tmp_path):
     """Entities stay unresolved, so that a link whose inertia stands in one would weigh nothing."""
     head = "<!DOCTYPE robot [<!ENTITY heavy \"<inertial><mass value='9'/><inertia/></inertial>\">]>\n<robot>"
     path = robot_file(tmp_path, LINKS[0], link("arm", inner="&heavy;"), joint("turn", "base", "arm"), head=head)
-    refusal(lambda: jounce.load(path), str(path), "heavy")
+    refusal(lambda: jounce.load(path), str(path), "entity")
+
+
+DECLARED = {
+    "entity": '[<!ENTITY heavy "9">]',
+    "default attribute": '[<!ATTLIST mass value CDATA "9">]',
+    "nothing": "[]",
+    "parameter": '[<!ENTITY % p SYSTEM "p.dtd"> %p;]',
+    "elsewhere": 'SYSTEM "robot.dtd"',
+}
+MASS = '<inertial><mass/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+
+
+@pytest.mark.parametrize("suffix", ["urdf", "xml", "xacro"])
+@pytest.mark.parametrize("declared", DECLARED.values(), ids=DECLARED)
+def test_a_document_type_that_declares_anything_is_refused_as_a_whole(tmp_path, declared, suffix):
+    """Else the mass of the arm would be 9 kg for one reader and none for another."""
+    items = (LINKS[0], link("arm", inner=MASS), joint("turn", "base", "arm"))
+    head = f"<?xml version='1.0'?>\n<!DOCTYPE robot {declared}>\n<robot name='r'>"
+    path = robot_file(tmp_path, *items, head=head, name=f"robot.{suffix}")
+    message = refusal(lambda: jounce.load(path), f"{path}:2: the document type", "entity", "default attribute")
+    assert message.startswith(str(path))
+
+
+def test_so_are_those_of_included_files(tmp_path):
+    head = f"<!DOCTYPE robot {DECLARED['default attribute']}>\n<robot>"
+    robot_file(tmp_path, link("arm", inner=MASS), joint("turn", "base", "arm"), head=head, name="arm.xacro")
+    path = robot_file(
+        tmp_path, LINKS[0], '<xacro:include filename="arm.xacro"/>', name="robot.xacro",
+        head='<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">',
+    )  # fmt: skip
+    refusal(lambda: jounce.load(path), str(path), "arm.xacro:1: the document type")
+
+
+def test_mjcf_is_no_exception(tmp_path):
+    path = tmp_path / "robot.xml"
+    path.write_text('<!DOCTYPE mujoco [<!ENTITY m "9">]>\n<mujoco/>')
+    refusal(lambda: jounce.load(path), f"{path}:1: the document type")
+
+
+@pytest.mark.parametrize("suffix", ["urdf", "xml", "xacro"])
+def test_a_document_type_alone_does_no_harm(tmp_path, suffix):
+    path = robot_file(tmp_path, *GOOD, head="<!DOCTYPE robot>\n<robot name='r'>", name=f"robot.{suffix}")
+    assert jounce.load(path).joint_names == ("turn",)

@@ -1,19 +1,18 @@
 """Higher-order inverse dynamics: a robot and a motion in, the drive forces Q and their exact time derivatives out."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
-from jounce.errors import JounceError, JounceWarning
-from jounce.inertia import inertia_matrix
-from jounce.io.loading import load
-from jounce.robot import Robot
-
+TYPE_CHECKING = False  # typing is not imported: until the command begins, Ctrl-C has Python's own traceback
 if TYPE_CHECKING:
+    from typing import Any
+
     from jounce.casadi_functions import casadi_function
+    from jounce.errors import JounceError, JounceWarning
     from jounce.expressions import symbolic
+    from jounce.inertia import inertia_matrix
+    from jounce.io.loading import load
     from jounce.io.motions.loading import load_motion
     from jounce.io.saving import save
     from jounce.printing import codegen
+    from jounce.robot import Robot
 
 __version__ = "0.1.0"
 
@@ -30,18 +29,25 @@ __all__ = [
     "save",
     "symbolic",
 ]
-_LATER = {  # what not every program needs is imported when it is first asked for
+_LATER = {  # what is imported when it is first asked for, so that whatever needs little of it starts at once
+    "JounceError": "jounce.errors",
+    "JounceWarning": "jounce.errors",
+    "Robot": "jounce.robot",
     "casadi_function": "jounce.casadi_functions",
     "codegen": "jounce.printing",
+    "inertia_matrix": "jounce.inertia",
+    "load": "jounce.io.loading",
     "load_motion": "jounce.io.motions.loading",
     "save": "jounce.io.saving",
     "symbolic": "jounce.expressions",
 }
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     if name not in _LATER:
         raise AttributeError(f"module 'jounce' has no attribute {name!r}")
+    from importlib import import_module
+
     globals()[name] = getattr(import_module(_LATER[name]), name)
     return globals()[name]
 

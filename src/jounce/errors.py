@@ -6,14 +6,23 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
+from reprlib import Repr
+
+MOST = 80  # characters of one thing in a message, be it a cell, a name or a value
 
 
 class JounceError(Exception):
     """Base class of everything that jounce raises: says what came, what was expected, what exists."""
 
+    def __init__(self, text: object = "") -> None:
+        super().__init__(escaped(str(text)))
+
 
 class JounceWarning(UserWarning):
     """Base class of everything that jounce warns of."""
+
+    def __init__(self, text: object = "") -> None:
+        super().__init__(escaped(str(text)))
 
 
 def warn(text: str) -> None:
@@ -37,22 +46,54 @@ def no_such(kind: str, name: object, existing: Iterable[str]) -> JounceError:
     """The error for an unknown name: the nearest valid one first, then all that exist."""
     known, said = list(existing), str(name)
     near = get_close_matches(said, known, n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ";"
-    return JounceError(f"no {kind} {shortened(said)!r}{hint} there are: {listed(known) or 'none'}")
+    hint = f"; did you mean {quoted(near[0])}?" if near else ";"
+    return JounceError(f"no {kind} {quoted(said)}{hint} there are: {listed(known) or 'none'}")
 
 
 def listed(names: Iterable[str], most: int = 24) -> str:
-    """Names in a row, on one line whatever they hold, the first of them where they are many."""
-    shown = [name if name.isprintable() else repr(name) for name in names]
+    """Names in a row, each as `shortened` shows it, the first of them where they are many."""
+    shown = [shortened(name) for name in names]
     rest = f", ... ({len(shown)} in all)" if len(shown) > most else ""
     return ", ".join(shown[:most]) + rest
 
 
-def shortened(text: str, most: int = 80) -> str:
-    """A text cut to a length that a message bears."""
+def quoted(given: object) -> str:
+    """A value from a file or a caller as Python writes it, cut to what a message bears."""
+    if isinstance(given, str):
+        return repr(_cut(str(given), MOST))
+    return one_line(_BRIEF.repr(given), MOST)
+
+
+def one_line(error: object, most: int = 300) -> str:
+    """What another library's error says, on one line."""
+    return shortened(" ".join(str(error).split()), most)
+
+
+def shortened(text: str, most: int = MOST) -> str:
+    """A text as it may stand in a line: cut, and nothing in it that a terminal would take for a command."""
+    return escaped(_cut(text, most))
+
+
+def escaped(text: str) -> str:
+    """A text with its control and direction characters, and all others that do not print, as Python escapes them."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def _cut(text: str, most: int) -> str:
     return text if len(text) <= most else f"{text[:most]}..."
 
 
-def one_line(error: object) -> str:
-    """What another library's error says, on one line."""
-    return " ".join(str(error).split())
+class _Brief(Repr):
+    """What values look like in messages: aliases in YAML make trees of any size out of a few lines."""
+
+    def repr_int(self, x: int, level: int) -> str:
+        try:
+            return super().repr_int(x, level)
+        except ValueError:  # Python writes no integer of more than 4,300 digits
+            return f"an integer of {x.bit_length()} bits"
+
+
+_BRIEF = _Brief()
+_BRIEF.maxlevel, _BRIEF.maxlist, _BRIEF.maxstring, _BRIEF.maxother = 2, 4, 60, 60

@@ -13,7 +13,7 @@ import numpy as np
 
 from jounce import inertia
 from jounce.drives import UNDRIVEN, drive_error
-from jounce.errors import JounceError, at, listed, no_such, warn
+from jounce.errors import JounceError, at, listed, no_such, quoted, shortened, warn
 from jounce.mechanism import UNLIMITED, Frame, Mechanism, limit_error
 from jounce.screws import from_screws
 
@@ -123,21 +123,21 @@ def _distinct(items: Sequence[Item], kind: str) -> dict[str, Item]:
     for item in items:
         if item.name in found:
             first = found[item.name].place
-            raise JounceError(f"{item.place}: second {kind} named {item.name!r}; the first is at {first}")
+            raise JounceError(f"{item.place}: second {kind} named {quoted(item.name)}; the first is at {first}")
         found[item.name] = item
     return found
 
 
 def _check(links: Sequence[Link], joints: Sequence[Joint]) -> None:
     """Refuse numbers that are none, or none of a joint, by the name and place of what states them."""
-    held = [(link.place, f"inertia of link {link.name!r}", link.M) for link in links]
+    held = [(link.place, f"inertia of link {quoted(link.name)}", link.M) for link in links]
     for joint in joints:
         law = [] if joint.mimic is None else [joint.mimic.multiplier, joint.mimic.offset]
         for what, numbers in (("pose", joint.B), ("axis", [] if joint.X is None else joint.X), ("mimic", law)):
-            held.append((joint.place, f"{what} of joint {joint.name!r}", np.array(numbers)))
+            held.append((joint.place, f"{what} of joint {quoted(joint.name)}", np.array(numbers)))
         error = limit_error(**UNLIMITED | dict(joint.limits)) or drive_error(**joint.drive)
         if error:
-            raise JounceError(f"{joint.place}: joint {joint.name!r}: {error}")
+            raise JounceError(f"{joint.place}: joint {quoted(joint.name)}: {error}")
     for place, what, array in held:
         for x in array[~np.isfinite(array)][:1]:
             raise JounceError(f"{place}: {what} holds {x}; expected finite numbers")
@@ -150,10 +150,12 @@ def _outward(links: Mapping[str, Link], joints: Sequence[Joint]) -> list[Joint]:
     for joint in joints:
         for role, link in (("parent", joint.parent), ("child", joint.child)):
             if link not in links:
-                raise JounceError(f"{joint.place}: {role} of joint {joint.name!r}: {no_such('link', link, links)}")
+                named = f"{role} of joint {quoted(joint.name)}"
+                raise JounceError(f"{joint.place}: {named}: {no_such('link', link, links)}")
         if joint.child in above:
-            both = f"{above[joint.child].name!r} and {joint.name!r}"
-            raise JounceError(f"{joint.place}: link {joint.child!r} is the child of two joints, {both}; expected one")
+            both = f"{quoted(above[joint.child].name)} and {quoted(joint.name)}"
+            child = quoted(joint.child)
+            raise JounceError(f"{joint.place}: link {child} is the child of two joints, {both}; expected one")
         above[joint.child] = joint
         children[joint.parent].append(joint)
     roots = [link for link in links if link not in above]
@@ -195,7 +197,7 @@ def _weld(ordered: Sequence[Joint], base: str | None, file: str) -> None:
     if base is None:
         more = f" (and {len(free) - 1} more are free)" if len(free) > 1 else ""
         ways = "base='fixed', which welds it at its zero pose, or root=, a link to start at"
-        raise JounceError(f"{free[0].place}: joint {free[0].name!r} is {free[0].free}{more}; expected {ways}")
+        raise JounceError(f"{free[0].place}: joint {quoted(free[0].name)} is {free[0].free}{more}; expected {ways}")
     warn(f"{file}: welded at zero, as base='fixed' asks: {listed(f'{joint.name} ({joint.free})' for joint in free)}")
 
 
@@ -210,12 +212,15 @@ def _coordinates(
         factor, offset, followed = 1.0, 0.0, [joint.name]
         while (mimic := known[followed[-1]].mimic) is not None:
             if mimic.joint not in known:
-                raise JounceError(f"{joint.place}: mimic of {followed[-1]!r}: {no_such('joint', mimic.joint, known)}")
+                error = no_such("joint", mimic.joint, known)
+                raise JounceError(f"{joint.place}: mimic of {quoted(followed[-1])}: {error}")
             if mimic.joint in followed:
-                raise JounceError(f"{joint.place}: joints mimic in a circle: {' -> '.join([*followed, mimic.joint])}")
+                circle = " -> ".join(map(shortened, [*followed, mimic.joint]))
+                raise JounceError(f"{joint.place}: joints mimic in a circle: {circle}")
             held = "fixed" if known[mimic.joint].X is None else None if mimic.joint in kept else "left out by root="
             if held:
-                raise JounceError(f"{joint.place}: joint {followed[-1]!r} mimics {mimic.joint!r}, which is {held}")
+                both = f"joint {quoted(followed[-1])} mimics {quoted(mimic.joint)}"
+                raise JounceError(f"{joint.place}: {both}, which is {held}")
             factor, offset = factor * mimic.multiplier, offset + factor * mimic.offset
             followed.append(mimic.joint)
         G[i, free.index(followed[-1])], g[i] = factor, offset

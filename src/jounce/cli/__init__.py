@@ -1,7 +1,9 @@
 """The command `jounce`: one verb a file; what jounce raises becomes one line and exit code 2."""
 
 import errno
+import sys
 import warnings
+from io import TextIOWrapper
 from typing import IO, Any
 
 import click
@@ -17,7 +19,7 @@ from jounce.cli.plot import plot
 from jounce.cli.robots import robots
 from jounce.cli.run import run
 from jounce.cli.words import styled
-from jounce.errors import one_line
+from jounce.errors import escaped, one_line
 
 EPILOG = """\b
 Example:
@@ -38,17 +40,38 @@ class _Refusal(click.ClickException):
         click.echo(f"{styled('Error', fg='red', bold=True)}: {self.format_message()}", file=file, err=True)
 
 
+class _Interruption(click.ClickException):
+    """Ctrl-C where Python itself sees to it: the command is called from another program."""
+
+    exit_code = 130
+
+    def __init__(self) -> None:
+        super().__init__("Aborted!")
+
+    def show(self, file: IO[Any] | None = None) -> None:
+        click.echo(f"\n{self.format_message()}", file=file, err=True)
+
+
 def _warn(message: Warning | str, *_: Any, **__: Any) -> None:
-    click.echo(f"{styled('Warning', fg='yellow', bold=True)}: {message}", err=True)
+    click.echo(f"{styled('Warning', fg='yellow', bold=True)}: {escaped(str(message))}", err=True)
 
 
 class _Verbs(click.Group):
+    def main(self, *args: Any, **options: Any) -> Any:
+        """Run the command; what the output cannot encode is escaped."""
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, TextIOWrapper):
+                stream.reconfigure(errors="backslashreplace")
+        return super().main(*args, **options)
+
     def invoke(self, ctx: click.Context) -> Any:
         with warnings.catch_warnings():
             warnings.showwarning = _warn
             warnings.simplefilter("ignore", RuntimeWarning)  # numpy's of overflow; what is not finite is refused
             try:
                 return super().invoke(ctx)
+            except KeyboardInterrupt:
+                raise _Interruption from None
             except JounceError as error:
                 raise _Refusal(str(error)) from error
             except MemoryError as error:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jounce.cli.names import ROBOT
-from jounce.errors import JounceError
+from jounce.errors import JounceError, quoted
 
 if TYPE_CHECKING:
     from jounce.robot import Robot
@@ -77,9 +77,10 @@ def _pairs(option: str, given: Sequence[str]) -> dict[str, str]:
     for text in given:
         name, _, value = text.rpartition("=")
         if not name:
-            raise JounceError(f"{option} {text!r}; expected {'JOINT' if option == '--lock' else 'NAME'}=VALUE")
+            raise JounceError(f"{option} {quoted(text)}; expected {'JOINT' if option == '--lock' else 'NAME'}=VALUE")
         if name in found:
-            raise JounceError(f"{option} {text!r} is a second value of {name!r}; the first is {found[name]!r}")
+            second = f"{option} {quoted(text)} is a second value of {quoted(name)}"
+            raise JounceError(f"{second}; the first is {quoted(found[name])}")
         found[name] = value
     return found
 
@@ -90,5 +91,5 @@ def _held(given: Sequence[str]) -> dict[str, float]:
     numbers = {name: finite(value) for name, value in _pairs("--lock", given).items()}
     for text, number in zip(given, numbers.values(), strict=True):
         if number is None:
-            raise JounceError(f"--lock {text!r}; expected a finite number, rad or m")
+            raise JounceError(f"--lock {quoted(text)}; expected a finite number, rad or m")
     return {name: number for name, number in numbers.items() if number is not None}

@@ -1,8 +1,8 @@
 """`jounce cache`: the compiled kernels that are kept on disk."""
 
-import json
-
 import click
+
+from jounce.cli.words import tell
 
 EPILOG = """\b
 Example:
@@ -10,8 +10,10 @@ Example:
   jounce cache --clear
 
 \b
-Kernels are compiled anew where they are missing. JOUNCE_CACHE_DIR in the
-environment names another folder.
+Kernels that are missing are compiled again. JOUNCE_CACHE_DIR in the
+environment names another folder, JOUNCE_CACHE_SIZE the MiB that all kernels
+together may take, 256 if it is not set: the least recently used are removed
+first.
 """
 
 
@@ -29,11 +31,13 @@ def cache(clear: bool, as_json: bool) -> None:
         "cleared": clear,
         "kernels": len(sizes),
         "bytes": sum(sizes),
+        "limit": kernels.limit(),
     }
-    click.echo(json.dumps(summary, indent=2) if as_json else _in_words(summary))
+    tell(summary, _in_words, as_json)
 
 
 def _in_words(summary: dict[str, object]) -> str:
     found = f"kernels {'removed' if summary['cleared'] else 'kept'}: {summary['kernels']}, {summary['bytes']} bytes"
+    found += "" if summary["cleared"] else f" of at most {summary['limit']}"
     unused = "" if summary["private"] else "\nnot used: the folder is not yours alone"
     return f"{summary['folder']}\n{found}{unused}"

@@ -1,11 +1,12 @@
 """`jounce codegen`: a robot's equations as source code in another language, with tests."""
 
-import json
 from pathlib import Path
+from typing import Any
 
 import click
 
 from jounce.cli.asked import Asked, on_robot
+from jounce.cli.words import tell
 
 EPILOG = """\b
 Example:
@@ -64,6 +65,9 @@ def codegen(
         "robot": str(robot.path), "language": lang, "order": order, "output": str(made.directory),
         "files": list(made.files), "operations": made.operations,
     }  # fmt: skip
-    lines = [f"{name}: {count} operations" for name, count in made.operations.items()]
-    lines.append(f"{', '.join(made.files)} written to {made.directory}")
-    click.echo(json.dumps(summary, indent=2) if as_json else "\n".join(lines))
+    tell(summary, _in_words, as_json)
+
+
+def _in_words(summary: dict[str, Any]) -> str:
+    lines = [f"{name}: {count} operations" for name, count in summary["operations"].items()]
+    return "\n".join([*lines, f"{', '.join(summary['files'])} written to {summary['output']}"])

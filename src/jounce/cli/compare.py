@@ -1,15 +1,12 @@
 """`jounce compare`: a robot checked against other libraries, its own other paths, and differentiation."""
 
-import json
-from typing import TYPE_CHECKING
+from typing import Any
 
 import click
 
 from jounce.cli.asked import Asked, on_robot
-from jounce.cli.words import straight_columns
-
-if TYPE_CHECKING:
-    from jounce.comparison import Check
+from jounce.cli.words import straight_columns, tell
+from jounce.errors import shortened
 
 EPILOG = """\b
 Example:
@@ -39,23 +36,22 @@ def compare(ctx: click.Context, robot: Asked, order: int, states: int, seed: int
     arm, path = robot.load(), robot.path
     checks = checks_of(arm, path if path.is_file() else None, order=order, states=states, seed=seed)
     passed = all(check.passed for check in checks)
-    if as_json:
-        data = {"robot": arm.name, "states": states, "order": order, "passed": passed}
-        rows = [vars(check) | {"passed": check.passed} for check in checks]
-        click.echo(json.dumps(data | {"checks": rows}, indent=2))
-    else:
-        click.echo(_in_words(arm.name, states, checks))
+    rows = [vars(check) | {"passed": check.passed} for check in checks]
+    data = {"robot": arm.name, "states": states, "order": order, "passed": passed, "checks": rows}
+    tell(data, _in_words, as_json)
     ctx.exit(0 if passed else 1)
 
 
-def _in_words(name: str, states: int, checks: "list[Check]") -> str:
+def _in_words(data: dict[str, Any]) -> str:
     rows: list[tuple[str, ...]] = [("", "against", "worst error", "allowed", "")]
+    checks = data["checks"]
     for check in checks:
-        if check.error is None:
-            rows.append((check.quantity, check.against, "-", "-", check.remark))
-        else:
-            verdict = check.remark if check.passed else f"TOO LARGE {check.remark}"
-            rows.append((check.quantity, check.against, f"{check.error:.1e}", f"{check.allowed:.0e}", verdict))
-    worst = [check for check in checks if not check.passed]
+        error, allowed, verdict = "-", "-", check["remark"]
+        if check["error"] is not None:
+            error, allowed = f"{check['error']:.1e}", f"{check['allowed']:.0e}"
+            verdict = verdict if check["passed"] else f"TOO LARGE {verdict}"
+        rows.append((check["quantity"], check["against"], error, allowed, verdict))
+    worst = [check for check in checks if not check["passed"]]
     end = f"{len(worst)} of {len(checks)} errors are too large" if worst else "all agree"
-    return "\n".join([f"{name} at {states} random states: {end}", "", *straight_columns(rows)])
+    head = f"{shortened(data['robot'])} at {data['states']} random states"
+    return "\n".join([f"{head}: {end}", "", *straight_columns(rows)])

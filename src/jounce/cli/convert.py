@@ -1,12 +1,13 @@
 """`jounce convert`: a robot from any file that jounce reads into one of its own format."""
 
-import json
 from pathlib import Path
+from typing import Any
 
 import click
 
 from jounce.cli.asked import Asked, on_robot
-from jounce.errors import JounceError
+from jounce.cli.words import tell
+from jounce.errors import JounceError, shortened
 
 EPILOG = """\b
 Example:
@@ -43,5 +44,9 @@ def convert(robot: Asked, output: Path, as_json: bool) -> None:
         "nb": m.nb,
         "frames": len(m.frames),
     }
-    words = f"{arm.name}: {m.n} coordinates, {m.nb} bodies, {len(m.frames)} merged links written to {output}"
-    click.echo(json.dumps(summary, indent=2) if as_json else words)
+    tell(summary, _in_words, as_json)
+
+
+def _in_words(summary: dict[str, Any]) -> str:
+    size = f"{summary['n']} coordinates, {summary['nb']} bodies, {summary['frames']} merged links"
+    return f"{shortened(summary['robot'])}: {size} written to {summary['output']}"

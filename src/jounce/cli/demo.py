@@ -1,13 +1,12 @@
 """`jounce demo`: the iiwa example of the paper, end to end, with its pictures."""
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.words import progress, straight_columns
+from jounce.cli.words import progress, straight_columns, tell
 from jounce.report.canvas import FORMATS
 
 if TYPE_CHECKING:
@@ -78,7 +77,7 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
         "pictures": list(pictures),
         "formats": formats,
     }
-    click.echo(json.dumps(summary, indent=2) if as_json else _in_words(summary))
+    tell(summary, _in_words, as_json)
 
 
 def _peaks(found: "Example") -> list[float]:

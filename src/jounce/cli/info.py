@@ -1,13 +1,13 @@
 """`jounce info`: the bodies, joints, limits and masses of a robot, and an audit of them."""
 
-import json
 from textwrap import wrap
 from typing import Any
 
 import click
 
 from jounce.cli.asked import Asked, on_robot
-from jounce.cli.words import straight_columns
+from jounce.cli.words import straight_columns, tell
+from jounce.errors import shortened
 
 WIDTH = 100  # columns of a terminal
 EPILOG = """\b
@@ -31,7 +31,7 @@ def info(robot: Asked, strict: bool, as_json: bool) -> None:
     from jounce.description import describe
 
     data = describe(robot.load().mechanism)
-    click.echo(json.dumps(data, indent=2) if as_json else _in_words(data))
+    tell(data, _in_words, as_json)
     if strict and any(finding["severity"] != "note" for finding in data["findings"]):
         raise SystemExit(1)
 
@@ -41,7 +41,7 @@ def _in_words(data: dict[str, Any]) -> str:
 
     gravity = " ".join(f"{x:g}" for x in data["gravity"])
     size = f"{data['n']} coordinates, {data['nb']} bodies, {data['mass']:.6g} kg moving"
-    head = f"{data['name']}: {size}, gravity {gravity} m/s^2"
+    head = f"{shortened(data['name'])}: {size}, gravity {gravity} m/s^2"
     rows: list[tuple[str, ...]] = [("joint", "type", "axis", "body", "on", "mass kg", "COM m")]
     for body in data["bodies"]:
         kind = body["type"] if body["pitch"] is None else f"{body['type']} {body['pitch']:g} m/rad"
@@ -49,7 +49,8 @@ def _in_words(data: dict[str, Any]) -> str:
             body["joint"], kind, _vector(body["axis"], ".4g"), body["name"], body["parent"],
             f"{body['mass']:.5g}", "-" if body["com"] is None else _vector(body["com"], "z.3f"),
         ))  # fmt: skip
-    order = wrap(f"q: {', '.join(c['name'] for c in data['coordinates'])}", width=WIDTH, subsequent_indent="   ")
+    coordinates = ", ".join(shortened(c["name"]) for c in data["coordinates"])
+    order = wrap(f"q: {coordinates}", width=WIDTH, subsequent_indent="   ")
     lines = [head, *order, "", *straight_columns(rows)]
     limited = [_limits(body) for body in data["bodies"] if any(x is not None for x in body["limits"].values())]
     if limited:
@@ -58,10 +59,10 @@ def _in_words(data: dict[str, Any]) -> str:
     if driven:
         acting = f"in Q: {', '.join(data['acting']) or 'none of these'}"
         lines += ["", *straight_columns([("drive", "armature", "damping", "friction", "spring"), *driven]), acting]
-    follows = [f"{body['joint']} = {body['follows']}" for body in data["bodies"] if body["follows"]]
+    follows = [f"{shortened(body['joint'])} = {body['follows']}" for body in data["bodies"] if body["follows"]]
     if follows:
         lines += ["", *follows]
-    merged = [f"{link} ({body})" for link, body in data["merged_links"].items()]
+    merged = [f"{shortened(link)} ({shortened(body)})" for link, body in data["merged_links"].items()]
     if merged:
         lines += ["", *wrap(f"merged links: {', '.join(merged)}", width=WIDTH, subsequent_indent="  ")]
     return "\n".join([*lines, *_moments(data["bodies"]), *_findings(data["findings"])])

@@ -1,10 +1,12 @@
 """`jounce plot`: the curves of a table as a picture."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import click
+
+from jounce.cli.words import tell
 
 EPILOG = """\b
 Example:
@@ -45,7 +47,11 @@ def plot(table: Path, output: Path, joints: Sequence[str], quantities: Sequence[
         "states": states,
         "panels": {panel.label: list(panel.curves) for panel in drawn},
     }
-    shown = ", ".join(panel.label.split()[0] for panel in drawn)
-    count = len({joint for panel in drawn for joint in panel.curves})
-    words = f"{shown} of {count} joint{'s' * (count > 1)}, {states} state{'s' * (states > 1)}, drawn to {output}"
-    click.echo(json.dumps(summary, indent=2) if as_json else words)
+    tell(summary, _in_words, as_json)
+
+
+def _in_words(summary: dict[str, Any]) -> str:
+    shown = ", ".join(label.split()[0] for label in summary["panels"])
+    count, states = len({joint for joints in summary["panels"].values() for joint in joints}), summary["states"]
+    size = f"{count} joint{'s' * (count > 1)}, {states} state{'s' * (states > 1)}"
+    return f"{shown} of {size}, drawn to {summary['output']}"

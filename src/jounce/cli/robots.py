@@ -37,7 +37,7 @@ def robots(robot: Path | None, as_json: bool) -> None:
             raise no_such("bundled robot", name, BUNDLED)
         data = _plain(BUNDLED[name]) | {"notices": notices(name)}
         text = "\n\n".join([_table([data]), *data["notices"].values()]).rstrip()
-    click.echo(json.dumps(data, indent=2, ensure_ascii=False) if as_json else text)
+    click.echo(json.dumps(data, indent=2) if as_json else text)
 
 
 def _plain(robot: "Bundled") -> dict[str, Any]:

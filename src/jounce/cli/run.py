@@ -1,6 +1,5 @@
 """`jounce run`: the drive forces and their rates along a motion, from table to table."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -8,8 +7,8 @@ import click
 
 from jounce.cli.asked import Asked, on_robot
 from jounce.cli.names import MOTION
-from jounce.cli.words import progress, straight_columns
-from jounce.errors import JounceError
+from jounce.cli.words import progress, straight_columns, tell
+from jounce.errors import JounceError, shortened
 
 if TYPE_CHECKING:
     import numpy as np
@@ -89,7 +88,7 @@ def run(
             for j, joint in enumerate(arm.joint_names)
         },
     }
-    click.echo(json.dumps(summary, indent=2) if as_json else _in_words(summary))
+    tell(summary, _in_words, as_json)
 
 
 def _along(robot: "Robot", motion: "Motion", method: str | None) -> "list[np.ndarray]":
@@ -117,8 +116,9 @@ def _in_words(summary: dict[str, Any]) -> str:
     for joint, peaks in summary["peaks"].items():
         rows.append((joint, summary["units"][joint], *(f"{peaks[name]:.6g}" for name in names)))
     residual = "" if summary["residual"] is None else f", largest residual {summary['residual']:.2g}"
+    along = f"{shortened(summary['robot'])} along {summary['motion']}"
     return "\n".join([
-        f"{summary['robot']} along {summary['motion']}: {summary['states']} states, t = {first:g} .. {last:g} s",
+        f"{along}: {summary['states']} states, t = {first:g} .. {last:g} s",
         summary["source"] + residual,
         f"{', '.join(names)} written to {summary['output']}",
         "",

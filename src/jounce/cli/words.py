@@ -1,5 +1,6 @@
-"""What a command says: straight columns, and a bar for work that takes more than a second."""
+"""What a command says: in words or as JSON, in straight columns, with a bar for work that takes more than a second."""
 
+import json
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -9,6 +10,8 @@ from typing import Any
 
 import click
 
+from jounce.errors import escaped, shortened
+
 PATIENCE = 1.0  # s without a sign of life
 
 
@@ -17,9 +20,26 @@ def styled(text: str, **style: Any) -> str:
     return text if os.environ.get("NO_COLOR") else click.style(text, **style)
 
 
+def tell(data: Any, in_words: Callable[[Any], str], as_json: bool) -> None:
+    """Print plain data, as JSON or in words."""
+    click.echo(json.dumps(data, indent=2) if as_json else in_words(_readable(data)))
+
+
+def _readable(data: Any) -> Any:
+    """Data whose texts a terminal takes for nothing but texts, wherever they come from."""
+    if isinstance(data, dict):
+        return {_readable(name): _readable(value) for name, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_readable(item) for item in data]
+    return escaped(data) if isinstance(data, str) else data
+
+
 def straight_columns(rows: list[tuple[str, ...]]) -> list[str]:
-    """Rows of texts as lines, one each, with straight columns, the first of them in bold where the terminal can."""
-    rows = [tuple(cell if cell.isprintable() else repr(cell) for cell in row) for row in rows]
+    """Rows of texts as lines, one each, with straight columns, the first of them in bold where the terminal can.
+
+    Cells are cut, but for the last of a row, which moves no other.
+    """
+    rows = [(*map(shortened, row[:-1]), escaped(row[-1])) for row in rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     head, *body = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
     return [styled(head, bold=True), *body]

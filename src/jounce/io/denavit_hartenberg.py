@@ -19,7 +19,7 @@ import numpy as np
 from jounce import denavit_hartenberg
 from jounce.denavit_hartenberg import CONVENTIONS, PARAMETERS, TYPES
 from jounce.drives import UNDRIVEN
-from jounce.errors import JounceError, at, no_such
+from jounce.errors import JounceError, at, no_such, quoted
 from jounce.io.entries import Entry
 from jounce.io.native import parts
 from jounce.mechanism import GRAVITY, UNLIMITED, Mechanism
@@ -37,7 +37,7 @@ def read(robot: Entry, gravity: object = None) -> Mechanism:
     name, own = robot.get("name", robot.path.stem).text(), robot.get("gravity", list(GRAVITY)).numbers((3,))
     rows = [row.keys(PARAMETERS, ROW) for row in robot.get("dh").items(least=1)]
     joints, bodies = _names(rows, "name", "joint"), _names(rows, "body", "body")
-    rows = [row.named(f"joint {name!r}") for row, name in zip(rows, joints, strict=True)]
+    rows = [row.named(f"joint {quoted(name)}") for row, name in zip(rows, joints, strict=True)]
     types = [_choice(row, "type", TYPES) if "type" in row.value else TYPES[0] for row in rows]
     units = [unit if kind == "revolute" else 1.0 for kind in types]
     limits = [_in_rad(parts.limits(row), row, "limits", x) for row, x in zip(rows, units, strict=True)]

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from difflib import get_close_matches
 from pathlib import Path
 
-from jounce.errors import JounceError, listed, no_such, shortened
+from jounce.errors import JounceError, listed, no_such
 from jounce.io import denavit_hartenberg, entries, skidy
 from jounce.io.entries import Entry
 from jounce.io.native import reading
@@ -28,5 +28,5 @@ def read(path: Path, gravity: object = None) -> Mechanism:
         if get_close_matches(key, FORMATS, n=1):
             raise JounceError(f"{robot.get(key).place}: {no_such('key in the robot', key, FORMATS)}")
     formats = ", ".join(f"{key!r} ({words})" for key, (words, _) in FORMATS.items())
-    came = listed(shortened(key) for key in keys) or "none"
+    came = listed(keys) or "none"
     raise JounceError(f"{robot.place}: the robot has no key that tells its format, {formats}; its keys are: {came}")

@@ -7,16 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from reprlib import Repr
 from typing import Any
 
 import numpy as np
 
-from jounce.errors import JounceError, at, listed, no_such, one_line, shortened
+from jounce.errors import JounceError, at, listed, no_such, one_line, quoted, shortened
 from jounce.io.files import read_bytes
-
-_BRIEF = Repr()  # of values in messages: aliases make trees of any size out of a few lines
-_BRIEF.maxlevel, _BRIEF.maxlist, _BRIEF.maxstring, _BRIEF.maxother = 2, 4, 60, 60
 
 
 @dataclass(frozen=True)
@@ -36,7 +32,7 @@ class Entry:
 
     def error(self, expected: str) -> JounceError:
         """The refusal of the value."""
-        return JounceError(f"{self.place}: {self.what} is {one_line(_BRIEF.repr(self.value))}; expected {expected}")
+        return JounceError(f"{self.place}: {self.what} is {quoted(self.value)}; expected {expected}")
 
     def refusals(self) -> AbstractContextManager[None]:
         """Inside, refusals gain the place of this entry."""
@@ -59,14 +55,15 @@ class Entry:
     def need(self, key: str, needed: Sequence[str] = ()) -> "Entry":
         """What stands under a key that must be there, among all those needed."""
         if key not in self._mapping():
-            raise JounceError(f"{self.place}: {self.what} has no {key!r}; expected {listed(needed or [key])}")
+            raise JounceError(f"{self.place}: {self.what} has no {quoted(key)}; expected {listed(needed or [key])}")
         return self.get(key)
 
     def alone(self, key: str, others: Sequence[str]) -> bool:
         """Whether a key is there that excludes the others."""
         for other in others:
             if key in self._mapping() and other in self.value:
-                raise JounceError(f"{self.place}: {self.what} has both {key!r} and {other!r}; expected one of them")
+                both = f"{quoted(key)} and {quoted(other)}"
+                raise JounceError(f"{self.place}: {self.what} has both {both}; expected one of them")
         return key in self.value
 
     def get(self, key: Any, default: Any = None) -> "Entry":
@@ -75,7 +72,7 @@ class Entry:
         pairs = self.node.value if self.node is not None and self.node.id == "mapping" else []
         named, node = next(((k, v) for k, v in pairs if k.value == str(key)), (None, None))
         line = self.line if named is None else named.start_mark.line + 1
-        return Entry(value, f"{key} of {self.what}", self.path, line, node)
+        return Entry(value, f"{shortened(str(key))} of {self.what}", self.path, line, node)
 
     def members(self) -> dict[str, "Entry"]:
         """What stands under all the keys; a key that YAML takes for a number is a name all the same."""
@@ -141,7 +138,7 @@ def read(path: Path, what: str) -> Entry:
     except Exception as error:  # beside the parsers' own: numbers of 5,000 digits, the 31st of June, 9,999 brackets
         mark = getattr(error, "problem_mark", None)
         line = getattr(error, "lineno", None) if mark is None else mark.line + 1
-        said = shortened(one_line(getattr(error, "problem", None) or error) or type(error).__name__, 160)
+        said = one_line(getattr(error, "problem", None) or error) or type(error).__name__
         raise JounceError(f"{path}{'' if line is None else f':{line}'}: not {kind}: {said}") from None
 
 
@@ -160,5 +157,5 @@ def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
         [(key, _)] = Counter(key for key, _ in pairs).most_common(1)
-        raise ValueError(f"key {key!r} stands twice")
+        raise ValueError(f"key {quoted(key)} stands twice")
     return found

@@ -2,12 +2,14 @@
 
 import math
 import os
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from uuid import uuid4
+from typing import BinaryIO
 
-from jounce.errors import JounceError
+from jounce.errors import JounceError, one_line
+from jounce.io.parts import part_in, remove_abandoned
 
 
 def check_readable(path: Path) -> None:
@@ -22,9 +24,17 @@ def check_readable(path: Path) -> None:
 
 def read_bytes(path: Path) -> bytes:
     """The content of a file."""
+    with opened(path) as file:
+        return file.read()
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[BinaryIO]:
+    """A file to read from; inside, what goes wrong with it is a `JounceError`."""
     check_readable(path)
     try:
-        return path.read_bytes()
+        with path.open("rb") as file:
+            yield file
     except OSError as error:
         raise JounceError(f"{path}: cannot be read: {error.strerror or error}") from None
 
@@ -57,17 +67,34 @@ def make_folder(path: Path) -> None:
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """A path to write to, beside `path`; at the end it is moved there, so that no half of a file is ever seen."""
+    """A path to write to, beside `path`; at the end it is moved there, so that no half of a file is ever seen.
+
+    A file that is replaced passes its mode on, and until then nobody else reads the new one.
+    """
     check_writable(path)
     target = path.resolve()
-    part = target.with_name(f".jounce-{uuid4().hex[:12]}.part")
+    remove_abandoned(target.parent)
+    part, mode = part_in(target.parent), mode_of(target)
     try:
+        part.touch(0o666 if mode is None else 0o600, exist_ok=False)
         yield part
+        if mode is not None:
+            part.chmod(mode)
         part.replace(target)
     except OSError as error:
         raise JounceError(f"{path}: cannot be written: {error.strerror or error}") from None
+    except UnicodeEncodeError as error:  # half a character in a name
+        raise JounceError(f"{path}: a name cannot be written: {one_line(error)}") from None
     finally:
         part.unlink(missing_ok=True)
+
+
+def mode_of(path: Path) -> int | None:
+    """The permissions of what is there, or None where nothing is."""
+    try:
+        return stat.S_IMODE(path.stat().st_mode)
+    except FileNotFoundError:
+        return None
 
 
 def finite(text: str) -> float | None:

@@ -3,10 +3,10 @@
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
-from uuid import uuid4
 
 from jounce.errors import JounceError, listed
-from jounce.io.files import check_writable
+from jounce.io.files import check_writable, mode_of
+from jounce.io.parts import part_in, remove_abandoned
 
 
 def check_folder(folder: Path, mark: str, names: list[str], force: bool) -> None:
@@ -31,20 +31,24 @@ def write_folder(folder: Path, files: Mapping[str, str], mark: str, force: bool)
     """Write texts as the files of a folder, all of them or none.
 
     With `force` it need not be empty: of the files in it only those of the same names are replaced, if they bear the
-    mark of such files; all others stay.
+    mark of such files; all others stay. What is replaced passes its mode on, the folder too.
     """
     check_folder(folder, mark, list(files), force)
     target = folder.resolve()
-    part = target.with_name(f".jounce-{uuid4().hex[:12]}.part")
+    remove_abandoned(target.parent)
+    part, mode = part_in(target.parent), mode_of(target)
     try:
-        part.mkdir()
+        part.mkdir(0o777 if mode is None else 0o700)
         for name, text in files.items():
             (part / name).write_text(text, encoding="utf-8", newline="\n")
+            if (before := mode_of(target / name)) is not None:
+                (part / name).chmod(before)
         if target.is_dir() and any(target.iterdir()):
             for name in files:
                 (part / name).replace(target / name)
         else:
-            if target.is_dir():
+            if mode is not None:
+                part.chmod(mode)
                 target.rmdir()  # empty, as is checked anew by the system
             part.replace(target)
     except OSError as error:

@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from jounce._scalars import is_numeric
 from jounce.drives import AMOUNTS
-from jounce.errors import JounceError, at, no_such, warn
+from jounce.errors import JounceError, at, no_such, quoted, warn
 from jounce.io.bundled import BUNDLED
 from jounce.mechanism import Mechanism
 from jounce.robot import Robot
@@ -72,7 +72,7 @@ def load(
         return robot
     driven = robot.with_drives(drives)
     if not any(getattr(driven.drives, name).any() for name in AMOUNTS):
-        warn(f"{source}: states no drive trains; drives={drives!r} adds nothing")
+        warn(f"{source}: states no drive trains; drives={quoted(drives)} adds nothing")
     return driven
 
 

@@ -8,8 +8,9 @@ from typing import Any
 
 from lxml import etree
 
-from jounce.errors import JounceError, one_line, warn
+from jounce.errors import JounceError, one_line, shortened, warn
 from jounce.io import urdf
+from jounce.io.doctype import refuse_declarations
 from jounce.io.files import read_bytes
 from jounce.mechanism import Mechanism
 from jounce.models import mujoco as models
@@ -23,7 +24,7 @@ def read(path: Path, gravity: object = None, base: str | None = None, root: str 
     if element == "robot":
         return urdf.read(path, gravity, base, root)
     if element not in MJCF:
-        raise JounceError(f"{path}: the root element is <{element}>; MJCF has <mujoco>, a URDF <robot>")
+        raise JounceError(f"{path}: the root element is <{shortened(str(element))}>; MJCF has <mujoco>, a URDF <robot>")
     return models.mechanism(compiled(path), gravity, base, root, file=path)
 
 
@@ -57,7 +58,9 @@ def _warnings(mujoco: Any) -> Iterator[list[str]]:
 
 def _root(path: Path) -> object:
     """The tag of the root element, before anything is made of the file."""
-    parts = etree.iterparse(BytesIO(read_bytes(path)), events=("start",), resolve_entities=False, no_network=True)
+    content = read_bytes(path)
+    refuse_declarations(content, path)
+    parts = etree.iterparse(BytesIO(content), events=("start",), resolve_entities=False, no_network=True)
     try:
         return next(parts)[1].tag
     except etree.XMLSyntaxError as error:

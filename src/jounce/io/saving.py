@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from jounce.errors import JounceError, one_line
+from jounce.errors import JounceError
 from jounce.io import files
 from jounce.io.native import writing
 from jounce.mechanism import Mechanism
@@ -44,12 +44,9 @@ def save(robot: Robot, path: str | os.PathLike[str]) -> None:
         raise JounceError(f"a robot is saved to a path, not to one of type {type(path).__name__}")
     target = Path(path).expanduser()
     check_writable(target)
-    try:
-        content = WRITERS[target.suffix.lower()](robot.mechanism).encode()
-    except UnicodeEncodeError as error:  # half a character in a name
-        raise JounceError(f"{target}: a name cannot be written: {one_line(error)}") from None
+    content = WRITERS[target.suffix.lower()](robot.mechanism)
     with files.written_whole(target) as part:
-        part.write_bytes(content)
+        part.write_text(content, encoding="utf-8", newline="\n")
 
 
 WRITERS: dict[str, Callable[[Mechanism], str]] = {".yaml": writing.yaml, ".yml": writing.yaml, ".json": writing.as_json}

@@ -6,8 +6,9 @@ import numpy as np
 from lxml import etree
 
 from jounce import linkage
-from jounce.errors import JounceError, no_such, one_line
+from jounce.errors import JounceError, no_such, one_line, quoted, shortened
 from jounce.inertia import inertia_matrix, symmetric
+from jounce.io.doctype import refuse_declarations
 from jounce.io.files import finite, read_bytes
 from jounce.io.orientation import direction, from_rpy
 from jounce.lie import pose
@@ -34,17 +35,19 @@ def parse(content: bytes, file: str, name: str, gravity: object, base: str | Non
 
 
 def _parsed(content: bytes, file: str) -> etree._Element:
-    # entities stay unresolved and nothing is fetched: a robot file is data, never a program
+    # nothing is resolved and nothing is fetched: a robot file is data, never a program
+    refuse_declarations(content, file)
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, remove_comments=True)
     try:
         root = etree.fromstring(content, parser)
     except etree.XMLSyntaxError as error:
         raise JounceError(f"{file}:{error.lineno}: not XML: {one_line(error.msg) or 'the file is empty'}") from None
     if root.tag != "robot":
-        raise JounceError(f"{file}: the root element is <{root.tag}>; a URDF has <robot>")
+        raise JounceError(f"{file}: the root element is <{shortened(str(root.tag))}>; a URDF has <robot>")
     for element in root.iter(etree.Element, etree.Entity):
         if element.tag is etree.Entity:
-            raise JounceError(f"{_at(element, file)}: {element.text} is an entity, never resolved; write its content")
+            name = shortened(element.text or "")
+            raise JounceError(f"{_at(element, file)}: {name} is an entity, never resolved; write its content")
         if element.prefix == "xacro":
             raise JounceError(f"{_at(element, file)}: xacro macros, which are expanded where a file is called *.xacro")
     return root
@@ -66,7 +69,7 @@ def _joint(element: etree._Element, file: str) -> linkage.Joint:
     name, kind = _text(element, "name", file), _text(element, "type", file)
     kinds = ["fixed", *MOVING, *FREE]
     if kind not in kinds:
-        raise JounceError(f"{_at(element, file)}: joint {name!r}: {no_such('joint type', kind, kinds)}")
+        raise JounceError(f"{_at(element, file)}: joint {quoted(name)}: {no_such('joint type', kind, kinds)}")
     return linkage.Joint(
         name=name,
         parent=_text(_child(element, "parent", file), "link", file),
@@ -84,7 +87,8 @@ def _joint(element: etree._Element, file: str) -> linkage.Joint:
 def _screw(element: etree._Element, kind: str, file: str) -> np.ndarray:
     axis = direction(_numbers(_child(element, "axis", file), "xyz", 3, file))
     if axis is None:
-        raise JounceError(f"{_at(element, file)}: joint {element.get('name')!r} has a zero axis; expected a direction")
+        name = quoted(element.get("name"))
+        raise JounceError(f"{_at(element, file)}: joint {name} has a zero axis; expected a direction")
     X = np.zeros(6)
     X[MOVING[kind] : MOVING[kind] + 3] = axis
     return X
@@ -132,7 +136,7 @@ def _child(element: etree._Element, tag: str, file: str) -> etree._Element:
     child = element.find(tag)
     if child is None:
         name = element.get("name")
-        raise JounceError(f"{_at(element, file)}: <{element.tag}>{f' {name!r}' if name else ''} has no <{tag}>")
+        raise JounceError(f"{_at(element, file)}: <{element.tag}>{f' {quoted(name)}' if name else ''} has no <{tag}>")
     return child
 
 
@@ -149,7 +153,7 @@ def _numbers(element: etree._Element, attribute: str, count: int, file: str, def
         raise JounceError(f"{_at(element, file)}: <{element.tag}> has no {attribute}=; {expected}")
     numbers = [number for number in map(finite, text.split()) if number is not None]
     if not len(numbers) == len(text.split()) == count:
-        raise JounceError(f"{_at(element, file)}: <{element.tag} {attribute}={text!r}>; {expected}")
+        raise JounceError(f"{_at(element, file)}: <{element.tag} {attribute}={quoted(text)}>; {expected}")
     return np.array(numbers)
 
 

@@ -1,12 +1,14 @@
 """xacro: a URDF file written with macros, expanded to plain URDF by the package xacrodoc."""
 
-from collections.abc import Mapping
-from contextlib import redirect_stderr
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, redirect_stderr
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
-from jounce.errors import JounceError, no_such, one_line, shortened, warn
-from jounce.io.files import check_readable
+from jounce.errors import JounceError, no_such, one_line, quoted, warn
+from jounce.io.doctype import refuse_declarations
+from jounce.io.files import read_bytes
 
 
 class _Arguments(dict[str, str]):
@@ -30,7 +32,7 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
 
     Unlike all other readers xacro evaluates what the file says: expressions in a subset of Python.
     """
-    check_readable(path)
+    refuse_declarations(read_bytes(path), path)
     if not isinstance(arguments, Mapping):
         raise JounceError(f"xacro_args is of type {type(arguments).__name__}; expected a mapping of names and values")
     try:
@@ -44,18 +46,35 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
     packages.reset()  # it remembers where each package was: two checkouts may hold one of the same name
     packages.walk_up_from(path)
     try:
-        with redirect_stderr(said):
+        with redirect_stderr(said), _declarations_refused(xacro):
             document = xacro.process_file(str(path), mappings=given)
     except Exception as error:  # of xacro, its parser, or of the expressions in the file
         absent = getattr(error, "exc", None)
         if isinstance(absent, packages.PackageNotFoundError):
             places = "in the folders above the file, nor in those that ROS_PACKAGE_PATH names"
-            raise JounceError(f"{path}: xacro: no package {absent.args[0]!r} {places}") from None
-        message = shortened(one_line(error) or type(error).__name__, 300)
+            raise JounceError(f"{path}: xacro: no package {quoted(absent.args[0])} {places}") from None
+        message = one_line(error) or type(error).__name__
         raise JounceError(f"{path}: xacro: {message}") from None
     for name in arguments:
         if name not in given.asked:
             raise JounceError(f"{path}: {no_such('xacro argument', name, sorted(given.asked))}")
     if said.getvalue().strip():
-        warn(f"{path}: xacro: {shortened(one_line(said.getvalue()), 300)}")
+        warn(f"{path}: xacro: {one_line(said.getvalue())}")
     return document.toprettyxml(indent="  ").encode()  # the lines that `xacro FILE` writes
+
+
+@contextmanager
+def _declarations_refused(xacro: Any) -> Iterator[None]:
+    """Inside, xacro includes no file whose document type declares anything: its own parser would resolve it."""
+    parse = xacro.parse
+
+    def checked(given: Any, name: str | None = None) -> Any:
+        if given is None and (path := Path(xacro.root_dir, str(name))).is_file():
+            refuse_declarations(path.read_bytes(), path)
+        return parse(given, name)
+
+    xacro.parse = checked
+    try:
+        yield
+    finally:
+        xacro.parse = parse

@@ -1,22 +1,26 @@
 """Compiled kernels on disk, so that the next process need not compile: a private folder of object code.
 
 Object code is run, so the folder is its owner's alone, and what it holds is checked before it is loaded: its owner, its
-key and the hash of its content. Whatever fails a check is taken for missing, and written anew.
+key and the hash of its content. Whatever fails a check is taken for missing, and written anew. It grows up to a limit:
+the kernels that were not used for longest make room for new ones.
 """
 
 import hashlib
 import os
 import stat
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from uuid import uuid4
 
-from jounce.errors import JounceError
+from jounce.errors import JounceError, quoted
+from jounce.io.files import finite
+from jounce.io.parts import part_in, remove_abandoned
 from jounce.kernel.target import Target
 from jounce.mechanism import DATA, Mechanism
 
 SUFFIX = ".kernel"
+LIMIT = 256  # MiB
 
 
 def folder() -> Path:
@@ -24,6 +28,20 @@ def folder() -> Path:
     from platformdirs import user_cache_path
 
     return Path(os.environ.get("JOUNCE_CACHE_DIR") or user_cache_path("jounce"))
+
+
+def limit() -> int:
+    """How many bytes all kernels together may take: ``$JOUNCE_CACHE_SIZE`` in MiB, 256 if it is not set.
+
+    Raises
+    ------
+    JounceError : where it is set to anything but a number from 0 on.
+    """
+    given = os.environ.get("JOUNCE_CACHE_SIZE") or str(LIMIT)
+    size = finite(given)
+    if size is None or size < 0:
+        raise JounceError(f"JOUNCE_CACHE_SIZE is {quoted(given)}; expected a number of MiB from 0 on")
+    return int(size * 2**20)
 
 
 def key(mechanism: Mechanism, what: str, target: Target) -> str:
@@ -56,24 +74,45 @@ def read(name: str) -> bytes | None:
     except OSError:
         return None
     digest, code = content[:32], content[32:]
-    return code if code and digest == _hash(name, code) else None
+    if not code or digest != _hash(name, code):
+        return None
+    with suppress(OSError):  # of a disk that is only read
+        os.utime(path)  # used now
+    return code
 
 
 def write(name: str, code: bytes) -> None:
-    """Keep code under a key, whole or not at all; a folder that cannot be written is left alone."""
-    part = folder() / f"{uuid4().hex}.part"
+    """Keep code under a key, whole or not at all; a folder that cannot be written is left alone.
+
+    What was not used for longest makes room for it; code larger than the limit is not kept.
+    """
+    content, most = _hash(name, code) + code, limit()
+    part = part_in(folder())
     try:
         folder().mkdir(mode=0o700, parents=True, exist_ok=True)
-        if not _private(folder()):
+        if not _private(folder()) or len(content) > most:
             return
+        remove_abandoned(folder())
+        _make_room(most - len(content), name)
         try:
             part.touch(mode=0o600, exist_ok=False)
-            part.write_bytes(_hash(name, code) + code)
+            part.write_bytes(content)
             part.replace(folder() / (name + SUFFIX))
         finally:
             part.unlink(missing_ok=True)
     except OSError:
         return
+
+
+def _make_room(most: int, name: str) -> None:
+    """Remove the least recently used kernels until all but that of a name take so many bytes at most."""
+    found = [(path.stat(), path) for path in entries() if path.stem != name]
+    total = sum(stats.st_size for stats, _ in found)
+    for stats, path in sorted(found, key=lambda entry: entry[0].st_mtime_ns):
+        if total <= most:
+            break
+        path.unlink(missing_ok=True)
+        total -= stats.st_size
 
 
 def entries() -> Iterator[Path]:
@@ -92,7 +131,7 @@ def private() -> bool:
 
 
 def clear() -> list[int]:
-    """Remove the kernels, and nothing else; returns their sizes in bytes.
+    """Remove the kernels and what is left of killed writers, nothing else; returns the sizes of the kernels in bytes.
 
     Raises
     ------
@@ -100,6 +139,7 @@ def clear() -> list[int]:
     """
     if not private():
         raise JounceError(f"{folder()}: is not a folder of yours alone; expected one that no others may write into")
+    remove_abandoned(folder())
     sizes = []
     for path in entries():
         try:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from jounce import names
-from jounce.errors import JounceError, listed
+from jounce.errors import JounceError, listed, quoted
 from jounce.mechanism import Mechanism
 from jounce.motion.states import COMPONENTS, Motion
 
@@ -57,7 +57,7 @@ def along(terms: Terms, mechanism: Mechanism, highest: int) -> Motion:
     for body in terms.wrenches:
         mechanism.frame(body)
     rates = (
-        np.stack([_finite(curves[joint], terms.t, k, f"joint {joint!r}") for joint in joints], axis=1)
+        np.stack([_finite(curves[joint], terms.t, k, f"joint {quoted(joint)}") for joint in joints], axis=1)
         for k in range(highest + 1)
     )
     wrench = tuple(
@@ -69,7 +69,7 @@ def along(terms: Terms, mechanism: Mechanism, highest: int) -> Motion:
 
 def _wrench(body: str, components: Mapping[str, Curve], t: np.ndarray, k: int) -> np.ndarray:
     """The k-th rate of a wrench (mx, my, mz, fx, fy, fz); components left out are zero."""
-    named = ((components.get(name, Curve()), f"{name} of the wrench of {body!r}") for name in COMPONENTS)
+    named = ((components.get(name, Curve()), f"{name} of the wrench of {quoted(body)}") for name in COMPONENTS)
     return np.stack([_finite(curve, t, k, what) for curve, what in named], axis=1)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jounce.errors import JounceError, at
+from jounce.errors import JounceError, at, listed, quoted
 from jounce.mechanism import Mechanism
 from jounce.motion.spline import Spline, rates_of
 from jounce.motion.states import COMPONENTS
@@ -42,9 +42,9 @@ def wrenches(
 
 def _as_given(columns: Mapping[str, np.ndarray], given: Sequence[tuple[str, str]], k: int, place: str) -> np.ndarray:
     names = [f"{body}.{rate_name(component, k)}" for body, component in given]
-    missing = [repr(name) for name in names if name not in columns]
+    missing = [quoted(name) for name in names if name not in columns]
     if missing:
-        raise JounceError(f"{place}: missing {', '.join(missing)}; expected every wrench column with all its rates")
+        raise JounceError(f"{place}: missing {listed(missing)}; expected every wrench column with all its rates")
     return np.stack([columns[name] for name in names], axis=1)
 
 

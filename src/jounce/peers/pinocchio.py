@@ -8,7 +8,7 @@ import numpy as np
 
 from jounce import inertia
 from jounce.equivalent import on_axes
-from jounce.errors import one_line, shortened
+from jounce.errors import one_line
 from jounce.lie import hat, position, rotation
 from jounce.mechanism import Mechanism
 from jounce.peers import OTHER_JOINTS, OUR_DATA, OWN_READING, NotComparableError, Peer
@@ -28,7 +28,7 @@ def of_file(mechanism: Mechanism, path: Path) -> Peer:
             model = pin.buildModelFromUrdf(str(path))
     except Exception as error:
         reason = one_line(" ".join(said)) or one_line(error)
-        raise NotComparableError(f"refuses the file: {shortened(reason, 200)}") from error
+        raise NotComparableError(f"refuses the file: {reason}") from error
     names = {name for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True) if joint.nv}
     if names != set(mechanism.joints):
         raise NotComparableError(OTHER_JOINTS)

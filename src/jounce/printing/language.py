@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.errors import JounceError, no_such, shortened
+from jounce.errors import JounceError, no_such, quoted
 from jounce.printing.routine import Array
 
 NAMES = ("c", "cpp", "cuda", "julia", "latex", "matlab", "python", "rust")
@@ -79,7 +79,7 @@ class Language:
             raise JounceError(f"{what} {name!r} is a reserved word of {self.title}; expected another name")
         if (letters := len(name) + added) > self.longest:
             raise JounceError(
-                f"{what} {shortened(name)!r} makes names of {letters} letters; {self.title} is generated with"
+                f"{what} {quoted(name)} makes names of {letters} letters; {self.title} is generated with"
                 f" {self.longest} at most"
             )
 

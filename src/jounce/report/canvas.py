@@ -84,7 +84,7 @@ def legend_above(figure: "Figure", entries: Mapping[str, Mapping[str, Any]], col
         )
         for text, name in zip(legend.get_texts(), entries, strict=True):
             text.set_parse_math(False)  # $ and _ of a name are not marks of TeX, nor does a first _ hide it
-            text.set_text(shortened(name if name.isprintable() else repr(name)))
+            text.set_text(shortened(name))
         box = legend.get_window_extent()
         if box.width <= figure.bbox.width or count == 1:
             break

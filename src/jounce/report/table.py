@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jounce.errors import JounceError, listed, no_such
+from jounce.errors import JounceError, listed, no_such, quoted
 from jounce.rates import SUFFIX
 from jounce.report.curves import Panel
 
@@ -49,7 +49,8 @@ def panels(
     for name in ["t", *(f"{joint}.{quantity}" for quantity, curves in shown.items() for joint in curves)]:
         peak = np.abs(columns[name]).max()
         if peak > LARGEST:
-            raise JounceError(f"{place}: column {name!r} holds {peak:g}; expected no more than {LARGEST:g} to draw it")
+            came = f"column {quoted(name)} holds {peak:g}"
+            raise JounceError(f"{place}: {came}; expected no more than {LARGEST:g} to draw it")
     return drawn
 
 

@@ -8,13 +8,13 @@ import numpy as np
 
 from jounce import names
 from jounce._scalars import asarray
-from jounce.errors import JounceError, at
+from jounce.errors import JounceError, at, quoted
 from jounce.io import motions
 from jounce.rates import checked_order
 from jounce.robot import Robot
 
 if TYPE_CHECKING:
-    from jounce.io.tables import Columns
+    from jounce.io.columns import Columns
     from jounce.motion import Motion
 
 PLACE = "the motion"  # where columns without a file stand, in messages
@@ -84,12 +84,12 @@ def load_motion(
 
 
 def _columns(source: Any) -> "Columns":
-    from jounce.io import tables
+    from jounce.io.columns import checked
 
     with at(PLACE):
         columns = names.entries(source)
         odd = [name for name in columns if not isinstance(name, str)]
         if odd:
-            raise JounceError(f"column {odd[0]!r} has no text as its name; expected t and names of joints")
-        arrays = {str(name): np.asarray(asarray(x, f"column {name!r}")) for name, x in columns.items()}
-    return tables.checked(PLACE, arrays)
+            raise JounceError(f"column {quoted(odd[0])} has no text as its name; expected t and names of joints")
+        arrays = {str(name): np.asarray(asarray(x, f"column {quoted(name)}")) for name, x in columns.items()}
+    return checked(PLACE, arrays)

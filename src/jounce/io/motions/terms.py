@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jounce.errors import JounceError, at
+from jounce.errors import JounceError, at, quoted
 from jounce.io import entries
 from jounce.io.entries import Entry
 from jounce.mechanism import Mechanism
@@ -30,8 +30,8 @@ def of_file(path: Path) -> Terms:
     joints = motion.get("joints").named("joints").members()
     wrenches = motion.get("wrenches", {}).named("wrenches").members()
     return Terms(
-        {name: _curve(terms.named(f"joint {name!r}")) for name, terms in joints.items()},
-        {body: _wrench(terms.named(f"the wrench of {body!r}")) for body, terms in wrenches.items()},
+        {name: _curve(terms.named(f"joint {quoted(name)}")) for name, terms in joints.items()},
+        {body: _wrench(terms.named(f"the wrench of {quoted(body)}")) for body, terms in wrenches.items()},
         _times(motion.get("time").named("time")),
     )
 
@@ -41,7 +41,7 @@ def _times(time: Entry) -> np.ndarray:
     start, stop, count = time.get("start", 0).number(), time.get("stop").number(), time.get("count").value
     counts = isinstance(count, int) and not isinstance(count, bool) and 2 <= count <= MOST
     if not counts or not start < stop or math.isinf(stop - start):
-        came = f"time runs from {start:g} to {stop:g} in {count!r} states"
+        came = f"time runs from {start:g} to {stop:g} in {quoted(count)} states"
         raise JounceError(f"{time.place}: {came}; expected stop > start, count 2 to {MOST}")
     return np.linspace(start, stop, count)
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from jounce.drives import UNDRIVEN
-from jounce.errors import JounceError, at, no_such
+from jounce.errors import JounceError, at, no_such, quoted
 from jounce.io.entries import Entry
 from jounce.io.native import GROUND, parts
 from jounce.mechanism import GRAVITY, UNLIMITED, Frame, Mechanism
@@ -40,7 +40,7 @@ def _built(robot: Entry, bodies: Sequence[Entry], joints: Sequence[Entry], names
     G, g = _followed(joints, coordinates)
     for coordinate, column in zip(coordinates, G.T, strict=True):
         if not column.any():
-            raise robot.get("coordinates").error(f"a joint that moves with {coordinate!r}")
+            raise robot.get("coordinates").error(f"a joint that moves with {quoted(coordinate)}")
     limits, drives = [parts.limits(joint) for joint in joints], [parts.drive(joint) for joint in joints]
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as not finite
         X, M = [parts.screw(joint) for joint in joints], [parts.inertia(body) for body in bodies]
@@ -64,7 +64,7 @@ def _built(robot: Entry, bodies: Sequence[Entry], joints: Sequence[Entry], names
 
 def _named(kind: str, entry: Entry) -> Entry:
     """An entry, called in messages by the name it has."""
-    return entry.named(f"{kind} {entry.need('name').text()!r}")
+    return entry.named(f"{kind} {quoted(entry.need('name').text())}")
 
 
 def _numbered(named: Sequence[Entry]) -> Index:

@@ -10,7 +10,7 @@ import numpy as np
 
 from jounce._scalars import is_symbolic
 from jounce.drives import UNDRIVEN
-from jounce.errors import JounceError
+from jounce.errors import JounceError, quoted
 from jounce.inertia import inertia_matrix, moments, symmetric
 from jounce.io.native import GROUND, UNITS, parts
 from jounce.lie import hat
@@ -53,13 +53,14 @@ def document(mechanism: Mechanism) -> dict[str, Any]:
 
 
 def _check(mechanism: Mechanism) -> None:
+    robot = f"robot {quoted(mechanism.name)}"
     symbolic = [name for name in DATA if is_symbolic(getattr(mechanism, name))]
     if symbolic:
-        raise JounceError(f"robot {mechanism.name!r} holds symbols in {', '.join(symbolic)}; a file holds numbers")
+        raise JounceError(f"{robot} holds symbols in {', '.join(symbolic)}; a file holds numbers")
     for name in DATA:
         array = getattr(mechanism, name)
         if np.any(array.astype(float) != array):
-            raise JounceError(f"{name} of robot {mechanism.name!r} has more digits than a file holds; expected doubles")
+            raise JounceError(f"{name} of {robot} has more digits than a file holds; expected doubles")
     if GROUND in mechanism.bodies:
         raise JounceError(f"a body is called {GROUND!r}, which in a file is what bodies stand on; give it another name")
 

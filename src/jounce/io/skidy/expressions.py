@@ -5,7 +5,7 @@ import math
 import operator
 from collections.abc import Callable, Mapping
 
-from jounce.errors import JounceError, listed, shortened
+from jounce.errors import JounceError, listed, quoted
 
 CONSTANTS = {"pi": math.pi, "E": math.e}
 FUNCTIONS: dict[str, Callable[..., float]] = {
@@ -44,7 +44,7 @@ def _value(node: ast.expr, assigned: Mapping[str, float]) -> float:
             if name in CONSTANTS or name in assigned:
                 return CONSTANTS[name] if name in CONSTANTS else assigned[name]
             known = listed(assigned) or "none"
-            raise JounceError(f"a number: nothing is assigned to the symbol {shortened(name)!r}; assigned are: {known}")
+            raise JounceError(f"a number: nothing is assigned to the symbol {quoted(name)}; assigned are: {known}")
         case ast.UnaryOp(op=op, operand=x) if type(op) in OPERATIONS:
             return OPERATIONS[type(op)](_value(x, assigned))
         case ast.BinOp(left=x, op=op, right=y) if type(op) in OPERATIONS:

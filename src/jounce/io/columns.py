@@ -1,0 +1,39 @@
+"""Columns: named arrays of finite numbers, all of one length, and what is refused where they should be."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from jounce.errors import JounceError, quoted
+
+Columns = dict[str, np.ndarray]
+
+
+def checked(place: object, columns: Mapping[str, np.ndarray]) -> Columns:
+    """Columns as a table has them, of arrays that come from elsewhere."""
+    if not columns or not max(array.size for array in columns.values()):
+        raise JounceError(f"{place}: nothing in it; expected named columns of numbers")
+    rows = next(iter(columns.values())).shape[:1]
+    for name, array in columns.items():
+        if array.shape != rows or array.ndim != 1 or array.dtype.kind not in "fiu":
+            came = f"{array.dtype} of shape {array.shape}"
+            raise JounceError(f"{place}: column {quoted(name)} is {came}; expected numbers of shape {rows or '(N,)'}")
+    check_finite(place, columns)
+    return {name: array.astype(float) for name, array in columns.items()}
+
+
+def check_finite(place: object, columns: Mapping[str, np.ndarray]) -> None:
+    """Raise `JounceError` where a column holds what is no number."""
+    for name, array in columns.items():
+        bad = np.flatnonzero(~np.isfinite(array))
+        if bad.size:
+            came = f"{array[bad[0]]} in row {bad[0]} from 0"
+            raise JounceError(f"{place}: column {quoted(name)} holds {came}; expected finite numbers")
+
+
+def check_distinct(place: object, names: Iterable[str]) -> None:
+    """Raise `JounceError` where columns have the same name."""
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise JounceError(f"{place}: column {quoted(name)} stands {count} times; expected once")

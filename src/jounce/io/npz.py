@@ -1,0 +1,48 @@
+"""NPZ tables: an archive with an array for each column, as `numpy.savez` writes it."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import BinaryIO
+from zipfile import ZipFile
+
+import numpy as np
+
+from jounce import names
+from jounce.errors import JounceError, one_line, quoted
+from jounce.io.columns import Columns, check_distinct, checked
+from jounce.io.files import opened
+
+
+def pieces(path: Path) -> Iterator[Columns]:
+    """The table of an archive, in one piece: it stands there column by column."""
+    with opened(path) as file:
+        found = _arrays(path, file)
+    check_distinct(path, [name for name, _ in found])
+    yield checked(path, dict(found))
+
+
+def write(path: Path, columns: Mapping[str, np.ndarray]) -> None:
+    """Write a table with all digits of its numbers, as numpy.savez, which takes no column named "file"."""
+    with ZipFile(path, "w") as archive:
+        for name, array in columns.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, array, allow_pickle=False)
+
+
+def _arrays(path: Path, file: BinaryIO) -> list[tuple[str, np.ndarray]]:
+    """The arrays of all members, and of all fields of those that are tables of their own."""
+    found: list[tuple[str, np.ndarray]] = []
+    name = None
+    try:
+        with ZipFile(file) as archive:
+            for member in archive.infolist():
+                name = member.filename.removesuffix(".npy")
+                with archive.open(member) as content:
+                    array = np.lib.format.read_array(content, allow_pickle=False)
+                    if content.read(1):  # at its end the archive checks what was read
+                        raise ValueError("more follows the array")
+                found += [(name, array)] if array.dtype.names is None else names.entries(array).items()
+    except Exception as error:  # damaged archives raise whatever their decoder stumbles over
+        where = "" if name is None else f" column {quoted(name)}:"
+        raise JounceError(f"{path}: not an NPZ table:{where} {one_line(error)}") from None
+    return found

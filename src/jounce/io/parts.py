@@ -1,0 +1,61 @@
+"""Parts: files and folders while they are written, beside their places, and what killed runs have left of them."""
+
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from contextlib import suppress
+from hashlib import sha256
+from pathlib import Path
+from time import time
+from uuid import uuid4
+
+PART = re.compile(r"\.jounce-(?:([0-9a-f]{8})-(\d+)-)?[0-9a-f]{12}\.part")
+LONGEST = 86400  # s that one file may take to be written
+
+
+def part_in(folder: Path) -> Path:
+    """A path to write to in a folder, until all is there; its name tells which process of which machine writes."""
+    return folder / f".jounce-{_machine()}-{os.getpid()}-{uuid4().hex[:12]}.part"
+
+
+def remove_abandoned(folder: Path) -> None:
+    """Remove the parts whose writers are gone; those of runs that go on stay."""
+    for path in _abandoned(folder):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            with suppress(OSError):  # another run was faster, or another user's it is
+                path.unlink()
+
+
+def _abandoned(folder: Path) -> Iterator[Path]:
+    with suppress(OSError):
+        for path in list(folder.iterdir()):
+            if (named := PART.fullmatch(path.name)) and (_is_gone(named[1], named[2]) or _is_old(path)):
+                yield path
+
+
+def _is_gone(machine: str | None, process: str) -> bool:
+    """Whether a process is one of this machine and runs no more, as far as can be told."""
+    if machine != _machine() or not hasattr(os, "uname"):  # on Windows signal 0 is Ctrl-C
+        return False
+    try:
+        os.kill(int(process), 0)
+    except ProcessLookupError:
+        return True
+    except (OSError, OverflowError):  # another user's, for one
+        return False
+    return False
+
+
+def _is_old(path: Path) -> bool:
+    try:
+        return time() - path.lstat().st_mtime > LONGEST
+    except OSError:
+        return False
+
+
+def _machine() -> str:
+    """The name of this machine, or container, in eight digits: process numbers of others mean nothing here."""
+    return sha256(os.uname().nodename.encode() if hasattr(os, "uname") else b"").hexdigest()[:8]

@@ -1,0 +1,115 @@
+"""What stands in messages and tables: one line each, cut, and nothing that a terminal would take for a command."""
+
+import copy
+import pickle
+import warnings
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+
+import jounce
+from files import BODY, joint, link, refusal, robot_file
+from jounce.cli import main
+from jounce.errors import MOST, escaped, listed, no_such, one_line, quoted, shortened
+
+ODD = "\x1b[31m\u202edrow\u2066\n\u2028\x00\x7f\x85\xad\ud800\u200b"  # colour, directions, ends of lines, half a pair
+TEXTS = st.text(st.characters(), max_size=3 * MOST)
+PLAIN = TEXTS | st.integers() | st.floats() | st.binary() | st.none()
+VALUES = st.recursive(PLAIN, lambda inner: st.lists(inner) | st.tuples(inner))
+
+
+@given(TEXTS)
+def test_every_error_and_warning_is_one_printable_line(text):
+    for kind in (jounce.JounceError, jounce.JounceWarning):
+        said = kind(text)
+        assert str(said).isprintable()
+        assert str(kind(str(said))) == str(said)
+        assert str(copy.copy(said)) == str(pickle.loads(pickle.dumps(said))) == str(said)
+        assert not text.isprintable() or str(said) == text
+
+
+@given(VALUES)
+def test_whatever_is_quoted_is_cut(value):
+    said = quoted(value)
+    assert said.isprintable()
+    assert len(said) <= 10 * (MOST + 3) + 2  # each character may be escaped
+    assert not (isinstance(value, str) and len(value) <= MOST) or said == repr(value)
+
+
+@given(st.lists(TEXTS))
+def test_names_in_a_row_are_cut_and_escaped(names):
+    assert listed(names).isprintable()
+    assert str(no_such("thing", "".join(names), names)).isprintable()
+    assert all(len(shortened(name)) <= MOST + 3 for name in names if name.isprintable())
+
+
+def test_what_they_look_like():
+    assert quoted("x" * 81) == f"'{'x' * 80}...'"
+    assert shortened("x" * 81) == "x" * 80 + "..."
+    assert escaped(ODD) == r"\x1b[31m\u202edrow\u2066\n\u2028\x00\x7f\x85\xad\ud800\u200b"
+    assert quoted(np.str_("a\nb")) == r"'a\nb'"
+    assert quoted(10**5000) == "an integer of 16610 bits"
+    assert one_line("two\n lines") == "two lines"
+    assert quoted([[[1]]] * 9) == "[[[...]], [[...]], [[...]], [[...]], ...]"
+    assert escaped("łódź, Grüße, 腕, שלום") == "łódź, Grüße, 腕, שלום"
+
+
+def robot(folder, name, of_arm):
+    """A robot by a name, its joint and its body too, where a file can hold it."""
+    arm, turn = link(of_arm, BODY), joint(of_arm, "base", of_arm)
+    return robot_file(folder, link("base"), arm, turn, head=f'<robot name="{name}">')
+
+
+REFERENCES = "&#x9;&#x202e;&#x85;\u2066"  # what XML lets through of what does not print
+
+
+@pytest.mark.parametrize("asked", [["info"], ["convert", "-o", "arm.yaml"], ["run", "motion.csv", "-o", "out.csv"]])
+def test_names_of_a_file_are_shown_as_texts(tmp_path, monkeypatch, asked):
+    monkeypatch.chdir(tmp_path)
+    path = robot(tmp_path, f"r{REFERENCES}{'x' * 300}", f"j{REFERENCES}{'y' * 300}")
+    name = jounce.load(path).joint_names[0]
+    t = np.arange(9.0)
+    np.savetxt("motion.csv", np.stack([t, np.sin(t)], 1), delimiter=",", header=f"t,{name}", encoding="utf-8")
+    verb, *others = asked
+    result = CliRunner().invoke(main, [verb, str(path), *others])
+    assert result.exit_code == 0, result.output
+    lines = result.output.splitlines()
+    assert [line for line in lines if not line.isprintable()] == []
+    assert lines[0].count("x") <= MOST
+    assert max(line.count("y") for line in lines) <= 2 * MOST  # once for the joint, once for the body
+
+
+LONG = "x" * 300
+
+
+@pytest.mark.parametrize("of_arm", [f"a{REFERENCES}", LONG])
+def test_attributes_in_refusals_are_cut_and_escaped(tmp_path, of_arm):
+    for old, new in (('value="2.0"', f'value="{of_arm}"'), (f'child link="{of_arm}"', f'child link="{of_arm}2"')):
+        path = robot(tmp_path, "r", of_arm)
+        text = path.read_text(encoding="utf-8")
+        assert old in text
+        path.write_text(text.replace(old, new), encoding="utf-8")
+        message = refusal(lambda: jounce.load(path), f"{path}:")  # noqa: B023
+        assert LONG not in message
+
+
+@pytest.mark.parametrize("name", ["robot.yaml", "robot.json"])
+def test_entries_in_refusals_are_cut_and_escaped(tmp_path, name):
+    path = tmp_path / name
+    for entry in (f'"{LONG}": 1', f'"name": 1, "units": "{LONG}"', r'"units": "\u202e\u001b"'):
+        path.write_text(f'{{"bodies": [], {entry}}}', encoding="utf-8")
+        assert LONG not in refusal(lambda: jounce.load(path), str(path))
+
+
+@pytest.mark.filterwarnings("always")
+def test_warnings_of_all_kinds_are_shown_as_texts(monkeypatch):
+    def warns(*_, **__):
+        warnings.warn(f"strange {ODD}", UserWarning, stacklevel=2)
+        raise jounce.JounceError("stop")
+
+    monkeypatch.setattr("jounce.io.loading.load", warns)
+    result = CliRunner().invoke(main, ["info", "planar2r"])
+    assert [line.isprintable() for line in result.stderr.splitlines()] == [True, True]
