@@ -57,5 +57,8 @@ def _is_old(path: Path) -> bool:
 
 
 def _machine() -> str:
-    """The name of this machine, or container, in eight digits: process numbers of others mean nothing here."""
-    return sha256(os.uname().nodename.encode() if hasattr(os, "uname") else b"").hexdigest()[:8]
+    """The name of this machine and container in eight digits: process numbers of others mean nothing here."""
+    name = os.uname().nodename if hasattr(os, "uname") else ""
+    with suppress(OSError):  # of systems without containers
+        name += str(Path("/proc/self/ns/pid").readlink())
+    return sha256(name.encode()).hexdigest()[:8]
