@@ -46,7 +46,11 @@ def _is_gone(machine: str | None, process: str) -> bool:
         return True
     except (OSError, OverflowError):  # another user's, for one
         return False
-    return False
+    try:
+        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:  # of systems that have no such file
+        return False
+    return state in "ZX"  # it ended, and nobody has asked how
 
 
 def _is_old(path: Path) -> bool:
