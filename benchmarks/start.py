@@ -18,7 +18,7 @@ RUNS = {
     "the interpreter alone": "",
     "import numpy": "import numpy",
     "import numpy, llvmlite.binding": "import numpy, llvmlite.binding",
-    "import jounce": "import jounce",
+    "import jounce": "from jounce import Robot, load",  # which imports what they need
     "first Q, Qd, Q2d, kernel in the cache": FIRST,
     "first Q, Qd, Q2d, cache empty": FIRST,
 }

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -97,6 +98,17 @@ folders.write_folder(pathlib.Path("out"), {"a": "half of"}, "mark", force=False)
     assert part.is_dir() == (kind == "folder")
     write(tmp_path / "other.csv")
     assert [path.name for path in tmp_path.iterdir()] == ["other.csv"]
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="how a process is can be asked on Linux alone")
+def test_a_killed_run_whose_end_nobody_asked_for_is_gone(tmp_path):
+    """In a container whose first process asks for none, that is for good."""
+    killed = subprocess.Popen([sys.executable, "-c", ""])
+    os.waitid(os.P_PID, killed.pid, os.WEXITED | os.WNOWAIT)
+    part = left(tmp_path, killed.pid)
+    write(tmp_path / "out.csv")
+    killed.wait()
+    assert not part.exists()
 
 
 @posix

@@ -46,7 +46,11 @@ def _is_gone(machine: str | None, process: str) -> bool:
         return True
     except (OSError, OverflowError):  # another user's, for one
         return False
-    return False
+    try:
+        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:  # of systems that have no such file
+        return False
+    return state in "ZX"  # it ended, and nobody has asked how
 
 
 def _is_old(path: Path) -> bool:
@@ -57,5 +61,8 @@ def _is_old(path: Path) -> bool:
 
 
 def _machine() -> str:
-    """The name of this machine, or container, in eight digits: process numbers of others mean nothing here."""
-    return sha256(os.uname().nodename.encode() if hasattr(os, "uname") else b"").hexdigest()[:8]
+    """The name of this machine and container in eight digits: process numbers of others mean nothing here."""
+    name = os.uname().nodename if hasattr(os, "uname") else ""
+    with suppress(OSError):  # of systems without containers
+        name += str(Path("/proc/self/ns/pid").readlink())
+    return sha256(name.encode()).hexdigest()[:8]
