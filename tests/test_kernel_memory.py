@@ -56,6 +56,12 @@ class Heap:
         monkeypatch.setattr(pool, "_free", ctypes.CFUNCTYPE(None, ctypes.c_void_p)(counted_free))
 
 
+def same_from_four_threads(kernel, expected):
+    with ThreadPoolExecutor(4) as threads:
+        for found in threads.map(lambda _: kernel(*STATE), range(40)):
+            np.testing.assert_array_equal(found, expected)
+
+
 SMALL_STACK = """
 import os, sys, threading
 import numpy as np
@@ -103,10 +109,7 @@ def test_buffers_are_kept_for_the_next_call_and_freed_with_the_kernel(robot, mon
     heap = Heap(monkeypatch)
     kernel = Kernel(robot.mechanism, FORCES)
     assert heap.used == 1
-    expected = kernel(*STATE)
-    with ThreadPoolExecutor(4) as threads:
-        for found in threads.map(lambda _: kernel(*STATE), range(40)):
-            np.testing.assert_array_equal(found, expected)
+    same_from_four_threads(kernel, kernel(*STATE))
     assert 1 <= heap.largest == heap.used <= 4
     call = kernel.bind(*STATE[:, 0], out=list(np.empty((3, 40))))
     del kernel
@@ -123,10 +126,7 @@ def test_more_calls_at_once_than_buffers_are_kept(robot, monkeypatch, tmp_path):
     monkeypatch.setenv("JOUNCE_CACHE_DIR", str(tmp_path))  # other code under the same key
     heap = Heap(monkeypatch)
     kernel = Kernel(robot.mechanism, FORCES)
-    expected = kernel(*STATE)
-    with ThreadPoolExecutor(4) as threads:
-        for found in threads.map(lambda _: kernel(*STATE), range(40)):
-            np.testing.assert_array_equal(found, expected)
+    same_from_four_threads(kernel, kernel(*STATE))
     assert heap.used == 1
 
 
