@@ -2,6 +2,8 @@
 
 import json
 import re
+import sys
+from collections import Counter
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
@@ -19,8 +21,9 @@ from files import BODY, ODD, joint, link, refusal, robot_file
 from jounce import inertia, lie
 from jounce.audit import SEVERITIES, Finding, audit
 from jounce.cli import main
+from jounce.description import describe
 from jounce.mechanism import Mechanism
-from robots import mechanisms
+from robots import mechanisms, random_mechanism
 
 PANDA = Path(__file__).parents[1] / "examples" / "panda.urdf"
 LIMITS = {"effort": [50.0, 40.0, 30.0], "velocity": [2.0, 2.0, 3.0]}
@@ -419,3 +422,21 @@ def test_words_hold_the_findings_and_the_moments(odd):
     row = next(line.split() for line in said.splitlines() if line.startswith("a "))
     assert row == ["a", "1", "1", "2.5", "-0.5"]
     assert info(PANDA).stdout.endswith("\nno findings\n")
+
+
+def calls_to_describe(nb):
+    """How many functions are called."""
+    parent, kinds = list(range(-1, nb - 1)), ["revolute", "prismatic"] * (nb // 2)
+    mechanism = random_mechanism(np.random.default_rng(0), parent, kinds, np.linspace(1, 2, nb).tolist())
+    calls = Counter()
+    sys.setprofile(lambda frame, event, _: calls.update([event]))
+    try:
+        describe(mechanism)
+    finally:
+        sys.setprofile(None)
+    return calls["call"] + calls["c_call"]
+
+
+def test_the_work_of_an_audit_grows_with_the_bodies_alone():
+    first, second, third = map(calls_to_describe, (40, 80, 160))
+    assert third - second < 2.1 * (second - first)

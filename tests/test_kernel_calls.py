@@ -6,6 +6,7 @@ import pickle
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from threading import Barrier
 
 import jax.numpy as jnp
@@ -178,7 +179,7 @@ def test_what_becomes_doubles_is_served(kind):
 
 def test_without_llvmlite_the_recursion_serves_and_says_so(monkeypatch):
     monkeypatch.setitem(sys.modules, "llvmlite.binding", None)
-    monkeypatch.setattr(serving, "available", serving.available.__wrapped__)
+    monkeypatch.setattr(serving, "available", cache(serving.available.__wrapped__))
     robot, q = jounce.load("planar2r"), states(3, 3)  # a robot that no kernel was made for
     with pytest.warns(JounceWarning, match=r"^no native code, the recursion serves instead: llvmlite cannot be"):
         found = robot.inverse_dynamics(*q)

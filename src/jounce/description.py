@@ -19,7 +19,8 @@ def describe(mechanism: Mechanism) -> dict[str, Any]:
         "gravity": mechanism.gravity.tolist(),
         "mass": float(mechanism.M[:, 3, 3].sum()),
         "coordinates": [
-            {"name": c, "unit": coordinate_unit(mechanism, j)} for j, c in enumerate(mechanism.coordinates)
+            {"name": name, "unit": unit}
+            for name, unit in zip(mechanism.coordinates, coordinate_units(mechanism), strict=True)
         ],
         "acting": list(mechanism.acting),
         "bodies": [_body(mechanism, i) for i in range(mechanism.nb)],
@@ -30,9 +31,9 @@ def describe(mechanism: Mechanism) -> dict[str, Any]:
     }
 
 
-def coordinate_unit(mechanism: Mechanism, j: int) -> str:
-    """rad or m: the unit of a coordinate."""
-    return "rad" if np.any(mechanism.X[leading(mechanism)[j]][:3]) else "m"
+def coordinate_units(mechanism: Mechanism) -> list[str]:
+    """rad or m: the unit of each coordinate."""
+    return ["rad" if np.any(X[:3]) else "m" for X in mechanism.X[leading(mechanism)]]
 
 
 def _body(mechanism: Mechanism, i: int) -> dict[str, Any]:

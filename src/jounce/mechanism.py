@@ -130,8 +130,9 @@ def suited(mechanism: Mechanism, arrays: Sequence[Array]) -> Mechanism:
 
 def leading(mechanism: Mechanism) -> list[int]:
     """The joint that each coordinate of a mechanism of numbers is: that of its name, else the first that follows it."""
+    places = {joint: i for i, joint in enumerate(mechanism.joints)}
     return [
-        mechanism.joints.index(name) if name in mechanism.joints else int(np.flatnonzero(column)[0])
+        places[name] if name in places else int(np.flatnonzero(column)[0])
         for name, column in zip(mechanism.coordinates, mechanism.G.T, strict=True)
     ]
 

@@ -50,23 +50,23 @@ def _defect(body: str, M: np.ndarray) -> Finding | None:
 
 def placeholders(mechanism: Mechanism) -> list[Finding]:
     """Tensors of one round number times the identity, and the same tensor on bodies of different mass."""
-    massive = [i for i in range(mechanism.nb) if mechanism.M[i, 3, 3] > 0]
-    moments = {i: inertia.principal_moments(mechanism.M[i]) for i in massive}
-    found, told = [], set()
-    for i in massive:
-        alike = [k for k in massive if k not in told and np.allclose(moments[k], moments[i], rtol=ALIKE, atol=0)]
-        masses = [float(mechanism.M[k, 3, 3]) for k in alike]
-        if i in told or is_point(mechanism.M[i]):
+    massive = np.flatnonzero(mechanism.M[:, 3, 3] > 0)
+    moments = np.array([inertia.principal_moments(mechanism.M[i]) for i in massive]).reshape(-1, 3)
+    found, left = [], np.ones(len(massive), dtype=bool)
+    for i, own in zip(massive, moments, strict=True):
+        alike = massive[left & np.isclose(moments, own, rtol=ALIKE, atol=0).all(axis=1)]
+        if i not in alike or is_point(mechanism.M[i]):
             continue
-        told |= set(alike)
-        if _is_round(moments[i]):
-            text = f"moments about the COM are {moments[i][0]:.3g} kg m^2 times the identity"
-        elif len(alike) > 1 and max(masses) > 1.01 * min(masses):
+        left &= ~np.isin(massive, alike)
+        masses = mechanism.M[alike, 3, 3]
+        if _is_round(own):
+            text = f"moments about the COM are {own[0]:.3g} kg m^2 times the identity"
+        elif max(masses) > 1.01 * min(masses):
             spread = f"from {min(masses):.3g} to {max(masses):.3g} kg"
-            text = f"the same principal moments, up to {moments[i][2]:.3g} kg m^2, on {len(alike)} bodies {spread}"
+            text = f"the same principal moments, up to {own[2]:.3g} kg m^2, on {len(alike)} bodies {spread}"
         else:
             continue
-        found.append(_placeholder(mechanism, alike, float(moments[i][2]), "kg m^2", text, "inertia"))
+        found.append(_placeholder(mechanism, alike.tolist(), float(own[2]), "kg m^2", text, "inertia"))
     return found
 
 

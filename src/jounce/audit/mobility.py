@@ -46,10 +46,12 @@ def massless(mechanism: Mechanism) -> list[Finding]:
 
 def singular(mechanism: Mechanism) -> list[Finding]:
     """Coordinates that move without kinetic energy in every configuration: no forward dynamics, no ``M^-1``."""
-    tried = [_idle(mechanism, np.cos(1.0 + k + 1.7 * np.arange(mechanism.n))) for k in range(SAMPLES)]
-    rank, idle = max(tried, key=lambda trial: trial[0])
-    if rank == mechanism.n:
-        return []
+    rank, idle = -1, np.zeros(0)
+    for k in range(SAMPLES):
+        trial = _idle(mechanism, np.cos(1.0 + k + 1.7 * np.arange(mechanism.n)))
+        rank, idle = max((rank, idle), trial, key=lambda found: found[0])
+        if rank == mechanism.n:
+            return []
     return [
         Finding(
             severity="error",
@@ -68,13 +70,16 @@ def _idle(mechanism: Mechanism, q: np.ndarray) -> tuple[int, np.ndarray]:
     """The rank of the mass matrix at q, and which coordinates take part in motions without kinetic energy."""
     J = recursion.system_jacobian(mechanism, columns([q]))[0]
     rotors = mechanism.drives.armature * ("armature" in mechanism.acting)
-    gM = np.einsum("iaj,iab,ibk->jk", J, mechanism.M, J) + mechanism.G.T * rotors @ mechanism.G  # (MC)
+    momenta = (mechanism.M @ J).reshape(-1, mechanism.n)
+    gM = J.reshape(momenta.shape).T @ momenta + mechanism.G.T * rotors @ mechanism.G  # (MC)
     most = np.einsum("iaj,iaj,i->j", J, J, np.abs(mechanism.M).max(axis=(1, 2))) + rotors @ mechanism.G**2
     own = np.abs(np.diag(gM))
     moves = own > SINGULAR * most
     scale = np.sqrt(np.where(moves, own, 1.0))
     scaled = np.where(moves[:, None] & moves, gM / np.outer(scale, scale), 0.0)
     if not np.isfinite(scaled).all():  # overflown: nothing can be said
+        return mechanism.n, np.zeros(mechanism.n, dtype=bool)
+    if (np.abs(np.linalg.eigvalsh(scaled)) > SINGULAR * mechanism.n).all():  # as most are, at a fraction of the cost
         return mechanism.n, np.zeros(mechanism.n, dtype=bool)
     values, vectors = np.linalg.eigh(scaled)
     null = np.abs(values) <= SINGULAR * mechanism.n

@@ -60,7 +60,7 @@ def run(
     as_json: bool,
 ) -> None:
     """Compute Q, Qd, Q2d along MOTION for ROBOT, a file or the name of a bundled one."""
-    from jounce.description import coordinate_unit
+    from jounce.description import coordinate_units
     from jounce.io import tables
     from jounce.io.motions.loading import load_motion
     from jounce.rates import rate_name
@@ -84,8 +84,8 @@ def run(
         "order": order,
         "peaks": {joint: _peaks(forces, j) for j, joint in enumerate(arm.joint_names)},
         "units": {
-            joint: "N m" if coordinate_unit(arm.mechanism, j) == "rad" else "N"
-            for j, joint in enumerate(arm.joint_names)
+            joint: "N m" if unit == "rad" else "N"
+            for joint, unit in zip(arm.joint_names, coordinate_units(arm.mechanism), strict=True)
         },
     }
     tell(summary, _in_words, as_json)

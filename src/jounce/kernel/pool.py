@@ -19,11 +19,11 @@ class Pool:
     """The buffers of one kernel, freed with it: a table of the two functions of the heap and of buffers not in use."""
 
     def __init__(self, size: int) -> None:
-        first = _allocate(size + ALIGNMENT)
-        if not first:
-            raise JounceError(f"not enough memory for native code: it works in {size} bytes")
         functions = (ctypes.cast(function, ctypes.c_void_p) for function in (_allocate, _free))
-        self.table, self._free = (ctypes.c_void_p * (2 + SLOTS))(*functions, first), _free
+        self.table, self._free = (ctypes.c_void_p * (2 + SLOTS))(*functions), _free
+        self.table[2] = _allocate(size + ALIGNMENT)
+        if not self.table[2]:
+            raise JounceError(f"not enough memory for native code: it works in {size} bytes")
 
     def __del__(self) -> None:
         for buffer in self.table[2:]:

@@ -1,6 +1,5 @@
 """Which calls native code serves: float64 arrays of NumPy, on a robot of numbers, where llvmlite is at hand."""
 
-import warnings
 from collections.abc import Sequence
 from functools import cache, lru_cache
 from math import inf
@@ -8,7 +7,7 @@ from math import inf
 import numpy as np
 
 from jounce._scalars import FLOAT, Array, is_numeric
-from jounce.errors import JounceError, JounceWarning, no_such, warn
+from jounce.errors import JounceError, no_such, warn
 from jounce.kernel import memory
 from jounce.kernel.kernel import Kernel, compiled
 from jounce.kernel.quantity import LongCompilationError, Quantity
@@ -71,7 +70,8 @@ def _kernel(
         return None, "llvmlite cannot be imported"
     size = memory.scratch_size(quantity, mechanism.parent, host().lanes)
     if size > memory.LIMIT:
-        return None, f"it needs {size >> 20} MiB of scratch memory, more than the limit of {memory.LIMIT >> 20} MiB"
+        limit = f"more than the limit of {memory.LIMIT / 2**20:g} MiB"
+        return None, f"it needs {size / 2**20:.3g} MiB of scratch memory, {limit}; use method='recursion'"
     try:
         kernel = compiled(mechanism, quantity, patience)
     except LongCompilationError:
@@ -92,7 +92,6 @@ def available() -> bool:
     try:
         import llvmlite.binding  # noqa: F401
     except (ImportError, OSError) as error:
-        text = f"no native code, the recursion serves instead: llvmlite cannot be imported ({error})"
-        warnings.warn(text, JounceWarning, stacklevel=6)
+        warn(f"no native code, the recursion serves instead: llvmlite cannot be imported ({error})")
         return False
     return True

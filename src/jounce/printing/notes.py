@@ -6,7 +6,7 @@ from collections.abc import Container, Sequence
 import numpy as np
 
 import jounce
-from jounce.description import coordinate_unit
+from jounce.description import coordinate_units
 from jounce.drives import TERMS
 from jounce.kernel.program import FREE, Program
 from jounce.mechanism import Mechanism
@@ -31,7 +31,7 @@ def origin(robot: Mechanism, order: int, single: bool) -> str:
 
 def arrays(robot: Mechanism, first: int) -> list[tuple[str, list[str]]]:
     """What the entries of arrays stand for, the first index being so: coordinates and bodies, a list under a title."""
-    units = [coordinate_unit(robot, j) for j in range(robot.n)]
+    units = coordinate_units(robot)
     named = zip(map(printable, robot.coordinates), units, strict=True)
     coordinates = [f"{j}  {name}, {unit}" for j, (name, unit) in enumerate(named, start=first)]
     bodies = [f"{i}  {printable(name)}" for i, name in enumerate(robot.bodies, start=first)]

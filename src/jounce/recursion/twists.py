@@ -21,12 +21,13 @@ def jacobian(mechanism: Mechanism, q: Series, body: int) -> Series:
 
 
 def system_jacobian(mechanism: Mechanism, q: Series) -> Series:
-    """The Jacobians of all bodies, (..., nb, 6, n)."""
+    """The Jacobians of all bodies, (..., nb, 6, n); J_i = Ad(C_ip) J_p + X_i G_i, with the row G_i of G."""
     steps: list[Series] = []
-    for joint in joints(mechanism, q):
-        steps.append(_outward(joint, _NONE if joint.parent < 0 else steps[joint.parent]))
-    J = [J_i @ mechanism.G[path_to(mechanism, i)] + still(q) for i, J_i in enumerate(steps)]
-    return in_order(joined([J_i.map(lambda x: x[..., None, :, :]) for J_i in J], axis=-3), steps)
+    for i, joint in enumerate(joints(mechanism, q)):
+        own = Series.constant(joint.X @ mechanism.G[i : i + 1])
+        steps.append(own if joint.parent < 0 else joint.twists(steps[joint.parent]) + own)
+    J = [(J_i + still(q)).map(lambda x: x[..., None, :, :]) for J_i in steps]
+    return in_order(joined(J, axis=-3), steps)
 
 
 def _outward(joint: Joint, J_p: Series) -> Series:
