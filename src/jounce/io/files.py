@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from uuid import uuid4
 
-from jounce.errors import JounceError
+from jounce.errors import JounceError, one_line, quoted
 
 
 def check_readable(path: Path) -> None:
@@ -68,6 +68,17 @@ def written_whole(path: Path) -> Iterator[Path]:
         raise JounceError(f"{path}: cannot be written: {error.strerror or error}") from None
     finally:
         part.unlink(missing_ok=True)
+
+
+def path_of(given: str | os.PathLike[str]) -> Path:
+    """The path that a caller gives, with the folder that a leading ~ stands for."""
+    try:
+        path = Path(given).expanduser()
+        if b"\0" in os.fsencode(path):
+            raise ValueError("it holds a zero byte")
+    except Exception as error:  # half a character, a home of nobody, and whatever a foreign path raises
+        raise JounceError(f"{quoted(given)} is not a path: {one_line(error)}") from None
+    return path
 
 
 def finite(text: str) -> float | None:
