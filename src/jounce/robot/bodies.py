@@ -1,5 +1,6 @@
 """The bodies of a robot: where they are, how they move, what acts on them."""
 
+from functools import partial
 from typing import Any, Unpack, overload
 
 from jounce import kinematics, loads
@@ -161,4 +162,4 @@ class Bodies(Quantities):
         """
         place = loads.checked_place(frame, point)
         law = Path(lambda model, q, load: loads.wrench(model, q, load, body, frame, place), columns)
-        return self._along(law, 1, (q, qd, q2d, *higher), None, lambda order: loads.checked(force, torque, order))
+        return self._along(law, 1, (q, qd, q2d, *higher), None, partial(loads.checked, force, torque))

@@ -4,7 +4,7 @@ from typing import Any, Unpack, overload
 
 from jounce._scalars import Array
 from jounce.drives import chosen
-from jounce.errors import no_such
+from jounce.errors import one_of
 from jounce.kernel.kernel import Kernel
 from jounce.kernel.serving import ahead
 from jounce.paths import FORMS, Path, column, drive_forces, row
@@ -181,8 +181,7 @@ class Forces(Quantities):
         >>> bool(abs(S + S.T).max() < 1e-13)
         True
         """
-        if form not in FORMS:
-            raise no_such("form of the Coriolis matrix", form, FORMS)
+        one_of("form of the Coriolis matrix", form, FORMS)
         return self._quantity(f"coriolis_matrix of form {form!r}", 2, (q, qd, q2d, q3d, *higher), **options)
 
     @overload
