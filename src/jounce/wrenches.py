@@ -24,9 +24,7 @@ def checked(mechanism: Mechanism, wrench: object, order: int, q: Sequence[Array]
     if len(terms) != order + 1:
         have = "W alone" if given is None else _rates(len(given)) or "nothing"
         takes = f"a tuple ({_rates(order + 1)})" if order else "W alone"
-        raise JounceError(
-            f"wrench gives {have}; order {order} takes {takes}: a tuple gives W with its rates, a list is one array"
-        )
+        raise JounceError(f"wrench gives {have}; order {order} takes {takes}; a list is one array")
     at_one_state = is_unbatched(q)
     return [_on_bodies(mechanism, W, rate_name("W", k), at_one_state) for k, W in enumerate(terms)]
 

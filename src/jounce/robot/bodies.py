@@ -145,7 +145,8 @@ class Bodies(Quantities):
         body : str
             A body, or a link merged into one.
         force, torque : (..., 3)
-            In N and N m, alone (constant in its axes) or a tuple with its rates, as many as W has.
+            In N and N m. A tuple (f, fd, ...) is a vector with as many rates as W has; anything else, lists too and
+            a tuple of three scalars, is the vector alone, constant in its axes.
         frame : str
             The axes of force and torque, "world" or "body" (those of the named link).
         point : (3,)

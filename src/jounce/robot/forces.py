@@ -79,8 +79,9 @@ class Forces(Quantities):
             Further rates, each for one more time derivative of Q.
         wrench : (..., nb, 6) or dict
             What the bodies EXERT ON their environment, Qext = +J^T W, (moment; force) in body-frame components about
-            the origin of the body frame: W or a tuple (W, Wd, ...) with as many rates as Q; each an array
-            (..., nb, 6) or a dict {body or merged link: (..., 6)}. Wd is the derivative of those components.
+            the origin of the body frame. A tuple (W, Wd, ...) is W with as many rates as Q has; anything else, nested
+            lists too, is W alone. Each is an array (..., nb, 6) or a dict {body or merged link: (..., 6)}. Wd is the
+            derivative of those components.
         **options : keywords
             method, out and threads, see `Robot`.
 
