@@ -191,7 +191,7 @@ TABLES = {
     "types as a text": ([ROW], {"types": "R"}, ["types is 'R'"]),
     "types twice": ([NAMED], {"types": ["revolute"]}, ["rows of names hold their 'type' themselves"]),
     "convention misspelt": ([ROW], {"convention": "standart"}, ["'standart'; did you mean 'standard'", "modified"]),
-    "convention as a number": ([ROW], {"convention": 1}, ["convention '1'"]),
+    "convention as a number": ([ROW], {"convention": 1}, ["convention 1;"]),
     "inertias too few": ([ROW, ROW], {"M": [M1]}, ["M has shape (1, 6, 6); expected (2, 6, 6)"]),
     "base of no pose": ([ROW], {"base": np.eye(3)}, ["base has shape (3, 3); expected a pose (4, 4)"]),
     "base that stretches": ([ROW], {"base": 2 * np.eye(4)}, ["base is not a pose"]),

@@ -8,7 +8,7 @@ from hypothesis import given
 
 import jounce
 from jounce import lie
-from jounce.errors import JounceError
+from jounce.errors import JounceError, JounceWarning
 from robots import differentiated, harmonic, mechanisms, relative_error, with_tool
 
 
@@ -143,6 +143,32 @@ def test_a_wrench_does_the_work_of_its_load(drawn):
     power = f @ (v + np.cross(w, arm)) + tau @ w
     Qext = robot.inverse_dynamics(q, qd, qd, wrench=W) - robot.inverse_dynamics(q, qd, qd)
     assert abs(Qext @ qd + power) < 1e-10 * (1 + abs(power) + np.abs(robot.inverse_dynamics(q, qd, qd)).max())
+
+
+@pytest.mark.parametrize("label", ["force", "torque"])
+def test_a_list_is_one_load_and_a_tuple_holds_its_rates(label):
+    robot, rng = jounce.load("iiwa14"), np.random.default_rng(3)
+    q, f = rng.normal(size=(3, 7)), rng.normal(size=(4, 2, 3))
+
+    def wrench(load):
+        return robot.wrench(*q, body="link5", **{label: load})
+
+    for load in (f, f[0, 0], f[:1, 0]):
+        for W, expected in zip(wrench(load.tolist()), wrench(load), strict=True):
+            assert (expected == W).all()
+    assert (wrench(tuple(f[0, 0]))[2] == wrench(f[0, 0])[2]).all()  # of scalars: one vector, no rates
+    for W, expected in zip(wrench(tuple(f[:3].tolist())), wrench(tuple(f[:3])), strict=True):
+        assert (expected == W).all()
+
+
+def test_a_list_of_loads_that_looks_like_rates_is_told():
+    robot = jounce.load("iiwa14")
+    q, f = np.zeros((2, 7)), [[0, 0, 1], [0, 0, 2]]
+    with pytest.warns(JounceWarning, match="force is a list of 2 vectors, read as a batch; a tuple"):
+        assert robot.wrench(*q, body="link5", force=f)[0].shape == (2, 7, 6)
+    robot.wrench(*q[:, None], body="link5", force=f)  # a batch, as the state says
+    robot.wrench(*q, body="link5", force=np.array(f))
+    robot.wrench(q[0], body="link5", force=f)
 
 
 def test_loads_take_batches_and_links_on_the_ground():

@@ -1,8 +1,11 @@
 """The facade: the one rule of rates, paths, batches, `out=`, and errors that say what came and what was expected."""
 
+import inspect
 import pickle
+import sys
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 
@@ -215,7 +218,7 @@ def bad(robot, **changes):
         ({"q": [None] * 7}, "q holds None"),
         ({"method": "kernal"}, r"no method for inverse_dynamics 'kernal'; did you mean 'kernel'\?"),
         ({"method": "recursoin"}, "did you mean 'recursion'"),
-        ({"wrench": np.zeros((7, 6))}, "wrench gives W; order 1 takes W and its rates up to Wd"),
+        ({"wrench": np.zeros((7, 6))}, r"wrench gives W alone; order 1 takes a tuple \(W, Wd\)"),
         ({"wrench": ()}, "wrench gives nothing; order 1"),
         ({"wrench": (np.zeros((7, 6)),) * 3}, "wrench gives W, Wd, W2d; order 1 takes"),
         (
@@ -237,10 +240,101 @@ def test_bad_states_are_refused_in_one_line(robot, changes, message):
     assert "\n" not in str(refusal.value)
 
 
-def test_one_wrench_may_be_rows_of_numbers(robot):
-    q, W = state(robot, (), 3), np.random.default_rng(0).normal(size=(7, 6))
-    assert (robot.inverse_dynamics(*q, wrench=W.tolist()) == robot.inverse_dynamics(*q, wrench=W)).all()
-    assert (robot.inverse_dynamics(*q, wrench=[W]) == robot.inverse_dynamics(*q, wrench=W)).all()
+@pytest.mark.parametrize("batch", [(), (3,), (1, 2), (7,), (2, 7)])
+def test_a_list_is_one_wrench_and_a_tuple_holds_its_rates(robot, batch):
+    q, W = state(robot, (), 3), np.random.default_rng(0).normal(size=(*batch, 7, 6))
+    expected = robot.inverse_dynamics(*q, wrench=W)
+    assert expected.shape == (*batch, 7)
+    for same in (W.tolist(), list(W), (W,), (W.tolist(),)):
+        assert (robot.inverse_dynamics(*q, wrench=same) == expected).all()
+    for Q, again in zip(
+        robot.inverse_dynamics(*q, q[0], wrench=(W, -W)),
+        robot.inverse_dynamics(*q, q[0], wrench=(W.tolist(), (-W).tolist())),
+        strict=True,
+    ):
+        assert (again == Q).all()
+
+
+@pytest.mark.parametrize("order", [1, 2, 4])
+def test_rates_of_wrenches_in_a_list_are_refused_with_the_cure(robot, order):
+    q, W = state(robot, (), order + 3), np.zeros((7, 6))
+    with pytest.raises(JounceError, match=r"^wrench gives W alone; .* takes a tuple \(W, Wd.*\); a list is one array$"):
+        robot.inverse_dynamics(*q, wrench=[W] * (order + 1))
+
+
+def test_wrenches_of_all_bodies_under_the_name_of_one_are_refused(robot):
+    q, rng = state(robot, (7,), 3), np.random.default_rng(0)
+    W, one = rng.normal(size=(7, 6)), [x[0] for x in q]
+    with pytest.raises(JounceError, match=r"^W\['body6'\] has shape \(7, 6\), as W of all bodies has; expected \(6,\)"):
+        robot.inverse_dynamics(*one, wrench={"body6": W})
+    for states in (q, [x[None] for x in one]):
+        found = robot.inverse_dynamics(*states, wrench={"body6": W})
+        for i in range(7):
+            single = robot.inverse_dynamics(*(x[i % len(x)] for x in states), wrench={"body6": W[i]})
+            assert relative_error(found[i], single) < 1e-13
+    assert robot.inverse_dynamics(*one, wrench={"body6": W[:3]}).shape == (3, 7)
+    pendulum = jounce.Robot.from_screws([np.eye(4)], [[0, 0, 1, 0, 0, 0]], [np.eye(6)])
+    assert pendulum.inverse_dynamics([0], [0], [0], wrench={"body1": W[:1]}).shape == (1, 1)
+
+
+TWINS = jounce.Robot.from_screws([np.eye(4)] * 2, [[0, 0, 1, 0, 0, 0]] * 2, [np.eye(6)] * 2)  # on one axis
+
+
+@pytest.mark.parametrize("method", ["recursion", "closed_form"])
+def test_forces_of_order_90(method):
+    q = [np.sin(0.3 + k * np.pi / 2) * np.array([1.0, 0.0]) for k in range(93)]
+    for k, Q in enumerate(TWINS.inverse_dynamics(*q, method=method)):
+        np.testing.assert_allclose(Q, [2 * q[k + 2][0], q[k + 2][0]], atol=1e-12)
+
+
+@pytest.mark.parametrize("quantity", [*QUANTITIES, "momentum", "base_wrench"])
+def test_calls_nest_no_deeper_at_higher_orders(quantity):
+    q, depth = np.ones((27, 2)), len(inspect.stack(0))
+    before = sys.getrecursionlimit()
+    sys.setrecursionlimit(depth + 150)
+    try:
+        getattr(TWINS, quantity)(*q, **{} if quantity == "jacobian" else {"method": "recursion"})
+    finally:
+        sys.setrecursionlimit(before)
+
+
+def test_no_order_is_beyond_the_highest(robot):
+    for least, call in ((3, robot.inverse_dynamics), (1, robot.mass_matrix), (1, robot.jacobian)):
+        with pytest.raises(JounceError, match=r"is given, for order 101; expected rates for order 0 to 100$"):
+            call(*np.zeros((101 + least, 7)))
+
+
+def test_what_is_missing_comes_out_as_nan_of_its_state(robot):
+    """Masked by NumPy, wherever it stands, or NA of pandas: as NaN in its place."""
+    q = np.random.default_rng(0).normal(size=(3, 7))
+    holed, mask = q.copy(), np.zeros((3, 7), dtype=bool)
+    holed[1, 2], mask[1, 2] = np.nan, True
+    masked, integers = np.ma.array(q, mask=mask), np.ma.array(np.ones((3, 7), dtype=int), mask=mask)
+    frame = pd.DataFrame(q, columns=robot.joint_names).astype("Float64").mask(mask)
+    objects = q.astype(object)
+    objects[1, 2] = pd.NA
+    for method in (None, "recursion", "closed_form"):
+        expected = robot.gravity_forces(holed, method=method)
+        for same in (masked, list(masked), masked.astype(object), frame, objects, objects.tolist()):
+            np.testing.assert_array_equal(robot.gravity_forces(same, method=method), expected)
+        assert np.isnan(robot.gravity_forces(integers, method=method)).any(axis=1).tolist() == [False, True, False]
+    named = {name: masked[:, j] for j, name in enumerate(robot.joint_names)}
+    np.testing.assert_array_equal(robot.gravity_forces(named), robot.gravity_forces(holed))
+    W = np.ma.array(np.ones((7, 6)), mask=[[True] + [False] * 5] + [[False] * 6] * 6)
+    assert np.isnan(robot.inverse_dynamics(q[0], q[0], q[0], wrench=W)).any()
+
+
+def test_robots_and_compiled_kernels_take_no_masked_arrays():
+    B, X, M = (np.ma.array(getattr(jounce.load("planar2r").mechanism, name)) for name in "BXM")
+    M[1, 3, 3] = np.ma.masked
+    with pytest.raises(JounceError, match=r"^M\[1, 3, 3\] is nan; expected finite numbers"):
+        jounce.Robot.from_screws(B, X, M)
+    kernel, q = jounce.load("planar2r").compile(0, quantity="gravity_forces"), np.ma.array([1.0, 2.0], mask=[1, 0])
+    for call in (lambda: kernel(q), lambda: kernel(q, threads=2), lambda: kernel.bind(q, out=np.zeros(2))):
+        with pytest.raises(JounceError, match="takes arrays without masks"):
+            call()
+    with pytest.raises(JounceError, match=r"out\[0\] is masked"):
+        jounce.load("planar2r").gravity_forces([0, 0], out=q)
 
 
 def test_a_robot_is_made_of_a_mechanism():

@@ -76,7 +76,7 @@ MIMIC = (*hanging("revolute"), link("x"), joint("follow", "hand", "x", inner='<m
 REFUSED = {
     "unknown root": (GOOD, {"root": "am"}, ["no link 'am'", "did you mean 'arm'", "base, arm"]),
     "root that carries no joint": (GOOD, {"root": "arm"}, ["no movable joint among 1 link and 0 joints"]),
-    "root that is no text": (GOOD, {"root": 3}, ["no link '3'"]),
+    "root that is no text": (GOOD, {"root": 3}, ["no link 3;"]),
     "locked joints without values": (GOOD, {"lock": ["turn"]}, ["joints to lock are of type list", "mapping"]),
     "unknown base": (GOOD, {"base": "floating"}, ["no base 'floating'", "fixed"]),
     "mimic of what is left out": (MIMIC, {"root": "body"}, [":10", "'follow' mimics 'hold'", "left out by root="]),

@@ -8,35 +8,91 @@ standard (JAX), or a NumPy object array of symbols (CasADi ``SX``, SymPy, tracin
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from datetime import date, timedelta
+from decimal import Decimal
+from fractions import Fraction
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from jounce.errors import JounceError, one_line
+from jounce.errors import JounceError, one_line, quoted
 
 FLOAT = np.dtype(float)
 Array: TypeAlias = Any  # a NumPy array of floats or objects, a JAX array or tracer
+NOT_REAL = (complex, Decimal, date, timedelta, np.generic)  # what adds up, but not with floats, or not to a float
 
 
 def asarray(x: Any, what: str = "an array") -> Array:
-    """`x` as an array to calculate with: integers and short floats become float64, symbols stay what they are."""
-    if not isinstance(x, np.ndarray) and hasattr(type(x), "__array_namespace__"):
+    """`x` as an array to calculate with: integers and short floats become float64, symbols stay what they are.
+
+    Missing numbers, masked by NumPy or NA of pandas, become NaN.
+    """
+    if not isinstance(x, np.ndarray | np.generic) and hasattr(type(x), "__array_namespace__"):
         return x  # a foreign array that names its own namespace: JAX, also while it traces
     if isinstance(x, Mapping | str):
         raise JounceError(f"{what} is of type {type(x).__name__}; expected an array of numbers")
     if type(x).__module__.startswith("casadi"):
         x = _of_casadi(x, what)
     try:
-        array = np.asarray(x)
-    except Exception as error:  # ragged lists, and whatever a foreign type raises in its conversion
+        array = _without_missing(np.asarray(_unmasked(x)))
+        if array.dtype.kind == "O" and all(isinstance(v, int | float | np.floating | np.integer) for v in array.flat):
+            array = array.astype(np.float64)
+    except Exception as error:  # ragged lists, integers beyond the floats, and whatever a foreign type raises
         raise JounceError(f"{what} is not an array of numbers: {one_line(error)}") from error
-    if array.dtype.kind == "O" and all(isinstance(v, int | float | np.floating | np.integer) for v in array.flat):
-        array = array.astype(np.float64)
     if array.dtype.kind in "biuf":
         return array.astype(np.result_type(array.dtype, np.float64), copy=False)
-    if array.dtype.kind == "O" and not any(v is None or isinstance(v, str | complex) for v in array.flat):
+    if array.dtype.kind != "O":
+        raise JounceError(f"{what} holds {_kind(array)}; expected real numbers or symbols")
+    for v in array.flat:
+        if not _is_element(v):
+            raise JounceError(f"{what} holds {quoted(v)}; expected real numbers or symbols")
+    return array
+
+
+def _unmasked(x: Any) -> Any:
+    """`x` with NaN where it is masked, as are the arrays that lists hold."""
+    if isinstance(x, np.ma.MaskedArray) and x.dtype.kind in "biufO":
+        kind = x.dtype if x.dtype.kind == "O" else np.result_type(x.dtype, np.float64)
+        return np.ma.filled(x.astype(kind), np.nan)
+    return [_unmasked(part) for part in x] if type(x) in (list, tuple) and _holds_masked(x) else x
+
+
+def _holds_masked(x: Any) -> bool:
+    return isinstance(x, np.ma.MaskedArray) or (type(x) in (list, tuple) and any(map(_holds_masked, x)))
+
+
+def _without_missing(array: np.ndarray) -> np.ndarray:
+    """An array with NaN in place of NA, if pandas is there to have made any."""
+    pandas = sys.modules.get("pandas")
+    if pandas is None or array.dtype.kind != "O":
         return array
-    raise JounceError(f"{what} holds {_kind(array)}; expected real numbers or symbols")
+    return np.asarray(np.frompyfunc(lambda v: np.nan if v is pandas.NA else v, 1, 1)(array), dtype=object)
+
+
+def _is_element(x: Any) -> bool:
+    """Whether an element of an object array is a real number in the range of floats, or a symbol to calculate with."""
+    if isinstance(x, float | np.floating | np.integer):
+        return True
+    if isinstance(x, int | Fraction):
+        return is_finite(x)
+    adds = all(hasattr(type(x), f"__{name}__") for name in ("add", "mul", "neg"))
+    return adds and not hasattr(type(x), "__len__") and not isinstance(x, NOT_REAL)
+
+
+def is_scalar(x: Any) -> bool:
+    """Whether a value is one scalar, not an array of any kind; CasADi's scalars have two axes."""
+    shape = getattr(x, "shape", None)
+    return _is_element(x) if shape is None else shape == ((1, 1) if type(x).__module__.startswith("casadi") else ())
+
+
+def is_finite(x: Any) -> bool:
+    """Whether a value is a real number that a float can hold; truth values and symbols are none."""
+    if isinstance(x, bool) or not isinstance(x, int | float | Fraction | np.floating | np.integer):
+        return False
+    try:
+        return math.isfinite(x)
+    except OverflowError:  # integers of 400 digits
+        return False
 
 
 def element(x: Any, what: str) -> Array:
@@ -61,7 +117,7 @@ def _of_casadi(x: Any, what: str) -> np.ndarray:
 
 
 def _kind(array: np.ndarray) -> str:
-    kinds = {"c": "complex numbers", "U": "text", "S": "bytes", "M": "dates", "m": "durations", "O": "None or text"}
+    kinds = {"c": "complex numbers", "U": "text", "S": "bytes", "M": "dates", "m": "durations"}
     return kinds.get(array.dtype.kind, f"values of type {array.dtype}")
 
 

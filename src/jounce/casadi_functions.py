@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jounce._scalars import Array, asarray, is_numeric
-from jounce.errors import JounceError, no_such
+from jounce.errors import JounceError, one_of, true_or_false
 from jounce.mechanism import DATA
 from jounce.parameters import parametrised
 from jounce.paths import COMPILED, PATHS, SYMBOLS
@@ -100,12 +100,9 @@ def _matrix(array: np.ndarray) -> "casadi.SX":
 def _check(robot: Robot, order: int, wrench: bool, quantity: str) -> None:
     if not isinstance(robot, Robot):
         raise JounceError(f"a function is made of a Robot, not of a {type(robot).__name__}; try jounce.load")
-    if not isinstance(quantity, str) or quantity not in COMPILED:
-        raise no_such("quantity for CasADi", quantity, COMPILED)
+    one_of("quantity for CasADi", quantity, COMPILED)
     checked_order(order)
-    if not isinstance(wrench, bool):
-        raise JounceError(f"wrench is of type {type(wrench).__name__}; expected True or False: whether W is an input")
-    if wrench and quantity != "inverse_dynamics":
+    if true_or_false("wrench", wrench, "whether W is an input") and quantity != "inverse_dynamics":
         raise JounceError(f"{quantity} takes no wrenches")
     if not all(is_numeric(getattr(robot.mechanism, data)) for data in DATA):
         raise JounceError("the robot holds symbols; expected numbers: parameters= makes inputs of masses, say")

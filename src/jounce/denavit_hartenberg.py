@@ -17,7 +17,7 @@ import numpy as np
 
 from jounce import _scalars
 from jounce._scalars import Array, asarray, is_symbolic
-from jounce.errors import JounceError, no_such, one_line, shortened
+from jounce.errors import JounceError, at, one_of, quoted, several, true_or_false
 from jounce.mechanism import Frame, Mechanism
 from jounce.screws import exact_pose, from_screws
 
@@ -41,10 +41,8 @@ def from_dh(
     **data: Any,
 ) -> Mechanism:
     """A mechanism from a table, every entry checked; see `Robot.from_dh` for what they are."""
-    if convention not in CONVENTIONS:
-        raise no_such("Denavit-Hartenberg convention", convention, CONVENTIONS)
-    if not isinstance(degrees, bool):
-        raise JounceError(f"degrees is {_brief(degrees)}; expected True or False: the unit of alpha and theta")
+    one_of("Denavit-Hartenberg convention", convention, CONVENTIONS)
+    true_or_false("degrees", degrees, "the unit of alpha and theta")
     rows = _rows(table, types)
     moved = [_standard(*row, degrees) if convention == "standard" else _modified(*row, degrees) for row in rows]
     B, X = ([pair[k] for pair in moved] for k in (0, 1))
@@ -102,23 +100,22 @@ def _array(entries: list[Any]) -> Array:
 
 
 def _rows(table: Any, types: Sequence[str] | None) -> list[Row]:
-    if not isinstance(table, Sequence | np.ndarray) or isinstance(table, str) or not len(table):
-        raise JounceError(f"table is {_brief(table)}; expected rows of {', '.join(PARAMETERS)}")
-    named = [isinstance(row, Mapping) for row in table]
+    rows = several(table) if isinstance(table, Sequence | np.ndarray) and not isinstance(table, str) else []
+    if not rows:
+        raise JounceError(f"table is {quoted(table)}; expected rows of {', '.join(PARAMETERS)}")
+    named = [isinstance(row, Mapping) for row in rows]
     if types is None:
-        types = [row.get("type", TYPES[0]) if isinstance(row, Mapping) else TYPES[0] for row in table]
+        kinds = [row.get("type", TYPES[0]) if isinstance(row, Mapping) else TYPES[0] for row in rows]
     elif any(named):
         raise JounceError("types= goes with rows of numbers; rows of names hold their 'type' themselves")
-    elif isinstance(types, str) or len(types) != len(table):
-        raise JounceError(f"types is {_brief(types)}; expected {len(table)} of {', '.join(TYPES)}, one a row")
-    for i, kind in enumerate(types):
-        if kind not in TYPES:
-            raise JounceError(f"joint of table[{i}]: {no_such('type', kind, TYPES)}")
-    return [(_row(row, f"table[{i}]"), kind) for i, (row, kind) in enumerate(zip(table, types, strict=True))]
-
-
-def _brief(given: Any) -> str:
-    return shortened(one_line(repr(given)), 60)
+    else:
+        kinds = [] if isinstance(types, str) else several(types)
+    if len(kinds) != len(rows):
+        raise JounceError(f"types is {quoted(types)}; expected {len(rows)} of {', '.join(TYPES)}, one a row")
+    for i, kind in enumerate(kinds):
+        with at(f"joint of table[{i}]"):
+            one_of("type", kind, TYPES)
+    return [(_row(row, f"table[{i}]"), kind) for i, (row, kind) in enumerate(zip(rows, kinds, strict=True))]
 
 
 def _row(row: Any, label: str) -> Array:
@@ -126,8 +123,7 @@ def _row(row: Any, label: str) -> Array:
     order = ", ".join(PARAMETERS)
     if isinstance(row, Mapping):
         for key in row:
-            if key not in (*PARAMETERS, "type"):
-                raise no_such(f"key in {label}", key, [*PARAMETERS, "type"])
+            one_of(f"key in {label}", key, [*PARAMETERS, "type"])
         for key in PARAMETERS:
             if key not in row:
                 raise JounceError(f"{label} has no {key!r}; expected {order}")

@@ -9,15 +9,15 @@ A file states them; they are off until a user asks for them, and then enter ``Q 
 their joints only: what they do to momentum and bearings as their carriers turn is left out, as is usual.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
 
 import numpy as np
 
-from jounce._scalars import Array, tanh
-from jounce.errors import JounceError, no_such
+from jounce._scalars import Array, is_finite, tanh
+from jounce.errors import JounceError, one_of, quoted, several
 from jounce.series import Series, from_rate
 
 Coefficients = Mapping[str, Array]  # columns, one entry a joint
@@ -78,15 +78,14 @@ def chosen(terms: object) -> tuple[str, ...]:
     """The terms that a user asks for, in their order: True is all of them, False none, else their names."""
     if isinstance(terms, bool):
         return TERMS * terms
-    names = [terms] if isinstance(terms, str) else list(terms) if isinstance(terms, Iterable) else [terms]
-    for name in names:
-        if name not in TERMS:
-            raise no_such("drive term", name, TERMS)
+    names = {one_of("drive term", name, TERMS) for name in several(terms)}
     return tuple(term for term in TERMS if term in names)
 
 
 def with_eps(drives: Drives, eps: float) -> Drives:
     """The drives with another speed over which friction turns over, of all joints."""
-    if isinstance(eps, bool) or not isinstance(eps, int | float | np.number) or not 0 < eps < np.inf:
-        raise JounceError(f"eps is {eps!r}; expected a speed above 0 in rad/s or m/s, over which friction turns over")
+    if not is_finite(eps) or not eps > 0:
+        raise JounceError(
+            f"eps is {quoted(eps)}; expected a speed above 0 in rad/s or m/s, over which friction turns over"
+        )
     return replace(drives, eps=np.full(drives.eps.shape, float(eps)))

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
 from reprlib import Repr
+from typing import Any
 
 MOST = 80  # characters of one thing in a message, be it a cell, a name or a value
 
@@ -44,10 +45,35 @@ def at(place: object) -> Iterator[None]:
 
 def no_such(kind: str, name: object, existing: Iterable[str]) -> JounceError:
     """The error for an unknown name: the nearest valid one first, then all that exist."""
-    known, said = list(existing), str(name)
-    near = get_close_matches(said, known, n=1)
+    known = list(existing)
+    near = get_close_matches(_cut(name, MOST), known, n=1) if isinstance(name, str) else []
     hint = f"; did you mean {quoted(near[0])}?" if near else ";"
-    return JounceError(f"no {kind} {quoted(said)}{hint} there are: {listed(known) or 'none'}")
+    return JounceError(f"no {kind} {quoted(name)}{hint} there are: {listed(known) or 'none'}")
+
+
+def one_of(kind: str, given: object, existing: Iterable[str]) -> str:
+    """The name that a caller gives, where it exists; a value of any other type is refused like an unknown name."""
+    known = list(existing)
+    if not isinstance(given, str) or given not in known:  # what is no text may not compare to one: arrays do not
+        raise no_such(kind, given, known)
+    return given
+
+
+def several(given: object) -> list[Any]:
+    """What a caller lists, or the one thing that comes alone."""
+    if isinstance(given, str) or not isinstance(given, Iterable):
+        return [given]
+    try:
+        return list(given)
+    except Exception:  # arrays without axes, and whatever a foreign type raises
+        return [given]
+
+
+def true_or_false(label: str, given: object, meaning: str) -> bool:
+    """The answer that a caller gives to a question; what merely counts as true is refused."""
+    if not isinstance(given, bool):
+        raise JounceError(f"{label} is {quoted(given)}; expected True or False: {meaning}")
+    return given
 
 
 def listed(names: Iterable[str], most: int = 24) -> str:

@@ -77,8 +77,9 @@ def _checked(out: Any, shapes: Sequence[tuple[int, ...]], dtype: np.dtype) -> tu
         if not isinstance(array, np.ndarray) or array.shape != shape:
             came = f"shape {array.shape}" if isinstance(array, np.ndarray) else f"type {type(array).__name__}"
             raise JounceError(f"out[{k}] has {came}; expected a NumPy array of shape {shape}")
-        if not array.flags.writeable:
-            raise JounceError(f"out[{k}] is read-only; expected an array to write into")
+        if not array.flags.writeable or isinstance(array, np.ma.MaskedArray):
+            state = "masked" if array.flags.writeable else "read-only"
+            raise JounceError(f"out[{k}] is {state}; expected an array to write into")
         if not np.can_cast(dtype, array.dtype, "same_kind"):
             raise JounceError(f"out[{k}] is of dtype {array.dtype}; expected {dtype}")
     for j, k in combinations(range(len(arrays)), 2):

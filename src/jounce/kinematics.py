@@ -3,7 +3,7 @@
 import numpy as np
 
 from jounce import lie, recursion, system
-from jounce.errors import no_such
+from jounce.errors import one_of
 from jounce.mechanism import Mechanism
 from jounce.series import Series, from_rate
 
@@ -12,8 +12,7 @@ FRAMES = ("body", "world", "spatial")
 
 def jacobian(mechanism: Mechanism, q: Series, body: str | None, frame: str) -> Series:
     """J with V = J qd: of all bodies (..., nb, 6, n), or of one body or merged link (..., 6, n)."""
-    if frame not in FRAMES:
-        raise no_such("frame", frame, FRAMES)
+    one_of("frame", frame, FRAMES)
     J = recursion.system_jacobian(mechanism, q) if body is None else of_link(mechanism, q, body)
     if frame == "body":
         return J

@@ -13,7 +13,7 @@ import numpy as np
 
 from jounce import inertia
 from jounce.drives import UNDRIVEN, drive_error
-from jounce.errors import JounceError, at, listed, no_such, quoted, shortened, warn
+from jounce.errors import JounceError, at, listed, no_such, one_of, quoted, shortened, warn
 from jounce.mechanism import UNLIMITED, Frame, Mechanism, limit_error
 from jounce.screws import from_screws
 
@@ -189,8 +189,9 @@ def _from(
 
 def _weld(ordered: Sequence[Joint], base: str | None, file: str) -> None:
     """Say of free joints, which have no screw, that they are welded, or refuse them where that is not asked for."""
-    if base not in (None, "fixed"):
-        raise JounceError(f"{file}: {no_such('base', base, ['fixed'])}")
+    if base is not None:
+        with at(file):
+            one_of("base", base, ["fixed"])
     free = [joint for joint in ordered if joint.free is not None]
     if not free:
         return

@@ -14,7 +14,7 @@ import numpy as np
 
 from jounce._scalars import Array, is_numeric, is_symbolic, whole
 from jounce.drives import Drives
-from jounce.errors import no_such
+from jounce.errors import one_of
 
 GRAVITY = (0, 0, -9.81)  # m/s^2, unless told otherwise
 DATA = ("B", "X", "M", "gravity", "G", "g")  # the arrays of a mechanism
@@ -92,12 +92,10 @@ class Mechanism:
 
     def frame(self, name: str) -> Frame:
         """Where a body, or a link merged into one, sits."""
+        one_of("body", name, [*self.bodies, *(frame.name for frame in self.frames)])
         if name in self.bodies:
             return Frame(name, self.bodies.index(name), np.eye(4, dtype=int))
-        for frame in self.frames:
-            if frame.name == name:
-                return frame
-        raise no_such("body", name, [*self.bodies, *(frame.name for frame in self.frames)])
+        return next(frame for frame in self.frames if frame.name == name)
 
 
 @lru_cache(maxsize=64)

@@ -11,7 +11,7 @@ import numpy as np
 
 from jounce import inertia
 from jounce._scalars import Array, is_zero, whole
-from jounce.errors import JounceError, no_such
+from jounce.errors import JounceError, no_such, quoted
 from jounce.lie import pose, rotation
 from jounce.mechanism import Frame, Mechanism, in_whole_numbers
 
@@ -67,11 +67,13 @@ def own_values(mechanism: Mechanism, names: Sequence[str]) -> dict[str, np.ndarr
 
 def _payloads(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Frame]:
     """Where payloads are, by the stem of their symbols' names; `names` are checked."""
-    if isinstance(names, str) or not isinstance(names, Sequence) or len(set(map(str, names))) != len(names):
-        raise JounceError(f"parameters are {names!r}; expected a list of different names of {', '.join(PARAMETERS)}")
+    texts = isinstance(names, Sequence) and not isinstance(names, str) and all(isinstance(x, str) for x in names)
+    if not texts or len(set(names)) != len(names):
+        known = ", ".join(PARAMETERS)
+        raise JounceError(f"parameters are {quoted(names)}; expected a list of different names of {known}")
     payloads: dict[str, Frame] = {}
     for name in names:
-        kind, colon, body = str(name).partition(":")
+        kind, colon, body = name.partition(":")
         if kind not in PARAMETERS or (colon and kind != "payload"):
             raise no_such("parameter", name, [*PARAMETERS, "payload:BODY"])
         if kind == "payload":

@@ -6,7 +6,7 @@ from typing import Any
 
 from jounce import drives, recursion
 from jounce.closed_form import closed_form
-from jounce.errors import no_such
+from jounce.errors import one_of
 from jounce.mechanism import Mechanism
 from jounce.paper import Paper
 from jounce.recursion.joints import joint_variables
@@ -107,6 +107,5 @@ def path(quantity: str, method: str | None) -> Path:
     row = PATHS[quantity]
     if method is None:
         return next(iter(row.values()))
-    if method not in row:
-        raise no_such(f"method for {quantity}", method, [*row, *["kernel"] * (quantity in COMPILED)])
-    return row[method]
+    known = [*row, *["kernel"] * (quantity in COMPILED)]
+    return row[one_of(f"method for {quantity}", method, known)]

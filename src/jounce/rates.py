@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 
 from jounce import names
-from jounce._scalars import FLOAT, Array, asarray, element, is_symbolic, namespace, whole
-from jounce.errors import JounceError, at
+from jounce._scalars import FLOAT, Array, asarray, element, is_scalar, is_symbolic, namespace, whole
+from jounce.errors import JounceError, at, quoted
 from jounce.mechanism import Mechanism
 
+HIGHEST = 100  # order: beyond it computing takes minutes, and nobody's numbers have the digits
 SUFFIX = r"(d|[2-9]d|[1-9]\d+d)?"  # what `rate_name` adds to a symbol, as a regular expression
 
 
@@ -18,16 +19,19 @@ def rate_name(symbol: str, k: int) -> str:
     return symbol + ("" if k == 0 else "d" if k == 1 else f"{k}d")
 
 
-def checked_order(order: object) -> int:
+def checked_order(order: object, highest: int = HIGHEST) -> int:
     """The order of the highest rate that a caller asks for."""
-    if not isinstance(order, int | np.integer) or isinstance(order, bool) or order < 0:
-        raise JounceError(f"order is {order!r}; expected 0, 1, 2, ...")
+    if not isinstance(order, int | np.integer) or isinstance(order, bool) or not 0 <= order <= highest:
+        raise JounceError(f"order is {quoted(order)}; expected 0 to {highest}")
     return int(order)
 
 
-def has_rates(given: object, axes: int) -> bool:
-    """Whether a caller's tuple or list holds a quantity of so many axes with its rates, not the quantity's own rows."""
-    return isinstance(given, tuple | list) and not (len(given) > 0 and np.ndim(given[0]) == axes - 1)
+def rates_in(given: object) -> tuple[Any, ...] | None:
+    """A quantity and its rates where a caller gives both, as a tuple; None where it is an array, or a tuple of scalars.
+
+    Lists are arrays: nested ones mean what the array of the same numbers means.
+    """
+    return given if isinstance(given, tuple) and not (given and all(map(is_scalar, given))) else None
 
 
 def checked(given: Sequence[Any], least: int, mechanism: Mechanism) -> list[Array]:
@@ -35,6 +39,9 @@ def checked(given: Sequence[Any], least: int, mechanism: Mechanism) -> list[Arra
     terms = list(given)
     while len(terms) > least and terms[-1] is None:
         terms.pop()
+    if len(terms) > least + HIGHEST:
+        last = rate_name("q", len(terms) - 1)
+        raise JounceError(f"{last} is given, for order {len(terms) - least}; expected rates for order 0 to {HIGHEST}")
     tail = (mechanism.n,)
     return [
         term  # as most are, and some a thousand times a second
@@ -42,6 +49,11 @@ def checked(given: Sequence[Any], least: int, mechanism: Mechanism) -> list[Arra
         else _column(term, k, mechanism, terms)
         for k, term in enumerate(terms)
     ]
+
+
+def is_unbatched(q: Sequence[Array]) -> bool:
+    """Whether coordinates and their rates are one state."""
+    return all(term.ndim == 1 for term in q)
 
 
 def _skipped(terms: Sequence[Array | None]) -> JounceError:

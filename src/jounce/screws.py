@@ -1,14 +1,14 @@
 """Mechanisms from screw data, body-fixed or spatial: every array is checked here, at the door, and nowhere else."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from jounce import inertia, lie
-from jounce._scalars import Array, asarray, is_numeric, is_symbolic
+from jounce._scalars import Array, asarray, is_finite, is_numeric, is_symbolic
 from jounce.drives import UNDRIVEN, Drives, drive_error
-from jounce.errors import JounceError, no_such, one_line, shortened
+from jounce.errors import JounceError, one_line, one_of, quoted, several, shortened
 from jounce.mechanism import GRAVITY, UNLIMITED, Limits, Mechanism, in_whole_numbers, limit_error, reference_poses
 
 UNIT_TOLERANCE = 1e-9  # how far a direction or rotation may be from unit length before it is taken for a mistake
@@ -49,7 +49,7 @@ def from_screws(
         coordinates=coordinates,
         limits=Limits(**_of_joints(limits, UNLIMITED, limit_error, nb, "limit")),
         drives=Drives(**_of_joints(drives, UNDRIVEN, drive_error, nb, "drive")),
-        name=name,
+        name=_text(name),
     )
     return in_whole_numbers(built) if any(map(is_symbolic, data.values())) else built
 
@@ -146,10 +146,9 @@ def _of_joints(
     if not isinstance(stated, Mapping):
         raise JounceError(f"{what}s is of type {type(given).__name__}; expected a mapping of {', '.join(free)}")
     for key in stated:
-        if key not in free:
-            raise no_such(what, key, free)
+        one_of(what, key, free)
     whole = {key: np.full(nb, value) for key, value in free.items()}
-    arrays = {key: _data(array, key) + 0.0 for key, array in (whole | dict(stated)).items()}
+    arrays = {key: _data(array, key) for key, array in (whole | dict(stated)).items()}
     for key, array in arrays.items():
         if array.shape != (nb,) or not is_numeric(array):
             raise JounceError(f"{what}s: {key} has shape {array.shape}; expected numbers ({nb},), one a joint")
@@ -157,28 +156,33 @@ def _of_joints(
         error = error_of(**{key: array[i] for key, array in arrays.items()})
         if error:
             raise JounceError(f"{what}s of joint {i}: {error}")
-    return arrays
+    return {key: array + 0.0 for key, array in arrays.items()}  # no -0.0 among data
 
 
 def _tree(parent: Sequence[int] | None, nb: int) -> tuple[int, ...]:
     if parent is None:
         return tuple(range(-1, nb - 1))
-    numbers = np.asarray(parent)
-    if numbers.shape != (nb,):
-        raise JounceError(f"parent has shape {numbers.shape}; expected ({nb},), one entry a body")
-    for i, p in enumerate(numbers.tolist()):
-        if p not in range(-1, i):
+    numbers = several(parent)
+    if len(numbers) != nb:
+        raise JounceError(f"parent is {quoted(parent)}; expected {nb} indices, one for each body")
+    for i, p in enumerate(numbers):
+        if not is_finite(p) or p not in range(-1, i):
             earlier = f" or an earlier body, 0 .. {i - 1}" if i else ""
-            raise JounceError(f"parent[{i}] = {p!r}; expected -1 (the ground){earlier}")
+            raise JounceError(f"parent[{i}] = {quoted(p)}; expected -1 (the ground){earlier}")
     return tuple(int(p) for p in numbers)
+
+
+def _text(name: object) -> str:
+    if not isinstance(name, str):
+        raise JounceError(f"name is {quoted(name)}; expected a text")
+    return name
 
 
 def _names(given: Sequence[str] | None, count: int, label: str, stem: str) -> tuple[str, ...]:
     if given is None:
         return tuple(f"{stem}{i + 1}" for i in range(count))
-    names = tuple(given) if isinstance(given, Iterable) else ()
-    if isinstance(given, str) or not names or not all(isinstance(x, str) for x in names):
-        raise JounceError(f"{label} is {given!r}; expected {count} texts")
-    if len(names) != count or len(set(names)) != count:
-        raise JounceError(f"{label} is {list(names)}; expected {count} different texts")
-    return names
+    names = several(given)
+    texts = not isinstance(given, str) and all(isinstance(x, str) for x in names)
+    if not texts or not len(names) == len(set(names)) == count:
+        raise JounceError(f"{label} is {quoted(given)}; expected {count} different texts")
+    return tuple(names)

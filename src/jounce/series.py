@@ -107,6 +107,27 @@ def from_rate(S0: Array, f: Callable[[Series], Series]) -> Series:
     return S
 
 
+def from_rates(first: Callable[[int], Array], f: Callable[[Series], Series]) -> Series:
+    """The series S_0 of those with S_k[0] = first(k) and dS_k/dt = S_(k+1) + f(S_k), where k counts rates of an input.
+
+    S_0[k] takes S_1[k - 1], ..., S_k[0]: they are computed from the last one, so that no call nests deeper than one.
+    """
+    rows: list[Series] = []
+    corrections: list[Series] = []
+
+    def row(k: int) -> Series:
+        return Series(lambda i: rows[k + 1][i - 1] + corrections[k][i - 1] if i else first(k))
+
+    def term(k: int) -> Array:
+        rows.append(row(k))
+        corrections.append(f(rows[k]))
+        for j in reversed(range(1, k + 1)):
+            rows[j][k - j]
+        return rows[0][k]
+
+    return Series(term)
+
+
 def joined(parts: Sequence[Series], axis: int) -> Series:
     """The series of the parts joined along an axis (counted from the end)."""
     return Series(lambda k: concatenate([part[k] for part in parts], axis=axis))

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from jounce import inertia, lie
-from jounce._scalars import Array
+from jounce._scalars import Array, is_finite
 from jounce.drives import Drives
-from jounce.errors import JounceError, listed, no_such
+from jounce.errors import JounceError, listed, one_of, quoted
 from jounce.mechanism import Frame, Limits, Mechanism
 from jounce.screws import exact_inertia, exact_pose
 
@@ -17,15 +17,16 @@ def locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
     """The mechanism with some coordinates held at values, rad or m; joints that follow only these are welded too."""
     if not isinstance(values, Mapping):
         raise JounceError(f"joints to lock are of type {type(values).__name__}; expected a mapping of names and values")
+    if not values:
+        return mechanism
     for name, value in values.items():
         if name in mechanism.joints and name not in mechanism.coordinates:
             leaders = np.flatnonzero(mechanism.G[mechanism.joints.index(name)])
             said = listed([mechanism.coordinates[j] for j in leaders])
             raise JounceError(f"joint {name!r} cannot be locked: it follows {said}; lock that")
-        if name not in mechanism.coordinates:
-            raise no_such("joint to lock", name, mechanism.coordinates)
-        if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not np.isfinite(value):
-            raise JounceError(f"joint {name!r} is locked at {value!r}; expected a finite number, rad or m")
+        one_of("joint to lock", name, mechanism.coordinates)
+        if not is_finite(value):
+            raise JounceError(f"joint {name!r} is locked at {quoted(value)}; expected a finite number, rad or m")
     places = [mechanism.coordinates.index(name) for name in values]
     free = [j for j in range(mechanism.n) if j not in places]
     if not free:

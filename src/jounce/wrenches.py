@@ -4,31 +4,40 @@ A wrench W_i = (moment; force) is what body i EXERTS ON its environment, in body
 the body frame: Qext = +J^T W.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from jounce._scalars import Array, asarray, is_symbolic, whole
-from jounce.errors import JounceError
+from jounce.errors import JounceError, quoted
 from jounce.lie import Ad, inverse
 from jounce.mechanism import Mechanism
-from jounce.rates import broadcast, has_rates, rate_name
+from jounce.rates import broadcast, is_unbatched, rate_name, rates_in
 
 
-def checked(mechanism: Mechanism, wrench: object, order: int) -> list[Array]:
-    """W and its rates up to `order`; no arrays where `wrench` is None."""
+def checked(mechanism: Mechanism, wrench: object, order: int, q: Sequence[Array]) -> list[Array]:
+    """W and its rates up to `order`, at the states `q`; no arrays where `wrench` is None."""
     if wrench is None:
         return []
-    given = list(wrench) if has_rates(wrench, axes=2) else [wrench]  # type: ignore[call-overload]
-    if len(given) != order + 1:
-        have = ", ".join(rate_name("W", k) for k in range(len(given))) or "nothing"
-        raise JounceError(f"wrench gives {have}; order {order} takes W and its rates up to {rate_name('W', order)}")
-    return [_on_bodies(mechanism, W, rate_name("W", k)) for k, W in enumerate(given)]
+    given = rates_in(wrench)
+    terms = (wrench,) if given is None else given
+    if len(terms) != order + 1:
+        have = "W alone" if given is None else _rates(len(given)) or "nothing"
+        takes = f"a tuple ({_rates(order + 1)})" if order else "W alone"
+        raise JounceError(f"wrench gives {have}; order {order} takes {takes}; a list is one array")
+    at_one_state = is_unbatched(q)
+    return [_on_bodies(mechanism, W, rate_name("W", k), at_one_state) for k, W in enumerate(terms)]
 
 
-def _on_bodies(mechanism: Mechanism, W: object, label: str) -> Array:
+def _rates(count: int) -> str:
+    """The names of W and its rates."""
+    names = [rate_name("W", k) for k in range(count)]
+    return ", ".join([*names[:2], "...", names[-1]] if count > 3 else names)
+
+
+def _on_bodies(mechanism: Mechanism, W: object, label: str, at_one_state: bool) -> Array:
     if isinstance(W, Mapping):
-        return _from_names(mechanism, W, label)
+        return _from_names(mechanism, W, label, at_one_state)
     array = asarray(W, label)
     if array.ndim < 2 or array.shape[-2:] != (mechanism.nb, 6):
         raise JounceError(
@@ -37,16 +46,21 @@ def _on_bodies(mechanism: Mechanism, W: object, label: str) -> Array:
     return array
 
 
-def _from_names(mechanism: Mechanism, W: Mapping[str, object], label: str) -> Array:
+def _from_names(mechanism: Mechanism, W: Mapping[str, object], label: str, at_one_state: bool) -> Array:
     """Wrenches by body or merged link, the latter transported to the frame of the body that carries it."""
     parts: list[Array] = [np.zeros((mechanism.nb, 6))]
     for name, value in W.items():
-        frame = mechanism.frame(name)
-        array = asarray(value, f"{label}[{name!r}]")
+        frame, what = mechanism.frame(name), f"{label}[{quoted(name)}]"
+        array = asarray(value, what)
         if array.ndim == 0 or array.shape[-1] != 6:
-            raise JounceError(f"{label}[{name!r}] has shape {array.shape}; expected (..., 6), (moment; force)")
+            raise JounceError(f"{what} has shape {array.shape}; expected (..., 6), (moment; force)")
+        if at_one_state and array.shape == (mechanism.nb, 6) != (1, 6):
+            raise JounceError(
+                f"{what} has shape {array.shape}, as W of all bodies has; expected (6,), or W without names;"
+                f" for {mechanism.nb} wrenches in turn make a batch of the state, q[None]"
+            )
         if frame.body >= 0:  # a wrench between the ground and its environment moves nothing
             T = whole(frame.T) if is_symbolic(array) else frame.T
             local = Ad(inverse(T)).mT @ array[..., None]
             parts.append(np.eye(mechanism.nb, dtype=int)[frame.body][:, None] * local[..., None, :, 0])
-    return sum(broadcast(parts, [2] * len(parts), ["bodies", *(f"{label}[{name!r}]" for name in W)]))
+    return sum(broadcast(parts, [2] * len(parts), ["bodies", *(f"{label}[{quoted(name)}]" for name in W)]))

@@ -12,7 +12,7 @@ import numpy as np
 from jounce import recursion
 from jounce._scalars import Array
 from jounce.closed_form import closed_form
-from jounce.errors import JounceError, at, no_such
+from jounce.errors import JounceError, at, no_such, quoted
 from jounce.expressions.terms import Print, waves
 from jounce.expressions.waves import Alphabet, Waves
 from jounce.mechanism import DATA, Mechanism, in_whole_numbers
@@ -86,6 +86,8 @@ class Symbolic:
         """
         import sympy
 
+        if not isinstance(x, sympy.Expr | sympy.MatrixBase | sympy.NDimArray | int | float):
+            raise JounceError(f"dot takes an expression of SymPy or a matrix of them, not {quoted(x)}")
         total = 0 * x
         for moving in (self.series["q"], self.series["W"]):
             for k in range(NAMED):

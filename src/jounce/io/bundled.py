@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce._scalars import Array
+from jounce._scalars import Array, element
+from jounce.errors import JounceError
 from jounce.inertia import inertia_matrix, symmetric
 from jounce.io import entries
 from jounce.io.native import reading
@@ -55,9 +56,12 @@ def planar2r(L1: Array = 1, L2: Array = 1, m1: Array = 1, m2: Array = 1, g: Arra
 
     The paper prints m L^2 as the xx moment of its links; a point mass on the x axis has 0 (it never enters Q).
     """
+    for label, x in {"L1": L1, "L2": L2, "m1": m1, "m2": m2, "g": g}.items():
+        if shape := element(x, label).shape:
+            raise JounceError(f"{label} has shape {shape}; expected one number or symbol")
     B = [np.eye(4, dtype=int), [[1, 0, 0, L1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]]
     M = [inertia_matrix(m, [L, 0, 0], np.zeros((3, 3), dtype=int)) for m, L in ((m1, L1), (m2, L2))]
-    return from_screws(B, [[0, 0, 1, 0, 0, 0]] * 2, M, gravity=[0, -g, 0], name="planar2r")
+    return from_screws(B, [[0, 0, 1, 0, 0, 0]] * 2, M, gravity=[0, -element(g, "g"), 0], name="planar2r")
 
 
 @dataclass(frozen=True)

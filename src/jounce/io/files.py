@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from jounce.errors import JounceError, one_line
+from jounce.errors import JounceError, one_line, quoted
 from jounce.io.parts import part_in, remove_abandoned
 
 
@@ -95,6 +95,17 @@ def mode_of(path: Path) -> int | None:
         return stat.S_IMODE(path.stat().st_mode)
     except FileNotFoundError:
         return None
+
+
+def path_of(given: str | os.PathLike[str]) -> Path:
+    """The path that a caller gives, with the folder that a leading ~ stands for."""
+    try:
+        path = Path(given).expanduser()
+        if b"\0" in os.fsencode(path):
+            raise ValueError("it holds a zero byte")
+    except Exception as error:  # half a character, a home of nobody, and whatever a foreign path raises
+        raise JounceError(f"{quoted(given)} is not a path: {one_line(error)}") from None
+    return path
 
 
 def finite(text: str) -> float | None:

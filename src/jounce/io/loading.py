@@ -7,9 +7,10 @@ from pathlib import Path
 from types import MappingProxyType
 
 from jounce._scalars import is_numeric
-from jounce.drives import AMOUNTS
+from jounce.drives import AMOUNTS, chosen
 from jounce.errors import JounceError, at, no_such, quoted, warn
 from jounce.io.bundled import BUNDLED
+from jounce.io.files import path_of
 from jounce.mechanism import Mechanism
 from jounce.robot import Robot
 
@@ -64,25 +65,26 @@ def load(
     """
     if not isinstance(source, str | os.PathLike):
         raise JounceError(f"a robot is a path or a name, not {type(source).__name__}; names: {', '.join(BUNDLED)}")
-    robot = Robot(_mechanism(source, parameters))
-    if lock:
-        with at(source):
+    path = path_of(source)
+    name, terms = os.fspath(source), () if drives is None else chosen(drives)
+    robot = Robot(_mechanism(name, path, parameters))
+    if lock is not None:
+        with at(name):
             robot = robot.locked(lock)
-    if not drives:
+    if not terms:
         return robot
-    driven = robot.with_drives(drives)
+    driven = robot.with_drives(terms)
     if not any(getattr(driven.drives, name).any() for name in AMOUNTS):
-        warn(f"{source}: states no drive trains; drives={quoted(drives)} adds nothing")
+        warn(f"{name}: states no drive trains; drives={quoted(drives)} adds nothing")
     return driven
 
 
-def _mechanism(source: str | os.PathLike[str], parameters: dict[str, object]) -> Mechanism:
-    if str(source) in BUNDLED:
-        return _call(BUNDLED[str(source)].build, parameters, str(source))
-    path = Path(source).expanduser()
+def _mechanism(name: str, path: Path, parameters: dict[str, object]) -> Mechanism:
+    if name in BUNDLED:
+        return _call(BUNDLED[name].build, parameters, name)
     if path.suffix.lower() not in READERS:
         if not path.suffix:
-            raise JounceError(f"{no_such('robot', source, BUNDLED)}, or a file of type {', '.join(READERS)}")
+            raise JounceError(f"{no_such('robot', name, BUNDLED)}, or a file of type {', '.join(READERS)}")
         raise JounceError(f"{path}: unknown type of robot file {path.suffix!r}; there are: {', '.join(READERS)}")
     mechanism = _call(partial(READERS[path.suffix.lower()], path), parameters, str(path))
     _warn_of_inertias(mechanism, path)

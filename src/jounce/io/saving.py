@@ -42,7 +42,7 @@ def save(robot: Robot, path: str | os.PathLike[str]) -> None:
         raise JounceError(f"a Robot is saved, not a {type(robot).__name__}; expected one of jounce.load, say")
     if not isinstance(path, str | os.PathLike):
         raise JounceError(f"a robot is saved to a path, not to one of type {type(path).__name__}")
-    target = Path(path).expanduser()
+    target = files.path_of(path)
     check_writable(target)
     content = WRITERS[target.suffix.lower()](robot.mechanism)
     with files.written_whole(target) as part:

@@ -12,7 +12,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from jounce import names
-from jounce.errors import JounceError, one_line
+from jounce.errors import JounceError, one_line, quoted
 from jounce.kernel import cache, jit, memory
 from jounce.kernel.pool import Pool
 from jounce.kernel.quantity import Quantity
@@ -61,8 +61,8 @@ class Kernel:
         except (TypeError, ValueError) as error:
             self._refuse_names(arrays)
             raise JounceError(f"{self!r}: {one_line(error)}") from None
-        if not isinstance(results[0] if type(results) is tuple else results, np.ndarray):
-            self._refuse_names(arrays)  # data frames, which have NumPy look at their values alone
+        if type(results[0] if type(results) is tuple else results) is not np.ndarray:
+            self._refuse_names(arrays)  # data frames, which have NumPy look at their values alone, and masked arrays
         return results
 
     def bind(self, *arrays: np.ndarray, out: Any) -> Callable[[], None]:
@@ -72,6 +72,7 @@ class Kernel:
         What the arrays hold when the function is called is what counts.
         """
         results = list(out) if isinstance(out, tuple | list) else [out]
+        self._refuse_names([*arrays, *results])
         batch = self._bound(arrays, results)
         everything = [*arrays, *results]
         steps = [array.strides[0] if batch else 0 for array in everything]
@@ -113,11 +114,13 @@ class Kernel:
             raise JounceError(
                 f"{self!r} takes arrays without names, in the order of its joints; a Robot's methods match names"
             )
+        if any(isinstance(x, np.ma.MaskedArray) for x in arrays):
+            raise JounceError(f"{self!r} takes arrays without masks; x.astype(float).filled(numpy.nan) is one")
 
     def _split(self, arrays: Sequence[Any], out: Any, threads: Any) -> Any:
         """The batch in as many parts along its first axis as there are threads; what does not fit, NumPy says."""
         if not isinstance(threads, int | np.integer) or isinstance(threads, bool) or threads < 1:
-            raise JounceError(f"threads = {threads!r}; expected how many, 1 or more")
+            raise JounceError(f"threads = {quoted(threads)}; expected how many, 1 or more")
         self._refuse_names(arrays)
         taken, given = self.quantity.interface.taken, self.quantity.interface.given
         inputs = [np.asarray(array) for array in arrays]

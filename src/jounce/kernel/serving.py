@@ -7,7 +7,7 @@ from math import inf
 import numpy as np
 
 from jounce._scalars import FLOAT, Array, is_numeric
-from jounce.errors import JounceError, no_such, warn
+from jounce.errors import JounceError, one_of, true_or_false, warn
 from jounce.kernel import memory
 from jounce.kernel.kernel import Kernel, compiled
 from jounce.kernel.quantity import LongCompilationError, Quantity
@@ -28,7 +28,7 @@ def serving(
     ------
     JounceError : where ``method="kernel"`` asks for what no kernel serves.
     """
-    if name not in COMPILED or method not in (None, "kernel"):
+    if name not in COMPILED or not (method is None or (isinstance(method, str) and method == "kernel")):
         return None
     for x in (*q, *W):
         if type(x) is not np.ndarray or (x.dtype is not FLOAT and x.dtype != FLOAT):  # unpickled, it is another object
@@ -43,12 +43,9 @@ def serving(
 
 def ahead(mechanism: Mechanism, name: str, order: int, loaded: bool) -> Kernel:
     """The kernel that a user asks for by name."""
-    if not isinstance(name, str) or name not in COMPILED:
-        raise no_such("quantity for native code", name, COMPILED)
+    one_of("quantity for native code", name, COMPILED)
     order = checked_order(order)
-    if not isinstance(loaded, bool):
-        raise JounceError(f"wrench is of type {type(loaded).__name__}; expected True or False: whether calls take any")
-    if loaded and name != "inverse_dynamics":
+    if true_or_false("wrench", loaded, "whether calls take any") and name != "inverse_dynamics":
         raise JounceError(f"{name} takes no wrenches")
     kernel, obstacle = _kernel(mechanism, name, order, loaded, inf)
     if kernel is None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.errors import JounceError, JounceWarning, one_line
+from jounce.errors import JounceError, JounceWarning, one_line, quoted
 from jounce.motion.smoothness import resolution
 from jounce.rates import rate_name
 
@@ -43,13 +43,15 @@ class Spline:
         """Raise `JounceError` where no such spline can be made of so many samples."""
         if not isinstance(self.degree, int) or self.degree not in DEGREES:
             known = ", ".join(map(str, DEGREES))
-            raise JounceError(f"a spline of degree {self.degree!r} is not offered; there are: {known}")
+            raise JounceError(f"a spline of degree {quoted(self.degree)} is not offered; there are: {known}")
         if samples <= self.degree:
             least = f"a spline of degree {self.degree} needs at least {self.degree + 1}"
             raise JounceError(f"{place}: {samples} samples; {least}")
         most = samples - self.degree
-        if self.intervals is not None and not (isinstance(self.intervals, int) and 1 <= self.intervals <= most):
-            raise JounceError(f"{place}: {self.intervals!r} intervals for {samples} samples; expected 1 to {most}")
+        if self.intervals is not None and not (type(self.intervals) is int and 1 <= self.intervals <= most):
+            raise JounceError(
+                f"{place}: {quoted(self.intervals)} intervals for {samples} samples; expected 1 to {most}"
+            )
 
 
 def rates_of(

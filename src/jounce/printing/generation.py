@@ -5,8 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from jounce.errors import JounceError
+from jounce.errors import JounceError, quoted, true_or_false
 from jounce.io import folders
+from jounce.io.files import path_of
 from jounce.printing import notes
 from jounce.printing.request import LOADED, Request, checked, languages_where
 from jounce.printing.routine import Routine, routine
@@ -91,9 +92,10 @@ def codegen(
     if not isinstance(robot, Robot):
         raise JounceError(f"code is generated for a Robot, not for a {type(robot).__name__}; try jounce.load")
     if not isinstance(directory, str | os.PathLike | None):
-        raise JounceError(f"directory is {directory!r}; expected the path of a folder")
+        raise JounceError(f"directory is {quoted(directory)}; expected the path of a folder")
+    true_or_false("force", force, "whether to write into a folder that is not empty")
     request = checked(robot, lang, order, outputs, wrench, parameters, float32, prefix)
-    folder = Path(f"{request.prefix}-{lang}" if directory is None else directory).expanduser()
+    folder = path_of(f"{request.prefix}-{lang}" if directory is None else directory)
     names = writing.names(request)
     folders.check_folder(folder, notes.MARK, names, force)
     routines = traced(request)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.errors import JounceError, no_such, quoted
+from jounce.errors import JounceError, one_of, quoted
 from jounce.printing.routine import Array
 
 NAMES = ("c", "cpp", "cuda", "julia", "latex", "matlab", "python", "rust")
@@ -73,7 +73,7 @@ class Language:
         """Raise `JounceError` where a text cannot be a name, or not one to which so many letters are added."""
         if not isinstance(name, str) or not is_identifier(name):
             raise JounceError(
-                f"{what} {name!r} is no name in code; expected ASCII letters, digits and _, a letter first"
+                f"{what} {quoted(name)} is no name in code; expected ASCII letters, digits and _, a letter first"
             )
         if name in self.reserved.split():
             raise JounceError(f"{what} {name!r} is a reserved word of {self.title}; expected another name")
@@ -97,6 +97,4 @@ def language(name: str) -> Language:
     ------
     JounceError : where there is none, with all there are.
     """
-    if name not in NAMES:
-        raise no_such("language", name, NAMES)
-    return import_module(f"jounce.printing.{name}").LANGUAGE
+    return import_module(f"jounce.printing.{one_of('language', name, NAMES)}").LANGUAGE

@@ -1,15 +1,14 @@
 """Requests: what code is asked for, every word of it checked before any work is done."""
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
-from jounce.errors import JounceError, no_such
+from jounce.errors import JounceError, one_of, quoted, several, true_or_false
 from jounce.printing.language import NAMES, Language, language
 from jounce.printing.parametric import Parametric, parametric
 from jounce.printing.routine import OUTPUTS
+from jounce.rates import checked_order
 from jounce.robot import Robot
 
 HIGHEST = 4  # order
@@ -42,21 +41,15 @@ def checked(
 ) -> Request:
     """What is asked for, or `JounceError`."""
     target = language(lang)
-    for name, given in (("wrench", wrench), ("float32", float32)):
-        if not isinstance(given, bool):
-            raise JounceError(f"{name} is {given!r}; expected True or False")
+    true_or_false("wrench", wrench, f"whether {LOADED} takes any")
+    true_or_false("float32", float32, "whether the code is in single precision")
     if float32 and not target.single:
         others = languages_where(lambda x: x.single)
         raise JounceError(f"{target.title} has no single precision; float32 is for code that runs: {others}")
-    if not isinstance(order, int | np.integer) or isinstance(order, bool) or not 0 <= order <= HIGHEST:
-        raise JounceError(f"order is {order!r}; expected 0 to {HIGHEST}")
-    if not isinstance(outputs, Iterable):
-        raise JounceError(f"outputs are {outputs!r}; expected a list of names: {', '.join(OUTPUTS)}")
-    for name in (outputs := [outputs] if isinstance(outputs, str) else list(outputs)):
-        if not isinstance(name, str) or name not in OUTPUTS:
-            raise no_such("output", name, OUTPUTS)
+    order = checked_order(order, HIGHEST)
+    outputs = [one_of("output", name, OUTPUTS) for name in several(outputs)]
     if not outputs or len(set(outputs)) != len(outputs):
-        raise JounceError(f"outputs are {outputs!r}; expected one or more different ones of {', '.join(OUTPUTS)}")
+        raise JounceError(f"outputs are {quoted(outputs)}; expected one or more different ones of {', '.join(OUTPUTS)}")
     if wrench and LOADED not in outputs:
         raise JounceError(f"{outputs[0]} takes no wrenches; they are for {LOADED}")
     if robot.mechanism.nb * (order + 1) ** 2 > TRACED:
@@ -69,7 +62,7 @@ def checked(
         target.check_name(name, "parameter", len("p_"))
     begins = _prefix(prefix, robot.name, target)
     target.check_prefix(begins, [*(f"_{name}" for name in outputs), *["_parameters"] * bool(found.shapes)])
-    return Request(found, target, int(order), tuple(outputs), wrench, float32, begins)
+    return Request(found, target, order, tuple(outputs), wrench, float32, begins)
 
 
 def languages_where(fit: Callable[[Language], bool]) -> str:

@@ -14,17 +14,17 @@ import numpy as np
 from jounce._scalars import Array, is_symbolic, whole
 from jounce.lie import Ad, ad, exp_of, inverse, turn_and_slide, wedge
 from jounce.mechanism import Mechanism
-from jounce.series import Series, from_rate
+from jounce.series import Series, from_rates
 
 
 def carried(E: Array, L: Array, rate: Series, x: Series) -> Series:
     """y = E x, with E' = rate L E."""
-    return from_rate(E @ x[0], lambda y: carried(E, L, rate, x.dot) + rate * (L @ y))
+    return from_rates(lambda k: E @ x[k], lambda y: rate * (L @ y))
 
 
 def congruent(E: Array, L: Array, rate: Series, x: Series) -> Series:
     """y = E x E^T, with E' = rate L E."""
-    return from_rate(E @ x[0] @ E.mT, lambda y: congruent(E, L, rate, x.dot) + rate * (L @ y + y @ L.mT))
+    return from_rates(lambda k: E @ x[k] @ E.mT, lambda y: rate * (L @ y + y @ L.mT))
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,9 @@ class Robot(Forces, Bodies, Construction, Models):
       arrays of CasADi SX, SymPy or other symbols.
     * A state may name its coordinates: a dict, a data frame or series, a structured array, matched by joint name.
       Results are arrays all the same, in the order of `joint_names`.
-    * q is required; each further rate you give returns one more time derivative. With none to spare the result is
-      a plain array, otherwise a tuple: the quantity, its rate, ...
+    * q is required; each further rate you give returns one more time derivative, up to order 100. With none to spare
+      the result is a plain array, otherwise a tuple: the quantity, its rate, ...
+    * What is missing, masked by NumPy or NA of pandas, is NaN, and so is what depends on it.
     * ``method`` picks the path: "kernel", native code, the default of float64 NumPy arrays where there is one;
       "recursion", the default of all else; "closed_form" or "paper". All agree. The first call that native code serves
       compiles it, in a fraction of a second, and keeps it on disk for the next process.

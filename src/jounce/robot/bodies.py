@@ -1,5 +1,6 @@
 """The bodies of a robot: where they are, how they move, what acts on them."""
 
+from functools import partial
 from typing import Any, Unpack, overload
 
 from jounce import kinematics, loads
@@ -144,7 +145,8 @@ class Bodies(Quantities):
         body : str
             A body, or a link merged into one.
         force, torque : (..., 3)
-            In N and N m, alone (constant in its axes) or a tuple with its rates, as many as W has.
+            In N and N m. A tuple (f, fd, ...) is a vector with as many rates as W has; anything else, lists too and
+            a tuple of three scalars, is the vector alone, constant in its axes.
         frame : str
             The axes of force and torque, "world" or "body" (those of the named link).
         point : (3,)
@@ -161,4 +163,4 @@ class Bodies(Quantities):
         """
         place = loads.checked_place(frame, point)
         law = Path(lambda model, q, load: loads.wrench(model, q, load, body, frame, place), columns)
-        return self._along(law, 1, (q, qd, q2d, *higher), None, lambda order: loads.checked(force, torque, order))
+        return self._along(law, 1, (q, qd, q2d, *higher), None, partial(loads.checked, force, torque))

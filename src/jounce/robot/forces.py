@@ -4,7 +4,7 @@ from typing import Any, Unpack, overload
 
 from jounce._scalars import Array
 from jounce.drives import chosen
-from jounce.errors import no_such
+from jounce.errors import one_of
 from jounce.kernel.kernel import Kernel
 from jounce.kernel.serving import ahead
 from jounce.paths import FORMS, Path, column, drive_forces, row
@@ -79,8 +79,9 @@ class Forces(Quantities):
             Further rates, each for one more time derivative of Q.
         wrench : (..., nb, 6) or dict
             What the bodies EXERT ON their environment, Qext = +J^T W, (moment; force) in body-frame components about
-            the origin of the body frame: W or a tuple (W, Wd, ...) with as many rates as Q; each an array
-            (..., nb, 6) or a dict {body or merged link: (..., 6)}. Wd is the derivative of those components.
+            the origin of the body frame. A tuple (W, Wd, ...) is W with as many rates as Q has; anything else, nested
+            lists too, is W alone. Each is an array (..., nb, 6) or a dict {body or merged link: (..., 6)}. Wd is the
+            derivative of those components.
         **options : keywords
             method, out and threads, see `Robot`.
 
@@ -181,8 +182,7 @@ class Forces(Quantities):
         >>> bool(abs(S + S.T).max() < 1e-13)
         True
         """
-        if form not in FORMS:
-            raise no_such("form of the Coriolis matrix", form, FORMS)
+        one_of("form of the Coriolis matrix", form, FORMS)
         return self._quantity(f"coriolis_matrix of form {form!r}", 2, (q, qd, q2d, q3d, *higher), **options)
 
     @overload

@@ -1,18 +1,21 @@
 """The one way from a robot and a caller's state to a result."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, TypedDict
+
+import numpy as np
 
 from jounce import rates, wrenches
 from jounce._scalars import Array
-from jounce.errors import JounceError
+from jounce.errors import JounceError, quoted
 from jounce.evaluation import by_kernel, delivered, evaluate
 from jounce.kernel.serving import serving
 from jounce.mechanism import suited
 from jounce.paths import Path, path
 from jounce.robot.data import Data
 
-Loads = Callable[[int], list[Array]]  # wrenches and their rates up to an order
+Loads = Callable[[int, Sequence[Array]], list[Array]]  # wrenches and their rates up to an order, at given states
 
 
 class Options(TypedDict, total=False):
@@ -27,14 +30,14 @@ class Quantities(Data):
     """How the methods of a robot are computed: checked, served by native code or by a path, delivered."""
 
     def _given(self, wrench: Any) -> Loads:
-        return lambda order: wrenches.checked(self.mechanism, wrench, order)
+        return partial(wrenches.checked, self.mechanism, wrench)
 
     def _quantity(
         self,
         name: str,
         least: int,
         q: Sequence[Any],
-        loads: Loads = lambda order: [],
+        loads: Loads = lambda order, q: [],
         *,
         method: str | None = None,
         out: Any = None,
@@ -43,12 +46,12 @@ class Quantities(Data):
         """A quantity of `paths`, or of native code, along q; see `_along`."""
         given = rates.checked(q, least, self.mechanism)
         order = len(given) - least
-        W = loads(order)
+        W = loads(order, given)
         kernel = serving(self.mechanism, name, method, order, given, W)
         if kernel is not None:
             return by_kernel(kernel, given, W, out, threads)
-        if threads != 1:
-            raise JounceError(f"threads = {threads!r} is for native code only, which does not serve this call")
+        if not isinstance(threads, int | np.integer) or isinstance(threads, bool) or threads != 1:
+            raise JounceError(f"threads = {quoted(threads)} is for native code only, which does not serve this call")
         return self._by(path(name, method), order, given, W, out)
 
     def _along(
@@ -57,12 +60,12 @@ class Quantities(Data):
         least: int,
         q: Sequence[Any],
         out: Any,
-        loads: Loads = lambda order: [],
+        loads: Loads = lambda order, q: [],
     ) -> Any:
         """The quantity of a path along q: it takes `least` of the rates, each further one gives one more derivative."""
         given = rates.checked(q, least, self.mechanism)
         order = len(given) - least
-        return self._by(path, order, given, loads(order), out)
+        return self._by(path, order, given, loads(order, given), out)
 
     def _by(self, path: Path, order: int, q: Sequence[Array], W: Sequence[Array], out: Any) -> Any:
         """The quantity of a path and its rates up to an order, of checked arrays."""

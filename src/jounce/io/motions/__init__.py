@@ -31,7 +31,7 @@ def read(source: Path, mechanism: Mechanism, highest: int, spline: "Spline | Non
         return from_table(tables.read(source), mechanism, highest, str(source), spline or THROUGH)
     known = ", ".join([*tables.READERS, *SUFFIXES])
     if not source.suffix:
-        raise JounceError(f"{no_such('motion', source, BUNDLED)}, or a file of type {known}")
+        raise JounceError(f"{no_such('motion', str(source), BUNDLED)}, or a file of type {known}")
     raise JounceError(f"{source}: unknown type of motion {source.suffix!r}; there are: {known}, {', '.join(BUNDLED)}")
 
 

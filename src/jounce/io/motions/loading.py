@@ -1,7 +1,6 @@
 """`load_motion`: the motion of a robot from a file, by name, or from named columns."""
 
 import os
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,6 +9,7 @@ from jounce import names
 from jounce._scalars import asarray
 from jounce.errors import JounceError, at, quoted
 from jounce.io import motions
+from jounce.io.files import path_of
 from jounce.rates import checked_order
 from jounce.robot import Robot
 
@@ -77,7 +77,7 @@ def load_motion(
     if not isinstance(source, str | os.PathLike):
         known = f"a path, one of {', '.join(motions.BUNDLED)}, or named columns"
         raise JounceError(f"a motion is of type {type(source).__name__}; expected {known}")
-    path = Path(source).expanduser()
+    path = path_of(source)
     if intervals is not None and motions.is_analytic(path):
         raise JounceError(f"{path}: its terms are exact; intervals are for the samples of a table")
     return motions.read(path, mechanism, highest, spline)
