@@ -8,8 +8,8 @@ import click
 from benchmarks import chains, forces, machine, making, matrices, measure, peaks, start
 from benchmarks.pictures import pictures
 from benchmarks.results import Run, page
+from jounce.figures.canvas import save
 from jounce.io.files import make_folder, written_whole
-from jounce.report.canvas import save
 
 
 @click.command()

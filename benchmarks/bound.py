@@ -11,16 +11,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from jounce import load
-from jounce.kernel import circular, forms
-from jounce.kernel.fuse import fused
-from jounce.kernel.ir import Writer
-from jounce.kernel.program import Program
-from jounce.kernel.quantity import Quantity
-from jounce.kernel.target import host
-from jounce.kernel.trace import Tape
-from jounce.mechanism import in_whole_numbers
-from jounce.paths import PATHS
-from jounce.series import columns
+from jounce.dynamics.quantities import PATHS
+from jounce.model.mechanism import in_whole_numbers
+from jounce.native import circular, forms
+from jounce.native.ir import Writer
+from jounce.native.quantity import Quantity
+from jounce.native.target import host
+from jounce.program.fuse import fused
+from jounce.program.program import Program
+from jounce.program.trace import Tape
+from jounce.spatial.series import columns
 
 PRODUCTS, SUMS = ("mul", "fma", "fms", "fnma"), ("add", "sub")
 

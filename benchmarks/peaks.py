@@ -9,9 +9,9 @@ from functools import partial
 import numpy as np
 
 from benchmarks.measure import Case
-from jounce.kernel import jit
-from jounce.kernel.ir import Writer
-from jounce.kernel.target import host
+from jounce.native import jit
+from jounce.native.ir import Writer
+from jounce.native.target import host
 
 CHAINS = 12  # independent ones: more than latency times pipes, and all fit into sixteen registers with their constants
 LENGTH = 8  # operations of each chain in a turn of the loop

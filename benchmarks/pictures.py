@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from benchmarks import chains, forces
 from benchmarks.bound import floor, programs
 from benchmarks.results import BEST, Run
-from jounce.report.canvas import INK, PALE, legend_above, line_style, painted
+from jounce.figures.canvas import INK, PALE, legend_above, line_style, painted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

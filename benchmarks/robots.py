@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 
 import jounce
-from jounce.lie import pose
+from jounce.spatial.lie import pose
 
 Rates = tuple[np.ndarray, ...]  # q, qd, q2d, ..., each (states, n)
 

@@ -7,11 +7,11 @@ import warnings
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from files import BODY, joint, link, refusal, robot_file
 from hypothesis import given
 from hypothesis import strategies as st
 
 import jounce
-from files import BODY, joint, link, refusal, robot_file
 from jounce.cli import main
 from jounce.errors import MOST, escaped, listed, no_such, one_line, quoted, shortened
 

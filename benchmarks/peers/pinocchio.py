@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.peers import Arrays, Call, MissingError, Peer, Prepared, alone
 from jounce import Robot
-from jounce.lie import hat, position, rotation
+from jounce.spatial.lie import hat, position, rotation
 
 STEP = 2.0**-6  # s; near the best for Q2d of these states
 WEIGHTS = (  # of the values at t + j STEP, j = -2 .. 2: for Q itself, Qd and Q2d; error O(STEP^4)

@@ -4,15 +4,15 @@ TYPE_CHECKING = False  # typing is not imported: until the command begins, Ctrl-
 if TYPE_CHECKING:
     from typing import Any
 
-    from jounce.casadi_functions import casadi_function
+    from jounce._casadi import casadi_function
+    from jounce._codegen import codegen
+    from jounce._symbolic import symbolic
     from jounce.errors import JounceError, JounceWarning
-    from jounce.expressions import symbolic
-    from jounce.inertia import inertia_matrix
     from jounce.io.loading import load
     from jounce.io.motions.loading import load_motion
     from jounce.io.saving import save
-    from jounce.printing import codegen
     from jounce.robot import Robot
+    from jounce.spatial.inertia import inertia_matrix
 
 __version__ = "0.1.0"
 
@@ -33,13 +33,13 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "JounceError": "jounce.errors",
     "JounceWarning": "jounce.errors",
     "Robot": "jounce.robot",
-    "casadi_function": "jounce.casadi_functions",
-    "codegen": "jounce.printing",
-    "inertia_matrix": "jounce.inertia",
+    "casadi_function": "jounce._casadi",
+    "codegen": "jounce._codegen",
+    "inertia_matrix": "jounce.spatial.inertia",
     "load": "jounce.io.loading",
     "load_motion": "jounce.io.motions.loading",
     "save": "jounce.io.saving",
-    "symbolic": "jounce.expressions",
+    "symbolic": "jounce._symbolic",
 }
 
 

@@ -15,10 +15,10 @@ from jounce.cli.compare import compare
 from jounce.cli.convert import convert
 from jounce.cli.demo import demo
 from jounce.cli.info import info
+from jounce.cli.output import styled
 from jounce.cli.plot import plot
 from jounce.cli.robots import robots
 from jounce.cli.run import run
-from jounce.cli.words import styled
 from jounce.errors import escaped, one_line
 
 EPILOG = """\b

@@ -2,7 +2,7 @@
 
 import click
 
-from jounce.cli.words import tell
+from jounce.cli.output import tell
 
 EPILOG = """\b
 Example:
@@ -22,7 +22,7 @@ first.
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def cache(clear: bool, as_json: bool) -> None:
     """Show where compiled kernels are kept, how many and how large they are; or remove them."""
-    from jounce.kernel import cache as kernels
+    from jounce.native import cache as kernels
 
     sizes = kernels.clear() if clear else [path.stat().st_size for path in kernels.entries()]
     summary = {

@@ -5,8 +5,8 @@ from typing import Any
 
 import click
 
-from jounce.cli.asked import Asked, on_robot
-from jounce.cli.words import tell
+from jounce.cli.options import Asked, on_robot
+from jounce.cli.output import tell
 
 EPILOG = """\b
 Example:
@@ -55,7 +55,7 @@ def codegen(
     as_json: bool,
 ) -> None:
     """Write the equations of ROBOT, a file or a bundled name, as source code with a test of its own."""
-    from jounce.printing import generation
+    from jounce._codegen import generation
 
     made = generation.codegen(
         robot.load(), lang, order, output,

@@ -4,8 +4,8 @@ from typing import Any
 
 import click
 
-from jounce.cli.asked import Asked, on_robot
-from jounce.cli.words import straight_columns, tell
+from jounce.cli.options import Asked, on_robot
+from jounce.cli.output import straight_columns, tell
 from jounce.errors import shortened
 
 EPILOG = """\b
@@ -31,7 +31,7 @@ explain.
 @click.pass_context
 def compare(ctx: click.Context, robot: Asked, order: int, states: int, seed: int, as_json: bool) -> None:
     """Compare ROBOT, a file or a bundled name, with other ways to the same numbers; print the worst errors."""
-    from jounce.comparison import compare as checks_of
+    from jounce.checks.compare import compare as checks_of
 
     arm, path = robot.load(), robot.path
     checks = checks_of(arm, path if path.is_file() else None, order=order, states=states, seed=seed)

@@ -5,8 +5,8 @@ from typing import Any
 
 import click
 
-from jounce.cli.asked import Asked, on_robot
-from jounce.cli.words import tell
+from jounce.cli.options import Asked, on_robot
+from jounce.cli.output import tell
 from jounce.errors import JounceError, shortened
 
 EPILOG = """\b

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.words import progress, straight_columns, tell
-from jounce.report.canvas import FORMATS
+from jounce.cli.output import progress, straight_columns, tell
+from jounce.figures.canvas import FORMATS
 
 if TYPE_CHECKING:
-    from jounce.report.example import Example, StepErrors
+    from jounce.demo.example import Example, StepErrors
 
 EPILOG = """\b
 Example:
@@ -37,9 +37,10 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
     Writes the forces and their rates as tables, and pictures: q, Q, Qd and Q2d with numerical differentiation laid
     over, the error of differentiation over its step, and both robots of the paper.
     """
+    from jounce.demo import example
+    from jounce.demo.gallery import gallery
+    from jounce.figures import canvas
     from jounce.io import files, tables
-    from jounce.report import canvas, example
-    from jounce.report.gallery import gallery
 
     formats = list(dict.fromkeys(formats))
     canvas.check_installed()

@@ -5,8 +5,8 @@ from typing import Any
 
 import click
 
-from jounce.cli.asked import Asked, on_robot
-from jounce.cli.words import straight_columns, tell
+from jounce.cli.options import Asked, on_robot
+from jounce.cli.output import straight_columns, tell
 from jounce.errors import shortened
 
 WIDTH = 100  # columns of a terminal
@@ -28,7 +28,7 @@ def info(robot: Asked, strict: bool, as_json: bool) -> None:
     An audit of the data ends it: errors, which no body can have or which leave the mass matrix singular; warnings,
     which are more likely a mistake than not; and notes, which are good to know.
     """
-    from jounce.description import describe
+    from jounce.checks.description import describe
 
     data = describe(robot.load().mechanism)
     tell(data, _in_words, as_json)
@@ -37,7 +37,7 @@ def info(robot: Asked, strict: bool, as_json: bool) -> None:
 
 
 def _in_words(data: dict[str, Any]) -> str:
-    from jounce.drives import AMOUNTS
+    from jounce.model.drives import AMOUNTS
 
     gravity = " ".join(f"{x:g}" for x in data["gravity"])
     size = f"{data['n']} coordinates, {data['nb']} bodies, {data['mass']:.6g} kg moving"
@@ -79,7 +79,7 @@ def _moments(bodies: list[dict[str, Any]]) -> list[str]:
 
 
 def _findings(findings: list[dict[str, Any]]) -> list[str]:
-    from jounce.audit import Finding
+    from jounce.checks.audit import Finding
 
     lines = [""]
     for finding in (Finding(**data) for data in findings):

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from jounce.cli.words import tell
+from jounce.cli.output import tell
 
 EPILOG = """\b
 Example:
@@ -29,10 +29,10 @@ def plot(table: Path, output: Path, joints: Sequence[str], quantities: Sequence[
 
     One row a quantity, one curve a joint; curves too small to be seen beside the others have a column of their own.
     """
+    from jounce.figures import canvas
+    from jounce.figures.curves import over_time
+    from jounce.figures.table import panels
     from jounce.io import files, tables
-    from jounce.report import canvas
-    from jounce.report.curves import over_time
-    from jounce.report.table import panels
 
     canvas.check_format(output)
     files.check_writable(output)

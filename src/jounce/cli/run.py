@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.asked import Asked, on_robot
 from jounce.cli.names import MOTION
-from jounce.cli.words import progress, straight_columns, tell
+from jounce.cli.options import Asked, on_robot
+from jounce.cli.output import progress, straight_columns, tell
 from jounce.errors import JounceError, shortened
 
 if TYPE_CHECKING:
@@ -60,10 +60,10 @@ def run(
     as_json: bool,
 ) -> None:
     """Compute Q, Qd, Q2d along MOTION for ROBOT, a file or the name of a bundled one."""
-    from jounce.description import coordinate_units
+    from jounce.arguments.rates import rate_name
+    from jounce.checks.description import coordinate_units
     from jounce.io import tables
     from jounce.io.motions.loading import load_motion
-    from jounce.rates import rate_name
 
     tables.check_writable(output)
     if output.resolve() == motion.resolve():

@@ -13,12 +13,12 @@ import numpy as np
 
 from jounce._scalars import Array, element
 from jounce.errors import JounceError
-from jounce.inertia import inertia_matrix, symmetric
 from jounce.io import entries
 from jounce.io.native import reading
-from jounce.lie import pose
-from jounce.mechanism import Mechanism
-from jounce.screws import from_screws
+from jounce.model.mechanism import Mechanism
+from jounce.model.screws import from_screws
+from jounce.spatial.inertia import inertia_matrix, symmetric
+from jounce.spatial.lie import pose
 
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable

@@ -16,13 +16,13 @@ from collections.abc import Collection
 
 import numpy as np
 
-from jounce import denavit_hartenberg
-from jounce.denavit_hartenberg import CONVENTIONS, PARAMETERS, TYPES
-from jounce.drives import UNDRIVEN
 from jounce.errors import JounceError, at, no_such, quoted
 from jounce.io.entries import Entry
 from jounce.io.native import parts
-from jounce.mechanism import GRAVITY, UNLIMITED, Mechanism
+from jounce.model import dh
+from jounce.model.dh import CONVENTIONS, PARAMETERS, TYPES
+from jounce.model.drives import UNDRIVEN
+from jounce.model.mechanism import GRAVITY, UNLIMITED, Mechanism
 
 ANGLES = {"rad": 1.0, "deg": math.pi / 180}
 ROW = ("name", "body", "type", "limits", "drive", "inertia")  # keys of a row beside its four parameters
@@ -47,7 +47,7 @@ def read(robot: Entry, gravity: object = None) -> Mechanism:
         M = [parts.inertia(row) for row in rows]
     placed = {key: parts.pose(robot, key, unit) for key in ("base", "tool") if key in robot.value}
     with at(robot.path):
-        return denavit_hartenberg.from_dh(
+        return dh.from_dh(
             table,
             np.stack(M),
             convention,

@@ -8,7 +8,7 @@ from jounce.errors import JounceError, listed, no_such
 from jounce.io import denavit_hartenberg, entries, skidy
 from jounce.io.entries import Entry
 from jounce.io.native import reading
-from jounce.mechanism import Mechanism
+from jounce.model.mechanism import Mechanism
 
 FORMATS: dict[str, tuple[str, Callable[[Entry, object], Mechanism]]] = {  # by the key that no other one has
     "bodies": ("jounce's own format", reading.read),

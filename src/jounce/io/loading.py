@@ -7,11 +7,11 @@ from pathlib import Path
 from types import MappingProxyType
 
 from jounce._scalars import is_numeric
-from jounce.drives import AMOUNTS, chosen
 from jounce.errors import JounceError, at, no_such, quoted, warn
 from jounce.io.bundled import BUNDLED
 from jounce.io.files import path_of
-from jounce.mechanism import Mechanism
+from jounce.model.drives import AMOUNTS, chosen
+from jounce.model.mechanism import Mechanism
 from jounce.robot import Robot
 
 
@@ -146,7 +146,7 @@ def _call(build: Callable[..., Mechanism], parameters: dict[str, object], what: 
 
 
 def _warn_of_inertias(mechanism: Mechanism, path: Path) -> None:
-    from jounce.audit import impossible
+    from jounce.checks.audit import impossible
 
     found = impossible(mechanism) if is_numeric(mechanism.M) else []
     if found:

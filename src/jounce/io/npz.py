@@ -7,7 +7,7 @@ from zipfile import ZipFile
 
 import numpy as np
 
-from jounce import names
+from jounce.arguments import names
 from jounce.errors import JounceError, one_line, quoted
 from jounce.io.columns import Columns, check_distinct, checked
 from jounce.io.files import opened

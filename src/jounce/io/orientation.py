@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from jounce.screws import ROUNDING
+from jounce.model.screws import ROUNDING
 
 
 def from_rpy(angles: np.ndarray) -> np.ndarray:

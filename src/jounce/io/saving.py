@@ -7,7 +7,7 @@ from pathlib import Path
 from jounce.errors import JounceError
 from jounce.io import files
 from jounce.io.native import writing
-from jounce.mechanism import Mechanism
+from jounce.model.mechanism import Mechanism
 from jounce.robot import Robot
 
 

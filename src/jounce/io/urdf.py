@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
-from jounce import linkage
 from jounce.errors import JounceError, no_such, one_line, quoted, shortened
-from jounce.inertia import inertia_matrix, symmetric
 from jounce.io.doctype import refuse_declarations
 from jounce.io.files import finite, read_bytes
 from jounce.io.orientation import direction, from_rpy
-from jounce.lie import pose
-from jounce.mechanism import GRAVITY, Mechanism
+from jounce.model import tree
+from jounce.model.mechanism import GRAVITY, Mechanism
+from jounce.spatial.inertia import inertia_matrix, symmetric
+from jounce.spatial.lie import pose
 
 MOVING = {"revolute": 0, "continuous": 0, "prismatic": 3}  # where in the screw the axis goes
 FREE = ("floating", "planar")
@@ -31,7 +31,7 @@ def parse(content: bytes, file: str, name: str, gravity: object, base: str | Non
         links = [_link(element, file) for element in robot.iterchildren("link")]
     joints = [_joint(element, file) for element in robot.iterchildren("joint")]
     given = GRAVITY if gravity is None else gravity
-    return linkage.mechanism(links, joints, given, robot.get("name") or name, file, base=base, root=root)
+    return tree.mechanism(links, joints, given, robot.get("name") or name, file, base=base, root=root)
 
 
 def _parsed(content: bytes, file: str) -> etree._Element:
@@ -53,24 +53,24 @@ def _parsed(content: bytes, file: str) -> etree._Element:
     return root
 
 
-def _link(element: etree._Element, file: str) -> linkage.Link:
+def _link(element: etree._Element, file: str) -> tree.Link:
     name, inertial = _text(element, "name", file), element.find("inertial")
     if inertial is None:
-        return linkage.Link(name, np.zeros((6, 6)), _at(element, file))
+        return tree.Link(name, np.zeros((6, 6)), _at(element, file))
     mass = _numbers(_child(inertial, "mass", file), "value", 1, file)[0]
     tensor = _child(inertial, "inertia", file)
     six = [_numbers(tensor, "i" + axes, 1, file)[0] for axes in ("xx", "xy", "xz", "yy", "yz", "zz")]
     C = _origin(inertial, file)
     theta = symmetric(np.array(six))
-    return linkage.Link(name, inertia_matrix(mass, C[:3, 3], theta, rotation=C[:3, :3]), _at(element, file))
+    return tree.Link(name, inertia_matrix(mass, C[:3, 3], theta, rotation=C[:3, :3]), _at(element, file))
 
 
-def _joint(element: etree._Element, file: str) -> linkage.Joint:
+def _joint(element: etree._Element, file: str) -> tree.Joint:
     name, kind = _text(element, "name", file), _text(element, "type", file)
     kinds = ["fixed", *MOVING, *FREE]
     if kind not in kinds:
         raise JounceError(f"{_at(element, file)}: joint {quoted(name)}: {no_such('joint type', kind, kinds)}")
-    return linkage.Joint(
+    return tree.Joint(
         name=name,
         parent=_text(_child(element, "parent", file), "link", file),
         child=_text(_child(element, "child", file), "link", file),
@@ -94,13 +94,13 @@ def _screw(element: etree._Element, kind: str, file: str) -> np.ndarray:
     return X
 
 
-def _mimic(element: etree._Element, file: str) -> linkage.Mimic | None:
+def _mimic(element: etree._Element, file: str) -> tree.Mimic | None:
     mimic = element.find("mimic")
     if mimic is None:
         return None
     multiplier = _numbers(mimic, "multiplier", 1, file, default="1")[0]
     offset = _numbers(mimic, "offset", 1, file, default="0")[0]
-    return linkage.Mimic(_text(mimic, "joint", file), multiplier, offset)
+    return tree.Mimic(_text(mimic, "joint", file), multiplier, offset)
 
 
 def _limits(element: etree._Element, kind: str, file: str) -> dict[str, float]:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from jounce import names
+from jounce.arguments import names
 from jounce.errors import JounceError, listed, quoted
-from jounce.mechanism import Mechanism
+from jounce.model.mechanism import Mechanism
 from jounce.motion.states import COMPONENTS, Motion
 
 

@@ -1,7 +1,7 @@
 """Robot: what users hold. It checks at the door, then calls one function a method."""
 
 from jounce.robot.bodies import Bodies
-from jounce.robot.construction import Construction
+from jounce.robot.constructors import Construction
 from jounce.robot.forces import Forces
 from jounce.robot.models import Models
 

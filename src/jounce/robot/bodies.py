@@ -3,9 +3,9 @@
 from functools import partial
 from typing import Any, Unpack, overload
 
-from jounce import kinematics, loads
 from jounce._scalars import Array
-from jounce.paths import Path, column, columns
+from jounce.dynamics import kinematics, loads
+from jounce.dynamics.quantities import Path, column, columns
 from jounce.robot.quantities import Options, Quantities
 
 

@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 from jounce._scalars import Array
-from jounce.drives import Drives, chosen, with_eps
 from jounce.errors import JounceError
-from jounce.mechanism import Limits, Mechanism
-from jounce.welding import locked
+from jounce.model.drives import Drives, chosen, with_eps
+from jounce.model.locking import locked
+from jounce.model.mechanism import Limits, Mechanism
 
 if TYPE_CHECKING:
-    from jounce.audit import Finding
+    from jounce.checks.audit import Finding
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -109,7 +109,7 @@ class Data:
 
         Inertias that are not positive semidefinite or break the triangle inequality, placeholders, massless bodies and
         a singular mass matrix, masses, lengths and moments off by powers of 1000, missing effort and velocity limits,
-        odd gravity. See `jounce.audit.Finding`.
+        odd gravity. See `jounce.checks.audit.Finding`.
 
         Raises
         ------
@@ -125,6 +125,6 @@ class Data:
         note joint1, joint2: no effort limit on any joint
         note joint1, joint2: no velocity limit on any joint
         """
-        from jounce.audit import audit  # what few programs need
+        from jounce.checks.audit import audit  # what few programs need
 
         return audit(self.mechanism)

@@ -3,11 +3,11 @@
 from typing import Any, Unpack, overload
 
 from jounce._scalars import Array
-from jounce.drives import chosen
+from jounce.dynamics.quantities import FORMS, Path, column, drive_forces, row
 from jounce.errors import one_of
-from jounce.kernel.kernel import Kernel
-from jounce.kernel.serving import ahead
-from jounce.paths import FORMS, Path, column, drive_forces, row
+from jounce.model.drives import chosen
+from jounce.native.kernel import Kernel
+from jounce.robot.dispatch import ahead
 from jounce.robot.quantities import Options, Quantities
 
 

@@ -46,7 +46,7 @@ class Models(Data):
         >>> robot.joint_names == tuple(model.names)[1:]
         True
         """
-        from jounce.models import pinocchio  # what few programs need
+        from jounce.io.models import pinocchio  # what few programs need
 
         return cls(pinocchio.mechanism(model, gravity, base, root))
 
@@ -91,6 +91,6 @@ class Models(Data):
         >>> jounce.Robot.from_mujoco(model)
         <Robot 'm': 1 coordinates, 1 bodies>
         """
-        from jounce.models import mujoco  # what few programs need
+        from jounce.io.models import mujoco  # what few programs need
 
         return cls(mujoco.mechanism(model, gravity, base, root))

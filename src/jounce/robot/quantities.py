@@ -6,14 +6,14 @@ from typing import Any, TypedDict
 
 import numpy as np
 
-from jounce import rates, wrenches
 from jounce._scalars import Array
+from jounce.arguments import rates, wrenches
+from jounce.dynamics.quantities import Path, path
 from jounce.errors import JounceError, quoted
-from jounce.evaluation import by_kernel, delivered, evaluate
-from jounce.kernel.serving import serving
-from jounce.mechanism import suited
-from jounce.paths import Path, path
+from jounce.model.mechanism import suited
 from jounce.robot.data import Data
+from jounce.robot.dispatch import serving
+from jounce.robot.evaluation import by_kernel, delivered, evaluate
 
 Loads = Callable[[int, Sequence[Array]], list[Array]]  # wrenches and their rates up to an order, at given states
 

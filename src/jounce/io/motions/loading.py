@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce import names
 from jounce._scalars import asarray
+from jounce.arguments import names
+from jounce.arguments.rates import checked_order
 from jounce.errors import JounceError, at, quoted
 from jounce.io import motions
 from jounce.io.files import path_of
-from jounce.rates import checked_order
 from jounce.robot import Robot
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import numpy as np
 from jounce.errors import JounceError, at, quoted
 from jounce.io import entries
 from jounce.io.entries import Entry
-from jounce.mechanism import Mechanism
+from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
 from jounce.motion.analytic import Cosine, Curve, Terms, along
 from jounce.motion.states import COMPONENTS

@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from jounce import lie
-from jounce.drives import UNDRIVEN, drive_error
 from jounce.errors import JounceError, no_such
-from jounce.inertia import inertia_matrix, symmetric
 from jounce.io.entries import Entry
 from jounce.io.native import UNITS
 from jounce.io.orientation import direction, from_rpy
-from jounce.mechanism import UNLIMITED, limit_error
-from jounce.screws import exact_inertia, exact_pose, exact_screw
+from jounce.model.drives import UNDRIVEN, drive_error
+from jounce.model.mechanism import UNLIMITED, limit_error
+from jounce.model.screws import exact_inertia, exact_pose, exact_screw
+from jounce.spatial import lie
+from jounce.spatial.inertia import inertia_matrix, symmetric
 
 KINDS = {  # of joints: the keys that each needs, and those it may have
     "revolute": (("axis",), ("point",)),

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from jounce.drives import UNDRIVEN
 from jounce.errors import JounceError, at, no_such, quoted
 from jounce.io.entries import Entry
 from jounce.io.native import GROUND, parts
-from jounce.mechanism import GRAVITY, UNLIMITED, Frame, Mechanism
-from jounce.screws import from_screws
+from jounce.model.drives import UNDRIVEN
+from jounce.model.mechanism import GRAVITY, UNLIMITED, Frame, Mechanism
+from jounce.model.screws import from_screws
 
 Index = Mapping[str, int]  # names and their places in a row
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from jounce._scalars import is_symbolic
-from jounce.drives import UNDRIVEN
 from jounce.errors import JounceError, quoted
-from jounce.inertia import inertia_matrix, moments, symmetric
 from jounce.io.native import GROUND, UNITS, parts
-from jounce.lie import hat
-from jounce.mechanism import DATA, UNLIMITED, Mechanism
+from jounce.model.drives import UNDRIVEN
+from jounce.model.mechanism import DATA, UNLIMITED, Mechanism
+from jounce.spatial.inertia import inertia_matrix, moments, symmetric
+from jounce.spatial.lie import hat
 
 
 def yaml(mechanism: Mechanism) -> str:

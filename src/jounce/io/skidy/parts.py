@@ -6,14 +6,14 @@ from functools import partial
 
 import numpy as np
 
-from jounce import lie
 from jounce.errors import JounceError, no_such
-from jounce.inertia import inertia_matrix, symmetric
 from jounce.io.entries import Entry
 from jounce.io.native.parts import along
 from jounce.io.orientation import from_rpy
 from jounce.io.skidy import expressions
-from jounce.screws import exact_inertia, exact_pose, exact_screw
+from jounce.model.screws import exact_inertia, exact_pose, exact_screw
+from jounce.spatial import lie
+from jounce.spatial.inertia import inertia_matrix, symmetric
 
 Number = Callable[[Entry], float]  # what an entry says, be it an expression
 MOMENTS = ("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")

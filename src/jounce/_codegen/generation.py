@@ -1,0 +1,124 @@
+"""`codegen`: a robot's equations as a folder of source code in another language, with its tests."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from jounce._codegen import notes
+from jounce._codegen.request import LOADED, Request, checked, languages_where
+from jounce._codegen.routine import Routine, routine
+from jounce.errors import JounceError, quoted, true_or_false
+from jounce.io import folders
+from jounce.io.files import path_of
+from jounce.robot import Robot
+
+
+@dataclass(frozen=True)
+class Generated:
+    """What `codegen` has written."""
+
+    directory: Path
+    files: tuple[str, ...]
+    operations: dict[str, int] = field(hash=False)  # by function
+
+
+def codegen(
+    robot: Robot,
+    lang: str,
+    order: int = 2,
+    directory: str | os.PathLike[str] | None = None,
+    *,
+    outputs: Sequence[str] = ("inverse_dynamics",),
+    wrench: bool = False,
+    parameters: Sequence[str] = (),
+    float32: bool = False,
+    prefix: str | None = None,
+    force: bool = False,
+) -> Generated:
+    """Write a robot's equations as source code that needs no jounce, with tests that the user's own compiler runs.
+
+    One function a quantity: the recursion, written down operation by operation for this robot, without loops, branches
+    or memory of its own; ``PREFIX_inverse_dynamics(q, qd, q2d, q3d, q4d, Q, Qd, Q2d)``, say. ``make test`` in the
+    folder compares it with the closed form.
+
+    Parameters
+    ----------
+    robot : Robot
+        Of numbers, or of SymPy symbols, which become parameters by their names.
+    lang : str
+        The language: "c" (C99), "cpp" (C++11, and overloads for Eigen), "cuda", "julia", "latex" (a document),
+        "matlab" (and GNU Octave), "python" (NumPy), "rust" (no_std).
+    order : int
+        The highest time derivative: 2 gives Q, Qd, Q2d.
+    directory : str or path
+        The folder to write, new or empty; PREFIX-LANG in the working directory if left out.
+    outputs : sequence of str
+        Of "inverse_dynamics", "gravity_forces", "mass_matrix", "coriolis_matrix" (the paper's) and
+        "skew_coriolis_matrix" (for passivity-based control).
+    wrench : bool
+        Whether inverse_dynamics takes wrenches W, Wd, ..., (nb, 6), as `Robot.inverse_dynamics` does.
+    parameters : sequence of str
+        What the functions take at run time: "gravity", "masses", "lengths", "payload", "payload:BODY".
+    float32 : bool
+        Single precision.
+    prefix : str
+        The beginning of all names in the code; the robot's name if left out.
+    force : bool
+        Write into a folder that is not empty: files that jounce generated are replaced, all others stay.
+
+    Returns
+    -------
+    Generated : its `directory`, `files`, and `operations`, how many each function takes.
+
+    Raises
+    ------
+    JounceError
+        Where a language, output or parameter is unknown, a name is none in the language, the robot is too large, or the
+        folder is not empty. Nothing is written then.
+
+    Examples
+    --------
+    >>> import tempfile, jounce
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     made = jounce.codegen(jounce.load("iiwa14"), "c", directory=folder)
+    >>> made.files
+    ('Makefile', 'README.md', 'iiwa14.c', 'iiwa14.h', 'test_iiwa14.c')
+    >>> made.operations
+    {'iiwa14_inverse_dynamics': 2213}
+    """
+    from jounce._codegen import writing  # where Jinja is needed
+
+    if not isinstance(robot, Robot):
+        raise JounceError(f"code is generated for a Robot, not for a {type(robot).__name__}; try jounce.load")
+    if not isinstance(directory, str | os.PathLike | None):
+        raise JounceError(f"directory is {quoted(directory)}; expected the path of a folder")
+    true_or_false("force", force, "whether to write into a folder that is not empty")
+    request = checked(robot, lang, order, outputs, wrench, parameters, float32, prefix)
+    folder = path_of(f"{request.prefix}-{lang}" if directory is None else directory)
+    names = writing.names(request)
+    folders.check_folder(folder, notes.MARK, names, force)
+    routines = traced(request)
+    files = writing.files(request, routines)
+    folders.write_folder(folder, files, notes.MARK, force)
+    return Generated(folder, tuple(sorted(files)), {f"{request.prefix}_{r.name}": r.operations for r in routines})
+
+
+def traced(request: Request) -> list[Routine]:
+    """The routines of what is asked for, or `JounceError` where one is too large."""
+    routines = []
+    for name in request.outputs:
+        made = routine(request.robot, name, request.order, request.wrench and name == LOADED)
+        if made.operations > (most := request.language.largest):
+            raise JounceError(
+                f"{name} of {request.robot.origin.name} to order {request.order} takes {made.operations} operations;"
+                f" {request.language.title} is generated for up to {most}{_larger(most)}"
+            )
+        routines.append(made)
+    return routines
+
+
+def _larger(most: int) -> str:
+    """The languages that take larger robots, as the end of a sentence."""
+    found = languages_where(lambda x: x.largest > most)
+    return f"; larger robots go into {found}" if found else ""

@@ -1,0 +1,100 @@
+"""Languages: how statements are written in each, and the files around them. One folder each, found by its name."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from jounce._codegen.routine import Array
+from jounce.errors import JounceError, one_of, quoted
+
+NAMES = ("c", "cpp", "cuda", "julia", "latex", "matlab", "python", "rust")
+
+
+def digits(x: float, single: bool) -> str:
+    """The shortest decimal number that reads back as x, in the precision; it has a point or an exponent."""
+    with np.errstate(over="ignore"):
+        text = str(np.float32(x)) if single else repr(float(x))
+    if not text.strip("-")[0].isdigit():
+        raise JounceError(
+            f"the code would hold the number {x!r}, which is none in {'single' if single else 'double'} precision"
+        )
+    return text if set(text) & set(".e") else f"{text}.0"
+
+
+def c_literal(text: str, single: bool) -> str:
+    """A number in C and its relatives."""
+    return text + "f" if single else text
+
+
+def c_function(kind: str, x: str, single: bool) -> str:
+    """A function of one operand in C and its relatives."""
+    return f"{kind}{'f' if single else ''}({x})"
+
+
+def from_one(array: Array, i: int) -> str:
+    """The subscripts of the i-th scalar of an array, row after row, where indices begin with one."""
+    return ", ".join(str(k + 1) for k in np.unravel_index(i, array.shape))
+
+
+def is_identifier(name: str) -> bool:
+    """Whether a text is a name in every language: ASCII letters, digits and _, a letter first."""
+    return name.isascii() and name.isidentifier() and not name.startswith("_")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Language:
+    """A target: what its statements look like. Sums, differences, products and signs look alike in all of them.
+
+    Its folder holds templates of the files to write; PREFIX in their names stands for that of the code.
+    """
+
+    name: str  # of the folder, and on the command line
+    title: str
+    reserved: str  # words that can name nothing
+    taken: str = ""  # words that can be no prefix, besides
+    longest: int = 200  # letters of a name, and of a file
+    real: tuple[str, str] = ("double", "float")  # types, in double and single precision
+    literal: Callable[[str, bool], str] = c_literal  # of digits, single
+    function: Callable[[str, str, bool], str] = c_function  # of a kind of step, its operand, single
+    element: Callable[[Array, int], str] = lambda array, i: f"{array.name}[{i}]"  # the i-th scalar of an array
+    parameter: Callable[[Array, int], str] = lambda array, i: f"p->{array.name}" + (f"[{i}]" if array.shape else "")
+    scratch: Callable[[int], str] = lambda i: f"scratch[{i}]"
+    first: int = 0  # the index with which arrays begin
+    let: str = "const {real} {name} = {value};"  # a statement that defines a name
+    put: str = "{place} = {value};"  # one that writes into an array
+    helpers: Mapping[str, Callable[..., Any]] = field(default_factory=dict)  # what its templates call, by name
+    single: bool = True  # whether there is single precision
+    largest: int = 60_000  # operations of a function: compilers take seconds, and code stays below a megabyte
+
+    def check_name(self, name: str, what: str, added: int = 0) -> None:
+        """Raise `JounceError` where a text cannot be a name, or not one to which so many letters are added."""
+        if not isinstance(name, str) or not is_identifier(name):
+            raise JounceError(
+                f"{what} {quoted(name)} is no name in code; expected ASCII letters, digits and _, a letter first"
+            )
+        if name in self.reserved.split():
+            raise JounceError(f"{what} {name!r} is a reserved word of {self.title}; expected another name")
+        if (letters := len(name) + added) > self.longest:
+            raise JounceError(
+                f"{what} {quoted(name)} makes names of {letters} letters; {self.title} is generated with"
+                f" {self.longest} at most"
+            )
+
+    def check_prefix(self, name: str, endings: Sequence[str]) -> None:
+        """Raise `JounceError` where a text cannot be the beginning of all names, with each of these endings."""
+        self.check_name(name, "prefix", max(map(len, endings)))
+        if name in self.taken.split():
+            raise JounceError(f"prefix {name!r} is the name of something else in {self.title}; expected another name")
+
+
+def language(name: str) -> Language:
+    """The language of a name.
+
+    Raises
+    ------
+    JounceError : where there is none, with all there are.
+    """
+    return import_module(f"jounce._codegen.{one_of('language', name, NAMES)}").LANGUAGE

@@ -1,0 +1,144 @@
+"""Equations for readers: the symbolic form of a quantity as lines of LaTeX, broken where a line of paper ends."""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from jounce._codegen.parametric import Parametric
+from jounce._codegen.routine import Array, Routine
+from jounce._symbolic import Symbolic, symbolic
+from jounce.errors import JounceError
+from jounce.robot import Robot
+
+WIDEST = 72  # glyphs of a line
+ALIKE = 4  # entries that are equal, on one line
+LETTERS = {"gravity": "g", "masses": "m", "lengths": "r", "mass": "m", "com": "c", "inertia": "I"}
+AXES = {3: ("x", "y", "z"), 6: ("xx", "xy", "xz", "yy", "yz", "zz")}  # of positions and of moments
+RATES = ("", r"\dot", r"\ddot", r"\dddot", r"\ddddot")
+WRITTEN = {"Qgrav": ("Q", r"\mathrm{grav},"), "Cbar": (r"\bar{C}", "")}  # what is not printed as it is named
+
+
+@dataclass(frozen=True, eq=False)
+class Document:
+    """What a document holds: the symbols of the robot's parameters by their names, and its equations in them."""
+
+    symbols: dict[str, np.ndarray]
+    form: Symbolic
+
+    def printed(self, name: str) -> str:
+        """The symbols of a parameter."""
+        import sympy
+
+        return ", ".join(f"${sympy.latex(x)}$" for x in self.symbols[name].flat)
+
+    def equations(self, routine: Routine) -> Iterator[list[list[str]]]:
+        """The equations of each output of a routine: the lines of every entry."""
+        loaded = any(array.name == "W" for array in routine.inputs)
+        return (list(_entries(self.form, array, k, loaded)) for k, array in enumerate(routine.outputs))
+
+
+def document(robot: Parametric) -> Document:
+    """A robot in symbols.
+
+    Raises
+    ------
+    JounceError : where two symbols would look the same.
+    """
+    import sympy
+
+    symbols = {name: _symbols(name, shape) if name in robot.own else np.array(sympy.Symbol(name), dtype=object)
+               for name, shape in robot.shapes.items()}  # fmt: skip
+    printed = [sympy.latex(x) for array in symbols.values() for x in array.flat]
+    twice = next((text for text in printed if printed.count(text) > 1), None)
+    if twice is not None:
+        raise JounceError(
+            f"two parameters would both be printed as {twice}; expected another name of the robot's symbol"
+        )
+    return Document(symbols, symbolic(Robot(robot.mechanism(symbols))))
+
+
+def tex(text: str) -> str:
+    """A text as LaTeX prints it, m^2 with a square."""
+    plain = re.sub(r"[\\&%$#_{}~<>|]", lambda found: f"\\char{ord(found[0])}{{}}", text)
+    return re.sub(r"\^(\w?)", lambda found: f"$^{found[1]}$" if found[1] else "\\char94{}", plain)
+
+
+def _entries(S: Symbolic, array: Array, k: int, loaded: bool) -> Iterator[list[str]]:
+    """The entries of a matrix, each in lines; such that are equal together."""
+    matrix = getattr(S, array.name)
+    if loaded:
+        matrix = matrix + getattr(S, array.name.replace("Q", "Qext", 1))
+    alike: dict[Any, list[str]] = {}
+    for index in np.ndindex(*array.shape):
+        entry = matrix[index] if len(index) > 1 else matrix[index[0]]
+        alike.setdefault(entry, []).append(_symbol(array.name, k, index))
+    for entry, names in alike.items():
+        starts = [" = ".join(names[i : i + ALIKE]) for i in range(0, len(names), ALIKE)]
+        yield from (_broken(f"{start} ={{}} &", list(_pieces(entry))) for start in starts)
+
+
+def _symbol(name: str, k: int, index: Sequence[int]) -> str:
+    """A name as it is printed: dots for its rates, its entry below."""
+    letter, below = WRITTEN.get(stem := re.sub(r"\d?d$", "", name), (stem, ""))
+    places = ("" if max(index) < 9 else ",").join(str(i + 1) for i in index)
+    return f"{RATES[k]}{{{letter}}}_{{{below}{places}}}" if k else f"{letter}_{{{below}{places}}}"
+
+
+def _pieces(x: Any) -> Iterator[str]:
+    """The terms of an expression with their signs; a product with a long sum in it term by term, in parentheses."""
+    import sympy
+
+    for term in x.as_ordered_terms() if x.is_Add else [x]:
+        text = sympy.latex(term)
+        sums = [factor for factor in sympy.Mul.make_args(term) if factor.is_Add]
+        if _width(text) <= WIDEST or len(sums) != 1:
+            yield _signed(text)
+            continue
+        front = {1: "", -1: "-"}.get(term / sums[0], sympy.latex(term / sums[0]))
+        first, *others, last = _pieces(sums[0])
+        yield f"{_signed(front)} \\bigl({first.removeprefix('+ ')}"
+        yield from others
+        yield f"{last}\\bigr)"
+
+
+def _signed(text: str) -> str:
+    return f"- {text[1:].lstrip()}" if text.startswith("-") else f"+ {text}"
+
+
+def _broken(start: str, pieces: Sequence[str]) -> list[str]:
+    """A sum in lines that paper holds, the first behind what it is equal to."""
+    lines = [f"{start} {pieces[0].removeprefix('+ ')}"]
+    for piece in pieces[1:]:
+        if _width(lines[-1]) + _width(piece) <= WIDEST:
+            lines[-1] += f" {piece}"
+        else:
+            lines.append(f"& {piece}")
+    return lines
+
+
+def _width(text: str) -> int:
+    """About how many glyphs a text has when it is set."""
+    text = re.sub(r"\\(left|right|bigl|bigr|mathrm|bar|dot|d+ot)\b", "", text)
+    text = re.sub(r"\\[a-zA-Z]+", lambda found: found[0][1:] if found[0] in (r"\sin", r"\cos") else "x", text)
+    return len(re.sub(r"[\s{}_^&]", "", text)) + len(re.findall(r" [-+=] ", text))
+
+
+def _symbols(name: str, shape: Sequence[int]) -> np.ndarray:
+    """The symbols of a parameter, as one writes them on paper: g_x, m_1, r_x1, m_p, c_x, ..."""
+    import sympy
+
+    stem, _, part = name.rpartition("_")
+    number = stem.removeprefix("payload") if stem else ""
+    letter = LETTERS[part]
+    if not stem and len(shape) == 1 and part == "masses":
+        names = [f"{letter}_{i + 1}" for i in range(*shape)]
+    elif not shape:
+        names = [f"{letter}_p{number}" if stem else letter]
+    elif len(shape) == 1:
+        names = [f"{letter}_{axis}{number}" for axis in AXES[shape[0]]]
+    else:
+        names = [f"{letter}_{axis}{i + 1}" for i in range(shape[0]) for axis in AXES[3]]
+    return np.array([sympy.Symbol(x) for x in names], dtype=object).reshape(shape)

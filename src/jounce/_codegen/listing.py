@@ -1,0 +1,137 @@
+"""Listings: a program as statements, in the order in which they are written; cut into parts where there are many.
+
+What is used once stands within the statement that uses it, as long as that stays short. Sines and cosines come first,
+while little else must be kept over their calls; outputs are written last, so that they may lie over inputs. Long
+listings are cut into parts, functions of their own: what a later part uses is kept in scratch memory.
+"""
+
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from jounce.program.program import Program, ordered
+
+LEAVES = ("input", "constant")  # what is read where it is used
+INNER = ("add", "sub", "mul", "neg")  # what may stand within a statement; all else is a function of one operand
+WIDEST = 5  # operations in a statement
+WHOLE = 3000  # statements, up to which a program is one function: compilers take a second
+PART = 400  # statements of a part
+
+
+@dataclass(frozen=True)
+class Listing:
+    """A program and its parts: the steps that are statements of their own, in their order."""
+
+    program: Program
+    parts: tuple[tuple[int, ...], ...]
+    slots: Mapping[int, int] = field(default_factory=dict)  # of scratch memory, for steps that later parts use
+
+    @property
+    def scratch(self) -> int:
+        """How many scalars of scratch memory it takes."""
+        return max(self.slots.values(), default=-1) + 1
+
+    @cached_property
+    def names(self) -> dict[int, str]:
+        """What the statements define: sin1, cos1 of the first angle, t1, t2, ..."""
+        steps = self.program.steps
+        angles: dict[int, int] = {}
+        names: dict[int, str] = {}
+        for i in (i for part in self.parts for i in part):
+            if is_function(steps[i].kind):
+                names[i] = f"{steps[i].kind}{angles.setdefault(steps[i].operands[0], len(angles) + 1)}"
+            else:
+                names[i] = f"t{i}"
+        plain = [i for i in names if names[i] == f"t{i}"]
+        return names | {i: f"t{k + 1}" for k, i in enumerate(plain)}
+
+    def leaves(self, i: int) -> set[int]:
+        """The steps that a statement reads: other statements, inputs, constants."""
+        return _leaves(i, self.program, self.names)
+
+
+def is_function(kind: str) -> bool:
+    """Whether a kind of step is a function of one operand: sin, cos."""
+    return kind not in (*LEAVES, *INNER)
+
+
+def listing(program: Program) -> Listing:
+    """The statements of a program."""
+    stated = _stated(program)
+    functions = sorted((i for i in stated if is_function(program.steps[i].kind)), key=lambda i: _angle(program, i))
+    order = ordered([*functions, *stated], lambda i: program.steps[i].operands)
+    statements = [i for i in order if i in stated]
+    size = PART if len(statements) > WHOLE else len(statements)
+    cuts = range(0, len(statements), size) if statements else [0]
+    parts = tuple(tuple(_by_depth(program, stated, statements[i : i + size])) for i in cuts)
+    return Listing(program, parts, _slots(program, stated, parts) if len(parts) > 1 else {})
+
+
+def _by_depth(program: Program, stated: Container[int], statements: Sequence[int]) -> list[int]:
+    """Statements by how many others they wait for, one after the other: a processor does many of a depth at a time.
+
+    For the iiwa at order 2 that is 15 % faster, on x86, than to finish one value after the other.
+    """
+    depths: dict[int, int] = {}
+    for i in statements:
+        before = max(depths.get(j, 0) for j in _leaves(i, program, stated))
+        depths[i] = before if is_function(program.steps[i].kind) else before + 1
+    return sorted(statements, key=depths.__getitem__)
+
+
+def _angle(program: Program, i: int) -> tuple[float, ...]:
+    """What functions are sorted by: of which input they are, others last."""
+    (j,) = program.steps[i].operands
+    operand = program.steps[j]
+    return (operand.value, 0) if operand.kind == "input" else (program.inputs, j)
+
+
+def _stated(program: Program) -> dict[int, None]:
+    """The steps that are statements of their own, in order."""
+    uses, steps = program.uses(), program.steps
+    sizes: dict[int, int] = {}  # operations in the expression of a step that is not a leaf
+    outputs = {i for i in program.outputs if steps[i].kind != "constant"}
+    apart = {i: None for i, step in enumerate(steps) if step.kind not in LEAVES or i in outputs}
+    kept = outputs | {i for i in apart if is_function(steps[i].kind)}
+    for i in list(apart):
+        sizes[i] = 1
+        for j in steps[i].operands:
+            if j in apart and j not in kept and uses[j] == 1 and sizes[i] + sizes[j] <= WIDEST:
+                sizes[i] += sizes[j]
+                del apart[j]
+    return apart
+
+
+def _slots(program: Program, stated: Mapping[int, None], parts: Sequence[tuple[int, ...]]) -> dict[int, int]:
+    """Where in scratch memory the statements that later parts, or the outputs, use are kept; a slot serves many."""
+    part_of = {i: k for k, part in enumerate(parts) for i in part}
+    statements = [i for part in parts for i in part]
+    reads = [{j for j in _leaves(i, program, stated) if j in stated} for i in statements]
+    last = {j: place for place, found in enumerate(reads) for j in found}
+    last |= {i: len(statements) for i in program.outputs if i in stated}
+    crossing = {j for i, found in zip(statements, reads, strict=True) for j in found if part_of[j] != part_of[i]}
+    crossing |= {i for i in program.outputs if i in stated}
+    slots: dict[int, int] = {}
+    free: list[int] = []
+    made = 0
+    for place, i in enumerate(statements):
+        free += sorted({slots[j] for j in reads[place] if j in crossing and last[j] == place}, reverse=True)
+        if i in crossing:
+            if not free:
+                free.append(made)
+                made += 1
+            slots[i] = free.pop()
+    return slots
+
+
+def _leaves(i: int, program: Program, stated: Container[int]) -> set[int]:
+    """The steps that a statement reads: other statements, inputs, constants; an input that is one itself."""
+    found: set[int] = set()
+    stack = list(program.steps[i].operands) if program.steps[i].operands else [i]
+    while stack:
+        j = stack.pop()
+        if j in stated or not program.steps[j].operands:
+            found.add(j)
+        else:
+            stack.extend(program.steps[j].operands)
+    return found

@@ -1,0 +1,133 @@
+"""Parametric robots: which of their data generated code takes at run time, and the mechanism of given values."""
+
+from collections.abc import Callable, Container, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from itertools import pairwise
+from operator import mul
+from typing import Any
+
+import numpy as np
+
+from jounce._scalars import Array, is_symbolic
+from jounce.errors import JounceError
+from jounce.model.mechanism import DATA, Mechanism
+from jounce.model.parameters import own_values, parametrised
+from jounce.native.interface import Shape
+from jounce.spatial.lie import pose, rotation
+
+
+@dataclass(frozen=True, eq=False)
+class Parametric:
+    """A robot of which some data are parameters: SymPy's symbols in it by their names, and parts that were asked for.
+
+    `own` are the values with which it is the robot itself; symbols have none.
+    """
+
+    origin: Mechanism
+    asked: tuple[str, ...]
+    shapes: dict[str, Shape]
+    own: dict[str, np.ndarray]
+
+    def mechanism(self, values: Mapping[str, Array]) -> Mechanism:
+        """The mechanism of values, numbers or nodes of a tape: an array for each of the parameters."""
+        found = {name: value.item() for name, value in values.items() if name not in self.own}
+        return parametrised(
+            substituted(self.origin, found), self.asked, lambda name, shape: values[name].reshape(shape)
+        )[0]
+
+
+def parametric(mechanism: Mechanism, asked: Sequence[str]) -> Parametric:
+    """A robot with the parameters that it has itself, and those asked for, as `jounce.model.parameters` lists them.
+
+    Raises
+    ------
+    JounceError : where one that is asked for is unknown, comes twice, or has the name of a symbol.
+    """
+    own = own_values(mechanism, asked)
+    if "masses" in own:
+        _check_masses(mechanism)
+    mechanism = _without(mechanism, own)
+    free = symbols(mechanism)
+    twice = sorted(set(free) & set(own))
+    if twice:
+        raise JounceError(f"parameter {twice[0]!r} is asked for, and a symbol of the robot has that name too")
+    shapes: dict[str, Shape] = dict.fromkeys(free, ())
+    shapes |= {name: () if value.size == 1 else value.shape for name, value in own.items()}
+    return Parametric(mechanism, tuple(asked), shapes, own)
+
+
+def _check_masses(mechanism: Mechanism) -> None:
+    for body, mass in zip(mechanism.bodies, mechanism.M[:, 3, 3], strict=True):
+        if _is_sympy(mass) and mass.free_symbols:
+            raise JounceError(
+                f"the mass of {body!r} is {mass}; 'masses' is for numbers: symbols are parameters as they are"
+            )
+
+
+def _without(mechanism: Mechanism, replaced: Container[str]) -> Mechanism:
+    """The mechanism without the data that parameters replace: no symbol in them is asked for in vain."""
+    if "gravity" in replaced:
+        mechanism = replace(mechanism, gravity=np.zeros(3))
+    if "lengths" in replaced:
+        mechanism = replace(mechanism, B=pose(rotation(mechanism.B), np.zeros((mechanism.nb, 3, 1))))
+    return mechanism
+
+
+def symbols(mechanism: Mechanism) -> list[str]:
+    """The names of SymPy's symbols in the data of a mechanism."""
+    entries = [x for name in DATA if is_symbolic(array := getattr(mechanism, name)) for x in array.flat]
+    odd = next((x for x in entries if not isinstance(x, int | float | np.number) and not _is_sympy(x)), None)
+    if odd is not None:
+        raise JounceError(f"the robot holds a {type(odd).__name__}; code is generated from numbers and SymPy's symbols")
+    found = sorted(symbol.name for symbol in {s for x in entries if _is_sympy(x) for s in x.free_symbols})
+    twice = next((name for name, after in pairwise(found) if name == after), None)
+    if twice is not None:
+        raise JounceError(f"the robot holds two symbols that are named {twice}; expected names of their own")
+    return found
+
+
+def substituted(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
+    """The mechanism with values in place of SymPy's symbols."""
+    if not any(is_symbolic(getattr(mechanism, name)) for name in DATA):
+        return mechanism
+    put = np.frompyfunc(lambda x: _value(x, values) if _is_sympy(x) else x, 1, 1)
+    data: dict[str, Any] = {name: np.asarray(put(getattr(mechanism, name)), dtype=object) for name in DATA}
+    return replace(mechanism, **data)
+
+
+def _is_sympy(x: object) -> bool:
+    return type(x).__module__.startswith("sympy.")
+
+
+def _value(x: Any, values: Mapping[str, Any]) -> Any:
+    """A SymPy expression of sums, products, whole powers, sines and cosines, of values."""
+    if x.is_Symbol:
+        return values[x.name]
+    if x.is_number:
+        if not x.is_real:
+            raise JounceError(f"the robot holds {x}; code is generated from real numbers and symbols")
+        return int(x) if x.is_Integer else float(x)
+    name = type(x).__name__
+    if name == "Pow" and x.exp.is_Integer and x.exp > 0:
+        return _power(_value(x.base, values), int(x.exp))
+    inner = [_value(part, values) for part in x.args] if name in _RULES else []
+    if not inner:
+        raise JounceError(f"the robot holds {x}; code is generated from sums, products, sines and cosines of symbols")
+    return _RULES[name](inner)
+
+
+def _power(x: Any, k: int) -> Any:
+    """The k-th power, k > 0, by squares: with few products."""
+    if k == 1:
+        return x
+    half = _power(x, k // 2)
+    return half * half * x if k % 2 else half * half
+
+
+_RULES: dict[str, Callable[[list[Any]], Any]] = {
+    "Add": sum,
+    "Mul": lambda parts: reduce(mul, parts),
+    "sin": lambda parts: np.sin(parts[0]),
+    "cos": lambda parts: np.cos(parts[0]),
+}

@@ -1,0 +1,97 @@
+"""Test vectors: states, and what a routine has to give for them by the closed form, not by the program printed."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jounce._codegen.parametric import Parametric
+from jounce._codegen.routine import OUTPUTS, Array, Routine
+from jounce.checks.magnitudes import magnitudes, scale
+from jounce.dynamics.quantities import PATHS
+from jounce.model.mechanism import Mechanism, in_extended_precision
+from jounce.robot.evaluation import evaluate
+
+WORK = 100  # bodies times states: the closed form is dense
+MOST = 10  # states
+STEPS = 1000  # states are whole multiples of 1/STEPS: short to write, the same in every language
+TOLERANCE = {False: 1e-13, True: 2e-4}  # of the test, in double and single precision
+
+
+@dataclass(frozen=True, eq=False)
+class Vectors:
+    """Arrays (states, ...) by name: parameters, q, qd, ..., W, ..., the outputs expected and their magnitudes."""
+
+    parameters: Mapping[str, np.ndarray]
+    inputs: Mapping[str, np.ndarray]
+    outputs: Mapping[str, np.ndarray]
+    magnitudes: Mapping[str, np.ndarray]
+
+    @property
+    def count(self) -> int:
+        """How many states there are."""
+        return len(self.inputs["q"])
+
+    def scale(self, name: str) -> float:
+        """What errors of an output are relative to, over all states, in three digits: the same on every machine."""
+        return float(f"{scale(self.outputs[name], self.magnitudes[name]):.3g}")
+
+    def parameter_sets(self) -> Iterator[dict[str, np.ndarray]]:
+        """The parameters of one state after the other."""
+        return ({name: values[k] for name, values in self.parameters.items()} for k in range(self.count))
+
+
+def vectors(
+    robot: Parametric, routine: Routine, single: bool, count: int | None = None, method: str = "closed_form"
+) -> Vectors:
+    """Random states, and the outputs computed in extended precision, rounded at the end.
+
+    For single precision the inputs are numbers of that precision.
+    """
+    rng = np.random.default_rng(0)
+    count = max(1, min(MOST, WORK // robot.origin.nb)) if count is None else count
+
+    def random(array: Array) -> np.ndarray:
+        return rng.integers(-2 * STEPS, 2 * STEPS, (count, *array.shape)) / STEPS
+
+    def given(x: np.ndarray) -> np.ndarray:
+        return x.astype(np.float32).astype(float) if single else x
+
+    inputs = {array.name: given(random(array)) for array in routine.inputs}
+    batch = -(-count // MOST) if routine.parameters else count  # states that share their parameters
+    starts = np.arange(count) // batch * batch
+    parameters = {
+        array.name: given(_near(robot.own.get(array.name), random(array)))[starts] for array in routine.parameters
+    }
+    results, sizes = [], []
+    for k in range(0, count, batch):
+        values = {name: np.asarray(x[k].astype(np.longdouble), dtype=object) for name, x in parameters.items()}
+        mechanism = in_extended_precision(robot.mechanism(values))
+        states = {name: x[k : k + batch].astype(np.longdouble) for name, x in inputs.items()}
+        q = [x for name, x in states.items() if name.startswith("q")]
+        W = [x for name, x in states.items() if name.startswith("W")]
+        results.append(_exact(mechanism, routine, q, W, method))
+        sizes.append(magnitudes(mechanism, OUTPUTS[routine.name][0], q, W, len(routine.outputs) - 1))
+    return Vectors(parameters, inputs, _by_name(routine, results), _by_name(routine, sizes))
+
+
+def _near(own: np.ndarray | None, random: np.ndarray) -> np.ndarray:
+    """Values of a parameter near its own, one that is zero or has none being between 0 and 1; three decimals each."""
+    near = 0.5 + random / 4  # from 0 to 1
+    if own is not None and own.dtype != object:
+        near = np.where(own == 0, near, own * (0.5 + near))
+    return np.round(near, 3)
+
+
+def _exact(
+    mechanism: Mechanism, routine: Routine, q: Sequence[np.ndarray], W: Sequence[np.ndarray], method: str
+) -> tuple[np.ndarray, ...]:
+    """The outputs for some states."""
+    path = PATHS[OUTPUTS[routine.name][0]][method]
+    return evaluate(lambda q, W: path.law(mechanism, q, W), q, W, len(routine.outputs) - 1, path.width(mechanism.nb))
+
+
+def _by_name(routine: Routine, results: Sequence[Sequence[np.ndarray]]) -> dict[str, np.ndarray]:
+    """The outputs by name, of one group of states after the other."""
+    arrays = [np.concatenate(terms).astype(float) for terms in zip(*results, strict=True)]
+    return dict(zip((array.name for array in routine.outputs), arrays, strict=True))

@@ -1,0 +1,103 @@
+"""Rates: the names q, qd, q2d, ... of a quantity's time derivatives, and the check of those that a caller gives."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from jounce._scalars import FLOAT, Array, asarray, element, is_scalar, is_symbolic, namespace, whole
+from jounce.arguments import names
+from jounce.errors import JounceError, at, quoted
+from jounce.model.mechanism import Mechanism
+
+HIGHEST = 100  # order: beyond it computing takes minutes, and nobody's numbers have the digits
+SUFFIX = r"(d|[2-9]d|[1-9]\d+d)?"  # what `rate_name` adds to a symbol, as a regular expression
+
+
+def rate_name(symbol: str, k: int) -> str:
+    """The name of the k-th time derivative: q, qd, q2d, q3d, ..."""
+    return symbol + ("" if k == 0 else "d" if k == 1 else f"{k}d")
+
+
+def checked_order(order: object, highest: int = HIGHEST) -> int:
+    """The order of the highest rate that a caller asks for."""
+    if not isinstance(order, int | np.integer) or isinstance(order, bool) or not 0 <= order <= highest:
+        raise JounceError(f"order is {quoted(order)}; expected 0 to {highest}")
+    return int(order)
+
+
+def rates_in(given: object) -> tuple[Any, ...] | None:
+    """A quantity and its rates where a caller gives both, as a tuple; None where it is an array, or a tuple of scalars.
+
+    Lists are arrays: nested ones mean what the array of the same numbers means.
+    """
+    return given if isinstance(given, tuple) and not (given and all(map(is_scalar, given))) else None
+
+
+def checked(given: Sequence[Any], least: int, mechanism: Mechanism) -> list[Array]:
+    """The coordinates and their rates as arrays (..., n): at least `least` of them, none skipped."""
+    terms = list(given)
+    while len(terms) > least and terms[-1] is None:
+        terms.pop()
+    if len(terms) > least + HIGHEST:
+        last = rate_name("q", len(terms) - 1)
+        raise JounceError(f"{last} is given, for order {len(terms) - least}; expected rates for order 0 to {HIGHEST}")
+    tail = (mechanism.n,)
+    return [
+        term  # as most are, and some a thousand times a second
+        if type(term) is np.ndarray and term.dtype is FLOAT and term.shape[-1:] == tail
+        else _column(term, k, mechanism, terms)
+        for k, term in enumerate(terms)
+    ]
+
+
+def is_unbatched(q: Sequence[Array]) -> bool:
+    """Whether coordinates and their rates are one state."""
+    return all(term.ndim == 1 for term in q)
+
+
+def _skipped(terms: Sequence[Array | None]) -> JounceError:
+    k = next(k for k, term in enumerate(terms) if term is None)
+    after = [rate_name("q", j) for j in range(k + 1, len(terms)) if terms[j] is not None]
+    skipped = f", yet {after[0]} is given" if after else ""
+    return JounceError(f"{rate_name('q', k)} is None{skipped}; expected every rate up to the last")
+
+
+def _column(term: Any, k: int, mechanism: Mechanism, terms: Sequence[Any]) -> Array:
+    if term is None:
+        raise _skipped(terms)
+    label = rate_name("q", k)
+    if names.listed_in(term) is not None:
+        with at(label):
+            return _by_name(term, mechanism)
+    array, joints = asarray(term, label), mechanism.coordinates
+    if array.ndim == 0 or array.shape[-1] != len(joints):
+        raise JounceError(f"{label} has shape {array.shape}; expected (..., {len(joints)}): {', '.join(joints)}")
+    return array
+
+
+def _by_name(term: Any, mechanism: Mechanism) -> Array:
+    """The coordinates (...) that stand under the joints' names, broadcast, as an array (..., n)."""
+    joints, named = mechanism.coordinates, names.entries(term)
+    names.check(named, joints, names.followers(mechanism))
+    parts = [element(named[joint], repr(joint)) for joint in joints]
+    if any(map(is_symbolic, parts)):
+        parts = [part if is_symbolic(part) else whole(part) for part in parts]
+    parts = broadcast(parts, [0] * len(parts), [repr(joint) for joint in joints])
+    return namespace(*parts).stack(parts, axis=-1)
+
+
+def batch_of(arrays: Sequence[Array], tails: Sequence[int], labels: Sequence[str]) -> tuple[int, ...]:
+    """The shape to which the leading (batch) axes broadcast, all but the last `tails` axes of each array."""
+    batches = [x.shape[: x.ndim - tail] for x, tail in zip(arrays, tails, strict=True)]
+    try:
+        return np.broadcast_shapes(*batches)
+    except ValueError:
+        shapes = ", ".join(f"{label} {b}" for label, b in zip(labels, batches, strict=True))
+        raise JounceError(f"batch axes do not fit together: {shapes}") from None
+
+
+def broadcast(arrays: Sequence[Array], tails: Sequence[int], labels: Sequence[str]) -> list[Array]:
+    """The arrays with their leading (batch) axes broadcast against each other; the last `tails` axes stay."""
+    batch, xp = batch_of(arrays, tails, labels), namespace(*arrays)
+    return [xp.broadcast_to(x, batch + x.shape[x.ndim - tail :]) for x, tail in zip(arrays, tails, strict=True)]

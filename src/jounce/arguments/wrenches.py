@@ -1,0 +1,66 @@
+"""Wrenches on the bodies, in whatever form a caller gives them, as arrays (..., nb, 6) in the body frames.
+
+A wrench W_i = (moment; force) is what body i EXERTS ON its environment, in body-frame components about the origin of
+the body frame: Qext = +J^T W.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from jounce._scalars import Array, asarray, is_symbolic, whole
+from jounce.arguments.rates import broadcast, is_unbatched, rate_name, rates_in
+from jounce.errors import JounceError, quoted
+from jounce.model.mechanism import Mechanism
+from jounce.spatial.lie import Ad, inverse
+
+
+def checked(mechanism: Mechanism, wrench: object, order: int, q: Sequence[Array]) -> list[Array]:
+    """W and its rates up to `order`, at the states `q`; no arrays where `wrench` is None."""
+    if wrench is None:
+        return []
+    given = rates_in(wrench)
+    terms = (wrench,) if given is None else given
+    if len(terms) != order + 1:
+        have = "W alone" if given is None else _rates(len(given)) or "nothing"
+        takes = f"a tuple ({_rates(order + 1)})" if order else "W alone"
+        raise JounceError(f"wrench gives {have}; order {order} takes {takes}; a list is one array")
+    at_one_state = is_unbatched(q)
+    return [_on_bodies(mechanism, W, rate_name("W", k), at_one_state) for k, W in enumerate(terms)]
+
+
+def _rates(count: int) -> str:
+    """The names of W and its rates."""
+    names = [rate_name("W", k) for k in range(count)]
+    return ", ".join([*names[:2], "...", names[-1]] if count > 3 else names)
+
+
+def _on_bodies(mechanism: Mechanism, W: object, label: str, at_one_state: bool) -> Array:
+    if isinstance(W, Mapping):
+        return _from_names(mechanism, W, label, at_one_state)
+    array = asarray(W, label)
+    if array.ndim < 2 or array.shape[-2:] != (mechanism.nb, 6):
+        raise JounceError(
+            f"{label} has shape {array.shape}; expected (..., {mechanism.nb}, 6), or a dict of body names to (..., 6)"
+        )
+    return array
+
+
+def _from_names(mechanism: Mechanism, W: Mapping[str, object], label: str, at_one_state: bool) -> Array:
+    """Wrenches by body or merged link, the latter transported to the frame of the body that carries it."""
+    parts: list[Array] = [np.zeros((mechanism.nb, 6))]
+    for name, value in W.items():
+        frame, what = mechanism.frame(name), f"{label}[{quoted(name)}]"
+        array = asarray(value, what)
+        if array.ndim == 0 or array.shape[-1] != 6:
+            raise JounceError(f"{what} has shape {array.shape}; expected (..., 6), (moment; force)")
+        if at_one_state and array.shape == (mechanism.nb, 6) != (1, 6):
+            raise JounceError(
+                f"{what} has shape {array.shape}, as W of all bodies has; expected (6,), or W without names;"
+                f" for {mechanism.nb} wrenches in turn make a batch of the state, q[None]"
+            )
+        if frame.body >= 0:  # a wrench between the ground and its environment moves nothing
+            T = whole(frame.T) if is_symbolic(array) else frame.T
+            local = Ad(inverse(T)).mT @ array[..., None]
+            parts.append(np.eye(mechanism.nb, dtype=int)[frame.body][:, None] * local[..., None, :, 0])
+    return sum(broadcast(parts, [2] * len(parts), ["bodies", *(f"{label}[{quoted(name)}]" for name in W)]))

@@ -1,0 +1,37 @@
+"""`audit`: all the checks in a row."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from jounce._scalars import is_numeric
+from jounce.checks.audit.finding import SEVERITIES, Finding
+from jounce.checks.audit.inertias import impossible, placeholders, point_masses, unit_masses
+from jounce.checks.audit.limits import limits
+from jounce.checks.audit.mobility import massless, singular
+from jounce.checks.audit.units import densities, gravity, masses, sizes
+from jounce.errors import JounceError
+from jounce.model.mechanism import DATA, Mechanism
+
+CHECKS: tuple[Callable[[Mechanism], list[Finding]], ...] = (
+    impossible,
+    singular,
+    placeholders,
+    unit_masses,
+    densities,
+    masses,
+    sizes,
+    massless,
+    point_masses,
+    limits,
+    gravity,
+)
+
+
+def audit(mechanism: Mechanism) -> tuple[Finding, ...]:
+    """What is wrong or odd in the data of a mechanism of numbers, errors first; empty where nothing is."""
+    if not all(is_numeric(getattr(mechanism, name)) for name in DATA):
+        raise JounceError(f"robot {mechanism.name!r} holds symbols; expected numbers, which is what an audit judges")
+    with np.errstate(all="ignore"):  # of numbers near the ends of the doubles, which are not judged
+        found = [finding for check in CHECKS for finding in check(mechanism)]
+    return tuple(sorted(found, key=lambda finding: list(SEVERITIES).index(finding.severity)))

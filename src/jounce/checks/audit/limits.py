@@ -1,0 +1,57 @@
+"""Limits of joints that a file leaves out, or states as zero."""
+
+import numpy as np
+
+from jounce.checks.audit.finding import Finding
+from jounce.model.mechanism import Mechanism, leading
+
+
+def limits(mechanism: Mechanism) -> list[Finding]:
+    """Effort and velocity limits that are missing or zero, of the joints that are driven; a finding for each kind."""
+    driven = sorted(set(leading(mechanism)))  # what follows others has no drive of its own
+    found = []
+    for kind in ("effort", "velocity"):
+        stated = getattr(mechanism.limits, kind)[driven]
+        found += _missing(mechanism, kind, driven, np.isinf(stated)) + _zero(mechanism, kind, driven, stated == 0)
+    return found
+
+
+def _missing(mechanism: Mechanism, kind: str, driven: list[int], missing: np.ndarray) -> list[Finding]:
+    """A robot without any such limit may mean it so; one with some has forgotten the others."""
+    if not missing.any():
+        return []
+    everywhere = bool(missing.all())
+    return [
+        Finding(
+            severity="note" if everywhere else "warning",
+            kind=f"{kind} limit",
+            joints=_names(mechanism, driven, missing),
+            number=float(missing.sum()),
+            unit="joints",
+            text=f"no {kind} limit{' on any joint' if everywhere else f', unlike the other {int((~missing).sum())}'}",
+            advice=f"nothing checks a motion against it; state {kind}= in {_UNITS[kind]}",
+        )
+    ]
+
+
+def _zero(mechanism: Mechanism, kind: str, driven: list[int], zero: np.ndarray) -> list[Finding]:
+    if not zero.any():
+        return []
+    return [
+        Finding(
+            severity="warning",
+            kind=f"{kind} limit",
+            joints=_names(mechanism, driven, zero),
+            number=0.0,
+            unit="N m or N" if kind == "effort" else "rad/s or m/s",
+            text=f"{kind} limit 0: the joint could never {'push' if kind == 'effort' else 'move'}",
+            advice=f"state the drive's own in {_UNITS[kind]}, or leave it out where it is unknown",
+        )
+    ]
+
+
+_UNITS = {"effort": "N m or N", "velocity": "rad/s or m/s"}
+
+
+def _names(mechanism: Mechanism, driven: list[int], which: np.ndarray) -> tuple[str, ...]:
+    return tuple(mechanism.joints[i] for i, yes in zip(driven, which, strict=True) if yes)

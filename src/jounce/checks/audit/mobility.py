@@ -1,0 +1,86 @@
+"""Joints that move no inertia: massless bodies, and coordinates in which the mass matrix is singular."""
+
+import numpy as np
+
+from jounce.checks.audit.finding import Finding
+from jounce.dynamics import recursion
+from jounce.model.mechanism import Mechanism, ancestors
+from jounce.spatial.series import columns
+
+SINGULAR = 1e-12  # of what a mass matrix could be: rounding leaves less
+SAMPLES = 3  # configurations; where the mass matrix is regular in one, it is in almost all
+
+
+def massless(mechanism: Mechanism) -> list[Finding]:
+    """Massless bodies that carry mass, which is no harm, and those that carry none."""
+    empty = ~mechanism.M.any(axis=(1, 2))
+    carries = (ancestors(mechanism)[~empty] > 0).any(axis=0)
+    between, tips = np.flatnonzero(empty & carries), np.flatnonzero(empty & ~carries)
+    found = []
+    if between.size:
+        found.append(
+            Finding(
+                severity="note",
+                kind="massless",
+                bodies=tuple(mechanism.bodies[i] for i in between),
+                number=0.0,
+                unit="kg",
+                text="massless, and bodies beyond have mass: no harm to forces or mass matrix",
+                advice="right for a frame between the axes of one joint; otherwise state the inertia",
+            )
+        )
+    if tips.size:
+        found.append(
+            Finding(
+                severity="warning",
+                kind="massless tip",
+                bodies=tuple(mechanism.bodies[i] for i in tips),
+                number=0.0,
+                unit="kg",
+                text="massless, as is all beyond: its joint needs no force of its own",
+                advice="state the inertia, or make the joint a fixed one",
+            )
+        )
+    return found
+
+
+def singular(mechanism: Mechanism) -> list[Finding]:
+    """Coordinates that move without kinetic energy in every configuration: no forward dynamics, no ``M^-1``."""
+    rank, idle = -1, np.zeros(0)
+    for k in range(SAMPLES):
+        trial = _idle(mechanism, np.cos(1.0 + k + 1.7 * np.arange(mechanism.n)))
+        rank, idle = max((rank, idle), trial, key=lambda found: found[0])
+        if rank == mechanism.n:
+            return []
+    return [
+        Finding(
+            severity="error",
+            kind="singular mass matrix",
+            joints=tuple(mechanism.coordinates[j] for j in np.flatnonzero(idle)),
+            number=float(mechanism.n - rank),
+            unit="coordinates",
+            text=f"moves no inertia{' together' if idle.sum() > mechanism.n - rank else ''}: "
+            f"the mass matrix is singular, of rank {rank} for {mechanism.n} coordinates",
+            advice="inverse dynamics holds; for forward dynamics state the inertia beyond, or fix the joint",
+        )
+    ]
+
+
+def _idle(mechanism: Mechanism, q: np.ndarray) -> tuple[int, np.ndarray]:
+    """The rank of the mass matrix at q, and which coordinates take part in motions without kinetic energy."""
+    J = recursion.system_jacobian(mechanism, columns([q]))[0]
+    rotors = mechanism.drives.armature * ("armature" in mechanism.acting)
+    momenta = (mechanism.M @ J).reshape(-1, mechanism.n)
+    gM = J.reshape(momenta.shape).T @ momenta + mechanism.G.T * rotors @ mechanism.G  # (MC)
+    most = np.einsum("iaj,iaj,i->j", J, J, np.abs(mechanism.M).max(axis=(1, 2))) + rotors @ mechanism.G**2
+    own = np.abs(np.diag(gM))
+    moves = own > SINGULAR * most
+    scale = np.sqrt(np.where(moves, own, 1.0))
+    scaled = np.where(moves[:, None] & moves, gM / np.outer(scale, scale), 0.0)
+    if not np.isfinite(scaled).all():  # overflown: nothing can be said
+        return mechanism.n, np.zeros(mechanism.n, dtype=bool)
+    if (np.abs(np.linalg.eigvalsh(scaled)) > SINGULAR * mechanism.n).all():  # as most are, at a fraction of the cost
+        return mechanism.n, np.zeros(mechanism.n, dtype=bool)
+    values, vectors = np.linalg.eigh(scaled)
+    null = np.abs(values) <= SINGULAR * mechanism.n
+    return int(mechanism.n - null.sum()), (np.abs(vectors[:, null]) > 1e-4).any(axis=1)

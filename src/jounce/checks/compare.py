@@ -1,0 +1,105 @@
+"""A robot checked at random states: against other libraries at order 0, its own other paths, and differentiation.
+
+Errors are norm-wise: the largest difference over the largest entry of all the states, or over the magnitude of what
+is added up where that is larger, as where forces are zero.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from math import factorial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jounce.arguments.rates import rate_name
+from jounce.checks.magnitudes import magnitudes, scale
+from jounce.checks.reference import Absence, peers
+from jounce.robot import Robot
+
+STEPS = 0.2 * 2.0 ** -np.arange(9)  # s, of differences; the best one counts
+STENCIL = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])  # of nine points
+ALLOWED = {"exact": 1e-9, "differences": 1e-6}  # what an error may be; differences cannot show less
+
+
+@dataclass(frozen=True)
+class Check:
+    """The worst error of a quantity against another way to it, or why there is none."""
+
+    quantity: str
+    against: str
+    error: float | None
+    allowed: float
+    remark: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """Whether the error is one of rounding, or of differentiation where that is what it was compared with."""
+        return self.error is None or self.error <= self.allowed
+
+
+def compare(
+    robot: Robot, source: Path | None = None, *, order: int = 2, states: int = 20, seed: int = 0
+) -> list[Check]:
+    """The checks of a robot, its drives left out; `source` is the file that it was read from, for peers to read too."""
+    rigid, rng = robot.with_drives(False), np.random.default_rng(seed)
+    q = rng.uniform(-1, 1, (order + 3, states, robot.n))
+    sizes = magnitudes(rigid.mechanism, "inverse_dynamics", [*q], [], order)
+    return [*_with_peers(rigid, source, q), *_with_paths(rigid, q, sizes), *_with_differences(rigid, q, sizes)]
+
+
+def _with_peers(robot: Robot, source: Path | None, q: np.ndarray) -> Iterator[Check]:
+    m, G = robot.mechanism, robot.mechanism.G
+    thetas = [q[0] @ G.T + m.g, q[1] @ G.T, q[2] @ G.T]
+    ours = {"Q": robot.inverse_dynamics(*q[:3]), "Qgrav": robot.gravity_forces(q[0]), "M": robot.mass_matrix(q[0])}
+    taken = {"Q": ("inverse_dynamics", q[:3]), "Qgrav": ("gravity_forces", q[:1]), "M": ("mass_matrix", q[:1])}
+    sizes = {name: magnitudes(m, quantity, [*rates], [], 0)[0] for name, (quantity, rates) in taken.items()}
+    for peer in peers(m, source):
+        if isinstance(peer, Absence):
+            yield Check("-", peer.name, None, 0.0, peer.reason)
+            continue
+        theirs = {
+            "Q": [peer.forces(*theta) @ G for theta in zip(*thetas, strict=True)],
+            "Qgrav": [peer.forces(theta, 0 * theta, 0 * theta) @ G for theta in thetas[0]],
+            "M": [G.T @ peer.mass_matrix(theta) @ G for theta in thetas[0]],
+        }
+        for name, expected in theirs.items():
+            error = _error(ours[name], np.stack(expected), sizes[name])
+            yield Check(name, peer.name, error, ALLOWED["exact"], peer.source)
+
+
+def _with_paths(robot: Robot, q: np.ndarray, sizes: Sequence[np.ndarray]) -> Iterator[Check]:
+    """Every other path, and the recursion with long doubles."""
+    own = _all(robot.inverse_dynamics(*q))
+    paths: dict[str, Callable[[], Sequence[np.ndarray]]] = {
+        "recursion": lambda: _all(robot.inverse_dynamics(*q, method="recursion")),
+        "closed form": lambda: _all(robot.inverse_dynamics(*q, method="closed_form")),
+        "long doubles": lambda: _all(robot.inverse_dynamics(*q.astype(np.longdouble), method="recursion")),
+    }
+    for name, results in paths.items():
+        for k, (x, y, size) in enumerate(zip(own, results(), sizes, strict=True)):
+            yield Check(rate_name("Q", k), name, _error(x, y, size), ALLOWED["exact"])
+
+
+def _with_differences(robot: Robot, q: np.ndarray, sizes: Sequence[np.ndarray]) -> Iterator[Check]:
+    """Each rate against nine-point differences of the one before, along the polynomials that have the rates q."""
+    exact = _all(robot.inverse_dynamics(*q))
+    for k in range(1, len(exact)):
+        errors = []
+        for h in STEPS:
+            along = [_all(robot.inverse_dynamics(*_moved(q, j * h)[: k + 2]))[-1] for j in range(-4, 5)]
+            errors.append(_error(np.tensordot(STENCIL, along, 1) / h, exact[k], sizes[k]))
+        yield Check(rate_name("Q", k), f"differences of {rate_name('Q', k - 1)}", min(errors), ALLOWED["differences"])
+
+
+def _moved(q: np.ndarray, t: float) -> np.ndarray:
+    """The rates q a time t later."""
+    return np.stack([sum(x * t**j / factorial(j) for j, x in enumerate(q[k:])) for k in range(len(q))])
+
+
+def _all(results: Any) -> Sequence[np.ndarray]:
+    return results if isinstance(results, tuple) else (results,)
+
+
+def _error(found: Any, expected: Any, magnitude: np.ndarray) -> float:
+    return float(np.abs(found - expected).max()) / scale(expected, magnitude)

@@ -1,0 +1,76 @@
+"""What a robot is, as plain data: for `jounce info`, in words or JSON."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from jounce.checks.audit import audit
+from jounce.model.mechanism import Mechanism, leading
+from jounce.spatial import inertia
+
+
+def describe(mechanism: Mechanism) -> dict[str, Any]:
+    """Names, tree, joints, inertias and findings of a mechanism of numbers, ready for JSON."""
+    return {
+        "name": mechanism.name,
+        "n": mechanism.n,
+        "nb": mechanism.nb,
+        "gravity": mechanism.gravity.tolist(),
+        "mass": float(mechanism.M[:, 3, 3].sum()),
+        "coordinates": [
+            {"name": name, "unit": unit}
+            for name, unit in zip(mechanism.coordinates, coordinate_units(mechanism), strict=True)
+        ],
+        "acting": list(mechanism.acting),
+        "bodies": [_body(mechanism, i) for i in range(mechanism.nb)],
+        "merged_links": {
+            frame.name: "ground" if frame.body < 0 else mechanism.bodies[frame.body] for frame in mechanism.frames
+        },
+        "findings": [finding.as_data() for finding in audit(mechanism)],
+    }
+
+
+def coordinate_units(mechanism: Mechanism) -> list[str]:
+    """rad or m: the unit of each coordinate."""
+    return ["rad" if np.any(X[:3]) else "m" for X in mechanism.X[leading(mechanism)]]
+
+
+def _body(mechanism: Mechanism, i: int) -> dict[str, Any]:
+    p, M, X = mechanism.parent[i], mechanism.M[i], mechanism.X[i]
+    m, h, _ = inertia.moments(M)
+    mass = float(m[0, 0])
+    principal = inertia.principal_moments(M) if mass else None
+    pitch = float(X[:3] @ X[3:])
+    kind = "prismatic" if not X[:3].any() else "helical" if abs(pitch) > 1e-12 else "revolute"
+    return {
+        "name": mechanism.bodies[i],
+        "parent": "ground" if p < 0 else mechanism.bodies[p],
+        "joint": mechanism.joints[i],
+        "type": kind,
+        "axis": (X[3:] if kind == "prismatic" else X[:3]).tolist(),
+        "pitch": pitch if kind == "helical" else None,
+        "follows": _follows(mechanism, i),
+        "limits": {key: _finite(float(array[i])) for key, array in vars(mechanism.limits).items()},
+        "drive": {key: float(array[i]) for key, array in vars(mechanism.drives).items()},
+        "mass": mass,
+        "com": (h[:, 0] / mass).tolist() if mass else None,
+        "principal_moments": None if principal is None else principal.tolist(),
+        "triangle_slack": None if principal is None else inertia.triangle_slack(principal),
+    }
+
+
+def _follows(mechanism: Mechanism, i: int) -> str | None:
+    """The joint variable in the coordinates, where it is not simply one of them."""
+    row, offset = mechanism.G[i], float(mechanism.g[i])
+    terms = [f"{_factor(row[j])}{mechanism.coordinates[j]}" for j in np.flatnonzero(row)]
+    plain = len(terms) == 1 and row.sum() == 1 and offset == 0 and mechanism.joints[i] in mechanism.coordinates
+    return None if plain else " + ".join(terms + [f"{offset:g}"] * bool(offset)) or "0"
+
+
+def _finite(x: float) -> float | None:
+    return x if math.isfinite(x) else None
+
+
+def _factor(x: float) -> str:
+    return {1.0: "", -1.0: "-"}.get(x, f"{x:g} ")

@@ -1,0 +1,60 @@
+"""Other libraries that know rigid body dynamics at order 0, to check a robot against, where they are installed."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from jounce.errors import JounceError, one_line
+from jounce.model.mechanism import Mechanism
+
+OWN_READING, OUR_DATA = "its own reading of the file", "our data"
+OTHER_JOINTS = "joints differ from those of the file: some were locked, welded or left out"
+
+
+class NotComparableError(JounceError):
+    """A robot that a peer cannot hold; the message says why."""
+
+
+@dataclass(frozen=True)
+class Peer:
+    """A library's model of a mechanism, in its joint variables: theta, theta', theta'' (nb,)."""
+
+    name: str
+    source: str  # where the library has the robot's numbers from
+    forces: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]  # (nb,)
+    mass_matrix: Callable[[np.ndarray], np.ndarray]  # (nb, nb)
+
+
+@dataclass(frozen=True)
+class Absence:
+    """Why a library is not among the peers."""
+
+    name: str
+    reason: str
+
+
+def peers(mechanism: Mechanism, path: Path | None) -> Iterator[Peer | Absence]:
+    """What is installed, reading the file itself where it can; given our data where it cannot, or there is none."""
+    from jounce.checks.reference import mujoco, pinocchio
+
+    for library in (pinocchio, mujoco):
+        ways = [partial(library.of_data, mechanism)]
+        if path is not None and path.suffix.lower() == library.SUFFIX:
+            ways.insert(0, partial(library.of_file, mechanism, path))
+        yield from _first(library.NAME, ways)
+
+
+def _first(name: str, ways: Sequence[Callable[[], Peer]]) -> Iterator[Peer | Absence]:
+    """The first of some ways to a library's model that succeeds, after what kept those before it from doing so."""
+    for way in ways:
+        try:
+            yield way()
+        except ImportError:
+            yield Absence(name, "not installed")
+        except Exception as error:  # whatever a foreign library raises at a robot that it cannot hold
+            yield Absence(name, one_line(error))
+            continue
+        return

@@ -1,0 +1,91 @@
+"""Pinocchio as a peer: its own reading of a URDF, or a model built joint by joint in the frames on the axes."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jounce.checks.reference import OTHER_JOINTS, OUR_DATA, OWN_READING, NotComparableError, Peer
+from jounce.checks.reference.terminal import errors_caught
+from jounce.errors import one_line
+from jounce.model.equivalent import on_axes
+from jounce.model.mechanism import Mechanism
+from jounce.spatial import inertia
+from jounce.spatial.lie import hat, position, rotation
+
+NAME = "Pinocchio"
+SUFFIX = ".urdf"  # of the files that it reads itself
+
+
+def of_file(mechanism: Mechanism, path: Path) -> Peer:
+    """The model of a URDF."""
+    import pinocchio as pin
+
+    said: list[str] = []
+    try:
+        with errors_caught(said):
+            model = pin.buildModelFromUrdf(str(path))
+    except Exception as error:
+        reason = one_line(" ".join(said)) or one_line(error)
+        raise NotComparableError(f"refuses the file: {reason}") from error
+    names = {name for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True) if joint.nv}
+    if names != set(mechanism.joints):
+        raise NotComparableError(OTHER_JOINTS)
+    model.gravity.linear = mechanism.gravity
+    return _peer(pin, mechanism, model, OWN_READING)
+
+
+def of_data(mechanism: Mechanism) -> Peer:
+    """The model of our data."""
+    import pinocchio as pin
+
+    return _peer(pin, mechanism, _built(pin, mechanism), OUR_DATA)
+
+
+def _built(pin: Any, mechanism: Mechanism) -> Any:
+    chain, model = on_axes(mechanism), pin.Model()
+    model.gravity.linear = chain.gravity
+    numbers = {-1: 0}
+    for i in _depth_first(chain.parent):  # the order that its algorithms rely on
+        B, X, M = chain.B[i], chain.X[i], chain.M[i]
+        kind = pin.JointModelPZ() if not X[2] else pin.JointModelHZ(float(X[5])) if X[5] else pin.JointModelRZ()
+        placed = pin.SE3(rotation(B).astype(float), position(B)[:, 0].astype(float))
+        numbers[i] = model.addJoint(numbers[chain.parent[i]], kind, placed, chain.joints[i])
+        m, h, _ = inertia.moments(M)
+        mass = float(m[0, 0])
+        com = h[:, 0] / mass if mass else np.zeros(3)
+        about = M[:3, :3] + mass * hat(com) @ hat(com)
+        model.appendBodyToJoint(numbers[i], pin.Inertia(mass, com, about), pin.SE3.Identity())
+    return model
+
+
+def _depth_first(parent: Sequence[int], body: int = -1) -> Iterator[int]:
+    for i, p in enumerate(parent):
+        if p == body:
+            yield i
+            yield from _depth_first(parent, i)
+
+
+def _peer(pin: Any, mechanism: Mechanism, model: Any, source: str) -> Peer:
+    data = model.createData()
+    rows = [model.joints[model.getJointId(name)].idx_v for name in mechanism.joints]
+
+    def spread(x: np.ndarray) -> np.ndarray:
+        v = np.zeros(model.nv)
+        v[rows] = x
+        return v
+
+    def placed(theta: np.ndarray) -> np.ndarray:
+        return pin.integrate(model, pin.neutral(model), spread(theta))
+
+    def mass_matrix(theta: np.ndarray) -> np.ndarray:
+        upper = np.triu(pin.crba(model, data, placed(theta)))
+        return (upper + np.triu(upper, 1).T)[np.ix_(rows, rows)]
+
+    return Peer(
+        name=f"{NAME} {pin.__version__}",
+        source=source,
+        forces=lambda theta, rate, second: pin.rnea(model, data, placed(theta), spread(rate), spread(second))[rows],
+        mass_matrix=mass_matrix,
+    )

@@ -1,0 +1,1 @@
+"""The paper's example: its numbers and its pictures."""

@@ -1,0 +1,116 @@
+"""The equations of motion and their two time derivatives, assembled from the matrices of Sections 3 and 4."""
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+
+from jounce._scalars import Array
+from jounce.dynamics import system
+from jounce.dynamics.paper.section3 import C11, M1, C
+from jounce.dynamics.paper.section4 import C21, M21
+from jounce.errors import JounceError
+from jounce.model.mechanism import Mechanism
+from jounce.spatial.series import Series
+
+
+class Paper:
+    """The equations of motion at one instant, from coordinates q and wrenches W: values and two time derivatives."""
+
+    def __init__(self, mechanism: Mechanism, q: Series, W: Series | None = None):
+        self.mechanism, self.q, self.W = mechanism, q, W
+        self.M = system.system_M(mechanism)
+
+    @cached_property
+    def A(self) -> Array:
+        return system.system_A(self.mechanism, self.poses)
+
+    @cached_property
+    def poses(self) -> Array:
+        return system.poses(self.mechanism, self.q[0])
+
+    @cached_property
+    def J(self) -> Array:
+        return self.A @ system.system_X(self.mechanism)  # (JbSys)
+
+    @cached_property
+    def UG(self) -> Array:
+        return system.system_U(self.poses) @ system.system_G(self.mechanism)  # (eq_U)
+
+    def a(self, k: int = 0) -> Array:
+        """The k-th time derivative of a, itself with q^(k+1) in the place of qd."""
+        return system.system_a(self.mechanism, self.q[k + 1])  # (a)
+
+    def b(self, k: int = 0) -> Array:
+        """The k-th time derivative of b."""
+        return system.system_b((self.V, self.dV, self.d2V)[k]())  # (b)
+
+    def V(self) -> Array:
+        return self.J @ self.q[1]  # (Vsys)
+
+    def dV(self) -> Array:
+        return self.J @ self.q[2] - self.A @ self.a() @ self.V()  # (VbdotMat)
+
+    def d2V(self) -> Array:
+        """Used by (CSys2dot), (C21), (C22), but not printed."""
+        A, a, da = self.A, self.a(), self.a(1)
+        return self.J @ self.q[3] - A @ da @ self.V() - 2 * A @ a @ self.dV() - A @ a @ a @ self.V()
+
+    def _weighted(self, right: Array) -> Series:
+        """J^T M^(k) right, k = 0, 1, 2."""
+        M, A, a, JT = self.M, self.A, self.a, self.J.mT
+        return _printed([
+            lambda: JT @ M @ right,
+            lambda: JT @ M1(M, A, a()) @ right,
+            lambda: JT @ M21(M, A, a(), a(1)) @ right,
+        ])  # fmt: skip
+
+    @cached_property
+    def gM(self) -> Series:
+        return self._weighted(self.J)  # (MC), (Mdot), (Mddot)
+
+    @cached_property
+    def gC(self) -> Series:
+        M, A, a, b = self.M, self.A, self.a, self.b
+        return _printed([
+            lambda: self.J.mT @ C(M, A, a(), b()) @ self.J,  # (MC)
+            lambda: self.J.mT @ C11(M, A, a(), a(1), b(), b(1)) @ self.J,  # (Cdot)
+            lambda: self.J.mT @ C21(M, A, a(), a(1), a(2), b(), b(1), b(2)) @ self.J,  # before (C2temp)
+        ])  # fmt: skip
+
+    @cached_property
+    def Qgrav(self) -> Series:
+        return self._weighted(self.UG)  # after (eq_U), (Qgravdot) and its rate
+
+    @cached_property
+    def Qext(self) -> Series:
+        if self.W is None:
+            return Series.constant(0 * (self.J.mT @ self.UG))
+        W, A, a, JT = self.W, self.A, self.a, self.J.mT
+        return _printed([
+            lambda: JT @ W[0],  # (Qext)
+            lambda: JT @ (W[1] - (A @ a()).mT @ W[0]),  # (Qextdot)
+            lambda: JT @ (
+                W[2] - 2 * (A @ a()).mT @ W[1]
+                + (2 * (A @ a() @ A @ a()).mT - (A @ a(1)).mT - (A @ a() @ a()).mT) @ W[0]
+            ),  # (Qextddot)
+        ])  # fmt: skip
+
+    @cached_property
+    def Q(self) -> Series:
+        q, gM, gC, Qgrav, Qext = self.q, self.gM, self.gC, self.Qgrav, self.Qext
+        return _printed([
+            lambda: gM[0] @ q[2] + gC[0] @ q[1] + Qgrav[0] + Qext[0],  # (EOM1)
+            lambda: gM[0] @ q[3] + (gM[1] + gC[0]) @ q[2] + gC[1] @ q[1] + Qgrav[1] + Qext[1],  # (EOM1stOrder)
+            lambda: (
+                gM[0] @ q[4] + (2 * gM[1] + gC[0]) @ q[3] + (gM[2] + 2 * gC[1]) @ q[2] + gC[2] @ q[1]
+                + Qgrav[2] + Qext[2]
+            ),  # (EOM2ndOrder)
+        ])  # fmt: skip
+
+
+def _printed(expressions: Sequence[Callable[[], Array]]) -> Series:
+    def term(k: int) -> Array:
+        if k >= len(expressions):
+            raise JounceError(f"the paper prints time derivatives up to order 2; order {k} needs method='closed_form'")
+        return expressions[k]()
+
+    return Series(term)

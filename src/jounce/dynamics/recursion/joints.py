@@ -1,0 +1,118 @@
+"""Joints in motion: what they carry from body to body, with its rates.
+
+A joint moves its body by ``exp(X theta)``. Whatever it carries, vectors, twists, wrenches or moments of mass, it takes
+from one frame to the other by a matrix E that obeys ``E' = theta' L E`` with a constant L. Hence carry first, then
+correct: ``y = E x`` has the rate ``y' = E x' + theta' L y``, and rates of E never appear.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from jounce._scalars import Array, is_symbolic, whole
+from jounce.model.mechanism import Mechanism
+from jounce.spatial.lie import Ad, ad, exp_of, inverse, turn_and_slide, wedge
+from jounce.spatial.series import Series, from_rates
+
+
+def carried(E: Array, L: Array, rate: Series, x: Series) -> Series:
+    """y = E x, with E' = rate L E."""
+    return from_rates(lambda k: E @ x[k], lambda y: rate * (L @ y))
+
+
+def congruent(E: Array, L: Array, rate: Series, x: Series) -> Series:
+    """y = E x E^T, with E' = rate L E."""
+    return from_rates(lambda k: E @ x[k] @ E.mT, lambda y: rate * (L @ y + y @ L.mT))
+
+
+@dataclass(frozen=True)
+class Placement:
+    """What of a joint does not move: how its body hangs on the parent, and its screw."""
+
+    parent: int
+    B: Array  # (4, 4) pose of the body in its parent's frame at theta = 0
+    X: Array  # (6, 1) joint screw in the body frame
+    Ad_B: Array  # Ad(B^-1)
+    ad_X: Array
+    X_hat: Array  # wedge(X)
+
+
+@dataclass(frozen=True)
+class Joint(Placement):
+    """One joint at an instant."""
+
+    theta: Series  # (..., 1, 1)
+    T: Array  # (..., 4, 4), exp(X theta)
+    A: Array  # (..., 6, 6), Ad(T^-1)
+
+    @property
+    def rate(self) -> Series:
+        """The joint's velocity."""
+        return self.theta.dot
+
+    def twists(self, x: Series) -> Series:
+        """Twists (..., 6, k) that the parent's frame gives, in the body's."""
+        return carried(self.A, -self.ad_X, self.rate, self.Ad_B @ x)
+
+    def wrenches(self, x: Series) -> Series:
+        """Wrenches (..., 6, k) that the body's frame gives, in the parent's."""
+        return self.Ad_B.mT @ carried(self.A.mT, -self.ad_X.mT, self.rate, x)
+
+    def moments(self, x: Series) -> Series:
+        """Moments of mass (..., 4, 4) about the body's frame, about the parent's."""
+        return self.B @ congruent(self.T, self.X_hat, self.rate, x) @ self.B.mT
+
+    def forms(self, x: Series) -> Series:
+        """Bilinear forms of twists (..., 6, 6) in the body's frame, such as inertia, in the parent's."""
+        return self.Ad_B.mT @ congruent(self.A.mT, -self.ad_X.mT, self.rate, x) @ self.Ad_B
+
+
+@lru_cache(maxsize=64)
+def _placements(mechanism: Mechanism) -> list[Placement]:
+    B, X = mechanism.B, mechanism.X
+    data = (mechanism.parent, B, X[..., None], Ad(inverse(B)), ad(X), wedge(X))
+    return [Placement(*of_joint) for of_joint in zip(*data, strict=True)]
+
+
+@lru_cache(maxsize=64)
+def _turns_and_slides(mechanism: Mechanism) -> tuple[Array, Array]:
+    turns, slides = zip(*map(turn_and_slide, mechanism.X), strict=True)
+    return np.stack(turns), np.stack(slides)
+
+
+def joint_variables(mechanism: Mechanism, q: Series) -> Series:
+    """theta = G q + g, (..., nb, 1)."""
+    return mechanism.G @ q + mechanism.g[:, None]
+
+
+def motions(mechanism: Mechanism, theta: Array, bodies: Sequence[int]) -> Array:
+    """exp(X theta) of the joints of some bodies, all at once: (..., len(bodies), 4, 4)."""
+    turns, slides = _turns_and_slides(mechanism)
+    chosen = np.array(bodies, dtype=int)
+    T = exp_of(turns[chosen], slides[chosen], theta[..., chosen, :, None])
+    return whole(T) if is_symbolic(T) else T
+
+
+def joints(mechanism: Mechanism, q: Series, bodies: Sequence[int] | None = None) -> list[Joint]:
+    """The joints of some bodies, or of all, for coordinates q."""
+    bodies = range(mechanism.nb) if bodies is None else bodies
+    theta = joint_variables(mechanism, q)
+    T = motions(mechanism, theta[0], bodies)
+    A = Ad(inverse(T))
+    placed = _placements(mechanism)
+    return [
+        Joint(**vars(placed[i]), theta=rows(theta, i, i + 1), T=T[..., k, :, :], A=A[..., k, :, :])
+        for k, i in enumerate(bodies)
+    ]
+
+
+def rows(columns: Series, first: int, last: int) -> Series:
+    """Some rows of columns."""
+    return columns.map(lambda x: x[..., first:last, :])
+
+
+def still(q: Series) -> Series:
+    """Zeros (..., 1, 1) in the batch axes of q, for what depends on no coordinate and has none."""
+    return 0 * rows(q, 0, 1)

@@ -1,0 +1,108 @@
+"""The matrices of the equations of motion, entry by entry: what moves with one joint, felt along another.
+
+With S_j the screw of joint j as it moves in space, I_j the inertia of all that the joint carries, and a prime for the
+rate in space, the matrices of the joint variables are, where joint i carries joint j or is j itself,
+
+    M_ij = S_i . I_j S_j = M_ji,    C_ij = S_i . (I_j S_j)',    C_ji = S_j . (I_j S_i)',
+
+and ``Cbar_ji = S_j . (I_j S_i' + Y_j S_i)``, ``Cbar_ij = M_ij' - Cbar_ji``, where Y_j sums -ad(V)^T M over the bodies
+carried, so that ``I_j' = Y_j + Y_j^T``. They are made of wrenches of joint j, carried inward and felt at joint i:
+
+    U_ij = S_i . I_j S_j,    K_ij = S_i' . I_j S_j,    N_ij = S_i . I_j' S_j,    L_ij = S_i . Y_j^T S_j,
+    C_ij = U_ij' - K_ij,     C_ji = K_ij + N_ij,       Cbar_ji = K_ij + L_ij.
+
+Inertia is carried as moments of mass, fewer numbers than M_i; all in frames on the joint axes, for their zeros.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jounce.dynamics.recursion.joints import Joint, joints, still
+from jounce.dynamics.recursion.sweeps import Columns, composites, felt, gathered, in_order, velocities
+from jounce.model.equivalent import on_axes
+from jounce.model.mechanism import Mechanism
+from jounce.spatial.inertia import moment_matrix
+from jounce.spatial.lie import ad, cowedge, wedge
+from jounce.spatial.series import Series
+
+
+@dataclass(frozen=True)
+class _Composites:
+    """What all the matrices are made of."""
+
+    chain: Mechanism
+    tree: list[Joint]
+    Pi: list[Series]  # (..., 4, 4) moments of mass of all that each joint carries
+    P: list[Columns]  # momenta I_j S_j
+
+
+def mass_matrix(mechanism: Mechanism, q: Series) -> Series:
+    """gM, the generalized mass matrix (MC): (..., n, n)."""
+    bodies = _composites(mechanism, q)
+    U = felt(_screws(bodies), bodies.P)
+    return in_order(_generalized(bodies, q, U + _above(U).mT), [*bodies.Pi[::-1], *_sweep(bodies.P)])
+
+
+def coriolis_matrix(mechanism: Mechanism, q: Series) -> Series:
+    """gC, the generalized Coriolis matrix (MC) of the paper's (Csys): (..., n, n)."""
+    bodies = _composites(mechanism, q)
+    V = velocities(bodies.tree)
+    flows = [V_i.map(lambda v: wedge(v[..., 0])) @ Pi for V_i, Pi in zip(V, bodies.Pi, strict=True)]
+    rates = [Pi.dot + flow + flow.mT for Pi, flow in zip(bodies.Pi, flows, strict=True)]  # in space
+    R = gathered(bodies.tree, _momenta(bodies.tree, rates))
+    U, K, N = felt(_screws(bodies), bodies.P), felt(_screw_rates(bodies, V), bodies.P), felt(_screws(bodies), R)
+    C = U.dot - K + _above(K + N).mT
+    return in_order(_generalized(bodies, q, C), [*_dynamic(bodies, V), *_sweep(R)])
+
+
+def skew_coriolis_matrix(mechanism: Mechanism, q: Series) -> Series:
+    """gCbar, the generalized Coriolis matrix (Cbar) for which gM' - 2 gCbar is skew: (..., n, n)."""
+    bodies = _composites(mechanism, q)
+    V = velocities(bodies.tree)
+    b = [V_i.map(lambda v: ad(v[..., 0])) for V_i in V]  # (b)
+    Y = composites(bodies.tree, [-(b_i.mT @ M_i) for b_i, M_i in zip(b, bodies.chain.M, strict=True)], Joint.forms)
+    R = gathered(bodies.tree, [Y_j.mT @ joint.X for Y_j, joint in zip(Y, bodies.tree, strict=True)])
+    U, K, L = felt(_screws(bodies), bodies.P), felt(_screw_rates(bodies, V), bodies.P), felt(_screws(bodies), R)
+    Cbar = U.dot - (K + L) + _above(K + L).mT
+    return in_order(_generalized(bodies, q, Cbar), [*_dynamic(bodies, V), *Y[::-1], *_sweep(R)])
+
+
+def _composites(mechanism: Mechanism, q: Series) -> _Composites:
+    chain = on_axes(mechanism)
+    tree = joints(chain, q)
+    Pi = composites(tree, [Series.constant(Pi_i) for Pi_i in moment_matrix(chain.M)], Joint.moments)
+    return _Composites(chain, tree, Pi, gathered(tree, _momenta(tree, Pi)))
+
+
+def _momenta(tree: Sequence[Joint], Pi: Sequence[Series]) -> list[Series]:
+    """I_j S_j from the moments of mass, or from their rates."""
+    carried = (joint.X_hat @ Pi_j for joint, Pi_j in zip(tree, Pi, strict=True))
+    return [flow.map(lambda T: cowedge(T)[..., None]) for flow in carried]
+
+
+def _screws(bodies: _Composites) -> list[Series]:
+    return [Series.constant(joint.X) for joint in bodies.tree]
+
+
+def _screw_rates(bodies: _Composites, V: Sequence[Series]) -> list[Series]:
+    return [-(joint.ad_X @ V_i) for joint, V_i in zip(bodies.tree, V, strict=True)]  # ad(V) X = -ad(X) V
+
+
+def _generalized(bodies: _Composites, q: Series, matrix: Series) -> Series:
+    return bodies.chain.G.T @ (matrix + still(q)) @ bodies.chain.G
+
+
+def _above(triangle: Series) -> Series:
+    """The entries above the diagonal."""
+    return triangle.map(lambda U: U * np.tri(U.shape[-1], k=-1, dtype=int).T)
+
+
+def _sweep(columns: Sequence[Columns]) -> list[Series]:
+    return [c.W for c in reversed(columns)]
+
+
+def _dynamic(bodies: _Composites, V: Sequence[Series]) -> list[Series]:
+    """The steps to C, which takes one more rate of moments and momenta than it has itself."""
+    return [*V, *(Pi.dot for Pi in reversed(bodies.Pi)), *(P.dot for P in _sweep(bodies.P))]

@@ -1,0 +1,123 @@
+"""One joint's step outward and inward, in the K/P form and in frames on the joint axes.
+
+A point r of body i has the acceleration a_i + K_i r, in body coordinates, with a_i that of the frame's origin and
+``K = hat(wdot) + hat(w) hat(w)``. With the body's mass m, first moment h and second moments P, all constant in its
+frame, its inertia force and moment about the origin are
+
+    f = m a + K h,    n = h x a + axial(K P),
+
+so that rates of f and n take no product rule for the inertia, and no linear velocity occurs at all.
+"""
+
+from dataclasses import dataclass
+from functools import reduce
+from operator import add
+
+import numpy as np
+
+from jounce._scalars import Array, is_zero
+from jounce.dynamics.recursion.joints import carried, joint_variables, motions, rows
+from jounce.model.mechanism import Mechanism
+from jounce.spatial.lie import axial, hat, position, rotation
+from jounce.spatial.series import Series
+
+_Z = np.eye(3, dtype=int)[:, 2:]
+_Z_HAT = hat(_Z[:, 0])
+
+
+@dataclass(frozen=True)
+class AlignedJoint:
+    """One joint at an instant: it turns by theta about the z axis of its body and slides by d along it."""
+
+    parent: int
+    R: Array  # rotation of the body frame in its parent's at theta = 0, and the offset of its origin
+    r: Array
+    turn: Array  # rotation about z by theta
+    theta: Series
+    turns: bool  # False: prismatic
+    d: Series | None  # None: revolute
+    pitch: Array  # (1,) of the screw; 1 for a prismatic joint
+
+    def to_body(self, x: Series) -> Series:
+        """Body coordinates of vectors given in the parent's."""
+        x = self.R.T @ x
+        return carried(self.turn.mT, -_Z_HAT, self.theta.dot, x) if self.turns else x
+
+    def to_parent(self, x: Series) -> Series:
+        """Parent's coordinates of vectors given in the body's."""
+        return self.R @ (carried(self.turn, _Z_HAT, self.theta.dot, x) if self.turns else x)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How a body moves, in its coordinates."""
+
+    w: Series  # angular velocity
+    a: Series  # acceleration of the frame's origin
+    K: Series  # and its change from point to point
+
+
+@dataclass(frozen=True)
+class Force:
+    """What acts on a body: a force, and the moment about the frame's origin."""
+
+    f: Series
+    n: Series
+
+    def __add__(self, other: "Force") -> "Force":
+        return Force(self.f + other.f, self.n + other.n)
+
+
+def outward(joint: AlignedJoint, parent: Motion) -> Motion:
+    """The body's motion from its parent's."""
+    w = joint.to_body(parent.w)
+    if joint.turns:
+        w = w + _Z * joint.theta.dot
+    hat_w = w.map(_hat)
+    K = hat_w.dot + hat_w @ hat_w
+    a = carried_along(joint, parent.a, parent.K)
+    if joint.d is not None:
+        a = a + (K @ _Z) * joint.d + _Z * joint.d.dot.dot + 2 * (hat_w @ _Z) * joint.d.dot
+    return Motion(w, a, K)
+
+
+def carried_along(joint: AlignedJoint, a: Series, K: Series) -> Series:
+    """The acceleration that a parent gives to the point of it where the joint begins."""
+    return joint.to_body(a + K @ joint.r)
+
+
+def inertia_force(moments: tuple[Array, Array, Array], a: Series, K: Series) -> Force:
+    """What the acceleration a + K r of a body with the moments m, h, P takes."""
+    m, h, P = moments
+    return Force(a * m + K @ h, _hat(h) @ a + (K @ P).map(lambda T: axial(T)[..., None]))
+
+
+def felt(joint: AlignedJoint, force: Force) -> Series:
+    """The generalized force of the joint that balances what acts on its body, (..., 1, 1)."""
+    parts = [rows(force.n, 2, 3)] if joint.turns else []
+    parts += [rows(force.f, 2, 3) * joint.pitch] if joint.d is not None else []
+    return reduce(add, parts)
+
+
+def inward(joint: AlignedJoint, force: Force) -> Force:
+    """What acts on a body, handed to its parent."""
+    n = force.n if joint.d is None else force.n + (_Z_HAT @ force.f) * joint.d
+    f = joint.to_parent(force.f)
+    return Force(f, joint.to_parent(n) + _hat(joint.r) @ f)
+
+
+def aligned_joints(chain: Mechanism, q: Series) -> list[AlignedJoint]:
+    """The joints of a mechanism in frames on their axes, for coordinates q."""
+    theta = joint_variables(chain, q)
+    T = motions(chain, theta[0], range(chain.nb))
+    joints = []
+    for i, (B, X, p) in enumerate(zip(chain.B, chain.X, chain.parent, strict=True)):
+        theta_i = rows(theta, i, i + 1)
+        d = None if is_zero(X[5]) else theta_i * X[5:]
+        turn = rotation(T[..., i, :, :])
+        joints.append(AlignedJoint(p, rotation(B), position(B), turn, theta_i, not is_zero(X[2]), d, pitch=X[5:]))
+    return joints
+
+
+def _hat(column: Array) -> Array:
+    return hat(column[..., 0])

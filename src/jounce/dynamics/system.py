@@ -1,0 +1,86 @@
+"""The matrices of Section 2 of the paper at one instant: the system matrices from which every closed form is built.
+
+Sans-serif *system* matrices act on all the bodies at once, 6 rows a body. Written for trees: the predecessor i-1 of the
+paper is ``parent[i]``. Joint variables are ``theta = G q + g``, columns (..., nb, 1).
+"""
+
+from functools import lru_cache
+
+import numpy as np
+
+from jounce._scalars import Array, concatenate
+from jounce.model.mechanism import Mechanism, ancestors
+from jounce.spatial.lie import Ad, ad, exp, inverse
+from jounce.spatial.series import diagonal
+
+
+def joint_variables(mechanism: Mechanism, q: Array) -> Array:
+    """theta = G q + g: (..., n, 1) to (..., nb, 1)."""
+    return mechanism.G @ q + mechanism.g[:, None]
+
+
+def poses(mechanism: Mechanism, q: Array) -> Array:
+    """C_i, the pose of every body in the inertial frame: (..., nb, 4, 4)."""
+    theta = joint_variables(mechanism, q)
+    C: list[Array] = []
+    for i, (B, X, p) in enumerate(zip(mechanism.B, mechanism.X, mechanism.parent, strict=True)):
+        step = B @ exp(X, theta[..., i : i + 1, :])
+        C.append(step if p < 0 else C[p] @ step)  # (Ci)
+    return concatenate([c[..., None, :, :] for c in C], axis=-3)
+
+
+def system_A(mechanism: Mechanism, C: Array) -> Array:
+    """A, the blocks Ad(C_ij) for every body j that carries i: (..., 6nb, 6nb)."""
+    return _blocks(C, ancestors(mechanism))  # (Ab)
+
+
+def system_D(mechanism: Mechanism, C: Array) -> Array:
+    """D, the blocks Ad(C_ip) for the parent p of i, so that A = (I - D)^-1."""
+    carried_by = np.eye(mechanism.nb + 1, dtype=int)[np.array(mechanism.parent)][:, : mechanism.nb]
+    return _blocks(C, carried_by)  # (D)
+
+
+def system_U(C: Array) -> Array:
+    """U, the column of blocks Ad(C_i)^-1: (..., 6nb, 6)."""
+    U = Ad(inverse(C))
+    return U.reshape((*U.shape[:-3], 6 * U.shape[-3], 6))  # (eq_U)
+
+
+def _blocks(C: Array, pattern: np.ndarray) -> Array:
+    C_ij = inverse(C)[..., :, None, :, :] @ C[..., None, :, :, :]  # (Cij)
+    blocks = Ad(C_ij) * pattern[:, :, None, None]
+    *lead, nb, _, _, _ = blocks.shape
+    return blocks.swapaxes(-3, -2).reshape((*lead, 6 * nb, 6 * nb))
+
+
+@lru_cache(maxsize=64)
+def system_X(mechanism: Mechanism) -> Array:
+    """X, the joint screws along the diagonal, times G: (6nb, n), so that V = A X qd."""
+    return diagonal(mechanism.X[:, :, None]) @ mechanism.G  # (Ab)
+
+
+@lru_cache(maxsize=64)
+def system_M(mechanism: Mechanism) -> Array:
+    """M, the inertia matrices along the diagonal: (6nb, 6nb)."""
+    return diagonal(mechanism.M)  # (Msys)
+
+
+@lru_cache(maxsize=64)
+def _joint_ads(mechanism: Mechanism) -> tuple[Array, Array]:
+    return diagonal(ad(mechanism.X)), np.repeat(mechanism.G, 6, axis=0)
+
+
+def system_a(mechanism: Mechanism, qd: Array) -> Array:
+    """a = diag(thetad_i ad(X_i)), linear in qd: (..., n, 1) to (..., 6nb, 6nb)."""
+    ads, rows = _joint_ads(mechanism)
+    return (rows @ qd) * ads  # (a)
+
+
+def system_b(V: Array) -> Array:
+    """b = diag(ad(V_i)), linear in V: (..., 6nb, 1) to (..., 6nb, 6nb)."""
+    return diagonal(ad(V.reshape((*V.shape[:-2], V.shape[-2] // 6, 6))))  # (b)
+
+
+def system_G(mechanism: Mechanism) -> Array:
+    """The column -(0; g) of the gravity forces: (6, 1)."""
+    return concatenate([0 * mechanism.gravity, -mechanism.gravity], axis=-1)[:, None]  # (eq_U)

@@ -1,0 +1,94 @@
+"""Curves over time: one panel a quantity, one curve a joint, differentiated values as rings upon the exact lines."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jounce.figures.canvas import legend_above, line_style, painted
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MOST_POINTS = 2000  # of a curve, about; a page shows no more
+RINGS = 24  # differentiated values drawn of each curve, so that the line beneath stays visible
+RING: Any = {"marker": "o", "linestyle": "none", "mfc": "none", "ms": 4.5, "mew": 0.8}
+HIDDEN = 0.1  # of the largest value: a curve below this tells nothing in the same axes
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A quantity over time: its values by joint, and if given those that differentiation makes of them."""
+
+    label: str
+    curves: Mapping[str, np.ndarray]
+    differentiated: Mapping[str, np.ndarray] | None = None
+
+
+def over_time(t: np.ndarray, panels: Sequence[Panel], title: str = "") -> "Figure":
+    """A row of axes a panel, above a common time axis and under one legend.
+
+    Curves too small to be seen beside the others have a second column, to a scale of their own.
+    """
+    columns = by_size(panels)
+    names = _names(panels)
+
+    def paint(figure: "Figure") -> None:
+        grid = figure.subplots(len(panels), len(columns), sharex=True, squeeze=False)
+        for row, panel in zip(grid, panels, strict=True):
+            row[0].set_ylabel(panel.label)
+            for axes, column in zip(row, columns, strict=True):
+                _draw(axes, t, panel, column, names)
+        for axes in grid[-1]:
+            axes.set_xlabel("t [s]")
+        figure.align_ylabels(grid)
+        entries = {name: line_style(i) for i, name in enumerate(names)}
+        if any(panel.differentiated for panel in panels):
+            entries |= {"numerically differentiated": RING | {"color": "0.3"}}
+        legend_above(figure, entries, title=title or None)
+
+    return painted(paint, 3 + 4.2 * len(columns), 0.7 + 2.2 * len(panels))
+
+
+def by_size(panels: Sequence[Panel]) -> list[list[str]]:
+    """The curves in one column, or in two, large and small, where one is hidden beside the largest of its panel."""
+    small = set()
+    for panel in panels:
+        peaks = {name: np.abs(values).max() for name, values in panel.curves.items()}
+        small |= {name for name, peak in peaks.items() if peak < HIDDEN * max(peaks.values())}
+    names = _names(panels)
+    columns = [[name for name in names if (name in small) == side] for side in (False, True)]
+    return columns if all(columns) else [names]
+
+
+def drawn_points(values: np.ndarray) -> np.ndarray:
+    """The indices of the samples that a page shows: of many the ends, and in each short piece the extremes."""
+    if len(values) <= MOST_POINTS:
+        return np.arange(len(values))
+    starts = np.linspace(0, len(values), MOST_POINTS // 2, endpoint=False).astype(int)
+    extremes = [
+        start + at for start, piece in zip(starts, np.split(values, starts[1:]), strict=True)
+        for at in (piece.argmin(), piece.argmax())
+    ]  # fmt: skip
+    return np.unique([0, *extremes, len(values) - 1])
+
+
+def _names(panels: Sequence[Panel]) -> list[str]:
+    """The curves of all panels: a table need not hold every quantity of every joint."""
+    return list(dict.fromkeys(name for panel in panels for name in panel.curves))
+
+
+def _draw(axes: "Axes", t: np.ndarray, panel: Panel, column: Sequence[str], names: Sequence[str]) -> None:
+    apart = max(1, len(t) // RINGS)
+    for i, name in enumerate(names):
+        if name not in column or name not in panel.curves:
+            continue
+        values, style = panel.curves[name], line_style(i)
+        shown = drawn_points(values)
+        axes.plot(t[shown], values[shown], marker="o" if len(t) == 1 else "", **style)
+        if panel.differentiated:
+            at = slice(i * apart // len(names), None, apart)  # each curve's a little later: no ring on a ring
+            axes.plot(t[at], panel.differentiated[name][at], **RING, color=style["color"])
+    axes.margins(x=0.01)

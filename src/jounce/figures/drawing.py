@@ -1,0 +1,173 @@
+"""Drawings of a robot: links, joint axes, body frames and centres of mass, projected on the page.
+
+Bodies whose frames share an origin, as in a spherical wrist, have their frames drawn beside it, on a leader.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jounce._scalars import Array
+from jounce.figures.canvas import COLOURS, INK, PALE
+from jounce.model.mechanism import Mechanism
+from jounce.spatial.inertia import moments
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+AXES = {"x": COLOURS[1], "y": COLOURS[2], "z": COLOURS[0]}
+GREY = "#777777"
+AT_US = 0.08  # projected share of an arrow's length, below which it points at the reader or away
+
+
+@dataclass(frozen=True)
+class View:
+    """The direction from which a reader looks, in degrees: azimuth about z, elevation above the xy plane."""
+
+    azimuth: float
+    elevation: float
+
+    def of(self, points: np.ndarray) -> np.ndarray:
+        """Points (..., 3) in space as points (..., 2) on the page."""
+        a, e = np.radians([self.azimuth, self.elevation])
+        right = [-np.sin(a), np.cos(a), 0]
+        up = [-np.sin(e) * np.cos(a), -np.sin(e) * np.sin(a), np.cos(e)]
+        return points @ np.array([right, up]).T
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """A mechanism in a pose, as points in the inertial frame."""
+
+    poses: np.ndarray  # (nb, 4, 4)
+    joints: np.ndarray  # (nb, 3) the point of each joint's axis nearest to the body's origin
+    axes: np.ndarray  # (nb, 3) their directions
+    coms: np.ndarray  # (nb, 3), NaN where a body has no mass
+    links: list[tuple[np.ndarray, np.ndarray]]
+    size: float
+
+
+def skeleton(mechanism: Mechanism, poses: np.ndarray) -> Skeleton:
+    """The points of a drawing, for the poses of all the bodies."""
+    R, r = poses[:, :3, :3], poses[:, :3, 3]
+    xi, eta = mechanism.X[:, :3], mechanism.X[:, 3:]
+    axes = np.where(xi.any(axis=1)[:, None], xi, eta)
+    m, h, _ = moments(mechanism.M)
+    with np.errstate(invalid="ignore"):
+        com = h[..., 0] / m[..., 0]
+    joints, coms = (r + (R @ x[..., None])[..., 0] for x in (np.cross(xi, eta), com))
+    links = [(joints[p] if p >= 0 else np.zeros(3), joints[i]) for i, p in enumerate(mechanism.parent)]
+    tips = set(range(mechanism.nb)) - set(mechanism.parent)
+    links += [(joints[i], coms[i]) for i in sorted(tips) if np.isfinite(coms[i]).all()]
+    size = float(np.ptp(np.concatenate([joints, coms[np.isfinite(coms).all(axis=1)]]), axis=0).max())
+    return Skeleton(poses, joints, (R @ axes[..., None])[..., 0], coms, links, size)
+
+
+def draw(axes: "Axes", mechanism: Mechanism, poses: np.ndarray, view: View) -> Skeleton:
+    """Draw a robot into axes of equal scales: e_i its joint axes, c_i centres of mass, bold numbers its frames."""
+    bones = skeleton(mechanism, poses)
+    axes.set_aspect("equal")
+    axes.axis("off")
+    _ground(axes, view, np.asarray(mechanism.gravity, dtype=float), bones.size)
+    for link in bones.links:
+        points = view.of(np.stack(link)).T
+        axes.plot(*points, color=INK, linewidth=9, solid_capstyle="round", zorder=1)
+        axes.plot(*points, color="#e4e4e4", linewidth=7, solid_capstyle="round", zorder=1.1)
+    for i, (point, direction) in enumerate(zip(bones.joints, bones.axes, strict=True), 1):
+        _axis(axes, view, point, direction * 0.13 * bones.size, f"$e_{{{i}}}$")
+    for i, com in enumerate(bones.coms, 1):
+        if np.isfinite(com).all():
+            _centre_of_mass(axes, view.of(com), 0.016 * bones.size, f"$c_{{{i}}}$")
+    _frame(axes, view, np.eye(4), bones.size, -1, "0")
+    for together in _sharing_origins(bones.poses, bones.size):
+        for place, i in enumerate(together):
+            aside = 0 if len(together) == 1 else place + 1
+            _frame(axes, view, bones.poses[i], bones.size, aside, str(i + 1))
+    _legend(axes)
+    return bones
+
+
+def arrow(axes: "Axes", start: Array, end: Array, colour: str = INK) -> None:
+    """An arrow on the page."""
+    style = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.4, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 9}
+    axes.annotate("", end, start, arrowprops=style, zorder=4)
+    axes.update_datalim([start, end])
+
+
+def write(axes: "Axes", text: str, at: Array, offset: Array = (0, 0), **style: Any) -> None:
+    """A word upon the drawing, so many points beside a place; what lies beneath does not cross it."""
+    from matplotlib.patheffects import withStroke
+
+    halo = [withStroke(linewidth=2, foreground="white")]
+    middle: Any = {"ha": "center", "va": "center", "path_effects": halo, "zorder": 6}
+    axes.annotate(text, at, tuple(offset), textcoords="offset points", **middle, **style)
+
+
+def _ground(axes: "Axes", view: View, gravity: np.ndarray, size: float) -> None:
+    """A slab across the direction of gravity, its top at the origin."""
+    from scipy.spatial import ConvexHull
+
+    up = -gravity / np.linalg.norm(gravity) if gravity.any() else np.array([0.0, 0.0, 1.0])
+    across = np.linalg.svd(up[None])[2][1:]  # two directions square to it
+    corners = np.array([x * across[0] + y * across[1] + z * up for x in (-1, 1) for y in (-1, 1) for z in (-0.25, 0)])
+    outline = view.of(0.13 * size * corners)
+    outline = outline[ConvexHull(outline).vertices]
+    axes.fill(*outline.T, facecolor="#f2f2f2", edgecolor=PALE, linewidth=0.8, hatch="////", zorder=0)
+
+
+def _axis(axes: "Axes", view: View, point: np.ndarray, half: np.ndarray, label: str) -> None:
+    start, end = view.of(np.stack([point - half, point + half]))
+    axes.plot(*np.stack([start, end]).T, color=GREY, linewidth=0.9, dashes=(9, 2, 2, 2), zorder=2)
+    axes.plot(*view.of(point), "o", ms=5, mfc="white", mec=INK, mew=0.9, zorder=3)
+    along = end - start
+    if np.linalg.norm(along) > AT_US * np.linalg.norm(half):
+        write(axes, label, end, 9 * along / np.linalg.norm(along), color=GREY)
+
+
+def _centre_of_mass(axes: "Axes", at: np.ndarray, radius: float, label: str) -> None:
+    """The quartered disc of draughtsmen."""
+    from matplotlib.patches import Circle, Wedge
+
+    axes.add_patch(Circle(tuple(at), radius, facecolor="white", edgecolor=INK, linewidth=0.8, zorder=5))
+    for start in (0, 180):
+        axes.add_patch(Wedge(tuple(at), radius, start, start + 90, facecolor=INK, linewidth=0, zorder=5.1))
+    write(axes, label, at, (-12, 5))
+
+
+def _frame(axes: "Axes", view: View, pose: np.ndarray, size: float, aside: int, label: str) -> None:
+    """The axes of a frame at its origin, or aside of it by so many places."""
+    origin, length = view.of(pose[:3, 3]), 0.1 * size
+    if aside:
+        place = origin + np.array([(np.sign(aside) * 0.1 + 0.2 * aside) * size, 0])
+        axes.plot(*np.stack([origin, place]).T, color=PALE, linewidth=0.8, linestyle=":", zorder=1.5)
+        origin = place
+    for (name, colour), direction in zip(AXES.items(), pose[:3, :3].T, strict=True):
+        tip = view.of(direction) * length
+        if np.linalg.norm(tip) > AT_US * length:
+            arrow(axes, origin, origin + tip, colour)
+            write(axes, name, origin + tip, 6 * tip / np.linalg.norm(tip), color=colour, fontsize=7)
+        else:
+            axes.plot(*origin, "o", ms=13, mfc="none", mec=colour, mew=1.2, zorder=5)
+            axes.plot(*origin, ".", ms=3, color=colour, zorder=4)
+    write(axes, label, origin, (-7, -9), fontweight="bold")
+
+
+def _sharing_origins(poses: np.ndarray, size: float) -> list[list[int]]:
+    groups: list[list[int]] = []
+    for i, r in enumerate(poses[:, :3, 3]):
+        near = [group for group in groups if np.linalg.norm(poses[group[0], :3, 3] - r) < 1e-6 * size]
+        near[0].append(i) if near else groups.append([i])
+    return groups
+
+
+def _legend(axes: "Axes") -> None:
+    from matplotlib.lines import Line2D
+
+    marks = [Line2D([], [], color=colour, label=name) for name, colour in AXES.items()]
+    marks += [
+        Line2D([], [], marker="$\\mathbf{1}$", color=INK, linestyle="none", label="frame of body 1"),
+        Line2D([], [], color=GREY, linewidth=0.9, dashes=(9, 2, 2, 2), label="joint axis $e_i$"),
+        Line2D([], [], marker="o", fillstyle="left", mfc=INK, mec=INK, linestyle="none", label="centre of mass $c_i$"),
+    ]
+    axes.legend(handles=marks, loc="upper center", bbox_to_anchor=(0.5, 0), ncols=3, fontsize=8, handlelength=2.4)

@@ -1,0 +1,41 @@
+"""What acts in an mjModel and is no part of a tree of rigid bodies and its drives: said in one warning."""
+
+from typing import Any
+
+import numpy as np
+
+from jounce.errors import warn
+from jounce.io.models.mujoco.arrays import Arrays
+from jounce.io.models.mujoco.joints import AT_A_JOINT
+
+
+def warn_of(m: Arrays, ties: int) -> None:
+    """Warn of what MuJoCo's inverse dynamics has and ours leaves out, `ties` equality constraints among it.
+
+    Contacts, limits and the laws of actuators are no such thing: Q is what is asked of them.
+    """
+    elsewhere = ~np.isin(m.of["actuator_trntype"], AT_A_JOINT)
+    trains = _marked(m, "actuator_armature", "actuator_damping", "actuator_dampingpoly")
+    found: dict[str, Any] = {
+        "equality constraints": ties,
+        "tendons that pull or resist": _marked(m, "tendon_stiffness", "tendon_damping", "tendon_frictionloss"),
+        "armatures of tendons": _marked(m, "tendon_armature"),
+        "drive trains of actuators at no joint": trains & elsewhere,
+        "springs that are not linear": _marked(m, "jnt_stiffnesspoly", "jnt_springyield"),
+        "dampers that are not linear": _marked(m, "dof_dampingpoly"),
+        "dampers of actuators that are not linear": _marked(m, "actuator_dampingpoly") & ~elsewhere,
+        "bodies with gravity compensation": _marked(m, "body_gravcomp"),
+        "bodies with a plugin": m.of["body_plugin"] >= 0,
+        "flexible bodies": m.of["nflex"],
+        "drag and lift of the fluid": m.fluid,
+    }
+    counted = {what: int(np.sum(which)) for what, which in found.items()}
+    said = [f"{what} ({n})" if n > 1 else what for what, n in counted.items() if n]
+    if said:
+        warn(f"{m.place}: left out, as no part of a tree of rigid bodies: {', '.join(said)}")
+
+
+def _marked(m: Arrays, *names: str) -> np.ndarray:
+    """Which rows of arrays, as long as each other where they are there, have an entry other than zero."""
+    there = [m.of[name] for name in names if m.of[name].ndim]
+    return np.any([array.any(axis=tuple(range(1, array.ndim))) for array in there], axis=0)

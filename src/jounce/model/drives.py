@@ -1,0 +1,91 @@
+"""Drives: what a drive train adds to the forces of a rigid mechanism, by joint variable theta, with exact rates.
+
+    armature   I theta''                   inertia of the rotor, seen through the gear: it adds to the mass matrix
+    damping    d theta'                    viscous
+    friction   f tanh(theta' / eps)        Coulomb's, smooth: it reaches 76 % of f at the speed eps, 99.99 % at 5 eps
+    spring     k (theta - rest)
+
+A file states them; they are off until a user asks for them, and then enter ``Q = G^T Q_theta``. The rotors turn with
+their joints only: what they do to momentum and bearings as their carriers turn is left out, as is usual.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add
+
+import numpy as np
+
+from jounce._scalars import Array, is_finite, tanh
+from jounce.errors import JounceError, one_of, quoted, several
+from jounce.spatial.series import Series, from_rate
+
+Coefficients = Mapping[str, Array]  # columns, one entry a joint
+
+EPS = 0.05  # rad/s or m/s: below it friction turns over
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Drives:
+    """The numbers of each joint variable's drive train, zero where nothing is stated."""
+
+    armature: np.ndarray  # (nb,) kg m^2 or kg
+    damping: np.ndarray  # (nb,) N m s or N s/m
+    friction: np.ndarray  # (nb,) N m or N
+    eps: np.ndarray  # (nb,) rad/s or m/s
+    stiffness: np.ndarray  # (nb,) N m or N/m
+    rest: np.ndarray  # (nb,) rad or m, where the spring is slack
+
+
+AMOUNTS = ("armature", "damping", "friction", "stiffness")  # of the terms: where all are zero, nothing is stated
+UNDRIVEN = {"armature": 0.0, "damping": 0.0, "friction": 0.0, "eps": EPS, "stiffness": 0.0, "rest": 0.0}
+COEFFICIENTS = ("armature", "damping", "friction", "slope", "stiffness", "rest")  # of the laws; slope is 1 / eps
+LAWS: dict[str, Callable[[Coefficients, Series], Series]] = {
+    "armature": lambda c, theta: c["armature"] * theta.dot.dot,
+    "damping": lambda c, theta: c["damping"] * theta.dot,
+    "friction": lambda c, theta: c["friction"] * _tanh(c["slope"] * theta.dot),
+    "spring": lambda c, theta: c["stiffness"] * (theta - c["rest"]),
+}
+TERMS = tuple(LAWS)
+
+
+def drive_error(**stated: float) -> str | None:
+    """What keeps numbers from being those of a joint variable's drive train, or None."""
+    for name, x in stated.items():
+        if not np.isfinite(x):
+            return f"{name} is {x:g}; expected a finite number"
+        if x < 0 and name not in ("stiffness", "rest"):
+            return f"{name} is {x:g}; expected 0 or more"
+    return None if stated.get("eps", EPS) > 0 else "eps is 0; expected a speed above 0, over which friction turns over"
+
+
+def coefficients(drives: Drives) -> Coefficients:
+    """The numbers of the laws as columns (nb, 1)."""
+    numbers = vars(drives) | {"slope": 1 / drives.eps}
+    return {name: numbers[name][:, None] for name in COEFFICIENTS}
+
+
+def forces(c: Coefficients, terms: Sequence[str], theta: Series) -> Series:
+    """What some terms add to the forces of the joint variables, (..., nb, 1)."""
+    return reduce(add, [LAWS[term](c, theta) for term in terms], theta * 0)
+
+
+def _tanh(x: Series) -> Series:
+    return from_rate(tanh(x[0]), lambda y: (-(y * y) + 1) * x.dot)
+
+
+def chosen(terms: object) -> tuple[str, ...]:
+    """The terms that a user asks for, in their order: True is all of them, False none, else their names."""
+    if isinstance(terms, bool):
+        return TERMS * terms
+    names = {one_of("drive term", name, TERMS) for name in several(terms)}
+    return tuple(term for term in TERMS if term in names)
+
+
+def with_eps(drives: Drives, eps: float) -> Drives:
+    """The drives with another speed over which friction turns over, of all joints."""
+    if not is_finite(eps) or not eps > 0:
+        raise JounceError(
+            f"eps is {quoted(eps)}; expected a speed above 0 in rad/s or m/s, over which friction turns over"
+        )
+    return replace(drives, eps=np.full(drives.eps.shape, float(eps)))

@@ -1,0 +1,137 @@
+"""Equivalent mechanisms: passes from mechanism to mechanism that leave the generalized forces as they are.
+
+`aligned` puts every body frame on its joint axis, z along it; `slid` slides the origins along the axes until offsets
+vanish; `base_parameters` gives each parent the inertia that a joint cannot feel. After all three (`minimal`) the
+recursion needs the fewest operations. The Coriolis matrix survives the first two (`on_axes`), not the third: it tells
+where inertia sits, not only what it does. Body order, coordinates, names and gravity stay.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from jounce._scalars import Array, concatenate, is_symbolic, is_zero
+from jounce.errors import JounceError
+from jounce.model.mechanism import Mechanism, in_whole_numbers, reference_poses
+from jounce.spatial import inertia
+from jounce.spatial.lie import Ad, hat, inverse, pose, position, rotation
+
+ROUNDING = 1e-15  # what rounding leaves of an exact 0 in a rotation or a pitch
+_I = np.eye(3, dtype=int)
+_Z = _I[:, 2:]
+
+
+def reframed(mechanism: Mechanism, T: Sequence[Array]) -> Mechanism:
+    """The same mechanism with the frame of body i placed at the pose T_i in its old frame."""
+    back = [inverse(t) for t in T]
+    ads = [Ad(t) for t in T]
+    B = [b @ t if p < 0 else back[p] @ b @ t for b, t, p in zip(mechanism.B, T, mechanism.parent, strict=True)]
+    frames = (f if f.body < 0 else replace(f, T=back[f.body] @ f.T) for f in mechanism.frames)
+    return replace(
+        mechanism,
+        B=np.stack(B),
+        X=np.stack([Ad(t) @ x for t, x in zip(back, mechanism.X, strict=True)]),
+        M=np.stack([a.mT @ m @ a for a, m in zip(ads, mechanism.M, strict=True)]),
+        frames=tuple(frames),
+    )
+
+
+@lru_cache(maxsize=64)
+def moves(old: Mechanism, new: Mechanism) -> Array:
+    """T_i, where the frame of body i in `new` lies in its frame in `old`: (nb, 4, 4)."""
+    both = zip(reference_poses(old), reference_poses(new), strict=True)
+    return np.stack([_exact(inverse(a) @ b) for a, b in both])
+
+
+def aligned(mechanism: Mechanism) -> Mechanism:
+    """Every body frame on its joint axis: X_i = (0, 0, 1, 0, 0, h) or, prismatic, (0, 0, 0, 0, 0, 1)."""
+    placed = [_on_axis(x) for x in mechanism.X]
+    new = reframed(mechanism, [T for T, _ in placed])
+    B = concatenate([concatenate([_exact(rotation(new.B)), position(new.B)], axis=-1), new.B[:, 3:, :]], axis=-2)
+    return replace(new, B=B, X=np.stack([X for _, X in placed]))
+
+
+def slid(mechanism: Mechanism) -> Mechanism:
+    """Origins of aligned frames slid along their axes (a prismatic joint's anywhere), so that offsets vanish."""
+    T: list[Array] = []
+    for B, X, p in zip(mechanism.B, mechanism.X, mechanism.parent, strict=True):
+        R = rotation(B)
+        offset = R.mT @ (position(B) if p < 0 else position(B) - position(T[p]))  # of this origin, in its own axes
+        T.append(pose(_I, -(offset if is_zero(X[2]) else _Z * offset[2:])))
+    return reframed(mechanism, T)
+
+
+def base_parameters(mechanism: Mechanism) -> Mechanism:
+    """The inertia of aligned bodies reduced to what their joints feel, the rest given to their parents.
+
+    A revolute joint does not feel m, h_z and P_zz, a helical one P_zz, a prismatic one P. Inertia that reaches the
+    ground is dropped: forces in the drives stay, those in the bearings do not.
+    """
+    M = list(mechanism.M)
+    for i in reversed(range(mechanism.nb)):
+        m, h, P = inertia.moments(M[i])
+        turns, slides = (not is_zero(x) for x in mechanism.X[i][[2, 5]])
+        of_m = int(turns and not slides)  # 1 where unfelt, 0 where felt
+        of_h, of_P = _Z * of_m, _Z @ _Z.T if turns else np.ones((3, 3), dtype=int)
+        M[i] = inertia.from_moments((1 - of_m) * m, (1 - of_h) * h, (1 - of_P) * P)
+        p = mechanism.parent[i]
+        if p >= 0:
+            M[p] = M[p] + inertia.moved(inertia.from_moments(of_m * m, of_h * h, of_P * P), mechanism.B[i])
+    return replace(mechanism, M=np.stack(M))
+
+
+@lru_cache(maxsize=64)
+def on_axes(mechanism: Mechanism) -> Mechanism:
+    """The same bodies in the frames with the most zeros in them: aligned and slid."""
+    return _as_given(slid(aligned(mechanism)))
+
+
+@lru_cache(maxsize=64)
+def minimal(mechanism: Mechanism) -> Mechanism:
+    """The equivalent mechanism with the fewest numbers in it: aligned, slid, reduced to base parameters."""
+    return _as_given(base_parameters(on_axes(mechanism)))
+
+
+def _as_given(mechanism: Mechanism) -> Mechanism:
+    return in_whole_numbers(mechanism) if is_symbolic(mechanism.B) else mechanism
+
+
+def _on_axis(X: Array) -> tuple[Array, Array]:
+    """The pose of a frame on the axis of a screw, z along it, and the screw seen from there."""
+    try:
+        xi = np.array(X[:3], dtype=float)
+        prismatic = not xi.any()
+        e = np.array(X[3:], dtype=float) if prismatic else xi
+    except (TypeError, ValueError, RuntimeError):
+        e = np.array([np.nan])
+    if not np.isfinite(e).all():  # a CasADi symbol becomes nan where a SymPy symbol raises
+        raise JounceError(f"joint direction {X.tolist()} is not made of numbers; use method='closed_form'")
+    R = _exact(_to(e))
+    if prismatic:
+        return pose(R, 0 * _Z), np.array([0, 0, 0, 0, 0, 1])
+    eta = X[3:, None]
+    pitch = _exact(xi @ eta)
+    return _exact(pose(R, hat(R[:, 2]) @ eta)), concatenate([_I[2], 0 * _I[0, :2], pitch], axis=-1)
+
+
+def _to(e: np.ndarray) -> np.ndarray:
+    """The rotation that turns the z axis to the unit vector e by the shortest way."""
+    if e[2] < -0.5:  # by way of -z, where the shortest way from +z is no longer well defined
+        return _to(-e) @ np.diag([1, -1, -1])
+    v = hat(np.cross(_I[2], e))
+    return _I + v + v @ v / (1 + e[2])
+
+
+def _exact(a: Array) -> Array:
+    """Entries within rounding of an integer -1, 0, 1 set to it; an array of integers where all are."""
+    if is_symbolic(a):
+        return np.asarray(np.frompyfunc(_exact_number, 1, 1)(a), dtype=object)
+    near = np.rint(a)
+    a = np.where((np.abs(a - near) < ROUNDING) & (np.abs(near) <= 1), near, a)
+    return a.astype(int) if np.all(a == np.rint(a)) else a
+
+
+def _exact_number(x: object) -> object:
+    return round(x) if isinstance(x, float) and abs(x) < 2 and abs(x - round(x)) < ROUNDING else x

@@ -1,0 +1,73 @@
+"""Welding: joints held still at a value, their bodies merged into those that carry them."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from jounce._scalars import Array, is_finite
+from jounce.errors import JounceError, listed, one_of, quoted
+from jounce.model.drives import Drives
+from jounce.model.mechanism import Frame, Limits, Mechanism
+from jounce.model.screws import exact_inertia, exact_pose
+from jounce.spatial import inertia, lie
+
+
+def locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
+    """The mechanism with some coordinates held at values, rad or m; joints that follow only these are welded too."""
+    if not isinstance(values, Mapping):
+        raise JounceError(f"joints to lock are of type {type(values).__name__}; expected a mapping of names and values")
+    if not values:
+        return mechanism
+    for name, value in values.items():
+        if name in mechanism.joints and name not in mechanism.coordinates:
+            leaders = np.flatnonzero(mechanism.G[mechanism.joints.index(name)])
+            said = listed([mechanism.coordinates[j] for j in leaders])
+            raise JounceError(f"joint {name!r} cannot be locked: it follows {said}; lock that")
+        one_of("joint to lock", name, mechanism.coordinates)
+        if not is_finite(value):
+            raise JounceError(f"joint {name!r} is locked at {quoted(value)}; expected a finite number, rad or m")
+    places = [mechanism.coordinates.index(name) for name in values]
+    free = [j for j in range(mechanism.n) if j not in places]
+    if not free:
+        raise JounceError(f"all {mechanism.n} joints are locked; expected one that moves")
+    g = mechanism.g + mechanism.G[:, places] @ np.array([*map(float, values.values())])
+    held = replace(mechanism, G=mechanism.G[:, free], g=g, coordinates=tuple(mechanism.coordinates[j] for j in free))
+    return _without(held, still=[not row.any() for row in held.G])
+
+
+def _without(mechanism: Mechanism, still: list[bool]) -> Mechanism:
+    """The mechanism without its still joints, each at its constant theta."""
+    kept = [i for i, welded in enumerate(still) if not welded]
+    places: dict[int, Frame] = {-1: Frame("ground", -1, np.eye(4))}  # where each old body sits
+    B: list[Array] = []
+    parent: list[int] = []
+    M = np.zeros((len(kept), 6, 6), dtype=mechanism.M.dtype)
+    for i, p in enumerate(mechanism.parent):
+        carrier, name = places[p], mechanism.bodies[i]
+        at_zero = carrier.T @ mechanism.B[i]
+        if still[i]:
+            turned = lie.exp(mechanism.X[i], mechanism.g[i, None, None])
+            places[i] = Frame(name, carrier.body, at_zero @ turned)
+        else:
+            places[i] = Frame(name, len(B), np.eye(4, dtype=int))
+            B.append(at_zero)
+            parent.append(carrier.body)
+        if places[i].body >= 0:
+            M[places[i].body] += inertia.moved(mechanism.M[i], places[i].T)
+    merged = [places[i] for i, welded in enumerate(still) if welded]
+    moved = [Frame(f.name, places[f.body].body, places[f.body].T @ f.T) for f in mechanism.frames]
+    return replace(
+        mechanism,
+        B=np.stack([exact_pose(T, "B") for T in B]),  # no rounding of the products, so that a file can hold it
+        X=mechanism.X[kept],
+        M=np.stack([exact_inertia(M_i, "M") for M_i in M]) + 0,
+        parent=tuple(parent),
+        G=mechanism.G[kept],
+        g=mechanism.g[kept],
+        bodies=tuple(mechanism.bodies[i] for i in kept),
+        joints=tuple(mechanism.joints[i] for i in kept),
+        limits=Limits(**{name: array[kept] for name, array in vars(mechanism.limits).items()}),
+        drives=Drives(**{name: array[kept] for name, array in vars(mechanism.drives).items()}),
+        frames=(*merged, *moved),
+    )

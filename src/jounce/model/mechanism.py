@@ -1,0 +1,160 @@
+"""Mechanism: the frozen data of a tree of rigid bodies on 1-DOF joints.
+
+Body i hangs by joint i on body ``parent[i] < i`` (or on the ground, -1), with the joint screw X_i in its own frame:
+``C_i = C_p B_i exp(X_i theta_i)``. The joint variables follow the coordinates by ``theta = G q + g`` with constant G
+and g: the identity, unless joints mimic others.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from jounce._scalars import Array, is_numeric, is_symbolic, whole
+from jounce.errors import one_of
+from jounce.model.drives import Drives
+
+GRAVITY = (0, 0, -9.81)  # m/s^2, unless told otherwise
+DATA = ("B", "X", "M", "gravity", "G", "g")  # the arrays of a mechanism
+UNLIMITED = {"lower": -np.inf, "upper": np.inf, "velocity": np.inf, "effort": np.inf}  # of one joint variable
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Limits:
+    """What bounds each joint variable theta, infinite where nothing is stated; no equation of motion asks for it."""
+
+    lower: np.ndarray  # (nb,) rad or m
+    upper: np.ndarray  # (nb,)
+    velocity: np.ndarray  # (nb,) of either sign, rad/s or m/s
+    effort: np.ndarray  # (nb,) moment or force of either sign, N m or N
+
+
+def limit_error(lower: float, upper: float, velocity: float, effort: float) -> str | None:
+    """What keeps four numbers from being the limits of a joint variable, or None."""
+    if not (-np.inf <= lower <= upper <= np.inf) or lower == np.inf or upper == -np.inf:
+        return f"lower and upper limit are {lower:g} and {upper:g}; expected lower <= upper"
+    for name, x in (("velocity", velocity), ("effort", effort)):
+        if not x >= 0:
+            return f"limit of {name} is {x:g}; expected 0 or more"
+    return None
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A named frame fixed on a body (-1: the ground), `T` its pose in the body frame."""
+
+    name: str
+    body: int
+    T: Array
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Mechanism:
+    """A tree or forest of nb bodies with n coordinates; build it by `from_screws` or `from_spatial_screws`."""
+
+    B: Array  # (nb, 4, 4) pose of body i in its parent's frame at theta_i = 0
+    X: Array  # (nb, 6) joint screw in the body frame, (xi; eta)
+    M: Array  # (nb, 6, 6) inertia matrix in the body frame
+    parent: tuple[int, ...]
+    gravity: Array  # (3,) in the inertial frame, m/s^2
+    G: Array  # (nb, n)
+    g: Array  # (nb,)
+    bodies: tuple[str, ...]
+    joints: tuple[str, ...]
+    coordinates: tuple[str, ...]
+    limits: Limits
+    drives: Drives  # of the joint variables, as stated
+    acting: tuple[str, ...] = ()  # the terms of the drives that enter Q
+    frames: tuple[Frame, ...] = ()  # of the links merged into bodies
+    name: str = "robot"
+
+    def __post_init__(self) -> None:
+        own = (getattr(self, name) for name in DATA)
+        beside = (*vars(self.limits).values(), *vars(self.drives).values(), *(frame.T for frame in self.frames))
+        for array in (*own, *beside):
+            array.flags.writeable = False
+
+    def __setstate__(self, state: dict[str, Any]) -> None:  # a copy or an unpickled one is as frozen as any
+        self.__dict__.update(state)
+        self.__post_init__()
+
+    @property
+    def nb(self) -> int:
+        """The number of bodies."""
+        return len(self.parent)
+
+    @property
+    def n(self) -> int:
+        """The number of coordinates."""
+        return len(self.coordinates)
+
+    def frame(self, name: str) -> Frame:
+        """Where a body, or a link merged into one, sits."""
+        one_of("body", name, [*self.bodies, *(frame.name for frame in self.frames)])
+        if name in self.bodies:
+            return Frame(name, self.bodies.index(name), np.eye(4, dtype=int))
+        return next(frame for frame in self.frames if frame.name == name)
+
+
+@lru_cache(maxsize=64)
+def in_whole_numbers(mechanism: Mechanism) -> Mechanism:
+    """The same mechanism to calculate with symbols: whole numbers are integers, so that they leave no 1.0 behind."""
+    return _converted(mechanism, whole)
+
+
+@lru_cache(maxsize=64)
+def in_extended_precision(mechanism: Mechanism) -> Mechanism:
+    """The same mechanism to calculate with long doubles: what is derived from its data is not rounded to doubles."""
+    return _converted(mechanism, lambda array: array.astype(np.longdouble))
+
+
+def _converted(mechanism: Mechanism, convert: Callable[[Array], Array]) -> Mechanism:
+    data: dict[str, Any] = {name: convert(getattr(mechanism, name)) for name in DATA}
+    frames = tuple(replace(frame, T=convert(frame.T)) for frame in mechanism.frames)
+    drives = Drives(**{name: convert(array) for name, array in vars(mechanism.drives).items()})
+    return replace(mechanism, frames=frames, drives=drives, **data)
+
+
+def suited(mechanism: Mechanism, arrays: Sequence[Array]) -> Mechanism:
+    """The mechanism with data of the kind that states and wrenches of these scalar types go with."""
+    if any(map(is_symbolic, arrays)):
+        return in_whole_numbers(mechanism)
+    if any(is_numeric(x) and x.dtype == np.longdouble for x in arrays):
+        return in_extended_precision(mechanism)
+    return mechanism
+
+
+def leading(mechanism: Mechanism) -> list[int]:
+    """The joint that each coordinate of a mechanism of numbers is: that of its name, else the first that follows it."""
+    places = {joint: i for i, joint in enumerate(mechanism.joints)}
+    return [
+        places[name] if name in places else int(np.flatnonzero(column)[0])
+        for name, column in zip(mechanism.coordinates, mechanism.G.T, strict=True)
+    ]
+
+
+def ancestors(mechanism: Mechanism) -> np.ndarray:
+    """(nb, nb) integers: 1 where body j is body i itself or carries it."""
+    rows: list[np.ndarray] = []
+    for i, p in enumerate(mechanism.parent):
+        rows.append(np.eye(mechanism.nb, dtype=int)[i] + (rows[p] if p >= 0 else 0))
+    return np.stack(rows)
+
+
+def path_to(mechanism: Mechanism, body: int) -> list[int]:
+    """The bodies on the way from the ground to a body, itself the last; none for the ground, -1."""
+    path: list[int] = []
+    while body >= 0:
+        path.insert(0, body)
+        body = mechanism.parent[body]
+    return path
+
+
+def reference_poses(mechanism: Mechanism) -> list[Array]:
+    """The poses of all the bodies at theta = 0."""
+    poses: list[Array] = []
+    for B, p in zip(mechanism.B, mechanism.parent, strict=True):
+        poses.append(B if p < 0 else poses[p] @ B)
+    return poses

@@ -1,0 +1,89 @@
+"""Parameters: parts of a mechanism's data that become arguments: gravity, masses, lengths, a payload.
+
+Code that is generated once, or a function that is differentiated, takes them at run time. What they are made of,
+CasADi's symbols or a tape's, the caller says.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from jounce._scalars import Array, is_zero, whole
+from jounce.errors import JounceError, no_such, quoted
+from jounce.model.mechanism import Frame, Mechanism, in_whole_numbers
+from jounce.spatial import inertia
+from jounce.spatial.lie import pose, rotation
+
+PARAMETERS = ("gravity", "masses", "lengths", "payload")
+PAYLOAD = {"mass": 1, "com": 3, "inertia": 6}  # what a payload consists of
+_POINT = np.diag([0, 0, 0, 1, 1, 1])  # the inertia matrix of 1 kg at the frame's origin
+
+
+def parametrised(
+    mechanism: Mechanism, names: Sequence[str], symbol: Callable[[str, tuple[int, ...]], Array]
+) -> tuple[Mechanism, dict[str, Array]]:
+    """The mechanism with parts of its data replaced by symbols, and the symbols by name.
+
+    ======================== =====================================================================================
+    in `names`               symbols
+    ======================== =====================================================================================
+    "gravity"                gravity (3,)
+    "masses"                 masses (nb,): bodies keep their COM, inertia grows in proportion, as with the density;
+                             one without mass gets it at its frame's origin
+    "lengths"                lengths (nb, 3): the positions of the body frames in their parents', at theta = 0
+    "payload", "payload:X"   payload_mass (1,), payload_com (3,), payload_inertia (6,), added to body or link X, the
+                             last body if none is named: in the axes of X, the inertia about the COM as xx xy xz yy
+                             yz zz; the symbols of a second payload are payload2_mass, ...
+    ======================== =====================================================================================
+
+    `symbol` makes an object array of new symbols by name and shape.
+
+    Raises
+    ------
+    JounceError : where a name is unknown or comes twice, or a payload hangs on the ground.
+    """
+    symbols = {name: symbol(name, value.shape) for name, value in own_values(mechanism, names).items()}
+    B, M = whole(mechanism.B), whole(mechanism.M)
+    if "lengths" in symbols:
+        B = pose(rotation(B), symbols["lengths"][..., None])
+    if "masses" in symbols:
+        M = np.stack([_of_mass(M_i, symbols["masses"][i : i + 1, None]) for i, M_i in enumerate(M)])
+    for stem, frame in _payloads(mechanism, names).items():
+        mass, com, six = (symbols[f"{stem}_{part}"] for part in PAYLOAD)
+        added = inertia.moved(inertia.inertia_matrix(mass, com, inertia.symmetric(six)), whole(frame.T))
+        M = M + np.eye(mechanism.nb, dtype=int)[frame.body][:, None, None] * added
+    gravity = symbols.get("gravity", mechanism.gravity)
+    return in_whole_numbers(replace(mechanism, B=B, M=M, gravity=np.array(gravity))), symbols
+
+
+def own_values(mechanism: Mechanism, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """The arrays that `parametrised` asks for, with the values that leave the mechanism as it is."""
+    own = {"gravity": mechanism.gravity, "masses": mechanism.M[:, 3, 3], "lengths": mechanism.B[:, :3, 3]}
+    payloads = _payloads(mechanism, names)
+    nothing = {f"{stem}_{part}": np.zeros(size) for stem in payloads for part, size in PAYLOAD.items()}
+    return {name: own[name] for name in names if name in own} | nothing
+
+
+def _payloads(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Frame]:
+    """Where payloads are, by the stem of their symbols' names; `names` are checked."""
+    texts = isinstance(names, Sequence) and not isinstance(names, str) and all(isinstance(x, str) for x in names)
+    if not texts or len(set(names)) != len(names):
+        known = ", ".join(PARAMETERS)
+        raise JounceError(f"parameters are {quoted(names)}; expected a list of different names of {known}")
+    payloads: dict[str, Frame] = {}
+    for name in names:
+        kind, colon, body = name.partition(":")
+        if kind not in PARAMETERS or (colon and kind != "payload"):
+            raise no_such("parameter", name, [*PARAMETERS, "payload:BODY"])
+        if kind == "payload":
+            frame = mechanism.frame(body if colon else mechanism.bodies[-1])
+            if frame.body < 0:
+                raise JounceError(f"a payload of {frame.name!r} moves nothing: it is fixed on the ground")
+            payloads[f"payload{len(payloads) + 1 if payloads else ''}"] = frame
+    return payloads
+
+
+def _of_mass(M: Array, mass: Array) -> Array:
+    """The inertia matrix of a body with another mass, (1, 1)."""
+    return M + mass * _POINT if is_zero(M[3, 3]) else mass * whole(M / M[3, 3])

@@ -1,0 +1,188 @@
+"""Mechanisms from screw data, body-fixed or spatial: every array is checked here, at the door, and nowhere else."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from jounce._scalars import Array, asarray, is_finite, is_numeric, is_symbolic
+from jounce.errors import JounceError, one_line, one_of, quoted, several, shortened
+from jounce.model.drives import UNDRIVEN, Drives, drive_error
+from jounce.model.mechanism import GRAVITY, UNLIMITED, Limits, Mechanism, in_whole_numbers, limit_error, reference_poses
+from jounce.spatial import inertia, lie
+
+UNIT_TOLERANCE = 1e-9  # how far a direction or rotation may be from unit length before it is taken for a mistake
+ROUNDING = 1e-15  # what making them exact leaves; nothing as close is touched, so that data pass the door unchanged
+
+
+def from_screws(
+    B: Array,
+    X: Array,
+    M: Array,
+    parent: Sequence[int] | None = None,
+    names: Sequence[str] | None = None,
+    gravity: Array = GRAVITY,
+    *,
+    joint_names: Sequence[str] | None = None,
+    G: Array | None = None,
+    g: Array | None = None,
+    limits: Limits | Mapping[str, Array] | None = None,
+    drives: Drives | Mapping[str, Array] | None = None,
+    name: str = "robot",
+) -> Mechanism:
+    """A mechanism from body-fixed data, every array checked; see `Robot.from_screws` for what they are."""
+    given = {"B": B, "X": X, "M": M, "gravity": gravity}
+    data: dict[str, Any] = {label: _data(array, label) for label, array in given.items()}
+    nb = data["B"].shape[0] if data["B"].ndim == 3 else 0
+    data["G"] = np.eye(nb) if G is None else _data(G, "G")
+    data["g"] = np.zeros(nb) if g is None else _data(g, "g")
+    _check_shapes(data, nb)
+    for label, exact in (("B", exact_pose), ("X", exact_screw), ("M", exact_inertia)):
+        data[label] = np.stack([exact(x, f"{label}[{i}]") for i, x in enumerate(data[label])])
+    data |= {label: array + 0.0 for label, array in data.items() if is_numeric(array)}  # no -0.0 among data
+    coordinates = _names(joint_names, data["G"].shape[1], "joint_names", "joint" if G is None else "q")
+    built = Mechanism(
+        **data,
+        parent=_tree(parent, nb),
+        bodies=_names(names, nb, "names", "body"),
+        joints=coordinates if G is None else _names(None, nb, "joints", "joint"),
+        coordinates=coordinates,
+        limits=Limits(**_of_joints(limits, UNLIMITED, limit_error, nb, "limit")),
+        drives=Drives(**_of_joints(drives, UNDRIVEN, drive_error, nb, "drive")),
+        name=_text(name),
+    )
+    return in_whole_numbers(built) if any(map(is_symbolic, data.values())) else built
+
+
+def from_spatial_screws(A: Array, Y: Array, M: Array, parent: Sequence[int] | None = None, **data: Any) -> Mechanism:
+    """A mechanism from absolute reference poses A_i and joint screws Y_i in the inertial frame, both at q = 0.
+
+    ``B_i = A_p^-1 A_i`` and ``X_i = Ad(A_i^-1) Y_i``.
+    """
+    A, Y = _data(A, "A"), _data(Y, "Y")
+    nb = A.shape[0] if A.ndim == 3 else 0
+    if nb == 0 or A.shape != (nb, 4, 4) or Y.shape != (nb, 6):
+        raise JounceError(f"A and Y have shapes {A.shape} and {Y.shape}; expected (n, 4, 4) and (n, 6)")
+    A = [exact_pose(T, f"A[{i}]") for i, T in enumerate(A)]
+    Y = [exact_screw(y, f"Y[{i}]") for i, y in enumerate(Y)]
+    B = [A_i if p < 0 else lie.inverse(A[p]) @ A_i for A_i, p in zip(A, _tree(parent, nb), strict=True)]
+    X = [lie.Ad(lie.inverse(A_i)) @ Y_i for A_i, Y_i in zip(A, Y, strict=True)]
+    return from_screws(np.stack(B), np.stack(X), M, parent, **data)
+
+
+def spatial_screws(mechanism: Mechanism) -> tuple[Array, Array]:
+    """The absolute reference poses A_i and the joint screws Y_i in the inertial frame: ``Y_i = Ad(A_i) X_i``."""
+    A = reference_poses(mechanism)
+    return np.stack(A), np.stack([lie.Ad(A_i) @ X for A_i, X in zip(A, mechanism.X, strict=True)])
+
+
+def _data(x: Array, label: str) -> np.ndarray:
+    """A copy of the caller's array; data are concrete, however a state is traced."""
+    array = asarray(x, label)
+    try:
+        return np.array(array if isinstance(array, np.ndarray) else np.asarray(array, dtype=np.float64))
+    except Exception as error:  # a tracer of JAX, say
+        raise JounceError(
+            f"{label} is not concrete: {shortened(one_line(error))}; states may be traced, data not"
+        ) from None
+
+
+def _check_shapes(data: Mapping[str, np.ndarray], nb: int) -> None:
+    if nb == 0 or data["B"].shape != (nb, 4, 4):
+        raise JounceError(f"B has shape {data['B'].shape}; expected (n, 4, 4) with at least one body")
+    if data["gravity"].shape != (3,):
+        raise JounceError(f"gravity has shape {data['gravity'].shape}; expected a vector (3,), as {GRAVITY}")
+    n = data["G"].shape[1] if data["G"].ndim == 2 else 0
+    expected = {"X": (nb, 6), "M": (nb, 6, 6), "G": (nb, n), "g": (nb,)}
+    for label, shape in expected.items():
+        if data[label].shape != shape or 0 in shape:
+            raise JounceError(f"{label} has shape {data[label].shape}; expected {shape} for {nb} bodies")
+    for label, array in data.items():
+        if is_numeric(array) and not np.all(np.isfinite(array)):
+            at = np.argwhere(~np.isfinite(array))[0].tolist()
+            raise JounceError(f"{label}{at} is {array[tuple(at)]}; expected finite numbers")
+    for j, column in enumerate(data["G"].T):
+        if is_numeric(column) and not column.any():
+            raise JounceError(f"G[:, {j}] is zero; expected a joint that moves with each coordinate")
+
+
+def exact_pose(T: np.ndarray, label: str) -> np.ndarray:
+    """A pose, checked, its rotation made orthonormal to the last digit by a Newton step of the polar decomposition."""
+    if not is_numeric(T):
+        return T
+    R = T[:3, :3]
+    error = np.abs(R.T @ R - np.eye(3)).max()
+    if not error <= UNIT_TOLERANCE or np.linalg.det(R) < 0 or np.any(T[3] != [0, 0, 0, 1]):
+        what = f"R^T R differs from I by {error:.2g}, det R = {np.linalg.det(R):.6g}, last row {T[3].tolist()}"
+        raise JounceError(f"{label} is not a pose [[R, r], [0, 1]]: {what}")
+    return lie.pose(R if error <= ROUNDING else R @ (3 * np.eye(3) - R.T @ R) / 2, T[:3, 3:]) + 0.0
+
+
+def exact_screw(X: np.ndarray, label: str) -> np.ndarray:
+    """A unit screw, checked, its length made 1 to the last digit."""
+    if not is_numeric(X):
+        return X
+    length = np.linalg.norm(X[:3]) or np.linalg.norm(X[3:])
+    if not abs(length - 1) <= UNIT_TOLERANCE:
+        raise JounceError(f"{label} = {X.tolist()} is not a unit screw (xi; eta): |xi| = 1, or xi = 0 and |eta| = 1")
+    return X if abs(length - 1) <= ROUNDING else X / length
+
+
+def exact_inertia(M: np.ndarray, label: str) -> np.ndarray:
+    """An inertia matrix, checked, its form exact: one mass, one first moment, one symmetric tensor."""
+    if not is_numeric(M):
+        return M
+    error = inertia.form_error(M)
+    if error:
+        raise JounceError(f"{label} {error}; an inertia matrix is [[Theta, m c~], [-m c~, m I]]")
+    return inertia.formed(M)
+
+
+def _of_joints(
+    given: object, free: Mapping[str, float], error_of: Callable[..., str | None], nb: int, what: str
+) -> dict[str, np.ndarray]:
+    """Numbers of the joint variables by name, as stated or free."""
+    stated = vars(given) if isinstance(given, Limits | Drives) else {} if given is None else given
+    if not isinstance(stated, Mapping):
+        raise JounceError(f"{what}s is of type {type(given).__name__}; expected a mapping of {', '.join(free)}")
+    for key in stated:
+        one_of(what, key, free)
+    whole = {key: np.full(nb, value) for key, value in free.items()}
+    arrays = {key: _data(array, key) for key, array in (whole | dict(stated)).items()}
+    for key, array in arrays.items():
+        if array.shape != (nb,) or not is_numeric(array):
+            raise JounceError(f"{what}s: {key} has shape {array.shape}; expected numbers ({nb},), one a joint")
+    for i in range(nb):
+        error = error_of(**{key: array[i] for key, array in arrays.items()})
+        if error:
+            raise JounceError(f"{what}s of joint {i}: {error}")
+    return {key: array + 0.0 for key, array in arrays.items()}  # no -0.0 among data
+
+
+def _tree(parent: Sequence[int] | None, nb: int) -> tuple[int, ...]:
+    if parent is None:
+        return tuple(range(-1, nb - 1))
+    numbers = several(parent)
+    if len(numbers) != nb:
+        raise JounceError(f"parent is {quoted(parent)}; expected {nb} indices, one for each body")
+    for i, p in enumerate(numbers):
+        if not is_finite(p) or p not in range(-1, i):
+            earlier = f" or an earlier body, 0 .. {i - 1}" if i else ""
+            raise JounceError(f"parent[{i}] = {quoted(p)}; expected -1 (the ground){earlier}")
+    return tuple(int(p) for p in numbers)
+
+
+def _text(name: object) -> str:
+    if not isinstance(name, str):
+        raise JounceError(f"name is {quoted(name)}; expected a text")
+    return name
+
+
+def _names(given: Sequence[str] | None, count: int, label: str, stem: str) -> tuple[str, ...]:
+    if given is None:
+        return tuple(f"{stem}{i + 1}" for i in range(count))
+    names = several(given)
+    texts = not isinstance(given, str) and all(isinstance(x, str) for x in names)
+    if not texts or not len(names) == len(set(names)) == count:
+        raise JounceError(f"{label} is {quoted(given)}; expected {count} different texts")
+    return tuple(names)

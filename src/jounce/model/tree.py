@@ -1,0 +1,228 @@
+"""Links and joints as robot files and other libraries' models state them, made into a mechanism.
+
+Links behind fixed joints merge into the body that carries them: their inertia is added, their names and frames stay
+findable. Bodies are named after the link that their joint moves, in the file's order, depth first. A joint that no one
+screw makes, floating, planar or spherical, can be welded, or left behind by starting at a link that it carries.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+
+from jounce.errors import JounceError, at, listed, no_such, one_of, quoted, shortened, warn
+from jounce.model.drives import UNDRIVEN, drive_error
+from jounce.model.mechanism import UNLIMITED, Frame, Mechanism, limit_error
+from jounce.model.screws import from_screws
+from jounce.spatial import inertia
+
+
+@dataclass(frozen=True)
+class Link:
+    """A rigid link and its inertia matrix in its own frame."""
+
+    name: str
+    M: np.ndarray
+    place: str  # where it is stated, for messages: FILE:LINE
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint variable that follows another: multiplier times it, plus offset."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint between two links; B is the child's pose in the parent's frame at zero, X its screw in the child's."""
+
+    name: str
+    parent: str
+    child: str
+    B: np.ndarray
+    X: np.ndarray | None  # None where it is fixed or free
+    mimic: Mimic | None
+    limits: Mapping[str, float]  # those that the file states of lower, upper, velocity, effort
+    drive: Mapping[str, float]  # and of armature, damping, friction, stiffness, rest
+    place: str
+    free: str | None = None  # "floating", "planar", "spherical": what makes of it more than one screw does
+
+
+Item = TypeVar("Item", Link, Joint)
+
+
+def mechanism(
+    links: Sequence[Link],
+    joints: Sequence[Joint],
+    gravity: object,
+    name: str,
+    file: str,
+    *,
+    base: str | None = None,
+    root: str | None = None,
+) -> Mechanism:
+    """The mechanism that links and joints make, or a `JounceError` that says why they make none.
+
+    ``base="fixed"`` welds free joints at their zero pose and warns of it; ``root`` is a link to start at: what it
+    carries remains, it stands on the ground itself, and everything else is left out.
+    """
+    by_name = _distinct(links, "link")
+    _distinct(joints, "joint")
+    _check(links, joints)
+    ordered = _outward(by_name, joints)
+    if root is not None:
+        by_name, ordered = _from(root, by_name, ordered, file)
+    _weld(ordered, base, file)
+    movable = [joint for joint in ordered if joint.X is not None]
+    screws = [joint.X for joint in ordered if joint.X is not None]
+    if not movable:
+        stated = f"{len(by_name)} link{'s' * (len(by_name) != 1)} and {len(ordered)} joint{'s' * (len(ordered) != 1)}"
+        raise JounceError(f"{file}: no movable joint among {stated}; expected at least one")
+
+    frames = {link: Frame(link, -1, np.eye(4)) for link in by_name}  # the roots stand on the ground
+    parent: list[Frame] = []
+    for joint in ordered:
+        carrier = frames[joint.parent]
+        if joint.X is None:
+            frames[joint.child] = Frame(joint.child, carrier.body, carrier.T @ joint.B)
+        else:
+            frames[joint.child] = Frame(joint.child, len(parent), np.eye(4))
+            parent.append(carrier)
+    M = np.zeros((len(movable), 6, 6))
+    for link, frame in frames.items():
+        if frame.body >= 0:
+            M[frame.body] += inertia.moved(by_name[link].M, frame.T)
+
+    G, g, coordinates = _coordinates(movable, ordered, joints)
+    bodies = tuple(joint.child for joint in movable)
+    with at(file):
+        built = from_screws(
+            np.stack([carrier.T @ joint.B for carrier, joint in zip(parent, movable, strict=True)]),
+            np.stack(screws),
+            M,
+            [carrier.body for carrier in parent],
+            names=bodies,
+            joint_names=coordinates,
+            gravity=gravity,
+            G=G,
+            g=g,
+            limits={key: [joint.limits.get(key, free) for joint in movable] for key, free in UNLIMITED.items()},
+            drives={key: [joint.drive.get(key, none) for joint in movable] for key, none in UNDRIVEN.items()},
+            name=name,
+        )
+    merged = tuple(frame for link, frame in frames.items() if link not in bodies)
+    return replace(built, joints=tuple(joint.name for joint in movable), frames=merged)
+
+
+def _distinct(items: Sequence[Item], kind: str) -> dict[str, Item]:
+    found: dict[str, Item] = {}
+    for item in items:
+        if item.name in found:
+            first = found[item.name].place
+            raise JounceError(f"{item.place}: second {kind} named {quoted(item.name)}; the first is at {first}")
+        found[item.name] = item
+    return found
+
+
+def _check(links: Sequence[Link], joints: Sequence[Joint]) -> None:
+    """Refuse numbers that are none, or none of a joint, by the name and place of what states them."""
+    held = [(link.place, f"inertia of link {quoted(link.name)}", link.M) for link in links]
+    for joint in joints:
+        law = [] if joint.mimic is None else [joint.mimic.multiplier, joint.mimic.offset]
+        for what, numbers in (("pose", joint.B), ("axis", [] if joint.X is None else joint.X), ("mimic", law)):
+            held.append((joint.place, f"{what} of joint {quoted(joint.name)}", np.array(numbers)))
+        error = limit_error(**UNLIMITED | dict(joint.limits)) or drive_error(**joint.drive)
+        if error:
+            raise JounceError(f"{joint.place}: joint {quoted(joint.name)}: {error}")
+    for place, what, array in held:
+        for x in array[~np.isfinite(array)][:1]:
+            raise JounceError(f"{place}: {what} holds {x}; expected finite numbers")
+
+
+def _outward(links: Mapping[str, Link], joints: Sequence[Joint]) -> list[Joint]:
+    """The joints from the roots outward, depth first, in the file's order; a forest is all there may be."""
+    above: dict[str, Joint] = {}
+    children: dict[str, list[Joint]] = {link: [] for link in links}
+    for joint in joints:
+        for role, link in (("parent", joint.parent), ("child", joint.child)):
+            if link not in links:
+                named = f"{role} of joint {quoted(joint.name)}"
+                raise JounceError(f"{joint.place}: {named}: {no_such('link', link, links)}")
+        if joint.child in above:
+            both = f"{quoted(above[joint.child].name)} and {quoted(joint.name)}"
+            child = quoted(joint.child)
+            raise JounceError(f"{joint.place}: link {child} is the child of two joints, {both}; expected one")
+        above[joint.child] = joint
+        children[joint.parent].append(joint)
+    roots = [link for link in links if link not in above]
+    ordered: list[Joint] = []
+    stack = [joint for root in reversed(roots) for joint in reversed(children[root])]
+    while stack:
+        joint = stack.pop()
+        ordered.append(joint)
+        stack.extend(reversed(children[joint.child]))
+    if len(ordered) < len(joints):
+        reached = {joint.name for joint in ordered}
+        cycle = [joint for joint in joints if joint.name not in reached]
+        rootless, names = "" if roots else "no root link: ", listed(joint.name for joint in cycle)
+        raise JounceError(f"{cycle[0].place}: {rootless}joints {names} go round in a cycle; expected a tree")
+    return ordered
+
+
+def _from(
+    root: str, links: Mapping[str, Link], ordered: Sequence[Joint], file: str
+) -> tuple[dict[str, Link], list[Joint]]:
+    """The links and joints from a link outward, itself the first."""
+    if not isinstance(root, str) or root not in links:
+        raise JounceError(f"{file}: {no_such('link', root, links)}")
+    carried, kept = {root: links[root]}, []
+    for joint in ordered:
+        if joint.parent in carried:
+            carried[joint.child] = links[joint.child]
+            kept.append(joint)
+    return carried, kept
+
+
+def _weld(ordered: Sequence[Joint], base: str | None, file: str) -> None:
+    """Say of free joints, which have no screw, that they are welded, or refuse them where that is not asked for."""
+    if base is not None:
+        with at(file):
+            one_of("base", base, ["fixed"])
+    free = [joint for joint in ordered if joint.free is not None]
+    if not free:
+        return
+    if base is None:
+        more = f" (and {len(free) - 1} more are free)" if len(free) > 1 else ""
+        ways = "base='fixed', which welds it at its zero pose, or root=, a link to start at"
+        raise JounceError(f"{free[0].place}: joint {quoted(free[0].name)} is {free[0].free}{more}; expected {ways}")
+    warn(f"{file}: welded at zero, as base='fixed' asks: {listed(f'{joint.name} ({joint.free})' for joint in free)}")
+
+
+def _coordinates(
+    movable: Sequence[Joint], ordered: Sequence[Joint], joints: Sequence[Joint]
+) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """G, g and the names of the coordinates: the joints that follow no other."""
+    known, kept = {joint.name: joint for joint in joints}, {joint.name for joint in ordered}
+    free = [joint.name for joint in movable if joint.mimic is None]
+    G, g = np.zeros((len(movable), len(free))), np.zeros(len(movable))
+    for i, joint in enumerate(movable):
+        factor, offset, followed = 1.0, 0.0, [joint.name]
+        while (mimic := known[followed[-1]].mimic) is not None:
+            if mimic.joint not in known:
+                error = no_such("joint", mimic.joint, known)
+                raise JounceError(f"{joint.place}: mimic of {quoted(followed[-1])}: {error}")
+            if mimic.joint in followed:
+                circle = " -> ".join(map(shortened, [*followed, mimic.joint]))
+                raise JounceError(f"{joint.place}: joints mimic in a circle: {circle}")
+            held = "fixed" if known[mimic.joint].X is None else None if mimic.joint in kept else "left out by root="
+            if held:
+                both = f"joint {quoted(followed[-1])} mimics {quoted(mimic.joint)}"
+                raise JounceError(f"{joint.place}: {both}, which is {held}")
+            factor, offset = factor * mimic.multiplier, offset + factor * mimic.offset
+            followed.append(mimic.joint)
+        G[i, free.index(followed[-1])], g[i] = factor, offset
+    return G, g, free

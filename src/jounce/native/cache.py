@@ -1,0 +1,166 @@
+"""Compiled kernels on disk, so that the next process need not compile: a private folder of object code.
+
+Object code is run, so the folder is its owner's alone, and what it holds is checked before it is loaded: its owner, its
+key and the hash of its content. Whatever fails a check is taken for missing, and written anew. It grows up to a limit:
+the kernels that were not used for longest make room for new ones.
+"""
+
+import hashlib
+import os
+import stat
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+
+from jounce.errors import JounceError, quoted
+from jounce.io.files import finite
+from jounce.io.parts import part_in, remove_abandoned
+from jounce.model.mechanism import DATA, Mechanism
+from jounce.native.target import Target
+
+SUFFIX = ".kernel"
+LIMIT = 256  # MiB
+
+
+def folder() -> Path:
+    """Where compiled kernels are kept: ``$JOUNCE_CACHE_DIR``, else the user's cache folder."""
+    from platformdirs import user_cache_path
+
+    return Path(os.environ.get("JOUNCE_CACHE_DIR") or user_cache_path("jounce"))
+
+
+def limit() -> int:
+    """How many bytes all kernels together may take: ``$JOUNCE_CACHE_SIZE`` in MiB, 256 if it is not set.
+
+    Raises
+    ------
+    JounceError : where it is set to anything but a number from 0 on.
+    """
+    given = os.environ.get("JOUNCE_CACHE_SIZE") or str(LIMIT)
+    size = finite(given)
+    if size is None or size < 0:
+        raise JounceError(f"JOUNCE_CACHE_SIZE is {quoted(given)}; expected a number of MiB from 0 on")
+    return int(size * 2**20)
+
+
+def key(mechanism: Mechanism, what: str, target: Target) -> str:
+    """The name of a kernel: a hash of everything that its code depends on."""
+    import llvmlite
+
+    digest = hashlib.sha256(f"{what} {target} llvmlite {llvmlite.__version__} {_sources()}".encode())
+    digest.update(repr((mechanism.parent, mechanism.acting)).encode())
+    arrays = {name: getattr(mechanism, name) for name in DATA} | (vars(mechanism.drives) if mechanism.acting else {})
+    for name, array in arrays.items():
+        digest.update(f"{name} {array.shape} {array.dtype}".encode())
+        digest.update(array.tobytes())
+    return digest.hexdigest()
+
+
+@cache
+def _sources() -> str:
+    """A hash of jounce itself: what the program is made of and by."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parents[1].rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def read(name: str) -> bytes | None:
+    """The code under a key, or None where there is none that can be trusted."""
+    try:
+        path = folder() / (name + SUFFIX)
+        content = path.read_bytes() if _private(folder()) and _private(path) else b""
+    except OSError:
+        return None
+    digest, code = content[:32], content[32:]
+    if not code or digest != _hash(name, code):
+        return None
+    with suppress(OSError):  # of a disk that is only read
+        os.utime(path)  # used now
+    return code
+
+
+def write(name: str, code: bytes) -> None:
+    """Keep code under a key, whole or not at all; a folder that cannot be written is left alone.
+
+    What was not used for longest makes room for it; code larger than the limit is not kept.
+    """
+    content, most = _hash(name, code) + code, limit()
+    part = part_in(folder())
+    try:
+        folder().mkdir(mode=0o700, parents=True, exist_ok=True)
+        if not _private(folder()) or len(content) > most:
+            return
+        remove_abandoned(folder())
+        _make_room(most - len(content), name)
+        try:
+            part.touch(mode=0o600, exist_ok=False)
+            part.write_bytes(content)
+            part.replace(folder() / (name + SUFFIX))
+        finally:
+            part.unlink(missing_ok=True)
+    except OSError:
+        return
+
+
+def _make_room(most: int, name: str) -> None:
+    """Remove the least recently used kernels until all but that of a name take so many bytes at most."""
+    found = [(path.stat(), path) for path in entries() if path.stem != name]
+    total = sum(stats.st_size for stats, _ in found)
+    for stats, path in sorted(found, key=lambda entry: entry[0].st_mtime_ns):
+        if total <= most:
+            break
+        path.unlink(missing_ok=True)
+        total -= stats.st_size
+
+
+def entries() -> Iterator[Path]:
+    """The kernels in the folder."""
+    return (path for path in folder().glob(f"*{SUFFIX}") if path.is_file() and not path.is_symlink())
+
+
+def private() -> bool:
+    """Whether kernels are read and written: the folder is its owner's alone, or still to be made."""
+    try:
+        return stat.S_ISDIR(os.lstat(folder()).st_mode) and _private(folder())
+    except FileNotFoundError:
+        return True
+    except OSError:
+        return False
+
+
+def clear() -> list[int]:
+    """Remove the kernels and what is left of killed writers, nothing else; returns the sizes of the kernels in bytes.
+
+    Raises
+    ------
+    JounceError : where others may write into the folder, or a kernel cannot be removed.
+    """
+    if not private():
+        raise JounceError(f"{folder()}: is not a folder of yours alone; expected one that no others may write into")
+    remove_abandoned(folder())
+    sizes = []
+    for path in entries():
+        try:
+            size = path.stat().st_size
+            path.unlink()
+        except FileNotFoundError:  # another process was faster
+            continue
+        except OSError as error:
+            raise JounceError(f"{path}: cannot be removed: {error.strerror or error}") from None
+        sizes.append(size)
+    return sizes
+
+
+def _hash(name: str, code: bytes) -> bytes:
+    return hashlib.sha256(name.encode() + code).digest()
+
+
+def _private(path: Path) -> bool:
+    """Whether nobody but this user can write to what is there; Windows keeps users' folders apart itself."""
+    found = os.lstat(path)
+    if not hasattr(os, "getuid"):
+        return True
+    kind = stat.S_ISDIR(found.st_mode) or stat.S_ISREG(found.st_mode)  # no link that leads elsewhere
+    return kind and found.st_uid == os.getuid() and not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)

@@ -1,0 +1,186 @@
+"""A program as LLVM IR: a loop over blocks of states, in the calling convention of NumPy's generalized ufuncs.
+
+``@states(args, dimensions, steps, data)``: args are the arrays of inputs and outputs, dimensions the number of states,
+steps the strides of the arrays from state to state, then those within a state.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from math import prod
+
+from jounce.native import circular, hyperbolic, lanes, memory, pool
+from jounce.native.interface import Interface
+from jounce.native.ir import Writer
+from jounce.native.target import Target
+from jounce.program.program import Program
+
+
+def emitted(define_block: Callable[[Writer], None], interface: Interface, target: Target, of_bodies: int = 0) -> str:
+    """The module of a kernel whose ``@block(in, out, bodies)`` works on one block of states in scratch memory."""
+    ir = Writer(target)
+    circular.define_sincos(ir)
+    hyperbolic.define_tanh(ir)
+    lanes.define_transposes(ir)
+    lanes.define_lanes(ir)
+    define_block(ir)
+    _define_blocks(ir, interface)
+    size = memory.call_size(interface, of_bodies, target.lanes)
+    define_states = _define_on_stack if size <= memory.STACK else pool.define_on_heap
+    define_states(ir, size)
+    return ir.text()
+
+
+def define_block(ir: Writer, program: Program, interface: Interface) -> None:
+    """``@block(in, out, bodies)``: a program in a straight line."""
+
+    def checked(total: str, first: int, last: int) -> str:
+        for j in range(first, last):
+            total = ir.op("fma", ir.load(ir.at("%in", j, ir.V)), ir.vector(0.0), total)
+        return total
+
+    with ir.function("internal void @block(ptr %in, ptr %out, ptr %bodies)"):
+        value = written_steps(ir, program, lambda i: ir.load(ir.at("%in", i, ir.V)))
+        _, places = interface.places()
+        for (first, last), mask in zip(pairwise(places), nan_masks(ir, interface, checked), strict=True):
+            for j in range(first, last):
+                ir.store(ir.op("add", value(program.outputs[j]), mask), ir.at("%out", j, ir.V))
+        ir.do("ret void")
+
+
+def written_steps(ir: Writer, program: Program, read: Callable[[int], str]) -> Callable[[int], str]:
+    """The steps of a program, written in their order; returns how the value of each is called."""
+    angles = sorted({step.operands[0] for step in program.steps if step.kind in ("sin", "cos")})
+    circles = ir.let(f"alloca [{2 * max(1, len(angles))} x {ir.V}], align 64")
+    values: dict[int, str] = {}
+
+    def value(i: int) -> str:
+        step = program.steps[i]
+        if step.kind == "constant":
+            return ir.vector(step.value)
+        if i not in values:
+            if step.kind == "input":
+                values[i] = read(int(step.value))
+            elif step.kind in ("sin", "cos"):
+                j = 2 * angles.index(step.operands[0]) + (step.kind == "cos")
+                values[i] = ir.load(ir.at(circles, j, ir.V))
+            elif step.kind == "tanh":
+                values[i] = ir.let(f"call {ir.V} @tanh({ir.V} {value(step.operands[0])})")
+            else:
+                values[i] = ir.op(step.kind, *(value(j) for j in step.operands))
+        return values[i]
+
+    for j, angle in enumerate(angles):  # first, while no other value must be saved over the call
+        ir.do(f"call void @sincos({ir.V} {value(angle)}, ptr {ir.at(circles, 2 * j, ir.V)})")
+    for i, step in enumerate(program.steps):
+        if step.kind == "tanh":
+            value(i)
+    for i in range(len(program.steps)):
+        value(i)
+    return value
+
+
+def nan_masks(ir: Writer, interface: Interface, add: Callable[[str, int, int], str]) -> Iterator[str]:
+    """For each order of the outputs 0, or NaN where an input that matters to it is not finite.
+
+    ``add(total, first, last)`` adds 0 times each input from the first to the last.
+    """
+    places, _ = interface.places()
+    total = ir.vector(0.0)
+    for order in range(len(interface.given)):
+        for (first, last), matters in zip(pairwise(places), interface.matters, strict=True):
+            if matters == order:
+                total = add(total, first, last)
+        yield total
+
+
+def _define_blocks(ir: Writer, interface: Interface) -> None:
+    """``@blocks(args, dimensions, steps, memory)``: the loop over blocks of states.
+
+    Rows that lie one behind the other go through registers, others lane by lane. A result may lie exactly over an array
+    of states, which NumPy then does not copy.
+    """
+    shapes = [*interface.taken, *interface.given]
+    into, out_of = interface.places()
+    widths = [prod(shape) for shape in shapes]
+    behind = max((-((width - ir.lanes) // width) for width in widths if width < ir.lanes), default=0)
+    with ir.function("internal void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr %in)"):
+        ir.label("start")
+        out = ir.at("%in", into[-1] + ir.lanes, ir.V)
+        bodies = ir.at(out, out_of[-1] + ir.lanes, ir.V)
+        scratch = [ir.at("%in", i, ir.V) for i in into[:-1]] + [ir.at(out, i, ir.V) for i in out_of[:-1]]
+        arrays = list(_arrays(ir, shapes))
+        dense = "true"
+        for array, (rows, columns) in zip(arrays, map(_matrix, shapes), strict=True):
+            for stride, expected in ((array.step, 8 * rows * columns), (array.down, 8 * columns), (array.across, 8)):
+                if stride != "0":
+                    dense = ir.let(f"and i1 {dense}, {ir.let(f'icmp eq i64 {stride}, {expected}')}")
+        given = len(interface.taken)
+        for result, width in zip(arrays[given:], widths[given:], strict=True):
+            if width < ir.lanes:  # stored reaching into rows behind: not where these are states yet to be read
+                for array in arrays[:given]:
+                    dense = ir.let(f"and i1 {dense}, {ir.let(f'icmp ne ptr {result.pointer}, {array.pointer}')}")
+        count = ir.let("load i64, ptr %dimensions")
+        ir.do(f"br i1 {ir.let(f'icmp sgt i64 {count}, 0')}, label %some, label %done")
+        ir.label("some")
+        blocks = ir.let(f"sdiv i64 {ir.let(f'add i64 {count}, {ir.lanes - 1}')}, {ir.lanes}")
+        with ir.loop(blocks) as block:
+            first = ir.let(f"mul i64 {block}, {ir.lanes}")
+            left = ir.let(f"sub i64 {count}, {first}")
+            lanes = ir.call("llvm.smin.i64", "i64", left, str(ir.lanes))
+            enough = ir.let(f"icmp sge i64 {left}, {ir.lanes + behind}")
+            quick = ir.let(f"and i1 {dense}, {enough}")
+            places = [ir.at(x.pointer, ir.let(f"mul i64 {first}, {x.step}"), "i8") for x in arrays]
+            moved = list(zip(shapes, arrays, places, scratch, strict=True))
+            for way, part in (("load", moved[:given]), ("store", moved[given:])):
+                if way == "store":
+                    ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies})")
+                ir.do(f"br i1 {quick}, label %{way}.rows, label %{way}.lanes")
+                ir.label(f"{way}.rows")
+                for shape, _, place, there in part:
+                    ir.do(f"call void @{way}_rows(ptr {place}, ptr {there}, i64 {prod(shape)})")
+                ir.do(f"br label %{way}.done")
+                ir.label(f"{way}.lanes")
+                for shape, x, place, there in part:
+                    integers = (*_matrix(shape), x.step, x.down, x.across, lanes)
+                    listed = ", ".join(f"i64 {i}" for i in integers)
+                    ir.do(f"call void @{way}_lanes(ptr {place}, ptr {there}, {listed})")
+                ir.do(f"br label %{way}.done")
+                ir.label(f"{way}.done")
+        ir.do("br label %done")
+        ir.label("done")
+        ir.do("ret void")
+
+
+def _define_on_stack(ir: Writer, size: int) -> None:
+    """``@states`` with its scratch memory on the stack."""
+    with ir.function("void @states(ptr %args, ptr %dimensions, ptr %steps, ptr %pool)"):
+        memory = ir.let(f"alloca [{size} x i8], align {pool.ALIGNMENT}")
+        ir.do(f"call void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr {memory})")
+        ir.do("ret void")
+
+
+@dataclass(frozen=True)
+class _Array:
+    """An array that a caller passes: where it begins, and its strides in bytes."""
+
+    pointer: str
+    step: str
+    down: str
+    across: str
+
+
+def _arrays(ir: Writer, shapes: list[tuple[int, ...]]) -> Iterator[_Array]:
+    inner = len(shapes)
+    for k, shape in enumerate(shapes):
+        pointer = ir.let(f"load ptr, ptr {ir.at('%args', k, 'ptr')}")
+        step, *within = (
+            ir.let(f"load i64, ptr {ir.at('%steps', j, 'i64')}") for j in (k, *range(inner, inner + len(shape)))
+        )
+        inner += len(shape)
+        yield _Array(pointer, step, *(["0", *within][-2:]))
+
+
+def _matrix(shape: tuple[int, ...]) -> tuple[int, int]:
+    """The rows and columns of a state: a vector is one row."""
+    return (1, shape[0]) if len(shape) == 1 else (shape[0], shape[1])

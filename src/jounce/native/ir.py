@@ -1,0 +1,130 @@
+"""A writer of LLVM IR: one function at a time, on vectors of states, values named in their order."""
+
+import struct
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+from jounce.native.target import Target
+
+
+def bits(x: float) -> int:
+    """A double as the integer that has the same bits."""
+    return int(struct.unpack("<Q", struct.pack("<d", x))[0])
+
+
+class Writer:
+    """The text of a module, and shorthand for what is often written."""
+
+    def __init__(self, target: Target) -> None:
+        self.lanes, self.fma = target.lanes, target.fma
+        self.V, self.I, self.B = (f"<{self.lanes} x {kind}>" for kind in ("double", "i64", "i1"))
+        self.lines: list[str] = []
+        self.declared: dict[str, None] = {}
+        self.names = 0
+
+    def text(self) -> str:
+        """The module."""
+        wide = f'"prefer-vector-width"="{64 * self.lanes}" "min-legal-vector-width"="{64 * self.lanes}"'
+        return "\n".join([*self.declared, *self.lines, f"attributes #0 = {{ nounwind {wide} }}", ""])
+
+    @contextmanager
+    def function(self, head: str) -> Iterator[None]:
+        """A function, its body written inside."""
+        self.lines.append(f"define {head} #0 {{")
+        yield
+        self.lines.append("}")
+
+    def label(self, name: str) -> None:
+        """The start of a block."""
+        self.lines.append(f"{name}:")
+
+    def do(self, text: str) -> None:
+        """An instruction without a value."""
+        self.lines.append(f"  {text}")
+
+    def let(self, text: str) -> str:
+        """The name of a new value."""
+        self.names += 1
+        self.lines.append(f"  %v{self.names - 1} = {text}")
+        return f"%v{self.names - 1}"
+
+    def number(self, x: float) -> str:
+        """A constant, to the last bit."""
+        return f"0x{bits(x):016X}"
+
+    def vector(self, x: float) -> str:
+        """A constant in all lanes."""
+        return f"<{', '.join([f'double {self.number(x)}'] * self.lanes)}>"
+
+    def splat(self, x: str) -> str:
+        """A number in all lanes."""
+        one = self.let(f"insertelement {self.V} poison, double {x}, i64 0")
+        return self.let(f"shufflevector {self.V} {one}, {self.V} poison, <{self.lanes} x i32> zeroinitializer")
+
+    def integers(self, x: int) -> str:
+        """An integer constant in all lanes."""
+        return f"<{', '.join([f'i64 {x}'] * self.lanes)}>"
+
+    def call(self, name: str, kind: str, *operands: str) -> str:
+        """The value of an intrinsic whose arguments are of its own type."""
+        self.declared[f"declare {kind} @{name}({', '.join([kind] * len(operands))})"] = None
+        return self.let(f"call {kind} @{name}({', '.join(f'{kind} {x}' for x in operands)})")
+
+    def op(self, kind: str, *x: str) -> str:
+        """An operation of a program on vectors; fused ones are two where the host cannot fuse."""
+        match kind:
+            case "neg":
+                return self.let(f"fneg {self.V} {x[0]}")
+            case "add" | "sub" | "mul":
+                return self.let(f"f{kind} {self.V} {x[0]}, {x[1]}")
+            case "fma" if self.fma:
+                return self.call(f"llvm.fma.v{self.lanes}f64", self.V, *x)
+            case "fms" if self.fma:
+                return self.op("fma", x[0], x[1], self.op("neg", x[2]))
+            case "fnma" if self.fma:
+                return self.op("fma", self.op("neg", x[0]), x[1], x[2])
+            case "fma":
+                return self.op("add", self.op("mul", x[0], x[1]), x[2])
+            case "fms":
+                return self.op("sub", self.op("mul", x[0], x[1]), x[2])
+            case "fnma":
+                return self.op("sub", x[2], self.op("mul", x[0], x[1]))
+        raise ValueError(kind)
+
+    def load(self, address: str) -> str:
+        """A vector from memory, wherever it lies."""
+        return self.let(f"load {self.V}, ptr {address}, align 8")
+
+    def store(self, value: str, address: str) -> None:
+        """A vector into memory."""
+        self.do(f"store {self.V} {value}, ptr {address}, align 8")
+
+    def at(self, base: str, index: str | int, kind: str = "double") -> str:
+        """The address of an element."""
+        return self.let(f"getelementptr {kind}, ptr {base}, i64 {index}")
+
+    def horner(self, coefficients: Sequence[float], z: str) -> str:
+        """A polynomial in z, lowest power first."""
+        value = self.vector(coefficients[-1])
+        for c in reversed(coefficients[:-1]):
+            value = self.op("fma", value, z, self.vector(c))
+        return value
+
+    @contextmanager
+    def loop(self, count: str, start: str = "0") -> Iterator[str]:
+        """A loop over an index from start to count, at least once; yields the index."""
+        self.names += 1
+        name = f"L{self.names}"
+        before = f"{name}.before"
+        self.do(f"br label %{before}")
+        self.label(before)
+        self.do(f"br label %{name}")
+        self.label(name)
+        index = self.let(f"phi i64 [ {start}, %{before} ], [ %{name}.next, %{name}.latch ]")
+        yield index
+        self.do(f"br label %{name}.latch")
+        self.label(f"{name}.latch")
+        self.do(f"%{name}.next = add i64 {index}, 1")
+        self.do(f"%{name}.more = icmp slt i64 %{name}.next, {count}")
+        self.do(f"br i1 %{name}.more, label %{name}, label %{name}.end")
+        self.label(f"{name}.end")

@@ -1,0 +1,176 @@
+"""Kernel: a quantity of one robot as native code, to call on arrays of states."""
+
+import ctypes
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextvars import copy_context
+from functools import lru_cache, partial
+from math import inf
+from typing import Any
+from weakref import WeakValueDictionary
+
+import numpy as np
+
+from jounce.arguments import names
+from jounce.errors import JounceError, one_line, quoted
+from jounce.model.mechanism import Mechanism
+from jounce.native import cache, jit, memory
+from jounce.native.pool import Pool
+from jounce.native.quantity import Quantity
+from jounce.native.target import host
+from jounce.native.ufunc import ufunc
+
+
+class Kernel:
+    """A quantity with its rates up to an order, compiled; `Robot.compile` gives one.
+
+    Called on float64 arrays q, qd, ... and, where it was compiled with wrenches, W, Wd, ..., each (..., nb, 6); batch
+    axes lead and broadcast. Arrays alone, in the order of the robot's joints: its methods match names, this does not.
+    Results have the same digits wherever a state stands in a batch, however large, on however many threads. Kernels can
+    be pickled: where they are unpickled they are found in the cache, or compiled again.
+    """
+
+    def __init__(self, mechanism: Mechanism, quantity: Quantity, patience: float = inf) -> None:
+        self.mechanism, self.quantity = mechanism, quantity
+        self.address, engine = jit.loaded(_code(mechanism, quantity, patience), host())
+        size = memory.scratch_size(quantity, mechanism.parent, host().lanes)
+        self._pool = Pool(size) if size > memory.STACK else None
+        self._pool_address = self._pool.address if self._pool else None
+        self._ufunc, needed = ufunc(self.address, quantity.interface, quantity.name, self._pool_address)
+        self._count = len(quantity.interface.taken)
+        self._alive = engine, needed
+
+    def __reduce__(self) -> tuple[Callable[..., "Kernel"], tuple[Mechanism, Quantity]]:
+        return compiled, (self.mechanism, self.quantity)
+
+    def __repr__(self) -> str:
+        loaded = ", with wrenches" if self.quantity.loaded else ""
+        return f"<Kernel: {self.quantity.name} of {self.mechanism.name!r} to order {self.quantity.order}{loaded}>"
+
+    def __call__(self, *arrays: np.ndarray, out: Any = None, threads: int = 1) -> Any:
+        """The quantity and its rates: an array, or a tuple of them, written into `out` where it is given."""
+        if len(arrays) != self._count:  # NumPy would write into what comes after
+            raise JounceError(f"{self!r} takes {self._count} arrays, not {len(arrays)}")
+        try:
+            if type(threads) is not int or threads != 1:
+                return self._split(arrays, out, threads)
+            if out is None:
+                results = self._ufunc(*arrays)
+            else:
+                results = self._ufunc(*arrays, out=tuple(out) if isinstance(out, list) else out)
+        except (TypeError, ValueError) as error:
+            self._refuse_names(arrays)
+            raise JounceError(f"{self!r}: {one_line(error)}") from None
+        if type(results[0] if type(results) is tuple else results) is not np.ndarray:
+            self._refuse_names(arrays)  # data frames, which have NumPy look at their values alone, and masked arrays
+        return results
+
+    def bind(self, *arrays: np.ndarray, out: Any) -> Callable[[], None]:
+        """A function without arguments that computes from these very arrays into `out`: the lowest latency there is.
+
+        All are float64 arrays of one batch shape, with one batch axis at most; `out` shares no memory with the others.
+        What the arrays hold when the function is called is what counts.
+        """
+        results = list(out) if isinstance(out, tuple | list) else [out]
+        self._refuse_names([*arrays, *results])
+        batch = self._bound(arrays, results)
+        everything = [*arrays, *results]
+        steps = [array.strides[0] if batch else 0 for array in everything]
+        within = [stride for array in everything for stride in array.strides[len(batch) :]]
+        called = (
+            (ctypes.c_void_p * len(everything))(*(array.ctypes.data for array in everything)),
+            (ctypes.c_ssize_t * 1)(*batch or (1,)),
+            (ctypes.c_ssize_t * len(steps + within))(*steps, *within),
+        )
+        addresses = [*(ctypes.addressof(part) for part in called), self._pool_address]
+        call = partial(jit.Loop(self.address), *map(ctypes.c_void_p, addresses))
+        vars(call)["alive"] = self, everything, called
+        return call
+
+    def _bound(self, arrays: Sequence[np.ndarray], out: Sequence[np.ndarray]) -> tuple[int, ...]:
+        """The batch shape of arrays to bind, checked as native code trusts them."""
+        taken, given = self.quantity.interface.taken, self.quantity.interface.given
+        if (len(arrays), len(out)) != (len(taken), len(given)):
+            raise JounceError(
+                f"{self!r} binds {len(taken)} arrays and {len(given)} to write into, not {len(arrays)} and {len(out)}"
+            )
+        both = list(zip([*arrays, *out], [*taken, *given], strict=True))
+        if not all(isinstance(array, np.ndarray) and array.dtype == np.float64 for array, _ in both):
+            raise JounceError(f"{self!r} binds float64 arrays of NumPy only")
+        batch = both[0][0].shape[: -len(taken[0])]
+        wrong = [array.shape for array, shape in both if array.shape != (*batch, *shape)]
+        if wrong or len(batch) > 1:
+            expected = ", ".join(str(shape) for shape in (*taken, *given))
+            raise JounceError(
+                f"{self!r} binds arrays {expected}, all with one batch axis or none, not {wrong or batch}"
+            )
+        for k, result in enumerate(out):
+            if not result.flags.writeable or any(np.shares_memory(result, x) for x in [*arrays, *out[:k]]):
+                raise JounceError(f"out[{k}] is read-only or shares memory with another array; expected one of its own")
+        return batch
+
+    def _refuse_names(self, arrays: Sequence[Any]) -> None:
+        if any(names.listed_in(x) is not None for x in arrays):
+            raise JounceError(
+                f"{self!r} takes arrays without names, in the order of its joints; a Robot's methods match names"
+            )
+        if any(isinstance(x, np.ma.MaskedArray) for x in arrays):
+            raise JounceError(f"{self!r} takes arrays without masks; x.astype(float).filled(numpy.nan) is one")
+
+    def _split(self, arrays: Sequence[Any], out: Any, threads: Any) -> Any:
+        """The batch in as many parts along its first axis as there are threads; what does not fit, NumPy says."""
+        if not isinstance(threads, int | np.integer) or isinstance(threads, bool) or threads < 1:
+            raise JounceError(f"threads = {quoted(threads)}; expected how many, 1 or more")
+        self._refuse_names(arrays)
+        taken, given = self.quantity.interface.taken, self.quantity.interface.given
+        inputs = [np.asarray(array) for array in arrays]
+        both = list(zip(inputs, taken, strict=True))
+        fits = all(x.shape[-len(shape) :] == shape for x, shape in both)
+        batch = np.broadcast_shapes(*(x.shape[: -len(shape)] for x, shape in both)) if fits else ()
+        shapes = [(*batch, *shape) for shape in given]
+        if out is None:
+            results = [np.empty(shape) for shape in shapes]
+        else:
+            results = list(out) if isinstance(out, tuple | list) else [out]
+        if not batch or batch[0] < 2 or [getattr(y, "shape", None) for y in results] != shapes:
+            return self(*arrays, out=out)
+        apart = [x.copy() if any(np.may_share_memory(x, y) for y in results) else x for x in inputs]
+        whole = [np.broadcast_to(x, (*batch, *shape)) for x, shape in zip(apart, taken, strict=True)]
+        parts = min(int(threads), batch[0])
+        cuts = [slice(batch[0] * i // parts, batch[0] * (i + 1) // parts) for i in range(parts)]
+
+        def work(part: slice) -> None:
+            self._ufunc(*(x[part] for x in whole), out=tuple(y[part] for y in results))
+
+        with ThreadPoolExecutor(parts) as pool:  # each in the caller's context, where np.errstate is kept
+            for future in [pool.submit(copy_context().run, work, part) for part in cuts]:
+                future.result()
+        return results[0] if len(given) == 1 else tuple(results)
+
+
+_living: WeakValueDictionary[tuple[Mechanism, Quantity], Kernel] = WeakValueDictionary()
+
+
+@lru_cache(maxsize=128)
+def compiled(mechanism: Mechanism, quantity: Quantity, patience: float = inf) -> Kernel:
+    """The kernel of a quantity of a mechanism of numbers: the one there is, else from the cache, else compiled.
+
+    Raises
+    ------
+    LongCompilationError : where it is still to be compiled, which would take longer than `patience` seconds.
+    """
+    kernel = _living.get((mechanism, quantity)) or Kernel(mechanism, quantity, patience)
+    return _living.setdefault((mechanism, quantity), kernel)
+
+
+def _code(mechanism: Mechanism, quantity: Quantity, patience: float) -> bytes:
+    """Object code, from the cache where it is there."""
+    target = host()
+    key = cache.key(mechanism, repr(quantity), target)
+    code = cache.read(key)
+    if code is None:
+        from jounce.native.forms import module  # what a warm cache spares
+
+        code = jit.assembled(module(mechanism, quantity, target, patience), target)
+        cache.write(key, code)
+    return code

@@ -1,0 +1,104 @@
+"""Between arrays of states and vectors of lanes, in LLVM IR: rows are transposed in registers, odd ends lane by lane.
+
+In scratch memory a block of states is one vector for each scalar of a state.
+"""
+
+from collections.abc import Iterator, Sequence
+
+from jounce.native.ir import Writer
+
+
+def define_transposes(ir: Writer) -> None:
+    """``@load_rows(row, scratch, width)`` and ``@store_rows``: a block of rows that lie one behind the other.
+
+    Rows shorter than a vector are moved as whole vectors, which reach into the rows behind: these must exist, and are
+    stored later.
+    """
+    for name, source, target in (("load_rows", "row", "scratch"), ("store_rows", "scratch", "row")):
+        with ir.function(f"internal void @{name}(ptr %row, ptr %scratch, i64 %width)"):
+            ir.label("start")
+            last = ir.let(f"sub i64 %width, {ir.lanes}")
+            more = ir.let(f"add i64 %width, {ir.lanes - 1}")
+            groups = ir.let(f"sdiv i64 {more}, {ir.lanes}")
+            with ir.loop(groups) as group:  # of columns; the last one ends with the row
+                wanted = ir.let(f"mul i64 {group}, {ir.lanes}")
+                ends = ir.call("llvm.smin.i64", "i64", wanted, last)
+                column = ir.call("llvm.smax.i64", "i64", ends, "0")
+                places = {"row": list(_rows(ir, column)), "scratch": list(_columns(ir, column))}
+                vectors = transposed(ir, [ir.load(place) for place in places[source]])
+                for vector, place in zip(vectors, places[target], strict=True):
+                    ir.store(vector, place)
+            ir.do("ret void")
+
+
+def _rows(ir: Writer, column: str) -> Iterator[str]:
+    for lane in range(ir.lanes):
+        start = ir.let(f"mul i64 %width, {lane}")
+        yield ir.at("%row", ir.let(f"add i64 {start}, {column}"))
+
+
+def _columns(ir: Writer, column: str) -> Iterator[str]:
+    first = ir.at("%scratch", column, ir.V)
+    return (ir.at(first, j, ir.V) for j in range(ir.lanes))
+
+
+def transposed(ir: Writer, rows: Sequence[str]) -> list[str]:
+    """Vectors of columns from vectors of rows: blocks off the diagonal exchanged, of ever smaller size."""
+    size = ir.lanes
+    rows = list(rows)
+    while size > 1:
+        size //= 2
+        for i in range(ir.lanes):
+            if i & size:
+                continue
+            low, high = rows[i], rows[i + size]
+            first = [j if not j & size else ir.lanes + j - size for j in range(ir.lanes)]
+            second = [j + size if not j & size else ir.lanes + j for j in range(ir.lanes)]
+            rows[i], rows[i + size] = (_shuffled(ir, low, high, order) for order in (first, second))
+    return rows
+
+
+def _shuffled(ir: Writer, low: str, high: str, order: Sequence[int]) -> str:
+    mask = f"<{ir.lanes} x i32> <{', '.join(f'i32 {j}' for j in order)}>"
+    return ir.let(f"shufflevector {ir.V} {low}, {ir.V} {high}, {mask}")
+
+
+def define_lanes(ir: Writer) -> None:
+    """``@load_lanes`` and ``@store_lanes``: some lanes of a block, between scratch memory and an array of any strides.
+
+    ``(first, scratch, rows, columns, step, down, across, count)``: a state is a matrix of so many rows and columns, one
+    step from the state before it, its rows ``down`` and its columns ``across`` from each other, in bytes. Lanes beyond
+    the count are filled with the last state.
+    """
+    integers = ("rows", "columns", "step", "down", "across", "count")
+    arguments = f"(ptr %first, ptr %scratch, {', '.join(f'i64 %{name}' for name in integers)})"
+    with ir.function(f"internal void @load_lanes{arguments}"):
+        ir.label("start")
+        others = ir.let("sub i64 %count, 1")
+        with ir.loop("%rows") as row, ir.loop("%columns") as column:
+            value = ir.let(f"load double, ptr {_place(ir, others, row, column)}, align 1")
+            ir.store(ir.splat(value), _vector(ir, row, column))
+        ir.do(f"br i1 {ir.let(f'icmp eq i64 {others}, 0')}, label %done, label %more")
+        ir.label("more")
+        with ir.loop("%rows") as row, ir.loop("%columns") as column, ir.loop(others) as lane:
+            value = ir.let(f"load double, ptr {_place(ir, lane, row, column)}, align 1")
+            ir.do(f"store double {value}, ptr {ir.at(_vector(ir, row, column), lane)}, align 8")
+        ir.do("br label %done")
+        ir.label("done")
+        ir.do("ret void")
+    with ir.function(f"internal void @store_lanes{arguments}"):
+        ir.label("start")
+        with ir.loop("%rows") as row, ir.loop("%columns") as column, ir.loop("%count") as lane:
+            value = ir.let(f"load double, ptr {ir.at(_vector(ir, row, column), lane)}, align 8")
+            ir.do(f"store double {value}, ptr {_place(ir, lane, row, column)}, align 1")
+        ir.do("ret void")
+
+
+def _vector(ir: Writer, row: str, column: str) -> str:
+    before = ir.let(f"mul i64 {row}, %columns")
+    return ir.at("%scratch", ir.let(f"add i64 {before}, {column}"), ir.V)
+
+
+def _place(ir: Writer, lane: str, row: str, column: str) -> str:
+    parts = [ir.let(f"mul i64 {i}, %{by}") for i, by in ((lane, "step"), (row, "down"), (column, "across"))]
+    return ir.at("%first", ir.let(f"add i64 {ir.let(f'add i64 {parts[0]}, {parts[1]}')}, {parts[2]}"), "i8")

@@ -1,0 +1,199 @@
+"""The loop form of a kernel, in LLVM IR: the steps of one joint driven over the tree.
+
+Straight-line code grows with the robot, and beyond some ten joints no longer fits where a processor keeps it; this form
+does not grow. Every body has its part of scratch memory, the ground the first.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from itertools import accumulate, pairwise
+
+import numpy as np
+
+from jounce.model.equivalent import minimal
+from jounce.model.mechanism import Mechanism
+from jounce.native.emit import nan_masks, written_steps
+from jounce.native.interface import Interface
+from jounce.native.ir import Writer
+from jounce.native.loop_steps import CARRY, CONSTANTS, DRIVES, KINDS, Step, Sweeps, carry, constants, drive_table, kinds
+from jounce.native.memory import Layout, motion_slots
+
+MEMORY = ("constants", "body", "parent", "motion", "carrier")  # what a step reads and writes
+
+
+def define_block(ir: Writer, mechanism: Mechanism, sweeps: Sweeps, interface: Interface) -> None:
+    """``@block(in, out, bodies)``: the sweeps over the tree for one block of states."""
+    chain, slots, of_joints = minimal(mechanism), motion_slots(mechanism.parent), kinds(mechanism)
+    present = [kind for kind in KINDS if kind in of_joints]
+    _define_steps(ir, present, sweeps)
+    _define_tables(ir, mechanism, slots, [present.index(kind) for kind in of_joints])
+    _define_sum(ir)
+    with ir.function("internal void @block(ptr %in, ptr %out, ptr %bodies)"):
+        ir.label("start")
+        ir.do(f"%motions = getelementptr {ir.V}, ptr %bodies, i64 {(chain.nb + 1) * sweeps.layout.size}")
+        _set_results(ir, interface)
+        _set_ground(ir, sweeps.motion, chain.gravity)
+        with ir.loop(str(chain.nb)) as i:
+            memory = _memory(ir, i, sweeps)
+            _joint_variable(ir, i, memory[0], sweeps.layout, chain.n)
+            _call(ir, "outward", present, i, memory)
+            if sweeps.quantity.loaded:
+                _load(ir, i, memory, sweeps.layout, interface)
+        with ir.loop(str(chain.nb)) as down:
+            i = ir.let(f"sub i64 {chain.nb - 1}, {down}")
+            memory = _memory(ir, i, sweeps)
+            _call(ir, "inward", present, i, memory)
+            if sweeps.acting:
+                table = ir.at("@drives", ir.let(f"mul i64 {i}, {len(DRIVES)}"))
+                ir.do(f"call void @drive({_pointers(table, *memory)})")
+            with _followed(ir, i) as (coordinate, factor):  # Q = G^T Q_theta
+                for k, (place,) in enumerate(sweeps.layout.places("Q")):
+                    Q = ir.at("%out", ir.let(f"add i64 {coordinate}, {k * chain.n}"), ir.V)
+                    ir.store(ir.op("fma", factor, ir.load(ir.at(memory[0], place, ir.V)), ir.load(Q)), Q)
+        ir.do("ret void")
+
+
+def _define_steps(ir: Writer, present: Sequence[str], sweeps: Sweeps) -> None:
+    for kind in present:
+        _define_step(ir, f"outward_{kind}", sweeps.outward(kind))
+        _define_step(ir, f"inward_{kind}", sweeps.inward(kind))
+    if sweeps.quantity.loaded:
+        _define_step(ir, "load", sweeps.load())
+    if sweeps.acting:
+        _define_step(ir, "drive", sweeps.drive())
+
+
+def _define_tables(ir: Writer, mechanism: Mechanism, slots: Sequence[int], of_joints: Sequence[int]) -> None:
+    """What distinguishes the joints: `of_joints` are the numbers of their kinds."""
+    G = mechanism.G.astype(float)
+    _define_table(ir, "kinds", of_joints)
+    _define_table(ir, "parents", [p + 1 for p in mechanism.parent])
+    _define_table(ir, "slots", slots)
+    _define_table(ir, "constants", constants(mechanism).ravel().tolist())
+    _define_table(ir, "drives", drive_table(mechanism).ravel().tolist())
+    _define_table(ir, "carry", carry(mechanism).ravel().tolist())
+    followed = [np.flatnonzero(row).tolist() or [0] for row in G]  # coordinates by joint, at least one
+    _define_table(ir, "entries", [0, *accumulate(map(len, followed))])  # those of joint i: from entry i to entry i + 1
+    _define_table(ir, "coordinates", [j for row in followed for j in row])
+    _define_table(ir, "factors", [float(row[j]) for row, listed in zip(G, followed, strict=True) for j in listed])
+    _define_table(ir, "offsets", mechanism.g.astype(float).tolist())
+
+
+def _define_sum(ir: Writer) -> None:
+    """``@sum(x, count, total)``: 0 times each of so many vectors, added to a total."""
+    with ir.function(f"internal {ir.V} @sum(ptr %x, i64 %count, {ir.V} %total)"):
+        ir.label("start")
+        ir.do("br label %loop")
+        ir.label("loop")
+        i = ir.let("phi i64 [ 0, %start ], [ %next, %loop ]")
+        total = ir.let(f"phi {ir.V} [ %total, %start ], [ %more, %loop ]")
+        zero = ir.op("mul", ir.load(ir.at("%x", i, ir.V)), ir.vector(0.0))
+        ir.do(f"%more = fadd {ir.V} {total}, {zero}")
+        ir.do(f"%next = add i64 {i}, 1")
+        ir.do(f"br i1 {ir.let('icmp slt i64 %next, %count')}, label %loop, label %done")
+        ir.label("done")
+        ir.do(f"ret {ir.V} %more")
+
+
+def _set_results(ir: Writer, interface: Interface) -> None:
+    """What the forces are added to: 0, or NaN where an input that matters to their order is not finite."""
+    _, places = interface.places()
+
+    def add(total: str, first: int, last: int) -> str:
+        return ir.let(f"call {ir.V} @sum(ptr {ir.at('%in', first, ir.V)}, i64 {last - first}, {ir.V} {total})")
+
+    for (first, last), mask in zip(pairwise(places), nan_masks(ir, interface, add), strict=True):
+        with ir.loop(str(last), str(first)) as j:
+            ir.store(mask, ir.at("%out", j, ir.V))
+
+
+def _set_ground(ir: Writer, motion: Layout, gravity: np.ndarray) -> None:
+    """The ground's motion: it rises by -g, as if falling bodies were at rest."""
+    for place in range(motion.size):
+        ir.store(ir.vector(0.0), ir.at("%motions", place, ir.V))
+    for place, g in zip(motion.places("a")[0], gravity.astype(float).tolist(), strict=True):
+        ir.store(ir.vector(-g), ir.at("%motions", place, ir.V))
+
+
+def _joint_variable(ir: Writer, i: str, body: str, layout: Layout, n: int) -> None:
+    """theta = G q + g with its rates, sine and cosine, of joint i."""
+    offset = ir.splat(ir.let(f"load double, ptr {ir.at('@offsets', i)}"))
+    for k, (place,) in enumerate(layout.places("theta")):
+        ir.store(ir.vector(0.0) if k else offset, ir.at(body, place, ir.V))
+    with _followed(ir, i) as (coordinate, factor):
+        for k, (place,) in enumerate(layout.places("theta")):
+            theta, rate = ir.at(body, place, ir.V), ir.let(f"add i64 {coordinate}, {k * n}")
+            ir.store(ir.op("fma", factor, ir.load(ir.at("%in", rate, ir.V)), ir.load(theta)), theta)
+    angle, sine = (ir.at(body, layout.places(name)[0][0], ir.V) for name in ("theta", "sine"))
+    ir.do(f"call void @sincos({ir.V} {ir.load(angle)}, ptr {sine})")  # and the cosine behind it
+
+
+def _load(ir: Writer, i: str, memory: Sequence[str], layout: Layout, interface: Interface) -> None:
+    """The wrench on body i, added to what acts on it."""
+    into, _ = interface.places()
+    rates = layout.places("W")
+    first = ir.let(f"mul i64 {i}, 6")
+    for start, places in zip(into[-1 - len(rates) : -1], rates, strict=True):
+        for j, place in enumerate(places):
+            given = ir.at(ir.at("%in", first, ir.V), start + j, ir.V)
+            ir.store(ir.load(given), ir.at(memory[0], place, ir.V))
+    table = ir.at("@carry", ir.let(f"mul i64 {i}, {sum(CARRY.values())}"))
+    ir.do(f"call void @load({_pointers(table, *memory)})")
+
+
+def _memory(ir: Writer, i: str, sweeps: Sweeps) -> list[str]:
+    """The parts of scratch memory of body i and of its parent, and those of their motions."""
+    own = ir.let(f"add i64 {i}, 1")
+    above = ir.let(f"load i64, ptr {ir.at('@parents', i, 'i64')}")
+    slots = [ir.let(f"load i64, ptr {ir.at('@slots', j, 'i64')}") for j in (own, above)]
+    parts = [("%bodies", sweeps.layout, own), ("%bodies", sweeps.layout, above)]
+    parts += [("%motions", sweeps.motion, slot) for slot in slots]
+    return [ir.at(name, ir.let(f"mul i64 {j}, {layout.size}"), ir.V) for name, layout, j in parts]
+
+
+@contextmanager
+def _followed(ir: Writer, i: str) -> Iterator[tuple[str, str]]:
+    """A loop over the coordinates that joint i follows, and the factors by which it does."""
+    first, last = (ir.let(f"load i64, ptr {ir.at('@entries', j, 'i64')}") for j in (i, ir.let(f"add i64 {i}, 1")))
+    with ir.loop(last, first) as entry:
+        coordinate = ir.let(f"load i64, ptr {ir.at('@coordinates', entry, 'i64')}")
+        yield coordinate, ir.splat(ir.let(f"load double, ptr {ir.at('@factors', entry)}"))
+
+
+def _call(ir: Writer, step: str, present: Sequence[str], i: str, memory: Sequence[str]) -> None:
+    """The step of joint i, of its kind."""
+    table = ir.at("@constants", ir.let(f"mul i64 {i}, {sum(CONSTANTS.values())}"))
+    kind = ir.let(f"load i64, ptr {ir.at('@kinds', i, 'i64')}")
+    cases = " ".join(f"i64 {k}, label %{step}.{name}" for k, name in enumerate(present))
+    ir.do(f"switch i64 {kind}, label %{step}.{present[0]} [ {cases} ]")
+    for name in present:
+        ir.label(f"{step}.{name}")
+        ir.do(f"call void @{step}_{name}({_pointers(table, *memory)})")
+        ir.do(f"br label %{step}.done")
+    ir.label(f"{step}.done")
+
+
+def _pointers(*names: str) -> str:
+    return ", ".join(f"ptr {name}" for name in names)
+
+
+def _define_step(ir: Writer, name: str, step: Step) -> None:
+    with ir.function(f"internal void @{name}({_pointers(*(f'%{part}' for part in MEMORY))})"):
+
+        def read(i: int) -> str:
+            memory, place = step.reads[i]
+            if memory == "constants":
+                return ir.splat(ir.let(f"load double, ptr {ir.at('%constants', place)}"))
+            return ir.load(ir.at(f"%{memory}", place, ir.V))
+
+        value = written_steps(ir, step.program, read)
+        results = [value(i) for i in step.program.outputs]
+        for (memory, place), result in zip(step.writes, results, strict=True):
+            ir.store(result, ir.at(f"%{memory}", place, ir.V))
+        ir.do("ret void")
+
+
+def _define_table(ir: Writer, name: str, numbers: Sequence[float] | Sequence[int]) -> None:
+    kind, write = ("double", ir.number) if isinstance(numbers[0], float) else ("i64", str)
+    listed = ", ".join(f"{kind} {write(x)}" for x in numbers)
+    ir.lines.append(f"@{name} = internal constant [{len(numbers)} x {kind}] [{listed}]")

@@ -1,0 +1,192 @@
+"""The recursion's steps of one joint, traced once for each kind of joint, their numbers and vectors kept in memory.
+
+The mathematics is that of `dynamics.recursion.steps`; what distinguishes joints of a kind are numbers in a table.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jounce._scalars import is_zero
+from jounce.dynamics.recursion.joints import rows
+from jounce.dynamics.recursion.steps import (
+    AlignedJoint,
+    Force,
+    Motion,
+    carried_along,
+    felt,
+    inertia_force,
+    inward,
+    outward,
+)
+from jounce.model import drives
+from jounce.model.equivalent import minimal, moves
+from jounce.model.mechanism import Mechanism
+from jounce.native.memory import Layout, body_layout, motion_layout
+from jounce.native.quantity import Quantity
+from jounce.program.factor import factored
+from jounce.program.fuse import fused
+from jounce.program.program import Program
+from jounce.program.trace import Tape
+from jounce.spatial import inertia
+from jounce.spatial.lie import Ad, pose, position, rotation
+from jounce.spatial.series import Series
+
+KINDS = ("revolute", "prismatic", "helical")
+NO_FIELD = Series.constant(np.zeros((3, 3), dtype=int))
+CONSTANTS = {"R": 9, "r": 3, "pitch": 1, "m": 1, "h": 3, "P": 6}  # of a joint and its body
+DRIVES = dict.fromkeys(drives.COEFFICIENTS, 1)  # of a joint's drive train
+CARRY = {"R": 9, "r": 3}  # where the joint's frame lies in the body's own, in which wrenches are given
+
+
+@dataclass(frozen=True)
+class Step:
+    """A traced step, and where its inputs and outputs are: in the memory of that name, so many scalars on."""
+
+    program: Program
+    reads: tuple[tuple[str, int], ...]
+    writes: tuple[tuple[str, int], ...]
+
+
+class _Sheet:
+    """A tape whose inputs and outputs have places in memory: of a body or its parent, of the motion of either."""
+
+    def __init__(self, sweeps: "Sweeps") -> None:
+        self.tape = Tape()
+        of_body, of_motion = sweeps.layout, sweeps.motion
+        self.layouts = {"body": of_body, "parent": of_body, "motion": of_motion, "carrier": of_motion}
+        self.reads: list[tuple[str, int]] = []
+        self.outputs: list[tuple[str, int, object]] = []
+
+    def constants(self, sizes: dict[str, int]) -> dict[str, np.ndarray]:
+        """Numbers from the joint's table."""
+        self.reads += [("constants", i) for i in range(sum(sizes.values()))]
+        return {name: self.tape.variables(size) for name, size in sizes.items()}
+
+    def read(self, memory: str, name: str) -> Series:
+        """A part of a body's vectors: a column, or a matrix of nine."""
+        terms = []
+        for places in self.layouts[memory].places(name):
+            self.reads += [(memory, place) for place in places]
+            terms.append(self.tape.variables(*((3, 3) if len(places) == 9 else (len(places), 1))))
+        return Series.of(terms)
+
+    def write(self, memory: str, name: str, values: Series) -> None:
+        """A part of a body's vectors, as results."""
+        for k, places in enumerate(self.layouts[memory].places(name)):
+            self.outputs += [(memory, place, x) for place, x in zip(places, np.ravel(values[k]), strict=True)]
+
+    def step(self) -> Step:
+        """What has been written."""
+        program = fused(factored(self.tape.program([x for _, _, x in self.outputs])))
+        return Step(program, tuple(self.reads), tuple((memory, place) for memory, place, _ in self.outputs))
+
+
+@dataclass(frozen=True)
+class Sweeps:
+    """The steps of a quantity with its rates up to an order."""
+
+    quantity: Quantity
+    acting: tuple[str, ...] = ()  # the terms of the drives in Q
+
+    @property
+    def motion(self) -> Layout:
+        """The vectors of the motion of a body."""
+        return motion_layout(self.quantity)
+
+    @property
+    def layout(self) -> Layout:
+        """The other vectors of a body."""
+        return body_layout(self.quantity)
+
+    def outward(self, kind: str) -> Step:
+        """From the parent's motion to the body's, and what this takes."""
+        sheet = _Sheet(self)
+        joint, moments = _joint(sheet, kind)
+        parent = [sheet.read("carrier", name) for name, _, _ in self.motion.parts]
+        if self.quantity.moving:
+            x = outward(joint, Motion(*parent))
+            results, force = [x.w, x.a, x.K], inertia_force(moments, x.a, x.K)
+        else:
+            a = carried_along(joint, parent[0], NO_FIELD)
+            results, force = [a], inertia_force(moments, a, NO_FIELD)
+        for (name, _, _), values in zip(self.motion.parts, results, strict=True):
+            sheet.write("motion", name, values)
+        sheet.write("body", "f", force.f)
+        sheet.write("body", "n", force.n)
+        return sheet.step()
+
+    def load(self) -> Step:
+        """The wrench on a body added to what acts on it."""
+        sheet = _Sheet(self)
+        T = sheet.constants(CARRY)
+        W = Ad(pose(T["R"].reshape(3, 3), T["r"][:, None])).mT @ sheet.read("body", "W")
+        sheet.write("body", "f", sheet.read("body", "f") + rows(W, 3, 6))
+        sheet.write("body", "n", sheet.read("body", "n") + rows(W, 0, 3))
+        return sheet.step()
+
+    def inward(self, kind: str) -> Step:
+        """From what acts on a body to what its joint feels and what its parent does."""
+        sheet = _Sheet(self)
+        joint, _ = _joint(sheet, kind)
+        on, parents = (Force(sheet.read(memory, "f"), sheet.read(memory, "n")) for memory in ("body", "parent"))
+        total = parents + inward(joint, on)
+        sheet.write("body", "Q", felt(joint, on))
+        sheet.write("parent", "f", total.f)
+        sheet.write("parent", "n", total.n)
+        return sheet.step()
+
+    def drive(self) -> Step:
+        """What a joint's drive train takes, added to what the joint feels."""
+        sheet = _Sheet(self)
+        added = drives.forces(sheet.constants(DRIVES), self.acting, sheet.read("body", "theta"))
+        sheet.write("body", "Q", sheet.read("body", "Q") + added)
+        return sheet.step()
+
+
+def _joint(sheet: _Sheet, kind: str) -> tuple[AlignedJoint, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """A joint of a kind with the moments of its body, all numbers yet unknown."""
+    c = sheet.constants(CONSTANTS)
+    theta = sheet.read("body", "theta")
+    s, co = (sheet.read("body", name)[0][0, 0] for name in ("sine", "cosine"))
+    pitch = np.array([1]) if kind == "prismatic" else c["pitch"]
+    joint = AlignedJoint(
+        parent=0,
+        R=c["R"].reshape(3, 3),
+        r=c["r"][:, None],
+        turn=np.array([[co, -s, 0], [s, co, 0], [0, 0, 1]], dtype=object),
+        theta=theta,
+        turns=kind != "prismatic",
+        d=None if kind == "revolute" else theta * pitch,
+        pitch=pitch,
+    )
+    return joint, (c["m"][:, None], c["h"][:, None], inertia.symmetric(c["P"]))
+
+
+def kinds(mechanism: Mechanism) -> list[str]:
+    """The kind of each joint."""
+    chain = minimal(mechanism)
+    return ["prismatic" if is_zero(X[2]) else "revolute" if is_zero(X[5]) else "helical" for X in chain.X]
+
+
+def constants(mechanism: Mechanism) -> np.ndarray:
+    """The numbers of each joint, as `CONSTANTS` lists them."""
+    chain = minimal(mechanism)
+    table = []
+    for B, X, M in zip(chain.B, chain.X, chain.M, strict=True):
+        m, h, P = inertia.moments(M)
+        parts: Sequence[np.ndarray] = (rotation(B), position(B), X[5:], m, h, P[np.triu_indices(3)])
+        table.append(np.concatenate([np.ravel(part) for part in parts]))
+    return np.array(table, dtype=float)
+
+
+def drive_table(mechanism: Mechanism) -> np.ndarray:
+    """The numbers of each joint's drive train, as `DRIVES` lists them."""
+    return np.concatenate(list(drives.coefficients(mechanism.drives).values()), axis=1)
+
+
+def carry(mechanism: Mechanism) -> np.ndarray:
+    """The numbers that move a wrench on each body to its joint's frame, as `CARRY` lists them."""
+    T = moves(mechanism, minimal(mechanism))
+    return np.concatenate([rotation(T).reshape(-1, 9), position(T).reshape(-1, 3)], axis=1).astype(float)

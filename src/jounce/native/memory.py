@@ -1,0 +1,86 @@
+"""Scratch memory of native code, for a block of states: its inputs, its outputs and, in the loop form, its bodies.
+
+Every scalar takes one vector, with a lane for each state.
+"""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from heapq import heappop, heappush
+from itertools import accumulate
+
+from jounce.native.interface import Interface
+from jounce.native.quantity import Quantity
+
+STACK = 2**15  # bytes, up to which a call takes them from the stack of its thread; what needs more has a `Pool`
+LIMIT = 2**26  # bytes of a call, beyond which there is no native code
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The vectors of one body: by part, how many rates of how many scalars."""
+
+    parts: tuple[tuple[str, int, int], ...]
+
+    def places(self, name: str) -> list[range]:
+        """Where the rates of a part lie."""
+        starts = accumulate((rates * scalars for _, rates, scalars in self.parts), initial=0)
+        for (part, rates, scalars), start in zip(self.parts, starts, strict=False):
+            if part == name:
+                return [range(start + k * scalars, start + (k + 1) * scalars) for k in range(rates)]
+        raise KeyError(name)
+
+    @property
+    def size(self) -> int:
+        """The number of vectors."""
+        return sum(rates * scalars for _, rates, scalars in self.parts)
+
+
+def motion_layout(quantity: Quantity) -> Layout:
+    """The motion of a body, wanted only until its children have theirs."""
+    order, a = quantity.order, ("a", quantity.order + 1, 3)
+    return Layout((("w", order + 2, 3), a, ("K", order + 1, 9)) if quantity.moving else (a,))
+
+
+def body_layout(quantity: Quantity) -> Layout:
+    """The joint variable of a body, what acts on the body, what its joint feels."""
+    count = quantity.order + 1
+    joint = (("theta", quantity.order + (3 if quantity.moving else 1), 1), ("sine", 1, 1), ("cosine", 1, 1))
+    acting = (("f", count, 3), ("n", count, 3), ("Q", count, 1))
+    return Layout((*joint, *acting, ("W", count, 6)) if quantity.loaded else (*joint, *acting))
+
+
+def motion_slots(parent: Sequence[int]) -> list[int]:
+    """Where motions are kept, the ground's first: a slot is free again when the last child has its motion."""
+    last = list(range(-1, len(parent)))  # the last child of each, the ground's first; itself where there is none
+    for i, p in enumerate(parent):
+        last[p + 1] = i
+    ends = defaultdict(list, {last[0]: [0]})  # slots by the body after which they are free
+    slots, free, count = [0], list[int](), 1
+    for i in range(len(parent)):
+        for slot in ends.pop(i - 1, ()):
+            heappush(free, slot)
+        if not free:
+            free, count = [count], count + 1
+        slots.append(heappop(free))
+        ends[last[i + 1]].append(slots[-1])
+    return slots
+
+
+def vectors_of_bodies(quantity: Quantity, parent: Sequence[int]) -> int:
+    """The vectors that the loop form keeps of all bodies and of the ground; none in a straight line."""
+    if quantity.straight:
+        return 0
+    motions = max(motion_slots(parent)) + 1
+    return (len(parent) + 1) * body_layout(quantity).size + motions * motion_layout(quantity).size
+
+
+def call_size(interface: Interface, of_bodies: int, lanes: int) -> int:
+    """The bytes of one call: rows are moved by whole vectors, hence a block more of inputs and of outputs."""
+    into, out_of = interface.places()
+    return 8 * lanes * (into[-1] + out_of[-1] + 2 * lanes + of_bodies)
+
+
+def scratch_size(quantity: Quantity, parent: Sequence[int], lanes: int) -> int:
+    """The bytes of one call of a quantity's kernel."""
+    return call_size(quantity.interface, vectors_of_bodies(quantity, parent), lanes)

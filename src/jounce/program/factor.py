@@ -1,0 +1,114 @@
+"""A pass over programs: sums are flattened, products with a shared factor grouped, a x + a y = a (x + y), and rebuilt.
+
+Only what is used once is taken apart, so that nothing shared is computed twice.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from jounce.program.program import FUNCTIONS, Operation, Program
+from jounce.program.trace import Node, Tape
+
+SUMS = ("add", "sub")
+
+
+@dataclass(frozen=True)
+class _Term:
+    """A signed product of nodes on the new tape."""
+
+    sign: int
+    factors: tuple[Node, ...]
+
+    def over(self, factor: Node) -> "_Term":
+        """The product without one of its factors."""
+        rest = list(self.factors)
+        rest.remove(factor)
+        return _Term(self.sign, tuple(rest))
+
+
+def factored(program: Program) -> Program:
+    """The same outputs by fewer products."""
+    return _Pass(program).result()
+
+
+class _Pass:
+    """The old program, how often its steps are used, and the new tape."""
+
+    def __init__(self, program: Program) -> None:
+        self.program, self.uses = program, program.uses()
+        self.tape = Tape()
+        self.tape.variables(program.inputs)
+        self.made: dict[int, Node] = {}
+
+    def result(self) -> Program:
+        taken = {i for step in self.program.steps for i in self._inner(step)}
+        for i, step in enumerate(self.program.steps):
+            if i not in taken:
+                self.made[i] = self._rebuilt(i, step)
+        return self.tape.program([self.made[i] for i in self.program.outputs])
+
+    def _inner(self, step: Operation) -> list[int]:
+        """The operands that are taken apart with a step: used here alone, sums in sums and products in both."""
+        apart = {"add": (*SUMS, "mul"), "sub": (*SUMS, "mul"), "mul": ("mul",)}.get(step.kind, ())
+        return [i for i in step.operands if self.uses[i] == 1 and self.program.steps[i].kind in apart]
+
+    def _rebuilt(self, i: int, step: Operation) -> Node:
+        match step.kind:
+            case "input":
+                return self.tape.write("input", value=step.value)
+            case "constant":
+                return self.tape.node(step.value)
+            case "neg":
+                return -self.made[step.operands[0]]
+            case kind if kind in FUNCTIONS:
+                return self.tape.write(step.kind, self.made[step.operands[0]].i)
+        return self._sum(self._terms(i, 1))
+
+    def _terms(self, i: int, sign: int) -> list[_Term]:
+        """The terms of a step taken apart."""
+        step = self.program.steps[i]
+        if i in self.made or step.kind not in (*SUMS, "mul"):
+            return [self._term(sign, [self.made[i]])]
+        if step.kind == "mul":
+            return [self._term(sign, self._factors(i))]
+        left, right = step.operands
+        inner = self._inner(step)
+        other = -sign if step.kind == "sub" else sign
+        return [
+            term
+            for j, s in ((left, sign), (right, other))
+            for term in (self._terms(j, s) if j in inner else [self._term(s, [self.made[j]])])
+        ]
+
+    def _factors(self, i: int) -> list[Node]:
+        step = self.program.steps[i]
+        inner = self._inner(step)
+        return [node for j in step.operands for node in (self._factors(j) if j in inner else [self.made[j]])]
+
+    def _term(self, sign: int, factors: Sequence[Node]) -> _Term:
+        """A term with its sign outside."""
+        plain = []
+        for node in factors:
+            if node.step.kind == "neg" or (node.step.kind == "constant" and node.step.value < 0):
+                node, sign = -node, -sign
+            plain.append(node)
+        return _Term(sign, tuple(plain))
+
+    def _sum(self, terms: Sequence[_Term]) -> Node:
+        """The terms added up, those that share their most common factor first of all under it."""
+        shared = Counter(node for term in terms for node in set(term.factors))
+        often = max(shared.values(), default=0)
+        if often > 1:
+            factor = next(node for term in terms for node in term.factors if shared[node] == often)
+            under = [term.over(factor) for term in terms if factor in term.factors]
+            apart = [term for term in terms if factor not in term.factors]
+            grouped = factor * self._sum(under)
+            return self._sum([*apart, _Term(1, (grouped,))]) if apart else grouped
+        total = self.tape.node(0)
+        for term in sorted(terms, key=lambda term: -term.sign):  # what is added before what is subtracted
+            product = self.tape.node(1)
+            for node in term.factors:
+                product = product * node
+            total = total + product if term.sign > 0 else total - product
+        return total

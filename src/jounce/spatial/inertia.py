@@ -1,0 +1,152 @@
+"""The inertia of one body: 6x6 matrix, its parts, and what a mass distribution can be.
+
+``M = [[Theta, h~], [-h~, m I]]`` in the body frame, with h = m c the first moment and Theta the inertia tensor about
+the frame's origin (eqn_body_fixed_mass_inertia_matrix). The same ten numbers as moments of mass: m, h, and the second
+moments P = integral of r r^T dm = tr(Theta)/2 I - Theta.
+"""
+
+import numpy as np
+
+from jounce._scalars import Array, asarray, concatenate, is_numeric, is_symbolic, whole
+from jounce.arguments.rates import broadcast
+from jounce.errors import JounceError
+from jounce.spatial.lie import Ad, axial, hat, inverse
+
+_I = np.eye(3, dtype=int)
+_SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # where in xx, xy, xz, yy, yz, zz an entry stands
+
+
+def inertia_matrix(mass: Array, com: Array, inertia_com: Array, rotation: Array | None = None) -> Array:
+    """The 6x6 inertia matrix of a body in its frame, by Steiner's theorem.
+
+    ``M = [[Theta, m c~], [-m c~, m I]]`` with ``Theta = R_bc Theta_c R_bc^T - m c~ c~``.
+
+    Parameters
+    ----------
+    mass : (...)
+        Mass m in kg.
+    com : (..., 3)
+        Centre of mass c in the body frame, m.
+    inertia_com : (..., 3, 3)
+        Inertia tensor about the COM, kg m^2, in the COM frame.
+    rotation : (..., 3, 3)
+        Rotation R_bc of the COM frame to the body frame; parallel axes if left out.
+
+    Returns
+    -------
+    M : (..., 6, 6)
+        Inertia matrix, (angular; linear). Symbols are values too.
+
+    Raises
+    ------
+    JounceError
+        Where a shape is wrong, or `rotation` is not a rotation.
+
+    References
+    ----------
+    Müller & Kumar, (eqn_body_fixed_mass_inertia_matrix) and the line after it. The authors' published code leaves
+    Steiner's theorem out.
+
+    Examples
+    --------
+    >>> from jounce import inertia_matrix
+    >>> inertia_matrix(2.0, [0, 0, 0.5], [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.05]])[0, 0]
+    np.float64(0.6)
+    """
+    m, c, theta = asarray(mass, "mass"), asarray(com, "com"), asarray(inertia_com, "inertia_com")
+    if any(map(is_symbolic, (m, c, theta))):
+        m, c, theta = whole(m), whole(c), whole(theta)
+    for name, array, shape in (("com", c, (3,)), ("inertia_com", theta, (3, 3))):
+        if array.shape[-len(shape) :] != shape:
+            raise JounceError(f"{name} has shape {array.shape}; expected (..., {', '.join(map(str, shape))})")
+    if rotation is not None:
+        R = asarray(rotation, "rotation")
+        if R.shape[-2:] != (3, 3):
+            raise JounceError(f"rotation has shape {R.shape}; expected (..., 3, 3)")
+        if is_numeric(R) and not np.abs(R.mT @ R - _I).max(initial=0.0) < 1e-9:
+            raise JounceError("rotation is not one: R^T R differs from I")
+        theta = R @ theta @ R.mT
+    m, c, theta = broadcast([m[..., None, None], hat(c), theta], [2, 2, 2], ["mass", "com", "inertia_com"])
+    theta = theta - m * (c @ c)  # Steiner, after (eqn_body_fixed_mass_inertia_matrix)
+    return _matrix(m, c * m, theta)
+
+
+def _matrix(m: Array, h_hat: Array, theta: Array) -> Array:
+    upper = concatenate([theta, h_hat], axis=-1)
+    return concatenate([upper, concatenate([-h_hat, m * _I], axis=-1)], axis=-2)  # (eqn_body_fixed_mass_inertia_matrix)
+
+
+def symmetric(six: Array) -> Array:
+    """The tensor of its entries xx, xy, xz, yy, yz, zz: (6) to (3, 3)."""
+    return six[_SYMMETRIC]
+
+
+def moments(M: Array) -> tuple[Array, Array, Array]:
+    """The mass m, first moment h and second moments P of an inertia matrix: (..., 1, 1), (..., 3, 1), (..., 3, 3)."""
+    theta = M[..., :3, :3]
+    t = [theta[..., i : i + 1, i : i + 1] for i in range(3)]
+    # ordered so that a moment which `from_moments` got as zero comes back as exactly zero
+    diagonal = [(t[1] + t[2]) - t[0], (t[0] + t[2]) - t[1], (t[0] + t[1]) - t[2]]
+    P = concatenate([d / 2 for d in diagonal], axis=-1) * _I - theta * (1 - _I)
+    h = axial(M[..., :3, 3:])[..., None] / 2
+    return (M[..., 3:4, 3:4], whole(h), whole(P)) if is_symbolic(M) else (M[..., 3:4, 3:4], h, P)
+
+
+def from_moments(m: Array, h: Array, P: Array) -> Array:
+    """The inertia matrix of given mass, first and second moments: the inverse of `moments`."""
+    p = [P[..., i : i + 1, i : i + 1] for i in range(3)]
+    diagonal = [p[1] + p[2], p[0] + p[2], p[0] + p[1]]
+    return _matrix(m, hat(h[..., 0]), concatenate(diagonal, axis=-1) * _I - P * (1 - _I))
+
+
+def moment_matrix(M: Array) -> Array:
+    """The moments of an inertia matrix as one, ``[[P, h], [h^T, m]]``, the integral of (r; 1) (r; 1)^T dm: (..., 4, 4).
+
+    A rigid motion T carries it as ``T Pi T^T``; mass that moves with the screw X has the momentum
+    ``cowedge(wedge(X) @ Pi)``, which is M X.
+    """
+    m, h, P = moments(M)
+    return concatenate([concatenate([P, h], axis=-1), concatenate([h.mT, m], axis=-1)], axis=-2)
+
+
+def moved(M: Array, C: Array) -> Array:
+    """The inertia matrix M of a frame placed at the pose C, seen from the frame in which C is given."""
+    T = Ad(inverse(C))
+    return T.mT @ M @ T
+
+
+def form_error(M: np.ndarray, tolerance: float = 1e-9) -> str | None:
+    """What keeps a 6x6 matrix from being ``[[Theta, h~], [-h~, m I]]``, or None."""
+    scale = np.abs(M).max(initial=0.0) * tolerance
+    h_hat, mass = M[:3, 3:], M[3, 3]
+    if np.abs(M - M.T).max() > scale:
+        return "is not symmetric"
+    if np.abs(M[3:, 3:] - mass * _I).max() > scale:
+        return "has no m I in its lower right block"
+    if np.abs(h_hat + h_hat.T).max() > scale:
+        return "has no skew matrix m c~ in its upper right block"
+    return None
+
+
+def formed(M: np.ndarray) -> np.ndarray:
+    """The matrix of exactly the form ``[[Theta, h~], [-h~, m I]]`` nearest a matrix that has it but for rounding."""
+    h_hat = (M[:3, 3:] + M[3:, :3].T) / 2
+    return _matrix(M[3, 3], (h_hat - h_hat.T) / 2, (M[:3, :3] + M[:3, :3].T) / 2)
+
+
+def principal_moments(M: np.ndarray) -> np.ndarray:
+    """The principal moments about the COM, ascending, of a body that has mass: (3,), NaN where they overflow."""
+    m, h, _ = moments(M)
+    c = hat(h[:, 0] / m[0, 0])
+    theta = M[:3, :3] + m * (c @ c)  # Steiner, back to the COM
+    return np.linalg.eigvalsh(theta) if np.isfinite(theta).all() else np.full(3, np.nan)
+
+
+def second_moments(principal: np.ndarray) -> np.ndarray:
+    """The principal second moments ``P = tr(Theta)/2 - Theta``, descending, of ascending principal moments: (3,)."""
+    return principal.sum() / 2 - principal
+
+
+def triangle_slack(principal: np.ndarray) -> float:
+    """By how much the two smaller principal moments exceed the largest; no distribution of mass has less than 0."""
+    return float(principal[0] + principal[1] - principal[2])

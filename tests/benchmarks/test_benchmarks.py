@@ -1,0 +1,114 @@
+"""The benchmarks compute what they say: figures are medians, counts are right."""
+
+from collections import Counter
+from itertools import count
+
+import numpy as np
+import pytest
+from benchmarks.forces import PEERS, computed
+from benchmarks.peers import MissingError
+from benchmarks.tables import figure, paragraph, share, table
+from robots import relative_error
+
+import jounce
+from benchmarks import bound, measure, peaks, robots
+from jounce.program.program import Operation, Program
+
+LIGHT = [peer for peer in PEERS if peer.name.startswith("jounce") or "pin.rnea" in peer.name]
+PROGRAM = Program(
+    (
+        Operation("input", value=0.0),
+        Operation("input", value=3.0),
+        Operation("sin", (0,)),
+        Operation("cos", (0,)),
+        Operation("mul", (1, 2)),
+        Operation("add", (3, 4)),
+        Operation("constant", value=0.1),
+        Operation("sub", (5, 6)),
+        Operation("neg", (7,)),
+    ),
+    outputs=(7, 8),
+    inputs=4,
+)
+
+
+@pytest.mark.parametrize("order", [0, 2])
+@pytest.mark.parametrize("peer", LIGHT, ids=lambda peer: peer.name)
+@pytest.mark.parametrize("states", [1, 24])
+def test_peers_compute_the_forces(peer, order, states):
+    if order not in peer.orders:
+        pytest.skip("of another order")
+    robot, rates = jounce.load("iiwa14"), robots.states(7, states, order)
+    out = [np.empty_like(rates[0]) for _ in range(order + 1)]
+    try:
+        call = peer.build(robot, order)(rates, out)
+    except (ImportError, MissingError) as error:
+        pytest.skip(str(error))
+    exact = robot.inverse_dynamics(*rates, method="closed_form")
+    for Q, expected in zip(computed(call, out), exact if order else (exact,), strict=True):
+        assert relative_error(Q, expected) < (1e-5 if "five-point" in peer.name else 1e-13)
+
+
+def test_arithmetic_is_counted_fused():
+    assert bound.of_program(PROGRAM) == bound.Count(products=1, sums=1)
+    assert bound.of_circles(PROGRAM).products > 12  # two polynomials of degree 5
+    twice = Program((*PROGRAM.steps, Operation("sin", (1,))), (7, 9), 4)
+    assert bound.of_circles(twice).products == 2 * bound.of_circles(PROGRAM).products
+
+
+@pytest.mark.parametrize(
+    ("seconds", "expected"),
+    [
+        ({"fma": 1.0, "add": 1.0, "both": 0.5}, 30.0),  # pipes of their own: sums hide behind products
+        ({"fma": 1.0, "add": 1.0, "both": 1.0}, 40.0),  # shared pipes
+        ({"fma": 1.0, "add": 4.0, "both": 0.5}, 40.0),  # slow sums
+    ],
+)
+def test_the_bound_is_the_largest_of_what_pipes_take(seconds, expected):
+    assert bound.Count(30, 10).seconds(seconds) == expected
+
+
+@pytest.mark.parametrize("kinds", [("fma",), ("add",), ("fma", "add")])
+def test_the_loops_do_what_is_counted(kinds):
+    call = peaks._loop(kinds)
+    room = call.alive[1]
+    call()
+    operations = peaks.TURNS * peaks.LENGTH
+    per_chain = [2.0 if kinds[j % len(kinds)] == "fma" else float(operations) for j in range(peaks.CHAINS)]
+    assert room.reshape(peaks.CHAINS, -1).tolist() == [[x] * (room.size // peaks.CHAINS) for x in per_chain]
+
+
+def test_figures_are_medians_over_rounds_taken_in_turn(monkeypatch):
+    clock, order, took = count(), [], {"a": [5, 1, 3], "b": [8, 8, 2]}
+    monkeypatch.setattr(measure, "roughly", lambda call: 1.0)
+    monkeypatch.setattr(measure, "perf_counter", lambda: now[0])
+    now = [0.0]
+
+    def case(name):
+        turns = iter(took[name])
+
+        def call():
+            order.append(name)
+            now[0] += next(turns)
+
+        return measure.Case((name,), call, states=2)
+
+    rounds = Counter()
+    found = measure.medians([case("a"), case("b")], 3, lambda: rounds.update([next(clock)]))
+    assert found == {("a",): 1.5, ("b",): 4.0}
+    assert order == ["a", "b"] * 3
+    assert rounds.total() == 3
+
+
+def test_short_calls_are_repeated_and_warmed(monkeypatch):
+    calls = []
+    monkeypatch.setattr(measure, "roughly", lambda call: measure.SAMPLE / 7)
+    measure.medians([measure.Case(("a",), lambda: calls.append(None))], 2, lambda: None)
+    assert len(calls) == 2 * (1 + 7)
+
+
+def test_tables():
+    assert table(("a", "b"), [("x", "1")]) == ["| a | b |", "| --- | ---: |", "| x | 1 |", ""]
+    assert [figure(x) for x in (None, 0.0312, 1.5, 99.96, 1234.5)] == ["-", "0.0312", "1.50", "100", "1,234"]
+    assert [share(x) for x in (None, 0.0, 3.4e-16)] == ["-", "0", "3e-16"]
+    assert all(len(line) <= 120 for line in paragraph("word " * 100)[0].splitlines())

@@ -1,0 +1,192 @@
+"""CasADi: vectors of SX as states, and functions whose derivatives are those of the recursion."""
+
+import numpy as np
+import pytest
+from robots import differentiated, golden, rates_of, relative_error
+
+import casadi
+import jounce
+from jounce.errors import JounceError
+
+TOLERANCE = 1e-12
+QUANTITIES = {
+    "inverse_dynamics": ("Q", 3, jounce.Robot.inverse_dynamics),
+    "gravity_forces": ("Qgrav", 1, jounce.Robot.gravity_forces),
+    "mass_matrix": ("M", 1, jounce.Robot.mass_matrix),
+    "coriolis_matrix of form 'paper'": ("C", 2, jounce.Robot.coriolis_matrix),
+    "coriolis_matrix of form 'skew'": ("Cbar", 2, lambda robot, *q: robot.coriolis_matrix(*q, form="skew")),
+}
+RATES = ("", "d", "2d", "3d", "4d")
+
+
+def case(name):
+    mechanism, cases = golden(name)
+    q, W = rates_of(cases[0])
+    return jounce.Robot(mechanism), q[:5], W[:3]
+
+
+def inputs(symbol, arrays):
+    return {symbol + rate: array for rate, array in zip(RATES, arrays, strict=False)}
+
+
+def dense(x, shape=(-1,)):
+    return np.array(casadi.DM(x).full()).reshape(shape)
+
+
+@pytest.mark.parametrize("name", ["mixed5", "tree7", "iiwa"])
+def test_functions_agree_with_the_recursion(name):
+    robot, q, W = case(name)
+    F = jounce.casadi_function(robot, wrench=True)
+    assert F.name_in() == ["q", "qd", "q2d", "q3d", "q4d", "W", "Wd", "W2d"]
+    assert F.name_out() == ["Q", "Qd", "Q2d"]
+    found = F(**inputs("q", q), **inputs("W", W))
+    expected = robot.inverse_dynamics(*q, wrench=tuple(W), method="recursion")
+    for name, y in zip(F.name_out(), expected, strict=True):
+        assert relative_error(dense(found[name]), y) < TOLERANCE
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_every_quantity_with_its_rates(quantity):
+    robot, q, _ = case("mixed5")
+    symbol, least, method = QUANTITIES[quantity]
+    F = jounce.casadi_function(robot, order=1, quantity=quantity)
+    assert F.name_out() == [symbol, symbol + "d"]
+    found, expected = F(*q[: least + 1]), method(robot, *q[: least + 1])
+    for x, y in zip(found, expected, strict=True):
+        assert relative_error(dense(x, y.shape), y) < TOLERANCE
+
+
+@pytest.mark.parametrize("order", [0, 3])
+def test_any_order(order):
+    robot = jounce.load("planar2r", L1=1.1, m2=0.3)
+    q = np.random.default_rng(0).uniform(-1, 1, (order + 3, 2))
+    found = jounce.casadi_function(robot, order)(*q)
+    expected = robot.inverse_dynamics(*q)
+    assert (
+        relative_error(dense(found if order == 0 else found[-1]), expected if order == 0 else expected[-1]) < TOLERANCE
+    )
+
+
+def test_the_jacobian_with_respect_to_the_state_and_the_hessian():
+    """Of Q2d by MX, against central differences of the recursion over nine points."""
+    robot, q, _ = case("iiwa")
+    F = jounce.casadi_function(robot)
+    x = [casadi.MX.sym(name, 7) for name in F.name_in()]
+    Q2d = F(*x)[2]
+    jacobian = casadi.Function("J", x, [casadi.jacobian(Q2d, casadi.vertcat(*x[:2]))])
+    hessian = casadi.Function("H", x, [casadi.hessian(casadi.dot(Q2d, Q2d), x[1])[0]])
+    J = dense(jacobian(*q), (7, 14))
+    for j in (1, 3, 8, 13):
+        step = np.eye(14)[j].reshape(2, 7)
+
+        def moved(h, step=step):
+            return robot.inverse_dynamics(q[0] + h * step[0], q[1] + h * step[1], *q[2:], method="recursion")[2]
+
+        assert relative_error(J[:, j], differentiated(moved)) < 1e-8
+    H = dense(hessian(*q), (7, 7))
+    assert np.isfinite(H).all()
+    assert relative_error(H, H.T) < 1e-12
+    step = np.eye(7)[3]
+
+    def gradient(h):
+        at = [q[0], q[1] + h * step, *q[2:]]
+        return 2 * robot.inverse_dynamics(*at, method="recursion")[2] @ dense(jacobian(*at), (7, 14))[:, 7:]
+
+    assert relative_error(H[:, 3], differentiated(gradient)) < 1e-8
+
+
+PARAMETERS = ("gravity", "masses", "lengths", "payload:link5")
+
+
+def test_sensitivities_to_masses_lengths_gravity_and_payload():
+    robot = jounce.load("iiwa14")
+    m, rng = robot.mechanism, np.random.default_rng(1)
+    F = jounce.casadi_function(robot, 1, parameters=PARAMETERS)
+    q = rng.uniform(-1, 1, (4, 7))
+    own = {
+        "gravity": m.gravity,
+        "masses": m.M[:, 3, 3],
+        "lengths": m.B[:, :3, 3],
+        "payload_mass": np.array([1.5]),
+        "payload_com": np.array([0.1, 0.2, 0.3]),
+        "payload_inertia": np.array([0.1, 0.01, 0.02, 0.2, 0.03, 0.15]),
+    }
+    assert F.name_in()[4:] == list(own)
+    x = {name: casadi.MX.sym(name, *value.shape) for name, value in own.items()}
+    rate = F(**inputs("q", q), **x)["Qd"]
+    for name, value in own.items():
+        S = casadi.Function("S", list(x.values()), [casadi.jacobian(rate, casadi.vec(x[name]))])
+        found = dense(S(*own.values()), (7, value.size))
+        direction = rng.uniform(-1, 1, value.shape)
+
+        def moved(h, name=name, direction=direction):
+            return built(robot, own | {name: own[name] + h * direction}).inverse_dynamics(*q, method="recursion")[1]
+
+        assert relative_error(found @ direction.ravel(order="F"), differentiated(moved)) < 1e-9, name
+
+
+def built(robot, values):
+    """The iiwa with these data, as a robot of its own."""
+    m = robot.mechanism
+    B, M = m.B.copy(), m.M * (values["masses"] / m.M[:, 3, 3])[:, None, None]
+    B[:, :3, 3] = values["lengths"]
+    i = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+    M[4] += jounce.inertia_matrix(values["payload_mass"][0], values["payload_com"], values["payload_inertia"][i])
+    return jounce.Robot.from_screws(B, m.X, M, gravity=values["gravity"])
+
+
+@pytest.mark.parametrize("n", [1, 2, 5])
+def test_vectors_of_sx_are_states(n):
+    m = golden("mixed5")[0]
+    robot = jounce.Robot.from_screws(m.B[:n], m.X[:n], m.M[:n], gravity=m.gravity)
+    q, qd, q2d = symbols = [casadi.SX.sym(name, n) for name in ("q", "qd", "q2d")]
+    W = casadi.SX.sym("W", 6)
+    Q = robot.inverse_dynamics(q, qd.T, q2d, wrench={"body1": W})
+    assert isinstance(Q, np.ndarray)
+    assert Q.shape == (n,)
+    F = casadi.Function("Q", [*symbols, W], [casadi.vertcat(*Q)])
+    rng = np.random.default_rng(2)
+    state, load = rng.uniform(-1, 1, (3, n)), rng.uniform(-1, 1, 6)
+    expected = robot.inverse_dynamics(*state, wrench={"body1": load})
+    assert relative_error(dense(F(*state, load)), expected) < TOLERANCE
+    assert relative_error(robot.inverse_dynamics(*map(casadi.DM, state), wrench={"body1": load}), expected) == 0
+
+
+def test_a_matrix_of_sx_is_a_wrench_on_every_body():
+    robot, q, W = case("mixed5")
+    w = casadi.SX.sym("W", 5, 6)
+    Q = robot.inverse_dynamics(*q[:3], wrench=w)
+    found = casadi.Function("Q", [w], [casadi.vertcat(*Q)])(W[0])
+    assert relative_error(dense(found), robot.inverse_dynamics(*q[:3], wrench=W[0])) < TOLERANCE
+
+
+@pytest.mark.parametrize(
+    ("attempt", "message"),
+    [
+        (
+            lambda r: r.inverse_dynamics(*[casadi.MX.sym("x", 2)] * 3),
+            r"^q is a CasADi MX; expected SX, or .*casadi_function",
+        ),
+        (lambda r: r.inverse_dynamics(*[casadi.SX.sym("x", 3)] * 3), r"^q has shape \(3,\); expected \(\.\.\., 2\)"),
+        (
+            lambda r: jounce.casadi_function("iiwa14"),
+            r"^a function is made of a Robot, not of a str; try jounce\.load$",
+        ),
+        (lambda r: jounce.casadi_function(r, -1), r"^order is -1; expected 0 to 100$"),
+        (
+            lambda r: jounce.casadi_function(r, quantity="mass_matrx"),
+            r"^no quantity for CasADi 'mass_matrx'; did you mean 'mass_matrix'",
+        ),
+        (
+            lambda r: jounce.casadi_function(r, quantity=["mass_matrix"]),
+            r"^no quantity for CasADi \['mass_matrix'\]; there",
+        ),
+        (lambda r: jounce.casadi_function(r, wrench=1), r"^wrench is 1; expected True or False"),
+        (lambda r: jounce.casadi_function(r, wrench=True, quantity="mass_matrix"), "^mass_matrix takes no wrenches$"),
+        (lambda r: jounce.casadi_function(r, parameters=["gravty"]), r"^no parameter 'gravty'; did you mean 'gravity'"),
+        (lambda r: jounce.casadi_function(r, parameters=["payload:x"]), r"^no body 'x'"),
+    ],
+)
+def test_refusals(attempt, message):
+    with pytest.raises(JounceError, match=message):
+        attempt(jounce.load("planar2r"))

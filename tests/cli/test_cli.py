@@ -1,0 +1,328 @@
+"""The command line: the library's numbers in tables, in words and JSON; every refusal one line, exit 2, no file."""
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from files import BODY, GOOD, ODD, joint, link, robot_file
+
+import jounce
+from jounce.arguments.rates import rate_name
+from jounce.checks.description import describe
+from jounce.cli import main
+from jounce.io import tables
+from jounce.motion.table import from_table
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+PANDA, IIWA_MOTION = EXAMPLES / "panda.urdf", EXAMPLES / "iiwa14.csv"
+SCRIPT = Path(sys.executable).with_name("jounce")
+
+
+def call(*words):
+    return CliRunner().invoke(main, [str(word) for word in words])
+
+
+def shell(*words, **options):
+    command = [SCRIPT, *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True, encoding="utf-8", timeout=60, check=False, **options)
+
+
+def forces_of(robot, motion, order, method=None):
+    """The columns that `jounce run` should write, straight from the library."""
+    rates = from_table(tables.read(motion), robot.mechanism, order + 2, "").rates
+    return columns_of(robot, tables.read(motion)["t"], robot.inverse_dynamics(*rates, method=method), order)
+
+
+def columns_of(robot, t, results, order):
+    results = results if order else (results,)
+    names = [(j, joint, k) for j, joint in enumerate(robot.joint_names) for k in range(order + 1)]
+    return {"t": t, **{f"{joint}.{rate_name('Q', k)}": results[k][:, j] for j, joint, k in names}}
+
+
+def assert_same(path, expected):
+    found = tables.read(path)
+    assert list(found) == list(expected)
+    for name, column in expected.items():
+        assert np.array_equal(found[name], column), name
+
+
+@pytest.fixture(scope="module")
+def panda_motion(tmp_path_factory):
+    """Every twentieth row of the motion that the example writes."""
+    path = tmp_path_factory.mktemp("motion") / "panda.csv"
+    subprocess.run([sys.executable, EXAMPLES / "panda_motion.py", path], check=True, timeout=60)
+    tables.write(path, {name: column[::20] for name, column in tables.read(path).items()})
+    return path
+
+
+@pytest.mark.parametrize(
+    ("order", "method"),
+    [*product(range(3), [None, "recursion", "closed_form", "paper"]), (3, "recursion"), (3, "closed_form")],
+)
+@pytest.mark.parametrize("name", ["panda", "iiwa14"])
+def test_run_writes_what_the_library_computes(tmp_path, panda_motion, name, order, method):
+    source, motion = (PANDA, panda_motion) if name == "panda" else ("iiwa14", IIWA_MOTION)
+    out = tmp_path / "forces.csv"
+    result = call("run", source, motion, "-o", out, "--order", order, *(["--method", method] if method else []))
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert_same(out, forces_of(jounce.load(source), motion, order, method))
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz"])
+def test_run_takes_rates_as_they_are(tmp_path, suffix):
+    robot, rates = jounce.load("iiwa14"), np.random.default_rng(3).normal(size=(6, 4, 7))
+    table = {"t": np.arange(4.0)}
+    for j, name in reversed(list(enumerate(robot.joint_names))):
+        table |= {f"{name}.{rate_name('q', k)}": rates[k, :, j] for k in range(6)}
+    motion, out = tmp_path / f"motion{suffix}", tmp_path / f"forces{suffix}"
+    tables.write(motion, table)
+    assert call("run", "iiwa14", motion, "-o", out).exit_code == 0
+    assert_same(out, columns_of(robot, table["t"], robot.inverse_dynamics(*rates[:5]), 2))
+
+
+def test_run_replaces_an_older_table(tmp_path):
+    out = tmp_path / "forces.npz"
+    out.write_text("old")
+    assert call("run", "iiwa14", IIWA_MOTION, "-o", out).exit_code == 0
+    assert_same(out, forces_of(jounce.load("iiwa14"), IIWA_MOTION, 2))
+    assert list(tmp_path.iterdir()) == [out]
+
+
+@pytest.mark.parametrize("order", range(3))
+def test_run_sums_up(tmp_path, panda_motion, order):
+    out = tmp_path / "forces.csv"
+    asked = ("run", PANDA, panda_motion, "-o", out, "--order", order)
+    summary, words = json.loads(call(*asked, "--json").stdout), call(*asked).stdout
+    found, robot = tables.read(out), jounce.load(PANDA)
+    names = [rate_name("Q", k) for k in range(order + 1)]
+    largest = {joint: {Q: np.abs(found[f"{joint}.{Q}"]).max() for Q in names} for joint in robot.joint_names}
+    assert summary["peaks"] == largest
+    assert summary["units"] == {joint: "N" if "finger" in joint else "N m" for joint in robot.joint_names}
+    assert summary["t"] == [found["t"][0], found["t"][-1]]
+    assert (summary["robot"], summary["states"], summary["order"]) == ("panda", len(found["t"]), order)
+    assert (summary["motion"], summary["output"]) == (str(panda_motion), str(out))
+    assert "degree 7" in summary["source"]
+    for word in ("panda", str(panda_motion), str(out), f"{len(found['t'])} states", "degree 7", *names):
+        assert word in words
+    rows = {line.split()[0]: line.split() for line in words.splitlines() if line.startswith("panda_")}
+    for name, peaks in largest.items():
+        assert rows[name][-order - 1 :] == [f"{peak:.6g}" for peak in peaks.values()]
+
+
+@pytest.mark.parametrize("source", ["iiwa14", "planar2r", PANDA])
+def test_info(source):
+    robot = jounce.load(source)
+    data = json.loads(call("info", source, "--json").stdout)
+    assert data == describe(robot.mechanism)
+    assert [body["name"] for body in data["bodies"]] == list(robot.body_names)
+    assert data["mass"] == pytest.approx(robot.mechanism.M[:, 3, 3].sum())
+    assert data["gravity"] == robot.gravity.tolist()
+    words = call("info", source)
+    assert (words.exit_code, words.stderr) == (0, "")
+    lines = words.stdout.splitlines()
+    assert lines[0].startswith(
+        f"{robot.name}: {robot.n} coordinates, {robot.mechanism.nb} bodies, {data['mass']:.6g} kg"
+    )
+    for body in data["bodies"]:
+        row = next(line.split() for line in lines if line.startswith(f"{body['joint']} "))
+        assert row[1] == body["type"]
+        assert {body["name"], body["parent"], f"{body['mass']:.5g}"} <= set(row)
+    for word in ("link4", "triangle inequality") if source == "iiwa14" else ():
+        assert word in words.stdout
+    for word in ("panda_finger_joint2 = panda_finger_joint1", "panda_hand (panda_link7)") if source == PANDA else ():
+        assert word in words.stdout
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder of good and bad files, which is where the command runs."""
+    robot_file(tmp_path, *GOOD, joint("loop", "arm", "base"), name="cycle.urdf")
+    robot_file(tmp_path, link("base"), link("a", ODD), joint("turn", "base", "a"), name="odd.urdf")
+    t = np.arange(9) / 8
+    good = {"t": t, "joint1": np.sin(t), "joint2": -np.cos(t)}
+    tables.write(tmp_path / "good.csv", good)
+    tables.write(tmp_path / "few.csv", {name: column[:5] for name, column in good.items()})
+    tables.write(tmp_path / "other.csv", {"t": t, "joint1": t, "jont2": t})
+    tables.write(tmp_path / "huge.csv", {"t": t, "joint1": 1e308 * (-1.0) ** np.arange(9), "joint2": t})
+    tables.write(tmp_path / "turn.csv", {"t": t, "turn": np.sin(t)})
+    (tmp_path / "cell.csv").write_text("t,joint1,joint2\n0,1,2\n1,x,2\n")
+    np.save(tmp_path / "array.npy", t)
+    (tmp_path / "array.npy").rename(tmp_path / "array.npz")
+    (tmp_path / "notes.txt").touch()
+    (tmp_path / "folder.csv").mkdir()
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+RUN = ("run", "planar2r", "good.csv", "-o", "out.csv")
+REFUSED = {
+    "robot missing": (("run", "no.urdf", "good.csv", "-o", "out.csv"), ["no.urdf: no such file"]),
+    "robot unknown": (("run", "planar2", "good.csv", "-o", "out.csv"), ["'planar2'", "did you mean 'planar2r'"]),
+    "robot broken": (("run", "cycle.urdf", "good.csv", "-o", "out.csv"), ["cycle.urdf", "turn, loop", "cycle"]),
+    "motion missing": (("run", "planar2r", "no.csv", "-o", "out.csv"), ["no.csv: no such file"]),
+    "motion of a folder": (("run", "planar2r", "folder.csv", "-o", "out.csv"), ["folder.csv"]),
+    "motion of other type": (("run", "planar2r", "notes.txt", "-o", "out.csv"), ["notes.txt", "'.txt'", ".csv, .npz"]),
+    "motion with a bad cell": (("run", "planar2r", "cell.csv", "-o", "out.csv"), ["cell.csv:3", "'joint1'", "'x'"]),
+    "motion that is no archive": (("run", "planar2r", "array.npz", "-o", "out.csv"), ["array.npz", "not a zip file"]),
+    "motion of other joints": (("run", "planar2r", "other.csv", "-o", "out.csv"), ["'jont2'", "did you mean 'joint2'"]),
+    "motion too short": (("run", "planar2r", "few.csv", "-o", "out.csv"), ["few.csv", "5 samples", "at least 8"]),
+    "output folder missing": ((*RUN[:3], "-o", "no/out.csv"), ["no/out.csv", "no folder 'no'"]),
+    "output is a folder": ((*RUN[:3], "-o", "folder.csv"), ["folder.csv", "not a file"]),
+    "output of other type": ((*RUN[:3], "-o", "out.xls"), ["out.xls", "'.xls'", ".csv, .npz"]),
+    "output with a long name": ((*RUN[:3], "-o", "x" * 300 + ".csv"), ["xxx"]),
+    "fit of exact terms": (
+        ("run", "iiwa14", "paper", "-o", "out.csv", "--intervals", "5"),
+        ["paper: its terms are exact; intervals are for the samples of a table"],
+    ),
+    "unknown method": ((*RUN, "--method", "papr"), ["'papr'", "did you mean 'paper'", "recursion, closed_form, paper"]),
+    "order beyond the paper": ((*RUN, "--method", "paper", "--order", "3"), ["order 3", "order 2"]),
+    "order beyond the spline": ((*RUN, "--order", "6"), ["q8d", "degree 7"]),
+    "info on nothing": (("info", "no.urdf"), ["no.urdf: no such file"]),
+    "info on an unknown robot": (("info", "iwa14", "--json"), ["'iwa14'", "did you mean 'iiwa14'"]),
+    "info on a long name": (("info", "x" * 300), ["xxx"]),
+}
+
+
+def contents(folder):
+    return {path: path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
+
+
+@pytest.mark.parametrize("existing", [False, True])
+@pytest.mark.parametrize(("asked", "words"), REFUSED.values(), ids=REFUSED)
+def test_refuses(folder, asked, words, existing):
+    if existing:
+        (folder / "out.csv").write_text("old")
+    before = contents(folder)
+    result = call(*asked)
+    assert result.exit_code == 2, result.exception
+    assert isinstance(result.exception, SystemExit)
+    assert result.stdout == ""
+    [line] = result.stderr.splitlines()
+    assert line.startswith("Error: ")
+    assert [word for word in words if word not in line] == [], line
+    assert contents(folder) == before
+
+
+@pytest.mark.filterwarnings("always")
+def test_run_refuses_forces_that_are_not_finite(folder):
+    """No table of NaN, which no table may hold, and no NaN in what should be JSON."""
+    before = contents(folder)
+    result = call("run", "planar2r", "huge.csv", "-o", "out.csv", "--json")
+    assert (result.exit_code, result.stdout) == (2, "")
+    [line] = result.stderr.splitlines()
+    assert line.startswith("Error: out.csv: column 'joint1.Q' holds ")
+    assert contents(folder) == before
+
+
+@pytest.mark.parametrize("error", [MemoryError("Unable to allocate\n745. GiB"), MemoryError()])
+def test_run_refuses_what_memory_does_not_bear(folder, monkeypatch, error):
+    def fails(*_, **__):
+        raise error
+
+    monkeypatch.setattr(jounce.Robot, "inverse_dynamics", fails)
+    before, result = contents(folder), call(*RUN)
+    assert (result.exit_code, result.stdout) == (2, "")
+    [line] = result.stderr.splitlines()
+    assert line.startswith("Error: not enough memory: ")
+    assert contents(folder) == before
+
+
+USAGE = {
+    "no output": (("run", "planar2r", "good.csv"), "--output"),
+    "no motion": (("run", "planar2r"), "MOTION"),
+    "negative order": ((*RUN, "--order", "-1"), "--order"),
+    "order in words": ((*RUN, "--order", "two"), "--order"),
+    "unknown option": ((*RUN, "--ordr", "1"), "--order"),
+    "unknown verb": (("rn",), "'rn'"),
+    "no robot": (("info",), "ROBOT"),
+}
+
+
+@pytest.mark.parametrize(("asked", "word"), USAGE.values(), ids=USAGE)
+def test_usage_errors(folder, asked, word):
+    before = contents(folder)
+    result = call(*asked)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert "Usage: " in result.stderr
+    assert word in result.stderr
+    assert contents(folder) == before
+
+
+@pytest.mark.parametrize("verb", [[], *([verb] for verb in main.commands)], ids=" ".join)
+def test_the_example_of_the_help_runs_as_printed(verb, tmp_path, monkeypatch):
+    said = call(*verb, "--help").stdout
+    assert max(map(len, said.splitlines())) <= 80
+    examples = [shlex.split(line)[1:] for line in said.splitlines() if line.startswith("    jounce ")]
+    assert not verb or any(words[0] == verb[0] for words in examples)
+    assert examples
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("JOUNCE_CACHE_DIR", str(tmp_path / "kernels"))  # the tester's own is not cleared
+    for words in examples:
+        result = call(*words)
+        assert (result.exit_code, result.stderr) == (0, ""), result.output
+
+
+def test_help_imports_nothing_heavy():
+    """What takes long to import is imported where it is used: the cause of a quick start, not its seconds."""
+    command = [sys.executable, "-X", "importtime", "-m", "jounce", "run", "--help"]
+    imported = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stderr
+    assert "jounce.cli" in imported
+    for heavy in ("numpy", "scipy", "lxml", "sympy", "matplotlib"):
+        assert not re.search(rf"\| +{heavy}", imported)
+    for seldom in ("audit", "linkage", "models", "motion", "io.tables", "io.urdf"):  # rooms of our own
+        assert not re.search(rf"\| +jounce\.{seldom}\b", imported)
+
+
+def test_output_onto_the_motion_is_refused(folder):
+    before = contents(folder)
+    result = call("run", "planar2r", "good.csv", "-o", "./good.csv")
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert "is the motion itself" in result.stderr
+    assert contents(folder) == before
+
+
+def test_units_are_those_of_the_joint_that_names_the_coordinate(tmp_path):
+    """A revolute joint that follows a prismatic one, stated before it, does not make the coordinate an angle."""
+    items = (link("wheel", BODY), joint("gear", "base", "wheel", inner='<mimic joint="slide"/>'))
+    path = robot_file(tmp_path, *items, link("base"), link("sled", BODY), joint("slide", "base", "sled", "prismatic"))
+    [coordinate] = json.loads(call("info", path, "--json").stdout)["coordinates"]
+    assert coordinate == {"name": "slide", "unit": "m"}
+
+
+def test_version():
+    assert call("--version").stdout == f"jounce, version {jounce.__version__}\n"
+
+
+def test_the_command_of_the_help_works(tmp_path):
+    """As a user types it, in a process of its own."""
+    done = shell("run", "iiwa14", "examples/iiwa14.csv", "-o", tmp_path / "forces.csv", cwd=EXAMPLES.parent)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert_same(tmp_path / "forces.csv", forces_of(jounce.load("iiwa14"), IIWA_MOTION, 2))
+
+
+@pytest.mark.parametrize("asked", [REFUSED["motion with a bad cell"], REFUSED["robot broken"]], ids=["cell", "cycle"])
+def test_refuses_in_a_process_of_its_own(folder, asked):
+    before, done = contents(folder), shell(*asked[0])
+    assert (done.returncode, done.stdout) == (2, "")
+    [line] = done.stderr.splitlines()
+    assert line.startswith("Error: ")
+    assert contents(folder) == before
+
+
+@pytest.mark.parametrize(
+    "asked", [("info", "odd.urdf", "--json"), ("run", "odd.urdf", "turn.csv", "-o", "o.csv", "--json")]
+)
+def test_warnings_are_one_line_beside_the_result(folder, asked):
+    done = shell(*asked)
+    assert done.returncode == 0
+    assert json.loads(done.stdout)
+    [line] = done.stderr.splitlines()
+    assert line.startswith("Warning: odd.urdf: 1 of 1 bodies")
+    assert "a: " in line

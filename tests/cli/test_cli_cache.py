@@ -1,0 +1,122 @@
+"""`jounce cache`: what it counts, what it removes, and what it leaves alone."""
+
+import json
+import os
+
+import pytest
+from click.testing import CliRunner
+from test_parts import left
+
+import jounce
+from jounce.cli import main
+from jounce.native import cache
+
+CODE = {"a" * 64: b"code", "b" * 64: b"more code"}
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A cache that does not exist yet."""
+    monkeypatch.setenv("JOUNCE_CACHE_DIR", str(tmp_path / "kernels"))
+    return tmp_path / "kernels"
+
+
+@pytest.fixture
+def filled(folder):
+    for name, code in CODE.items():
+        cache.write(name, code)
+    (folder / "notes.txt").write_text("mine")
+    (folder / f"folder{cache.SUFFIX}").mkdir()
+    (folder / f"link{cache.SUFFIX}").symlink_to(folder / "notes.txt")
+    return folder
+
+
+def call(*words):
+    return CliRunner().invoke(main, ["cache", *words])
+
+
+def summary(*words):
+    return json.loads(call(*words, "--json").stdout)
+
+
+def test_it_counts_kernels_alone(filled):
+    size = sum((filled / (name + cache.SUFFIX)).stat().st_size for name in CODE)
+    expected = {"folder": str(filled), "private": True, "cleared": False, "kernels": 2, "bytes": size, "limit": 2**28}
+    assert summary() == expected
+    assert call().stdout == f"{filled}\nkernels kept: 2, {size} bytes of at most {2**28}\n"
+
+
+def test_it_removes_kernels_alone(filled):
+    before, others = summary(), {path for path in filled.iterdir() if path.stem not in CODE}
+    assert summary("--clear") == before | {"cleared": True}
+    assert set(filled.iterdir()) == others
+    assert (filled / "notes.txt").read_text() == "mine"
+    assert all(cache.read(name) is None for name in CODE)
+    assert summary("--clear")["kernels"] == 0
+
+
+def test_it_shows_the_limit_that_is_set(filled, monkeypatch):
+    monkeypatch.setenv("JOUNCE_CACHE_SIZE", "0.5")
+    assert summary()["limit"] == 2**19
+
+
+@pytest.mark.parametrize("set_to", ["much", "-1", "nan", "inf", "1_0", "x" * 200])
+def test_a_limit_that_is_no_size_is_refused(filled, monkeypatch, set_to):
+    monkeypatch.setenv("JOUNCE_CACHE_SIZE", set_to)
+    result = call()
+    assert (result.exit_code, result.stdout) == (2, "")
+    [line] = result.stderr.splitlines()
+    assert line.startswith(f"Error: JOUNCE_CACHE_SIZE is '{set_to[:80]}")
+    assert len(line) < 200
+
+
+@pytest.mark.skipif(not hasattr(os, "uname"), reason="which processes are gone cannot be told on Windows")
+def test_it_removes_what_killed_writers_left_and_nothing_of_those_that_write(filled):
+    gone, live, mine = left(filled), left(filled, os.getpid()), filled / "notes.part"
+    mine.touch()
+    summary("--clear")
+    assert (gone.exists(), live.exists(), mine.exists()) == (False, True, True)
+
+
+@pytest.mark.parametrize("words", [(), ("--clear",)])
+def test_a_folder_that_is_missing_holds_none_and_is_not_made(folder, words):
+    assert (summary(*words)["kernels"], summary(*words)["private"]) == (0, True)
+    assert not folder.exists()
+
+
+def test_what_a_robot_compiles_is_there_at_once(folder):
+    fresh = jounce.load("planar2r", L1=0.123, m2=4.56)  # compiled by no other test
+    fresh.compile(order=1)
+    assert summary()["kernels"] == 1
+
+
+def writable_by_others(filled):
+    filled.chmod(0o777)
+
+
+def led_elsewhere(filled):
+    elsewhere = filled.with_name("elsewhere")
+    filled.rename(elsewhere)
+    filled.symlink_to(elsewhere)
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="Windows keeps users' folders apart itself")
+@pytest.mark.parametrize("spoilt", [writable_by_others, led_elsewhere])
+def test_a_folder_that_is_not_private_is_told_and_not_cleared(filled, spoilt):
+    spoilt(filled)
+    before = set(filled.iterdir())
+    assert (summary()["private"], summary()["kernels"]) == (False, 2)
+    assert call().stdout.endswith("not used: the folder is not yours alone\n")
+    result = call("--clear")
+    assert (result.exit_code, result.stdout) == (2, "")
+    [line] = result.stderr.splitlines()
+    assert line.startswith(f"Error: {filled}: is not a folder of yours alone")
+    assert set(filled.iterdir()) == before
+
+
+@pytest.mark.parametrize("words", [(), ("--clear",)])
+def test_a_file_in_place_of_the_folder(folder, words):
+    folder.write_text("a file")
+    result = call(*words)
+    assert result.exit_code == (2 if words else 0)
+    assert folder.read_text() == "a file"

@@ -1,0 +1,553 @@
+"""Generated code is right by its own tests and by the recursion, in every language; bad requests are refused."""
+
+import json
+import re
+import subprocess
+import sys
+import textwrap
+from dataclasses import replace
+from functools import partial
+from importlib import metadata
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+import sympy
+from click.testing import CliRunner
+from files import refusal
+from robots import GOLDEN, golden, on_its_axis, random_mechanism
+from tools import needs, require
+
+import jounce
+from jounce._codegen import generation, listing, notes, writing
+from jounce._codegen.language import NAMES, language
+from jounce._codegen.parametric import parametric
+from jounce._codegen.request import checked
+from jounce._codegen.routine import OUTPUTS, routine
+from jounce._codegen.vectors import vectors
+from jounce.cli import main
+
+STRICT = "-std=c99 -O0 -Wall -Wextra -Wpedantic -Wconversion -Wdouble-promotion -Wfloat-conversion -Werror"
+STRICT_CXX = STRICT.replace("c99", "c++11"), STRICT.replace("c99", "c++17")
+LANGUAGES = {  # the tools that a language takes, and what its Makefile is told
+    "c": (["make", "gcc"], ["CC=gcc", f"CFLAGS={STRICT}"]),
+    "cpp": (["make", "g++"], ["CXX=g++", f"CXXFLAGS={STRICT_CXX[0]}", "EIGEN="]),
+    "cuda": (["make", "g++"], ["NVCC=", "CXX=g++", f"CXXFLAGS={STRICT_CXX[1]}"]),
+    "julia": (["make", "julia"], []),
+    "latex": (["make", "pdflatex"], []),
+    "matlab": (["make", "octave-cli"], []),
+    "python": (["make"], [f"PYTHON={sys.executable}"]),
+    "rust": (["make", "rustc"], ["RUSTFLAGS=-D warnings"]),
+}
+PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
+TALOS = [f for f in metadata.files("example-robot-data") or [] if f.name == "talos_full_v2.urdf"]
+SYMBOLS = {name: sympy.Symbol(name) for name in ("L1", "L2", "m1", "m2", "g")}
+DRIVES = {"armature": [0.3, 0.2], "damping": [0.5, 0.4], "friction": [2.0, 1.5], "eps": [0.5, 0.8]}
+
+
+def driven(terms):
+    """The planar 2R with drive trains, these terms of them in Q."""
+    m = jounce.load("planar2r").mechanism
+    robot = jounce.Robot.from_screws(m.B, m.X, m.M, m.parent, gravity=m.gravity, drives=DRIVES, name="planar2r")
+    return robot.with_drives(terms)
+
+
+ROBOTS = {
+    "iiwa14": lambda: jounce.load("iiwa14"),
+    "panda": lambda: jounce.load(PANDA),
+    "planar2r": lambda: jounce.load("planar2r", L1=1.1, L2=0.7, m1=2.0, m2=1.5),
+    "symbols": lambda: jounce.load("planar2r", **SYMBOLS),
+    "mixed5": lambda: jounce.Robot(golden("mixed5")[0]),
+    "driven": lambda: driven(True),
+    "mimic": lambda: jounce.Robot(
+        random_mechanism(
+            np.random.default_rng(5),
+            [-1, 0, 0, -1],
+            ["revolute", "prismatic", "helical", "revolute"],
+            [1, 2, 3, 4],
+            True,
+        )
+    ),
+}
+ALL, PARAMETERS = list(OUTPUTS), ["gravity", "masses", "lengths", "payload", "payload:body1"]
+CASES = {
+    "iiwa14, order 0": ("iiwa14", {"order": 0, "outputs": ["inverse_dynamics", "gravity_forces", "mass_matrix"]}),
+    "iiwa14, order 1": ("iiwa14", {"order": 1, "wrench": True}),
+    "iiwa14, order 2": ("iiwa14", {"order": 2}),
+    "iiwa14, order 2, single": ("iiwa14", {"order": 2, "wrench": True, "float32": True}),
+    "panda, order 0": ("panda", {"order": 0}),
+    "panda, order 1": ("panda", {"order": 1, "parameters": ["gravity", "payload:panda_hand_tcp"]}),
+    "panda, order 2": ("panda", {"order": 2, "wrench": True}),
+    "planar2r, all": ("planar2r", {"order": 2, "wrench": True, "outputs": ALL, "parameters": PARAMETERS}),
+    "planar2r, all, single": ("planar2r", {"order": 2, "outputs": ALL, "float32": True, "parameters": PARAMETERS}),
+    "symbols": ("symbols", {"order": 2, "outputs": ["inverse_dynamics", "coriolis_matrix"]}),
+    "mixed5": ("mixed5", {"order": 2, "wrench": True}),
+    "driven": ("driven", {"order": 2, "outputs": ["inverse_dynamics", "mass_matrix"]}),
+    "driven, single": ("driven", {"order": 1, "float32": True}),
+    "mimic": ("mimic", {"order": 1, "wrench": True, "outputs": ALL}),
+}  # fmt: skip
+languages = pytest.mark.parametrize("lang", LANGUAGES)
+programs = pytest.mark.parametrize("lang", [lang for lang in LANGUAGES if lang != "latex"])
+
+
+def requested(robot, lang, order=2, outputs=("inverse_dynamics",), wrench=False, parameters=(), float32=False):
+    """A request, and what it traces."""
+    request = checked(robot, lang, order, outputs, wrench, parameters, float32, None)
+    return request, generation.traced(request)
+
+
+def texts(robot, lang, count=100, **options):
+    """The files of generated code, its test vectors so many states by the recursion."""
+    return writing.files(*requested(robot, lang, **options), count=count, method="recursion")
+
+
+def written(folder, files):
+    for name, text in files.items():
+        (folder / name).write_text(text)
+    return folder
+
+
+def passes(folder, lang, *more):
+    """What the test beside the code prints, and whether it passes."""
+    tools, variables = LANGUAGES[lang]
+    require(*tools)
+    done = subprocess.run(["make", "-C", str(folder), "test", *variables, *more], capture_output=True, text=True)
+    assert "warning" not in done.stderr
+    return done.returncode == 0, done.stdout + done.stderr
+
+
+def test_every_language_is_tested():
+    assert set(LANGUAGES) == set(NAMES)
+
+
+@programs
+@pytest.mark.parametrize("case", CASES)
+def test_agrees_with_the_recursion_on_100_states(case, lang, tmp_path):
+    robot, options = CASES[case]
+    passed, output = passes(written(tmp_path, texts(ROBOTS[robot](), lang, **options)), lang)
+    assert passed, output
+    errors = re.findall(r"worst relative error (\S+) over 100 states, allowed (\S+)", output)
+    assert len(errors) == len(options.get("outputs", "1")), output
+    assert {float(allowed) for _, allowed in errors} == {2e-4 if options.get("float32") else 1e-13}
+
+
+@languages
+@pytest.mark.parametrize(
+    ("terms", "holds", "left"),
+    [(True, ["armature", "damping", "friction"], []), (["damping"], ["damping"], ["armature", "friction"])],
+)
+def test_the_code_says_what_it_holds_of_drive_trains(lang, terms, holds, left):
+    text = re.sub(r"\s[\s/*#%]*", " ", "".join(texts(driven(terms), lang, count=1, order=0).values()))
+    held = re.search(r"Q holds the forces of drive trains too: ([^.]*)\.", text)[1]
+    assert re.findall("armature|damping|friction|spring", held) == holds
+    without = re.search(r"state this is left out: ([^.]*)\.", text)
+    assert (without[1].split(", ") if without else []) == left
+
+
+@programs
+def test_the_test_beside_the_code_proves_it(lang, tmp_path):
+    """Written as users get it, it passes; with one constant of the code changed by a part in 10^9 it fails."""
+    made = jounce.codegen(ROBOTS["planar2r"](), lang, directory=tmp_path / "arm", outputs=ALL, wrench=True)
+    passed, output = passes(made.directory, lang)
+    assert passed, output
+    assert output.count("10 states") == len(ALL)
+    code = [tmp_path / "arm" / name for name in made.files if not name.startswith(("test", "README", "Makefile"))]
+    (changed,) = (path for path in code if "1.65" in path.read_text())  # m2 L1
+    changed.write_text(changed.read_text().replace("1.65", "1.65000001"))
+    assert not passes(made.directory, lang)[0]
+
+
+@programs
+def test_what_is_zero_in_exact_arithmetic_is_no_false_alarm(lang, tmp_path):
+    """The closed form gives noise for rates of the mass matrix and for gravity, the code gives 0 or other noise."""
+    robot, outputs = on_its_axis(), ["inverse_dynamics", "gravity_forces", "mass_matrix"]
+    made = jounce.codegen(robot, lang, directory=tmp_path / "arm", outputs=outputs)
+    passed, output = passes(made.directory, lang)
+    assert passed, output
+
+
+def passes_in_python(text, test):
+    """Whether generated Python passes the test beside it, in this process."""
+    names = {"__name__": "test", "code": ModuleType("code")}
+    exec(text, vars(names["code"]))
+    exec(re.sub(r"^import \w+ as code$", "", test, flags=re.MULTILINE), names)
+    return all(check() for name, check in names.items() if name.startswith("test_"))
+
+
+STATEMENT = r"(?m)^    (?:t\d+|(?:sin|cos)\d+|\w+\[\d+\]) = .*$"
+RESULT = r"(?m)^    \w+\[\d+\] = .*$"
+SIGNS = {" + ": " - ", " - ": " + ", "np.sin": "np.cos", "np.cos": "np.sin"}
+
+
+def changed(text, lines, pattern, change):
+    """The text with one place of some lines changed, for each place."""
+    for line in re.finditer(lines, text):
+        for place in re.finditer(pattern, line[0]):
+            start, end = (line.start() + k for k in place.span())
+            yield text[:start] + change(place[0]) + text[end:]
+
+
+@pytest.mark.parametrize(
+    ("case", "lines", "pattern", "change", "least"),
+    [
+        ("planar2r", STATEMENT, "|".join(map(re.escape, SIGNS)), SIGNS.get, 60),
+        ("planar2r", STATEMENT, r"\d+\.\d+", lambda x: repr(float(x) + 1e-8), 50),
+        ("balanced", RESULT, "$", lambda _: " + 1e-11", 8),
+    ],
+    ids=["signs", "numbers", "zeros"],
+)
+def test_any_single_change_of_the_code_fails_the_test_beside_it(case, lines, pattern, change, least):
+    robot = on_its_axis() if case == "balanced" else ROBOTS[case]()
+    outputs = ALL[:4]  # the last adds zeros up
+    files = writing.files(*requested(robot, "python", order=1, outputs=outputs, wrench=True))
+    text, test = files[f"{robot.name}.py"], files[f"test_{robot.name}.py"]
+    assert passes_in_python(text, test)
+    mutants = list(changed(text, lines, pattern, change))
+    assert len(mutants) >= least
+    for mutant in mutants:
+        assert not passes_in_python(mutant, test), set(mutant.splitlines()) - set(text.splitlines())
+
+
+@programs
+def test_long_programs_are_cut_into_parts_that_share_scratch_memory(lang, tmp_path, monkeypatch):
+    monkeypatch.setattr(listing, "WHOLE", 50)
+    monkeypatch.setattr(listing, "PART", 30)
+    options = {"order": 1, "outputs": ALL[:3], "wrench": True, "parameters": ["payload"]}
+    files = texts(ROBOTS["mimic"](), lang, **options)
+    assert any("part5" in text for text in files.values())
+    passed, output = passes(written(tmp_path, files), lang)
+    assert passed, output
+
+
+@languages
+def test_names_of_bodies_and_joints_never_leave_their_comments(lang, tmp_path):
+    hostile = ['*/ int x = "', "\n#error\\", "%} =# ]] ''' \"\"\" ", "ünï\u202e // \\"]
+    m = ROBOTS["mimic"]().mechanism
+    robot = jounce.Robot.from_screws(
+        m.B, m.X, m.M, m.parent, names=hostile, joint_names=hostile[::-1], name="1 */ \n x"
+    )
+    files = texts(robot, lang, count=1, order=0, outputs=ALL)
+    assert all(text.isascii() for text in files.values())
+    passed, output = passes(written(tmp_path, files), lang)
+    assert passed, output
+
+
+class FromOne:
+    """An array whose indices begin with one."""
+
+    def __init__(self, array):
+        self.array = array
+
+    def __getitem__(self, index):
+        return self.array[tuple(np.subtract(index, 1, dtype=int).reshape(-1))]
+
+    def __setitem__(self, index, value):
+        self.array[tuple(np.subtract(index, 1, dtype=int).reshape(-1))] = value
+
+
+@pytest.mark.parametrize("case", ["iiwa14, order 2", "panda, order 2", "planar2r, all", "mimic"])
+def test_statements_of_julia_are_right_where_there_is_no_julia(case, monkeypatch):
+    """Python reads them as they are, given arrays that begin with one."""
+    if case == "mimic":
+        monkeypatch.setattr(listing, "WHOLE", 50)
+        monkeypatch.setattr(listing, "PART", 30)
+    robot, options = CASES[case]
+    request, routines = requested(ROBOTS[robot](), "julia", **options)
+    text = writing.files(request, routines, count=1)[f"{request.prefix}.jl"]
+    for traced in routines:
+        expected = vectors(request.robot, traced, False)
+        bodies = re.findall(
+            rf"^function {traced.name}(?:_part\d+)?!.*?@inbounds begin\n(.*?)\n    end", text, re.M | re.S
+        )
+        code = compile(textwrap.dedent("\n".join(bodies)), case, "exec")
+        for k, p in enumerate(expected.parameter_sets()):
+            arrays = {name: FromOne(x[k]) for name, x in expected.inputs.items()}
+            arrays |= {x.name: FromOne(np.zeros(x.shape)) for x in traced.outputs} | {"scratch": FromOne(np.zeros(999))}
+            parameters = {name: FromOne(x) if x.ndim else x for name, x in p.items()}
+            exec(code, arrays | {"p": SimpleNamespace(**parameters), "sin": np.sin, "cos": np.cos})
+            for x in traced.outputs:
+                error = np.abs(arrays[x.name].array - expected.outputs[x.name][k].reshape(x.shape)).max()
+                assert error <= 1e-13 * expected.scale(x.name)
+
+
+@pytest.mark.parametrize("case", ["panda, order 0", "planar2r, all", "planar2r, all, single", "symbols"])
+def test_julia_parses(case):
+    tree_sitter = pytest.importorskip("tree_sitter")
+    grammar = tree_sitter.Language(pytest.importorskip("tree_sitter_julia").language())
+    robot, options = CASES[case]
+    for name, text in texts(ROBOTS[robot](), "julia", count=1, **options).items():
+        if name.endswith(".jl"):
+            assert not tree_sitter.Parser(grammar).parse(text.encode()).root_node.has_error, name
+
+
+@pytest.mark.skipif(not TALOS, reason="no example-robot-data")
+@pytest.mark.filterwarnings("ignore::jounce.JounceWarning")
+def test_talos_takes_the_size_that_is_stated(tmp_path):
+    request, routines = requested(jounce.load(Path(str(TALOS[0].locate()))), "c")
+    assert routines[0].operations < 17_000
+    files = writing.files(request, routines, count=3, method="recursion")
+    assert len(files["talos.c"]) < 450_000
+    passed, output = passes(written(tmp_path, files), "c", "CFLAGS=-std=c99 -O1")
+    assert passed, output
+
+
+@pytest.mark.parametrize(("order", "operations"), [(0, 570), (1, 1240), (2, 2250)])
+def test_the_head_states_the_operations_that_the_code_does(order, operations):
+    files = texts(ROBOTS["iiwa14"](), "c", count=1, order=order)
+    (stated,) = re.findall(r"^/\* (\d+) operations:", files["iiwa14.h"], re.MULTILINE)
+    body = files["iiwa14.c"].partition("\n{\n")[2]
+    done = len(re.findall(r" [-+*] |\b(?:sin|cos)\(", body))
+    assert done == int(stated) <= operations
+
+
+def test_the_c_has_no_branches_no_globals_and_no_memory():
+    options = {"order": 2, "outputs": ALL, "wrench": True, "parameters": PARAMETERS}
+    code = texts(ROBOTS["planar2r"](), "c", count=1, **options)["planar2r.c"]
+    assert not re.findall(r"\b(if|for|while|do|switch|goto|malloc|static)\b|\?", code)
+    assert re.findall(r"^\w.*;$", code, re.MULTILINE) == []  # nothing is declared outside of functions
+
+
+@needs("make", "arm-none-eabi-gcc", "arm-none-eabi-nm")
+@pytest.mark.parametrize("single", [False, True])
+def test_what_the_c_takes_on_a_microcontroller(single, tmp_path):
+    folder = written(tmp_path, texts(ROBOTS["iiwa14"](), "c", count=1, float32=single))
+    done = subprocess.run(["make", "-C", str(folder), "size"], capture_output=True, text=True, check=True)
+    code, flash = (int(line.split()[0]) for line in done.stdout.splitlines() if ".arm." in line and "\t" in line)
+    (stack,) = re.findall(r"iiwa14_inverse_dynamics\t(\d+)", done.stdout)
+    assert code < 18_000
+    assert flash < 22_000
+    assert int(stack) < 2_000
+    symbols = subprocess.run(["arm-none-eabi-nm", folder / "iiwa14.arm.o"], capture_output=True, text=True, check=True)
+    needed = set(re.findall(r" U (\w+)", symbols.stdout))
+    assert needed == ({"sinf", "cosf"} if single else {"sin", "cos"})
+
+
+@needs("make", "clang")
+def test_clang_warns_of_nothing(tmp_path):
+    options = {"order": 1, "outputs": ALL, "wrench": True, "parameters": PARAMETERS, "float32": True}
+    assert passes(written(tmp_path, texts(ROBOTS["planar2r"](), "c", **options)), "c", "CC=clang")[0]
+
+
+@languages
+def test_golden_files(lang, tmp_path, request):
+    """`pytest --refresh-golden` writes them anew."""
+    made = jounce.codegen(jounce.load("planar2r"), lang, directory=tmp_path / lang)
+    files = {name: (tmp_path / lang / name).read_text().replace(jounce.__version__, "VERSION") for name in made.files}
+    folder = GOLDEN / "codegen" / lang
+    if request.config.getoption("--refresh-golden"):
+        folder.mkdir(parents=True, exist_ok=True)
+        for path in folder.iterdir():
+            path.unlink()
+        written(folder, files)
+    assert {path.name: path.read_text() for path in folder.iterdir()} == files
+
+
+@languages
+def test_texts_are_tidy_and_marked(lang):
+    for name, text in texts(ROBOTS["planar2r"](), lang, count=2, outputs=ALL, parameters=PARAMETERS).items():
+        assert notes.MARK in "".join(text.splitlines(keepends=True)[:3]), name
+        assert text.endswith("\n"), name
+        assert not text.endswith("\n\n"), name
+        assert not re.search(r"[ \t]+$", text, re.MULTILINE), name
+        assert "\n\n\n\n" not in text, name
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"lang": "fortran"}, ["no language 'fortran'; there are: c, "]),
+        ({"lang": "pyton"}, ["did you mean 'python'?"]),
+        ({"order": -1}, ["order is -1; expected 0 to 4"]),
+        ({"order": 5}, ["order is 5"]),
+        ({"outputs": ["massmatrix"]}, ["no output 'massmatrix'; did you mean 'mass_matrix'?", "inverse_dynamics, "]),
+        ({"outputs": []}, ["outputs are []; expected one or more"]),
+        ({"outputs": ["mass_matrix"], "wrench": True}, ["mass_matrix takes no wrenches"]),
+        ({"parameters": ["mass"]}, ["no parameter 'mass'; did you mean 'masses'?"]),
+        ({"prefix": "my arm"}, ["prefix 'my arm' is no name in code"]),
+        ({"prefix": "while"}, ["prefix 'while' is a reserved word of C99"]),
+        ({"prefix": "_arm"}, ["prefix '_arm' is no name"]),
+        ({"prefix": 5}, ["prefix 5 is no name"]),
+        ({"prefix": "math"}, ["prefix 'math' is the name of something else in C99"]),
+        ({"prefix": "j1", "lang": "cpp"}, ["prefix 'j1' is the name of something else in C++"]),
+        ({"prefix": "typing", "lang": "python"}, ["prefix 'typing' is the name of something else in Python"]),
+        ({"prefix": "mass_matrix", "lang": "matlab"}, ["prefix 'mass_matrix' is the name of something else in MATLAB"]),
+        ({"prefix": "a" * 47, "lang": "matlab"}, ["makes names of 64 letters; MATLAB is generated with 63 at most"]),
+        ({"prefix": "a" * 300}, ["aaa...' makes names of 317 letters; C99 is generated with 200 at most"]),
+        ({"outputs": [["mass_matrix"]]}, ["no output ['mass_matrix'];"]),
+        ({"outputs": None}, ["no output None; there are: inverse_dynamics, "]),
+        ({"parameters": "gravity"}, ["parameters are 'gravity'; expected a list of different names"]),
+        ({"parameters": None}, ["parameters are None; expected a list"]),
+        ({"wrench": "no"}, ["wrench is 'no'; expected True or False"]),
+        ({"float32": 1}, ["float32 is 1; expected True or False"]),
+        ({"directory": 5}, ["directory is 5; expected the path of a folder"]),
+        (
+            {"lang": "latex", "float32": True},
+            ["LaTeX has no single precision", "c, cpp, cuda, julia, matlab, python, rust"],
+        ),
+        ({"lang": "latex"}, ["2213 operations; LaTeX is generated for up to 1200; larger robots go into c, cpp, "]),
+    ],
+    ids=lambda x: str(x) if isinstance(x, dict) else "",
+)
+def test_refusals(options, words, tmp_path):
+    given = {"lang": "c", "directory": tmp_path / "new"} | options
+    refusal(lambda: jounce.codegen(jounce.load("iiwa14"), **given), *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("robot", "words"),
+    [
+        (lambda: jounce.load("planar2r", m1=sympy.Symbol("double")), ["parameter 'double' is a reserved word of C99"]),
+        (lambda: jounce.load("planar2r", m1=sympy.Symbol("m 1")), ["parameter 'm 1' is no name in code"]),
+        (lambda: jounce.load("planar2r", m1=1 / sympy.Symbol("k")), ["the robot holds 1/k", "sums, products"]),
+        (lambda: jounce.load("planar2r", m1=sympy.I * SYMBOLS["m1"]), ["the robot holds I", "real numbers"]),
+        (lambda: jounce.load("planar2r", m1=sympy.zoo), ["code is generated from real numbers"]),
+        (
+            lambda: jounce.load("planar2r", m1=SYMBOLS["m1"], m2=sympy.Symbol("m1", positive=True)),
+            ["the robot holds two symbols that are named m1"],
+        ),
+        (lambda: jounce.load("iiwa14").mechanism, ["for a Robot, not for a Mechanism"]),
+        (
+            lambda: jounce.Robot.from_screws([np.eye(4)] * 200, [[0, 0, 1, 0, 0, 0]] * 200, [np.eye(6)] * 200),
+            ["robot has 200 bodies; code of order 2 is generated for at most 166"],
+        ),
+    ],
+)
+def test_robots_that_cannot_be_written_are_refused(robot, words, tmp_path):
+    refusal(lambda: jounce.codegen(robot(), "c", directory=tmp_path / "new"), *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_numbers_beyond_single_precision_are_refused(tmp_path):
+    robot = jounce.load("planar2r", m1=1e39)
+    assert jounce.codegen(robot, "c", directory=tmp_path / "double").operations
+    call = partial(jounce.codegen, robot, "c", directory=tmp_path / "single", float32=True)
+    refusal(call, "the code would hold the number ", "e+39, which is none in single precision")
+    assert not (tmp_path / "single").exists()
+
+
+@languages
+def test_what_depends_on_nothing_is_written_too(lang, tmp_path):
+    """A slide across gravity: Qgrav is zero, M constant, no argument is read."""
+    slide = jounce.Robot.from_screws([np.eye(4)], [[0, 0, 0, 1, 0, 0]], [np.diag([1, 1, 1, 3.5, 3.5, 3.5])])
+    options = {"order": 1, "outputs": ["gravity_forces", "mass_matrix"], "parameters": ["lengths"]}
+    passed, output = passes(written(tmp_path, texts(slide, lang, **options)), lang)
+    assert passed, output
+
+
+def test_too_many_operations_are_refused(monkeypatch, tmp_path):
+    monkeypatch.setattr("jounce._codegen.request.language", lambda name: replace(language(name), largest=2000))
+    refusal(lambda: jounce.codegen(jounce.load("iiwa14"), "c", directory=tmp_path / "new"), "2213 operations", "2000")
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if language(name).reserved])
+def test_words_of_the_language_are_refused_as_prefixes(name):
+    word = "for"
+    assert word in language(name).reserved.split()
+    refusal(lambda: language(name).check_name(word, "prefix"), f"reserved word of {language(name).title}")
+
+
+def test_symbols_are_parameters_by_their_names_and_may_not_meet_others():
+    robot = ROBOTS["symbols"]().mechanism
+    assert list(parametric(robot, []).shapes) == sorted(SYMBOLS)
+    one = jounce.load("planar2r", m1=sympy.Symbol("gravity")).mechanism
+    refusal(lambda: parametric(one, ["gravity"]), "parameter 'gravity' is asked for, and a symbol")
+    two = jounce.load("planar2r", m2=SYMBOLS["m2"]).mechanism
+    refusal(lambda: parametric(two, ["masses"]), "the mass of 'body2' is m2; 'masses' is for numbers")
+
+
+def test_symbols_that_parameters_replace_are_none_themselves():
+    """Who set them would move nothing."""
+    robot = jounce.load("planar2r", L2=SYMBOLS["L2"], g=SYMBOLS["g"]).mechanism
+    assert list(parametric(robot, ["gravity", "masses", "lengths"]).shapes) == ["L2", "gravity", "masses", "lengths"]
+
+
+def test_powers_of_symbols_take_few_products():
+    mass = jounce.load("planar2r", m1=SYMBOLS["m1"]), jounce.load("planar2r", m1=SYMBOLS["m1"] ** 3001)
+    first, power = (requested(robot, "c", order=0)[1][0].operations for robot in mass)
+    assert power - first < 2 * np.log2(3001)
+
+
+HOSTILE = (
+    "q qd Q M W p k j i t1 cos1 sin np x f scale found error worst passed larger scratch expected_Q STATES TOLERANCE"
+)
+
+
+@programs
+def test_symbols_may_have_any_name(lang, tmp_path):
+    """Those of the arguments and of what the code and its test call their own among them."""
+    robot = jounce.load("planar2r", m1=1 + sum(map(sympy.Symbol, HOSTILE.split())))
+    passed, output = passes(written(tmp_path, texts(robot, lang, count=10, order=0, outputs=ALL)), lang)
+    assert passed, output
+
+
+@pytest.mark.parametrize(
+    ("lang", "prefix"), [(x, y) for x in ("c", "cpp", "python", "rust") for y in ("q", "k", "main_")]
+)
+def test_prefixes_may_be_names_of_arguments(lang, prefix, tmp_path):
+    made = jounce.codegen(ROBOTS["planar2r"](), lang, 0, tmp_path / "arm", prefix=prefix)
+    passed, output = passes(made.directory, lang)
+    assert passed, output
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (3,), (2, 3), (4, 1)])
+def test_the_python_refuses_arrays_of_another_shape(shape):
+    module = {}
+    exec(texts(ROBOTS["planar2r"](), "python", count=1, order=0, wrench=True)["planar2r.py"], module)
+    q, W = np.zeros((4, 2)), np.zeros((4, 2, 6))
+    assert module["inverse_dynamics"](q, q, q, W).shape == (4, 2)
+    with pytest.raises(ValueError, match=r"expected \(2,\) behind any batch axes"):
+        module["inverse_dynamics"](np.zeros(shape), q, q, W)
+    with pytest.raises(ValueError, match=r"expected \(2, 6\) behind any batch axes"):
+        module["inverse_dynamics"](q, q, q, np.zeros((*shape, 6)) if shape else q)
+
+
+def test_parameters_cost_nothing_where_there_are_none():
+    plain = routine(parametric(jounce.load("iiwa14").mechanism, []), "inverse_dynamics", 2, False)
+    assert plain.operations <= 2213
+    assert plain.parameters == ()
+
+
+def test_the_help_names_all_languages():
+    assert ", ".join(NAMES[:-1]) + f" or {NAMES[-1]}." in " ".join(run("--help").output.split())
+
+
+def run(*words):
+    return CliRunner().invoke(main, ["codegen", *map(str, words)])
+
+
+def test_the_verb_writes_what_the_function_does(tmp_path):
+    options = [
+        "--order",
+        1,
+        "--outputs",
+        "inverse_dynamics,mass_matrix",
+        "--wrench",
+        "--parameters",
+        "gravity, payload",
+    ]
+    done = run("planar2r", "--lang", "c", *options, "--float32", "--prefix", "arm", "-o", tmp_path / "verb", "--json")
+    made = jounce.codegen(
+        jounce.load("planar2r"), "c", 1, tmp_path / "function", outputs=["inverse_dynamics", "mass_matrix"],
+        wrench=True, parameters=["gravity", "payload"], float32=True, prefix="arm",
+    )  # fmt: skip
+    summary = json.loads(done.output)
+    assert summary["operations"] == made.operations
+    assert tuple(summary["files"]) == made.files == ("Makefile", "README.md", "arm.c", "arm.h", "test_arm.c")
+    for name in made.files:
+        assert (tmp_path / "verb" / name).read_text() == (made.directory / name).read_text()
+
+
+def test_the_verb_says_what_it_wrote_and_refuses_in_one_line(tmp_path):
+    done = run("planar2r", "--lang", "c", "-o", tmp_path / "arm")
+    assert done.output.splitlines() == [
+        "planar2r_inverse_dynamics: 100 operations",
+        f"Makefile, README.md, planar2r.c, planar2r.h, test_planar2r.c written to {tmp_path / 'arm'}",
+    ]
+    again = run("planar2r", "--lang", "c", "-o", tmp_path / "arm")
+    assert again.exit_code == 2
+    assert "is not empty" in again.output
+    assert len(again.output.splitlines()) == 1
+    assert run("planar2r", "--lang", "c", "--order", 0, "-o", tmp_path / "arm", "--force").exit_code == 0
+    assert "order 0" in (tmp_path / "arm" / "planar2r.h").read_text()

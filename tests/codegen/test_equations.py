@@ -1,0 +1,110 @@
+"""Documents of equations: what they print is right, read back from the LaTeX; what is too large is refused."""
+
+import re
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import sympy
+from files import refusal
+from test_codegen import ALL, PARAMETERS, ROBOTS, requested
+
+import jounce
+from jounce._codegen import writing
+from jounce._codegen.latex.equations import WIDEST, _width, document, tex
+from jounce._codegen.vectors import vectors
+
+CASES = {
+    "symbols": ("symbols", {"order": 2, "outputs": ALL, "wrench": True}),
+    "all": ("planar2r", {"order": 1, "outputs": ALL, "wrench": True, "parameters": PARAMETERS}),
+    "numbers": ("planar2r", {"order": 4}),
+    "mimic": ("mimic", {"order": 0, "wrench": True, "parameters": ["payload:body1", "gravity"]}),
+}
+RATES = {"dot": "d", "ddot": "2d", "dddot": "3d", "ddddot": "4d"}
+
+
+def python(text):
+    r"""LaTeX as Python: \ddot{q}_{1} is q2d_1, a blank is a product where it can be none else."""
+    text = re.sub(r"\\(?:left|right|bigl|bigr|mathrm)\b|\\\\|&", " ", text)
+    text = re.sub(r"\\bar\{C\}", "Cbar", text).replace("{grav},", "grav")
+    text = re.sub(r"\\(d+ot|dot)\{?(\w+)\}?", lambda found: found[2] + RATES.get(found[1], "?"), text)
+    text = re.sub(r"\^\{\((\d)\)\}", r"\1d", text)
+    text = re.sub(r"_\{ *(\w+)\}", r"_\1", text)
+    text = re.sub(r"\^\{(-?\d+)\}", r" ** \1", text)
+    text = re.sub(r"\\frac\{([^{}]*)\}\{([^{}]*)\}", r"((\1) / (\2))", text).replace(r"\cdot", " ")
+    words = re.findall(r"\*\*|\d[\d.]*|\w+|[-+()=/]", text.replace("{}", ""))
+    joined = words[:1]
+    for before, word in pairwise(words):
+        product = re.match(r"[\w(]", word) and re.match(r"[\w)]", before) and before not in ("sin", "cos")
+        joined += ["*", word] if product else [word]
+    return " ".join(joined)
+
+
+def values(arrays, k):
+    """The numbers of a state by the names that `python` gives their symbols."""
+    found = {}
+    for name, array in arrays.items():
+        letter, rate = re.fullmatch(r"(q|W)(\d?d)?", name).groups(default="")
+        for index in np.ndindex(array.shape[1:]):
+            word = (
+                f"q{rate}_{index[0] + 1}"
+                if letter == "q"
+                else f"{'mf'[index[1] // 3]}{rate}_{'xyz'[index[1] % 3]}{index[0] + 1}"
+            )
+            found[word] = array[(k, *index)]
+    return found
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_equations_that_are_printed_are_right(case):
+    robot, options = CASES[case]
+    request, routines = requested(ROBOTS[robot](), "latex", **options)
+    text = writing.files(request, routines, count=1)[f"{request.prefix}.tex"]
+    blocks = re.findall(r"\\begin\{align\*\}\n(.*?)\\end\{align\*\}", text, re.DOTALL)
+    assert r"\frac{" not in "".join(blocks)  # decimals remain decimals
+    symbols = document(request.robot).symbols
+    for routine in routines:
+        expected = vectors(request.robot, routine, False, 3)
+        for array in routine.outputs:
+            equations = [python(x).split(" = ") for x in re.split(r"\n(?=[^&])", blocks.pop(0))]
+            for k, p in enumerate(expected.parameter_sets()):
+                known = values(expected.inputs, k) | {"sin": np.sin, "cos": np.cos}
+                for name, x in p.items():
+                    words = [python(sympy.latex(symbol)) for symbol in symbols[name].flat]
+                    known |= dict(zip(words, x.flat, strict=True))
+                found = {name.strip(): eval(right, known) for *left, right in equations for name in left}
+                for index in np.ndindex(array.shape):
+                    name = f"{array.name.replace('Qgrav', 'Q')}_{'grav' * array.name.startswith('Qgrav')}"
+                    error = found[name + "".join(str(i + 1) for i in index)] - expected.outputs[array.name][(k, *index)]
+                    assert abs(error) <= 1e-12 * expected.scale(array.name)
+    assert blocks == []
+
+
+def test_lines_are_as_long_as_paper_is_wide():
+    request, routines = requested(ROBOTS["symbols"](), "latex", outputs=ALL, wrench=True)
+    text = writing.files(request, routines, count=1)["planar2r.tex"]
+    widths = [_width(line) for line in text.splitlines() if "& " in line]
+    assert WIDEST / 2 < max(widths) <= WIDEST + 3
+
+
+def test_text_is_escaped():
+    assert tex(r"a_b & 50% of \x, m^2") == r"a\char95{}b \char38{} 50\char37{} of \char92{}x, m$^2$"
+
+
+@pytest.mark.parametrize(
+    ("robot", "options", "words"),
+    [
+        ("iiwa14", {"order": 2}, ["takes 2213 operations; LaTeX is generated for up to 1200", "into c, ", "python"]),
+        ("iiwa14", {"order": 0, "outputs": ["mass_matrix"]}, ["M of 'iiwa14': too large for symbolic form"]),
+        ("planar2r", {"float32": True}, ["LaTeX has no single precision"]),
+    ],
+)
+def test_refusals(robot, options, words, tmp_path):
+    refusal(lambda: jounce.codegen(ROBOTS[robot](), "latex", directory=tmp_path / "new", **options), *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_symbols_that_would_look_alike_are_refused(tmp_path):
+    robot = jounce.load("planar2r", L1=sympy.Symbol("c_x"))
+    given = {"directory": tmp_path / "new", "parameters": ["payload"]}
+    refusal(lambda: jounce.codegen(robot, "latex", **given), "would both be printed as c_{x}")

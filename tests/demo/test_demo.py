@@ -1,0 +1,141 @@
+"""The paper's example: its numbers against other paths, its command, and `jounce plot`."""
+
+import json
+import sys
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from robots import relative_error
+
+from jounce.cli import main
+from jounce.demo.example import example, step_errors, without_steiner
+from jounce.io import tables
+
+command = sys.modules["jounce.cli.demo"]  # its name in jounce.cli is that of the verb
+
+
+@pytest.fixture(scope="module")
+def alone():
+    return example("paper", 2000)
+
+
+def call(*words):
+    return CliRunner().invoke(main, [str(word) for word in words])
+
+
+def test_exact_rates_agree_with_central_differences_at_their_best_step(alone):
+    """Over the whole motion, relative to the largest value: Qd to 1e-9, Q2d to 1e-8; no scheme reaches the exact."""
+    for errors, bound in zip(step_errors(alone.robot), (1e-9, 1e-8), strict=True):
+        best = {name: values.min() for name, values in errors.of_scheme.items()}
+        assert best["central, 2 points"] < bound
+        assert best["central, 4 points"] < bound
+        assert errors.exact < 1e-14 < min(best.values())
+        for name, values in errors.of_scheme.items():
+            assert values[0] > best[name] < values[-1], f"{name} does not fall and rise again"
+
+
+@pytest.mark.parametrize("scheme", [("forward, 2 points", 1), ("central, 2 points", 2), ("central, 4 points", 4)])
+def test_schemes_have_the_order_of_theory(alone, scheme):
+    """Halving a long step divides the error by two to the scheme's order."""
+    name, order = scheme
+    for errors in step_errors(alone.robot):
+        ratios = errors.of_scheme[name][1:4] / errors.of_scheme[name][2:5]
+        np.testing.assert_allclose(np.log2(ratios), order, atol=0.15)
+
+
+def test_what_steiners_theorem_makes_out(alone):
+    """The authors' published code leaves it out: 3, 3.5 and some 7 to 8 % of the largest Q, Qd, Q2d."""
+    np.testing.assert_allclose(without_steiner(alone), [0.031, 0.034, 0.081], atol=1e-3)
+
+
+def test_the_wrench_acts_on_the_loaded_example(alone):
+    loaded = example("paper-wrench", 2000)
+    J = alone.robot.jacobian(alone.motion.rates[0], body="link7")
+    W = 10 * np.sin(np.pi * alone.motion.t)[:, None, None] * np.ones((6, 1))
+    assert relative_error(loaded.forces[0] - alone.forces[0], (J.mT @ W)[..., 0]) < 1e-13
+
+
+def test_demo_writes_all_that_it_names(tmp_path):
+    out = tmp_path / "demo"
+    result = call("demo", "-o", out, "--states", 200, "--format", "svg", "--json")
+    assert (result.exit_code, result.stderr) == (0, ""), result.output
+    summary = json.loads(result.stdout)
+    names = [*summary["tables"], *(f"{name}.svg" for name in summary["pictures"])]
+    assert sorted(path.name for path in out.iterdir()) == sorted(names)
+    assert {"forces", "forces-wrench", "step-size", "planar2r", "iiwa14"} == set(summary["pictures"])
+    alone = example("paper", 200)
+    expected = tables.of_rates(alone.motion.t, alone.robot.joint_names, "Q", alone.forces)
+    found = tables.read(out / "forces.csv")
+    assert all((found[name] == values).all() for name, values in expected.items())
+    assert summary["peaks"]["without W"] == [np.abs(Q).max() for Q in alone.forces]
+    assert all(ms > 0 for pair in summary["milliseconds"].values() for ms in pair)
+
+
+def test_the_bar_of_the_demo_ends_with_it(tmp_path, monkeypatch):
+    """And a format that is asked for twice is drawn, told and counted once."""
+    steps = []
+
+    @contextmanager
+    def counted(_, total):
+        steps.append(total)
+        yield lambda: steps.append(-1)
+
+    monkeypatch.setattr(command, "progress", counted)
+    asked = ("--states", 100, "--format", "svg", "--format", "svg", "--json")
+    assert json.loads(call("demo", "-o", tmp_path, *asked).stdout)["formats"] == ["svg"]
+    assert sum(steps) == 0
+
+
+def test_demo_says_where_the_published_code_differs(tmp_path):
+    words = call("demo", "-o", tmp_path, "--states", 200, "--format", "png").stdout
+    for word in ("Steiner's theorem", "1.6 ms", "central, 4 points", "recursion", "forces-wrench", str(tmp_path)):
+        assert word in words
+    assert max(map(len, words.replace(str(tmp_path), "").splitlines())) < 100
+
+
+@pytest.mark.parametrize("kind", ["png", "svg", "pdf"])
+def test_plot_draws_what_run_wrote(tmp_path, monkeypatch, kind):
+    monkeypatch.chdir(tmp_path)
+    assert call("run", "planar2r", write_motion(tmp_path), "-o", "forces.csv").exit_code == 0
+    result = call("plot", "forces.csv", "-o", f"forces.{kind}")
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert "Q, Qd, Q2d of 2 joints, 9 states" in result.stdout
+    assert (tmp_path / f"forces.{kind}").stat().st_size > 5000
+    drawn = json.loads(call("plot", "forces.csv", "-o", f"one.{kind}", "--joint", "joint2", "--json").stdout)
+    assert set(map(tuple, drawn["panels"].values())) == {("joint2",)}
+
+
+def test_plot_counts_the_joints_of_all_panels(tmp_path):
+    tables.write(tmp_path / "f.csv", {"t": np.arange(1.0), "a.Q": np.ones(1), "b.Qd": np.ones(1)})
+    result = call("plot", tmp_path / "f.csv", "-o", tmp_path / "f.png")
+    assert result.stdout.startswith("Q, Qd of 2 joints, 1 state, drawn")
+
+
+def write_motion(folder):
+    t = np.arange(9) / 8
+    tables.write(folder / "motion.csv", {"t": t, "joint1": np.sin(t), "joint2": -np.cos(t)})
+    return folder / "motion.csv"
+
+
+REFUSED = {
+    "table without the columns": (("plot", "motion.csv", "-o", "p.png"), ["motion.csv", "NAME.Q", "t, joint1, joint2"]),
+    "no table": (("plot", "no.csv", "-o", "p.png"), ["no.csv: no such file"]),
+    "picture of other type": (("plot", "motion.csv", "-o", "p.gif"), ["p.gif", "'.gif'", ".png, .svg, .pdf"]),
+    "picture folder missing": (("plot", "motion.csv", "-o", "no/p.png"), ["no/p.png", "no folder 'no'"]),
+    "demo in a missing folder": (("demo", "-o", "no/demo"), ["no/demo", "no folder 'no'"]),
+    "demo onto a file": (("demo", "-o", "motion.csv"), ["motion.csv: exists and is not a folder"]),
+}
+
+
+@pytest.mark.parametrize(("asked", "words"), REFUSED.values(), ids=REFUSED)
+def test_refuses(tmp_path, monkeypatch, asked, words):
+    monkeypatch.chdir(tmp_path)
+    write_motion(tmp_path)
+    result = call(*asked)
+    assert (result.exit_code, result.stdout) == (2, "")
+    [line] = result.stderr.splitlines()
+    assert line.startswith("Error: ")
+    assert [word for word in words if word not in line] == [], line
+    assert [path.name for path in tmp_path.iterdir()] == ["motion.csv"]

@@ -1,0 +1,99 @@
+"""Pinocchio, an independent implementation, at order 0 on real robots."""
+
+import warnings
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+import pytest
+from robots import relative_error
+
+import jounce
+from jounce.io.bundled import BUNDLED
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")
+    import pinocchio
+
+REAL = {  # bundled robots and the URDFs that they were converted from
+    name: Path(str(file.locate()))
+    for name, robot in BUNDLED.items()
+    for file in metadata.files("example-robot-data") or []
+    if robot.urdf and str(file).endswith(f"/robots/{robot.urdf}")
+}
+OURS = Path(__file__).parents[2] / "examples" / "panda.urdf"
+
+
+@pytest.fixture(params=[*REAL.items(), (OURS, OURS)], ids=lambda pair: Path(pair[0]).name)
+def pair(request):
+    source, urdf = request.param
+    return jounce.load(source), pinocchio.buildModelFromUrdf(str(urdf))
+
+
+def test_the_real_robots_are_there():
+    assert set(REAL) == {name for name, robot in BUNDLED.items() if robot.urdf}
+
+
+def by_name(robot, model):
+    """The rows of Pinocchio's velocity vector in the order of our joints."""
+    return [model.joints[model.getJointId(name)].idx_v for name in robot.mechanism.joints]
+
+
+def states(robot, count=20):
+    return np.random.default_rng(11).uniform(-2, 2, (count, 3, robot.n))
+
+
+def test_inverse_dynamics_agrees_with_mimic_joints_folded(pair):
+    robot, model = pair
+    data, G, g, rows = model.createData(), robot.mechanism.G, robot.mechanism.g, by_name(robot, model)
+    for q, qd, q2d in states(robot):
+        theta = [np.zeros(model.nv) for _ in range(3)]
+        for x, rate in zip(theta, (G @ q + g, G @ qd, G @ q2d), strict=True):
+            x[rows] = rate
+        expected = G.T @ pinocchio.rnea(model, data, *theta)[rows]
+        assert relative_error(robot.inverse_dynamics(q, qd, q2d), expected) < 1e-12
+
+
+def test_mass_matrix_and_gravity_forces_agree(pair):
+    robot, model = pair
+    data, G, g, rows = model.createData(), robot.mechanism.G, robot.mechanism.g, by_name(robot, model)
+    for q, _, _ in states(robot, 5):
+        theta = np.zeros(model.nv)
+        theta[rows] = G @ q + g
+        upper = np.triu(pinocchio.crba(model, data, theta))
+        M = (upper + np.triu(upper, 1).T)[np.ix_(rows, rows)]
+        assert relative_error(robot.mass_matrix(q), G.T @ M @ G) < 1e-12
+        gravity = pinocchio.computeGeneralizedGravity(model, data, theta)[rows]
+        assert relative_error(robot.gravity_forces(q), G.T @ gravity) < 1e-12
+
+
+def test_wrenches_have_the_opposite_sign_of_forces_on_the_bodies(pair):
+    """Pinocchio takes the force ON a body, (linear; angular); W is what the body exerts, (angular; linear)."""
+    robot, model = pair
+    data, G, g, rows = model.createData(), robot.mechanism.G, robot.mechanism.g, by_name(robot, model)
+    W = np.random.default_rng(2).normal(size=6)
+    q, qd, q2d = states(robot, 1)[0]
+    theta = [np.zeros(model.nv) for _ in range(3)]
+    for x, rate in zip(theta, (G @ q + g, G @ qd, G @ q2d), strict=True):
+        x[rows] = rate
+    forces = pinocchio.StdVec_Force()
+    forces.extend([pinocchio.Force.Zero() for _ in range(model.njoints)])
+    last = robot.body_names[5]
+    forces[model.getJointId(robot.mechanism.joints[5])] = pinocchio.Force(-W[3:], -W[:3])
+    expected = G.T @ pinocchio.rnea(model, data, *theta, forces)[rows]
+    assert relative_error(robot.inverse_dynamics(q, qd, q2d, wrench={last: W}), expected) < 1e-12
+
+
+def test_poses_and_jacobians_of_merged_links_agree(pair):
+    robot, model = pair
+    if set(robot.mechanism.joints) != set(robot.joint_names):
+        pytest.skip("Pinocchio's Jacobian has a column for every joint, mimic ones too")
+    data, rows = model.createData(), by_name(robot, model)
+    q = states(robot, 1)[0, 0]
+    theta = np.zeros(model.nv)
+    theta[rows] = q
+    for link in (frame.name for frame in robot.mechanism.frames):
+        frame = model.getFrameId(link, pinocchio.FrameType.BODY)  # a joint may have the same name
+        J = pinocchio.computeFrameJacobian(model, data, theta, frame, pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        J = np.concatenate([J[3:], J[:3]])[:, rows]
+        assert np.abs(robot.jacobian(q, body=link, frame="world") - J).max() < 1e-12

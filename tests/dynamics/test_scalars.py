@@ -1,0 +1,276 @@
+"""One source of the equations over every scalar type: JAX under jit and vmap, CasADi, SymPy, tracing scalars."""
+
+import math
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import mpmath
+import numpy as np
+import pytest
+import sympy
+from robots import GOLDEN_NAMES, golden, rates_of, relative_error
+
+import casadi
+import jounce
+from jounce.dynamics import recursion
+from jounce.errors import JounceError
+from jounce.model.mechanism import in_whole_numbers
+from jounce.program.trace import Tape
+from jounce.spatial.series import columns
+
+jax.config.update("jax_enable_x64", True)
+
+TOLERANCE = 1e-13
+METHODS = ("recursion", "closed_form", "paper")
+
+
+def case(name, i=0, order=2):
+    mechanism, cases = golden(name)
+    q, W = rates_of(cases[i])
+    return jounce.Robot(mechanism), q[: order + 3], W[: order + 1]
+
+
+def agree(found, expected, tolerance=TOLERANCE):
+    for x, y in zip(found, expected, strict=True):
+        assert relative_error(x, y) < tolerance
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", GOLDEN_NAMES)
+def test_jax_arrays(name, method):
+    robot, q, W = case(name, order=1)
+    expected = robot.inverse_dynamics(*q, wrench=tuple(W), method=method)
+    found = robot.inverse_dynamics(*map(jnp.asarray, q), wrench=tuple(map(jnp.asarray, W)), method=method)
+    assert all(isinstance(Q, jax.Array) for Q in found)
+    agree(found, expected)
+
+
+@pytest.mark.parametrize("name", ["planar2r", "mixed5"])
+def test_jax_under_jit_and_vmap(name):
+    robot, q, W = case(name)
+    rng = np.random.default_rng(0)
+    q = [rng.normal(size=(5, robot.n)) for _ in q]
+    W = [rng.normal(size=(5, *w.shape)) for w in W]
+
+    def one(q, W):
+        return robot.inverse_dynamics(*q, wrench=tuple(W))
+
+    many = jax.jit(jax.vmap(one))
+    agree(many([jnp.asarray(x) for x in q], [jnp.asarray(w) for w in W]), one(q, W))
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+@pytest.mark.parametrize("name", ["planar2r", "mixed5"])
+def test_each_order_is_the_exact_derivative_of_the_one_below(name, order):
+    """d/dt along q(t) by forward differentiation in JAX: rounding is all that is left."""
+    robot, q, _ = case(name, order=order + 1)
+    n = len(q)
+
+    def forces(t):
+        path = [sum(q[k + j] * t**j / math.factorial(j) for j in range(n - k)) for k in range(n)]
+        Q = robot.inverse_dynamics(*path[: order + 3])
+        return Q if order == 0 else Q[-1]
+
+    _, rate = jax.jvp(forces, (0.0,), (1.0,))
+    agree([rate], [robot.inverse_dynamics(*q)[-1]], 1e-12)
+
+
+MATRICES = [
+    jounce.Robot.mass_matrix,
+    jounce.Robot.gravity_forces,
+    jounce.Robot.coriolis_matrix,
+    partial(jounce.Robot.coriolis_matrix, form="skew"),
+    jounce.Robot.jacobian,
+    jounce.Robot.momentum,
+]
+
+
+def test_jax_matrices_and_jacobian():
+    robot, q, _ = case("mixed5")
+    for quantity in MATRICES:
+        compute = partial(quantity, robot)
+        agree(jax.jit(compute)(*map(jnp.asarray, q[:2])), compute(*q[:2]), 1e-12)
+    agree(jax.jit(robot.base_wrench)(*map(jnp.asarray, q[:3])), robot.base_wrench(*q[:3]), 1e-12)
+    agree([robot.poses(jnp.asarray(q[0]))], [robot.poses(q[0])])
+    twist = jax.jit(lambda *q: robot.jacobian(*q, body="body2", frame="spatial"))(*map(jnp.asarray, q[:2]))
+    agree(twist, robot.jacobian(*q[:2], body="body2", frame="spatial"))
+
+
+def symbols_of(robot, make, order=2):
+    return [np.array([make(f"q{k}_{i}") for i in range(robot.n)], dtype=object) for k in range(order + 3)]
+
+
+# dense products of symbols grow with the sixth power of their size: the recursion is the form to trace
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [("planar2r", "closed_form"), ("planar2r", "recursion"), ("mixed5", "recursion"), ("iiwa", "recursion")],
+)
+def test_casadi_symbols(name, method):
+    robot, q, W = case(name)
+    symbols = symbols_of(robot, casadi.SX.sym)
+    loads = [np.array([[casadi.SX.sym("w") for _ in row] for row in w], dtype=object) for w in W]
+    Q = robot.inverse_dynamics(*symbols, wrench=tuple(loads), method=method)
+    flat = [casadi.vertcat(*x.ravel()) for x in (*symbols, *loads)]
+    function = casadi.Function("Q", flat, [casadi.vertcat(*x) for x in Q])
+    values = function(*[x.ravel() for x in (*q, *W)])
+    agree([np.array(x).ravel() for x in values], robot.inverse_dynamics(*q, wrench=tuple(W)))
+
+
+@pytest.mark.parametrize("name", ["planar2r", "mixed5"])
+def test_casadi_matrices(name):
+    robot, q, _ = case(name)
+    symbols = symbols_of(robot, casadi.SX.sym)
+    for quantity in MATRICES:
+        terms = quantity(robot, *symbols[:3])
+        function = casadi.Function(
+            "f", [casadi.vertcat(*x) for x in symbols[:3]], [casadi.vertcat(*x.ravel()) for x in terms]
+        )
+        values = function(*q[:3])
+        expected = quantity(robot, *q[:3])
+        agree([np.array(x).reshape(y.shape) for x, y in zip(values, expected, strict=True)], expected)
+
+
+def vanishes(expression):
+    """Whether a polynomial in sines, cosines and rates is zero: as one in exponentials it has a unique form."""
+    return sympy.expand(expression.doit().rewrite(sympy.exp)) == 0
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_sympy_expressions_of_the_planar_2r_are_exact(method):
+    """Symbols in the state and in the data; no floats creep in, and the difference to Lagrange's equations is zero."""
+    L1, L2, m1, m2, g, t = sympy.symbols("L1 L2 m1 m2 g t", positive=True)
+    robot = jounce.load("planar2r", L1=L1, L2=L2, m1=m1, m2=m2, g=g)
+    paths = [sympy.Function(name)(t) for name in ("q1", "q2")]
+    state = [np.array([p.diff(t, k) for p in paths], dtype=object) for k in range(4)]
+    Q, Qd = robot.inverse_dynamics(*state, method=method)
+
+    x = [L1 * sympy.cos(paths[0]), L1 * sympy.cos(paths[0]) + L2 * sympy.cos(sum(paths))]
+    y = [L1 * sympy.sin(paths[0]), L1 * sympy.sin(paths[0]) + L2 * sympy.sin(sum(paths))]
+    kinetic = sum(m * (a.diff(t) ** 2 + b.diff(t) ** 2) / 2 for m, a, b in zip((m1, m2), x, y, strict=True))
+    lagrangian = kinetic - sum(m * g * b for m, b in zip((m1, m2), y, strict=True))
+    for i, p in enumerate(paths):
+        force = lagrangian.diff(p.diff(t)).diff(t) - lagrangian.diff(p)
+        assert vanishes(Q[i] - force)
+        assert vanishes(Qd[i] - force.diff(t))
+        assert not sympy.sympify(Q[i]).atoms(sympy.Float)
+
+
+def test_sympy_states_of_a_robot_of_numbers():
+    mixed5, q, _ = case("mixed5")
+    m = mixed5.mechanism
+    robot = jounce.Robot.from_screws(m.B[1:3], m.X[1:3], m.M[1:3], gravity=m.gravity)  # prismatic, helical
+    q = [x[1:3] for x in q]
+    symbols = symbols_of(robot, sympy.Symbol, 0)
+    Q = robot.inverse_dynamics(*symbols)
+    function = sympy.lambdify(list(np.concatenate(symbols)), list(Q), "math", cse=True)
+    agree([function(*np.concatenate(q[:3]))], [robot.inverse_dynamics(*q[:3])])
+
+
+@pytest.mark.parametrize("name", GOLDEN_NAMES)
+def test_tracing_scalars(name):
+    robot, q, _ = case(name)
+    tape = Tape()
+    Q = robot.inverse_dynamics(*(tape.variables(robot.n) for _ in q))
+    found = np.reshape(tape.program(np.ravel(Q)).run(np.ravel(q)), (3, -1))
+    agree(found, robot.inverse_dynamics(*q))
+
+
+QUANTITIES = {  # laws with the rates of q that their values take
+    "Q": (recursion.inverse_dynamics, 2),
+    "M": (recursion.mass_matrix, 0),
+    "C": (recursion.coriolis_matrix, 1),
+    "Cbar": (recursion.skew_coriolis_matrix, 1),
+    "G": (recursion.gravity_forces, 0),
+    "h": (recursion.momentum, 1),
+}
+
+
+@pytest.mark.parametrize(
+    ("quantities", "operations"),
+    [
+        ("Q", (574, 1272, 2328)),
+        ("M", (389, 861, 1645)),
+        ("C", (1423, 3240, 6085)),
+        ("Cbar", (2194, 4899, 8861)),
+        ("M C", (1448, 3244, 6089)),
+        ("M C G", (1550, 3493, 6575)),
+        ("h", (429, 958, 1687)),
+    ],
+)
+def test_the_iiwa_takes_no_more_operations_than_measured(quantities, operations):
+    """A guard of the recursion's economy: sums and products of one state, sine and cosine given, all rates together."""
+    robot, _, _ = case("iiwa")
+    model = in_whole_numbers(robot.mechanism)
+    for order, most in enumerate(operations):
+        tape = Tape()
+        q, outputs = [tape.variables(robot.n) for _ in range(order + 3)], []
+        for law, rates in (QUANTITIES[name] for name in quantities.split()):
+            outputs += [x for term in law(model, columns(q[: order + rates + 1])).upto(order) for x in term.flat]
+        counts = tape.program(outputs).counts()
+        assert counts["add"] + counts["sub"] + counts["mul"] <= most
+
+
+def test_extended_precision_is_kept():
+    """On the iiwa, whose axes are exact, both paths agree beyond what doubles could show."""
+    robot, q, W = case("iiwa")
+    q, W = ([x.astype(np.longdouble) for x in y] for y in (q, W))
+    for method in ("closed_form", "paper"):
+        for found, Q in zip(
+            robot.inverse_dynamics(*q, wrench=tuple(W)),
+            robot.inverse_dynamics(*q, wrench=tuple(W), method=method),
+            strict=True,
+        ):
+            assert found.dtype == Q.dtype == np.longdouble
+            assert np.abs(found - Q).max() < 1e-18 * 100 * np.abs(Q).max()
+
+
+def test_scalars_without_sine_are_refused_rather_than_rounded():
+    numbers = np.array([mpmath.mpf("0.1")] * 2, dtype=object)
+    with pytest.raises(JounceError, match=r"scalars of type mpf have no method (sin|cos)\(\)"):
+        jounce.load("planar2r").inverse_dynamics(numbers, numbers, numbers)
+
+
+def test_symbolic_pitch_and_direction():
+    """A pitch may be a symbol on every path; a direction on the dense ones, and is refused elsewhere."""
+    M = [jounce.inertia_matrix(2.0, [0.1, 0.2, 0.3], np.eye(3) * 0.1)]
+    h, q = casadi.SX.sym("h"), np.array([casadi.SX.sym("q")], dtype=object)
+    screw = np.array([[0, 0, 1, 0, 0, h]], dtype=object)
+    robot = jounce.Robot.from_screws([np.eye(4)], screw, M)
+    state = [q, np.array([1.0]), np.array([0.5])]
+    number = jounce.Robot.from_screws([np.eye(4)], [[0, 0, 1, 0, 0, 0.3]], M)
+    for method in ("recursion", "closed_form"):
+        [Q] = robot.inverse_dynamics(*state, method=method)
+        function = casadi.Function("Q", [h, q[0]], [Q])
+        expected = number.inverse_dynamics([0.7], [1.0], [0.5])
+        assert float(function(0.3, 0.7)) == pytest.approx(expected[0], rel=1e-13)
+    turned = np.array([[casadi.cos(h), casadi.sin(h), 0, 0, 0, 0]], dtype=object)
+    robot = jounce.Robot.from_screws([np.eye(4)], turned, M)
+    with pytest.raises(JounceError, match="is not made of numbers; use method='closed_form'"):
+        robot.inverse_dynamics(*state)
+    [Q] = robot.inverse_dynamics(*state, method="closed_form")
+    number = jounce.Robot.from_screws([np.eye(4)], [[np.cos(0.3), np.sin(0.3), 0, 0, 0, 0]], M)
+    expected = number.inverse_dynamics([0.7], [1.0], [0.5])
+    assert float(casadi.Function("Q", [h, q[0]], [Q])(0.3, 0.7)) == pytest.approx(expected[0], rel=1e-12)
+
+
+def test_data_of_a_robot_are_concrete():
+    mechanism = golden("planar2r")[0]
+    given = {name: jnp.asarray(getattr(mechanism, name)) for name in ("B", "X", "M", "gravity")}
+    assert isinstance(jounce.Robot.from_screws(**given).mechanism.M, np.ndarray)
+    with pytest.raises(JounceError, match=r"M is not concrete: .*; states may be traced, data not"):
+        jax.jit(lambda M: jounce.Robot.from_screws(**given | {"M": M}).mass_matrix([0.0, 0.0]))(given["M"])
+    with pytest.raises(JounceError, match=r"B\[0\] is not a pose"):
+        jounce.Robot.from_screws(**given | {"B": 2 * given["B"]})
+
+
+def test_numbers_of_a_robot_leave_no_floats_among_symbols():
+    robot = jounce.load("planar2r")
+    q, qd = (np.array(sympy.symbols(names), dtype=object) for names in ("a b", "da db"))
+    partly = jounce.load("planar2r", L1=sympy.Symbol("L1"))
+    pushed = robot.inverse_dynamics([0, 1], [0, 0], [0, 0], wrench={"body2": sympy.symbols("w:6")})
+    assert {type(x) for entry in partly.mechanism.M.flat for x in sympy.sympify(entry).atoms(sympy.Float)} == set()
+    assert all("1.0*" not in str(entry) for entry in pushed)
+    quantities = [*robot.jacobian(q, qd, body="body2", frame="world"), *robot.mass_matrix(q, qd), robot.poses(q)]
+    for quantity in quantities:
+        assert not any(sympy.sympify(entry).atoms(sympy.Float) for entry in quantity.flat)

@@ -1,0 +1,122 @@
+"""The robots that come with jounce: files that hold what URDFs held, licence and source beside; `jounce robots`."""
+
+import json
+from dataclasses import fields, is_dataclass
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from files import refusal
+
+import jounce
+from jounce.cli import main
+from jounce.io import bundled
+from jounce.io.bundled import BUNDLED, notices
+from jounce.model.mechanism import Mechanism
+
+FILES = [name for name, robot in BUNDLED.items() if robot.urdf]
+FOLDER = Path(bundled.__file__).parent / "robots"
+WORDS = {"Apache-2.0": "Apache License", "BSD-3-Clause": "Redistribution and use in source and binary forms"}
+
+
+def urdf(name):
+    """The description that a bundled file was converted from."""
+    try:
+        installed = metadata.files("example-robot-data") or []
+    except metadata.PackageNotFoundError:
+        pytest.skip("example-robot-data is not installed")
+    (found,) = (file for file in installed if str(file).endswith(f"/robots/{BUNDLED[name].urdf}"))
+    return Path(str(found.locate()))
+
+
+def same(a, b):
+    """Whether two values of a mechanism are equal, arrays to the last bit."""
+    if isinstance(a, np.ndarray):
+        return a.dtype == b.dtype and np.array_equal(a, b)
+    if is_dataclass(a):
+        return all(same(getattr(a, field.name), getattr(b, field.name)) for field in fields(a))
+    if isinstance(a, tuple):
+        return len(a) == len(b) and all(map(same, a, b))
+    return a == b
+
+
+@pytest.mark.parametrize("name", BUNDLED)
+def test_they_are_what_the_index_says(name):
+    robot, said = jounce.load(name), BUNDLED[name]  # a warning would be an error
+    assert (robot.name, said.name, robot.n, robot.mechanism.nb) == (name, name, said.n, said.nb)
+    assert robot.mechanism.M[:, 3, 3].sum() == pytest.approx(said.mass, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_their_files_hold_the_urdfs_to_the_last_bit(name):
+    ours, theirs = jounce.load(name).mechanism, jounce.load(urdf(name)).mechanism
+    differing = [
+        field.name for field in fields(Mechanism) if not same(getattr(ours, field.name), getattr(theirs, field.name))
+    ]
+    assert set(differing) <= {"name"}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_source_and_licence_go_with_the_numbers(name):
+    robot, texts = BUNDLED[name], notices(name)
+    head = (FOLDER / name / "robot.yaml").read_text().split("name:")[0]
+    assert all(line.startswith("# ") for line in head.splitlines())
+    assert {robot.source, robot.urdf} <= set(head.replace(",", " ").split())
+    assert robot.source.startswith("https://")
+    assert WORDS[robot.licence] in texts["LICENSE"]
+    assert ("NOTICE" in texts) == (name == "panda")  # of the Apache licence, section 4 (d)
+
+
+def test_every_folder_is_a_robot():
+    assert {path.name for path in FOLDER.iterdir()} == set(FILES)
+    assert sum(path.stat().st_size for path in FOLDER.rglob("*")) < 300_000  # bytes
+
+
+def test_parameters_are_those_of_files():
+    gravity = np.array([0.0, 9.81, 0.0])
+    assert np.array_equal(jounce.load("panda").mechanism.gravity, [0, 0, -9.81])
+    assert np.array_equal(jounce.load("panda", gravity=gravity).mechanism.gravity, gravity)
+    refusal(lambda: jounce.load("panda", L1=1.0), "no parameter of panda 'L1'", "gravity")
+
+
+def test_drives_of_a_file_enter_where_asked_for():
+    still, driven = jounce.load("xarm7"), jounce.load("xarm7", drives="damping")
+    q, qd = np.zeros(7), np.ones(7)
+    damping = driven.inverse_dynamics(q, qd, q) - still.inverse_dynamics(q, qd, q)
+    assert np.allclose(damping, [10, 10, 5, 5, 5, 2, 2], rtol=0, atol=1e-12)
+
+
+def call(*words):
+    return CliRunner().invoke(main, ["robots", *words])
+
+
+def test_the_verb_lists_them():
+    lines = call().stdout.splitlines()
+    assert lines[0].split() == ["robot", "joints", "bodies", "mass", "kg", "what", "licence", "source"]
+    assert [line.split()[0] for line in lines[1:]] == list(BUNDLED)
+    for line, robot in zip(lines[1:], BUNDLED.values(), strict=True):
+        for said in (f"  {robot.n} ", f"  {robot.nb} ", f"{robot.mass:.5g}", robot.kind, robot.licence, robot.source):
+            assert said in line
+
+
+def test_the_verb_lists_them_as_json():
+    listed = json.loads(call("--json").stdout)
+    keys = ("name", "kind", "n", "nb", "mass", "licence", "source", "urdf")
+    assert listed == [{key: getattr(robot, key) for key in keys} for robot in BUNDLED.values()]
+
+
+@pytest.mark.parametrize("name", BUNDLED)
+def test_the_verb_shows_licences_in_full(name):
+    said = call(name).stdout
+    assert BUNDLED[name].source in said
+    assert all(text.strip() in said for text in notices(name).values())
+    shown = json.loads(call(name, "--json").stdout)
+    assert (shown["name"], shown["notices"]) == (name, notices(name))
+
+
+def test_the_verb_knows_no_others():
+    result = call("pandas")
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert "no bundled robot 'pandas'; did you mean 'panda'?" in result.stderr

@@ -1,0 +1,155 @@
+"""xacro files: expanded by xacrodoc, then read as any URDF; what goes wrong is one line."""
+
+import builtins
+
+import numpy as np
+import pytest
+from files import GOOD, refusal, robot_file
+
+import jounce
+
+ARM = """<?xml version="1.0"?>
+<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:arg name="mass" default="2"/>
+  <xacro:property name="length" value="${2 * 0.25}"/>
+  <xacro:include filename="rod.xacro"/>
+  <link name="base"/>
+  <xacro:rod name="rod" mass="$(arg mass)"/>
+  <joint name="turn" type="revolute">
+    <parent link="base"/>
+    <child link="rod"/>
+    <axis xyz="0 1 0"/>
+  </joint>
+</robot>
+"""
+ROD = """<robot xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:macro name="rod" params="name mass">
+    <link name="${name}">
+      <visual><geometry><mesh filename="package://nowhere/rod.stl"/></geometry></visual>
+      <inertial>
+        <origin xyz="0 0 ${-length}"/>
+        <mass value="${mass}"/>
+        <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.01"/>
+      </inertial>
+    </link>
+  </xacro:macro>
+</robot>
+"""
+
+
+@pytest.fixture
+def written(tmp_path):
+    """A function that writes the arm with one text in the place of another."""
+
+    def write(old="", new="", name="arm.urdf.xacro"):
+        assert old in ARM
+        (tmp_path / "rod.xacro").write_text(ROD)
+        path = tmp_path / name
+        path.write_text(ARM.replace(old, new) if old else ARM)
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("name", ["arm.urdf.xacro", "arm.xacro", "Arm.XACRO"])
+@pytest.mark.parametrize(("given", "mass"), [({}, 2.0), ({"mass": 3.5}, 3.5), ({"mass": "4"}, 4.0)])
+def test_expands(written, monkeypatch, name, given, mass):
+    path = written(name=name)
+    monkeypatch.chdir("/")  # includes are found beside the file, not where the user stands
+    robot = jounce.load(path, xacro_args=given) if given else jounce.load(path)
+    assert (robot.name, robot.joint_names, robot.body_names) == ("arm", ("turn",), ("rod",))
+    expected = jounce.inertia_matrix(mass, [0, 0, -0.5], np.diag([0.1, 0.1, 0.01]))
+    np.testing.assert_allclose(robot.mechanism.M, [expected], atol=1e-15)
+
+
+def test_all_options_of_a_urdf_hold(written):
+    path = written('type="revolute"', 'type="floating"')
+    refusal(lambda: jounce.load(path), "(expanded):", "base='fixed'")
+    robot = jounce.load(written(), gravity=(0, 0, -1), lock={})
+    np.testing.assert_allclose(robot.gravity_forces([np.pi / 2]), [2 * 0.5], atol=1e-15)
+
+
+def test_packages_are_looked_for_above_the_file(written, tmp_path):
+    (tmp_path / "package.xml").write_text("<package><name>rods_of_a_test</name></package>")
+    assert jounce.load(written('"rod.xacro"', '"$(find rods_of_a_test)/rod.xacro"')).n == 1
+
+
+def test_packages_of_one_name_are_those_above_each_file(written, tmp_path):
+    """What the expansion of one checkout found must not serve another."""
+    masses = []
+    for checkout in ("one", "two"):
+        folder = tmp_path / checkout
+        folder.mkdir()
+        (folder / "package.xml").write_text("<package><name>rods_of_a_test</name></package>")
+        (folder / "rod.xacro").write_text(ROD.replace("${mass}", str(len(masses) + 1)))
+        path = folder / "arm.xacro"
+        path.write_text(ARM.replace('"rod.xacro"', '"$(find rods_of_a_test)/rod.xacro"'))
+        masses.append(jounce.load(path).mechanism.M[0, 3, 3])
+    assert masses == [1.0, 2.0]
+    path = written('"rod.xacro"', '"$(find rods_of_a_test)/rod.xacro"')  # above both
+    refusal(lambda: jounce.load(path), str(path), "no package 'rods_of_a_test'", "ROS_PACKAGE_PATH")
+
+
+def test_a_nameless_robot_is_named_after_its_file(written):
+    assert jounce.load(written(' name="arm" xmlns', " xmlns")).name == "arm"
+
+
+REFUSED = {
+    "unknown name": ("2 * 0.25", "2 * x", ["xacro", "'x' is not defined"]),
+    "division by zero": ("2 * 0.25", "1 / 0", ["division by zero", "1 / 0"]),
+    "code": ("2 * 0.25", "open('x')", ["xacro"]),
+    "absent include": ("rod.xacro", "rood.xacro", ["No such file", "rood.xacro"]),
+    "absent package": ('"rod.xacro"', '"$(find no_such_package)/rod.xacro"', ["no_such_package"]),
+    "unknown macro": ("xacro:rod ", "xacro:rood ", ["unknown macro", "rood"]),
+    "unknown argument": ("$(arg mass)", "$(arg mas)", ["mas"]),
+    "no XML": ("</robot>", "", ["no element found"]),
+    "infinite mass": ("$(arg mass)", "${1e999}", ["(expanded):", "<mass value='inf'>", "finite"]),
+    "a bad number": ("0 1 0", "0 1 o", ["(expanded):", "<axis xyz='0 1 o'>", "3 finite numbers"]),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "words"), REFUSED.values(), ids=REFUSED)
+def test_refuses(written, old, new, words):
+    path = written(old, new)
+    refusal(lambda: jounce.load(path), str(path), *words)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [({"mas": 3}, ["no xacro argument 'mas'", "did you mean 'mass'"]), (3, ["xacro_args is of type int", "mapping"])],
+)
+def test_refuses_arguments(written, given, words):
+    refusal(lambda: jounce.load(written(), xacro_args=given), *words)
+
+
+def test_arguments_are_for_xacro_alone(tmp_path):
+    path = robot_file(tmp_path, *GOOD)
+    refusal(lambda: jounce.load(path, xacro_args={}), "'xacro_args'", "gravity, base, root")
+
+
+def test_refuses_an_absent_file(tmp_path):
+    refusal(lambda: jounce.load(tmp_path / "no.urdf.xacro"), "no.urdf.xacro", "no such file")
+
+
+def test_what_xacro_warns_of_is_a_warning(written, capfd):
+    path = written("<link name=", '<xacro:rod name="more" mass="1" colour="red"/><link name=')
+    with pytest.raises(jounce.JounceError):
+        jounce.load(path)
+    path = written('name="mass" default="2"', 'name="mass" default="2" colour="red"')
+    with pytest.warns(jounce.JounceWarning, match=r"xacro: .*colour") as caught:
+        assert jounce.load(path).n == 1
+    assert len(caught) == 1
+    assert str(caught[0].message).isprintable()
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_missing_package_is_named(written, monkeypatch):
+    known = builtins.__import__
+
+    def absent(name, *rest):
+        if name.startswith("xacro"):
+            raise ImportError(name)
+        return known(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", absent)
+    refusal(lambda: jounce.load(written()), "xacrodoc", "pip install 'jounce[xacro]'")

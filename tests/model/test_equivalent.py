@@ -1,0 +1,95 @@
+"""Equivalent mechanisms have equal forces, whatever the passes move and however masses differ."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from robots import GOLDEN_NAMES, golden, loads, mechanisms, random_pose, random_state
+
+from jounce.dynamics.closed_form import closed_form
+from jounce.dynamics.recursion import inverse_dynamics
+from jounce.model import equivalent
+from jounce.spatial import lie
+from jounce.spatial.inertia import from_moments, moments
+from jounce.spatial.series import columns
+
+PASSES = {
+    "aligned": equivalent.aligned,
+    "slid": lambda m: equivalent.slid(equivalent.aligned(m)),
+    "base_parameters": lambda m: equivalent.base_parameters(equivalent.aligned(m)),
+    "minimal": equivalent.minimal,
+}
+
+
+def equal_forces(mechanism, other, rng, tolerance=1e-11):
+    q, _ = random_state(rng, mechanism)
+    given = closed_form(mechanism, columns(q)).Q.upto(2)
+    for Q, expected in zip(closed_form(other, columns(q)).Q.upto(2), given, strict=True):
+        assert np.abs(Q - expected).max() <= tolerance * max(np.abs(expected).max(), 1e-9)
+
+
+@pytest.mark.parametrize("name", PASSES)
+@given(drawn=mechanisms(spread=True))
+def test_passes_leave_the_forces_unchanged(name, drawn):
+    """Masses from 1e-6 to 1e4 kg side by side."""
+    mechanism, rng = drawn
+    equal_forces(mechanism, PASSES[name](mechanism), rng, 1e-10)
+
+
+@given(drawn=mechanisms())
+def test_frames_moved_by_any_rigid_transform_leave_the_forces_unchanged(drawn):
+    mechanism, rng = drawn
+    T = np.stack([random_pose(rng) for _ in range(mechanism.nb)])
+    moved = equivalent.reframed(mechanism, T)
+    equal_forces(mechanism, moved, rng)
+    assert np.abs(equivalent.moves(mechanism, moved) - T).max() < 1e-13
+
+
+@given(drawn=mechanisms(), seed=st.integers(0, 2**32 - 1))
+def test_recursion_agrees_with_the_closed_form_under_wrenches(drawn, seed):
+    mechanism, _ = drawn
+    rng = np.random.default_rng(seed)
+    q, W = random_state(rng, mechanism, 3)
+    found = inverse_dynamics(mechanism, columns(q), loads(W)).upto(3)
+    for Q, expected in zip(found, closed_form(mechanism, columns(q), loads(W)).Q.upto(3), strict=True):
+        assert np.abs(Q - expected).max() < 1e-12 * (1 + np.abs(expected).max())
+
+
+@pytest.mark.parametrize("name", GOLDEN_NAMES)
+def test_minimal_mechanisms_have_their_exact_zeros(name):
+    chain = equivalent.minimal(golden(name)[0])
+    for X, M in zip(chain.X, chain.M, strict=True):
+        turns, pitch = X[2], X[5]
+        assert (X[[0, 1, 3, 4]] == 0).all()
+        assert turns in (0, 1)
+        m, h, P = moments(M)
+        if turns:
+            assert P[2, 2] == 0
+        else:
+            assert (P == 0).all()
+        if turns and pitch == 0:
+            assert m == 0
+            assert h[2] == 0
+
+
+def test_offsets_that_can_vanish_do():
+    chain = equivalent.minimal(golden("iiwa")[0])
+    offsets = chain.B[:, :3, 3]
+    assert np.count_nonzero(offsets) == 2  # the upper arm and the forearm, one number each
+    assert set(np.unique(chain.B[:, :3, :3])) <= {-1.0, 0.0, 1.0}
+
+
+@given(mechanisms(largest=1))
+def test_moments_and_inertia_matrix_are_inverse(drawn):
+    M = drawn[0].M[0]
+    assert np.abs(from_moments(*moments(M)) - M).max() < 1e-14 * np.abs(M).max()
+
+
+@pytest.mark.parametrize("e", [*np.eye(3), *-np.eye(3), np.array([1e-9, 0, -1]), np.ones(3) / np.sqrt(3)])
+def test_alignment_turns_z_to_any_axis(e):
+    e = e / np.linalg.norm(e)
+    R = equivalent._to(e)
+    np.testing.assert_allclose(R[:, 2], e, atol=1e-15)
+    np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-15)
+    assert np.linalg.det(R) > 0
+    assert lie.pose(R, np.zeros((3, 1))).shape == (4, 4)

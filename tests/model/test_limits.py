@@ -1,0 +1,172 @@
+"""Limits of the joint variables: checked at the door, read from URDF, kept by every pass, shown by `jounce info`."""
+
+import copy
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from files import GOOD, LINKS, joint, refusal, robot_file
+from hypothesis import given
+from robots import mechanisms, random_inertia, random_rotation, random_screw
+
+import jounce
+from jounce.cli import main
+from jounce.model import equivalent
+from jounce.model.mechanism import in_extended_precision, in_whole_numbers
+from jounce.model.screws import ROUNDING, exact_inertia, exact_pose, exact_screw
+
+PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
+ONE = {"B": [np.eye(4)], "X": [[0, 0, 1, 0, 0, 0]], "M": [np.eye(6)]}
+FREE = {"lower": -np.inf, "upper": np.inf, "velocity": np.inf, "effort": np.inf}
+
+
+def stated(robot):
+    return {key: array.tolist() for key, array in vars(robot.limits).items()}
+
+
+def of_one(limits):
+    return jounce.Robot.from_screws(**ONE, limits=limits)
+
+
+def test_limits_are_infinite_where_nothing_is_stated():
+    assert stated(jounce.load("planar2r")) == {key: [x, x] for key, x in FREE.items()}
+    assert stated(of_one({"velocity": [2]})) == {key: [x] for key, x in (FREE | {"velocity": 2.0}).items()}
+
+
+def test_limits_of_one_robot_may_be_given_to_another_and_are_copied_and_frozen():
+    lower = np.array([-1.0])
+    robot = of_one({"lower": lower})
+    other = of_one(robot.limits)
+    lower[0] = 7.0
+    for same in (robot, other, copy.deepcopy(robot)):
+        assert same.limits.lower[0] == -1
+        with pytest.raises(ValueError, match="read-only"):
+            same.limits.lower[0] = 3.0
+
+
+@pytest.mark.parametrize(
+    ("limits", "words"),
+    [
+        ({"lowr": [0]}, ["no limit 'lowr'; did you mean 'lower'", "lower, upper, velocity, effort"]),
+        ({"lower": [0, 0]}, ["lower has shape (2,); expected numbers (1,)"]),
+        ({"upper": 1.0}, ["upper has shape ()"]),
+        ({"upper": ["a"]}, ["upper holds text"]),
+        ({"lower": [2], "upper": [1]}, ["joint 0", "2 and 1; expected lower <= upper"]),
+        ({"lower": [np.inf]}, ["expected lower <= upper"]),
+        ({"upper": [-np.inf]}, ["expected lower <= upper"]),
+        ({"lower": [np.nan]}, ["nan and inf; expected"]),
+        ({"velocity": [-1]}, ["velocity is -1; expected 0 or more"]),
+        ({"effort": [np.nan]}, ["effort is nan"]),
+        ([1, 2], ["limits is of type list"]),
+        (np.zeros(4), ["limits is of type ndarray"]),
+    ],
+)
+def test_bad_limits_are_refused(limits, words):
+    refusal(lambda: of_one(limits), *words)
+
+
+@given(drawn=mechanisms(largest=3))
+def test_passes_keep_limits(drawn):
+    """Frames move, joint variables do not: what bounds them stays."""
+    m, rng = drawn
+    lower = rng.normal(size=m.nb)
+    bounded = jounce.Robot.from_screws(m.B, m.X, m.M, m.parent, limits={"lower": lower}).mechanism
+    aligned = equivalent.aligned(bounded)
+    passes = (aligned, equivalent.slid(aligned), equivalent.base_parameters(aligned), equivalent.minimal(bounded))
+    for other in (*passes, in_whole_numbers(bounded), in_extended_precision(bounded)):
+        assert other.limits.lower.tolist() == lower.tolist()
+
+
+@pytest.mark.parametrize(
+    ("kind", "attributes", "expected"),
+    [
+        ("revolute", 'lower="-1.5" upper="2" velocity="3" effort="4"', (-1.5, 2, 3, 4)),
+        ("prismatic", 'upper="2" velocity="0"', (0, 2, 0, np.inf)),
+        ("revolute", 'lower="-2" effort="1e3"', (-2, 0, np.inf, 1e3)),
+        ("revolute", "", (0, 0, np.inf, np.inf)),
+        ("continuous", 'lower="1" upper="-1" velocity="3"', (-np.inf, np.inf, 3, np.inf)),
+        ("prismatic", None, tuple(FREE.values())),
+    ],
+)
+def test_urdf_limits(tmp_path, kind, attributes, expected):
+    inner = "" if attributes is None else f"<limit {attributes}/>"
+    robot = jounce.load(robot_file(tmp_path, *LINKS, joint("turn", "base", "arm", kind, inner=inner)))
+    assert stated(robot) == {key: [x] for key, x in zip(FREE, expected, strict=True)}
+
+
+@pytest.mark.parametrize(
+    ("attributes", "words"),
+    [
+        ('lower="1" upper="-1"', ["'turn'", "1 and -1; expected lower <= upper"]),
+        ('lower="1"', ["'turn'", "1 and 0; expected lower <= upper"]),
+        ('lower="0" upper="1" velocity="-3"', ["'turn'", "velocity is -3; expected 0 or more"]),
+        ('effort="much"', ["<limit effort='much'>", "finite number"]),
+        ('upper="nan"', ["<limit upper='nan'>"]),
+    ],
+)
+def test_bad_urdf_limits_are_refused(tmp_path, attributes, words):
+    path = robot_file(tmp_path, *LINKS, joint("turn", "base", "arm", inner=f"<limit {attributes}/>"))
+    refusal(lambda: jounce.load(path), f"{path}:4", *words)
+
+
+def test_mimic_joints_have_limits_of_their_own():
+    robot = jounce.load(PANDA)
+    assert robot.n == 8
+    assert robot.limits.upper[-2:].tolist() == [0.04, 0.04]
+    assert robot.limits.effort[[0, -1]].tolist() == [87, 100]
+
+
+def shown(source, *options):
+    result = CliRunner().invoke(main, ["info", str(source), *options])
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def test_info_shows_limits(tmp_path):
+    words = shown(PANDA)
+    assert max(map(len, words.splitlines())) <= 100
+    assert "panda_joint1         -2.8973 .. 2.8973 rad   2.175 rad/s  87 N m" in words
+    assert "panda_finger_joint2  0 .. 0.04 m             0.2 m/s      100 N" in words
+    first = json.loads(shown(PANDA, "--json"))["bodies"][0]
+    assert first["limits"] == {"lower": -2.8973, "upper": 2.8973, "velocity": 2.175, "effort": 87}
+    turn = joint("turn", "base", "arm", "continuous", inner='<limit velocity="2"/>')
+    path = robot_file(tmp_path, *LINKS, turn)
+    assert ["turn", "-", "2", "rad/s", "-"] in [line.split() for line in shown(path).splitlines()]
+    assert '"lower": null' in shown(path, "--json")
+    assert "limits" not in shown(robot_file(tmp_path, *GOOD))
+
+
+def test_what_passed_the_door_passes_it_unchanged():
+    """Poses, screws and inertias are made exact once: to the bit the same when they come back from a file."""
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = random_rotation(rng) * (1 + rng.uniform(-4e-10, 4e-10)), rng.normal(size=3)
+        X = random_screw(rng, ["revolute", "prismatic", "helical"][rng.integers(3)]) * (1 + rng.uniform(-9e-10, 9e-10))
+        M = random_inertia(rng, 10.0 ** rng.uniform(-3, 3)) + rng.uniform(-1e-13, 1e-13, (6, 6))
+        for exact, rough in ((exact_pose, T), (exact_screw, X), (exact_inertia, M)):
+            once = exact(rough, "x")
+            assert exact(once, "x").tobytes() == once.tobytes()
+            assert once.tobytes() != rough.tobytes()
+            assert np.abs(once - rough).max() < 2e-9 * max(1, np.abs(rough).max())
+        R = exact_pose(T, "x")[:3, :3]
+        assert np.abs(R.T @ R - np.eye(3)).max() < ROUNDING
+        M = exact_inertia(M, "x")
+        assert (M == M.T).all()
+        assert (M[:3, 3:] == -M[:3, 3:].T).all()
+        assert (np.diag(M)[3:] == M[3, 3]).all()
+
+
+def test_no_data_are_negative_zeros():
+    robot = jounce.Robot.from_screws(
+        [np.diag([-1.0, -1, 1, 1]) * 1.0], [[-0.0, 0, 1, -0.0, 0, 0]], [-0.0 * np.eye(6)], gravity=(-0.0, 0, 0),
+        g=[-0.0], G=[[1]], limits={"lower": [-0.0]},
+    ).mechanism  # fmt: skip
+    for array in (robot.B, robot.X, robot.M, robot.gravity, robot.g, robot.limits.lower):
+        assert not (np.signbit(array) & (array == 0)).any()
+
+
+def test_a_coordinate_that_moves_nothing_is_refused():
+    refusal(lambda: jounce.Robot.from_screws(**ONE, G=[[1, 0]]), "G[:, 1] is zero")

@@ -1,0 +1,92 @@
+"""Locked joints: the robot without them moves as the whole robot does whose joints stand still there."""
+
+import numpy as np
+import pytest
+from files import LINKS, joint, link, refusal, robot_file
+from hypothesis import given
+from hypothesis import strategies as st
+from robots import mechanisms, random_mechanism, relative_error
+
+import jounce
+
+
+def split(robot, rng, chosen):
+    """Values for the chosen coordinates, and states of the others, apart and together."""
+    values = {robot.joint_names[j]: float(rng.uniform(-1, 1)) for j in chosen}
+    others = [j for j in range(robot.n) if j not in chosen]
+    q = rng.uniform(-1, 1, (5, 6, len(others)))
+    whole = np.zeros((5, 6, robot.n))
+    whole[..., others] = q
+    whole[0][:, list(chosen)] = list(values.values())
+    return values, others, q, whole
+
+
+@given(mechanisms(6), st.data())
+def test_a_locked_robot_is_the_whole_one_with_joints_at_rest(drawn, data):
+    mechanism, rng = drawn
+    robot = jounce.Robot(mechanism)
+    if robot.n == 1:
+        return
+    chosen = data.draw(st.sets(st.integers(0, robot.n - 1), min_size=1, max_size=robot.n - 1))
+    values, others, q, whole = split(robot, rng, sorted(chosen))
+    locked = robot.locked(values)
+    assert locked.joint_names == tuple(robot.joint_names[j] for j in others)
+    found = locked.inverse_dynamics(*q, method="recursion")
+    expected = robot.inverse_dynamics(*whole, method="recursion")
+    for x, y in zip(found, expected, strict=True):
+        scale = np.abs(y).max() + 1e-9  # that of all the joints: one may feel nothing
+        assert np.abs(x - y[..., others]).max() < 1e-12 * scale
+    M = robot.mass_matrix(whole[0], method="recursion")
+    assert relative_error(locked.mass_matrix(q[0], method="recursion"), M[..., others, :][..., others]) < 1e-12
+    for body in robot.body_names:
+        assert relative_error(locked.poses(q[0], body=body), robot.poses(whole[0], body=body)) < 1e-13
+
+
+def test_followers_of_locked_joints_are_welded_and_those_of_others_keep_their_share():
+    rng = np.random.default_rng(0)
+    base = random_mechanism(rng, [-1, 0, 1], ["revolute"] * 3, [1.0] * 3)
+    G = [[1, 0], [2, 0], [0.5, -1]]
+    robot = jounce.Robot.from_screws(base.B, base.X, base.M, G=G, g=[0, 0.3, 0.1], joint_names=["a", "b"])
+    locked = robot.locked({"a": 0.4})
+    assert locked.mechanism.nb == 1
+    np.testing.assert_allclose(locked.mechanism.G, [[-1]])
+    np.testing.assert_allclose(locked.mechanism.g, [0.1 + 0.5 * 0.4])
+
+
+def test_limits_drives_and_terms_of_the_other_joints_stay():
+    base = jounce.load("iiwa14").mechanism
+    numbers = np.arange(1.0, 8.0)
+    given = {"limits": {"effort": numbers}, "drives": {"friction": numbers}}
+    robot = jounce.Robot.from_screws(base.B, base.X, base.M, **given).with_drives("friction")
+    locked = robot.locked({"joint2": 0.1, "joint5": 0})
+    for found in (locked.limits.effort, locked.drives.friction):
+        assert found.tolist() == [1, 3, 4, 6, 7]
+    assert locked.mechanism.acting == ("friction",)
+
+
+def test_load_locks_joints_of_a_file_and_links_stay_findable(tmp_path):
+    chain = (*LINKS, link("hand"), joint("turn", "base", "arm"), joint("wrist", "arm", "hand"))
+    robot = jounce.load(robot_file(tmp_path, *chain), lock={"wrist": np.pi / 2})
+    assert robot.joint_names == ("turn",)
+    assert robot.poses([0.0], body="hand")[:3, 0] == pytest.approx([0, 1, 0])
+
+
+@pytest.mark.parametrize(
+    ("lock", "words"),
+    [
+        ({"join1": 0}, ["no joint to lock 'join1'; did you mean 'joint1'"]),
+        ({"joint1": np.nan}, ["joint 'joint1' is locked at nan; expected a finite number"]),
+        (["joint1"], ["joints to lock are of type list; expected a mapping of names and values"]),
+        ({"joint1": "0"}, ["locked at '0'"]),
+        ({"joint1": 0, "joint2": 0}, ["all 2 joints are locked; expected one that moves"]),
+    ],
+)
+def test_refuses_what_cannot_be_locked(lock, words):
+    refusal(lambda: jounce.load("planar2r", lock=lock), "planar2r: ", *words)
+
+
+def test_refuses_to_lock_a_follower():
+    G = [[1.0], [1.0]]
+    base = jounce.load("planar2r").mechanism
+    robot = jounce.Robot.from_screws(base.B, base.X, base.M, G=G, joint_names=["lead"])
+    refusal(lambda: robot.locked({"joint2": 0.0}), "joint 'joint2' cannot be locked: it follows lead; lock that")

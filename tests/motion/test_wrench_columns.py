@@ -1,0 +1,89 @@
+"""Wrenches in motion tables: by body or merged link, as samples or with all rates, in any component."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from files import refusal
+
+import jounce
+from jounce.cli import main
+from jounce.io import tables
+from jounce.motion.table import from_table
+
+PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
+IIWA = jounce.load("iiwa14").mechanism
+T = np.linspace(0, 1, 40)
+JOINTS = {"t": T} | {name: np.cos((i + 1) * T) for i, name in enumerate(IIWA.coordinates)}
+RATES = {"t": T} | {
+    f"{name}.{rate}": np.cos(T + i + k) for i, name in enumerate(IIWA.coordinates)
+    for k, rate in enumerate(("q", "qd", "q2d", "q3d", "q4d"))
+}  # fmt: skip
+
+
+def sine(k):
+    return 10 * np.pi**k * np.sin(np.pi * T + k * np.pi / 2)
+
+
+FULL = {f"link7.fz{rate}": sine(k) for k, rate in enumerate(("", "d", "2d"))}
+
+
+@pytest.mark.parametrize("motion", [JOINTS, RATES], ids=["samples", "rates"])
+def test_samples_of_a_wrench_get_their_rates_from_a_spline(motion):
+    W = from_table(motion | {"link7.fz": sine(0), "link4.mx": 0 * T}, IIWA, 4, "m.csv").wrench
+    assert [sorted(rate) for rate in W] == [["link4", "link7"]] * 3
+    for k, rate in enumerate(W):
+        np.testing.assert_allclose(rate["link7"][:, 5], sine(k), atol=1e-5 * 10 * np.pi**k)
+        assert not rate["link7"][:, :5].any()
+
+
+def test_a_body_may_be_called_as_a_joint_is():
+    """And a joint as a component of a wrench is."""
+    bodies, joints = ("arm", "hand"), ("arm", "elbow.fx")
+    twins = replace(jounce.load("planar2r").mechanism, bodies=bodies, joints=joints, coordinates=joints)
+    motion = from_table({"t": T, "arm": T, "elbow.fx": -T, "arm.fx": T}, twins, 2, "m.csv")
+    assert (motion.rates[0] == np.stack([T, -T], 1)).all()
+    assert [list(rate) for rate in motion.wrench] == [["arm"]]
+    assert (motion.wrench[0]["arm"][:, 3] == T).all()
+
+
+@pytest.mark.parametrize("motion", [JOINTS, RATES], ids=["samples", "rates"])
+def test_rates_of_a_wrench_are_used_as_they_are(motion):
+    for highest, count in ((2, 1), (3, 2), (4, 3)):
+        W = from_table(motion | FULL, IIWA, highest, "m.csv").wrench
+        assert len(W) == count
+        assert all((rate["link7"][:, 5] == sine(k)).all() for k, rate in enumerate(W))
+
+
+def test_no_wrench_columns_no_wrench():
+    assert from_table(JOINTS, IIWA, 4, "m.csv").wrench is None
+
+
+def test_run_applies_them_also_on_merged_links(tmp_path):
+    robot = jounce.load(PANDA)
+    motion = {"t": T} | {name: 0.3 * np.cos((i + 1) * T) for i, name in enumerate(robot.joint_names)}
+    wrench = {"panda_hand_tcp.fx": np.sin(T), "panda_link4.my": np.cos(2 * T)}
+    tables.write(tmp_path / "m.npz", motion | wrench)
+    asked = ["run", str(PANDA), str(tmp_path / "m.npz"), "-o", str(tmp_path / "f.npz")]
+    assert CliRunner().invoke(main, asked).exit_code == 0
+    table = from_table(motion | wrench, robot.mechanism, 4, "m.npz")
+    Q = robot.inverse_dynamics(*table.rates, wrench=table.wrench)
+    found = tables.read(tmp_path / "f.npz")
+    assert (found["panda_joint2.Q2d"] == Q[2][:, 1]).all()
+    assert np.abs(Q[0] - robot.inverse_dynamics(*table.rates)[0]).max() > 0.1
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        ({"link8.fz": T}, ["no body 'link8'; did you mean 'link7'"]),
+        ({k: v for k, v in FULL.items() if k != "link7.fzd"}, ["missing 'link7.fzd'"]),
+        (FULL | {"link7.mx": T}, ["missing 'link7.mxd'"]),
+        ({"link7.fw": T}, ["unknown 'link7.fw'"]),
+        ({"link7.fzdd": T}, ["unknown 'link7.fzdd'"]),
+    ],
+)
+def test_refuses_bad_wrench_columns(columns, words):
+    refusal(lambda: from_table(JOINTS | columns, IIWA, 4, "m.csv"), "m.csv: ", *words)

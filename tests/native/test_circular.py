@@ -1,0 +1,85 @@
+"""Sine and cosine of native code against mpmath: every finite angle, in every lane, on vectors of any length."""
+
+import warnings
+
+import mpmath
+import numpy as np
+import pytest
+from natives import WAYS, native
+
+from jounce.native.circular import HALF_PI, LARGE
+from jounce.native.interface import Interface
+from jounce.program.trace import Tape
+
+UNITS = 2  # in the last place
+FEW = 10.0 ** np.arange(-300, 301, 20)
+RNG = np.random.default_rng(0)
+ANGLES = {
+    "random": RNG.uniform(-10, 10, 1500),
+    "up to where the C library takes over": RNG.uniform(-LARGE, LARGE, 1500),
+    "where it takes over": np.nextafter(LARGE, [-np.inf, LARGE, np.inf]),
+    "beyond": RNG.uniform(LARGE, 2.0**20, 200),
+    "next to multiples of pi/2": (np.arange(1, 500) * np.pi / 2)[:, None] + np.spacing(1.0) * np.arange(-2, 3),
+    "next to large multiples of pi/2": RNG.integers(500, 2**20, 500) * np.pi / 2,
+    # of all doubles up to 2^20 the nearest ones, for their size, to multiples of pi/2
+    "nearest to multiples of pi/2": [45.553093477052, 2915.397982531328, 321307.9594422229, 642615.9188844458],
+    "large": [1e3, 1e6, 1e15, 1e22, 1.7976931348623157e308, 5319372648326541416707072.0],
+    "of any size": np.concatenate([FEW, 1 / FEW]),
+    "denormal": [5e-324, 2.2250738585072014e-308, 1e-310],
+    "zero": [0.0, -0.0],
+}
+
+
+def circle(way="host"):
+    tape = Tape()
+    (x,) = tape.variables(1)
+    function = native(tape.program([x.sin(), x.cos()]), Interface(((1,),), ((1,), (1,)), (0,)), way)
+    return lambda x: [y[:, 0] for y in function(np.asarray(x)[:, None])]
+
+
+@pytest.fixture(scope="module", params=WAYS)
+def sincos(request):
+    return circle(request.param)
+
+
+@pytest.mark.parametrize("kind", ANGLES)
+def test_sines_and_cosines_are_within_two_units_in_the_last_place(sincos, kind):
+    angles = np.ravel(ANGLES[kind])
+    angles = np.concatenate([angles, -angles])
+    with mpmath.workprec(200):
+        for found, exact in zip(sincos(angles), (mpmath.sin, mpmath.cos), strict=True):
+            for x, y in zip(angles, found, strict=True):
+                expected = exact(mpmath.mpf(float(x)))
+                unit = np.spacing(abs(float(expected)))
+                assert abs(mpmath.mpf(float(y)) - expected) <= UNITS * unit, x
+
+
+def test_the_parts_of_a_quarter_turn_are_short_and_sum_up_to_it():
+    with mpmath.workprec(300):
+        assert abs(sum(map(mpmath.mpf, HALF_PI)) - mpmath.pi / 2) < mpmath.mpf(2) ** -129
+    for part in HALF_PI[:2]:
+        mantissa = int(np.frexp(part)[0] * 2**53)
+        assert mantissa % 2 ** (53 - 36) == 0
+    assert 36 + np.log2(LARGE / (np.pi / 2)) <= 53  # so that a multiple is exact
+
+
+def test_angles_keep_their_digits_whatever_stands_in_the_other_lanes(sincos):
+    rng = np.random.default_rng(1)
+    angles = np.concatenate([rng.uniform(-9, 9, 40), rng.uniform(1e6, 1e9, 6), [np.nan, 1e300, 5e-324, -0.0]])
+    alone = np.array([np.ravel(sincos([x])) for x in angles])
+    for _ in range(20):
+        order = rng.permutation(angles.size)
+        np.testing.assert_array_equal(np.stack(sincos(angles[order]), axis=1), alone[order])
+
+
+def test_no_number_has_no_sine(sincos):
+    with np.errstate(invalid="ignore"):
+        for found in sincos([np.nan, 1.0, np.inf, -np.inf, 2.0]):
+            assert (np.isnan(found) == [True, False, True, True, False]).all()
+
+
+@pytest.mark.parametrize("angle", [0.5, LARGE, 1e8, 1e200, 1e300, 5e-324, np.nan])
+def test_numpy_has_nothing_to_warn_of(sincos, angle):
+    with warnings.catch_warnings(), np.errstate(all="warn", under="ignore"):
+        warnings.simplefilter("error")
+        sincos([angle, 1.0])

@@ -1,0 +1,297 @@
+"""Compiled kernels on disk: found again by the next process, never trusted when they are another's or not whole."""
+
+import hashlib
+import os
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_parts import left
+
+import jounce
+from jounce.native import cache, jit
+from jounce.native import kernel as module
+from jounce.native.kernel import Kernel
+from jounce.native.quantity import Quantity
+from jounce.native.target import host
+
+ROBOT = jounce.load("planar2r")
+QUANTITY = Quantity("gravity_forces", 0, False, 2, 2)
+NAME = "0" * 64
+posix = pytest.mark.skipif(not hasattr(os, "getuid"), reason="Windows keeps users' folders apart itself")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    path = tmp_path / "here" / "cache"
+    monkeypatch.setenv("JOUNCE_CACHE_DIR", str(path))
+    return path
+
+
+@pytest.fixture
+def compilations(monkeypatch):
+    """A list that grows with every module that is compiled."""
+    done = []
+    assembled = jit.assembled
+    monkeypatch.setattr(module.jit, "assembled", lambda *given: done.append(given) or assembled(*given))
+    return done
+
+
+def works():
+    """A kernel made anew, whatever this process holds already, gives what the recursion gives."""
+    q = np.array([0.3, -0.4])
+    np.testing.assert_allclose(Kernel(ROBOT.mechanism, QUANTITY)(q), ROBOT.gravity_forces(q, method="recursion"))
+
+
+def entry(folder):
+    (path,) = folder.glob(f"*{cache.SUFFIX}")
+    return path
+
+
+def test_the_second_kernel_is_not_compiled(folder, compilations):
+    works()
+    assert len(compilations) == 1
+    works()
+    assert len(compilations) == 1
+    assert list(cache.entries()) == [entry(folder)]
+
+
+@posix
+def test_folder_and_entries_are_the_users_alone(folder):
+    works()
+    assert folder.stat().st_mode & 0o777 == 0o700
+    assert entry(folder).stat().st_mode & 0o777 == 0o600
+    assert [x.name for x in folder.iterdir()] == [entry(folder).name]  # no part is left
+
+
+SPOILT = {
+    "empty": lambda content: b"",
+    "shorter than a hash": lambda content: content[:20],
+    "a hash alone": lambda content: content[:32],
+    "truncated": lambda content: content[:-1],
+    "longer": lambda content: content + b"\0",
+    "a bit turned": lambda content: content[:-100] + bytes([content[-100] ^ 1]) + content[-99:],
+    "a hash turned": lambda content: bytes([content[0] ^ 1]) + content[1:],
+    "of another key": lambda content: hashlib.sha256(NAME.encode() + content[32:]).digest() + content[32:],
+}
+
+
+@pytest.mark.parametrize("spoil", SPOILT.values(), ids=SPOILT)
+def test_what_is_not_whole_is_compiled_and_written_anew(folder, compilations, spoil):
+    works()
+    whole = entry(folder).read_bytes()
+    entry(folder).write_bytes(spoil(whole))
+    works()
+    assert len(compilations) == 2
+    works()
+    assert len(compilations) == 2
+    assert cache.read(entry(folder).stem) is not None
+
+
+def test_an_entry_renamed_to_another_key_is_not_read(folder):
+    cache.write(NAME, b"code")
+    assert cache.read(NAME) == b"code"
+    entry(folder).rename(folder / ("1" * 64 + cache.SUFFIX))
+    assert cache.read("1" * 64) is None
+
+
+@posix
+@pytest.mark.parametrize("mode", [0o620, 0o602, 0o666])
+def test_entries_that_others_may_write_are_not_read(folder, compilations, mode):
+    works()
+    entry(folder).chmod(mode)
+    works()
+    assert len(compilations) == 2
+    assert entry(folder).stat().st_mode & 0o777 == 0o600
+
+
+@posix
+@pytest.mark.parametrize("mode", [0o720, 0o702, 0o777])
+def test_a_folder_that_others_may_write_is_neither_read_nor_written(folder, compilations, mode):
+    works()
+    entry(folder).chmod(0o600)
+    folder.chmod(mode)
+    before = entry(folder).stat()
+    works()
+    assert len(compilations) == 2
+    assert entry(folder).stat() == before
+
+
+@posix
+def test_what_another_user_owns_is_neither_read_nor_written(folder, compilations, monkeypatch):
+    works()
+    before, user = entry(folder).stat(), os.getuid()
+    monkeypatch.setattr(os, "getuid", lambda: user + 1)
+    works()
+    assert len(compilations) == 2
+    assert entry(folder).stat() == before
+
+
+@posix
+def test_an_entry_of_another_user_in_a_folder_of_ones_own_is_not_read(folder, monkeypatch):
+    cache.write(NAME, b"code")
+    lstat = os.lstat
+
+    def foreign(path):
+        found = lstat(path)
+        return found if str(path) == str(folder) else os.stat_result([*found[:4], found.st_uid + 1, *found[5:10]])
+
+    monkeypatch.setattr(os, "lstat", foreign)
+    assert cache.read(NAME) is None
+
+
+@posix
+def test_links_are_not_followed(folder, tmp_path, compilations):
+    works()
+    elsewhere = tmp_path / "elsewhere"
+    entry(folder).rename(elsewhere)
+    link = folder / (cache.key(ROBOT.mechanism, repr(QUANTITY), host()) + cache.SUFFIX)
+    link.symlink_to(elsewhere)
+    before = elsewhere.read_bytes()
+    works()
+    assert len(compilations) == 2
+    assert not link.is_symlink()  # an entry of its own took the place
+    assert elsewhere.read_bytes() == before
+
+
+@posix
+def test_a_folder_that_is_a_link_is_left_alone(folder, tmp_path, compilations):
+    works()
+    real = folder.rename(tmp_path / "real")
+    before = entry(real).stat()
+    folder.symlink_to(real)
+    works()
+    entry(real).rename(real / "another name")
+    works()
+    assert len(compilations) == 3
+    (after,) = real.iterdir()
+    assert (after.stat().st_ino, after.stat().st_mtime_ns) == (before.st_ino, before.st_mtime_ns)
+
+
+@pytest.mark.parametrize("kind", ["a file", "below a file", "not to be made"])
+def test_a_folder_that_cannot_be_is_no_harm(folder, kind, monkeypatch):
+    folder.parent.mkdir()
+    match kind:
+        case "a file":
+            folder.touch()
+        case "below a file":
+            monkeypatch.setenv("JOUNCE_CACHE_DIR", str(folder / "below"))
+            folder.touch()
+        case _:
+            monkeypatch.setattr(cache.Path, "mkdir", lambda *_, **__: (_ for _ in ()).throw(PermissionError()))
+    works()
+
+
+def test_a_disk_that_is_full_leaves_nothing_behind(folder, monkeypatch):
+    monkeypatch.setattr(cache.Path, "write_bytes", lambda *_: (_ for _ in ()).throw(OSError(28, "no space left")))
+    works()
+    assert list(folder.iterdir()) == []
+
+
+def kept(folder):
+    return {path.stem for path in folder.glob(f"*{cache.SUFFIX}")}
+
+
+def fill(folder, names, size=1000):
+    """Kernels of so many bytes each, used one after the other, a long time ago."""
+    for i, name in enumerate(names):
+        cache.write(name, bytes(size - 32))
+        os.utime(folder / (name + cache.SUFFIX), (i, i))
+
+
+def test_the_least_recently_used_make_room(folder, monkeypatch):
+    monkeypatch.setenv("JOUNCE_CACHE_SIZE", str(4000 / 2**20))
+    fill(folder, "abcd")
+    assert cache.read("a") is not None  # which is a use
+    cache.write("e", bytes(1500 - 32))
+    assert kept(folder) == set("ade")
+    assert sum(path.stat().st_size for path in cache.entries()) <= 4000
+    cache.write("d", bytes(1500 - 32))  # in place of its older self
+    assert kept(folder) == set("ade")
+
+
+def test_a_kernel_larger_than_the_limit_drives_nothing_out(folder, monkeypatch):
+    fill(folder, "ab")
+    monkeypatch.setenv("JOUNCE_CACHE_SIZE", str(2000 / 2**20))
+    cache.write("c", bytes(2000))
+    assert kept(folder) == set("ab")
+    monkeypatch.setenv("JOUNCE_CACHE_SIZE", "0")
+    works()
+    assert kept(folder) == set("ab")
+
+
+@posix
+def test_the_next_kernel_removes_what_a_killed_writer_left(folder):
+    fill(folder, "a")
+    gone, live = left(folder), left(folder, os.getpid())
+    fill(folder, "b")
+    assert (gone.exists(), live.exists()) == (False, True)
+
+
+def test_an_entry_that_cannot_be_touched_is_read(folder, monkeypatch):
+    fill(folder, "a")
+    monkeypatch.setattr(os, "utime", lambda *_: (_ for _ in ()).throw(PermissionError()))
+    assert cache.read("a") is not None
+
+
+def test_the_key_tells_apart_whatever_the_code_depends_on():
+    m, what = ROBOT.mechanism, repr(QUANTITY)
+    turned = np.array([[0.0, -1.0], [1.0, 0.0]])
+    others = [
+        *(replace(m, **{name: getattr(m, name) * (1 + 2**-52)}) for name in ("B", "X", "M", "gravity")),
+        *(replace(m, G=turned), replace(m, g=np.array([0.0, 1.0])), replace(m, parent=(-1, -1))),
+    ]
+    quantities = [replace(QUANTITY, **x) for x in ({"order": 1}, {"loaded": True}, {"name": "mass_matrix"})]
+    targets = [replace(host(), **x) for x in ({"cpu": "other"}, {"features": ""}, {"lanes": 1}, {"fma": None})]
+    keys = [
+        cache.key(m, what, host()),
+        *(cache.key(other, what, host()) for other in others),
+        *(cache.key(m, repr(quantity), host()) for quantity in quantities),
+        *(cache.key(m, what, target) for target in targets),
+    ]
+    assert len(set(keys)) == len(keys) == 1 + 7 + 3 + 4
+    assert cache.key(replace(m, name="another name"), what, host()) == keys[0]
+    assert cache.key(jounce.load("planar2r").mechanism, what, host()) == keys[0]
+
+
+def test_the_key_changes_with_the_program_itself(monkeypatch):
+    before = cache.key(ROBOT.mechanism, repr(QUANTITY), host())
+    monkeypatch.setattr(cache, "_sources", lambda: "another version")
+    assert cache.key(ROBOT.mechanism, repr(QUANTITY), host()) != before
+
+
+def test_the_users_cache_folder_is_the_default(monkeypatch, tmp_path):
+    monkeypatch.delenv("JOUNCE_CACHE_DIR")
+    monkeypatch.setattr("platformdirs.user_cache_path", lambda name: tmp_path / name)
+    assert cache.folder() == tmp_path / "jounce"
+    monkeypatch.setenv("JOUNCE_CACHE_DIR", "")
+    assert cache.folder() == tmp_path / "jounce"
+
+
+PROCESS = """
+import sys
+import jounce
+from jounce.kernel import jit
+if sys.argv[1] == "warm":
+    def assembled(*given): raise AssertionError("compiled in spite of the cache")
+    jit.assembled = assembled
+robot = jounce.load("planar2r")
+print(*(x.hex() for Q in robot.inverse_dynamics(*[[0.1, 0.2]] * 5) for x in Q.tolist()))
+"""
+
+
+def process(kind):
+    return subprocess.Popen([sys.executable, "-c", PROCESS, kind], stdout=subprocess.PIPE, text=True)
+
+
+def test_two_processes_at_once_and_one_after_them_that_compiles_nothing(folder):
+    both = [process("cold"), process("cold")]
+    outputs = [p.communicate(timeout=60)[0] for p in both]
+    last = process("warm")
+    outputs.append(last.communicate(timeout=60)[0])
+    assert [p.returncode for p in (*both, last)] == [0, 0, 0]
+    assert len(set(outputs)) == 1
+    assert len(outputs[0].split()) == 6
+    assert [x.suffix for x in folder.iterdir()] == [cache.SUFFIX]

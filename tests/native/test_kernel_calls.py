@@ -1,0 +1,341 @@
+"""Kernels in users' hands: what they refuse, what they leave to the recursion, how they are bound, sent and dropped."""
+
+import gc
+import multiprocessing
+import pickle
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from threading import Barrier
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import sympy
+from robots import golden, relative_error
+
+import jounce
+from jounce.errors import JounceError, JounceWarning
+from jounce.native import jit
+from jounce.native import kernel as module
+from jounce.native.kernel import Kernel
+from jounce.native.quantity import Quantity
+from jounce.robot import dispatch
+
+ROBOT = jounce.load("planar2r")
+ONES = [np.ones((5, 2))] * 4
+
+
+def compiled(**options):
+    return ROBOT.compile(1, **options)
+
+
+def states(count, arrays=4):
+    return list(np.random.default_rng(0).uniform(-2, 2, (arrays, count, 2)))
+
+
+def one_line(call, match):
+    with pytest.raises(JounceError, match=match) as caught:
+        call()
+    assert "\n" not in str(caught.value)
+
+
+REFUSED = {
+    "too few": (ONES[:3], {}, r"takes 4 arrays, not 3$"),
+    "too many": ([*ONES, np.ones((5, 2))], {}, r"takes 4 arrays, not 5$"),
+    "none": ([], {}, r"takes 4 arrays, not 0$"),
+    "another number of coordinates": ([np.ones(3), *ONES[1:]], {}, r"size 3 is different from 2"),
+    "one coordinate": ([np.ones((5, 1)), *ONES[1:]], {}, r"size 1 is different from 2"),
+    "a scalar": ([1.0, *ONES[1:]], {}, r"not have enough dimensions"),
+    "batches that do not fit": ([np.ones((4, 2)), *ONES[1:]], {}, r"broadcast"),
+    "objects": ([np.ones((5, 2), object), *ONES[1:]], {}, r"not supported for the input types"),
+    "complex numbers": ([np.ones((5, 2), complex), *ONES[1:]], {}, r"not supported for the input types"),
+    "text": (["text", *ONES[1:]], {}, r"not supported for the input types|not have enough dimensions"),
+    "a ragged list": ([[[1], [1, 2]], *ONES[1:]], {}, r"inhomogeneous"),
+    "out of another kind": (ONES, {"out": 3}, r"ArrayType|tuple of arrays|exactly one entry"),
+    "out of one array": (ONES, {"out": np.ones((5, 2))}, r"tuple|entry"),
+    "out of three arrays": (ONES, {"out": tuple(np.ones((3, 5, 2)))}, r"exactly one entry per"),
+    "out of another batch": (ONES, {"out": (np.ones((9, 2)), np.ones((9, 2)))}, r"broadcast"),
+    "out of another shape": (ONES, {"out": (np.ones((5, 2)), np.ones((5, 3)))}, r"size 3 is different from 2"),
+    "out of integers": (ONES, {"out": (np.ones((5, 2), int), np.ones((5, 2)))}, r"Cannot cast"),
+}
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("case", REFUSED)
+def test_calls_that_do_not_fit_are_refused_in_one_line(case, threads):
+    arrays, options, match = REFUSED[case]
+    out = options.get("out")
+    before = [x.copy() for x in (*arrays, *(out if isinstance(out, tuple) else ())) if isinstance(x, np.ndarray)]
+    one_line(lambda: compiled()(*arrays, threads=threads, **options), match)
+    after = [x for x in (*arrays, *(out if isinstance(out, tuple) else ())) if isinstance(x, np.ndarray)]
+    assert all((x == y).all() for x, y in zip(before, after, strict=True))
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_arrays_to_write_into_may_be_listed_and_short(threads):
+    arrays = states(9)
+    expected = compiled()(*arrays)
+    out = [np.empty((9, 2)), np.empty((9, 2), np.float32)]
+    results = compiled()(*arrays, out=out, threads=threads)
+    assert all(x is y for x, y in zip(results, out, strict=True))
+    np.testing.assert_array_equal(out[0], expected[0])
+    np.testing.assert_array_equal(out[1], expected[1].astype(np.float32))
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        (
+            {"quantity": "mass_matrx"},
+            r"^no quantity for native code 'mass_matrx'; did you mean 'mass_matrix'\? there are",
+        ),
+        ({"quantity": None}, r"^no quantity for native code None"),
+        ({"quantity": ["mass_matrix"]}, r"^no quantity for native code"),
+        ({"order": -1}, r"^order is -1; expected 0 to 100$"),
+        ({"order": 1.0}, r"^order is 1\.0;"),
+        ({"order": True}, r"^order is True;"),
+        ({"order": "2"}, r"^order is '2';"),
+        ({"order": 13}, r"^no native code: it goes to order 12, not 13$"),
+        ({"wrench": np.ones((2, 6))}, r"^wrench is array\(.*; expected True or False"),
+        ({"wrench": True, "quantity": "mass_matrix"}, r"^mass_matrix takes no wrenches$"),
+    ],
+)
+def test_what_cannot_be_compiled_is_refused_in_one_line(options, match):
+    one_line(lambda: ROBOT.compile(**options), match)
+
+
+def test_symbols_in_the_data_are_refused_and_left_to_the_recursion():
+    robot = jounce.load("planar2r", m1=sympy.Symbol("m"))
+    one_line(robot.compile, r"^no native code: the robot holds symbols$")
+    assert robot.gravity_forces([0.0, 0.0]).dtype == object
+    one_line(lambda: robot.gravity_forces([0.0, 0.0], method="kernel"), r"^no native code: the robot holds symbols$")
+
+
+@pytest.fixture
+def no_kernel(monkeypatch):
+    """Native code that must not be asked for."""
+
+    def compiled(*given):
+        raise AssertionError("native code asked for")
+
+    monkeypatch.setattr(dispatch, "compiled", compiled)
+
+
+STATES = {
+    "long doubles": lambda x: x.astype(np.longdouble),
+    "JAX": jnp.asarray,
+    "SymPy": lambda x: np.array([sympy.Float(float(v)) for v in x], dtype=object),
+}
+
+
+@pytest.mark.parametrize("kind", STATES)
+@pytest.mark.usefixtures("no_kernel")
+def test_other_scalars_go_to_the_recursion(kind):
+    robot = jounce.load("planar2r")
+    q = list(np.random.default_rng(1).uniform(-1, 1, (3, 2)))
+    given = [STATES[kind](x) for x in q]
+    expected = robot.inverse_dynamics(*q, method="recursion")
+    found = robot.inverse_dynamics(*given)
+    assert np.asarray(given[0]).dtype == np.asarray(found).dtype
+    np.testing.assert_allclose(np.asarray(found, dtype=float), expected, rtol=1e-6)
+    one_line(lambda: robot.inverse_dynamics(*given, method="kernel"), r"^native code takes float64 arrays of NumPy$")
+    one_line(lambda: robot.inverse_dynamics(*given, threads=2), r"threads = 2 is for native code only")
+
+
+@pytest.mark.usefixtures("no_kernel")
+def test_what_takes_long_to_compile_goes_to_the_recursion():
+    robot, chain = jounce.load("planar2r"), jounce.Robot(golden("iiwa")[0])
+    q = [np.ones(2)] * 14
+    assert len(robot.gravity_forces(*q)) == 14
+    one_line(lambda: robot.gravity_forces(*q, method="kernel"), r"^no native code: it goes to order 12, not 13$")
+    with pytest.raises(AssertionError, match=r"^native code asked for$"):
+        robot.gravity_forces(*q[:13])
+    assert len(chain.mass_matrix(*[np.ones(7)] * 6)) == 6
+    one_line(
+        lambda: chain.compile(5, quantity="mass_matrix"), r"of mass_matrix to order 5 it is for fewer than 7 bodies$"
+    )
+
+
+def test_high_orders_of_many_bodies_take_the_loop_form():
+    """The last order in a straight line and the first in a loop agree with the recursion, and with each other."""
+    robot = jounce.Robot(golden("iiwa")[0])
+    q = np.random.default_rng(3).uniform(-1, 1, (8, 3, 7))
+    expected = robot.inverse_dynamics(*q, method="recursion")
+    for order, straight in ((4, True), (5, False)):
+        kernel = robot.compile(order)
+        assert kernel.quantity.straight == straight
+        for found, other in zip(kernel(*q[: order + 3]), expected, strict=False):
+            assert relative_error(found, other) < 1e-14
+
+
+@pytest.mark.parametrize("kind", [list, np.float32, np.int64, np.float16, ">f8", "unpickled"])
+def test_what_becomes_doubles_is_served(kind):
+    q = np.ones((3, 3, 2))
+    expected = ROBOT.inverse_dynamics(*q)
+    given = q.tolist() if kind is list else pickle.loads(pickle.dumps(q)) if kind == "unpickled" else q.astype(kind)
+    np.testing.assert_array_equal(ROBOT.inverse_dynamics(*given, method="kernel"), expected)
+
+
+def test_without_llvmlite_the_recursion_serves_and_says_so(monkeypatch):
+    monkeypatch.setitem(sys.modules, "llvmlite.binding", None)
+    monkeypatch.setattr(dispatch, "available", cache(dispatch.available.__wrapped__))
+    robot, q = jounce.load("planar2r"), states(3, 3)  # a robot that no kernel was made for
+    with pytest.warns(JounceWarning, match=r"^no native code, the recursion serves instead: llvmlite cannot be"):
+        found = robot.inverse_dynamics(*q)
+    np.testing.assert_array_equal(found, robot.inverse_dynamics(*q, method="recursion"))
+    for call in (lambda: robot.compile(0), lambda: robot.inverse_dynamics(*q, method="kernel")):
+        one_line(call, r"^no native code: llvmlite cannot be imported$")
+
+
+def test_without_llvmlite_a_process_warns_once():
+    program = """
+import sys, warnings
+sys.modules["llvmlite"] = None
+import jounce
+robot = jounce.load("planar2r")
+with warnings.catch_warnings(record=True) as seen:
+    warnings.simplefilter("always")
+    for _ in range(3):
+        robot.inverse_dynamics([0.0, 0.0], [0.0, 0.0], [0.0, 0.0])
+        robot.mass_matrix([0.0, 0.0])
+print(len(seen), seen[0].category.__name__, seen[0].filename)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout.split() == ["1", "JounceWarning", "<string>"]  # at the caller's line
+
+
+def test_a_kernel_is_pickled_as_what_it_is_of():
+    kernel, arrays = compiled(wrench=True), states(6)
+    W = [np.ones((6, 2, 6))] * 2
+    again = pickle.loads(pickle.dumps(kernel))
+    assert again.quantity == kernel.quantity
+    assert repr(again) == repr(kernel) == "<Kernel: inverse_dynamics of 'planar2r' to order 1, with wrenches>"
+    for x, y in zip(again(*arrays, *W), kernel(*arrays, *W), strict=True):
+        np.testing.assert_array_equal(x, y)
+
+
+def test_a_kernel_can_be_sent_to_another_process():
+    kernel, arrays = compiled(), states(6)
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        found = pool.apply_async(kernel, arrays).get(timeout=60)
+    for x, y in zip(found, kernel(*arrays), strict=True):
+        np.testing.assert_array_equal(x, y)
+
+
+@pytest.mark.parametrize("batch", [(), (0,), (1,), (9,), (40,)])
+@pytest.mark.parametrize("step", [1, -1, 2])
+def test_a_bound_call_computes_from_what_its_arrays_hold_now(batch, step):
+    kernel = compiled()
+    wide = np.random.default_rng(0).uniform(-2, 2, (6, *(abs(step) * count for count in batch), 2))
+    arrays = [x[::step] if batch else x for x in wide]
+    call = kernel.bind(*arrays[:4], out=arrays[4:])
+    for _ in range(3):
+        assert call() is None
+        for x, y in zip(arrays[4:], kernel(*arrays[:4]), strict=True):
+            np.testing.assert_array_equal(x, y)
+        for x in arrays[:4]:
+            x += 0.5
+
+
+def test_a_bound_call_keeps_its_arrays_and_its_code_alive():
+    q = states(9)
+    expected = compiled()(*q)
+    out = [np.zeros((9, 2)), np.zeros((9, 2))]
+    call = Kernel(ROBOT.mechanism, Quantity("inverse_dynamics", 1, False, 2, 2)).bind(*(x.copy() for x in q), out=out)
+    gc.collect()
+    rubbish = [np.full((9, 2), np.nan) for _ in range(50)]
+    call()
+    assert len(rubbish) == 50
+    for x, y in zip(out, expected, strict=True):
+        np.testing.assert_array_equal(x, y)
+
+
+OUT = [np.zeros((5, 2)), np.zeros((5, 2))]
+ONE = np.zeros((6, 2))
+LOCKED = np.zeros((5, 2))
+LOCKED.flags.writeable = False
+UNBOUND = {
+    "too few": (ONES[:3], OUT, r"binds 4 arrays and 2 to write into, not 3 and 2$"),
+    "one result": (ONES, OUT[0], r"binds 4 arrays and 2 to write into, not 4 and 1$"),
+    "no results": (ONES, None, r"not 4 and 1$"),
+    "lists": ([[[1.0, 2.0]] * 5, *ONES[1:]], OUT, r"binds float64 arrays of NumPy only$"),
+    "short floats": ([np.ones((5, 2), np.float32), *ONES[1:]], OUT, r"binds float64 arrays of NumPy only$"),
+    "big-endian": ([np.ones((5, 2), ">f8"), *ONES[1:]], OUT, r"binds float64 arrays of NumPy only$"),
+    "batches to broadcast": ([np.ones(2), *ONES[1:]], OUT, r"all with one batch axis or none"),
+    "two batch axes": ([np.ones((5, 1, 2))] * 4, [x[:, None] for x in OUT], r"all with one batch axis or none"),
+    "a number": ([np.array(1.0), *ONES[1:]], OUT, r"all with one batch axis or none"),
+    "another size": ([np.ones((5, 3)), *ONES[1:]], OUT, r"not \[\(5, 3\)\]$"),
+    "a read-only result": (ONES, [LOCKED, OUT[0]], r"^out\[0\] is read-only or shares memory"),
+    "one result twice": (ONES, [OUT[0], OUT[0]], r"^out\[1\] is read-only or shares memory"),
+    "results that overlap": (ONES, [ONE[1:], ONE[:-1]], r"^out\[1\] is read-only or shares memory"),
+    "a result over a state": ([ONE[1:], *ONES[1:]], [OUT[0], ONE[:-1]], r"^out\[1\] is read-only or shares memory"),
+}
+
+
+@pytest.mark.parametrize("case", UNBOUND)
+def test_arrays_that_native_code_could_not_trust_are_not_bound(case):
+    arrays, out, match = UNBOUND[case]
+    one_line(lambda: compiled().bind(*arrays, out=out), match)
+
+
+def test_many_threads_may_ask_for_the_same_kernel_first():
+    robots = [jounce.load("planar2r", L1=1 + i / 8) for i in range(3)]
+    q = states(4, 3)
+    together = Barrier(6)
+
+    def first(i):
+        together.wait(timeout=60)
+        return robots[i % 3].inverse_dynamics(*q, method="kernel")
+
+    with ThreadPoolExecutor(6) as pool:
+        found = list(pool.map(first, range(6)))
+    for i, Q in enumerate(found):
+        np.testing.assert_array_equal(Q, found[i % 3])
+        np.testing.assert_allclose(Q, robots[i % 3].inverse_dynamics(*q, method="recursion"), rtol=1e-12)
+
+
+def test_kernels_come_and_go_while_others_are_in_use():
+    """More kernels than are kept, some called from another thread, some bound while nothing else holds them."""
+    quantity, q, out = Quantity("gravity_forces", 0, False, 2, 2), np.ones((300, 2)), np.empty((300, 2))
+    expected = ROBOT.gravity_forces(q)
+    with ThreadPoolExecutor(2) as pool:
+        waiting = []
+        for i in range(150):
+            kernel = Kernel(ROBOT.mechanism, quantity)
+            waiting.append(pool.submit(kernel, q))
+            if i % 10 == 0:
+                call = kernel.bind(q, out=out)
+            del kernel
+            gc.collect(0)
+        for future in waiting:
+            np.testing.assert_array_equal(future.result(), expected)
+    gc.collect()
+    call()
+    np.testing.assert_array_equal(out, expected)
+
+
+def test_native_code_is_freed_with_its_kernel(monkeypatch):
+    loaded, engines = jit.loaded, []
+
+    class Engine:
+        def __init__(self, engine):
+            self.engine = engine
+
+        def __del__(self):
+            engines.append(self.engine)
+
+    def watched(*given):
+        address, engine = loaded(*given)
+        return address, Engine(engine)
+
+    monkeypatch.setattr(module.jit, "loaded", watched)
+    kernel = Kernel(ROBOT.mechanism, Quantity("gravity_forces", 0, False, 2, 2))
+    call = kernel.bind(np.ones(2), out=np.empty(2))
+    del kernel
+    gc.collect()
+    assert engines == []
+    del call
+    gc.collect()
+    assert len(engines) == 1

@@ -1,0 +1,166 @@
+"""Scratch memory of native code: on small stacks, from many threads, when memory is short, freed in the end."""
+
+import ctypes
+import gc
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from robots import random_mechanism
+
+import jounce
+from jounce.errors import JounceError
+from jounce.native import memory, pool
+from jounce.native.kernel import Kernel
+from jounce.native.quantity import Quantity
+
+STATE = np.random.default_rng(0).uniform(-1, 1, (5, 300, 40))
+FORCES = Quantity("inverse_dynamics", 2, False, 40, 40)
+
+
+NEEDS = r"^no native code: it needs 0\.\d+ MiB of scratch memory, more than the limit of 0\.125 MiB; use method="
+
+
+def chain(nb):
+    """Of one kind of joint."""
+    parent = list(range(-1, nb - 1))
+    return jounce.Robot(random_mechanism(np.random.default_rng(1), parent, ["revolute"] * nb, [1.0] * nb))
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return chain(40)
+
+
+class Heap:
+    """Python's heap as a kernel sees it, its buffers counted; beyond `most` at once there are none."""
+
+    def __init__(self, monkeypatch, most=1000):
+        self.used, self.largest = 0, 0
+        allocate, free = pool._allocate, pool._free
+
+        def counted_allocate(size):
+            if self.used >= most:
+                return None
+            self.used += 1
+            self.largest = max(self.largest, self.used)
+            return allocate(size)
+
+        def counted_free(buffer):
+            self.used -= bool(buffer)
+            free(buffer)
+
+        monkeypatch.setattr(pool, "_allocate", ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_size_t)(counted_allocate))
+        monkeypatch.setattr(pool, "_free", ctypes.CFUNCTYPE(None, ctypes.c_void_p)(counted_free))
+
+
+def same_from_four_threads(kernel, expected):
+    with ThreadPoolExecutor(4) as threads:
+        for found in threads.map(lambda _: kernel(*STATE), range(40)):
+            np.testing.assert_array_equal(found, expected)
+
+
+SMALL_STACK = """
+import os, sys, threading
+import numpy as np
+import jounce
+sys.path.insert(0, sys.argv[1])
+from test_kernel_memory import chain
+
+robot = chain(100)
+q = np.random.default_rng(0).uniform(-1, 1, (5, 30, 100))
+W = tuple(np.random.default_rng(1).uniform(-1, 1, (3, 30, 100, 6)))
+expected = robot.inverse_dynamics(*q, wrench=W)
+kernel, others = robot.compile(2, wrench=True), [jounce.load("anymal").compile(2, quantity=name) for name in (
+    "inverse_dynamics", "mass_matrix")]
+right = []
+
+def work():
+    for _ in range(20):
+        found = kernel(*q, *W)
+        out = [np.empty((30, 100)) for _ in range(3)]
+        kernel.bind(*q, *W, out=out)()
+        right.append(all((x == y).all() and (x == z).all() for x, y, z in zip(expected, found, out)))
+    for other in others:
+        other(*(np.ones(shape) for shape in other.quantity.interface.taken))
+
+threading.stack_size(256 * 1024)
+threads = [threading.Thread(target=work) for _ in range(3)]
+for thread in threads:
+    thread.start()
+if hasattr(os, "fork") and not os.fork():  # while the others are at it
+    os._exit(not all((x == y).all() for x, y in zip(expected, kernel(*q, *W))))
+forked = os.wait()[1] if hasattr(os, "fork") else 0
+for thread in threads:
+    thread.join()
+print(forked, len(right), all(right))
+"""
+
+
+def test_many_bodies_go_through_small_stacks_through_many_threads_and_forks():
+    command = [sys.executable, "-W", "ignore", "-c", SMALL_STACK, __file__.rpartition("/")[0]]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stdout.split()) == (0, ["0", "60", "True"]), done.stderr
+
+
+def test_buffers_are_kept_for_the_next_call_and_freed_with_the_kernel(robot, monkeypatch):
+    heap = Heap(monkeypatch)
+    kernel = Kernel(robot.mechanism, FORCES)
+    assert heap.used == 1
+    same_from_four_threads(kernel, kernel(*STATE))
+    assert 1 <= heap.largest == heap.used <= 4
+    call = kernel.bind(*STATE[:, 0], out=list(np.empty((3, 40))))
+    del kernel
+    gc.collect()
+    call()
+    assert heap.used
+    del call
+    gc.collect()
+    assert heap.used == 0
+
+
+def test_more_calls_at_once_than_buffers_are_kept(robot, monkeypatch, tmp_path):
+    monkeypatch.setattr(pool, "SLOTS", 1)
+    monkeypatch.setenv("JOUNCE_CACHE_DIR", str(tmp_path))  # other code under the same key
+    heap = Heap(monkeypatch)
+    kernel = Kernel(robot.mechanism, FORCES)
+    same_from_four_threads(kernel, kernel(*STATE))
+    assert heap.used == 1
+
+
+def test_where_memory_is_short_calls_wait_for_each_other(robot, monkeypatch):
+    heap = Heap(monkeypatch, most=1)
+    kernel = Kernel(robot.mechanism, FORCES)
+    expected = kernel(*STATE)
+    for found, x in zip(kernel(*STATE, threads=4), expected, strict=True):
+        np.testing.assert_array_equal(found, x)
+    assert heap.largest == 1
+
+
+def test_where_there_is_no_memory_a_kernel_is_refused_in_one_line(robot, monkeypatch):
+    Heap(monkeypatch, most=0)
+    with pytest.raises(JounceError, match=r"^not enough memory for native code: it works in \d+ bytes$"):
+        Kernel(robot.mechanism, FORCES)
+
+
+def test_robots_that_need_more_memory_than_the_limit_are_refused_or_left_to_the_recursion(monkeypatch):
+    robot, q = chain(150), np.random.default_rng(2).uniform(-1, 1, (3, 150))
+    assert memory.scratch_size(Quantity("inverse_dynamics", 12, True, 1000, 1000), range(-1, 999), 8) < memory.LIMIT
+    monkeypatch.setattr(memory, "LIMIT", 2**17)
+    expected = robot.inverse_dynamics(*q, method="recursion")
+    np.testing.assert_array_equal(robot.inverse_dynamics(*q), expected)
+    for call in (lambda: robot.compile(0), lambda: robot.inverse_dynamics(*q, method="kernel")):
+        with pytest.raises(JounceError, match=NEEDS):
+            call()
+
+
+@pytest.mark.parametrize("parent", [[-1], [-1, -1, -1], [-1, 0, 0, -1, 3, 2, 1, 4], list(range(-1, 9)), [-1, *[0] * 9]])
+def test_motions_stay_until_the_last_child_has_them(parent):
+    slots = memory.motion_slots(parent)
+    for i in range(len(parent)):
+        held = {slots[p + 1] for p in parent[i:] if p < i}  # of bodies that still have children, the parent among them
+        assert slots[i + 1] not in held
+    assert max(slots) <= len(parent)
+    assert parent != list(range(-1, 9)) or max(slots) == 1

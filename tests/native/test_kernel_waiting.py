@@ -1,0 +1,103 @@
+"""What is compiled unasked: nothing that a caller would wait for longer than some seconds, and how code grows."""
+
+import numpy as np
+import pytest
+from robots import random_mechanism
+
+import jounce
+from jounce.errors import JounceWarning
+from jounce.native import forms, jit
+from jounce.native import kernel as module
+from jounce.native.quantity import LongCompilationError, Quantity
+from jounce.native.target import host
+from jounce.robot import dispatch
+
+
+def chain(nb, kinds=("revolute", "prismatic"), seed=3):
+    """Its joints, and so its code, are of two kinds."""
+    listed = [kinds[i % len(kinds)] for i in range(nb)]
+    return jounce.Robot(random_mechanism(np.random.default_rng(seed), list(range(-1, nb - 1)), listed, [1.0] * nb))
+
+
+@pytest.fixture
+def compilations(monkeypatch, tmp_path):
+    """A list that grows with every module that is compiled, the cache being empty and callers impatient."""
+    done, assembled = [], jit.assembled
+    monkeypatch.setattr(module.jit, "assembled", lambda *given: done.append(given) or assembled(*given))
+    monkeypatch.setenv("JOUNCE_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(dispatch, "PATIENCE", 0.01)
+    return done
+
+
+CALLS = {
+    "a straight line": (
+        4,
+        "coriolis_matrix of form 'skew'",
+        lambda robot, q, **o: robot.coriolis_matrix(*q[:3], form="skew", **o),
+    ),
+    "a loop": (14, "inverse_dynamics", lambda robot, q, **o: robot.inverse_dynamics(*q, **o)),
+}
+
+
+@pytest.mark.parametrize("form", CALLS)
+@pytest.mark.parametrize("way", ["compile", "method", "another process"])
+def test_what_takes_long_to_compile_is_compiled_where_asked_alone(compilations, form, way):
+    nb, name, law = CALLS[form]
+    robot, q = chain(nb), np.random.default_rng(0).uniform(-1, 1, (4, nb))
+    expected = law(robot, q, method="recursion")
+    rest = "" if name == "inverse_dynamics" else f", quantity={name!r}"
+    with pytest.warns(JounceWarning, match=r"takes longer than 0\.01 s to compile, so the slower recursion") as told:
+        np.testing.assert_array_equal(law(robot, q), expected)
+    (warning,) = told
+    assert f"robot.compile(order=1{rest}) compiles it" in str(warning.message)
+    assert "\n" not in str(warning.message)
+    assert warning.filename == __file__
+    np.testing.assert_array_equal(law(robot, q), expected)  # and said once
+    assert not compilations
+    match way:
+        case "compile":
+            robot.compile(1, quantity=name)
+        case "method":
+            law(robot, q, method="kernel")
+        case _:
+            chain(nb).compile(1, quantity=name)
+            robot = chain(nb)
+    assert len(compilations) == 1
+    found = law(robot, q)
+    for x, y, z in zip(found, law(robot, q, method="kernel"), expected, strict=True):
+        np.testing.assert_array_equal(x, y)
+        np.testing.assert_allclose(x, z, rtol=1e-10, atol=1e-10)
+    assert len(compilations) == 1
+    assert any((x != y).any() for x, y in zip(found, expected, strict=True))  # by native code
+
+
+def test_what_was_compiled_serves_where_nothing_can_be_kept_on_disk(compilations, monkeypatch, tmp_path):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("JOUNCE_CACHE_DIR", str(tmp_path / "file"))
+    robot, q = chain(14), np.ones((3, 14))
+    kernel = robot.compile(0)
+    np.testing.assert_array_equal(robot.inverse_dynamics(*q), kernel(*q))
+    assert len(compilations) == 1
+
+
+def test_what_is_compiled_in_seconds_is_compiled_unasked():
+    """Bundled arms and every loop to order 6; not chains of any joints to order 12."""
+    quantities = [Quantity(name, 2, False, 7, 7) for name in ("inverse_dynamics", "coriolis_matrix of form 'skew'")]
+    for quantity in quantities:
+        forms.module(jounce.load("iiwa14").mechanism, quantity, host(), dispatch.PATIENCE)
+    robot = chain(100, ("revolute", "prismatic", "helical"))
+    forms.module(robot.mechanism, Quantity("inverse_dynamics", 6, True, 100, 100), host(), dispatch.PATIENCE)
+    with pytest.raises(LongCompilationError):
+        forms.module(robot.mechanism, Quantity("inverse_dynamics", 12, False, 100, 100), host(), dispatch.PATIENCE)
+    skew = Quantity("coriolis_matrix of form 'skew'", 3, False, 12, 12)
+    with pytest.raises(LongCompilationError):
+        forms.module(chain(12).mechanism, skew, host(), dispatch.PATIENCE)
+
+
+def test_instructions_of_the_loop_form_do_not_grow_with_the_robot():
+    """What grows are tables, a line each."""
+    counts = set()
+    for nb in (14, 28):
+        quantity = Quantity("inverse_dynamics", 2, True, nb, nb)
+        counts.add(forms.module(chain(nb).mechanism, quantity, host()).count("\n"))
+    assert len(counts) == 1

@@ -1,0 +1,173 @@
+"""Programs: traced, factored and fused ones give the same outputs, by operations that are guarded in number."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from natives import WAYS, native
+from robots import loads, mechanisms, random_state, relative_error
+
+import jounce
+from jounce.dynamics.recursion import inverse_dynamics
+from jounce.native import forms
+from jounce.native.interface import Interface
+from jounce.native.quantity import Quantity
+from jounce.program.factor import factored
+from jounce.program.fuse import fused
+from jounce.program.program import FREE, OPERATIONS, ordered
+from jounce.program.trace import Tape
+from jounce.spatial.series import Series, columns
+
+PASSES = {"traced": lambda program: program, "factored": factored, "fused": lambda program: fused(factored(program))}
+
+
+def traced(mechanism, order, loaded):
+    """The recursion written down, before any pass."""
+    tape = Tape()
+    q = [tape.variables(mechanism.n) for _ in range(order + 3)]
+    W = [tape.variables(6 * mechanism.nb, 1) for _ in range(order + 1)]
+    Q = inverse_dynamics(mechanism, columns(q), Series.of(W) if loaded else None).upto(order)
+    return tape.program([x for rate in Q for x in rate[:, 0]])
+
+
+def in_order(program):
+    """Each step takes earlier ones only, is needed, and is there once."""
+    assert all(j < i for i, step in enumerate(program.steps) for j in step.operands)
+    assert set(program.uses()) == set(range(len(program.steps)))
+    assert len(set(program.steps)) == len(program.steps)
+
+
+@pytest.mark.parametrize(("order", "operations"), [(0, 562), (1, 1225), (2, 2213)])
+def test_the_iiwa_takes_no_more_operations_than_measured(order, operations):
+    """A guard of the economy of recursion, trace and factoring, sines and cosines among the operations."""
+    program = forms.program(jounce.load("iiwa14").mechanism, Quantity("inverse_dynamics", order, False, 7, 7))
+    assert program.operations <= operations
+    counts = fused(program).counts()
+    assert (counts["sin"], counts["cos"]) == (7, 7) or (counts["sin"], counts["cos"]) == (6, 6)
+    assert fused(program).operations < 0.8 * operations
+
+
+@given(mechanisms(), st.integers(0, 3), st.booleans())
+def test_programs_of_random_mechanisms_give_the_forces_after_every_pass(drawn, order, loaded):
+    mechanism, rng = drawn
+    q, W = random_state(rng, mechanism, order)
+    expected = inverse_dynamics(mechanism, columns(q), loads(W) if loaded else None).upto(order)
+    inputs = [float(x) for array in (q + W if loaded else q) for x in np.ravel(array)]
+    program = traced(mechanism, order, loaded)
+    for name, run in PASSES.items():
+        passed = run(program)
+        in_order(passed)
+        found = np.reshape(passed.run(inputs), (order + 1, -1))
+        for Q, Q_k in zip(found, expected, strict=True):
+            assert relative_error(Q, Q_k[:, 0]) < 1e-12, name
+    assert factored(program).operations <= program.operations
+
+
+@st.composite
+def expressions(draw):
+    """A program of sums and products of three integers and of constants, and the integers."""
+    values = [draw(st.integers(-3, 3)) for _ in range(3)]
+    tape = Tape()
+    made = [*zip(tape.variables(3), values, map(abs, values), strict=True)]
+    for _ in range(draw(st.integers(1, 25))):
+        kind = draw(st.sampled_from(["add", "sub", "mul", "neg", "constant"]))
+        x, a, largest_a = draw(st.sampled_from(made))
+        y, b, largest_b = draw(st.sampled_from(made))
+        match kind:
+            case "constant":
+                c = draw(st.sampled_from([0, 1, -1, 2, -3]))
+                made.append((x * c + y, a * c + b, largest_a * abs(c) + largest_b))
+            case "neg":
+                made.append((-x, -a, largest_a))
+            case "mul":
+                made.append((x * y, a * b, largest_a * largest_b))
+            case _:
+                sign = 1 if kind == "add" else -1
+                made.append((x + y if sign > 0 else x - y, a + sign * b, largest_a + largest_b))
+    assume(max(largest for _, _, largest in made) < 2**50)  # so that doubles hold all of it exactly
+    outputs = draw(st.lists(st.sampled_from(made), min_size=1, max_size=5))
+    return tape.program([node for node, _, _ in outputs]), values, [value for _, value, _ in outputs]
+
+
+@pytest.mark.parametrize("name", PASSES)
+@given(drawn=expressions())
+def test_programs_of_random_expressions_are_exact_after_every_pass(name, drawn):
+    program, inputs, expected = drawn
+    passed = PASSES[name](program)
+    in_order(passed)
+    assert passed.run(inputs) == expected
+    assert passed.operations <= program.operations
+
+
+def test_operations_are_counted_without_what_is_free():
+    tape = Tape()
+    x, y = tape.variables(2)
+    program = tape.program([x * y + 2, -(x * y), x.sin() - y.cos(), y])
+    assert program.counts() == {"input": 2, "constant": 1, "neg": 1, "mul": 1, "add": 1, "sub": 1, "sin": 1, "cos": 1}
+    assert program.operations == 5
+
+
+@pytest.mark.parametrize(
+    ("expression", "kinds"),
+    [
+        (lambda x, y: x + 0, ["input"]),
+        (lambda x, y: 0 + x, ["input"]),
+        (lambda x, y: x - 0, ["input"]),
+        (lambda x, y: 0 - x, ["input", "neg"]),
+        (lambda x, y: x * 0, ["constant"]),
+        (lambda x, y: -0.0 * x, ["constant"]),
+        (lambda x, y: x * 1, ["input"]),
+        (lambda x, y: -1 * x, ["input", "neg"]),
+        (lambda x, y: x - x, ["constant"]),
+        (lambda x, y: x + -x, ["constant"]),
+        (lambda x, y: 0 - (0 - x), ["input"]),
+        (lambda x, y: (x - y) + (y - x), ["constant"]),
+        (lambda x, y: x * y - y * x, ["constant"]),
+        (lambda x, y: (-x) * (-y), ["input", "input", "mul"]),
+        (lambda x, y: x * -2, ["constant", "input", "mul", "neg"]),
+    ],
+)
+def test_the_tape_folds_what_is_trivial(expression, kinds):
+    tape = Tape()
+    program = tape.program([expression(*tape.variables(2))])
+    assert sorted(step.kind for step in program.steps) == sorted(kinds)
+
+
+def test_equal_expressions_are_one_step_and_an_equal_node():
+    tape = Tape()
+    x, y = tape.variables(2)
+    assert x + y is y + x
+    assert x * y is y * x
+    assert 0 - (0 - x) is x
+    assert (-x).sin() is (-x).sin()
+    assert tape.program([(x - y) * (y - x)]).counts()["sub"] == 1
+
+
+def test_what_the_outputs_need_comes_once_and_operands_first():
+    operands = {0: (), 1: (0,), 2: (0, 1), 3: (2, 2), 4: (3,), 5: ()}
+    assert list(ordered([3, 1, 3], operands.__getitem__)) == [0, 1, 2, 3]
+    assert list(ordered([5, 4], operands.__getitem__)) == [5, 0, 1, 2, 3, 4]
+    assert list(ordered([], operands.__getitem__)) == []
+
+
+def everything():
+    """A program of every kind of step, with outputs that are inputs, constants, repeated and signed."""
+    tape = Tape()
+    x, y, z = tape.variables(3)
+    constant = tape.node(0.5)
+    outputs = [
+        *(x * x + z, y * y - z, x - z * z, (x + y) * (x - z), -(x * y * z), x, x, -x, constant, tape.node(-2.0)),
+        *((x + y).sin(), (x + y).cos(), x.sin() * y.cos(), constant.cos(), y.cos(), x * y + x * z, 3 * x - 3 * y),
+    ]
+    return tape.program(outputs)
+
+
+@pytest.mark.parametrize("run", PASSES.values(), ids=PASSES)
+@pytest.mark.parametrize("way", WAYS)
+def test_native_code_does_every_operation_in_every_lane(way, run):
+    program = run(everything())
+    assert run is not PASSES["fused"] or {"fma", "fms", "fnma"} <= set(program.counts()) <= {*OPERATIONS, *FREE}
+    function = native(program, Interface(((3,),), ((len(program.outputs),),), (0,)), way)
+    states = np.random.default_rng(0).uniform(-3, 3, (37, 3))
+    expected = [program.run(list(state)) for state in states]
+    np.testing.assert_allclose(function(states), expected, rtol=1e-14, atol=1e-14)

@@ -1,0 +1,212 @@
+"""Every argument of every public function meets values that it was never meant for: it works, or one line says why."""
+
+import inspect
+import warnings
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pinocchio
+import pytest
+from hostile import HOSTILE
+
+import jounce
+from jounce import JounceError
+
+URDF = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>"""
+MJCF = "<mujoco><worldbody><body name='b'><joint name='j'/><geom size='1'/></body></worldbody></mujoco>"
+ROBOT = jounce.load("planar2r")
+SYMBOLIC = jounce.symbolic(ROBOT)
+B, X, M = (getattr(ROBOT.mechanism, name) for name in "BXM")
+TREE = {"parent": [-1, 0], "names": ["a", "b"], "gravity": [0, 0, -9.81], "joint_names": ["c", "d"], "name": "r"}
+TREE |= {"limits": {"lower": [-1, -1]}, "drives": {"damping": [1, 1]}}
+SAMPLES = np.linspace(0, 1, 20)
+READ = {"lock": None, "drives": False, "gravity": None}
+PART = {"base": None, "root": None}
+OPTIONS = {"method": "recursion", "out": None, "threads": 1}
+
+Case = tuple[Callable[..., Any], Mapping[str, Any]]  # a call that works, to spoil one argument at a time
+
+
+def along(method: Callable[..., Any], /, **keywords: Any) -> Case:
+    """A method along a motion, with a rate beyond those that have names where it takes any."""
+    rates = [name for name in inspect.signature(method).parameters if name[0] == "q" or name == "higher"]
+    return method, dict.fromkeys(rates, (0.1, 0.2)) | keywords
+
+
+def keyed(key: Any, value: Any) -> dict[Any, Any]:
+    """A dict of one entry; of none where the key cannot be one."""
+    try:
+        return {key: value}
+    except Exception:
+        return {}
+
+
+def screws(**data: Any) -> Any:
+    return jounce.Robot.from_screws(B, X, M, **data)
+
+
+CASES: dict[str, Case] = {
+    "Robot": (jounce.Robot, {"mechanism": ROBOT.mechanism}),
+    "load": (jounce.load, {"source": "r.urdf", **READ, **PART}),
+    "load xacro": (jounce.load, {"source": "r.xacro", **READ, **PART, "xacro_args": {}}),
+    "load MJCF": (jounce.load, {"source": "r.xml", **READ, **PART}),
+    "load bundled": (jounce.load, {"source": "iiwa14", **READ, "gravity": [0, 0, -9.81]}),
+    "load planar2r": (jounce.load, {"source": "planar2r", "L1": 1, "L2": 1, "m1": 1, "m2": 1, "g": 9.81}),
+    "save": (jounce.save, {"robot": ROBOT, "path": "r.yaml"}),
+    "symbolic": (jounce.symbolic, {"robot": ROBOT}),
+    "Symbolic.dot": (SYMBOLIC.dot, {"x": SYMBOLIC.q[0]}),
+    "codegen": (
+        jounce.codegen,
+        {
+            "robot": ROBOT, "lang": "python", "order": 0, "directory": "code", "outputs": ["gravity_forces"],
+            "wrench": False, "parameters": (), "float32": False, "prefix": "r", "force": True,
+        },
+    ),
+    "casadi_function": (
+        jounce.casadi_function,
+        {"robot": ROBOT, "order": 0, "wrench": False, "quantity": "gravity_forces", "parameters": ()},
+    ),
+    "inertia_matrix": (
+        jounce.inertia_matrix,
+        {"mass": 1, "com": [0, 0, 1], "inertia_com": np.eye(3), "rotation": np.eye(3)},
+    ),
+    "load_motion": (
+        jounce.load_motion,
+        {"source": {"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3}, "robot": ROBOT}
+        | {"order": 1, "degree": 7, "intervals": None},
+    ),
+    "columns of load_motion": (
+        lambda **columns: jounce.load_motion(columns, ROBOT, order=1),
+        {"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3},
+    ),
+    "from_screws": (jounce.Robot.from_screws, {"B": B, "X": X, "M": M, **TREE, "G": np.eye(2), "g": [0, 0]}),
+    "limits": (lambda **limits: screws(limits=limits), dict.fromkeys(("lower", "upper", "velocity", "effort"), (1, 1))),
+    "drives": (
+        lambda **drives: screws(drives=drives),
+        dict.fromkeys(("armature", "damping", "friction", "eps", "stiffness", "rest"), (1, 1)),
+    ),
+    "parents": (lambda a, b: screws(parent=[a, b]), {"a": -1, "b": 0}),
+    "names": (lambda a, b: screws(names=[a, b]), {"a": "a", "b": "b"}),
+    "from_spatial_screws": (jounce.Robot.from_spatial_screws, {"A": B, "Y": X, "M": M, **TREE}),
+    "from_dh": (
+        jounce.Robot.from_dh,
+        {"table": np.zeros((2, 4)), "M": M, "convention": "standard", "types": ["revolute"] * 2}
+        | {"degrees": False, "base": np.eye(4), "tool": np.eye(4), "names": None},
+    ),
+    "rows of from_dh": (
+        lambda **row: jounce.Robot.from_dh([row], M[:1], "modified"),
+        dict.fromkeys(("a", "alpha", "d", "theta"), 0.0) | {"type": "prismatic"},
+    ),
+    "key of from_dh": (
+        lambda key: jounce.Robot.from_dh([{"alpha": 0, "d": 0, "theta": 0, **keyed(key, 0)}], M[:1], "modified"),
+        {"key": "a"},
+    ),
+    "types of from_dh": (
+        lambda kind: jounce.Robot.from_dh([[0] * 4], M[:1], "modified", types=[kind]),
+        {"kind": "revolute"},
+    ),
+    "from_pinocchio": (
+        jounce.Robot.from_pinocchio,
+        {"model": pinocchio.buildSampleModelManipulator(), "gravity": None, **PART},
+    ),
+    "from_mujoco": (
+        jounce.Robot.from_mujoco,
+        {"model": mujoco.MjModel.from_xml_string(MJCF), "gravity": None, **PART},
+    ),
+    "with_drives": (ROBOT.with_drives, {"terms": True, "eps": None}),
+    "term of with_drives": (lambda term: ROBOT.with_drives([term]), {"term": "spring"}),
+    "locked": (ROBOT.locked, {"values": {"joint1": 0.0}}),
+    "joint of locked": (lambda joint1: ROBOT.locked({"joint1": joint1}), {"joint1": 0.0}),
+    "audit": (ROBOT.audit, {}),
+    "compile": (ROBOT.compile, {"order": 0, "wrench": False, "quantity": "gravity_forces"}),
+    "inverse_dynamics": along(ROBOT.inverse_dynamics, wrench=None, **OPTIONS),
+    "inverse_dynamics natively": along(
+        ROBOT.inverse_dynamics, wrench=(np.zeros((2, 6)),) * 4, **OPTIONS | {"method": None}
+    ),
+    "inverse_dynamics in closed form": along(
+        ROBOT.inverse_dynamics, wrench=None, **OPTIONS | {"method": "closed_form"}
+    ),
+    "mass_matrix": along(ROBOT.mass_matrix, **OPTIONS),
+    "coriolis_matrix": along(ROBOT.coriolis_matrix, form="skew", **OPTIONS),
+    "gravity_forces": along(ROBOT.gravity_forces, **OPTIONS),
+    "momentum": along(ROBOT.momentum, **OPTIONS),
+    "base_wrench": along(ROBOT.base_wrench, wrench=None, **OPTIONS),
+    "drive_forces": along(ROBOT.drive_forces, terms=True, out=None),
+    "jacobian": along(ROBOT.jacobian, body="body1", frame="world", out=None),
+    "poses": along(ROBOT.poses, body=None, out=None),
+    "wrench": along(ROBOT.wrench, body="body1", force=None, torque=None, frame="body", point=None),
+    "joint of a state": (lambda joint1: ROBOT.mass_matrix({"joint1": joint1, "joint2": 0}), {"joint1": 0}),
+    "body of a wrench": (
+        lambda name, W: ROBOT.base_wrench([0, 0], [0, 0], [0, 0], wrench=keyed(name, W)),
+        {"name": "body1", "W": np.zeros(6)},
+    ),
+    "rates of a wrench": (
+        lambda W, Wd: ROBOT.inverse_dynamics(*np.ones((4, 2)), wrench=(W, Wd)),
+        {"W": np.zeros((2, 6)), "Wd": np.zeros((2, 6))},
+    ),
+    "rates of a force": (
+        lambda f, fd: ROBOT.wrench([0, 0], [1, 1], body="body1", force=(f, fd)),
+        {"f": np.zeros(3), "fd": np.zeros(3)},
+    ),
+}  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def _files(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for suffix, text in (("urdf", URDF), ("xacro", URDF), ("xml", MJCF)):
+        Path(f"r.{suffix}").write_text(text)
+
+
+def call(function: Callable[..., Any], given: Mapping[str, Any]) -> Any:
+    keywords, arguments = dict(given), []
+    for name, parameter in inspect.signature(function).parameters.items():
+        if name in keywords and parameter.kind != parameter.KEYWORD_ONLY:
+            arguments.append(keywords.pop(name))
+    return function(*arguments, **keywords)
+
+
+def failure(
+    function: Callable[..., Any], given: Mapping[str, Any], argument: str, value: Callable[[], Any]
+) -> str | None:
+    """What a call with one argument spoilt did that no call may."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            call(function, {**given, argument: value()})
+    except JounceError as error:
+        return None if str(error).isprintable() else f"JounceError: {error}"
+    except Exception as error:
+        return f"{type(error).__name__}: {error}"
+    return None
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_hostile_values_work_or_are_refused_in_one_line(name):
+    function, given = CASES[name]
+    call(function, given)
+    failures = {
+        (argument, kind): said
+        for argument in given
+        for kind, value in HOSTILE.items()
+        if (said := failure(function, given, argument, value))
+    }
+    assert not failures
+
+
+def test_every_argument_of_every_public_function_is_attacked():
+    methods = {name: getattr(jounce.Robot, name) for name in dir(jounce.Robot) if not name.startswith("_")}
+    public = {name: getattr(jounce, name) for name in jounce.__all__ if not name.startswith("Jounce")} | methods
+    for name, function in public.items():
+        if callable(function) and not name.startswith("_"):
+            expected = [
+                p.name
+                for p in inspect.signature(function).parameters.values()
+                if p.kind != p.VAR_KEYWORD and p.name != "self"
+            ]
+            assert set(expected) <= set(CASES[name][1]), name

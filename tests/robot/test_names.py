@@ -1,0 +1,306 @@
+"""States and motions by joint name: the same digits whatever the form and order of names, and every slip told."""
+
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import pytest
+import sympy
+from files import BODY, LINKS, joint, link, refusal, robot_file
+
+import casadi
+import jounce
+from jounce.io import tables
+
+jax.config.update("jax_enable_x64", True)
+
+PANDA = jounce.load(Path(__file__).parents[2] / "examples" / "panda.urdf")  # with a joint that follows another
+PLANAR = jounce.load("planar2r")
+LEAST = {"inverse_dynamics": 3, "mass_matrix": 1, "jacobian": 1, "momentum": 2, "poses": 1}
+BATCH = 5
+
+
+class Listing:
+    """A data frame of another library: it lists its columns, gives each by name, and knows nothing else."""
+
+    def __init__(self, columns, attribute):
+        self._columns = columns
+        setattr(self, attribute, list(columns))
+
+    def __getitem__(self, name):
+        return self._columns[name].tolist()
+
+
+def structured(columns):
+    array = np.zeros(len(next(iter(columns.values()))), dtype=[(name, float) for name in columns])
+    for name, column in columns.items():
+        array[name] = column
+    return array
+
+
+FORMS = {
+    "dict": dict,
+    "dict of lists": lambda columns: {name: column.tolist() for name, column in columns.items()},
+    "DataFrame": pd.DataFrame,
+    "structured array": structured,
+    "record array": lambda columns: structured(columns).view(np.recarray),
+    "listed columns": lambda columns: Listing(columns, "columns"),
+    "listed column names": lambda columns: Listing(columns, "column_names"),
+}
+ONE_STATE = {
+    "dict": lambda columns: {name: column[0] for name, column in columns.items()},
+    "Series": lambda columns: pd.DataFrame(columns).iloc[0],
+    "structured array": lambda columns: structured(columns)[0],
+}
+
+
+def rates(robot, count, seed=0):
+    return list(np.random.default_rng(seed).uniform(-2, 2, (count, BATCH, robot.n)))
+
+
+def named(robot, q, k=0):
+    """The columns of one rate, in an order of their own."""
+    order = np.random.default_rng(k).permutation(robot.n)
+    return {robot.joint_names[j]: q[:, j] for j in order}
+
+
+def identical(found, expected):
+    found, expected = (x if isinstance(x, tuple) else (x,) for x in (found, expected))
+    assert len(found) == len(expected)
+    for x, y in zip(found, expected, strict=True):
+        assert type(x) is np.ndarray
+        assert np.array_equal(x, y)
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+@pytest.mark.parametrize("quantity", LEAST)
+@pytest.mark.parametrize("form", [*FORMS, *(f"one {form}" for form in ONE_STATE)])
+def test_names_in_any_order_give_the_same_to_the_last_bit(form, quantity, order):
+    if quantity == "poses" and order:
+        order = 0  # which have no rates
+    q = rates(PANDA, LEAST[quantity] + order)
+    W = tuple(np.random.default_rng(1).normal(size=(order + 1, PANDA.mechanism.nb, 6)))
+    options = {"wrench": W} if quantity == "inverse_dynamics" else {}
+    one = form.startswith("one ")
+    make = ONE_STATE[form.removeprefix("one ")] if one else FORMS[form]
+    found = getattr(PANDA, quantity)(*(make(named(PANDA, x, k)) for k, x in enumerate(q)), **options)
+    identical(found, getattr(PANDA, quantity)(*(x[0] if one else x for x in q), **options))
+
+
+def test_forms_mix_and_go_to_every_method():
+    q, qd, q2d = rates(PANDA, 3)
+    by_name = pd.DataFrame(named(PANDA, q)), qd, named(PANDA, q2d)
+    for method in ("kernel", "recursion", "closed_form", "paper"):
+        identical(PANDA.inverse_dynamics(*by_name, method=method), PANDA.inverse_dynamics(q, qd, q2d, method=method))
+    identical(PANDA.coriolis_matrix(*by_name[:2]), PANDA.coriolis_matrix(q, qd))
+    identical(PANDA.gravity_forces(by_name[0]), PANDA.gravity_forces(q))
+    identical(PANDA.base_wrench(*by_name), PANDA.base_wrench(q, qd, q2d))
+    load = {"body": "panda_hand_tcp", "force": (0, 0, -9.81)}
+    identical(PANDA.wrench(*by_name[:2], **load), PANDA.wrench(q, qd, **load))
+    out = np.empty((BATCH, PANDA.n))
+    assert PANDA.inverse_dynamics(*by_name, out=out, threads=2) is out
+    identical(out, PANDA.inverse_dynamics(q, qd, q2d))
+
+
+def test_entries_broadcast():
+    q = dict.fromkeys(PANDA.joint_names, 0.0) | {"panda_joint2": np.linspace(0, 1, 4), "panda_joint4": [[-1], [-2]]}
+    array = np.zeros((2, 4, PANDA.n))
+    array[..., 1], array[..., 3] = np.linspace(0, 1, 4), [[-1], [-2]]
+    identical(PANDA.mass_matrix(q), PANDA.mass_matrix(array))
+
+
+def test_the_digits_of_every_kind_of_number_are_kept():
+    q = {"joint1": np.longdouble(1) / 3, "joint2": np.float32(0.1)}
+    expected = np.array([np.longdouble(1) / 3, np.float32(0.1)], dtype=np.longdouble)
+    found = PLANAR.mass_matrix(q)
+    assert found.dtype == np.longdouble
+    identical(found, PLANAR.mass_matrix(expected))
+    identical(PLANAR.mass_matrix({"joint1": 1, "joint2": True}), PLANAR.mass_matrix([1, 1]))
+
+
+ALL = "expected joint1, joint2"
+
+
+@pytest.mark.parametrize(
+    ("q", "said"),
+    [
+        ({"joint1": 0.0}, f"q: missing 'joint2'; {ALL}"),
+        ({}, f"q: missing 'joint1', 'joint2'; {ALL}"),
+        (
+            {"joint1": 0.0, "jiont2": 0.0, "t": 0.0},
+            f"q: missing 'joint2'; unknown 'jiont2' (did you mean 'joint2'?), 't'; {ALL}",
+        ),
+        ({"joint1": 0.0, "joint2": 0.0, "joint3": 0.0}, "q: unknown 'joint3' (did you mean 'joint"),
+        ({0: 0.0, None: 0.0}, f"q: missing 'joint1', 'joint2'; unknown 0, None; {ALL}"),
+        ({"joint1": 0.0, "joint2": 0.0, "a\nb": 0.0}, r"q: unknown 'a\nb'; "),
+        (pd.DataFrame(np.zeros((3, 2))), f"q: missing 'joint1', 'joint2'; unknown 0, 1; {ALL}"),
+        (pd.Series([0.0, 0.0]), f"q: missing 'joint1', 'joint2'; unknown 0, 1; {ALL}"),
+        (
+            pd.DataFrame(np.zeros((3, 3)), columns=["joint1", "joint2", "joint1"]),
+            "q: 'joint1' named more than once; expected every name once",
+        ),
+        (pd.Series([0.0, 0.0], index=["joint1"] * 2), "q: 'joint1' named more than once"),
+        (structured({name: [0.0] for name in ("joint1", "joint2", "time")}), f"q: unknown 'time'; {ALL}"),
+        ({"joint1": np.zeros(3), "joint2": np.zeros(4)}, "q: batch axes do not fit together: 'joint1' (3,), "),
+        ({"joint1": 0.0, "joint2": "0"}, "q: 'joint2' is of type str; expected an array of numbers"),
+        ({"joint1": 0.0, "joint2": {}}, "q: 'joint2' is of type dict; expected an array of numbers"),
+        ({"joint1": 0.0, "joint2": 1j}, "q: 'joint2' holds complex numbers; expected real"),
+        ({"joint1": 0.0, "joint2": casadi.MX.sym("q", 2)}, "q: 'joint2' is a CasADi MX; expected SX"),
+        (type("Lazy", (), {"columns": ["joint1"]})(), "q: nothing can be read from Lazy: 'Lazy' object"),
+    ],
+)  # fmt: skip
+def test_all_that_is_wrong_with_names_is_said_at_once(q, said):
+    refusal(lambda: PLANAR.mass_matrix(q), said)
+
+
+def test_the_rate_that_is_wrong_is_named():
+    q = dict.fromkeys(PLANAR.joint_names, 0.0)
+    refusal(lambda: PLANAR.inverse_dynamics(q, q, {"joint1": 0.0}), "q2d: missing 'joint2'")
+
+
+def test_joints_that_follow_others_are_no_coordinates(tmp_path):
+    q = dict.fromkeys(PANDA.mechanism.joints, 0.0)
+    follower = "leave out 'panda_finger_joint2', which follows panda_finger_joint1 (mimic); expected panda_joint1"
+    refusal(lambda: PANDA.mass_matrix(q), f"q: {follower}")
+    refusal(lambda: PANDA.mass_matrix(structured({name: [x] for name, x in q.items()})), f"q: {follower}")
+    two = tmp_path / "two.urdf"
+    items = (*LINKS, link("tip", BODY), joint("turn", "base", "arm"))
+    grip = joint("grip", "arm", "tip", inner='<mimic joint="turn" multiplier="-2" offset="1"/>')
+    robot = jounce.load(robot_file(tmp_path, *items, grip, name=two.name))
+    refusal(lambda: robot.mass_matrix({"grip": 0.0}), "q: missing 'turn'; leave out 'grip', which follows turn (mimic)")
+
+
+def test_jax_traces_states_by_name():
+    q, qd, q2d = rates(PANDA, 3)
+    states = [{name: jnp.asarray(column) for name, column in named(PANDA, x).items()} for x in (q, qd, q2d)]
+    expected = PANDA.inverse_dynamics(q, qd, q2d, method="recursion")
+    for function in (PANDA.inverse_dynamics, jax.jit(PANDA.inverse_dynamics), jax.vmap(PANDA.inverse_dynamics)):
+        found = function(*states)
+        assert isinstance(found, jax.Array)
+        assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
+    first = {name: column[0] for name, column in states[0].items()}
+    slope = jax.jacobian(lambda q: PANDA.gravity_forces(q | {"panda_joint1": 0.0}))(first)
+    assert set(slope) == set(PANDA.joint_names)
+    exact = jax.jacobian(PANDA.gravity_forces)(jnp.asarray(q[0]).at[0].set(0.0))
+    np.testing.assert_allclose(slope["panda_joint3"], exact[:, 2], atol=1e-12)
+
+
+def test_symbols_by_name():
+    x = sympy.Symbol("x")
+    found = PLANAR.mass_matrix({"joint2": x, "joint1": 0})
+    assert (found == PLANAR.mass_matrix([0, x])).all()
+    assert not sympy.Matrix(found).atoms(sympy.Float)  # a number beside symbols leaves no 0.0
+    assert PLANAR.gravity_forces({"joint2": [x, 2 * x], "joint1": 0.5})[1, 0].has(x)
+
+
+@pytest.mark.parametrize("kind", [casadi.SX, casadi.MX])
+def test_casadi_scalars_by_name(kind):
+    x, y = kind.sym("x"), kind.sym("y")
+    M = PLANAR.mass_matrix({"joint2": y, "joint1": x})
+    G = PLANAR.gravity_forces({"joint2": y, "joint1": 0.3})
+    function = casadi.Function("f", [x, y], [M[0, 0], G[1]])
+    exact = PLANAR.mass_matrix([0.3, 0.7])[0, 0], PLANAR.gravity_forces([0.3, 0.7])[1]
+    np.testing.assert_allclose([float(value) for value in function(0.3, 0.7)], exact, rtol=1e-14)
+
+
+@pytest.mark.parametrize("form", ["dict", "DataFrame", "structured array"])
+@pytest.mark.parametrize(
+    "options", [{}, {"threads": 2}, {"out": np.empty((BATCH, 2))}], ids=["plain", "threads", "out"]
+)
+def test_kernels_take_no_names_rather_than_pass_them_over(form, options):
+    kernel, q = PLANAR.compile(order=0), rates(PLANAR, 3)
+    states = [FORMS[form](named(PLANAR, x, k)) for k, x in enumerate(q)]
+    refusal(lambda: kernel(*states, **options), "takes arrays without names, in the order of its joints")
+    identical(kernel(*(x.tolist() for x in q)), PLANAR.inverse_dynamics(*q))
+
+
+T = np.linspace(0, 1, 41)
+SAMPLES = {"joint2": np.sin(T), "t": T, "body2.fx": 5 * T**2, "joint1": np.cos(2 * T)}
+
+
+@pytest.mark.parametrize("form", [*FORMS, "csv", "npz", "npz of a structured array"])
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_motions_of_files_and_of_columns_are_the_same(tmp_path, form, order):
+    source = FORMS[form](SAMPLES) if form in FORMS else tmp_path / f"m.{form[:3]}"
+    if form.endswith("structured array") and form not in FORMS:
+        np.savez(source, structured(SAMPLES))
+    elif form not in FORMS:
+        tables.write(source, SAMPLES)
+    motion = jounce.load_motion(source, PLANAR, order)
+    assert isinstance(motion, jounce.motion.Motion)
+    assert len(motion.rates) == order + 3
+    assert np.array_equal(motion.t, T)
+    assert np.array_equal(motion.rates[0], np.stack([np.cos(2 * T), np.sin(T)], axis=1))
+    Q = PLANAR.inverse_dynamics(*motion.rates, wrench=motion.wrench)
+    highest = Q if order == 0 else Q[order]
+    expected = PLANAR.inverse_dynamics(*motion.rates)
+    assert np.abs(highest - (expected if order == 0 else expected[order])).max() > 0.1  # the wrench enters
+    assert np.array_equal(motion.rates[-1], jounce.load_motion(dict(SAMPLES), PLANAR, order).rates[-1])
+
+
+def test_motions_by_name_of_a_file_and_with_a_spline_of_choice(tmp_path):
+    arm = jounce.load("iiwa14")
+    motion = jounce.load_motion("paper", arm, order=1)
+    assert len(motion.rates) == 4
+    assert motion.wrench is None
+    assert len(jounce.load_motion("paper-wrench", arm, order=1).wrench) == 2
+    fit = jounce.load_motion(SAMPLES, PLANAR, degree=5, intervals=4)
+    assert "degree 5 (C^4), fitted by least squares in 4 intervals" in fit.source
+    assert 0 < fit.residual < 1e-4
+    every = {f"{name}.{rate}": T * k for name in PLANAR.joint_names for k, rate in enumerate(("q", "qd", "q2d"))}
+    assert np.array_equal(jounce.load_motion({"t": T, **every}, PLANAR, order=0).rates[2][:, 1], 2 * T)
+
+
+def without(*names):
+    return {name: column for name, column in SAMPLES.items() if name not in names}
+
+
+BAD_MOTIONS = {
+    "names": (
+        {**without("joint1", "t"), "jont1": T, "time": T},
+        {},
+        ["the motion: missing 't', 'joint1'; unknown 'jont1' (did you mean 'joint1'?), 'time'; expected t and "],
+    ),
+    "no columns": ({}, {}, ["the motion: nothing in it; expected named columns of numbers"]),
+    "no rows": (pd.DataFrame(columns=["t", "joint1", "joint2"], dtype=float), {}, ["the motion: nothing in it"]),
+    "no text": ({**SAMPLES, 3: T}, {}, ["the motion: column 3 has no text as its name"]),
+    "rows": ({**SAMPLES, "joint1": T[1:]}, {}, ["the motion: column 'joint1' is float64 of shape (40,); expected"]),
+    "scalar": ({**SAMPLES, "joint1": 0.0}, {}, ["column 'joint1' is float64 of shape (); expected"]),
+    "text": ({**SAMPLES, "joint1": ["a"] * 41}, {}, ["the motion: column 'joint1' holds text"]),
+    "dates": ({**SAMPLES, "t": np.arange(41).astype("M8[s]")}, {}, ["the motion: column 't' holds dates"]),
+    "symbols": ({**SAMPLES, "joint1": sympy.symbols("x:41")}, {}, ["column 'joint1' is object of shape (41,)"]),
+    "not finite": ({**SAMPLES, "joint1": np.where(T, T, np.nan)}, {}, ["column 'joint1' holds nan in row 0 from 0"]),
+    "repeated": (
+        pd.DataFrame(np.zeros((9, 3)), columns=["t", "joint1", "joint1"]),
+        {},
+        ["the motion: 'joint1' named more than once"],
+    ),
+    "array": (np.zeros((9, 3)), {}, ["a motion is of type ndarray; expected a path, one of paper, "]),
+    "number": (3, {}, ["a motion is of type int"]),
+    "file": ("no.csv", {}, ["no.csv: no such file"]),
+    "name": ("papr", {}, ["no motion 'papr'; did you mean 'paper'?"]),
+    "order": (SAMPLES, {"order": -1}, ["order is -1; expected 0 to"]),
+    "order of text": (SAMPLES, {"order": "2"}, ["order is '2'; expected 0 to"]),
+    "degree": (SAMPLES, {"degree": 6}, ["a spline of degree 6 is not offered; there are: 5, 7"]),
+    "degree as a float": (SAMPLES, {"degree": 7.0}, ["a spline of degree 7.0 is not offered"]),
+    "intervals": (SAMPLES, {"intervals": 99}, ["the motion: 99 intervals for 41 samples; expected 1 to 34"]),
+    "half an interval": (SAMPLES, {"intervals": 1.5}, ["the motion: 1.5 intervals for 41 samples"]),
+    "fit of exact terms": ("paper", {"intervals": 4}, ["paper: its terms are exact; intervals are for the samples"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("source", "options", "words"), BAD_MOTIONS.values(), ids=BAD_MOTIONS)
+def test_refuses_bad_motions(source, options, words):
+    refusal(lambda: jounce.load_motion(source, PLANAR, **options), *words)
+
+
+def test_a_motion_is_of_a_robot():
+    refusal(lambda: jounce.load_motion("paper", "iiwa14"), "a motion is loaded for a Robot, not for a str; try jounce.")
+    refusal(lambda: jounce.load_motion("paper", PLANAR.mechanism), "not for a Mechanism")
+
+
+def test_warns_of_columns_as_of_files():
+    with pytest.warns(jounce.JounceWarning, match="the motion: velocity jumps at 1 knot"):
+        jounce.load_motion({"t": T, "joint1": abs(T - 0.5), "joint2": T}, PLANAR)

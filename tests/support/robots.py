@@ -1,0 +1,147 @@
+"""Mechanisms and motions for the tests: golden ones, random ones, and analytic motions."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from hypothesis import strategies as st
+
+import jounce
+from jounce.model.mechanism import Frame, Mechanism
+from jounce.model.screws import from_screws
+from jounce.spatial import lie
+from jounce.spatial.series import Series
+
+GOLDEN = Path(__file__).parents[1] / "golden"
+GOLDEN_NAMES = ("planar2r", "mixed5", "tree7", "iiwa")
+RATES = ("q", "qd", "q2d", "q3d", "q4d", "q5d", "q6d")
+WRENCH_RATES = ("W", "Wd", "W2d", "W3d", "W4d")
+
+
+def golden(name: str) -> tuple[Mechanism, list[dict[str, Any]]]:
+    """A mechanism of the golden data and its cases."""
+    data = json.loads((GOLDEN / f"{name}.json").read_text())
+    joints = data["robot"]["joints"]
+    M = [jounce.inertia_matrix(j["mass"], j["com"], j["inertia_com"]) for j in joints]
+    mechanism = from_screws(
+        [j["B"] for j in joints],
+        [j["screw"] for j in joints],
+        np.stack(M),
+        [j["parent"] for j in joints],
+        names=[f"body{i}" for i in range(len(joints))],
+        joint_names=[j["name"] for j in joints],
+        gravity=data["robot"]["gravity"],
+        name=name,
+    )
+    return mechanism, data["cases"]
+
+
+def rates_of(case: dict[str, Any]) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """q and W of a golden case with all their rates."""
+    return [np.array(case[k]) for k in RATES], [np.array(case[k]) for k in WRENCH_RATES]
+
+
+def relative_error(x: Any, reference: Any) -> float:
+    """Norm-wise: the largest difference over the largest entry."""
+    x, reference = np.asarray(x, dtype=float), np.asarray(reference, dtype=float)
+    assert x.shape == reference.shape
+    return float(np.abs(x - reference).max(initial=0) / max(np.abs(reference).max(initial=0), 1e-12))
+
+
+def random_rotation(rng: np.random.Generator) -> np.ndarray:
+    Q, R = np.linalg.qr(rng.normal(size=(3, 3)))
+    Q = Q * np.sign(np.diag(R))
+    return Q * np.linalg.det(Q)
+
+
+def random_pose(rng: np.random.Generator) -> np.ndarray:
+    return lie.pose(random_rotation(rng), rng.uniform(-0.6, 0.6, (3, 1)))
+
+
+def random_screw(rng: np.random.Generator, kind: str) -> np.ndarray:
+    e, x = random_rotation(rng)[0], rng.uniform(-0.3, 0.3, 3)
+    e = e / np.linalg.norm(e)
+    if kind == "prismatic":
+        return np.array([*np.zeros(3), *e])
+    pitch = rng.uniform(-0.3, 0.3) if kind == "helical" else 0.0
+    return np.array([*e, *(np.cross(x, e) + pitch * e)])
+
+
+def random_inertia(rng: np.random.Generator, mass: float) -> np.ndarray:
+    """The inertia matrix of a random body: a distribution of mass, hence positive definite."""
+    points = rng.normal(size=(6, 3)) * rng.uniform(0.02, 0.3, 3)
+    c, P = points.mean(axis=0), np.cov(points.T, bias=True)
+    theta = mass * (np.trace(P) * np.eye(3) - P)
+    return jounce.inertia_matrix(mass, c + rng.uniform(-0.2, 0.2, 3), theta)
+
+
+def random_mechanism(
+    rng: np.random.Generator, parent: list[int], kinds: list[str], masses: list[float], mimic: bool = False
+) -> Mechanism:
+    nb = len(parent)
+    G = g = None
+    if mimic and nb > 1:  # the last joint follows the first
+        G, g = np.eye(nb)[:, :-1].copy(), np.zeros(nb)
+        G[-1, 0], g[-1] = rng.uniform(-2, 2), rng.uniform(-1, 1)
+    return from_screws(
+        np.stack([random_pose(rng) for _ in range(nb)]),
+        np.stack([random_screw(rng, kind) for kind in kinds]),
+        np.stack([random_inertia(rng, mass) for mass in masses]),
+        parent,
+        gravity=rng.normal(size=3) * 6,
+        G=G,
+        g=g,
+    )
+
+
+@st.composite
+def mechanisms(draw: st.DrawFn, largest: int = 5, spread: bool = False) -> tuple[Mechanism, np.random.Generator]:
+    """Trees and forests of any joints, sometimes with a mimic joint; with a generator for states."""
+    nb = draw(st.integers(1, largest))
+    parent = [draw(st.integers(-1, i - 1)) for i in range(nb)]
+    kinds = [draw(st.sampled_from(["revolute", "prismatic", "helical"])) for _ in range(nb)]
+    exponents = [draw(st.floats(-6, 4)) if spread else draw(st.floats(-0.5, 1)) for _ in range(nb)]
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    mimic = draw(st.booleans())
+    return random_mechanism(rng, parent, kinds, [10.0**e for e in exponents], mimic), rng
+
+
+def with_tool(drawn: tuple[Mechanism, np.random.Generator]) -> tuple[jounce.Robot, np.random.Generator, np.ndarray]:
+    """A drawn mechanism as a robot, with links merged: `tool` at the pose T on its last body, `stand` on the ground."""
+    mechanism, rng = drawn
+    T = random_pose(rng)
+    frames = (Frame("tool", mechanism.nb - 1, T), Frame("stand", -1, random_pose(rng)))
+    return jounce.Robot(replace(mechanism, frames=frames)), rng, T
+
+
+def on_its_axis(mass: float = 2.0) -> jounce.Robot:
+    """A body turning about an odd axis through its COM: gravity does nothing, the mass matrix stays as it is."""
+    e, x = np.array([1, 2, 3]) / np.sqrt(14), np.array([0.1, 0.2, -0.4])
+    M = jounce.inertia_matrix(mass, x + 0.7 * e, mass * np.diag([0.1, 0.2, 0.25]))
+    return jounce.Robot.from_screws([np.eye(4)], [[*e, *np.cross(x, e)]], [M], name="balanced")
+
+
+def random_state(
+    rng: np.random.Generator, mechanism: Mechanism, order: int = 2
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """q .. and W .., with as many rates as forces of the order take."""
+    q = [rng.uniform(-2, 2, mechanism.n) for _ in range(order + 3)]
+    return q, [rng.uniform(-3, 3, (mechanism.nb, 6)) for _ in range(order + 1)]
+
+
+def loads(W: list[np.ndarray]) -> Series:
+    return Series.of([w.reshape((*w.shape[:-2], 6 * w.shape[-2], 1)) for w in W])
+
+
+def harmonic(rng: np.random.Generator, n: int, order: int):
+    """q(t) = A cos(w t + p) as a function of t that returns q and its rates up to `order`."""
+    A, w, p = rng.uniform(-1, 1, n), rng.uniform(0.5, 2, n), rng.uniform(-3, 3, n)
+    return lambda t: [A * w**k * np.cos(w * t + p + k * np.pi / 2) for k in range(order + 1)]
+
+
+def differentiated(f: Any, h: float = 0.02) -> Any:
+    """The derivative of f at 0 by central differences over nine points, error O(h^8)."""
+    weights = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
+    return sum(w * (f(k * h) - f(-k * h)) for k, w in weights.items()) / h

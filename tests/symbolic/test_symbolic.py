@@ -1,0 +1,291 @@
+"""The equations of motion as SymPy expressions: the paper's, those of the numeric paths, and what they look like."""
+
+import time
+
+import numpy as np
+import pytest
+import sympy
+from robots import golden, relative_error
+from sympy import cos, sin
+from test_planar2r import printed
+
+import jounce
+from jounce.errors import JounceError
+from jounce.spatial.lie import pose
+
+L1, L2, m1, m2, g = PARAMETERS = sympy.symbols("L1 L2 m1 m2 g")
+UP, DOWN = [[1, 0, 0], [0, 0, -1], [0, 1, 0]], [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
+
+
+def planar2r():
+    return jounce.load("planar2r", L1=L1, L2=L2, m1=m1, m2=m2, g=g)
+
+
+def chain(turns, gravity):
+    """Links along x, each with a mass, a centre of mass on its axis and three moments of inertia, all symbols."""
+    B, M = [], []
+    for i, R in enumerate(turns, start=1):
+        r = [[sympy.Symbol(f"L{i - 1}")], [0], [0]] if i > 1 else [[0]] * 3
+        B.append(pose(np.array(R, dtype=object), np.array(r, dtype=object)))
+        mass, com, *moments = sympy.symbols(f"m{i} c{i} A{i} B{i} C{i}")
+        M.append(jounce.inertia_matrix(mass, [com, 0, 0], np.diag(moments)))
+    X = [[0, 0, 1, 0, 0, 0]] * len(turns)
+    return jounce.Robot.from_screws(np.stack(B), X, np.stack(M), gravity=g * np.array(gravity, dtype=object))
+
+
+I3 = np.eye(3, dtype=int)
+CHAINS = {
+    "planar3r": lambda: chain([I3] * 3, [0, -1, 0]),
+    "spatial3r": lambda: chain([I3, UP, I3], [0, 0, -1]),
+    "wrist3r": lambda: chain([I3, UP, DOWN], [0, 0, -1]),
+}
+QUANTITIES = {  # what gives the numbers, and how many rates of q the value takes
+    "Q": (jounce.Robot.inverse_dynamics, 3),
+    "M": (jounce.Robot.mass_matrix, 1),
+    "C": (jounce.Robot.coriolis_matrix, 2),
+    "Cbar": (lambda robot, *q: robot.coriolis_matrix(*q, form="skew"), 2),
+    "Qgrav": (jounce.Robot.gravity_forces, 1),
+}
+SUFFIXES = ("", "d", "2d")
+
+
+def functions(S, names, parameters=()):
+    """The matrices of these names as one function of the state q .. q4d, the wrenches and the parameters."""
+    state = [*S.q, *S.qd, *S.q2d, *S.q3d, *S.q4d]
+    wrenches = [*S.W, *S.Wd, *S.W2d]
+    return sympy.lambdify([state, wrenches, parameters], [getattr(S, name) for name in names], "numpy")
+
+
+def equal(S, robot, values=(), parameters=(), seed=0, tolerance=1e-12):
+    """Whether every matrix of S, with its rates, has the values of a robot of numbers."""
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-2, 2, (5, robot.n))
+    W = rng.uniform(-2, 2, (3, robot.mechanism.nb, 6))
+    expected = {}
+    for name, (quantity, least) in QUANTITIES.items():
+        for suffix, value in zip(SUFFIXES, quantity(robot, *q[: least + 2]), strict=True):
+            expected[name + suffix] = value
+    loaded = robot.inverse_dynamics(*q, wrench=tuple(W), method="closed_form")
+    free = robot.inverse_dynamics(*q, method="closed_form")
+    expected |= {f"Qext{suffix}": x - y for suffix, x, y in zip(SUFFIXES, loaded, free, strict=True)}
+    found = functions(S, expected, parameters)(q.ravel(), W.ravel(), values)
+    for value, (name, reference) in zip(found, expected.items(), strict=True):
+        value = np.array(value, dtype=float).reshape(reference.shape)
+        assert relative_error(value, reference) < tolerance, name
+
+
+def test_the_planar_2r_is_the_papers():
+    """Identical to the six printed expressions, and with as many terms as they have."""
+    start = time.perf_counter()
+    S = jounce.symbolic(planar2r())
+    state = [list(x) for x in (S.q, S.qd, S.q2d, S.q3d, S.q4d)]
+    on_paper = printed_symbolically(*PARAMETERS, *state)
+    for matrix, taus, terms in zip((S.Q, S.Qd, S.Q2d), on_paper, ((11, 5), (15, 8), (25, 16)), strict=True):
+        for entry, tau, count in zip(matrix, taus, terms, strict=True):
+            assert sympy.simplify(entry - tau) == 0
+            assert sympy.expand(entry) == sympy.expand(tau)
+            assert len(sympy.expand(entry).args) == count
+    assert time.perf_counter() - start < 20
+
+
+def printed_symbolically(*arguments):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(np, "cos", cos)
+        patch.setattr(np, "sin", sin)
+        return printed(*arguments)
+
+
+def test_what_is_shared_stands_in_front_as_the_paper_prints_it():
+    S = jounce.symbolic(planar2r())
+    q1, q2 = S.q
+    v1, v2 = S.qd
+    a1, a2 = S.q2d
+    assert str(S.Q[1]) == str(
+        L2 * m2 * (L1 * a1 * cos(q2) + L1 * v1**2 * sin(q2) + L2 * a1 + L2 * a2 + g * cos(q1 + q2))
+    )
+    assert S.Qd[1].func == sympy.Mul
+    assert {L2, m2} < set(S.Qd[1].args)
+    assert str(S.Md) == str(sympy.Matrix([[2, 1], [1, 0]]) * -L1 * L2 * m2 * v2 * sin(q2))
+    assert str(S.Qgrav[0]) == str(g * (L1 * (m1 + m2) * cos(q1) + L2 * m2 * cos(q1 + q2)))
+
+
+def test_symbols_print_as_the_paper_writes_them():
+    S = jounce.symbolic(planar2r())
+    latex = [sympy.latex(x[0]) for x in (S.q, S.qd, S.q2d, S.q3d, S.q4d)]
+    assert latex == [r"q_{1}", r"\dot{q}_{1}", r"\ddot{q}_{1}", r"\dddot{q}_{1}", r"\ddddot{q}_{1}"]
+    assert S.q == sympy.Matrix(sympy.symbols("q1 q2"))
+    assert S.W.shape == (2, 6)
+    assert [sympy.latex(x) for x in S.W2d[1, :]][::5] == [r"\ddot{m}_{x2}", r"\ddot{f}_{z2}"]
+    assert sympy.latex(S.series["q"][5][1]) == r"q^{(5)}_{2}"
+    assert r"\cos{\left(q_{1} + q_{2} \right)}" in sympy.latex(S.Q)
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_chains_of_three_joints_have_the_values_of_numbers(name):
+    robot = CHAINS[name]()
+    start = time.perf_counter()
+    S = jounce.symbolic(robot)
+    matrices = [getattr(S, symbol + suffix) for symbol in [*QUANTITIES, "Qext"] for suffix in SUFFIXES]
+    assert time.perf_counter() - start < 60
+    mechanism = robot.mechanism
+    data = [x for label in ("B", "M", "gravity") for x in sympy.Matrix(getattr(mechanism, label).ravel())]
+    parameters = sorted(set().union(*(x.free_symbols for x in data)), key=str)
+    assert set().union(*(x.free_symbols for x in matrices[0])) <= {*parameters, *S.q, *S.qd, *S.q2d}
+    values = np.random.default_rng(1).uniform(0.5, 2, len(parameters))
+    number = np.vectorize(lambda x: float(sympy.sympify(x).subs(dict(zip(parameters, values, strict=True)))))
+    B, X, M, gravity = (number(getattr(mechanism, label)) for label in ("B", "X", "M", "gravity"))
+    equal(S, jounce.Robot.from_screws(B, X, M, gravity=gravity), values, parameters)
+
+
+@pytest.mark.parametrize("joints", [(0, 1), (1, 2), (3, 4)])
+def test_robots_of_numbers_of_every_kind_of_joint(joints):
+    m = golden("mixed5")[0]
+    robot = jounce.Robot.from_screws(*(x[list(joints)] for x in (m.B, m.X, m.M)), gravity=m.gravity)
+    equal(jounce.symbolic(robot), robot)
+
+
+def test_joints_that_follow_others_with_offset():
+    m = jounce.load("planar2r", L1=1.1, m2=0.3).mechanism
+    robot = jounce.Robot.from_screws(m.B, m.X, m.M, gravity=m.gravity, G=[[1.0], [-0.5]], g=[0.25, 0.3])
+    S = jounce.symbolic(robot)
+    equal(S, robot)
+    assert S.q.shape == (1, 1)
+    assert cos(S.q[0] / 2 + sympy.Float(0.55)) in S.Qgrav[0].atoms(cos)
+
+
+def test_numbers_are_read_as_the_decimals_they_print_as():
+    S = jounce.symbolic(jounce.load("planar2r", L1=0.1))
+    assert S.Qgrav[1] == sympy.Float(9.81) * cos(sum(S.q))
+    assert S.M[0, 1] == sympy.Float(0.1) * cos(S.q[1]) + 1
+    exact = jounce.symbolic(jounce.load("planar2r", g=sympy.Rational(981, 100)))
+    assert not (exact.Q2d.atoms(sympy.Float) | exact.M.atoms(sympy.Float))
+    assert exact.Qgrav[1] == sympy.Rational(981, 100) * cos(sum(exact.q))
+
+
+@pytest.mark.parametrize("exponent", [-40_000, -3, 3, 99, 100, 40_000])
+def test_powers_keep_their_exponents(exponent):
+    m = sympy.Symbol("m")
+    assert jounce.symbolic(jounce.load("planar2r", m1=m**exponent)).M.diff(m)[0, 0] == sympy.diff(m**exponent, m)
+
+
+def test_angles_in_the_data_are_waves_too():
+    """A symbolic twist of a joint's frame, as in Denavit-Hartenberg tables: cos^2 + sin^2 is 1."""
+    a = sympy.Symbol("alpha")
+    R = np.array([[1, 0, 0], [0, cos(a), -sin(a)], [0, sin(a), cos(a)]], dtype=object)
+    B = [np.eye(4, dtype=int), pose(R, np.array([[1], [0], [0]]))]
+    M = jounce.inertia_matrix(1, [1, 0, 0], np.zeros((3, 3), dtype=int))
+    S = jounce.symbolic(jounce.Robot.from_screws(np.stack(B), [[0, 0, 1, 0, 0, 0]] * 2, [M, M]))
+    assert S.M[1, 1] == 1
+    assert S.M.subs({a: 0, S.q[1]: 0}) == sympy.Matrix([[5, 2], [2, 1]])
+    assert sin(a).args[0] in S.Qgrav[1].free_symbols
+
+
+def test_a_joint_direction_may_be_a_symbol():
+    h = sympy.Symbol("h")
+    M = [jounce.inertia_matrix(2.0, [0.1, 0.2, 0.3], np.eye(3) * 0.1)]
+    turned = jounce.Robot.from_screws([np.eye(4)], [[cos(h), sin(h), 0, 0, 0, 0]], M)
+    number = jounce.Robot.from_screws([np.eye(4)], [[np.cos(0.3), np.sin(0.3), 0, 0, 0, 0]], M)
+    equal(jounce.symbolic(turned), number, [0.3], [h])
+
+
+def test_each_rate_is_the_derivative_of_the_one_below():
+    S = jounce.symbolic(planar2r())
+    for name in (*QUANTITIES, "Qext"):
+        for one, next_one in (("", "d"), ("d", "2d"), ("2d", "3d")):
+            difference = S.dot(getattr(S, name + one)) - getattr(S, name + next_one)
+            assert difference.expand().is_zero_matrix, name
+
+
+def test_identities_of_the_matrices():
+    S = jounce.symbolic(CHAINS["spatial3r"]())
+    assert S.M == S.M.T
+    assert (S.M * S.q2d + S.C * S.qd + S.Qgrav - S.Q).expand(trig=False).applyfunc(vanishing).is_zero_matrix
+    skew = S.Md - 2 * S.Cbar
+    assert (skew + skew.T).expand().is_zero_matrix
+    assert (S.Qext - S.Qext.subs(dict.fromkeys(S.W, 0))).expand() == S.Qext.expand()
+
+
+def vanishing(x):
+    return x if sympy.expand(x) != 0 else sympy.S.Zero
+
+
+def test_matrices_are_kept_and_frozen():
+    S = jounce.symbolic(planar2r())
+    assert S.Q2d is S.Q2d
+    assert isinstance(S.Q, sympy.ImmutableMatrix)
+    assert {"q4d", "Q2d", "Cbar2d", "W2d", "dot"} <= set(dir(S))
+    assert repr(S) == "<Symbolic 'planar2r': q, W, Q, M, C, Cbar, Qgrav, Qext, and their rates>"
+    with pytest.raises(AttributeError, match=r"^no matrix 'Mdot'; did you mean"):
+        _ = S.Mdot
+    with pytest.raises(AttributeError):
+        S.Q = 0
+
+
+def test_what_is_too_large_says_so_and_names_the_way_out():
+    S = jounce.symbolic(jounce.load("iiwa14"))
+    assert len(S.Qgrav) == 7
+    start = time.process_time()
+    with pytest.raises(JounceError, match=r"^Q of 'iiwa14': too large for symbolic form: .*jounce\.codegen") as refused:
+        _ = S.Q2d
+    assert time.process_time() - start < 30
+    assert "\n" not in str(refused.value)
+
+
+def test_an_order_too_high_says_so(monkeypatch):
+    monkeypatch.setattr("jounce._symbolic.equations.WORK", 20_000)
+    S = jounce.symbolic(planar2r())
+    assert S.Q2d.shape == (2, 1)
+    with pytest.raises(
+        JounceError, match=r"^Q[4-9]d of 'planar2r': too large .* more than 20,000 operations on terms;"
+    ):
+        _ = S.Q30d
+    assert S.Q3d.shape == (2, 1)
+
+
+def with_data(**data):
+    m = jounce.load("planar2r").mechanism
+    given = {"B": m.B, "X": m.X, "M": m.M, "gravity": m.gravity} | data
+    return jounce.Robot.from_screws(**given)
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: "iiwa14", r"^a Robot has symbolic form, not a str; expected one of jounce\.load, say$"),
+        (
+            lambda: with_data(gravity=[0, sympy.nan, 0]),
+            r"^gravity\[1\] of 'robot': it is nan; expected a real expression$",
+        ),
+        (lambda: with_data(gravity=[0, sympy.I * g, 0]), r"^gravity\[1\] .* expected a real expression$"),
+        (
+            lambda: jounce.load("planar2r", g=sympy.Symbol("q1", positive=True)),
+            r"^the robot holds a symbol q1, which is",
+        ),
+        (lambda: jounce.load("planar2r", g=sympy.Symbol("m_x2")), r"symbol m_x2, which is the name of a coordinate or"),
+        (lambda: casadi_robot(), r"^gravity\[1\] .* it is of type SX; expected a number or a SymPy expression$"),
+    ],
+)
+def test_refusals(build, message):
+    with pytest.raises(JounceError, match=message):
+        jounce.symbolic(build())
+
+
+def casadi_robot():
+    import casadi
+
+    return with_data(gravity=np.array([0, casadi.SX.sym("g"), 0], dtype=object))
+
+
+def test_numeric_paths_refuse_symbols_in_one_line(tmp_path):
+    robot, state = planar2r(), np.zeros((5, 2))
+    attempts = [
+        lambda: robot.compile(),
+        lambda: robot.inverse_dynamics(*state, method="kernel"),
+        lambda: jounce.save(robot, tmp_path / "arm.yaml"),
+        lambda: jounce.casadi_function(robot),
+    ]
+    for attempt in attempts:
+        with pytest.raises(JounceError, match=r"symbols?\b") as refused:
+            attempt()
+        assert "\n" not in str(refused.value)
+    assert not list(tmp_path.iterdir())
