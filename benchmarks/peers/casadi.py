@@ -5,7 +5,7 @@ import numpy as np
 from benchmarks.c import library, over_states
 from benchmarks.peers import Peer, Prepared
 from jounce import Robot
-from jounce.arguments.rates import rate_name
+from jounce.spatial.series import rate_name
 
 LOOP = """
 void run(long states, const double *const *in, double *const *out) {{

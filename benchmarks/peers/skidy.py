@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from benchmarks.c import library, loop, over_states
 from benchmarks.peers import Peer, Prepared
 from jounce import Robot
-from jounce.arguments.rates import rate_name
+from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:
     import sympy

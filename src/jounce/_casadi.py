@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jounce._scalars import Array, asarray, is_numeric
-from jounce.arguments.rates import checked_order, rate_name
-from jounce.dynamics.quantities import COMPILED, PATHS, SYMBOLS
-from jounce.errors import JounceError, one_of, true_or_false
+from jounce.arguments import requests
+from jounce.dynamics.quantities import FORCES
+from jounce.errors import JounceError
 from jounce.model.mechanism import DATA
 from jounce.model.parameters import parametrised
 from jounce.robot import Robot
-from jounce.spatial.series import Series, columns
 
 if TYPE_CHECKING:
     import casadi
@@ -22,7 +21,7 @@ def casadi_function(
     robot: Robot,
     order: int = 2,
     wrench: bool = False,
-    quantity: str = "inverse_dynamics",
+    quantity: str = FORCES.name,
     parameters: Sequence[str] = (),
 ) -> "casadi.Function":
     """A quantity and its rates up to an order as a `casadi.Function`, built on SX; MX may call it.
@@ -71,22 +70,20 @@ def casadi_function(
         import casadi
     except ModuleNotFoundError:
         raise JounceError("functions of CasADi need it; install it by: pip install 'jounce[casadi]'") from None
-    _check(robot, order, wrench, quantity)
+    _check(robot)
+    asked = requests.computation(robot.mechanism, quantity, order, wrench)
 
     def symbols(name: str, shape: tuple[int, ...]) -> Array:
         inputs[name] = casadi.SX.sym(name, *shape)
         return asarray(inputs[name]).reshape(shape)
 
     inputs: dict[str, Any] = {}
-    n, nb = robot.mechanism.n, robot.mechanism.nb
-    q = [symbols(rate_name("q", k), (n,)) for k in range(order + COMPILED[quantity])]
-    W = [symbols(rate_name("W", k), (nb, 6)) for k in range(order + 1 if wrench else 0)]
+    signature = asked.signature(robot.mechanism.n, robot.mechanism.nb)
+    arrays = [symbols(port.name, port.shape) for port in signature.inputs]
     mechanism, _ = parametrised(robot.mechanism, parameters, symbols)
-    loads = Series.of([w.reshape(6 * nb, 1) for w in W]) if wrench else None
-    results = PATHS[quantity]["recursion"].law(mechanism, columns(q), loads).upto(order)
-    names = [rate_name(SYMBOLS[quantity], k) for k in range(order + 1)]
-    outputs = [_matrix(result) for result in results]
-    return casadi.Function(quantity.split()[0], list(inputs.values()), outputs, list(inputs), names)
+    results = asked.series("recursion", mechanism, arrays).upto(order)
+    names = [port.name for port in signature.outputs]
+    return casadi.Function(quantity, list(inputs.values()), [_matrix(x) for x in results], list(inputs), names)
 
 
 def _matrix(array: np.ndarray) -> "casadi.SX":
@@ -97,12 +94,8 @@ def _matrix(array: np.ndarray) -> "casadi.SX":
     return casadi.SX(casadi.vertcat(*(casadi.horzcat(*row) for row in rows)))
 
 
-def _check(robot: Robot, order: int, wrench: bool, quantity: str) -> None:
+def _check(robot: Robot) -> None:
     if not isinstance(robot, Robot):
         raise JounceError(f"a function is made of a Robot, not of a {type(robot).__name__}; try jounce.load")
-    one_of("quantity for CasADi", quantity, COMPILED)
-    checked_order(order)
-    if true_or_false("wrench", wrench, "whether W is an input") and quantity != "inverse_dynamics":
-        raise JounceError(f"{quantity} takes no wrenches")
     if not all(is_numeric(getattr(robot.mechanism, data)) for data in DATA):
         raise JounceError("the robot holds symbols; expected numbers: parameters= makes inputs of masses, say")

@@ -160,6 +160,22 @@ def concatenate(arrays: Sequence[Array], axis: int) -> Array:
     return xp.concatenate([xp.broadcast_to(x, lead + x.shape[axis:]) for x in arrays], axis=axis)
 
 
+def batch_of(arrays: Sequence[Array], tails: Sequence[int], labels: Sequence[str]) -> tuple[int, ...]:
+    """The shape to which the leading (batch) axes broadcast, all but the last `tails` axes of each array."""
+    batches = [x.shape[: x.ndim - tail] for x, tail in zip(arrays, tails, strict=True)]
+    try:
+        return np.broadcast_shapes(*batches)
+    except ValueError:
+        shapes = ", ".join(f"{label} {b}" for label, b in zip(labels, batches, strict=True))
+        raise JounceError(f"batch axes do not fit together: {shapes}") from None
+
+
+def broadcast(arrays: Sequence[Array], tails: Sequence[int], labels: Sequence[str]) -> list[Array]:
+    """The arrays with their leading (batch) axes broadcast against each other; the last `tails` axes stay."""
+    batch, xp = batch_of(arrays, tails, labels), namespace(*arrays)
+    return [xp.broadcast_to(x, batch + x.shape[x.ndim - tail :]) for x, tail in zip(arrays, tails, strict=True)]
+
+
 def zeros_like(x: Array) -> Array:
     """Exact zeros in the shape and scalar type of `x` (integers 0 among symbols)."""
     return namespace(x).zeros_like(x)

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from files import BODY, GOOD, ODD, joint, link, robot_file
 
 import jounce
-from jounce.arguments.rates import rate_name
+from jounce.spatial.series import rate_name
 from jounce.checks.description import describe
 from jounce.cli import main
 from jounce.io import tables

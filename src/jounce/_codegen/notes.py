@@ -9,7 +9,7 @@ import jounce
 from jounce._codegen.listing import is_function
 from jounce._codegen.parametric import Parametric
 from jounce._codegen.routine import Routine
-from jounce.checks.description import coordinate_units
+from jounce.model.coordinates import coordinate_units
 from jounce.model.drives import TERMS
 from jounce.model.mechanism import Mechanism
 from jounce.program.program import FREE, Program

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from jounce._scalars import Array, is_symbolic
+from jounce.dynamics.computation import Shape
 from jounce.errors import JounceError
 from jounce.model.mechanism import DATA, Mechanism
 from jounce.model.parameters import own_values, parametrised
-from jounce.native.interface import Shape
 from jounce.spatial.lie import pose, rotation
 
 

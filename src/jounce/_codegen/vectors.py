@@ -6,11 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce._codegen.parametric import Parametric
-from jounce._codegen.routine import OUTPUTS, Array, Routine
+from jounce._codegen.routine import Array, Routine
 from jounce.checks.magnitudes import magnitudes, scale
-from jounce.dynamics.quantities import PATHS
-from jounce.model.mechanism import Mechanism, in_extended_precision
-from jounce.robot.evaluation import evaluate
+from jounce.model.mechanism import in_extended_precision
+from jounce.robot.generic import computed
 
 WORK = 100  # bodies times states: the closed form is dense
 MOST = 10  # states
@@ -68,10 +67,8 @@ def vectors(
         values = {name: np.asarray(x[k].astype(np.longdouble), dtype=object) for name, x in parameters.items()}
         mechanism = in_extended_precision(robot.mechanism(values))
         states = {name: x[k : k + batch].astype(np.longdouble) for name, x in inputs.items()}
-        q = [x for name, x in states.items() if name.startswith("q")]
-        W = [x for name, x in states.items() if name.startswith("W")]
-        results.append(_exact(mechanism, routine, q, W, method))
-        sizes.append(magnitudes(mechanism, OUTPUTS[routine.name][0], q, W, len(routine.outputs) - 1))
+        results.append(computed(routine.computation, method, mechanism, list(states.values())))
+        sizes.append(magnitudes(mechanism, routine.computation, list(states.values())))
     return Vectors(parameters, inputs, _by_name(routine, results), _by_name(routine, sizes))
 
 
@@ -81,14 +78,6 @@ def _near(own: np.ndarray | None, random: np.ndarray) -> np.ndarray:
     if own is not None and own.dtype != object:
         near = np.where(own == 0, near, own * (0.5 + near))
     return np.round(near, 3)
-
-
-def _exact(
-    mechanism: Mechanism, routine: Routine, q: Sequence[np.ndarray], W: Sequence[np.ndarray], method: str
-) -> tuple[np.ndarray, ...]:
-    """The outputs for some states."""
-    path = PATHS[OUTPUTS[routine.name][0]][method]
-    return evaluate(lambda q, W: path.law(mechanism, q, W), q, W, len(routine.outputs) - 1, path.width(mechanism.nb))
 
 
 def _by_name(routine: Routine, results: Sequence[Sequence[np.ndarray]]) -> dict[str, np.ndarray]:

@@ -12,18 +12,20 @@ import numpy as np
 from jounce._scalars import Array
 from jounce._symbolic.terms import Print, waves
 from jounce._symbolic.trig_polynomial import Alphabet, Waves
-from jounce.arguments.rates import SUFFIX, rate_name
-from jounce.dynamics import recursion
+from jounce.dynamics import drive_terms
 from jounce.dynamics.closed_form import closed_form
-from jounce.dynamics.quantities import PATHS, SYMBOLS, drive_forces
+from jounce.dynamics.quantities import QUANTITIES
+from jounce.dynamics.recursion.forces import external_forces
+from jounce.dynamics.state import State
 from jounce.errors import JounceError, at, no_such, quoted
 from jounce.model.mechanism import DATA, Mechanism, in_whole_numbers
 from jounce.robot import Robot
-from jounce.spatial.series import Series
+from jounce.spatial.series import SUFFIX, Series, rate_name
 
 WORK = 1_000_000  # operations on terms, up to which one matrix is worked out: some seconds, some ten thousand terms
 PRINTED = 50  # operations that take as long as to print one term
 FRICTION = "friction"
+NAMES = ("inverse_dynamics", "mass_matrix", "coriolis_matrix", "skew_coriolis_matrix", "gravity_forces")
 NAMED = 12  # rates of the coordinates that `Symbolic.dot` knows
 
 
@@ -180,12 +182,12 @@ def _laws(model: Mechanism, q: Series, W: Series) -> dict[str, Callable[[], Seri
     path = "recursion" if all(map(_has_direction, model.X)) else "closed_form"
 
     def law(name: str) -> Callable[[], Series]:
-        return lambda: PATHS[name][path].law(model, q, None)
+        return lambda: QUANTITIES[name].law(path, model)(model, State(q))
 
     def external() -> Series:
-        return recursion.external_forces(model, q, W) if path == "recursion" else closed_form(model, q, W).Qext
+        return external_forces(model, q, W) if path == "recursion" else closed_form(model, q, W).Qext
 
-    return {symbol: law(name) for name, symbol in SYMBOLS.items()} | {"Qext": external}
+    return {QUANTITIES[name].symbol: law(name) for name in NAMES} | {"Qext": external}
 
 
 def _friction(mechanism: Mechanism, q: Series) -> Series:
@@ -193,7 +195,7 @@ def _friction(mechanism: Mechanism, q: Series) -> Series:
     import sympy
 
     columns = q.map(lambda x: np.array(x.tolist(), dtype=object))
-    return drive_forces(in_whole_numbers(mechanism), columns, [FRICTION]).map(sympy.ImmutableMatrix)
+    return drive_terms.forces(in_whole_numbers(mechanism), columns, [FRICTION]).map(sympy.ImmutableMatrix)
 
 
 def _has_direction(X: Array) -> bool:

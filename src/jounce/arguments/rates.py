@@ -5,18 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import FLOAT, Array, asarray, element, is_scalar, is_symbolic, namespace, whole
+from jounce._scalars import FLOAT, Array, asarray, broadcast, element, is_scalar, is_symbolic, namespace, whole
 from jounce.arguments import names
 from jounce.errors import JounceError, at, quoted
 from jounce.model.mechanism import Mechanism
+from jounce.spatial.series import rate_name
 
 HIGHEST = 100  # order: beyond it computing takes minutes, and nobody's numbers have the digits
-SUFFIX = r"(d|[2-9]d|[1-9]\d+d)?"  # what `rate_name` adds to a symbol, as a regular expression
-
-
-def rate_name(symbol: str, k: int) -> str:
-    """The name of the k-th time derivative: q, qd, q2d, q3d, ..."""
-    return symbol + ("" if k == 0 else "d" if k == 1 else f"{k}d")
 
 
 def checked_order(order: object, highest: int = HIGHEST) -> int:
@@ -85,19 +80,3 @@ def _by_name(term: Any, mechanism: Mechanism) -> Array:
         parts = [part if is_symbolic(part) else whole(part) for part in parts]
     parts = broadcast(parts, [0] * len(parts), [repr(joint) for joint in joints])
     return namespace(*parts).stack(parts, axis=-1)
-
-
-def batch_of(arrays: Sequence[Array], tails: Sequence[int], labels: Sequence[str]) -> tuple[int, ...]:
-    """The shape to which the leading (batch) axes broadcast, all but the last `tails` axes of each array."""
-    batches = [x.shape[: x.ndim - tail] for x, tail in zip(arrays, tails, strict=True)]
-    try:
-        return np.broadcast_shapes(*batches)
-    except ValueError:
-        shapes = ", ".join(f"{label} {b}" for label, b in zip(labels, batches, strict=True))
-        raise JounceError(f"batch axes do not fit together: {shapes}") from None
-
-
-def broadcast(arrays: Sequence[Array], tails: Sequence[int], labels: Sequence[str]) -> list[Array]:
-    """The arrays with their leading (batch) axes broadcast against each other; the last `tails` axes stay."""
-    batch, xp = batch_of(arrays, tails, labels), namespace(*arrays)
-    return [xp.broadcast_to(x, batch + x.shape[x.ndim - tail :]) for x, tail in zip(arrays, tails, strict=True)]

@@ -8,11 +8,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jounce._scalars import Array, asarray, is_symbolic, whole
-from jounce.arguments.rates import broadcast, is_unbatched, rate_name, rates_in
+from jounce._scalars import Array, asarray, broadcast, is_symbolic, whole
+from jounce.arguments.rates import is_unbatched, rates_in
 from jounce.errors import JounceError, quoted
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import Ad, inverse
+from jounce.spatial.series import rate_name
 
 
 def checked(mechanism: Mechanism, wrench: object, order: int, q: Sequence[Array]) -> list[Array]:

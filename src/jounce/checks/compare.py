@@ -12,10 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from jounce.arguments.rates import rate_name
 from jounce.checks.magnitudes import magnitudes, scale
 from jounce.checks.reference import Absence, peers
+from jounce.dynamics.computation import Computation
+from jounce.dynamics.quantities import FORCES, QUANTITIES
 from jounce.robot import Robot
+from jounce.robot.dispatch import compute
+from jounce.spatial.series import rate_name
 
 STEPS = 0.2 * 2.0 ** -np.arange(9)  # s, of differences; the best one counts
 STENCIL = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])  # of nine points
@@ -44,16 +47,16 @@ def compare(
     """The checks of a robot, its drives left out; `source` is the file that it was read from, for peers to read too."""
     rigid, rng = robot.with_drives(False), np.random.default_rng(seed)
     q = rng.uniform(-1, 1, (order + 3, states, robot.n))
-    sizes = magnitudes(rigid.mechanism, "inverse_dynamics", [*q], [], order)
+    sizes = magnitudes(rigid.mechanism, Computation(FORCES.name, order), [*q])
     return [*_with_peers(rigid, source, q), *_with_paths(rigid, q, sizes), *_with_differences(rigid, q, sizes)]
 
 
 def _with_peers(robot: Robot, source: Path | None, q: np.ndarray) -> Iterator[Check]:
     m, G = robot.mechanism, robot.mechanism.G
     thetas = [q[0] @ G.T + m.g, q[1] @ G.T, q[2] @ G.T]
-    ours = {"Q": robot.inverse_dynamics(*q[:3]), "Qgrav": robot.gravity_forces(q[0]), "M": robot.mass_matrix(q[0])}
-    taken = {"Q": ("inverse_dynamics", q[:3]), "Qgrav": ("gravity_forces", q[:1]), "M": ("mass_matrix", q[:1])}
-    sizes = {name: magnitudes(m, quantity, [*rates], [], 0)[0] for name, (quantity, rates) in taken.items()}
+    known = {x.symbol: x for x in QUANTITIES.values() if x.symbol in ("Q", "Qgrav", "M")}
+    ours = {symbol: compute(m, x.name, [*q[: x.rates]]) for symbol, x in known.items()}
+    sizes = {symbol: magnitudes(m, Computation(x.name, 0), [*q[: x.rates]])[0] for symbol, x in known.items()}
     for peer in peers(m, source):
         if isinstance(peer, Absence):
             yield Check("-", peer.name, None, 0.0, peer.reason)

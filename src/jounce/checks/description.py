@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from jounce.checks.audit import audit
-from jounce.model.mechanism import Mechanism, leading
+from jounce.model.coordinates import coordinate_units
+from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
 
 
@@ -29,11 +30,6 @@ def describe(mechanism: Mechanism) -> dict[str, Any]:
         },
         "findings": [finding.as_data() for finding in audit(mechanism)],
     }
-
-
-def coordinate_units(mechanism: Mechanism) -> list[str]:
-    """rad or m: the unit of each coordinate."""
-    return ["rad" if np.any(X[:3]) else "m" for X in mechanism.X[leading(mechanism)]]
 
 
 def _body(mechanism: Mechanism, i: int) -> dict[str, Any]:

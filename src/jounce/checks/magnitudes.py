@@ -16,26 +16,31 @@ import numpy as np
 
 from jounce._scalars import Array
 from jounce.dynamics import system
-from jounce.dynamics.recursion.joints import joint_variables
+from jounce.dynamics.computation import Computation
 from jounce.model import drives
+from jounce.model.coordinates import joint_variables
 from jounce.model.equivalent import on_axes
 from jounce.model.mechanism import Mechanism
-from jounce.robot.evaluation import evaluate
+from jounce.robot.generic import evaluate
 from jounce.spatial.series import Series, diagonal, from_rate
 
 
-def magnitudes(
-    mechanism: Mechanism, quantity: str, q: Sequence[Array], W: Sequence[Array], order: int
-) -> tuple[np.ndarray, ...]:
-    """The magnitudes of the entries of a quantity of `paths.COMPILED` and of its rates up to an order.
+def magnitudes(mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]) -> tuple[np.ndarray, ...]:
+    """The magnitudes of the entries of a quantity and of its rates, from q, qd, ..., W, Wd, ....
 
     The larger ones of two: in the body frames as they are given, and in those on the joint axes of the recursion.
     """
 
-    def squares(m: Mechanism, W: Sequence[Array]) -> tuple[Array, ...]:
-        return evaluate(lambda q, W: _squares(m, q, W)[quantity], q, W, order, (6 * m.nb) ** 2)
+    ports = computation.signature(mechanism.n, mechanism.nb).inputs
 
-    both = zip(squares(mechanism, W), squares(on_axes(mechanism), []), strict=True)
+    def squares(m: Mechanism, rates: int) -> tuple[Array, ...]:
+        def law(x: Sequence[Array]) -> Series:
+            state = computation.state(x)
+            return _squares(m, state.q, state.W)[computation.name]
+
+        return evaluate(law, ports[:rates], arrays[:rates], computation.order, (6 * m.nb) ** 2)
+
+    both = zip(squares(mechanism, len(arrays)), squares(on_axes(mechanism), computation.rates), strict=True)
     return tuple(np.sqrt(np.maximum(x, y)).astype(float) for x, y in both)
 
 
@@ -65,8 +70,8 @@ def _squares(m: Mechanism, q: Series, W: Series | None) -> dict[str, Series]:
         "inverse_dynamics": Q.map(lambda Q: Q[..., 0]),
         "gravity_forces": Qgrav.map(lambda Q: Q[..., 0]),
         "mass_matrix": gM + _rotors(m),
-        "coriolis_matrix of form 'paper'": gC,
-        "coriolis_matrix of form 'skew'": JT @ (C + M @ b) @ J,  # (Cbar)
+        "coriolis_matrix": gC,
+        "skew_coriolis_matrix": JT @ (C + M @ b) @ J,  # (Cbar)
     }
 
 

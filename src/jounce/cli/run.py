@@ -60,10 +60,10 @@ def run(
     as_json: bool,
 ) -> None:
     """Compute Q, Qd, Q2d along MOTION for ROBOT, a file or the name of a bundled one."""
-    from jounce.arguments.rates import rate_name
-    from jounce.checks.description import coordinate_units
     from jounce.io import tables
     from jounce.io.motions.loading import load_motion
+    from jounce.model.coordinates import coordinate_units
+    from jounce.spatial.series import rate_name
 
     tables.check_writable(output)
     if output.resolve() == motion.resolve():

@@ -5,9 +5,12 @@ The system matrices are dense, 6nb rows: the form to read and to prove with. `re
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from jounce._scalars import Array
 from jounce.dynamics import system
 from jounce.model.mechanism import Mechanism
+from jounce.spatial.lie import wedge
 from jounce.spatial.series import Series, from_rate
 
 
@@ -15,7 +18,7 @@ from jounce.spatial.series import Series, from_rate
 class ClosedForm:
     """The equations of motion along q(t); every series is computed as far as it is asked for."""
 
-    poses: Array  # (..., nb, 4, 4) of the bodies, C_i at the instant itself
+    H: Series  # (..., nb, 4, 4) poses of the bodies
     J: Series  # (..., 6nb, n) system Jacobian
     V: Series  # (..., 6nb, 1) system twist, body-fixed
     gM: Series  # (..., n, n) generalized mass matrix
@@ -26,6 +29,8 @@ class ClosedForm:
     Q: Series  # (..., n, 1) generalized forces
     h: Series  # (..., 6, 1) spatial momentum about the inertial origin
     F: Series  # (..., 6, 1) wrench that the ground exerts on the mechanism, about the inertial origin
+    p: Series  # (..., n, 1) generalized momentum
+    U: Series  # (..., 1, 1) potential energy
 
 
 def closed_form(mechanism: Mechanism, q: Series, W: Series | None = None) -> ClosedForm:
@@ -53,4 +58,34 @@ def closed_form(mechanism: Mechanism, q: Series, W: Series | None = None) -> Clo
     h = UT @ (M @ V)
     F = h.dot + UT @ (M @ UG)  # Newton and Euler: the momentum changes by the ground, by gravity and by loads -W
     F = F if W is None else F + UT @ W
-    return ClosedForm(poses=C0, J=J, V=V, gM=gM, gC=gC, gCbar=gCbar, Qgrav=Qgrav, Qext=Qext, Q=Q, h=h, F=F)
+    H = from_rate(C0, lambda H: H @ by_body(V).map(lambda v: wedge(v[..., 0])))
+    p = gM @ qd
+    power = qd.mT @ Qgrav
+    U = from_rate(system.potential_energy(mechanism, C0), lambda _: power)
+    return ClosedForm(H=H, J=J, V=V, gM=gM, gC=gC, gCbar=gCbar, Qgrav=Qgrav, Qext=Qext, Q=Q, h=h, F=F, p=p, U=U)
+
+
+def by_body(x: Series) -> Series:
+    """System rows (..., 6nb, k) as those of each body, (..., nb, 6, k)."""
+    return x.map(lambda a: a.reshape((*a.shape[:-2], a.shape[-2] // 6, 6, a.shape[-1])))
+
+
+def poses(mechanism: Mechanism, q: Series, body: int | None) -> Series:
+    """H of all bodies (..., nb, 4, 4), of one (..., 4, 4), or of the ground, -1."""
+    return _of_body(closed_form(mechanism, q).H, body, ground=np.eye(4, dtype=int))
+
+
+def twists(mechanism: Mechanism, q: Series, body: int | None) -> Series:
+    """V of all bodies (..., nb, 6, 1), of one (..., 6, 1), or of the ground, -1."""
+    return _of_body(by_body(closed_form(mechanism, q).V), body, ground=np.zeros((6, 1), dtype=int))
+
+
+def jacobians(mechanism: Mechanism, q: Series, body: int | None) -> Series:
+    """J of all bodies (..., nb, 6, n), of one (..., 6, n), or of the ground, -1."""
+    return _of_body(by_body(closed_form(mechanism, q).J), body, ground=np.zeros((6, mechanism.n), dtype=int))
+
+
+def _of_body(x: Series, body: int | None, ground: Array) -> Series:
+    if body is None:
+        return x
+    return 0 * x.map(lambda a: a[..., 0, :, :]) + ground if body < 0 else x.map(lambda a: a[..., body, :, :])

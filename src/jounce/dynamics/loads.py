@@ -4,13 +4,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jounce._scalars import Array, asarray, concatenate
-from jounce.arguments.rates import broadcast, is_unbatched, rate_name, rates_in
-from jounce.dynamics.kinematics import of_link, poses
+from jounce._scalars import Array, asarray, broadcast, concatenate
+from jounce.arguments.rates import is_unbatched, rates_in
+from jounce.dynamics.kinematics import in_blocks
+from jounce.dynamics.recursion import bodies
 from jounce.errors import JounceError, one_of, warn
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import lie
-from jounce.spatial.series import Series, from_rate
+from jounce.spatial.series import Series, rate_name
 
 AXES = ("world", "body")
 
@@ -18,16 +19,12 @@ AXES = ("world", "body")
 def wrench(mechanism: Mechanism, q: Series, load: Series, body: str, axes: str, point: Array) -> Series:
     """W, (..., nb, 6), of a load (torque; force), (..., 6, 1), that acts on a body or merged link at a point of it.
 
-    The rates of a load in world axes hold those of the link's rotation: d/dt R^T = -hat(w) R^T.
+    The rates of a load in world axes hold those of the link's rotation.
     """
     link = mechanism.frame(body)
     if axes == "world":
-        C = poses(mechanism, q, body)[0]
-        w = np.diag([1, 1, 1, 0, 0, 0]) @ (
-            of_link(mechanism, q, body) @ q.dot
-        )  # the link's angular velocity, as a twist
-        turn = lie.Ad(lie.pose(lie.rotation(C).mT, 0 * lie.position(C)))
-        load = from_rate(turn, lambda S: -(w.map(lambda v: lie.ad(v[..., 0])) @ S)) @ load
+        R = bodies.poses(mechanism, q, link.body).map(lambda H: lie.rotation(H @ link.T))
+        load = in_blocks(R.mT, 0 * R) @ load
     about_origin = lie.Ad(lie.pose(np.eye(3, dtype=int), -point[:, None])).mT  # (torque + p x force; force)
     W = -(lie.Ad(lie.inverse(link.T)).mT @ about_origin @ load)
     rows = np.zeros((mechanism.nb, 1), dtype=int)

@@ -1,112 +1,279 @@
-"""Which path computes what: one table, the default of each row first. All paths of a row agree."""
+"""The quantities of the equations of motion, a row each: all that is known about them. The index of the package.
 
-from collections.abc import Callable, Sequence
+What native code, generated code, CasADi, symbolic form, the command and the documentation know of a quantity is derived
+from its row. To add one takes its mathematics, a row, and a method of `Robot`.
+"""
+
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
-from jounce.dynamics import recursion
-from jounce.dynamics.closed_form import closed_form
+from jounce.dynamics import closed_form as dense
+from jounce.dynamics import drive_terms, kinematics
 from jounce.dynamics.paper import Paper
-from jounce.dynamics.recursion.joints import joint_variables
-from jounce.errors import one_of
-from jounce.model import drives
+from jounce.dynamics.recursion import bodies, forces, matrices, momenta
+from jounce.dynamics.recursion.forces import Sweep
+from jounce.dynamics.state import State
+from jounce.model.drives import TERMS
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.series import Series
+from jounce.spatial.series import Series, rate_name
 
-Law = Callable[[Mechanism, Series, Any], Series]  # from coordinates and wrenches (or None), columns, to a quantity
+Law = Callable[[Mechanism, State], Series]
+Axis = int | str  # "n" coordinates, "nb" bodies
 
 
 @dataclass(frozen=True)
-class Path:
+class Method:
     """A law, and how many scalars its working arrays hold for one state of nb bodies."""
 
     law: Law
-    width: Callable[[int], int] = lambda nb: (6 * nb) ** 2  # a dense system matrix
+    width: Callable[[int], int] = lambda nb: (6 * nb) ** 2  # dense system matrices
 
 
-def column(nb: int) -> int:
-    """The width of a path that works on one column of vectors."""
+@dataclass(frozen=True, kw_only=True)
+class Quantity:
+    """One quantity. All its methods agree; the first is the default."""
+
+    name: str
+    symbol: str  # names of results: Q, Qd, Q2d
+    rates: int  # how many of q, qd, ... the quantity itself takes
+    shape: tuple[Axis, ...]  # of one state; the axis "nb" is absent where one body is named
+    methods: Mapping[str, Method]
+    unit: str
+    caption: str  # a noun phrase
+    meaning: str  # a sentence for the head of generated code
+    tex: str
+    wrenches: bool = False  # whether wrenches on the bodies enter
+    drive_terms: tuple[str, ...] = ()  # which of those that act enter
+    drive_law: Law | None = None  # what they add
+    frames: tuple[str, ...] = ()  # in which its components may be given, the default first
+    sweep: Sweep | None = None  # of the recursion, where its steps are those of forces
+
+    @property
+    def of_bodies(self) -> bool:
+        """Whether it belongs to bodies, of which one may be named."""
+        return "nb" in self.shape
+
+    def names(self, order: int) -> tuple[str, ...]:
+        """The names of the quantity and its rates."""
+        return tuple(rate_name(self.symbol, k) for k in range(order + 1))
+
+    def law(self, method: str, mechanism: Mechanism) -> Law:
+        """The law of a method for a mechanism, with the terms of its drives that act."""
+        rigid, added = self.methods[method].law, self.drive_law
+        if added is None or not set(self.drive_terms) & set(mechanism.acting):
+            return rigid
+        return lambda m, x: rigid(m, x) + added(m, x)
+
+
+def _column(nb: int) -> int:
+    """The width of a method that works on one column of vectors."""
     return 4 * nb
 
 
-def columns(nb: int) -> int:
-    """The width of a path that works on columns of screws, one a joint."""
+def _columns(nb: int) -> int:
+    """The width of a method that works on columns of screws, one for each joint."""
     return 6 * nb
 
 
-def row(column: Series) -> Series:
+def _row(column: Series) -> Series:
     """Columns (..., n, 1) as (..., n)."""
     return column.map(lambda Q: Q[..., 0])
 
 
-def _driven(m: Mechanism, q: Series, Q: Series) -> Series:
-    return Q + drive_forces(m, q, m.acting) if m.acting else Q
+def _scalar(column: Series) -> Series:
+    """(..., 1, 1) as (...)."""
+    return column.map(lambda T: T[..., 0, 0])
 
 
-def _with_rotors(m: Mechanism, M: Series) -> Series:
-    return M + m.G.T @ (m.drives.armature[:, None] * m.G) if "armature" in m.acting else M
-
-
-def drive_forces(m: Mechanism, q: Series, terms: Sequence[str]) -> Series:
-    """What terms of the drives add to the forces, (..., n, 1)."""
-    return m.G.T @ drives.forces(drives.coefficients(m.drives), terms, joint_variables(m, q))
-
-
-PATHS: dict[str, dict[str, Path]] = {
-    "inverse_dynamics": {
-        "recursion": Path(lambda m, q, W: row(_driven(m, q, recursion.inverse_dynamics(m, q, W))), column),
-        "closed_form": Path(lambda m, q, W: row(_driven(m, q, closed_form(m, q, W).Q))),
-        "paper": Path(lambda m, q, W: row(_driven(m, q, Paper(m, q, W).Q))),
-    },
-    "mass_matrix": {
-        "recursion": Path(lambda m, q, _: _with_rotors(m, recursion.mass_matrix(m, q)), columns),
-        "closed_form": Path(lambda m, q, _: _with_rotors(m, closed_form(m, q).gM)),
-        "paper": Path(lambda m, q, _: _with_rotors(m, Paper(m, q).gM)),
-    },
-    "gravity_forces": {
-        "recursion": Path(lambda m, q, _: row(recursion.gravity_forces(m, q)), column),
-        "closed_form": Path(lambda m, q, _: row(closed_form(m, q).Qgrav)),
-        "paper": Path(lambda m, q, _: row(Paper(m, q).Qgrav)),
-    },
-    "coriolis_matrix of form 'paper'": {
-        "recursion": Path(lambda m, q, _: recursion.coriolis_matrix(m, q), columns),
-        "closed_form": Path(lambda m, q, _: closed_form(m, q).gC),
-        "paper": Path(lambda m, q, _: Paper(m, q).gC),
-    },
-    "coriolis_matrix of form 'skew'": {
-        "recursion": Path(lambda m, q, _: recursion.skew_coriolis_matrix(m, q), columns),
-        "closed_form": Path(lambda m, q, _: closed_form(m, q).gCbar),
-    },
-    "momentum": {
-        "recursion": Path(lambda m, q, _: row(recursion.momentum(m, q)), column),
-        "closed_form": Path(lambda m, q, _: row(closed_form(m, q).h)),
-    },
-    "base_wrench": {
-        "recursion": Path(lambda m, q, W: row(recursion.base_wrench(m, q, W)), column),
-        "closed_form": Path(lambda m, q, W: row(closed_form(m, q, W).F)),
-    },
+QUANTITIES: Mapping[str, Quantity] = {
+    quantity.name: quantity
+    for quantity in (
+        Quantity(
+            name="inverse_dynamics",
+            symbol="Q",
+            rates=3,
+            shape=("n",),
+            wrenches=True,
+            drive_terms=TERMS,
+            drive_law=lambda m, x: _row(drive_terms.forces(m, x.q, m.acting)),
+            sweep=forces.MOVING,
+            unit="N m or N",
+            caption="generalized forces",
+            meaning="Q = M(q) q2d + C(q, qd) qd + Qgrav(q): generalized forces, N m or, for coordinates in m, N.",
+            tex=r"Q = M(q)\,\ddot{q} + C(q, \dot{q})\,\dot{q} + Q_{\mathrm{grav}}(q)",
+            methods={
+                "recursion": Method(lambda m, x: _row(forces.generalized(forces.MOVING, m, x.q, x.W)), _column),
+                "closed_form": Method(lambda m, x: _row(dense.closed_form(m, x.q, x.W).Q)),
+                "paper": Method(lambda m, x: _row(Paper(m, x.q, x.W).Q)),
+            },
+        ),
+        Quantity(
+            name="gravity_forces",
+            symbol="Qgrav",
+            rates=1,
+            shape=("n",),
+            sweep=forces.AT_REST,
+            unit="N m or N",
+            caption="gravity forces",
+            meaning="Qgrav = dU/dq: the forces that hold the robot up against gravity.",
+            tex=r"Q_{\mathrm{grav}} = \partial U / \partial q",
+            methods={
+                "recursion": Method(lambda m, x: _row(forces.generalized(forces.AT_REST, m, x.q)), _column),
+                "closed_form": Method(lambda m, x: _row(dense.closed_form(m, x.q).Qgrav)),
+                "paper": Method(lambda m, x: _row(Paper(m, x.q).Qgrav)),
+            },
+        ),
+        Quantity(
+            name="mass_matrix",
+            symbol="M",
+            rates=1,
+            shape=("n", "n"),
+            drive_terms=("armature",),
+            drive_law=lambda m, x: drive_terms.armature_matrix(m),
+            unit="kg m^2, kg m or kg",
+            caption="generalized mass matrix",
+            meaning="M(q): the generalized mass matrix, symmetric.",
+            tex=r"T = \tfrac{1}{2}\,\dot{q}^T M\,\dot{q}",
+            methods={
+                "recursion": Method(lambda m, x: matrices.mass_matrix(m, x.q), _columns),
+                "closed_form": Method(lambda m, x: dense.closed_form(m, x.q).gM),
+                "paper": Method(lambda m, x: Paper(m, x.q).gM),
+            },
+        ),
+        Quantity(
+            name="coriolis_matrix",
+            symbol="C",
+            rates=2,
+            shape=("n", "n"),
+            unit="of a mass matrix, per s",
+            caption="Coriolis matrix of the paper",
+            meaning="C(q, qd): the paper's Coriolis matrix; passivity-based control takes Cbar, skew_coriolis_matrix.",
+            tex=r"C\,\dot{q} = Q - M\,\ddot{q} - Q_{\mathrm{grav}}",
+            methods={
+                "recursion": Method(lambda m, x: matrices.coriolis_matrix(m, x.q), _columns),
+                "closed_form": Method(lambda m, x: dense.closed_form(m, x.q).gC),
+                "paper": Method(lambda m, x: Paper(m, x.q).gC),
+            },
+        ),
+        Quantity(
+            name="skew_coriolis_matrix",
+            symbol="Cbar",
+            rates=2,
+            shape=("n", "n"),
+            unit="of a mass matrix, per s",
+            caption="Coriolis matrix for passivity-based control",
+            meaning="Cbar(q, qd): the Coriolis matrix for which Md - 2 Cbar is skew-symmetric.",
+            tex=r"(\dot{M} - 2 \bar{C}) + (\dot{M} - 2 \bar{C})^T = 0",
+            methods={
+                "recursion": Method(lambda m, x: matrices.skew_coriolis_matrix(m, x.q), _columns),
+                "closed_form": Method(lambda m, x: dense.closed_form(m, x.q).gCbar),
+            },
+        ),
+        Quantity(
+            name="poses",
+            symbol="H",
+            rates=1,
+            shape=("nb", 4, 4),
+            unit="1 and m",
+            caption="poses of the bodies",
+            meaning="H(q): the pose of the body in the inertial frame, a homogeneous matrix.",
+            tex=r"H_i = H_p\,B_i \exp(\hat{X}_i \theta_i)",
+            methods={
+                "recursion": Method(lambda m, x: kinematics.poses(m, x, bodies.poses), _columns),
+                "closed_form": Method(lambda m, x: kinematics.poses(m, x, dense.poses)),
+            },
+        ),
+        Quantity(
+            name="twists",
+            symbol="V",
+            rates=2,
+            shape=("nb", 6),
+            frames=kinematics.FRAMES,
+            unit="rad/s and m/s",
+            caption="twists of the bodies",
+            meaning="V(q, qd): the twist (angular; linear) of the body.",
+            tex=r"V = J\,\dot{q}",
+            methods={
+                "recursion": Method(lambda m, x: _row(kinematics.screws(m, x, bodies.poses, bodies.twists)), _columns),
+                "closed_form": Method(lambda m, x: _row(kinematics.screws(m, x, dense.poses, dense.twists))),
+            },
+        ),
+        Quantity(
+            name="jacobian",
+            symbol="J",
+            rates=1,
+            shape=("nb", 6, "n"),
+            frames=kinematics.FRAMES,
+            unit="1 and m",
+            caption="Jacobians of the bodies",
+            meaning="J(q): the Jacobian of the body, twist (angular; linear) V = J qd.",
+            tex=r"J = \partial V / \partial \dot{q}",
+            methods={
+                "recursion": Method(lambda m, x: kinematics.screws(m, x, bodies.poses, bodies.jacobians), _columns),
+                "closed_form": Method(lambda m, x: kinematics.screws(m, x, dense.poses, dense.jacobians)),
+            },
+        ),
+        Quantity(
+            name="momentum",
+            symbol="h",
+            rates=2,
+            shape=(6,),
+            unit="kg m^2/s and kg m/s",
+            caption="spatial momentum",
+            meaning="h: the momentum (angular; linear) of the bodies about the inertial origin, in inertial axes.",
+            tex=r"h = U^T M\,V",
+            methods={
+                "recursion": Method(lambda m, x: _row(momenta.momentum(m, x.q)), _column),
+                "closed_form": Method(lambda m, x: _row(dense.closed_form(m, x.q).h)),
+            },
+        ),
+        Quantity(
+            name="base_wrench",
+            symbol="F",
+            rates=3,
+            shape=(6,),
+            wrenches=True,
+            unit="N m and N",
+            caption="wrench of the ground on the robot",
+            meaning="F: the wrench (moment; force) of the ground on the robot, in the inertial frame about its origin.",
+            tex=r"F = \dot{h} + U^T M\,U G",
+            methods={
+                "recursion": Method(lambda m, x: _row(momenta.base_wrench(m, x.q, x.W)), _column),
+                "closed_form": Method(lambda m, x: _row(dense.closed_form(m, x.q, x.W).F)),
+            },
+        ),
+        Quantity(
+            name="generalized_momentum",
+            symbol="p",
+            rates=2,
+            shape=("n",),
+            drive_terms=("armature",),
+            drive_law=lambda m, x: _row(drive_terms.armature_matrix(m) @ x.q.dot),
+            unit="N m s or N s",
+            caption="generalized momentum",
+            meaning="p = M qd: the generalized momentum.",
+            tex=r"p = M\,\dot{q}",
+            methods={
+                "recursion": Method(lambda m, x: _row(momenta.generalized_momentum(m, x.q)), _column),
+                "closed_form": Method(lambda m, x: _row(dense.closed_form(m, x.q).p)),
+            },
+        ),
+        Quantity(
+            name="potential_energy",
+            symbol="U",
+            rates=1,
+            shape=(),
+            drive_terms=("spring",),
+            drive_law=lambda m, x: _scalar(drive_terms.spring_energy(m, x.q)),
+            unit="J",
+            caption="potential energy",
+            meaning="U(q): the potential energy, zero where all masses are at the height of the inertial origin.",
+            tex=r"U = -\sum_i m_i\, g \cdot c_i",
+            methods={
+                "recursion": Method(lambda m, x: _scalar(momenta.potential_energy(m, x.q)), _column),
+                "closed_form": Method(lambda m, x: _scalar(dense.closed_form(m, x.q).U)),
+            },
+        ),
+    )
 }
-COMPILED = {  # to native code, and how many of q, qd, ... each takes
-    "inverse_dynamics": 3,
-    "gravity_forces": 1,
-    "mass_matrix": 1,
-    "coriolis_matrix of form 'paper'": 2,
-    "coriolis_matrix of form 'skew'": 2,
-}
-SYMBOLS = {  # the paper's, by which results are named
-    "inverse_dynamics": "Q",
-    "mass_matrix": "M",
-    "coriolis_matrix of form 'paper'": "C",
-    "coriolis_matrix of form 'skew'": "Cbar",
-    "gravity_forces": "Qgrav",
-}
-FORMS = ("paper", "skew")  # of the Coriolis matrix
-
-
-def path(quantity: str, method: str | None) -> Path:
-    """The path that `method` names, or the default one."""
-    row = PATHS[quantity]
-    if method is None:
-        return next(iter(row.values()))
-    known = [*row, *["kernel"] * (quantity in COMPILED)]
-    return row[one_of(f"method for {quantity}", method, known)]
+FORCES = QUANTITIES["inverse_dynamics"]  # the default where a quantity is chosen

@@ -9,14 +9,11 @@ from functools import lru_cache
 import numpy as np
 
 from jounce._scalars import Array, concatenate
+from jounce.model.coordinates import joint_variables
 from jounce.model.mechanism import Mechanism, ancestors
+from jounce.spatial.inertia import moments
 from jounce.spatial.lie import Ad, ad, exp, inverse
 from jounce.spatial.series import diagonal
-
-
-def joint_variables(mechanism: Mechanism, q: Array) -> Array:
-    """theta = G q + g: (..., n, 1) to (..., nb, 1)."""
-    return mechanism.G @ q + mechanism.g[:, None]
 
 
 def poses(mechanism: Mechanism, q: Array) -> Array:
@@ -84,3 +81,10 @@ def system_b(V: Array) -> Array:
 def system_G(mechanism: Mechanism) -> Array:
     """The column -(0; g) of the gravity forces: (6, 1)."""
     return concatenate([0 * mechanism.gravity, -mechanism.gravity], axis=-1)[:, None]  # (eq_U)
+
+
+def potential_energy(mechanism: Mechanism, C: Array) -> Array:
+    """U = -sum of m_i g . c_i, zero at the height of the inertial origin, from the poses: (..., 1, 1)."""
+    m, h, _ = moments(mechanism.M)
+    weighted = (C @ concatenate([h, m], axis=-2))[..., :3, 0].sum(axis=-2)  # (..., 3)
+    return -(weighted @ mechanism.gravity)[..., None, None]

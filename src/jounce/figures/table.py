@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jounce.arguments.rates import SUFFIX
 from jounce.errors import JounceError, listed, no_such, quoted
 from jounce.figures.curves import Panel
+from jounce.spatial.series import SUFFIX
 
 UNITS = {"q": ("rad", "m"), "Q": ("N m", "N")}  # of revolute and prismatic joints; a table does not tell which is which
 LARGEST = 1e300  # beyond it matplotlib cannot number an axis

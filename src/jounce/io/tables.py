@@ -6,10 +6,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from jounce.arguments.rates import rate_name
 from jounce.errors import JounceError
 from jounce.io import csv, files, npz
 from jounce.io.columns import Columns, check_finite
+from jounce.spatial.series import rate_name
 
 Handler = TypeVar("Handler")
 READERS: dict[str, Callable[[Path], Iterator[Columns]]] = {".csv": csv.pieces, ".npz": npz.pieces}

@@ -126,15 +126,6 @@ def suited(mechanism: Mechanism, arrays: Sequence[Array]) -> Mechanism:
     return mechanism
 
 
-def leading(mechanism: Mechanism) -> list[int]:
-    """The joint that each coordinate of a mechanism of numbers is: that of its name, else the first that follows it."""
-    places = {joint: i for i, joint in enumerate(mechanism.joints)}
-    return [
-        places[name] if name in places else int(np.flatnonzero(column)[0])
-        for name, column in zip(mechanism.coordinates, mechanism.G.T, strict=True)
-    ]
-
-
 def ancestors(mechanism: Mechanism) -> np.ndarray:
     """(nb, nb) integers: 1 where body j is body i itself or carries it."""
     rows: list[np.ndarray] = []

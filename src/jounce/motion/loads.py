@@ -5,11 +5,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jounce.arguments.rates import SUFFIX, rate_name
 from jounce.errors import JounceError, at, listed, quoted
 from jounce.model.mechanism import Mechanism
 from jounce.motion.spline import Spline, rates_of
 from jounce.motion.states import COMPONENTS
+from jounce.spatial.series import SUFFIX, rate_name
 
 COLUMN = re.compile(r"(.*)\.([mf][xyz])" + SUFFIX, re.DOTALL)
 

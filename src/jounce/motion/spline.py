@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.arguments.rates import rate_name
 from jounce.errors import JounceError, JounceWarning, one_line, quoted
 from jounce.motion.smoothness import resolution
+from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline

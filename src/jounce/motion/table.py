@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from jounce.arguments import names
-from jounce.arguments.rates import SUFFIX, rate_name
 from jounce.errors import JounceError, JounceWarning, at, listed
 from jounce.model.mechanism import Mechanism
 from jounce.motion import loads, smoothness
 from jounce.motion.spline import Spline, rates_of
 from jounce.motion.states import Motion
+from jounce.spatial.series import SUFFIX, rate_name
 
 THROUGH = Spline()
 RATE = re.compile("q" + SUFFIX)

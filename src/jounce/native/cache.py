@@ -13,6 +13,7 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
+from jounce.dynamics.computation import Computation
 from jounce.errors import JounceError, quoted
 from jounce.io.files import finite
 from jounce.io.parts import part_in, remove_abandoned
@@ -44,13 +45,16 @@ def limit() -> int:
     return int(size * 2**20)
 
 
-def key(mechanism: Mechanism, what: str, target: Target) -> str:
+def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
     """The name of a kernel: a hash of everything that its code depends on."""
     import llvmlite
 
-    digest = hashlib.sha256(f"{what} {target} llvmlite {llvmlite.__version__} {_sources()}".encode())
+    digest = hashlib.sha256(f"{computation} {target} llvmlite {llvmlite.__version__} {_sources()}".encode())
     digest.update(repr((mechanism.parent, mechanism.acting)).encode())
     arrays = {name: getattr(mechanism, name) for name in DATA} | (vars(mechanism.drives) if mechanism.acting else {})
+    if computation.body is not None:
+        frame = mechanism.frame(computation.body)
+        arrays |= {f"frame on {frame.body}": frame.T}
     for name, array in arrays.items():
         digest.update(f"{name} {array.shape} {array.dtype}".encode())
         digest.update(array.tobytes())

@@ -6,17 +6,15 @@ steps the strides of the arrays from state to state, then those within a state.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import pairwise
-from math import prod
 
+from jounce.dynamics.computation import Port, Signature
 from jounce.native import circular, hyperbolic, lanes, memory, pool
-from jounce.native.interface import Interface
 from jounce.native.ir import Writer
 from jounce.native.target import Target
 from jounce.program.program import Program
 
 
-def emitted(define_block: Callable[[Writer], None], interface: Interface, target: Target, of_bodies: int = 0) -> str:
+def emitted(define_block: Callable[[Writer], None], signature: Signature, target: Target, of_bodies: int = 0) -> str:
     """The module of a kernel whose ``@block(in, out, bodies)`` works on one block of states in scratch memory."""
     ir = Writer(target)
     circular.define_sincos(ir)
@@ -24,26 +22,25 @@ def emitted(define_block: Callable[[Writer], None], interface: Interface, target
     lanes.define_transposes(ir)
     lanes.define_lanes(ir)
     define_block(ir)
-    _define_blocks(ir, interface)
-    size = memory.call_size(interface, of_bodies, target.lanes)
+    _define_blocks(ir, signature)
+    size = memory.call_size(signature, of_bodies, target.lanes)
     define_states = _define_on_stack if size <= memory.STACK else pool.define_on_heap
     define_states(ir, size)
     return ir.text()
 
 
-def define_block(ir: Writer, program: Program, interface: Interface) -> None:
+def define_block(ir: Writer, program: Program, signature: Signature) -> None:
     """``@block(in, out, bodies)``: a program in a straight line."""
 
-    def checked(total: str, first: int, last: int) -> str:
-        for j in range(first, last):
+    def add(total: str, port: Port) -> str:
+        for j in range(port.start, port.end):
             total = ir.op("fma", ir.load(ir.at("%in", j, ir.V)), ir.vector(0.0), total)
         return total
 
     with ir.function("internal void @block(ptr %in, ptr %out, ptr %bodies)"):
         value = written_steps(ir, program, lambda i: ir.load(ir.at("%in", i, ir.V)))
-        _, places = interface.places()
-        for (first, last), mask in zip(pairwise(places), nan_masks(ir, interface, checked), strict=True):
-            for j in range(first, last):
+        for port, mask in zip(signature.outputs, nan_masks(ir, signature, add), strict=True):
+            for j in range(port.start, port.end):
                 ir.store(ir.op("add", value(program.outputs[j]), mask), ir.at("%out", j, ir.V))
         ir.do("ret void")
 
@@ -80,42 +77,40 @@ def written_steps(ir: Writer, program: Program, read: Callable[[int], str]) -> C
     return value
 
 
-def nan_masks(ir: Writer, interface: Interface, add: Callable[[str, int, int], str]) -> Iterator[str]:
-    """For each order of the outputs 0, or NaN where an input that matters to it is not finite.
+def nan_masks(ir: Writer, signature: Signature, add: Callable[[str, Port], str]) -> Iterator[str]:
+    """For each order of the outputs 0, or NaN where an input that it depends on is not finite.
 
-    ``add(total, first, last)`` adds 0 times each input from the first to the last.
+    ``add(total, port)`` adds 0 times each scalar of an input.
     """
-    places, _ = interface.places()
     total = ir.vector(0.0)
-    for order in range(len(interface.given)):
-        for (first, last), matters in zip(pairwise(places), interface.matters, strict=True):
-            if matters == order:
-                total = add(total, first, last)
+    for order in range(len(signature.outputs)):
+        for port in signature.inputs:
+            if port.first_order == order:
+                total = add(total, port)
         yield total
 
 
-def _define_blocks(ir: Writer, interface: Interface) -> None:
+def _define_blocks(ir: Writer, signature: Signature) -> None:
     """``@blocks(args, dimensions, steps, memory)``: the loop over blocks of states.
 
     Rows that lie one behind the other go through registers, others lane by lane. A result may lie exactly over an array
     of states, which NumPy then does not copy.
     """
-    shapes = [*interface.taken, *interface.given]
-    into, out_of = interface.places()
-    widths = [prod(shape) for shape in shapes]
+    ports, given = [*signature.inputs, *signature.outputs], len(signature.inputs)
+    widths = [port.size for port in ports]
     behind = max((-((width - ir.lanes) // width) for width in widths if width < ir.lanes), default=0)
     with ir.function("internal void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr %in)"):
         ir.label("start")
-        out = ir.at("%in", into[-1] + ir.lanes, ir.V)
-        bodies = ir.at(out, out_of[-1] + ir.lanes, ir.V)
-        scratch = [ir.at("%in", i, ir.V) for i in into[:-1]] + [ir.at(out, i, ir.V) for i in out_of[:-1]]
-        arrays = list(_arrays(ir, shapes))
+        out = ir.at("%in", signature.inputs[-1].end + ir.lanes, ir.V)
+        bodies = ir.at(out, signature.outputs[-1].end + ir.lanes, ir.V)
+        scratch = [ir.at("%in", port.start, ir.V) for port in signature.inputs]
+        scratch += [ir.at(out, port.start, ir.V) for port in signature.outputs]
+        arrays = list(_arrays(ir, [port.shape for port in ports]))
         dense = "true"
-        for array, (rows, columns) in zip(arrays, map(_matrix, shapes), strict=True):
-            for stride, expected in ((array.step, 8 * rows * columns), (array.down, 8 * columns), (array.across, 8)):
+        for array, port in zip(arrays, ports, strict=True):
+            for stride, expected in zip((array.step, *array.within), _dense_strides(port.shape), strict=True):
                 if stride != "0":
                     dense = ir.let(f"and i1 {dense}, {ir.let(f'icmp eq i64 {stride}, {expected}')}")
-        given = len(interface.taken)
         for result, width in zip(arrays[given:], widths[given:], strict=True):
             if width < ir.lanes:  # stored reaching into rows behind: not where these are states yet to be read
                 for array in arrays[:given]:
@@ -131,18 +126,18 @@ def _define_blocks(ir: Writer, interface: Interface) -> None:
             enough = ir.let(f"icmp sge i64 {left}, {ir.lanes + behind}")
             quick = ir.let(f"and i1 {dense}, {enough}")
             places = [ir.at(x.pointer, ir.let(f"mul i64 {first}, {x.step}"), "i8") for x in arrays]
-            moved = list(zip(shapes, arrays, places, scratch, strict=True))
+            moved = list(zip(ports, arrays, places, scratch, strict=True))
             for way, part in (("load", moved[:given]), ("store", moved[given:])):
                 if way == "store":
                     ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies})")
                 ir.do(f"br i1 {quick}, label %{way}.rows, label %{way}.lanes")
                 ir.label(f"{way}.rows")
-                for shape, _, place, there in part:
-                    ir.do(f"call void @{way}_rows(ptr {place}, ptr {there}, i64 {prod(shape)})")
+                for port, _, place, there in part:
+                    ir.do(f"call void @{way}_rows(ptr {place}, ptr {there}, i64 {port.size})")
                 ir.do(f"br label %{way}.done")
                 ir.label(f"{way}.lanes")
-                for shape, x, place, there in part:
-                    integers = (*_matrix(shape), x.step, x.down, x.across, lanes)
+                for port, x, place, there in part:
+                    integers = (*_in_three_axes(port.shape), x.step, *x.within, lanes)
                     listed = ", ".join(f"i64 {i}" for i in integers)
                     ir.do(f"call void @{way}_lanes(ptr {place}, ptr {there}, {listed})")
                 ir.do(f"br label %{way}.done")
@@ -162,12 +157,11 @@ def _define_on_stack(ir: Writer, size: int) -> None:
 
 @dataclass(frozen=True)
 class _Array:
-    """An array that a caller passes: where it begins, and its strides in bytes."""
+    """An array that a caller passes: where it begins, and its strides in bytes, from state to state and within one."""
 
     pointer: str
     step: str
-    down: str
-    across: str
+    within: tuple[str, ...]
 
 
 def _arrays(ir: Writer, shapes: list[tuple[int, ...]]) -> Iterator[_Array]:
@@ -178,9 +172,15 @@ def _arrays(ir: Writer, shapes: list[tuple[int, ...]]) -> Iterator[_Array]:
             ir.let(f"load i64, ptr {ir.at('%steps', j, 'i64')}") for j in (k, *range(inner, inner + len(shape)))
         )
         inner += len(shape)
-        yield _Array(pointer, step, *(["0", *within][-2:]))
+        yield _Array(pointer, step, (*["0"] * (3 - len(shape)), *within))
 
 
-def _matrix(shape: tuple[int, ...]) -> tuple[int, int]:
-    """The rows and columns of a state: a vector is one row."""
-    return (1, shape[0]) if len(shape) == 1 else (shape[0], shape[1])
+def _in_three_axes(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """The slabs, rows and columns of a state: a vector is one row, a scalar a vector of one."""
+    return (*(1,) * (3 - len(shape)), *shape)
+
+
+def _dense_strides(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """The strides, from state to state and within one, of states that lie one behind the other."""
+    slabs, rows, columns = _in_three_axes(shape)
+    return 8 * slabs * rows * columns, 8 * rows * columns, 8 * columns, 8

@@ -5,19 +5,23 @@ from math import inf
 
 import numpy as np
 
-from jounce.dynamics.quantities import COMPILED, PATHS
+from jounce.dynamics.computation import Computation, Signature
 from jounce.model.mechanism import Mechanism, in_whole_numbers
 from jounce.native import emit, loop
 from jounce.native.ir import Writer
 from jounce.native.loop_steps import Sweeps, kinds
 from jounce.native.memory import vectors_of_bodies
-from jounce.native.quantity import LongCompilationError, Quantity
+from jounce.native.scope import LongCompilationError, is_straight
 from jounce.native.target import Target
 from jounce.program.factor import factored
 from jounce.program.fuse import fused
 from jounce.program.program import Program
 from jounce.program.trace import Tape, TapeFullError
-from jounce.spatial.series import Series, columns
+
+# What compiling takes, in seconds, as measured on one core of a Zen 4:
+OPERATION = 75e-6  # for an operation in a straight line, as traced
+BODY = 1.2e-3  # for a body in the tables of the loop form
+STEP = 6e-3  # for a kind of joint there, times the square of how many rates
 
 # What compiling takes, in seconds, as measured on one core of a Zen 4:
 OPERATION = 75e-6  # for an operation in a straight line, as traced
@@ -25,42 +29,41 @@ BODY = 1.2e-3  # for a body in the tables of the loop form
 STEP = 6e-3  # for a kind of joint there, times the square of how many rates
 
 
-def module(mechanism: Mechanism, quantity: Quantity, target: Target, patience: float = inf) -> str:
-    """The LLVM IR of a quantity of a robot.
+def module(mechanism: Mechanism, computation: Computation, target: Target, patience: float = inf) -> str:
+    """The LLVM IR of a computation for a robot.
 
     Raises
     ------
     LongCompilationError : where compiling it is likely to take longer than `patience` seconds.
     """
-    of_bodies = vectors_of_bodies(quantity, mechanism.parent)
-    return emit.emitted(_block(mechanism, quantity, patience), quantity.interface, target, of_bodies)
+    signature = computation.signature(mechanism.n, mechanism.nb)
+    of_bodies = vectors_of_bodies(computation, mechanism.parent)
+    return emit.emitted(_block(mechanism, computation, signature, patience), signature, target, of_bodies)
 
 
-def program(mechanism: Mechanism, quantity: Quantity, tape: Tape | None = None) -> Program:
-    """The operations of a quantity, traced from the recursion, products with shared factors grouped.
+def program(mechanism: Mechanism, computation: Computation, tape: Tape | None = None) -> Program:
+    """The operations of a computation, traced from the recursion, products with shared factors grouped.
 
-    Where the mechanism holds nodes of a tape, that tape is written on, and the quantity's inputs follow those on it.
+    Where the mechanism holds nodes of a tape, that tape is written on, and the inputs follow those on it.
     """
     tape = Tape() if tape is None else tape
-    inputs = [tape.variables(*shape) for shape in quantity.interface.taken]
-    least = quantity.order + COMPILED[quantity.name]
-    loads = [x.reshape(-1, 1) for x in inputs[least:]]
-    law = PATHS[quantity.name]["recursion"].law
-    results = law(in_whole_numbers(mechanism), columns(inputs[:least]), Series.of(loads) if loads else None)
-    return factored(tape.program([x for result in results.upto(quantity.order) for x in np.ravel(result)]))
+    arrays = [tape.variables(*port.shape) for port in computation.signature(mechanism.n, mechanism.nb).inputs]
+    results = computation.series("recursion", in_whole_numbers(mechanism), arrays).upto(computation.order)
+    return factored(tape.program([x for result in results for x in np.ravel(result)]))
 
 
-def _block(mechanism: Mechanism, quantity: Quantity, patience: float) -> Callable[[Writer], None]:
+def _block(
+    mechanism: Mechanism, computation: Computation, signature: Signature, patience: float
+) -> Callable[[Writer], None]:
     """What defines ``@block``."""
-    if not quantity.straight:
-        steps_of_joints = len(set(kinds(mechanism))) * (quantity.order + 1) ** 2
-        if quantity.nb * BODY + steps_of_joints * STEP > patience:
+    if not is_straight(computation, mechanism.nb):
+        steps_of_joints = len(set(kinds(mechanism))) * (computation.order + 1) ** 2
+        if mechanism.nb * BODY + steps_of_joints * STEP > patience:
             raise LongCompilationError
-        acting = mechanism.acting if quantity.name == "inverse_dynamics" else ()
-        sweeps = Sweeps(quantity, acting)
-        return lambda ir: loop.define_block(ir, mechanism, sweeps, quantity.interface)
+        acting = tuple(term for term in mechanism.acting if term in computation.quantity.drive_terms)
+        return lambda ir: loop.define_block(ir, mechanism, Sweeps(computation, acting), signature)
     try:
-        steps = fused(program(mechanism, quantity, Tape(patience / OPERATION)))
+        steps = fused(program(mechanism, computation, Tape(patience / OPERATION)))
     except TapeFullError:
         raise LongCompilationError from None
-    return lambda ir: emit.define_block(ir, steps, quantity.interface)
+    return lambda ir: emit.define_block(ir, steps, signature)

@@ -12,11 +12,11 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from jounce.arguments import names
+from jounce.dynamics.computation import Computation, Shape
 from jounce.errors import JounceError, one_line, quoted
 from jounce.model.mechanism import Mechanism
 from jounce.native import cache, jit, memory
 from jounce.native.pool import Pool
-from jounce.native.quantity import Quantity
 from jounce.native.target import host
 from jounce.native.ufunc import ufunc
 
@@ -30,22 +30,29 @@ class Kernel:
     be pickled: where they are unpickled they are found in the cache, or compiled again.
     """
 
-    def __init__(self, mechanism: Mechanism, quantity: Quantity, patience: float = inf) -> None:
-        self.mechanism, self.quantity = mechanism, quantity
-        self.address, engine = jit.loaded(_code(mechanism, quantity, patience), host())
-        size = memory.scratch_size(quantity, mechanism.parent, host().lanes)
+    def __init__(self, mechanism: Mechanism, computation: Computation, patience: float = inf) -> None:
+        self.mechanism, self.computation = mechanism, computation
+        self.signature = computation.signature(mechanism.n, mechanism.nb)
+        self.address, engine = jit.loaded(_code(mechanism, computation, patience), host())
+        size = memory.scratch_size(computation, mechanism, host().lanes)
         self._pool = Pool(size) if size > memory.STACK else None
         self._pool_address = self._pool.address if self._pool else None
-        self._ufunc, needed = ufunc(self.address, quantity.interface, quantity.name, self._pool_address)
-        self._count = len(quantity.interface.taken)
+        self._ufunc, needed = ufunc(self.address, self.signature, computation.name, self._pool_address)
+        self._count = len(self.signature.inputs)
         self._alive = engine, needed
 
-    def __reduce__(self) -> tuple[Callable[..., "Kernel"], tuple[Mechanism, Quantity]]:
-        return compiled, (self.mechanism, self.quantity)
+    def __reduce__(self) -> tuple[Callable[..., "Kernel"], tuple[Mechanism, Computation]]:
+        return compiled, (self.mechanism, self.computation)
 
     def __repr__(self) -> str:
-        loaded = ", with wrenches" if self.quantity.loaded else ""
-        return f"<Kernel: {self.quantity.name} of {self.mechanism.name!r} to order {self.quantity.order}{loaded}>"
+        asked = self.computation
+        of = f" of {asked.body!r} in frame {asked.frame!r}" if asked.body is not None else ""
+        loaded = ", with wrenches" if asked.wrench else ""
+        return f"<Kernel: {asked.name}{of} of {self.mechanism.name!r} to order {asked.order}{loaded}>"
+
+    @property
+    def _shapes(self) -> tuple[list[Shape], list[Shape]]:
+        return [port.shape for port in self.signature.inputs], [port.shape for port in self.signature.outputs]
 
     def __call__(self, *arrays: np.ndarray, out: Any = None, threads: int = 1) -> Any:
         """The quantity and its rates: an array, or a tuple of them, written into `out` where it is given."""
@@ -89,7 +96,7 @@ class Kernel:
 
     def _bound(self, arrays: Sequence[np.ndarray], out: Sequence[np.ndarray]) -> tuple[int, ...]:
         """The batch shape of arrays to bind, checked as native code trusts them."""
-        taken, given = self.quantity.interface.taken, self.quantity.interface.given
+        taken, given = self._shapes
         if (len(arrays), len(out)) != (len(taken), len(given)):
             raise JounceError(
                 f"{self!r} binds {len(taken)} arrays and {len(given)} to write into, not {len(arrays)} and {len(out)}"
@@ -122,7 +129,7 @@ class Kernel:
         if not isinstance(threads, int | np.integer) or isinstance(threads, bool) or threads < 1:
             raise JounceError(f"threads = {quoted(threads)}; expected how many, 1 or more")
         self._refuse_names(arrays)
-        taken, given = self.quantity.interface.taken, self.quantity.interface.given
+        taken, given = self._shapes
         inputs = [np.asarray(array) for array in arrays]
         both = list(zip(inputs, taken, strict=True))
         fits = all(x.shape[-len(shape) :] == shape for x, shape in both)
@@ -148,29 +155,29 @@ class Kernel:
         return results[0] if len(given) == 1 else tuple(results)
 
 
-_living: WeakValueDictionary[tuple[Mechanism, Quantity], Kernel] = WeakValueDictionary()
+_living: WeakValueDictionary[tuple[Mechanism, Computation], Kernel] = WeakValueDictionary()
 
 
 @lru_cache(maxsize=128)
-def compiled(mechanism: Mechanism, quantity: Quantity, patience: float = inf) -> Kernel:
+def compiled(mechanism: Mechanism, computation: Computation, patience: float = inf) -> Kernel:
     """The kernel of a quantity of a mechanism of numbers: the one there is, else from the cache, else compiled.
 
     Raises
     ------
     LongCompilationError : where it is still to be compiled, which would take longer than `patience` seconds.
     """
-    kernel = _living.get((mechanism, quantity)) or Kernel(mechanism, quantity, patience)
-    return _living.setdefault((mechanism, quantity), kernel)
+    kernel = _living.get((mechanism, computation)) or Kernel(mechanism, computation, patience)
+    return _living.setdefault((mechanism, computation), kernel)
 
 
-def _code(mechanism: Mechanism, quantity: Quantity, patience: float) -> bytes:
+def _code(mechanism: Mechanism, computation: Computation, patience: float) -> bytes:
     """Object code, from the cache where it is there."""
     target = host()
-    key = cache.key(mechanism, repr(quantity), target)
+    key = cache.key(mechanism, computation, target)
     code = cache.read(key)
     if code is None:
         from jounce.native.forms import module  # what a warm cache spares
 
-        code = jit.assembled(module(mechanism, quantity, target, patience), target)
+        code = jit.assembled(module(mechanism, computation, target, patience), target)
         cache.write(key, code)
     return code

@@ -4,6 +4,7 @@ In scratch memory a block of states is one vector for each scalar of a state.
 """
 
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 
 from jounce.native.ir import Writer
 
@@ -66,39 +67,48 @@ def _shuffled(ir: Writer, low: str, high: str, order: Sequence[int]) -> str:
 def define_lanes(ir: Writer) -> None:
     """``@load_lanes`` and ``@store_lanes``: some lanes of a block, between scratch memory and an array of any strides.
 
-    ``(first, scratch, rows, columns, step, down, across, count)``: a state is a matrix of so many rows and columns, one
-    step from the state before it, its rows ``down`` and its columns ``across`` from each other, in bytes. Lanes beyond
-    the count are filled with the last state.
+    ``(first, scratch, slabs, rows, columns, step, apart, down, across, count)``: a state is so many matrices, one
+    ``(first, scratch, slabs, rows, columns, step, apart, down, across, count)``: a state is so many matrices, one
+    step from the state before it, its matrices ``apart``, rows ``down`` and columns ``across`` from each other, in bytes.
     """
-    integers = ("rows", "columns", "step", "down", "across", "count")
+    integers = ("slabs", "rows", "columns", "step", "apart", "down", "across", "count")
     arguments = f"(ptr %first, ptr %scratch, {', '.join(f'i64 %{name}' for name in integers)})"
     with ir.function(f"internal void @load_lanes{arguments}"):
         ir.label("start")
         others = ir.let("sub i64 %count, 1")
-        with ir.loop("%rows") as row, ir.loop("%columns") as column:
-            value = ir.let(f"load double, ptr {_place(ir, others, row, column)}, align 1")
-            ir.store(ir.splat(value), _vector(ir, row, column))
+        with _loops(ir, "slabs", "rows", "columns") as entry:
+            value = ir.let(f"load double, ptr {_place(ir, others, *entry)}, align 1")
+            ir.store(ir.splat(value), _vector(ir, *entry))
         ir.do(f"br i1 {ir.let(f'icmp eq i64 {others}, 0')}, label %done, label %more")
         ir.label("more")
-        with ir.loop("%rows") as row, ir.loop("%columns") as column, ir.loop(others) as lane:
-            value = ir.let(f"load double, ptr {_place(ir, lane, row, column)}, align 1")
-            ir.do(f"store double {value}, ptr {ir.at(_vector(ir, row, column), lane)}, align 8")
+        with _loops(ir, "slabs", "rows", "columns") as entry, ir.loop(others) as lane:
+            value = ir.let(f"load double, ptr {_place(ir, lane, *entry)}, align 1")
+            ir.do(f"store double {value}, ptr {ir.at(_vector(ir, *entry), lane)}, align 8")
         ir.do("br label %done")
         ir.label("done")
         ir.do("ret void")
     with ir.function(f"internal void @store_lanes{arguments}"):
         ir.label("start")
-        with ir.loop("%rows") as row, ir.loop("%columns") as column, ir.loop("%count") as lane:
-            value = ir.let(f"load double, ptr {ir.at(_vector(ir, row, column), lane)}, align 8")
-            ir.do(f"store double {value}, ptr {_place(ir, lane, row, column)}, align 1")
+        with _loops(ir, "slabs", "rows", "columns") as entry, ir.loop("%count") as lane:
+            value = ir.let(f"load double, ptr {ir.at(_vector(ir, *entry), lane)}, align 8")
+            ir.do(f"store double {value}, ptr {_place(ir, lane, *entry)}, align 1")
         ir.do("ret void")
 
 
-def _vector(ir: Writer, row: str, column: str) -> str:
-    before = ir.let(f"mul i64 {row}, %columns")
-    return ir.at("%scratch", ir.let(f"add i64 {before}, {column}"), ir.V)
+@contextmanager
+def _loops(ir: Writer, *counts: str) -> Iterator[list[str]]:
+    """Loops within each other over as many entries as arguments of these names say."""
+    with ExitStack() as stack:
+        yield [stack.enter_context(ir.loop(f"%{count}")) for count in counts]
 
 
-def _place(ir: Writer, lane: str, row: str, column: str) -> str:
-    parts = [ir.let(f"mul i64 {i}, %{by}") for i, by in ((lane, "step"), (row, "down"), (column, "across"))]
-    return ir.at("%first", ir.let(f"add i64 {ir.let(f'add i64 {parts[0]}, {parts[1]}')}, {parts[2]}"), "i8")
+def _vector(ir: Writer, slab: str, row: str, column: str) -> str:
+    rows = ir.let(f"add i64 {ir.let(f'mul i64 {slab}, %rows')}, {row}")
+    return ir.at("%scratch", ir.let(f"add i64 {ir.let(f'mul i64 {rows}, %columns')}, {column}"), ir.V)
+
+
+def _place(ir: Writer, lane: str, slab: str, row: str, column: str) -> str:
+    place = ir.let(f"mul i64 {lane}, %step")
+    for i, stride in ((slab, "apart"), (row, "down"), (column, "across")):
+        place = ir.let(f"add i64 {place}, {ir.let(f'mul i64 {i}, %{stride}')}")
+    return ir.at("%first", place, "i8")

@@ -6,14 +6,17 @@ does not grow. Every body has its part of scratch memory, the ground the first.
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from itertools import accumulate, pairwise
+from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 
+from jounce.dynamics.computation import Port, Signature
+from jounce.dynamics.recursion.forces import ground, sweep
+from jounce.dynamics.recursion.steps import Motion
 from jounce.model.equivalent import minimal
 from jounce.model.mechanism import Mechanism
 from jounce.native.emit import nan_masks, written_steps
-from jounce.native.interface import Interface
 from jounce.native.ir import Writer
 from jounce.native.loop_steps import CARRY, CONSTANTS, DRIVES, KINDS, Step, Sweeps, carry, constants, drive_table, kinds
 from jounce.native.memory import Layout, motion_slots
@@ -21,7 +24,7 @@ from jounce.native.memory import Layout, motion_slots
 MEMORY = ("constants", "body", "parent", "motion", "carrier")  # what a step reads and writes
 
 
-def define_block(ir: Writer, mechanism: Mechanism, sweeps: Sweeps, interface: Interface) -> None:
+def define_block(ir: Writer, mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> None:
     """``@block(in, out, bodies)``: the sweeps over the tree for one block of states."""
     chain, slots, of_joints = minimal(mechanism), motion_slots(mechanism.parent), kinds(mechanism)
     present = [kind for kind in KINDS if kind in of_joints]
@@ -31,33 +34,59 @@ def define_block(ir: Writer, mechanism: Mechanism, sweeps: Sweeps, interface: In
     with ir.function("internal void @block(ptr %in, ptr %out, ptr %bodies)"):
         ir.label("start")
         ir.do(f"%motions = getelementptr {ir.V}, ptr %bodies, i64 {(chain.nb + 1) * sweeps.layout.size}")
-        _set_results(ir, interface)
-        _set_ground(ir, sweeps.motion, chain.gravity)
-        with ir.loop(str(chain.nb)) as i:
-            memory = _memory(ir, i, sweeps)
-            _joint_variable(ir, i, memory[0], sweeps.layout, chain.n)
-            _call(ir, "outward", present, i, memory)
-            if sweeps.quantity.loaded:
-                _load(ir, i, memory, sweeps.layout, interface)
-        with ir.loop(str(chain.nb)) as down:
-            i = ir.let(f"sub i64 {chain.nb - 1}, {down}")
-            memory = _memory(ir, i, sweeps)
-            _call(ir, "inward", present, i, memory)
-            if sweeps.acting:
-                table = ir.at("@drives", ir.let(f"mul i64 {i}, {len(DRIVES)}"))
-                ir.do(f"call void @drive({_pointers(table, *memory)})")
-            with _followed(ir, i) as (coordinate, factor):  # Q = G^T Q_theta
-                for k, (place,) in enumerate(sweeps.layout.places("Q")):
-                    Q = ir.at("%out", ir.let(f"add i64 {coordinate}, {k * chain.n}"), ir.V)
-                    ir.store(ir.op("fma", factor, ir.load(ir.at(memory[0], place, ir.V)), ir.load(Q)), Q)
+        _set_results(ir, signature)
+        _set_ground(ir, sweeps.motion, ground(chain.gravity.astype(float)))
+        sweep(_Memory(ir, chain, sweeps, signature, present))
         ir.do("ret void")
+
+
+@dataclass(frozen=True)
+class _Memory:
+    """The tree in scratch memory: each step of the sweep is a call of a traced function, in a loop over the bodies."""
+
+    ir: Writer
+    chain: Mechanism
+    sweeps: Sweeps
+    signature: Signature
+    kinds: Sequence[str]
+
+    def outward(self) -> Iterator[str]:
+        with self.ir.loop(str(self.chain.nb)) as i:
+            yield i
+
+    def inward(self) -> Iterator[str]:
+        with self.ir.loop(str(self.chain.nb)) as down:
+            yield self.ir.let(f"sub i64 {self.chain.nb - 1}, {down}")
+
+    def move(self, i: str) -> None:
+        memory = _memory(self.ir, i, self.sweeps)
+        _joint_variable(self.ir, i, memory[0], self.sweeps.layout, self.chain.n)
+        _call(self.ir, "outward", self.kinds, i, memory)
+
+    def load(self, i: str) -> None:
+        if self.sweeps.computation.wrench:
+            _load(self.ir, i, _memory(self.ir, i, self.sweeps), self.sweeps.layout, self.signature)
+
+    def hand_on(self, i: str) -> None:
+        memory = _memory(self.ir, i, self.sweeps)
+        _call(self.ir, "inward", self.kinds, i, memory)
+        if self.sweeps.acting:
+            table = self.ir.at("@drives", self.ir.let(f"mul i64 {i}, {len(DRIVES)}"))
+            self.ir.do(f"call void @drive({_pointers(table, *memory)})")
+
+    def collect(self, i: str) -> None:
+        ir, body = self.ir, _memory(self.ir, i, self.sweeps)[0]
+        with _followed(ir, i) as (coordinate, factor):  # Q = G^T Q_theta
+            for k, (place,) in enumerate(self.sweeps.layout.places("Q")):
+                Q = ir.at("%out", ir.let(f"add i64 {coordinate}, {k * self.chain.n}"), ir.V)
+                ir.store(ir.op("fma", factor, ir.load(ir.at(body, place, ir.V)), ir.load(Q)), Q)
 
 
 def _define_steps(ir: Writer, present: Sequence[str], sweeps: Sweeps) -> None:
     for kind in present:
         _define_step(ir, f"outward_{kind}", sweeps.outward(kind))
         _define_step(ir, f"inward_{kind}", sweeps.inward(kind))
-    if sweeps.quantity.loaded:
+    if sweeps.computation.wrench:
         _define_step(ir, "load", sweeps.load())
     if sweeps.acting:
         _define_step(ir, "drive", sweeps.drive())
@@ -95,24 +124,23 @@ def _define_sum(ir: Writer) -> None:
         ir.do(f"ret {ir.V} %more")
 
 
-def _set_results(ir: Writer, interface: Interface) -> None:
+def _set_results(ir: Writer, signature: Signature) -> None:
     """What the forces are added to: 0, or NaN where an input that matters to their order is not finite."""
-    _, places = interface.places()
 
-    def add(total: str, first: int, last: int) -> str:
-        return ir.let(f"call {ir.V} @sum(ptr {ir.at('%in', first, ir.V)}, i64 {last - first}, {ir.V} {total})")
+    def add(total: str, port: Port) -> str:
+        return ir.let(f"call {ir.V} @sum(ptr {ir.at('%in', port.start, ir.V)}, i64 {port.size}, {ir.V} {total})")
 
-    for (first, last), mask in zip(pairwise(places), nan_masks(ir, interface, add), strict=True):
-        with ir.loop(str(last), str(first)) as j:
+    for port, mask in zip(signature.outputs, nan_masks(ir, signature, add), strict=True):
+        with ir.loop(str(port.end), str(port.start)) as j:
             ir.store(mask, ir.at("%out", j, ir.V))
 
 
-def _set_ground(ir: Writer, motion: Layout, gravity: np.ndarray) -> None:
-    """The ground's motion: it rises by -g, as if falling bodies were at rest."""
-    for place in range(motion.size):
-        ir.store(ir.vector(0.0), ir.at("%motions", place, ir.V))
-    for place, g in zip(motion.places("a")[0], gravity.astype(float).tolist(), strict=True):
-        ir.store(ir.vector(-g), ir.at("%motions", place, ir.V))
+def _set_ground(ir: Writer, layout: Layout, motion: Motion) -> None:
+    """The motion of the ground, constant here."""
+    for name, _, _ in layout.parts:
+        for k, places in enumerate(layout.places(name)):
+            for place, x in zip(places, np.ravel(getattr(motion, name)[k]).tolist(), strict=True):
+                ir.store(ir.vector(float(x) + 0.0), ir.at("%motions", place, ir.V))
 
 
 def _joint_variable(ir: Writer, i: str, body: str, layout: Layout, n: int) -> None:
@@ -128,14 +156,12 @@ def _joint_variable(ir: Writer, i: str, body: str, layout: Layout, n: int) -> No
     ir.do(f"call void @sincos({ir.V} {ir.load(angle)}, ptr {sine})")  # and the cosine behind it
 
 
-def _load(ir: Writer, i: str, memory: Sequence[str], layout: Layout, interface: Interface) -> None:
+def _load(ir: Writer, i: str, memory: Sequence[str], layout: Layout, signature: Signature) -> None:
     """The wrench on body i, added to what acts on it."""
-    into, _ = interface.places()
-    rates = layout.places("W")
     first = ir.let(f"mul i64 {i}, 6")
-    for start, places in zip(into[-1 - len(rates) : -1], rates, strict=True):
+    for port, places in zip(signature.of_role("wrench"), layout.places("W"), strict=True):
         for j, place in enumerate(places):
-            given = ir.at(ir.at("%in", first, ir.V), start + j, ir.V)
+            given = ir.at(ir.at("%in", first, ir.V), port.start + j, ir.V)
             ir.store(ir.load(given), ir.at(memory[0], place, ir.V))
     table = ir.at("@carry", ir.let(f"mul i64 {i}, {sum(CARRY.values())}"))
     ir.do(f"call void @load({_pointers(table, *memory)})")

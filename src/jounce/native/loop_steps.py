@@ -9,22 +9,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce._scalars import is_zero
+from jounce.dynamics.computation import Computation
+from jounce.dynamics.recursion.forces import ground
 from jounce.dynamics.recursion.joints import rows
 from jounce.dynamics.recursion.steps import (
     AlignedJoint,
     Force,
+    Moments,
     Motion,
-    carried_along,
     felt,
-    inertia_force,
     inward,
-    outward,
 )
 from jounce.model import drives
 from jounce.model.equivalent import minimal, moves
 from jounce.model.mechanism import Mechanism
-from jounce.native.memory import Layout, body_layout, motion_layout
-from jounce.native.quantity import Quantity
+from jounce.native.memory import Layout, body_layout, motion_layout, sweep_of
 from jounce.program.factor import factored
 from jounce.program.fuse import fused
 from jounce.program.program import Program
@@ -34,7 +33,6 @@ from jounce.spatial.lie import Ad, pose, position, rotation
 from jounce.spatial.series import Series
 
 KINDS = ("revolute", "prismatic", "helical")
-NO_FIELD = Series.constant(np.zeros((3, 3), dtype=int))
 CONSTANTS = {"R": 9, "r": 3, "pitch": 1, "m": 1, "h": 3, "P": 6}  # of a joint and its body
 DRIVES = dict.fromkeys(drives.COEFFICIENTS, 1)  # of a joint's drive train
 CARRY = {"R": 9, "r": 3}  # where the joint's frame lies in the body's own, in which wrenches are given
@@ -87,32 +85,30 @@ class _Sheet:
 class Sweeps:
     """The steps of a quantity with its rates up to an order."""
 
-    quantity: Quantity
+    computation: Computation
     acting: tuple[str, ...] = ()  # the terms of the drives in Q
 
     @property
     def motion(self) -> Layout:
         """The vectors of the motion of a body."""
-        return motion_layout(self.quantity)
+        return motion_layout(self.computation)
 
     @property
     def layout(self) -> Layout:
         """The other vectors of a body."""
-        return body_layout(self.quantity)
+        return body_layout(self.computation)
 
     def outward(self, kind: str) -> Step:
         """From the parent's motion to the body's, and what this takes."""
         sheet = _Sheet(self)
         joint, moments = _joint(sheet, kind)
-        parent = [sheet.read("carrier", name) for name, _, _ in self.motion.parts]
-        if self.quantity.moving:
-            x = outward(joint, Motion(*parent))
-            results, force = [x.w, x.a, x.K], inertia_force(moments, x.a, x.K)
-        else:
-            a = carried_along(joint, parent[0], NO_FIELD)
-            results, force = [a], inertia_force(moments, a, NO_FIELD)
-        for (name, _, _), values in zip(self.motion.parts, results, strict=True):
-            sheet.write("motion", name, values)
+        names = list(sweep_of(self.computation).parts)
+        parent = [sheet.read("carrier", name) for name in names]
+        still = vars(ground(np.zeros(3, dtype=int)))
+        found = sweep_of(self.computation).outward(joint, Motion(**still | dict(zip(names, parent, strict=True))))
+        for name in names:
+            sheet.write("motion", name, getattr(found, name))
+        force = sweep_of(self.computation).force(moments, found)
         sheet.write("body", "f", force.f)
         sheet.write("body", "n", force.n)
         return sheet.step()
@@ -145,7 +141,7 @@ class Sweeps:
         return sheet.step()
 
 
-def _joint(sheet: _Sheet, kind: str) -> tuple[AlignedJoint, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def _joint(sheet: _Sheet, kind: str) -> tuple[AlignedJoint, Moments]:
     """A joint of a kind with the moments of its body, all numbers yet unknown."""
     c = sheet.constants(CONSTANTS)
     theta = sheet.read("body", "theta")

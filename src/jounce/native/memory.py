@@ -9,10 +9,13 @@ from dataclasses import dataclass
 from heapq import heappop, heappush
 from itertools import accumulate
 
-from jounce.native.interface import Interface
-from jounce.native.quantity import Quantity
+from jounce.dynamics.computation import Computation, Signature
+from jounce.dynamics.recursion.forces import Sweep
+from jounce.model.mechanism import Mechanism
+from jounce.native.scope import is_straight
 
 STACK = 2**15  # bytes, up to which a call takes them from the stack of its thread; what needs more has a `Pool`
+SCALARS = {"w": 3, "a": 3, "K": 9}  # of the parts of a motion
 LIMIT = 2**26  # bytes of a call, beyond which there is no native code
 
 
@@ -36,18 +39,25 @@ class Layout:
         return sum(rates * scalars for _, rates, scalars in self.parts)
 
 
-def motion_layout(quantity: Quantity) -> Layout:
+def motion_layout(computation: Computation) -> Layout:
     """The motion of a body, wanted only until its children have theirs."""
-    order, a = quantity.order, ("a", quantity.order + 1, 3)
-    return Layout((("w", order + 2, 3), a, ("K", order + 1, 9)) if quantity.moving else (a,))
+    parts = sweep_of(computation).parts.items()
+    return Layout(tuple((name, computation.order + 1 + more, SCALARS[name]) for name, more in parts))
 
 
-def body_layout(quantity: Quantity) -> Layout:
+def body_layout(computation: Computation) -> Layout:
     """The joint variable of a body, what acts on the body, what its joint feels."""
-    count = quantity.order + 1
-    joint = (("theta", quantity.order + (3 if quantity.moving else 1), 1), ("sine", 1, 1), ("cosine", 1, 1))
+    count = computation.order + 1
+    joint = (("theta", computation.rates, 1), ("sine", 1, 1), ("cosine", 1, 1))
     acting = (("f", count, 3), ("n", count, 3), ("Q", count, 1))
-    return Layout((*joint, *acting, ("W", count, 6)) if quantity.loaded else (*joint, *acting))
+    return Layout((*joint, *acting, ("W", count, 6)) if computation.wrench else (*joint, *acting))
+
+
+def sweep_of(computation: Computation) -> Sweep:
+    """The sweep of a quantity that has one."""
+    sweep = computation.quantity.sweep
+    assert sweep is not None, computation
+    return sweep
 
 
 def motion_slots(parent: Sequence[int]) -> list[int]:
@@ -67,20 +77,20 @@ def motion_slots(parent: Sequence[int]) -> list[int]:
     return slots
 
 
-def vectors_of_bodies(quantity: Quantity, parent: Sequence[int]) -> int:
+def vectors_of_bodies(computation: Computation, parent: Sequence[int]) -> int:
     """The vectors that the loop form keeps of all bodies and of the ground; none in a straight line."""
-    if quantity.straight:
+    if is_straight(computation, len(parent)):
         return 0
     motions = max(motion_slots(parent)) + 1
-    return (len(parent) + 1) * body_layout(quantity).size + motions * motion_layout(quantity).size
+    return (len(parent) + 1) * body_layout(computation).size + motions * motion_layout(computation).size
 
 
-def call_size(interface: Interface, of_bodies: int, lanes: int) -> int:
+def call_size(signature: Signature, of_bodies: int, lanes: int) -> int:
     """The bytes of one call: rows are moved by whole vectors, hence a block more of inputs and of outputs."""
-    into, out_of = interface.places()
-    return 8 * lanes * (into[-1] + out_of[-1] + 2 * lanes + of_bodies)
+    return 8 * lanes * (signature.inputs[-1].end + signature.outputs[-1].end + 2 * lanes + of_bodies)
 
 
-def scratch_size(quantity: Quantity, parent: Sequence[int], lanes: int) -> int:
-    """The bytes of one call of a quantity's kernel."""
-    return call_size(quantity.interface, vectors_of_bodies(quantity, parent), lanes)
+def scratch_size(computation: Computation, mechanism: Mechanism, lanes: int) -> int:
+    """The bytes of one call of a kernel."""
+    signature = computation.signature(mechanism.n, mechanism.nb)
+    return call_size(signature, vectors_of_bodies(computation, mechanism.parent), lanes)

@@ -8,20 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from jounce.native.interface import Interface
+from jounce.dynamics.computation import Signature
 
 FROM_SIGNATURE = 31  # PyUFunc_FromFuncAndDataAndSignature's place in the table of NumPy's C interface, part of its ABI
 NO_IDENTITY = -1
 
 
-def ufunc(address: int, interface: Interface, name: str, pool: int | None) -> tuple[np.ufunc, Any]:
+def ufunc(address: int, signature: Signature, name: str, pool: int | None) -> tuple[np.ufunc, Any]:
     """The ufunc of a loop at an address that is given the address of a pool, and what must live as long as it does."""
-    taken, given = interface.taken, interface.given
+    taken, given = ([port.shape for port in ports] for ports in (signature.inputs, signature.outputs))
     count = len(taken) + len(given)
     loops, data = (ctypes.c_void_p * 1)(address), (ctypes.c_void_p * 1)(pool)
     types = ctypes.create_string_buffer(bytes([np.dtype(float).num] * count))
-    signature = "->".join(",".join(f"({','.join(map(str, shape))})" for shape in shapes) for shapes in (taken, given))
-    texts = name.encode(), b"", signature.encode()
+    axes = "->".join(",".join(f"({','.join(map(str, shape))})" for shape in shapes) for shapes in (taken, given))
+    texts = name.encode(), b"", axes.encode()
     made = _maker()(loops, data, types, 1, len(taken), len(given), NO_IDENTITY, *texts[:2], 0, texts[2])
     return made, (loops, data, types, texts)
 

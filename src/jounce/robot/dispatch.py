@@ -1,86 +1,190 @@
-"""Which calls native code serves: float64 arrays of NumPy, on a robot of numbers, where llvmlite is at hand."""
+"""Calls of a robot's methods: arguments are checked, and the first backend that accepts a call runs it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache, lru_cache
 from math import inf
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from jounce._scalars import FLOAT, Array, is_numeric
-from jounce.arguments.rates import checked_order
-from jounce.dynamics.quantities import COMPILED
-from jounce.errors import JounceError, one_of, true_or_false, warn
-from jounce.model.mechanism import DATA, Mechanism
+from jounce.arguments import rates, requests, wrenches
+from jounce.dynamics import drive_terms, loads
+from jounce.dynamics.computation import Computation, Port, coordinate_ports
+from jounce.dynamics.quantities import FORCES, QUANTITIES
+from jounce.errors import JounceError, one_of, quoted, warn
+from jounce.model.mechanism import DATA, Mechanism, suited
 from jounce.native import memory
 from jounce.native.kernel import Kernel, compiled
-from jounce.native.quantity import LongCompilationError, Quantity
+from jounce.native.scope import LongCompilationError, obstacle
 from jounce.native.target import host
+from jounce.robot.generic import batch_shape, checked_out, computed, evaluate, results_into
+from jounce.spatial.series import Series, columns
 
+NATIVE = "kernel"  # the method that is native code
 PATIENCE = 3.0  # seconds that a call may take to compile native code that nobody asked for
 
 
-def serving(
-    mechanism: Mechanism, name: str, method: str | None, order: int, q: Sequence[Array], W: Sequence[Array]
-) -> Kernel | None:
-    """The kernel of a quantity, or None where another path must do it.
+class Call(NamedTuple):
+    """What a method of a robot is called with, checked."""
 
-    Raises
-    ------
-    JounceError : where ``method="kernel"`` asks for what no kernel serves.
-    """
-    if name not in COMPILED or not (method is None or (isinstance(method, str) and method == "kernel")):
-        return None
-    for x in (*q, *W):
-        if type(x) is not np.ndarray or (x.dtype is not FLOAT and x.dtype != FLOAT):  # unpickled, it is another object
-            if method == "kernel":
-                raise JounceError("native code takes float64 arrays of NumPy")
-            return None
-    kernel, obstacle = _kernel(mechanism, name, order, bool(W), PATIENCE if method is None else inf)
-    if kernel is None and method == "kernel":
-        raise JounceError(f"no native code: {obstacle}")
-    return kernel
+    mechanism: Mechanism
+    computation: Computation
+    arrays: Sequence[Array]  # q, qd, ..., W, Wd, ...
+    method: str | None
+    out: Any
+    threads: int
 
 
-def ahead(mechanism: Mechanism, name: str, order: int, loaded: bool) -> Kernel:
-    """The kernel that a user asks for by name."""
-    one_of("quantity for native code", name, COMPILED)
-    order = checked_order(order)
-    if true_or_false("wrench", loaded, "whether calls take any") and name != "inverse_dynamics":
-        raise JounceError(f"{name} takes no wrenches")
-    kernel, obstacle = _kernel(mechanism, name, order, loaded, inf)
+class Backend(NamedTuple):
+    """One way to run calls. `refusal` says why it cannot run one, None where it can."""
+
+    refusal: Callable[[Call], str | None]
+    run: Callable[[Call], Any]
+
+    def accepts(self, call: Call) -> bool:
+        """Whether it can run a call."""
+        return self.refusal(call) is None
+
+
+def compute(
+    mechanism: Mechanism,
+    name: str,
+    given: Sequence[Any],
+    *,
+    wrench: Any = None,
+    body: str | None = None,
+    frame: str = "body",
+    method: str | None = None,
+    out: Any = None,
+    threads: int = 1,
+) -> Any:
+    """A quantity along given rates of the coordinates, by the first backend that accepts the call."""
+    quantity = QUANTITIES[name]
+    q = rates.checked(given, quantity.rates, mechanism)
+    order = len(q) - quantity.rates
+    W = () if wrench is None else wrenches.checked(mechanism, wrench, order, q)
+    if method is not None:
+        one_of(f"method for {name}", method, [*quantity.methods, NATIVE])
+    if body is not None or frame != "body":
+        requests.place(mechanism, name, body, frame)
+    call = Call(mechanism, requests.known(name, order, bool(W), body, frame), [*q, *W], method, out, threads)
+    for backend in BACKENDS:
+        if backend.accepts(call):
+            return backend.run(call)
+    raise JounceError(": ".join(str(backend.refusal(call)) for backend in reversed(BACKENDS)))
+
+
+def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str], out: Any) -> Any:
+    """The forces of drive terms along given rates of the coordinates, whether or not they act."""
+    q = rates.checked(given, FORCES.rates, mechanism)
+    model, ports = suited(mechanism, q), coordinate_ports(mechanism.n, len(q), FORCES.rates)
+
+    def law(arrays: Sequence[Array]) -> Series:
+        return drive_terms.forces(model, columns(arrays), terms).map(lambda Q: Q[..., 0])
+
+    return results_into(evaluate(law, ports, q, len(q) - FORCES.rates, 4 * model.nb), out)
+
+
+def wrench_of_load(
+    mechanism: Mechanism, given: Sequence[Any], body: str, force: Any, torque: Any, frame: str, point: Any
+) -> Any:
+    """The wrenches that bodies exert where a load acts on one of them, along given rates of the coordinates."""
+    q = rates.checked(given, 1, mechanism)
+    place, load = loads.checked_place(frame, point), loads.checked(force, torque, len(q) - 1, q)
+    model = suited(mechanism, [*q, *load])
+    ports = [*coordinate_ports(model.n, len(q), 1), *(Port(f"load[{k}]", (1, 6), "load", k) for k in range(len(load)))]
+
+    def law(arrays: Sequence[Array]) -> Series:
+        terms = Series.of([x.swapaxes(-1, -2) for x in arrays[len(q) :]])
+        return loads.wrench(model, columns(arrays[: len(q)]), terms, body, frame, place)
+
+    return results_into(evaluate(law, ports, [*q, *load], len(q) - 1, 6 * model.nb), None)
+
+
+def compile_ahead(mechanism: Mechanism, computation: Computation) -> Kernel:
+    """The kernel that a user asks for, however long it takes to compile."""
+    kernel, refusal = _kernel(mechanism, computation, inf)
     if kernel is None:
-        raise JounceError(f"no native code: {obstacle}")
+        raise JounceError(f"native code {refusal}")
     return kernel
 
 
-@lru_cache(maxsize=128)
-def _kernel(
-    mechanism: Mechanism, name: str, order: int, loaded: bool, patience: float
-) -> tuple[Kernel | None, str | None]:
-    """The kernel, or why there is none."""
-    quantity = Quantity(name, order, loaded, mechanism.n, mechanism.nb)
-    if quantity.obstacle:
-        return None, quantity.obstacle
-    if not all(is_numeric(getattr(mechanism, data)) for data in DATA):
-        return None, "the robot holds symbols"
-    if not available():
-        return None, "llvmlite cannot be imported"
-    size = memory.scratch_size(quantity, mechanism.parent, host().lanes)
-    if size > memory.LIMIT:
-        limit = f"more than the limit of {memory.LIMIT / 2**20:g} MiB"
-        return None, f"it needs {size / 2**20:.3g} MiB of scratch memory, {limit}; use method='recursion'"
+def _native_refusal(call: Call) -> str | None:
+    if call.method not in (None, NATIVE):
+        return f"method={call.method!r} is not native code"
+    for x in call.arrays:
+        if type(x) is not np.ndarray or (x.dtype is not FLOAT and x.dtype != FLOAT):  # unpickled, it is another object
+            return "native code takes float64 arrays of NumPy"
+    refusal = _kernel(call.mechanism, call.computation, PATIENCE if call.method is None else inf)[1]
+    return refusal and f"native code {refusal}"
+
+
+def _run_native(call: Call) -> Any:
+    """The results of native code, written straight into `out` where it is given."""
+    kernel = _kernel(call.mechanism, call.computation, PATIENCE if call.method is None else inf)[0]
+    assert kernel is not None
+    signature = kernel.signature
+    if call.out is not None:
+        batch = batch_shape(signature.inputs, call.arrays)
+        shapes = [(*batch, *port.shape) for port in signature.outputs]
+        results = kernel(*call.arrays, out=checked_out(call.out, shapes, FLOAT), threads=call.threads)
+        return call.out if isinstance(call.out, np.ndarray) else results
     try:
-        kernel = compiled(mechanism, quantity, patience)
+        return kernel(*call.arrays, threads=call.threads)
+    except JounceError:
+        batch_shape(signature.inputs, call.arrays)  # which says what does not fit
+        raise
+
+
+def _generic_refusal(call: Call) -> str | None:
+    if call.method == NATIVE:
+        return f"method={NATIVE!r} is not available for this call"
+    whole = isinstance(call.threads, int | np.integer) and not isinstance(call.threads, bool)
+    return None if whole and call.threads == 1 else f"threads={quoted(call.threads)} needs native code"
+
+
+def _run_generic(call: Call) -> Any:
+    """The results of a method's law on arrays of any scalar type."""
+    method = call.method or next(iter(call.computation.quantity.methods))
+    model = suited(call.mechanism, call.arrays)
+    return results_into(computed(call.computation, method, model, call.arrays), call.out)
+
+
+BACKENDS = (Backend(_native_refusal, _run_native), Backend(_generic_refusal, _run_generic))  # the first that accepts
+
+
+@lru_cache(maxsize=512)
+def _kernel(mechanism: Mechanism, computation: Computation, patience: float) -> tuple[Kernel | None, str | None]:
+    """The kernel, or why there is none, as the end of a sentence about native code."""
+    if refusal := native_obstacle(mechanism, computation):
+        return None, refusal
+    try:
+        kernel = compiled(mechanism, computation, patience)
     except LongCompilationError:
-        text = (
-            f"native code for {name} of {mechanism.name!r} to order {order} takes longer than {PATIENCE:g} s to compile"
+        asked = f"native code for {computation.name} of {mechanism.name!r} to order {computation.order}"
+        warn(
+            f"{asked} takes longer than {PATIENCE:g} s to compile, so the slower recursion in NumPy is used;"
+            f" robot.compile({', '.join(computation.keywords())}) compiles it once"
         )
-        options = [f"order={order}", *["wrench=True"] * loaded, *[f"quantity={name!r}"] * (name != "inverse_dynamics")]
-        warn(f"{text}, so the slower recursion in NumPy is used; robot.compile({', '.join(options)}) compiles it once")
-        return None, text
+        return None, f"takes longer than {PATIENCE:g} s to compile"
     if patience > PATIENCE:
-        _kernel.cache_clear()  # now calls that did not wait have it too
+        _kernel.cache_clear()  # calls that did not wait have it now too
     return kernel, None
+
+
+def native_obstacle(mechanism: Mechanism, computation: Computation) -> str | None:
+    """Why native code cannot serve a computation, as the end of a sentence about native code."""
+    if found := obstacle(computation, mechanism.nb):
+        return found
+    if not all(is_numeric(getattr(mechanism, data)) for data in DATA):
+        return "is for robots of numbers; this robot holds symbols"
+    if not available():
+        return "needs llvmlite, which cannot be imported"
+    size = memory.scratch_size(computation, mechanism, host().lanes)
+    if size > memory.LIMIT:
+        return f"works in up to {memory.LIMIT >> 20} MiB of scratch memory; this takes {size >> 20} MiB"
+    return None
 
 
 @cache

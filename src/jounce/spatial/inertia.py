@@ -7,8 +7,7 @@ moments P = integral of r r^T dm = tr(Theta)/2 I - Theta.
 
 import numpy as np
 
-from jounce._scalars import Array, asarray, concatenate, is_numeric, is_symbolic, whole
-from jounce.arguments.rates import broadcast
+from jounce._scalars import Array, asarray, broadcast, concatenate, is_numeric, is_symbolic, whole
 from jounce.errors import JounceError
 from jounce.spatial.lie import Ad, axial, hat, inverse
 

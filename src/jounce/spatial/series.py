@@ -14,6 +14,13 @@ import numpy as np
 
 from jounce._scalars import Array, concatenate, zeros_like
 
+SUFFIX = r"(d|[2-9]d|[1-9]\d+d)?"  # what `rate_name` adds to a symbol, as a regular expression
+
+
+def rate_name(symbol: str, k: int) -> str:
+    """The name of the k-th time derivative: q, qd, q2d, q3d, ..."""
+    return symbol + ("" if k == 0 else "d" if k == 1 else f"{k}d")
+
 
 class Series:
     """The time derivatives S[0], S[1], ... of an array, given by a function of their order."""

@@ -3,12 +3,13 @@
 import numpy as np
 
 from jounce.checks.audit.finding import Finding
-from jounce.model.mechanism import Mechanism, leading
+from jounce.model.coordinates import leading_joints
+from jounce.model.mechanism import Mechanism
 
 
 def limits(mechanism: Mechanism) -> list[Finding]:
     """Effort and velocity limits that are missing or zero, of the joints that are driven; a finding for each kind."""
-    driven = sorted(set(leading(mechanism)))  # what follows others has no drive of its own
+    driven = sorted(set(leading_joints(mechanism)))  # what follows others has no drive of its own
     found = []
     for kind in ("effort", "velocity"):
         stated = getattr(mechanism.limits, kind)[driven]

@@ -3,7 +3,7 @@
 import numpy as np
 
 from jounce.checks.audit.finding import Finding
-from jounce.dynamics import recursion
+from jounce.dynamics.recursion import bodies
 from jounce.model.mechanism import Mechanism, ancestors
 from jounce.spatial.series import columns
 
@@ -68,7 +68,7 @@ def singular(mechanism: Mechanism) -> list[Finding]:
 
 def _idle(mechanism: Mechanism, q: np.ndarray) -> tuple[int, np.ndarray]:
     """The rank of the mass matrix at q, and which coordinates take part in motions without kinetic energy."""
-    J = recursion.system_jacobian(mechanism, columns([q]))[0]
+    J = bodies.jacobians(mechanism, columns([q]), None)[0]
     rotors = mechanism.drives.armature * ("armature" in mechanism.acting)
     momenta = (mechanism.M @ J).reshape(-1, mechanism.n)
     gM = J.reshape(momenta.shape).T @ momenta + mechanism.G.T * rotors @ mechanism.G  # (MC)

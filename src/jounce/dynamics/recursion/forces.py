@@ -1,7 +1,13 @@
-"""Generalized forces by a sweep outward and a sweep inward over the tree, in the frames with the fewest numbers."""
+"""Generalized forces (RNEA with rates): one sweep outward and one inward over the tree, in the frames with most zeros.
 
-from collections.abc import Sequence
+The order of steps is written once, in `sweep`. A `Sweep` says what the bodies hand on; a `Tree` keeps the numbers and
+takes the steps: here in time series, in native code in memory, by a loop over the bodies.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -10,62 +16,133 @@ from jounce.dynamics.recursion.joints import rows, still
 from jounce.dynamics.recursion.steps import (
     AlignedJoint,
     Force,
+    Moments,
     Motion,
     aligned_joints,
-    carried_along,
     felt,
     inertia_force,
     inward,
     outward,
+    outward_at_rest,
 )
 from jounce.dynamics.recursion.sweeps import in_order
+from jounce.model.coordinates import generalized_forces
 from jounce.model.equivalent import minimal, moves
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
 from jounce.spatial.lie import Ad
 from jounce.spatial.series import Series, joined
 
-_AT_REST = Series.constant(np.zeros((3, 1), dtype=int))
-_NO_FIELD = Series.constant(np.zeros((3, 3), dtype=int))
+
+@dataclass(frozen=True)
+class Sweep:
+    """What a body's motion consists of, how it follows from its parent's, and the force that it takes.
+
+    `parts` are those of `Motion` that are not zero, each with how many more rates it takes than the forces have.
+    """
+
+    parts: Mapping[str, int]
+    outward: Callable[[AlignedJoint, Motion], Motion]
+    force: Callable[[Moments, Motion], Force] = inertia_force
 
 
-def inverse_dynamics(mechanism: Mechanism, q: Series, W: Series | None = None) -> Series:
-    """Q, the generalized forces (EOM1), with wrenches W on the bodies, (..., 6nb, 1)."""
-    chain = minimal(mechanism)
-    joints = aligned_joints(chain, q)
-    ground = Motion(_AT_REST, _upward(chain), _NO_FIELD)
-    motions: list[Motion] = []
-    for joint in joints:
-        motions.append(outward(joint, ground if joint.parent < 0 else motions[joint.parent]))
-    forces = [inertia_force(own, x.a, x.K) for own, x in zip(_moments(chain), motions, strict=True)]
-    if W is not None:
-        forces = [force + load for force, load in zip(forces, _wrenches(mechanism, chain, W), strict=True)]
-    return _gathered(chain, joints, q, forces, outward=[x.a for x in motions])
+MOVING = Sweep({"w": 1, "a": 0, "K": 0}, outward)
+AT_REST = Sweep({"a": 0}, outward_at_rest)  # under gravity alone
+WEIGHTLESS = Sweep({}, lambda joint, parent: parent, lambda moments, motion: Force(motion.w, motion.w))  # no force
 
 
-def gravity_forces(mechanism: Mechanism, q: Series) -> Series:
-    """Qgrav: the forces that the acceleration -g of every body's frame takes."""
-    chain = minimal(mechanism)
-    joints = aligned_joints(chain, q)
-    a: list[Series] = []
-    for joint in joints:
-        a.append(carried_along(joint, _upward(chain) if joint.parent < 0 else a[joint.parent], _NO_FIELD))
-    forces = [inertia_force(own, a_i, _NO_FIELD) for own, a_i in zip(_moments(chain), a, strict=True)]
-    return _gathered(chain, joints, q, forces, outward=a)
+class Tree(Protocol):
+    """The bodies of a mechanism, wherever their numbers are kept; a body is known by its number."""
+
+    def outward(self) -> Iterator[Any]:
+        """The bodies, each after its parent."""
+
+    def inward(self) -> Iterator[Any]:
+        """The bodies, each before its parent."""
+
+    def move(self, i: Any) -> None:
+        """Give a body its motion from its parent's, and the force that this takes."""
+
+    def load(self, i: Any) -> None:
+        """Add the wrench that a body exerts to the force on it, where there is one."""
+
+    def hand_on(self, i: Any) -> None:
+        """Project the force on a body onto its joint, and add it to that on the parent."""
+
+    def collect(self, i: Any) -> None:
+        """Add the force of a joint to those of the coordinates that it follows."""
+
+
+def sweep(tree: Tree) -> None:
+    """Outward the motions and the forces that they take, inward the forces of the joints."""
+    for i in tree.outward():
+        tree.move(i)
+        tree.load(i)
+    for i in tree.inward():
+        tree.hand_on(i)
+        tree.collect(i)
+
+
+def ground(gravity: Array) -> Motion:
+    """The motion of the ground: it rises by -g, as if falling bodies were at rest."""
+    still_ground = Series.constant(np.zeros((3, 1), dtype=int))
+    return Motion(still_ground, Series.constant(-gravity[:, None]), Series.constant(np.zeros((3, 3), dtype=int)))
+
+
+def generalized(kind: Sweep, mechanism: Mechanism, q: Series, W: Series | None = None) -> Series:
+    """The generalized forces (EOM1) of a sweep, (..., n, 1), with wrenches W on the bodies, (..., 6nb, 1)."""
+    tree = _Series(kind, mechanism, q, W)
+    sweep(tree)
+    return tree.forces()
 
 
 def external_forces(mechanism: Mechanism, q: Series, W: Series) -> Series:
-    """Qext = J^T W (Qext), which `inverse_dynamics` holds; alone it is a witness."""
-    chain = minimal(mechanism)
-    return _gathered(chain, aligned_joints(chain, q), q, _wrenches(mechanism, chain, W), outward=())
+    """Qext = J^T W (Qext), the part of the wrenches in the forces."""
+    return generalized(WEIGHTLESS, mechanism, q, W)
 
 
-def _upward(chain: Mechanism) -> Series:
-    return Series.constant(-chain.gravity[:, None])
+class _Series:
+    """The tree in time series: motions, forces on the bodies, forces of the joints."""
+
+    def __init__(self, kind: Sweep, mechanism: Mechanism, q: Series, W: Series | None) -> None:
+        self.kind, self.chain, self.q = kind, minimal(mechanism), q
+        self.joints = aligned_joints(self.chain, q)
+        self.wrenches = None if W is None else _wrenches(mechanism, self.chain, W)
+        self.motions: dict[int, Motion] = {-1: ground(self.chain.gravity)}
+        self.on: dict[int, Force] = {}
+        self.Q: dict[int, Series] = {}
+
+    def outward(self) -> Iterator[int]:
+        yield from range(self.chain.nb)
+
+    def inward(self) -> Iterator[int]:
+        yield from reversed(range(self.chain.nb))
+
+    def move(self, i: int) -> None:
+        motion = self.motions[i] = self.kind.outward(self.joints[i], self.motions[self.joints[i].parent])
+        self.on[i] = self.kind.force(_moments(self.chain)[i], motion)
+
+    def load(self, i: int) -> None:
+        if self.wrenches is not None:
+            self.on[i] = self.on[i] + self.wrenches[i]
+
+    def hand_on(self, i: int) -> None:
+        self.Q[i] = felt(self.joints[i], self.on[i])
+        if (p := self.joints[i].parent) >= 0:
+            self.on[p] = self.on[p] + inward(self.joints[i], self.on[i])
+
+    def collect(self, i: int) -> None:
+        self.Q[i] = self.Q[i] + still(self.q)
+
+    def forces(self) -> Series:
+        """G^T Q of the joints, computed body by body."""
+        Q = joined([self.Q[i] for i in range(self.chain.nb)], axis=-2)
+        steps = [*(self.motions[i].a for i in self.outward()), *(self.on[i].n for i in self.inward())]
+        return generalized_forces(self.chain, in_order(Q, steps))
 
 
 @lru_cache(maxsize=64)
-def _moments(chain: Mechanism) -> list[tuple[Array, Array, Array]]:
+def _moments(chain: Mechanism) -> list[Moments]:
     return [inertia.moments(M) for M in chain.M]
 
 
@@ -76,15 +153,3 @@ def _wrenches(old: Mechanism, chain: Mechanism, W: Series) -> list[Force]:
         W_i = carry @ rows(W, 6 * i, 6 * i + 6)
         loads.append(Force(f=rows(W_i, 3, 6), n=rows(W_i, 0, 3)))
     return loads
-
-
-def _gathered(
-    chain: Mechanism, joints: Sequence[AlignedJoint], q: Series, forces: Sequence[Force], outward: Sequence[Series]
-) -> Series:
-    """The inward sweep: the forces in the coordinates that balance what acts on the bodies."""
-    on = list(forces)
-    for i in reversed(range(chain.nb)):
-        if (p := joints[i].parent) >= 0:
-            on[p] = on[p] + inward(joints[i], on[i])
-    Q = joined([felt(joint, force) + still(q) for joint, force in zip(joints, on, strict=True)], axis=-2)
-    return chain.G.T @ in_order(Q, [*outward, *(force.n for force in reversed(on))])

@@ -12,6 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from jounce._scalars import Array, is_symbolic, whole
+from jounce.model.coordinates import joint_variables
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import Ad, ad, exp_of, inverse, turn_and_slide, wedge
 from jounce.spatial.series import Series, from_rates
@@ -60,6 +61,10 @@ class Joint(Placement):
         """Wrenches (..., 6, k) that the body's frame gives, in the parent's."""
         return self.Ad_B.mT @ carried(self.A.mT, -self.ad_X.mT, self.rate, x)
 
+    def points(self, x: Series) -> Series:
+        """Points and sums of them (..., 4, k), (m r; m), that the body's frame gives, in the parent's."""
+        return self.B @ carried(self.T, self.X_hat, self.rate, x)
+
     def moments(self, x: Series) -> Series:
         """Moments of mass (..., 4, 4) about the body's frame, about the parent's."""
         return self.B @ congruent(self.T, self.X_hat, self.rate, x) @ self.B.mT
@@ -80,11 +85,6 @@ def _placements(mechanism: Mechanism) -> list[Placement]:
 def _turns_and_slides(mechanism: Mechanism) -> tuple[Array, Array]:
     turns, slides = zip(*map(turn_and_slide, mechanism.X), strict=True)
     return np.stack(turns), np.stack(slides)
-
-
-def joint_variables(mechanism: Mechanism, q: Series) -> Series:
-    """theta = G q + g, (..., nb, 1)."""
-    return mechanism.G @ q + mechanism.g[:, None]
 
 
 def motions(mechanism: Mechanism, theta: Array, bodies: Sequence[int]) -> Array:

@@ -21,6 +21,7 @@ import numpy as np
 
 from jounce.dynamics.recursion.joints import Joint, joints, still
 from jounce.dynamics.recursion.sweeps import Columns, composites, felt, gathered, in_order, velocities
+from jounce.model.coordinates import generalized_matrix
 from jounce.model.equivalent import on_axes
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.inertia import moment_matrix
@@ -91,7 +92,7 @@ def _screw_rates(bodies: _Composites, V: Sequence[Series]) -> list[Series]:
 
 
 def _generalized(bodies: _Composites, q: Series, matrix: Series) -> Series:
-    return bodies.chain.G.T @ (matrix + still(q)) @ bodies.chain.G
+    return generalized_matrix(bodies.chain, matrix + still(q))
 
 
 def _above(triangle: Series) -> Series:

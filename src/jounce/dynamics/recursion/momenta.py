@@ -1,19 +1,41 @@
-"""The momentum of the whole mechanism and the wrench on its base: what every body adds, carried to the ground."""
+"""Momentum, the wrench on the base, and energy: what every body adds, carried to its joint or to the ground."""
 
 from collections.abc import Sequence
 from functools import reduce
 from operator import add
 
+from jounce._scalars import concatenate
 from jounce.dynamics.recursion.joints import Joint, joints, rows, still
 from jounce.dynamics.recursion.sweeps import composites, in_order, velocities
 from jounce.dynamics.system import system_G
+from jounce.model.coordinates import generalized_forces
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.series import Series
+from jounce.spatial.inertia import moments
+from jounce.spatial.series import Series, joined
 
 
 def momentum(mechanism: Mechanism, q: Series) -> Series:
     """h, about the inertial origin, in inertial axes: (..., 6, 1)."""
     return _momentum(mechanism, joints(mechanism, q)) + still(q)
+
+
+def generalized_momentum(mechanism: Mechanism, q: Series) -> Series:
+    """p = M qd, (..., n, 1): the momentum of all that each joint carries, projected onto its screw."""
+    tree = joints(mechanism, q)
+    V = velocities(tree)
+    P = composites(tree, [M_i @ V_i for M_i, V_i in zip(mechanism.M, V, strict=True)], Joint.wrenches)
+    p = joined([joint.X.mT @ P_i + still(q) for joint, P_i in zip(tree, P, strict=True)], axis=-2)
+    return generalized_forces(mechanism, in_order(p, [*V, *reversed(P)]))
+
+
+def potential_energy(mechanism: Mechanism, q: Series) -> Series:
+    """U = -g . (sum of m_i c_i), (..., 1, 1), with the first moments carried to the ground as columns (m c; m)."""
+    tree = joints(mechanism, q)
+    own = [Series.constant(concatenate([h, m], axis=-2)) for m, h, _ in map(moments, mechanism.M)]
+    h = composites(tree, own, Joint.points)
+    total = reduce(add, [joint.points(h_i) for joint, h_i in zip(tree, h, strict=True) if joint.parent < 0])
+    up = concatenate([-mechanism.gravity, 0 * mechanism.gravity[:1]], axis=-1)[None, :]
+    return in_order(up @ total + still(q), reversed(h))
 
 
 def base_wrench(mechanism: Mechanism, q: Series, W: Series | None = None) -> Series:

@@ -16,10 +16,13 @@ from operator import add
 import numpy as np
 
 from jounce._scalars import Array, is_zero
-from jounce.dynamics.recursion.joints import carried, joint_variables, motions, rows
+from jounce.dynamics.recursion.joints import carried, motions, rows
+from jounce.model.coordinates import joint_variables
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import axial, hat, position, rotation
 from jounce.spatial.series import Series
+
+Moments = tuple[Array, Array, Array]  # of a body: mass m, first moment h, second moments P
 
 _Z = np.eye(3, dtype=int)[:, 2:]
 _Z_HAT = hat(_Z[:, 0])
@@ -81,14 +84,19 @@ def outward(joint: AlignedJoint, parent: Motion) -> Motion:
     return Motion(w, a, K)
 
 
+def outward_at_rest(joint: AlignedJoint, parent: Motion) -> Motion:
+    """The same where nothing moves but the ground, by its acceleration."""
+    return Motion(parent.w, carried_along(joint, parent.a, parent.K), parent.K)
+
+
 def carried_along(joint: AlignedJoint, a: Series, K: Series) -> Series:
     """The acceleration that a parent gives to the point of it where the joint begins."""
     return joint.to_body(a + K @ joint.r)
 
 
-def inertia_force(moments: tuple[Array, Array, Array], a: Series, K: Series) -> Force:
-    """What the acceleration a + K r of a body with the moments m, h, P takes."""
-    m, h, P = moments
+def inertia_force(moments: Moments, motion: Motion) -> Force:
+    """The force that the acceleration a + K r of a body takes."""
+    (m, h, P), a, K = moments, motion.a, motion.K
     return Force(a * m + K @ h, _hat(h) @ a + (K @ P).map(lambda T: axial(T)[..., None]))
 
 

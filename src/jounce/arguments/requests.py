@@ -1,0 +1,43 @@
+"""Requests: which quantity a caller asks for, of which body, in which frame, checked into a `Computation`."""
+
+from functools import lru_cache
+
+from jounce.arguments.rates import checked_order
+from jounce.dynamics.computation import Computation
+from jounce.dynamics.quantities import QUANTITIES
+from jounce.errors import JounceError, listed, one_of, true_or_false
+from jounce.model.mechanism import Mechanism
+
+
+def computation(
+    mechanism: Mechanism, quantity: str, order: int, wrench: bool = False, body: str | None = None, frame: str = "body"
+) -> Computation:
+    """The computation of what a caller asks for by name.
+
+    Raises
+    ------
+    JounceError : if a name is unknown, or the quantity takes no wrenches, belongs to no body or has no frame.
+    """
+    row = QUANTITIES[one_of("quantity", quantity, QUANTITIES)]
+    if true_or_false("wrench", wrench, "whether wrenches are taken") and not row.wrenches:
+        takers = listed(name for name, other in QUANTITIES.items() if other.wrenches)
+        raise JounceError(f"{quantity} takes no wrenches; these do: {takers}")
+    place(mechanism, quantity, body, frame)
+    return Computation(quantity, checked_order(order), wrench, body, frame)
+
+
+def place(mechanism: Mechanism, quantity: str, body: str | None, frame: str) -> None:
+    """Raise `JounceError` unless a quantity may be asked of a body, or of all, None, in a frame."""
+    row = QUANTITIES[quantity]
+    if body is not None:
+        if not row.of_bodies:
+            takers = listed(name for name, other in QUANTITIES.items() if other.of_bodies)
+            raise JounceError(f"{quantity} belongs to no body; these do: {takers}")
+        mechanism.frame(body)
+    one_of("frame", frame, row.frames or ("body",))
+
+
+@lru_cache(maxsize=1024)
+def known(name: str, order: int, wrench: bool, body: str | None = None, frame: str = "body") -> Computation:
+    """A computation of checked arguments, made once."""
+    return Computation(name, order, wrench, body, frame)

@@ -1,0 +1,118 @@
+"""Computation: a quantity with its rates up to an order, as asked for, and its signature: the arrays in and out."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+from math import prod
+
+from jounce._scalars import Array
+from jounce.dynamics.quantities import QUANTITIES, Quantity
+from jounce.dynamics.state import State
+from jounce.model.mechanism import Mechanism
+from jounce.spatial.series import Series, columns, rate_name
+
+Shape = tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Port:
+    """One array of a computation, for one state. Its scalars are numbered from `start` on, inputs and outputs apart."""
+
+    name: str  # q, qd, W, Wd, masses, Q, Qd
+    shape: Shape
+    role: str  # "parameter", "coordinate", "wrench" or "result"
+    rate: int = 0  # which time derivative it is
+    first_order: int = 0  # of an input, the lowest order of the results that depend on it
+    start: int = 0
+
+    @property
+    def size(self) -> int:
+        """The number of scalars."""
+        return prod(self.shape)
+
+    @property
+    def end(self) -> int:
+        """One past the number of the last scalar."""
+        return self.start + self.size
+
+
+@dataclass(frozen=True)
+class Signature:
+    """The arrays that a computation takes and returns, in their order."""
+
+    inputs: tuple[Port, ...]
+    outputs: tuple[Port, ...]
+
+    def of_role(self, role: str) -> tuple[Port, ...]:
+        """The inputs of a role."""
+        return tuple(port for port in self.inputs if port.role == role)
+
+
+@dataclass(frozen=True)
+class Computation:
+    """A quantity with its rates up to an order, with wrenches on the bodies or without, of one body or of all.
+
+    `body` is None for all bodies, and for quantities that do not belong to bodies.
+    """
+
+    name: str
+    order: int
+    wrench: bool = False
+    body: str | None = None
+    frame: str = "body"
+
+    @property
+    def quantity(self) -> Quantity:
+        """The row of the quantity."""
+        return QUANTITIES[self.name]
+
+    @property
+    def rates(self) -> int:
+        """How many of q, qd, ... it takes."""
+        return self.quantity.rates + self.order
+
+    def keywords(self) -> list[str]:
+        """What `Robot.compile` takes to compile it, as text."""
+        named = {"wrench": self.wrench, "body": self.body, "frame": self.frame}
+        default = Computation(self.name, self.order)
+        others = [f"{key}={value!r}" for key, value in named.items() if value != getattr(default, key)]
+        return [repr(self.name), f"order={self.order}", *others]
+
+    def signature(self, n: int, nb: int, parameters: Mapping[str, Shape] | None = None) -> Signature:
+        """The ports for a robot of n coordinates and nb bodies, of which some data are parameters."""
+        inputs = [Port(name, shape, "parameter") for name, shape in (parameters or {}).items()]
+        inputs += coordinate_ports(n, self.rates, self.quantity.rates)
+        for k in range(self.order + 1 if self.wrench else 0):
+            inputs.append(Port(rate_name("W", k), (nb, 6), "wrench", k, k))
+        shape = self.shape(n, nb)
+        outputs = [Port(name, shape, "result", k) for k, name in enumerate(self.quantity.names(self.order))]
+        return Signature(_in_a_row(inputs), _in_a_row(outputs))
+
+    def shape(self, n: int, nb: int) -> Shape:
+        """The shape of a result for one state."""
+        sizes = {"n": n, "nb": nb}
+        axes = (axis for axis in self.quantity.shape if axis != "nb" or self.body is None)
+        return tuple(sizes[axis] if isinstance(axis, str) else axis for axis in axes)
+
+    def state(self, arrays: Sequence[Array]) -> State:
+        """What a law takes, from arrays q, qd, ... (..., n), then W, Wd, ... (..., nb, 6)."""
+        q, W = arrays[: self.rates], [w.reshape((*w.shape[:-2], 6 * w.shape[-2], 1)) for w in arrays[self.rates :]]
+        return State(columns(q), Series.of(W) if W else None, self.body, self.frame)
+
+    def series(self, method: str, mechanism: Mechanism, arrays: Sequence[Array]) -> Series:
+        """The quantity by a method, from the arrays of `state`."""
+        return self.quantity.law(method, mechanism)(mechanism, self.state(arrays))
+
+
+def coordinate_ports(n: int, count: int, least: int) -> list[Port]:
+    """The ports of q, qd, ..., so many of them, of which the result itself takes the first `least`."""
+    return [Port(rate_name("q", k), (n,), "coordinate", k, max(0, k + 1 - least)) for k in range(count)]
+
+
+def _in_a_row(ports: Sequence[Port]) -> tuple[Port, ...]:
+    """The ports, their scalars numbered one port after the other."""
+    starts = accumulate((port.size for port in ports), initial=0)
+    return tuple(
+        Port(port.name, port.shape, port.role, port.rate, port.first_order, start)
+        for port, start in zip(ports, starts, strict=False)
+    )

@@ -1,0 +1,28 @@
+"""What the drive trains add to forces, mass and energy, by the laws of `model.drives`, in the coordinates."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jounce._scalars import Array
+from jounce.model import drives
+from jounce.model.coordinates import generalized_forces, generalized_matrix, joint_variables
+from jounce.model.mechanism import Mechanism
+from jounce.spatial.series import Series
+
+
+def forces(m: Mechanism, q: Series, terms: Sequence[str]) -> Series:
+    """What some terms add to the forces Q, (..., n, 1)."""
+    return generalized_forces(m, drives.forces(drives.coefficients(m.drives), terms, joint_variables(m, q)))
+
+
+def armature_matrix(m: Mechanism) -> Array:
+    """What the armature adds to the mass matrix, constant: (n, n)."""
+    return generalized_matrix(m, m.drives.armature[:, None] * np.eye(m.nb, dtype=int))
+
+
+def spring_energy(m: Mechanism, q: Series) -> Series:
+    """The energy of the springs, (..., 1, 1)."""
+    c = drives.coefficients(m.drives)
+    stretch = joint_variables(m, q) - c["rest"]
+    return stretch.mT @ (c["stiffness"] * stretch) * 0.5

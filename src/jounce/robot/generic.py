@@ -1,0 +1,77 @@
+"""Laws on arrays of any scalar type: long batches are worked in pieces, and results are written into `out`."""
+
+from collections.abc import Callable, Sequence
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from jounce._scalars import Array, batch_of, broadcast, is_numeric
+from jounce.dynamics.computation import Computation, Port
+from jounce.errors import JounceError
+from jounce.model.mechanism import Mechanism
+from jounce.spatial.series import Series
+
+Law = Callable[[Sequence[Array]], Series]  # from the arrays of the ports to a quantity
+
+PIECE = 2**20  # bytes that a working array of a piece may take: longer batches are cut, to stay near the cache
+
+
+def evaluate(law: Law, ports: Sequence[Port], arrays: Sequence[Array], order: int, width: int) -> tuple[Array, ...]:
+    """The terms 0 .. order of a law, for the whole batch; `width` is the number of scalars that a state works on."""
+    arrays = broadcast(arrays, *_axes(ports))
+    batch = arrays[0].shape[:-1]
+    size, piece = int(np.prod(batch)), max(1, PIECE // (8 * width))
+    if size <= piece or not all(is_numeric(x) for x in arrays):
+        return law(arrays).upto(order)
+    flat = [x.reshape((size, *x.shape[len(batch) :])) for x in arrays]
+    pieces = [law([x[i : i + piece] for x in flat]).upto(order) for i in range(0, size, piece)]
+    joined = (np.concatenate(terms) for terms in zip(*pieces, strict=True))
+    return tuple(x.reshape((*batch, *x.shape[1:])) for x in joined)
+
+
+def computed(computation: Computation, method: str, mechanism: Mechanism, arrays: Sequence[Array]) -> tuple[Array, ...]:
+    """A quantity and its rates by a method, of arrays that go with the data of the mechanism."""
+    ports = computation.signature(mechanism.n, mechanism.nb).inputs
+    width = computation.quantity.methods[method].width(mechanism.nb)
+    return evaluate(lambda x: computation.series(method, mechanism, x), ports, arrays, computation.order, width)
+
+
+def batch_shape(ports: Sequence[Port], arrays: Sequence[Array]) -> tuple[int, ...]:
+    """The batch shape of arrays; what does not fit together is refused by the names of the ports."""
+    return batch_of(arrays, *_axes(ports))
+
+
+def _axes(ports: Sequence[Port]) -> tuple[list[int], list[str]]:
+    """How many axes of each array are not batch axes, and the names of the arrays."""
+    return [len(port.shape) for port in ports], [port.name for port in ports]
+
+
+def results_into(results: tuple[Array, ...], out: Any) -> Any:
+    """A single array for order 0, otherwise a tuple; copied into `out` where it is given."""
+    if out is not None:
+        arrays = checked_out(out, [result.shape for result in results], np.asarray(results[0]).dtype)
+        for result, array in zip(results, arrays, strict=True):
+            np.copyto(array, result, casting="same_kind")
+        results = arrays
+    results = tuple(x[()] if x.ndim == 0 else x for x in results)  # scalars are scalars, as native code has them
+    return results[0] if len(results) == 1 else results
+
+
+def checked_out(out: Any, shapes: Sequence[tuple[int, ...]], dtype: np.dtype) -> tuple[np.ndarray, ...]:
+    """The arrays to write results of these shapes into."""
+    arrays = tuple(out) if isinstance(out, tuple | list) else (out,)
+    if len(arrays) != len(shapes):
+        raise JounceError(f"out has {len(arrays)} arrays; expected {len(shapes)}, one for each result")
+    for k, (array, shape) in enumerate(zip(arrays, shapes, strict=True)):
+        if not isinstance(array, np.ndarray) or array.shape != shape:
+            came = f"shape {array.shape}" if isinstance(array, np.ndarray) else f"type {type(array).__name__}"
+            raise JounceError(f"out[{k}] has {came}; expected a NumPy array of shape {shape}")
+        if not array.flags.writeable:
+            raise JounceError(f"out[{k}] is read-only; expected an array to write into")
+        if not np.can_cast(dtype, array.dtype, "same_kind"):
+            raise JounceError(f"out[{k}] is of dtype {array.dtype}; expected {dtype}")
+    for j, k in combinations(range(len(arrays)), 2):
+        if np.shares_memory(arrays[j], arrays[k]):
+            raise JounceError(f"out[{j}] and out[{k}] share memory; expected arrays of their own")
+    return arrays

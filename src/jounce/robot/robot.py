@@ -1,0 +1,1200 @@
+"""Robot: what users hold. Every method is a signature, a docstring, and one call."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Self
+
+from jounce._scalars import Array
+from jounce.arguments import requests
+from jounce.dynamics.quantities import FORCES
+from jounce.errors import JounceError, one_of
+from jounce.model import dh, screws
+from jounce.model.drives import Drives, chosen, with_eps
+from jounce.model.locking import locked
+from jounce.model.mechanism import GRAVITY, Limits, Mechanism
+from jounce.native.kernel import Kernel
+from jounce.robot import dispatch, overloads
+from jounce.robot.dispatch import compute
+from jounce.robot.overloads import typed
+
+if TYPE_CHECKING:
+    from jounce.checks.audit import Finding
+
+FORMS = {"paper": "coriolis_matrix", "skew": "skew_coriolis_matrix"}  # of the Coriolis matrix
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Robot:
+    """A robot: its mechanism, and the quantities of its equations of motion along a motion.
+
+    `jounce.load` makes one from a file, the constructors `Robot.from_...` from numbers or from other libraries' models.
+
+    Conventions of every method:
+
+    * SI units. Twists, screws and wrenches are (angular; linear).
+    * Leading axes are batch axes and broadcast; the coordinate axis is last. Scalars are real and of any type: float
+      arrays of NumPy, arrays of JAX, or object arrays of CasADi SX, SymPy or other symbols.
+    * A state may name its coordinates: a dict, a data frame or series, or a structured array is matched by joint name.
+      Results are arrays all the same, in the order of `joint_names`.
+    * q is required; each further rate you give returns one more time derivative, up to order 100. With none to spare
+      the result is a plain array, otherwise a tuple: the quantity, its rate, ...
+    * Missing values, masked by NumPy or NA of pandas, are NaN, and so is what depends on them.
+    * ``method`` picks the method: "kernel" is native code, the default for float64 arrays of NumPy where it is
+      available; "recursion" is the default otherwise; "closed_form" and "paper" are checks. All agree. The first call
+      that native code serves compiles it, in a fraction of a second, and keeps it on disk for the next process.
+    * ``out`` takes the NumPy array, or the tuple of them, to write the results into; ``threads`` splits a batch among
+      threads of native code.
+
+    Errors: `JounceError` for a wrong shape, a skipped rate, an unknown name or method, an `out` that does not fit.
+    """
+
+    mechanism: Mechanism
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.mechanism, Mechanism):
+            raise JounceError(f"Robot() expects a Mechanism, got {type(self.mechanism).__name__}; try jounce.load")
+
+    def __repr__(self) -> str:
+        return f"<Robot {self.name!r}: {self.n} coordinates, {self.mechanism.nb} bodies>"
+
+    @property
+    def name(self) -> str:
+        """The robot's name."""
+        return self.mechanism.name
+
+    @property
+    def n(self) -> int:
+        """The number of coordinates."""
+        return self.mechanism.n
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The names of the coordinates, in the order of the last axis of q."""
+        return self.mechanism.coordinates
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        """The names of the bodies, in the order of the rows of wrenches, poses and Jacobians."""
+        return self.mechanism.bodies
+
+    @property
+    def gravity(self) -> Array:
+        """The gravitational acceleration in the inertial frame, m/s^2."""
+        return self.mechanism.gravity
+
+    @property
+    def limits(self) -> Limits:
+        """The limits of the nb joint variables: `lower`, `upper`, `velocity`, `effort`, (nb,) each, SI units.
+
+        A limit that is not stated is infinite. Limits do not enter Q.
+        """
+        return self.mechanism.limits
+
+    @property
+    def drives(self) -> Drives:
+        """The drive trains as stated: `armature`, `damping`, `friction`, `eps`, `stiffness`, `rest`, (nb,) each.
+
+        They are those of the nb joint variables, in SI units. They enter Q where `with_drives` or
+        ``load(..., drives=True)`` selects them.
+        """
+        return self.mechanism.drives
+
+    @classmethod
+    def from_screws(
+        cls,
+        B: Array,
+        X: Array,
+        M: Array,
+        parent: Sequence[int] | None = None,
+        names: Sequence[str] | None = None,
+        gravity: Array = GRAVITY,
+        *,
+        joint_names: Sequence[str] | None = None,
+        G: Array | None = None,
+        g: Array | None = None,
+        limits: Limits | Mapping[str, Array] | None = None,
+        drives: Drives | Mapping[str, Array] | None = None,
+        name: str = "robot",
+    ) -> Self:
+        """A robot from body-fixed data.
+
+        Body i moves relative to its parent p by ``C_i = C_p B_i exp(X_i theta_i)`` with joint variables
+        ``theta = G q + g``.
+
+        Parameters
+        ----------
+        B : (nb, 4, 4)
+            Pose of body i in the frame of its parent body at theta_i = 0.
+        X : (nb, 6)
+            Joint screw in the frame of body i, (xi; eta): revolute (e; x cross e), helical of pitch h
+            (e; x cross e + h e), prismatic (0; e), with a unit vector e and a point x on the axis.
+        M : (nb, 6, 6)
+            Inertia matrix in the frame of body i, see `inertia_matrix`.
+        parent : (nb,), optional
+            Index of the parent body, smaller than i; -1 is the ground, and several bodies may have it. The default is a
+            serial chain.
+        names : (nb,), optional
+            Names of the bodies.
+        gravity : (3,), optional
+            Gravitational acceleration in the inertial frame, m/s^2.
+        joint_names : (n,), optional
+            Names of the coordinates.
+        G, g : (nb, n) and (nb,), optional
+            Constants of joints that follow others; theta = q by default.
+        limits : mapping, optional
+            `lower`, `upper`, `velocity`, `effort` of theta, (nb,) each; infinite where left out.
+        drives : mapping, optional
+            `armature`, `damping`, `friction`, `eps`, `stiffness`, `rest` of theta, (nb,) each; zero (eps 0.05) where
+            left out, see `with_drives`.
+        name : str, optional
+            Name of the robot.
+
+        Returns
+        -------
+        Robot
+
+        Raises
+        ------
+        JounceError
+            If a shape or name is wrong, a number is not finite, a pose, screw or inertia has not its form, or a body
+            comes before its parent.
+
+        References
+        ----------
+        Müller & Kumar, (Ci), (Xi), (eqn_body_fixed_mass_inertia_matrix).
+
+        Examples
+        --------
+        A pendulum of 2 kg at 0.5 m that turns about the y axis:
+
+        >>> import numpy as np, jounce
+        >>> M = jounce.inertia_matrix(2.0, [0, 0, -0.5], np.zeros((3, 3)))
+        >>> pendulum = jounce.Robot.from_screws([np.eye(4)], [[0, 1, 0, 0, 0, 0]], [M])
+        >>> pendulum.inverse_dynamics([np.pi / 2], [0.0], [0.0]).round(6)
+        array([9.81])
+        """
+        return cls(screws.from_screws(
+            B, X, M, parent, names, gravity, joint_names=joint_names, G=G, g=g, limits=limits, drives=drives, name=name,
+        ))  # fmt: skip
+
+    @classmethod
+    def from_spatial_screws(
+        cls,
+        A: Array,
+        Y: Array,
+        M: Array,
+        parent: Sequence[int] | None = None,
+        names: Sequence[str] | None = None,
+        gravity: Array = GRAVITY,
+        *,
+        joint_names: Sequence[str] | None = None,
+        G: Array | None = None,
+        g: Array | None = None,
+        limits: Limits | Mapping[str, Array] | None = None,
+        drives: Drives | Mapping[str, Array] | None = None,
+        name: str = "robot",
+    ) -> Self:
+        """A robot from spatial data, all in the inertial frame at theta = 0.
+
+        ``B_i = A_p^-1 A_i``, ``X_i = Ad(A_i^-1) Y_i``.
+
+        Parameters
+        ----------
+        A : (nb, 4, 4)
+            Absolute poses of the bodies.
+        Y : (nb, 6)
+            Joint screws in the inertial frame.
+        M : (nb, 6, 6)
+            Inertia matrices, in the body frames.
+        parent, names, gravity, joint_names, G, g, limits, drives, name : optional
+            As in `from_screws`.
+
+        Returns
+        -------
+        Robot
+
+        Raises
+        ------
+        JounceError
+            As in `from_screws`.
+
+        Examples
+        --------
+        >>> import numpy as np, jounce
+        >>> M = jounce.inertia_matrix(1.0, [0.1, 0, 0], 0.01 * np.eye(3))
+        >>> robot = jounce.Robot.from_spatial_screws([np.eye(4)], [[0, 0, 0, 0, 0, 1]], [M])  # a vertical slide
+        >>> robot.inverse_dynamics([0.3], [0.0], [1.0])
+        array([10.81])
+        """
+        return cls(screws.from_spatial_screws(
+            A, Y, M, parent, names=names, gravity=gravity,
+            joint_names=joint_names, G=G, g=g, limits=limits, drives=drives, name=name,
+        ))  # fmt: skip
+
+    @classmethod
+    def from_dh(
+        cls,
+        table: Any,
+        M: Array,
+        convention: str,
+        *,
+        types: Sequence[str] | None = None,
+        degrees: bool = False,
+        base: Array | None = None,
+        tool: Array | None = None,
+        names: Sequence[str] | None = None,
+        gravity: Array = GRAVITY,
+        joint_names: Sequence[str] | None = None,
+        G: Array | None = None,
+        g: Array | None = None,
+        limits: Limits | Mapping[str, Array] | None = None,
+        drives: Drives | Mapping[str, Array] | None = None,
+        name: str = "robot",
+    ) -> Self:
+        """A serial robot from a Denavit-Hartenberg table.
+
+        "standard": ``T_i = Rot_z(theta_i) Trans_z(d_i) Trans_x(a_i) Rot_x(alpha_i)``; frame i is at the end of link i,
+        the axis of joint i is z of frame i - 1.
+
+        "modified" (Craig's): ``T_i = Rot_x(alpha_i) Trans_x(a_i) Rot_z(theta_i) Trans_z(d_i)``; frame i is on the axis
+        of joint i, its z axis; row i holds what Craig calls a_{i-1}, alpha_{i-1}, d_i, theta_i.
+
+        The joint variable is added to theta_i, of a prismatic joint to d_i. **Body i has frame i**: inertias, wrenches
+        and poses are those of this frame, which differs between the conventions.
+
+        Parameters
+        ----------
+        table : (n, 4), or n mappings
+            Rows **a, alpha, d, theta**, in this order, which is not that of every book; in m and rad. Rows that cannot
+            be confused are mappings, ``{"theta": 0, "d": 0.1, "a": 0, "alpha": 1.2}``, with ``"type": "prismatic"``
+            for a prismatic joint.
+        M : (n, 6, 6)
+            Inertia matrices in the frames of the table, see `inertia_matrix`.
+        convention : str
+            "standard" or "modified".
+        types : sequence of str, optional
+            "revolute" (the default for all) or "prismatic", one for each row of numbers.
+        degrees : bool, optional
+            Whether alpha and theta are in degrees.
+        base, tool : (4, 4), optional
+            Pose of frame 0 in the inertial frame; pose of a frame "tool" in frame n.
+        names, gravity, joint_names, G, g, limits, drives, name : optional
+            As in `from_screws`.
+
+        Returns
+        -------
+        Robot
+
+        Raises
+        ------
+        JounceError
+            If a row does not have four finite numbers, a convention or type is unknown, or as in `from_screws`.
+
+        Examples
+        --------
+        An arm of two links of 0.5 m, whose centres of mass are half a link before their ends:
+
+        >>> import numpy as np, jounce
+        >>> M = jounce.inertia_matrix(2.0, [-0.25, 0, 0], np.diag([0, 0.04, 0.04]))
+        >>> arm = jounce.Robot.from_dh([[0.5, 0, 0, 0], [0.5, 0, 0, 0]], [M, M], "standard", gravity=(0, -9.81, 0))
+        >>> arm.poses([np.pi / 2, 0.0], body="body2")[:3, 3].round(9) + 0.0
+        array([0., 1., 0.])
+        >>> arm.gravity_forces([0.0, 0.0])
+        array([19.62 ,  4.905])
+        """
+        return cls(dh.from_dh(
+            table, M, convention, types=types, degrees=degrees, base=base, tool=tool, names=names, gravity=gravity,
+            joint_names=joint_names, G=G, g=g, limits=limits, drives=drives, name=name,
+        ))  # fmt: skip
+
+    @classmethod
+    def from_pinocchio(
+        cls, model: Any, *, gravity: Array | None = None, base: str | None = None, root: str | None = None
+    ) -> Self:
+        """A robot from a model of Pinocchio: the same Q as ``pinocchio.rnea(model, data, q, v, a)``, by the same names.
+
+        The coordinates are in the order of Pinocchio's v and named after its joints; mimic joints are folded. What
+        differs: a joint without bounds has its angle in q, not a cosine and a sine; joints of several coordinates
+        (composite, universal, translation, sphericalZYX) are chains, ``NAME_1``, ``NAME_2``, ...; bodies are in the
+        order of joints depth first, which is Pinocchio's own for a URDF. Armature (where it is 0, the rotor's inertia
+        times the gear ratio squared), damping and friction become drives, see `with_drives`: Pinocchio's rnea always
+        includes armature and never the others. Bodies, operational frames and sensors may be named wherever a body may.
+
+        Parameters
+        ----------
+        model : pinocchio.Model
+            A model of numbers.
+        gravity : (3,), optional
+            Gravitational acceleration, m/s^2; that of the model by default.
+        base : str, optional
+            "fixed" welds free-flyer, planar and spherical joints at zero, with a `JounceWarning`; otherwise they are
+            refused.
+        root : str, optional
+            A body or frame to start at: what it carries remains, and it stands on the ground itself.
+
+        Returns
+        -------
+        Robot
+
+        Raises
+        ------
+        JounceError
+            If it is not a model of Pinocchio, has a free joint, has no joint that moves, or holds a number that is not
+            finite.
+
+        Examples
+        --------
+        >>> import jounce, pinocchio
+        >>> model = pinocchio.buildSampleModelManipulator()
+        >>> robot = jounce.Robot.from_pinocchio(model)
+        >>> robot.joint_names == tuple(model.names)[1:]
+        True
+        """
+        from jounce.io.models import pinocchio  # what few programs need
+
+        return cls(pinocchio.mechanism(model, gravity, base, root))
+
+    @classmethod
+    def from_mujoco(
+        cls, model: Any, *, gravity: Array | None = None, base: str | None = None, root: str | None = None
+    ) -> Self:
+        """A robot from a model of MuJoCo: what `jounce.load` makes of an MJCF file, from a model in memory.
+
+        Coordinates are MuJoCo's joint variables (rad, m), in its order; joints that an active equality constraint ties
+        linearly to another follow it exactly, and are not coordinates. Bodies without a joint merge into those that
+        carry them, named sites become merged links. Where a body has several joints, those before its last move
+        massless links of their own, named BODY:JOINT. What the model's flags disable is left out.
+
+        Parameters
+        ----------
+        model : mujoco.MjModel
+            The model; it is read, not kept.
+        gravity : (3,), optional
+            Gravitational acceleration, m/s^2; that of the model by default.
+        base, root : str, optional
+            ``base="fixed"`` welds ball and free joints where the model places their bodies; `root` names a body to
+            start at, which then stands on the ground.
+
+        Returns
+        -------
+        Robot
+
+        Raises
+        ------
+        JounceError
+            If it is not a model of MuJoCo, has a ball or free joint and no `base` or `root` is given, has no joint that
+            moves, or holds a number that is not finite.
+
+        Warns
+        -----
+        JounceWarning
+            For what MuJoCo's inverse dynamics includes and this one leaves out: other equality constraints, tendons,
+            gravity compensation, springs and dampers that are not linear, fluids; and for welded joints.
+
+        Examples
+        --------
+        >>> import jounce, mujoco
+        >>> body = "<body name='arm'><joint name='tilt' axis='0 1 0'/><geom size='0.1' pos='0 0 1'/></body>"
+        >>> model = mujoco.MjModel.from_xml_string(f"<mujoco model='m'><worldbody>{body}</worldbody></mujoco>")
+        >>> jounce.Robot.from_mujoco(model)
+        <Robot 'm': 1 coordinates, 1 bodies>
+        """
+        from jounce.io.models import mujoco  # what few programs need
+
+        return cls(mujoco.mechanism(model, gravity, base, root))
+
+    def with_drives(self, terms: bool | str | Iterable[str] = True, eps: float | None = None) -> Self:
+        """The robot whose inverse dynamics includes the selected drive terms: armature, damping, friction, spring.
+
+        ``Q_theta = armature theta'' + damping theta' + friction tanh(theta' / eps) + stiffness (theta - rest)`` of the
+        joint variables theta = G q + g; Q gains ``G^T Q_theta`` and M ``G^T diag(armature) G``, with exact rates.
+
+        Parameters
+        ----------
+        terms : bool, str or iterable of str, optional
+            "armature", "damping", "friction", "spring"; True selects all, False none.
+        eps : float, optional
+            Smoothing velocity of Coulomb friction, rad/s or m/s; by default that of each joint (0.05 unless stated).
+
+        Returns
+        -------
+        Robot
+
+        Raises
+        ------
+        JounceError
+            If a term is unknown, or `eps` is not a positive number.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.Robot(jounce.load("planar2r").mechanism)
+        >>> arm.with_drives("armature").mechanism.acting
+        ('armature',)
+        """
+        drives = self.drives if eps is None else with_eps(self.drives, eps)
+        return type(self)(replace(self.mechanism, acting=chosen(terms), drives=drives))
+
+    def locked(self, values: Mapping[str, float]) -> Self:
+        """The robot with some joints held still: their bodies merge into those that carry them.
+
+        Parameters
+        ----------
+        values : mapping
+            {joint: rad or m}.
+
+        Returns
+        -------
+        Robot
+
+        Raises
+        ------
+        JounceError
+            If a joint is unknown or follows another, a value is not a finite number, or no joint remains.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("iiwa14").locked({"joint3": 0.0, "joint7": 0.5}).n
+        5
+        """
+        return type(self)(locked(self.mechanism, values))
+
+    def audit(self) -> "tuple[Finding, ...]":
+        """Check the model data for physically impossible or suspicious values.
+
+        It finds inertias that are not positive semidefinite or break the triangle inequality, placeholders, massless
+        bodies and a singular mass matrix, masses, lengths and moments off by powers of 1000, missing effort and
+        velocity limits, odd gravity.
+
+        Returns
+        -------
+        tuple of Finding
+            Errors first; empty if nothing is found.
+
+        Raises
+        ------
+        JounceError
+            If the robot holds symbols.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> for finding in jounce.load("planar2r").audit():
+        ...     print(finding.severity, finding)
+        note body1, body2: mass, 1 kg at most, without moments about its COM
+        note joint1, joint2: no effort limit on any joint
+        note joint1, joint2: no velocity limit on any joint
+        """
+        from jounce.checks.audit import audit  # what few programs need
+
+        return audit(self.mechanism)
+
+    def compile(
+        self,
+        quantity: str = FORCES.name,
+        order: int = 2,
+        wrench: bool = False,
+        *,
+        body: str | None = None,
+        frame: str = "body",
+    ) -> Kernel:
+        """Compile a quantity to native code ahead of its first call.
+
+        Parameters
+        ----------
+        quantity : str, optional
+            The name of the method: "inverse_dynamics", "mass_matrix", "jacobian", ...
+        order : int, optional
+            The highest rate of the quantity: 2 gives Q, Qd, Q2d.
+        wrench : bool, optional
+            Whether wrenches W, Wd, ... (..., nb, 6) follow the coordinates' rates in its calls.
+        body, frame : str, optional
+            Of poses, twists and Jacobians: which body or merged link, in which frame; all bodies by default.
+
+        Returns
+        -------
+        Kernel
+            To call as ``kernel(q, qd, q2d, q3d, q4d)`` on float64 arrays; ``kernel.bind(..., out=...)`` is for the same
+            arrays again and again. It can be pickled.
+
+        Raises
+        ------
+        JounceError
+            If a name is unknown, the robot holds symbols or is too large, or llvmlite is missing.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> kernel = jounce.load("iiwa14").compile(order=2)
+        >>> q, qd, q2d, q3d, q4d = np.ones((5, 7))
+        >>> Q, Qd, Q2d = kernel(q, qd, q2d, q3d, q4d)
+        >>> out = np.empty((3, 7))
+        >>> call = kernel.bind(q, qd, q2d, q3d, q4d, out=list(out))
+        >>> call()
+        >>> bool((out[2] == Q2d).all())
+        True
+        """
+        asked = requests.computation(self.mechanism, quantity, order, wrench, body, frame)
+        return dispatch.compile_ahead(self.mechanism, asked)
+
+    @typed(overloads.OfAcceleration)
+    def inverse_dynamics(
+        self,
+        q: Array,
+        qd: Array,
+        q2d: Array,
+        q3d: Array = None,
+        q4d: Array = None,
+        *higher: Array,
+        wrench: Any = None,
+        method: str | None = None,
+        out: Any = None,
+        threads: int = 1,
+    ) -> Any:
+        """The generalized forces Q of a motion and their time derivatives Qd, Q2d, ... (RNEA with rates).
+
+        ``Q = M(q) q2d + C(q, qd) qd + Qgrav(q) + Qext``, with the drive terms that act added.
+
+        Parameters
+        ----------
+        q, qd, q2d : (..., n)
+            Coordinates, velocities and accelerations: rad or m, per s, per s^2.
+        q3d, q4d, *higher : (..., n), optional
+            Further rates, each for one more time derivative of Q.
+        wrench : (..., nb, 6) or dict, or a tuple of them, optional
+            What the bodies EXERT ON their environment, Qext = +J^T W, (moment; force) in body-frame components about
+            the origin of the body frame. A *tuple* (W, Wd, ...) is W with as many rates as Q has; anything else, nested
+            lists included, is W alone. Each is an array (..., nb, 6) or a dict {body or merged link: (..., 6)}. Wd is
+            the derivative of those components.
+        method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        Q : (..., n), or tuple of (..., n)
+            In N m for revolute and N for prismatic coordinates, per s, per s^2, ...
+
+        Raises
+        ------
+        JounceError
+            If an array has a wrong shape, a rate is skipped, or `wrench` has fewer rates than Q.
+
+        References
+        ----------
+        Müller & Kumar, (EOM1), (EOM1stOrder), (EOM2ndOrder).
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("planar2r")
+        >>> Q, Qd = robot.inverse_dynamics([0, 0], [1, 0], [0, 0], [0, 0])
+        >>> Q.round(4), Qd.round(4)
+        (array([29.43,  9.81]), array([0., 0.]))
+        """
+        rates = (q, qd, q2d, q3d, q4d, *higher)
+        return compute(
+            self.mechanism, "inverse_dynamics", rates, wrench=wrench, method=method, out=out, threads=threads
+        )
+
+    @typed(overloads.OfPosition)
+    def mass_matrix(
+        self,
+        q: Array,
+        qd: Array = None,
+        q2d: Array = None,
+        *higher: Array,
+        method: str | None = None,
+        out: Any = None,
+        threads: int = 1,
+    ) -> Any:
+        """The generalized mass matrix M(q) = J^T M J and its rates Md, M2d, ... (CRBA with rates).
+
+        The armature that acts is added, see `with_drives`.
+
+        Parameters
+        ----------
+        q : (..., n)
+            Coordinates, rad or m.
+        qd, q2d, *higher : (..., n), optional
+            Further rates, each for one more time derivative.
+        method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        M : (..., n, n), or tuple of (..., n, n)
+            Symmetric; kg m^2 between revolute coordinates, kg m or kg where prismatic ones are.
+
+        Raises
+        ------
+        JounceError
+            If an array has a wrong shape, a rate is skipped, or a name is unknown.
+
+        References
+        ----------
+        Müller & Kumar, (MC), (Mdot), (Mddot).
+
+        Examples
+        --------
+        >>> import jounce
+        >>> M, Md = jounce.load("planar2r").mass_matrix([0, 0], [0, 1])
+        >>> M
+        array([[5., 2.],
+               [2., 1.]])
+        """
+        return compute(self.mechanism, "mass_matrix", (q, qd, q2d, *higher), method=method, out=out, threads=threads)
+
+    @typed(overloads.CoriolisMatrix)
+    def coriolis_matrix(
+        self,
+        q: Array,
+        qd: Array,
+        q2d: Array = None,
+        q3d: Array = None,
+        *higher: Array,
+        form: str = "paper",
+        method: str | None = None,
+        out: Any = None,
+        threads: int = 1,
+    ) -> Any:
+        """The Coriolis matrix C(q, qd) of the paper, or with ``form="skew"`` the one for passivity-based control.
+
+        Both give the same forces C qd. For the skew form, (Cbar), ``Md - 2 C`` is skew-symmetric, and so are its rates;
+        for the paper's, (Csys), only ``qd^T (Md - 2 C) qd = 0``.
+
+        Parameters
+        ----------
+        q, qd : (..., n)
+            Coordinates and velocities: rad or m, per s.
+        q2d, q3d, *higher : (..., n), optional
+            Further rates, each for one more time derivative.
+        form : str, optional
+            "paper" or "skew".
+        method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        C : (..., n, n), or tuple of (..., n, n)
+
+        Raises
+        ------
+        JounceError
+            If an array has a wrong shape, a rate is skipped, or a name is unknown.
+
+        References
+        ----------
+        Müller & Kumar, (MC), (Cdot), (C2temp), (Cbar).
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> robot, q, qd = jounce.load("iiwa14"), np.full(7, 0.3), np.ones(7)
+        >>> M, Md = robot.mass_matrix(q, qd)
+        >>> S = Md - 2 * robot.coriolis_matrix(q, qd, form="skew")
+        >>> bool(abs(S + S.T).max() < 1e-13)
+        True
+        """
+        name = FORMS[one_of("form of the Coriolis matrix", form, FORMS)]
+        return compute(self.mechanism, name, (q, qd, q2d, q3d, *higher), method=method, out=out, threads=threads)
+
+    @typed(overloads.OfPosition)
+    def gravity_forces(
+        self,
+        q: Array,
+        qd: Array = None,
+        q2d: Array = None,
+        *higher: Array,
+        method: str | None = None,
+        out: Any = None,
+        threads: int = 1,
+    ) -> Any:
+        """The generalized gravity forces Qgrav(q) = dU/dq, with U the potential energy of gravity, and their rates.
+
+        Parameters
+        ----------
+        q : (..., n)
+            Coordinates, rad or m.
+        qd, q2d, *higher : (..., n), optional
+            Further rates, each for one more time derivative.
+        method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        Qgrav : (..., n), or tuple of (..., n)
+            In N m for revolute and N for prismatic coordinates.
+
+        Raises
+        ------
+        JounceError
+            If an array has a wrong shape, a rate is skipped, or a name is unknown.
+
+        References
+        ----------
+        Müller & Kumar, (eq_U), (Qgravdot).
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("planar2r").gravity_forces([0, 0])
+        array([29.43,  9.81])
+        """
+        return compute(self.mechanism, "gravity_forces", (q, qd, q2d, *higher), method=method, out=out, threads=threads)
+
+    @typed(overloads.DriveForces)
+    def drive_forces(
+        self,
+        q: Array,
+        qd: Array,
+        q2d: Array,
+        q3d: Array = None,
+        q4d: Array = None,
+        *higher: Array,
+        terms: bool | str | Iterable[str] = True,
+        out: Any = None,
+    ) -> Any:
+        """The joint forces of the drive-train terms, and their rates, whether or not they act in Q.
+
+        Parameters
+        ----------
+        q, qd, q2d : (..., n)
+            Coordinates, velocities and accelerations: rad or m, per s, per s^2.
+        q3d, q4d, *higher : (..., n), optional
+            Further rates, each for one more time derivative.
+        terms : bool, str or iterable of str, optional
+            Some of "armature", "damping", "friction", "spring", see `with_drives`; True selects all.
+        out : optional
+            See `Robot`.
+
+        Returns
+        -------
+        Q : (..., n), or tuple of (..., n)
+
+        Raises
+        ------
+        JounceError
+            If an array has a wrong shape, a rate is skipped, or a name is unknown.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> base = jounce.load("planar2r").mechanism
+        >>> arm = jounce.Robot.from_screws(base.B, base.X, base.M, drives={"damping": [2.0, 3.0]})
+        >>> arm.drive_forces([0, 0], [1, 1], [0, 0])
+        array([2., 3.])
+        """
+        return dispatch.drive_forces(self.mechanism, (q, qd, q2d, q3d, q4d, *higher), chosen(terms), out)
+
+    @typed(overloads.PosesOfBodies)
+    def poses(
+        self,
+        q: Array,
+        qd: Array = None,
+        q2d: Array = None,
+        *higher: Array,
+        body: str | None = None,
+        method: str | None = None,
+        out: Any = None,
+        threads: int = 1,
+    ) -> Any:
+        """The poses H(q) of the body frames in the inertial frame, and their rates.
+
+        ``H = [[R, r], [0, 1]]`` maps body coordinates to inertial ones; ``Hd = H wedge(V)``, V the body-fixed twist.
+
+        Parameters
+        ----------
+        q : (..., n)
+            Coordinates, rad or m.
+        qd, q2d, *higher : (..., n), optional
+            Further rates, each for one more time derivative.
+        body : str, optional
+            A body or a link merged into one; all bodies by default.
+        method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        H : (..., nb, 4, 4), or (..., 4, 4) of one body; with rates a tuple of them
+
+        Raises
+        ------
+        JounceError
+            If an array has a wrong shape, a rate is skipped, or a name is unknown.
+
+        References
+        ----------
+        Müller & Kumar, (Ci).
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("planar2r").poses([0, 0])[1, :3, 3]
+        array([1., 0., 0.])
+        """
+        return compute(
+            self.mechanism, "poses", (q, qd, q2d, *higher), body=body, method=method, out=out, threads=threads
+        )
+
+    @typed(overloads.TwistsOfBodies)
+    def twists(
+        self,
+        q: Array,
+        qd: Array,
+        q2d: Array = None,
+        q3d: Array = None,
+        *higher: Array,
+        body: str | None = None,
+        frame: str = "body",
+        method: str | None = None,
+        out: Any = None,
+        threads: int = 1,
+    ) -> Any:
+        """The twists V = J qd of the bodies, (angular; linear), and their rates.
+
+        Parameters
+        ----------
+        q, qd : (..., n)
+            Coordinates and velocities: rad or m, per s.
+        q2d, q3d, *higher : (..., n), optional
+            Further rates, each for one more time derivative.
+        body : str, optional
+            A body or a link merged into one; all bodies by default.
+        frame : str, optional
+            Of the twists (angular; linear): "body" (the paper's body-fixed twist), "world" (world axes, origin of the
+            body frame: the hybrid form) or "spatial" (the paper's spatial twist).
+        method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        V : (..., nb, 6), or (..., 6) of one body; with rates a tuple of them
+            In rad/s and m/s; rates are the derivatives of the components in the frame.
+
+        Raises
+        ------
+        JounceError
+            If an array has a wrong shape, a rate is skipped, or a name is unknown.
+
+        References
+        ----------
+        Müller & Kumar, (Vsys), (VbdotMat).
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("planar2r").twists([0, 0], [1, 0], body="body2", frame="world")[[2, 4]]
+        array([1., 1.])
+        """
+        return compute(
+            self.mechanism,
+            "twists",
+            (q, qd, q2d, q3d, *higher),
+            body=body,
+            frame=frame,
+            method=method,
+            out=out,
+            threads=threads,
+        )
+
+    @typed(overloads.JacobiansOfBodies)
+    def jacobian(
+        self,
+        q: Array,
+        qd: Array = None,
+        q2d: Array = None,
+        *higher: Array,
+        body: str | None = None,
+        frame: str = "body",
+        method: str | None = None,
+        out: Any = None,
+        threads: int = 1,
+    ) -> Any:
+        """The Jacobian J(q) of bodies, V = J qd, and its rates.
+
+        Parameters
+        ----------
+        q : (..., n)
+            Coordinates, rad or m.
+        qd, q2d, *higher : (..., n), optional
+            Further rates, each for one more time derivative.
+        body : str, optional
+            A body or a link merged into one; all bodies by default.
+        frame : str, optional
+            Of the twists (angular; linear): "body" (the paper's body-fixed twist), "world" (world axes, origin of the
+            body frame: the hybrid form) or "spatial" (the paper's spatial twist).
+        method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        J : (..., nb, 6, n), or (..., 6, n) of one body; with rates a tuple of them
+
+        Raises
+        ------
+        JounceError
+            If an array has a wrong shape, a rate is skipped, or a name is unknown.
+
+        References
+        ----------
+        Müller & Kumar, (Vsys), (JbSys), (Jdot).
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("planar2r").jacobian([0, 0], body="body2", frame="world")[3:5]
+        array([[0., 0.],
+               [1., 0.]])
+        """
+        return compute(
+            self.mechanism,
+            "jacobian",
+            (q, qd, q2d, *higher),
+            body=body,
+            frame=frame,
+            method=method,
+            out=out,
+            threads=threads,
+        )
+
+    @typed(overloads.OfVelocity)
+    def momentum(
+        self,
+        q: Array,
+        qd: Array,
+        q2d: Array = None,
+        q3d: Array = None,
+        *higher: Array,
+        method: str | None = None,
+        out: Any = None,
+        threads: int = 1,
+    ) -> Any:
+        """The spatial momentum h = (angular; linear) of the robot and its rates.
+
+        ``h = U^T M V``: the momenta M_i V_i of the bodies about the inertial origin, in inertial axes, summed up.
+
+        Parameters
+        ----------
+        q, qd : (..., n)
+            Coordinates and velocities: rad or m, per s.
+        q2d, q3d, *higher : (..., n), optional
+            Further rates, each for one more time derivative.
+        method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        h : (..., 6), or tuple of (..., 6)
+            In kg m^2/s and kg m/s.
+
+        Raises
+        ------
+        JounceError
+            If an array has a wrong shape, a rate is skipped, or a name is unknown.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("planar2r").momentum([0, 0], [1, 0])[[2, 4]]
+        array([5., 3.])
+        """
+        return compute(self.mechanism, "momentum", (q, qd, q2d, q3d, *higher), method=method, out=out, threads=threads)
+
+    @typed(overloads.OfVelocity)
+    def generalized_momentum(
+        self,
+        q: Array,
+        qd: Array,
+        q2d: Array = None,
+        q3d: Array = None,
+        *higher: Array,
+        method: str | None = None,
+        out: Any = None,
+        threads: int = 1,
+    ) -> Any:
+        """The generalized momentum p = M qd and its rates; the armature that acts is included.
+
+        Parameters
+        ----------
+        q, qd : (..., n)
+            Coordinates and velocities: rad or m, per s.
+        q2d, q3d, *higher : (..., n), optional
+            Further rates, each for one more time derivative.
+        method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        p : (..., n), or tuple of (..., n)
+            In N m s for revolute and N s for prismatic coordinates.
+
+        Raises
+        ------
+        JounceError
+            If an array has a wrong shape, a rate is skipped, or a name is unknown.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("planar2r").generalized_momentum([0, 0], [0, 1])
+        array([2., 1.])
+        """
+        return compute(
+            self.mechanism, "generalized_momentum", (q, qd, q2d, q3d, *higher), method=method, out=out, threads=threads
+        )
+
+    @typed(overloads.OfPosition)
+    def potential_energy(
+        self,
+        q: Array,
+        qd: Array = None,
+        q2d: Array = None,
+        *higher: Array,
+        method: str | None = None,
+        out: Any = None,
+        threads: int = 1,
+    ) -> Any:
+        """The potential energy U(q) of gravity, and of the springs that act, and its rates: Ud = qd . dU/dq, ...
+
+        ``U = -sum m_i g . c_i``, zero for masses at the inertial origin; springs are slack at their rest position.
+
+        Parameters
+        ----------
+        q : (..., n)
+            Coordinates, rad or m.
+        qd, q2d, *higher : (..., n), optional
+            Further rates, each for one more time derivative.
+        method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        U : (...), or tuple of (...)
+            In J.
+
+        Raises
+        ------
+        JounceError
+            If an array has a wrong shape, a rate is skipped, or a name is unknown.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> U, Ud = jounce.load("planar2r").potential_energy([0.5, 0], [1, 0])
+        >>> U.round(4), Ud.round(4)
+        (np.float64(14.1094), np.float64(25.827))
+        """
+        return compute(
+            self.mechanism, "potential_energy", (q, qd, q2d, *higher), method=method, out=out, threads=threads
+        )
+
+    @typed(overloads.OfAcceleration)
+    def base_wrench(
+        self,
+        q: Array,
+        qd: Array,
+        q2d: Array,
+        q3d: Array = None,
+        q4d: Array = None,
+        *higher: Array,
+        wrench: Any = None,
+        method: str | None = None,
+        out: Any = None,
+        threads: int = 1,
+    ) -> Any:
+        """The reaction wrench of the ground on the robot, F = (moment; force), and its rates.
+
+        ``F = hd + U^T M U G + U^T W``: the rate of the momentum, less gravity and less the loads -W, about the inertial
+        origin in inertial axes. A mechanism is dynamically balanced where F is constant.
+
+        Parameters
+        ----------
+        q, qd, q2d : (..., n)
+            Coordinates, velocities and accelerations: rad or m, per s, per s^2.
+        q3d, q4d, *higher : (..., n), optional
+            Further rates, each for one more time derivative.
+        wrench : optional
+            As in `inverse_dynamics`.
+        method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        F : (..., 6), or tuple of (..., 6)
+            In N m and N.
+
+        Raises
+        ------
+        JounceError
+            If an array has a wrong shape, a rate is skipped, or a name is unknown.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("planar2r").base_wrench([0, 0], [0, 0], [0, 0])[[2, 4]].round(6)
+        array([29.43, 19.62])
+        """
+        return compute(
+            self.mechanism,
+            "base_wrench",
+            (q, qd, q2d, q3d, q4d, *higher),
+            wrench=wrench,
+            method=method,
+            out=out,
+            threads=threads,
+        )
+
+    @typed(overloads.WrenchOfLoad)
+    def wrench(
+        self,
+        q: Array,
+        qd: Array = None,
+        q2d: Array = None,
+        *higher: Array,
+        body: str,
+        force: Any = None,
+        torque: Any = None,
+        frame: str = "world",
+        point: Any = None,
+    ) -> Any:
+        """The wrenches W, and their rates, of a load that acts ON a body: what `wrench=` of `inverse_dynamics` takes.
+
+        W is what the body exerts, so it is minus the load, about the body's origin in body axes. A load that is
+        constant in the world has rates in the body frame: each further rate of q returns one more rate of W.
+
+        Parameters
+        ----------
+        q : (..., n)
+            Coordinates.
+        qd, q2d, *higher : (..., n), optional
+            Their rates, each for one more rate of W.
+        body : str
+            A body, or a link merged into one.
+        force, torque : (..., 3), or a tuple of them, optional
+            In N and N m. A *tuple* (f, fd, ...) is a vector with as many rates as W has; anything else, lists and a
+            tuple of three numbers included, is the vector alone, constant in its axes.
+        frame : str, optional
+            The axes of force and torque, "world" or "body" (those of the named link).
+        point : (3,), optional
+            Where the force acts, in the frame of the link; by default its origin.
+
+        Returns
+        -------
+        W : (..., nb, 6), or tuple of (..., nb, 6)
+
+        Raises
+        ------
+        JounceError
+            If a name is unknown, a shape is wrong, or the load has fewer rates than W.
+
+        Examples
+        --------
+        A payload of 2 kg in the hand of an arm: its weight acts on the last link.
+
+        >>> import jounce
+        >>> robot, q, qd = jounce.load("iiwa14"), [0.1] * 7, [0.2] * 7
+        >>> W, Wd = robot.wrench(q, qd, body="link7", force=(0, 0, -2 * 9.81), point=(0, 0, 0.1))
+        >>> Q, Qd = robot.inverse_dynamics(q, qd, [0] * 7, [0] * 7, wrench=(W, Wd))
+        """
+        return dispatch.wrench_of_load(self.mechanism, (q, qd, q2d, *higher), body, force, torque, frame, point)
