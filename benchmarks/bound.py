@@ -11,11 +11,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from jounce import load
-from jounce.dynamics.quantities import PATHS
+from jounce.dynamics.computation import Computation
+from jounce.dynamics.quantities import FORCES
 from jounce.model.mechanism import in_whole_numbers
 from jounce.native import circular, forms
 from jounce.native.ir import Writer
-from jounce.native.quantity import Quantity
 from jounce.native.target import host
 from jounce.program.fuse import fused
 from jounce.program.program import Program
@@ -61,10 +61,11 @@ def programs(order: int) -> tuple[Program, Program]:
     """The program of the iiwa's forces as it is traced, and after its products are factored."""
     m = load("iiwa14").mechanism
     tape = Tape()
-    q = [tape.variables(m.n) for _ in range(order + 3)]
-    law = PATHS["inverse_dynamics"]["recursion"].law(in_whole_numbers(m), columns(q), None)
-    traced = tape.program([x for result in law.upto(order) for x in result.ravel()])
-    return traced, forms.program(m, Quantity("inverse_dynamics", order, False, m.n, m.nb))
+    forces = Computation(FORCES.name, order)
+    q = [tape.variables(m.n) for _ in range(forces.rates)]
+    results = forces.series("recursion", in_whole_numbers(m), q).upto(order)
+    traced = tape.program([x for result in results for x in result.ravel()])
+    return traced, forms.program(m, forces)
 
 
 def floor(program: Program, peaks: Mapping[str, float]) -> float:

@@ -13,8 +13,8 @@ QUANTITIES = {
     "inverse_dynamics": ("Q", 3, jounce.Robot.inverse_dynamics),
     "gravity_forces": ("Qgrav", 1, jounce.Robot.gravity_forces),
     "mass_matrix": ("M", 1, jounce.Robot.mass_matrix),
-    "coriolis_matrix of form 'paper'": ("C", 2, jounce.Robot.coriolis_matrix),
-    "coriolis_matrix of form 'skew'": ("Cbar", 2, lambda robot, *q: robot.coriolis_matrix(*q, form="skew")),
+    "coriolis_matrix": ("C", 2, jounce.Robot.coriolis_matrix),
+    "skew_coriolis_matrix": ("Cbar", 2, lambda robot, *q: robot.coriolis_matrix(*q, form="skew")),
 }
 RATES = ("", "d", "2d", "3d", "4d")
 

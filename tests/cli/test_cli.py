@@ -14,11 +14,11 @@ from click.testing import CliRunner
 from files import BODY, GOOD, ODD, joint, link, robot_file
 
 import jounce
-from jounce.spatial.series import rate_name
 from jounce.checks.description import describe
 from jounce.cli import main
 from jounce.io import tables
 from jounce.motion.table import from_table
+from jounce.spatial.series import rate_name
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PANDA, IIWA_MOTION = EXAMPLES / "panda.urdf", EXAMPLES / "iiwa14.csv"

@@ -10,7 +10,7 @@ from files import BODY, GOOD, LINKS, OTHER, joint, link, robot_file
 import jounce
 from jounce.checks.description import describe
 from jounce.cli import main
-from jounce.dynamics.quantities import PATHS
+from jounce.dynamics.quantities import FORCES
 from jounce.io import tables
 
 FLOATING = (*LINKS, joint("hold", "base", "arm", "floating"), link("x", OTHER), joint("turn", "arm", "x"))
@@ -116,5 +116,5 @@ def test_refuses(tmp_path, monkeypatch, verb, options, words):
 
 def test_help_of_run_names_every_method():
     helped = call("run", "--help").stdout
-    assert [method for method in ("kernel", *PATHS["inverse_dynamics"]) if method not in helped] == []
+    assert [method for method in ("kernel", *FORCES.methods) if method not in helped] == []
     assert "kernel (native code, the default)" in " ".join(helped.split())

@@ -8,7 +8,7 @@ from robots import differentiated, harmonic, loads, mechanisms, random_state, re
 
 import jounce
 from jounce.dynamics.closed_form import closed_form
-from jounce.dynamics.kinematics import jacobian
+from jounce.dynamics.computation import Computation
 from jounce.dynamics.recursion import inverse_dynamics
 from jounce.model.screws import from_screws, spatial_screws
 from jounce.spatial import lie
@@ -126,7 +126,7 @@ def test_matrices_formed_from_spatial_twists_are_the_same(drawn):
     mechanism, rng = drawn
     q, _ = random_state(rng, mechanism)
     F, qd = closed_form(mechanism, columns(q)), q[1]
-    J = jacobian(mechanism, columns(q), None, "spatial")
+    J = Computation("jacobian", order=2, frame="spatial").series("recursion", mechanism, q)
     back = lie.Ad(lie.inverse(jounce.Robot(mechanism).poses(q[0])))
     M = back.mT @ mechanism.M @ back
     b = lie.ad(J[0] @ qd)

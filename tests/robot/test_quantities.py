@@ -1,0 +1,159 @@
+"""The rule that every quantity of the table obeys: rates, batches, methods, scalar types, `out=`, bodies and frames."""
+
+import jax
+import numpy as np
+import pytest
+from quantities import IDS, REQUESTS, branched, method_of
+from robots import differentiated, harmonic, relative_error
+
+from jounce.dynamics.computation import Computation
+from jounce.dynamics.quantities import QUANTITIES
+from jounce.errors import JounceError
+from jounce.robot.dispatch import NATIVE, asked, native_obstacle
+
+ROBOT = branched()
+ORDERS = (0, 1, 2, 3)
+
+
+def states(batch, count, seed=0):
+    return list(np.random.default_rng(seed).uniform(-2, 2, (count, *batch, ROBOT.n)))
+
+
+def close(found, expected, tolerance=1e-12):
+    """Norm-wise, by the largest number of the result, or absolutely where all are small."""
+    found, expected = np.asarray(found, dtype=float), np.asarray(expected, dtype=float)
+    assert found.shape == expected.shape
+    assert np.abs(found - expected).max(initial=0) <= tolerance * (1 + np.abs(expected).max(initial=0))
+
+
+def expected_shape(quantity, keywords):
+    return Computation(quantity.name, 0, body=keywords.get("body")).shape(ROBOT.n, ROBOT.mechanism.nb)
+
+
+@pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
+def test_each_further_rate_returns_one_more_time_derivative(quantity, keywords):
+    compute, path = method_of(ROBOT, quantity), harmonic(np.random.default_rng(1), ROBOT.n, 8)
+    shape = expected_shape(quantity, keywords)
+    plain = compute(*path(0.0)[: quantity.rates], **keywords)
+    assert np.shape(plain) == shape
+    for order in ORDERS[1:]:
+        results = compute(*path(0.0)[: quantity.rates + order], **keywords)
+        assert isinstance(results, tuple)
+        assert [x.shape for x in results] == [shape] * (order + 1)
+        close(results[0], plain, 1e-13)
+    before = [np.asarray(x) for x in results[:-1]]
+    for k, rate in enumerate(results[1:]):
+        count = quantity.rates + len(before) - 1
+        moved = lambda t, k=k, count=count: compute(*path(t)[:count], **keywords)[k]  # noqa: E731
+        close(differentiated(moved), rate, 1e-7)
+
+
+@pytest.mark.parametrize("method", ["recursion", "closed_form", "paper", NATIVE])
+@pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
+def test_every_method_gives_the_same_for_every_batch(quantity, keywords, method):
+    compute, order = method_of(ROBOT, quantity), 2
+    if method == NATIVE:
+        request = asked(
+            ROBOT.mechanism, quantity.name, order, False, keywords.get("body"), keywords.get("frame", "body")
+        )
+        available = native_obstacle(ROBOT.mechanism, request) is None
+    else:
+        available = method in quantity.methods
+    q = states((3, 2), quantity.rates + order)
+    if not available:
+        with pytest.raises(JounceError):
+            compute(*q, method=method, **keywords)
+        return
+    found = compute(*q, method=method, **keywords)
+    for i in np.ndindex(3, 2):
+        for x, one in zip(found, compute(*(x[i] for x in q), method="recursion", **keywords), strict=True):
+            close(x[i], one)
+    mixed = compute(q[0][0], *q[1:], method=method, **keywords)  # batch axes broadcast
+    for x, y in zip(mixed, compute(np.broadcast_to(q[0][0], (3, 2, ROBOT.n)), *q[1:], **keywords), strict=True):
+        close(x, y)
+    none = compute(*(x[:0] for x in q), method=method, **keywords)
+    assert [x.shape for x in none] == [(0, 2, *x.shape[2:]) for x in found]
+
+
+@pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
+def test_results_are_written_into_out(quantity, keywords):
+    compute, q = method_of(ROBOT, quantity), states((4,), quantity.rates + 1)
+    expected = compute(*q, **keywords)
+    out = tuple(np.full(x.shape, np.nan) for x in expected)
+    compute(*q, out=out, **keywords)
+    for x, y in zip(out, expected, strict=True):
+        close(x, y, 0)
+    with pytest.raises(JounceError, match=r"^out has 1 arrays; expected 2"):
+        compute(*q, out=out[0], **keywords)
+
+
+@pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
+def test_scalar_types_give_the_same_numbers(quantity, keywords):
+    compute, q = method_of(ROBOT, quantity), states((), quantity.rates + 1)
+    expected = compute(*q, **keywords)
+    longdouble = compute(*(x.astype(np.longdouble) for x in q), **keywords)
+    assert {x.dtype for x in map(np.asarray, longdouble)} == {np.dtype(np.longdouble)}
+    with jax.enable_x64(True):
+        traced = jax.jit(lambda *q: compute(*q, **keywords))(*q)
+    objects = compute(*(x.astype(object) + _Opaque(0) for x in q), **keywords)
+    for found in (longdouble, traced, objects):
+        for x, y in zip(found, expected, strict=True):
+            close(np.vectorize(float, otypes=[float])(x), y)
+
+
+class _Opaque:
+    """A scalar of which only arithmetic is known: an object array of it is no array of numbers."""
+
+    def __init__(self, x):
+        self.x = float(x)
+
+    def __float__(self):
+        return self.x
+
+    def __neg__(self):
+        return _Opaque(-self.x)
+
+    def __add__(self, other):
+        return _Opaque(self.x + float(other))
+
+    def __sub__(self, other):
+        return _Opaque(self.x - float(other))
+
+    def __rsub__(self, other):
+        return _Opaque(float(other) - self.x)
+
+    def __mul__(self, other):
+        return _Opaque(self.x * float(other))
+
+    def sin(self):
+        return _Opaque(np.sin(self.x))
+
+    def cos(self):
+        return _Opaque(np.cos(self.x))
+
+    def tanh(self):
+        return _Opaque(np.tanh(self.x))
+
+    __radd__, __rmul__ = __add__, __mul__
+
+
+@pytest.mark.parametrize("quantity", [q for q in QUANTITIES.values() if q.of_bodies], ids=lambda q: q.name)
+def test_of_one_body_is_the_row_of_all(quantity):
+    compute, q = method_of(ROBOT, quantity), states((2,), quantity.rates + 1)
+    for i, body in enumerate(ROBOT.body_names):
+        for all_bodies, one in zip(compute(*q), compute(*q, body=body), strict=True):
+            assert relative_error(one, all_bodies[:, i]) < 1e-13
+
+
+@pytest.mark.parametrize(
+    ("keywords", "match"),
+    [
+        ({"body": "body9"}, r"^no body 'body9'; did you mean 'body\d'\? there are: body1, .*tool, stand$"),
+        ({"body": 3}, "^no body '3'; "),
+        ({"frame": "wrld"}, r"^no frame 'wrld'; did you mean 'world'\? there are: body, world, spatial$"),
+        ({"method": "rnea"}, r"^no method for jacobian 'rnea'; there are: recursion, closed_form, kernel$"),
+    ],
+)
+def test_unknown_names_list_what_exists(keywords, match):
+    with pytest.raises(JounceError, match=match):
+        ROBOT.jacobian(np.zeros(ROBOT.n), **keywords)

@@ -1,0 +1,43 @@
+"""Every quantity of the table as tests ask for it: of all bodies, of one, of a merged link, in every frame."""
+
+from dataclasses import replace
+
+import numpy as np
+from robots import random_mechanism, random_pose
+
+import jounce
+from jounce.dynamics.quantities import QUANTITIES
+from jounce.model.mechanism import Frame
+
+FACADE = {"skew_coriolis_matrix": ("coriolis_matrix", {"form": "skew"})}  # where a method is not named as its quantity
+
+
+def requests():
+    """(quantity, keywords): what may be asked of every quantity."""
+    for quantity in QUANTITIES.values():
+        for body in (None, "body3", "tool", "stand") if quantity.of_bodies else (None,):
+            for frame in quantity.frames or (None,):
+                chosen = {"body": body, "frame": frame}
+                yield quantity, {key: value for key, value in chosen.items() if value is not None}
+
+
+REQUESTS = list(requests())
+IDS = [":".join([quantity.name, *keywords.values()]) for quantity, keywords in REQUESTS]
+
+
+def method_of(robot, quantity):
+    """The method of a robot that computes a quantity."""
+    name, form = FACADE.get(quantity.name, (quantity.name, {}))
+    return lambda *rates, **keywords: getattr(robot, name)(*rates, **form, **keywords)
+
+
+def branched():
+    """A forest with all kinds of joints, one of which follows another, drives, and links merged into bodies."""
+    rng = np.random.default_rng(5)
+    kinds = ["revolute", "helical", "prismatic", "revolute", "revolute"]
+    m = random_mechanism(rng, [-1, 0, 1, 0, -1], kinds, [1, 2, 3, 1, 0.5], mimic=True)
+    drives = {name: rng.uniform(0.1, 1, 5) for name in ("armature", "damping", "friction", "stiffness", "rest")}
+    data = {"gravity": m.gravity, "G": m.G, "g": m.g, "drives": drives}
+    robot = jounce.Robot.from_screws(m.B, m.X, m.M, m.parent, **data)
+    frames = (Frame("tool", 3, random_pose(rng)), Frame("stand", -1, random_pose(rng)))
+    return jounce.Robot(replace(robot.mechanism, frames=frames)).with_drives(eps=0.5)
