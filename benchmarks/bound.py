@@ -20,7 +20,6 @@ from jounce.native.target import host
 from jounce.program.fuse import fused
 from jounce.program.program import Program
 from jounce.program.trace import Tape
-from jounce.spatial.series import columns
 
 PRODUCTS, SUMS = ("mul", "fma", "fms", "fnma"), ("add", "sub")
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from jounce.robot.evaluation import evaluate
 from robots import mechanisms, on_its_axis
 
 from jounce.checks.magnitudes import magnitudes, scale
 from jounce.dynamics.quantities import COMPILED, PATHS
 from jounce.model.drives import Drives
-from jounce.robot.evaluation import evaluate
 
 LOADED = "inverse_dynamics"
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from recursion import inverse_dynamics
 from robots import differentiated, harmonic, loads, mechanisms, random_state, relative_error
 
 import jounce
 from jounce.dynamics.closed_form import closed_form
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.recursion import inverse_dynamics
 from jounce.model.screws import from_screws, spatial_screws
 from jounce.spatial import lie
 from jounce.spatial.series import columns

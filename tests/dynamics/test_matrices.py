@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+import recursion
 from hypothesis import given
 from robots import golden, loads, mechanisms, random_inertia, random_pose, random_screw, random_state
 
 import jounce
-from jounce.dynamics import recursion
 from jounce.dynamics.closed_form import closed_form
 from jounce.model import equivalent
 from jounce.model.mechanism import path_to

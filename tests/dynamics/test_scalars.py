@@ -8,12 +8,12 @@ import jax.numpy as jnp
 import mpmath
 import numpy as np
 import pytest
+import recursion
 import sympy
 from robots import GOLDEN_NAMES, golden, rates_of, relative_error
 
 import casadi
 import jounce
-from jounce.dynamics import recursion
 from jounce.errors import JounceError
 from jounce.model.mechanism import in_whole_numbers
 from jounce.program.trace import Tape

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from files import LINKS, joint, refusal, robot_file
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from natives import WAYS, native
+from natives import WAYS, native, signature
 from robots import mechanisms, random_mechanism, relative_error
 from tools import require
 
@@ -23,7 +23,6 @@ import jounce
 from jounce.checks.description import describe
 from jounce.cli import main
 from jounce.model.drives import EPS, TERMS
-from jounce.native.interface import Interface
 from jounce.program.trace import Tape
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
@@ -223,7 +222,7 @@ def test_generated_code_has_the_drives_that_act(tmp_path, lang):
 def test_the_hyperbolic_tangent_of_native_code_is_within_three_units_in_the_last_place(way):
     tape = Tape()
     (x,) = tape.variables(1)
-    function = native(tape.program([x.tanh()]), Interface(((1,),), ((1,),), (0,)), way)
+    function = native(tape.program([x.tanh()]), signature(((1,),), ((1,),), (0,)), way)
     rng = np.random.default_rng(7)
     sizes = 10.0 ** np.arange(-300, 301, 10)
     numbers = np.concatenate([rng.uniform(-22, 22, 2000), rng.uniform(-0.4, 0.4, 2000), sizes, -sizes, [0.0, -0.0]])

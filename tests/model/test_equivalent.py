@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from recursion import inverse_dynamics
 from robots import GOLDEN_NAMES, golden, loads, mechanisms, random_pose, random_state
 
 from jounce.dynamics.closed_form import closed_form
-from jounce.dynamics.recursion import inverse_dynamics
 from jounce.model import equivalent
 from jounce.spatial import lie
 from jounce.spatial.inertia import from_moments, moments

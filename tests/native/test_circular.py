@@ -5,10 +5,9 @@ import warnings
 import mpmath
 import numpy as np
 import pytest
-from natives import WAYS, native
+from natives import WAYS, native, signature
 
 from jounce.native.circular import HALF_PI, LARGE
-from jounce.native.interface import Interface
 from jounce.program.trace import Tape
 
 UNITS = 2  # in the last place
@@ -33,7 +32,7 @@ ANGLES = {
 def circle(way="host"):
     tape = Tape()
     (x,) = tape.variables(1)
-    function = native(tape.program([x.sin(), x.cos()]), Interface(((1,),), ((1,), (1,)), (0,)), way)
+    function = native(tape.program([x.sin(), x.cos()]), signature(((1,),), ((1,), (1,)), (0,)), way)
     return lambda x: [y[:, 0] for y in function(np.asarray(x)[:, None])]
 
 

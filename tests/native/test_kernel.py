@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from natives import WAYS, assembled, target
+from recursion import inverse_dynamics
 from robots import GOLDEN_NAMES, golden, loads, mechanisms, random_mechanism, random_state, rates_of, relative_error
 
 import jounce
-from jounce.dynamics.recursion import inverse_dynamics
+from jounce.dynamics.computation import Computation
 from jounce.errors import JounceError
 from jounce.native import forms
-from jounce.native.quantity import Quantity
 from jounce.spatial.series import columns
 
 BATCHES = [(), (1,), (7,), (8,), (9,), (17,), (64,), (3, 5), (0,), (2, 0)]
@@ -34,13 +34,13 @@ def chain():
 
 
 KERNELS = {
-    "one coordinate": lambda: pendulum().compile(2),
-    "two coordinates": lambda: jounce.load("planar2r").compile(1),
-    "a forest with wrenches": lambda: forest().compile(1, wrench=True),
-    "seven coordinates": lambda: jounce.load("iiwa14").compile(2),
-    "sixteen coordinates in a loop": lambda: chain().compile(1, wrench=True),
-    "a matrix": lambda: jounce.load("planar2r").compile(1, quantity="mass_matrix"),
-    "gravity": lambda: forest().compile(0, quantity="gravity_forces"),
+    "one coordinate": lambda: pendulum().compile(order=2),
+    "two coordinates": lambda: jounce.load("planar2r").compile(order=1),
+    "a forest with wrenches": lambda: forest().compile(order=1, wrench=True),
+    "seven coordinates": lambda: jounce.load("iiwa14").compile(order=2),
+    "sixteen coordinates in a loop": lambda: chain().compile(order=1, wrench=True),
+    "a matrix": lambda: jounce.load("planar2r").compile(order=1, quantity="mass_matrix"),
+    "gravity": lambda: forest().compile(order=0, quantity="gravity_forces"),
 }
 
 
@@ -51,7 +51,7 @@ def kernel(request):
 
 def states(kernel, *batch):
     rng = np.random.default_rng(2)
-    return [rng.uniform(-3, 3, (*batch, *shape)) for shape in kernel.quantity.interface.taken]
+    return [rng.uniform(-3, 3, (*batch, *shape)) for shape in [port.shape for port in kernel.signature.inputs]]
 
 
 def tupled(results):
@@ -60,9 +60,9 @@ def tupled(results):
 
 def alone(kernel, arrays, batch):
     """The results of each state on its own."""
-    shapes = kernel.quantity.interface.taken
+    shapes = [port.shape for port in kernel.signature.inputs]
     whole = [np.broadcast_to(x, (*batch, *shape)) for x, shape in zip(arrays, shapes, strict=True)]
-    results = [np.empty((*batch, *shape)) for shape in kernel.quantity.interface.given]
+    results = [np.empty((*batch, *shape)) for shape in [port.shape for port in kernel.signature.outputs]]
     for i in np.ndindex(*batch):
         for result, x in zip(results, tupled(kernel(*(x[i].copy() for x in whole))), strict=True):
             result[i] = x
@@ -158,9 +158,9 @@ def test_agrees_with_extended_precision_at_large_angles(name, angle):
 @pytest.mark.parametrize("way", WAYS[1:])
 def test_agrees_with_the_host_on_other_targets(way):
     robot = forest()
-    quantity = Quantity("inverse_dynamics", 1, True, robot.n, 4)
-    function = assembled(forms.module(robot.mechanism, quantity, target(way)), quantity.interface, way)
-    kernel = robot.compile(1, wrench=True)
+    quantity = Computation("inverse_dynamics", 1, wrench=True)
+    function = assembled(forms.module(robot.mechanism, quantity, target(way)), quantity.signature(robot.n, 4), way)
+    kernel = robot.compile(order=1, wrench=True)
     for count in (1, 3, 29):
         arrays = states(kernel, count)
         for x, y in zip(function(*arrays), kernel(*arrays), strict=True):
@@ -201,7 +201,9 @@ def test_batches_are_broadcast(kernel, leads):
 @pytest.mark.parametrize("threads", [1, 3])
 def test_results_are_written_into_arrays_of_any_layout(kernel, layout, threads):
     arrays = states(kernel, 21)
-    out = [LAYOUTS[layout](np.full((21, *shape), np.nan)) for shape in kernel.quantity.interface.given]
+    out = [
+        LAYOUTS[layout](np.full((21, *shape), np.nan)) for shape in [port.shape for port in kernel.signature.outputs]
+    ]
     around = [x.base.copy() if layout == "every other state" else None for x in out]
     results = kernel(*arrays, out=tuple(out), threads=threads)
     assert all(x is y for x, y in zip(tupled(results), out, strict=True))
@@ -219,7 +221,7 @@ def test_threads_change_no_digit(kernel, batch, threads):
 
 @pytest.mark.parametrize("threads", [1, 4])
 def test_results_may_lie_over_the_states(threads):
-    kernel = jounce.load("planar2r").compile(0)
+    kernel = jounce.load("planar2r").compile(order=0)
     q, qd, q2d = states(kernel, 5000)
     expected = kernel(q, qd, q2d)
     for step in (1, -1):
@@ -234,7 +236,7 @@ def test_a_number_that_is_none_spoils_what_it_matters_to_and_nothing_else(kernel
     """Entry by entry: NaN in all results from the order that the array matters to, in its own state alone."""
     arrays = states(kernel, 20)
     expected = tupled(kernel(*arrays))
-    for k, matters in enumerate(kernel.quantity.interface.matters):
+    for k, matters in enumerate([port.first_order for port in kernel.signature.inputs]):
         for entry in np.ndindex(arrays[k].shape[1:]):
             i = (3, 17)[k % 2]  # in a block of rows, and in the last lanes
             spoilt = [x.copy() for x in arrays]
@@ -264,7 +266,7 @@ def test_threads_that_are_no_number_are_refused(threads):
 
 
 def test_errors_and_silence_of_numpy_reach_every_thread():
-    kernel = jounce.load("planar2r").compile(0)
+    kernel = jounce.load("planar2r").compile(order=0)
     arrays = [np.full((9, 2), np.inf)] * 3
     for threads in (1, 3):
         with np.errstate(invalid="ignore"):
@@ -276,7 +278,7 @@ def test_errors_and_silence_of_numpy_reach_every_thread():
 def test_nothing_is_written_beside_the_results(kernel):
     for count in range(1, 41):
         arrays = states(kernel, count)
-        around = [np.full((count + 20, *shape), np.nan) for shape in kernel.quantity.interface.given]
+        around = [np.full((count + 20, *shape), np.nan) for shape in [port.shape for port in kernel.signature.outputs]]
         kernel(*arrays, out=tuple(x[10:-10] for x in around))
         for x in around:
             assert not np.isnan(x[10:-10]).any()

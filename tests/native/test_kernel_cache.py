@@ -11,14 +11,14 @@ import pytest
 from test_parts import left
 
 import jounce
+from jounce.dynamics.computation import Computation
 from jounce.native import cache, jit
 from jounce.native import kernel as module
 from jounce.native.kernel import Kernel
-from jounce.native.quantity import Quantity
 from jounce.native.target import host
 
 ROBOT = jounce.load("planar2r")
-QUANTITY = Quantity("gravity_forces", 0, False, 2, 2)
+QUANTITY = Computation("gravity_forces", 0)
 NAME = "0" * 64
 posix = pytest.mark.skipif(not hasattr(os, "getuid"), reason="Windows keeps users' folders apart itself")
 

@@ -16,11 +16,12 @@ import sympy
 from robots import golden, relative_error
 
 import jounce
+from jounce.dynamics.computation import Computation
 from jounce.errors import JounceError, JounceWarning
 from jounce.native import jit
 from jounce.native import kernel as module
 from jounce.native.kernel import Kernel
-from jounce.native.quantity import Quantity
+from jounce.native.scope import is_straight
 from jounce.robot import dispatch
 
 ROBOT = jounce.load("planar2r")
@@ -28,7 +29,7 @@ ONES = [np.ones((5, 2))] * 4
 
 
 def compiled(**options):
-    return ROBOT.compile(1, **options)
+    return ROBOT.compile(order=1, **options)
 
 
 def states(count, arrays=4):
@@ -154,7 +155,8 @@ def test_what_takes_long_to_compile_goes_to_the_recursion():
         robot.gravity_forces(*q[:13])
     assert len(chain.mass_matrix(*[np.ones(7)] * 6)) == 6
     one_line(
-        lambda: chain.compile(5, quantity="mass_matrix"), r"of mass_matrix to order 5 it is for fewer than 7 bodies$"
+        lambda: chain.compile(order=5, quantity="mass_matrix"),
+        r"of mass_matrix to order 5 it is for fewer than 7 bodies$",
     )
 
 
@@ -164,8 +166,8 @@ def test_high_orders_of_many_bodies_take_the_loop_form():
     q = np.random.default_rng(3).uniform(-1, 1, (8, 3, 7))
     expected = robot.inverse_dynamics(*q, method="recursion")
     for order, straight in ((4, True), (5, False)):
-        kernel = robot.compile(order)
-        assert kernel.quantity.straight == straight
+        kernel = robot.compile(order=order)
+        assert is_straight(kernel.computation, kernel.mechanism.nb) == straight
         for found, other in zip(kernel(*q[: order + 3]), expected, strict=False):
             assert relative_error(found, other) < 1e-14
 
@@ -185,7 +187,7 @@ def test_without_llvmlite_the_recursion_serves_and_says_so(monkeypatch):
     with pytest.warns(JounceWarning, match=r"^no native code, the recursion serves instead: llvmlite cannot be"):
         found = robot.inverse_dynamics(*q)
     np.testing.assert_array_equal(found, robot.inverse_dynamics(*q, method="recursion"))
-    for call in (lambda: robot.compile(0), lambda: robot.inverse_dynamics(*q, method="kernel")):
+    for call in (lambda: robot.compile(order=0), lambda: robot.inverse_dynamics(*q, method="kernel")):
         one_line(call, r"^no native code: llvmlite cannot be imported$")
 
 
@@ -210,7 +212,7 @@ def test_a_kernel_is_pickled_as_what_it_is_of():
     kernel, arrays = compiled(wrench=True), states(6)
     W = [np.ones((6, 2, 6))] * 2
     again = pickle.loads(pickle.dumps(kernel))
-    assert again.quantity == kernel.quantity
+    assert again.computation == kernel.computation
     assert repr(again) == repr(kernel) == "<Kernel: inverse_dynamics of 'planar2r' to order 1, with wrenches>"
     for x, y in zip(again(*arrays, *W), kernel(*arrays, *W), strict=True):
         np.testing.assert_array_equal(x, y)
@@ -243,7 +245,7 @@ def test_a_bound_call_keeps_its_arrays_and_its_code_alive():
     q = states(9)
     expected = compiled()(*q)
     out = [np.zeros((9, 2)), np.zeros((9, 2))]
-    call = Kernel(ROBOT.mechanism, Quantity("inverse_dynamics", 1, False, 2, 2)).bind(*(x.copy() for x in q), out=out)
+    call = Kernel(ROBOT.mechanism, Computation("inverse_dynamics", 1)).bind(*(x.copy() for x in q), out=out)
     gc.collect()
     rubbish = [np.full((9, 2), np.nan) for _ in range(50)]
     call()
@@ -298,7 +300,7 @@ def test_many_threads_may_ask_for_the_same_kernel_first():
 
 def test_kernels_come_and_go_while_others_are_in_use():
     """More kernels than are kept, some called from another thread, some bound while nothing else holds them."""
-    quantity, q, out = Quantity("gravity_forces", 0, False, 2, 2), np.ones((300, 2)), np.empty((300, 2))
+    quantity, q, out = Computation("gravity_forces", 0), np.ones((300, 2)), np.empty((300, 2))
     expected = ROBOT.gravity_forces(q)
     with ThreadPoolExecutor(2) as pool:
         waiting = []
@@ -331,7 +333,7 @@ def test_native_code_is_freed_with_its_kernel(monkeypatch):
         return address, Engine(engine)
 
     monkeypatch.setattr(module.jit, "loaded", watched)
-    kernel = Kernel(ROBOT.mechanism, Quantity("gravity_forces", 0, False, 2, 2))
+    kernel = Kernel(ROBOT.mechanism, Computation("gravity_forces", 0))
     call = kernel.bind(np.ones(2), out=np.empty(2))
     del kernel
     gc.collect()

@@ -11,13 +11,13 @@ import pytest
 from robots import random_mechanism
 
 import jounce
+from jounce.dynamics.computation import Computation
 from jounce.errors import JounceError
 from jounce.native import memory, pool
 from jounce.native.kernel import Kernel
-from jounce.native.quantity import Quantity
 
 STATE = np.random.default_rng(0).uniform(-1, 1, (5, 300, 40))
-FORCES = Quantity("inverse_dynamics", 2, False, 40, 40)
+FORCES = Computation("inverse_dynamics", 2)
 
 
 NEEDS = r"^no native code: it needs 0\.\d+ MiB of scratch memory, more than the limit of 0\.125 MiB; use method="
@@ -73,8 +73,9 @@ robot = chain(100)
 q = np.random.default_rng(0).uniform(-1, 1, (5, 30, 100))
 W = tuple(np.random.default_rng(1).uniform(-1, 1, (3, 30, 100, 6)))
 expected = robot.inverse_dynamics(*q, wrench=W)
-kernel, others = robot.compile(2, wrench=True), [jounce.load("anymal").compile(2, quantity=name) for name in (
-    "inverse_dynamics", "mass_matrix")]
+kernel, others = robot.compile(order=2, wrench=True), [
+    jounce.load("anymal").compile(name) for name in ("inverse_dynamics", "mass_matrix")
+]
 right = []
 
 def work():
@@ -84,7 +85,7 @@ def work():
         kernel.bind(*q, *W, out=out)()
         right.append(all((x == y).all() and (x == z).all() for x, y, z in zip(expected, found, out)))
     for other in others:
-        other(*(np.ones(shape) for shape in other.quantity.interface.taken))
+        other(*(np.ones(shape) for shape in [port.shape for port in other.signature.inputs]))
 
 threading.stack_size(256 * 1024)
 threads = [threading.Thread(target=work) for _ in range(3)]
@@ -147,11 +148,13 @@ def test_where_there_is_no_memory_a_kernel_is_refused_in_one_line(robot, monkeyp
 
 def test_robots_that_need_more_memory_than_the_limit_are_refused_or_left_to_the_recursion(monkeypatch):
     robot, q = chain(150), np.random.default_rng(2).uniform(-1, 1, (3, 150))
-    assert memory.scratch_size(Quantity("inverse_dynamics", 12, True, 1000, 1000), range(-1, 999), 8) < memory.LIMIT
+    assert (
+        memory.scratch_size(Computation("inverse_dynamics", 12, wrench=True), chain(1000).mechanism, 8) < memory.LIMIT
+    )
     monkeypatch.setattr(memory, "LIMIT", 2**17)
     expected = robot.inverse_dynamics(*q, method="recursion")
     np.testing.assert_array_equal(robot.inverse_dynamics(*q), expected)
-    for call in (lambda: robot.compile(0), lambda: robot.inverse_dynamics(*q, method="kernel")):
+    for call in (lambda: robot.compile(order=0), lambda: robot.inverse_dynamics(*q, method="kernel")):
         with pytest.raises(JounceError, match=NEEDS):
             call()
 

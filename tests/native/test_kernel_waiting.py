@@ -5,10 +5,11 @@ import pytest
 from robots import random_mechanism
 
 import jounce
+from jounce.dynamics.computation import Computation
 from jounce.errors import JounceWarning
 from jounce.native import forms, jit
 from jounce.native import kernel as module
-from jounce.native.quantity import LongCompilationError, Quantity
+from jounce.native.scope import LongCompilationError
 from jounce.native.target import host
 from jounce.robot import dispatch
 
@@ -32,7 +33,7 @@ def compilations(monkeypatch, tmp_path):
 CALLS = {
     "a straight line": (
         4,
-        "coriolis_matrix of form 'skew'",
+        "skew_coriolis_matrix",
         lambda robot, q, **o: robot.coriolis_matrix(*q[:3], form="skew", **o),
     ),
     "a loop": (14, "inverse_dynamics", lambda robot, q, **o: robot.inverse_dynamics(*q, **o)),
@@ -56,11 +57,11 @@ def test_what_takes_long_to_compile_is_compiled_where_asked_alone(compilations, 
     assert not compilations
     match way:
         case "compile":
-            robot.compile(1, quantity=name)
+            robot.compile(order=1, quantity=name)
         case "method":
             law(robot, q, method="kernel")
         case _:
-            chain(nb).compile(1, quantity=name)
+            chain(nb).compile(order=1, quantity=name)
             robot = chain(nb)
     assert len(compilations) == 1
     found = law(robot, q)
@@ -75,21 +76,21 @@ def test_what_was_compiled_serves_where_nothing_can_be_kept_on_disk(compilations
     (tmp_path / "file").touch()
     monkeypatch.setenv("JOUNCE_CACHE_DIR", str(tmp_path / "file"))
     robot, q = chain(14), np.ones((3, 14))
-    kernel = robot.compile(0)
+    kernel = robot.compile(order=0)
     np.testing.assert_array_equal(robot.inverse_dynamics(*q), kernel(*q))
     assert len(compilations) == 1
 
 
 def test_what_is_compiled_in_seconds_is_compiled_unasked():
     """Bundled arms and every loop to order 6; not chains of any joints to order 12."""
-    quantities = [Quantity(name, 2, False, 7, 7) for name in ("inverse_dynamics", "coriolis_matrix of form 'skew'")]
+    quantities = [Computation(name, 2) for name in ("inverse_dynamics", "skew_coriolis_matrix")]
     for quantity in quantities:
         forms.module(jounce.load("iiwa14").mechanism, quantity, host(), dispatch.PATIENCE)
     robot = chain(100, ("revolute", "prismatic", "helical"))
-    forms.module(robot.mechanism, Quantity("inverse_dynamics", 6, True, 100, 100), host(), dispatch.PATIENCE)
+    forms.module(robot.mechanism, Computation("inverse_dynamics", 6, wrench=True), host(), dispatch.PATIENCE)
     with pytest.raises(LongCompilationError):
-        forms.module(robot.mechanism, Quantity("inverse_dynamics", 12, False, 100, 100), host(), dispatch.PATIENCE)
-    skew = Quantity("coriolis_matrix of form 'skew'", 3, False, 12, 12)
+        forms.module(robot.mechanism, Computation("inverse_dynamics", 12), host(), dispatch.PATIENCE)
+    skew = Computation("skew_coriolis_matrix", 3)
     with pytest.raises(LongCompilationError):
         forms.module(chain(12).mechanism, skew, host(), dispatch.PATIENCE)
 
@@ -98,6 +99,6 @@ def test_instructions_of_the_loop_form_do_not_grow_with_the_robot():
     """What grows are tables, a line each."""
     counts = set()
     for nb in (14, 28):
-        quantity = Quantity("inverse_dynamics", 2, True, nb, nb)
+        quantity = Computation("inverse_dynamics", 2, wrench=True)
         counts.add(forms.module(chain(nb).mechanism, quantity, host()).count("\n"))
     assert len(counts) == 1

@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from natives import WAYS, native
+from natives import WAYS, native, signature
+from recursion import inverse_dynamics
 from robots import loads, mechanisms, random_state, relative_error
 
 import jounce
-from jounce.dynamics.recursion import inverse_dynamics
+from jounce.dynamics.computation import Computation
 from jounce.native import forms
-from jounce.native.interface import Interface
-from jounce.native.quantity import Quantity
 from jounce.program.factor import factored
 from jounce.program.fuse import fused
 from jounce.program.program import FREE, OPERATIONS, ordered
@@ -40,7 +39,7 @@ def in_order(program):
 @pytest.mark.parametrize(("order", "operations"), [(0, 562), (1, 1225), (2, 2213)])
 def test_the_iiwa_takes_no_more_operations_than_measured(order, operations):
     """A guard of the economy of recursion, trace and factoring, sines and cosines among the operations."""
-    program = forms.program(jounce.load("iiwa14").mechanism, Quantity("inverse_dynamics", order, False, 7, 7))
+    program = forms.program(jounce.load("iiwa14").mechanism, Computation("inverse_dynamics", order))
     assert program.operations <= operations
     counts = fused(program).counts()
     assert (counts["sin"], counts["cos"]) == (7, 7) or (counts["sin"], counts["cos"]) == (6, 6)
@@ -167,7 +166,7 @@ def everything():
 def test_native_code_does_every_operation_in_every_lane(way, run):
     program = run(everything())
     assert run is not PASSES["fused"] or {"fma", "fms", "fnma"} <= set(program.counts()) <= {*OPERATIONS, *FREE}
-    function = native(program, Interface(((3,),), ((len(program.outputs),),), (0,)), way)
+    function = native(program, signature(((3,),), ((len(program.outputs),),), (0,)), way)
     states = np.random.default_rng(0).uniform(-3, 3, (37, 3))
     expected = [program.run(list(state)) for state in states]
     np.testing.assert_allclose(function(states), expected, rtol=1e-14, atol=1e-14)

@@ -329,7 +329,10 @@ def test_robots_and_compiled_kernels_take_no_masked_arrays():
     M[1, 3, 3] = np.ma.masked
     with pytest.raises(JounceError, match=r"^M\[1, 3, 3\] is nan; expected finite numbers"):
         jounce.Robot.from_screws(B, X, M)
-    kernel, q = jounce.load("planar2r").compile(0, quantity="gravity_forces"), np.ma.array([1.0, 2.0], mask=[1, 0])
+    kernel, q = (
+        jounce.load("planar2r").compile(order=0, quantity="gravity_forces"),
+        np.ma.array([1.0, 2.0], mask=[1, 0]),
+    )
     for call in (lambda: kernel(q), lambda: kernel(q, threads=2), lambda: kernel.bind(q, out=np.zeros(2))):
         with pytest.raises(JounceError, match="takes arrays without masks"):
             call()

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from jounce.dynamics.computation import Port, Signature, in_a_row
 from jounce.native import jit
 from jounce.native.emit import define_block, emitted
 from jounce.native.target import host
@@ -15,6 +16,15 @@ def target(way):
         return host()
     lanes, fma = int(way[0]), "no fma" not in way and host().fma
     return replace(host(), lanes=lanes, fma=fma, features=host().features + ("" if fma else ",-fma"))
+
+
+def signature(taken, given, first_orders):
+    """The signature of arrays of these shapes, and the lowest order of results that depends on each input."""
+    inputs = [
+        Port(f"x{k}", shape, "coordinate", 0, order)
+        for k, (shape, order) in enumerate(zip(taken, first_orders, strict=True))
+    ]
+    return Signature(in_a_row(inputs), in_a_row([Port(f"y{k}", shape, "result") for k, shape in enumerate(given)]))
 
 
 def native(program, interface, way="host"):

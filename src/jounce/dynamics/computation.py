@@ -86,7 +86,7 @@ class Computation:
             inputs.append(Port(rate_name("W", k), (nb, 6), "wrench", k, k))
         shape = self.shape(n, nb)
         outputs = [Port(name, shape, "result", k) for k, name in enumerate(self.quantity.names(self.order))]
-        return Signature(_in_a_row(inputs), _in_a_row(outputs))
+        return Signature(in_a_row(inputs), in_a_row(outputs))
 
     def shape(self, n: int, nb: int) -> Shape:
         """The shape of a result for one state."""
@@ -109,7 +109,7 @@ def coordinate_ports(n: int, count: int, least: int) -> list[Port]:
     return [Port(rate_name("q", k), (n,), "coordinate", k, max(0, k + 1 - least)) for k in range(count)]
 
 
-def _in_a_row(ports: Sequence[Port]) -> tuple[Port, ...]:
+def in_a_row(ports: Sequence[Port]) -> tuple[Port, ...]:
     """The ports, their scalars numbered one port after the other."""
     starts = accumulate((port.size for port in ports), initial=0)
     return tuple(

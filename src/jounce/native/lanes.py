@@ -68,8 +68,8 @@ def define_lanes(ir: Writer) -> None:
     """``@load_lanes`` and ``@store_lanes``: some lanes of a block, between scratch memory and an array of any strides.
 
     ``(first, scratch, slabs, rows, columns, step, apart, down, across, count)``: a state is so many matrices, one
-    ``(first, scratch, slabs, rows, columns, step, apart, down, across, count)``: a state is so many matrices, one
-    step from the state before it, its matrices ``apart``, rows ``down`` and columns ``across`` from each other, in bytes.
+    step from the state before it; matrices are ``apart``, rows ``down`` and columns ``across`` from each other, in
+    bytes. Lanes beyond the count are filled with the last state.
     """
     integers = ("slabs", "rows", "columns", "step", "apart", "down", "across", "count")
     arguments = f"(ptr %first, ptr %scratch, {', '.join(f'i64 %{name}' for name in integers)})"

@@ -1,0 +1,30 @@
+"""The recursion's laws on series under one name, as tests of it take them."""
+
+from jounce.dynamics.recursion.bodies import jacobians, poses, twists
+from jounce.dynamics.recursion.forces import AT_REST, MOVING, external_forces, generalized
+from jounce.dynamics.recursion.matrices import coriolis_matrix, mass_matrix, skew_coriolis_matrix
+from jounce.dynamics.recursion.momenta import base_wrench, generalized_momentum, momentum, potential_energy
+
+__all__ = [
+    "base_wrench",
+    "coriolis_matrix",
+    "external_forces",
+    "generalized_momentum",
+    "gravity_forces",
+    "inverse_dynamics",
+    "jacobians",
+    "mass_matrix",
+    "momentum",
+    "poses",
+    "potential_energy",
+    "skew_coriolis_matrix",
+    "twists",
+]
+
+
+def inverse_dynamics(mechanism, q, W=None):
+    return generalized(MOVING, mechanism, q, W)
+
+
+def gravity_forces(mechanism, q):
+    return generalized(AT_REST, mechanism, q)
