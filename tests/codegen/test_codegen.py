@@ -20,12 +20,12 @@ from robots import GOLDEN, golden, on_its_axis, random_mechanism
 from tools import needs, require
 
 import jounce
-from jounce._codegen import generation, listing, notes, writing
+from jounce._codegen import generate, header, render, schedule
+from jounce._codegen.function import OUTPUTS, trace
 from jounce._codegen.language import NAMES, language
+from jounce._codegen.options import check_options
 from jounce._codegen.parametric import parametric
-from jounce._codegen.request import checked
-from jounce._codegen.routine import OUTPUTS, routine
-from jounce._codegen.vectors import vectors
+from jounce._codegen.test_vectors import vectors
 from jounce.cli import main
 
 STRICT = "-std=c99 -O0 -Wall -Wextra -Wpedantic -Wconversion -Wdouble-promotion -Wfloat-conversion -Werror"
@@ -93,13 +93,13 @@ programs = pytest.mark.parametrize("lang", [lang for lang in LANGUAGES if lang !
 
 def requested(robot, lang, order=2, outputs=("inverse_dynamics",), wrench=False, parameters=(), float32=False):
     """A request, and what it traces."""
-    request = checked(robot, lang, order, outputs, wrench, parameters, float32, None)
-    return request, generation.traced(request)
+    request = check_options(robot, lang, order, outputs, wrench, parameters, float32, None)
+    return request, generate.functions_of(request)
 
 
 def texts(robot, lang, count=100, **options):
     """The files of generated code, its test vectors so many states by the recursion."""
-    return writing.files(*requested(robot, lang, **options), count=count, method="recursion")
+    return render.files(*requested(robot, lang, **options), count=count, method="recursion")
 
 
 def written(folder, files):
@@ -200,7 +200,7 @@ def changed(text, lines, pattern, change):
 def test_any_single_change_of_the_code_fails_the_test_beside_it(case, lines, pattern, change, least):
     robot = on_its_axis() if case == "balanced" else ROBOTS[case]()
     outputs = ALL[:4]  # the last adds zeros up
-    files = writing.files(*requested(robot, "python", order=1, outputs=outputs, wrench=True))
+    files = render.files(*requested(robot, "python", order=1, outputs=outputs, wrench=True))
     text, test = files[f"{robot.name}.py"], files[f"test_{robot.name}.py"]
     assert passes_in_python(text, test)
     mutants = list(changed(text, lines, pattern, change))
@@ -211,8 +211,8 @@ def test_any_single_change_of_the_code_fails_the_test_beside_it(case, lines, pat
 
 @programs
 def test_long_programs_are_cut_into_parts_that_share_scratch_memory(lang, tmp_path, monkeypatch):
-    monkeypatch.setattr(listing, "WHOLE", 50)
-    monkeypatch.setattr(listing, "PART", 30)
+    monkeypatch.setattr(schedule, "WHOLE", 50)
+    monkeypatch.setattr(schedule, "PART", 30)
     options = {"order": 1, "outputs": ALL[:3], "wrench": True, "parameters": ["payload"]}
     files = texts(ROBOTS["mimic"](), lang, **options)
     assert any("part5" in text for text in files.values())
@@ -250,12 +250,12 @@ class FromOne:
 def test_statements_of_julia_are_right_where_there_is_no_julia(case, monkeypatch):
     """Python reads them as they are, given arrays that begin with one."""
     if case == "mimic":
-        monkeypatch.setattr(listing, "WHOLE", 50)
-        monkeypatch.setattr(listing, "PART", 30)
+        monkeypatch.setattr(schedule, "WHOLE", 50)
+        monkeypatch.setattr(schedule, "PART", 30)
     robot, options = CASES[case]
-    request, routines = requested(ROBOTS[robot](), "julia", **options)
-    text = writing.files(request, routines, count=1)[f"{request.prefix}.jl"]
-    for traced in routines:
+    request, functions = requested(ROBOTS[robot](), "julia", **options)
+    text = render.files(request, functions, count=1)[f"{request.prefix}.jl"]
+    for traced in functions:
         expected = vectors(request.robot, traced, False)
         bodies = re.findall(
             rf"^function {traced.name}(?:_part\d+)?!.*?@inbounds begin\n(.*?)\n    end", text, re.M | re.S
@@ -284,9 +284,9 @@ def test_julia_parses(case):
 @pytest.mark.skipif(not TALOS, reason="no example-robot-data")
 @pytest.mark.filterwarnings("ignore::jounce.JounceWarning")
 def test_talos_takes_the_size_that_is_stated(tmp_path):
-    request, routines = requested(jounce.load(Path(str(TALOS[0].locate()))), "c")
-    assert routines[0].operations < 17_000
-    files = writing.files(request, routines, count=3, method="recursion")
+    request, functions = requested(jounce.load(Path(str(TALOS[0].locate()))), "c")
+    assert functions[0].operations < 17_000
+    files = render.files(request, functions, count=3, method="recursion")
     assert len(files["talos.c"]) < 450_000
     passed, output = passes(written(tmp_path, files), "c", "CFLAGS=-std=c99 -O1")
     assert passed, output
@@ -346,7 +346,7 @@ def test_golden_files(lang, tmp_path, request):
 @languages
 def test_texts_are_tidy_and_marked(lang):
     for name, text in texts(ROBOTS["planar2r"](), lang, count=2, outputs=ALL, parameters=PARAMETERS).items():
-        assert notes.MARK in "".join(text.splitlines(keepends=True)[:3]), name
+        assert header.MARK in "".join(text.splitlines(keepends=True)[:3]), name
         assert text.endswith("\n"), name
         assert not text.endswith("\n\n"), name
         assert not re.search(r"[ \t]+$", text, re.MULTILINE), name
@@ -437,7 +437,7 @@ def test_what_depends_on_nothing_is_written_too(lang, tmp_path):
 
 
 def test_too_many_operations_are_refused(monkeypatch, tmp_path):
-    monkeypatch.setattr("jounce._codegen.request.language", lambda name: replace(language(name), largest=2000))
+    monkeypatch.setattr("jounce._codegen.options.language", lambda name: replace(language(name), largest=2000))
     refusal(lambda: jounce.codegen(jounce.load("iiwa14"), "c", directory=tmp_path / "new"), "2213 operations", "2000")
 
 
@@ -504,7 +504,7 @@ def test_the_python_refuses_arrays_of_another_shape(shape):
 
 
 def test_parameters_cost_nothing_where_there_are_none():
-    plain = routine(parametric(jounce.load("iiwa14").mechanism, []), "inverse_dynamics", 2, False)
+    plain = trace(parametric(jounce.load("iiwa14").mechanism, []), "inverse_dynamics", 2, False)
     assert plain.operations <= 2213
     assert plain.parameters == ()
 

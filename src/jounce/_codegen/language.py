@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce._codegen.routine import Array
+from jounce._codegen.function import Array
 from jounce.errors import JounceError, one_of, quoted
 
 NAMES = ("c", "cpp", "cuda", "julia", "latex", "matlab", "python", "rust")

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from jounce._codegen.function import Array, Function
 from jounce._codegen.parametric import Parametric
-from jounce._codegen.routine import Array, Routine
 from jounce._symbolic import Symbolic, symbolic
 from jounce.errors import JounceError
 from jounce.robot import Robot
@@ -34,10 +34,10 @@ class Document:
 
         return ", ".join(f"${sympy.latex(x)}$" for x in self.symbols[name].flat)
 
-    def equations(self, routine: Routine) -> Iterator[list[list[str]]]:
-        """The equations of each output of a routine: the lines of every entry."""
-        loaded = any(array.name == "W" for array in routine.inputs)
-        return (list(_entries(self.form, array, k, loaded)) for k, array in enumerate(routine.outputs))
+    def equations(self, function: Function) -> Iterator[list[list[str]]]:
+        """The equations of each output of a function: the lines of every entry."""
+        loaded = any(array.name == "W" for array in function.inputs)
+        return (list(_entries(self.form, array, k, loaded)) for k, array in enumerate(function.outputs))
 
 
 def document(robot: Parametric) -> Document:

@@ -1,7 +1,7 @@
 """MATLAB and GNU Octave: a function a file, of columns, within what MATLAB Coder and Simulink take."""
 
+from jounce._codegen.function import OUTPUTS
 from jounce._codegen.language import Language, from_one
-from jounce._codegen.routine import OUTPUTS
 
 RESERVED = """break case catch classdef continue do else elseif end end_try_catch end_unwind_protect endfor
 endfunction endif endparfor endswitch endwhile for function global if otherwise parfor persistent return spmd switch

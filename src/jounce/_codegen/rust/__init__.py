@@ -2,8 +2,8 @@
 
 from math import prod
 
+from jounce._codegen.function import Array
 from jounce._codegen.language import Language
-from jounce._codegen.routine import Array
 
 RESERVED = """Self abstract alloc as async await become box break const continue core crate do dyn else enum extern
 f32 f64 false final fn for gen i32 if impl in let loop macro match mod move mut override priv proc_macro pub ref return

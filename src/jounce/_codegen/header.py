@@ -6,9 +6,9 @@ from collections.abc import Container, Sequence
 import numpy as np
 
 import jounce
-from jounce._codegen.listing import is_function
+from jounce._codegen.function import Function
 from jounce._codegen.parametric import Parametric
-from jounce._codegen.routine import Routine
+from jounce._codegen.schedule import is_function
 from jounce.model.coordinates import coordinate_units
 from jounce.model.drives import TERMS
 from jounce.model.mechanism import Mechanism
@@ -38,10 +38,10 @@ def arrays(robot: Mechanism, first: int) -> list[tuple[str, list[str]]]:
     return [(f"Coordinates, the {robot.n} entries of q, qd, ... and of forces:", coordinates), ("Bodies:", bodies)]
 
 
-def conventions(robot: Mechanism, routines: Sequence[Routine]) -> list[str]:
+def conventions(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
     """Units, frames, signs, as sentences."""
-    names = {routine.name for routine in routines}
-    loaded = any(array.name == "W" for routine in routines for array in routine.inputs)
+    names = {function.name for function in functions}
+    loaded = any(array.name == "W" for function in functions for array in function.inputs)
     found = ["SI units: m, kg, s, rad, N, N m. A name with d, 2d, 3d, 4d is a time derivative of order 1 to 4."]
     if "inverse_dynamics" in names:
         external = " + J^T W" if loaded else ""
@@ -64,7 +64,7 @@ def conventions(robot: Mechanism, routines: Sequence[Routine]) -> list[str]:
 
 
 def drive_trains(robot: Mechanism, names: Container[str]) -> list[str]:
-    """What of the robot's drive trains routines of these names hold, and what they leave out, as sentences."""
+    """What of the robot's drive trains functions of these names hold, and what they leave out, as sentences."""
     terms = TERMS if "inverse_dynamics" in names else ("armature",) if "mass_matrix" in names else ()
     stated = [term for term in terms if np.any(getattr(robot.drives, STATED.get(term, term)))]
     acting = [term for term in stated if term in robot.acting]

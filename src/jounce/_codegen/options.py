@@ -1,12 +1,12 @@
-"""Requests: what code is asked for, every word of it checked before any work is done."""
+"""Options: what code is asked for, every word of it checked before any work is done."""
 
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from jounce._codegen.function import OUTPUTS
 from jounce._codegen.language import NAMES, Language, language
 from jounce._codegen.parametric import Parametric, parametric
-from jounce._codegen.routine import OUTPUTS
 from jounce.arguments.rates import checked_order
 from jounce.errors import JounceError, one_of, quoted, several, true_or_false
 from jounce.robot import Robot
@@ -17,7 +17,7 @@ LOADED = "inverse_dynamics"  # the quantity that takes wrenches
 
 
 @dataclass(frozen=True)
-class Request:
+class Options:
     """What code is asked for, checked."""
 
     robot: Parametric
@@ -29,7 +29,7 @@ class Request:
     prefix: str
 
 
-def checked(
+def check_options(
     robot: Robot,
     lang: str,
     order: int,
@@ -38,7 +38,7 @@ def checked(
     parameters: Sequence[str],
     float32: bool,
     prefix: str | None,
-) -> Request:
+) -> Options:
     """What is asked for, or `JounceError`."""
     target = language(lang)
     true_or_false("wrench", wrench, f"whether {LOADED} takes any")
@@ -62,7 +62,7 @@ def checked(
         target.check_name(name, "parameter", len("p_"))
     begins = _prefix(prefix, robot.name, target)
     target.check_prefix(begins, [*(f"_{name}" for name in outputs), *["_parameters"] * bool(found.shapes)])
-    return Request(found, target, order, tuple(outputs), wrench, float32, begins)
+    return Options(found, target, order, tuple(outputs), wrench, float32, begins)
 
 
 def languages_where(fit: Callable[[Language], bool]) -> str:

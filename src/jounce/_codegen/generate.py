@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from jounce._codegen import notes
-from jounce._codegen.request import LOADED, Request, checked, languages_where
-from jounce._codegen.routine import Routine, routine
+from jounce._codegen import header
+from jounce._codegen.function import Function, trace
+from jounce._codegen.options import LOADED, Options, check_options, languages_where
 from jounce.errors import JounceError, quoted, true_or_false
 from jounce.io import folders
 from jounce.io.files import path_of
@@ -87,35 +87,35 @@ def codegen(
     >>> made.operations
     {'iiwa14_inverse_dynamics': 2213}
     """
-    from jounce._codegen import writing  # where Jinja is needed
+    from jounce._codegen import render  # where Jinja is needed
 
     if not isinstance(robot, Robot):
         raise JounceError(f"code is generated for a Robot, not for a {type(robot).__name__}; try jounce.load")
     if not isinstance(directory, str | os.PathLike | None):
         raise JounceError(f"directory is {quoted(directory)}; expected the path of a folder")
     true_or_false("force", force, "whether to write into a folder that is not empty")
-    request = checked(robot, lang, order, outputs, wrench, parameters, float32, prefix)
-    folder = path_of(f"{request.prefix}-{lang}" if directory is None else directory)
-    names = writing.names(request)
-    folders.check_folder(folder, notes.MARK, names, force)
-    routines = traced(request)
-    files = writing.files(request, routines)
-    folders.write_folder(folder, files, notes.MARK, force)
-    return Generated(folder, tuple(sorted(files)), {f"{request.prefix}_{r.name}": r.operations for r in routines})
+    options = check_options(robot, lang, order, outputs, wrench, parameters, float32, prefix)
+    folder = path_of(f"{options.prefix}-{lang}" if directory is None else directory)
+    names = render.names(options)
+    folders.check_folder(folder, header.MARK, names, force)
+    functions = functions_of(options)
+    files = render.files(options, functions)
+    folders.write_folder(folder, files, header.MARK, force)
+    return Generated(folder, tuple(sorted(files)), {f"{options.prefix}_{f.name}": f.operations for f in functions})
 
 
-def traced(request: Request) -> list[Routine]:
-    """The routines of what is asked for, or `JounceError` where one is too large."""
-    routines = []
-    for name in request.outputs:
-        made = routine(request.robot, name, request.order, request.wrench and name == LOADED)
-        if made.operations > (most := request.language.largest):
+def functions_of(options: Options) -> list[Function]:
+    """The functions of what is asked for, or `JounceError` where one is too large."""
+    functions = []
+    for name in options.outputs:
+        made = trace(options.robot, name, options.order, options.wrench and name == LOADED)
+        if made.operations > (most := options.language.largest):
             raise JounceError(
-                f"{name} of {request.robot.origin.name} to order {request.order} takes {made.operations} operations;"
-                f" {request.language.title} is generated for up to {most}{_larger(most)}"
+                f"{name} of {options.robot.origin.name} to order {options.order} takes {made.operations} operations;"
+                f" {options.language.title} is generated for up to {most}{_larger(most)}"
             )
-        routines.append(made)
-    return routines
+        functions.append(made)
+    return functions
 
 
 def _larger(most: int) -> str:

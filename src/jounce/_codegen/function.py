@@ -1,4 +1,4 @@
-"""Routines: what generated code computes, as a program and the named arrays that it takes and gives."""
+"""Functions: what generated code computes, as a program and the named arrays that it takes and gives."""
 
 from dataclasses import dataclass
 from itertools import accumulate
@@ -27,7 +27,7 @@ class Array:
 
 
 @dataclass(frozen=True)
-class Routine:
+class Function:
     """A quantity with its rates up to an order: parameters, coordinates and wrenches in, the quantity out."""
 
     computation: Computation
@@ -53,7 +53,7 @@ def in_a_row(shapes: dict[str, Shape], start: int = 0) -> tuple[Array, ...]:
     return tuple(Array(name, shape, first) for (name, shape), first in zip(shapes.items(), starts, strict=False))
 
 
-def routine(robot: Parametric, name: str, order: int, loaded: bool) -> Routine:
+def trace(robot: Parametric, name: str, order: int, loaded: bool) -> Function:
     """A quantity of a robot, traced."""
     from jounce.native.forms import program
     from jounce.program.trace import Tape
@@ -65,4 +65,4 @@ def routine(robot: Parametric, name: str, order: int, loaded: bool) -> Routine:
     signature = computation.signature(mechanism.n, mechanism.nb)
     taken, given = ({port.name: port.shape for port in ports} for ports in (signature.inputs, signature.outputs))
     inputs = in_a_row(taken, tape.inputs)
-    return Routine(computation, parameters, inputs, in_a_row(given), program(mechanism, computation, tape))
+    return Function(computation, parameters, inputs, in_a_row(given), program(mechanism, computation, tape))
