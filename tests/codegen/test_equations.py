@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 import sympy
 from files import refusal
-from test_codegen import ALL, PARAMETERS, ROBOTS, requested
+from test_codegen import ALL, PARAMETERS, ROBOTS, rendered, requested
 
 import jounce
-from jounce._codegen import render
 from jounce._codegen.latex.equations import WIDEST, _width, document, tex
 from jounce._codegen.test_vectors import vectors
 
@@ -59,7 +58,7 @@ def values(arrays, k):
 def test_the_equations_that_are_printed_are_right(case):
     robot, options = CASES[case]
     request, functions = requested(ROBOTS[robot](), "latex", **options)
-    text = render.files(request, functions, count=1)[f"{request.prefix}.tex"]
+    text = rendered(request, functions, count=1)[f"{request.prefix}.tex"]
     blocks = re.findall(r"\\begin\{align\*\}\n(.*?)\\end\{align\*\}", text, re.DOTALL)
     assert r"\frac{" not in "".join(blocks)  # decimals remain decimals
     symbols = document(request.robot).symbols
@@ -82,7 +81,7 @@ def test_the_equations_that_are_printed_are_right(case):
 
 def test_lines_are_as_long_as_paper_is_wide():
     request, functions = requested(ROBOTS["symbols"](), "latex", outputs=ALL, wrench=True)
-    text = render.files(request, functions, count=1)["planar2r.tex"]
+    text = rendered(request, functions, count=1)["planar2r.tex"]
     widths = [_width(line) for line in text.splitlines() if "& " in line]
     assert WIDEST / 2 < max(widths) <= WIDEST + 3
 

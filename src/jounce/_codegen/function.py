@@ -1,45 +1,37 @@
-"""Functions: what generated code computes, as a program and the named arrays that it takes and gives."""
+"""Functions: what generated code computes, as programs with their arrays, and what they are called."""
 
+import re
+from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import accumulate
-from math import prod
 
 from jounce._codegen.parametric import Parametric
-from jounce.dynamics.computation import Computation, Shape
-from jounce.dynamics.quantities import QUANTITIES
+from jounce.dynamics.computation import Computation, Port, Signature
 from jounce.program.program import Program
-
-OUTPUTS = tuple(name for name, quantity in QUANTITIES.items() if not quantity.of_bodies)
-
-
-@dataclass(frozen=True)
-class Array:
-    """An array of reals by its name; () is a single one. Its scalars are numbered from `start` on in the program."""
-
-    name: str
-    shape: Shape
-    start: int = 0
-
-    @property
-    def size(self) -> int:
-        """How many scalars it holds."""
-        return prod(self.shape)
 
 
 @dataclass(frozen=True)
 class Function:
-    """A quantity with its rates up to an order: parameters, coordinates and wrenches in, the quantity out."""
+    """A computation as a program; the scalars of all inputs, parameters first, are numbered as in the signature."""
 
+    name: str  # without the prefix
     computation: Computation
-    parameters: tuple[Array, ...]
-    inputs: tuple[Array, ...]
-    outputs: tuple[Array, ...]
+    signature: Signature
     program: Program
 
     @property
-    def name(self) -> str:
-        """Of the quantity."""
-        return self.computation.name
+    def parameters(self) -> tuple[Port, ...]:
+        """The parameters that it takes."""
+        return self.signature.of_role("parameter")
+
+    @property
+    def inputs(self) -> tuple[Port, ...]:
+        """The arrays of states that it takes."""
+        return tuple(port for port in self.signature.inputs if port.role != "parameter")
+
+    @property
+    def outputs(self) -> tuple[Port, ...]:
+        """The arrays that it gives."""
+        return self.signature.outputs
 
     @property
     def operations(self) -> int:
@@ -47,22 +39,29 @@ class Function:
         return self.program.operations
 
 
-def in_a_row(shapes: dict[str, Shape], start: int = 0) -> tuple[Array, ...]:
-    """Arrays whose scalars are numbered one array after the other."""
-    starts = accumulate(map(prod, shapes.values()), initial=start)
-    return tuple(Array(name, shape, first) for (name, shape), first in zip(shapes.items(), starts, strict=False))
-
-
-def trace(robot: Parametric, name: str, order: int, loaded: bool) -> Function:
-    """A quantity of a robot, traced."""
+def trace(robot: Parametric, name: str, computation: Computation) -> Function:
+    """A computation for a robot, traced."""
     from jounce.native.forms import program
     from jounce.program.trace import Tape
 
     tape = Tape()
-    parameters = in_a_row(robot.shapes)
-    mechanism = robot.mechanism({array.name: tape.variables(*array.shape) for array in parameters})
-    computation = Computation(name, order, loaded)
-    signature = computation.signature(mechanism.n, mechanism.nb)
-    taken, given = ({port.name: port.shape for port in ports} for ports in (signature.inputs, signature.outputs))
-    inputs = in_a_row(taken, tape.inputs)
-    return Function(computation, parameters, inputs, in_a_row(given), program(mechanism, computation, tape))
+    signature = computation.signature(robot.origin.n, robot.origin.nb, robot.shapes)
+    values = {port.name: tape.variables(*port.shape) for port in signature.of_role("parameter")}
+    return Function(name, computation, signature, program(robot.mechanism(values), computation, tape))
+
+
+def function_names(computations: Iterable[Computation]) -> list[str]:
+    """The names of functions: jacobian_tool0_world, the frame "body" left out.
+
+    What names of bodies hold besides ASCII letters and digits becomes _. Names that are the same then, or the same to
+    file systems that take A for a, are numbered.
+    """
+    names: list[str] = []
+    for asked in computations:
+        parts = [asked.name, asked.body or "", asked.frame if asked.frame != "body" else ""]
+        stem = name = re.sub(r"[\W_]+", "_", "_".join(parts), flags=re.ASCII).strip("_")
+        taken, number = {known.casefold() for known in names}, 2
+        while name.casefold() in taken:
+            name, number = f"{stem}_{number}", number + 1
+        names.append(name)
+    return names

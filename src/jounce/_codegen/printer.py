@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from jounce._codegen.function import Array, Function
+from jounce._codegen.function import Function
 from jounce._codegen.header import effort
 from jounce._codegen.language import Language, digits
 from jounce._codegen.schedule import Schedule, schedule
+from jounce.dynamics.computation import Computation, Port
 
 SIGNS = {"add": "+", "sub": "-", "mul": "*"}
 SUM, PRODUCT, ATOM = range(3)  # how tightly an expression holds together
@@ -15,10 +16,10 @@ SUM, PRODUCT, ATOM = range(3)  # how tightly an expression holds together
 
 @dataclass(frozen=True)
 class Part:
-    """Some of the statements, as lines, and the arrays of states that they read; `parametric` where they read p."""
+    """Some of the statements, as lines, and the arrays of states that they read; `parametric`: parameters too."""
 
     lines: list[str]
-    inputs: list[Array]
+    inputs: list[Port]
     parametric: bool
 
 
@@ -32,16 +33,21 @@ class Printed:
 
     @property
     def name(self) -> str:
-        """Of the quantity."""
+        """Of the function, without the prefix."""
         return self.function.name
 
     @property
-    def inputs(self) -> tuple[Array, ...]:
+    def computation(self) -> Computation:
+        """What it computes."""
+        return self.function.computation
+
+    @property
+    def inputs(self) -> tuple[Port, ...]:
         """The arrays of states that it takes."""
         return self.function.inputs
 
     @property
-    def outputs(self) -> tuple[Array, ...]:
+    def outputs(self) -> tuple[Port, ...]:
         """The arrays that it gives."""
         return self.function.outputs
 
@@ -68,17 +74,17 @@ class Printed:
     @property
     def unused(self) -> list[str]:
         """The arguments that no statement reads."""
-        read = {array.name for part in self.parts for array in part.inputs}
+        read = {port.name for part in self.parts for port in part.inputs}
         parametric = not self.function.parameters or any(part.parametric for part in self.parts)
-        return [array.name for array in self.inputs if array.name not in read] + ([] if parametric else ["p"])
+        return [port.name for port in self.inputs if port.name not in read] + ([] if parametric else ["params"])
 
     @cached_property
     def results(self) -> list[str]:
         """The lines that write the outputs."""
         lines = []
-        for array in self.function.outputs:
-            for j, i in enumerate(self.function.program.outputs[array.start : array.start + array.size]):
-                place = self.language.element(array, j)
+        for port in self.outputs:
+            for j, i in enumerate(self.function.program.outputs[port.start : port.end]):
+                place = self.language.element(port, j)
                 lines.append(self.language.put.format(place=place, value=self._expression(i)[0]))
         return lines
 
@@ -89,9 +95,9 @@ class Printed:
     def _part(self, statements: Sequence[int]) -> Part:
         steps = self.function.program.steps
         read = {int(steps[j].value) for i in statements for j in self.schedule.leaves(i) if steps[j].kind == "input"}
-        used = [array for array in self.inputs if any(array.start <= j < array.start + array.size for j in read)]
-        first = self.inputs[0].start  # parameters come before
-        return Part([self._statement(i) for i in statements], used, any(j < first for j in read))
+        used = [port for port in self.function.signature.inputs if any(port.start <= j < port.end for j in read)]
+        states = [port for port in used if port.role != "parameter"]
+        return Part([self._statement(i) for i in statements], states, len(states) < len(used))
 
     def _statement(self, i: int) -> str:
         value = self._expression(i, whole=True)[0]
@@ -129,15 +135,6 @@ class Printed:
         return text if holds >= least else f"({text})"
 
     def _input(self, number: int) -> str:
-        for arrays, written in (
-            (self.function.parameters, self.language.parameter),
-            (self.function.inputs, self.language.element),
-        ):
-            array = _that_holds(number, arrays)
-            if array:
-                return written(array, number - array.start)
-        raise IndexError(number)
-
-
-def _that_holds(number: int, arrays: Sequence[Array]) -> Array | None:
-    return next((array for array in arrays if array.start <= number < array.start + array.size), None)
+        port = next(port for port in self.function.signature.inputs if port.start <= number < port.end)
+        written = self.language.parameter if port.role == "parameter" else self.language.element
+        return written(port, number - port.start)

@@ -1,6 +1,6 @@
 """The files of generated code: the templates of a language, filled in."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from jounce._codegen.language import digits
 from jounce._codegen.options import Options
 from jounce._codegen.parametric import Parametric
 from jounce._codegen.printer import Printed
-from jounce._codegen.test_vectors import TOLERANCE, vectors
+from jounce._codegen.test_vectors import TOLERANCE, Vectors
 from jounce.program.program import FUNCTIONS
 
 HERE = Path(__file__).parent
@@ -24,11 +24,8 @@ def names(options: Options) -> list[str]:
     return list(_templates(options))
 
 
-def files(options: Options, functions: Sequence[Function], **tested: Any) -> dict[str, str]:
-    """The files by name; `tested` is how many states, and by which method, the test vectors hold.
-
-    A template that comes out empty makes no file.
-    """
+def files(options: Options, functions: Sequence[Function], tests: Sequence[Vectors]) -> dict[str, str]:
+    """The files by name, from functions and the test vectors of each; a template that comes out empty makes no file."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
@@ -39,7 +36,7 @@ def files(options: Options, functions: Sequence[Function], **tested: Any) -> dic
     environment.filters["wrapped"] = _wrapped
     environment.filters["packed"] = _packed
     environment.filters["rows"] = _rows
-    context = _context(options, functions, tested)
+    context = _context(options, functions, tests)
     by_name = {f.name: f for f in context["functions"]}
     made = {
         name: environment.get_template(path).render(context, function=by_name.get(function))
@@ -62,11 +59,10 @@ def _templates(options: Options) -> dict[str, tuple[str, str]]:
     return made
 
 
-def _context(options: Options, functions: Sequence[Function], tested: Mapping[str, Any]) -> dict[str, Any]:
+def _context(options: Options, functions: Sequence[Function], tests: Sequence[Vectors]) -> dict[str, Any]:
     """What templates are given."""
     mechanism, single = options.robot.origin, options.single
     printed = [Printed(function, options.language, single) for function in functions]
-    found = [vectors(options.robot, function, single, **tested) for function in functions]
     literal = options.language.literal
     return {
         **options.language.helpers,
@@ -78,7 +74,7 @@ def _context(options: Options, functions: Sequence[Function], tested: Mapping[st
         "n": mechanism.n,
         "nb": mechanism.nb,
         "functions": printed,  # Printed, in the order asked for
-        "tests": list(zip(printed, found, strict=True)),  # each with its Vectors
+        "tests": list(zip(printed, tests, strict=True)),  # each with its Vectors
         "parameters": functions[0].parameters,
         "meanings": header.parameters(options.robot),
         "own": _own(options.robot),
@@ -86,9 +82,11 @@ def _context(options: Options, functions: Sequence[Function], tested: Mapping[st
         "origin": header.origin(mechanism, options.order, single),
         "arrays": header.arrays(mechanism, options.language.first),
         "conventions": header.conventions(mechanism, functions),
-        "drive_trains": header.drive_trains(mechanism, options.outputs),
+        "places": header.places(mechanism, functions),
+        "drive_trains": header.drive_trains(mechanism, functions),
+        "layouts": header.layouts(functions),
         "elementary": _elementary(functions),
-        "matrices": any("matrix" in function.name for function in functions),
+        "scalars": any(not function.outputs[0].shape for function in functions),
         "number": lambda x: literal(digits(x, single), single),
         "double": lambda x: literal(digits(x, False), False),
     }

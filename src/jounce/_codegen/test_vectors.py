@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce._codegen.function import Array, Function
+from jounce._codegen.function import Function
 from jounce._codegen.parametric import Parametric
 from jounce.checks.magnitudes import magnitudes, scale
+from jounce.dynamics.computation import Port
 from jounce.model.mechanism import in_extended_precision
 from jounce.robot.generic import computed
 
@@ -50,17 +51,17 @@ def vectors(
     rng = np.random.default_rng(0)
     count = max(1, min(MOST, WORK // robot.origin.nb)) if count is None else count
 
-    def random(array: Array) -> np.ndarray:
-        return rng.integers(-2 * STEPS, 2 * STEPS, (count, *array.shape)) / STEPS
+    def random(port: Port) -> np.ndarray:
+        return rng.integers(-2 * STEPS, 2 * STEPS, (count, *port.shape)) / STEPS
 
     def given(x: np.ndarray) -> np.ndarray:
         return x.astype(np.float32).astype(float) if single else x
 
-    inputs = {array.name: given(random(array)) for array in function.inputs}
+    inputs = {port.name: given(random(port)) for port in function.inputs}
     batch = -(-count // MOST) if function.parameters else count  # states that share their parameters
     starts = np.arange(count) // batch * batch
     parameters = {
-        array.name: given(_near(robot.own.get(array.name), random(array)))[starts] for array in function.parameters
+        port.name: given(_near(robot.own.get(port.name), random(port)))[starts] for port in function.parameters
     }
     results, sizes = [], []
     for k in range(0, count, batch):
@@ -83,4 +84,4 @@ def _near(own: np.ndarray | None, random: np.ndarray) -> np.ndarray:
 def _by_name(function: Function, results: Sequence[Sequence[np.ndarray]]) -> dict[str, np.ndarray]:
     """The outputs by name, of one group of states after the other."""
     arrays = [np.concatenate(terms).astype(float) for terms in zip(*results, strict=True)]
-    return dict(zip((array.name for array in function.outputs), arrays, strict=True))
+    return dict(zip((port.name for port in function.outputs), arrays, strict=True))
