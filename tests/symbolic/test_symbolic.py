@@ -5,9 +5,9 @@ import time
 import numpy as np
 import pytest
 import sympy
+from planar2r import printed
 from robots import golden, relative_error
 from sympy import cos, sin
-from test_planar2r import printed
 
 import jounce
 from jounce.errors import JounceError
