@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from jounce._scalars import Array
-from jounce._symbolic.terms import Print, waves
-from jounce._symbolic.trig_polynomial import Alphabet, Waves
+from jounce._symbolic.terms import Printer, polynomial
+from jounce._symbolic.trig_polynomial import TrigPolynomial, Variables
 from jounce.dynamics import drive_terms
 from jounce.dynamics.closed_form import closed_form
 from jounce.dynamics.quantities import QUANTITIES
@@ -141,28 +141,28 @@ def symbolic(robot: Robot) -> Symbolic:
         raise JounceError("expressions need SymPy; install it by: pip install 'jounce[sympy]'") from None
     if not isinstance(robot, Robot):
         raise JounceError(f"a Robot has symbolic form, not a {type(robot).__name__}; expected one of jounce.load, say")
-    mechanism, alphabet = robot.mechanism, Alphabet(WORK)
-    model = _in_waves(mechanism, alphabet)
+    mechanism, variables = robot.mechanism, Variables(WORK)
+    model = _cast_mechanism(mechanism, variables)
     symbols = {
         "q": Series(lambda k: sympy.ImmutableMatrix(mechanism.n, 1, list(_coordinates(mechanism.n, k)))),
         "W": Series(lambda k: sympy.ImmutableMatrix(mechanism.nb, 6, list(_wrenches(mechanism.nb, k)))),
     }
-    _check_names(alphabet, symbols)
+    _check_names(variables, symbols)
     decimals = any(_has_decimals(x) for label in DATA for x in _scalars(mechanism, label))
-    printer = Print(alphabet, parameters=len(alphabet.variables), decimals=decimals)
+    printer = Printer(variables, parameters=len(variables.expressions), decimals=decimals)
 
     def printed(name: str, law: Callable[[], Series]) -> Series:
         def matrix(k: int) -> Any:
-            alphabet.work = 0
+            variables.work = 0
             with at(f"{rate_name(name, k)} of {mechanism.name!r}"):
                 values = np.atleast_2d(law()[k])
-                alphabet.spend(PRINTED * sum(len(x.terms) for x in values.flat if isinstance(x, Waves)))
+                variables.spend(PRINTED * sum(len(x.terms) for x in values.flat if isinstance(x, TrigPolynomial)))
             entries = [printer.expression(x) for x in values.flat]
             return sympy.ImmutableMatrix(mechanism.n, len(entries) // mechanism.n, entries)
 
         return Series(matrix)
 
-    laws = _laws(model, *(s.map(lambda x: _variables(x, alphabet)) for s in symbols.values()))
+    laws = _laws(model, *(s.map(lambda x: _column(x, variables)) for s in symbols.values()))
     matrices = {name: printed(name, cache(law)) for name, law in laws.items()}
     if FRICTION in mechanism.acting:
         matrices["Q"] = matrices["Q"] + _friction(mechanism, symbols["q"])
@@ -191,7 +191,7 @@ def _laws(model: Mechanism, q: Series, W: Series) -> dict[str, Callable[[], Seri
 
 
 def _friction(mechanism: Mechanism, q: Series) -> Series:
-    """What Coulomb friction adds to Q: no polynomial in waves, hence in SymPy's own terms."""
+    """What Coulomb friction adds to Q: no trigonometric polynomial, hence in SymPy's own terms."""
     import sympy
 
     columns = q.map(lambda x: np.array(x.tolist(), dtype=object))
@@ -203,14 +203,14 @@ def _has_direction(X: Array) -> bool:
     return all(isinstance(x, Fraction) for x in (X[:3] if any(x != 0 for x in X[:3]) else X[3:]))
 
 
-def _in_waves(mechanism: Mechanism, alphabet: Alphabet) -> Mechanism:
-    """The mechanism with fractions and waves as its data."""
+def _cast_mechanism(mechanism: Mechanism, variables: Variables) -> Mechanism:
+    """The mechanism with fractions and trigonometric polynomials as its data."""
     data: dict[str, Any] = {}
     for label in DATA:
         array = np.empty(getattr(mechanism, label).shape, dtype=object)
         for index, x in zip(np.ndindex(*array.shape), _scalars(mechanism, label), strict=True):
             with at(f"{label}{list(index)} of {mechanism.name!r}"):
-                array[index] = waves(x, alphabet)
+                array[index] = polynomial(x, variables)
         data[label] = array
     acting = tuple(term for term in mechanism.acting if term != FRICTION)
     return replace(mechanism, frames=(), acting=acting, **data)
@@ -220,9 +220,9 @@ def _scalars(mechanism: Mechanism, label: str) -> Iterator[Any]:
     return iter(getattr(mechanism, label).ravel().tolist())
 
 
-def _variables(symbols: Any, alphabet: Alphabet) -> Array:
+def _column(symbols: Any, variables: Variables) -> Array:
     """A matrix of symbols as a column of variables."""
-    return np.array([[alphabet.variable(symbol)] for symbol in symbols], dtype=object)
+    return np.array([[variables.variable(symbol)] for symbol in symbols], dtype=object)
 
 
 def _dots(k: int) -> str:
@@ -242,8 +242,8 @@ def _wrenches(nb: int, k: int) -> Iterator[Any]:
     return (sympy.Symbol(f"{kind}{_dots(k)}_{axis}{i + 1}") for i in range(nb) for kind in "mf" for axis in "xyz")
 
 
-def _check_names(alphabet: Alphabet, symbols: Mapping[str, Series]) -> None:
+def _check_names(variables: Variables, symbols: Mapping[str, Series]) -> None:
     taken = {str(symbol) for series in symbols.values() for k in range(5) for symbol in series[k]}
-    for symbol in alphabet.variables:
+    for symbol in variables.expressions:
         if str(symbol) in taken:
             raise JounceError(f"the robot holds a symbol {symbol}, which is the name of a coordinate or wrench")
