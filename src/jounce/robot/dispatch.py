@@ -37,14 +37,10 @@ class Call(NamedTuple):
 
 
 class Backend(NamedTuple):
-    """One way to run calls. `refusal` says why it cannot run one, None where it can."""
+    """One way to run calls: it accepts those for which `refusal` is None, and says of others why it cannot run them."""
 
     refusal: Callable[[Call], str | None]
     run: Callable[[Call], Any]
-
-    def accepts(self, call: Call) -> bool:
-        """Whether it can run a call."""
-        return self.refusal(call) is None
 
 
 def compute(
@@ -70,7 +66,7 @@ def compute(
         requests.place(mechanism, name, body, frame)
     call = Call(mechanism, requests.known(name, order, bool(W), body, frame), [*q, *W], method, out, threads)
     for backend in BACKENDS:
-        if backend.accepts(call):
+        if backend.refusal(call) is None:
             return backend.run(call)
     raise JounceError(": ".join(str(backend.refusal(call)) for backend in reversed(BACKENDS)))
 
