@@ -259,6 +259,24 @@ QUANTITIES: Mapping[str, Quantity] = {
             },
         ),
         Quantity(
+            name="kinetic_energy",
+            symbol="T",
+            rates=2,
+            shape=(),
+            drive_terms=("armature",),
+            drive_law=lambda m, x: _scalar(x.q.dot.mT @ (drive_terms.armature_matrix(m) @ x.q.dot) * 0.5),
+            unit="J",
+            caption="kinetic energy",
+            meaning="T = 1/2 qd . M qd: the kinetic energy.",
+            tex=r"T = \tfrac{1}{2}\,\dot{q}^T M\,\dot{q}",
+            methods={
+                "recursion": Method(lambda m, x: _scalar(momenta.kinetic_energy(m, x.q)), _column),
+                "closed_form": Method(
+                    lambda m, x: _scalar(x.q.dot.mT @ (dense.closed_form(m, x.q).gM @ x.q.dot) * 0.5)
+                ),
+            },
+        ),
+        Quantity(
             name="potential_energy",
             symbol="U",
             rates=1,

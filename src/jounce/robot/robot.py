@@ -1044,6 +1044,48 @@ class Robot:
             self.mechanism, "generalized_momentum", (q, qd, q2d, q3d, *higher), method=method, out=out, threads=threads
         )
 
+    @typed(overloads.OfVelocity)
+    def kinetic_energy(
+        self,
+        q: Array,
+        qd: Array,
+        q2d: Array = None,
+        q3d: Array = None,
+        *higher: Array,
+        method: str | None = None,
+        out: Any = None,
+        threads: int = 1,
+    ) -> Any:
+        """The kinetic energy T = 1/2 qd . M qd and its rates; the armature that acts is included.
+
+        Parameters
+        ----------
+        q, qd : (..., n)
+            Coordinates and velocities: rad or m, per s.
+        q2d, q3d, *higher : (..., n), optional
+            Further rates, each for one more time derivative.
+        method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        T : (...), or tuple of (...)
+            In J.
+
+        Raises
+        ------
+        JounceError
+            If an array has a wrong shape, a rate is skipped, or a name is unknown.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("planar2r").kinetic_energy([0, 0], [1, 1])
+        np.float64(5.0)
+        """
+        rates = (q, qd, q2d, q3d, *higher)
+        return compute(self.mechanism, "kinetic_energy", rates, method=method, out=out, threads=threads)
+
     @typed(overloads.OfPosition)
     def potential_energy(
         self,
@@ -1083,7 +1125,7 @@ class Robot:
         >>> import jounce
         >>> U, Ud = jounce.load("planar2r").potential_energy([0.5, 0], [1, 0])
         >>> U.round(4), Ud.round(4)
-        (np.float64(14.1094), np.float64(25.827))
+        (np.float64(14.1095), np.float64(25.8273))
         """
         return compute(
             self.mechanism, "potential_energy", (q, qd, q2d, *higher), method=method, out=out, threads=threads
