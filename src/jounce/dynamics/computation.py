@@ -7,8 +7,7 @@ from itertools import accumulate
 from math import prod
 
 from jounce._scalars import Array
-from jounce.dynamics.quantities import QUANTITIES, Quantity
-from jounce.dynamics.state import State
+from jounce.dynamics.quantities import QUANTITIES, Quantity, State
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series, columns, rate_name
 

@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jounce._scalars import FLOAT, Array, is_numeric
-from jounce.arguments import rates, requests, wrenches
-from jounce.dynamics import drive_terms, loads
+from jounce.arguments import loads, rates, requests, wrenches
+from jounce.dynamics import drive_terms
 from jounce.dynamics.computation import Computation, Port, coordinate_ports
+from jounce.dynamics.loads import exerted
 from jounce.dynamics.quantities import FORCES, QUANTITIES
 from jounce.errors import JounceError, one_of, quoted, warn
 from jounce.model.mechanism import DATA, Mechanism, suited
@@ -93,7 +94,7 @@ def wrench_of_load(
 
     def law(arrays: Sequence[Array]) -> Series:
         terms = Series.of([x.swapaxes(-1, -2) for x in arrays[len(q) :]])
-        return loads.wrench(model, columns(arrays[: len(q)]), terms, body, frame, place)
+        return exerted(model, columns(arrays[: len(q)]), terms, body, frame, place)
 
     return results_into(evaluate(law, ports, [*q, *load], len(q) - 1, 6 * model.nb), None)
 
