@@ -17,6 +17,9 @@ class Forces(Quantities):
     def compile(self, order: int = 2, wrench: bool = False, quantity: str = "inverse_dynamics") -> Kernel:
         """Native code of a quantity ahead of time: the first call need not wait for it, and calls cost less.
 
+        Code that takes longer than three seconds to compile is compiled here alone (and with ``method="kernel"``); the
+        robot's methods use it from then on, in later processes too, as it is kept on disk.
+
         Parameters
         ----------
         order : int
@@ -34,7 +37,8 @@ class Forces(Quantities):
 
         Raises
         ------
-        JounceError : where there is no such quantity, the robot holds symbols, or llvmlite is missing.
+        JounceError : where there is no such quantity, the robot holds symbols, llvmlite is missing, or a call needs
+            more than 64 MiB of scratch memory.
 
         Examples
         --------
