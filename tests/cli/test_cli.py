@@ -150,7 +150,8 @@ def folder(tmp_path, monkeypatch):
     tables.write(tmp_path / "good.csv", good)
     tables.write(tmp_path / "few.csv", {name: column[:5] for name, column in good.items()})
     tables.write(tmp_path / "other.csv", {"t": t, "joint1": t, "jont2": t})
-    tables.write(tmp_path / "huge.csv", {"t": t, "joint1": 1e308 * (-1.0) ** np.arange(9), "joint2": t})
+    huge = {f"joint{j}.{rate_name('q', k)}": np.full(9, 1e308) for j in (1, 2) for k in range(5)}
+    tables.write(tmp_path / "huge.csv", {"t": t} | huge)
     tables.write(tmp_path / "turn.csv", {"t": t, "turn": np.sin(t)})
     (tmp_path / "cell.csv").write_text("t,joint1,joint2\n0,1,2\n1,x,2\n")
     np.save(tmp_path / "array.npy", t)

@@ -20,6 +20,7 @@ URDF = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="
 <joint name="j" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>"""
 MJCF = "<mujoco><worldbody><body name='b'><joint name='j'/><geom size='1'/></body></worldbody></mujoco>"
 ROBOT = jounce.load("planar2r")
+KERNEL = ROBOT.compile(0, quantity="gravity_forces")
 SYMBOLIC = jounce.symbolic(ROBOT)
 B, X, M = (getattr(ROBOT.mechanism, name) for name in "BXM")
 TREE = {"parent": [-1, 0], "names": ["a", "b"], "gravity": [0, 0, -9.81], "joint_names": ["c", "d"], "name": "r"}
@@ -124,6 +125,9 @@ CASES: dict[str, Case] = {
     "joint of locked": (lambda joint1: ROBOT.locked({"joint1": joint1}), {"joint1": 0.0}),
     "audit": (ROBOT.audit, {}),
     "compile": (ROBOT.compile, {"order": 0, "wrench": False, "quantity": "gravity_forces"}),
+    "kernel": (KERNEL, {"arrays": [0.1, 0.2], "out": None, "threads": 1}),
+    "kernel in threads": (KERNEL, {"arrays": np.ones((4, 2)), "out": np.ones((4, 2)), "threads": 2}),
+    "kernel.bind": (KERNEL.bind, {"arrays": np.ones(2), "out": np.ones(2)}),
     "inverse_dynamics": along(ROBOT.inverse_dynamics, wrench=None, **OPTIONS),
     "inverse_dynamics natively": along(
         ROBOT.inverse_dynamics, wrench=(np.zeros((2, 6)),) * 4, **OPTIONS | {"method": None}

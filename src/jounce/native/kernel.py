@@ -36,8 +36,8 @@ class Kernel:
         self.address, engine = jit.loaded(_code(mechanism, computation, patience), host())
         size = memory.scratch_size(computation, mechanism, host().lanes)
         self._pool = Pool(size) if size > memory.STACK else None
-        self._pool_address = self._pool.address if self._pool else None
-        self._ufunc, needed = ufunc(self.address, self.signature, computation.name, self._pool_address)
+        pool = None if self._pool is None else self._pool.address
+        self._ufunc, needed = ufunc(self.address, self.signature, computation.name, pool)
         self._count = len(self.signature.inputs)
         self._alive = engine, needed
 
@@ -65,7 +65,9 @@ class Kernel:
                 results = self._ufunc(*arrays)
             else:
                 results = self._ufunc(*arrays, out=tuple(out) if isinstance(out, list) else out)
-        except (TypeError, ValueError) as error:
+        except JounceError:
+            raise
+        except Exception as error:  # of NumPy, or whatever a foreign type raises in its conversion
             self._refuse_names(arrays)
             raise JounceError(f"{self!r}: {one_line(error)}") from None
         if type(results[0] if type(results) is tuple else results) is not np.ndarray:
@@ -89,8 +91,8 @@ class Kernel:
             (ctypes.c_ssize_t * 1)(*batch or (1,)),
             (ctypes.c_ssize_t * len(steps + within))(*steps, *within),
         )
-        addresses = [*(ctypes.addressof(part) for part in called), self._pool_address]
-        call = partial(jit.Loop(self.address), *map(ctypes.c_void_p, addresses))
+        pool = None if self._pool is None else ctypes.c_void_p(self._pool.address)
+        call = partial(jit.Loop(self.address), *(ctypes.c_void_p(ctypes.addressof(part)) for part in called), pool)
         vars(call)["alive"] = self, everything, called
         return call
 

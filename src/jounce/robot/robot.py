@@ -501,6 +501,9 @@ class Robot:
     ) -> Kernel:
         """Compile a quantity to native code ahead of its first call.
 
+        Code that takes longer than three seconds to compile is compiled only here and with ``method="kernel"``; the
+        robot's methods use it from then on, in later processes too, since it is kept on disk.
+
         Parameters
         ----------
         quantity : str, optional
@@ -521,7 +524,8 @@ class Robot:
         Raises
         ------
         JounceError
-            If a name is unknown, the robot holds symbols or is too large, or llvmlite is missing.
+            If a name is unknown, the robot holds symbols, llvmlite is missing, or a call needs more than 64 MiB of
+            scratch memory.
 
         Examples
         --------
