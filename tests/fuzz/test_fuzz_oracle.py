@@ -21,7 +21,7 @@ def methods(robot, quantity, order, wrench=False):
     nb = len(robot.body_names)
     chosen = {"recursion": True, "closed_form": nb <= 8, "paper": nb <= 6 and order <= 2}
     try:
-        robot.compile(order, wrench, quantity)
+        robot.compile(quantity, order, wrench)
     except jounce.JounceError:
         assert nb > SMALL or order > 2  # too much to compile
     else:
