@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from jounce.dynamics.computation import Port, Signature
-from jounce.native import circular, hyperbolic, lanes, memory, pool
+from jounce.native import functions, hyperbolic, lanes, memory, pool
 from jounce.native.ir import Writer
 from jounce.native.target import Target
 from jounce.program.program import Program
@@ -17,7 +17,7 @@ from jounce.program.program import Program
 def emitted(define_block: Callable[[Writer], None], signature: Signature, target: Target, of_bodies: int = 0) -> str:
     """The module of a kernel whose ``@block(in, out, bodies)`` works on one block of states in scratch memory."""
     ir = Writer(target)
-    circular.define_sincos(ir)
+    functions.define_sincos(ir)
     hyperbolic.define_tanh(ir)
     lanes.define_transposes(ir)
     lanes.define_lanes(ir)

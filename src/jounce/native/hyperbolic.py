@@ -7,7 +7,7 @@ Beyond 20 the tangent is 1 to the last bit: larger numbers, and NaN, are taken f
 
 from math import factorial
 
-from jounce.native.circular import MAGIC, SIGN
+from jounce.native.functions import MAGIC, SIGN
 from jounce.native.ir import Writer, bits
 
 LAST = 20.0

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from natives import WAYS, native, signature
 
-from jounce.native.circular import HALF_PI, LARGE
+from jounce.native.functions import HALF_PI, LARGE
 from jounce.program.trace import Tape
 
 UNITS = 2  # in the last place
