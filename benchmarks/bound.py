@@ -17,7 +17,7 @@ from jounce.model.mechanism import in_whole_numbers
 from jounce.native import forms, functions
 from jounce.native.ir import Writer
 from jounce.native.target import host
-from jounce.program.fuse import fused
+from jounce.program.passes import fused
 from jounce.program.program import Program
 from jounce.program.trace import Tape
 

@@ -13,8 +13,7 @@ from jounce.native.loop_steps import Sweeps, kinds
 from jounce.native.memory import vectors_of_bodies
 from jounce.native.scope import LongCompilationError, is_straight
 from jounce.native.target import Target
-from jounce.program.fuse import fused
-from jounce.program.passes import factored
+from jounce.program.passes import factored, fused
 from jounce.program.program import Program
 from jounce.program.trace import Tape, TapeFullError
 

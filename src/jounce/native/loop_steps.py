@@ -24,8 +24,7 @@ from jounce.model import drives
 from jounce.model.equivalent import minimal, moves
 from jounce.model.mechanism import Mechanism
 from jounce.native.memory import Layout, body_layout, motion_layout, sweep_of
-from jounce.program.fuse import fused
-from jounce.program.passes import factored
+from jounce.program.passes import factored, fused
 from jounce.program.program import Program
 from jounce.program.trace import Tape
 from jounce.spatial import inertia

@@ -1,13 +1,15 @@
-"""A pass over programs: sums are flattened, products with a shared factor grouped, a x + a y = a (x + y), and rebuilt.
+"""Passes over programs: `factored` groups products with a shared factor, `fused` fuses products with sums.
 
-Only what is used once is taken apart, so that nothing shared is computed twice.
+`factored` flattens sums and builds them again by a x + a y = a (x + y). It takes apart only what is used once, so that
+nothing shared is computed twice. `fused` rounds x y + z once, where x y is used once. The choice is made here and not by
+a compiler, so that results are the same wherever a state stands in a batch.
 """
 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from jounce.program.program import FUNCTIONS, Operation, Program
+from jounce.program.program import FUNCTIONS, Operation, Program, needed
 from jounce.program.trace import Node, Tape
 
 SUMS = ("add", "sub")
@@ -30,6 +32,20 @@ class _Term:
 def factored(program: Program) -> Program:
     """The same outputs by fewer products."""
     return _Pass(program).result()
+
+
+def fused(program: Program) -> Program:
+    """The same outputs with fused operations where the host has them."""
+    uses, steps = program.uses(), list(program.steps)
+    for i, step in enumerate(steps):
+        if step.kind in ("add", "sub"):
+            left, right = step.operands
+            lone = [j for j in step.operands if steps[j].kind == "mul" and uses[j] == 1]
+            if right in lone:
+                steps[i] = Operation("fma" if step.kind == "add" else "fnma", (*steps[right].operands, left))
+            elif left in lone:
+                steps[i] = Operation("fma" if step.kind == "add" else "fms", (*steps[left].operands, right))
+    return needed(steps, program.outputs, program.inputs)
 
 
 class _Pass:
