@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from jounce.dynamics.computation import Port, Signature
-from jounce.native import functions, hyperbolic, lanes, memory, pool
+from jounce.native import functions, lanes, memory, pool
 from jounce.native.ir import Writer
 from jounce.native.target import Target
 from jounce.program.program import Program
@@ -18,7 +18,7 @@ def emitted(define_block: Callable[[Writer], None], signature: Signature, target
     """The module of a kernel whose ``@block(in, out, bodies)`` works on one block of states in scratch memory."""
     ir = Writer(target)
     functions.define_sincos(ir)
-    hyperbolic.define_tanh(ir)
+    functions.define_tanh(ir)
     lanes.define_transposes(ir)
     lanes.define_lanes(ir)
     define_block(ir)

@@ -1,8 +1,10 @@
 """Passes over programs: `factored` groups products with a shared factor, `fused` fuses products with sums.
 
 `factored` flattens sums and builds them again by a x + a y = a (x + y). It takes apart only what is used once, so that
-nothing shared is computed twice. `fused` rounds x y + z once, where x y is used once. The choice is made here and not by
-a compiler, so that results are the same wherever a state stands in a batch.
+nothing shared is computed twice.
+
+`fused` rounds x y + z once, where x y is used once. The choice is made here and not by a compiler, so that results are
+the same wherever a state stands in a batch.
 """
 
 from collections import Counter
