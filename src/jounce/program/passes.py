@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from jounce.program.program import FUNCTIONS, Operation, Program, needed
+from jounce.program.program import FUNCTIONS, Program, Step, needed
 from jounce.program.trace import Node, Tape
 
 SUMS = ("add", "sub")
@@ -44,9 +44,9 @@ def fused(program: Program) -> Program:
             left, right = step.operands
             lone = [j for j in step.operands if steps[j].kind == "mul" and uses[j] == 1]
             if right in lone:
-                steps[i] = Operation("fma" if step.kind == "add" else "fnma", (*steps[right].operands, left))
+                steps[i] = Step("fma" if step.kind == "add" else "fnma", (*steps[right].operands, left))
             elif left in lone:
-                steps[i] = Operation("fma" if step.kind == "add" else "fms", (*steps[left].operands, right))
+                steps[i] = Step("fma" if step.kind == "add" else "fms", (*steps[left].operands, right))
     return needed(steps, program.outputs, program.inputs)
 
 
@@ -66,12 +66,12 @@ class _Pass:
                 self.made[i] = self._rebuilt(i, step)
         return self.tape.program([self.made[i] for i in self.program.outputs])
 
-    def _inner(self, step: Operation) -> list[int]:
+    def _inner(self, step: Step) -> list[int]:
         """The operands that are taken apart with a step: used here alone, sums in sums and products in both."""
         apart = {"add": (*SUMS, "mul"), "sub": (*SUMS, "mul"), "mul": ("mul",)}.get(step.kind, ())
         return [i for i in step.operands if self.uses[i] == 1 and self.program.steps[i].kind in apart]
 
-    def _rebuilt(self, i: int, step: Operation) -> Node:
+    def _rebuilt(self, i: int, step: Step) -> Node:
         match step.kind:
             case "input":
                 return self.tape.write("input", value=step.value)

@@ -22,7 +22,7 @@ FUNCTIONS = ("sin", "cos", "tanh")
 
 
 @dataclass(frozen=True)
-class Operation:
+class Step:
     """One step: its kind, the numbers of the steps that it takes, and the value of a constant or number of an input."""
 
     kind: str
@@ -34,7 +34,7 @@ class Operation:
 class Program:
     """Steps, each taking earlier ones only, and which of them are the outputs."""
 
-    steps: tuple[Operation, ...]
+    steps: tuple[Step, ...]
     outputs: tuple[int, ...]
     inputs: int  # how many there are, used or not
 
@@ -64,7 +64,7 @@ class Program:
         return Counter([*(i for step in self.steps for i in step.operands), *self.outputs])
 
 
-def needed(steps: Sequence[Operation], outputs: Sequence[int], inputs: int) -> Program:
+def needed(steps: Sequence[Step], outputs: Sequence[int], inputs: int) -> Program:
     """The program of those steps that the outputs need.
 
     It begins with what the last outputs need, of the tip and the highest rate: fewer values then wait for their use.

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.program.program import Operation, Program, needed
+from jounce.program.program import Program, Step, needed
 
 
 class Node:
@@ -54,7 +54,7 @@ class Node:
         return self.tape.write("tanh", self.i)
 
     @property
-    def step(self) -> Operation:
+    def step(self) -> Step:
         """What the node stands for."""
         return self.tape.steps[self.i]
 
@@ -68,7 +68,7 @@ class Tape:
 
     def __init__(self, most: float = inf) -> None:
         self.most = most
-        self.steps: list[Operation] = []
+        self.steps: list[Step] = []
         self.nodes: dict[tuple[Any, ...], Node] = {}
         self.inputs = 0
 
@@ -88,7 +88,7 @@ class Tape:
             if len(self.steps) >= self.most:
                 raise TapeFullError
             node = self.nodes[key] = Node(self, len(self.steps))
-            self.steps.append(Operation(kind, operands, value))
+            self.steps.append(Step(kind, operands, value))
         return node
 
     def known(self, i: int) -> Node:
