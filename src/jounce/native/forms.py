@@ -22,11 +22,6 @@ OPERATION = 75e-6  # for an operation in a straight line, as traced
 BODY = 1.2e-3  # for a body in the tables of the loop form
 STEP = 6e-3  # for a kind of joint there, times the square of how many rates
 
-# What compiling takes, in seconds, as measured on one core of a Zen 4:
-OPERATION = 75e-6  # for an operation in a straight line, as traced
-BODY = 1.2e-3  # for a body in the tables of the loop form
-STEP = 6e-3  # for a kind of joint there, times the square of how many rates
-
 
 def module(mechanism: Mechanism, computation: Computation, target: Target, patience: float = inf) -> str:
     """The LLVM IR of a computation for a robot.
