@@ -11,7 +11,8 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from jounce.program.program import FUNCTIONS, Program, Step, needed
+from jounce.program.operations import OPERATIONS
+from jounce.program.program import Program, Step, needed
 from jounce.program.trace import Node, Tape
 
 SUMS = ("add", "sub")
@@ -77,10 +78,8 @@ class _Pass:
                 return self.tape.write("input", value=step.value)
             case "constant":
                 return self.tape.node(step.value)
-            case "neg":
-                return -self.made[step.operands[0]]
-            case kind if kind in FUNCTIONS:
-                return self.tape.write(step.kind, self.made[step.operands[0]].i)
+            case kind if OPERATIONS[kind].arity == 1:
+                return self.tape.function(kind, self.made[step.operands[0]])
         return self._sum(self._terms(i, 1))
 
     def _terms(self, i: int, sign: int) -> list[_Term]:
