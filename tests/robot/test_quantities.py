@@ -6,6 +6,7 @@ import pytest
 from quantities import IDS, REQUESTS, branched, method_of
 from robots import differentiated, harmonic, relative_error
 
+from jounce.arguments import requests
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.errors import JounceError
@@ -53,8 +54,8 @@ def test_each_further_rate_returns_one_more_time_derivative(quantity, keywords):
 def test_every_method_gives_the_same_for_every_batch(quantity, keywords, method):
     compute, order = method_of(ROBOT, quantity), 2
     if method == NATIVE:
-        request = Computation(quantity.name, order, False, **keywords)
-        available = native_obstacle(ROBOT.mechanism, request) is None
+        computation = requests.computation(ROBOT.mechanism, quantity.name, order, **keywords)
+        available = native_obstacle(ROBOT.mechanism, computation) is None
     else:
         available = method in quantity.methods
     q = states((3, 2), quantity.rates + order)

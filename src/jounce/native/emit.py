@@ -9,17 +9,18 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from jounce.dynamics.computation import Port, Signature
-from jounce.native import circular, hyperbolic, lanes, memory, pool
+from jounce.native import functions, lanes, memory, pool
 from jounce.native.ir import Writer
 from jounce.native.target import Target
+from jounce.program.operations import LEAVES, OPERATIONS, VectorFunction
 from jounce.program.program import Program
 
 
 def emitted(define_block: Callable[[Writer], None], signature: Signature, target: Target, of_bodies: int = 0) -> str:
     """The module of a kernel whose ``@block(in, out, bodies)`` works on one block of states in scratch memory."""
     ir = Writer(target)
-    circular.define_sincos(ir)
-    hyperbolic.define_tanh(ir)
+    for define in functions.DEFINITIONS.values():
+        define(ir)
     lanes.define_transposes(ir)
     lanes.define_lanes(ir)
     define_block(ir)
@@ -51,33 +52,40 @@ def define_block(ir: Writer, program: Program, signature: Signature) -> None:
 
 def written_steps(ir: Writer, program: Program, read: Callable[[int], str]) -> Iterator[tuple[int, str]]:
     """Write the steps of a program in their order; each and the name of its value as soon as it is written."""
-    angles = sorted({step.operands[0] for step in program.steps if step.kind in ("sin", "cos")})
-    circles = ir.let(f"alloca [{2 * max(1, len(angles))} x {ir.V}], align 64")
+    steps, called = program.steps, _called(program)
+    pairs = sorted({(called[i].name, steps[i].operands[0]) for i in called if called[i].result is not None})
+    results = ir.let(f"alloca [{2 * max(1, len(pairs))} x {ir.V}], align 64")
     values: dict[int, str] = {}
 
     def value(i: int) -> str:
-        step = program.steps[i]
+        step = steps[i]
         if step.kind == "constant":
             return ir.vector(step.value)
         if i not in values:
             if step.kind == "input":
                 values[i] = read(int(step.value))
-            elif step.kind in ("sin", "cos"):
-                j = 2 * angles.index(step.operands[0]) + (step.kind == "cos")
-                values[i] = ir.load(ir.at(circles, j, ir.V))
-            elif step.kind == "tanh":
-                values[i] = ir.let(f"call {ir.V} @tanh({ir.V} {value(step.operands[0])})")
-            else:
+            elif (function := called.get(i)) is None:
                 values[i] = ir.op(step.kind, *(value(j) for j in step.operands))
+            elif function.result is None:
+                values[i] = ir.let(f"call {ir.V} @{function.name}({ir.V} {value(step.operands[0])})")
+            else:
+                j = 2 * pairs.index((function.name, step.operands[0])) + function.result
+                values[i] = ir.load(ir.at(results, j, ir.V))
         return values[i]
 
-    for j, angle in enumerate(angles):  # first, while no other value must be saved over the call
-        ir.do(f"call void @sincos({ir.V} {value(angle)}, ptr {ir.at(circles, 2 * j, ir.V)})")
-    for i, step in enumerate(program.steps):
-        if step.kind == "tanh":
+    for j, (name, operand) in enumerate(pairs):  # first, while no other value must be saved over the call
+        ir.do(f"call void @{name}({ir.V} {value(operand)}, ptr {ir.at(results, 2 * j, ir.V)})")
+    for i in called:
+        if called[i].result is None:
             value(i)
-    for i in range(len(program.steps)):
+    for i in range(len(steps)):
         yield i, value(i)
+
+
+def _called(program: Program) -> dict[int, VectorFunction]:
+    """The steps that call functions of vectors, and which."""
+    rows = ((i, OPERATIONS[step.kind]) for i, step in enumerate(program.steps) if step.kind not in LEAVES)
+    return {i: row.function for i, row in rows if row.function is not None}
 
 
 def nan_masks(ir: Writer, signature: Signature, add: Callable[[str, Port], str]) -> Iterator[str]:
