@@ -1,6 +1,6 @@
 """Robot: what users hold. Every method is a signature, a docstring, and one call."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
 
@@ -19,6 +19,8 @@ from jounce.robot.overloads import typed
 
 if TYPE_CHECKING:
     from jounce.checks.audit import Finding
+    from jounce.motion import Motion
+    from jounce.robot.along import Along
 
 FORMS = {"paper": "coriolis_matrix", "skew": "skew_coriolis_matrix"}  # of the Coriolis matrix
 
@@ -600,6 +602,59 @@ class Robot:
         return compute(
             self.mechanism, "inverse_dynamics", rates, wrench=wrench, method=method, out=out, threads=threads
         )
+
+    def forces_along(
+        self,
+        motion: "Motion",
+        t: Array = None,
+        order: int = 2,
+        *,
+        method: str | None = None,
+        progress: Callable[[int, int], object] | None = None,
+    ) -> "Along":
+        """The generalized forces Q and their rates along a motion, with the wrenches that it holds.
+
+        They are those of `inverse_dynamics`, computed piece by piece: long motions take little memory besides the
+        results.
+
+        Parameters
+        ----------
+        motion : Motion
+            From `jounce.load_motion`, which takes the same `order`; a motion with more rates does too.
+        t : (N,), optional
+            At which times, s; all of the motion by default. Each must be one of ``motion.t``: states between the
+            samples cannot be computed yet.
+        order : int, optional
+            The highest rate of the forces: 2 gives Q, Qd, Q2d.
+        method : str, optional
+            See `Robot`.
+        progress : callable, optional
+            Called as ``progress(done, total)`` after each piece, with numbers of states. What it raises ends the
+            computation.
+
+        Returns
+        -------
+        Along
+            Frozen: the times `t`, the `rates` q, qd, ... and the `forces` Q, Qd, ..., tuples of (N, n).
+
+        Raises
+        ------
+        JounceError
+            If the motion has too few rates for the order or is not this robot's, a time is not one of its own, or a
+            name is unknown.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("iiwa14")
+        >>> motion = jounce.load_motion("paper", robot)
+        >>> Q, Qd, Q2d = robot.forces_along(motion).forces
+        >>> Q2d.shape
+        (10000, 7)
+        """
+        from jounce.robot.along import forces_along  # what few programs need
+
+        return forces_along(self.mechanism, motion, t, order, method, progress)
 
     @typed(overloads.OfPosition)
     def mass_matrix(
