@@ -8,9 +8,7 @@ from jounce._codegen.language import Language, digits
 from jounce._codegen.listing import Listing, listing
 from jounce._codegen.notes import effort
 from jounce._codegen.routine import Array, Routine
-
-SIGNS = {"add": "+", "sub": "-", "mul": "*"}
-SUM, PRODUCT, ATOM = range(3)  # how tightly an expression holds together
+from jounce.program.operations import ATOM, OPERATIONS, SUM
 
 
 @dataclass(frozen=True)
@@ -104,10 +102,7 @@ class Printed:
         return self.listing.names[i] if slot is None else self.language.scratch(slot)
 
     def _expression(self, i: int, whole: bool = False) -> tuple[str, int]:
-        """The text of a step, or of what it is called, and how tightly it holds together.
-
-        Sums and products run from left to right, as all languages have it; what does not is in parentheses.
-        """
+        """The text of a step, or of what it is called, and how tightly it holds together."""
         if i in self.listing.names and not whole:
             return self._name(i), ATOM
         step = self.routine.program.steps[i]
@@ -116,13 +111,12 @@ class Printed:
                 return self._input(int(step.value)), ATOM
             case "constant":
                 return self.number(step.value), ATOM if step.value >= 0 else SUM
-            case "neg":
-                return f"-{self._operand(step.operands[0], ATOM)}", SUM
-            case "add" | "sub" | "mul" as kind:
-                holds = PRODUCT if kind == "mul" else SUM
-                left, right = self._operand(step.operands[0], holds), self._operand(step.operands[1], holds + 1)
-                return f"{left} {SIGNS[kind]} {right}", holds
-        return self.language.function(step.kind, self._operand(step.operands[0], SUM), self.single), ATOM
+        operation = OPERATIONS[step.kind]
+        if operation.expression is None:
+            return self.language.function(step.kind, self._operand(step.operands[0], SUM), self.single), ATOM
+        expression = operation.expression
+        operands = map(self._operand, step.operands, expression.operands)
+        return expression.text.format(*operands, one=self.number(1.0)), expression.holds
 
     def _operand(self, i: int, least: int) -> str:
         text, holds = self._expression(i)

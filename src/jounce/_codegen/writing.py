@@ -13,7 +13,7 @@ from jounce._codegen.printer import Printed
 from jounce._codegen.request import Request
 from jounce._codegen.routine import Routine
 from jounce._codegen.vectors import TOLERANCE, vectors
-from jounce.program.program import FUNCTIONS
+from jounce.program.operations import FUNCTIONS
 
 HERE = Path(__file__).parent
 SUFFIX = ".jinja"

@@ -12,8 +12,7 @@ from jounce._scalars import Array, zeros_like
 from jounce._symbolic.model import cast_mechanism, check_names, has_decimals, state_symbols
 from jounce._symbolic.terms import Printer
 from jounce._symbolic.trig_polynomial import TrigPolynomial, Variables
-from jounce.dynamics.quantities import Law, Quantity
-from jounce.dynamics.state import State
+from jounce.dynamics.quantities import Law, Quantity, State
 from jounce.errors import at
 from jounce.model.mechanism import DATA, Mechanism, in_whole_numbers
 from jounce.spatial.series import Series, rate_name
