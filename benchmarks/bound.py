@@ -14,10 +14,10 @@ from jounce import load
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import FORCES
 from jounce.model.mechanism import in_whole_numbers
-from jounce.native import circular, forms
+from jounce.native import forms, functions
 from jounce.native.ir import Writer
 from jounce.native.target import host
-from jounce.program.fuse import fused
+from jounce.program.passes import fused
 from jounce.program.program import Program
 from jounce.program.trace import Tape
 
@@ -47,10 +47,10 @@ def of_program(program: Program) -> Count:
 
 
 def of_circles(program: Program) -> Count:
-    """The arithmetic of its sines and cosines, one polynomial pair an angle, as `circular` writes it."""
+    """The arithmetic of its sines and cosines, one polynomial pair an angle, as `functions` writes it."""
     angles = {step.operands for step in program.steps if step.kind in ("sin", "cos")}
     ir = Writer(host())
-    circular.define_sincos(ir)
+    functions.define_sincos(ir)
     written = Counter(re.findall(r"@llvm\.(fma)|\b(fmul|fadd|fsub) ", ir.text().partition("@sincos(")[2]))
     kinds = Counter({a or b: count for (a, b), count in written.items()})
     return Count(len(angles) * (kinds["fma"] + kinds["fmul"]), len(angles) * (kinds["fadd"] + kinds["fsub"]))

@@ -14,17 +14,17 @@ def of_method(method: str | None) -> Callable[[Robot, int], Prepared]:
 
 
 def _kernel(robot: Robot, order: int) -> Prepared:
-    kernel = robot.compile(order)
+    kernel = robot.compile(order=order)
     return lambda rates, _: partial(kernel, *alone(rates))
 
 
 def _bound(robot: Robot, order: int) -> Prepared:
-    kernel = robot.compile(order)
+    kernel = robot.compile(order=order)
     return lambda rates, out: kernel.bind(*alone(rates), out=alone(out))
 
 
 def _threaded(robot: Robot, order: int) -> Prepared:
-    kernel = robot.compile(order)
+    kernel = robot.compile(order=order)
     return lambda rates, out: partial(kernel, *rates, out=tuple(out), threads=cores())
 
 

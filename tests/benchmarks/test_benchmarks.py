@@ -12,20 +12,20 @@ from robots import relative_error
 
 import jounce
 from benchmarks import bound, measure, peaks, robots
-from jounce.program.program import Operation, Program
+from jounce.program.program import Program, Step
 
 LIGHT = [peer for peer in PEERS if peer.name.startswith("jounce") or "pin.rnea" in peer.name]
 PROGRAM = Program(
     (
-        Operation("input", value=0.0),
-        Operation("input", value=3.0),
-        Operation("sin", (0,)),
-        Operation("cos", (0,)),
-        Operation("mul", (1, 2)),
-        Operation("add", (3, 4)),
-        Operation("constant", value=0.1),
-        Operation("sub", (5, 6)),
-        Operation("neg", (7,)),
+        Step("input", value=0.0),
+        Step("input", value=3.0),
+        Step("sin", (0,)),
+        Step("cos", (0,)),
+        Step("mul", (1, 2)),
+        Step("add", (3, 4)),
+        Step("constant", value=0.1),
+        Step("sub", (5, 6)),
+        Step("neg", (7,)),
     ),
     outputs=(7, 8),
     inputs=4,
@@ -52,7 +52,7 @@ def test_peers_compute_the_forces(peer, order, states):
 def test_arithmetic_is_counted_fused():
     assert bound.of_program(PROGRAM) == bound.Count(products=1, sums=1)
     assert bound.of_circles(PROGRAM).products > 12  # two polynomials of degree 5
-    twice = Program((*PROGRAM.steps, Operation("sin", (1,))), (7, 9), 4)
+    twice = Program((*PROGRAM.steps, Step("sin", (1,))), (7, 9), 4)
     assert bound.of_circles(twice).products == 2 * bound.of_circles(PROGRAM).products
 
 

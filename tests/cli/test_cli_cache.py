@@ -4,8 +4,8 @@ import json
 import os
 
 import pytest
+from abandoned import abandoned_part
 from click.testing import CliRunner
-from test_parts import left
 
 import jounce
 from jounce.cli import main
@@ -72,7 +72,7 @@ def test_a_limit_that_is_no_size_is_refused(filled, monkeypatch, set_to):
 
 @pytest.mark.skipif(not hasattr(os, "uname"), reason="which processes are gone cannot be told on Windows")
 def test_it_removes_what_killed_writers_left_and_nothing_of_those_that_write(filled):
-    gone, live, mine = left(filled), left(filled, os.getpid()), filled / "notes.part"
+    gone, live, mine = abandoned_part(filled), abandoned_part(filled, os.getpid()), filled / "notes.part"
     mine.touch()
     summary("--clear")
     assert (gone.exists(), live.exists(), mine.exists()) == (False, True, True)

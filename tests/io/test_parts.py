@@ -3,10 +3,10 @@
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
+from abandoned import abandoned_part
 
 from jounce.io import files, folders, parts
 
@@ -29,19 +29,6 @@ def write(path, content="new"):
 
 def mode(path):
     return path.stat().st_mode & 0o777
-
-
-def left(folder, process=None, age=0.0):
-    """A part in a folder, of a process that is gone unless one is given."""
-    if process is None:
-        gone = subprocess.Popen([sys.executable, "-c", ""])
-        gone.wait()
-        process = gone.pid
-    path = parts.part_in(folder)
-    path = path.with_name(path.name.replace(f"-{os.getpid()}-", f"-{process}-"))
-    path.write_text("half of")
-    os.utime(path, (time.time() - age,) * 2)
-    return path
 
 
 @posix
@@ -105,7 +92,7 @@ def test_a_killed_run_whose_end_nobody_asked_for_is_gone(tmp_path):
     """In a container whose first process asks for none, that is for good."""
     killed = subprocess.Popen([sys.executable, "-c", ""])
     os.waitid(os.P_PID, killed.pid, os.WEXITED | os.WNOWAIT)
-    part = left(tmp_path, killed.pid)
+    part = abandoned_part(tmp_path, killed.pid)
     write(tmp_path / "out.csv")
     killed.wait()
     assert not part.exists()
@@ -113,20 +100,24 @@ def test_a_killed_run_whose_end_nobody_asked_for_is_gone(tmp_path):
 
 @posix
 def test_parts_of_runs_that_go_on_and_files_of_users_stay(tmp_path):
-    parts_of_others = [left(tmp_path, os.getppid()), left(tmp_path, os.getpid()), left(tmp_path, 1)]
+    parts_of_others = [
+        abandoned_part(tmp_path, os.getppid()),
+        abandoned_part(tmp_path, os.getpid()),
+        abandoned_part(tmp_path, 1),
+    ]
     machine = tmp_path / f".jounce-{'0' * 8}-{2**22 + 1}-{'0' * 12}.part"  # processes of other machines may well run
     mine = [tmp_path / name for name in ("a.part", ".jounce-notes.part", ".jounce-.part")]
     for path in (machine, *mine):
         path.write_text("mine")
     before = {*parts_of_others, machine, *mine}
-    gone = left(tmp_path)
+    gone = abandoned_part(tmp_path)
     write(tmp_path / "out.csv")
     assert not gone.exists()
     assert set(tmp_path.iterdir()) == before | {tmp_path / "out.csv"}
 
 
 def test_whoever_wrote_it_what_is_a_day_old_is_removed(tmp_path):
-    young, old = (left(tmp_path, os.getpid(), age) for age in (3600, 90_000))
+    young, old = (abandoned_part(tmp_path, os.getpid(), age) for age in (3600, 90_000))
     nameless = tmp_path / f".jounce-{'0' * 12}.part"
     nameless.write_text("of an older version")
     os.utime(nameless, (0, 0))
@@ -138,7 +129,7 @@ def test_a_link_called_as_a_part_leads_to_nothing_that_is_removed(tmp_path):
     kept = tmp_path / "kept"
     kept.mkdir()
     (kept / "file").touch()
-    part = left(tmp_path)
+    part = abandoned_part(tmp_path)
     part.unlink()
     part.symlink_to(kept)
     write(tmp_path / "out.csv")

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_parts import left
+from abandoned import abandoned_part
 
 import jounce
 from jounce.dynamics.computation import Computation
@@ -225,7 +225,7 @@ def test_a_kernel_larger_than_the_limit_drives_nothing_out(folder, monkeypatch):
 @posix
 def test_the_next_kernel_removes_what_a_killed_writer_left(folder):
     fill(folder, "a")
-    gone, live = left(folder), left(folder, os.getpid())
+    gone, live = abandoned_part(folder), abandoned_part(folder, os.getpid())
     fill(folder, "b")
     assert (gone.exists(), live.exists()) == (False, True)
 

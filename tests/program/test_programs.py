@@ -11,8 +11,7 @@ from robots import loads, mechanisms, random_state, relative_error
 import jounce
 from jounce.dynamics.computation import Computation
 from jounce.native import forms
-from jounce.program.factor import factored
-from jounce.program.fuse import fused
+from jounce.program.passes import factored, fused
 from jounce.program.program import FREE, OPERATIONS, ordered
 from jounce.program.trace import Tape
 from jounce.spatial.series import Series, columns

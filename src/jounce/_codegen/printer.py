@@ -9,9 +9,7 @@ from jounce._codegen.header import effort
 from jounce._codegen.language import Language, digits
 from jounce._codegen.schedule import Schedule, schedule
 from jounce.dynamics.computation import Computation, Port
-
-SIGNS = {"add": "+", "sub": "-", "mul": "*"}
-SUM, PRODUCT, ATOM = range(3)  # how tightly an expression holds together
+from jounce.program.operations import ATOM, OPERATIONS, SUM
 
 
 @dataclass(frozen=True)
@@ -110,10 +108,7 @@ class Printed:
         return self.schedule.names[i] if slot is None else self.language.scratch(slot)
 
     def _expression(self, i: int, whole: bool = False) -> tuple[str, int]:
-        """The text of a step, or of what it is called, and how tightly it holds together.
-
-        Sums and products run from left to right, as all languages have it; what does not is in parentheses.
-        """
+        """The text of a step, or of what it is called, and how tightly it holds together."""
         if i in self.schedule.names and not whole:
             return self._name(i), ATOM
         step = self.function.program.steps[i]
@@ -122,13 +117,12 @@ class Printed:
                 return self._input(int(step.value)), ATOM
             case "constant":
                 return self.number(step.value), ATOM if step.value >= 0 else SUM
-            case "neg":
-                return f"-{self._operand(step.operands[0], ATOM)}", SUM
-            case "add" | "sub" | "mul" as kind:
-                holds = PRODUCT if kind == "mul" else SUM
-                left, right = self._operand(step.operands[0], holds), self._operand(step.operands[1], holds + 1)
-                return f"{left} {SIGNS[kind]} {right}", holds
-        return self.language.function(step.kind, self._operand(step.operands[0], SUM), self.single), ATOM
+        operation = OPERATIONS[step.kind]
+        if operation.expression is None:
+            return self.language.function(step.kind, self._operand(step.operands[0], SUM), self.single), ATOM
+        expression = operation.expression
+        operands = map(self._operand, step.operands, expression.operands)
+        return expression.text.format(*operands, one=self.number(1.0)), expression.holds
 
     def _operand(self, i: int, least: int) -> str:
         text, holds = self._expression(i)

@@ -13,7 +13,7 @@ from jounce._codegen.options import Options
 from jounce._codegen.parametric import Parametric
 from jounce._codegen.printer import Printed
 from jounce._codegen.test_vectors import TOLERANCE, Vectors
-from jounce.program.program import FUNCTIONS
+from jounce.program.operations import FUNCTIONS
 
 HERE = Path(__file__).parent
 SUFFIX = ".jinja"

@@ -9,10 +9,9 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from jounce.program.operations import FUNCTIONS, LEAVES
 from jounce.program.program import Program, ordered
 
-LEAVES = ("input", "constant")  # what is read where it is used
-INNER = ("add", "sub", "mul", "neg")  # what may stand within a statement; all else is a function of one operand
 WIDEST = 5  # operations in a statement
 WHOLE = 3000  # statements, up to which a program is one function: compilers take a second
 PART = 400  # statements of a part
@@ -51,8 +50,8 @@ class Schedule:
 
 
 def is_function(kind: str) -> bool:
-    """Whether a kind of step is a function of one operand: sin, cos."""
-    return kind not in (*LEAVES, *INNER)
+    """Whether a kind of step is called by its name, as sin and cos are, and stands in a statement of its own."""
+    return kind in FUNCTIONS
 
 
 def schedule(program: Program) -> Schedule:

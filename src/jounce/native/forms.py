@@ -13,15 +13,9 @@ from jounce.native.loop_steps import Sweeps, kinds
 from jounce.native.memory import vectors_of_bodies
 from jounce.native.scope import LongCompilationError, is_straight
 from jounce.native.target import Target
-from jounce.program.factor import factored
-from jounce.program.fuse import fused
+from jounce.program.passes import factored, fused
 from jounce.program.program import Program
 from jounce.program.trace import Tape, TapeFullError
-
-# What compiling takes, in seconds, as measured on one core of a Zen 4:
-OPERATION = 75e-6  # for an operation in a straight line, as traced
-BODY = 1.2e-3  # for a body in the tables of the loop form
-STEP = 6e-3  # for a kind of joint there, times the square of how many rates
 
 # What compiling takes, in seconds, as measured on one core of a Zen 4:
 OPERATION = 75e-6  # for an operation in a straight line, as traced

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from jounce.native.target import Target
+from jounce.program.operations import OPERATIONS
 
 
 def bits(x: float) -> int:
@@ -71,25 +72,15 @@ class Writer:
         return self.let(f"call {kind} @{name}({', '.join(f'{kind} {x}' for x in operands)})")
 
     def op(self, kind: str, *x: str) -> str:
-        """An operation of a program on vectors; fused ones are two where the host cannot fuse."""
-        match kind:
-            case "neg":
-                return self.let(f"fneg {self.V} {x[0]}")
-            case "add" | "sub" | "mul":
-                return self.let(f"f{kind} {self.V} {x[0]}, {x[1]}")
-            case "fma" if self.fma:
-                return self.call(f"llvm.fma.v{self.lanes}f64", self.V, *x)
-            case "fms" if self.fma:
-                return self.op("fma", x[0], x[1], self.op("neg", x[2]))
-            case "fnma" if self.fma:
-                return self.op("fma", self.op("neg", x[0]), x[1], x[2])
-            case "fma":
-                return self.op("add", self.op("mul", x[0], x[1]), x[2])
-            case "fms":
-                return self.op("sub", self.op("mul", x[0], x[1]), x[2])
-            case "fnma":
-                return self.op("sub", x[2], self.op("mul", x[0], x[1]))
-        raise ValueError(kind)
+        """An operation of a program on vectors, by the instructions of its row."""
+        operation, values = OPERATIONS[kind], list(x)
+        for name, *taken in operation.llvm if self.fma else operation.unfused or operation.llvm:
+            operands = [self.vector(y) if isinstance(y, float) else values[y] for y in taken]
+            if name.startswith("llvm."):
+                values.append(self.call(f"{name}.v{self.lanes}f64", self.V, *operands))
+            else:
+                values.append(self.let(f"{name} {self.V} {', '.join(operands)}"))
+        return values[-1]
 
     def load(self, address: str) -> str:
         """A vector from memory, wherever it lies."""

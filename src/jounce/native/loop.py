@@ -18,7 +18,18 @@ from jounce.model.equivalent import minimal
 from jounce.model.mechanism import Mechanism
 from jounce.native.emit import nan_masks, written_steps
 from jounce.native.ir import Writer
-from jounce.native.loop_steps import CARRY, CONSTANTS, DRIVES, KINDS, Step, Sweeps, carry, constants, drive_table, kinds
+from jounce.native.loop_steps import (
+    CARRY,
+    CONSTANTS,
+    DRIVES,
+    KINDS,
+    JointStep,
+    Sweeps,
+    carry,
+    constants,
+    drive_table,
+    kinds,
+)
 from jounce.native.memory import Layout, motion_slots
 
 MEMORY = ("constants", "body", "parent", "motion", "carrier")  # what a step reads and writes
@@ -203,7 +214,7 @@ def _pointers(*names: str) -> str:
     return ", ".join(f"ptr {name}" for name in names)
 
 
-def _define_step(ir: Writer, name: str, step: Step) -> None:
+def _define_step(ir: Writer, name: str, step: JointStep) -> None:
     with ir.function(f"internal void @{name}({_pointers(*(f'%{part}' for part in MEMORY))})"):
 
         def read(i: int) -> str:
@@ -212,8 +223,8 @@ def _define_step(ir: Writer, name: str, step: Step) -> None:
                 return ir.splat(ir.let(f"load double, ptr {ir.at('%constants', place)}"))
             return ir.load(ir.at(f"%{memory}", place, ir.V))
 
-        value = written_steps(ir, step.program, read)
-        results = [value(i) for i in step.program.outputs]
+        values = dict(written_steps(ir, step.program, read))
+        results = [values[i] for i in step.program.outputs]
         for (memory, place), result in zip(step.writes, results, strict=True):
             ir.store(result, ir.at(f"%{memory}", place, ir.V))
         ir.do("ret void")

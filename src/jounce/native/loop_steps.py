@@ -24,8 +24,7 @@ from jounce.model import drives
 from jounce.model.equivalent import minimal, moves
 from jounce.model.mechanism import Mechanism
 from jounce.native.memory import Layout, body_layout, motion_layout, sweep_of
-from jounce.program.factor import factored
-from jounce.program.fuse import fused
+from jounce.program.passes import factored, fused
 from jounce.program.program import Program
 from jounce.program.trace import Tape
 from jounce.spatial import inertia
@@ -39,7 +38,7 @@ CARRY = {"R": 9, "r": 3}  # where the joint's frame lies in the body's own, in w
 
 
 @dataclass(frozen=True)
-class Step:
+class JointStep:
     """A traced step, and where its inputs and outputs are: in the memory of that name, so many scalars on."""
 
     program: Program
@@ -75,10 +74,10 @@ class _Sheet:
         for k, places in enumerate(self.layouts[memory].places(name)):
             self.outputs += [(memory, place, x) for place, x in zip(places, np.ravel(values[k]), strict=True)]
 
-    def step(self) -> Step:
+    def step(self) -> JointStep:
         """What has been written."""
         program = fused(factored(self.tape.program([x for _, _, x in self.outputs])))
-        return Step(program, tuple(self.reads), tuple((memory, place) for memory, place, _ in self.outputs))
+        return JointStep(program, tuple(self.reads), tuple((memory, place) for memory, place, _ in self.outputs))
 
 
 @dataclass(frozen=True)
@@ -98,7 +97,7 @@ class Sweeps:
         """The other vectors of a body."""
         return body_layout(self.computation)
 
-    def outward(self, kind: str) -> Step:
+    def outward(self, kind: str) -> JointStep:
         """From the parent's motion to the body's, and what this takes."""
         sheet = _Sheet(self)
         joint, moments = _joint(sheet, kind)
@@ -113,7 +112,7 @@ class Sweeps:
         sheet.write("body", "n", force.n)
         return sheet.step()
 
-    def load(self) -> Step:
+    def load(self) -> JointStep:
         """The wrench on a body added to what acts on it."""
         sheet = _Sheet(self)
         T = sheet.constants(CARRY)
@@ -122,7 +121,7 @@ class Sweeps:
         sheet.write("body", "n", sheet.read("body", "n") + rows(W, 0, 3))
         return sheet.step()
 
-    def inward(self, kind: str) -> Step:
+    def inward(self, kind: str) -> JointStep:
         """From what acts on a body to what its joint feels and what its parent does."""
         sheet = _Sheet(self)
         joint, _ = _joint(sheet, kind)
@@ -133,7 +132,7 @@ class Sweeps:
         sheet.write("parent", "n", total.n)
         return sheet.step()
 
-    def drive(self) -> Step:
+    def drive(self) -> JointStep:
         """What a joint's drive train takes, added to what the joint feels."""
         sheet = _Sheet(self)
         added = drives.forces(sheet.constants(DRIVES), self.acting, sheet.read("body", "theta"))

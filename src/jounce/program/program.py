@@ -1,29 +1,15 @@
 """Programs: scalar operations in an order in which they can be done, from inputs to outputs."""
 
-import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-OPERATIONS: dict[str, Callable[..., float]] = {
-    "add": lambda x, y: x + y,
-    "sub": lambda x, y: x - y,
-    "mul": lambda x, y: x * y,
-    "neg": lambda x: -x,
-    "sin": math.sin,
-    "cos": math.cos,
-    "tanh": math.tanh,
-    "fma": lambda x, y, z: x * y + z,  # in native code rounded once
-    "fms": lambda x, y, z: x * y - z,
-    "fnma": lambda x, y, z: z - x * y,
-}
-FREE = ("input", "constant", "neg")  # what costs no operation: signs are kept outside, and end in subtractions
-FUNCTIONS = ("sin", "cos", "tanh")
+from jounce.program.operations import FREE, OPERATIONS
 
 
 @dataclass(frozen=True)
-class Operation:
-    """One step: its kind, the numbers of the steps that it takes, and the value of a constant or number of an input."""
+class Step:
+    """One step: an operation on earlier steps, a constant of this value, or the input of this number."""
 
     kind: str
     operands: tuple[int, ...] = ()
@@ -34,7 +20,7 @@ class Operation:
 class Program:
     """Steps, each taking earlier ones only, and which of them are the outputs."""
 
-    steps: tuple[Operation, ...]
+    steps: tuple[Step, ...]
     outputs: tuple[int, ...]
     inputs: int  # how many there are, used or not
 
@@ -56,7 +42,7 @@ class Program:
             elif step.kind == "constant":
                 values.append(step.value)
             else:
-                values.append(OPERATIONS[step.kind](*(values[i] for i in step.operands)))
+                values.append(OPERATIONS[step.kind].value(*(values[i] for i in step.operands)))
         return [values[i] for i in self.outputs]
 
     def uses(self) -> Counter[int]:
@@ -64,7 +50,7 @@ class Program:
         return Counter([*(i for step in self.steps for i in step.operands), *self.outputs])
 
 
-def needed(steps: Sequence[Operation], outputs: Sequence[int], inputs: int) -> Program:
+def needed(steps: Sequence[Step], outputs: Sequence[int], inputs: int) -> Program:
     """The program of those steps that the outputs need.
 
     It begins with what the last outputs need, of the tip and the highest rate: fewer values then wait for their use.

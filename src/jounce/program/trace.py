@@ -4,13 +4,14 @@ Equal expressions are one node (hash-consing), sums and products have one order,
 -1 make trivial is never written down.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import inf
 from typing import Any
 
 import numpy as np
 
-from jounce.program.program import Operation, Program, needed
+from jounce.program.operations import FUNCTIONS, OPERATIONS
+from jounce.program.program import Program, Step, needed
 
 
 class Node:
@@ -31,30 +32,27 @@ class Node:
         return self.tape.add(self.tape.node(other), -self)
 
     def __neg__(self) -> "Node":
-        return self.tape.negative(self)
+        return self.tape.function("neg", self)
 
     def __mul__(self, other: Any) -> "Node":
         return self.tape.multiply(self, self.tape.node(other))
 
     __radd__, __rmul__ = __add__, __mul__
 
-    def __truediv__(self, number: float) -> "Node":
-        return self * (1 / number)
+    def __truediv__(self, other: Any) -> "Node":
+        return self * self.tape.function("inv", self.tape.node(other))
 
-    def sin(self) -> "Node":
-        """The sine, as NumPy's object arrays ask for it."""
-        return self.tape.write("sin", self.i)
+    def __rtruediv__(self, other: Any) -> "Node":
+        return self.tape.node(other) / self
 
-    def cos(self) -> "Node":
-        """The cosine."""
-        return self.tape.write("cos", self.i)
-
-    def tanh(self) -> "Node":
-        """The hyperbolic tangent."""
-        return self.tape.write("tanh", self.i)
+    def __getattr__(self, name: str) -> Callable[[], "Node"]:
+        """The functions of one operand as NumPy's object arrays ask for them: x.sin()."""
+        if name not in FUNCTIONS:
+            raise AttributeError(f"a node of a tape has no {name}")
+        return lambda: self.tape.function(name, self)
 
     @property
-    def step(self) -> Operation:
+    def step(self) -> Step:
         """What the node stands for."""
         return self.tape.steps[self.i]
 
@@ -68,7 +66,7 @@ class Tape:
 
     def __init__(self, most: float = inf) -> None:
         self.most = most
-        self.steps: list[Operation] = []
+        self.steps: list[Step] = []
         self.nodes: dict[tuple[Any, ...], Node] = {}
         self.inputs = 0
 
@@ -88,7 +86,7 @@ class Tape:
             if len(self.steps) >= self.most:
                 raise TapeFullError
             node = self.nodes[key] = Node(self, len(self.steps))
-            self.steps.append(Operation(kind, operands, value))
+            self.steps.append(Step(kind, operands, value))
         return node
 
     def known(self, i: int) -> Node:
@@ -122,13 +120,16 @@ class Tape:
         turned = self.nodes.get(("sub", (y.i, x.i), 0.0))  # y - x is known: x - y is its negative
         return self.write("sub", x.i, y.i) if turned is None else -turned
 
-    def negative(self, x: Node) -> Node:
-        """-x."""
+    def function(self, kind: str, x: Node) -> Node:
+        """An operation of one operand."""
+        operation = OPERATIONS[kind]
         if x.step.kind == "constant":
-            return self.node(-x.step.value)
-        if x.step.kind == "neg":
+            return self.node(operation.value(x.step.value))
+        if operation.involution and x.step.kind == kind:
             return self.known(x.step.operands[0])
-        return self.write("neg", x.i)
+        if kind == "inv" and x.step.kind == "neg":
+            return -self.function(kind, -x)
+        return self.write(kind, x.i)
 
     def multiply(self, x: Node, y: Node) -> Node:
         """x y."""

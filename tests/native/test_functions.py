@@ -1,4 +1,4 @@
-"""Sine and cosine of native code against mpmath: every finite angle, in every lane, on vectors of any length."""
+"""Sine, cosine and tanh of native code against mpmath: every finite angle, in every lane, on vectors of any length."""
 
 import warnings
 
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from natives import WAYS, native, signature
 
-from jounce.native.circular import HALF_PI, LARGE
+from jounce.native.functions import HALF_PI, LARGE
 from jounce.program.trace import Tape
 
 UNITS = 2  # in the last place
@@ -82,3 +82,18 @@ def test_numpy_has_nothing_to_warn_of(sincos, angle):
     with warnings.catch_warnings(), np.errstate(all="warn", under="ignore"):
         warnings.simplefilter("error")
         sincos([angle, 1.0])
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_the_hyperbolic_tangent_of_native_code_is_within_three_units_in_the_last_place(way):
+    tape = Tape()
+    (x,) = tape.variables(1)
+    function = native(tape.program([x.tanh()]), signature(((1,),), ((1,),), (0,)), way)
+    rng = np.random.default_rng(7)
+    sizes = 10.0 ** np.arange(-300, 301, 10)
+    numbers = np.concatenate([rng.uniform(-22, 22, 2000), rng.uniform(-0.4, 0.4, 2000), sizes, -sizes, [0.0, -0.0]])
+    found = function(numbers[:, None])[:, 0]
+    with mpmath.workprec(200):
+        for a, y in zip(numbers, found, strict=True):
+            expected = mpmath.tanh(mpmath.mpf(float(a)))
+            assert abs(mpmath.mpf(float(y)) - expected) <= 3 * np.spacing(abs(float(expected))), a

@@ -1,13 +1,18 @@
-"""A pass over programs: sums are flattened, products with a shared factor grouped, a x + a y = a (x + y), and rebuilt.
+"""Passes over programs: `factored` groups products with a shared factor, `fused` fuses products with sums.
 
-Only what is used once is taken apart, so that nothing shared is computed twice.
+`factored` flattens sums and builds them again by a x + a y = a (x + y). It takes apart only what is used once, so that
+nothing shared is computed twice.
+
+`fused` rounds x y + z once, where x y is used once. The choice is made here and not by a compiler, so that results are
+the same wherever a state stands in a batch.
 """
 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from jounce.program.program import FUNCTIONS, Operation, Program
+from jounce.program.operations import OPERATIONS
+from jounce.program.program import Program, Step, needed
 from jounce.program.trace import Node, Tape
 
 SUMS = ("add", "sub")
@@ -32,6 +37,20 @@ def factored(program: Program) -> Program:
     return _Pass(program).result()
 
 
+def fused(program: Program) -> Program:
+    """The same outputs with fused operations where the host has them."""
+    uses, steps = program.uses(), list(program.steps)
+    for i, step in enumerate(steps):
+        if step.kind in ("add", "sub"):
+            left, right = step.operands
+            lone = [j for j in step.operands if steps[j].kind == "mul" and uses[j] == 1]
+            if right in lone:
+                steps[i] = Step("fma" if step.kind == "add" else "fnma", (*steps[right].operands, left))
+            elif left in lone:
+                steps[i] = Step("fma" if step.kind == "add" else "fms", (*steps[left].operands, right))
+    return needed(steps, program.outputs, program.inputs)
+
+
 class _Pass:
     """The old program, how often its steps are used, and the new tape."""
 
@@ -48,21 +67,19 @@ class _Pass:
                 self.made[i] = self._rebuilt(i, step)
         return self.tape.program([self.made[i] for i in self.program.outputs])
 
-    def _inner(self, step: Operation) -> list[int]:
+    def _inner(self, step: Step) -> list[int]:
         """The operands that are taken apart with a step: used here alone, sums in sums and products in both."""
         apart = {"add": (*SUMS, "mul"), "sub": (*SUMS, "mul"), "mul": ("mul",)}.get(step.kind, ())
         return [i for i in step.operands if self.uses[i] == 1 and self.program.steps[i].kind in apart]
 
-    def _rebuilt(self, i: int, step: Operation) -> Node:
+    def _rebuilt(self, i: int, step: Step) -> Node:
         match step.kind:
             case "input":
                 return self.tape.write("input", value=step.value)
             case "constant":
                 return self.tape.node(step.value)
-            case "neg":
-                return -self.made[step.operands[0]]
-            case kind if kind in FUNCTIONS:
-                return self.tape.write(step.kind, self.made[step.operands[0]].i)
+            case kind if OPERATIONS[kind].arity == 1:
+                return self.tape.function(kind, self.made[step.operands[0]])
         return self._sum(self._terms(i, 1))
 
     def _terms(self, i: int, sign: int) -> list[_Term]:

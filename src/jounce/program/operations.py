@@ -1,0 +1,182 @@
+"""The operations of programs, a row each: all that is known about them.
+
+What the tape, the passes, native code, generated code and derivatives know of an operation is derived from its row. To
+add one takes a row; a function that processors lack, its LLVM text in `native/functions` and its name in the languages
+that spell it otherwise.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+Instruction = tuple[str, *tuple[int | float, ...]]  # of LLVM, or the name of an intrinsic, and what it takes
+SUM, PRODUCT, ATOM = range(3)  # how tightly an expression holds together
+
+
+@dataclass(frozen=True)
+class Expression:
+    """The text of an operation, alike in all languages: ``{0}`` and so on are its operands, ``{one}`` is the number 1.
+
+    Sums and products run from left to right, as all languages have it; operands that hold together less tightly than
+    `operands` says are in parentheses.
+    """
+
+    text: str
+    holds: int
+    operands: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class VectorFunction:
+    """A function of `native/functions` on vectors, which returns its value or writes two, of which this is one."""
+
+    name: str
+    result: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Operation:
+    """One operation on scalars.
+
+    `partials` takes operands that are nodes of a tape and returns the partial derivative by each, nodes or numbers. For
+    z of operands x, tangents are z' = sum of partial * x', and adjoints of x grow by partial * adjoint of z. Partials
+    that hold the value itself write no new step for it: equal expressions are one node.
+
+    `llvm` are instructions on vectors. Whole numbers stand for the operands and, after them, the values of the
+    instructions before; a float stands for itself. The last value is that of the operation.
+    """
+
+    name: str
+    noun: str  # what many of them are called
+    arity: int
+    value: Callable[..., float]
+    partials: Callable[..., tuple[Any, ...]]
+    llvm: tuple[Instruction, ...] = ()
+    unfused: tuple[Instruction, ...] = ()  # the instructions where the host cannot fuse products with sums
+    function: VectorFunction | None = None  # what native code calls instead
+    expression: Expression | None = None  # how code writes it; None: it is called by its name
+    free: bool = False  # signs are kept outside, and end in subtractions
+    involution: bool = False  # whether it undoes itself
+
+
+def _of_angle(function: Callable[[float], float]) -> Callable[[float], float]:
+    """Sine or cosine, NaN where the angle is infinite; Python's raise an error there."""
+    return lambda x: function(x) if math.isfinite(x) else math.nan
+
+
+def _reciprocal(x: float) -> float:
+    """1 / x, infinite where x is zero; Python raises an error there."""
+    return 1 / x if x else math.copysign(math.inf, x)
+
+
+OPERATIONS: Mapping[str, Operation] = {
+    operation.name: operation
+    for operation in (
+        Operation(
+            name="mul",
+            noun="products",
+            arity=2,
+            value=lambda x, y: x * y,
+            partials=lambda x, y: (y, x),
+            llvm=(("fmul", 0, 1),),
+            expression=Expression("{0} * {1}", PRODUCT, (PRODUCT, ATOM)),
+        ),
+        Operation(
+            name="add",
+            noun="sums",
+            arity=2,
+            value=lambda x, y: x + y,
+            partials=lambda x, y: (1, 1),
+            llvm=(("fadd", 0, 1),),
+            expression=Expression("{0} + {1}", SUM, (SUM, PRODUCT)),
+        ),
+        Operation(
+            name="sub",
+            noun="differences",
+            arity=2,
+            value=lambda x, y: x - y,
+            partials=lambda x, y: (1, -1),
+            llvm=(("fsub", 0, 1),),
+            expression=Expression("{0} - {1}", SUM, (SUM, PRODUCT)),
+        ),
+        Operation(
+            name="neg",
+            noun="signs",
+            arity=1,
+            value=lambda x: -x,
+            partials=lambda x: (-1,),
+            llvm=(("fneg", 0),),
+            expression=Expression("-{0}", SUM, (ATOM,)),
+            free=True,
+            involution=True,
+        ),
+        Operation(
+            name="inv",
+            noun="reciprocals",
+            arity=1,
+            value=_reciprocal,
+            partials=lambda x: (-((1 / x) * (1 / x)),),
+            llvm=(("fdiv", 1.0, 0),),
+            expression=Expression("{one} / {0}", PRODUCT, (ATOM,)),
+            involution=True,
+        ),
+        Operation(
+            name="sin",
+            noun="sin",
+            arity=1,
+            value=_of_angle(math.sin),
+            partials=lambda x: (x.cos(),),
+            function=VectorFunction("sincos", 0),
+        ),
+        Operation(
+            name="cos",
+            noun="cos",
+            arity=1,
+            value=_of_angle(math.cos),
+            partials=lambda x: (-x.sin(),),
+            function=VectorFunction("sincos", 1),
+        ),
+        Operation(
+            name="tanh",
+            noun="tanh",
+            arity=1,
+            value=math.tanh,
+            partials=lambda x: (1 - x.tanh() * x.tanh(),),
+            function=VectorFunction("tanh"),
+        ),
+        Operation(
+            name="fma",
+            noun="fused sums",
+            arity=3,
+            value=lambda x, y, z: x * y + z,  # in native code rounded once
+            partials=lambda x, y, z: (y, x, 1),
+            llvm=(("llvm.fma", 0, 1, 2),),
+            unfused=(("fmul", 0, 1), ("fadd", 3, 2)),
+            expression=Expression("{0} * {1} + {2}", SUM, (PRODUCT, ATOM, PRODUCT)),
+        ),
+        Operation(
+            name="fms",
+            noun="fused differences",
+            arity=3,
+            value=lambda x, y, z: x * y - z,
+            partials=lambda x, y, z: (y, x, -1),
+            llvm=(("fneg", 2), ("llvm.fma", 0, 1, 3)),
+            unfused=(("fmul", 0, 1), ("fsub", 3, 2)),
+            expression=Expression("{0} * {1} - {2}", SUM, (PRODUCT, ATOM, PRODUCT)),
+        ),
+        Operation(
+            name="fnma",
+            noun="fused negative products",
+            arity=3,
+            value=lambda x, y, z: z - x * y,
+            partials=lambda x, y, z: (-y, -x, 1),
+            llvm=(("fneg", 0), ("llvm.fma", 3, 1, 2)),
+            unfused=(("fmul", 0, 1), ("fsub", 2, 3)),
+            expression=Expression("{2} - {0} * {1}", SUM, (PRODUCT, ATOM, SUM)),
+        ),
+    )
+}
+LEAVES = ("input", "constant")  # the kinds of steps that are no operations: they have a number, and no operands
+FREE = (*LEAVES, *(name for name, operation in OPERATIONS.items() if operation.free))  # what costs nothing
+FUNCTIONS = tuple(name for name, operation in OPERATIONS.items() if operation.expression is None)  # called by name
