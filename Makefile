@@ -4,7 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint format types docs bench clean
+.PHONY: demo test fuzz lint format types docs bench clean
 
 demo: $(VENV)/installed
 	mkdir -p build
@@ -16,6 +16,12 @@ demo: $(VENV)/installed
 
 test: $(VENV)/installed-dev
 	$(BIN)/pytest -n auto
+
+# Attacks all readers, commands and forces for so long, from a random seed (SEED=... for that of an earlier run); inputs
+# that were not taken well are kept in build/fuzz.
+SECONDS := 600
+fuzz: $(VENV)/installed-dev
+	$(BIN)/pytest -n auto tests/fuzz --fuzz-seconds $(SECONDS) $(if $(SEED),--fuzz-seed $(SEED))
 
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check

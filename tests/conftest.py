@@ -1,5 +1,7 @@
 """Property tests run the same examples everywhere, however slow the machine."""
 
+from random import SystemRandom
+
 import pytest
 from hypothesis import settings
 
@@ -11,6 +13,18 @@ settings.load_profile("jounce")
 
 def pytest_addoption(parser):
     parser.addoption("--refresh-golden", action="store_true", help="Write generated code anew as golden files.")
+    parser.addoption("--fuzz-seconds", type=float, default=0, help="Of attacks; one round each if 0.")
+    parser.addoption("--fuzz-seed", type=int, help="Of the first round; random where seconds are given, else 0.")
+
+
+def pytest_configure(config):
+    """One seed for all workers, which take over the options of the process that starts them."""
+    if config.option.fuzz_seed is None:
+        config.option.fuzz_seed = SystemRandom().randrange(10**6) if config.option.fuzz_seconds else 0
+
+
+def pytest_report_header(config):
+    return f"fuzz: seed {config.option.fuzz_seed}, {config.option.fuzz_seconds:g} s"
 
 
 @pytest.fixture(scope="session", autouse=True)

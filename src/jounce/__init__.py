@@ -11,14 +11,25 @@ if TYPE_CHECKING:
     from jounce.io.loading import load
     from jounce.io.motions.loading import load_motion
     from jounce.io.saving import save
+    from jounce.model.drives import Drives
+    from jounce.model.mechanism import Limits, Mechanism
+    from jounce.motion import Motion
+    from jounce.native.kernel import Kernel
     from jounce.robot import Robot
+    from jounce.robot.along import Along
     from jounce.spatial.inertia import inertia_matrix
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "Along",
+    "Drives",
     "JounceError",
     "JounceWarning",
+    "Kernel",
+    "Limits",
+    "Mechanism",
+    "Motion",
     "Robot",
     "__version__",
     "casadi_function",
@@ -30,8 +41,14 @@ __all__ = [
     "symbolic",
 ]
 _LATER = {  # what is imported when it is first asked for, so that whatever needs little of it starts at once
+    "Along": "jounce.robot.along",
+    "Drives": "jounce.model.drives",
     "JounceError": "jounce.errors",
     "JounceWarning": "jounce.errors",
+    "Kernel": "jounce.native.kernel",
+    "Limits": "jounce.model.mechanism",
+    "Mechanism": "jounce.model.mechanism",
+    "Motion": "jounce.motion",
     "Robot": "jounce.robot",
     "casadi_function": "jounce._casadi",
     "codegen": "jounce._codegen",

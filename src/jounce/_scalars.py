@@ -187,7 +187,10 @@ def _elementwise(name: str) -> Callable[[Array], Array]:
         if sympy is not None and isinstance(s, sympy.Basic):
             return getattr(sympy, name)(s)
         if isinstance(s, int | float):
-            return getattr(math, name)(s)
+            try:
+                return getattr(math, name)(s)
+            except ValueError:  # of infinity: NaN, as in arrays of floats
+                return math.nan
         if not hasattr(s, name):
             raise JounceError(f"scalars of type {type(s).__name__} have no method {name}(); expected one")
         return getattr(s, name)()

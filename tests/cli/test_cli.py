@@ -5,6 +5,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tracemalloc
 from itertools import product
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from jounce.checks.description import describe
 from jounce.cli import main
 from jounce.io import tables
 from jounce.motion.table import from_table
+from jounce.robot import along
 from jounce.spatial.series import rate_name
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -150,7 +152,8 @@ def folder(tmp_path, monkeypatch):
     tables.write(tmp_path / "good.csv", good)
     tables.write(tmp_path / "few.csv", {name: column[:5] for name, column in good.items()})
     tables.write(tmp_path / "other.csv", {"t": t, "joint1": t, "jont2": t})
-    tables.write(tmp_path / "huge.csv", {"t": t, "joint1": 1e308 * (-1.0) ** np.arange(9), "joint2": t})
+    huge = {f"joint{j}.{rate_name('q', k)}": np.full(9, 1e308) for j in (1, 2) for k in range(5)}
+    tables.write(tmp_path / "huge.csv", {"t": t} | huge)
     tables.write(tmp_path / "turn.csv", {"t": t, "turn": np.sin(t)})
     (tmp_path / "cell.csv").write_text("t,joint1,joint2\n0,1,2\n1,x,2\n")
     np.save(tmp_path / "array.npy", t)
@@ -226,12 +229,25 @@ def test_run_refuses_what_memory_does_not_bear(folder, monkeypatch, error):
     def fails(*_, **__):
         raise error
 
-    monkeypatch.setattr(jounce.Robot, "inverse_dynamics", fails)
+    monkeypatch.setattr(along, "compute", fails)
     before, result = contents(folder), call(*RUN)
     assert (result.exit_code, result.stdout) == (2, "")
     [line] = result.stderr.splitlines()
     assert line.startswith("Error: not enough memory: ")
     assert contents(folder) == before
+
+
+def test_run_takes_little_more_memory_than_its_motion(tmp_path):
+    """However long the motion, its forces are written as they come, and never held."""
+    joints = "joint1: {offset: 1}, joint2: {polynomial: [0, 1]}"
+    (tmp_path / "long.yaml").write_text(f"time: {{stop: 1, count: 100_000}}\njoints: {{{joints}}}\n")
+    asked = ("run", "planar2r", tmp_path / "long.yaml", "-o", tmp_path / "out.csv")
+    assert call(*asked).exit_code == 0  # and imports what it needs
+    tracemalloc.start()
+    assert call(*asked).exit_code == 0
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1.7 * 8 * 100_000 * (1 + 5 * 2)
 
 
 USAGE = {

@@ -10,6 +10,7 @@ from click.testing import CliRunner
 
 import jounce
 from jounce.cli import main
+from jounce.robot import along
 
 COMMAND = ["run", "planar2r", "motion.yaml", "-o", "out.csv"]
 MOTION = "time: {stop: 1, count: 9}\njoints: {joint1: {offset: 1}, joint2: {cosines: [{amplitude: 1, frequency: 2}]}}\n"
@@ -78,7 +79,7 @@ def test_within_another_program(folder, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.chdir(folder)
-    monkeypatch.setattr(jounce.Robot, "inverse_dynamics", fails)
+    monkeypatch.setattr(along, "compute", fails)
     before, result = contents(folder), CliRunner().invoke(main, COMMAND)
     assert (result.exit_code, result.stdout, result.stderr) == (130, "", "\nAborted!\n")
     assert contents(folder) == before

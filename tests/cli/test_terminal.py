@@ -20,9 +20,9 @@ class Screen(io.StringIO):
 def bar_of(monkeypatch, stream, patience, steps=4):
     monkeypatch.setattr("sys.stderr", stream)
     monkeypatch.setattr(output, "PATIENCE", patience)
-    with progress("working", steps) as advance:
-        for _ in range(steps):
-            advance()
+    with progress("working") as show:
+        for step in range(steps):
+            show(step + 1, steps)
     return stream.getvalue()
 
 
@@ -43,8 +43,8 @@ def test_an_error_ends_the_bar_and_goes_on(monkeypatch):
     monkeypatch.setattr(output, "PATIENCE", 0)
 
     def fails():
-        with progress("working", 3) as advance:
-            advance()
+        with progress("working") as show:
+            show(1, 3)
             raise ValueError("stop")
 
     with pytest.raises(ValueError, match="stop"):

@@ -108,6 +108,12 @@ def test_every_public_name_of_a_robot_has_its_place_in_the_api():
     assert {f"::: jounce.{name}" for name in jounce.__all__ if name != "__version__"} <= set(pages.splitlines())
 
 
+def test_files_that_the_readme_links_to_exist():
+    links = re.findall(r"\]\((?!https?:|#)([^)#]+)", PAGES[0].read_text(encoding="utf-8"))
+    assert len(links) > 20
+    assert [link for link in links if not (ROOT / link).exists()] == []
+
+
 def test_nothing_of_the_pages_escapes_the_test():
     """As many commands are run as the pages name outside of prose."""
     for page in PAGES:

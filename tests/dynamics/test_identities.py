@@ -158,8 +158,8 @@ def test_a_mimic_joint_equals_its_constraint_eliminated_by_hand(drawn):
     free = from_screws(mechanism.B, mechanism.X, mechanism.M, mechanism.parent, gravity=mechanism.gravity)
     theta = [mechanism.G @ x + (mechanism.g if k == 0 else 0) for k, x in enumerate(q)]
     for Q, Q_free in zip(
-        jounce.Robot(mechanism).inverse_dynamics(*q, wrench=W),
-        jounce.Robot(free).inverse_dynamics(*theta, wrench=W),
+        jounce.Robot(mechanism).inverse_dynamics(*q, wrench=tuple(W)),
+        jounce.Robot(free).inverse_dynamics(*theta, wrench=tuple(W)),
         strict=True,
     ):
         vanishes(Q - mechanism.G.T @ Q_free, size(Q_free))

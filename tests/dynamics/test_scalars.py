@@ -264,6 +264,19 @@ def test_data_of_a_robot_are_concrete():
         jounce.Robot.from_screws(**given | {"B": 2 * given["B"]})
 
 
+def test_scalars_of_numpy_are_numbers_of_numpy():
+    expected = jounce.inertia_matrix(0.5, [0, 0, 1], np.eye(3))
+    assert jounce.inertia_matrix(np.float16(0.5), [0, 0, 1], np.eye(3)).dtype == expected.dtype
+    with pytest.raises(JounceError, match="mass holds complex numbers; expected real numbers"):
+        jounce.inertia_matrix(np.complex64(1j), [0, 0, 1], np.eye(3))
+
+
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
+def test_infinity_among_symbols_comes_out_as_nan():
+    Q = jounce.load("planar2r").gravity_forces({"joint1": [np.inf, sympy.Symbol("x")], "joint2": 0})
+    assert all(np.isnan(float(x)) for x in Q[0])
+
+
 def test_numbers_of_a_robot_leave_no_floats_among_symbols():
     robot = jounce.load("planar2r")
     q, qd = (np.array(sympy.symbols(names), dtype=object) for names in ("a b", "da db"))

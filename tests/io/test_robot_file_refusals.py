@@ -73,6 +73,7 @@ CHANGED = {  # what is replaced, by what, the line of the refusal, its words
     "too many digits": ("mass: 2", "mass: 1" + "0" * 5000, None, ["not YAML"]),
     "overflow": (INERTIA, "{mass: 1e200, com: [1e200, 0, 0], inertia: [1, 0, 0, 1, 0, 1]}", None, ["M[0", "finite"]),
     "overflow of a point": ("      axis: [0, 0, 1]\n", "      axis: [0, 1, -1]\n      point: [0, 1.7e308, 1.7e308]\n", None, ["finite"]),  # noqa: E501
+    "overflow of a rotation": ("rpy: [0, 0, 0]", "rotation: [[1e200, 0, 0], [0, 1, 0], [0, 0, 1]]", 7, ["R^T R"]),
     "com of four": ("[0, 0, 0.1]", "[0, 0, 0.1, 0]", 13, ["com of inertia", "expected 3 numbers"]),
     "moments of five": (", 0.02, 0, 0.01]", ", 0.02, 0]", 13, ["expected 6 numbers or 3 rows of 3 numbers"]),
     "rotation of rows too short": ("rpy: [0, 0, 0]", "rotation: [[1, 0], [0, 1], [0, 0]]", 7, ["entry 1", "3 numbers"]),

@@ -13,14 +13,14 @@ from click.testing import CliRunner
 from files import refusal
 from hypothesis import given
 from hypothesis import strategies as st
-from robots import GOLDEN_NAMES, golden, mechanisms, random_inertia, random_pose, with_tool
+from robots import GOLDEN_NAMES, golden, mechanisms, parts, random_inertia, random_pose, with_tool
 from scipy.spatial.transform import Rotation
 
 import jounce
 from jounce.cli import main
 from jounce.io import documents
 from jounce.io.native import writing
-from jounce.model.mechanism import DATA, Frame
+from jounce.model.mechanism import Frame
 
 pytestmark = pytest.mark.filterwarnings("ignore::jounce.JounceWarning")  # of the inertias of the iiwa
 ROOT = Path(__file__).parents[2]
@@ -36,14 +36,6 @@ def there_and_back(robot, folder, suffix=".yaml"):
     path = folder / f"robot{suffix}"
     jounce.save(robot, path)
     return jounce.load(path)
-
-
-def parts(robot):
-    """All that a robot is, arrays by their bits."""
-    m = robot.mechanism
-    arrays = {name: getattr(m, name) for name in DATA} | vars(m.limits) | {f.name: f.T for f in m.frames}
-    names = (m.name, m.parent, m.bodies, m.joints, m.coordinates, [(f.name, f.body) for f in m.frames])
-    return names, {name: (array.dtype, array.shape, array.tobytes()) for name, array in arrays.items()}
 
 
 def loaded(folder, text, name="arm.yaml", **options):

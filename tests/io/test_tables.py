@@ -107,6 +107,32 @@ def test_pieces_are_of_some_rows_and_make_the_whole(tmp_path, monkeypatch, cells
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".npz"])
+def test_what_is_written_in_pieces_is_the_whole(tmp_path, suffix):
+    whole, path = tmp_path / f"whole{suffix}", tmp_path / f"pieces{suffix}"
+    parts = [{name: column[i : i + 4] for name, column in COLUMNS.items()} for i in range(0, 9, 4)]
+    tables.write(whole, COLUMNS)
+    tables.write_pieces(path, iter(parts))
+    assert list(tables.read(path)) == list(COLUMNS)
+    assert all(np.array_equal(tables.read(path)[name], column) for name, column in COLUMNS.items())
+    assert suffix == ".npz" or path.read_bytes() == whole.read_bytes()  # archives hold the time
+    path.unlink()
+    parts[2] = {"t": np.array([np.inf]), "a": np.zeros(1)}
+    refusal(lambda: tables.write_pieces(path, parts), "column 't' holds inf in row 8 from 0")
+    assert list(tmp_path.iterdir()) == [whole]
+
+
+def test_a_table_whose_next_piece_fails_leaves_nothing(tmp_path):
+    def pieces():
+        yield COLUMNS
+        raise KeyboardInterrupt
+
+    for suffix in (".csv", ".npz"):
+        with pytest.raises(KeyboardInterrupt):
+            tables.write_pieces(tmp_path / f"t{suffix}", pieces())
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz"])
 def test_tables_take_no_more_than_three_times_their_size_in_memory(tmp_path, suffix):
     rng = np.random.default_rng(4)
     columns, path = {name: rng.normal(size=30_000) for name in "tabc"}, tmp_path / f"table{suffix}"

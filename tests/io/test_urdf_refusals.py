@@ -108,6 +108,14 @@ NUMBERS = {
 }
 
 
+@pytest.mark.filterwarnings("ignore::jounce.JounceWarning")
+def test_large_numbers_are_read_without_warnings_of_overflow_and_locked_in_words(tmp_path):
+    broad = link("x", (1.0, [0, 0, 0], [0, 0, 0], [1e308, 0.0, 0.0, 1e308, 0.0, 1e308]))
+    path = robot_file(tmp_path, *GOOD, broad, joint("bend", "arm", "x"))
+    assert jounce.load(path).mechanism.M.max() > 9e307
+    refusal(lambda: jounce.load(path, lock={"bend": 0.5}), str(path), "locking bend overflows")
+
+
 @pytest.mark.parametrize(("what", "item"), NUMBERS.items(), ids=NUMBERS)
 @pytest.mark.parametrize("bad", ["one", "nan", "inf", "-1e999", "", "1,2,3", "1_0", "0x10", "1 2", "1 2 3 4"])
 def test_refuses_numbers(tmp_path, what, item, bad):

@@ -86,6 +86,11 @@ BAD_MOTIONS = {
     "t repeated among rates": ({**full(4), "t": np.zeros(3)}, 4, ["t does not increase", "rows 0 and 1"]),
     "seven samples": (at(*range(7)), 4, ["7 samples", "at least 8"]),
     "beyond the spline": (SAMPLES, 8, ["q8d", "degree 7"]),
+    "samples whose rates overflow": (
+        {**SAMPLES, "joint1": 1e308 * (-1.0) ** np.arange(9)},
+        4,
+        ["qd of the spline of degree 7", "overflows"],
+    ),
     "t too close for a spline": ({**SAMPLES, "t": np.arange(9) * 1e-320}, 4, ["t"]),
 }
 

@@ -125,7 +125,7 @@ def test_agrees_with_golden_data(name):
     for case in cases:
         q, W = rates_of(case)
         for found, keys, tolerance in (
-            (robot.inverse_dynamics(*q[:5], wrench=W[:3], method="kernel"), ("Q", "Qd", "Q2d"), 1e-13),
+            (robot.inverse_dynamics(*q[:5], wrench=tuple(W[:3]), method="kernel"), ("Q", "Qd", "Q2d"), 1e-13),
             (robot.mass_matrix(*q[:3], method="kernel"), ("M", "Mdot", "Mddot"), 1e-12),
             (robot.gravity_forces(*q[:3], method="kernel"), ("Qgrav", "Qgrav_dot", "Qgrav_ddot"), 1e-12),
         ):
@@ -140,7 +140,8 @@ def test_agrees_with_extended_precision_over_masses_from_a_milligram_to_ten_tons
     q, W = random_state(rng, mechanism)
     exact = [[x.astype(np.longdouble) for x in y] for y in (q, W)]
     expected = inverse_dynamics(mechanism, columns(exact[0]), loads(exact[1])).upto(2)
-    for x, y in zip(jounce.Robot(mechanism).inverse_dynamics(*q, wrench=W, method="kernel"), expected, strict=True):
+    found = jounce.Robot(mechanism).inverse_dynamics(*q, wrench=tuple(W), method="kernel")
+    for x, y in zip(found, expected, strict=True):
         assert relative_error(x, y[:, 0]) < 1e-13
 
 

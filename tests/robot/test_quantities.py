@@ -148,9 +148,12 @@ def test_of_one_body_is_the_row_of_all(quantity):
     ("keywords", "match"),
     [
         ({"body": "body9"}, r"^no body 'body9'; did you mean 'body\d'\? there are: body1, .*tool, stand$"),
-        ({"body": 3}, "^no body '3'; "),
+        ({"body": 3}, "^no body 3; "),
         ({"frame": "wrld"}, r"^no frame 'wrld'; did you mean 'world'\? there are: body, world, spatial$"),
-        ({"method": "rnea"}, r"^no method for jacobian 'rnea'; there are: recursion, closed_form, kernel$"),
+        (
+            {"method": "rnea"},
+            r"^no method for jacobian 'rnea'; .* there are: recursion, closed_form, kernel$",
+        ),
     ],
 )
 def test_unknown_names_list_what_exists(keywords, match):

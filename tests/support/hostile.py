@@ -9,6 +9,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import sympy
+
+import casadi
 
 
 class Malicious:
@@ -81,7 +84,8 @@ HOSTILE: dict[str, Callable[[], Any]] = {
     "lists": lambda: [["x"], ["y"]],
     "texts": lambda: ["x", "y"],
     "huge numbers": lambda: [10**400, 10**400],
-    "huge and symbolic": lambda: [10**400, Fraction(1, 3)],
+    "huge and symbolic": lambda: [10**400, sympy.Symbol("x")],
+    "CasADi's MX": lambda: casadi.MX.sym("x", 2),
     "complex numbers": lambda: [1j, 2.0],
     "decimals": lambda: [Decimal(1), Decimal(2)],
     "two": lambda: [1.0, 2.0],

@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 import jounce
-from jounce.model.mechanism import Frame, Mechanism
+from jounce.model.mechanism import DATA, Frame, Mechanism
 from jounce.model.screws import from_screws
 from jounce.spatial import lie
 from jounce.spatial.series import Series
@@ -41,6 +41,14 @@ def golden(name: str) -> tuple[Mechanism, list[dict[str, Any]]]:
 def rates_of(case: dict[str, Any]) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """q and W of a golden case with all their rates."""
     return [np.array(case[k]) for k in RATES], [np.array(case[k]) for k in WRENCH_RATES]
+
+
+def parts(robot: jounce.Robot) -> tuple[Any, dict[str, Any]]:
+    """All that a robot is, arrays by their bits."""
+    m = robot.mechanism
+    arrays = {name: getattr(m, name) for name in DATA} | vars(m.limits) | {f.name: f.T for f in m.frames}
+    names = (m.name, m.parent, m.bodies, m.joints, m.coordinates, [(f.name, f.body) for f in m.frames])
+    return names, {name: (array.dtype, array.shape, array.tobytes()) for name, array in arrays.items()}
 
 
 def relative_error(x: Any, reference: Any) -> float:

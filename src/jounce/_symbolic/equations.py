@@ -14,9 +14,8 @@ from jounce._symbolic.terms import Print, waves
 from jounce._symbolic.trig_polynomial import Alphabet, Waves
 from jounce.dynamics import drive_terms
 from jounce.dynamics.closed_form import closed_form
-from jounce.dynamics.quantities import QUANTITIES
+from jounce.dynamics.quantities import QUANTITIES, State
 from jounce.dynamics.recursion.forces import external_forces
-from jounce.dynamics.state import State
 from jounce.errors import JounceError, at, no_such, quoted
 from jounce.model.mechanism import DATA, Mechanism, in_whole_numbers
 from jounce.robot import Robot

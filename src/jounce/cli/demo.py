@@ -1,6 +1,7 @@
 """`jounce demo`: the iiwa example of the paper, end to end, with its pictures."""
 
 from collections.abc import Mapping, Sequence
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -45,7 +46,12 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
     formats = list(dict.fromkeys(formats))
     canvas.check_installed()
     files.make_folder(output)
-    with progress("the paper's example", 3 + len(example.methods()) + 5 * len(formats)) as advance:
+    steps, total = count(1), 3 + len(example.methods()) + 5 * len(formats)
+    with progress("the paper's example") as show:
+
+        def advance() -> None:
+            show(next(steps), total)
+
         examples = {}
         for name, motion in (("forces", "paper"), ("forces-wrench", "paper-wrench")):
             found = examples[name] = example.example(motion, states)

@@ -46,22 +46,21 @@ def straight_columns(rows: list[tuple[str, ...]]) -> list[str]:
 
 
 @contextmanager
-def progress(label: str, steps: int) -> Iterator[Callable[[], None]]:
-    """A bar on the terminal, from the first second of work on; each call of what it yields is a step done.
+def progress(label: str) -> Iterator[Callable[[int, int], None]]:
+    """A bar on the terminal, after the first second of work; it shows what the yielded function is told: done, total.
 
-    Nothing is shown where no person looks on: piped, or with the error stream in a file.
+    Nothing is shown when nobody watches: piped, or with the error stream in a file.
     """
-    bar = click.progressbar(length=steps, label=label, file=sys.stderr)
-    seen, start, done = sys.stderr.isatty(), monotonic(), 0
+    bar = click.progressbar(length=0, label=label, file=sys.stderr)
+    seen, start = sys.stderr.isatty(), monotonic()
 
-    def advance() -> None:
-        nonlocal done
-        done += 1
+    def show(done: int, total: int) -> None:
         if seen and monotonic() - start > PATIENCE:
+            bar.length = total
             bar.update(done - bar.pos)
 
     try:
-        yield advance
+        yield show
     finally:
         if bar.pos:
             bar.render_finish()

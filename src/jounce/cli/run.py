@@ -11,12 +11,13 @@ from jounce.cli.output import progress, straight_columns, tell
 from jounce.errors import JounceError, shortened
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     import numpy as np
 
+    from jounce.io.columns import Columns
     from jounce.motion import Motion
     from jounce.robot import Robot
-
-PIECE = 1000  # states between two looks at the clock
 
 EPILOG = """\b
 Example, the robot and the motion of the paper:
@@ -60,19 +61,18 @@ def run(
     as_json: bool,
 ) -> None:
     """Compute Q, Qd, Q2d along MOTION for ROBOT, a file or the name of a bundled one."""
+    from jounce.dynamics.quantities import FORCES
     from jounce.io import tables
     from jounce.io.motions.loading import load_motion
     from jounce.model.coordinates import coordinate_units
-    from jounce.spatial.series import rate_name
 
     tables.check_writable(output)
     if output.resolve() == motion.resolve():
         raise JounceError(f"{output}: is the motion itself; expected another file to write into")
     arm = robot.load()
     path = load_motion(motion, arm, order, degree, intervals)
-    results = _along(arm, path, method)
-    forces = dict(zip((rate_name("Q", k) for k in range(order + 1)), results, strict=True))
-    tables.write(output, tables.of_rates(path.t, arm.joint_names, "Q", tuple(forces.values())))
+    peaks = _write_forces(arm, path, method, output)
+    names = FORCES.names(order)
     summary = {
         "robot": arm.name,
         "motion": str(motion),
@@ -82,7 +82,10 @@ def run(
         "states": len(path.t),
         "t": [float(path.t[0]), float(path.t[-1])],
         "order": order,
-        "peaks": {joint: _peaks(forces, j) for j, joint in enumerate(arm.joint_names)},
+        "peaks": {
+            joint: dict(zip(names, largest.tolist(), strict=True))
+            for joint, largest in zip(arm.joint_names, peaks.T, strict=True)
+        },
         "units": {
             joint: "N m" if unit == "rad" else "N"
             for joint, unit in zip(arm.joint_names, coordinate_units(arm.mechanism), strict=True)
@@ -91,21 +94,24 @@ def run(
     tell(summary, _in_words, as_json)
 
 
-def _along(robot: "Robot", motion: "Motion", method: str | None) -> "list[np.ndarray]":
-    """The forces and their rates along a motion, piece by piece, so that a person sees it go on."""
+def _write_forces(robot: "Robot", motion: "Motion", method: str | None, output: Path) -> "np.ndarray":
+    """Write the forces and their rates along a motion, each piece when it is computed; the largest of them, (.., n)."""
     import numpy as np
 
-    parts = []
-    with progress("inverse dynamics", -(-len(motion.t) // PIECE)) as advance:
-        for piece in motion.pieces(PIECE):
-            Q = robot.inverse_dynamics(*piece.rates, wrench=piece.wrench, method=method)
-            parts.append(Q if isinstance(Q, tuple) else (Q,))
-            advance()
-    return [np.concatenate(terms) for terms in zip(*parts, strict=True)]
+    from jounce.dynamics.quantities import FORCES
+    from jounce.io import tables
+    from jounce.robot.along import pieces_along
 
+    peaks = np.zeros((len(motion.rates) - FORCES.rates + 1, robot.n))
 
-def _peaks(forces: "dict[str, np.ndarray]", j: int) -> dict[str, float]:
-    return {name: float(abs(Q[:, j]).max()) for name, Q in forces.items()}
+    def pieces() -> "Iterator[Columns]":
+        for piece in pieces_along(robot.mechanism, motion, method, show):
+            np.maximum(peaks, np.abs(piece.forces).max(axis=1), out=peaks)
+            yield tables.of_rates(piece.t, robot.joint_names, FORCES.symbol, piece.forces)
+
+    with progress("inverse dynamics") as show:
+        tables.write_pieces(output, pieces())
+    return peaks
 
 
 def _in_words(summary: dict[str, Any]) -> str:

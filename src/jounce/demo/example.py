@@ -113,7 +113,7 @@ def methods() -> list[str]:
 
 def seconds(found: Example) -> Iterator[tuple[str, float, float]]:
     """By method: the time of an evaluation in the batch of the whole motion, and of one called alone."""
-    alone = [Motion(found.motion.t[:1], tuple(x[i] for x in found.motion.rates), "") for i in range(20)]
+    alone = [found.motion.part(i) for i in range(20)]
     for method in methods():
         start = perf_counter()
         forces_of(found.robot, found.motion, method)

@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import accumulate
 from math import prod
 
 from jounce._scalars import Array
-from jounce.dynamics.quantities import QUANTITIES, Quantity
-from jounce.dynamics.state import State
+from jounce.dynamics.quantities import QUANTITIES, Quantity, State
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series, columns, rate_name
 
@@ -60,6 +60,13 @@ class Computation:
     wrench: bool = False
     body: str | None = None
     frame: str = "body"
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash((self.name, self.order, self.wrench, self.body, self.frame))
+
+    def __hash__(self) -> int:  # computed once: every call of a robot's method looks its kernel up
+        return self._hash
 
     @property
     def quantity(self) -> Quantity:

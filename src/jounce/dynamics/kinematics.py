@@ -6,7 +6,6 @@ all of them: poses (..., nb, 4, 4) or (..., 4, 4), and columns of screws (..., n
 
 from collections.abc import Callable
 
-from jounce.dynamics.state import State
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import lie
 from jounce.spatial.series import Series, joined
@@ -16,21 +15,22 @@ OfBodies = Callable[[Mechanism, Series, int | None], Series]
 FRAMES = ("body", "world", "spatial")
 
 
-def poses(mechanism: Mechanism, x: State, of_bodies: OfBodies) -> Series:
-    """H of all bodies, or of the body or merged link that the state names."""
-    if x.body is None:
-        return of_bodies(mechanism, x.q, None)
-    link = mechanism.frame(x.body)
-    return of_bodies(mechanism, x.q, link.body) @ link.T
+def poses(mechanism: Mechanism, q: Series, body: str | None, of_bodies: OfBodies) -> Series:
+    """H of all bodies, or of one body or merged link."""
+    if body is None:
+        return of_bodies(mechanism, q, None)
+    link = mechanism.frame(body)
+    return of_bodies(mechanism, q, link.body) @ link.T
 
 
-def screws(mechanism: Mechanism, x: State, poses_of: OfBodies, screws_of: OfBodies) -> Series:
-    """Columns of screws, twists or Jacobians, of all bodies or of the one that the state names, in its frame."""
-    body = None if x.body is None else mechanism.frame(x.body).body
-    Y = screws_of(mechanism, x.q, body)
-    if x.body is not None:
-        Y = lie.Ad(lie.inverse(mechanism.frame(x.body).T)) @ Y
-    return Y if x.frame == "body" else _adjoint(poses(mechanism, x, poses_of), x.frame) @ Y
+def screws(
+    mechanism: Mechanism, q: Series, body: str | None, frame: str, poses_of: OfBodies, screws_of: OfBodies
+) -> Series:
+    """Columns of screws, twists or Jacobians, of all bodies or of one body or merged link, in a frame."""
+    Y = screws_of(mechanism, q, None if body is None else mechanism.frame(body).body)
+    if body is not None:
+        Y = lie.Ad(lie.inverse(mechanism.frame(body).T)) @ Y
+    return Y if frame == "body" else _adjoint(poses(mechanism, q, body, poses_of), frame) @ Y
 
 
 def _adjoint(H: Series, frame: str) -> Series:

@@ -12,13 +12,27 @@ from jounce.dynamics import drive_terms, kinematics
 from jounce.dynamics.paper import Paper
 from jounce.dynamics.recursion import bodies, forces, matrices, momenta
 from jounce.dynamics.recursion.forces import Sweep
-from jounce.dynamics.state import State
 from jounce.model.drives import TERMS
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series, rate_name
 
-Law = Callable[[Mechanism, State], Series]
 Axis = int | str  # "n" coordinates, "nb" bodies
+
+
+@dataclass(frozen=True)
+class State:
+    """What laws take: a motion at an instant, with its rates, and of which body something is asked.
+
+    Coordinates are columns (..., n, 1), wrenches on the bodies (..., 6nb, 1).
+    """
+
+    q: Series
+    W: Series | None = None
+    body: str | None = None  # a body or a link merged into one; None: all bodies
+    frame: str = "body"  # of twists: "body", "world" or "spatial"
+
+
+Law = Callable[[Mechanism, State], Series]
 
 
 @dataclass(frozen=True)
@@ -83,6 +97,10 @@ def _row(column: Series) -> Series:
 def _scalar(column: Series) -> Series:
     """(..., 1, 1) as (...)."""
     return column.map(lambda T: T[..., 0, 0])
+
+
+def _screws(m: Mechanism, x: State, poses: kinematics.OfBodies, screws: kinematics.OfBodies) -> Series:
+    return kinematics.screws(m, x.q, x.body, x.frame, poses, screws)
 
 
 QUANTITIES: Mapping[str, Quantity] = {
@@ -179,8 +197,8 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="H(q): the pose of the body in the inertial frame, a homogeneous matrix.",
             tex=r"H_i = H_p\,B_i \exp(\hat{X}_i \theta_i)",
             methods={
-                "recursion": Method(lambda m, x: kinematics.poses(m, x, bodies.poses), _columns),
-                "closed_form": Method(lambda m, x: kinematics.poses(m, x, dense.poses)),
+                "recursion": Method(lambda m, x: kinematics.poses(m, x.q, x.body, bodies.poses), _columns),
+                "closed_form": Method(lambda m, x: kinematics.poses(m, x.q, x.body, dense.poses)),
             },
         ),
         Quantity(
@@ -194,8 +212,8 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="V(q, qd): the twist (angular; linear) of the body.",
             tex=r"V = J\,\dot{q}",
             methods={
-                "recursion": Method(lambda m, x: _row(kinematics.screws(m, x, bodies.poses, bodies.twists)), _columns),
-                "closed_form": Method(lambda m, x: _row(kinematics.screws(m, x, dense.poses, dense.twists))),
+                "recursion": Method(lambda m, x: _row(_screws(m, x, bodies.poses, bodies.twists)), _columns),
+                "closed_form": Method(lambda m, x: _row(_screws(m, x, dense.poses, dense.twists))),
             },
         ),
         Quantity(
@@ -209,8 +227,8 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="J(q): the Jacobian of the body, twist (angular; linear) V = J qd.",
             tex=r"J = \partial V / \partial \dot{q}",
             methods={
-                "recursion": Method(lambda m, x: kinematics.screws(m, x, bodies.poses, bodies.jacobians), _columns),
-                "closed_form": Method(lambda m, x: kinematics.screws(m, x, dense.poses, dense.jacobians)),
+                "recursion": Method(lambda m, x: _screws(m, x, bodies.poses, bodies.jacobians), _columns),
+                "closed_form": Method(lambda m, x: _screws(m, x, dense.poses, dense.jacobians)),
             },
         ),
         Quantity(
@@ -256,6 +274,24 @@ QUANTITIES: Mapping[str, Quantity] = {
             methods={
                 "recursion": Method(lambda m, x: _row(momenta.generalized_momentum(m, x.q)), _column),
                 "closed_form": Method(lambda m, x: _row(dense.closed_form(m, x.q).p)),
+            },
+        ),
+        Quantity(
+            name="kinetic_energy",
+            symbol="T",
+            rates=2,
+            shape=(),
+            drive_terms=("armature",),
+            drive_law=lambda m, x: _scalar(x.q.dot.mT @ (drive_terms.armature_matrix(m) @ x.q.dot) * 0.5),
+            unit="J",
+            caption="kinetic energy",
+            meaning="T = 1/2 qd . M qd: the kinetic energy.",
+            tex=r"T = \tfrac{1}{2}\,\dot{q}^T M\,\dot{q}",
+            methods={
+                "recursion": Method(lambda m, x: _scalar(momenta.kinetic_energy(m, x.q)), _column),
+                "closed_form": Method(
+                    lambda m, x: _scalar(x.q.dot.mT @ (dense.closed_form(m, x.q).gM @ x.q.dot) * 0.5)
+                ),
             },
         ),
         Quantity(

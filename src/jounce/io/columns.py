@@ -23,12 +23,12 @@ def checked(place: object, columns: Mapping[str, np.ndarray]) -> Columns:
     return {name: array.astype(float) for name, array in columns.items()}
 
 
-def check_finite(place: object, columns: Mapping[str, np.ndarray]) -> None:
-    """Raise `JounceError` where a column holds what is no number."""
+def check_finite(place: object, columns: Mapping[str, np.ndarray], first: int = 0) -> None:
+    """Raise `JounceError` where a column holds what is no number; `first` is the number of the first row."""
     for name, array in columns.items():
         bad = np.flatnonzero(~np.isfinite(array))
         if bad.size:
-            came = f"{array[bad[0]]} in row {bad[0]} from 0"
+            came = f"{array[bad[0]]} in row {first + bad[0]} from 0"
             raise JounceError(f"{place}: column {quoted(name)} holds {came}; expected finite numbers")
 
 

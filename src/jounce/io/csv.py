@@ -1,7 +1,7 @@
 """CSV tables, read and written some rows at a time: as texts a whole table takes far more memory than as numbers."""
 
 import csv
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from io import TextIOWrapper
 from itertools import islice
 from pathlib import Path
@@ -26,16 +26,18 @@ def pieces(path: Path) -> Iterator[Columns]:
             raise JounceError(f"{path}: not a CSV table: {one_line(error)}") from None
 
 
-def write(path: Path, columns: Mapping[str, np.ndarray]) -> None:
-    """Write a table with all digits of its numbers."""
-    arrays = list(columns.values())
-    size = _rows(len(arrays))
+def write(path: Path, pieces: Iterable[Mapping[str, np.ndarray]]) -> None:
+    """Write a table with all digits of its numbers, each piece when it comes."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        for i in range(0, max(map(len, arrays)), size):
-            rows = np.stack([array[i : i + size] for array in arrays], axis=1)
-            writer.writerows(rows.tolist())  # repr of a double: it reads back the same
+        for number, columns in enumerate(pieces):
+            if number == 0:
+                writer.writerow(columns)
+            arrays = list(columns.values())
+            size = _rows(len(arrays))
+            for i in range(0, max(map(len, arrays)), size):
+                rows = np.stack([array[i : i + size] for array in arrays], axis=1)
+                writer.writerows(rows.tolist())  # repr of a double: it reads back the same
 
 
 def _rows(columns: int) -> int:

@@ -43,8 +43,7 @@ def read(robot: Entry, gravity: object = None) -> Mechanism:
     limits = [_in_rad(parts.limits(row), row, "limits", x) for row, x in zip(rows, units, strict=True)]
     drives = [_in_rad(parts.drive(row), row, "drive", x) for row, x in zip(rows, units, strict=True)]
     table = [[row.get(key).number() for key in PARAMETERS] for row in rows]
-    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as not finite
-        M = [parts.inertia(row) for row in rows]
+    M = [parts.inertia(row) for row in rows]
     placed = {key: parts.pose(robot, key, unit) for key in ("base", "tool") if key in robot.value}
     with at(robot.path):
         return dh.from_dh(

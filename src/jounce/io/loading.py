@@ -6,6 +6,8 @@ from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
+import numpy as np
+
 from jounce._scalars import is_numeric
 from jounce.errors import JounceError, at, no_such, quoted, warn
 from jounce.io.bundled import BUNDLED
@@ -86,8 +88,9 @@ def _mechanism(name: str, path: Path, parameters: dict[str, object]) -> Mechanis
         if not path.suffix:
             raise JounceError(f"{no_such('robot', name, BUNDLED)}, or a file of type {', '.join(READERS)}")
         raise JounceError(f"{path}: unknown type of robot file {path.suffix!r}; there are: {', '.join(READERS)}")
-    mechanism = _call(partial(READERS[path.suffix.lower()], path), parameters, str(path))
-    _warn_of_inertias(mechanism, path)
+    with np.errstate(all="ignore"):  # what overflows is refused as not finite, or judged by the audit
+        mechanism = _call(partial(READERS[path.suffix.lower()], path), parameters, str(path))
+        _warn_of_inertias(mechanism, path)
     return mechanism
 
 

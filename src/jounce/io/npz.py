@@ -1,6 +1,6 @@
 """NPZ tables: an archive with an array for each column, as `numpy.savez` writes it."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import BinaryIO
 from zipfile import ZipFile
@@ -21,12 +21,17 @@ def pieces(path: Path) -> Iterator[Columns]:
     yield checked(path, dict(found))
 
 
-def write(path: Path, columns: Mapping[str, np.ndarray]) -> None:
-    """Write a table with all digits of its numbers, as numpy.savez, which takes no column named "file"."""
+def write(path: Path, pieces: Iterable[Mapping[str, np.ndarray]]) -> None:
+    """Write a table with all digits of its numbers, as numpy.savez, which takes no column named "file".
+
+    Column by column: the pieces are all held until the last has come.
+    """
+    parts = list(pieces)
     with ZipFile(path, "w") as archive:
-        for name, array in columns.items():
+        for name in parts[0]:
             with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                np.lib.format.write_array(member, array, allow_pickle=False)
+                column = np.concatenate([part[name] for part in parts])
+                np.lib.format.write_array(member, column, allow_pickle=False)
 
 
 def _arrays(path: Path, file: BinaryIO) -> list[tuple[str, np.ndarray]]:

@@ -1,6 +1,6 @@
 """Tables: named columns of numbers in CSV and NPZ files, every cell checked when read, all digits kept when written."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -13,7 +13,7 @@ from jounce.spatial.series import rate_name
 
 Handler = TypeVar("Handler")
 READERS: dict[str, Callable[[Path], Iterator[Columns]]] = {".csv": csv.pieces, ".npz": npz.pieces}
-WRITERS: dict[str, Callable[[Path, Mapping[str, np.ndarray]], None]] = {".csv": csv.write, ".npz": npz.write}
+WRITERS: dict[str, Callable[[Path, Iterable[Mapping[str, np.ndarray]]], None]] = {".csv": csv.write, ".npz": npz.write}
 
 
 def read(path: Path) -> Columns:
@@ -35,10 +35,25 @@ def check_writable(path: Path) -> None:
 
 def write(path: Path, columns: Mapping[str, np.ndarray]) -> None:
     """Write a table whole: no half of it is ever seen."""
+    write_pieces(path, [columns])
+
+
+def write_pieces(path: Path, pieces: Iterable[Mapping[str, np.ndarray]]) -> None:
+    """Write a table from pieces of some rows, each checked when it comes; no half of the table is ever seen.
+
+    CSV tables hold one piece at a time in memory, NPZ tables all of them.
+    """
     writer = _by_suffix(path, WRITERS)
-    check_finite(path, columns)
     with files.written_whole(path) as part:
-        writer(part, columns)
+        writer(part, _finite(path, pieces))
+
+
+def _finite(path: Path, pieces: Iterable[Mapping[str, np.ndarray]]) -> Iterator[Mapping[str, np.ndarray]]:
+    rows = 0
+    for columns in pieces:
+        check_finite(path, columns, rows)
+        yield columns
+        rows += len(next(iter(columns.values())))
 
 
 def of_rates(t: np.ndarray, names: Sequence[str], symbol: str, rates: Sequence[np.ndarray]) -> Columns:

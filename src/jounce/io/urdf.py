@@ -27,8 +27,7 @@ def read(path: Path, gravity: object = None, base: str | None = None, root: str 
 def parse(content: bytes, file: str, name: str, gravity: object, base: str | None, root: str | None) -> Mechanism:
     """The mechanism of a URDF's text; messages call it `file`, and a robot without a name is called `name`."""
     robot = _parsed(content, file)
-    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as not finite
-        links = [_link(element, file) for element in robot.iterchildren("link")]
+    links = [_link(element, file) for element in robot.iterchildren("link")]
     joints = [_joint(element, file) for element in robot.iterchildren("joint")]
     given = GRAVITY if gravity is None else gravity
     return tree.mechanism(links, joints, given, robot.get("name") or name, file, base=base, root=root)

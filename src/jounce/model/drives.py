@@ -27,14 +27,38 @@ EPS = 0.05  # rad/s or m/s: below it friction turns over
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Drives:
-    """The numbers of each joint variable's drive train, zero where nothing is stated."""
+    """The parameters of the drive trains, one per joint variable; zero where nothing is stated.
 
-    armature: np.ndarray  # (nb,) kg m^2 or kg
-    damping: np.ndarray  # (nb,) N m s or N s/m
-    friction: np.ndarray  # (nb,) N m or N
-    eps: np.ndarray  # (nb,) rad/s or m/s
-    stiffness: np.ndarray  # (nb,) N m or N/m
-    rest: np.ndarray  # (nb,) rad or m, where the spring is slack
+    They enter Q where `Robot.with_drives` or ``load(..., drives=True)`` selects them.
+
+    Attributes
+    ----------
+    armature : (nb,)
+        Inertia of the rotor as seen from the joint, kg m^2 or kg.
+    damping : (nb,)
+        Viscous damping, N m s or N s/m.
+    friction : (nb,)
+        Coulomb friction, N m or N.
+    eps : (nb,)
+        Smoothing velocity of Coulomb friction, rad/s or m/s.
+    stiffness : (nb,)
+        Stiffness of the joint spring, N m or N/m.
+    rest : (nb,)
+        Where the spring is slack, rad or m.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> jounce.load("panda").drives.damping[:2]
+    array([0.003, 0.003])
+    """
+
+    armature: np.ndarray
+    damping: np.ndarray
+    friction: np.ndarray
+    eps: np.ndarray
+    stiffness: np.ndarray
+    rest: np.ndarray
 
 
 AMOUNTS = ("armature", "damping", "friction", "stiffness")  # of the terms: where all are zero, nothing is stated

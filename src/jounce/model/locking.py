@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jounce._scalars import Array, is_finite
+from jounce._scalars import Array, is_finite, is_numeric
 from jounce.errors import JounceError, listed, one_of, quoted
 from jounce.model.drives import Drives
 from jounce.model.mechanism import Frame, Limits, Mechanism
@@ -31,9 +31,15 @@ def locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
     free = [j for j in range(mechanism.n) if j not in places]
     if not free:
         raise JounceError(f"all {mechanism.n} joints are locked; expected one that moves")
-    g = mechanism.g + mechanism.G[:, places] @ np.array([*map(float, values.values())])
-    held = replace(mechanism, G=mechanism.G[:, free], g=g, coordinates=tuple(mechanism.coordinates[j] for j in free))
-    return _without(held, still=[not row.any() for row in held.G])
+    with np.errstate(all="ignore"):  # what overflows is refused
+        g = mechanism.g + mechanism.G[:, places] @ np.array([*map(float, values.values())])
+        names = tuple(mechanism.coordinates[j] for j in free)
+        held = replace(mechanism, G=mechanism.G[:, free], g=g, coordinates=names)
+        welded = _without(held, still=[not row.any() for row in held.G])
+    for array in (welded.B, welded.M, welded.g, *(frame.T for frame in welded.frames)):
+        if is_numeric(array) and not np.isfinite(array).all():
+            raise JounceError(f"locking {listed(values)} overflows: a pose, inertia or offset is not finite")
+    return welded
 
 
 def _without(mechanism: Mechanism, still: list[bool]) -> Mechanism:

@@ -23,12 +23,28 @@ UNLIMITED = {"lower": -np.inf, "upper": np.inf, "velocity": np.inf, "effort": np
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Limits:
-    """What bounds each joint variable theta, infinite where nothing is stated; no equation of motion asks for it."""
+    """The limits of the joint variables, infinite where nothing is stated. They do not enter Q.
 
-    lower: np.ndarray  # (nb,) rad or m
-    upper: np.ndarray  # (nb,)
-    velocity: np.ndarray  # (nb,) of either sign, rad/s or m/s
-    effort: np.ndarray  # (nb,) moment or force of either sign, N m or N
+    Attributes
+    ----------
+    lower, upper : (nb,)
+        Bounds of the joint variable, rad or m.
+    velocity : (nb,)
+        Largest speed in either direction, rad/s or m/s.
+    effort : (nb,)
+        Largest moment or force of either sign, N m or N.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> jounce.load("panda").limits.effort[:2]
+    array([87., 87.])
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+    velocity: np.ndarray
+    effort: np.ndarray
 
 
 def limit_error(lower: float, upper: float, velocity: float, effort: float) -> str | None:
@@ -52,22 +68,63 @@ class Frame:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Mechanism:
-    """A tree or forest of nb bodies with n coordinates; build it by `from_screws` or `from_spatial_screws`."""
+    """The data of a robot: a tree or forest of nb bodies, each behind one joint, with n coordinates.
 
-    B: Array  # (nb, 4, 4) pose of body i in its parent's frame at theta_i = 0
-    X: Array  # (nb, 6) joint screw in the body frame, (xi; eta)
-    M: Array  # (nb, 6, 6) inertia matrix in the body frame
+    `jounce.load` and the constructors of `Robot` make one and check it: ``robot.mechanism``. Its arrays are read-only;
+    `dataclasses.replace` changes some of them, without a check.
+
+    Attributes
+    ----------
+    B : (nb, 4, 4)
+        Pose of body i in its parent's frame at theta_i = 0.
+    X : (nb, 6)
+        Joint screw in the body frame, (xi; eta).
+    M : (nb, 6, 6)
+        Inertia matrix in the body frame.
+    parent : tuple of int
+        Index of each body's parent, smaller than its own; -1 is the ground.
+    gravity : (3,)
+        Gravitational acceleration in the inertial frame, m/s^2.
+    G, g : (nb, n) and (nb,)
+        The joint variables are theta = G q + g.
+    bodies, joints : tuple of str
+        The names of the bodies, and of the joints that move them.
+    coordinates : tuple of str
+        The names of the coordinates: those joints that follow no other.
+    limits : Limits
+        The limits of the joint variables.
+    drives : Drives
+        The drive trains as stated.
+    acting : tuple of str
+        Those terms of the drives that enter Q.
+    frames : tuple of Frame
+        The frames of links that are merged into bodies: `name`, `body` (its index, -1 for the ground), `T` (4, 4), the
+        pose in the frame of the body.
+    name : str
+        The robot's name.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> mechanism = jounce.load("planar2r").mechanism
+    >>> mechanism.parent, mechanism.coordinates
+    ((-1, 0), ('joint1', 'joint2'))
+    """
+
+    B: Array
+    X: Array
+    M: Array
     parent: tuple[int, ...]
-    gravity: Array  # (3,) in the inertial frame, m/s^2
-    G: Array  # (nb, n)
-    g: Array  # (nb,)
+    gravity: Array
+    G: Array
+    g: Array
     bodies: tuple[str, ...]
     joints: tuple[str, ...]
     coordinates: tuple[str, ...]
     limits: Limits
-    drives: Drives  # of the joint variables, as stated
-    acting: tuple[str, ...] = ()  # the terms of the drives that enter Q
-    frames: tuple[Frame, ...] = ()  # of the links merged into bodies
+    drives: Drives
+    acting: tuple[str, ...] = ()
+    frames: tuple[Frame, ...] = ()
     name: str = "robot"
 
     def __post_init__(self) -> None:

@@ -64,7 +64,8 @@ def along(terms: Terms, mechanism: Mechanism, highest: int) -> Motion:
         {body: _wrench(body, components, terms.t, k) for body, components in terms.wrenches.items()}
         for k in range(max(highest - 2, 0) + 1)
     )
-    return Motion(terms.t, tuple(rates), "analytic terms, all rates exact", wrench if terms.wrenches else None)
+    source = "analytic terms, all rates exact"
+    return Motion(terms.t, tuple(rates), joints, source, wrench if terms.wrenches else None)
 
 
 def _wrench(body: str, components: Mapping[str, Curve], t: np.ndarray, k: int) -> np.ndarray:

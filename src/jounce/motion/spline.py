@@ -68,11 +68,14 @@ def rates_of(
         raise JounceError(f"{place}: no spline goes through these samples: {one_line(error)}") from None
     kept = q if spline.intervals is None else curve(t)
     rates = (kept, *(curve(t, nu=k) for k in range(1, highest + 1)))
+    for k, rate in enumerate(rates):
+        if not np.isfinite(rate).all():
+            raise JounceError(f"{place}: {rate_name(symbol, k)} of the {spline} overflows; expected smaller samples")
     _warn_of_rounding(t, q, rates, spline, place, symbol)
     return rates
 
 
-@np.errstate(all="ignore")  # samples near the end of the doubles overflow here; their forces are refused later
+@np.errstate(all="ignore")  # samples near the end of the doubles overflow here, and no more
 def _warn_of_rounding(
     t: np.ndarray, q: np.ndarray, rates: Sequence[np.ndarray], spline: Spline, place: str, symbol: str
 ) -> None:

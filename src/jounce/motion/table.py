@@ -51,12 +51,13 @@ def from_table(
     if not sampled:
         rates = tuple(np.stack([columns[f"{joint}.{rate}"] for joint in joints], axis=1) for rate in wanted)
         _warn_of(smoothness.of_rates(rates), place)
-        return Motion(t, rates, "all rates from the table", W)
+        return Motion(t, rates, joints, "all rates from the table", W)
     samples = np.stack([columns[joint] for joint in joints], axis=1)
     if spline.intervals is None:  # what a fit does not follow, its residual tells
         _warn_of(smoothness.of_samples(t, samples), place)
     rates = rates_of(t, samples, highest, spline, place)
-    return Motion(t, rates, f"samples, rates from a {spline}", W, float(np.abs(rates[0] - samples).max()))
+    residual = float(np.abs(rates[0] - samples).max())
+    return Motion(t, rates, joints, f"samples, rates from a {spline}", W, residual)
 
 
 def _warn_of(jumps: str | None, place: str) -> None:

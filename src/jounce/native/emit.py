@@ -4,6 +4,7 @@
 steps the strides of the arrays from state to state, then those within a state.
 """
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -33,21 +34,24 @@ def emitted(define_block: Callable[[Writer], None], signature: Signature, target
 def define_block(ir: Writer, program: Program, signature: Signature) -> None:
     """``@block(in, out, bodies)``: a program in a straight line."""
 
-    def add(total: str, port: Port) -> str:
+    def add_zeros(total: str, port: Port) -> str:
         for j in range(port.start, port.end):
             total = ir.op("fma", ir.load(ir.at("%in", j, ir.V)), ir.vector(0.0), total)
         return total
 
     with ir.function("internal void @block(ptr %in, ptr %out, ptr %bodies)"):
-        value = written_steps(ir, program, lambda i: ir.load(ir.at("%in", i, ir.V)))
-        for port, mask in zip(signature.outputs, nan_masks(ir, signature, add), strict=True):
+        results = defaultdict(list)  # by step, where each goes and its mask
+        for port, mask in zip(signature.outputs, nan_masks(ir, signature, add_zeros), strict=True):
             for j in range(port.start, port.end):
-                ir.store(ir.op("add", value(program.outputs[j]), mask), ir.at("%out", j, ir.V))
+                results[program.outputs[j]].append((j, mask))
+        for i, value in written_steps(ir, program, lambda i: ir.load(ir.at("%in", i, ir.V))):
+            for j, mask in results[i]:  # at once, so that no register waits
+                ir.store(ir.op("add", value, mask), ir.at("%out", j, ir.V))
         ir.do("ret void")
 
 
-def written_steps(ir: Writer, program: Program, read: Callable[[int], str]) -> Callable[[int], str]:
-    """The steps of a program, written in their order; returns how the value of each is called."""
+def written_steps(ir: Writer, program: Program, read: Callable[[int], str]) -> Iterator[tuple[int, str]]:
+    """Write the steps of a program in their order; each and the name of its value as soon as it is written."""
     steps, called = program.steps, _called(program)
     pairs = sorted({(called[i].name, steps[i].operands[0]) for i in called if called[i].result is not None})
     results = ir.let(f"alloca [{2 * max(1, len(pairs))} x {ir.V}], align 64")
@@ -71,9 +75,11 @@ def written_steps(ir: Writer, program: Program, read: Callable[[int], str]) -> C
 
     for j, (name, operand) in enumerate(pairs):  # first, while no other value must be saved over the call
         ir.do(f"call void @{name}({ir.V} {value(operand)}, ptr {ir.at(results, 2 * j, ir.V)})")
-    for i in (*(i for i in called if called[i].result is None), *range(len(steps))):
-        value(i)
-    return value
+    for i in called:
+        if called[i].result is None:
+            value(i)
+    for i in range(len(steps)):
+        yield i, value(i)
 
 
 def _called(program: Program) -> dict[int, VectorFunction]:
@@ -155,8 +161,8 @@ def _define_blocks(ir: Writer, signature: Signature) -> None:
 def _define_on_stack(ir: Writer, size: int) -> None:
     """``@states`` with its scratch memory on the stack."""
     with ir.function("void @states(ptr %args, ptr %dimensions, ptr %steps, ptr %pool)"):
-        memory = ir.let(f"alloca [{size} x i8], align {pool.ALIGNMENT}")
-        ir.do(f"call void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr {memory})")
+        scratch = ir.let(f"alloca [{size} x i8], align {pool.ALIGNMENT}")
+        ir.do(f"call void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr {scratch})")
         ir.do("ret void")
 
 

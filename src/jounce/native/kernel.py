@@ -22,12 +22,21 @@ from jounce.native.ufunc import ufunc
 
 
 class Kernel:
-    """A quantity with its rates up to an order, compiled; `Robot.compile` gives one.
+    """A quantity of one robot with its rates up to an order, as native code. `Robot.compile` makes one.
 
-    Called on float64 arrays q, qd, ... and, where it was compiled with wrenches, W, Wd, ..., each (..., nb, 6); batch
-    axes lead and broadcast. Arrays alone, in the order of the robot's joints: its methods match names, this does not.
-    Results have the same digits wherever a state stands in a batch, however large, on however many threads. Kernels can
-    be pickled: where they are unpickled they are found in the cache, or compiled again.
+    A kernel takes arrays only, in the order of the robot's joints: methods of `Robot` match names, kernels do not.
+    Results are the same to the last bit at any place in a batch of any size, on any number of threads. Kernels can be
+    pickled; an unpickled one is read from the cache on disk or compiled again.
+
+    Examples
+    --------
+    >>> import jounce, numpy as np
+    >>> kernel = jounce.load("iiwa14").compile("mass_matrix", order=1)
+    >>> kernel
+    <Kernel: mass_matrix of 'iiwa14' to order 1>
+    >>> M, Md = kernel(np.ones((1000, 7)), np.zeros(7))
+    >>> Md.shape
+    (1000, 7, 7)
     """
 
     def __init__(self, mechanism: Mechanism, computation: Computation, patience: float = inf) -> None:
@@ -36,8 +45,8 @@ class Kernel:
         self.address, engine = jit.loaded(_code(mechanism, computation, patience), host())
         size = memory.scratch_size(computation, mechanism, host().lanes)
         self._pool = Pool(size) if size > memory.STACK else None
-        self._pool_address = self._pool.address if self._pool else None
-        self._ufunc, needed = ufunc(self.address, self.signature, computation.name, self._pool_address)
+        pool = None if self._pool is None else self._pool.address
+        self._ufunc, needed = ufunc(self.address, self.signature, computation.name, pool)
         self._count = len(self.signature.inputs)
         self._alive = engine, needed
 
@@ -55,7 +64,27 @@ class Kernel:
         return [port.shape for port in self.signature.inputs], [port.shape for port in self.signature.outputs]
 
     def __call__(self, *arrays: np.ndarray, out: Any = None, threads: int = 1) -> Any:
-        """The quantity and its rates: an array, or a tuple of them, written into `out` where it is given."""
+        """Compute the quantity and its rates.
+
+        Parameters
+        ----------
+        *arrays : (..., n), then (..., nb, 6)
+            q, qd, ..., as many as the quantity and its order take; W, Wd, ... after them if it was compiled with
+            wrenches. float64; batch axes lead and broadcast.
+        out : array or tuple of arrays, optional
+            What to write the results into.
+        threads : int, optional
+            Number of threads to split the batch among.
+
+        Returns
+        -------
+        array, or for orders above 0 a tuple of arrays
+
+        Raises
+        ------
+        JounceError
+            If the number of arrays, a shape or a dtype is wrong, or an array has names or a mask.
+        """
         if len(arrays) != self._count:  # NumPy would write into what comes after
             raise JounceError(f"{self!r} takes {self._count} arrays, not {len(arrays)}")
         try:
@@ -65,7 +94,9 @@ class Kernel:
                 results = self._ufunc(*arrays)
             else:
                 results = self._ufunc(*arrays, out=tuple(out) if isinstance(out, list) else out)
-        except (TypeError, ValueError) as error:
+        except JounceError:
+            raise
+        except Exception as error:  # of NumPy, or whatever a foreign type raises in its conversion
             self._refuse_names(arrays)
             raise JounceError(f"{self!r}: {one_line(error)}") from None
         if type(results[0] if type(results) is tuple else results) is not np.ndarray:
@@ -73,10 +104,25 @@ class Kernel:
         return results
 
     def bind(self, *arrays: np.ndarray, out: Any) -> Callable[[], None]:
-        """A function without arguments that computes from these very arrays into `out`: the lowest latency there is.
+        """A function without arguments that computes from these very arrays into `out`, with the lowest latency.
 
-        All are float64 arrays of one batch shape, with one batch axis at most; `out` shares no memory with the others.
-        What the arrays hold when the function is called is what counts.
+        It reads what the arrays hold when it is called.
+
+        Parameters
+        ----------
+        *arrays : (n,) or (N, n), then (nb, 6) or (N, nb, 6)
+            As in a call, all with the same batch axis or with none.
+        out : array or tuple of arrays
+            What to write the results into; it shares no memory with the other arrays.
+
+        Returns
+        -------
+        callable
+
+        Raises
+        ------
+        JounceError
+            If an array is not one of float64, a shape is wrong, or `out` is read-only or shares memory.
         """
         results = list(out) if isinstance(out, tuple | list) else [out]
         self._refuse_names([*arrays, *results])
@@ -89,8 +135,8 @@ class Kernel:
             (ctypes.c_ssize_t * 1)(*batch or (1,)),
             (ctypes.c_ssize_t * len(steps + within))(*steps, *within),
         )
-        addresses = [*(ctypes.addressof(part) for part in called), self._pool_address]
-        call = partial(jit.Loop(self.address), *map(ctypes.c_void_p, addresses))
+        pool = None if self._pool is None else ctypes.c_void_p(self._pool.address)
+        call = partial(jit.Loop(self.address), *(ctypes.c_void_p(ctypes.addressof(part)) for part in called), pool)
         vars(call)["alive"] = self, everything, called
         return call
 

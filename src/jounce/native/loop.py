@@ -223,8 +223,8 @@ def _define_step(ir: Writer, name: str, step: JointStep) -> None:
                 return ir.splat(ir.let(f"load double, ptr {ir.at('%constants', place)}"))
             return ir.load(ir.at(f"%{memory}", place, ir.V))
 
-        value = written_steps(ir, step.program, read)
-        results = [value(i) for i in step.program.outputs]
+        values = dict(written_steps(ir, step.program, read))
+        results = [values[i] for i in step.program.outputs]
         for (memory, place), result in zip(step.writes, results, strict=True):
             ir.store(result, ir.at(f"%{memory}", place, ir.V))
         ir.do("ret void")

@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jounce._scalars import FLOAT, Array, is_numeric
-from jounce.arguments import rates, requests, wrenches
-from jounce.dynamics import drive_terms, loads
+from jounce.arguments import loads, rates, requests, wrenches
+from jounce.dynamics import drive_terms
 from jounce.dynamics.computation import Computation, Port, coordinate_ports
+from jounce.dynamics.loads import exerted
 from jounce.dynamics.quantities import FORCES, QUANTITIES
 from jounce.errors import JounceError, one_of, quoted, warn
 from jounce.model.mechanism import DATA, Mechanism, suited
@@ -37,14 +38,10 @@ class Call(NamedTuple):
 
 
 class Backend(NamedTuple):
-    """One way to run calls. `refusal` says why it cannot run one, None where it can."""
+    """One way to run calls: it accepts those for which `refusal` is None, and says of others why it cannot run them."""
 
     refusal: Callable[[Call], str | None]
     run: Callable[[Call], Any]
-
-    def accepts(self, call: Call) -> bool:
-        """Whether it can run a call."""
-        return self.refusal(call) is None
 
 
 def compute(
@@ -70,7 +67,7 @@ def compute(
         requests.place(mechanism, name, body, frame)
     call = Call(mechanism, requests.known(name, order, bool(W), body, frame), [*q, *W], method, out, threads)
     for backend in BACKENDS:
-        if backend.accepts(call):
+        if backend.refusal(call) is None:
             return backend.run(call)
     raise JounceError(": ".join(str(backend.refusal(call)) for backend in reversed(BACKENDS)))
 
@@ -97,7 +94,7 @@ def wrench_of_load(
 
     def law(arrays: Sequence[Array]) -> Series:
         terms = Series.of([x.swapaxes(-1, -2) for x in arrays[len(q) :]])
-        return loads.wrench(model, columns(arrays[: len(q)]), terms, body, frame, place)
+        return exerted(model, columns(arrays[: len(q)]), terms, body, frame, place)
 
     return results_into(evaluate(law, ports, [*q, *load], len(q) - 1, 6 * model.nb), None)
 

@@ -54,7 +54,9 @@ def results_into(results: tuple[Array, ...], out: Any) -> Any:
         for result, array in zip(results, arrays, strict=True):
             np.copyto(array, result, casting="same_kind")
         results = arrays
-    results = tuple(x[()] if x.ndim == 0 else x for x in results)  # scalars are scalars, as native code has them
+    results = tuple(
+        x[()] if isinstance(x, np.ndarray) and x.ndim == 0 else x for x in results
+    )  # scalars are scalars, as native code has them
     return results[0] if len(results) == 1 else results
 
 

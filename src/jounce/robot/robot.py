@@ -1,6 +1,6 @@
 """Robot: what users hold. Every method is a signature, a docstring, and one call."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
 
@@ -19,6 +19,8 @@ from jounce.robot.overloads import typed
 
 if TYPE_CHECKING:
     from jounce.checks.audit import Finding
+    from jounce.motion import Motion
+    from jounce.robot.along import Along
 
 FORMS = {"paper": "coriolis_matrix", "skew": "skew_coriolis_matrix"}  # of the Coriolis matrix
 
@@ -501,6 +503,9 @@ class Robot:
     ) -> Kernel:
         """Compile a quantity to native code ahead of its first call.
 
+        Code that takes longer than three seconds to compile is compiled only here and with ``method="kernel"``; the
+        robot's methods use it from then on, in later processes too, since it is kept on disk.
+
         Parameters
         ----------
         quantity : str, optional
@@ -521,7 +526,8 @@ class Robot:
         Raises
         ------
         JounceError
-            If a name is unknown, the robot holds symbols or is too large, or llvmlite is missing.
+            If a name is unknown, the robot holds symbols, llvmlite is missing, or a call needs more than 64 MiB of
+            scratch memory.
 
         Examples
         --------
@@ -596,6 +602,59 @@ class Robot:
         return compute(
             self.mechanism, "inverse_dynamics", rates, wrench=wrench, method=method, out=out, threads=threads
         )
+
+    def forces_along(
+        self,
+        motion: "Motion",
+        t: Array = None,
+        order: int = 2,
+        *,
+        method: str | None = None,
+        progress: Callable[[int, int], object] | None = None,
+    ) -> "Along":
+        """The generalized forces Q and their rates along a motion, with the wrenches that it holds.
+
+        They are those of `inverse_dynamics`, computed piece by piece: long motions take little memory besides the
+        results.
+
+        Parameters
+        ----------
+        motion : Motion
+            From `jounce.load_motion`, which takes the same `order`; a motion with more rates does too.
+        t : (N,), optional
+            At which times, s; all of the motion by default. Each must be one of ``motion.t``: states between the
+            samples cannot be computed yet.
+        order : int, optional
+            The highest rate of the forces: 2 gives Q, Qd, Q2d.
+        method : str, optional
+            See `Robot`.
+        progress : callable, optional
+            Called as ``progress(done, total)`` after each piece, with numbers of states. What it raises ends the
+            computation.
+
+        Returns
+        -------
+        Along
+            Frozen: the times `t`, the `rates` q, qd, ... and the `forces` Q, Qd, ..., tuples of (N, n).
+
+        Raises
+        ------
+        JounceError
+            If the motion has too few rates for the order or is not this robot's, a time is not one of its own, or a
+            name is unknown.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("iiwa14")
+        >>> motion = jounce.load_motion("paper", robot)
+        >>> Q, Qd, Q2d = robot.forces_along(motion).forces
+        >>> Q2d.shape
+        (10000, 7)
+        """
+        from jounce.robot.along import forces_along  # what few programs need
+
+        return forces_along(self.mechanism, motion, t, order, method, progress)
 
     @typed(overloads.OfPosition)
     def mass_matrix(
@@ -1044,6 +1103,48 @@ class Robot:
             self.mechanism, "generalized_momentum", (q, qd, q2d, q3d, *higher), method=method, out=out, threads=threads
         )
 
+    @typed(overloads.OfVelocity)
+    def kinetic_energy(
+        self,
+        q: Array,
+        qd: Array,
+        q2d: Array = None,
+        q3d: Array = None,
+        *higher: Array,
+        method: str | None = None,
+        out: Any = None,
+        threads: int = 1,
+    ) -> Any:
+        """The kinetic energy T = 1/2 qd . M qd and its rates; the armature that acts is included.
+
+        Parameters
+        ----------
+        q, qd : (..., n)
+            Coordinates and velocities: rad or m, per s.
+        q2d, q3d, *higher : (..., n), optional
+            Further rates, each for one more time derivative.
+        method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        T : (...), or tuple of (...)
+            In J.
+
+        Raises
+        ------
+        JounceError
+            If an array has a wrong shape, a rate is skipped, or a name is unknown.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("planar2r").kinetic_energy([0, 0], [1, 1])
+        np.float64(5.0)
+        """
+        rates = (q, qd, q2d, q3d, *higher)
+        return compute(self.mechanism, "kinetic_energy", rates, method=method, out=out, threads=threads)
+
     @typed(overloads.OfPosition)
     def potential_energy(
         self,
@@ -1083,7 +1184,7 @@ class Robot:
         >>> import jounce
         >>> U, Ud = jounce.load("planar2r").potential_energy([0.5, 0], [1, 0])
         >>> U.round(4), Ud.round(4)
-        (np.float64(14.1094), np.float64(25.827))
+        (np.float64(14.1095), np.float64(25.8273))
         """
         return compute(
             self.mechanism, "potential_energy", (q, qd, q2d, *higher), method=method, out=out, threads=threads

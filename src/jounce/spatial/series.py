@@ -132,7 +132,9 @@ def from_rates(first: Callable[[int], Array], f: Callable[[Series], Series]) -> 
             rows[j][k - j]
         return rows[0][k]
 
-    return Series(term)
+    S = Series(term)
+    S[0]  # at once: generated code has its steps in the order in which they are computed
+    return S
 
 
 def joined(parts: Sequence[Series], axis: int) -> Series:

@@ -9,7 +9,6 @@ from jounce.dynamics.recursion.sweeps import in_order
 from jounce.model.mechanism import Mechanism, path_to
 from jounce.spatial.series import Series, from_rate, joined
 
-_NONE = Series.constant(np.zeros((6, 0), dtype=int))  # the Jacobian of the ground, a column for each joint below
 _AT_REST = Series.constant(np.zeros((6, 1), dtype=int))
 _ORIGIN = Series.constant(np.eye(4, dtype=int))
 
@@ -29,31 +28,20 @@ def twists(mechanism: Mechanism, q: Series, body: int | None) -> Series:
 
 
 def jacobians(mechanism: Mechanism, q: Series, body: int | None) -> Series:
-    """The body-fixed Jacobian of one body (..., 6, n), or of all (..., nb, 6, n); J_i = Ad(C_ip) J_p, and X_i."""
-
-    def step(joint: Joint, J_p: Series) -> Series:
-        return joined([joint.twists(J_p), Series.constant(joint.X)], axis=-1)
-
-    def in_coordinates(J: Series, i: int) -> Series:
-        return J @ mechanism.G[path_to(mechanism, i)]
-
-    return _outward(mechanism, q, body, _NONE, step, in_coordinates)
+    """J_i = Ad(C_ip) J_p + X_i G_i, with the row G_i of G: of one body (..., 6, n), or of all (..., nb, 6, n)."""
+    ground = Series.constant(np.zeros((6, mechanism.n), dtype=int))
+    return _outward(mechanism, q, body, ground, lambda joint, J_p: joint.twists(J_p) + joint.X @ joint.G)
 
 
 def _outward(
-    mechanism: Mechanism,
-    q: Series,
-    body: int | None,
-    ground: Series,
-    step: Callable[[Joint, Series], Series],
-    finish: Callable[[Series, int], Series] = lambda x, i: x,
+    mechanism: Mechanism, q: Series, body: int | None, ground: Series, step: Callable[[Joint, Series], Series]
 ) -> Series:
     """What each body gets from its parent, of one body or of all of them side by side."""
     bodies = list(range(mechanism.nb)) if body is None else path_to(mechanism, body)
     found = {-1: ground}
     for i, joint in zip(bodies, joints(mechanism, q, bodies), strict=True):
         found[i] = step(joint, found[joint.parent])
-    asked = bodies if body is None else [body]
-    results = [finish(found[i], i) + still(q) for i in asked]
-    together = results[0] if body is not None else joined([x.map(lambda a: a[..., None, :, :]) for x in results], -3)
-    return in_order(together, found.values())
+    if body is not None:
+        return in_order(found[body] + still(q), found.values())
+    all_bodies = [(found[i] + still(q)).map(lambda x: x[..., None, :, :]) for i in bodies]
+    return in_order(joined(all_bodies, axis=-3), found.values())

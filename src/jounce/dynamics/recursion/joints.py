@@ -33,6 +33,7 @@ class Placement:
     """What of a joint does not move: how its body hangs on the parent, and its screw."""
 
     parent: int
+    G: Array  # (1, n) the coordinates that the joint follows
     B: Array  # (4, 4) pose of the body in its parent's frame at theta = 0
     X: Array  # (6, 1) joint screw in the body frame
     Ad_B: Array  # Ad(B^-1)
@@ -77,7 +78,7 @@ class Joint(Placement):
 @lru_cache(maxsize=64)
 def _placements(mechanism: Mechanism) -> list[Placement]:
     B, X = mechanism.B, mechanism.X
-    data = (mechanism.parent, B, X[..., None], Ad(inverse(B)), ad(X), wedge(X))
+    data = (mechanism.parent, mechanism.G[:, None, :], B, X[..., None], Ad(inverse(B)), ad(X), wedge(X))
     return [Placement(*of_joint) for of_joint in zip(*data, strict=True)]
 
 

@@ -28,6 +28,13 @@ def generalized_momentum(mechanism: Mechanism, q: Series) -> Series:
     return generalized_forces(mechanism, in_order(p, [*V, *reversed(P)]))
 
 
+def kinetic_energy(mechanism: Mechanism, q: Series) -> Series:
+    """T = 1/2 sum of V_i . M_i V_i, (..., 1, 1)."""
+    V = velocities(joints(mechanism, q))
+    twice = reduce(add, [V_i.mT @ (M_i @ V_i) for M_i, V_i in zip(mechanism.M, V, strict=True)])
+    return in_order(twice * 0.5 + still(q), V)
+
+
 def potential_energy(mechanism: Mechanism, q: Series) -> Series:
     """U = -g . (sum of m_i c_i), (..., 1, 1), with the first moments carried to the ground as columns (m c; m)."""
     tree = joints(mechanism, q)

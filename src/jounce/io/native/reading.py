@@ -42,8 +42,7 @@ def _built(robot: Entry, bodies: Sequence[Entry], joints: Sequence[Entry], names
         if not column.any():
             raise robot.get("coordinates").error(f"a joint that moves with {quoted(coordinate)}")
     limits, drives = [parts.limits(joint) for joint in joints], [parts.drive(joint) for joint in joints]
-    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as not finite
-        X, M = [parts.screw(joint) for joint in joints], [parts.inertia(body) for body in bodies]
+    X, M = [parts.screw(joint) for joint in joints], [parts.inertia(body) for body in bodies]
     B = [parts.pose(body) for body in bodies]
     with at(robot.path):
         return from_screws(

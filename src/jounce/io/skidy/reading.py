@@ -31,11 +31,10 @@ def read(robot: Entry, gravity: object = None) -> Mechanism:
         raise representation.error(" or ".join(BUILDERS))
     key = "gravity_vector" if robot.alone("gravity_vector", ("gravity",)) else "gravity"
     own = robot.get(key, list(GRAVITY)).numbers((3,), read=number)
-    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as not finite
-        A = [parts.pose(entry, number) for entry in poses]
-        Y = [parts.screw(entry, number) for entry in screws]
-        com = [_says_com(entry) for entry in inertias]
-        M = [parts.inertia(entry, number, any(com[:i])) for i, entry in enumerate(inertias)]
+    A = [parts.pose(entry, number) for entry in poses]
+    Y = [parts.screw(entry, number) for entry in screws]
+    com = [_says_com(entry) for entry in inertias]
+    M = [parts.inertia(entry, number, any(com[:i])) for i, entry in enumerate(inertias)]
     parent, names = _parents(robot, len(poses)), _joint_names(robot, len(poses))
     with at(robot.path):
         built = BUILDERS[representation.value](

@@ -1,0 +1,132 @@
+"""Forces, their rates, gravity and mass matrices of random trees and forests agree with an oracle by Taylor series."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import strategies as st
+
+import jounce
+from fuzz import jets
+from fuzz.trees import laid_out, random_tree, robot_of
+
+TOLERANCE = 1e-13  # of the size of what is added up, whatever the order
+BATCHES = [(), (1,), (5,), (2, 3), (0,), (33,)]
+SMALL, ANY = 12, 60  # bodies
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def methods(robot, quantity, order, wrench=False):
+    """Those that take a robot of this size in a moment."""
+    nb = len(robot.body_names)
+    chosen = {"recursion": True, "closed_form": nb <= 8, "paper": nb <= 6 and order <= 2}
+    try:
+        robot.compile(quantity, order, wrench)
+    except jounce.JounceError:
+        assert nb > SMALL or order > 2  # too much to compile
+    else:
+        chosen |= {"kernel": True}
+    return [method for method, suited in chosen.items() if suited]
+
+
+def drawn(rng, batch, tail, count):
+    """A quantity with rates as a caller gives it, in any layouts, and flat, as the oracle takes it.
+
+    Rates may lack axes of the batch, or have one entry along them: they are broadcast.
+    """
+    given, flat = [], []
+    for k in range(count):
+        axes = batch if k == 0 or rng.random() < 0.7 else (1,) * int(rng.integers(len(batch) + 1))
+        x = rng.uniform(-2, 2, (*axes, *tail))
+        given.append(laid_out(rng, x))
+        flat.append(np.broadcast_to(x, (*batch, *tail)).reshape(int(np.prod(batch)), *tail))
+    return given, flat
+
+
+def written_into(rng, batch, n, count):
+    """Arrays for `out`, or None."""
+    if rng.random() < 0.5:
+        return None
+    arrays = [laid_out(rng, np.full((*batch, n), np.nan)) for _ in range(count)]
+    arrays = [array if array.flags.writeable else array.copy() for array in arrays]
+    return tuple(arrays) if count > 1 else arrays[0]
+
+
+def compare(found, expected, size, batch):
+    found = found if isinstance(found, tuple) else (found,)
+    assert len(found) == len(expected)
+    for k, Q in enumerate(found):
+        assert Q.shape == (*batch, expected.shape[-1])
+        error = abs(Q.reshape(expected[k].shape) - expected[k])
+        assert (error <= TOLERANCE * size[k]).all(), f"rate {k}: {(error / size[k]).max():.1e} of what is added up"
+
+
+def check_forces(nb, order, seed):
+    rng = np.random.default_rng(seed)
+    tree, batch = random_tree(rng, nb), BATCHES[rng.integers(len(BATCHES))]
+    robot, loaded = robot_of(tree), bool(rng.random() < 0.5)
+    q, flat = drawn(rng, batch, (robot.n,), order + 3)
+    W, flat_W = drawn(rng, batch, (nb, 6), order + 1) if loaded else ([], [])
+    expected, size = jets.forces(tree, flat, flat_W)
+    if rng.random() < 0.3:
+        W = [{name: w[..., i, :] for i, name in enumerate(robot.body_names)} for w in W]
+    given = None if not loaded else W[0] if order == 0 and rng.random() < 0.5 else tuple(W)
+    for method in methods(robot, "inverse_dynamics", order, loaded):
+        out, threads = written_into(rng, batch, robot.n, order + 1), int(rng.integers(1, 4))
+        options = {"threads": threads} if method == "kernel" else {}
+        found = robot.inverse_dynamics(*q, wrench=given, method=method, out=out, **options)
+        compare(found if out is None else out, expected, size, batch)
+
+
+def check_gravity(nb, order, seed):
+    rng = np.random.default_rng(seed)
+    tree = random_tree(rng, nb)
+    robot, weightless = robot_of(tree), replace(tree, gravity=np.zeros(3))
+    q, flat = drawn(rng, (3,), (robot.n,), order + 3)
+    (whole, size), (moved, _) = jets.forces(tree, flat), jets.forces(weightless, flat)
+    for method in methods(robot, "gravity_forces", order):
+        compare(robot.gravity_forces(*q[: order + 1], method=method), whole - moved, size, (3,))
+
+
+def check_mass_matrix(nb, seed):
+    """M = Q at unit accelerations less Q at none."""
+    rng = np.random.default_rng(seed)
+    tree = random_tree(rng, nb)
+    robot = robot_of(tree)
+    q = rng.uniform(-2, 2, robot.n)
+    state = [np.tile(q, (robot.n + 1, 1)), np.zeros((robot.n + 1, robot.n)), np.eye(robot.n + 1, robot.n)]
+    [Q], [size] = jets.forces(tree, state)
+    for method in methods(robot, "mass_matrix", 0):
+        error = abs(robot.mass_matrix(q, method=method) - (Q[:-1] - Q[-1]))
+        assert (error <= TOLERANCE * (size[:-1] + size[-1])).all(), method
+
+
+@pytest.mark.parametrize("orders", [(0, 2), (3, 6)])
+def test_forces_of_small_robots(budget, orders):
+    """Straight-line code and loops, closed form and the paper's expansions."""
+    budget.attack(check_forces, 40, nb=st.integers(1, SMALL), order=st.integers(*orders), seed=SEEDS)
+
+
+@pytest.mark.parametrize("orders", [(0, 1), (2, 3), (4, 6)])
+def test_forces_of_robots_up_to_sixty_bodies(budget, orders):
+    budget.attack(check_forces, 12, nb=st.integers(SMALL + 1, ANY), order=st.integers(*orders), seed=SEEDS)
+
+
+def test_gravity_and_mass_matrix(budget):
+    budget.attack(check_gravity, 20, nb=st.integers(1, ANY), order=st.integers(0, 4), seed=SEEDS)
+    budget.attack(check_mass_matrix, 30, nb=st.integers(1, ANY), seed=SEEDS)
+
+
+@pytest.mark.parametrize("what", ["mass", "pitch", "gravity", "offset"])
+def test_the_oracle_sees_a_billionth(monkeypatch, what):
+    true = robot_of
+
+    def falsified(tree):
+        if what in ("gravity", "offset"):
+            return true(replace(tree, **{what: getattr(tree, what) + 1e-9}))
+        bodies = [replace(body, **{what: (getattr(body, what) or 0.0) + 1e-9}) for body in tree.bodies]
+        return true(replace(tree, bodies=tuple(bodies)))
+
+    monkeypatch.setattr("test_fuzz_oracle.robot_of", falsified)
+    with pytest.raises(AssertionError, match="of what is added up"):
+        check_forces(nb=5, order=0, seed=3)

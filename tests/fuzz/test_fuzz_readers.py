@@ -1,0 +1,70 @@
+"""Mutated files: every reader takes them, or refuses them in one line."""
+
+import numpy as np
+import pytest
+from hypothesis import strategies as st
+from robots import parts
+
+import jounce
+from fuzz.contract import kept, refusal_or, workshop
+from fuzz.mutations import mutated
+from fuzz.originals import MOTIONS, ROBOTS
+
+PLANAR = jounce.load("planar2r")
+RANDOM = st.randoms(note_method_calls=False, use_true_random=False)
+EXAMPLES = 300
+pytestmark = pytest.mark.filterwarnings("ignore::jounce.JounceWarning")
+
+
+def written(folder, rng, originals):
+    """A mutated file."""
+    name, content = rng.choice(originals)
+    path = folder / name
+    path.write_bytes(mutated(rng, path.suffix, content))
+    return path
+
+
+def check_robot(path):
+    """A robot that is read is of finite numbers, and is written and read again without a loss."""
+    robot, again = refusal_or(jounce.load, path), path.with_name("again.json")
+    if robot is None:
+        return
+    m = robot.mechanism
+    assert all(np.isfinite(array).all() for array in (m.B, m.X, m.M, m.G, m.g, m.gravity))
+    if refusal_or(lambda: jounce.save(robot, again) or True):
+        assert parts(jounce.load(again)) == parts(robot)
+
+
+def check_motion(path, order):
+    motion = refusal_or(jounce.load_motion, path, PLANAR, order=order)
+    if motion is not None:
+        assert len(motion.rates) == order + 3
+        assert all(np.isfinite(rate).all() and rate.shape == (len(motion.t), 2) for rate in motion.rates)
+
+
+def attack_robots(budget, reader, examples):
+    with workshop(reader) as folder:
+
+        def check(rng):
+            path = written(folder, rng, ROBOTS[reader])
+            with kept(reader, path):
+                check_robot(path)
+
+        budget.attack(check, examples, rng=RANDOM)
+
+
+@pytest.mark.parametrize("reader", ROBOTS)
+def test_robots(budget, reader):
+    attack_robots(budget, reader, EXAMPLES)
+
+
+@pytest.mark.parametrize("reader", MOTIONS)
+def test_motions(budget, reader):
+    with workshop(reader) as folder:
+
+        def check(rng):
+            path = written(folder, rng, MOTIONS[reader])
+            with kept(reader, path):
+                check_motion(path, rng.choice((0, 1, 2, 4)))
+
+        budget.attack(check, EXAMPLES, rng=RANDOM)

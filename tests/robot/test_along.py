@@ -1,0 +1,109 @@
+"""Forces along a motion: those of `inverse_dynamics`, piece by piece, for the robot and the rates of the motion."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from files import refusal
+from quantities import branched
+
+import jounce
+from jounce.robot import along
+
+ROBOT = branched()
+T = np.linspace(0, 1, 50)
+
+
+def motion_of(robot, order=2, wrench=True):
+    columns = {"t": T} | {name: np.sin((j + 1) * T) for j, name in enumerate(robot.joint_names)}
+    loads = {"tool.fx": np.cos(T), f"{robot.body_names[0]}.mz": T**2} if wrench else {}
+    return jounce.load_motion(columns | loads, robot, order=order)
+
+
+MOTION = motion_of(ROBOT)
+
+
+@pytest.fixture(params=[1, 7, 50, 1000])
+def _piece(request, monkeypatch):
+    monkeypatch.setattr(along, "PIECE", request.param)
+
+
+@pytest.mark.usefixtures("_piece")
+@pytest.mark.parametrize("method", [None, "recursion", "closed_form"])
+@pytest.mark.parametrize("order", range(3))
+def test_forces_are_those_of_inverse_dynamics(order, method):
+    found = ROBOT.forces_along(MOTION, order=order, method=method)
+    wrench = MOTION.wrench[: order + 1]
+    forces = ROBOT.inverse_dynamics(*MOTION.rates[: order + 3], wrench=wrench, method=method)
+    forces = forces if order else (forces,)
+    assert np.array_equal(found.t, T)
+    assert np.array_equal(found.rates, MOTION.rates[: order + 3])
+    for ours, other in zip(found.forces, forces, strict=True):
+        assert abs(ours - other).max() <= 1e-14 * abs(other).max()
+
+
+def test_times_may_be_any_of_the_motion_in_any_order():
+    which = [40, 3, 3, 0, 49]
+    whole, some = ROBOT.forces_along(MOTION), ROBOT.forces_along(MOTION, T[which])
+    assert np.array_equal(some.t, T[which])
+    assert np.array_equal(some.rates, [q[which] for q in whole.rates])
+    assert np.array_equal(some.forces, [Q[which] for Q in whole.forces])
+
+
+@pytest.mark.usefixtures("_piece")
+def test_progress_counts_the_states_up_to_the_last():
+    said = []
+    ROBOT.forces_along(MOTION, progress=lambda *step: said.append(step))
+    done = [done for done, _ in said]
+    assert done == sorted(set(done))
+    assert {total for _, total in said} == {len(T)} == {done[-1]}
+    assert len(said) == -(-len(T) // along.PIECE)
+
+
+def test_an_error_of_the_callback_ends_the_computation(monkeypatch):
+    monkeypatch.setattr(along, "PIECE", 10)
+    said = []
+
+    def stop(done, _):
+        said.append(done)
+        if done == 20:
+            raise ZeroDivisionError("enough")
+
+    with pytest.raises(ZeroDivisionError, match="enough"):
+        ROBOT.forces_along(MOTION, progress=stop)
+    assert said == [10, 20]
+
+
+def test_a_motion_without_wrenches_has_none_in_its_forces():
+    motion = motion_of(ROBOT, wrench=False)
+    found = ROBOT.forces_along(motion).forces
+    assert np.allclose(found, ROBOT.inverse_dynamics(*motion.rates), rtol=0, atol=1e-12)
+
+
+OTHER = jounce.load("planar2r")
+REFUSED = {
+    "a dict": (lambda: ROBOT.forces_along({"t": T}), ["jounce.Motion", "dict", "jounce.load_motion"]),
+    "too few rates": (
+        lambda: ROBOT.forces_along(motion_of(ROBOT, order=1)),
+        ["order 2", "q to q4d", "q, qd, q2d, q3d;", "load_motion(..., order=2)"],
+    ),
+    "no order": (lambda: ROBOT.forces_along(MOTION, None, "two"), ["order is 'two'"]),
+    "another robot": (lambda: OTHER.forces_along(MOTION), ["'planar2r'", "joint1, joint2", *ROBOT.joint_names]),
+    "renamed joints": (
+        lambda: OTHER.forces_along(replace(motion_of(OTHER, wrench=False), joints=("joint2", "joint1"))),
+        ["joints joint2, joint1;", "load the motion for this robot"],
+    ),
+    "order in place of times": (lambda: ROBOT.forces_along(MOTION, 2), ["t is 2; expected an array (N,)"]),
+    "no times": (lambda: ROBOT.forces_along(MOTION, []), ["t is []"]),
+    "a mask": (lambda: ROBOT.forces_along(MOTION, T > 0.5), ["expected an array (N,) of times"]),
+    "times between samples": (lambda: ROBOT.forces_along(MOTION, [0.0, 0.5]), ["t[1] = 0.5 s", "from 0 to 1 s"]),
+    "times outside": (lambda: ROBOT.forces_along(MOTION, [2.0]), ["t[0] = 2 s", "motion.t"]),
+    "a time that is missing": (lambda: ROBOT.forces_along(MOTION, [np.nan]), ["t[0] = nan s"]),
+    "unknown method": (lambda: ROBOT.forces_along(MOTION, method="rnea"), ["'rnea'", "recursion"]),
+    "no callback": (lambda: ROBOT.forces_along(MOTION, progress=True), ["progress is True", "(done, total)"]),
+}
+
+
+@pytest.mark.parametrize(("call", "words"), REFUSED.values(), ids=REFUSED)
+def test_refuses(call, words):
+    refusal(call, *words)
