@@ -209,3 +209,22 @@ def _elementwise(name: str) -> Callable[[Array], Array]:
 sin = _elementwise("sin")
 cos = _elementwise("cos")
 tanh = _elementwise("tanh")
+
+
+def reciprocal(x: Array) -> Array:
+    """1 / x of every element, whatever the scalar type; of the number 0 it is infinite, as IEEE 754 has it."""
+    return np.asarray(_reciprocals(x), dtype=object) if is_symbolic(x) else 1 / x
+
+
+def _reciprocal(s: Any) -> Any:
+    if isinstance(s, int | float | Fraction) and s == 0:  # where Python raises an error
+        return math.copysign(math.inf, s)
+    if isinstance(s, int) and abs(s) == 1:  # exact, as integers among symbols are
+        return s
+    try:
+        return 1 / s
+    except TypeError:
+        raise JounceError(f"scalars of type {type(s).__name__} have no reciprocal 1 / x; expected one") from None
+
+
+_reciprocals = np.frompyfunc(_reciprocal, 1, 1)
