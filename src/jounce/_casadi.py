@@ -1,16 +1,18 @@
 """CasADi functions of a robot's quantities, to be differentiated and put into optimal control problems."""
 
+import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce._scalars import Array, asarray, is_numeric
+from jounce._scalars import asarray, is_numeric
 from jounce.arguments import requests
+from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import FORCES
-from jounce.errors import JounceError
-from jounce.model.mechanism import DATA
-from jounce.model.parameters import parametrised
+from jounce.errors import JounceError, listed
+from jounce.model.mechanism import DATA, Mechanism
+from jounce.model.parameters import own_values, parametrised
 from jounce.robot import Robot
 
 if TYPE_CHECKING:
@@ -19,24 +21,30 @@ if TYPE_CHECKING:
 
 def casadi_function(
     robot: Robot,
+    quantity: str = FORCES.name,
     order: int = 2,
     wrench: bool = False,
-    quantity: str = FORCES.name,
+    *,
+    body: str | None = None,
+    frame: str = "body",
     parameters: Sequence[str] = (),
 ) -> "casadi.Function":
-    """A quantity and its rates up to an order as a `casadi.Function`, built on SX; MX may call it.
+    """A quantity and its rates up to an order as a `casadi.Function`, built on SX and callable with MX.
 
     Parameters
     ----------
     robot : Robot
         A robot of numbers.
-    order : int
+    quantity : str, optional
+        The name of the quantity: "inverse_dynamics", "mass_matrix", "jacobian", ...
+    order : int, optional
         The highest rate of the quantity: 2 gives Q, Qd, Q2d.
-    wrench : bool
+    wrench : bool, optional
         Whether wrenches W, Wd, ... (nb, 6) on the bodies are inputs too.
-    quantity : str
-        "inverse_dynamics", "gravity_forces", "mass_matrix", "coriolis_matrix of form 'paper'" or "... 'skew'".
-    parameters : list of str
+    body, frame : str, optional
+        Of poses, twists and Jacobians: which body or merged link, in which frame. Poses and Jacobians take a body,
+        twists are those of all bodies by default.
+    parameters : list of str, optional
         Data of the robot that become inputs:
 
         * "gravity": gravity (3);
@@ -48,54 +56,76 @@ def casadi_function(
 
     Returns
     -------
-    casadi.Function : inputs q, qd, q2d, ... (n), then W, Wd, ... and the parameters; outputs Q, Qd, Q2d, ... (n), or
-        M, C, Cbar (n, n), Qgrav (n) with their rates.
+    casadi.Function
+        Named after the quantity, body and frame. Inputs q, qd, q2d, ... (n), then W, Wd, ... and the parameters;
+        outputs the quantity and its rates under the names of its symbol, Q, Qd, Q2d, ...: columns of vectors, 1 x 1 of
+        scalars.
 
     Raises
     ------
-    JounceError : where a name is unknown, the robot holds symbols, or CasADi is missing.
+    JounceError
+        If a name is unknown, the quantity needs a body, the robot holds symbols, or CasADi is missing.
 
     Examples
     --------
     >>> import casadi, jounce
-    >>> F = jounce.casadi_function(jounce.load("iiwa14"), order=1, parameters=["payload"])
+    >>> robot = jounce.load("iiwa14")
+    >>> F = jounce.casadi_function(robot, order=1, parameters=["payload"])
     >>> F.name_in()
     ['q', 'qd', 'q2d', 'q3d', 'payload_mass', 'payload_com', 'payload_inertia']
     >>> q, m = casadi.MX.sym("q", 7), casadi.MX.sym("m")
     >>> at_rest = F(q=q, payload_mass=m, payload_com=[0, 0, 0.1])  # what is not named is zero
     >>> casadi.jacobian(at_rest["Q"], q).shape, casadi.jacobian(at_rest["Q"], m).shape
     ((7, 7), (7, 1))
+    >>> jounce.casadi_function(robot, "jacobian", order=1, body="link7", frame="world")
+    Function(jacobian_link7_world:(q[7],qd[7])->(J[6x7],Jd[6x7]) SXFunction)
     """
     try:
         import casadi
     except ModuleNotFoundError:
-        raise JounceError("functions of CasADi need it; install it by: pip install 'jounce[casadi]'") from None
+        raise JounceError("casadi_function() needs CasADi; install it by: pip install 'jounce[casadi]'") from None
     _check(robot)
-    asked = requests.computation(robot.mechanism, quantity, order, wrench)
-
-    def symbols(name: str, shape: tuple[int, ...]) -> Array:
-        inputs[name] = casadi.SX.sym(name, *shape)
-        return asarray(inputs[name]).reshape(shape)
-
-    inputs: dict[str, Any] = {}
-    signature = asked.signature(robot.mechanism.n, robot.mechanism.nb)
-    arrays = [symbols(port.name, port.shape) for port in signature.inputs]
-    mechanism, _ = parametrised(robot.mechanism, parameters, symbols)
-    results = asked.series("recursion", mechanism, arrays).upto(order)
+    computation = requests.computation(robot.mechanism, quantity, order, wrench, body, frame)
+    _check_axes(computation, robot.mechanism)
+    shapes = {name: value.shape for name, value in own_values(robot.mechanism, parameters).items()}
+    signature = computation.signature(robot.mechanism.n, robot.mechanism.nb, shapes)
+    ports = sorted(signature.inputs, key=lambda port: port.role == "parameter")  # the state first, as in other calls
+    inputs = {port.name: casadi.SX.sym(port.name, *port.shape) for port in ports}
+    arrays = {port.name: asarray(inputs[port.name]).reshape(port.shape) for port in ports}
+    mechanism, _ = parametrised(robot.mechanism, parameters, lambda name, shape: arrays[name])
+    state = [arrays[port.name] for port in ports if port.role != "parameter"]
+    method = next(iter(computation.quantity.methods))
+    results = [_matrix(x) for x in computation.series(method, mechanism, state).upto(order)]
     names = [port.name for port in signature.outputs]
-    return casadi.Function(quantity, list(inputs.values()), [_matrix(x) for x in results], list(inputs), names)
+    return casadi.Function(_name(computation), list(inputs.values()), results, list(inputs), names)
 
 
 def _matrix(array: np.ndarray) -> "casadi.SX":
-    """A CasADi matrix of an object array, a column of a vector."""
+    """The CasADi matrix of an object array: a column of a vector, 1 x 1 of a scalar."""
     import casadi
 
-    rows = array if array.ndim == 2 else array[:, None]
+    rows = array.reshape((*array.shape, 1, 1)[:2])
     return casadi.SX(casadi.vertcat(*(casadi.horzcat(*row) for row in rows)))
+
+
+def _name(computation: Computation) -> str:
+    """The quantity with its body and frame as CasADi takes a name: letters and digits, single underscores between."""
+    place = [computation.body or "", computation.frame if computation.quantity.frames else ""]
+    return "_".join(re.findall("[A-Za-z0-9]+", "_".join([computation.name, *place])))
 
 
 def _check(robot: Robot) -> None:
     if not isinstance(robot, Robot):
-        raise JounceError(f"a function is made of a Robot, not of a {type(robot).__name__}; try jounce.load")
+        raise JounceError(f"casadi_function() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     if not all(is_numeric(getattr(robot.mechanism, data)) for data in DATA):
-        raise JounceError("the robot holds symbols; expected numbers: parameters= makes inputs of masses, say")
+        raise JounceError("the robot holds symbols; expected numbers: parameters=['masses'] makes inputs of its masses")
+
+
+def _check_axes(computation: Computation, mechanism: Mechanism) -> None:
+    """Raise `JounceError` if the result has more axes than a matrix of CasADi."""
+    shape = computation.shape(mechanism.n, mechanism.nb)
+    if len(shape) > 2:
+        raise JounceError(
+            f"{computation.name} of all bodies: a CasADi matrix has 2 axes, not {len(shape)};"
+            f" body= selects one of: {listed(mechanism.bodies)}"
+        )

@@ -1,7 +1,10 @@
 """CasADi: vectors of SX as states, and functions whose derivatives are those of the recursion."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from quantities import IDS, REQUESTS, branched, method_of
 from robots import differentiated, golden, rates_of, relative_error
 
 import casadi
@@ -9,14 +12,8 @@ import jounce
 from jounce.errors import JounceError
 
 TOLERANCE = 1e-12
-QUANTITIES = {
-    "inverse_dynamics": ("Q", 3, jounce.Robot.inverse_dynamics),
-    "gravity_forces": ("Qgrav", 1, jounce.Robot.gravity_forces),
-    "mass_matrix": ("M", 1, jounce.Robot.mass_matrix),
-    "coriolis_matrix": ("C", 2, jounce.Robot.coriolis_matrix),
-    "skew_coriolis_matrix": ("Cbar", 2, lambda robot, *q: robot.coriolis_matrix(*q, form="skew")),
-}
 RATES = ("", "d", "2d", "3d", "4d")
+ROBOT = branched()
 
 
 def case(name):
@@ -45,22 +42,67 @@ def test_functions_agree_with_the_recursion(name):
         assert relative_error(dense(found[name]), y) < TOLERANCE
 
 
-@pytest.mark.parametrize("quantity", QUANTITIES)
-def test_every_quantity_with_its_rates(quantity):
-    robot, q, _ = case("mixed5")
-    symbol, least, method = QUANTITIES[quantity]
-    F = jounce.casadi_function(robot, order=1, quantity=quantity)
-    assert F.name_out() == [symbol, symbol + "d"]
-    found, expected = F(*q[: least + 1]), method(robot, *q[: least + 1])
-    for x, y in zip(found, expected, strict=True):
+@pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
+def test_every_quantity_with_its_rates(quantity, keywords):
+    """Of a forest with all kinds of joints, drives and merged links; a matrix has two axes, so three need a body."""
+    if len(quantity.shape) == 3 and "body" not in keywords:
+        with pytest.raises(JounceError, match=r"of all bodies: .* 2 axes, not 3; body= selects one of: body1, body2"):
+            jounce.casadi_function(ROBOT, quantity.name, **keywords)
+        return
+    F = jounce.casadi_function(ROBOT, quantity.name, 2, **keywords)
+    assert F.name_out() == list(quantity.names(2))
+    q = np.random.default_rng(4).uniform(-1, 1, (quantity.rates + 2, ROBOT.n))
+    expected = method_of(ROBOT, quantity)(*q, method="recursion", **keywords)
+    for x, y in zip(F(*q), expected, strict=True):
+        assert x.shape == (*y.shape, 1, 1)[:2]
         assert relative_error(dense(x, y.shape), y) < TOLERANCE
+
+
+@pytest.mark.parametrize("quantity", [q for q, _ in REQUESTS if q.wrenches], ids=lambda q: q.name)
+def test_wrenches_enter_every_quantity_that_takes_them(quantity):
+    rng = np.random.default_rng(5)
+    q, W = rng.uniform(-1, 1, (quantity.rates + 1, ROBOT.n)), rng.uniform(-1, 1, (2, len(ROBOT.body_names), 6))
+    found = jounce.casadi_function(ROBOT, quantity.name, 1, True)(*q, *W)
+    for x, y in zip(found, method_of(ROBOT, quantity)(*q, wrench=tuple(W)), strict=True):
+        assert relative_error(dense(x), y) < TOLERANCE
+
+
+def test_a_function_is_named_after_what_it_computes():
+    m = golden("mixed5")[0]
+    robot = jounce.Robot(replace(m, bodies=("a_-_b", "größe", *m.bodies[2:])))
+    assert jounce.casadi_function(robot, order=0).name() == "inverse_dynamics"
+    assert jounce.casadi_function(robot, "poses", 0, body="a_-_b").name() == "poses_a_b"
+    assert jounce.casadi_function(robot, "jacobian", 0, body="größe", frame="world").name() == "jacobian_gr_e_world"
+
+
+def test_derivatives_by_casadi_are_quantities_themselves():
+    """dU/dq = Qgrav, dp/dqd = M, dV/dqd = J, and dQ/dq2d = M with the armature that acts."""
+    robot = ROBOT.with_drives("armature")
+    q, qd, q2d = x = [casadi.MX.sym(name, robot.n) for name in ("q", "qd", "q2d")]
+
+    def derivative(name, by, **keywords):
+        F = jounce.casadi_function(robot, name, 0, **keywords)
+        return casadi.jacobian(F(*x[: F.n_in()]), by)
+
+    place = {"body": "tool", "frame": "world"}
+    found = [
+        derivative("potential_energy", q).T,
+        derivative("generalized_momentum", qd),
+        derivative("twists", qd, **place),
+        derivative("inverse_dynamics", q2d),
+    ]
+    values = np.random.default_rng(6).uniform(-1, 1, (3, robot.n))
+    M = robot.mass_matrix(values[0])
+    expected = [robot.gravity_forces(values[0]), M, robot.jacobian(values[0], **place), M]
+    for derived, value in zip(casadi.Function("derivatives", x, found)(*values), expected, strict=True):
+        assert relative_error(dense(derived, value.shape), value) < TOLERANCE
 
 
 @pytest.mark.parametrize("order", [0, 3])
 def test_any_order(order):
     robot = jounce.load("planar2r", L1=1.1, m2=0.3)
     q = np.random.default_rng(0).uniform(-1, 1, (order + 3, 2))
-    found = jounce.casadi_function(robot, order)(*q)
+    found = jounce.casadi_function(robot, order=order)(*q)
     expected = robot.inverse_dynamics(*q)
     assert (
         relative_error(dense(found if order == 0 else found[-1]), expected if order == 0 else expected[-1]) < TOLERANCE
@@ -101,7 +143,7 @@ PARAMETERS = ("gravity", "masses", "lengths", "payload:link5")
 def test_sensitivities_to_masses_lengths_gravity_and_payload():
     robot = jounce.load("iiwa14")
     m, rng = robot.mechanism, np.random.default_rng(1)
-    F = jounce.casadi_function(robot, 1, parameters=PARAMETERS)
+    F = jounce.casadi_function(robot, order=1, parameters=PARAMETERS)
     q = rng.uniform(-1, 1, (4, 7))
     own = {
         "gravity": m.gravity,
@@ -170,19 +212,33 @@ def test_a_matrix_of_sx_is_a_wrench_on_every_body():
         (lambda r: r.inverse_dynamics(*[casadi.SX.sym("x", 3)] * 3), r"^q has shape \(3,\); expected \(\.\.\., 2\)"),
         (
             lambda r: jounce.casadi_function("iiwa14"),
-            r"^a function is made of a Robot, not of a str; try jounce\.load$",
+            r"^casadi_function\(\) expects a jounce\.Robot, got str; try jounce\.load$",
         ),
-        (lambda r: jounce.casadi_function(r, -1), r"^order is -1; expected 0 to 100$"),
+        (lambda r: jounce.casadi_function(r, order=-1), r"^order is -1; expected 0 to 100$"),
         (
-            lambda r: jounce.casadi_function(r, quantity="mass_matrx"),
-            r"^no quantity for CasADi 'mass_matrx'; did you mean 'mass_matrix'",
+            lambda r: jounce.casadi_function(r, "mass_matrx"),
+            r"^no quantity 'mass_matrx'; did you mean 'mass_matrix'",
         ),
         (
-            lambda r: jounce.casadi_function(r, quantity=["mass_matrix"]),
-            r"^no quantity for CasADi \['mass_matrix'\]; there",
+            lambda r: jounce.casadi_function(r, ["mass_matrix"]),
+            r"^no quantity \['mass_matrix'\]; there",
         ),
         (lambda r: jounce.casadi_function(r, wrench=1), r"^wrench is 1; expected True or False"),
-        (lambda r: jounce.casadi_function(r, wrench=True, quantity="mass_matrix"), "^mass_matrix takes no wrenches$"),
+        (lambda r: jounce.casadi_function(r, 2), r"^no quantity 2; there are: inverse_dynamics, "),
+        (lambda r: jounce.casadi_function(r, "mass_matrix", wrench=True), "^mass_matrix takes no wrenches; these do: "),
+        (
+            lambda r: jounce.casadi_function(r, "mass_matrix", body="body1"),
+            "^mass_matrix belongs to no body; these",
+        ),
+        (lambda r: jounce.casadi_function(r, "poses", body="body3"), r"^no body 'body3'; did you mean 'body\d'\?"),
+        (
+            lambda r: jounce.casadi_function(r, "poses", body="body1", frame="world"),
+            "^no frame 'world'; .*: body$",
+        ),
+        (
+            lambda r: jounce.casadi_function(r, "jacobian", frame="world"),
+            "^jacobian of all bodies: .*; body=",
+        ),
         (lambda r: jounce.casadi_function(r, parameters=["gravty"]), r"^no parameter 'gravty'; did you mean 'gravity'"),
         (lambda r: jounce.casadi_function(r, parameters=["payload:x"]), r"^no body 'x'"),
     ],

@@ -10,10 +10,13 @@ import numpy as np
 import pytest
 import recursion
 import sympy
+from quantities import method_of
 from robots import GOLDEN_NAMES, golden, rates_of, relative_error
 
 import casadi
 import jounce
+from jounce._scalars import element
+from jounce.dynamics.quantities import QUANTITIES as TABLE
 from jounce.errors import JounceError
 from jounce.model.mechanism import in_whole_numbers
 from jounce.program.trace import Tape
@@ -287,3 +290,25 @@ def test_numbers_of_a_robot_leave_no_floats_among_symbols():
     quantities = [*robot.jacobian(q, qd, body="body2", frame="world"), *robot.mass_matrix(q, qd), robot.poses(q)]
     for quantity in quantities:
         assert not any(sympy.sympify(entry).atoms(sympy.Float) for entry in quantity.flat)
+
+
+def sprung():
+    """The planar 2R with every kind of drive, so that energy and momentum hold them too."""
+    m = jounce.load("planar2r").mechanism
+    drives = {name: [0.3, 0.7] for name in ("armature", "damping", "friction", "stiffness", "rest")}
+    return jounce.Robot.from_screws(m.B, m.X, m.M, gravity=m.gravity, drives=drives).with_drives(eps=0.5)
+
+
+EVERY = [(quantity, method) for quantity in TABLE.values() for method in quantity.methods]
+
+
+@pytest.mark.parametrize(("quantity", "method"), EVERY, ids=[f"{q.name}-{method}" for q, method in EVERY])
+def test_every_quantity_by_every_method_of_symbols(quantity, method):
+    """Springs and armature included; a result without axes is a symbol."""
+    robot, q = sprung(), np.random.default_rng(3).uniform(-1, 1, (quantity.rates + 1, 2))
+    compute = method_of(robot, quantity)
+    symbols = symbols_of(robot, casadi.SX.sym)[: len(q)]
+    entries = [x for result in compute(*symbols, method=method) for x in element(result, "it").ravel()]
+    values = casadi.Function("f", [casadi.vertcat(*x) for x in symbols], [casadi.vertcat(*entries)])(*q)
+    expected = np.concatenate([np.ravel(x) for x in compute(*q, method=method)])
+    assert relative_error(np.array(values)[:, 0], expected) < 1e-12

@@ -1,7 +1,9 @@
 """The recursion's laws on series under one name, as tests of it take them."""
 
+from dataclasses import replace
+
 from jounce.dynamics.recursion.bodies import jacobians, poses, twists
-from jounce.dynamics.recursion.forces import AT_REST, MOVING, external_forces, generalized
+from jounce.dynamics.recursion.forces import AT_REST, MOVING, generalized
 from jounce.dynamics.recursion.matrices import coriolis_matrix, mass_matrix, skew_coriolis_matrix
 from jounce.dynamics.recursion.momenta import base_wrench, generalized_momentum, momentum, potential_energy
 
@@ -28,3 +30,8 @@ def inverse_dynamics(mechanism, q, W=None):
 
 def gravity_forces(mechanism, q):
     return generalized(AT_REST, mechanism, q)
+
+
+def external_forces(mechanism, q, W):
+    """Qext: the forces without masses."""
+    return generalized(MOVING, replace(mechanism, M=0 * mechanism.M), q, W)

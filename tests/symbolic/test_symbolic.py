@@ -1,17 +1,23 @@
-"""The equations of motion as SymPy expressions: the paper's, those of the numeric paths, and what they look like."""
+"""The quantities as SymPy expressions: those of the paper, those of the numeric methods, and what they look like."""
 
 import time
+from dataclasses import replace
+from functools import partial
+from itertools import pairwise
 
 import numpy as np
 import pytest
 import sympy
-from robots import golden, relative_error
+from planar2r import printed
+from quantities import QUANTITIES, method_of
+from robots import golden, random_pose
 from sympy import cos, sin
-from test_planar2r import printed
 
 import jounce
 from jounce.errors import JounceError
+from jounce.model.mechanism import Frame
 from jounce.spatial.lie import pose
+from jounce.spatial.series import rate_name
 
 L1, L2, m1, m2, g = PARAMETERS = sympy.symbols("L1 L2 m1 m2 g")
 UP, DOWN = [[1, 0, 0], [0, 0, -1], [0, 1, 0]], [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
@@ -39,39 +45,48 @@ CHAINS = {
     "spatial3r": lambda: chain([I3, UP, I3], [0, 0, -1]),
     "wrist3r": lambda: chain([I3, UP, DOWN], [0, 0, -1]),
 }
-QUANTITIES = {  # what gives the numbers, and how many rates of q the value takes
-    "Q": (jounce.Robot.inverse_dynamics, 3),
-    "M": (jounce.Robot.mass_matrix, 1),
-    "C": (jounce.Robot.coriolis_matrix, 2),
-    "Cbar": (lambda robot, *q: robot.coriolis_matrix(*q, form="skew"), 2),
-    "Qgrav": (jounce.Robot.gravity_forces, 1),
-}
-SUFFIXES = ("", "d", "2d")
 
 
-def functions(S, names, parameters=()):
-    """The matrices of these names as one function of the state q .. q4d, the wrenches and the parameters."""
-    state = [*S.q, *S.qd, *S.q2d, *S.q3d, *S.q4d]
-    wrenches = [*S.W, *S.Wd, *S.W2d]
-    return sympy.lambdify([state, wrenches, parameters], [getattr(S, name) for name in names], "numpy")
+def members(S, order=2, bodies=()):
+    """(name, member with its rates, the same of a robot of numbers as a function of q and W) of all that S holds."""
+    for quantity in QUANTITIES.values():
+        if not quantity.of_bodies:
+            yield quantity.name, [getattr(S, name) for name in quantity.names(order)], partial(value, quantity)
+        for body in bodies if quantity.of_bodies else ():
+            for frame in quantity.frames or ("body",):
+                named = {"body": body, "frame": frame} if quantity.frames else {"body": body}
+                terms = getattr(S, quantity.name)(order=order, **named)
+                yield f"{quantity.name}:{body}:{frame}", terms, partial(value, quantity, **named)
+        if quantity.wrenches:
+            terms = [getattr(S, rate_name(f"{quantity.symbol}ext", k)) for k in range(order + 1)]
+            yield f"{quantity.name} of wrenches", terms, partial(external, quantity)
 
 
-def equal(S, robot, values=(), parameters=(), seed=0, tolerance=1e-12):
-    """Whether every matrix of S, with its rates, has the values of a robot of numbers."""
+def entries(x):
+    return list(x) if isinstance(x, sympy.MatrixBase) else [x]
+
+
+def value(quantity, robot, q, W, **keywords):
+    return method_of(robot, quantity)(*q[: quantity.rates + len(W) - 1], **keywords)
+
+
+def external(quantity, robot, q, W):
+    rates = q[: quantity.rates + len(W) - 1]
+    compute = partial(method_of(robot, quantity), *rates, method="closed_form")
+    return [x - y for x, y in zip(compute(wrench=tuple(W)), compute(), strict=True)]
+
+
+def equal(S, robot, values=(), parameters=(), seed=0, bodies=()):
+    """Every member of S, with its rates, has the values of a robot of numbers."""
     rng = np.random.default_rng(seed)
-    q = rng.uniform(-2, 2, (5, robot.n))
-    W = rng.uniform(-2, 2, (3, robot.mechanism.nb, 6))
-    expected = {}
-    for name, (quantity, least) in QUANTITIES.items():
-        for suffix, value in zip(SUFFIXES, quantity(robot, *q[: least + 2]), strict=True):
-            expected[name + suffix] = value
-    loaded = robot.inverse_dynamics(*q, wrench=tuple(W), method="closed_form")
-    free = robot.inverse_dynamics(*q, method="closed_form")
-    expected |= {f"Qext{suffix}": x - y for suffix, x, y in zip(SUFFIXES, loaded, free, strict=True)}
-    found = functions(S, expected, parameters)(q.ravel(), W.ravel(), values)
-    for value, (name, reference) in zip(found, expected.items(), strict=True):
-        value = np.array(value, dtype=float).reshape(reference.shape)
-        assert relative_error(value, reference) < tolerance, name
+    q, W = rng.uniform(-2, 2, (5, robot.n)), rng.uniform(-2, 2, (3, robot.mechanism.nb, 6))
+    symbols = [[*S.q, *S.qd, *S.q2d, *S.q3d, *S.q4d], [*S.W, *S.Wd, *S.W2d], parameters]
+    for name, terms, numbers in members(S, bodies=bodies):
+        found = sympy.lambdify(symbols, [entries(term) for term in terms], "numpy")(q.ravel(), W.ravel(), values)
+        expected = numbers(robot, q, W)
+        scale = max(np.abs(reference).max() for reference in expected)  # some rates are zero but for rounding
+        for x, reference in zip(found, expected, strict=True):
+            assert np.abs(np.reshape(x, np.shape(reference)) - reference).max() <= 1e-12 * scale, name
 
 
 def test_the_planar_2r_is_the_papers():
@@ -123,25 +138,40 @@ def test_symbols_print_as_the_paper_writes_them():
 @pytest.mark.parametrize("name", CHAINS)
 def test_chains_of_three_joints_have_the_values_of_numbers(name):
     robot = CHAINS[name]()
-    start = time.perf_counter()
     S = jounce.symbolic(robot)
-    matrices = [getattr(S, symbol + suffix) for symbol in [*QUANTITIES, "Qext"] for suffix in SUFFIXES]
-    assert time.perf_counter() - start < 60
     mechanism = robot.mechanism
     data = [x for label in ("B", "M", "gravity") for x in sympy.Matrix(getattr(mechanism, label).ravel())]
     parameters = sorted(set().union(*(x.free_symbols for x in data)), key=str)
-    assert set().union(*(x.free_symbols for x in matrices[0])) <= {*parameters, *S.q, *S.qd, *S.q2d}
+    assert set().union(*(x.free_symbols for x in S.Q)) <= {*parameters, *S.q, *S.qd, *S.q2d}
     values = np.random.default_rng(1).uniform(0.5, 2, len(parameters))
     number = np.vectorize(lambda x: float(sympy.sympify(x).subs(dict(zip(parameters, values, strict=True)))))
     B, X, M, gravity = (number(getattr(mechanism, label)) for label in ("B", "X", "M", "gravity"))
     equal(S, jounce.Robot.from_screws(B, X, M, gravity=gravity), values, parameters)
 
 
-@pytest.mark.parametrize("joints", [(0, 1), (1, 2), (3, 4)])
-def test_robots_of_numbers_of_every_kind_of_joint(joints):
-    m = golden("mixed5")[0]
-    robot = jounce.Robot.from_screws(*(x[list(joints)] for x in (m.B, m.X, m.M)), gravity=m.gravity)
-    equal(jounce.symbolic(robot), robot)
+def test_the_planar_2r_with_drives_has_the_values_of_numbers():
+    """Armature enters Q, M and p, springs Q and U, and friction Q, though it is no trigonometric polynomial."""
+    values = {"L1": 1.1, "L2": 0.7, "m1": 0.9, "m2": 1.3, "g": 9.81}
+    drives = {name: [0.3, 0.7] for name in ("armature", "damping", "friction", "stiffness", "rest")}
+
+    def driven(**data):
+        m = jounce.load("planar2r", **data).mechanism
+        return jounce.Robot.from_screws(m.B, m.X, m.M, gravity=m.gravity, drives=drives).with_drives(eps=0.5)
+
+    S = jounce.symbolic(driven(L1=L1, L2=L2, m1=m1, m2=m2, g=g))
+    equal(S, driven(**values), list(values.values()), PARAMETERS, bodies=("body1", "body2"))
+
+
+def test_a_prismatic_and_a_helical_joint_and_links_merged_into_bodies():
+    m, rng = golden("mixed5")[0], np.random.default_rng(7)
+    robot = jounce.Robot.from_screws(*(x[1:3] for x in (m.B, m.X, m.M)), gravity=m.gravity)
+    frames = (Frame("tool", 1, random_pose(rng)), Frame("stand", -1, random_pose(rng)))
+    robot = jounce.Robot(replace(robot.mechanism, frames=frames))
+    S = jounce.symbolic(robot)
+    equal(S, robot, bodies=("tool", "stand"))
+    for name in (row.name for row in QUANTITIES.values() if row.of_bodies):  # of all bodies along the first axis
+        both = sympy.Array(getattr(S, name)())
+        assert sympy.Array(getattr(S, name)("body2")).reshape(*both.shape[1:]) == both[1]
 
 
 def test_joints_that_follow_others_with_offset():
@@ -190,10 +220,9 @@ def test_a_joint_direction_may_be_a_symbol():
 
 def test_each_rate_is_the_derivative_of_the_one_below():
     S = jounce.symbolic(planar2r())
-    for name in (*QUANTITIES, "Qext"):
-        for one, next_one in (("", "d"), ("d", "2d"), ("2d", "3d")):
-            difference = S.dot(getattr(S, name + one)) - getattr(S, name + next_one)
-            assert difference.expand().is_zero_matrix, name
+    for name, terms, _ in members(S, 2, ("body2",)):
+        for term, rate in pairwise(terms):
+            assert all(sympy.expand(x) == 0 for x in entries(S.dot(term) - rate)), name
 
 
 def test_identities_of_the_matrices():
@@ -214,8 +243,12 @@ def test_matrices_are_kept_and_frozen():
     assert S.Q2d is S.Q2d
     assert isinstance(S.Q, sympy.ImmutableMatrix)
     assert {"q4d", "Q2d", "Cbar2d", "W2d", "dot"} <= set(dir(S))
-    assert repr(S) == "<Symbolic 'planar2r': q, W, Q, M, C, Cbar, Qgrav, Qext, and their rates>"
-    with pytest.raises(AttributeError, match=r"^no matrix 'Mdot'; did you mean"):
+    members = [*(row.symbol for row in QUANTITIES.values() if not row.of_bodies), "Qext", "Fext"]
+    of_bodies = [row.name for row in QUANTITIES.values() if row.of_bodies]
+    everything = ", ".join(["q", "W", *members])
+    assert repr(S) == f"<Symbolic 'planar2r': {everything}, and their rates; of bodies: {', '.join(of_bodies)}>"
+    assert {*members, *of_bodies} <= set(dir(S))
+    with pytest.raises(AttributeError, match=f"^no member 'Mdot'; did you mean .* there are: {everything}, poses,"):
         _ = S.Mdot
     with pytest.raises(AttributeError):
         S.Q = 0
@@ -232,7 +265,7 @@ def test_what_is_too_large_says_so_and_names_the_way_out():
 
 
 def test_an_order_too_high_says_so(monkeypatch):
-    monkeypatch.setattr("jounce._symbolic.equations.WORK", 20_000)
+    monkeypatch.setattr("jounce._symbolic.expressions.WORK", 20_000)
     S = jounce.symbolic(planar2r())
     assert S.Q2d.shape == (2, 1)
     with pytest.raises(
@@ -251,7 +284,7 @@ def with_data(**data):
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: "iiwa14", r"^a Robot has symbolic form, not a str; expected one of jounce\.load, say$"),
+        (lambda: "iiwa14", r"^symbolic\(\) expects a jounce\.Robot, got str; try jounce\.load$"),
         (
             lambda: with_data(gravity=[0, sympy.nan, 0]),
             r"^gravity\[1\] of 'robot': it is nan; expected a real expression$",

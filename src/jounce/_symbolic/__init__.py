@@ -1,6 +1,6 @@
 """The equations of motion as SymPy expressions: the recursion run on scalars that have a normal form.
 
-`waves` is that scalar, `terms` takes SymPy expressions in and gives them out, `equations` is what users hold.
+`trig_polynomial` holds that scalar, `terms` converts it from and to SymPy expressions, `equations` is the public part.
 """
 
 from jounce._symbolic.equations import Symbolic, symbolic

@@ -6,7 +6,9 @@ from its row. To add one takes its mathematics, a row, and a method of `Robot`.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
+from jounce._scalars import Array, element
 from jounce.dynamics import closed_form as dense
 from jounce.dynamics import drive_terms, kinematics
 from jounce.dynamics.paper import Paper
@@ -76,7 +78,14 @@ class Quantity:
         rigid, added = self.methods[method].law, self.drive_law
         if added is None or not set(self.drive_terms) & set(mechanism.acting):
             return rigid
-        return lambda m, x: rigid(m, x) + added(m, x)
+        if self.shape:
+            return lambda m, x: rigid(m, x) + added(m, x)
+        return lambda m, x: (rigid(m, x) + added(m, x)).map(_array)
+
+
+def _array(total: Any) -> Array:
+    """A sum of arrays without axes as an array again: NumPy makes a scalar of it."""
+    return element(total, "a sum")
 
 
 def _column(nb: int) -> int:

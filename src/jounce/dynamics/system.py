@@ -86,5 +86,5 @@ def system_G(mechanism: Mechanism) -> Array:
 def potential_energy(mechanism: Mechanism, C: Array) -> Array:
     """U = -sum of m_i g . c_i, zero at the height of the inertial origin, from the poses: (..., 1, 1)."""
     m, h, _ = moments(mechanism.M)
-    weighted = (C @ concatenate([h, m], axis=-2))[..., :3, 0].sum(axis=-2)  # (..., 3)
-    return -(weighted @ mechanism.gravity)[..., None, None]
+    weighted = (C @ concatenate([h, m], axis=-2))[..., :3, 0].sum(axis=-2)[..., None, :]  # (..., 1, 3)
+    return -(weighted @ mechanism.gravity[:, None])

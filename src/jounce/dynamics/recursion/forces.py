@@ -48,7 +48,6 @@ class Sweep:
 
 MOVING = Sweep({"w": 1, "a": 0, "K": 0}, outward)
 AT_REST = Sweep({"a": 0}, outward_at_rest)  # under gravity alone
-WEIGHTLESS = Sweep({}, lambda joint, parent: parent, lambda moments, motion: Force(motion.w, motion.w))  # no force
 
 
 class Tree(Protocol):
@@ -94,11 +93,6 @@ def generalized(kind: Sweep, mechanism: Mechanism, q: Series, W: Series | None =
     tree = _Series(kind, mechanism, q, W)
     sweep(tree)
     return tree.forces()
-
-
-def external_forces(mechanism: Mechanism, q: Series, W: Series) -> Series:
-    """Qext = J^T W (Qext), the part of the wrenches in the forces."""
-    return generalized(WEIGHTLESS, mechanism, q, W)
 
 
 class _Series:

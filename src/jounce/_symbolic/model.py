@@ -1,0 +1,73 @@
+"""A mechanism in trigonometric polynomials, and the symbols of its coordinates and wrenches."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from jounce._scalars import Array
+from jounce._symbolic.terms import polynomial
+from jounce._symbolic.trig_polynomial import Variables
+from jounce.errors import JounceError, at
+from jounce.model.drives import Drives
+from jounce.model.mechanism import DATA, Mechanism
+from jounce.spatial.series import Series
+
+
+def cast_mechanism(mechanism: Mechanism, variables: Variables) -> Mechanism:
+    """The mechanism with fractions and trigonometric polynomials as its data."""
+
+    def cast(array: Array, what: str) -> Array:
+        result = np.empty(array.shape, dtype=object)
+        for index, x in zip(np.ndindex(*array.shape), array.ravel().tolist(), strict=True):
+            with at(f"{what}{list(index)} of {mechanism.name!r}"):
+                result[index] = polynomial(x, variables)
+        return result
+
+    data: dict[str, Any] = {label: cast(getattr(mechanism, label), label) for label in DATA}
+    drives = Drives(**{label: cast(array, label) for label, array in vars(mechanism.drives).items()})
+    frames = tuple(replace(frame, T=cast(frame.T, f"pose of {frame.name!r}")) for frame in mechanism.frames)
+    return replace(mechanism, drives=drives, frames=frames, **data)
+
+
+def has_decimals(array: Array) -> bool:
+    """Whether an array holds a float that is not an integer, or an expression with one."""
+    import sympy
+
+    def floats(x: Any) -> Any:
+        return x.atoms(sympy.Float) if isinstance(x, sympy.Expr) else [x] if isinstance(x, float) else []
+
+    return any(not float(number).is_integer() for x in array.ravel().tolist() for number in floats(x))
+
+
+def state_symbols(mechanism: Mechanism) -> dict[str, Series]:
+    """The symbols of the coordinates, matrices (n, 1), and of the wrenches, matrices (nb, 6), by name, with rates."""
+    import sympy
+
+    n, nb = mechanism.n, mechanism.nb
+    return {
+        "q": Series(lambda k: sympy.ImmutableMatrix(n, 1, [sympy.Symbol(name) for name in _coordinates(n, k)])),
+        "W": Series(lambda k: sympy.ImmutableMatrix(nb, 6, [sympy.Symbol(name) for name in _wrenches(nb, k)])),
+    }
+
+
+def _coordinates(n: int, k: int) -> Iterator[str]:
+    return (f"q{_dots(k)}{j + 1}" for j in range(n))
+
+
+def _wrenches(nb: int, k: int) -> Iterator[str]:
+    return (f"{kind}{_dots(k)}_{axis}{i + 1}" for i in range(nb) for kind in "mf" for axis in "xyz")
+
+
+def _dots(k: int) -> str:
+    """The part of the name of a k-th rate for which SymPy prints k dots."""
+    return "" if k == 0 else "d" * k + "ot" if k <= 4 else f"^({k})_"
+
+
+def check_names(variables: Variables, symbols: Mapping[str, Series]) -> None:
+    """Raise `JounceError` if a symbol of the robot bears the name of a coordinate or wrench."""
+    taken = {str(symbol) for series in symbols.values() for k in range(5) for symbol in series[k]}
+    for symbol in variables.expressions:
+        if str(symbol) in taken:
+            raise JounceError(f"the robot holds a symbol {symbol}, which is the name of a coordinate or wrench")
