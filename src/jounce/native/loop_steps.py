@@ -12,14 +12,7 @@ from jounce._scalars import is_zero
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.recursion.forces import ground
 from jounce.dynamics.recursion.joints import rows
-from jounce.dynamics.recursion.steps import (
-    AlignedJoint,
-    Force,
-    Moments,
-    Motion,
-    felt,
-    inward,
-)
+from jounce.dynamics.recursion.steps import AlignedJoint, Force, Moments, Motion, felt, inward
 from jounce.model import drives
 from jounce.model.equivalent import minimal, moves
 from jounce.model.mechanism import Mechanism
