@@ -6,7 +6,7 @@ import subprocess
 import sys
 import textwrap
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from importlib import metadata
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -20,13 +20,15 @@ from robots import GOLDEN, golden, on_its_axis, random_mechanism
 from tools import needs, require
 
 import jounce
-from jounce._codegen import generation, listing, notes, writing
+from jounce._codegen import generate, header, render, schedule
+from jounce._codegen.function import function_names, trace
 from jounce._codegen.language import NAMES, language
+from jounce._codegen.options import check_options
 from jounce._codegen.parametric import parametric
-from jounce._codegen.request import checked
-from jounce._codegen.routine import OUTPUTS, routine
-from jounce._codegen.vectors import vectors
+from jounce._codegen.test_vectors import vectors
 from jounce.cli import main
+from jounce.dynamics.computation import Computation
+from jounce.dynamics.quantities import QUANTITIES
 
 STRICT = "-std=c99 -O0 -Wall -Wextra -Wpedantic -Wconversion -Wdouble-promotion -Wfloat-conversion -Werror"
 STRICT_CXX = STRICT.replace("c99", "c++11"), STRICT.replace("c99", "c++17")
@@ -70,7 +72,18 @@ ROBOTS = {
         )
     ),
 }
-ALL, PARAMETERS = list(OUTPUTS), ["gravity", "masses", "lengths", "payload", "payload:body1"]
+
+
+def every(body):
+    """The spelling of every quantity, those of bodies of one, in every frame."""
+    found = []
+    for row in QUANTITIES.values():
+        places = [f":{body}:{frame}" for frame in row.frames] or [f":{body}" if row.of_bodies else ""]
+        found += [row.name + place for place in places]
+    return found
+
+
+ALL, PARAMETERS = every("body2"), ["gravity", "masses", "lengths", "payload", "payload:body1"]
 CASES = {
     "iiwa14, order 0": ("iiwa14", {"order": 0, "outputs": ["inverse_dynamics", "gravity_forces", "mass_matrix"]}),
     "iiwa14, order 1": ("iiwa14", {"order": 1, "wrench": True}),
@@ -79,6 +92,7 @@ CASES = {
     "panda, order 0": ("panda", {"order": 0}),
     "panda, order 1": ("panda", {"order": 1, "parameters": ["gravity", "payload:panda_hand_tcp"]}),
     "panda, order 2": ("panda", {"order": 2, "wrench": True}),
+    "panda, all": ("panda", {"order": 1, "wrench": True, "outputs": every("panda_hand_tcp")}),
     "planar2r, all": ("planar2r", {"order": 2, "wrench": True, "outputs": ALL, "parameters": PARAMETERS}),
     "planar2r, all, single": ("planar2r", {"order": 2, "outputs": ALL, "float32": True, "parameters": PARAMETERS}),
     "symbols": ("symbols", {"order": 2, "outputs": ["inverse_dynamics", "coriolis_matrix"]}),
@@ -93,13 +107,26 @@ programs = pytest.mark.parametrize("lang", [lang for lang in LANGUAGES if lang !
 
 def requested(robot, lang, order=2, outputs=("inverse_dynamics",), wrench=False, parameters=(), float32=False):
     """A request, and what it traces."""
-    request = checked(robot, lang, order, outputs, wrench, parameters, float32, None)
-    return request, generation.traced(request)
+    request = check_options(robot, lang, order, outputs, wrench, parameters, float32, None)
+    return request, generate.functions_of(request)
+
+
+def rendered(options, functions, **tested):
+    """The files of functions, with test vectors."""
+    return render.files(options, functions, [vectors(options.robot, f, options.single, **tested) for f in functions])
 
 
 def texts(robot, lang, count=100, **options):
     """The files of generated code, its test vectors so many states by the recursion."""
-    return writing.files(*requested(robot, lang, **options), count=count, method="recursion")
+    return rendered(*requested(robot, lang, **options), count=count, method="recursion")
+
+
+@cache
+def traced(case):
+    """What all languages share: the request of a case, its functions, and test vectors by the recursion."""
+    robot, options = CASES[case]
+    request, functions = requested(ROBOTS[robot](), "c", **options)
+    return request, functions, [vectors(request.robot, f, request.single, 100, "recursion") for f in functions]
 
 
 def written(folder, files):
@@ -124,9 +151,11 @@ def test_every_language_is_tested():
 @programs
 @pytest.mark.parametrize("case", CASES)
 def test_agrees_with_the_recursion_on_100_states(case, lang, tmp_path):
-    robot, options = CASES[case]
-    passed, output = passes(written(tmp_path, texts(ROBOTS[robot](), lang, **options)), lang)
+    request, functions, tests = traced(case)
+    files = render.files(replace(request, language=language(lang)), functions, tests)
+    passed, output = passes(written(tmp_path, files), lang)
     assert passed, output
+    options = CASES[case][1]
     errors = re.findall(r"worst relative error (\S+) over 100 states, allowed (\S+)", output)
     assert len(errors) == len(options.get("outputs", "1")), output
     assert {float(allowed) for _, allowed in errors} == {2e-4 if options.get("float32") else 1e-13}
@@ -139,7 +168,7 @@ def test_agrees_with_the_recursion_on_100_states(case, lang, tmp_path):
 )
 def test_the_code_says_what_it_holds_of_drive_trains(lang, terms, holds, left):
     text = re.sub(r"\s[\s/*#%]*", " ", "".join(texts(driven(terms), lang, count=1, order=0).values()))
-    held = re.search(r"Q holds the forces of drive trains too: ([^.]*)\.", text)[1]
+    held = re.search(r"Q includes these terms of the drive trains: ([^.]*)\.", text)[1]
     assert re.findall("armature|damping|friction|spring", held) == holds
     without = re.search(r"state this is left out: ([^.]*)\.", text)
     assert (without[1].split(", ") if without else []) == left
@@ -200,7 +229,7 @@ def changed(text, lines, pattern, change):
 def test_any_single_change_of_the_code_fails_the_test_beside_it(case, lines, pattern, change, least):
     robot = on_its_axis() if case == "balanced" else ROBOTS[case]()
     outputs = ALL[:4]  # the last adds zeros up
-    files = writing.files(*requested(robot, "python", order=1, outputs=outputs, wrench=True))
+    files = rendered(*requested(robot, "python", order=1, outputs=outputs, wrench=True))
     text, test = files[f"{robot.name}.py"], files[f"test_{robot.name}.py"]
     assert passes_in_python(text, test)
     mutants = list(changed(text, lines, pattern, change))
@@ -211,8 +240,8 @@ def test_any_single_change_of_the_code_fails_the_test_beside_it(case, lines, pat
 
 @programs
 def test_long_programs_are_cut_into_parts_that_share_scratch_memory(lang, tmp_path, monkeypatch):
-    monkeypatch.setattr(listing, "WHOLE", 50)
-    monkeypatch.setattr(listing, "PART", 30)
+    monkeypatch.setattr(schedule, "WHOLE", 50)
+    monkeypatch.setattr(schedule, "PART", 30)
     options = {"order": 1, "outputs": ALL[:3], "wrench": True, "parameters": ["payload"]}
     files = texts(ROBOTS["mimic"](), lang, **options)
     assert any("part5" in text for text in files.values())
@@ -227,7 +256,7 @@ def test_names_of_bodies_and_joints_never_leave_their_comments(lang, tmp_path):
     robot = jounce.Robot.from_screws(
         m.B, m.X, m.M, m.parent, names=hostile, joint_names=hostile[::-1], name="1 */ \n x"
     )
-    files = texts(robot, lang, count=1, order=0, outputs=ALL)
+    files = texts(robot, lang, count=1, order=0, outputs=every(hostile[1]))
     assert all(text.isascii() for text in files.values())
     passed, output = passes(written(tmp_path, files), lang)
     assert passed, output
@@ -250,24 +279,26 @@ class FromOne:
 def test_statements_of_julia_are_right_where_there_is_no_julia(case, monkeypatch):
     """Python reads them as they are, given arrays that begin with one."""
     if case == "mimic":
-        monkeypatch.setattr(listing, "WHOLE", 50)
-        monkeypatch.setattr(listing, "PART", 30)
+        monkeypatch.setattr(schedule, "WHOLE", 50)
+        monkeypatch.setattr(schedule, "PART", 30)
     robot, options = CASES[case]
-    request, routines = requested(ROBOTS[robot](), "julia", **options)
-    text = writing.files(request, routines, count=1)[f"{request.prefix}.jl"]
-    for traced in routines:
-        expected = vectors(request.robot, traced, False)
+    request, functions = requested(ROBOTS[robot](), "julia", **options)
+    text = rendered(request, functions, count=1)[f"{request.prefix}.jl"]
+    for function in functions:
+        expected = vectors(request.robot, function, False)
         bodies = re.findall(
-            rf"^function {traced.name}(?:_part\d+)?!.*?@inbounds begin\n(.*?)\n    end", text, re.M | re.S
+            rf"^function {function.name}(?:_part\d+)?!.*?@inbounds begin\n(.*?)\n    end", text, re.M | re.S
         )
         code = compile(textwrap.dedent("\n".join(bodies)), case, "exec")
         for k, p in enumerate(expected.parameter_sets()):
             arrays = {name: FromOne(x[k]) for name, x in expected.inputs.items()}
-            arrays |= {x.name: FromOne(np.zeros(x.shape)) for x in traced.outputs} | {"scratch": FromOne(np.zeros(999))}
+            arrays |= {x.name: FromOne(np.zeros(x.shape or 1)) for x in function.outputs} | {
+                "scratch": FromOne(np.zeros(999))
+            }
             parameters = {name: FromOne(x) if x.ndim else x for name, x in p.items()}
-            exec(code, arrays | {"p": SimpleNamespace(**parameters), "sin": np.sin, "cos": np.cos})
-            for x in traced.outputs:
-                error = np.abs(arrays[x.name].array - expected.outputs[x.name][k].reshape(x.shape)).max()
+            exec(code, arrays | {"params": SimpleNamespace(**parameters), "sin": np.sin, "cos": np.cos})
+            for x in function.outputs:
+                error = np.abs(arrays[x.name].array - expected.outputs[x.name][k].reshape(x.shape or 1)).max()
                 assert error <= 1e-13 * expected.scale(x.name)
 
 
@@ -284,9 +315,9 @@ def test_julia_parses(case):
 @pytest.mark.skipif(not TALOS, reason="no example-robot-data")
 @pytest.mark.filterwarnings("ignore::jounce.JounceWarning")
 def test_talos_takes_the_size_that_is_stated(tmp_path):
-    request, routines = requested(jounce.load(Path(str(TALOS[0].locate()))), "c")
-    assert routines[0].operations < 17_000
-    files = writing.files(request, routines, count=3, method="recursion")
+    request, functions = requested(jounce.load(Path(str(TALOS[0].locate()))), "c")
+    assert functions[0].operations < 17_000
+    files = rendered(request, functions, count=3, method="recursion")
     assert len(files["talos.c"]) < 450_000
     passed, output = passes(written(tmp_path, files), "c", "CFLAGS=-std=c99 -O1")
     assert passed, output
@@ -346,7 +377,7 @@ def test_golden_files(lang, tmp_path, request):
 @languages
 def test_texts_are_tidy_and_marked(lang):
     for name, text in texts(ROBOTS["planar2r"](), lang, count=2, outputs=ALL, parameters=PARAMETERS).items():
-        assert notes.MARK in "".join(text.splitlines(keepends=True)[:3]), name
+        assert header.MARK in "".join(text.splitlines(keepends=True)[:3]), name
         assert text.endswith("\n"), name
         assert not text.endswith("\n\n"), name
         assert not re.search(r"[ \t]+$", text, re.MULTILINE), name
@@ -360,7 +391,7 @@ def test_texts_are_tidy_and_marked(lang):
         ({"lang": "pyton"}, ["did you mean 'python'?"]),
         ({"order": -1}, ["order is -1; expected 0 to 4"]),
         ({"order": 5}, ["order is 5"]),
-        ({"outputs": ["massmatrix"]}, ["no output 'massmatrix'; did you mean 'mass_matrix'?", "inverse_dynamics, "]),
+        ({"outputs": ["massmatrix"]}, ["no quantity 'massmatrix'; did you mean 'mass_matrix'?", "inverse_dynamics, "]),
         ({"outputs": []}, ["outputs are []; expected one or more"]),
         ({"outputs": ["mass_matrix"], "wrench": True}, ["mass_matrix takes no wrenches"]),
         ({"parameters": ["mass"]}, ["no parameter 'mass'; did you mean 'masses'?"]),
@@ -371,11 +402,24 @@ def test_texts_are_tidy_and_marked(lang):
         ({"prefix": "math"}, ["prefix 'math' is the name of something else in C99"]),
         ({"prefix": "j1", "lang": "cpp"}, ["prefix 'j1' is the name of something else in C++"]),
         ({"prefix": "typing", "lang": "python"}, ["prefix 'typing' is the name of something else in Python"]),
-        ({"prefix": "mass_matrix", "lang": "matlab"}, ["prefix 'mass_matrix' is the name of something else in MATLAB"]),
+        ({"prefix": "check", "lang": "matlab"}, ["prefix 'check' is the name of something else in MATLAB"]),
+        ({"prefix": "Hd", "lang": "julia"}, ["prefix 'Hd' is the name of something else in Julia"]),
         ({"prefix": "a" * 47, "lang": "matlab"}, ["makes names of 64 letters; MATLAB is generated with 63 at most"]),
         ({"prefix": "a" * 300}, ["aaa...' makes names of 317 letters; C99 is generated with 200 at most"]),
-        ({"outputs": [["mass_matrix"]]}, ["no output ['mass_matrix'];"]),
-        ({"outputs": None}, ["no output None; there are: inverse_dynamics, "]),
+        ({"outputs": [["mass_matrix"]]}, ["no quantity ['mass_matrix'];"]),
+        ({"outputs": None}, ["no quantity None; there are: inverse_dynamics, "]),
+        (
+            {"outputs": ["mass_matrix", "poses"]},
+            ["poses of one body: expected poses:BODY; there are: link1, link2"],
+        ),
+        ({"outputs": "jacobian"}, ["expected jacobian:BODY, or jacobian:BODY:FRAME with a FRAME of body, world, spat"]),
+        ({"outputs": ["jacobian::world"]}, ["holds jacobian of one body: expected jacobian:BODY, or jacobian:BODY:"]),
+        ({"outputs": ["jacobian:link8:world"]}, ["no body 'link8'; did you mean 'link"]),
+        ({"outputs": ["jacobian:link7:wold"]}, ["no frame of jacobian 'wold'; did you mean 'world'?"]),
+        ({"outputs": ["momentum:link7"]}, ["momentum belongs to no body; these do: poses"]),
+        ({"outputs": ["poses:link7", "poses:link7"]}, ["expected one or more different NAME[:BODY[:FRAME]]"]),
+        ({"outputs": ["twists:link7", "twists:link7:body"]}, ["expected one or more different NAME[:BODY"]),
+        ({"outputs": ["poses:link7"], "wrench": True}, ["poses takes no wrenches; these do: inverse_dynamics, base_"]),
         ({"parameters": "gravity"}, ["parameters are 'gravity'; expected a list of different names"]),
         ({"parameters": None}, ["parameters are None; expected a list"]),
         ({"wrench": "no"}, ["wrench is 'no'; expected True or False"]),
@@ -437,7 +481,7 @@ def test_what_depends_on_nothing_is_written_too(lang, tmp_path):
 
 
 def test_too_many_operations_are_refused(monkeypatch, tmp_path):
-    monkeypatch.setattr("jounce._codegen.request.language", lambda name: replace(language(name), largest=2000))
+    monkeypatch.setattr("jounce._codegen.options.language", lambda name: replace(language(name), largest=2000))
     refusal(lambda: jounce.codegen(jounce.load("iiwa14"), "c", directory=tmp_path / "new"), "2213 operations", "2000")
 
 
@@ -503,8 +547,24 @@ def test_the_python_refuses_arrays_of_another_shape(shape):
         module["inverse_dynamics"](q, q, q, np.zeros((*shape, 6)) if shape else q)
 
 
+def test_functions_are_named_after_what_they_compute():
+    def names(*bodies, frame="world", name="jacobian"):
+        return function_names([Computation(name, 0, body=body, frame=frame) for body in bodies])
+
+    assert names(None, name="mass_matrix", frame="body") == ["mass_matrix"]
+    assert names("tool0", frame="body") == ["jacobian_tool0"]
+    assert names("tool0") == ["jacobian_tool0_world"]
+    assert names("base:joint 1", "a__b-", "ünï", "手") == [
+        "jacobian_base_joint_1_world", "jacobian_a_b_world", "jacobian_n_world", "jacobian_world",
+    ]  # fmt: skip
+    assert names("a b", "a.b", "A_b", "a_b_world_2", "手", "手手") == [
+        "jacobian_a_b_world", "jacobian_a_b_world_2", "jacobian_A_b_world_3", "jacobian_a_b_world_2_world",
+        "jacobian_world", "jacobian_world_2",
+    ]  # fmt: skip
+
+
 def test_parameters_cost_nothing_where_there_are_none():
-    plain = routine(parametric(jounce.load("iiwa14").mechanism, []), "inverse_dynamics", 2, False)
+    plain = trace(parametric(jounce.load("iiwa14").mechanism, []), "", Computation("inverse_dynamics", 2))
     assert plain.operations <= 2213
     assert plain.parameters == ()
 

@@ -7,7 +7,7 @@ import pytest
 from test_codegen import ALL, CASES, PARAMETERS, ROBOTS, STRICT, passes, texts, written
 from tools import needs, obstacles
 
-from jounce._codegen import listing
+from jounce._codegen import schedule
 
 EIGEN = Path("/usr/include/eigen3")
 EVERYTHING = {"order": 1, "outputs": ALL, "wrench": True, "parameters": PARAMETERS}
@@ -88,8 +88,8 @@ def test_nvcc_warns_of_nothing(cut, tmp_path, monkeypatch):
     """Where there is a device the kernels are run, too."""
     robot, options = CASES["iiwa14, order 2"]
     if cut:
-        monkeypatch.setattr(listing, "WHOLE", 50)
-        monkeypatch.setattr(listing, "PART", 60)
+        monkeypatch.setattr(schedule, "WHOLE", 50)
+        monkeypatch.setattr(schedule, "PART", 60)
         robot, options = "planar2r", EVERYTHING | {"float32": True}
     folder = written(tmp_path, texts(ROBOTS[robot](), "cuda", **options))
     flags = "-O1 -std=c++17 -Werror all-warnings -Xcompiler -Wall,-Wextra"

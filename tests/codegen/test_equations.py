@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 import sympy
 from files import refusal
-from test_codegen import ALL, PARAMETERS, ROBOTS, requested
+from test_codegen import ALL, PARAMETERS, ROBOTS, rendered, requested
 
 import jounce
-from jounce._codegen import writing
 from jounce._codegen.latex.equations import WIDEST, _width, document, tex
-from jounce._codegen.vectors import vectors
+from jounce._codegen.test_vectors import vectors
 
 CASES = {
     "symbols": ("symbols", {"order": 2, "outputs": ALL, "wrench": True}),
@@ -58,14 +57,14 @@ def values(arrays, k):
 @pytest.mark.parametrize("case", CASES)
 def test_the_equations_that_are_printed_are_right(case):
     robot, options = CASES[case]
-    request, routines = requested(ROBOTS[robot](), "latex", **options)
-    text = writing.files(request, routines, count=1)[f"{request.prefix}.tex"]
+    request, functions = requested(ROBOTS[robot](), "latex", **options)
+    text = rendered(request, functions, count=1)[f"{request.prefix}.tex"]
     blocks = re.findall(r"\\begin\{align\*\}\n(.*?)\\end\{align\*\}", text, re.DOTALL)
     assert r"\frac{" not in "".join(blocks)  # decimals remain decimals
     symbols = document(request.robot).symbols
-    for routine in routines:
-        expected = vectors(request.robot, routine, False, 3)
-        for array in routine.outputs:
+    for function in functions:
+        expected = vectors(request.robot, function, False, 3)
+        for array in function.outputs:
             equations = [python(x).split(" = ") for x in re.split(r"\n(?=[^&])", blocks.pop(0))]
             for k, p in enumerate(expected.parameter_sets()):
                 known = values(expected.inputs, k) | {"sin": np.sin, "cos": np.cos}
@@ -81,8 +80,8 @@ def test_the_equations_that_are_printed_are_right(case):
 
 
 def test_lines_are_as_long_as_paper_is_wide():
-    request, routines = requested(ROBOTS["symbols"](), "latex", outputs=ALL, wrench=True)
-    text = writing.files(request, routines, count=1)["planar2r.tex"]
+    request, functions = requested(ROBOTS["symbols"](), "latex", outputs=ALL, wrench=True)
+    text = rendered(request, functions, count=1)["planar2r.tex"]
     widths = [_width(line) for line in text.splitlines() if "& " in line]
     assert WIDEST / 2 < max(widths) <= WIDEST + 3
 

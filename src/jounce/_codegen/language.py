@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce._codegen.routine import Array
+from jounce.dynamics.computation import Port
 from jounce.errors import JounceError, one_of, quoted
 
 NAMES = ("c", "cpp", "cuda", "julia", "latex", "matlab", "python", "rust")
@@ -34,9 +34,9 @@ def c_function(kind: str, x: str, single: bool) -> str:
     return f"{kind}{'f' if single else ''}({x})"
 
 
-def from_one(array: Array, i: int) -> str:
-    """The subscripts of the i-th scalar of an array, row after row, where indices begin with one."""
-    return ", ".join(str(k + 1) for k in np.unravel_index(i, array.shape))
+def from_one(port: Port, i: int) -> str:
+    """The subscripts of the i-th scalar of an array, row after row, where indices begin with one; 1 of a single one."""
+    return ", ".join(str(k + 1) for k in np.unravel_index(i, port.shape)) or "1"
 
 
 def is_identifier(name: str) -> bool:
@@ -59,8 +59,8 @@ class Language:
     real: tuple[str, str] = ("double", "float")  # types, in double and single precision
     literal: Callable[[str, bool], str] = c_literal  # of digits, single
     function: Callable[[str, str, bool], str] = c_function  # of a kind of step, its operand, single
-    element: Callable[[Array, int], str] = lambda array, i: f"{array.name}[{i}]"  # the i-th scalar of an array
-    parameter: Callable[[Array, int], str] = lambda array, i: f"p->{array.name}" + (f"[{i}]" if array.shape else "")
+    element: Callable[[Port, int], str] = lambda port, i: f"{port.name}[{i}]"  # the i-th scalar of an array
+    parameter: Callable[[Port, int], str] = lambda port, i: f"params->{port.name}" + (f"[{i}]" if port.shape else "")
     scratch: Callable[[int], str] = lambda i: f"scratch[{i}]"
     first: int = 0  # the index with which arrays begin
     let: str = "const {real} {name} = {value};"  # a statement that defines a name

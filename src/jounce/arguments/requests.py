@@ -5,7 +5,7 @@ from functools import lru_cache
 from jounce.arguments.rates import checked_order
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.errors import JounceError, listed, one_of, true_or_false
+from jounce.errors import JounceError, listed, no_such, one_of, true_or_false
 from jounce.model.mechanism import Mechanism
 
 
@@ -24,6 +24,29 @@ def computation(
         raise JounceError(f"{quantity} takes no wrenches; these do: {takers}")
     place(mechanism, quantity, body, frame)
     return Computation(quantity, checked_order(order), wrench, body, frame)
+
+
+def spelled(mechanism: Mechanism, text: str, order: int, wrench: bool = False) -> Computation:
+    """The computation that a text asks for, NAME[:BODY[:FRAME]]: ``mass_matrix``, ``jacobian:tool0:world``.
+
+    Names of bodies may hold colons: the end is a frame only where it is one of the quantity's, and the rest a body.
+    Without a body it is that of all bodies, where the quantity belongs to any.
+
+    Raises
+    ------
+    JounceError : if a name is unknown, or as `computation`.
+    """
+    name, asked, rest = text.partition(":") if isinstance(text, str) else (text, "", "")
+    row = QUANTITIES[one_of("quantity", name, QUANTITIES)]
+    if not asked:
+        return computation(mechanism, name, order, wrench)
+    bodies = mechanism.frame_names
+    body, colon, frame = rest.rpartition(":")
+    if colon and frame in row.frames and (body in bodies or rest not in bodies):
+        return computation(mechanism, name, order, wrench, body or None, frame)
+    if colon and row.of_bodies and body in bodies and rest not in bodies:
+        raise no_such(f"frame of {name}", frame, row.frames)
+    return computation(mechanism, name, order, wrench, rest)
 
 
 def place(mechanism: Mechanism, quantity: str, body: str | None, frame: str) -> None:

@@ -55,9 +55,9 @@ def codegen(
     as_json: bool,
 ) -> None:
     """Write the equations of ROBOT, a file or a bundled name, as source code with a test of its own."""
-    from jounce._codegen import generation
+    from jounce._codegen import generate
 
-    made = generation.codegen(
+    made = generate.codegen(
         robot.load(), lang, order, output,
         outputs=outputs, wrench=wrench, parameters=parameters, float32=float32, prefix=prefix, force=force,
     )  # fmt: skip

@@ -78,6 +78,15 @@ class Computation:
         """How many of q, qd, ... it takes."""
         return self.quantity.rates + self.order
 
+    @property
+    def spelling(self) -> str:
+        """The quantity, its body and its frame as one text, NAME[:BODY[:FRAME]]; `arguments.requests` reads it."""
+        parts = [self.name] if self.body is None else [self.name, self.body]
+        misread = self.body is not None and self.body.rpartition(":")[2] in self.quantity.frames
+        if self.frame != "body" or misread:  # the end of such a name would be read as the frame
+            parts = [self.name, self.body or "", self.frame]
+        return ":".join(parts)
+
     def keywords(self) -> list[str]:
         """What `Robot.compile` takes to compile it, as text."""
         named = {"wrench": self.wrench, "body": self.body, "frame": self.frame}

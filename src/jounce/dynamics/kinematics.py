@@ -12,7 +12,11 @@ from jounce.spatial.series import Series, joined
 
 OfBodies = Callable[[Mechanism, Series, int | None], Series]
 
-FRAMES = ("body", "world", "spatial")
+FRAMES = {  # of screws: the axes and the origin of their components
+    "body": "the axes of the body, about its origin",
+    "world": "inertial axes, about the origin of the body",
+    "spatial": "inertial axes, about the inertial origin",
+}
 
 
 def poses(mechanism: Mechanism, q: Series, body: str | None, of_bodies: OfBodies) -> Series:

@@ -58,11 +58,17 @@ class Quantity:
     caption: str  # a noun phrase
     meaning: str  # a sentence for the head of generated code
     tex: str
-    wrenches: bool = False  # whether wrenches on the bodies enter
+    tex_symbol: str = ""  # where it is not printed as it is named; one index at most, in braces
+    wrench_term: str = ""  # what wrenches on the bodies add to it, in text and TeX; empty where they do not enter
     drive_terms: tuple[str, ...] = ()  # which of those that act enter
     drive_law: Law | None = None  # what they add
     frames: tuple[str, ...] = ()  # in which its components may be given, the default first
     sweep: Sweep | None = None  # of the recursion, where its steps are those of forces
+
+    @property
+    def wrenches(self) -> bool:
+        """Whether wrenches on the bodies enter."""
+        return bool(self.wrench_term)
 
     @property
     def of_bodies(self) -> bool:
@@ -120,13 +126,13 @@ QUANTITIES: Mapping[str, Quantity] = {
             symbol="Q",
             rates=3,
             shape=("n",),
-            wrenches=True,
+            wrench_term="J^T W",
             drive_terms=TERMS,
             drive_law=lambda m, x: _row(drive_terms.forces(m, x.q, m.acting)),
             sweep=forces.MOVING,
-            unit="N m or N",
+            unit="N m or, for coordinates in m, N",
             caption="generalized forces",
-            meaning="Q = M(q) q2d + C(q, qd) qd + Qgrav(q): generalized forces, N m or, for coordinates in m, N.",
+            meaning="Q = M(q) q2d + C(q, qd) qd + Qgrav(q): generalized forces.",
             tex=r"Q = M(q)\,\ddot{q} + C(q, \dot{q})\,\dot{q} + Q_{\mathrm{grav}}(q)",
             methods={
                 "recursion": Method(lambda m, x: _row(forces.generalized(forces.MOVING, m, x.q, x.W)), _column),
@@ -140,9 +146,10 @@ QUANTITIES: Mapping[str, Quantity] = {
             rates=1,
             shape=("n",),
             sweep=forces.AT_REST,
-            unit="N m or N",
+            unit="N m or, for coordinates in m, N",
             caption="gravity forces",
             meaning="Qgrav = dU/dq: the forces that hold the robot up against gravity.",
+            tex_symbol=r"Q_{\mathrm{grav}}",
             tex=r"Q_{\mathrm{grav}} = \partial U / \partial q",
             methods={
                 "recursion": Method(lambda m, x: _row(forces.generalized(forces.AT_REST, m, x.q)), _column),
@@ -172,7 +179,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             symbol="C",
             rates=2,
             shape=("n", "n"),
-            unit="of a mass matrix, per s",
+            unit="kg m^2/s, kg m/s or kg/s",
             caption="Coriolis matrix of the paper",
             meaning="C(q, qd): the paper's Coriolis matrix; passivity-based control takes Cbar, skew_coriolis_matrix.",
             tex=r"C\,\dot{q} = Q - M\,\ddot{q} - Q_{\mathrm{grav}}",
@@ -187,9 +194,10 @@ QUANTITIES: Mapping[str, Quantity] = {
             symbol="Cbar",
             rates=2,
             shape=("n", "n"),
-            unit="of a mass matrix, per s",
+            unit="kg m^2/s, kg m/s or kg/s",
             caption="Coriolis matrix for passivity-based control",
             meaning="Cbar(q, qd): the Coriolis matrix for which Md - 2 Cbar is skew-symmetric.",
+            tex_symbol=r"\bar{C}",
             tex=r"(\dot{M} - 2 \bar{C}) + (\dot{M} - 2 \bar{C})^T = 0",
             methods={
                 "recursion": Method(lambda m, x: matrices.skew_coriolis_matrix(m, x.q), _columns),
@@ -215,7 +223,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             symbol="V",
             rates=2,
             shape=("nb", 6),
-            frames=kinematics.FRAMES,
+            frames=tuple(kinematics.FRAMES),
             unit="rad/s and m/s",
             caption="twists of the bodies",
             meaning="V(q, qd): the twist (angular; linear) of the body.",
@@ -230,7 +238,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             symbol="J",
             rates=1,
             shape=("nb", 6, "n"),
-            frames=kinematics.FRAMES,
+            frames=tuple(kinematics.FRAMES),
             unit="1 and m",
             caption="Jacobians of the bodies",
             meaning="J(q): the Jacobian of the body, twist (angular; linear) V = J qd.",
@@ -259,7 +267,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             symbol="F",
             rates=3,
             shape=(6,),
-            wrenches=True,
+            wrench_term="U^T W",
             unit="N m and N",
             caption="wrench of the ground on the robot",
             meaning="F: the wrench (moment; force) of the ground on the robot, in the inertial frame about its origin.",
@@ -276,7 +284,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             shape=("n",),
             drive_terms=("armature",),
             drive_law=lambda m, x: _row(drive_terms.armature_matrix(m) @ x.q.dot),
-            unit="N m s or N s",
+            unit="N m s or, for coordinates in m, N s",
             caption="generalized momentum",
             meaning="p = M qd: the generalized momentum.",
             tex=r"p = M\,\dot{q}",

@@ -147,9 +147,14 @@ class Mechanism:
         """The number of coordinates."""
         return len(self.coordinates)
 
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        """The names of the bodies, and of the links merged into them."""
+        return (*self.bodies, *(frame.name for frame in self.frames))
+
     def frame(self, name: str) -> Frame:
         """Where a body, or a link merged into one, sits."""
-        one_of("body", name, [*self.bodies, *(frame.name for frame in self.frames)])
+        one_of("body", name, self.frame_names)
         if name in self.bodies:
             return Frame(name, self.bodies.index(name), np.eye(4, dtype=int))
         return next(frame for frame in self.frames if frame.name == name)

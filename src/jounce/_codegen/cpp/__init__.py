@@ -22,5 +22,5 @@ LANGUAGE = Language(
     reserved=f"{RESERVED} {ADDED} main std Eigen Parameters",
     taken=f"{LIBRARY} larger TOLERANCE",
     function=lambda kind, x, single: f"std::{kind}({x})",
-    parameter=lambda array, i: f"p.{array.name}" + (f"[{i}]" if array.shape else ""),
+    parameter=lambda port, i: f"params.{port.name}" + (f"[{i}]" if port.shape else ""),
 )

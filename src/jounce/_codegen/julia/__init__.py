@@ -1,13 +1,17 @@
 """Julia: a module of functions that write into vectors given, and of ones that make them."""
 
 from jounce._codegen.language import Language, from_one
+from jounce.dynamics.quantities import QUANTITIES
+from jounce.spatial.series import rate_name
 
 RESERVED = """abstract baremodule begin break catch const continue do else elseif end export false finally for
 function global if import in isa let local macro module mutable outer primitive public quote return struct true try
 type using where while Base Core Main"""
-TAKEN = """C Cbar Cd Cbard Cbar2d C2d DimensionMismatch Float32 Float64 M Md M2d OWN Parameters Q Qd Q2d Qgrav Qgravd
-Qgrav2d S T TOLERANCE W Wd W2d abs all cos eltype error exit found include k larger max maximum p passed permutedims
-promote_type q q2d q3d q4d qd reshape scratch sin size sized so_far tanh throw worst zeros"""
+SYMBOLS = ("q", "W", *(quantity.symbol for quantity in QUANTITIES.values()))
+ARRAYS = " ".join(rate_name(symbol, k) for symbol in SYMBOLS for k in range(10))  # more rates than code has
+TAKEN = f"""DimensionMismatch Entry Float32 Float64 OWN Parameters Scalar TOLERANCE abs all cos eltype error exit found
+include k larger max maximum params passed permutedims promote_type reshape scratch sin size sized so_far tanh throw
+worst zeros {ARRAYS}"""
 
 
 def literal(digits: str, single: bool) -> str:
@@ -25,8 +29,8 @@ LANGUAGE = Language(
     real=("Float64", "Float32"),
     literal=literal,
     function=lambda kind, x, single: f"{kind}({x})",
-    element=lambda array, i: f"{array.name}[{from_one(array, i)}]",
-    parameter=lambda array, i: f"p.{array.name}" + (f"[{from_one(array, i)}]" if array.shape else ""),
+    element=lambda port, i: f"{port.name}[{from_one(port, i)}]",
+    parameter=lambda port, i: f"params.{port.name}" + (f"[{from_one(port, i)}]" if port.shape else ""),
     scratch=lambda i: f"scratch[{i + 1}]",
     first=1,
     let="{name} = {value}",

@@ -1,7 +1,7 @@
 """LaTeX: a document of the equations themselves, in symbols, for robots that are small."""
 
 from jounce._codegen.language import Language
-from jounce._codegen.latex.equations import document, tex
+from jounce._codegen.latex.equations import document, formula, heading, tex
 
 LANGUAGE = Language(
     name="latex",
@@ -10,5 +10,5 @@ LANGUAGE = Language(
     first=1,
     single=False,
     largest=1_200,
-    helpers={"document": document, "tex": tex},
+    helpers={"document": document, "formula": formula, "heading": heading, "tex": tex},
 )

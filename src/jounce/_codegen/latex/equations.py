@@ -7,18 +7,20 @@ from typing import Any
 
 import numpy as np
 
+from jounce._codegen.function import Function
+from jounce._codegen.header import printable
 from jounce._codegen.parametric import Parametric
-from jounce._codegen.routine import Array, Routine
 from jounce._symbolic import Symbolic, symbolic
+from jounce.dynamics.computation import Computation, Port
 from jounce.errors import JounceError
 from jounce.robot import Robot
 
+EXTERNAL = "ext"
 WIDEST = 72  # glyphs of a line
 ALIKE = 4  # entries that are equal, on one line
 LETTERS = {"gravity": "g", "masses": "m", "lengths": "r", "mass": "m", "com": "c", "inertia": "I"}
 AXES = {3: ("x", "y", "z"), 6: ("xx", "xy", "xz", "yy", "yz", "zz")}  # of positions and of moments
 RATES = ("", r"\dot", r"\ddot", r"\dddot", r"\ddddot")
-WRITTEN = {"Qgrav": ("Q", r"\mathrm{grav},"), "Cbar": (r"\bar{C}", "")}  # what is not printed as it is named
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,10 +36,16 @@ class Document:
 
         return ", ".join(f"${sympy.latex(x)}$" for x in self.symbols[name].flat)
 
-    def equations(self, routine: Routine) -> Iterator[list[list[str]]]:
-        """The equations of each output of a routine: the lines of every entry."""
-        loaded = any(array.name == "W" for array in routine.inputs)
-        return (list(_entries(self.form, array, k, loaded)) for k, array in enumerate(routine.outputs))
+    def equations(self, function: Function) -> Iterator[list[list[str]]]:
+        """The equations of each output of a function: the lines of every entry."""
+        asked = function.computation
+        row, series = asked.quantity, self.form.series
+        if row.of_bodies:
+            found = self.form.of_bodies(row.name, asked.body, asked.frame)
+        else:
+            found = series[row.symbol] + series[row.symbol + EXTERNAL] if asked.wrench else series[row.symbol]
+        symbol = row.tex_symbol or row.symbol
+        return (list(_entries(found[port.rate], symbol, port)) for port in function.outputs)
 
 
 def document(robot: Parametric) -> Document:
@@ -66,25 +74,37 @@ def tex(text: str) -> str:
     return re.sub(r"\^(\w?)", lambda found: f"$^{found[1]}$" if found[1] else "\\char94{}", plain)
 
 
-def _entries(S: Symbolic, array: Array, k: int, loaded: bool) -> Iterator[list[str]]:
+def heading(asked: Computation) -> str:
+    """The heading of a quantity: what it is, of which body and in which frame."""
+    row = asked.quantity
+    frame = f", frame {asked.frame}" if row.frames else ""
+    of_body = "" if asked.body is None else f": {printable(asked.body)}{frame}"
+    return tex(f"{row.caption[:1].upper()}{row.caption[1:]}{of_body}")
+
+
+def formula(asked: Computation) -> str:
+    """The formula of a quantity, with what wrenches add."""
+    row = asked.quantity
+    return f"{row.tex} + {row.wrench_term}" if asked.wrench else row.tex
+
+
+def _entries(matrix: Any, symbol: str, port: Port) -> Iterator[list[str]]:
     """The entries of a matrix, each in lines; such that are equal together."""
-    matrix = getattr(S, array.name)
-    if loaded:
-        matrix = matrix + getattr(S, array.name.replace("Q", "Qext", 1))
     alike: dict[Any, list[str]] = {}
-    for index in np.ndindex(*array.shape):
-        entry = matrix[index] if len(index) > 1 else matrix[index[0]]
-        alike.setdefault(entry, []).append(_symbol(array.name, k, index))
+    for index in np.ndindex(*port.shape):
+        entry = matrix if not index else matrix[index] if len(index) > 1 else matrix[index[0]]
+        alike.setdefault(entry, []).append(_symbol(symbol, port.rate, index))
     for entry, names in alike.items():
         starts = [" = ".join(names[i : i + ALIKE]) for i in range(0, len(names), ALIKE)]
         yield from (_broken(f"{start} ={{}} &", list(_pieces(entry))) for start in starts)
 
 
-def _symbol(name: str, k: int, index: Sequence[int]) -> str:
-    """A name as it is printed: dots for its rates, its entry below."""
-    letter, below = WRITTEN.get(stem := re.sub(r"\d?d$", "", name), (stem, ""))
-    places = ("" if max(index) < 9 else ",").join(str(i + 1) for i in index)
-    return f"{RATES[k]}{{{letter}}}_{{{below}{places}}}" if k else f"{letter}_{{{below}{places}}}"
+def _symbol(symbol: str, k: int, index: Sequence[int]) -> str:
+    """A symbol as it is printed: dots for its rates, its entry below."""
+    letter, _, below = symbol.partition("_")
+    places = ("" if max(index, default=0) < 9 else ",").join(str(i + 1) for i in index)
+    below = ",".join(x for x in (below[1:-1], places) if x)
+    return (f"{RATES[k]}{{{letter}}}" if k else letter) + (f"_{{{below}}}" if below else "")
 
 
 def _pieces(x: Any) -> Iterator[str]:

@@ -14,7 +14,7 @@ LANGUAGE = Language(
     taken=" ".join(sys.stdlib_module_names),
     literal=lambda digits, single: digits,
     function=lambda kind, x, single: f"np.{kind}({x})",
-    parameter=lambda array, i: f"p.{array.name}" + (f"[{i}]" if array.shape else ""),
+    parameter=lambda port, i: f"params.{port.name}" + (f"[{i}]" if port.shape else ""),
     let="{name} = {value}",
     put="{place} = {value}",
 )

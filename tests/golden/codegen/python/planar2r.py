@@ -78,7 +78,7 @@ def inverse_dynamics(q, qd, q2d, q3d, q4d):
     t30 = t19 + t6
     t31 = qd[1] * (t26 + (t26 + qd[1] * t19))
     t32 = t7 + cos2 * t18 - sin2 * t17 - t29
-    t33 = t30 + (t23 + (t4 + cos1 * 19.62))
+    t33 = t23 + (t30 + (t4 + cos1 * 19.62))
     t34 = t1 + cos2 * t16 - t31 - t20 - t27
     t35 = 2.0 * t18 + (t32 + cos2 * t7) - t25
     t36 = t16 * 2.0 + (t34 + cos2 * t1) - t28

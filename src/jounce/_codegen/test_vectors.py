@@ -1,13 +1,14 @@
-"""Test vectors: states, and what a routine has to give for them by the closed form, not by the program printed."""
+"""Test vectors: states, and what a function has to give for them by the closed form, not by the program printed."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from jounce._codegen.function import Function
 from jounce._codegen.parametric import Parametric
-from jounce._codegen.routine import Array, Routine
 from jounce.checks.magnitudes import magnitudes, scale
+from jounce.dynamics.computation import Port
 from jounce.model.mechanism import in_extended_precision
 from jounce.robot.generic import computed
 
@@ -41,7 +42,7 @@ class Vectors:
 
 
 def vectors(
-    robot: Parametric, routine: Routine, single: bool, count: int | None = None, method: str = "closed_form"
+    robot: Parametric, function: Function, single: bool, count: int | None = None, method: str = "closed_form"
 ) -> Vectors:
     """Random states, and the outputs computed in extended precision, rounded at the end.
 
@@ -50,26 +51,26 @@ def vectors(
     rng = np.random.default_rng(0)
     count = max(1, min(MOST, WORK // robot.origin.nb)) if count is None else count
 
-    def random(array: Array) -> np.ndarray:
-        return rng.integers(-2 * STEPS, 2 * STEPS, (count, *array.shape)) / STEPS
+    def random(port: Port) -> np.ndarray:
+        return rng.integers(-2 * STEPS, 2 * STEPS, (count, *port.shape)) / STEPS
 
     def given(x: np.ndarray) -> np.ndarray:
         return x.astype(np.float32).astype(float) if single else x
 
-    inputs = {array.name: given(random(array)) for array in routine.inputs}
-    batch = -(-count // MOST) if routine.parameters else count  # states that share their parameters
+    inputs = {port.name: given(random(port)) for port in function.inputs}
+    batch = -(-count // MOST) if function.parameters else count  # states that share their parameters
     starts = np.arange(count) // batch * batch
     parameters = {
-        array.name: given(_near(robot.own.get(array.name), random(array)))[starts] for array in routine.parameters
+        port.name: given(_near(robot.own.get(port.name), random(port)))[starts] for port in function.parameters
     }
     results, sizes = [], []
     for k in range(0, count, batch):
         values = {name: np.asarray(x[k].astype(np.longdouble), dtype=object) for name, x in parameters.items()}
         mechanism = in_extended_precision(robot.mechanism(values))
         states = {name: x[k : k + batch].astype(np.longdouble) for name, x in inputs.items()}
-        results.append(computed(routine.computation, method, mechanism, list(states.values())))
-        sizes.append(magnitudes(mechanism, routine.computation, list(states.values())))
-    return Vectors(parameters, inputs, _by_name(routine, results), _by_name(routine, sizes))
+        results.append(computed(function.computation, method, mechanism, list(states.values())))
+        sizes.append(magnitudes(mechanism, function.computation, list(states.values())))
+    return Vectors(parameters, inputs, _by_name(function, results), _by_name(function, sizes))
 
 
 def _near(own: np.ndarray | None, random: np.ndarray) -> np.ndarray:
@@ -80,7 +81,7 @@ def _near(own: np.ndarray | None, random: np.ndarray) -> np.ndarray:
     return np.round(near, 3)
 
 
-def _by_name(routine: Routine, results: Sequence[Sequence[np.ndarray]]) -> dict[str, np.ndarray]:
+def _by_name(function: Function, results: Sequence[Sequence[np.ndarray]]) -> dict[str, np.ndarray]:
     """The outputs by name, of one group of states after the other."""
     arrays = [np.concatenate(terms).astype(float) for terms in zip(*results, strict=True)]
-    return dict(zip((array.name for array in routine.outputs), arrays, strict=True))
+    return dict(zip((port.name for port in function.outputs), arrays, strict=True))

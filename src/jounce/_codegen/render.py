@@ -1,34 +1,31 @@
 """The files of generated code: the templates of a language, filled in."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from jounce._codegen import notes
+from jounce._codegen import header
+from jounce._codegen.function import Function
 from jounce._codegen.language import digits
+from jounce._codegen.options import Options
 from jounce._codegen.parametric import Parametric
 from jounce._codegen.printer import Printed
-from jounce._codegen.request import Request
-from jounce._codegen.routine import Routine
-from jounce._codegen.vectors import TOLERANCE, vectors
+from jounce._codegen.test_vectors import TOLERANCE, Vectors
 from jounce.program.operations import FUNCTIONS
 
 HERE = Path(__file__).parent
 SUFFIX = ".jinja"
 
 
-def names(request: Request) -> list[str]:
+def names(options: Options) -> list[str]:
     """The names of the files that there may be."""
-    return list(_templates(request))
+    return list(_templates(options))
 
 
-def files(request: Request, routines: Sequence[Routine], **tested: Any) -> dict[str, str]:
-    """The files by name; `tested` is how many states, and by which method, the test vectors hold.
-
-    A template that comes out empty makes no file.
-    """
+def files(options: Options, functions: Sequence[Function], tests: Sequence[Vectors]) -> dict[str, str]:
+    """The files by name, from functions and the test vectors of each; a template that comes out empty makes no file."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
@@ -39,64 +36,65 @@ def files(request: Request, routines: Sequence[Routine], **tested: Any) -> dict[
     environment.filters["wrapped"] = _wrapped
     environment.filters["packed"] = _packed
     environment.filters["rows"] = _rows
-    context = _context(request, routines, tested)
-    functions = {f.name: f for f in context["routines"]}
+    context = _context(options, functions, tests)
+    by_name = {f.name: f for f in context["functions"]}
     made = {
-        name: environment.get_template(path).render(context, function=functions.get(function))
-        for name, (path, function) in _templates(request).items()
+        name: environment.get_template(path).render(context, function=by_name.get(function))
+        for name, (path, function) in _templates(options).items()
     }
     return {name: text for name, text in made.items() if text.strip()}
 
 
-def _templates(request: Request) -> dict[str, tuple[str, str]]:
+def _templates(options: Options) -> dict[str, tuple[str, str]]:
     """By the names of the files that they make the templates, as paths in this package.
 
     One with FUNCTION in its name makes a file for each function, which stands beside the path.
     """
-    folder = request.language.name
+    folder = options.language.name
     made = {}
     for path in sorted((HERE / folder).glob(f"[!_]*{SUFFIX}")):
-        for function in request.outputs if "FUNCTION" in path.name else ("",):
-            name = path.name.removesuffix(SUFFIX).replace("FUNCTION", function).replace("PREFIX", request.prefix)
+        for function in options.outputs if "FUNCTION" in path.name else ("",):
+            name = path.name.removesuffix(SUFFIX).replace("FUNCTION", function).replace("PREFIX", options.prefix)
             made[name] = f"{folder}/{path.name}", function
     return made
 
 
-def _context(request: Request, routines: Sequence[Routine], tested: Mapping[str, Any]) -> dict[str, Any]:
+def _context(options: Options, functions: Sequence[Function], tests: Sequence[Vectors]) -> dict[str, Any]:
     """What templates are given."""
-    mechanism, single = request.robot.origin, request.single
-    printed = [Printed(routine, request.language, single) for routine in routines]
-    found = [vectors(request.robot, routine, single, **tested) for routine in routines]
-    literal = request.language.literal
+    mechanism, single = options.robot.origin, options.single
+    printed = [Printed(function, options.language, single) for function in functions]
+    literal = options.language.literal
     return {
-        **request.language.helpers,
-        "robot": request.robot,
-        "prefix": request.prefix,
-        "real": request.language.real[single],
+        **options.language.helpers,
+        "robot": options.robot,
+        "prefix": options.prefix,
+        "real": options.language.real[single],
         "single": single,
-        "order": request.order,
+        "order": options.order,
         "n": mechanism.n,
         "nb": mechanism.nb,
-        "routines": printed,  # Printed, in the order asked for
-        "tests": list(zip(printed, found, strict=True)),  # each with its Vectors
-        "parameters": routines[0].parameters,
-        "meanings": notes.parameters(request.robot),
-        "own": _own(request.robot),
+        "functions": printed,  # Printed, in the order asked for
+        "tests": list(zip(printed, tests, strict=True)),  # each with its Vectors
+        "parameters": functions[0].parameters,
+        "meanings": header.parameters(options.robot),
+        "own": _own(options.robot),
         "tolerance": TOLERANCE[single],
-        "origin": notes.origin(mechanism, request.order, single),
-        "arrays": notes.arrays(mechanism, request.language.first),
-        "conventions": notes.conventions(mechanism, routines),
-        "drive_trains": notes.drive_trains(mechanism, request.outputs),
-        "functions": _functions(routines),
-        "matrices": any("matrix" in routine.name for routine in routines),
+        "origin": header.origin(mechanism, options.order, single),
+        "arrays": header.arrays(mechanism, options.language.first),
+        "conventions": header.conventions(mechanism, functions),
+        "places": header.places(mechanism, functions),
+        "drive_trains": header.drive_trains(mechanism, functions),
+        "layouts": header.layouts(functions),
+        "elementary": _elementary(functions),
+        "scalars": any(not function.outputs[0].shape for function in functions),
         "number": lambda x: literal(digits(x, single), single),
         "double": lambda x: literal(digits(x, False), False),
     }
 
 
-def _functions(routines: Sequence[Routine]) -> list[str]:
+def _elementary(functions: Sequence[Function]) -> list[str]:
     """The functions of one operand that code calls: sines and cosines of any robot, others where there are some."""
-    used = {step.kind for routine in routines for step in routine.program.steps}
+    used = {step.kind for function in functions for step in function.program.steps}
     return [kind for kind in FUNCTIONS if kind in ("sin", "cos") or kind in used]
 
 

@@ -5,9 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from jounce._codegen import notes
-from jounce._codegen.request import LOADED, Request, checked, languages_where
-from jounce._codegen.routine import Routine, routine
+from jounce._codegen import header
+from jounce._codegen.function import Function, trace
+from jounce._codegen.options import Options, check_options, languages_where
+from jounce._codegen.test_vectors import vectors
+from jounce.dynamics.quantities import FORCES
 from jounce.errors import JounceError, quoted, true_or_false
 from jounce.io import folders
 from jounce.io.files import path_of
@@ -29,7 +31,7 @@ def codegen(
     order: int = 2,
     directory: str | os.PathLike[str] | None = None,
     *,
-    outputs: Sequence[str] = ("inverse_dynamics",),
+    outputs: Sequence[str] = (FORCES.name,),
     wrench: bool = False,
     parameters: Sequence[str] = (),
     float32: bool = False,
@@ -38,9 +40,10 @@ def codegen(
 ) -> Generated:
     """Write a robot's equations as source code that needs no jounce, with tests that the user's own compiler runs.
 
-    One function a quantity: the recursion, written down operation by operation for this robot, without loops, branches
-    or memory of its own; ``PREFIX_inverse_dynamics(q, qd, q2d, q3d, q4d, Q, Qd, Q2d)``, say. ``make test`` in the
-    folder compares it with the closed form.
+    One function for each output: the recursion, written down operation by operation for this robot, without loops,
+    branches or memory of its own, such as ``PREFIX_inverse_dynamics(q, qd, q2d, q3d, q4d, Q, Qd, Q2d)`` and
+    ``PREFIX_jacobian_tool0_world(q, qd, q2d, J, Jd, J2d)``. ``make test`` in the folder compares it with the closed
+    form.
 
     Parameters
     ----------
@@ -54,10 +57,10 @@ def codegen(
     directory : str or path
         The folder to write, new or empty; PREFIX-LANG in the working directory if left out.
     outputs : sequence of str
-        Of "inverse_dynamics", "gravity_forces", "mass_matrix", "coriolis_matrix" (the paper's) and
-        "skew_coriolis_matrix" (for passivity-based control).
+        Quantities, each with its rates: the names of methods of `Robot`, "skew_coriolis_matrix" for the form "skew".
+        What belongs to bodies is of one that is named, and may be in a frame: "poses:tool0", "jacobian:tool0:world".
     wrench : bool
-        Whether inverse_dynamics takes wrenches W, Wd, ..., (nb, 6), as `Robot.inverse_dynamics` does.
+        Whether the functions that can take wrenches W, Wd, ..., (nb, 6), do, as `Robot.inverse_dynamics` does.
     parameters : sequence of str
         What the functions take at run time: "gravity", "masses", "lengths", "payload", "payload:BODY".
     float32 : bool
@@ -74,8 +77,8 @@ def codegen(
     Raises
     ------
     JounceError
-        Where a language, output or parameter is unknown, a name is none in the language, the robot is too large, or the
-        folder is not empty. Nothing is written then.
+        Where a language, output or parameter is unknown, an output needs a body, a name is none in the language, the
+        robot is too large, or the folder is not empty. Nothing is written then.
 
     Examples
     --------
@@ -87,35 +90,36 @@ def codegen(
     >>> made.operations
     {'iiwa14_inverse_dynamics': 2213}
     """
-    from jounce._codegen import writing  # where Jinja is needed
+    from jounce._codegen import render  # where Jinja is needed
 
     if not isinstance(robot, Robot):
         raise JounceError(f"code is generated for a Robot, not for a {type(robot).__name__}; try jounce.load")
     if not isinstance(directory, str | os.PathLike | None):
         raise JounceError(f"directory is {quoted(directory)}; expected the path of a folder")
     true_or_false("force", force, "whether to write into a folder that is not empty")
-    request = checked(robot, lang, order, outputs, wrench, parameters, float32, prefix)
-    folder = path_of(f"{request.prefix}-{lang}" if directory is None else directory)
-    names = writing.names(request)
-    folders.check_folder(folder, notes.MARK, names, force)
-    routines = traced(request)
-    files = writing.files(request, routines)
-    folders.write_folder(folder, files, notes.MARK, force)
-    return Generated(folder, tuple(sorted(files)), {f"{request.prefix}_{r.name}": r.operations for r in routines})
+    options = check_options(robot, lang, order, outputs, wrench, parameters, float32, prefix)
+    folder = path_of(f"{options.prefix}-{lang}" if directory is None else directory)
+    names = render.names(options)
+    folders.check_folder(folder, header.MARK, names, force)
+    functions = functions_of(options)
+    tests = [vectors(options.robot, function, options.single) for function in functions]
+    files = render.files(options, functions, tests)
+    folders.write_folder(folder, files, header.MARK, force)
+    return Generated(folder, tuple(sorted(files)), {f"{options.prefix}_{f.name}": f.operations for f in functions})
 
 
-def traced(request: Request) -> list[Routine]:
-    """The routines of what is asked for, or `JounceError` where one is too large."""
-    routines = []
-    for name in request.outputs:
-        made = routine(request.robot, name, request.order, request.wrench and name == LOADED)
-        if made.operations > (most := request.language.largest):
+def functions_of(options: Options) -> list[Function]:
+    """The functions of what is asked for, or `JounceError` where one is too large."""
+    functions = []
+    for name, computation in options.outputs.items():
+        made = trace(options.robot, name, computation)
+        if made.operations > (most := options.language.largest):
             raise JounceError(
-                f"{name} of {request.robot.origin.name} to order {request.order} takes {made.operations} operations;"
-                f" {request.language.title} is generated for up to {most}{_larger(most)}"
+                f"{computation.spelling} of {options.robot.origin.name} to order {options.order} takes"
+                f" {made.operations} operations; {options.language.title} is generated for up to {most}{_larger(most)}"
             )
-        routines.append(made)
-    return routines
+        functions.append(made)
+    return functions
 
 
 def _larger(most: int) -> str:

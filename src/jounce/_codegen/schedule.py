@@ -1,8 +1,8 @@
-"""Listings: a program as statements, in the order in which they are written; cut into parts where there are many.
+"""Schedules: a program as statements, in the order in which they are written; cut into parts where there are many.
 
 What is used once stands within the statement that uses it, as long as that stays short. Sines and cosines come first,
 while little else must be kept over their calls; outputs are written last, so that they may lie over inputs. Long
-listings are cut into parts, functions of their own: what a later part uses is kept in scratch memory.
+schedules are cut into parts, functions of their own: what a later part uses is kept in scratch memory.
 """
 
 from collections.abc import Container, Mapping, Sequence
@@ -18,7 +18,7 @@ PART = 400  # statements of a part
 
 
 @dataclass(frozen=True)
-class Listing:
+class Schedule:
     """A program and its parts: the steps that are statements of their own, in their order."""
 
     program: Program
@@ -54,7 +54,7 @@ def is_function(kind: str) -> bool:
     return kind in FUNCTIONS
 
 
-def listing(program: Program) -> Listing:
+def schedule(program: Program) -> Schedule:
     """The statements of a program."""
     stated = _stated(program)
     functions = sorted((i for i in stated if is_function(program.steps[i].kind)), key=lambda i: _angle(program, i))
@@ -63,7 +63,7 @@ def listing(program: Program) -> Listing:
     size = PART if len(statements) > WHOLE else len(statements)
     cuts = range(0, len(statements), size) if statements else [0]
     parts = tuple(tuple(_by_depth(program, stated, statements[i : i + size])) for i in cuts)
-    return Listing(program, parts, _slots(program, stated, parts) if len(parts) > 1 else {})
+    return Schedule(program, parts, _slots(program, stated, parts) if len(parts) > 1 else {})
 
 
 def _by_depth(program: Program, stated: Container[int], statements: Sequence[int]) -> list[int]:

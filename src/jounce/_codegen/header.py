@@ -1,14 +1,16 @@
 """What stands at the head of generated code: where it is from, the order of its arrays, units, frames, signs."""
 
 import re
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 import jounce
-from jounce._codegen.listing import is_function
+from jounce._codegen.function import Function
 from jounce._codegen.parametric import Parametric
-from jounce._codegen.routine import Routine
+from jounce._codegen.schedule import is_function
+from jounce.dynamics.kinematics import FRAMES
+from jounce.dynamics.quantities import Quantity
 from jounce.model.coordinates import coordinate_units
 from jounce.model.drives import TERMS
 from jounce.model.mechanism import Mechanism
@@ -39,42 +41,59 @@ def arrays(robot: Mechanism, first: int) -> list[tuple[str, list[str]]]:
     return [(f"Coordinates, the {robot.n} entries of q, qd, ... and of forces:", coordinates), ("Bodies:", bodies)]
 
 
-def conventions(robot: Mechanism, routines: Sequence[Routine]) -> list[str]:
-    """Units, frames, signs, as sentences."""
-    names = {routine.name for routine in routines}
-    loaded = any(array.name == "W" for routine in routines for array in routine.inputs)
+def conventions(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
+    """What is computed, its units, frames, signs, as sentences."""
+    loaded = {f.computation.name for f in functions if f.computation.wrench}
     found = ["SI units: m, kg, s, rad, N, N m. A name with d, 2d, 3d, 4d is a time derivative of order 1 to 4."]
-    if "inverse_dynamics" in names:
-        external = " + J^T W" if loaded else ""
-        found.append(
-            f"Q = M(q) q2d + C(q, qd) qd + Qgrav(q){external}: forces of the drives, N m or, for coordinates in m, N."
-        )
-    found += drive_trains(robot, names)
+    for row in _quantities(functions):
+        added = f" Wrenches add {row.wrench_term} to it." if row.name in loaded else ""
+        found.append(f"{row.meaning}{added} Unit: {row.unit}.")
+    found += [f"{name}: {place}." for name, place in places(robot, functions).items()]
+    found += drive_trains(robot, functions)
     if loaded:
         found.append(
-            "W: six entries a body, (moment; force), what the body EXERTS on its environment, in the axes of the body's"
-            " frame about its origin; Wd, W2d are the rates of these components. A load on the body enters as -W."
+            "W: six entries per body, (moment; force), what the body EXERTS on its environment, in the axes of the"
+            " frame of the body about its origin; Wd, W2d are the rates of these components. A load on it enters as -W."
         )
-    if "gravity_forces" in names:
-        found.append("Qgrav = dV/dq: what the drives exert against gravity.")
-    if "coriolis_matrix" in names:
-        found.append("C is the paper's Coriolis matrix; for passivity-based control take skew_coriolis_matrix.")
-    if "skew_coriolis_matrix" in names:
-        found.append("Cbar is the Coriolis matrix for which Md - 2 Cbar is skew-symmetric.")
     return found
 
 
-def drive_trains(robot: Mechanism, names: Container[str]) -> list[str]:
-    """What of the robot's drive trains routines of these names hold, and what they leave out, as sentences."""
-    terms = TERMS if "inverse_dynamics" in names else ("armature",) if "mass_matrix" in names else ()
-    stated = [term for term in terms if np.any(getattr(robot.drives, STATED.get(term, term)))]
-    acting = [term for term in stated if term in robot.acting]
+def _quantities(functions: Sequence[Function]) -> list[Quantity]:
+    """What functions compute, each once."""
+    return list({f.computation.name: f.computation.quantity for f in functions}.values())
+
+
+def places(robot: Mechanism, functions: Sequence[Function]) -> dict[str, str]:
+    """Of which body functions are, and in which frame, by their names; none of those that belong to no body."""
+    found = {}
+    for f in functions:
+        if (body := f.computation.body) is not None:
+            link = robot.frame(body)
+            carrier = "the ground" if link.body < 0 else f"body {printable(robot.bodies[link.body])}"
+            fixed = "" if body in robot.bodies else f", fixed on {carrier}"
+            frame = f"; components in {FRAMES[f.computation.frame]}" if f.computation.quantity.frames else ""
+            found[f.name] = f"body {printable(body)}{fixed}{frame}"
+    return found
+
+
+def layouts(functions: Sequence[Function]) -> list[str]:
+    """Where entry (i, j) of each kind of matrix lies in a flat array."""
+    outputs = (f.outputs[0] for f in functions)
+    return list({f"{x.name}[{x.shape[1]} * i + j]": None for x in outputs if len(x.shape) > 1})
+
+
+def drive_trains(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
+    """Which terms of the robot's drive trains functions include, and which they leave out, as sentences."""
+    rows = _quantities(functions)
+    entering = [term for term in TERMS if any(term in row.drive_terms for row in rows)]
+    stated = [term for term in entering if np.any(getattr(robot.drives, STATED.get(term, term)))]
+    included = [(row.symbol, [x for x in stated if x in robot.acting and x in row.drive_terms]) for row in rows]
     left = [term for term in stated if term not in robot.acting]
-    found = []
-    if acting and "inverse_dynamics" in names:
-        found.append(f"Q holds the forces of drive trains too: {', '.join(OF_DRIVES[term] for term in acting)}.")
-    if "armature" in acting and "mass_matrix" in names:
-        found.append("M holds the armature of drive trains too.")
+    found = [
+        f"{symbol} includes these terms of the drive trains: {', '.join(OF_DRIVES[term] for term in terms)}."
+        for symbol, terms in included
+        if terms
+    ]
     if left:
         found.append(f"Of the drive trains that the robot's data state this is left out: {', '.join(left)}.")
     return found

@@ -1,0 +1,67 @@
+"""Functions: what generated code computes, as programs with their arrays, and what they are called."""
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from jounce._codegen.parametric import Parametric
+from jounce.dynamics.computation import Computation, Port, Signature
+from jounce.program.program import Program
+
+
+@dataclass(frozen=True)
+class Function:
+    """A computation as a program; the scalars of all inputs, parameters first, are numbered as in the signature."""
+
+    name: str  # without the prefix
+    computation: Computation
+    signature: Signature
+    program: Program
+
+    @property
+    def parameters(self) -> tuple[Port, ...]:
+        """The parameters that it takes."""
+        return self.signature.of_role("parameter")
+
+    @property
+    def inputs(self) -> tuple[Port, ...]:
+        """The arrays of states that it takes."""
+        return tuple(port for port in self.signature.inputs if port.role != "parameter")
+
+    @property
+    def outputs(self) -> tuple[Port, ...]:
+        """The arrays that it gives."""
+        return self.signature.outputs
+
+    @property
+    def operations(self) -> int:
+        """The number of operations on scalars."""
+        return self.program.operations
+
+
+def trace(robot: Parametric, name: str, computation: Computation) -> Function:
+    """A computation for a robot, traced."""
+    from jounce.native.forms import program
+    from jounce.program.trace import Tape
+
+    tape = Tape()
+    signature = computation.signature(robot.origin.n, robot.origin.nb, robot.shapes)
+    values = {port.name: tape.variables(*port.shape) for port in signature.of_role("parameter")}
+    return Function(name, computation, signature, program(robot.mechanism(values), computation, tape))
+
+
+def function_names(computations: Iterable[Computation]) -> list[str]:
+    """The names of functions: jacobian_tool0_world, the frame "body" left out.
+
+    What names of bodies hold besides ASCII letters and digits becomes _. Names that are the same then, or the same to
+    file systems that take A for a, are numbered.
+    """
+    names: list[str] = []
+    for asked in computations:
+        parts = [asked.name, asked.body or "", asked.frame if asked.frame != "body" else ""]
+        stem = name = re.sub(r"[\W_]+", "_", "_".join(parts), flags=re.ASCII).strip("_")
+        taken, number = {known.casefold() for known in names}, 2
+        while name.casefold() in taken:
+            name, number = f"{stem}_{number}", number + 1
+        names.append(name)
+    return names

@@ -1,0 +1,95 @@
+"""Options: what code is asked for, every word of it checked before any work is done."""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from jounce._codegen.function import function_names
+from jounce._codegen.language import NAMES, Language, language
+from jounce._codegen.parametric import Parametric, parametric
+from jounce.arguments.rates import checked_order
+from jounce.arguments.requests import spelled
+from jounce.dynamics.computation import Computation
+from jounce.errors import JounceError, listed, quoted, several, true_or_false
+from jounce.model.mechanism import Mechanism
+from jounce.robot import Robot
+
+HIGHEST = 4  # order
+TRACED = 1500  # bodies times orders squared, up to which a program is traced in seconds
+
+
+@dataclass(frozen=True)
+class Options:
+    """What code is asked for, checked."""
+
+    robot: Parametric
+    language: Language
+    order: int
+    outputs: Mapping[str, Computation]  # by the names of their functions
+    single: bool
+    prefix: str
+
+
+def check_options(
+    robot: Robot,
+    lang: str,
+    order: int,
+    outputs: Sequence[str],
+    wrench: bool,
+    parameters: Sequence[str],
+    float32: bool,
+    prefix: str | None,
+) -> Options:
+    """What is asked for, or `JounceError`."""
+    target = language(lang)
+    true_or_false("wrench", wrench, "whether functions take any")
+    true_or_false("float32", float32, "whether the code is in single precision")
+    if float32 and not target.single:
+        others = languages_where(lambda x: x.single)
+        raise JounceError(f"{target.title} has no single precision; float32 is for code that runs: {others}")
+    order = checked_order(order, HIGHEST)
+    computations = _computations(robot.mechanism, outputs, order, wrench)
+    if robot.mechanism.nb * (order + 1) ** 2 > TRACED:
+        raise JounceError(
+            f"{robot.name} has {robot.mechanism.nb} bodies; code of order {order} is generated for at most"
+            f" {TRACED // (order + 1) ** 2}"
+        )
+    found = parametric(robot.mechanism, parameters)
+    for name in found.shapes:
+        target.check_name(name, "parameter", len("params_"))
+    names = function_names(computations)
+    begins = _prefix(prefix, robot.name, target)
+    target.check_prefix(begins, [*(f"_{name}" for name in names), *["_parameters"] * bool(found.shapes)])
+    return Options(found, target, order, dict(zip(names, computations, strict=True)), float32, begins)
+
+
+def _computations(mechanism: Mechanism, outputs: Sequence[str], order: int, wrench: bool) -> list[Computation]:
+    """What outputs ask for, with wrenches where they are taken."""
+    texts = several(outputs)
+    found = [spelled(mechanism, text, order) for text in texts]
+    if not found or len(set(found)) != len(found):
+        raise JounceError(f"outputs are {quoted(outputs)}; expected one or more different NAME[:BODY[:FRAME]]")
+    for asked in found:
+        if asked.quantity.of_bodies and asked.body is None:
+            frames = f", or {asked.name}:BODY:FRAME with a FRAME of {listed(asked.quantity.frames)}"
+            raise JounceError(
+                f"generated code holds {asked.name} of one body: expected {asked.name}:BODY"
+                f"{frames if asked.quantity.frames else ''}; there are: {listed(mechanism.frame_names)}"
+            )
+    if wrench and not any(asked.quantity.wrenches for asked in found):
+        spelled(mechanism, texts[0], order, wrench)  # says which ones do
+    return [replace(asked, wrench=wrench and asked.quantity.wrenches) for asked in found]
+
+
+def languages_where(fit: Callable[[Language], bool]) -> str:
+    """The languages that something goes into."""
+    return ", ".join(name for name in NAMES if fit(language(name)))
+
+
+def _prefix(given: str | None, name: str, target: Language) -> str:
+    """The prefix that is given, or the robot's name made one."""
+    if given is not None:
+        return given
+    found = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")
+    odd = not found or found[0].isdigit() or found in f"{target.reserved} {target.taken}".split()
+    return f"robot_{found}".rstrip("_") if odd else found
