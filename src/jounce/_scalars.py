@@ -228,3 +228,14 @@ def _reciprocal(s: Any) -> Any:
 
 
 _reciprocals = np.frompyfunc(_reciprocal, 1, 1)
+
+
+def finite(text: str) -> float | None:
+    """The finite decimal number that a text is, or None; 1_000 and digits of other scripts are none here."""
+    if "_" in text or not text.isascii():
+        return None
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None

@@ -86,7 +86,7 @@ def _pairs(option: str, given: Sequence[str]) -> dict[str, str]:
 
 
 def _held(given: Sequence[str]) -> dict[str, float]:
-    from jounce.io.files import finite
+    from jounce._scalars import finite
 
     numbers = {name: finite(value) for name, value in _pairs("--lock", given).items()}
     for text, number in zip(given, numbers.values(), strict=True):
