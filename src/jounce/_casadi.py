@@ -36,7 +36,7 @@ def casadi_function(
     robot : Robot
         A robot of numbers.
     quantity : str, optional
-        The name of the quantity: "inverse_dynamics", "mass_matrix", "jacobian", ...
+        The name of the quantity, that of the method of `Robot`.
     order : int, optional
         The highest rate of the quantity: 2 gives Q, Qd, Q2d.
     wrench : bool, optional

@@ -31,12 +31,12 @@ class Kernel:
     Examples
     --------
     >>> import jounce, numpy as np
-    >>> kernel = jounce.load("iiwa14").compile("mass_matrix", order=1)
+    >>> kernel = jounce.load("iiwa14").compile(order=1)
     >>> kernel
-    <Kernel: mass_matrix of 'iiwa14' to order 1>
-    >>> M, Md = kernel(np.ones((1000, 7)), np.zeros(7))
-    >>> Md.shape
-    (1000, 7, 7)
+    <Kernel: inverse_dynamics of 'iiwa14' to order 1>
+    >>> Q, Qd = kernel(np.ones((1000, 7)), np.zeros(7), np.zeros(7), np.ones(7))
+    >>> Qd.shape
+    (1000, 7)
     """
 
     def __init__(self, mechanism: Mechanism, computation: Computation, patience: float = inf) -> None:
