@@ -139,7 +139,7 @@ def is_symbolic(x: Array) -> bool:
     return isinstance(x, np.ndarray) and x.dtype == object
 
 
-def whole(x: np.ndarray) -> np.ndarray:
+def exact_integers(x: np.ndarray) -> np.ndarray:
     """The same numbers in an object array, integers where they are whole: 1 L stays L among symbols, not 1.0 L."""
     as_integer = np.frompyfunc(lambda v: int(v) if isinstance(v, float) and v.is_integer() else v, 1, 1)
     return np.asarray(as_integer(x), dtype=object)

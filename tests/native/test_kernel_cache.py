@@ -34,7 +34,7 @@ def folder(tmp_path, monkeypatch):
 def compilations(monkeypatch):
     """A list that grows with every module that is compiled."""
     done = []
-    assembled = jit.assembled
+    assembled = jit.assemble
     monkeypatch.setattr(module.jit, "assembled", lambda *given: done.append(given) or assembled(*given))
     return done
 

@@ -319,7 +319,7 @@ def test_kernels_come_and_go_while_others_are_in_use():
 
 
 def test_native_code_is_freed_with_its_kernel(monkeypatch):
-    loaded, engines = jit.loaded, []
+    loaded, engines = jit.load_object, []
 
     class Engine:
         def __init__(self, engine):

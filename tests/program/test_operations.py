@@ -25,8 +25,8 @@ from jounce.native.functions import DEFINITIONS
 from jounce.native.ir import Writer
 from jounce.native.target import host
 from jounce.program.operations import FREE, FUNCTIONS, OPERATIONS
-from jounce.program.passes import factored, fused
-from jounce.program.program import Step, needed
+from jounce.program.passes import factor, fuse
+from jounce.program.program import Step, prune
 from jounce.program.trace import Tape
 
 operations = pytest.mark.parametrize("name", OPERATIONS)
@@ -38,7 +38,7 @@ def one_of_each():
     """A program whose outputs are one of each operation, of the first inputs, none traced away."""
     steps = [Step("input", value=float(i)) for i in range(3)]
     steps += [Step(name, tuple(range(operation.arity))) for name, operation in OPERATIONS.items()]
-    return needed(steps, range(3, len(steps)), 3)
+    return prune(steps, range(3, len(steps)), 3)
 
 
 def exact(name):
@@ -142,7 +142,7 @@ def test_native_code_defines_the_functions_that_operations_call():
         assert f"@{name}(" in ir.text()
 
 
-@pytest.mark.parametrize("run", [lambda program: program, factored, lambda program: fused(factored(program))])
+@pytest.mark.parametrize("run", [lambda program: program, factor, lambda program: fuse(factor(program))])
 def test_passes_keep_the_values_of_functions(run):
     tape = Tape()
     x, y, z = tape.variables(3)

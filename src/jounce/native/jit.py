@@ -18,7 +18,7 @@ def _machine(target: Target) -> Any:
     return triple.create_target_machine(cpu=target.cpu, features=target.features, opt=2, jit=True)
 
 
-def assembled(text: str, target: Target) -> bytes:
+def assemble(text: str, target: Target) -> bytes:
     """The object code of a module."""
     import llvmlite.binding as llvm
 
@@ -28,7 +28,7 @@ def assembled(text: str, target: Target) -> bytes:
     return code.emit_object(module)
 
 
-def loaded(code: bytes, target: Target) -> tuple[int, Any]:
+def load_object(code: bytes, target: Target) -> tuple[int, Any]:
     """The address of ``@states`` in object code, and what must live as long as it is called."""
     import llvmlite.binding as llvm
 

@@ -42,7 +42,7 @@ class Kernel:
     def __init__(self, mechanism: Mechanism, computation: Computation, patience: float = inf) -> None:
         self.mechanism, self.computation = mechanism, computation
         self.signature = computation.signature(mechanism.n, mechanism.nb)
-        self.address, engine = jit.loaded(_code(mechanism, computation, patience), host())
+        self.address, engine = jit.load_object(_code(mechanism, computation, patience), host())
         size = memory.scratch_size(computation, mechanism, host().lanes)
         self._pool = Pool(size) if size > memory.STACK else None
         pool = None if self._pool is None else self._pool.address
@@ -224,6 +224,6 @@ def _code(mechanism: Mechanism, computation: Computation, patience: float) -> by
     if code is None:
         from jounce.native.forms import module  # what a warm cache spares
 
-        code = jit.assembled(module(mechanism, computation, target, patience), target)
+        code = jit.assemble(module(mechanism, computation, target, patience), target)
         cache.write(key, code)
     return code
