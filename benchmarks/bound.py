@@ -16,7 +16,7 @@ from jounce.dynamics.quantities import FORCES
 from jounce.model.mechanism import with_exact_integers
 from jounce.native import forms, functions
 from jounce.native.ir import Writer
-from jounce.native.target import host
+from jounce.native.jit import host
 from jounce.program.passes import fuse
 from jounce.program.program import Program
 from jounce.program.trace import Tape

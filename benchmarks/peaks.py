@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.measure import Case
 from jounce.native import jit
 from jounce.native.ir import Writer
-from jounce.native.target import host
+from jounce.native.jit import host
 
 CHAINS = 12  # independent ones: more than latency times pipes, and all fit into sixteen registers with their constants
 LENGTH = 8  # operations of each chain in a turn of the loop

@@ -14,8 +14,8 @@ import jounce
 from jounce.dynamics.computation import Computation
 from jounce.native import cache, jit
 from jounce.native import kernel as module
+from jounce.native.jit import host
 from jounce.native.kernel import Kernel
-from jounce.native.target import host
 
 ROBOT = jounce.load("planar2r")
 QUANTITY = Computation("gravity_forces", 0)

@@ -21,7 +21,7 @@ from jounce.errors import JounceError, JounceWarning
 from jounce.native import jit
 from jounce.native import kernel as module
 from jounce.native.kernel import Kernel
-from jounce.native.scope import is_straight
+from jounce.native.plan import is_straight
 from jounce.robot import dispatch
 
 ROBOT = jounce.load("planar2r")

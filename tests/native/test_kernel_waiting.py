@@ -9,8 +9,8 @@ from jounce.dynamics.computation import Computation
 from jounce.errors import JounceWarning
 from jounce.native import forms, jit
 from jounce.native import kernel as module
-from jounce.native.scope import LongCompilationError
-from jounce.native.target import host
+from jounce.native.jit import host
+from jounce.native.plan import LongCompilationError
 from jounce.robot import dispatch
 
 

@@ -23,7 +23,7 @@ from jounce.errors import JounceError
 from jounce.native import forms
 from jounce.native.functions import DEFINITIONS
 from jounce.native.ir import Writer
-from jounce.native.target import host
+from jounce.native.jit import host
 from jounce.program.operations import FREE, FUNCTIONS, OPERATIONS
 from jounce.program.passes import factor, fuse
 from jounce.program.program import Step, prune

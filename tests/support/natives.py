@@ -5,8 +5,7 @@ from dataclasses import replace
 from jounce.dynamics.computation import Port, Signature, in_a_row
 from jounce.native import jit
 from jounce.native.emit import define_block, module_text
-from jounce.native.target import host
-from jounce.native.ufunc import ufunc
+from jounce.native.jit import host, ufunc
 
 WAYS = ["host", "4 lanes", "2 lanes", "4 lanes, no fma", "2 lanes, no fma"]
 

@@ -18,7 +18,7 @@ from jounce._scalars import finite
 from jounce.dynamics.computation import Computation
 from jounce.errors import JounceError, quoted
 from jounce.model.mechanism import DATA, Mechanism
-from jounce.native.target import Target
+from jounce.native.jit import Target
 
 SUFFIX = ".kernel"
 LIMIT = 256  # MiB

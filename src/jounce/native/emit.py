@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from jounce.dynamics.computation import Port, Signature
-from jounce.native import functions, lanes, memory, pool
+from jounce.native import functions, lanes, plan, pool
 from jounce.native.ir import Writer
-from jounce.native.target import Target
+from jounce.native.jit import Target
 from jounce.program.operations import LEAVES, OPERATIONS, VectorFunction
 from jounce.program.program import Program
 
@@ -27,8 +27,8 @@ def module_text(
     lanes.define_lanes(ir)
     define_block(ir)
     _define_blocks(ir, signature)
-    size = memory.call_size(signature, of_bodies, target.lanes)
-    define_states = _define_on_stack if size <= memory.STACK else pool.define_on_heap
+    size = plan.call_size(signature, of_bodies, target.lanes)
+    define_states = _define_on_stack if size <= plan.STACK else pool.define_on_heap
     define_states(ir, size)
     return ir.text()
 

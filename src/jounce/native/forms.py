@@ -9,10 +9,9 @@ from jounce.dynamics.computation import Computation, Signature
 from jounce.model.mechanism import Mechanism, with_exact_integers
 from jounce.native import emit, loop
 from jounce.native.ir import Writer
+from jounce.native.jit import Target
 from jounce.native.loop_steps import Sweeps, kinds
-from jounce.native.memory import vectors_of_bodies
-from jounce.native.scope import LongCompilationError, is_straight
-from jounce.native.target import Target
+from jounce.native.plan import LongCompilationError, is_straight, vectors_of_bodies
 from jounce.program.passes import factor, fuse
 from jounce.program.program import Program
 from jounce.program.trace import Tape, TapeFullError

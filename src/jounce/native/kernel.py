@@ -15,10 +15,9 @@ from jounce.arguments import names
 from jounce.dynamics.computation import Computation, Shape
 from jounce.errors import JounceError, one_line, quoted
 from jounce.model.mechanism import Mechanism
-from jounce.native import cache, jit, memory
+from jounce.native import cache, jit, plan
+from jounce.native.jit import host, ufunc
 from jounce.native.pool import Pool
-from jounce.native.target import host
-from jounce.native.ufunc import ufunc
 
 
 class Kernel:
@@ -43,8 +42,8 @@ class Kernel:
         self.mechanism, self.computation = mechanism, computation
         self.signature = computation.signature(mechanism.n, mechanism.nb)
         self.address, engine = jit.load_object(_code(mechanism, computation, patience), host())
-        size = memory.scratch_size(computation, mechanism, host().lanes)
-        self._pool = Pool(size) if size > memory.STACK else None
+        size = plan.scratch_size(computation, mechanism, host().lanes)
+        self._pool = Pool(size) if size > plan.STACK else None
         pool = None if self._pool is None else self._pool.address
         self._ufunc, needed = ufunc(self.address, self.signature, computation.name, pool)
         self._count = len(self.signature.inputs)

@@ -30,7 +30,7 @@ from jounce.native.loop_steps import (
     drive_table,
     kinds,
 )
-from jounce.native.memory import Layout, motion_slots
+from jounce.native.plan import Layout, motion_slots
 
 MEMORY = ("constants", "body", "parent", "motion", "carrier")  # what a step reads and writes
 

@@ -16,7 +16,7 @@ from jounce.dynamics.recursion.steps import AlignedJoint, Force, Moments, Motion
 from jounce.model import drives
 from jounce.model.equivalent import frame_shifts, minimal
 from jounce.model.mechanism import Mechanism
-from jounce.native.memory import Layout, body_layout, motion_layout, sweep_of
+from jounce.native.plan import Layout, body_layout, motion_layout, sweep_of
 from jounce.program.passes import factor, fuse
 from jounce.program.program import Program
 from jounce.program.trace import Tape

@@ -15,10 +15,10 @@ from jounce.dynamics.loads import exerted
 from jounce.dynamics.quantities import FORCES, QUANTITIES
 from jounce.errors import JounceError, one_of, quoted, warn
 from jounce.model.mechanism import DATA, Mechanism, cast_model
-from jounce.native import memory
+from jounce.native import plan
+from jounce.native.jit import host
 from jounce.native.kernel import Kernel, compiled
-from jounce.native.scope import LongCompilationError, obstacle
-from jounce.native.target import host
+from jounce.native.plan import LongCompilationError, obstacle
 from jounce.robot.generic import batch_shape, checked_out, computed, evaluate, results_into
 from jounce.spatial.series import Series, columns
 
@@ -178,9 +178,9 @@ def native_obstacle(mechanism: Mechanism, computation: Computation) -> str | Non
         return "is for robots of numbers; this robot holds symbols"
     if not available():
         return "needs llvmlite, which cannot be imported"
-    size = memory.scratch_size(computation, mechanism, host().lanes)
-    if size > memory.LIMIT:
-        return f"works in up to {memory.LIMIT >> 20} MiB of scratch memory; this takes {size >> 20} MiB"
+    size = plan.scratch_size(computation, mechanism, host().lanes)
+    if size > plan.LIMIT:
+        return f"works in up to {plan.LIMIT >> 20} MiB of scratch memory; this takes {size >> 20} MiB"
     return None
 
 
