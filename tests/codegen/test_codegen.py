@@ -256,7 +256,8 @@ def test_names_of_bodies_and_joints_never_leave_their_comments(lang, tmp_path):
     robot = jounce.Robot.from_screws(
         m.B, m.X, m.M, m.parent, names=hostile, joint_names=hostile[::-1], name="1 */ \n x"
     )
-    files = texts(robot, lang, count=1, order=0, outputs=every(hostile[1]))
+    outputs = every(hostile[1])
+    files = texts(robot, lang, count=1, order=0, outputs=outputs[:6] if lang == "latex" else outputs)
     assert all(text.isascii() for text in files.values())
     passed, output = passes(written(tmp_path, files), lang)
     assert passed, output

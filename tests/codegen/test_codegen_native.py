@@ -69,7 +69,7 @@ def test_clang_warns_of_nothing_in_the_shim(tmp_path):
         ("x[j] = all[j * count + k]", "x[j] = all[k * SIZE + j]"),
         ("all[j * count + k] = x[j]", "all[k * SIZE + j] = x[j]"),
         ("blockIdx.x * blockDim.x", "blockIdx.x"),
-        ("&p[k]", "p"),
+        ("&params[k]", "params"),
     ],
 )
 @needs("g++", "make")

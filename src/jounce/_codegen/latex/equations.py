@@ -11,11 +11,11 @@ from jounce._codegen.function import Function
 from jounce._codegen.header import printable
 from jounce._codegen.parametric import Parametric
 from jounce._symbolic import Symbolic, symbolic
+from jounce._symbolic.equations import EXTERNAL
 from jounce.dynamics.computation import Computation, Port
 from jounce.errors import JounceError
 from jounce.robot import Robot
 
-EXTERNAL = "ext"
 WIDEST = 72  # glyphs of a line
 ALIKE = 4  # entries that are equal, on one line
 LETTERS = {"gravity": "g", "masses": "m", "lengths": "r", "mass": "m", "com": "c", "inertia": "I"}

@@ -43,7 +43,7 @@ void planar2r_inverse_dynamics(
     const double t30 = t19 + t6;
     const double t31 = qd[1] * (t26 + (t26 + qd[1] * t19));
     const double t32 = t7 + cos2 * t18 - sin2 * t17 - t29;
-    const double t33 = t23 + (t30 + (t4 + cos1 * 19.62));
+    const double t33 = t30 + (t23 + (t4 + cos1 * 19.62));
     const double t34 = t1 + cos2 * t16 - t31 - t20 - t27;
     const double t35 = 2.0 * t18 + (t32 + cos2 * t7) - t25;
     const double t36 = t16 * 2.0 + (t34 + cos2 * t1) - t28;

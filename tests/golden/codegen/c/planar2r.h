@@ -8,7 +8,7 @@
  *   1  body2
  *
  * SI units: m, kg, s, rad, N, N m. A name with d, 2d, 3d, 4d is a time derivative of order 1 to 4.
- * Q = M(q) q2d + C(q, qd) qd + Qgrav(q): forces of the drives, N m or, for coordinates in m, N.
+ * Q = M(q) q2d + C(q, qd) qd + Qgrav(q): generalized forces. Unit: N m or, for coordinates in m, N.
  * No memory is allocated, nothing is kept between calls, and the operations are the same for all states.
  * Outputs may lie over inputs.
  */

@@ -8,7 +8,7 @@
 #   2  body2
 #
 # SI units: m, kg, s, rad, N, N m. A name with d, 2d, 3d, 4d is a time derivative of order 1 to 4.
-# Q = M(q) q2d + C(q, qd) qd + Qgrav(q): forces of the drives, N m or, for coordinates in m, N.
+# Q = M(q) q2d + C(q, qd) qd + Qgrav(q): generalized forces. Unit: N m or, for coordinates in m, N.
 #
 # Functions with ! write into their first arguments, which may be the others too; those without make new arrays. Scalars
 # may be of any type, dual numbers for instance.
@@ -69,7 +69,7 @@ function inverse_dynamics!(Q, Qd, Q2d, q, qd, q2d, q3d, q4d)
         t30 = t19 + t6
         t31 = qd[2] * (t26 + (t26 + qd[2] * t19))
         t32 = t7 + cos2 * t18 - sin2 * t17 - t29
-        t33 = t23 + (t30 + (t4 + cos1 * 19.62))
+        t33 = t30 + (t23 + (t4 + cos1 * 19.62))
         t34 = t1 + cos2 * t16 - t31 - t20 - t27
         t35 = 2.0 * t18 + (t32 + cos2 * t7) - t25
         t36 = t16 * 2.0 + (t34 + cos2 * t1) - t28
@@ -91,10 +91,10 @@ end
 The same into new arrays.
 """
 function inverse_dynamics(q, qd, q2d, q3d, q4d)
-    T = promote_type(Float64, eltype(q), eltype(qd), eltype(q2d), eltype(q3d), eltype(q4d))
-    Q = zeros(T, 2)
-    Qd = zeros(T, 2)
-    Q2d = zeros(T, 2)
+    Entry = promote_type(Float64, eltype(q), eltype(qd), eltype(q2d), eltype(q3d), eltype(q4d))
+    Q = zeros(Entry, 2)
+    Qd = zeros(Entry, 2)
+    Q2d = zeros(Entry, 2)
     return inverse_dynamics!(Q, Qd, Q2d, q, qd, q2d, q3d, q4d)
 end
 

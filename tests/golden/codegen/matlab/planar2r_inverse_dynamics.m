@@ -10,7 +10,7 @@ function [Q, Qd, Q2d] = planar2r_inverse_dynamics(q, qd, q2d, q3d, q4d)
 %   2  body2
 %
 % SI units: m, kg, s, rad, N, N m. A name with d, 2d, 3d, 4d is a time derivative of order 1 to 4.
-% Q = M(q) q2d + C(q, qd) qd + Qgrav(q): forces of the drives, N m or, for coordinates in m, N.
+% Q = M(q) q2d + C(q, qd) qd + Qgrav(q): generalized forces. Unit: N m or, for coordinates in m, N.
 %
 % q, qd, q2d, q3d, q4d: 2 x 1.
 % Q, Qd, Q2d: 2 x 1.
@@ -51,7 +51,7 @@ function [Q, Qd, Q2d] = planar2r_inverse_dynamics(q, qd, q2d, q3d, q4d)
     t30 = t19 + t6;
     t31 = qd(2) * (t26 + (t26 + qd(2) * t19));
     t32 = t7 + cos2 * t18 - sin2 * t17 - t29;
-    t33 = t23 + (t30 + (t4 + cos1 * 19.62));
+    t33 = t30 + (t23 + (t4 + cos1 * 19.62));
     t34 = t1 + cos2 * t16 - t31 - t20 - t27;
     t35 = 2.0 * t18 + (t32 + cos2 * t7) - t25;
     t36 = t16 * 2.0 + (t34 + cos2 * t1) - t28;

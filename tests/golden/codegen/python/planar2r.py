@@ -8,9 +8,9 @@
 #   1  body2
 #
 # SI units: m, kg, s, rad, N, N m. A name with d, 2d, 3d, 4d is a time derivative of order 1 to 4.
-# Q = M(q) q2d + C(q, qd) qd + Qgrav(q): forces of the drives, N m or, for coordinates in m, N.
+# Q = M(q) q2d + C(q, qd) qd + Qgrav(q): generalized forces. Unit: N m or, for coordinates in m, N.
 #
-# Functions take NumPy arrays and return them: coordinates (..., 2), wrenches (..., 2, 6), matrices (..., 2, 2).
+# Functions take NumPy arrays and return them: coordinates (..., 2), wrenches (..., 2, 6), results as each function says.
 # Leading axes are batch axes.
 import numpy as np
 
@@ -29,11 +29,11 @@ def _scalars(x, shape):
 def _array(scalars, shape):
     """The other way."""
     batch = np.stack(np.broadcast_arrays(*scalars), axis=-1).astype(REAL)
-    return batch.reshape(*batch.shape[:-1], *shape)
+    return batch.reshape((*batch.shape[:-1], *shape))[()]  # a number where there are no axes
 
 
 def inverse_dynamics(q, qd, q2d, q3d, q4d):
-    """Q, Qd, Q2d; 100 operations: 52 products, 25 sums, 19 differences, 2 cos, 2 sin."""
+    """Q, Qd, Q2d: (..., 2); 100 operations: 52 products, 25 sums, 19 differences, 2 cos, 2 sin."""
     q = _scalars(q, (2,))
     qd = _scalars(qd, (2,))
     q2d = _scalars(q2d, (2,))
@@ -78,7 +78,7 @@ def inverse_dynamics(q, qd, q2d, q3d, q4d):
     t30 = t19 + t6
     t31 = qd[1] * (t26 + (t26 + qd[1] * t19))
     t32 = t7 + cos2 * t18 - sin2 * t17 - t29
-    t33 = t23 + (t30 + (t4 + cos1 * 19.62))
+    t33 = t30 + (t23 + (t4 + cos1 * 19.62))
     t34 = t1 + cos2 * t16 - t31 - t20 - t27
     t35 = 2.0 * t18 + (t32 + cos2 * t7) - t25
     t36 = t16 * 2.0 + (t34 + cos2 * t1) - t28

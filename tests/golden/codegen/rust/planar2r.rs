@@ -8,7 +8,7 @@
 //   1  body2
 //
 // SI units: m, kg, s, rad, N, N m. A name with d, 2d, 3d, 4d is a time derivative of order 1 to 4.
-// Q = M(q) q2d + C(q, qd) qd + Qgrav(q): forces of the drives, N m or, for coordinates in m, N.
+// Q = M(q) q2d + C(q, qd) qd + Qgrav(q): generalized forces. Unit: N m or, for coordinates in m, N.
 //
 // No memory is allocated, nothing is kept between calls, and the operations are the same for all states.
 #![no_std]
@@ -62,7 +62,7 @@ pub fn inverse_dynamics<F: Functions>(
     let t30 = t19 + t6;
     let t31 = qd[1] * (t26 + (t26 + qd[1] * t19));
     let t32 = t7 + cos2 * t18 - sin2 * t17 - t29;
-    let t33 = t23 + (t30 + (t4 + cos1 * 19.62));
+    let t33 = t30 + (t23 + (t4 + cos1 * 19.62));
     let t34 = t1 + cos2 * t16 - t31 - t20 - t27;
     let t35 = 2.0 * t18 + (t32 + cos2 * t7) - t25;
     let t36 = t16 * 2.0 + (t34 + cos2 * t1) - t28;
