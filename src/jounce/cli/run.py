@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.names import MOTION
-from jounce.cli.options import Asked, on_robot
+from jounce.cli.options import MOTION, Asked, on_robot
 from jounce.cli.output import progress, straight_columns, tell
 from jounce.errors import JounceError, shortened
 
