@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from jounce import load
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import FORCES
-from jounce.model.mechanism import in_whole_numbers
+from jounce.model.mechanism import with_exact_integers
 from jounce.native import forms, functions
 from jounce.native.ir import Writer
-from jounce.native.target import host
-from jounce.program.passes import fused
+from jounce.native.jit import host
+from jounce.program.passes import fuse
 from jounce.program.program import Program
 from jounce.program.trace import Tape
 
@@ -42,7 +42,7 @@ class Count:
 
 def of_program(program: Program) -> Count:
     """The arithmetic of a program, fused."""
-    counts = fused(program).counts()
+    counts = fuse(program).counts()
     return Count(sum(counts[kind] for kind in PRODUCTS), sum(counts[kind] for kind in SUMS))
 
 
@@ -62,7 +62,7 @@ def programs(order: int) -> tuple[Program, Program]:
     tape = Tape()
     forces = Computation(FORCES.name, order)
     q = [tape.variables(m.n) for _ in range(forces.rates)]
-    results = forces.series("recursion", in_whole_numbers(m), q).upto(order)
+    results = forces.series("recursion", with_exact_integers(m), q).upto(order)
     traced = tape.program([x for result in results for x in result.ravel()])
     return traced, forms.program(m, forces)
 

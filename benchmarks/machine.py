@@ -13,7 +13,7 @@ PACKAGES = ("jounce", "numpy", "llvmlite", "pin", "casadi", "jax", "skidy")
 
 def described() -> list[tuple[str, str]]:
     """The processor, its cores, the system, and the versions of what was measured."""
-    from jounce.native.target import host
+    from jounce.native.jit import host
 
     target = host()
     vectors = f"{target.lanes} doubles, {'with' if target.fma else 'without'} fused multiply-add"

@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.measure import Case
 from jounce.native import jit
 from jounce.native.ir import Writer
-from jounce.native.target import host
+from jounce.native.jit import host
 
 CHAINS = 12  # independent ones: more than latency times pipes, and all fit into sixteen registers with their constants
 LENGTH = 8  # operations of each chain in a turn of the loop
@@ -30,7 +30,7 @@ def cases() -> list[Case]:
 def _loop(kinds: tuple[str, ...]) -> partial[None]:
     """A call of the loop, its chains of these kinds in turn."""
     machine = host()
-    code, engine = jit.loaded(jit.assembled(_text(kinds), machine), machine)
+    code, engine = jit.load_object(jit.assemble(_text(kinds), machine), machine)
     room = np.zeros(CHAINS * machine.lanes)
     arrays, turns = (ctypes.c_void_p * 1)(room.ctypes.data), (ctypes.c_ssize_t * 1)(TURNS)
     call = partial(jit.Loop(code), *(ctypes.c_void_p(ctypes.addressof(x)) for x in (arrays, turns)), None, None)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from benchmarks import bound, chains, forces, making, matrices, measure, start
 from benchmarks.forces import Gathered
 from benchmarks.tables import batch, figure, paragraph, share, table
-from jounce.native.target import host
+from jounce.native.jit import host
 
 BEST = "jounce: kernel bound to its arrays"  # the row that is held against the bound: no Python, no new arrays
 FORMED = """Figures are medians of {rounds} measurements. They are taken in turn: each round measures every case once,

@@ -12,7 +12,7 @@ from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import FORCES
 from jounce.errors import JounceError, listed
 from jounce.model.mechanism import DATA, Mechanism
-from jounce.model.parameters import own_values, parametrised
+from jounce.model.parameters import own_values, parametrise
 from jounce.robot import Robot
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def casadi_function(
     robot : Robot
         A robot of numbers.
     quantity : str, optional
-        The name of the quantity: "inverse_dynamics", "mass_matrix", "jacobian", ...
+        The name of the quantity, that of the method of `Robot`.
     order : int, optional
         The highest rate of the quantity: 2 gives Q, Qd, Q2d.
     wrench : bool, optional
@@ -92,7 +92,7 @@ def casadi_function(
     ports = sorted(signature.inputs, key=lambda port: port.role == "parameter")  # the state first, as in other calls
     inputs = {port.name: casadi.SX.sym(port.name, *port.shape) for port in ports}
     arrays = {port.name: asarray(inputs[port.name]).reshape(port.shape) for port in ports}
-    mechanism, _ = parametrised(robot.mechanism, parameters, lambda name, shape: arrays[name])
+    mechanism, _ = parametrise(robot.mechanism, parameters, lambda name, shape: arrays[name])
     state = [arrays[port.name] for port in ports if port.role != "parameter"]
     method = next(iter(computation.quantity.methods))
     results = [_matrix(x) for x in computation.series(method, mechanism, state).upto(order)]

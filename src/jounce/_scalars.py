@@ -139,7 +139,7 @@ def is_symbolic(x: Array) -> bool:
     return isinstance(x, np.ndarray) and x.dtype == object
 
 
-def whole(x: np.ndarray) -> np.ndarray:
+def exact_integers(x: np.ndarray) -> np.ndarray:
     """The same numbers in an object array, integers where they are whole: 1 L stays L among symbols, not 1.0 L."""
     as_integer = np.frompyfunc(lambda v: int(v) if isinstance(v, float) and v.is_integer() else v, 1, 1)
     return np.asarray(as_integer(x), dtype=object)
@@ -209,3 +209,33 @@ def _elementwise(name: str) -> Callable[[Array], Array]:
 sin = _elementwise("sin")
 cos = _elementwise("cos")
 tanh = _elementwise("tanh")
+
+
+def reciprocal(x: Array) -> Array:
+    """1 / x of every element, whatever the scalar type; of the number 0 it is infinite, as IEEE 754 has it."""
+    return np.asarray(_reciprocals(x), dtype=object) if is_symbolic(x) else 1 / x
+
+
+def _reciprocal(s: Any) -> Any:
+    if isinstance(s, int | float | Fraction) and s == 0:  # where Python raises an error
+        return math.copysign(math.inf, s)
+    if isinstance(s, int) and abs(s) == 1:  # exact, as integers among symbols are
+        return s
+    try:
+        return 1 / s
+    except TypeError:
+        raise JounceError(f"scalars of type {type(s).__name__} have no reciprocal 1 / x; expected one") from None
+
+
+_reciprocals = np.frompyfunc(_reciprocal, 1, 1)
+
+
+def finite(text: str) -> float | None:
+    """The finite decimal number that a text is, or None; 1_000 and digits of other scripts are none here."""
+    if "_" in text or not text.isascii():
+        return None
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None

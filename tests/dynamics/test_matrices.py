@@ -65,7 +65,7 @@ def test_jacobians_agree_with_the_closed_form(drawn):
 def test_coriolis_matrices_are_those_of_any_body_frames(drawn):
     """Hence the frames on the joint axes; but not the base parameters, see below."""
     mechanism, rng = drawn
-    moved = equivalent.reframed(mechanism, [random_pose(rng) for _ in range(mechanism.nb)])
+    moved = equivalent.reframe(mechanism, [random_pose(rng) for _ in range(mechanism.nb)])
     q, _ = random_state(rng, mechanism)
     F, G = closed_form(mechanism, columns(q)), closed_form(moved, columns(q))
     for C, expected in ((G.gC, F.gC), (G.gCbar, F.gCbar)):

@@ -18,7 +18,7 @@ import jounce
 from jounce._scalars import element
 from jounce.dynamics.quantities import QUANTITIES as TABLE
 from jounce.errors import JounceError
-from jounce.model.mechanism import in_whole_numbers
+from jounce.model.mechanism import with_exact_integers
 from jounce.program.trace import Tape
 from jounce.spatial.series import columns
 
@@ -204,7 +204,7 @@ QUANTITIES = {  # laws with the rates of q that their values take
 def test_the_iiwa_takes_no_more_operations_than_measured(quantities, operations):
     """A guard of the recursion's economy: sums and products of one state, sine and cosine given, all rates together."""
     robot, _, _ = case("iiwa")
-    model = in_whole_numbers(robot.mechanism)
+    model = with_exact_integers(robot.mechanism)
     for order, most in enumerate(operations):
         tape = Tape()
         q, outputs = [tape.variables(robot.n) for _ in range(order + 3)], []

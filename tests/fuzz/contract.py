@@ -10,7 +10,7 @@ from pathlib import Path
 import jounce
 
 KEPT = Path(__file__).parents[2] / "build" / "fuzz"
-PATIENCE = 120  # s, after which a process is taken for hanging, and ends with a traceback
+PATIENCE = 300  # s, after which a process is taken for hanging, and ends with a traceback
 LONGEST = 4000  # characters of a message
 
 

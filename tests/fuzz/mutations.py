@@ -214,7 +214,7 @@ def _of_its_kind(rng: Random, value: Any) -> Any:
     if isinstance(value, bool | str) or value is None:
         return hostile(rng)
     if isinstance(value, int | float):
-        return rng.choice((-value, 0, value * 1e300, value * 1e-300, value + 1, str(value)))
+        return rng.choice((-value, 0, 1e300, 1e-300, value + 1, str(value)))
     return type(value)()
 
 

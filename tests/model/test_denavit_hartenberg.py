@@ -96,7 +96,7 @@ def test_both_conventions_of_an_arm_give_the_same_forces(seed, n):
     M = [random_inertia(rng, 2.0) for _ in range(n)]
     tool, state = random_pose(rng), rng.uniform(-2, 2, (5, n))
     standard = jounce.Robot.from_dh(table, M, "standard", types=types, tool=tool)
-    M = [inertia.moved(M_i, T) for M_i, T in zip(M, ends, strict=True)]
+    M = [inertia.shift_inertia(M_i, T) for M_i, T in zip(M, ends, strict=True)]
     modified = jounce.Robot.from_dh(lower, M, "modified", types=types, tool=ends[-1] @ tool)
     for rate, same in zip(*(robot.inverse_dynamics(*state) for robot in (standard, modified)), strict=True):
         assert relative_error(rate, same) < 1e-11
@@ -113,7 +113,7 @@ def test_ur_table_is_the_urdf(table, file):
     K = lie.inverse(bare.poses(np.zeros(6))) @ urdf.poses(np.zeros(6))  # of the links in the frames of the table
     for q in rng.uniform(-3, 3, (20, 6)):
         np.testing.assert_allclose(bare.poses(q) @ K, urdf.poses(q), atol=1e-8)
-    M = [inertia.moved(M_i, T) for M_i, T in zip(urdf.mechanism.M, K, strict=True)]
+    M = [inertia.shift_inertia(M_i, T) for M_i, T in zip(urdf.mechanism.M, K, strict=True)]
     tool = K[-1] @ urdf.mechanism.frame("tool0").T
     robot = jounce.Robot.from_dh(table, M, "standard", base=base, tool=tool, limits=urdf.limits)
     np.testing.assert_allclose(tool, np.eye(4), atol=1e-8)  # the last frame is the flange

@@ -14,9 +14,9 @@ from jounce.spatial.inertia import from_moments, moments
 from jounce.spatial.series import columns
 
 PASSES = {
-    "aligned": equivalent.aligned,
-    "slid": lambda m: equivalent.slid(equivalent.aligned(m)),
-    "base_parameters": lambda m: equivalent.base_parameters(equivalent.aligned(m)),
+    "aligned": equivalent.align_frames,
+    "slid": lambda m: equivalent.slide_origins(equivalent.align_frames(m)),
+    "base_parameters": lambda m: equivalent.base_parameters(equivalent.align_frames(m)),
     "minimal": equivalent.minimal,
 }
 
@@ -40,9 +40,9 @@ def test_passes_leave_the_forces_unchanged(name, drawn):
 def test_frames_moved_by_any_rigid_transform_leave_the_forces_unchanged(drawn):
     mechanism, rng = drawn
     T = np.stack([random_pose(rng) for _ in range(mechanism.nb)])
-    moved = equivalent.reframed(mechanism, T)
+    moved = equivalent.reframe(mechanism, T)
     equal_forces(mechanism, moved, rng)
-    assert np.abs(equivalent.moves(mechanism, moved) - T).max() < 1e-13
+    assert np.abs(equivalent.frame_shifts(mechanism, moved) - T).max() < 1e-13
 
 
 @given(drawn=mechanisms(), seed=st.integers(0, 2**32 - 1))

@@ -14,7 +14,7 @@ from robots import mechanisms, random_inertia, random_rotation, random_screw
 import jounce
 from jounce.cli import main
 from jounce.model import equivalent
-from jounce.model.mechanism import in_extended_precision, in_whole_numbers
+from jounce.model.mechanism import with_exact_integers, with_extended_precision
 from jounce.model.screws import ROUNDING, exact_inertia, exact_pose, exact_screw
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
@@ -73,9 +73,14 @@ def test_passes_keep_limits(drawn):
     m, rng = drawn
     lower = rng.normal(size=m.nb)
     bounded = jounce.Robot.from_screws(m.B, m.X, m.M, m.parent, limits={"lower": lower}).mechanism
-    aligned = equivalent.aligned(bounded)
-    passes = (aligned, equivalent.slid(aligned), equivalent.base_parameters(aligned), equivalent.minimal(bounded))
-    for other in (*passes, in_whole_numbers(bounded), in_extended_precision(bounded)):
+    aligned = equivalent.align_frames(bounded)
+    passes = (
+        aligned,
+        equivalent.slide_origins(aligned),
+        equivalent.base_parameters(aligned),
+        equivalent.minimal(bounded),
+    )
+    for other in (*passes, with_exact_integers(bounded), with_extended_precision(bounded)):
         assert other.limits.lower.tolist() == lower.tolist()
 
 

@@ -8,7 +8,7 @@ from robots import golden, relative_error
 
 import jounce
 from jounce.errors import JounceError
-from jounce.model.parameters import PARAMETERS, own_values, parametrised
+from jounce.model.parameters import PARAMETERS, own_values, parametrise
 from jounce.program.trace import Tape
 from jounce.spatial import inertia
 from jounce.spatial.lie import pose
@@ -25,7 +25,7 @@ ROBOTS = {
 def forces(mechanism, names, values, state):
     """Q, Qd, Q2d with the parameters written on a tape as inputs beside the state, run on values."""
     tape = Tape()
-    symbolic, symbols = parametrised(mechanism, names, lambda name, shape: tape.variables(*shape))
+    symbolic, symbols = parametrise(mechanism, names, lambda name, shape: tape.variables(*shape))
     assert {name: array.shape for name, array in symbols.items()} == {k: np.shape(v) for k, v in values.items()}
     Q = jounce.Robot(symbolic).inverse_dynamics(*(tape.variables(mechanism.n) for _ in state))
     inputs = np.concatenate([np.ravel(x) for x in (*values.values(), *state)])
@@ -63,7 +63,7 @@ def test_payloads_hang_on_bodies_and_merged_links_in_their_own_frames():
     hand, link3 = (next(f for f in mechanism.frames if f.name == "panda_hand_tcp"), mechanism.frame("panda_link3"))
     state = rng.uniform(-1, 1, (5, mechanism.n))
     M = mechanism.M.copy()
-    M[hand.body] += inertia.moved(jounce.inertia_matrix(1.5, [0, 0, 0.1], 0.02 * np.eye(3)), hand.T)
+    M[hand.body] += inertia.shift_inertia(jounce.inertia_matrix(1.5, [0, 0, 0.1], 0.02 * np.eye(3)), hand.T)
     M[link3.body] += jounce.inertia_matrix(0.5, [0.1, 0, 0], np.zeros((3, 3)))
     m = mechanism
     other = jounce.Robot.from_screws(m.B, m.X, M, m.parent, gravity=m.gravity, G=m.G, g=m.g)

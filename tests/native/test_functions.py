@@ -97,3 +97,12 @@ def test_the_hyperbolic_tangent_of_native_code_is_within_three_units_in_the_last
         for a, y in zip(numbers, found, strict=True):
             expected = mpmath.tanh(mpmath.mpf(float(a)))
             assert abs(mpmath.mpf(float(y)) - expected) <= 3 * np.spacing(abs(float(expected))), a
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_no_number_has_no_hyperbolic_tangent(way):
+    """Where it comes of finite inputs too, which the check of inputs does not see."""
+    tape = Tape()
+    (x,) = tape.variables(1)
+    function = native(tape.program([x.tanh()]), signature(((1,),), ((1,),), (1,)), way)  # of which no check is made
+    np.testing.assert_array_equal(function([[np.nan], [np.inf], [-np.inf], [0.0]]), [[np.nan], [1.0], [-1.0], [0.0]])

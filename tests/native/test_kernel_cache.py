@@ -14,8 +14,8 @@ import jounce
 from jounce.dynamics.computation import Computation
 from jounce.native import cache, jit
 from jounce.native import kernel as module
+from jounce.native.jit import host
 from jounce.native.kernel import Kernel
-from jounce.native.target import host
 
 ROBOT = jounce.load("planar2r")
 QUANTITY = Computation("gravity_forces", 0)
@@ -34,7 +34,7 @@ def folder(tmp_path, monkeypatch):
 def compilations(monkeypatch):
     """A list that grows with every module that is compiled."""
     done = []
-    assembled = jit.assembled
+    assembled = jit.assemble
     monkeypatch.setattr(module.jit, "assembled", lambda *given: done.append(given) or assembled(*given))
     return done
 

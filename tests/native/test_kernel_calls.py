@@ -21,7 +21,7 @@ from jounce.errors import JounceError, JounceWarning
 from jounce.native import jit
 from jounce.native import kernel as module
 from jounce.native.kernel import Kernel
-from jounce.native.scope import is_straight
+from jounce.native.plan import is_straight
 from jounce.robot import dispatch
 
 ROBOT = jounce.load("planar2r")
@@ -319,7 +319,7 @@ def test_kernels_come_and_go_while_others_are_in_use():
 
 
 def test_native_code_is_freed_with_its_kernel(monkeypatch):
-    loaded, engines = jit.loaded, []
+    loaded, engines = jit.load_object, []
 
     class Engine:
         def __init__(self, engine):

@@ -13,7 +13,7 @@ from robots import random_mechanism
 import jounce
 from jounce.dynamics.computation import Computation
 from jounce.errors import JounceError
-from jounce.native import memory, pool
+from jounce.native import plan, pool
 from jounce.native.kernel import Kernel
 
 STATE = np.random.default_rng(0).uniform(-1, 1, (5, 300, 40))
@@ -148,10 +148,8 @@ def test_where_there_is_no_memory_a_kernel_is_refused_in_one_line(robot, monkeyp
 
 def test_robots_that_need_more_memory_than_the_limit_are_refused_or_left_to_the_recursion(monkeypatch):
     robot, q = chain(150), np.random.default_rng(2).uniform(-1, 1, (3, 150))
-    assert (
-        memory.scratch_size(Computation("inverse_dynamics", 12, wrench=True), chain(1000).mechanism, 8) < memory.LIMIT
-    )
-    monkeypatch.setattr(memory, "LIMIT", 2**17)
+    assert plan.scratch_size(Computation("inverse_dynamics", 12, wrench=True), chain(1000).mechanism, 8) < plan.LIMIT
+    monkeypatch.setattr(plan, "LIMIT", 2**17)
     expected = robot.inverse_dynamics(*q, method="recursion")
     np.testing.assert_array_equal(robot.inverse_dynamics(*q), expected)
     for call in (lambda: robot.compile(order=0), lambda: robot.inverse_dynamics(*q, method="kernel")):
@@ -161,7 +159,7 @@ def test_robots_that_need_more_memory_than_the_limit_are_refused_or_left_to_the_
 
 @pytest.mark.parametrize("parent", [[-1], [-1, -1, -1], [-1, 0, 0, -1, 3, 2, 1, 4], list(range(-1, 9)), [-1, *[0] * 9]])
 def test_motions_stay_until_the_last_child_has_them(parent):
-    slots = memory.motion_slots(parent)
+    slots = plan.motion_slots(parent)
     for i in range(len(parent)):
         held = {slots[p + 1] for p in parent[i:] if p < i}  # of bodies that still have children, the parent among them
         assert slots[i + 1] not in held

@@ -9,8 +9,8 @@ from jounce.dynamics.computation import Computation
 from jounce.errors import JounceWarning
 from jounce.native import forms, jit
 from jounce.native import kernel as module
-from jounce.native.scope import LongCompilationError
-from jounce.native.target import host
+from jounce.native.jit import host
+from jounce.native.plan import LongCompilationError
 from jounce.robot import dispatch
 
 
@@ -23,7 +23,7 @@ def chain(nb, kinds=("revolute", "prismatic"), seed=3):
 @pytest.fixture
 def compilations(monkeypatch, tmp_path):
     """A list that grows with every module that is compiled, the cache being empty and callers impatient."""
-    done, assembled = [], jit.assembled
+    done, assembled = [], jit.assemble
     monkeypatch.setattr(module.jit, "assembled", lambda *given: done.append(given) or assembled(*given))
     monkeypatch.setenv("JOUNCE_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(dispatch, "PATIENCE", 0.01)

@@ -11,12 +11,12 @@ from robots import loads, mechanisms, random_state, relative_error
 import jounce
 from jounce.dynamics.computation import Computation
 from jounce.native import forms
-from jounce.program.passes import factored, fused
-from jounce.program.program import FREE, OPERATIONS, ordered
+from jounce.program.passes import factor, fuse
+from jounce.program.program import FREE, OPERATIONS, topological_order
 from jounce.program.trace import Tape
 from jounce.spatial.series import Series, columns
 
-PASSES = {"traced": lambda program: program, "factored": factored, "fused": lambda program: fused(factored(program))}
+PASSES = {"traced": lambda program: program, "factored": factor, "fused": lambda program: fuse(factor(program))}
 
 
 def traced(mechanism, order, loaded):
@@ -40,9 +40,9 @@ def test_the_iiwa_takes_no_more_operations_than_measured(order, operations):
     """A guard of the economy of recursion, trace and factoring, sines and cosines among the operations."""
     program = forms.program(jounce.load("iiwa14").mechanism, Computation("inverse_dynamics", order))
     assert program.operations <= operations
-    counts = fused(program).counts()
+    counts = fuse(program).counts()
     assert (counts["sin"], counts["cos"]) == (7, 7) or (counts["sin"], counts["cos"]) == (6, 6)
-    assert fused(program).operations < 0.8 * operations
+    assert fuse(program).operations < 0.8 * operations
 
 
 @given(mechanisms(), st.integers(0, 3), st.booleans())
@@ -58,7 +58,7 @@ def test_programs_of_random_mechanisms_give_the_forces_after_every_pass(drawn, o
         found = np.reshape(passed.run(inputs), (order + 1, -1))
         for Q, Q_k in zip(found, expected, strict=True):
             assert relative_error(Q, Q_k[:, 0]) < 1e-12, name
-    assert factored(program).operations <= program.operations
+    assert factor(program).operations <= program.operations
 
 
 @st.composite
@@ -143,9 +143,9 @@ def test_equal_expressions_are_one_step_and_an_equal_node():
 
 def test_what_the_outputs_need_comes_once_and_operands_first():
     operands = {0: (), 1: (0,), 2: (0, 1), 3: (2, 2), 4: (3,), 5: ()}
-    assert list(ordered([3, 1, 3], operands.__getitem__)) == [0, 1, 2, 3]
-    assert list(ordered([5, 4], operands.__getitem__)) == [5, 0, 1, 2, 3, 4]
-    assert list(ordered([], operands.__getitem__)) == []
+    assert list(topological_order([3, 1, 3], operands.__getitem__)) == [0, 1, 2, 3]
+    assert list(topological_order([5, 4], operands.__getitem__)) == [5, 0, 1, 2, 3, 4]
+    assert list(topological_order([], operands.__getitem__)) == []
 
 
 def everything():

@@ -13,7 +13,7 @@ from jounce._scalars import Array, is_symbolic
 from jounce.dynamics.computation import Shape
 from jounce.errors import JounceError
 from jounce.model.mechanism import DATA, Mechanism
-from jounce.model.parameters import own_values, parametrised
+from jounce.model.parameters import own_values, parametrise
 from jounce.spatial.lie import pose, rotation
 
 
@@ -32,7 +32,7 @@ class Parametric:
     def mechanism(self, values: Mapping[str, Array]) -> Mechanism:
         """The mechanism of values, numbers or nodes of a tape: an array for each of the parameters."""
         found = {name: value.item() for name, value in values.items() if name not in self.own}
-        return parametrised(
+        return parametrise(
             substituted(self.origin, found), self.asked, lambda name, shape: values[name].reshape(shape)
         )[0]
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from jounce.program.operations import FUNCTIONS, LEAVES
-from jounce.program.program import Program, ordered
+from jounce.program.program import Program, topological_order
 
 WIDEST = 5  # operations in a statement
 WHOLE = 3000  # statements, up to which a program is one function: compilers take a second
@@ -58,7 +58,7 @@ def schedule(program: Program) -> Schedule:
     """The statements of a program."""
     stated = _stated(program)
     functions = sorted((i for i in stated if is_function(program.steps[i].kind)), key=lambda i: _angle(program, i))
-    order = ordered([*functions, *stated], lambda i: program.steps[i].operands)
+    order = topological_order([*functions, *stated], lambda i: program.steps[i].operands)
     statements = [i for i in order if i in stated]
     size = PART if len(statements) > WHOLE else len(statements)
     cuts = range(0, len(statements), size) if statements else [0]

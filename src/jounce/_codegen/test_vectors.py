@@ -9,7 +9,7 @@ from jounce._codegen.function import Function
 from jounce._codegen.parametric import Parametric
 from jounce.checks.magnitudes import magnitudes, scale
 from jounce.dynamics.computation import Port
-from jounce.model.mechanism import in_extended_precision
+from jounce.model.mechanism import with_extended_precision
 from jounce.robot.generic import computed
 
 WORK = 100  # bodies times states: the closed form is dense
@@ -66,7 +66,7 @@ def vectors(
     results, sizes = [], []
     for k in range(0, count, batch):
         values = {name: np.asarray(x[k].astype(np.longdouble), dtype=object) for name, x in parameters.items()}
-        mechanism = in_extended_precision(robot.mechanism(values))
+        mechanism = with_extended_precision(robot.mechanism(values))
         states = {name: x[k : k + batch].astype(np.longdouble) for name, x in inputs.items()}
         results.append(computed(function.computation, method, mechanism, list(states.values())))
         sizes.append(magnitudes(mechanism, function.computation, list(states.values())))

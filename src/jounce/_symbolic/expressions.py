@@ -14,7 +14,7 @@ from jounce._symbolic.terms import Printer
 from jounce._symbolic.trig_polynomial import TrigPolynomial, Variables
 from jounce.dynamics.quantities import Law, Quantity, State
 from jounce.errors import at
-from jounce.model.mechanism import DATA, Mechanism, in_whole_numbers
+from jounce.model.mechanism import DATA, Mechanism, with_exact_integers
 from jounce.spatial.series import Series, rate_name
 
 WORK = 1_000_000  # operations on terms, the limit for one matrix: some seconds, some ten thousand terms
@@ -76,7 +76,7 @@ class Expressions:
 
     def _friction(self, law: Law) -> Series:
         """What Coulomb friction adds, in SymPy's own functions."""
-        mechanism = replace(in_whole_numbers(self.mechanism), acting=(FRICTION,))
+        mechanism = replace(with_exact_integers(self.mechanism), acting=(FRICTION,))
         q = self.symbols["q"].map(lambda x: np.array(x.tolist(), dtype=object))
         return law(mechanism, State(q)).map(lambda x: _sympy(list(x.flat), x.shape))
 

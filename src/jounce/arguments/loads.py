@@ -15,14 +15,14 @@ from jounce.spatial.series import rate_name
 AXES = ("world", "body")
 
 
-def checked(force: object, torque: object, order: int, q: Sequence[Array]) -> list[Array]:
+def load_of(force: object, torque: object, order: int, q: Sequence[Array]) -> list[Array]:
     """The load (torque; force), (..., 1, 6), and its rates up to `order`, from a caller's data at the states `q`."""
     torques, forces = _rates(torque, "torque", order, q), _rates(force, "force", order, q)
     both = (broadcast(pair, [1, 1], ["torque", "force"]) for pair in zip(torques, forces, strict=True))
     return [concatenate(pair, axis=-1)[..., None, :] for pair in both]
 
 
-def checked_place(axes: str, point: object) -> Array:
+def place_of(axes: str, point: object) -> Array:
     """The point (3,) where a load acts, the link's origin if None; the axes are checked beside it."""
     one_of("frame of a load", axes, AXES)
     p = np.zeros(3, dtype=int) if point is None else asarray(point, "point")

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import FLOAT, Array, asarray, broadcast, element, is_scalar, is_symbolic, namespace, whole
+from jounce._scalars import FLOAT, Array, asarray, broadcast, element, exact_integers, is_scalar, is_symbolic, namespace
 from jounce.arguments import names
 from jounce.errors import JounceError, at, quoted
 from jounce.model.mechanism import Mechanism
@@ -29,7 +29,7 @@ def rates_in(given: object) -> tuple[Any, ...] | None:
     return given if isinstance(given, tuple) and not (given and all(map(is_scalar, given))) else None
 
 
-def checked(given: Sequence[Any], least: int, mechanism: Mechanism) -> list[Array]:
+def rates_of(given: Sequence[Any], least: int, mechanism: Mechanism) -> list[Array]:
     """The coordinates and their rates as arrays (..., n): at least `least` of them, none skipped."""
     terms = list(given)
     while len(terms) > least and terms[-1] is None:
@@ -77,6 +77,6 @@ def _by_name(term: Any, mechanism: Mechanism) -> Array:
     names.check(named, joints, names.followers(mechanism))
     parts = [element(named[joint], repr(joint)) for joint in joints]
     if any(map(is_symbolic, parts)):
-        parts = [part if is_symbolic(part) else whole(part) for part in parts]
+        parts = [part if is_symbolic(part) else exact_integers(part) for part in parts]
     parts = broadcast(parts, [0] * len(parts), [repr(joint) for joint in joints])
     return namespace(*parts).stack(parts, axis=-1)

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jounce._scalars import Array, asarray, broadcast, is_symbolic, whole
+from jounce._scalars import Array, asarray, broadcast, exact_integers, is_symbolic
 from jounce.arguments.rates import is_unbatched, rates_in
 from jounce.errors import JounceError, quoted
 from jounce.model.mechanism import Mechanism
@@ -16,7 +16,7 @@ from jounce.spatial.lie import Ad, inverse
 from jounce.spatial.series import rate_name
 
 
-def checked(mechanism: Mechanism, wrench: object, order: int, q: Sequence[Array]) -> list[Array]:
+def wrenches_of(mechanism: Mechanism, wrench: object, order: int, q: Sequence[Array]) -> list[Array]:
     """W and its rates up to `order`, at the states `q`; no arrays where `wrench` is None."""
     if wrench is None:
         return []
@@ -61,7 +61,7 @@ def _from_names(mechanism: Mechanism, W: Mapping[str, object], label: str, at_on
                 f" for {mechanism.nb} wrenches in turn make a batch of the state, q[None]"
             )
         if frame.body >= 0:  # a wrench between the ground and its environment moves nothing
-            T = whole(frame.T) if is_symbolic(array) else frame.T
+            T = exact_integers(frame.T) if is_symbolic(array) else frame.T
             local = Ad(inverse(T)).mT @ array[..., None]
             parts.append(np.eye(mechanism.nb, dtype=int)[frame.body][:, None] * local[..., None, :, 0])
     return sum(broadcast(parts, [2] * len(parts), ["bodies", *(f"{label}[{quoted(name)}]" for name in W)]))

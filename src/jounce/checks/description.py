@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.checks.audit import audit
+from jounce.audit import audit
 from jounce.model.coordinates import coordinate_units
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia

@@ -79,7 +79,7 @@ def _moments(bodies: list[dict[str, Any]]) -> list[str]:
 
 
 def _findings(findings: list[dict[str, Any]]) -> list[str]:
-    from jounce.checks.audit import Finding
+    from jounce.audit import Finding
 
     lines = [""]
     for finding in (Finding(**data) for data in findings):

@@ -1,19 +1,50 @@
-"""The robot that a verb is asked about: the argument ROBOT, and the options that say how it is loaded."""
+"""What commands are asked about: a file or a bundled name, offered by the shell's completion, and options of robots."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.shell_completion import CompletionItem
 
-from jounce.cli.names import ROBOT
 from jounce.errors import JounceError, quoted
 
 if TYPE_CHECKING:
     from jounce.robot import Robot
 
+
+class FileOrName(click.ParamType):  # type: ignore[type-arg] # generic for mypy alone
+    """A path, or one of the names that come with jounce; which of them exists is found out where it is read."""
+
+    def __init__(self, kind: str, names: Callable[[], Iterable[str]]) -> None:
+        self.name, self.names = kind, names
+
+    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """The path; a bundled name is one too."""
+        return Path(value)
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """The names that begin so, and the shell's own completion of files."""
+        names = [CompletionItem(name) for name in self.names() if name.startswith(incomplete)]
+        return [*names, CompletionItem(incomplete, type="file")]
+
+
+def _robots() -> Iterable[str]:
+    from jounce.io.bundled import BUNDLED
+
+    return BUNDLED
+
+
+def _motions() -> Iterable[str]:
+    from jounce.io.motions import BUNDLED
+
+    return BUNDLED
+
+
+ROBOT = FileOrName("robot", _robots)
+MOTION = FileOrName("motion", _motions)
 ALL = "all"  # drives
 
 
@@ -86,7 +117,7 @@ def _pairs(option: str, given: Sequence[str]) -> dict[str, str]:
 
 
 def _held(given: Sequence[str]) -> dict[str, float]:
-    from jounce.io.files import finite
+    from jounce._scalars import finite
 
     numbers = {name: finite(value) for name, value in _pairs("--lock", given).items()}
     for text, number in zip(given, numbers.values(), strict=True):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.names import ROBOT
+from jounce.cli.options import ROBOT
 from jounce.cli.output import straight_columns
 from jounce.errors import no_such
 

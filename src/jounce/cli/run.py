@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.names import MOTION
-from jounce.cli.options import Asked, on_robot
+from jounce.cli.options import MOTION, Asked, on_robot
 from jounce.cli.output import progress, straight_columns, tell
 from jounce.errors import JounceError, shortened
 
@@ -30,7 +29,7 @@ MOTION is a table with a column t and, matched by joint name in any order,
      NAME.q3d, NAME.q4d          order 0 q to q2d
 and, if wrenches act, BODY.mx .. BODY.fz: what the body exerts, in its own
   axes, as samples or with rates BODY.fxd, BODY.fx2d ...
-or a YAML of analytic terms per joint, whose rates are exact:
+or a YAML file with analytic terms per joint, whose rates are exact:
   time: {start: 0, stop: 5, count: 1001}
   joints:
     joint1: {offset: 0.5, cosines: [{amplitude: 1, frequency: 2, phase: 0}]}
@@ -46,8 +45,11 @@ OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all their digits.
 @click.argument("motion", type=MOTION)
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Table to write: .csv or .npz.")
 @click.option("--order", default=2, show_default=True, type=click.IntRange(0), help="Highest time derivative of Q.")
-@click.option("--degree", default=7, show_default=True, help="Of the spline of samples: 5 or 7.")
-@click.option("--intervals", type=int, help="Fit the spline with so many, for measured samples; else through all.")
+@click.option("--degree", default=7, show_default=True, help="Spline degree for sampled motions: 5 or 7.")
+@click.option(
+    "--intervals", type=int, metavar="N",
+    help="Least-squares fit with N intervals (measured data); default: interpolate every sample.",
+)  # fmt: skip
 @click.option("--method", default=None, help="kernel (native code, the default), recursion, closed_form or paper.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(

@@ -9,9 +9,10 @@ from typing import TextIO
 
 import numpy as np
 
+from jounce._scalars import finite
 from jounce.errors import JounceError, one_line, quoted
 from jounce.io.columns import Columns, check_distinct
-from jounce.io.files import finite, opened
+from jounce.io.files import opened
 
 CELLS = 1 << 16  # in a piece
 Row = tuple[int, list[str]]  # its line, its cells

@@ -1,6 +1,5 @@
 """Files and the numbers in them, as every reader takes them."""
 
-import math
 import os
 import stat
 from collections.abc import Iterator
@@ -8,8 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
+from jounce._parts import part_in, remove_abandoned
 from jounce.errors import JounceError, one_line, quoted
-from jounce.io.parts import part_in, remove_abandoned
 
 
 def check_readable(path: Path) -> None:
@@ -106,14 +105,3 @@ def path_of(given: str | os.PathLike[str]) -> Path:
     except Exception as error:  # half a character, a home of nobody, and whatever a foreign path raises
         raise JounceError(f"{quoted(given)} is not a path: {one_line(error)}") from None
     return path
-
-
-def finite(text: str) -> float | None:
-    """The finite decimal number that a text is, or None; 1_000 and digits of other scripts are none here."""
-    if "_" in text or not text.isascii():
-        return None
-    try:
-        number = float(text)
-    except ValueError:
-        return None
-    return number if math.isfinite(number) else None

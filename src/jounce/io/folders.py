@@ -4,9 +4,9 @@ import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
+from jounce._parts import part_in, remove_abandoned
 from jounce.errors import JounceError, listed
 from jounce.io.files import check_writable, mode_of
-from jounce.io.parts import part_in, remove_abandoned
 
 
 def check_folder(folder: Path, mark: str, names: list[str], force: bool) -> None:

@@ -149,7 +149,7 @@ def _call(build: Callable[..., Mechanism], parameters: dict[str, object], what: 
 
 
 def _warn_of_inertias(mechanism: Mechanism, path: Path) -> None:
-    from jounce.checks.audit import impossible
+    from jounce.audit import impossible
 
     found = impossible(mechanism) if is_numeric(mechanism.M) else []
     if found:

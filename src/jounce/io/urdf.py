@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
+from jounce._scalars import finite
 from jounce.errors import JounceError, no_such, one_line, quoted, shortened
 from jounce.io.doctype import refuse_declarations
-from jounce.io.files import finite, read_bytes
+from jounce.io.files import read_bytes
 from jounce.io.orientation import direction, from_rpy
 from jounce.model import tree
 from jounce.model.mechanism import GRAVITY, Mechanism

@@ -1,9 +1,9 @@
 """Equivalent mechanisms: passes from mechanism to mechanism that leave the generalized forces as they are.
 
-`aligned` puts every body frame on its joint axis, z along it; `slid` slides the origins along the axes until offsets
-vanish; `base_parameters` gives each parent the inertia that a joint cannot feel. After all three (`minimal`) the
-recursion needs the fewest operations. The Coriolis matrix survives the first two (`on_axes`), not the third: it tells
-where inertia sits, not only what it does. Body order, coordinates, names and gravity stay.
+`align_frames` puts every body frame on its joint axis, z along it; `slide_origins` slides the origins along the axes
+until offsets vanish; `base_parameters` gives each parent the inertia that a joint does not transmit. After all three
+(`minimal`) the recursion needs the fewest operations. The Coriolis matrix survives the first two (`on_axes`), not the
+third: it depends on where inertia is, not only on what it does. Body order, coordinates, names and gravity stay.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ import numpy as np
 
 from jounce._scalars import Array, concatenate, is_symbolic, is_zero
 from jounce.errors import JounceError
-from jounce.model.mechanism import Mechanism, in_whole_numbers, reference_poses
+from jounce.model.mechanism import Mechanism, reference_poses, with_exact_integers
 from jounce.spatial import inertia
 from jounce.spatial.lie import Ad, hat, inverse, pose, position, rotation
 
@@ -23,7 +23,7 @@ _I = np.eye(3, dtype=int)
 _Z = _I[:, 2:]
 
 
-def reframed(mechanism: Mechanism, T: Sequence[Array]) -> Mechanism:
+def reframe(mechanism: Mechanism, T: Sequence[Array]) -> Mechanism:
     """The same mechanism with the frame of body i placed at the pose T_i in its old frame."""
     back = [inverse(t) for t in T]
     ads = [Ad(t) for t in T]
@@ -39,28 +39,28 @@ def reframed(mechanism: Mechanism, T: Sequence[Array]) -> Mechanism:
 
 
 @lru_cache(maxsize=64)
-def moves(old: Mechanism, new: Mechanism) -> Array:
+def frame_shifts(old: Mechanism, new: Mechanism) -> Array:
     """T_i, where the frame of body i in `new` lies in its frame in `old`: (nb, 4, 4)."""
     both = zip(reference_poses(old), reference_poses(new), strict=True)
     return np.stack([_exact(inverse(a) @ b) for a, b in both])
 
 
-def aligned(mechanism: Mechanism) -> Mechanism:
+def align_frames(mechanism: Mechanism) -> Mechanism:
     """Every body frame on its joint axis: X_i = (0, 0, 1, 0, 0, h) or, prismatic, (0, 0, 0, 0, 0, 1)."""
     placed = [_on_axis(x) for x in mechanism.X]
-    new = reframed(mechanism, [T for T, _ in placed])
+    new = reframe(mechanism, [T for T, _ in placed])
     B = concatenate([concatenate([_exact(rotation(new.B)), position(new.B)], axis=-1), new.B[:, 3:, :]], axis=-2)
     return replace(new, B=B, X=np.stack([X for _, X in placed]))
 
 
-def slid(mechanism: Mechanism) -> Mechanism:
+def slide_origins(mechanism: Mechanism) -> Mechanism:
     """Origins of aligned frames slid along their axes (a prismatic joint's anywhere), so that offsets vanish."""
     T: list[Array] = []
     for B, X, p in zip(mechanism.B, mechanism.X, mechanism.parent, strict=True):
         R = rotation(B)
         offset = R.mT @ (position(B) if p < 0 else position(B) - position(T[p]))  # of this origin, in its own axes
         T.append(pose(_I, -(offset if is_zero(X[2]) else _Z * offset[2:])))
-    return reframed(mechanism, T)
+    return reframe(mechanism, T)
 
 
 def base_parameters(mechanism: Mechanism) -> Mechanism:
@@ -78,14 +78,14 @@ def base_parameters(mechanism: Mechanism) -> Mechanism:
         M[i] = inertia.from_moments((1 - of_m) * m, (1 - of_h) * h, (1 - of_P) * P)
         p = mechanism.parent[i]
         if p >= 0:
-            M[p] = M[p] + inertia.moved(inertia.from_moments(of_m * m, of_h * h, of_P * P), mechanism.B[i])
+            M[p] = M[p] + inertia.shift_inertia(inertia.from_moments(of_m * m, of_h * h, of_P * P), mechanism.B[i])
     return replace(mechanism, M=np.stack(M))
 
 
 @lru_cache(maxsize=64)
 def on_axes(mechanism: Mechanism) -> Mechanism:
     """The same bodies in the frames with the most zeros in them: aligned and slid."""
-    return _as_given(slid(aligned(mechanism)))
+    return _as_given(slide_origins(align_frames(mechanism)))
 
 
 @lru_cache(maxsize=64)
@@ -95,7 +95,7 @@ def minimal(mechanism: Mechanism) -> Mechanism:
 
 
 def _as_given(mechanism: Mechanism) -> Mechanism:
-    return in_whole_numbers(mechanism) if is_symbolic(mechanism.B) else mechanism
+    return with_exact_integers(mechanism) if is_symbolic(mechanism.B) else mechanism
 
 
 def _on_axis(X: Array) -> tuple[Array, Array]:

@@ -60,7 +60,7 @@ def _without(mechanism: Mechanism, still: list[bool]) -> Mechanism:
             B.append(at_zero)
             parent.append(carrier.body)
         if places[i].body >= 0:
-            M[places[i].body] += inertia.moved(mechanism.M[i], places[i].T)
+            M[places[i].body] += inertia.shift_inertia(mechanism.M[i], places[i].T)
     merged = [places[i] for i, welded in enumerate(still) if welded]
     moved = [Frame(f.name, places[f.body].body, places[f.body].T @ f.T) for f in mechanism.frames]
     return replace(

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import Array, is_numeric, is_symbolic, whole
+from jounce._scalars import Array, exact_integers, is_numeric, is_symbolic
 from jounce.errors import one_of
 from jounce.model.drives import Drives
 
@@ -161,13 +161,13 @@ class Mechanism:
 
 
 @lru_cache(maxsize=64)
-def in_whole_numbers(mechanism: Mechanism) -> Mechanism:
+def with_exact_integers(mechanism: Mechanism) -> Mechanism:
     """The same mechanism to calculate with symbols: whole numbers are integers, so that they leave no 1.0 behind."""
-    return _converted(mechanism, whole)
+    return _converted(mechanism, exact_integers)
 
 
 @lru_cache(maxsize=64)
-def in_extended_precision(mechanism: Mechanism) -> Mechanism:
+def with_extended_precision(mechanism: Mechanism) -> Mechanism:
     """The same mechanism to calculate with long doubles: what is derived from its data is not rounded to doubles."""
     return _converted(mechanism, lambda array: array.astype(np.longdouble))
 
@@ -179,12 +179,12 @@ def _converted(mechanism: Mechanism, convert: Callable[[Array], Array]) -> Mecha
     return replace(mechanism, frames=frames, drives=drives, **data)
 
 
-def suited(mechanism: Mechanism, arrays: Sequence[Array]) -> Mechanism:
+def cast_model(mechanism: Mechanism, arrays: Sequence[Array]) -> Mechanism:
     """The mechanism with data of the kind that states and wrenches of these scalar types go with."""
     if any(map(is_symbolic, arrays)):
-        return in_whole_numbers(mechanism)
+        return with_exact_integers(mechanism)
     if any(is_numeric(x) and x.dtype == np.longdouble for x in arrays):
-        return in_extended_precision(mechanism)
+        return with_extended_precision(mechanism)
     return mechanism
 
 

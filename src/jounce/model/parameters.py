@@ -9,9 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from jounce._scalars import Array, is_zero, whole
+from jounce._scalars import Array, exact_integers, is_zero
 from jounce.errors import JounceError, no_such, quoted
-from jounce.model.mechanism import Frame, Mechanism, in_whole_numbers
+from jounce.model.mechanism import Frame, Mechanism, with_exact_integers
 from jounce.spatial import inertia
 from jounce.spatial.lie import pose, rotation
 
@@ -20,7 +20,7 @@ PAYLOAD = {"mass": 1, "com": 3, "inertia": 6}  # what a payload consists of
 _POINT = np.diag([0, 0, 0, 1, 1, 1])  # the inertia matrix of 1 kg at the frame's origin
 
 
-def parametrised(
+def parametrise(
     mechanism: Mechanism, names: Sequence[str], symbol: Callable[[str, tuple[int, ...]], Array]
 ) -> tuple[Mechanism, dict[str, Array]]:
     """The mechanism with parts of its data replaced by symbols, and the symbols by name.
@@ -44,21 +44,23 @@ def parametrised(
     JounceError : where a name is unknown or comes twice, or a payload hangs on the ground.
     """
     symbols = {name: symbol(name, value.shape) for name, value in own_values(mechanism, names).items()}
-    B, M = whole(mechanism.B), whole(mechanism.M)
+    B, M = exact_integers(mechanism.B), exact_integers(mechanism.M)
     if "lengths" in symbols:
         B = pose(rotation(B), symbols["lengths"][..., None])
     if "masses" in symbols:
         M = np.stack([_of_mass(M_i, symbols["masses"][i : i + 1, None]) for i, M_i in enumerate(M)])
     for stem, frame in _payloads(mechanism, names).items():
         mass, com, six = (symbols[f"{stem}_{part}"] for part in PAYLOAD)
-        added = inertia.moved(inertia.inertia_matrix(mass, com, inertia.symmetric(six)), whole(frame.T))
+        added = inertia.shift_inertia(
+            inertia.inertia_matrix(mass, com, inertia.symmetric(six)), exact_integers(frame.T)
+        )
         M = M + np.eye(mechanism.nb, dtype=int)[frame.body][:, None, None] * added
     gravity = symbols.get("gravity", mechanism.gravity)
-    return in_whole_numbers(replace(mechanism, B=B, M=M, gravity=np.array(gravity))), symbols
+    return with_exact_integers(replace(mechanism, B=B, M=M, gravity=np.array(gravity))), symbols
 
 
 def own_values(mechanism: Mechanism, names: Sequence[str]) -> dict[str, np.ndarray]:
-    """The arrays that `parametrised` asks for, with the values that leave the mechanism as it is."""
+    """The arrays that `parametrise` asks for, with the values that leave the mechanism as it is."""
     own = {"gravity": mechanism.gravity, "masses": mechanism.M[:, 3, 3], "lengths": mechanism.B[:, :3, 3]}
     payloads = _payloads(mechanism, names)
     nothing = {f"{stem}_{part}": np.zeros(size) for stem in payloads for part, size in PAYLOAD.items()}
@@ -86,4 +88,4 @@ def _payloads(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Frame]:
 
 def _of_mass(M: Array, mass: Array) -> Array:
     """The inertia matrix of a body with another mass, (1, 1)."""
-    return M + mass * _POINT if is_zero(M[3, 3]) else mass * whole(M / M[3, 3])
+    return M + mass * _POINT if is_zero(M[3, 3]) else mass * exact_integers(M / M[3, 3])

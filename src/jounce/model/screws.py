@@ -8,7 +8,15 @@ import numpy as np
 from jounce._scalars import Array, asarray, is_finite, is_numeric, is_symbolic
 from jounce.errors import JounceError, one_line, one_of, quoted, several, shortened
 from jounce.model.drives import UNDRIVEN, Drives, drive_error
-from jounce.model.mechanism import GRAVITY, UNLIMITED, Limits, Mechanism, in_whole_numbers, limit_error, reference_poses
+from jounce.model.mechanism import (
+    GRAVITY,
+    UNLIMITED,
+    Limits,
+    Mechanism,
+    limit_error,
+    reference_poses,
+    with_exact_integers,
+)
 from jounce.spatial import inertia, lie
 
 UNIT_TOLERANCE = 1e-9  # how far a direction or rotation may be from unit length before it is taken for a mistake
@@ -51,7 +59,7 @@ def from_screws(
         drives=Drives(**_of_joints(drives, UNDRIVEN, drive_error, nb, "drive")),
         name=_text(name),
     )
-    return in_whole_numbers(built) if any(map(is_symbolic, data.values())) else built
+    return with_exact_integers(built) if any(map(is_symbolic, data.values())) else built
 
 
 def from_spatial_screws(A: Array, Y: Array, M: Array, parent: Sequence[int] | None = None, **data: Any) -> Mechanism:

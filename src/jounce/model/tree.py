@@ -95,7 +95,7 @@ def mechanism(
     M = np.zeros((len(movable), 6, 6))
     for link, frame in frames.items():
         if frame.body >= 0:
-            M[frame.body] += inertia.moved(by_name[link].M, frame.T)
+            M[frame.body] += inertia.shift_inertia(by_name[link].M, frame.T)
 
     G, g, coordinates = _coordinates(movable, ordered, joints)
     bodies = tuple(joint.child for joint in movable)

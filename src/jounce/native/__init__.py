@@ -1,6 +1,6 @@
 """Native code for one robot: the recursion traced once, its program compiled for this processor.
 
-`trace` runs a law on tracing scalars and keeps each distinct operation once; `program` is what it leaves: a list of
-operations; `factor` and `fuse` are passes over programs; `emit` writes them as LLVM IR over vectors of states, with
-sine and cosine of `functions`; `jit` compiles that for the host.
+A law is run on scalars that trace it, `jounce.program` is what that leaves, a list of operations, and has passes over
+it; `emit` writes them as LLVM IR over vectors of states, with the functions of `functions`; `jit` compiles that for the
+host.
 """

@@ -13,12 +13,12 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
+from jounce._parts import part_in, remove_abandoned
+from jounce._scalars import finite
 from jounce.dynamics.computation import Computation
 from jounce.errors import JounceError, quoted
-from jounce.io.files import finite
-from jounce.io.parts import part_in, remove_abandoned
 from jounce.model.mechanism import DATA, Mechanism
-from jounce.native.target import Target
+from jounce.native.jit import Target
 
 SUFFIX = ".kernel"
 LIMIT = 256  # MiB

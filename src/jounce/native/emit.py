@@ -9,14 +9,16 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from jounce.dynamics.computation import Port, Signature
-from jounce.native import functions, lanes, memory, pool
+from jounce.native import functions, lanes, plan, pool
 from jounce.native.ir import Writer
-from jounce.native.target import Target
+from jounce.native.jit import Target
 from jounce.program.operations import LEAVES, OPERATIONS, VectorFunction
 from jounce.program.program import Program
 
 
-def emitted(define_block: Callable[[Writer], None], signature: Signature, target: Target, of_bodies: int = 0) -> str:
+def module_text(
+    define_block: Callable[[Writer], None], signature: Signature, target: Target, of_bodies: int = 0
+) -> str:
     """The module of a kernel whose ``@block(in, out, bodies)`` works on one block of states in scratch memory."""
     ir = Writer(target)
     for define in functions.DEFINITIONS.values():
@@ -25,8 +27,8 @@ def emitted(define_block: Callable[[Writer], None], signature: Signature, target
     lanes.define_lanes(ir)
     define_block(ir)
     _define_blocks(ir, signature)
-    size = memory.call_size(signature, of_bodies, target.lanes)
-    define_states = _define_on_stack if size <= memory.STACK else pool.define_on_heap
+    size = plan.call_size(signature, of_bodies, target.lanes)
+    define_states = _define_on_stack if size <= plan.STACK else pool.define_on_heap
     define_states(ir, size)
     return ir.text()
 
@@ -44,13 +46,13 @@ def define_block(ir: Writer, program: Program, signature: Signature) -> None:
         for port, mask in zip(signature.outputs, nan_masks(ir, signature, add_zeros), strict=True):
             for j in range(port.start, port.end):
                 results[program.outputs[j]].append((j, mask))
-        for i, value in written_steps(ir, program, lambda i: ir.load(ir.at("%in", i, ir.V))):
+        for i, value in emit_steps(ir, program, lambda i: ir.load(ir.at("%in", i, ir.V))):
             for j, mask in results[i]:  # at once, so that no register waits
                 ir.store(ir.op("add", value, mask), ir.at("%out", j, ir.V))
         ir.do("ret void")
 
 
-def written_steps(ir: Writer, program: Program, read: Callable[[int], str]) -> Iterator[tuple[int, str]]:
+def emit_steps(ir: Writer, program: Program, read: Callable[[int], str]) -> Iterator[tuple[int, str]]:
     """Write the steps of a program in their order; each and the name of its value as soon as it is written."""
     steps, called = program.steps, _called(program)
     pairs = sorted({(called[i].name, steps[i].operands[0]) for i in called if called[i].result is not None})

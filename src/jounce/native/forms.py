@@ -6,14 +6,13 @@ from math import inf
 import numpy as np
 
 from jounce.dynamics.computation import Computation, Signature
-from jounce.model.mechanism import Mechanism, in_whole_numbers
+from jounce.model.mechanism import Mechanism, with_exact_integers
 from jounce.native import emit, loop
 from jounce.native.ir import Writer
+from jounce.native.jit import Target
 from jounce.native.loop_steps import Sweeps, kinds
-from jounce.native.memory import vectors_of_bodies
-from jounce.native.scope import LongCompilationError, is_straight
-from jounce.native.target import Target
-from jounce.program.passes import factored, fused
+from jounce.native.plan import LongCompilationError, is_straight, vectors_of_bodies
+from jounce.program.passes import factor, fuse
 from jounce.program.program import Program
 from jounce.program.trace import Tape, TapeFullError
 
@@ -32,7 +31,7 @@ def module(mechanism: Mechanism, computation: Computation, target: Target, patie
     """
     signature = computation.signature(mechanism.n, mechanism.nb)
     of_bodies = vectors_of_bodies(computation, mechanism.parent)
-    return emit.emitted(_block(mechanism, computation, signature, patience), signature, target, of_bodies)
+    return emit.module_text(_block(mechanism, computation, signature, patience), signature, target, of_bodies)
 
 
 def program(mechanism: Mechanism, computation: Computation, tape: Tape | None = None) -> Program:
@@ -42,8 +41,8 @@ def program(mechanism: Mechanism, computation: Computation, tape: Tape | None = 
     """
     tape = Tape() if tape is None else tape
     arrays = [tape.variables(*port.shape) for port in computation.signature(mechanism.n, mechanism.nb).inputs]
-    results = computation.series("recursion", in_whole_numbers(mechanism), arrays).upto(computation.order)
-    return factored(tape.program([x for result in results for x in np.ravel(result)]))
+    results = computation.series("recursion", with_exact_integers(mechanism), arrays).upto(computation.order)
+    return factor(tape.program([x for result in results for x in np.ravel(result)]))
 
 
 def _block(
@@ -57,7 +56,7 @@ def _block(
         acting = tuple(term for term in mechanism.acting if term in computation.quantity.drive_terms)
         return lambda ir: loop.define_block(ir, mechanism, Sweeps(computation, acting), signature)
     try:
-        steps = fused(program(mechanism, computation, Tape(patience / OPERATION)))
+        steps = fuse(program(mechanism, computation, Tape(patience / OPERATION)))
     except TapeFullError:
         raise LongCompilationError from None
     return lambda ir: emit.define_block(ir, steps, signature)

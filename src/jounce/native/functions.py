@@ -7,10 +7,11 @@ makes NaN of inf and NaN. They hold 0 meanwhile, so that nothing overflows and n
 
 ``tanh |x| = -e / (2 + e)`` with ``e = exp(-2 |x|) - 1``. The exponent is ``k ln 2 + r``, ln 2 in two parts of which the
 first is so short that its multiples are exact; a polynomial does exp(r) - 1, its Taylor coefficients, as |r| < 0.35.
-Beyond 20 the tangent is 1 to the last bit: larger numbers, and NaN, are taken for 20, so that nothing overflows.
+Beyond 20 the tangent is 1 to the last bit: larger numbers, and NaN, are taken for 20, so that nothing overflows; NaN is
+put back in the end.
 """
 
-from math import factorial
+from math import factorial, inf
 
 from jounce.native.ir import Writer, bits
 
@@ -105,7 +106,9 @@ def define_tanh(ir: Writer) -> None:
         e = ir.op("fma", power, rest, ir.op("sub", power, ir.vector(1.0)))  # 2^k (exp(r) - 1) + (2^k - 1)
         value = ir.let(f"fdiv {ir.V} {ir.op('neg', e)}, {ir.op('add', e, ir.vector(2.0))}")
         signed = ir.let(f"or {ir.I} {ir.let(f'bitcast {ir.V} {value} to {ir.I}')}, {sign}")
-        ir.do(f"ret {ir.V} {ir.let(f'bitcast {ir.I} {signed} to {ir.V}')}")
+        number = ir.let(f"icmp sle {ir.I} {size}, {ir.integers(bits(inf))}")
+        result = ir.let(f"select {ir.B} {number}, {ir.I} {signed}, {ir.I} {x}")
+        ir.do(f"ret {ir.V} {ir.let(f'bitcast {ir.I} {result} to {ir.V}')}")
 
 
 DEFINITIONS = {"sincos": define_sincos, "tanh": define_tanh}  # by the names under which native code calls them

@@ -4,7 +4,7 @@ import struct
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from jounce.native.target import Target
+from jounce.native.jit import Target
 from jounce.program.operations import OPERATIONS
 
 

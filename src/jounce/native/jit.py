@@ -1,11 +1,41 @@
-"""LLVM IR made into native code by llvmlite, kept in memory as long as someone holds it."""
+"""LLVM IR made into native code for this machine by llvmlite, and that into a generalized ufunc of NumPy.
+
+NumPy then does what it does well: broadcasting, casting, strides, `out`, letting other threads run meanwhile.
+"""
 
 import ctypes
+from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
-from jounce.native.target import Target
+import numpy as np
+
+from jounce.dynamics.computation import Signature
 
 Loop = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
+FROM_SIGNATURE = 31  # PyUFunc_FromFuncAndDataAndSignature's place in the table of NumPy's C interface, part of its ABI
+NO_IDENTITY = -1
+
+
+@dataclass(frozen=True)
+class Target:
+    """What a program is compiled for."""
+
+    cpu: str
+    features: str
+    lanes: int  # doubles in a vector
+    fma: bool
+
+
+@cache
+def host() -> Target:
+    """This machine's processor."""
+    import llvmlite.binding as llvm
+
+    features = llvm.get_host_cpu_features()
+    lanes = 8 if features.get("avx512f") else 4 if features.get("avx") else 2
+    fma = features.get("fma") or features.get("neon") or features.get("fp-armv8") or False
+    return Target(llvm.get_host_cpu_name(), features.flatten(), lanes, bool(fma))
 
 
 def _machine(target: Target) -> Any:
@@ -18,7 +48,7 @@ def _machine(target: Target) -> Any:
     return triple.create_target_machine(cpu=target.cpu, features=target.features, opt=2, jit=True)
 
 
-def assembled(text: str, target: Target) -> bytes:
+def assemble(text: str, target: Target) -> bytes:
     """The object code of a module."""
     import llvmlite.binding as llvm
 
@@ -28,7 +58,7 @@ def assembled(text: str, target: Target) -> bytes:
     return code.emit_object(module)
 
 
-def loaded(code: bytes, target: Target) -> tuple[int, Any]:
+def load_object(code: bytes, target: Target) -> tuple[int, Any]:
     """The address of ``@states`` in object code, and what must live as long as it is called."""
     import llvmlite.binding as llvm
 
@@ -37,3 +67,25 @@ def loaded(code: bytes, target: Target) -> tuple[int, Any]:
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     return engine.get_function_address("states"), engine
+
+
+def ufunc(address: int, signature: Signature, name: str, pool: int | None) -> tuple[np.ufunc, Any]:
+    """The ufunc of a loop at an address that is given the address of a pool, and what must live as long as it does."""
+    taken, given = ([port.shape for port in ports] for ports in (signature.inputs, signature.outputs))
+    count = len(taken) + len(given)
+    loops, data = (ctypes.c_void_p * 1)(address), (ctypes.c_void_p * 1)(pool)
+    types = ctypes.create_string_buffer(bytes([np.dtype(float).num] * count))
+    axes = "->".join(",".join(f"({','.join(map(str, shape))})" for shape in shapes) for shapes in (taken, given))
+    texts = name.encode(), b"", axes.encode()
+    made = _maker()(loops, data, types, 1, len(taken), len(given), NO_IDENTITY, *texts[:2], 0, texts[2])
+    return made, (loops, data, types, texts)
+
+
+def _maker() -> Any:
+    get = ctypes.pythonapi.PyCapsule_GetPointer
+    get.restype, get.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
+    table = get(np._core._multiarray_umath._UFUNC_API, None)  # type: ignore[attr-defined]
+    address = ctypes.c_void_p.from_address(table + FROM_SIGNATURE * ctypes.sizeof(ctypes.c_void_p)).value
+    text, integer, pointer = ctypes.c_char_p, ctypes.c_int, ctypes.c_void_p
+    kinds = [pointer, pointer, pointer, integer, integer, integer, integer, text, text, integer, text]
+    return ctypes.PYFUNCTYPE(ctypes.py_object, *kinds)(address or 0)

@@ -15,10 +15,9 @@ from jounce.arguments import names
 from jounce.dynamics.computation import Computation, Shape
 from jounce.errors import JounceError, one_line, quoted
 from jounce.model.mechanism import Mechanism
-from jounce.native import cache, jit, memory
+from jounce.native import cache, jit, plan
+from jounce.native.jit import host, ufunc
 from jounce.native.pool import Pool
-from jounce.native.target import host
-from jounce.native.ufunc import ufunc
 
 
 class Kernel:
@@ -31,20 +30,20 @@ class Kernel:
     Examples
     --------
     >>> import jounce, numpy as np
-    >>> kernel = jounce.load("iiwa14").compile("mass_matrix", order=1)
+    >>> kernel = jounce.load("iiwa14").compile(order=1)
     >>> kernel
-    <Kernel: mass_matrix of 'iiwa14' to order 1>
-    >>> M, Md = kernel(np.ones((1000, 7)), np.zeros(7))
-    >>> Md.shape
-    (1000, 7, 7)
+    <Kernel: inverse_dynamics of 'iiwa14' to order 1>
+    >>> Q, Qd = kernel(np.ones((1000, 7)), np.zeros(7), np.zeros(7), np.ones(7))
+    >>> Qd.shape
+    (1000, 7)
     """
 
     def __init__(self, mechanism: Mechanism, computation: Computation, patience: float = inf) -> None:
         self.mechanism, self.computation = mechanism, computation
         self.signature = computation.signature(mechanism.n, mechanism.nb)
-        self.address, engine = jit.loaded(_code(mechanism, computation, patience), host())
-        size = memory.scratch_size(computation, mechanism, host().lanes)
-        self._pool = Pool(size) if size > memory.STACK else None
+        self.address, engine = jit.load_object(_code(mechanism, computation, patience), host())
+        size = plan.scratch_size(computation, mechanism, host().lanes)
+        self._pool = Pool(size) if size > plan.STACK else None
         pool = None if self._pool is None else self._pool.address
         self._ufunc, needed = ufunc(self.address, self.signature, computation.name, pool)
         self._count = len(self.signature.inputs)
@@ -94,7 +93,7 @@ class Kernel:
                 results = self._ufunc(*arrays)
             else:
                 results = self._ufunc(*arrays, out=tuple(out) if isinstance(out, list) else out)
-        except JounceError:
+        except (JounceError, FloatingPointError):  # the latter where np.errstate asks for it
             raise
         except Exception as error:  # of NumPy, or whatever a foreign type raises in its conversion
             self._refuse_names(arrays)
@@ -224,6 +223,6 @@ def _code(mechanism: Mechanism, computation: Computation, patience: float) -> by
     if code is None:
         from jounce.native.forms import module  # what a warm cache spares
 
-        code = jit.assembled(module(mechanism, computation, target, patience), target)
+        code = jit.assemble(module(mechanism, computation, target, patience), target)
         cache.write(key, code)
     return code

@@ -16,7 +16,7 @@ from jounce.dynamics.recursion.forces import ground, sweep
 from jounce.dynamics.recursion.steps import Motion
 from jounce.model.equivalent import minimal
 from jounce.model.mechanism import Mechanism
-from jounce.native.emit import nan_masks, written_steps
+from jounce.native.emit import emit_steps, nan_masks
 from jounce.native.ir import Writer
 from jounce.native.loop_steps import (
     CARRY,
@@ -30,7 +30,7 @@ from jounce.native.loop_steps import (
     drive_table,
     kinds,
 )
-from jounce.native.memory import Layout, motion_slots
+from jounce.native.plan import Layout, motion_slots
 
 MEMORY = ("constants", "body", "parent", "motion", "carrier")  # what a step reads and writes
 
@@ -223,7 +223,7 @@ def _define_step(ir: Writer, name: str, step: JointStep) -> None:
                 return ir.splat(ir.let(f"load double, ptr {ir.at('%constants', place)}"))
             return ir.load(ir.at(f"%{memory}", place, ir.V))
 
-        values = dict(written_steps(ir, step.program, read))
+        values = dict(emit_steps(ir, step.program, read))
         results = [values[i] for i in step.program.outputs]
         for (memory, place), result in zip(step.writes, results, strict=True):
             ir.store(result, ir.at(f"%{memory}", place, ir.V))

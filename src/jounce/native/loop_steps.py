@@ -12,19 +12,12 @@ from jounce._scalars import is_zero
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.recursion.forces import ground
 from jounce.dynamics.recursion.joints import rows
-from jounce.dynamics.recursion.steps import (
-    AlignedJoint,
-    Force,
-    Moments,
-    Motion,
-    felt,
-    inward,
-)
+from jounce.dynamics.recursion.steps import AlignedJoint, Force, Moments, Motion, inward, joint_force
 from jounce.model import drives
-from jounce.model.equivalent import minimal, moves
+from jounce.model.equivalent import frame_shifts, minimal
 from jounce.model.mechanism import Mechanism
-from jounce.native.memory import Layout, body_layout, motion_layout, sweep_of
-from jounce.program.passes import factored, fused
+from jounce.native.plan import Layout, body_layout, motion_layout, sweep_of
+from jounce.program.passes import factor, fuse
 from jounce.program.program import Program
 from jounce.program.trace import Tape
 from jounce.spatial import inertia
@@ -76,7 +69,7 @@ class _Sheet:
 
     def step(self) -> JointStep:
         """What has been written."""
-        program = fused(factored(self.tape.program([x for _, _, x in self.outputs])))
+        program = fuse(factor(self.tape.program([x for _, _, x in self.outputs])))
         return JointStep(program, tuple(self.reads), tuple((memory, place) for memory, place, _ in self.outputs))
 
 
@@ -127,7 +120,7 @@ class Sweeps:
         joint, _ = _joint(sheet, kind)
         on, parents = (Force(sheet.read(memory, "f"), sheet.read(memory, "n")) for memory in ("body", "parent"))
         total = parents + inward(joint, on)
-        sheet.write("body", "Q", felt(joint, on))
+        sheet.write("body", "Q", joint_force(joint, on))
         sheet.write("parent", "f", total.f)
         sheet.write("parent", "n", total.n)
         return sheet.step()
@@ -183,5 +176,5 @@ def drive_table(mechanism: Mechanism) -> np.ndarray:
 
 def carry(mechanism: Mechanism) -> np.ndarray:
     """The numbers that move a wrench on each body to its joint's frame, as `CARRY` lists them."""
-    T = moves(mechanism, minimal(mechanism))
+    T = frame_shifts(mechanism, minimal(mechanism))
     return np.concatenate([rotation(T).reshape(-1, 9), position(T).reshape(-1, 3)], axis=1).astype(float)

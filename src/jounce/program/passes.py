@@ -1,9 +1,9 @@
-"""Passes over programs: `factored` groups products with a shared factor, `fused` fuses products with sums.
+"""Passes over programs: `factor` groups products with a shared factor, `fuse` fuses products with sums.
 
-`factored` flattens sums and builds them again by a x + a y = a (x + y). It takes apart only what is used once, so that
+`factor` flattens sums and builds them again by a x + a y = a (x + y). It takes apart only what is used once, so that
 nothing shared is computed twice.
 
-`fused` rounds x y + z once, where x y is used once. The choice is made here and not by a compiler, so that results are
+`fuse` rounds x y + z once, where x y is used once. The choice is made here and not by a compiler, so that results are
 the same wherever a state stands in a batch.
 """
 
@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from jounce.program.operations import OPERATIONS
-from jounce.program.program import Program, Step, needed
+from jounce.program.program import Program, Step, prune
 from jounce.program.trace import Node, Tape
 
 SUMS = ("add", "sub")
@@ -32,12 +32,12 @@ class _Term:
         return _Term(self.sign, tuple(rest))
 
 
-def factored(program: Program) -> Program:
+def factor(program: Program) -> Program:
     """The same outputs by fewer products."""
     return _Pass(program).result()
 
 
-def fused(program: Program) -> Program:
+def fuse(program: Program) -> Program:
     """The same outputs with fused operations where the host has them."""
     uses, steps = program.uses(), list(program.steps)
     for i, step in enumerate(steps):
@@ -48,7 +48,7 @@ def fused(program: Program) -> Program:
                 steps[i] = Step("fma" if step.kind == "add" else "fnma", (*steps[right].operands, left))
             elif left in lone:
                 steps[i] = Step("fma" if step.kind == "add" else "fms", (*steps[left].operands, right))
-    return needed(steps, program.outputs, program.inputs)
+    return prune(steps, program.outputs, program.inputs)
 
 
 class _Pass:

@@ -50,18 +50,18 @@ class Program:
         return Counter([*(i for step in self.steps for i in step.operands), *self.outputs])
 
 
-def needed(steps: Sequence[Step], outputs: Sequence[int], inputs: int) -> Program:
+def prune(steps: Sequence[Step], outputs: Sequence[int], inputs: int) -> Program:
     """The program of those steps that the outputs need.
 
     It begins with what the last outputs need, of the tip and the highest rate: fewer values then wait for their use.
     """
-    order = list(ordered(outputs[::-1], lambda i: steps[i].operands))
+    order = list(topological_order(outputs[::-1], lambda i: steps[i].operands))
     place = {old: new for new, old in enumerate(order)}
     kept = (replace(steps[i], operands=tuple(place[j] for j in steps[i].operands)) for i in order)
     return Program(tuple(kept), tuple(place[i] for i in outputs), inputs)
 
 
-def ordered(roots: Sequence[int], operands: Callable[[int], Sequence[int]]) -> Iterator[int]:
+def topological_order(roots: Sequence[int], operands: Callable[[int], Sequence[int]]) -> Iterator[int]:
     """All that the roots need, operands first, each once: depth first, in the order of the roots."""
     done: set[int] = set()
     stack = list(reversed(roots))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from jounce.program.operations import FUNCTIONS, OPERATIONS
-from jounce.program.program import Program, Step, needed
+from jounce.program.program import Program, Step, prune
 
 
 class Node:
@@ -153,7 +153,7 @@ class Tape:
     def program(self, outputs: Sequence[Any]) -> Program:
         """What the outputs need of the tape."""
         roots = [self.node(x).i for x in outputs]
-        return needed(self.steps, roots, self.inputs)
+        return prune(self.steps, roots, self.inputs)
 
 
 def _is(x: Node, value: float) -> bool:

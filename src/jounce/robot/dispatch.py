@@ -14,11 +14,11 @@ from jounce.dynamics.computation import Computation, Port, coordinate_ports
 from jounce.dynamics.loads import exerted
 from jounce.dynamics.quantities import FORCES, QUANTITIES
 from jounce.errors import JounceError, one_of, quoted, warn
-from jounce.model.mechanism import DATA, Mechanism, suited
-from jounce.native import memory
+from jounce.model.mechanism import DATA, Mechanism, cast_model
+from jounce.native import plan
+from jounce.native.jit import host
 from jounce.native.kernel import Kernel, compiled
-from jounce.native.scope import LongCompilationError, obstacle
-from jounce.native.target import host
+from jounce.native.plan import LongCompilationError, obstacle
 from jounce.robot.generic import batch_shape, checked_out, computed, evaluate, results_into
 from jounce.spatial.series import Series, columns
 
@@ -58,9 +58,9 @@ def compute(
 ) -> Any:
     """A quantity along given rates of the coordinates, by the first backend that accepts the call."""
     quantity = QUANTITIES[name]
-    q = rates.checked(given, quantity.rates, mechanism)
+    q = rates.rates_of(given, quantity.rates, mechanism)
     order = len(q) - quantity.rates
-    W = () if wrench is None else wrenches.checked(mechanism, wrench, order, q)
+    W = () if wrench is None else wrenches.wrenches_of(mechanism, wrench, order, q)
     if method is not None:
         one_of(f"method for {name}", method, [*quantity.methods, NATIVE])
     if body is not None or frame != "body":
@@ -74,8 +74,8 @@ def compute(
 
 def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str], out: Any) -> Any:
     """The forces of drive terms along given rates of the coordinates, whether or not they act."""
-    q = rates.checked(given, FORCES.rates, mechanism)
-    model, ports = suited(mechanism, q), coordinate_ports(mechanism.n, len(q), FORCES.rates)
+    q = rates.rates_of(given, FORCES.rates, mechanism)
+    model, ports = cast_model(mechanism, q), coordinate_ports(mechanism.n, len(q), FORCES.rates)
 
     def law(arrays: Sequence[Array]) -> Series:
         return drive_terms.forces(model, columns(arrays), terms).map(lambda Q: Q[..., 0])
@@ -87,9 +87,9 @@ def wrench_of_load(
     mechanism: Mechanism, given: Sequence[Any], body: str, force: Any, torque: Any, frame: str, point: Any
 ) -> Any:
     """The wrenches that bodies exert where a load acts on one of them, along given rates of the coordinates."""
-    q = rates.checked(given, 1, mechanism)
-    place, load = loads.checked_place(frame, point), loads.checked(force, torque, len(q) - 1, q)
-    model = suited(mechanism, [*q, *load])
+    q = rates.rates_of(given, 1, mechanism)
+    place, load = loads.place_of(frame, point), loads.load_of(force, torque, len(q) - 1, q)
+    model = cast_model(mechanism, [*q, *load])
     ports = [*coordinate_ports(model.n, len(q), 1), *(Port(f"load[{k}]", (1, 6), "load", k) for k in range(len(load)))]
 
     def law(arrays: Sequence[Array]) -> Series:
@@ -144,7 +144,7 @@ def _generic_refusal(call: Call) -> str | None:
 def _run_generic(call: Call) -> Any:
     """The results of a method's law on arrays of any scalar type."""
     method = call.method or next(iter(call.computation.quantity.methods))
-    model = suited(call.mechanism, call.arrays)
+    model = cast_model(call.mechanism, call.arrays)
     return results_into(computed(call.computation, method, model, call.arrays), call.out)
 
 
@@ -178,9 +178,9 @@ def native_obstacle(mechanism: Mechanism, computation: Computation) -> str | Non
         return "is for robots of numbers; this robot holds symbols"
     if not available():
         return "needs llvmlite, which cannot be imported"
-    size = memory.scratch_size(computation, mechanism, host().lanes)
-    if size > memory.LIMIT:
-        return f"works in up to {memory.LIMIT >> 20} MiB of scratch memory; this takes {size >> 20} MiB"
+    size = plan.scratch_size(computation, mechanism, host().lanes)
+    if size > plan.LIMIT:
+        return f"works in up to {plan.LIMIT >> 20} MiB of scratch memory; this takes {size >> 20} MiB"
     return None
 
 

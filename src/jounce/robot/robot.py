@@ -18,7 +18,7 @@ from jounce.robot.dispatch import compute
 from jounce.robot.overloads import typed
 
 if TYPE_CHECKING:
-    from jounce.checks.audit import Finding
+    from jounce.audit import Finding
     from jounce.motion import Motion
     from jounce.robot.along import Along
 
@@ -352,7 +352,7 @@ class Robot:
         >>> robot.joint_names == tuple(model.names)[1:]
         True
         """
-        from jounce.io.models import pinocchio  # what few programs need
+        from jounce.models import pinocchio  # what few programs need
 
         return cls(pinocchio.mechanism(model, gravity, base, root))
 
@@ -401,7 +401,7 @@ class Robot:
         >>> jounce.Robot.from_mujoco(model)
         <Robot 'm': 1 coordinates, 1 bodies>
         """
-        from jounce.io.models import mujoco  # what few programs need
+        from jounce.models import mujoco  # what few programs need
 
         return cls(mujoco.mechanism(model, gravity, base, root))
 
@@ -488,7 +488,7 @@ class Robot:
         note joint1, joint2: no effort limit on any joint
         note joint1, joint2: no velocity limit on any joint
         """
-        from jounce.checks.audit import audit  # what few programs need
+        from jounce.audit import audit  # what few programs need
 
         return audit(self.mechanism)
 

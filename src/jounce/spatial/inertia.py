@@ -7,7 +7,7 @@ moments P = integral of r r^T dm = tr(Theta)/2 I - Theta.
 
 import numpy as np
 
-from jounce._scalars import Array, asarray, broadcast, concatenate, is_numeric, is_symbolic, whole
+from jounce._scalars import Array, asarray, broadcast, concatenate, exact_integers, is_numeric, is_symbolic
 from jounce.errors import JounceError
 from jounce.spatial.lie import Ad, axial, hat, inverse
 
@@ -54,7 +54,7 @@ def inertia_matrix(mass: Array, com: Array, inertia_com: Array, rotation: Array 
     """
     m, c, theta = asarray(mass, "mass"), asarray(com, "com"), asarray(inertia_com, "inertia_com")
     if any(map(is_symbolic, (m, c, theta))):
-        m, c, theta = whole(m), whole(c), whole(theta)
+        m, c, theta = exact_integers(m), exact_integers(c), exact_integers(theta)
     for name, array, shape in (("com", c, (3,)), ("inertia_com", theta, (3, 3))):
         if array.shape[-len(shape) :] != shape:
             raise JounceError(f"{name} has shape {array.shape}; expected (..., {', '.join(map(str, shape))})")
@@ -88,7 +88,7 @@ def moments(M: Array) -> tuple[Array, Array, Array]:
     diagonal = [(t[1] + t[2]) - t[0], (t[0] + t[2]) - t[1], (t[0] + t[1]) - t[2]]
     P = concatenate([d / 2 for d in diagonal], axis=-1) * _I - theta * (1 - _I)
     h = axial(M[..., :3, 3:])[..., None] / 2
-    return (M[..., 3:4, 3:4], whole(h), whole(P)) if is_symbolic(M) else (M[..., 3:4, 3:4], h, P)
+    return (M[..., 3:4, 3:4], exact_integers(h), exact_integers(P)) if is_symbolic(M) else (M[..., 3:4, 3:4], h, P)
 
 
 def from_moments(m: Array, h: Array, P: Array) -> Array:
@@ -108,7 +108,7 @@ def moment_matrix(M: Array) -> Array:
     return concatenate([concatenate([P, h], axis=-1), concatenate([h.mT, m], axis=-1)], axis=-2)
 
 
-def moved(M: Array, C: Array) -> Array:
+def shift_inertia(M: Array, C: Array) -> Array:
     """The inertia matrix M of a frame placed at the pose C, seen from the frame in which C is given."""
     T = Ad(inverse(C))
     return T.mT @ M @ T

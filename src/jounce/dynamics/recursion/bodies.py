@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from jounce.dynamics.recursion.joints import Joint, joints, still
-from jounce.dynamics.recursion.sweeps import in_order
+from jounce.dynamics.recursion.joints import Joint, batch_zeros, joints
+from jounce.dynamics.recursion.sweeps import evaluate_in_order
 from jounce.model.mechanism import Mechanism, path_to
 from jounce.spatial.series import Series, from_rate, joined
 
@@ -42,6 +42,6 @@ def _outward(
     for i, joint in zip(bodies, joints(mechanism, q, bodies), strict=True):
         found[i] = step(joint, found[joint.parent])
     if body is not None:
-        return in_order(found[body] + still(q), found.values())
-    all_bodies = [(found[i] + still(q)).map(lambda x: x[..., None, :, :]) for i in bodies]
-    return in_order(joined(all_bodies, axis=-3), found.values())
+        return evaluate_in_order(found[body] + batch_zeros(q), found.values())
+    all_bodies = [(found[i] + batch_zeros(q)).map(lambda x: x[..., None, :, :]) for i in bodies]
+    return evaluate_in_order(joined(all_bodies, axis=-3), found.values())

@@ -12,22 +12,22 @@ from typing import Any, Protocol
 import numpy as np
 
 from jounce._scalars import Array
-from jounce.dynamics.recursion.joints import rows, still
+from jounce.dynamics.recursion.joints import batch_zeros, rows
 from jounce.dynamics.recursion.steps import (
     AlignedJoint,
     Force,
     Moments,
     Motion,
     aligned_joints,
-    felt,
     inertia_force,
     inward,
+    joint_force,
     outward,
     outward_at_rest,
 )
-from jounce.dynamics.recursion.sweeps import in_order
+from jounce.dynamics.recursion.sweeps import evaluate_in_order
 from jounce.model.coordinates import generalized_forces
-from jounce.model.equivalent import minimal, moves
+from jounce.model.equivalent import frame_shifts, minimal
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
 from jounce.spatial.lie import Ad
@@ -121,18 +121,18 @@ class _Series:
             self.on[i] = self.on[i] + self.wrenches[i]
 
     def hand_on(self, i: int) -> None:
-        self.Q[i] = felt(self.joints[i], self.on[i])
+        self.Q[i] = joint_force(self.joints[i], self.on[i])
         if (p := self.joints[i].parent) >= 0:
             self.on[p] = self.on[p] + inward(self.joints[i], self.on[i])
 
     def collect(self, i: int) -> None:
-        self.Q[i] = self.Q[i] + still(self.q)
+        self.Q[i] = self.Q[i] + batch_zeros(self.q)
 
     def forces(self) -> Series:
         """G^T Q of the joints, computed body by body."""
         Q = joined([self.Q[i] for i in range(self.chain.nb)], axis=-2)
         steps = [*(self.motions[i].a for i in self.outward()), *(self.on[i].n for i in self.inward())]
-        return generalized_forces(self.chain, in_order(Q, steps))
+        return generalized_forces(self.chain, evaluate_in_order(Q, steps))
 
 
 @lru_cache(maxsize=64)
@@ -143,7 +143,7 @@ def _moments(chain: Mechanism) -> list[Moments]:
 def _wrenches(old: Mechanism, chain: Mechanism, W: Series) -> list[Force]:
     """Forces and moments on the frames of `chain` from wrenches (moment; force) on those of `old`."""
     loads = []
-    for i, carry in enumerate(Ad(moves(old, chain)).mT):
+    for i, carry in enumerate(Ad(frame_shifts(old, chain)).mT):
         W_i = carry @ rows(W, 6 * i, 6 * i + 6)
         loads.append(Force(f=rows(W_i, 3, 6), n=rows(W_i, 0, 3)))
     return loads

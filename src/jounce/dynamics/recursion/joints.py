@@ -11,19 +11,19 @@ from functools import lru_cache
 
 import numpy as np
 
-from jounce._scalars import Array, is_symbolic, whole
+from jounce._scalars import Array, exact_integers, is_symbolic
 from jounce.model.coordinates import joint_variables
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import Ad, ad, exp_of, inverse, turn_and_slide, wedge
 from jounce.spatial.series import Series, from_rates
 
 
-def carried(E: Array, L: Array, rate: Series, x: Series) -> Series:
+def transport(E: Array, L: Array, rate: Series, x: Series) -> Series:
     """y = E x, with E' = rate L E."""
     return from_rates(lambda k: E @ x[k], lambda y: rate * (L @ y))
 
 
-def congruent(E: Array, L: Array, rate: Series, x: Series) -> Series:
+def transport_form(E: Array, L: Array, rate: Series, x: Series) -> Series:
     """y = E x E^T, with E' = rate L E."""
     return from_rates(lambda k: E @ x[k] @ E.mT, lambda y: rate * (L @ y + y @ L.mT))
 
@@ -56,23 +56,23 @@ class Joint(Placement):
 
     def twists(self, x: Series) -> Series:
         """Twists (..., 6, k) that the parent's frame gives, in the body's."""
-        return carried(self.A, -self.ad_X, self.rate, self.Ad_B @ x)
+        return transport(self.A, -self.ad_X, self.rate, self.Ad_B @ x)
 
     def wrenches(self, x: Series) -> Series:
         """Wrenches (..., 6, k) that the body's frame gives, in the parent's."""
-        return self.Ad_B.mT @ carried(self.A.mT, -self.ad_X.mT, self.rate, x)
+        return self.Ad_B.mT @ transport(self.A.mT, -self.ad_X.mT, self.rate, x)
 
     def points(self, x: Series) -> Series:
         """Points and sums of them (..., 4, k), (m r; m), that the body's frame gives, in the parent's."""
-        return self.B @ carried(self.T, self.X_hat, self.rate, x)
+        return self.B @ transport(self.T, self.X_hat, self.rate, x)
 
     def moments(self, x: Series) -> Series:
         """Moments of mass (..., 4, 4) about the body's frame, about the parent's."""
-        return self.B @ congruent(self.T, self.X_hat, self.rate, x) @ self.B.mT
+        return self.B @ transport_form(self.T, self.X_hat, self.rate, x) @ self.B.mT
 
     def forms(self, x: Series) -> Series:
         """Bilinear forms of twists (..., 6, 6) in the body's frame, such as inertia, in the parent's."""
-        return self.Ad_B.mT @ congruent(self.A.mT, -self.ad_X.mT, self.rate, x) @ self.Ad_B
+        return self.Ad_B.mT @ transport_form(self.A.mT, -self.ad_X.mT, self.rate, x) @ self.Ad_B
 
 
 @lru_cache(maxsize=64)
@@ -93,7 +93,7 @@ def motions(mechanism: Mechanism, theta: Array, bodies: Sequence[int]) -> Array:
     turns, slides = _turns_and_slides(mechanism)
     chosen = np.array(bodies, dtype=int)
     T = exp_of(turns[chosen], slides[chosen], theta[..., chosen, :, None])
-    return whole(T) if is_symbolic(T) else T
+    return exact_integers(T) if is_symbolic(T) else T
 
 
 def joints(mechanism: Mechanism, q: Series, bodies: Sequence[int] | None = None) -> list[Joint]:
@@ -114,6 +114,6 @@ def rows(columns: Series, first: int, last: int) -> Series:
     return columns.map(lambda x: x[..., first:last, :])
 
 
-def still(q: Series) -> Series:
+def batch_zeros(q: Series) -> Series:
     """Zeros (..., 1, 1) in the batch axes of q, for what depends on no coordinate and has none."""
     return 0 * rows(q, 0, 1)

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.dynamics.recursion.joints import Joint, joints, still
-from jounce.dynamics.recursion.sweeps import Columns, composites, felt, gathered, in_order, velocities
+from jounce.dynamics.recursion.joints import Joint, batch_zeros, joints
+from jounce.dynamics.recursion.sweeps import Columns, collect, composites, evaluate_in_order, project, velocities
 from jounce.model.coordinates import generalized_matrix
 from jounce.model.equivalent import on_axes
 from jounce.model.mechanism import Mechanism
@@ -42,8 +42,8 @@ class _Composites:
 def mass_matrix(mechanism: Mechanism, q: Series) -> Series:
     """gM, the generalized mass matrix (MC): (..., n, n)."""
     bodies = _composites(mechanism, q)
-    U = felt(_screws(bodies), bodies.P)
-    return in_order(_generalized(bodies, q, U + _above(U).mT), [*bodies.Pi[::-1], *_sweep(bodies.P)])
+    U = project(_screws(bodies), bodies.P)
+    return evaluate_in_order(_generalized(bodies, q, U + _above(U).mT), [*bodies.Pi[::-1], *_sweep(bodies.P)])
 
 
 def coriolis_matrix(mechanism: Mechanism, q: Series) -> Series:
@@ -52,10 +52,14 @@ def coriolis_matrix(mechanism: Mechanism, q: Series) -> Series:
     V = velocities(bodies.tree)
     flows = [V_i.map(lambda v: wedge(v[..., 0])) @ Pi for V_i, Pi in zip(V, bodies.Pi, strict=True)]
     rates = [Pi.dot + flow + flow.mT for Pi, flow in zip(bodies.Pi, flows, strict=True)]  # in space
-    R = gathered(bodies.tree, _momenta(bodies.tree, rates))
-    U, K, N = felt(_screws(bodies), bodies.P), felt(_screw_rates(bodies, V), bodies.P), felt(_screws(bodies), R)
+    R = collect(bodies.tree, _momenta(bodies.tree, rates))
+    U, K, N = (
+        project(_screws(bodies), bodies.P),
+        project(_screw_rates(bodies, V), bodies.P),
+        project(_screws(bodies), R),
+    )
     C = U.dot - K + _above(K + N).mT
-    return in_order(_generalized(bodies, q, C), [*_dynamic(bodies, V), *_sweep(R)])
+    return evaluate_in_order(_generalized(bodies, q, C), [*_dynamic(bodies, V), *_sweep(R)])
 
 
 def skew_coriolis_matrix(mechanism: Mechanism, q: Series) -> Series:
@@ -64,17 +68,21 @@ def skew_coriolis_matrix(mechanism: Mechanism, q: Series) -> Series:
     V = velocities(bodies.tree)
     b = [V_i.map(lambda v: ad(v[..., 0])) for V_i in V]  # (b)
     Y = composites(bodies.tree, [-(b_i.mT @ M_i) for b_i, M_i in zip(b, bodies.chain.M, strict=True)], Joint.forms)
-    R = gathered(bodies.tree, [Y_j.mT @ joint.X for Y_j, joint in zip(Y, bodies.tree, strict=True)])
-    U, K, L = felt(_screws(bodies), bodies.P), felt(_screw_rates(bodies, V), bodies.P), felt(_screws(bodies), R)
+    R = collect(bodies.tree, [Y_j.mT @ joint.X for Y_j, joint in zip(Y, bodies.tree, strict=True)])
+    U, K, L = (
+        project(_screws(bodies), bodies.P),
+        project(_screw_rates(bodies, V), bodies.P),
+        project(_screws(bodies), R),
+    )
     Cbar = U.dot - (K + L) + _above(K + L).mT
-    return in_order(_generalized(bodies, q, Cbar), [*_dynamic(bodies, V), *Y[::-1], *_sweep(R)])
+    return evaluate_in_order(_generalized(bodies, q, Cbar), [*_dynamic(bodies, V), *Y[::-1], *_sweep(R)])
 
 
 def _composites(mechanism: Mechanism, q: Series) -> _Composites:
     chain = on_axes(mechanism)
     tree = joints(chain, q)
     Pi = composites(tree, [Series.constant(Pi_i) for Pi_i in moment_matrix(chain.M)], Joint.moments)
-    return _Composites(chain, tree, Pi, gathered(tree, _momenta(tree, Pi)))
+    return _Composites(chain, tree, Pi, collect(tree, _momenta(tree, Pi)))
 
 
 def _momenta(tree: Sequence[Joint], Pi: Sequence[Series]) -> list[Series]:
@@ -92,7 +100,7 @@ def _screw_rates(bodies: _Composites, V: Sequence[Series]) -> list[Series]:
 
 
 def _generalized(bodies: _Composites, q: Series, matrix: Series) -> Series:
-    return generalized_matrix(bodies.chain, matrix + still(q))
+    return generalized_matrix(bodies.chain, matrix + batch_zeros(q))
 
 
 def _above(triangle: Series) -> Series:

@@ -16,7 +16,7 @@ from operator import add
 import numpy as np
 
 from jounce._scalars import Array, is_zero
-from jounce.dynamics.recursion.joints import carried, motions, rows
+from jounce.dynamics.recursion.joints import motions, rows, transport
 from jounce.model.coordinates import joint_variables
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import axial, hat, position, rotation
@@ -44,11 +44,11 @@ class AlignedJoint:
     def to_body(self, x: Series) -> Series:
         """Body coordinates of vectors given in the parent's."""
         x = self.R.T @ x
-        return carried(self.turn.mT, -_Z_HAT, self.theta.dot, x) if self.turns else x
+        return transport(self.turn.mT, -_Z_HAT, self.theta.dot, x) if self.turns else x
 
     def to_parent(self, x: Series) -> Series:
         """Parent's coordinates of vectors given in the body's."""
-        return self.R @ (carried(self.turn, _Z_HAT, self.theta.dot, x) if self.turns else x)
+        return self.R @ (transport(self.turn, _Z_HAT, self.theta.dot, x) if self.turns else x)
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ def outward(joint: AlignedJoint, parent: Motion) -> Motion:
         w = w + _Z * joint.theta.dot
     hat_w = w.map(_hat)
     K = hat_w.dot + hat_w @ hat_w
-    a = carried_along(joint, parent.a, parent.K)
+    a = point_acceleration(joint, parent.a, parent.K)
     if joint.d is not None:
         a = a + (K @ _Z) * joint.d + _Z * joint.d.dot.dot + 2 * (hat_w @ _Z) * joint.d.dot
     return Motion(w, a, K)
@@ -86,10 +86,10 @@ def outward(joint: AlignedJoint, parent: Motion) -> Motion:
 
 def outward_at_rest(joint: AlignedJoint, parent: Motion) -> Motion:
     """The same where nothing moves but the ground, by its acceleration."""
-    return Motion(parent.w, carried_along(joint, parent.a, parent.K), parent.K)
+    return Motion(parent.w, point_acceleration(joint, parent.a, parent.K), parent.K)
 
 
-def carried_along(joint: AlignedJoint, a: Series, K: Series) -> Series:
+def point_acceleration(joint: AlignedJoint, a: Series, K: Series) -> Series:
     """The acceleration that a parent gives to the point of it where the joint begins."""
     return joint.to_body(a + K @ joint.r)
 
@@ -100,7 +100,7 @@ def inertia_force(moments: Moments, motion: Motion) -> Force:
     return Force(a * m + K @ h, _hat(h) @ a + (K @ P).map(lambda T: axial(T)[..., None]))
 
 
-def felt(joint: AlignedJoint, force: Force) -> Series:
+def joint_force(joint: AlignedJoint, force: Force) -> Series:
     """The generalized force of the joint that balances what acts on its body, (..., 1, 1)."""
     parts = [rows(force.n, 2, 3)] if joint.turns else []
     parts += [rows(force.f, 2, 3) * joint.pitch] if joint.d is not None else []

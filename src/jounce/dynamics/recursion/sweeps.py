@@ -36,7 +36,7 @@ class Columns:
     W: Series  # (..., 6, len(joints))
 
 
-def gathered(tree: Sequence[Joint], own: Sequence[Series]) -> list[Columns]:
+def collect(tree: Sequence[Joint], own: Sequence[Series]) -> list[Columns]:
     """For each joint the wrenches (..., 6, 1) of the joints that it carries, seen from its body."""
     at = [([j], [W_j]) for j, W_j in enumerate(own)]
     columns: list[Columns] = []
@@ -49,13 +49,13 @@ def gathered(tree: Sequence[Joint], own: Sequence[Series]) -> list[Columns]:
     return columns[::-1]
 
 
-def felt(screws: Sequence[Series], columns: Sequence[Columns]) -> Series:
+def project(screws: Sequence[Series], columns: Sequence[Columns]) -> Series:
     """``S_i . W_j``, an upper triangle (..., nb, nb), of screws S_i (..., 6, 1) and the wrenches at their bodies."""
     unit = np.eye(len(columns), dtype=int)
     return joined([S.mT @ c.W @ unit[c.joints] for S, c in zip(screws, columns, strict=True)], axis=-2)
 
 
-def in_order(result: Series, steps: Iterable[Series]) -> Series:
+def evaluate_in_order(result: Series, steps: Iterable[Series]) -> Series:
     """The same series, the steps to it computed one after the other, so that no call nests deeper than one joint."""
     steps = tuple(steps)
 

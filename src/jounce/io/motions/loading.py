@@ -23,46 +23,47 @@ PLACE = "the motion"  # where columns without a file stand, in messages
 def load_motion(
     source: Any, /, robot: Robot, order: int = 2, degree: int = 7, intervals: int | None = None
 ) -> "Motion":
-    """A motion of a robot, with the rates that its forces take: from a file, by name, or from named columns.
+    """Load a motion of a robot, with the rates that its forces take: from a file, by name, or from named columns.
 
-    Columns are matched by joint name in any order: ``t`` and either one column a joint (samples; the rates are those of
-    a spline) or ``NAME.q, NAME.qd, NAME.q2d, ...`` (used as they are), and where wrenches act ``BODY.mx .. BODY.fz``.
+    Columns are matched by joint name in any order: ``t`` and either one column per joint (samples; the rates are those
+    of a spline) or ``NAME.q, NAME.qd, NAME.q2d, ...`` (used as they are), and if wrenches act ``BODY.mx .. BODY.fz``.
 
     Parameters
     ----------
     source : str, path or columns
-        Path of a .csv, .npz, .yaml or .yml file, "paper", "paper-wrench", or columns (N,) of numbers in SI units: a
+        The path of a .csv, .npz, .yaml or .yml file, "paper", "paper-wrench", or columns (N,) of numbers in SI units: a
         dict, a data frame, a structured array.
     robot : Robot
-        Whose motion it is.
-    order : int
+        The robot that moves.
+    order : int, optional
         The highest rate of the forces to be computed: 2, for Q2d, takes q to q4d.
-    degree : int
-        Of the spline of samples: 7 (C^6) or 5 (C^4).
-    intervals : int
-        Fit the spline by least squares with so many, for measured samples; through all of them if left out.
+    degree : int, optional
+        Degree of the spline of samples: 7 (C^6) or 5 (C^4).
+    intervals : int, optional
+        Fit the spline to measured samples by least squares, over this number of intervals; by default it goes through
+        all samples.
 
     Returns
     -------
-    Motion : frozen; the times ``t`` (N,), ``rates`` q, qd, ... (N, n) each, ``wrench`` by body with its rates or None,
-        ``source``, how the rates came about, and ``residual``, the largest distance of a spline from its samples.
+    Motion
+        Frozen: the times `t` (N,), the `rates` q, qd, ... (N, n), and more.
 
     Raises
     ------
     JounceError
-        Where the file cannot be read, columns are missing or unknown, t does not increase, or samples are too few.
+        If the file cannot be read, columns are missing or unknown, t does not increase, or there are too few samples.
 
     Warns
     -----
     JounceWarning
-        Where velocity, acceleration or jerk jump, or the rounding of the samples drowns the highest rate.
+        If velocity, acceleration or jerk jump, or rounding noise of the samples dominates the highest rate.
 
     Examples
     --------
     >>> import numpy as np, jounce
     >>> robot, t = jounce.load("planar2r"), np.linspace(0, 1, 101)
     >>> motion = jounce.load_motion({"t": t, "joint2": np.sin(t), "joint1": np.cos(t)}, robot)
-    >>> Q, Qd, Q2d = robot.inverse_dynamics(*motion.rates, wrench=motion.wrench)
+    >>> Q, Qd, Q2d = robot.forces_along(motion).forces
     >>> Q2d.shape
     (101, 2)
     """

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jounce.checks.audit.finding import Finding
+from jounce.audit.finding import Finding
 from jounce.dynamics.recursion import bodies
 from jounce.model.mechanism import Mechanism, ancestors
 from jounce.spatial.series import columns

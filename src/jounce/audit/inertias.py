@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from jounce.checks.audit.finding import Finding
+from jounce.audit.finding import Finding
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jounce.checks.audit.finding import Finding
+from jounce.audit.finding import Finding
 from jounce.model.coordinates import leading_joints
 from jounce.model.mechanism import Mechanism
 

@@ -1,6 +1,7 @@
-"""Scratch memory of native code, for a block of states: its inputs, its outputs and, in the loop form, its bodies.
+"""Plans of native code: which of its two forms serves a computation, and the scratch memory that it works in.
 
-Every scalar takes one vector, with a lane for each state.
+Scratch memory holds a block of states: its inputs, its outputs and, in the loop form, its bodies. Every scalar takes
+one vector, with a lane for each state.
 """
 
 from collections import defaultdict
@@ -12,11 +13,33 @@ from itertools import accumulate
 from jounce.dynamics.computation import Computation, Signature
 from jounce.dynamics.recursion.forces import Sweep
 from jounce.model.mechanism import Mechanism
-from jounce.native.scope import is_straight
 
+STRAIGHT = 12  # bodies, up to which straight-line code is no slower than a loop
+WORK = 250  # bodies times orders squared, with which operations grow, up to which it is compiled in a second
+HIGHEST = 12  # order, up to which the step of a joint takes no more than 40 KiB of a thread's stack
 STACK = 2**15  # bytes, up to which a call takes them from the stack of its thread; what needs more has a `Pool`
 SCALARS = {"w": 3, "a": 3, "K": 9}  # of the parts of a motion
 LIMIT = 2**26  # bytes of a call, beyond which there is no native code
+
+
+class LongCompilationError(Exception):
+    """Compiling takes longer than a caller waits for it."""
+
+
+def is_straight(computation: Computation, nb: int) -> bool:
+    """Whether the code is a straight line, not a loop over the bodies."""
+    return nb <= STRAIGHT and nb * (computation.order + 1) ** 2 <= WORK
+
+
+def obstacle(computation: Computation, nb: int) -> str | None:
+    """Why there is no native code for a computation, as the end of a sentence about native code."""
+    name, order = computation.name, computation.order
+    if order > HIGHEST:
+        return f"goes to order {HIGHEST}, not {order}"
+    if not is_straight(computation, nb) and computation.quantity.sweep is None:
+        most = min(STRAIGHT, WORK // (order + 1) ** 2)
+        return f"for {name} to order {order} supports up to {most} bodies; this robot has {nb}"
+    return None
 
 
 @dataclass(frozen=True)

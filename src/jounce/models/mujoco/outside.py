@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from jounce.errors import warn
-from jounce.io.models.mujoco.arrays import Arrays
-from jounce.io.models.mujoco.joints import AT_A_JOINT
+from jounce.models.mujoco.arrays import Arrays
+from jounce.models.mujoco.joints import AT_A_JOINT
 
 
 def warn_of(m: Arrays, ties: int) -> None:

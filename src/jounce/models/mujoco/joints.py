@@ -5,8 +5,8 @@ Joint variables are MuJoCo's own, which are `qpos0` where the bodies stand as th
 
 import numpy as np
 
-from jounce.io.models.mujoco.arrays import Arrays
 from jounce.model import tree
+from jounce.models.mujoco.arrays import Arrays
 from jounce.spatial import lie
 
 FREE = {0: "floating", 1: "spherical"}  # by MuJoCo's types of joints

@@ -5,9 +5,9 @@
 
 import numpy as np
 
-from jounce.io.models.mujoco.arrays import Arrays
-from jounce.io.models.mujoco.joints import moves_along_one_screw
 from jounce.model.tree import Mimic
+from jounce.models.mujoco.arrays import Arrays
+from jounce.models.mujoco.joints import moves_along_one_screw
 
 OF_JOINTS = 2  # MuJoCo's type of equality constraint
 

@@ -19,7 +19,7 @@ from robots import mechanisms, random_mechanism
 from scipy.spatial.transform import Rotation
 
 import jounce
-from jounce.checks.audit import SEVERITIES, Finding, audit
+from jounce.audit import SEVERITIES, Finding, audit
 from jounce.checks.description import describe
 from jounce.cli import main
 from jounce.model.mechanism import Mechanism

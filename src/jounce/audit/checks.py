@@ -5,11 +5,11 @@ from collections.abc import Callable
 import numpy as np
 
 from jounce._scalars import is_numeric
-from jounce.checks.audit.finding import SEVERITIES, Finding
-from jounce.checks.audit.inertias import impossible, placeholders, point_masses, unit_masses
-from jounce.checks.audit.limits import limits
-from jounce.checks.audit.mobility import massless, singular
-from jounce.checks.audit.units import densities, gravity, masses, sizes
+from jounce.audit.finding import SEVERITIES, Finding
+from jounce.audit.inertias import impossible, placeholders, point_masses, unit_masses
+from jounce.audit.limits import limits
+from jounce.audit.mobility import massless, singular
+from jounce.audit.units import densities, gravity, masses, sizes
 from jounce.errors import JounceError
 from jounce.model.mechanism import DATA, Mechanism
 

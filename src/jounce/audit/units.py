@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from jounce.checks.audit.finding import Finding
-from jounce.checks.audit.inertias import is_point
+from jounce.audit.finding import Finding
+from jounce.audit.inertias import is_point
 from jounce.model.mechanism import Mechanism, reference_poses
 from jounce.spatial import inertia
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from jounce.errors import JounceError
-from jounce.io.models.mujoco import couplings, joints, outside
-from jounce.io.models.mujoco.arrays import Arrays, arrays, distinct
 from jounce.model import tree
 from jounce.model.mechanism import Mechanism
+from jounce.models.mujoco import couplings, joints, outside
+from jounce.models.mujoco.arrays import Arrays, arrays, distinct
 from jounce.spatial import lie
 from jounce.spatial.inertia import inertia_matrix
 
