@@ -20,7 +20,7 @@ URDF = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="
 <joint name="j" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>"""
 MJCF = "<mujoco><worldbody><body name='b'><joint name='j'/><geom size='1'/></body></worldbody></mujoco>"
 ROBOT = jounce.load("planar2r")
-KERNEL = ROBOT.compile(0, quantity="gravity_forces")
+KERNEL = ROBOT.compile("gravity_forces", order=0)
 SYMBOLIC = jounce.symbolic(ROBOT)
 B, X, M = (getattr(ROBOT.mechanism, name) for name in "BXM")
 TREE = {"parent": [-1, 0], "names": ["a", "b"], "gravity": [0, 0, -9.81], "joint_names": ["c", "d"], "name": "r"}
@@ -124,7 +124,10 @@ CASES: dict[str, Case] = {
     "locked": (ROBOT.locked, {"values": {"joint1": 0.0}}),
     "joint of locked": (lambda joint1: ROBOT.locked({"joint1": joint1}), {"joint1": 0.0}),
     "audit": (ROBOT.audit, {}),
-    "compile": (ROBOT.compile, {"order": 0, "wrench": False, "quantity": "gravity_forces"}),
+    "compile": (
+        ROBOT.compile,
+        {"quantity": "jacobian", "order": 0, "wrench": False, "body": "body1", "frame": "world"},
+    ),
     "kernel": (KERNEL, {"arrays": [0.1, 0.2], "out": None, "threads": 1}),
     "kernel in threads": (KERNEL, {"arrays": np.ones((4, 2)), "out": np.ones((4, 2)), "threads": 2}),
     "kernel.bind": (KERNEL.bind, {"arrays": np.ones(2), "out": np.ones(2)}),
