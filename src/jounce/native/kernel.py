@@ -94,7 +94,7 @@ class Kernel:
                 results = self._ufunc(*arrays)
             else:
                 results = self._ufunc(*arrays, out=tuple(out) if isinstance(out, list) else out)
-        except JounceError:
+        except (JounceError, FloatingPointError):  # which a caller has asked NumPy for
             raise
         except Exception as error:  # of NumPy, or whatever a foreign type raises in its conversion
             self._refuse_names(arrays)
