@@ -574,6 +574,12 @@ def test_the_help_names_all_languages():
     assert ", ".join(NAMES[:-1]) + f" or {NAMES[-1]}." in " ".join(run("--help").output.split())
 
 
+def test_the_help_names_every_quantity_as_it_is_spelled():
+    words = run("--help").output.replace(",", " ").split()
+    for row in QUANTITIES.values():
+        assert row.name + (":BODY" if row.of_bodies else "") + ("[:FRAME]" if row.frames else "") in words
+
+
 def run(*words):
     return CliRunner().invoke(main, ["codegen", *map(str, words)])
 

@@ -15,6 +15,8 @@ from jounce.io import folders
 from jounce.io.files import path_of
 from jounce.robot import Robot
 
+DEFAULT = (FORCES.name,)  # outputs
+
 
 @dataclass(frozen=True)
 class Generated:
@@ -31,7 +33,7 @@ def codegen(
     order: int = 2,
     directory: str | os.PathLike[str] | None = None,
     *,
-    outputs: Sequence[str] = (FORCES.name,),
+    outputs: Sequence[str] = DEFAULT,
     wrench: bool = False,
     parameters: Sequence[str] = (),
     float32: bool = False,

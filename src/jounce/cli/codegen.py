@@ -1,7 +1,7 @@
 """`jounce codegen`: a robot's equations as source code in another language, with tests."""
 
 from pathlib import Path
-from textwrap import wrap
+from textwrap import fill
 from typing import Any
 
 import click
@@ -15,43 +15,45 @@ Example:
   make -C iiwa14-c test
 
 \b
-Outputs, each with its rates:
-  {outputs}
-Those with BODY are of a body or merged link, named as in jacobian:BODY, in
-  its own axes, or in world or spatial ones: jacobian:BODY:world.
+Outputs, each with its rates; the first if none is named:
+{outputs}
+BODY is a body or a merged link; FRAME is {frames},
+the first if left out.
+
+\b
 Parameters of the functions at run time: gravity, masses, lengths, payload,
   payload:BODY.
 """
 
 
-class _Listing(click.Command):
-    """A command whose help lists the quantities of the library; other commands need not wait for it."""
+class _Codegen(click.Command):
+    """The command; its help lists what the table of quantities holds, which is read for it only."""
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the epilog with the names of all quantities."""
+        from jounce.dynamics.kinematics import FRAMES
         from jounce.dynamics.quantities import QUANTITIES
 
-        names = [f"{name}:BODY" if quantity.of_bodies else name for name, quantity in QUANTITIES.items()]
-        listed = "\n  ".join(wrap(", ".join(names), 74))
-        self.epilog = EPILOG.format(outputs=listed)
+        texts = [row.name + ":BODY" * row.of_bodies + "[:FRAME]" * bool(row.frames) for row in QUANTITIES.values()]
+        outputs = fill(", ".join(texts), 76, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False)
+        self.epilog = EPILOG.format(outputs=outputs, frames=" or ".join(FRAMES))
         super().format_epilog(ctx, formatter)
 
 
-def _names(_: click.Context, __: click.Parameter, given: str) -> list[str]:
+def _names(_: click.Context, __: click.Parameter, given: str | None) -> list[str] | None:
     """Names that commas separate."""
-    return [name.strip() for name in given.split(",") if name.strip()]
+    return given if given is None else [name.strip() for name in given.split(",") if name.strip()]
 
 
-@click.command(cls=_Listing, epilog=EPILOG, short_help="Source code in another language, with tests.")
+@click.command(cls=_Codegen, short_help="Source code in another language, with tests.")
 @on_robot
 @click.option("--lang", required=True, help="c, cpp, cuda, julia, latex, matlab, python or rust.")
 @click.option("--order", default=2, show_default=True, help="Highest time derivative, up to 4: 2 gives Q, Qd, Q2d.")
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Folder to write, new or empty.")
 @click.option(
-    "--outputs", default="", callback=_names, metavar="NAMES",
-    help="What to compute, separated by commas; the forces by default.",
+    "--outputs", callback=_names, metavar="NAMES",
+    help="What to compute, separated by commas: NAME, NAME:BODY or NAME:BODY:FRAME; the forces Q if left out.",
 )  # fmt: skip
-@click.option("--wrench", is_flag=True, help="Forces and base wrench take wrenches on the bodies.")
+@click.option("--wrench", is_flag=True, help="Take wrenches on the bodies where they enter.")
 @click.option("--parameters", default="", callback=_names, metavar="NAMES", help="What to take at run time.")
 @click.option("--float32", is_flag=True, help="Single precision.")
 @click.option("--prefix", help="Of all names in the code; the robot's name if left out.")
@@ -62,7 +64,7 @@ def codegen(
     lang: str,
     order: int,
     output: Path,
-    outputs: list[str],
+    outputs: list[str] | None,
     wrench: bool,
     parameters: list[str],
     float32: bool,
@@ -72,12 +74,10 @@ def codegen(
 ) -> None:
     """Write the equations of ROBOT, a file or a bundled name, as source code with a test of its own."""
     from jounce._codegen import generate
-    from jounce.dynamics.quantities import FORCES
 
     made = generate.codegen(
-        robot.load(), lang, order, output,
-        outputs=outputs or [FORCES.name], wrench=wrench, parameters=parameters,
-        float32=float32, prefix=prefix, force=force,
+        robot.load(), lang, order, output, outputs=generate.DEFAULT if outputs is None else outputs,
+        wrench=wrench, parameters=parameters, float32=float32, prefix=prefix, force=force,
     )  # fmt: skip
     summary = {
         "robot": str(robot.path), "language": lang, "order": order, "output": str(made.directory),
