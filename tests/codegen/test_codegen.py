@@ -28,7 +28,8 @@ from jounce._codegen.parametric import parametric
 from jounce._codegen.test_vectors import vectors
 from jounce.cli import main
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.quantities import QUANTITIES
+from jounce.dynamics.quantities import QUANTITIES, Quantity
+from jounce.model.mechanism import Frame
 
 STRICT = "-std=c99 -O0 -Wall -Wextra -Wpedantic -Wconversion -Wdouble-promotion -Wfloat-conversion -Werror"
 STRICT_CXX = STRICT.replace("c99", "c++11"), STRICT.replace("c99", "c++17")
@@ -190,10 +191,46 @@ def test_the_test_beside_the_code_proves_it(lang, tmp_path):
 @programs
 def test_what_is_zero_in_exact_arithmetic_is_no_false_alarm(lang, tmp_path):
     """The closed form gives noise for rates of the mass matrix and for gravity, the code gives 0 or other noise."""
-    robot, outputs = on_its_axis(), ["inverse_dynamics", "gravity_forces", "mass_matrix"]
-    made = jounce.codegen(robot, lang, directory=tmp_path / "arm", outputs=outputs)
+    made = jounce.codegen(on_its_axis(), lang, directory=tmp_path / "arm", outputs=every("body1"), wrench=True)
     passed, output = passes(made.directory, lang)
     assert passed, output
+
+
+def counter_rotating():
+    """Two equal balls that turn about the same axis through their COMs, always against each other."""
+    X, M = on_its_axis().mechanism.X[0], jounce.inertia_matrix(2.0, [0.1, 0.2, -0.4], 0.2 * np.eye(3))
+    return jounce.Robot.from_screws([np.eye(4)] * 2, [X, X], [M, M], [-1, -1], G=[[1], [-1]], name="counter")
+
+
+def test_momentum_that_cancels_is_no_false_alarm():
+    robot, q = counter_rotating(), np.array([[0.3], [0.4], [0.5], [0.6], [0.7]])
+    assert max(np.abs(x).max() for x in robot.momentum(*q)) < 1e-15
+    files = rendered(*requested(robot, "python", outputs=every("body2"), wrench=True))
+    assert passes_in_python(files["counter.py"], files["test_counter.py"])
+
+
+def test_a_row_of_the_table_is_all_that_generated_code_takes(monkeypatch):
+    """Here one with a method only, and no other field than those that every quantity has."""
+    needed = ("rates", "shape", "unit", "caption", "meaning", "tex")
+    fields = {name: getattr(QUANTITIES["twists"], name) for name in needed}
+    methods = {"recursion": QUANTITIES["twists"].methods["recursion"]}
+    monkeypatch.setitem(QUANTITIES, "speed", Quantity(name="speed", symbol="s", methods=methods, **fields))
+    files = rendered(*requested(ROBOTS["planar2r"](), "python", outputs=["speed:body2"]))
+    assert "def speed_body2(q, qd, q2d, q3d):" in files["planar2r.py"]
+    assert passes_in_python(files["planar2r.py"], files["test_planar2r.py"])
+
+
+def test_the_head_says_of_which_body_and_in_which_frame_results_are():
+    outputs = ["jacobian:panda_hand_tcp:world", "twists:panda_link7", "poses:panda_link0", "kinetic_energy"]
+    head = re.sub(r"\s[\s*]*", " ", texts(ROBOTS["panda"](), "c", count=1, order=0, outputs=outputs)["panda.h"])
+    for words in (
+        "jacobian_panda_hand_tcp_world: body panda_hand_tcp, fixed on body panda_link7; components in inertial axes,",
+        "twists_panda_link7: body panda_link7; components in the axes of the body, about its origin. ",
+        "poses_panda_link0: body panda_link0, fixed on the ground. ",
+        "entry (i, j) is J[8 i + j] and H[4 i + j]. Energies are arrays of one.",
+        "void panda_kinetic_energy( const double q[8], const double qd[8], double T[1]);",
+    ):
+        assert words in head
 
 
 def passes_in_python(text, test):
@@ -472,13 +509,27 @@ def test_numbers_beyond_single_precision_are_refused(tmp_path):
     assert not (tmp_path / "single").exists()
 
 
+def slide():
+    """A slide along x, and a link that is fixed on the ground."""
+    m = jounce.Robot.from_screws([np.eye(4)], [[0, 0, 0, 1, 0, 0]], [np.diag([1, 1, 1, 3.5, 3.5, 3.5])]).mechanism
+    return jounce.Robot(replace(m, frames=(Frame("stand", -1, np.eye(4)),)))
+
+
 @languages
 def test_what_depends_on_nothing_is_written_too(lang, tmp_path):
-    """A slide across gravity: Qgrav is zero, M constant, no argument is read."""
-    slide = jounce.Robot.from_screws([np.eye(4)], [[0, 0, 0, 1, 0, 0]], [np.diag([1, 1, 1, 3.5, 3.5, 3.5])])
-    options = {"order": 1, "outputs": ["gravity_forces", "mass_matrix"], "parameters": ["lengths"]}
-    passed, output = passes(written(tmp_path, texts(slide, lang, **options)), lang)
+    """A slide across gravity: Qgrav is zero, M constant, what stands on the ground is still; no argument is read."""
+    outputs = ["gravity_forces", "mass_matrix", "poses:stand", "twists:stand:world", "jacobian:stand", "momentum"]
+    options = {"order": 1, "outputs": outputs, "parameters": ["lengths"]}
+    passed, output = passes(written(tmp_path, texts(slide(), lang, **options)), lang)
     assert passed, output
+
+
+def test_what_depends_on_nothing_has_batch_axes_in_python():
+    module, q = {}, np.zeros((4, 3, 1))
+    exec(texts(slide(), "python", count=1, order=0, outputs=["mass_matrix", "poses:stand"])["robot.py"], module)
+    assert module["mass_matrix"](q).shape == (4, 3, 1, 1)
+    assert module["poses_stand"](q).shape == (4, 3, 4, 4)
+    assert module["mass_matrix"](q[0, 0]).shape == (1, 1)
 
 
 def test_too_many_operations_are_refused(monkeypatch, tmp_path):

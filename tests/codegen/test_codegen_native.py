@@ -1,6 +1,7 @@
 """Generated C++, CUDA and Rust: what `test_codegen` does not ask of every language."""
 
 import subprocess
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,9 @@ from tools import needs, obstacles
 
 from jounce._codegen import schedule
 
-EIGEN = Path("/usr/include/eigen3")
+CASADI = find_spec("casadi")  # which brings the headers of Eigen along
+PLACES = [Path("/usr/include/eigen3"), Path(CASADI.origin or "").parent / "include" / "eigen3" if CASADI else Path()]
+EIGEN = next((place for place in PLACES if (place / "Eigen").is_dir()), PLACES[0])
 EVERYTHING = {"order": 1, "outputs": ALL, "wrench": True, "parameters": PARAMETERS}
 eigen = pytest.mark.skipif(not EIGEN.exists() or bool(obstacles("make")), reason=obstacles("make") or "no Eigen")
 

@@ -46,7 +46,7 @@ def conventions(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
     loaded = {f.computation.name for f in functions if f.computation.wrench}
     found = ["SI units: m, kg, s, rad, N, N m. A name with d, 2d, 3d, 4d is a time derivative of order 1 to 4."]
     for row in _quantities(functions):
-        added = f" Wrenches add {row.wrench_term} to it." if row.name in loaded else ""
+        added = f" Wrenches W add {row.wrench_term}." if row.name in loaded else ""
         found.append(f"{row.meaning}{added} Unit: {row.unit}.")
     found += [f"{name}: {place}." for name, place in places(robot, functions).items()]
     found += drive_trains(robot, functions)

@@ -46,8 +46,10 @@ def vectors(
 ) -> Vectors:
     """Random states, and the outputs computed in extended precision, rounded at the end.
 
-    For single precision the inputs are numbers of that precision.
+    For single precision the inputs are numbers of that precision. A quantity that lacks the method takes its first.
     """
+    methods = function.computation.quantity.methods
+    method = method if method in methods else next(iter(methods))
     rng = np.random.default_rng(0)
     count = max(1, min(MOST, WORK // robot.origin.nb)) if count is None else count
 

@@ -59,7 +59,8 @@ class Quantity:
     meaning: str  # a sentence for the head of generated code
     tex: str
     tex_symbol: str = ""  # where it is not printed as it is named; one index at most, in braces
-    wrench_term: str = ""  # what wrenches on the bodies add to it, in text and TeX; empty where they do not enter
+    wrench_term: str = ""  # what wrenches on the bodies add to it, a noun phrase; empty where they do not enter
+    wrench_tex: str = ""
     drive_terms: tuple[str, ...] = ()  # which of those that act enter
     drive_law: Law | None = None  # what they add
     frames: tuple[str, ...] = ()  # in which its components may be given, the default first
@@ -127,6 +128,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             rates=3,
             shape=("n",),
             wrench_term="J^T W",
+            wrench_tex="J^T W",
             drive_terms=TERMS,
             drive_law=lambda m, x: _row(drive_terms.forces(m, x.q, m.acting)),
             sweep=forces.MOVING,
@@ -267,7 +269,8 @@ QUANTITIES: Mapping[str, Quantity] = {
             symbol="F",
             rates=3,
             shape=(6,),
-            wrench_term="U^T W",
+            wrench_term="their sum about the inertial origin",
+            wrench_tex="U^T W",
             unit="N m and N",
             caption="wrench of the ground on the robot",
             meaning="F: the wrench (moment; force) of the ground on the robot, in the inertial frame about its origin.",

@@ -85,7 +85,7 @@ def heading(asked: Computation) -> str:
 def formula(asked: Computation) -> str:
     """The formula of a quantity, with what wrenches add."""
     row = asked.quantity
-    return f"{row.tex} + {row.wrench_term}" if asked.wrench else row.tex
+    return f"{row.tex} + {row.wrench_tex}" if asked.wrench else row.tex
 
 
 def _entries(matrix: Any, symbol: str, port: Port) -> Iterator[list[str]]:

@@ -26,10 +26,10 @@ def _scalars(x, shape):
     return list(np.moveaxis(x.reshape(*batch, -1), -1, 0))
 
 
-def _array(scalars, shape):
+def _array(scalars, shape, batch):
     """The other way."""
-    batch = np.stack(np.broadcast_arrays(*scalars), axis=-1).astype(REAL)
-    return batch.reshape((*batch.shape[:-1], *shape))[()]  # a number where there are no axes
+    array = np.stack([np.broadcast_to(x, batch) for x in scalars], axis=-1).astype(REAL)
+    return array.reshape((*batch, *shape))[()]  # a number where there are no axes
 
 
 def inverse_dynamics(q, qd, q2d, q3d, q4d):
@@ -39,6 +39,7 @@ def inverse_dynamics(q, qd, q2d, q3d, q4d):
     q2d = _scalars(q2d, (2,))
     q3d = _scalars(q3d, (2,))
     q4d = _scalars(q4d, (2,))
+    batch = np.broadcast_shapes(*(x[0].shape for x in (q, qd, q2d, q3d, q4d)))
     Q = [0.0] * 2
     Qd = [0.0] * 2
     Q2d = [0.0] * 2
@@ -90,4 +91,4 @@ def inverse_dynamics(q, qd, q2d, q3d, q4d):
     Qd[1] = t32
     Q2d[0] = t38
     Q2d[1] = t34
-    return _array(Q, (2,)), _array(Qd, (2,)), _array(Q2d, (2,))
+    return _array(Q, (2,), batch), _array(Qd, (2,), batch), _array(Q2d, (2,), batch)
