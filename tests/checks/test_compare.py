@@ -37,6 +37,16 @@ def test_libraries_and_paths_agree_on_random_mechanisms(drawn):
     assert ("helical" in others[0].remark) if helical else len(others) == 3
 
 
+def test_warnings_of_mujoco_are_passed_on_and_leave_no_log(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    B, X, M = [np.eye(4)] * 2, [[0, 0, 1, 0, 0, 0]] * 2, jounce.inertia_matrix(1, [1, 0, 0], np.zeros((3, 3)))
+    odd = M.copy()
+    odd[1, 2] = odd[2, 1] = 1e100  # no body has it, and M(q) is far from regular for MuJoCo
+    with pytest.warns(jounce.JounceWarning, match="MuJoCo warns: .*singular"):
+        compare(jounce.Robot.from_screws(B, X, [M, odd]), states=1, order=0)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_libraries_read_the_file_themselves_where_they_can():
     checks = compare(jounce.load(PANDA), PANDA)
     assert {check.remark for check in of(checks, "Pinocchio")} == {"its own reading of the file"}

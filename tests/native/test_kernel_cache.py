@@ -147,7 +147,7 @@ def test_links_are_not_followed(folder, tmp_path, compilations):
     works()
     elsewhere = tmp_path / "elsewhere"
     entry(folder).rename(elsewhere)
-    link = folder / (cache.key(ROBOT.mechanism, repr(QUANTITY), host()) + cache.SUFFIX)
+    link = folder / (cache.key(ROBOT.mechanism, QUANTITY, host()) + cache.SUFFIX)
     link.symlink_to(elsewhere)
     before = elsewhere.read_bytes()
     works()
@@ -237,18 +237,18 @@ def test_an_entry_that_cannot_be_touched_is_read(folder, monkeypatch):
 
 
 def test_the_key_tells_apart_whatever_the_code_depends_on():
-    m, what = ROBOT.mechanism, repr(QUANTITY)
+    m, what = ROBOT.mechanism, QUANTITY
     turned = np.array([[0.0, -1.0], [1.0, 0.0]])
     others = [
         *(replace(m, **{name: getattr(m, name) * (1 + 2**-52)}) for name in ("B", "X", "M", "gravity")),
         *(replace(m, G=turned), replace(m, g=np.array([0.0, 1.0])), replace(m, parent=(-1, -1))),
     ]
-    quantities = [replace(QUANTITY, **x) for x in ({"order": 1}, {"loaded": True}, {"name": "mass_matrix"})]
+    quantities = [replace(QUANTITY, **x) for x in ({"order": 1}, {"wrench": True}, {"name": "mass_matrix"})]
     targets = [replace(host(), **x) for x in ({"cpu": "other"}, {"features": ""}, {"lanes": 1}, {"fma": None})]
     keys = [
         cache.key(m, what, host()),
         *(cache.key(other, what, host()) for other in others),
-        *(cache.key(m, repr(quantity), host()) for quantity in quantities),
+        *(cache.key(m, quantity, host()) for quantity in quantities),
         *(cache.key(m, what, target) for target in targets),
     ]
     assert len(set(keys)) == len(keys) == 1 + 7 + 3 + 4
@@ -257,9 +257,9 @@ def test_the_key_tells_apart_whatever_the_code_depends_on():
 
 
 def test_the_key_changes_with_the_program_itself(monkeypatch):
-    before = cache.key(ROBOT.mechanism, repr(QUANTITY), host())
+    before = cache.key(ROBOT.mechanism, QUANTITY, host())
     monkeypatch.setattr(cache, "_sources", lambda: "another version")
-    assert cache.key(ROBOT.mechanism, repr(QUANTITY), host()) != before
+    assert cache.key(ROBOT.mechanism, QUANTITY, host()) != before
 
 
 def test_the_users_cache_folder_is_the_default(monkeypatch, tmp_path):
@@ -273,7 +273,7 @@ def test_the_users_cache_folder_is_the_default(monkeypatch, tmp_path):
 PROCESS = """
 import sys
 import jounce
-from jounce.kernel import jit
+from jounce.native import jit
 if sys.argv[1] == "warm":
     def assembled(*given): raise AssertionError("compiled in spite of the cache")
     jit.assembled = assembled

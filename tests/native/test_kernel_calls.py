@@ -88,19 +88,19 @@ def test_arrays_to_write_into_may_be_listed_and_short(threads):
 @pytest.mark.parametrize(
     ("options", "match"),
     [
-        (
-            {"quantity": "mass_matrx"},
-            r"^no quantity for native code 'mass_matrx'; did you mean 'mass_matrix'\? there are",
-        ),
-        ({"quantity": None}, r"^no quantity for native code None"),
-        ({"quantity": ["mass_matrix"]}, r"^no quantity for native code"),
+        ({"quantity": "mass_matrx"}, r"^no quantity 'mass_matrx'; did you mean 'mass_matrix'\? there are: inverse_"),
+        ({"quantity": None}, r"^no quantity None; there are: "),
+        ({"quantity": ["mass_matrix"]}, r"^no quantity \['mass_matrix'\]; there are: "),
+        ({"body": "body1"}, r"^inverse_dynamics belongs to no body; these do: poses, twists, jacobian"),
+        ({"quantity": "jacobian", "body": "body9"}, r"^no body 'body9'; did you mean 'body\d'\? there are: "),
+        ({"quantity": "jacobian", "frame": "wrld"}, r"^no frame 'wrld'; did you mean 'world'\? there are: "),
         ({"order": -1}, r"^order is -1; expected 0 to 100$"),
         ({"order": 1.0}, r"^order is 1\.0;"),
         ({"order": True}, r"^order is True;"),
         ({"order": "2"}, r"^order is '2';"),
-        ({"order": 13}, r"^no native code: it goes to order 12, not 13$"),
+        ({"order": 13}, r"^native code goes to order 12, not 13; use method='recursion'$"),
         ({"wrench": np.ones((2, 6))}, r"^wrench is array\(.*; expected True or False"),
-        ({"wrench": True, "quantity": "mass_matrix"}, r"^mass_matrix takes no wrenches$"),
+        ({"wrench": True, "quantity": "mass_matrix"}, r"^mass_matrix takes no wrenches; these do: inverse_dyn"),
     ],
 )
 def test_what_cannot_be_compiled_is_refused_in_one_line(options, match):
@@ -109,9 +109,10 @@ def test_what_cannot_be_compiled_is_refused_in_one_line(options, match):
 
 def test_symbols_in_the_data_are_refused_and_left_to_the_recursion():
     robot = jounce.load("planar2r", m1=sympy.Symbol("m"))
-    one_line(robot.compile, r"^no native code: the robot holds symbols$")
+    symbols = "native code is for robots of numbers; this robot holds symbols; use method='recursion'$"
+    one_line(robot.compile, f"^{symbols}")
     assert robot.gravity_forces([0.0, 0.0]).dtype == object
-    one_line(lambda: robot.gravity_forces([0.0, 0.0], method="kernel"), r"^no native code: the robot holds symbols$")
+    one_line(lambda: robot.gravity_forces([0.0, 0.0], method="kernel"), f"^method='kernel' is not available: {symbols}")
 
 
 @pytest.fixture
@@ -141,8 +142,10 @@ def test_other_scalars_go_to_the_recursion(kind):
     found = robot.inverse_dynamics(*given)
     assert np.asarray(given[0]).dtype == np.asarray(found).dtype
     np.testing.assert_allclose(np.asarray(found, dtype=float), expected, rtol=1e-6)
-    one_line(lambda: robot.inverse_dynamics(*given, method="kernel"), r"^native code takes float64 arrays of NumPy$")
-    one_line(lambda: robot.inverse_dynamics(*given, threads=2), r"threads = 2 is for native code only")
+    why = r"native code takes float64 arrays of NumPy, not \w+; "
+    kernel, threads = r"^method='kernel' is not available: ", r"^threads=2 needs native code, which is not available: "
+    one_line(lambda: robot.inverse_dynamics(*given, method="kernel"), f"{kernel}{why}use method='recursion'$")
+    one_line(lambda: robot.inverse_dynamics(*given, threads=2), f"{threads}{why}leave threads out$")
 
 
 @pytest.mark.usefixtures("no_kernel")
@@ -150,13 +153,13 @@ def test_what_takes_long_to_compile_goes_to_the_recursion():
     robot, chain = jounce.load("planar2r"), jounce.Robot(golden("iiwa")[0])
     q = [np.ones(2)] * 14
     assert len(robot.gravity_forces(*q)) == 14
-    one_line(lambda: robot.gravity_forces(*q, method="kernel"), r"^no native code: it goes to order 12, not 13$")
+    one_line(lambda: robot.gravity_forces(*q, method="kernel"), r"not available: native code goes to order 12, not 13;")
     with pytest.raises(AssertionError, match=r"^native code asked for$"):
         robot.gravity_forces(*q[:13])
     assert len(chain.mass_matrix(*[np.ones(7)] * 6)) == 6
     one_line(
         lambda: chain.compile(order=5, quantity="mass_matrix"),
-        r"of mass_matrix to order 5 it is for fewer than 7 bodies$",
+        r"^native code for mass_matrix to order 5 supports up to 6 bodies; this robot has 7; use method='recursion'$",
     )
 
 
@@ -188,7 +191,7 @@ def test_without_llvmlite_the_recursion_serves_and_says_so(monkeypatch):
         found = robot.inverse_dynamics(*q)
     np.testing.assert_array_equal(found, robot.inverse_dynamics(*q, method="recursion"))
     for call in (lambda: robot.compile(order=0), lambda: robot.inverse_dynamics(*q, method="kernel")):
-        one_line(call, r"^no native code: llvmlite cannot be imported$")
+        one_line(call, r"native code needs llvmlite, which cannot be imported; use method='recursion'$")
 
 
 def test_without_llvmlite_a_process_warns_once():

@@ -14,29 +14,35 @@ from hostile import HOSTILE
 
 import jounce
 from jounce import JounceError
+from jounce.dynamics.quantities import QUANTITIES
 
 URDF = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="j" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>"""
 MJCF = "<mujoco><worldbody><body name='b'><joint name='j'/><geom size='1'/></body></worldbody></mujoco>"
 ROBOT = jounce.load("planar2r")
-KERNEL = ROBOT.compile(0, quantity="gravity_forces")
+KERNEL = ROBOT.compile("gravity_forces", order=0)
 SYMBOLIC = jounce.symbolic(ROBOT)
 B, X, M = (getattr(ROBOT.mechanism, name) for name in "BXM")
 TREE = {"parent": [-1, 0], "names": ["a", "b"], "gravity": [0, 0, -9.81], "joint_names": ["c", "d"], "name": "r"}
 TREE |= {"limits": {"lower": [-1, -1]}, "drives": {"damping": [1, 1]}}
+TREE |= {"G": np.eye(2), "g": [0, 0]}
+CHAIN = {key: value for key, value in TREE.items() if key != "parent"}
 SAMPLES = np.linspace(0, 1, 20)
 READ = {"lock": None, "drives": False, "gravity": None}
 PART = {"base": None, "root": None}
-OPTIONS = {"method": "recursion", "out": None, "threads": 1}
+OPTIONS = {"wrench": None, "body": "body1", "frame": "world", "form": "skew"}
+OPTIONS |= {"method": "recursion", "out": None, "threads": 1}
 
 Case = tuple[Callable[..., Any], Mapping[str, Any]]  # a call that works, to spoil one argument at a time
 
 
 def along(method: Callable[..., Any], /, **keywords: Any) -> Case:
     """A method along a motion, with a rate beyond those that have names where it takes any."""
-    rates = [name for name in inspect.signature(method).parameters if name[0] == "q" or name == "higher"]
-    return method, dict.fromkeys(rates, (0.1, 0.2)) | keywords
+    parameters = inspect.signature(method).parameters
+    rates = [name for name in parameters if name[0] == "q" or name == "higher"]
+    options = {name: value for name, value in OPTIONS.items() if name in parameters}
+    return method, dict.fromkeys(rates, (0.1, 0.2)) | options | keywords
 
 
 def keyed(key: Any, value: Any) -> dict[Any, Any]:
@@ -85,7 +91,7 @@ CASES: dict[str, Case] = {
         lambda **columns: jounce.load_motion(columns, ROBOT, order=1),
         {"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3},
     ),
-    "from_screws": (jounce.Robot.from_screws, {"B": B, "X": X, "M": M, **TREE, "G": np.eye(2), "g": [0, 0]}),
+    "from_screws": (jounce.Robot.from_screws, {"B": B, "X": X, "M": M, **TREE}),
     "limits": (lambda **limits: screws(limits=limits), dict.fromkeys(("lower", "upper", "velocity", "effort"), (1, 1))),
     "drives": (
         lambda **drives: screws(drives=drives),
@@ -97,7 +103,7 @@ CASES: dict[str, Case] = {
     "from_dh": (
         jounce.Robot.from_dh,
         {"table": np.zeros((2, 4)), "M": M, "convention": "standard", "types": ["revolute"] * 2}
-        | {"degrees": False, "base": np.eye(4), "tool": np.eye(4), "names": None},
+        | {"degrees": False, "base": np.eye(4), "tool": np.eye(4), **CHAIN},
     ),
     "rows of from_dh": (
         lambda **row: jounce.Robot.from_dh([row], M[:1], "modified"),
@@ -124,17 +130,16 @@ CASES: dict[str, Case] = {
     "locked": (ROBOT.locked, {"values": {"joint1": 0.0}}),
     "joint of locked": (lambda joint1: ROBOT.locked({"joint1": joint1}), {"joint1": 0.0}),
     "audit": (ROBOT.audit, {}),
-    "compile": (ROBOT.compile, {"order": 0, "wrench": False, "quantity": "gravity_forces"}),
+    "compile": (
+        ROBOT.compile,
+        {"quantity": "jacobian", "order": 0, "wrench": False, "body": "body1", "frame": "world"},
+    ),
     "kernel": (KERNEL, {"arrays": [0.1, 0.2], "out": None, "threads": 1}),
     "kernel in threads": (KERNEL, {"arrays": np.ones((4, 2)), "out": np.ones((4, 2)), "threads": 2}),
     "kernel.bind": (KERNEL.bind, {"arrays": np.ones(2), "out": np.ones(2)}),
-    "inverse_dynamics": along(ROBOT.inverse_dynamics, wrench=None, **OPTIONS),
-    "inverse_dynamics natively": along(
-        ROBOT.inverse_dynamics, wrench=(np.zeros((2, 6)),) * 4, **OPTIONS | {"method": None}
-    ),
-    "inverse_dynamics in closed form": along(
-        ROBOT.inverse_dynamics, wrench=None, **OPTIONS | {"method": "closed_form"}
-    ),
+    **{name: along(getattr(ROBOT, name)) for name in QUANTITIES if hasattr(ROBOT, name)},
+    "inverse_dynamics natively": along(ROBOT.inverse_dynamics, wrench=(np.zeros((2, 6)),) * 4, method=None),
+    "inverse_dynamics in closed form": along(ROBOT.inverse_dynamics, method="closed_form"),
     "forces_along": (
         ROBOT.forces_along,
         {
@@ -142,15 +147,8 @@ CASES: dict[str, Case] = {
             "t": None, "order": 0, "method": "recursion",
         },
     ),
-    "mass_matrix": along(ROBOT.mass_matrix, **OPTIONS),
-    "coriolis_matrix": along(ROBOT.coriolis_matrix, form="skew", **OPTIONS),
-    "gravity_forces": along(ROBOT.gravity_forces, **OPTIONS),
-    "momentum": along(ROBOT.momentum, **OPTIONS),
-    "base_wrench": along(ROBOT.base_wrench, wrench=None, **OPTIONS),
-    "drive_forces": along(ROBOT.drive_forces, terms=True, out=None),
-    "jacobian": along(ROBOT.jacobian, body="body1", frame="world", out=None),
-    "poses": along(ROBOT.poses, body=None, out=None),
-    "wrench": along(ROBOT.wrench, body="body1", force=None, torque=None, frame="body", point=None),
+    "drive_forces": along(ROBOT.drive_forces, terms=True),
+    "wrench": along(ROBOT.wrench, force=None, torque=None, frame="body", point=None),
     "joint of a state": (lambda joint1: ROBOT.mass_matrix({"joint1": joint1, "joint2": 0}), {"joint1": 0}),
     "body of a wrench": (
         lambda name, W: ROBOT.base_wrench([0, 0], [0, 0], [0, 0], wrench=keyed(name, W)),

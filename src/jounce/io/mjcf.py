@@ -34,7 +34,7 @@ def compiled(path: Path) -> Any:
         import mujoco
     except ImportError:
         raise JounceError(f"{path}: MJCF needs MuJoCo; install it by: pip install 'jounce[mujoco]'") from None
-    with _warnings(mujoco) as said:
+    with warnings_of(mujoco) as said:
         try:
             model = mujoco.MjModel.from_xml_path(str(path))
         except Exception as error:  # ValueError, and one of MuJoCo's own that is no child of it
@@ -45,8 +45,8 @@ def compiled(path: Path) -> Any:
 
 
 @contextmanager
-def _warnings(mujoco: Any) -> Iterator[list[str]]:
-    """What MuJoCo warns of meanwhile, which else it would append to a MUJOCO_LOG.TXT in the current folder."""
+def warnings_of(mujoco: Any) -> Iterator[list[str]]:
+    """What MuJoCo warns of meanwhile; else it prints that, and appends it to a MUJOCO_LOG.TXT in the current folder."""
     said: list[str] = []
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(said.append)

@@ -12,7 +12,7 @@ from jounce.arguments import loads, rates, requests, wrenches
 from jounce.dynamics import drive_terms
 from jounce.dynamics.computation import Computation, Port, coordinate_ports
 from jounce.dynamics.loads import exerted
-from jounce.dynamics.quantities import FORCES, QUANTITIES
+from jounce.dynamics.quantities import FORCES, QUANTITIES, Quantity
 from jounce.errors import JounceError, one_of, quoted, warn
 from jounce.model.mechanism import DATA, Mechanism, cast_model
 from jounce.native import plan
@@ -69,7 +69,9 @@ def compute(
     for backend in BACKENDS:
         if backend.refusal(call) is None:
             return backend.run(call)
-    raise JounceError(": ".join(str(backend.refusal(call)) for backend in reversed(BACKENDS)))
+    reasons = ": ".join(str(backend.refusal(call)) for backend in reversed(BACKENDS))
+    cure = f"use method={_default(quantity)!r}" if method == NATIVE else "leave threads out"
+    raise JounceError(f"{reasons}; {cure}")
 
 
 def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str], out: Any) -> Any:
@@ -103,8 +105,13 @@ def compile_ahead(mechanism: Mechanism, computation: Computation) -> Kernel:
     """The kernel that a user asks for, however long it takes to compile."""
     kernel, refusal = _kernel(mechanism, computation, inf)
     if kernel is None:
-        raise JounceError(f"native code {refusal}")
+        raise JounceError(f"native code {refusal}; use method={_default(computation.quantity)!r}")
     return kernel
+
+
+def _default(quantity: Quantity) -> str:
+    """The method that serves all arrays."""
+    return next(iter(quantity.methods))
 
 
 def _native_refusal(call: Call) -> str | None:
@@ -112,7 +119,8 @@ def _native_refusal(call: Call) -> str | None:
         return f"method={call.method!r} is not native code"
     for x in call.arrays:
         if type(x) is not np.ndarray or (x.dtype is not FLOAT and x.dtype != FLOAT):  # unpickled, it is another object
-            return "native code takes float64 arrays of NumPy"
+            came = x.dtype if type(x) is np.ndarray else type(x).__name__
+            return f"native code takes float64 arrays of NumPy, not {came}"
     refusal = _kernel(call.mechanism, call.computation, PATIENCE if call.method is None else inf)[1]
     return refusal and f"native code {refusal}"
 
@@ -136,14 +144,15 @@ def _run_native(call: Call) -> Any:
 
 def _generic_refusal(call: Call) -> str | None:
     if call.method == NATIVE:
-        return f"method={NATIVE!r} is not available for this call"
-    whole = isinstance(call.threads, int | np.integer) and not isinstance(call.threads, bool)
-    return None if whole and call.threads == 1 else f"threads={quoted(call.threads)} needs native code"
+        return f"method={NATIVE!r} is not available"
+    if isinstance(call.threads, int | np.integer) and not isinstance(call.threads, bool) and call.threads == 1:
+        return None
+    return f"threads={quoted(call.threads)} needs native code, which is not available"
 
 
 def _run_generic(call: Call) -> Any:
     """The results of a method's law on arrays of any scalar type."""
-    method = call.method or next(iter(call.computation.quantity.methods))
+    method = call.method or _default(call.computation.quantity)
     model = cast_model(call.mechanism, call.arrays)
     return results_into(computed(call.computation, method, model, call.arrays), call.out)
 
@@ -180,7 +189,7 @@ def native_obstacle(mechanism: Mechanism, computation: Computation) -> str | Non
         return "needs llvmlite, which cannot be imported"
     size = plan.scratch_size(computation, mechanism, host().lanes)
     if size > plan.LIMIT:
-        return f"works in up to {plan.LIMIT >> 20} MiB of scratch memory; this takes {size >> 20} MiB"
+        return f"works in up to {plan.LIMIT / 2**20:.3g} MiB of scratch memory; this takes {size / 2**20:.3g} MiB"
     return None
 
 

@@ -54,9 +54,8 @@ def results_into(results: tuple[Array, ...], out: Any) -> Any:
         for result, array in zip(results, arrays, strict=True):
             np.copyto(array, result, casting="same_kind")
         results = arrays
-    results = tuple(
-        x[()] if isinstance(x, np.ndarray) and x.ndim == 0 else x for x in results
-    )  # scalars are scalars, as native code has them
+    # scalars are scalars, as native code has them
+    results = tuple(x[()] if isinstance(x, np.ndarray) and x.ndim == 0 else x for x in results)
     return results[0] if len(results) == 1 else results
 
 
@@ -69,6 +68,8 @@ def checked_out(out: Any, shapes: Sequence[tuple[int, ...]], dtype: np.dtype) ->
         if not isinstance(array, np.ndarray) or array.shape != shape:
             came = f"shape {array.shape}" if isinstance(array, np.ndarray) else f"type {type(array).__name__}"
             raise JounceError(f"out[{k}] has {came}; expected a NumPy array of shape {shape}")
+        if isinstance(array, np.ma.MaskedArray):
+            raise JounceError(f"out[{k}] is masked; expected an array without a mask to write into")
         if not array.flags.writeable:
             raise JounceError(f"out[{k}] is read-only; expected an array to write into")
         if not np.can_cast(dtype, array.dtype, "same_kind"):

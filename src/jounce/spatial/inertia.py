@@ -129,8 +129,13 @@ def form_error(M: np.ndarray, tolerance: float = 1e-9) -> str | None:
 
 def formed(M: np.ndarray) -> np.ndarray:
     """The matrix of exactly the form ``[[Theta, h~], [-h~, m I]]`` nearest a matrix that has it but for rounding."""
-    h_hat = (M[:3, 3:] + M[3:, :3].T) / 2
-    return _matrix(M[3, 3], (h_hat - h_hat.T) / 2, (M[:3, :3] + M[:3, :3].T) / 2)
+    h_hat = _mean(M[:3, 3:], M[3:, :3].T)
+    return _matrix(M[3, 3], _mean(h_hat, -h_hat.T), _mean(M[:3, :3], M[:3, :3].T))
+
+
+def _mean(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The mean of numbers that are the same but for rounding; their sum might overflow."""
+    return x + (y - x) / 2
 
 
 def principal_moments(M: np.ndarray) -> np.ndarray:

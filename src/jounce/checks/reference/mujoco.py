@@ -1,11 +1,14 @@
 """MuJoCo as a peer: its own reading of an MJCF file, or a model built body by body in the frames on the axes."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from jounce.checks.reference import OTHER_JOINTS, OUR_DATA, OWN_READING, NotComparableError, Peer
+from jounce.errors import one_line, warn
+from jounce.io.mjcf import warnings_of
 from jounce.model.equivalent import on_axes
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
@@ -20,7 +23,9 @@ def of_file(mechanism: Mechanism, path: Path) -> Peer:
     """The model of an MJCF file."""
     import mujoco
 
-    return _peer(mujoco, mechanism, mujoco.MjModel.from_xml_path(str(path)), OWN_READING)
+    with warnings_of(mujoco):  # which were passed on when the robot was read
+        model = mujoco.MjModel.from_xml_path(str(path))
+    return _peer(mujoco, mechanism, model, OWN_READING)
 
 
 def of_data(mechanism: Mechanism) -> Peer:
@@ -84,14 +89,22 @@ def _peer(mujoco: Any, mechanism: Mechanism, model: Any, source: str) -> Peer:
     def forces(theta: np.ndarray, rate: np.ndarray, second: np.ndarray) -> np.ndarray:
         put(theta)
         data.qvel[rows], data.qacc[rows] = rate, second
-        mujoco.mj_inverse(model, data)
+        _call(mujoco, mujoco.mj_inverse, model, data)
         return data.qfrc_inverse[rows].copy()
 
     def mass_matrix(theta: np.ndarray) -> np.ndarray:
         put(theta)
-        mujoco.mj_forward(model, data)
+        _call(mujoco, mujoco.mj_forward, model, data)
         M = np.empty((model.nv, model.nv))
         mujoco.mj_fullM(model, data, M)
         return M[np.ix_(rows, rows)]
 
     return Peer(f"{NAME} {mujoco.__version__}", source, forces, mass_matrix)
+
+
+def _call(mujoco: Any, function: Callable[[Any, Any], None], model: Any, data: Any) -> None:
+    """Call a function of MuJoCo; what it warns of is passed on."""
+    with warnings_of(mujoco) as said:
+        function(model, data)
+    for warning in said:
+        warn(f"{NAME} warns: {one_line(warning)}")
