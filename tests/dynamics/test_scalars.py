@@ -287,3 +287,14 @@ def test_numbers_of_a_robot_leave_no_floats_among_symbols():
     quantities = [*robot.jacobian(q, qd, body="body2", frame="world"), *robot.mass_matrix(q, qd), robot.poses(q)]
     for quantity in quantities:
         assert not any(sympy.sympify(entry).atoms(sympy.Float) for entry in quantity.flat)
+
+
+@np.errstate(all="ignore")
+def test_whole_numbers_beyond_the_doubles_overflow_as_doubles_do():
+    """As integers of any size they would not, until one of them were divided."""
+    B = np.stack([np.eye(4)] * 2)
+    B[1, 0, 3] = 1e300
+    M = jounce.inertia_matrix(1.0, [1, 0, 0], np.zeros((3, 3)))
+    robot = jounce.Robot.from_screws(B, [[0, 0, 1, 0, 0, 0]] * 2, [M, M])
+    for method in ("kernel", "recursion"):
+        assert not np.isfinite(robot.inverse_dynamics(*np.ones((3, 2)), method=method)).all()
