@@ -140,8 +140,16 @@ def is_symbolic(x: Array) -> bool:
 
 
 def exact_integers(x: np.ndarray) -> np.ndarray:
-    """The same numbers in an object array, integers where they are whole: 1 L stays L among symbols, not 1.0 L."""
-    as_integer = np.frompyfunc(lambda v: int(v) if isinstance(v, float) and v.is_integer() else v, 1, 1)
+    """The same numbers in an object array, integers where they are whole: 1 L stays L among symbols, not 1.0 L.
+
+    Beyond 2^53 all doubles are whole. They stay doubles: products of such integers would not overflow until they are
+    divided, and then by an error.
+    """
+
+    def exact(v: Any) -> bool:
+        return isinstance(v, float) and v.is_integer() and abs(v) < 2**53
+
+    as_integer = np.frompyfunc(lambda v: int(v) if exact(v) else v, 1, 1)
     return np.asarray(as_integer(x), dtype=object)
 
 

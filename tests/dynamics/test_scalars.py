@@ -312,3 +312,14 @@ def test_every_quantity_by_every_method_of_symbols(quantity, method):
     values = casadi.Function("f", [casadi.vertcat(*x) for x in symbols], [casadi.vertcat(*entries)])(*q)
     expected = np.concatenate([np.ravel(x) for x in compute(*q, method=method)])
     assert relative_error(np.array(values)[:, 0], expected) < 1e-12
+
+
+@np.errstate(all="ignore")
+def test_whole_numbers_beyond_the_doubles_overflow_as_doubles_do():
+    """As integers of any size they would not, until one of them were divided."""
+    B = np.stack([np.eye(4)] * 2)
+    B[1, 0, 3] = 1e300
+    M = jounce.inertia_matrix(1.0, [1, 0, 0], np.zeros((3, 3)))
+    robot = jounce.Robot.from_screws(B, [[0, 0, 1, 0, 0, 0]] * 2, [M, M])
+    for method in ("kernel", "recursion"):
+        assert not np.isfinite(robot.inverse_dynamics(*np.ones((3, 2)), method=method)).all()
