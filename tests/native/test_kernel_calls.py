@@ -335,7 +335,7 @@ def test_native_code_is_freed_with_its_kernel(monkeypatch):
         address, engine = loaded(*given)
         return address, Engine(engine)
 
-    monkeypatch.setattr(module.jit, "loaded", watched)
+    monkeypatch.setattr(module.jit, "load_object", watched)
     kernel = Kernel(ROBOT.mechanism, Computation("gravity_forces", 0))
     call = kernel.bind(np.ones(2), out=np.empty(2))
     del kernel

@@ -24,7 +24,7 @@ def chain(nb, kinds=("revolute", "prismatic"), seed=3):
 def compilations(monkeypatch, tmp_path):
     """A list that grows with every module that is compiled, the cache being empty and callers impatient."""
     done, assembled = [], jit.assemble
-    monkeypatch.setattr(module.jit, "assembled", lambda *given: done.append(given) or assembled(*given))
+    monkeypatch.setattr(module.jit, "assemble", lambda *given: done.append(given) or assembled(*given))
     monkeypatch.setenv("JOUNCE_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(dispatch, "PATIENCE", 0.01)
     return done

@@ -76,7 +76,8 @@ CASES: dict[str, Case] = {
     ),
     "casadi_function": (
         jounce.casadi_function,
-        {"robot": ROBOT, "order": 0, "wrench": False, "quantity": "gravity_forces", "parameters": ()},
+        {"robot": ROBOT, "quantity": "jacobian", "order": 0, "wrench": False, "body": "body1", "frame": "world"}
+        | {"parameters": ()},
     ),
     "inertia_matrix": (
         jounce.inertia_matrix,
