@@ -1,7 +1,7 @@
 """Computation: a quantity with its rates up to an order, as asked for, and its signature: the arrays in and out."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate
 from math import prod
@@ -128,7 +128,4 @@ def coordinate_ports(n: int, count: int, least: int) -> list[Port]:
 def in_a_row(ports: Sequence[Port]) -> tuple[Port, ...]:
     """The ports, their scalars numbered one port after the other."""
     starts = accumulate((port.size for port in ports), initial=0)
-    return tuple(
-        Port(port.name, port.shape, port.role, port.rate, port.first_order, start)
-        for port, start in zip(ports, starts, strict=False)
-    )
+    return tuple(replace(port, start=start) for port, start in zip(ports, starts, strict=False))

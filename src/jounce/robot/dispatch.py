@@ -114,6 +114,11 @@ def _default(quantity: Quantity) -> str:
     return next(iter(quantity.methods))
 
 
+def _kernel_of(call: Call) -> tuple[Kernel | None, str | None]:
+    """The kernel that serves a call, or why there is none; who names native code waits for it."""
+    return _kernel(call.mechanism, call.computation, PATIENCE if call.method is None else inf)
+
+
 def _native_refusal(call: Call) -> str | None:
     if call.method not in (None, NATIVE):
         return f"method={call.method!r} is not native code"
@@ -121,13 +126,13 @@ def _native_refusal(call: Call) -> str | None:
         if type(x) is not np.ndarray or (x.dtype is not FLOAT and x.dtype != FLOAT):  # unpickled, it is another object
             came = x.dtype if type(x) is np.ndarray else type(x).__name__
             return f"native code takes float64 arrays of NumPy, not {came}"
-    refusal = _kernel(call.mechanism, call.computation, PATIENCE if call.method is None else inf)[1]
+    refusal = _kernel_of(call)[1]
     return refusal and f"native code {refusal}"
 
 
 def _run_native(call: Call) -> Any:
     """The results of native code, written straight into `out` where it is given."""
-    kernel = _kernel(call.mechanism, call.computation, PATIENCE if call.method is None else inf)[0]
+    kernel = _kernel_of(call)[0]
     assert kernel is not None
     signature = kernel.signature
     if call.out is not None:
