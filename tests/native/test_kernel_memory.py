@@ -15,6 +15,7 @@ import jounce
 from jounce.dynamics.computation import Computation
 from jounce.errors import JounceError
 from jounce.native import plan, pool
+from jounce.native.jit import host
 from jounce.native.kernel import Kernel
 
 STATE = np.random.default_rng(0).uniform(-1, 1, (5, 300, 40))
@@ -131,6 +132,21 @@ def test_more_calls_at_once_than_buffers_are_kept(robot, monkeypatch, tmp_path):
     kernel = Kernel(robot.mechanism, FORCES)
     same_from_four_threads(kernel, kernel(*STATE))
     assert heap.used == 1
+
+
+@pytest.mark.parametrize("name", ["inverse_dynamics", "gravity_forces"])
+def test_nothing_that_memory_happens_to_hold_is_computed_with(robot, name):
+    kernel = Kernel(robot.mechanism, Computation(name, 2))
+    [buffer] = filter(None, kernel._pool.table[2:])
+    size = plan.scratch_size(kernel.computation, robot.mechanism, host().lanes)
+    found = []
+    for content in (
+        0x7FF4000000000000,
+        0x7FEFFFFFFFFFFFFF,
+    ):  # a signalling NaN, the largest number
+        np.frombuffer((ctypes.c_char * size).from_address(buffer), np.uint64)[:] = content
+        found.append(kernel(*STATE[: len(kernel.signature.inputs)]))
+    np.testing.assert_array_equal(*found)
 
 
 def test_where_memory_is_short_calls_wait_for_each_other(robot, monkeypatch):

@@ -7,7 +7,7 @@ does not grow. Every body has its part of scratch memory, the ground the first.
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import accumulate
+from itertools import accumulate, chain
 
 import numpy as np
 
@@ -37,17 +37,17 @@ MEMORY = ("constants", "body", "parent", "motion", "carrier")  # what a step rea
 
 def define_block(ir: Writer, mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> None:
     """``@block(in, out, bodies)``: the sweeps over the tree for one block of states."""
-    chain, slots, of_joints = minimal(mechanism), motion_slots(mechanism.parent), kinds(mechanism)
+    reduced, slots, of_joints = minimal(mechanism), motion_slots(mechanism.parent), kinds(mechanism)
     present = [kind for kind in KINDS if kind in of_joints]
     _define_steps(ir, present, sweeps)
     _define_tables(ir, mechanism, slots, [present.index(kind) for kind in of_joints])
     _define_sum(ir)
     with ir.function("internal void @block(ptr %in, ptr %out, ptr %bodies)"):
         ir.label("start")
-        ir.do(f"%motions = getelementptr {ir.V}, ptr %bodies, i64 {(chain.nb + 1) * sweeps.layout.size}")
+        ir.do(f"%motions = getelementptr {ir.V}, ptr %bodies, i64 {(reduced.nb + 1) * sweeps.layout.size}")
         _set_results(ir, signature)
-        _set_ground(ir, sweeps.motion, ground(chain.gravity.astype(float)))
-        sweep(_Memory(ir, chain, sweeps, signature, present))
+        _set_ground(ir, sweeps, ground(reduced.gravity.astype(float)))
+        sweep(_Memory(ir, reduced, sweeps, signature, present))
         ir.do("ret void")
 
 
@@ -146,12 +146,14 @@ def _set_results(ir: Writer, signature: Signature) -> None:
             ir.store(mask, ir.at("%out", j, ir.V))
 
 
-def _set_ground(ir: Writer, layout: Layout, motion: Motion) -> None:
-    """The motion of the ground, constant here."""
-    for name, _, _ in layout.parts:
-        for k, places in enumerate(layout.places(name)):
+def _set_ground(ir: Writer, sweeps: Sweeps, motion: Motion) -> None:
+    """The motion of the ground, constant here, and what acts on it: nothing yet, as bodies add to it."""
+    for name, _, _ in sweeps.motion.parts:
+        for k, places in enumerate(sweeps.motion.places(name)):
             for place, x in zip(places, np.ravel(getattr(motion, name)[k]).tolist(), strict=True):
                 ir.store(ir.vector(float(x) + 0.0), ir.at("%motions", place, ir.V))
+    for place in chain.from_iterable(chain.from_iterable(map(sweeps.layout.places, ("f", "n")))):
+        ir.store(ir.vector(0.0), ir.at("%bodies", place, ir.V))
 
 
 def _joint_variable(ir: Writer, i: str, body: str, layout: Layout, n: int) -> None:
