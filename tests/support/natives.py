@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from jounce.dynamics.computation import Port, Signature, in_a_row
 from jounce.native import jit
-from jounce.native.emit import define_block, module_text
+from jounce.native.emit import module_text, straight
 from jounce.native.jit import host, ufunc
 
 WAYS = ["host", "4 lanes", "2 lanes", "4 lanes, no fma", "2 lanes, no fma"]
@@ -28,9 +28,7 @@ def signature(taken, given, first_orders):
 
 def native(program, interface, way="host"):
     """A program as a function of arrays."""
-    return assembled(
-        module_text(lambda ir: define_block(ir, program, interface), interface, target(way)), interface, way
-    )
+    return assembled(module_text(straight(program, interface), interface, target(way)), interface, way)
 
 
 def assembled(text, interface, way="host"):

@@ -5,7 +5,7 @@ steps the strides of the arrays from state to state, then those within a state.
 """
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from jounce.dynamics.computation import Port, Signature
@@ -15,40 +15,67 @@ from jounce.native.jit import Target
 from jounce.program.operations import LEAVES, OPERATIONS, VectorFunction
 from jounce.program.program import Program
 
+PIECE = 2500  # steps in a row: the time that LLVM takes for code without a branch grows faster than its length
 
-def module_text(
-    define_block: Callable[[Writer], None], signature: Signature, target: Target, of_bodies: int = 0
-) -> str:
-    """The module of a kernel whose ``@block(in, out, bodies)`` works on one block of states in scratch memory."""
+
+@dataclass(frozen=True)
+class Block:
+    """What works on one block of states: the text of ``@block(in, out, bodies)``, and where it leaves its results."""
+
+    define: Callable[[Writer], None]
+    places: Sequence[Sequence[int]]  # by result, the number of the vector of each scalar
+    of_bodies: int = 0  # vectors that it works in besides
+
+
+def module_text(block: Block, signature: Signature, target: Target) -> str:
+    """The module of a kernel whose block works in scratch memory."""
     ir = Writer(target)
     for define in functions.DEFINITIONS.values():
         define(ir)
     lanes.define_transposes(ir)
     lanes.define_lanes(ir)
-    define_block(ir)
+    block.define(ir)
+    for k, places in enumerate(block.places):
+        ir.table(f"places.{k}", [*places, *[places[-1]] * ir.lanes])  # read by whole vectors
     _define_blocks(ir, signature)
-    size = plan.call_size(signature, of_bodies, target.lanes)
+    size = plan.call_size(signature, block.of_bodies, target.lanes)
     define_states = _define_on_stack if size <= plan.STACK else pool.define_on_heap
     define_states(ir, size)
     return ir.text()
 
 
-def define_block(ir: Writer, program: Program, signature: Signature) -> None:
-    """``@block(in, out, bodies)``: a program in a straight line."""
+def straight(program: Program, signature: Signature) -> Block:
+    """A program in a straight line. Results of a port that are equal, as many zeros of matrices, are stored once."""
+    numbers: dict[tuple[int, int], int] = {}  # of vectors, by the port and the step of the program
+    places = [
+        [numbers.setdefault((k, program.outputs[j]), len(numbers)) for j in range(port.start, port.end)]
+        for k, port in enumerate(signature.outputs)
+    ]
+    return Block(lambda ir: _define_straight(ir, program, signature, numbers), places)
 
+
+def _define_straight(
+    ir: Writer, program: Program, signature: Signature, numbers: Mapping[tuple[int, int], int]
+) -> None:
     def add_zeros(total: str, port: Port) -> str:
         for j in range(port.start, port.end):
             total = ir.op("fma", ir.load(ir.at("%in", j, ir.V)), ir.vector(0.0), total)
         return total
 
     with ir.function("internal void @block(ptr %in, ptr %out, ptr %bodies)"):
-        results = defaultdict(list)  # by step, where each goes and its mask
-        for port, mask in zip(signature.outputs, nan_masks(ir, signature, add_zeros), strict=True):
-            for j in range(port.start, port.end):
-                results[program.outputs[j]].append((j, mask))
+        never = ir.let("icmp eq ptr %in, null")
+        masks = list(nan_masks(ir, signature, add_zeros))
+        results = defaultdict(list)  # by step, to which vectors and with which mask
+        for (k, i), number in numbers.items():
+            results[i].append((number, masks[k]))
         for i, value in emit_steps(ir, program, lambda i: ir.load(ir.at("%in", i, ir.V))):
-            for j, mask in results[i]:  # at once, so that no register waits
-                ir.store(ir.op("add", value, mask), ir.at("%out", j, ir.V))
+            for number, mask in results[i]:  # at once, so that no register waits
+                ir.store(ir.op("add", value, mask), ir.at("%out", number, ir.V))
+            if i % PIECE == PIECE - 1:
+                ir.do(f"br i1 {never}, label %done, label %piece{i}")
+                ir.label(f"piece{i}")
+        ir.do("br label %done")
+        ir.label("done")
         ir.do("ret void")
 
 
@@ -117,7 +144,7 @@ def _define_blocks(ir: Writer, signature: Signature) -> None:
         out = ir.at("%in", signature.inputs[-1].end + ir.lanes, ir.V)
         bodies = ir.at(out, signature.outputs[-1].end + ir.lanes, ir.V)
         scratch = [ir.at("%in", port.start, ir.V) for port in signature.inputs]
-        scratch += [ir.at(out, port.start, ir.V) for port in signature.outputs]
+        scratch += [out] * len(signature.outputs)
         arrays = list(_arrays(ir, [port.shape for port in ports]))
         dense = "true"
         for array, port in zip(arrays, ports, strict=True):
@@ -139,20 +166,21 @@ def _define_blocks(ir: Writer, signature: Signature) -> None:
             enough = ir.let(f"icmp sge i64 {left}, {ir.lanes + behind}")
             quick = ir.let(f"and i1 {dense}, {enough}")
             places = [ir.at(x.pointer, ir.let(f"mul i64 {first}, {x.step}"), "i8") for x in arrays]
-            moved = list(zip(ports, arrays, places, scratch, strict=True))
+            tables = [""] * given + [f", ptr @places.{k}" for k in range(len(signature.outputs))]
+            moved = list(zip(ports, arrays, places, scratch, tables, strict=True))
             for way, part in (("load", moved[:given]), ("store", moved[given:])):
                 if way == "store":
                     ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies})")
                 ir.do(f"br i1 {quick}, label %{way}.rows, label %{way}.lanes")
                 ir.label(f"{way}.rows")
-                for port, _, place, there in part:
-                    ir.do(f"call void @{way}_rows(ptr {place}, ptr {there}, i64 {port.size})")
+                for port, _, place, there, table in part:
+                    ir.do(f"call void @{way}_rows(ptr {place}, ptr {there}, i64 {port.size}{table})")
                 ir.do(f"br label %{way}.done")
                 ir.label(f"{way}.lanes")
-                for port, x, place, there in part:
+                for port, x, place, there, table in part:
                     integers = (*_in_three_axes(port.shape), x.step, *x.within, lanes)
                     listed = ", ".join(f"i64 {i}" for i in integers)
-                    ir.do(f"call void @{way}_lanes(ptr {place}, ptr {there}, {listed})")
+                    ir.do(f"call void @{way}_lanes(ptr {place}, ptr {there}, {listed}{table})")
                 ir.do(f"br label %{way}.done")
                 ir.label(f"{way}.done")
         ir.do("br label %done")
