@@ -15,7 +15,7 @@ from jounce.native.jit import Target
 from jounce.program.operations import LEAVES, OPERATIONS, VectorFunction
 from jounce.program.program import Program
 
-PIECE = 2500  # steps in a row: the time that LLVM takes for code without a branch grows faster than its length
+PIECE = 4000  # steps in a row: the time that LLVM takes for code without a branch grows faster than its length
 
 
 @dataclass(frozen=True)

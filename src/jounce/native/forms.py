@@ -16,7 +16,7 @@ from jounce.program.program import Program
 from jounce.program.trace import Tape, TapeFullError
 
 # What compiling takes, in seconds, as measured on one core of a Zen 4:
-OPERATION = 75e-6  # for an operation in a straight line, as traced
+OPERATION = 55e-6  # for a step of the trace of a straight line
 BODY = 1.2e-3  # for a body in the tables of the loop form
 STEP = 6e-3  # for a kind of joint there, times the square of how many rates
 

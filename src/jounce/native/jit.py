@@ -45,7 +45,7 @@ def _machine(target: Target) -> Any:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     triple = llvm.Target.from_default_triple()
-    return triple.create_target_machine(cpu=target.cpu, features=target.features, opt=2, jit=True)
+    return triple.create_target_machine(cpu=target.cpu, features=target.features, opt=1, jit=True)  # 2 is no faster
 
 
 def assemble(text: str, target: Target) -> bytes:

@@ -186,7 +186,7 @@ def _kernel(mechanism: Mechanism, computation: Computation, patience: float) -> 
 
 def native_obstacle(mechanism: Mechanism, computation: Computation) -> str | None:
     """Why native code cannot serve a computation, as the end of a sentence about native code."""
-    if found := obstacle(computation, mechanism.nb):
+    if found := obstacle(computation):
         return found
     if not all(is_numeric(getattr(mechanism, data)) for data in DATA):
         return "is for robots of numbers; this robot holds symbols"
