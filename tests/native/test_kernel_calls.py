@@ -325,14 +325,13 @@ def test_native_code_is_freed_with_its_kernel(monkeypatch):
 
     class Engine:
         def __init__(self, engine):
-            self.engine = engine
+            self.engine, self.get_function_address = engine, engine.get_function_address
 
         def __del__(self):
             engines.append(self.engine)
 
     def watched(*given):
-        address, engine = loaded(*given)
-        return address, Engine(engine)
+        return jit.Code(Engine(loaded(*given).engine))
 
     monkeypatch.setattr(module.jit, "load_object", watched)
     kernel = Kernel(ROBOT.mechanism, Computation("gravity_forces", 0))

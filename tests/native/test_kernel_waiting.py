@@ -84,15 +84,15 @@ def test_what_is_compiled_in_seconds_is_compiled_unasked():
     """Bundled arms, a chain of 44 bodies and every loop to order 6; not chains of any joints to order 12."""
     quantities = [Computation(name, 2) for name in ("inverse_dynamics", "skew_coriolis_matrix")]
     for quantity in quantities:
-        forms.module(jounce.load("iiwa14").mechanism, quantity, host(), dispatch.PATIENCE)
-    forms.module(chain(44).mechanism, Computation("inverse_dynamics", 2), host(), dispatch.PATIENCE)
+        forms.modules(jounce.load("iiwa14").mechanism, quantity, host(), dispatch.PATIENCE)
+    forms.modules(chain(44).mechanism, Computation("inverse_dynamics", 2), host(), dispatch.PATIENCE)
     robot = chain(100, ("revolute", "prismatic", "helical"))
-    forms.module(robot.mechanism, Computation("inverse_dynamics", 6, wrench=True), host(), dispatch.PATIENCE)
+    forms.modules(robot.mechanism, Computation("inverse_dynamics", 6, wrench=True), host(), dispatch.PATIENCE)
     with pytest.raises(LongCompilationError):
-        forms.module(robot.mechanism, Computation("inverse_dynamics", 12), host(), dispatch.PATIENCE)
+        forms.modules(robot.mechanism, Computation("inverse_dynamics", 12), host(), dispatch.PATIENCE)
     skew = Computation("skew_coriolis_matrix", 3)
     with pytest.raises(LongCompilationError):
-        forms.module(chain(12).mechanism, skew, host(), dispatch.PATIENCE)
+        forms.modules(chain(12).mechanism, skew, host(), dispatch.PATIENCE)
 
 
 def test_instructions_of_the_loop_form_do_not_grow_with_the_robot():
@@ -100,5 +100,5 @@ def test_instructions_of_the_loop_form_do_not_grow_with_the_robot():
     counts = set()
     for nb in (50, 60):
         quantity = Computation("inverse_dynamics", 2, wrench=True)
-        counts.add(forms.module(chain(nb).mechanism, quantity, host()).count("\n"))
+        counts.add(forms.modules(chain(nb).mechanism, quantity, host())[0].count("\n"))
     assert len(counts) == 1

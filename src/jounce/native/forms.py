@@ -6,7 +6,7 @@ import numpy as np
 
 from jounce.dynamics.computation import Computation, Signature
 from jounce.model.mechanism import Mechanism, with_exact_integers
-from jounce.native import emit, loop
+from jounce.native import calls, emit, loop
 from jounce.native.emit import Block
 from jounce.native.jit import Target
 from jounce.native.loop_steps import Sweeps, kinds
@@ -21,7 +21,7 @@ BODY = 1.2e-3  # for a body in the tables of the loop form
 STEP = 6e-3  # for a kind of joint there, times the square of how many rates
 
 
-def module(mechanism: Mechanism, computation: Computation, target: Target, patience: float = inf) -> str:
+def modules(mechanism: Mechanism, computation: Computation, target: Target, patience: float = inf) -> list[str]:
     """The LLVM IR of a computation for a robot.
 
     Raises
@@ -29,7 +29,7 @@ def module(mechanism: Mechanism, computation: Computation, target: Target, patie
     LongCompilationError : where compiling it is likely to take longer than `patience` seconds.
     """
     signature = computation.signature(mechanism.n, mechanism.nb)
-    return emit.module_text(_block(mechanism, computation, signature, patience), signature, target)
+    return calls.modules(_block(mechanism, computation, signature, patience), signature, target)
 
 
 def program(mechanism: Mechanism, computation: Computation, tape: Tape | None = None) -> Program:

@@ -41,13 +41,13 @@ class Kernel:
     def __init__(self, mechanism: Mechanism, computation: Computation, patience: float = inf) -> None:
         self.mechanism, self.computation = mechanism, computation
         self.signature = computation.signature(mechanism.n, mechanism.nb)
-        self.address, engine = jit.load_object(_code(mechanism, computation, patience), host())
+        self._code = jit.load_object(_code(mechanism, computation, patience), host())
         size = plan.scratch_size(computation, mechanism, host().lanes)
         self._pool = Pool(size) if size > plan.STACK else None
         pool = None if self._pool is None else self._pool.address
-        self._ufunc, needed = ufunc(self.address, self.signature, computation.name, pool)
+        self._ufunc, needed = ufunc(self._code.address("states"), self.signature, computation.name, pool)
         self._count = len(self.signature.inputs)
-        self._alive = engine, needed
+        self._alive = needed
 
     def __reduce__(self) -> tuple[Callable[..., "Kernel"], tuple[Mechanism, Computation]]:
         return compiled, (self.mechanism, self.computation)
@@ -129,14 +129,16 @@ class Kernel:
         everything = [*arrays, *results]
         steps = [array.strides[0] if batch else 0 for array in everything]
         within = [stride for array in everything for stride in array.strides[len(batch) :]]
-        called = (
+        called: tuple[ctypes.Array[Any], ...] = (
             (ctypes.c_void_p * len(everything))(*(array.ctypes.data for array in everything)),
             (ctypes.c_ssize_t * 1)(*batch or (1,)),
             (ctypes.c_ssize_t * len(steps + within))(*steps, *within),
         )
-        pool = None if self._pool is None else ctypes.c_void_p(self._pool.address)
-        call = partial(jit.Loop(self.address), *(ctypes.c_void_p(ctypes.addressof(part)) for part in called), pool)
-        vars(call)["alive"] = self, everything, called
+        places = map(ctypes.addressof, called)
+        arguments = (ctypes.c_void_p * 4)(*places, None if self._pool is None else self._pool.address)
+        address = ctypes.c_void_p(ctypes.addressof(arguments))
+        call = partial(jit.Bound(self._code.address("bound")), address)
+        vars(call)["alive"] = self, everything, called, arguments
         return call
 
     def _bound(self, arrays: Sequence[np.ndarray], out: Sequence[np.ndarray]) -> tuple[int, ...]:
@@ -221,8 +223,8 @@ def _code(mechanism: Mechanism, computation: Computation, patience: float) -> by
     key = cache.key(mechanism, computation, target)
     code = cache.read(key)
     if code is None:
-        from jounce.native.forms import module  # what a warm cache spares
+        from jounce.native.forms import modules  # what a warm cache spares
 
-        code = jit.assemble(module(mechanism, computation, target, patience), target)
+        code = jit.assemble(modules(mechanism, computation, target, patience), target)
         cache.write(key, code)
     return code
