@@ -59,6 +59,14 @@ REFUSED = {
     "out of three arrays": (ONES, {"out": tuple(np.ones((3, 5, 2)))}, r"exactly one entry per"),
     "out of another batch": (ONES, {"out": (np.ones((9, 2)), np.ones((9, 2)))}, r"broadcast"),
     "out of another shape": (ONES, {"out": (np.ones((5, 2)), np.ones((5, 3)))}, r"size 3 is different from 2"),
+    "a masked array": ([np.ma.masked_less(ONES[0], 2), *ONES[1:]], {}, r"takes arrays without masks; x\.astype"),
+    "a list of masked arrays": ([list(np.ma.masked_less(ONES[0], 2)), *ONES[1:]], {}, r"takes arrays without masks;"),
+    "out with a mask": (ONES, {"out": tuple(np.ma.masked_less([ONES[0]] * 2, 2))}, r"writes into arrays without masks"),
+    "another body": (
+        ONES,
+        {"body": "body1"},
+        r"robot\.compile\('inverse_dynamics', order=1\) fixed .*with body='body1'$",
+    ),
     "out of integers": (ONES, {"out": (np.ones((5, 2), int), np.ones((5, 2)))}, r"Cannot cast"),
 }
 
@@ -71,7 +79,7 @@ def test_calls_that_do_not_fit_are_refused_in_one_line(case, threads):
     before = [x.copy() for x in (*arrays, *(out if isinstance(out, tuple) else ())) if isinstance(x, np.ndarray)]
     one_line(lambda: compiled()(*arrays, threads=threads, **options), match)
     after = [x for x in (*arrays, *(out if isinstance(out, tuple) else ())) if isinstance(x, np.ndarray)]
-    assert all((x == y).all() for x, y in zip(before, after, strict=True))
+    assert all((np.asarray(x) == np.asarray(y)).all() for x, y in zip(before, after, strict=True))  # beneath masks too
 
 
 @pytest.mark.parametrize("threads", [1, 2])
@@ -276,6 +284,26 @@ UNBOUND = {
     "results that overlap": (ONES, [ONE[1:], ONE[:-1]], r"^out\[1\] is read-only or shares memory"),
     "a result over a state": ([ONE[1:], *ONES[1:]], [OUT[0], ONE[:-1]], r"^out\[1\] is read-only or shares memory"),
 }
+
+
+def test_what_is_to_be_bound_in_place_of_other_arrays_is_said():
+    for k, (wrong, came) in enumerate([(ONES[0].astype(np.float32), "dtype float32"), ([[1.0, 2.0]] * 5, "type list")]):
+        given = [*ONES[:k], wrong, *ONES[k + 1 :]]
+        shape = r"\(5, 2\)" if k == 0 else r"\(2,\)"
+        one_line(
+            lambda x=given: compiled().bind(*x, out=OUT), rf"^{'q' + 'd' * k} is of {came}, numpy\.zeros\({shape}\)"
+        )
+    one_line(
+        lambda: compiled().bind(*ONES, out=[OUT[0], OUT[1].astype(int)]), r"^out\[1\] is of dtype int64, numpy\.zer"
+    )
+
+
+def test_of_which_body_a_kernel_is_cannot_be_asked_when_it_is_called():
+    kernel = ROBOT.compile("jacobian", order=0, body="body1")
+    own, other = r"\('jacobian', order=0, body='body1'\)", "body='body2', frame='world'"
+    fixed = rf"^robot\.compile{own} fixed what <Kernel: .*> computes; compile another one with {other}$"
+    one_line(lambda: kernel(np.ones(2), body="body2", frame="world"), fixed)
+    one_line(lambda: kernel.bind(np.ones(2), out=np.empty((6, 2)), body="body2", frame="world"), fixed)
 
 
 @pytest.mark.parametrize("case", UNBOUND)
