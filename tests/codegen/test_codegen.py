@@ -102,7 +102,7 @@ CASES = {  # the robot, what is asked for, how many states, and in which languag
     "panda, order 0": ("panda", {"order": 0}, 100, "julia rust"),
     "panda, order 1": ("panda", {"order": 1, "parameters": ("gravity", "payload:panda_hand_tcp")}, 100, "cpp python"),
     "panda, order 2": ("panda", {"order": 2, "wrench": True}, 100, "c rust"),
-    "panda, all": ("panda", {"order": 1, "wrench": True, "outputs": every("panda_hand_tcp")}, 10, "c python"),
+    "panda, all": ("panda", {"order": 0, "wrench": True, "outputs": every("panda_hand_tcp")}, 10, "c python"),
     "planar2r, all": ("planar2r", {"order": 2, "wrench": True, "outputs": ALL, "parameters": PARAMETERS}, 10, "all"),
     "planar2r, all, single": (
         "planar2r", {"order": 1, "outputs": ALL, "float32": True, "parameters": PARAMETERS}, 10, "all",
@@ -111,7 +111,7 @@ CASES = {  # the robot, what is asked for, how many states, and in which languag
     "mixed5": ("mixed5", {"order": 2, "wrench": True}, 100, "c rust"),
     "driven": ("driven", {"order": 2, "outputs": ("inverse_dynamics", "mass_matrix")}, 100, "all"),
     "driven, single": ("driven", {"order": 1, "float32": True}, 100, "all"),
-    "mimic": ("mimic", {"order": 1, "wrench": True, "outputs": ALL}, 10, "c matlab python"),
+    "mimic": ("mimic", {"order": 0, "wrench": True, "outputs": ALL}, 10, "c matlab python"),
 }  # fmt: skip
 languages = pytest.mark.parametrize("lang", LANGUAGES)
 programs = pytest.mark.parametrize("lang", [pytest.param(x, marks=needs(*LANGUAGES[x][0])) for x in PROGRAMS])

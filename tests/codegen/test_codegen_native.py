@@ -23,7 +23,7 @@ eigen = pytest.mark.skipif(not EIGEN.exists() or bool(obstacles("make")), reason
     [pytest.param("g++", False, marks=needs("g++")), pytest.param("clang++", True, marks=needs("clang++"))],
 )
 def test_eigen_gives_the_same(compiler, single, tmp_path):
-    folder = written(tmp_path, texts("planar2r", "cpp", float32=single, **EVERYTHING))
+    folder = written(tmp_path, texts("planar2r", "cpp", 10, float32=single, **EVERYTHING))
     passed, output = passes(folder, "cpp", f"CXX={compiler}", f"EIGEN={EIGEN}")
     assert passed, output
     assert output.count("plain arrays and Eigen: worst") == len(ALL)
@@ -60,7 +60,7 @@ def test_eigen_takes_expressions_and_writes_into_views(tmp_path):
 
 @needs("clang++", "make")
 def test_clang_warns_of_nothing_in_the_shim(tmp_path):
-    files = texts("planar2r", "cuda", float32=True, **EVERYTHING)
+    files = texts("planar2r", "cuda", 10, float32=True, **EVERYTHING)
     passed, output = passes(written(tmp_path, files), "cuda", "CXX=clang++")
     assert passed, output
 
@@ -94,7 +94,7 @@ def test_nvcc_warns_of_nothing(cut, tmp_path, monkeypatch):
         monkeypatch.setattr(schedule, "WHOLE", 50)
         monkeypatch.setattr(schedule, "PART", 60)
         robot, options = "planar2r", EVERYTHING | {"float32": True}
-    folder = written(tmp_path, texts(robot, "cuda", **options))
+    folder = written(tmp_path, texts(robot, "cuda", 10, **options))
     flags = "-O1 -std=c++17 -Werror all-warnings -Xcompiler -Wall,-Wextra"
     passed, output = passes(folder, "cuda", "NVCC=nvcc", f"NVCCFLAGS={flags}")
     assert passed, output
