@@ -29,8 +29,8 @@ def forest():
 
 def chain():
     """Of more bodies than are written in a straight line."""
-    kinds = ["revolute", "prismatic", "helical", "revolute"] * 4
-    return jounce.Robot(random_mechanism(np.random.default_rng(2), [-1, 0, 0, *range(2, 15)], kinds, [1.0] * 16))
+    kinds = ["revolute", "prismatic", "helical", "revolute"] * 6
+    return jounce.Robot(random_mechanism(np.random.default_rng(2), [-1, 0, 0, *range(2, 23)], kinds, [1.0] * 24))
 
 
 KERNELS = {
@@ -38,7 +38,9 @@ KERNELS = {
     "two coordinates": lambda: jounce.load("planar2r").compile(order=1),
     "a forest with wrenches": lambda: forest().compile(order=1, wrench=True),
     "seven coordinates": lambda: jounce.load("iiwa14").compile(order=2),
-    "sixteen coordinates in a loop": lambda: chain().compile(order=1, wrench=True),
+    "many coordinates in a loop": lambda: chain().compile(order=4, wrench=True),
+    "many coordinates in a straight line": lambda: chain().compile(order=1, wrench=True),
+    "a matrix of many coordinates": lambda: chain().compile(order=0, quantity="mass_matrix"),
     "a matrix": lambda: jounce.load("planar2r").compile(order=1, quantity="mass_matrix"),
     "gravity": lambda: forest().compile(order=0, quantity="gravity_forces"),
 }
@@ -160,7 +162,7 @@ def test_agrees_with_extended_precision_at_large_angles(name, angle):
 def test_agrees_with_the_host_on_other_targets(way):
     robot = forest()
     quantity = Computation("inverse_dynamics", 1, wrench=True)
-    function = assembled(forms.module(robot.mechanism, quantity, target(way)), quantity.signature(robot.n, 4), way)
+    function = assembled(forms.modules(robot.mechanism, quantity, target(way)), quantity.signature(robot.n, 4), way)
     kernel = robot.compile(order=1, wrench=True)
     for count in (1, 3, 29):
         arrays = states(kernel, count)

@@ -107,7 +107,7 @@ def _write_forces(robot: "Robot", motion: "Motion", method: str | None, output: 
     peaks = np.zeros((len(motion.rates) - FORCES.rates + 1, robot.n))
 
     def pieces() -> "Iterator[Columns]":
-        for piece in pieces_along(robot.mechanism, motion, method, show):
+        for piece in pieces_along(robot, motion, method, show):
             np.maximum(peaks, np.abs(piece.forces).max(axis=1), out=peaks)
             yield tables.of_rates(piece.t, robot.joint_names, FORCES.symbol, piece.forces)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from jounce.model.mechanism import Mechanism
 from jounce.motion.states import Motion
 from jounce.robot.dispatch import compute
 from jounce.spatial.series import rate_name
+
+if TYPE_CHECKING:
+    from jounce.robot.robot import Robot
 
 PIECE = 1000  # states
 
@@ -47,18 +51,18 @@ class Along:
 
 
 def forces_along(
-    mechanism: Mechanism, motion: object, t: object, order: object, method: str | None, progress: Progress | None
+    robot: "Robot", motion: object, t: object, order: object, method: str | None, progress: Progress | None
 ) -> Along:
     """The forces and their rates at times of a motion, or along all of it, checked."""
-    states = _states(mechanism, motion, t, checked_order(order))
+    states = _states(robot.mechanism, motion, t, checked_order(order))
     if progress is not None and not callable(progress):
         raise JounceError(f"progress is {quoted(progress)}; expected a function of two numbers, (done, total)")
-    parts = [piece.forces for piece in pieces_along(mechanism, states, method, progress)]
+    parts = [piece.forces for piece in pieces_along(robot, states, method, progress)]
     return Along(states.t, states.rates, tuple(np.concatenate(terms) for terms in zip(*parts, strict=True)))
 
 
 def pieces_along(
-    mechanism: Mechanism, motion: Motion, method: str | None = None, progress: Progress | None = None
+    robot: "Robot", motion: Motion, method: str | None = None, progress: Progress | None = None
 ) -> Iterator[Along]:
     """The forces along a motion in pieces of some states, of the order that its rates allow.
 
@@ -67,7 +71,7 @@ def pieces_along(
     total = len(motion.t)
     for start in range(0, total, PIECE):
         piece = motion.part(slice(start, start + PIECE))
-        forces = compute(mechanism, FORCES.name, piece.rates, wrench=piece.wrench, method=method)
+        forces = compute(robot, FORCES.name, piece.rates, wrench=piece.wrench, method=method)
         if progress is not None:
             progress(start + len(piece.t), total)
         yield Along(piece.t, piece.rates, forces if isinstance(forces, tuple) else (forces,))
