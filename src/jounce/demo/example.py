@@ -9,6 +9,7 @@ from time import perf_counter
 
 import numpy as np
 
+from jounce._typing import Method
 from jounce.io import motions
 from jounce.io.bundled import iiwa14
 from jounce.motion import Motion
@@ -19,7 +20,7 @@ from jounce.spatial.inertia import moments
 from jounce.spatial.lie import hat
 
 PAPER_MS = 1.6  # of the authors: an evaluation of order 2, on an Intel Core i9-7960X; Section 6.2
-METHODS = ("closed_form", "paper", "recursion", "kernel")
+METHODS: tuple[Method, ...] = ("closed_form", "paper", "recursion", "kernel")
 STEPS = 2.0 ** -np.arange(4, 29)  # s; powers of two, which add to the times without rounding
 SCHEMES = {  # of differentiation: how often they differentiate, and the weights of the values at t + j h
     "forward, 2 points": (1, {0: -1.0, 1: 1.0}),
@@ -63,7 +64,7 @@ def example(name: str, states: int) -> Example:
     return Example(robot, motion, forces, tuple(np.gradient(Q, t, axis=0, edge_order=2) for Q in forces[:2]))
 
 
-def forces_of(robot: Robot, motion: Motion, method: str | None = None) -> Forces:
+def forces_of(robot: Robot, motion: Motion, method: Method | None = None) -> Forces:
     """Q, Qd, Q2d along a motion."""
     return robot.inverse_dynamics(*motion.rates, wrench=motion.wrench, method=method)
 
@@ -73,7 +74,7 @@ def step_errors(robot: Robot) -> tuple[StepErrors, StepErrors]:
     terms = motions.bundled("paper")
     t = np.arange(terms.t[0] + 0.125, terms.t[-1] - 0.125, 1 / 64)
 
-    def forces_at(times: np.ndarray, method: str | None = None) -> Forces:
+    def forces_at(times: np.ndarray, method: Method | None = None) -> Forces:
         return forces_of(robot, along(replace(terms, t=times), robot.mechanism, 4), method)
 
     exact, again = forces_at(t, "recursion"), forces_at(t, "closed_form")
@@ -106,7 +107,7 @@ def without_steiner(found: Example) -> tuple[float, ...]:
     return tuple(share(a - b, b) for a, b in zip(other, found.forces, strict=True))
 
 
-def methods() -> list[str]:
+def methods() -> list[Method]:
     """The paths to the forces that are at hand here."""
     return [method for method in METHODS if method != "kernel" or available()]
 
