@@ -38,8 +38,9 @@ def shell(*words, **options):
 
 def forces_of(robot, motion, order, method=None):
     """The columns that `jounce run` should write, straight from the library."""
-    rates = from_table(tables.read(motion), robot.mechanism, order + 2, "").rates
-    return columns_of(robot, tables.read(motion)["t"], robot.inverse_dynamics(*rates, method=method), order)
+    path = from_table(tables.read(motion), robot.mechanism, order + 2, "")
+    rates = path(path.times, order + 2)
+    return columns_of(robot, path.times, robot.inverse_dynamics(*rates, method=method), order)
 
 
 def columns_of(robot, t, results, order):

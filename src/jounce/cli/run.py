@@ -1,5 +1,6 @@
 """`jounce run`: the drive forces and their rates along a motion, from table to table."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
     from jounce.io.columns import Columns
     from jounce.motion import Motion
     from jounce.robot import Robot
+    from jounce.robot.along import ForceBreak
+
+SHOWN = 4  # breaks in words
 
 EPILOG = """\b
 Example, the robot and the motion of the paper:
@@ -67,23 +71,26 @@ def run(
     from jounce.io import tables
     from jounce.io.motions.loading import load_motion
     from jounce.model.coordinates import coordinate_units
+    from jounce.robot.along import force_breaks
 
     tables.check_writable(output)
     if output.resolve() == motion.resolve():
         raise JounceError(f"{output}: is the motion itself; expected another file to write into")
     arm = robot.load()
     path = load_motion(motion, arm, order, degree, intervals)
-    peaks = _write_forces(arm, path, method, output)
+    peaks = _write_forces(arm, path, order, method, output)
+    breaks = force_breaks(arm.mechanism, path, path.times, order, method)
     names = FORCES.names(order)
     summary = {
         "robot": arm.name,
         "motion": str(motion),
         "source": path.source,
-        "residual": path.residual,
+        "residual": None if path.residual is None else float(path.residual.max()),
         "output": str(output),
-        "states": len(path.t),
-        "t": [float(path.t[0]), float(path.t[-1])],
+        "states": len(path.times),
+        "t": [float(path.times[0]), float(path.times[-1])],
         "order": order,
+        "breaks": [_break(found, arm.joint_names, names) for found in breaks],
         "peaks": {
             joint: dict(zip(names, largest.tolist(), strict=True))
             for joint, largest in zip(arm.joint_names, peaks.T, strict=True)
@@ -96,7 +103,7 @@ def run(
     tell(summary, _in_words, as_json)
 
 
-def _write_forces(robot: "Robot", motion: "Motion", method: str | None, output: Path) -> "np.ndarray":
+def _write_forces(robot: "Robot", motion: "Motion", order: int, method: str | None, output: Path) -> "np.ndarray":
     """Write the forces and their rates along a motion, each piece when it is computed; the largest of them, (.., n)."""
     import numpy as np
 
@@ -104,16 +111,44 @@ def _write_forces(robot: "Robot", motion: "Motion", method: str | None, output: 
     from jounce.io import tables
     from jounce.robot.along import pieces_along
 
-    peaks = np.zeros((len(motion.rates) - FORCES.rates + 1, robot.n))
+    peaks = np.zeros((order + 1, robot.n))
 
     def pieces() -> "Iterator[Columns]":
-        for piece in pieces_along(robot.mechanism, motion, method, show):
+        for piece in pieces_along(robot.mechanism, motion, motion.times, order, method, show):
             np.maximum(peaks, np.abs(piece.forces).max(axis=1), out=peaks)
             yield tables.of_rates(piece.t, robot.joint_names, FORCES.symbol, piece.forces)
 
     with progress("inverse dynamics") as show:
         tables.write_pieces(output, pieces())
     return peaks
+
+
+def _break(found: "ForceBreak", joints: Sequence[str], names: Sequence[str]) -> dict[str, Any]:
+    """A break as plain data: which rate of Q jumps and by how much, and which rates of which joints do it."""
+    from jounce.spatial.series import rate_name
+
+    jump = None if found.jump is None else dict(zip(joints, found.jump.tolist(), strict=True))
+    return {
+        "t": found.t,
+        "jumps": names[found.order] if found.order >= 0 else None,
+        "by": jump,
+        "missing": list(names[found.order + 1 :]),
+        "causes": {cause.joint: {"rate": rate_name("q", cause.order), "by": cause.jump} for cause in found.causes},
+    }
+
+
+def _breaks_in_words(breaks: Sequence[dict[str, Any]]) -> list[str]:
+    """The first breaks, a line each, and how many there are."""
+    lines = []
+    for found in breaks[:SHOWN]:
+        causes = ", ".join(f"{cause['rate']} of {shortened(joint)}" for joint, cause in found["causes"].items())
+        then = [f"{found['jumps']} jumps"] if found["jumps"] else []
+        then += [f"{', '.join(found['missing'])} {'do' if len(found['missing']) > 1 else 'does'} not exist"]
+        lines.append(
+            f"break at t = {found['t']:.9g} s: {causes} jump: {'; '.join(then if found['missing'] else then[:1])}"
+        )
+    rest = len(breaks) - SHOWN
+    return [*lines, f"and {rest} more break{'s' * (rest > 1)}, all of them with --json"] if rest > 0 else lines
 
 
 def _in_words(summary: dict[str, Any]) -> str:
@@ -128,6 +163,7 @@ def _in_words(summary: dict[str, Any]) -> str:
     return "\n".join([
         f"{along}: {summary['states']} states, t = {first:g} .. {last:g} s",
         summary["source"] + residual,
+        *_breaks_in_words(summary["breaks"]),
         f"{', '.join(names)} written to {summary['output']}",
         "",
         *straight_columns(rows),

@@ -3,6 +3,7 @@
 import re
 import warnings
 from collections.abc import Mapping, Sequence
+from itertools import count, takewhile
 
 import numpy as np
 
@@ -10,8 +11,9 @@ from jounce.arguments import names
 from jounce.errors import JounceError, JounceWarning, at, listed
 from jounce.model.mechanism import Mechanism
 from jounce.motion import loads, smoothness
-from jounce.motion.spline import Spline, rates_of
-from jounce.motion.states import Motion
+from jounce.motion.hermite import Hermite
+from jounce.motion.motion import Motion
+from jounce.motion.spline import Spline, curve_of, residual_of
 from jounce.spatial.series import SUFFIX, rate_name
 
 THROUGH = Spline()
@@ -46,18 +48,28 @@ def from_table(
         i = int(steps[0])
         follows = f"{t[i]:.17g} is followed by {t[i + 1]:.17g}, rows {i} and {i + 1} counted from 0"
         raise JounceError(f"{place}: t does not increase: {follows}")
-    wrenches = {name: columns[name] for name in ("t", *of_wrenches)}
-    W = loads.wrenches(wrenches, mechanism, max(highest - 2, 0), spline, place)
+    W = loads.wrenches(t, {name: columns[name] for name in of_wrenches}, mechanism, max(highest - 2, 0), spline, place)
     if not sampled:
-        rates = tuple(np.stack([columns[f"{joint}.{rate}"] for joint in joints], axis=1) for rate in wanted)
-        _warn_of(smoothness.of_rates(rates), place)
-        return Motion(t, rates, joints, "all rates from the table", W)
-    samples = np.stack([columns[joint] for joint in joints], axis=1)
+        rows = tuple(_stacked(columns, [f"{joint}.{rate}" for joint in joints]) for rate in _rates_in(columns, joints))
+        _warn_of(smoothness.of_rates(rows), place)
+        return Motion(Hermite(t, rows), joints, "all rates from the table", W, grid=t)
+    samples = _stacked(columns, joints)
     if spline.intervals is None:  # what a fit does not follow, its residual tells
         _warn_of(smoothness.of_samples(t, samples), place)
-    rates = rates_of(t, samples, highest, spline, place)
-    residual = float(np.abs(rates[0] - samples).max())
-    return Motion(t, rates, joints, f"samples, rates from a {spline}", W, residual)
+    curve = curve_of(t, samples, spline, place, highest)
+    return Motion(
+        curve, joints, f"samples, rates from a {spline}", W, (t, samples), residual_of(curve, spline, t, samples), t
+    )
+
+
+def _stacked(columns: Mapping[str, np.ndarray], names: Sequence[str]) -> np.ndarray:
+    return np.stack([columns[name] for name in names], axis=1)
+
+
+def _rates_in(columns: Mapping[str, np.ndarray], joints: Sequence[str]) -> list[str]:
+    """q, qd, ...: the rates that a table states of every joint, none skipped."""
+    names = (rate_name("q", k) for k in count())
+    return list(takewhile(lambda rate: all(f"{joint}.{rate}" in columns for joint in joints), names))
 
 
 def _warn_of(jumps: str | None, place: str) -> None:

@@ -8,7 +8,7 @@ from jounce.model.mechanism import Mechanism
 
 if TYPE_CHECKING:  # what reads them takes a while to import, and robots need it not
     from jounce.motion import Motion
-    from jounce.motion.analytic import Terms
+    from jounce.motion.analytic import Description
     from jounce.motion.spline import Spline
 
 BUNDLED = {"paper": "paper.yaml", "paper-wrench": "paper-wrench.yaml"}  # names of motions, beside files
@@ -19,14 +19,14 @@ def read(source: Path, mechanism: Mechanism, highest: int, spline: "Spline | Non
     """The motion of a file, or of a bundled name, for a mechanism: rates up to the one of order `highest`."""
     from jounce.io import tables
     from jounce.io.motions import terms
-    from jounce.motion.analytic import along
+    from jounce.motion.analytic import motion_of
     from jounce.motion.table import THROUGH, from_table
 
     if str(source) in BUNDLED:
         with at(source):
-            return along(bundled(str(source)), mechanism, highest)
+            return motion_of(bundled(str(source)), mechanism)
     if source.suffix.lower() in SUFFIXES:
-        return terms.read(source, mechanism, highest)
+        return terms.read(source, mechanism)
     if source.suffix.lower() in tables.READERS:
         return from_table(tables.read(source), mechanism, highest, str(source), spline or THROUGH)
     known = ", ".join([*tables.READERS, *SUFFIXES])
@@ -40,7 +40,7 @@ def is_analytic(source: Path) -> bool:
     return str(source) in BUNDLED or source.suffix.lower() in SUFFIXES
 
 
-def bundled(name: str) -> "Terms":
+def bundled(name: str) -> "Description":
     """The analytic terms of a motion that comes with jounce."""
     from importlib.resources import as_file, files
 

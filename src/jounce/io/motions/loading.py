@@ -23,7 +23,7 @@ PLACE = "the motion"  # where columns without a file stand, in messages
 def load_motion(
     source: Any, /, robot: Robot, order: int = 2, degree: int = 7, intervals: int | None = None
 ) -> "Motion":
-    """Load a motion of a robot, with the rates that its forces take: from a file, by name, or from named columns.
+    """Load a motion of a robot as a function of time: from a file, by name, or from named columns.
 
     Columns are matched by joint name in any order: ``t`` and either one column per joint (samples; the rates are those
     of a spline) or ``NAME.q, NAME.qd, NAME.q2d, ...`` (used as they are), and if wrenches act ``BODY.mx .. BODY.fz``.
@@ -36,7 +36,7 @@ def load_motion(
     robot : Robot
         The robot that moves.
     order : int, optional
-        The highest rate of the forces to be computed: 2, for Q2d, takes q to q4d.
+        The highest rate of the forces to be computed: 2, for Q2d, takes q to q4d, which the source must have.
     degree : int, optional
         Degree of the spline of samples: 7 (C^6) or 5 (C^4).
     intervals : int, optional
@@ -46,7 +46,7 @@ def load_motion(
     Returns
     -------
     Motion
-        Frozen: the times `t` (N,), the `rates` q, qd, ... (N, n), and more.
+        Frozen: ``motion(t, order)`` gives q, qd, ... at any times.
 
     Raises
     ------
