@@ -59,6 +59,16 @@ def test_times_may_be_any_within_the_motion_in_any_order():
     assert relative_error((d_above - d_below) / (2 * h), Q2d) < 1e-6
 
 
+def test_joints_are_matched_by_name():
+    motion = motion_of(OTHER, wrench=False)
+    q, *rates = (rate[:, ::-1] for rate in motion(T))
+    swapped = jounce.Motion.through(T, q, joint_names=("joint2", "joint1"))
+    assert np.allclose(swapped(T)[4], rates[3], atol=1e-3)
+    found, expected = OTHER.forces_along(swapped), OTHER.forces_along(motion)
+    for ours, other in zip(found.forces, expected.forces, strict=True):
+        assert relative_error(ours, other) < 1e-6
+
+
 @pytest.mark.usefixtures("_piece")
 def test_progress_counts_the_states_up_to_the_last():
     said = []
@@ -97,14 +107,17 @@ REFUSED = {
         ["q6d is not known along this motion (samples, rates from a spline of degree 5 (C^4)); it ends at q5d"],
     ),
     "no order": (lambda: ROBOT.forces_along(MOTION, None, "two"), ["order is 'two'"]),
-    "another robot": (lambda: OTHER.forces_along(MOTION), ["'planar2r'", "joint1, joint2", *ROBOT.joint_names]),
+    "another robot": (
+        lambda: OTHER.forces_along(MOTION),
+        ["the motion: missing 'joint1', 'joint2'", "the joints of 'planar2r'", *ROBOT.joint_names],
+    ),
     "renamed joints": (
-        lambda: OTHER.forces_along(replace(motion_of(OTHER, wrench=False), joint_names=("joint2", "joint1"))),
-        ["joints joint2, joint1;", "load the motion for this robot"],
+        lambda: OTHER.forces_along(replace(motion_of(OTHER, wrench=False), joint_names=("joint2", "jont1"))),
+        ["the motion: missing 'joint1'; unknown 'jont1' (did you mean 'joint1'?)"],
     ),
     "joints without names": (
         lambda: OTHER.forces_along(jounce.Motion.polynomial([[0, 1]] * 3, 1)),
-        ["the motion is one of 3 joints without names; 'planar2r' has joint1, joint2"],
+        ["the motion: 3 joints without names; 'planar2r' has joint1, joint2"],
     ),
     "one time": (lambda: ROBOT.forces_along(MOTION, 1), ["t is 1; expected an array (N,)"]),
     "order in place of times": (lambda: ROBOT.forces_along(MOTION, 2), ["t = 2 s is outside of the motion"]),

@@ -18,7 +18,7 @@ HIGHEST = 4  # q4d, which Q2d takes: the rate whose rounding is judged
 
 def through(t: Any, q: Any, spline: Spline, joint_names: Any) -> Motion:
     """A spline of samples, through all of them or fitted by least squares."""
-    times, samples = _numbers(t, "t", 1), _numbers(q, "q", 2)
+    times, samples = numbers(t, "t", 1), numbers(q, "q", 2)
     if len(times) != len(samples):
         raise JounceError(f"t has {len(times)} times and q {len(samples)} rows; expected as many")
     check_increasing(times, "t")
@@ -32,7 +32,7 @@ def through(t: Any, q: Any, spline: Spline, joint_names: Any) -> Motion:
 
 def polynomial(coefficients: Any, duration: Any, start: Any, joint_names: Any) -> Motion:
     """Polynomials in t - start, coefficients (n, degree + 1) with the lowest power first."""
-    c, first = _numbers(coefficients, "coefficients", 2), float(_numbers(start, "start", 0))
+    c, first = numbers(coefficients, "coefficients", 2), float(numbers(start, "start", 0))
     ends = np.array([first, first + _positive(duration, "duration")])
     check_increasing(ends, "start and end")
     curve = Polynomials(ends, np.ascontiguousarray(c.T[::-1, None, :]))
@@ -43,11 +43,11 @@ def fourier(
     offset: Any, cosines: Any, sines: Any, frequency: Any, duration: Any, start: Any, joint_names: Any
 ) -> Motion:
     """offset + sum_k cosines[k] cos((k + 1) frequency t) + sines[k] sin((k + 1) frequency t)."""
-    mean, a, b = _numbers(offset, "offset", 1), _numbers(cosines, "cosines", 2), _numbers(sines, "sines", 2)
+    mean, a, b = numbers(offset, "offset", 1), numbers(cosines, "cosines", 2), numbers(sines, "sines", 2)
     for name, part in (("cosines", a), ("sines", b)):
         if part.shape[1] != len(mean):
             raise JounceError(f"{name} has shape {part.shape}; expected (harmonics, {len(mean)}), as offset has joints")
-    w, first = _positive(frequency, "frequency"), float(_numbers(start, "start", 0))
+    w, first = _positive(frequency, "frequency"), float(numbers(start, "start", 0))
     terms = tuple(
         Terms(
             (float(mean[j]),),
@@ -64,7 +64,7 @@ def fourier(
 
 def piecewise(breaks: Any, coefficients: Any, joint_names: Any) -> Motion:
     """Piecewise polynomials as scipy's PPoly has them."""
-    x, c = _numbers(breaks, "breaks", 1), _numbers(coefficients, "coefficients", 3)
+    x, c = numbers(breaks, "breaks", 1), numbers(coefficients, "coefficients", 3)
     check_increasing(x, "breaks")
     if c.shape[1] != len(x) - 1 or not c.shape[0]:
         came = f"coefficients has shape {c.shape} for {len(x)} breaks"
@@ -94,7 +94,8 @@ def check_increasing(t: np.ndarray, what: str) -> None:
         )
 
 
-def _numbers(given: Any, what: str, axes: int) -> np.ndarray:
+def numbers(given: Any, what: str, axes: int) -> np.ndarray:
+    """Finite numbers in an array of some axes, which is not empty along the last."""
     array = np.asarray(asarray(given, what))
     if (
         array.dtype.kind != "f"
@@ -110,7 +111,7 @@ def _numbers(given: Any, what: str, axes: int) -> np.ndarray:
 
 
 def _positive(given: Any, what: str) -> float:
-    number = float(_numbers(given, what, 0))
+    number = float(numbers(given, what, 0))
     if number <= 0:
         raise JounceError(f"{what} is {number:g}; expected a number > 0")
     return number

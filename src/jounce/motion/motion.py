@@ -119,6 +119,41 @@ class Motion:
 
         return constructors.piecewise(breaks, coefficients, joint_names)
 
+    @staticmethod
+    def trapezoidal(positions: Any, velocity: Any, acceleration: Any, *, joint_names: Any = None) -> "Motion":
+        """From rest to rest between positions (m, n) with trapezoidal velocities, all joints in step.
+
+        The limits of velocity and acceleration are numbers, or (n,) one for each joint; the slowest joint decides.
+        """
+        from jounce.motion import planners
+
+        return planners.trapezoidal(positions, velocity, acceleration, joint_names)
+
+    @staticmethod
+    def from_ruckig(trajectory: Any, *, joint_names: Any = None) -> "Motion":
+        """The motion of a `ruckig.Trajectory`: exact pieces of constant jerk, whose ends are breaks."""
+        from jounce.motion import planners
+
+        return planners.from_ruckig(trajectory, joint_names)
+
+    @staticmethod
+    def from_toppra(path: Any, *, joint_names: Any = None) -> "Motion":
+        """The motion that toppra's ``compute_trajectory()`` returns, of either parametrizer, as exact polynomials."""
+        from jounce.motion import planners
+
+        return planners.from_toppra(path, joint_names)
+
+    @staticmethod
+    def from_joint_trajectory(message: Any) -> "Motion":
+        """The motion of a ROS JointTrajectory, or of a plan of MoveIt that holds one: a message or the dict of it.
+
+        Between points it is linear, cubic or quintic, as both of them state positions, velocities too, or accelerations
+        too. Joints are matched by name when it is used with a robot.
+        """
+        from jounce.motion import ros
+
+        return ros.from_joint_trajectory(message)
+
     @property
     def start(self) -> float:
         """The time at which it begins, s."""

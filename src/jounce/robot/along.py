@@ -9,8 +9,9 @@ import numpy as np
 
 from jounce.arguments.rates import checked_order
 from jounce.dynamics.quantities import FORCES
-from jounce.errors import JounceError, listed, quoted
+from jounce.errors import JounceError, at, quoted
 from jounce.model.mechanism import Mechanism
+from jounce.motion.matching import matched
 from jounce.motion.motion import Break, Motion
 from jounce.robot.dispatch import compute
 
@@ -87,17 +88,12 @@ def forces_along(
 
 
 def checked_motion(mechanism: Mechanism, motion: object) -> Motion:
-    """A motion that is this robot's."""
+    """A motion of the joints of a robot, in its order."""
     if not isinstance(motion, Motion):
         came = type(motion).__name__
         raise JounceError(f"forces_along() expects a jounce.Motion, got {came}; jounce.load_motion makes one")
-    expected = f"{mechanism.name!r} has {listed(mechanism.coordinates)}"
-    if motion.joint_names is None and motion.curve.columns != mechanism.n:
-        raise JounceError(f"the motion is one of {motion.curve.columns} joints without names; {expected}")
-    if motion.joint_names is not None and motion.joint_names != mechanism.coordinates:
-        came = f"the motion is one of the joints {listed(motion.joint_names)}"
-        raise JounceError(f"{came}; {expected}: load the motion for this robot")
-    return motion
+    with at("the motion"):
+        return matched(motion, mechanism)
 
 
 def pieces_along(
@@ -139,8 +135,8 @@ def force_breaks(
         before, after = (_one_sided(mechanism, motion, t[part], order, side, method) for side in ("left", "right"))
         jumps[:, part] = np.subtract(after, before)
     return tuple(
-        ForceBreak(at, max(int(k), -1), jumps[k, i] if k >= 0 else None, causes)
-        for i, (k, (at, causes)) in enumerate(zip(lowest, known, strict=True))
+        ForceBreak(time, max(int(k), -1), jumps[k, i] if k >= 0 else None, causes)
+        for i, (k, (time, causes)) in enumerate(zip(lowest, known, strict=True))
     )
 
 
@@ -188,10 +184,10 @@ def _spreads(
                 total[:, start : start + PIECE] += (np.array(other) - true) ** 2
     known = np.sqrt(total)
 
-    def at(times: np.ndarray) -> Rates:
+    def interpolated(times: np.ndarray) -> Rates:
         return tuple(np.stack([np.interp(times, t, column) for column in rate.T], axis=1) for rate in known)
 
-    return at
+    return interpolated
 
 
 def _joined(parts: list[Rates]) -> Rates:

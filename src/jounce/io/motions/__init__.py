@@ -1,4 +1,4 @@
-"""Motion files: tables of samples or of all rates, YAML of analytic terms, and the motions that come with jounce."""
+"""Motion files: tables, analytic terms, trajectories of ROS, and the motions that come with jounce."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,13 +12,13 @@ if TYPE_CHECKING:  # what reads them takes a while to import, and robots need it
     from jounce.motion.spline import Spline
 
 BUNDLED = {"paper": "paper.yaml", "paper-wrench": "paper-wrench.yaml"}  # names of motions, beside files
-SUFFIXES = (".yaml", ".yml")
+SUFFIXES = (".yaml", ".yml", ".json")
 
 
 def read(source: Path, mechanism: Mechanism, highest: int, spline: "Spline | None" = None) -> "Motion":
     """The motion of a file, or of a bundled name, for a mechanism: rates up to the one of order `highest`."""
-    from jounce.io import tables
-    from jounce.io.motions import terms
+    from jounce.io import entries, tables
+    from jounce.io.motions import terms, trajectory
     from jounce.motion.analytic import motion_of
     from jounce.motion.table import THROUGH, from_table
 
@@ -26,7 +26,8 @@ def read(source: Path, mechanism: Mechanism, highest: int, spline: "Spline | Non
         with at(source):
             return motion_of(bundled(str(source)), mechanism)
     if source.suffix.lower() in SUFFIXES:
-        return terms.read(source, mechanism)
+        entry = entries.read(source, "the motion")
+        return (trajectory if trajectory.is_trajectory(entry) else terms).read(entry, mechanism)
     if source.suffix.lower() in tables.READERS:
         return from_table(tables.read(source), mechanism, highest, str(source), spline or THROUGH)
     known = ", ".join([*tables.READERS, *SUFFIXES])
@@ -44,7 +45,8 @@ def bundled(name: str) -> "Description":
     """The analytic terms of a motion that comes with jounce."""
     from importlib.resources import as_file, files
 
+    from jounce.io import entries
     from jounce.io.motions import terms
 
     with as_file(files(__name__) / BUNDLED[name]) as path:
-        return terms.of_file(path)
+        return terms.terms_in(entries.read(path, "the motion"))

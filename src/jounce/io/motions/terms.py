@@ -1,12 +1,10 @@
 """YAML motions: analytic terms per joint, every key and number checked."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 
 from jounce.errors import JounceError, at, quoted
-from jounce.io import entries
 from jounce.io.entries import Entry
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
@@ -16,17 +14,17 @@ from jounce.motion.loads import COMPONENTS
 MOST = 100_000_000  # states; a slip of the pen asks for more
 
 
-def read(path: Path, mechanism: Mechanism) -> Motion:
-    """The motion of a YAML file for a mechanism."""
-    terms = of_file(path)
-    with at(path):
-        return motion_of(terms, mechanism)
+def read(entry: Entry, mechanism: Mechanism) -> Motion:
+    """The motion of a YAML or JSON file for a mechanism."""
+    description = terms_in(entry)
+    with at(entry.path):
+        return motion_of(description, mechanism)
 
 
-def of_file(path: Path) -> Description:
+def terms_in(entry: Entry) -> Description:
     """``time: {start, stop, count}``, ``joints: {NAME: {offset, cosines, polynomial}}`` and, where bodies or merged
     links exert wrenches, ``wrenches: {NAME: {mx: {offset, cosines, polynomial}, ..., fz: {...}}}``."""
-    motion = entries.read(path, "the motion").keys(("time", "joints"), ("name", "wrenches"))
+    motion = entry.keys(("time", "joints"), ("name", "wrenches"))
     joints = motion.get("joints").named("joints").members()
     wrenches = motion.get("wrenches", {}).named("wrenches").members()
     return Description(
