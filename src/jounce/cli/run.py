@@ -8,7 +8,7 @@ import click
 
 from jounce.cli.options import MOTION, Asked, on_robot
 from jounce.cli.output import progress, straight_columns, tell
-from jounce.errors import JounceError, shortened
+from jounce.errors import JounceError, listed, shortened
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -54,6 +54,8 @@ OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all their digits.
     "--intervals", type=int, metavar="N",
     help="Least-squares fit with N intervals (measured data); default: interpolate every sample.",
 )  # fmt: skip
+@click.option("--blend", type=float, metavar="S", help="Replace breaks of a planned motion by C^4 blends of S seconds.")
+@click.option("--step", type=float, metavar="S", help="Time between rows; default: the times of the motion, else 1 ms.")
 @click.option("--method", default=None, help="kernel (native code, the default), recursion, closed_form or paper.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(
@@ -63,6 +65,8 @@ def run(
     order: int,
     degree: int,
     intervals: int | None,
+    blend: float | None,
+    step: float | None,
     method: str | None,
     as_json: bool,
 ) -> None:
@@ -78,6 +82,8 @@ def run(
         raise JounceError(f"{output}: is the motion itself; expected another file to write into")
     arm = robot.load()
     path = load_motion(motion, arm, order, degree, intervals)
+    path = path if blend is None else path.blended(blend, max(4, order + 2))
+    path = path if step is None else path.with_step(step)
     peaks = _write_forces(arm, path, order, method, output)
     breaks = force_breaks(arm.mechanism, path, path.times, order, method)
     names = FORCES.names(order)
@@ -86,6 +92,7 @@ def run(
         "motion": str(motion),
         "source": path.source,
         "residual": None if path.residual is None else float(path.residual.max()),
+        "blend": blend,
         "output": str(output),
         "states": len(path.times),
         "t": [float(path.times[0]), float(path.times[-1])],
@@ -141,14 +148,20 @@ def _breaks_in_words(breaks: Sequence[dict[str, Any]]) -> list[str]:
     """The first breaks, a line each, and how many there are."""
     lines = []
     for found in breaks[:SHOWN]:
-        causes = ", ".join(f"{cause['rate']} of {shortened(joint)}" for joint, cause in found["causes"].items())
+        joints: dict[str, list[str]] = {}
+        for joint, cause in found["causes"].items():
+            joints.setdefault(cause["rate"], []).append(joint)
+        causes = " and ".join(f"{rate} of {listed(names)}" for rate, names in joints.items())
+        missing = found["missing"]
         then = [f"{found['jumps']} jumps"] if found["jumps"] else []
-        then += [f"{', '.join(found['missing'])} {'do' if len(found['missing']) > 1 else 'does'} not exist"]
-        lines.append(
-            f"break at t = {found['t']:.9g} s: {causes} jump: {'; '.join(then if found['missing'] else then[:1])}"
-        )
+        then += [f"{', '.join(missing)} do{'es' * (len(missing) == 1)} not exist"] if missing else []
+        lines.append(f"break at t = {found['t']:.9g} s: {causes} jumps; {', '.join(then)}")
     rest = len(breaks) - SHOWN
-    return [*lines, f"and {rest} more break{'s' * (rest > 1)}, all of them with --json"] if rest > 0 else lines
+    return (
+        [*lines, f"and {rest} more break{'s' * (rest > 1)}; --json lists them, --blend replaces them"]
+        if rest > 0
+        else lines
+    )
 
 
 def _in_words(summary: dict[str, Any]) -> str:
@@ -158,7 +171,8 @@ def _in_words(summary: dict[str, Any]) -> str:
     rows = [("largest", "unit", *(f"|{name}|{unit}" for name, unit in zip(names, per, strict=False)))]
     for joint, peaks in summary["peaks"].items():
         rows.append((joint, summary["units"][joint], *(f"{peaks[name]:.6g}" for name in names)))
-    residual = "" if summary["residual"] is None else f", largest residual {summary['residual']:.2g}"
+    kind = "at most {:.2g} from it" if summary["blend"] else "largest residual {:.2g}"
+    residual = "" if summary["residual"] is None else f", {kind.format(summary['residual'])}"
     along = f"{shortened(summary['robot'])} along {summary['motion']}"
     return "\n".join([
         f"{along}: {summary['states']} states, t = {first:g} .. {last:g} s",

@@ -1,6 +1,7 @@
 """Hermite polynomials: curves through rows that state the coordinates and all their rates, exact at every row."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -53,13 +54,10 @@ class Hermite:
             return [row[i] for row in self.rows[: order + 1]]
         left_row = i.clip(max=len(self.t) - 2)
         h = (self.t[left_row + 1] - self.t[left_row])[:, None]
-        c = coefficients([row[left_row] for row in self.rows], [row[left_row + 1] for row in self.rows], h)
-        between = powers(c, (t - self.t[left_row])[:, None] / h, order)
+        before, after = ([row[at] for row in self.rows] for at in (left_row, left_row + 1))
+        found = between(before, after, h, (t - self.t[left_row])[:, None] / h, order)
         self._warn_of_rounding(order)
-        return [
-            np.where(on_row[:, None], row[i], value / h**k)
-            for k, (row, value) in enumerate(zip(self.rows, between, strict=False))
-        ]
+        return [np.where(on_row[:, None], row[i], rate) for row, rate in zip(self.rows, found, strict=False)]
 
     def jumps(self, order: int) -> list[Jump]:
         """None up to the rates that the rows state: neighbouring pieces share them."""
@@ -82,7 +80,24 @@ class Hermite:
             warn(f"{text} between its rows; look at the motion at its rows, or give more digits or wider steps")
 
 
-def coefficients(left: list[np.ndarray], right: list[np.ndarray], h: np.ndarray) -> np.ndarray:
+def between(
+    left: Sequence[np.ndarray], right: Sequence[np.ndarray], h: np.ndarray, u: np.ndarray, order: int
+) -> list[np.ndarray]:
+    """Values and derivatives up to `order` at u (N, 1) of the polynomials that `coefficients` makes.
+
+    They are expanded at the nearer end, so that both ends are met to rounding.
+    """
+    back = u > 0.5
+    signs = [np.where(back, -1.0, 1.0) ** k for k in range(max(len(left), order + 1))]
+    near, far = (
+        [sign * np.where(back, b, a) for sign, a, b in zip(signs, *sides, strict=False)]
+        for sides in ((left, right), (right, left))
+    )
+    found = powers(coefficients(near, far, h), np.where(back, 1 - u, u), order)
+    return [sign * rate / h**k for k, (sign, rate) in enumerate(zip(signs, found, strict=False))]
+
+
+def coefficients(left: Sequence[np.ndarray], right: Sequence[np.ndarray], h: np.ndarray) -> np.ndarray:
     """Coefficients (2 m, N, columns), highest power first, of polynomials in u = (t - t_left) / h.
 
     They have the values and derivatives `left` at u = 0 and `right` at u = 1, m of each, stated per time.

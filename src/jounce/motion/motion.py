@@ -15,8 +15,9 @@ from jounce.motion.curves import HIGHEST, Curve, Polynomials
 from jounce.spatial.series import rate_name
 
 STEP = 1e-3  # s, between the times of a motion that comes without any
-MOST = 10_000_000  # of such times
+MOST = 10_000_000  # of such times; a slip of the pen asks for more
 SIDES = ("right", "left")
+MOST_CONTINUOUS = 6  # the order of the last derivative that blends make continuous
 MEET = 1e-6  # rad or m: motions further apart do not follow each other
 
 
@@ -174,8 +175,7 @@ class Motion:
         """Times (N,) to look at it: those of its samples or of its file, else a grid of about a millisecond."""
         if self.grid is not None:
             return self.grid
-        count = min(max(int(np.ceil(self.duration / STEP - 1e-6)), 1), MOST)
-        return np.linspace(self.start, self.stop, count + 1)
+        return self._grid(STEP)
 
     @cached_property
     def breaks(self) -> tuple[Break, ...]:
@@ -257,6 +257,44 @@ class Motion:
             raise JounceError(f"seconds is {quoted(seconds)}; expected a finite number")
         return self._retimed(1.0, float(seconds), self.source)
 
+    def with_step(self, step: float) -> "Motion":
+        """The same motion, with other `times`: from start to end in even steps of at most `step` seconds."""
+        if not is_finite(step) or not step > 0:
+            raise JounceError(f"step is {quoted(step)}; expected a number of seconds > 0")
+        if self.duration / step > MOST:
+            raise JounceError(
+                f"a step of {step:g} s makes more than {MOST} times in {self.duration:g} s; expected a longer one"
+            )
+        return replace(self, grid=self._grid(float(step)))
+
+    def blended(self, time: float, continuity: int = 4) -> "Motion":
+        """The motion with polynomials in place of its breaks, so that no derivative up to an order jumps any more.
+
+        Each break of a joint is replaced from half the time before to half the time after; `residual` is the largest
+        distance from this motion that comes of it.
+
+        Parameters
+        ----------
+        time : float
+            How long each blend lasts, s: no longer than any gap between two breaks of a joint.
+        continuity : int, optional
+            The order of the last derivative that is continuous: 4, with which Q2d has no jump, or 6.
+        """
+        from jounce.motion.blend import blended
+
+        if not is_finite(time) or not time > 0:
+            raise JounceError(f"time is {quoted(time)}; expected a number of seconds > 0")
+        if isinstance(continuity, bool) or not isinstance(continuity, int) or not 2 <= continuity <= MOST_CONTINUOUS:
+            raise JounceError(
+                f"continuity is {quoted(continuity)}; expected 2 to {MOST_CONTINUOUS}, 4 for a smooth Q2d"
+            )
+        names = [f"joint {self._name(j)}" for j in range(self.curve.columns)]
+        known = self.curve.highest
+        order = continuity if known is None else min(continuity, known)
+        curve, distance = blended(self.curve, float(time), order, names)
+        source = f"{self.source}, blended over {float(time):g} s (C^{continuity})"
+        return replace(self, curve=curve, source=source, residual=distance)
+
     def __add__(self, other: object) -> "Motion":
         """This motion and then another, shifted to where this one ends; they must meet, and jumps there are breaks."""
         if not isinstance(other, Motion):
@@ -291,6 +329,10 @@ class Motion:
             came = f"t = {times[outside].flat[0]:.17g} s is outside of the motion"
             raise JounceError(f"{came}; expected times from {self.start:.17g} to {self.stop:.17g} s")
         return times.clip(self.start, self.stop)
+
+    def _grid(self, step: float) -> np.ndarray:
+        count = min(max(int(np.ceil(self.duration / step * (1 - 1e-12))), 1), MOST)
+        return np.linspace(self.start, self.stop, count + 1)
 
     def _retimed(self, factor: float, offset: float, source: str) -> "Motion":
         def moved(t: np.ndarray) -> np.ndarray:
