@@ -172,7 +172,7 @@ REFUSED = {
     "robot broken": (("run", "cycle.urdf", "good.csv", "-o", "out.csv"), ["cycle.urdf", "turn, loop", "cycle"]),
     "motion missing": (("run", "planar2r", "no.csv", "-o", "out.csv"), ["no.csv: no such file"]),
     "motion of a folder": (("run", "planar2r", "folder.csv", "-o", "out.csv"), ["folder.csv"]),
-    "motion of other type": (("run", "planar2r", "notes.txt", "-o", "out.csv"), ["notes.txt", "'.txt'", ".csv, .npz"]),
+    "motion of other type": (("run", "planar2r", "notes.xls", "-o", "out.csv"), ["notes.xls", "'.xls'", ".csv, .npz"]),
     "motion with a bad cell": (("run", "planar2r", "cell.csv", "-o", "out.csv"), ["cell.csv:3", "'joint1'", "'x'"]),
     "motion that is no archive": (("run", "planar2r", "array.npz", "-o", "out.csv"), ["array.npz", "not a zip file"]),
     "motion of other joints": (("run", "planar2r", "other.csv", "-o", "out.csv"), ["'jont2'", "did you mean 'joint2'"]),

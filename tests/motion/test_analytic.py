@@ -125,7 +125,7 @@ BAD = {
     "code": ("time: !!python/object:os.system x", ["not YAML"]),
     "no joints": (TIME, ["the motion has no 'joints'"]),
     "unknown key": (BOTH.replace("time", "tiem"), ["m.yaml:1: no key in the motion 'tiem'; did you mean 'time'?"]),
-    "unknown joint": (BOTH + "  joint3: {}\n", ["unknown 'joint3' (did you mean 'joint"]),
+    "unknown joint": (BOTH + "  joint3: {}\n", ["unknown 'joint3'; expected terms for each of joint1, joint2"]),
     "missing joint": (
         TIME + "joints: {joint1: {offset: 1}}",
         ["missing 'joint2'; expected terms for each of joint1, joint2"],
@@ -186,7 +186,7 @@ def test_refuses_bad_motions_in_one_line(tmp_path, text, words):
 
 def test_refuses_what_is_no_motion(tmp_path):
     refusal(
-        lambda: motions.read(tmp_path / "m.txt", PLANAR, 2), "unknown type of motion '.txt'", ".csv", ".yaml", "paper"
+        lambda: motions.read(tmp_path / "m.xls", PLANAR, 2), "unknown type of motion '.xls'", ".csv", ".yaml", "paper"
     )
     refusal(lambda: motions.read(tmp_path / "m.yaml", PLANAR, 2), "no such file")
     refusal(lambda: motions.read(motions.Path("papr"), PLANAR, 2), "no motion 'papr'; did you mean 'paper'", ".csv")

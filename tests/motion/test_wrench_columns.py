@@ -63,7 +63,8 @@ def test_no_wrench_columns_no_wrench():
 
 def test_run_applies_them_also_on_merged_links(tmp_path):
     robot = jounce.load(PANDA)
-    motion = {"t": T} | {name: 0.3 * np.cos((i + 1) * T) for i, name in enumerate(robot.joint_names)}
+    motion = {"t": T} | {name: -0.3 + 0.1 * np.cos((i + 1) * T) for i, name in enumerate(robot.joint_names)}
+    motion["panda_joint6"], motion["panda_finger_joint1"] = 1 + 0.1 * np.cos(T), 0.02 + 0.01 * np.cos(T)
     wrench = {"panda_hand_tcp.fx": np.sin(T), "panda_link4.my": np.cos(2 * T)}
     tables.write(tmp_path / "m.npz", motion | wrench)
     asked = ["run", str(PANDA), str(tmp_path / "m.npz"), "-o", str(tmp_path / "f.npz")]

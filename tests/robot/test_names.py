@@ -132,7 +132,7 @@ ALL = "expected joint1, joint2"
             {"joint1": 0.0, "jiont2": 0.0, "t": 0.0},
             f"q: missing 'joint2'; unknown 'jiont2' (did you mean 'joint2'?), 't'; {ALL}",
         ),
-        ({"joint1": 0.0, "joint2": 0.0, "joint3": 0.0}, "q: unknown 'joint3' (did you mean 'joint"),
+        ({"joint1": 0.0, "joint2": 0.0, "joint3": 0.0}, "q: unknown 'joint3'; expected joint1, joint2"),
         ({0: 0.0, None: 0.0}, f"q: missing 'joint1', 'joint2'; unknown 0, None; {ALL}"),
         ({"joint1": 0.0, "joint2": 0.0, "a\nb": 0.0}, r"q: unknown 'a\nb'; "),
         (pd.DataFrame(np.zeros((3, 2))), f"q: missing 'joint1', 'joint2'; unknown 0, 1; {ALL}"),
@@ -258,9 +258,9 @@ def without(*names):
 
 BAD_MOTIONS = {
     "names": (
-        {**without("joint1", "t"), "jont1": T, "time": T},
+        {**without("joint1", "t"), "jont1": T, "clock": T},
         {},
-        ["the motion: missing 't', 'joint1'; unknown 'jont1' (did you mean 'joint1'?), 'time'; expected t and "],
+        ["the motion: missing 't', 'joint1'; unknown 'jont1' (did you mean 'joint1'?), 'clock'; expected t and "],
     ),
     "no columns": ({}, {}, ["the motion: nothing in it; expected named columns of numbers"]),
     "no rows": (pd.DataFrame(columns=["t", "joint1", "joint2"], dtype=float), {}, ["the motion: nothing in it"]),

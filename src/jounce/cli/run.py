@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.options import MOTION, Asked, on_robot
+from jounce.cli.motions import AskedMotion, of_motion
+from jounce.cli.options import Asked, on_robot
 from jounce.cli.output import progress, straight_columns, tell
 from jounce.errors import JounceError, listed, shortened
 
@@ -46,53 +47,40 @@ OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all their digits.
 
 @click.command(epilog=EPILOG, short_help="Q, Qd, Q2d along a motion, from table to table.")
 @on_robot
-@click.argument("motion", type=MOTION)
+@of_motion
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Table to write: .csv or .npz.")
 @click.option("--order", default=2, show_default=True, type=click.IntRange(0), help="Highest time derivative of Q.")
-@click.option("--degree", default=7, show_default=True, help="Spline degree for sampled motions: 5 or 7.")
-@click.option(
-    "--intervals", type=int, metavar="N",
-    help="Least-squares fit with N intervals (measured data); default: interpolate every sample.",
-)  # fmt: skip
-@click.option("--blend", type=float, metavar="S", help="Replace breaks of a planned motion by C^4 blends of S seconds.")
-@click.option("--step", type=float, metavar="S", help="Time between rows; default: the times of the motion, else 1 ms.")
 @click.option("--method", default=None, help="kernel (native code, the default), recursion, closed_form or paper.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(
     robot: Asked,
-    motion: Path,
+    motion: AskedMotion,
     output: Path,
     order: int,
-    degree: int,
-    intervals: int | None,
-    blend: float | None,
-    step: float | None,
     method: str | None,
     as_json: bool,
 ) -> None:
     """Compute Q, Qd, Q2d along MOTION for ROBOT, a file or the name of a bundled one."""
     from jounce.dynamics.quantities import FORCES
     from jounce.io import tables
-    from jounce.io.motions.loading import load_motion
     from jounce.model.coordinates import coordinate_units
     from jounce.robot.along import force_breaks
 
     tables.check_writable(output)
-    if output.resolve() == motion.resolve():
+    if output.resolve() == motion.path.resolve():
         raise JounceError(f"{output}: is the motion itself; expected another file to write into")
     arm = robot.load()
-    path = load_motion(motion, arm, order, degree, intervals)
-    path = path if blend is None else path.blended(blend, max(4, order + 2))
-    path = path if step is None else path.with_step(step)
+    path = motion.load(arm, order)
     peaks = _write_forces(arm, path, order, method, output)
     breaks = force_breaks(arm.mechanism, path, path.times, order, method)
     names = FORCES.names(order)
     summary = {
         "robot": arm.name,
-        "motion": str(motion),
+        "motion": str(motion.path),
         "source": path.source,
         "residual": None if path.residual is None else float(path.residual.max()),
-        "blend": blend,
+        "blend": motion.blend,
+        "notes": list(path.notes),
         "output": str(output),
         "states": len(path.times),
         "t": [float(path.times[0]), float(path.times[-1])],
@@ -177,6 +165,7 @@ def _in_words(summary: dict[str, Any]) -> str:
     return "\n".join([
         f"{along}: {summary['states']} states, t = {first:g} .. {last:g} s",
         summary["source"] + residual,
+        *summary["notes"],
         *_breaks_in_words(summary["breaks"]),
         f"{', '.join(names)} written to {summary['output']}",
         "",

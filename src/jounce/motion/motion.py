@@ -50,6 +50,10 @@ class Motion:
         The times (N,) and coordinates (N, n) that a spline was made of.
     residual : (n,), or None
         Largest distance of q from the samples of a fit, or from the motion that was blended, rad or m.
+    torques : (N, n), or None
+        Torques measured at the rows of its table, N m or N; NaN where a joint has none.
+    notes : tuple of str
+        What its table holds beside it.
 
     Examples
     --------
@@ -67,6 +71,8 @@ class Motion:
     samples: tuple[np.ndarray, np.ndarray] | None = None
     residual: np.ndarray | None = None
     grid: np.ndarray | None = None
+    torques: np.ndarray | None = None
+    notes: tuple[str, ...] = ()
 
     @staticmethod
     def through(t: Any, q: Any, degree: int = 7, *, joint_names: Any = None) -> "Motion":
@@ -184,7 +190,7 @@ class Motion:
 
     def breaks_to(self, order: int) -> tuple[Break, ...]:
         """Where a derivative up to an order jumps, in the order of time; of each joint the lowest one that does."""
-        known = self.curve.highest
+        known, order = self.curve.highest, checked_order(order)
         jumps = self.curve.jumps(order if known is None else min(order, known))
         names: Sequence[str | int] = self.joint_names or range(self.curve.columns)
         return tuple(Break(jump.t, names[jump.column], jump.order, jump.size) for jump in jumps)
@@ -215,7 +221,7 @@ class Motion:
         self._check_known(self.curve, order, "q", self.source)
         found = self.curve.rates(times.ravel(), order, one_of("side", side, SIDES) == "left")
         self._check_finite(found, times, "q", lambda j: f"joint {self._name(j)}")
-        return tuple(rate.reshape(*times.shape, -1) for rate in found)
+        return tuple(rate.reshape(*times.shape, self.curve.columns) for rate in found)
 
     def wrench(
         self, t: object, order: int = 2, side: Literal["right", "left"] = "right"
@@ -242,7 +248,8 @@ class Motion:
         times, order = self.checked(t), checked_order(order)
         self._check_known(self.curve, order, "q", self.source)
         found = self.curve.deviations(times.ravel(), order)
-        return None if found is None else tuple(rate.reshape(*times.shape, -1) for rate in found)
+        shape = *times.shape, self.curve.columns
+        return None if found is None else tuple(rate.reshape(shape) for rate in found)
 
     def scaled(self, factor: float) -> "Motion":
         """The same path, `factor` times as long, from the same start: k-th rates are 1 / factor^k of these."""

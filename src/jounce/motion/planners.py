@@ -9,6 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from jounce._scalars import asarray
 from jounce.errors import JounceError, one_line
 from jounce.motion.constructors import check_increasing, checked_names, numbers
 from jounce.motion.curves import Polynomials, shifted, side_by_side
@@ -124,7 +125,8 @@ def trapezoidal(positions: Any, velocity: Any, acceleration: Any, joint_names: A
         raise JounceError(f"positions has {len(q)} rows; expected two at least, each unlike the one before")
     limits = []
     for name, given in (("velocity", velocity), ("acceleration", acceleration)):
-        limit = numbers(given, name, np.ndim(given) and 1)
+        limit = np.asarray(asarray(given, name))
+        limit = numbers(limit, name, 0 if limit.ndim == 0 else 1)
         if (limit.ndim and len(limit) != q.shape[1]) or (limit <= 0).any():
             raise JounceError(f"{name} is {limit.tolist()}; expected one or {q.shape[1]} numbers > 0")
         limits.append(np.broadcast_to(limit, q.shape[1]))

@@ -9,18 +9,25 @@ from jounce.model.mechanism import Mechanism
 if TYPE_CHECKING:  # what reads them takes a while to import, and robots need it not
     from jounce.motion import Motion
     from jounce.motion.analytic import Description
+    from jounce.motion.columns import Options
     from jounce.motion.spline import Spline
 
 BUNDLED = {"paper": "paper.yaml", "paper-wrench": "paper-wrench.yaml"}  # names of motions, beside files
 SUFFIXES = (".yaml", ".yml", ".json")
 
 
-def read(source: Path, mechanism: Mechanism, highest: int, spline: "Spline | None" = None) -> "Motion":
+def read(
+    source: Path,
+    mechanism: Mechanism,
+    highest: int,
+    spline: "Spline | None" = None,
+    options: "Options | None" = None,
+) -> "Motion":
     """The motion of a file, or of a bundled name, for a mechanism: rates up to the one of order `highest`."""
     from jounce.io import entries, tables
-    from jounce.io.motions import terms, trajectory
+    from jounce.io.motions import tabular, terms, trajectory
     from jounce.motion.analytic import motion_of
-    from jounce.motion.table import THROUGH, from_table
+    from jounce.motion.table import AS_NAMED, THROUGH
 
     if str(source) in BUNDLED:
         with at(source):
@@ -29,7 +36,7 @@ def read(source: Path, mechanism: Mechanism, highest: int, spline: "Spline | Non
         entry = entries.read(source, "the motion")
         return (trajectory if trajectory.is_trajectory(entry) else terms).read(entry, mechanism)
     if source.suffix.lower() in tables.READERS:
-        return from_table(tables.read(source), mechanism, highest, str(source), spline or THROUGH)
+        return tabular.read(source, mechanism, highest, spline or THROUGH, options or AS_NAMED)
     known = ", ".join([*tables.READERS, *SUFFIXES])
     if not source.suffix:
         raise JounceError(f"{no_such('motion', str(source), BUNDLED)}, or a file of type {known}")
