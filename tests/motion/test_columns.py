@@ -70,8 +70,8 @@ def test_other_columns_are_left_alone_and_listed():
     other = {"state": ["moving"] * len(T), "joint1.current": np.full(len(T), np.nan), "load [kg]": T}
     motion = same(jounce.load_motion(PLAIN | {"tau_joint2": 3 * T} | other, PLANAR))
     assert motion.notes == ("other columns, left alone: state, joint1.current, load [kg]",)
-    np.testing.assert_array_equal(motion.torques[:, 1], 3 * T)
-    assert np.isnan(motion.torques[:, 0]).all()
+    np.testing.assert_array_equal(motion.torques[1][:, 1], 3 * T)
+    assert np.isnan(motion.torques[1][:, 0]).all()
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t", "  "])

@@ -50,6 +50,7 @@ OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all their digits.
 @of_motion
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Table to write: .csv or .npz.")
 @click.option("--order", default=2, show_default=True, type=click.IntRange(0), help="Highest time derivative of Q.")
+@click.option("--rates", "with_rates", is_flag=True, help="Write q, qd, ... as well.")
 @click.option("--method", default=None, help="kernel (native code, the default), recursion, closed_form or paper.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(
@@ -57,6 +58,7 @@ def run(
     motion: AskedMotion,
     output: Path,
     order: int,
+    with_rates: bool,
     method: str | None,
     as_json: bool,
 ) -> None:
@@ -71,7 +73,7 @@ def run(
         raise JounceError(f"{output}: is the motion itself; expected another file to write into")
     arm = robot.load()
     path = motion.load(arm, order)
-    peaks = _write_forces(arm, path, order, method, output)
+    peaks = _write_forces(arm, path, order, method, with_rates, output)
     breaks = force_breaks(arm.mechanism, path, path.times, order, method)
     names = FORCES.names(order)
     summary = {
@@ -98,20 +100,27 @@ def run(
     tell(summary, _in_words, as_json)
 
 
-def _write_forces(robot: "Robot", motion: "Motion", order: int, method: str | None, output: Path) -> "np.ndarray":
+def _write_forces(
+    robot: "Robot", motion: "Motion", order: int, method: str | None, with_rates: bool, output: Path
+) -> "np.ndarray":
     """Write the forces and their rates along a motion, each piece when it is computed; the largest of them, (.., n)."""
     import numpy as np
 
     from jounce.dynamics.quantities import FORCES
     from jounce.io import tables
+    from jounce.io.motions.writing import measured, named
     from jounce.robot.along import pieces_along
 
-    peaks = np.zeros((order + 1, robot.n))
+    joints, peaks = robot.joint_names, np.zeros((order + 1, robot.n))
 
     def pieces() -> "Iterator[Columns]":
         for piece in pieces_along(robot.mechanism, motion, motion.times, order, method, show):
             np.maximum(peaks, np.abs(piece.forces).max(axis=1), out=peaks)
-            yield tables.of_rates(piece.t, robot.joint_names, FORCES.symbol, piece.forces)
+            columns: Columns = {"t": piece.t}
+            if with_rates:
+                columns |= named("q", joints, piece.rates, motion.deviations(piece.t, len(piece.rates) - 1))
+            columns |= named(FORCES.symbol, joints, piece.forces, piece.deviations)
+            yield columns | measured(motion, joints, piece.t)
 
     with progress("inverse dynamics") as show:
         tables.write_pieces(output, pieces())

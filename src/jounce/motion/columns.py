@@ -18,6 +18,7 @@ RATE = re.compile("q" + SUFFIX)
 DEVIATION = "_sd"  # what the name of a rate's column ends in that holds its standard deviation
 TORQUES = ("tau_{joint}", "{joint}.tau", "{joint}_tau", "effort_{joint}", "{joint}.effort", "{joint}_effort")
 MISSPELT = re.compile(r"q[a-z0-9]{0,4}|[fm][a-z]?\d*d*")
+OURS = re.compile(r"\.q_sample$|^break$")  # what `jounce motion` writes to be drawn
 CURES = {
     "t": "name another column of times by --time COLUMN (time=)",
     "joint": "name the columns by --columns 'q_{joint}' (columns=), or hold a joint by --lock {joint}=VALUE"
@@ -96,7 +97,9 @@ def match(header: Sequence[str], mechanism: Mechanism, options: Options, highest
         {name: source for name, source in sources.items() if name in kept},
         factors,
         torques,
-        tuple(source for name, source in sources.items() if name in given and name not in kept),
+        tuple(
+            source for name, source in sources.items() if name in given and name not in kept and not OURS.search(name)
+        ),
         options.angles is not None or any(units[sources[name]] for name in wanted),
         options.time_unit is not None or units[sources[TIME]] is not None,
     )

@@ -68,8 +68,16 @@ def matched(motion: Motion, mechanism: Mechanism) -> Motion:
     check_joints(motion.joint_names, mechanism)
     order = np.array([motion.joint_names.index(joint) for joint in joints])
     samples = motion.samples and (motion.samples[0], motion.samples[1][:, order])
+    torques = motion.torques and (motion.torques[0], motion.torques[1][:, order])
     residual = None if motion.residual is None else motion.residual[order]
-    return replace(motion, curve=Columns(motion.curve, order), joint_names=joints, samples=samples, residual=residual)
+    return replace(
+        motion,
+        curve=Columns(motion.curve, order),
+        joint_names=joints,
+        samples=samples,
+        residual=residual,
+        torques=torques,
+    )
 
 
 def check_joints(given: tuple[str, ...], mechanism: Mechanism) -> None:

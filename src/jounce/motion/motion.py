@@ -50,8 +50,8 @@ class Motion:
         The times (N,) and coordinates (N, n) that a spline was made of.
     residual : (n,), or None
         Largest distance of q from the samples of a fit, or from the motion that was blended, rad or m.
-    torques : (N, n), or None
-        Torques measured at the rows of its table, N m or N; NaN where a joint has none.
+    torques : tuple of arrays, or None
+        Times (N,) and the torques (N, n) measured then, N m or N; NaN where a joint has none.
     notes : tuple of str
         What its table holds beside it.
 
@@ -71,7 +71,7 @@ class Motion:
     samples: tuple[np.ndarray, np.ndarray] | None = None
     residual: np.ndarray | None = None
     grid: np.ndarray | None = None
-    torques: np.ndarray | None = None
+    torques: tuple[np.ndarray, np.ndarray] | None = None
     notes: tuple[str, ...] = ()
 
     @staticmethod
@@ -352,6 +352,7 @@ class Motion:
             source=source,
             samples=self.samples and (moved(self.samples[0]), self.samples[1]),
             grid=None if self.grid is None else moved(self.grid),
+            torques=self.torques and (moved(self.torques[0]), self.torques[1]),
         )
 
     def _check_known(self, curve: Curve, order: int, symbol: str, source: str) -> None:

@@ -55,7 +55,8 @@ def from_columns(
     check_units(t, q, rows[1] if rows[1:] else None, mechanism, (found.angles_stated, found.time_stated), place)
     of_wrenches = {name: si[name] for name in loads.named(list(si), mechanism)}
     W = loads.wrenches(t, of_wrenches, mechanism, max(highest - 2, 0), spline, place)
-    torques = _torques(columns, found, joints)
+    measured = _torques(columns, found, joints)
+    torques = None if measured is None else (t, measured)
     if not found.sampled:
         _warn_of(smoothness.of_rates(rows), place)
         curve = Hermite(t, rows, _spreads(si, joints, rates))
@@ -103,8 +104,7 @@ def _torques(columns: Mapping[str, np.ndarray], found: Match, joints: Sequence[s
     """Measured torques (N, n), NaN where a joint has none; None if there are none at all."""
     if not found.torques:
         return None
-    rows = len(columns[found.sources[TIME]])
-    missing = np.full(rows, np.nan)
+    missing = np.full(len(columns[found.sources[TIME]]), np.nan)
     return np.stack([columns[found.torques[j]] if j in found.torques else missing for j in joints], axis=1)
 
 
