@@ -94,7 +94,7 @@ CASES: dict[str, Case] = {
         jounce.load_motion,
         {"source": {"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3}, "robot": ROBOT}
         | {"order": 1, "degree": 7, "intervals": None, "time": "t", "columns": "{joint}", "angles": "rad"}
-        | {"time_unit": "s"},
+        | {"time_unit": "s", "topic": None},
     ),
     "Motion": (MOTION, {"t": [0.1, 0.2], "order": 2, "side": "left"}),
     "Motion.wrench": (MOTION.wrench, {"t": [0.1, 0.2], "order": 2, "side": "left"}),

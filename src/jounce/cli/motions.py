@@ -28,6 +28,7 @@ OPTIONS = (
     ),
     click.option("--angles", type=click.Choice(["rad", "deg"]), help="Unit of angles and their rates."),
     click.option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of times."),
+    click.option("--topic", metavar="NAME", help="Topic of a ROS bag, where it has several."),
     click.option(
         "--blend", type=float, metavar="S", help="Replace breaks of planned motions by C^4 blends of S seconds."
     ),
@@ -60,7 +61,7 @@ def of_motion(verb: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(verb)
     def asked(motion: Path, blend: float | None, step: float | None, **others: Any) -> None:
-        names = ("degree", "intervals", "time", "columns", "angles", "time_unit")
+        names = ("degree", "intervals", "time", "columns", "angles", "time_unit", "topic")
         options = {name: others.pop(name) for name in names}
         verb(motion=AskedMotion(motion, options, blend, step), **others)
 

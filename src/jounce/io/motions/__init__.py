@@ -22,10 +22,11 @@ def read(
     highest: int,
     spline: "Spline | None" = None,
     options: "Options | None" = None,
+    topic: str | None = None,
 ) -> "Motion":
     """The motion of a file, or of a bundled name, for a mechanism: rates up to the one of order `highest`."""
     from jounce.io import entries, tables
-    from jounce.io.motions import tabular, terms, trajectory
+    from jounce.io.motions import bags, tabular, terms, trajectory
     from jounce.motion.analytic import motion_of
     from jounce.motion.table import AS_NAMED, THROUGH
 
@@ -37,7 +38,9 @@ def read(
         return (trajectory if trajectory.is_trajectory(entry) else terms).read(entry, mechanism)
     if source.suffix.lower() in tables.READERS:
         return tabular.read(source, mechanism, highest, spline or THROUGH, options or AS_NAMED)
-    known = ", ".join([*tables.READERS, *SUFFIXES])
+    if bags.is_bag(source):
+        return bags.read(source, mechanism, highest, spline or THROUGH, options or AS_NAMED, topic)
+    known = ", ".join([*tables.READERS, *SUFFIXES, *bags.SUFFIXES])
     if not source.suffix:
         raise JounceError(f"{no_such('motion', str(source), BUNDLED)}, or a file of type {known}")
     raise JounceError(f"{source}: unknown type of motion {source.suffix!r}; there are: {known}, {', '.join(BUNDLED)}")

@@ -28,6 +28,7 @@ def load_motion(
     columns: str | None = None,
     angles: str | None = None,
     time_unit: str | None = None,
+    topic: str | None = None,
 ) -> "Motion":
     """Load a motion of a robot as a function of time: from a file, by name, or from named columns.
 
@@ -56,6 +57,8 @@ def load_motion(
         The unit of angles and their rates; a column may state its own, ``joint1 [deg]``.
     time_unit : {"s", "ms", "us", "ns"}, optional
         The unit of times.
+    topic : str, optional
+        The topic of a ROS bag to read; by default its only one of type JointTrajectory or JointState.
 
     Returns
     -------
@@ -88,6 +91,8 @@ def load_motion(
 
     mechanism, highest, spline = robot.mechanism, checked_order(order) + 2, Spline(degree, intervals)
     options = Options(time, columns, angles, time_unit)
+    if topic is not None and not isinstance(topic, str):
+        raise JounceError(f"topic is {quoted(topic)}; expected a text")
     if names.listed_in(source) is not None:
         from jounce.io.motions import tabular
 
@@ -98,7 +103,7 @@ def load_motion(
     path = path_of(source)
     if intervals is not None and motions.is_analytic(path):
         raise JounceError(f"{path}: its terms are exact; intervals are for the samples of a table")
-    return motions.read(path, mechanism, highest, spline, options)
+    return motions.read(path, mechanism, highest, spline, options, topic)
 
 
 def _arrays(source: Any) -> dict[str, Any]:
