@@ -241,14 +241,14 @@ def test_run_refuses_what_memory_does_not_bear(folder, monkeypatch, error):
 def test_run_takes_little_more_memory_than_its_motion(tmp_path):
     """However long the motion, its forces are written as they come, and never held."""
     joints = "joint1: {offset: 1}, joint2: {polynomial: [0, 1]}"
-    (tmp_path / "long.yaml").write_text(f"time: {{stop: 1, count: 100_000}}\njoints: {{{joints}}}\n")
+    (tmp_path / "long.yaml").write_text(f"time: {{stop: 1, count: 30_000}}\njoints: {{{joints}}}\n")
     asked = ("run", "planar2r", tmp_path / "long.yaml", "-o", tmp_path / "out.csv")
     assert call(*asked).exit_code == 0  # and imports what it needs
     tracemalloc.start()
     assert call(*asked).exit_code == 0
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert peak < 1.7 * 8 * 100_000 * (1 + 5 * 2)
+    assert peak < 1.7 * 8 * 30_000 * (1 + 5 * 2)
 
 
 USAGE = {

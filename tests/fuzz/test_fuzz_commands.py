@@ -58,14 +58,14 @@ LINES = {
     ),
 }  # fmt: skip
 EXAMPLES = {
-    "info": 600,
-    "convert": 250,
-    "run": 350,
-    "motion": 150,
-    "plot": 100,
-    "codegen": 150,
-    "compare": 60,
-    "others": 200,
+    "info": 450,
+    "convert": 200,
+    "motion": 60,
+    "run": 300,
+    "plot": 80,
+    "codegen": 100,
+    "compare": 50,
+    "others": 150,
 }
 OLD = ("out.csv", "out.npz", "out.yaml", "out.json", "out.svg")
 FILES = dict(file for files in (*ROBOTS.values(), *MOTIONS.values()) for file in files)
@@ -169,4 +169,4 @@ def test_commands(budget, monkeypatch, tmp_path, command):
 
 
 def test_commands_in_processes_of_their_own(budget):
-    attack(budget, "process", [line for lines in LINES.values() for line in lines], run_elsewhere, 12)
+    attack(budget, "process", [line for lines in LINES.values() for line in lines], run_elsewhere, 8)

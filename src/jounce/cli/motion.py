@@ -18,7 +18,7 @@ Example:
 
 \b
 OUT holds t and NAME.q, NAME.qd, ... NAME.q4d; NAME.q_sample, if MOTION is of
-samples; NAME.q_sd, ..., if they have standard deviations; and break, where the
+samples; NAME.q_sd, ..., if they have standard deviations; and break, if the
 motion has any: the order of the derivative that jumps since the row before.
 """
 

@@ -74,7 +74,7 @@ def run(
     arm = robot.load()
     path = motion.load(arm, order)
     peaks = _write_forces(arm, path, order, method, with_rates, output)
-    breaks = force_breaks(arm.mechanism, path, path.times, order, method)
+    breaks = force_breaks(arm, path, path.times, order, method)
     names = FORCES.names(order)
     summary = {
         "robot": arm.name,
@@ -114,7 +114,7 @@ def _write_forces(
     joints, peaks = robot.joint_names, np.zeros((order + 1, robot.n))
 
     def pieces() -> "Iterator[Columns]":
-        for piece in pieces_along(robot.mechanism, motion, motion.times, order, method, show):
+        for piece in pieces_along(robot, motion, motion.times, order, method, show):
             np.maximum(peaks, np.abs(piece.forces).max(axis=1), out=peaks)
             columns: Columns = {"t": piece.t}
             if with_rates:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from jounce.model.mechanism import Mechanism
 from jounce.motion.matching import matched
 from jounce.motion.motion import Break, Motion
 from jounce.robot.dispatch import compute
+
+if TYPE_CHECKING:
+    from jounce.robot.robot import Robot
 
 PIECE = 1000  # states
 PERTURBED = 200_000  # states computed for the deviations of forces, which change slowly: between them they are linear
@@ -71,19 +74,19 @@ class Along:
 
 
 def forces_along(
-    mechanism: Mechanism, motion: object, t: object, order: object, method: str | None, progress: Progress | None
+    robot: "Robot", motion: object, t: object, order: object, method: str | None, progress: Progress | None
 ) -> Along:
     """The forces and their rates at times of a motion, or at its own, checked."""
-    path, highest = checked_motion(mechanism, motion), checked_order(order)
+    path, highest = checked_motion(robot.mechanism, motion), checked_order(order)
     times = path.times if t is None else path.checked(t)
     if times.ndim != 1 or not times.size:
         raise JounceError(f"t is {quoted(t)}; expected an array (N,) of times in s, or None for those of the motion")
     if progress is not None and not callable(progress):
         raise JounceError(f"progress is {quoted(progress)}; expected a function of two numbers, (done, total)")
-    parts = list(pieces_along(mechanism, path, times, highest, method, progress))
+    parts = list(pieces_along(robot, path, times, highest, method, progress))
     rates, forces = (_joined([getattr(part, name) for part in parts]) for name in ("rates", "forces"))
     deviations = None if parts[0].deviations is None else _joined([part.deviations or () for part in parts])
-    breaks = force_breaks(mechanism, path, times, highest, method)
+    breaks = force_breaks(robot, path, times, highest, method)
     return Along(times, rates, forces, deviations, breaks)
 
 
@@ -97,7 +100,7 @@ def checked_motion(mechanism: Mechanism, motion: object) -> Motion:
 
 
 def pieces_along(
-    mechanism: Mechanism,
+    robot: "Robot",
     motion: Motion,
     times: np.ndarray,
     order: int,
@@ -108,18 +111,18 @@ def pieces_along(
 
     A piece is computed when it is asked for; then `progress` is called with how many states are done, and of how many.
     """
-    spread = _spreads(mechanism, motion, times, order, method)
+    spread = _spreads(robot, motion, times, order, method)
     for start in range(0, len(times), PIECE):
         t = times[start : start + PIECE]
         rates = motion(t, order + FIRST)
-        forces = _forces(mechanism, motion, t, rates, order, method)
+        forces = _forces(robot, motion, t, rates, order, method)
         if progress is not None:
             progress(start + len(t), len(times))
         yield Along(t, rates, forces, spread and spread(t))
 
 
 def force_breaks(
-    mechanism: Mechanism, motion: Motion, times: np.ndarray, order: int, method: str | None = None
+    robot: "Robot", motion: Motion, times: np.ndarray, order: int, method: str | None = None
 ) -> tuple[ForceBreak, ...]:
     """Where between the first and the last of some times the forces, up to an order, are not smooth."""
     known = [
@@ -129,10 +132,10 @@ def force_breaks(
     ]
     lowest = np.array([min(cause.order for cause in causes) - FIRST for _, causes in known], dtype=int)
     t = np.array([t for t, _ in known])
-    jumps = np.zeros((order + 1, len(t), mechanism.n))
+    jumps = np.zeros((order + 1, len(t), robot.n))
     for start in range(0, len(t), PIECE):
         part = slice(start, start + PIECE)
-        before, after = (_one_sided(mechanism, motion, t[part], order, side, method) for side in ("left", "right"))
+        before, after = (_one_sided(robot, motion, t[part], order, side, method) for side in ("left", "right"))
         jumps[:, part] = np.subtract(after, before)
     return tuple(
         ForceBreak(time, max(int(k), -1), jumps[k, i] if k >= 0 else None, causes)
@@ -141,13 +144,13 @@ def force_breaks(
 
 
 def _one_sided(
-    mechanism: Mechanism, motion: Motion, t: np.ndarray, order: int, side: Literal["left", "right"], method: str | None
+    robot: "Robot", motion: Motion, t: np.ndarray, order: int, side: Literal["left", "right"], method: str | None
 ) -> Rates:
-    return _forces(mechanism, motion, t, motion(t, order + FIRST, side), order, method, side)
+    return _forces(robot, motion, t, motion(t, order + FIRST, side), order, method, side)
 
 
 def _forces(
-    mechanism: Mechanism,
+    robot: "Robot",
     motion: Motion,
     t: np.ndarray,
     rates: Rates,
@@ -155,12 +158,12 @@ def _forces(
     method: str | None,
     side: Literal["left", "right"] = "right",
 ) -> Rates:
-    forces = compute(mechanism, FORCES.name, rates, wrench=motion.wrench(t, order, side), method=method)
+    forces = compute(robot, FORCES.name, rates, wrench=motion.wrench(t, order, side), method=method)
     return forces if isinstance(forces, tuple) else (forces,)
 
 
 def _spreads(
-    mechanism: Mechanism, motion: Motion, times: np.ndarray, order: int, method: str | None
+    robot: "Robot", motion: Motion, times: np.ndarray, order: int, method: str | None
 ) -> Callable[[np.ndarray], Rates] | None:
     """The standard deviations of the forces over time: the forces are computed with each rate off by its own.
 
@@ -169,18 +172,18 @@ def _spreads(
     if motion.deviations(times[:1], 0) is None:
         return None
     every = np.unique(times)
-    count = max(2, PERTURBED // (mechanism.n * (order + FIRST + 1)))
+    count = max(2, PERTURBED // (robot.n * (order + FIRST + 1)))
     t = every[np.unique(np.linspace(0, len(every) - 1, min(count, len(every))).astype(int))]
-    total = np.zeros((order + 1, len(t), mechanism.n))
+    total = np.zeros((order + 1, len(t), robot.n))
     for start in range(0, len(t), PIECE):
         part = t[start : start + PIECE]
         rates, off = motion(part, order + FIRST), motion.deviations(part, order + FIRST)
-        true = np.array(_forces(mechanism, motion, part, rates, order, method))
+        true = np.array(_forces(robot, motion, part, rates, order, method))
         for k, rate in enumerate(off or ()):
-            for j in range(mechanism.n):
+            for j in range(robot.n):
                 moved = rates[k].copy()
                 moved[:, j] += rate[:, j]
-                other = _forces(mechanism, motion, part, (*rates[:k], moved, *rates[k + 1 :]), order, method)
+                other = _forces(robot, motion, part, (*rates[:k], moved, *rates[k + 1 :]), order, method)
                 total[:, start : start + PIECE] += (np.array(other) - true) ** 2
     known = np.sqrt(total)
 

@@ -25,7 +25,10 @@ TRAJECTORIES = ("trajectory_msgs/msg/JointTrajectory", "moveit_msgs/msg/DisplayT
 
 def is_bag(source: Path) -> bool:
     """Whether a path is a bag: a file of this kind, or a folder as ROS 2 writes it."""
-    return source.suffix.lower() in SUFFIXES or (source / "metadata.yaml").is_file()
+    try:
+        return source.suffix.lower() in SUFFIXES or (source / "metadata.yaml").is_file()
+    except OSError:  # a name longer than the file system takes
+        return False
 
 
 def read(
