@@ -14,7 +14,7 @@ from jounce.spatial.series import SUFFIX, rate_name
 
 TIME = "t"
 ALSO_TIME = ("time", "timestamp")  # in any case, where there is no t
-RATE = re.compile("q" + SUFFIX)
+RATE = re.compile(r"q(?=.{0,4}$)" + SUFFIX)  # no order has more than three digits
 DEVIATION = "_sd"  # what the name of a rate's column ends in that holds its standard deviation
 TORQUES = ("tau_{joint}", "{joint}.tau", "{joint}_tau", "effort_{joint}", "{joint}.effort", "{joint}_effort")
 MISSPELT = re.compile(r"q[a-z0-9]{0,4}|[fm][a-z]?\d*d*")
