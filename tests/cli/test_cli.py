@@ -38,8 +38,9 @@ def shell(*words, **options):
 
 def forces_of(robot, motion, order, method=None):
     """The columns that `jounce run` should write, straight from the library."""
-    rates = from_table(tables.read(motion), robot.mechanism, order + 2, "").rates
-    return columns_of(robot, tables.read(motion)["t"], robot.inverse_dynamics(*rates, method=method), order)
+    path = from_table(tables.read(motion), robot.mechanism, order + 2, "")
+    rates = path(path.times, order + 2)
+    return columns_of(robot, path.times, robot.inverse_dynamics(*rates, method=method), order)
 
 
 def columns_of(robot, t, results, order):
@@ -171,7 +172,7 @@ REFUSED = {
     "robot broken": (("run", "cycle.urdf", "good.csv", "-o", "out.csv"), ["cycle.urdf", "turn, loop", "cycle"]),
     "motion missing": (("run", "planar2r", "no.csv", "-o", "out.csv"), ["no.csv: no such file"]),
     "motion of a folder": (("run", "planar2r", "folder.csv", "-o", "out.csv"), ["folder.csv"]),
-    "motion of other type": (("run", "planar2r", "notes.txt", "-o", "out.csv"), ["notes.txt", "'.txt'", ".csv, .npz"]),
+    "motion of other type": (("run", "planar2r", "notes.xls", "-o", "out.csv"), ["notes.xls", "'.xls'", ".csv, .npz"]),
     "motion with a bad cell": (("run", "planar2r", "cell.csv", "-o", "out.csv"), ["cell.csv:3", "'joint1'", "'x'"]),
     "motion that is no archive": (("run", "planar2r", "array.npz", "-o", "out.csv"), ["array.npz", "not a zip file"]),
     "motion of other joints": (("run", "planar2r", "other.csv", "-o", "out.csv"), ["'jont2'", "did you mean 'joint2'"]),

@@ -52,8 +52,8 @@ def test_what_steiners_theorem_makes_out(alone):
 
 def test_the_wrench_acts_on_the_loaded_example(alone):
     loaded = example("paper-wrench", 2000)
-    J = alone.robot.jacobian(alone.motion.rates[0], body="link7")
-    W = 10 * np.sin(np.pi * alone.motion.t)[:, None, None] * np.ones((6, 1))
+    J = alone.robot.jacobian(alone.motion(alone.t)[0], body="link7")
+    W = 10 * np.sin(np.pi * alone.t)[:, None, None] * np.ones((6, 1))
     assert relative_error(loaded.forces[0] - alone.forces[0], (J.mT @ W)[..., 0]) < 1e-13
 
 
@@ -75,7 +75,7 @@ def test_demo_writes_all_that_it_names(tmp_path, monkeypatch):
     assert sorted(path.name for path in out.iterdir()) == sorted(names)
     assert {"forces", "forces-wrench", "step-size", "planar2r", "iiwa14"} == set(summary["pictures"])
     alone = example("paper", 200)
-    expected = tables.of_rates(alone.motion.t, alone.robot.joint_names, "Q", alone.forces)
+    expected = tables.of_rates(alone.t, alone.robot.joint_names, "Q", alone.forces)
     found = tables.read(out / "forces.csv")
     assert all((found[name] == values).all() for name, values in expected.items())
     assert summary["peaks"]["without W"] == [np.abs(Q).max() for Q in alone.forces]

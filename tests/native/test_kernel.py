@@ -138,7 +138,7 @@ def test_agrees_with_the_recursion_on_random_mechanisms(drawn, order, loaded, qu
 @cache
 def tree():
     """A forest of all kinds of joints, two of which follow others, with drives."""
-    rng, nb = np.random.default_rng(4), 9
+    rng, nb = np.random.default_rng(4), 6
     kinds = [["revolute", "helical", "prismatic", "revolute"][i % 4] for i in range(nb)]
     m = random_mechanism(rng, [-1, *(int(rng.integers(-1, i)) for i in range(1, nb))], kinds, [1.0] * nb, mimic=True)
     drives = {name: rng.uniform(0.1, 1, nb) for name in ("armature", "damping", "friction", "stiffness", "rest")}

@@ -14,10 +14,10 @@ from jounce.robot.dispatch import NATIVE, native_obstacle
 
 ROBOT = branched()
 ORDERS = (0, 1, 2, 3)
-TRACED = [
+TRACED = [  # of all bodies in their own frames, of a merged link in the others
     (quantity, keywords)
     for quantity, keywords in REQUESTS
-    if "body" not in keywords or (keywords["body"] == "tool" and keywords.get("frame") != "body")
+    if (keywords.get("body"), keywords.get("frame") in ("world", "spatial")) in ((None, False), ("tool", True))
 ]
 
 
@@ -106,7 +106,6 @@ def test_scalar_types_give_the_same_numbers(quantity, keywords):
 
 @pytest.mark.parametrize(("quantity", "keywords"), TRACED, ids=ids(TRACED))
 def test_jax_traces_every_quantity(quantity, keywords):
-    """In every frame, of all bodies and of a merged link."""
     compute, q = method_of(ROBOT, quantity), states((), quantity.rates + 1)
     with jax.enable_x64(True):
         traced = jax.jit(lambda *q: compute(*q, **keywords))(*q)

@@ -646,10 +646,10 @@ class Robot:
         Parameters
         ----------
         motion : Motion
-            From `jounce.load_motion`, which takes the same `order`; a motion with more rates does too.
+            From `jounce.load_motion` or a constructor of `Motion`.
         t : (N,), optional
-            At which times, s; all of the motion by default. Each must be one of ``motion.t``: states between the
-            samples cannot be computed yet.
+            At which times, s: any within the motion, in any order; by default ``motion.times``, those of its samples or
+            of its file, or a grid of about a millisecond.
         order : int, optional
             The highest rate of the forces: 2 gives Q, Qd, Q2d.
         method : str, optional
@@ -661,13 +661,14 @@ class Robot:
         Returns
         -------
         Along
-            Frozen: the times `t`, the `rates` q, qd, ... and the `forces` Q, Qd, ..., tuples of (N, n).
+            Frozen: the times `t`, the `rates` q, qd, ... and the `forces` Q, Qd, ..., tuples of (N, n); their standard
+            `deviations` where the motion is fitted to measurements; the `breaks` where a rate of Q jumps.
 
         Raises
         ------
         JounceError
-            If the motion has too few rates for the order or is not this robot's, a time is not one of its own, or a
-            name is unknown.
+            If the motion has too few rates for the order or is not this robot's, a time is outside of it, or a name is
+            unknown.
 
         Examples
         --------
