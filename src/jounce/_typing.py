@@ -48,6 +48,7 @@ Floats: TypeAlias = NDArray[np.float64]
 Results: TypeAlias = Array | tuple[Array, ...]  # a quantity, or a tuple of it and its rates; overloads say how many
 Out: TypeAlias = Array | tuple[Array, ...] | list[Array] | None
 
+Angles: TypeAlias = Literal["rad", "deg"]
 Base: TypeAlias = Literal["fixed"]
 Convention: TypeAlias = Literal["standard", "modified"]
 DriveTerm: TypeAlias = Literal["armature", "damping", "friction", "spring"]
@@ -73,6 +74,7 @@ QuantityName: TypeAlias = Literal[
     "kinetic_energy",
     "potential_energy",
 ]
+TimeUnit: TypeAlias = Literal["s", "ms", "us", "ns"]
 
 
 class Planar2R(TypedDict, total=False):

@@ -35,3 +35,7 @@ kernel(q, qd, frame="world")  # mistake: robot.compile has fixed it
 jounce.codegen(robot, "fortran")  # mistake
 jounce.casadi_function(robot, "inertia_matrix")  # mistake
 jounce.inertia_matrix("2 kg", [0, 0, 0], np.eye(3))  # mistake
+
+jounce.load_motion("paper")  # mistake: robot
+motion = jounce.load_motion("paper", robot, angles="degrees")  # mistake
+robot.forces_along("paper")  # mistake: a Motion

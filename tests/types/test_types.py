@@ -19,6 +19,7 @@ from jounce.dynamics.kinematics import FRAMES
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.model import dh
 from jounce.model.drives import TERMS
+from jounce.motion import units
 from jounce.robot.dispatch import NATIVE
 from jounce.robot.robot import FORMS
 
@@ -84,6 +85,8 @@ def test_the_right_program_runs():
         (_typing.Language, NAMES),
         (_typing.Convention, dh.CONVENTIONS),
         (_typing.JointType, dh.TYPES),
+        (_typing.Angles, units.ANGLES),
+        (_typing.TimeUnit, units.TIMES),
     ],
 )
 def test_types_name_what_there_is(literal, known):
