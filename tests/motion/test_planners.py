@@ -78,13 +78,13 @@ def test_one_sided_forces_of_ruckig_are_those_of_its_exact_rates(asked):
 
 
 def spline_path():
-    import toppra
+    toppra = pytest.importorskip("toppra")
 
     return toppra.SplineInterpolator(np.linspace(0, 1, 6), RNG.normal(size=(6, N)))
 
 
 def toppra_motion(parametrizer, path=None, points=60):
-    import toppra
+    toppra = pytest.importorskip("toppra")
 
     velocity = toppra.constraint.JointVelocityConstraint(np.repeat([[-2.0, 2.0]], N, axis=0))
     acceleration = toppra.constraint.JointAccelerationConstraint(np.repeat([[-6.0, 6.0]], N, axis=0))
@@ -122,7 +122,7 @@ def test_one_sided_forces_of_toppra_are_those_of_its_exact_rates():
 
 
 def test_splines_and_polynomial_paths_of_toppra():
-    import toppra
+    toppra = pytest.importorskip("toppra")
 
     path = toppra_motion("ParametrizeSpline")
     motion = Motion.from_toppra(path)
