@@ -1,0 +1,245 @@
+"""Where the breaks of a least-squares spline belong: as many as the samples tell apart from noise, where they are needed.
+
+Splines with evenly spaced breaks are tried first. Their number is found by Schwarz' criterion (BIC, Annals of Statistics
+6, 1978), which is hardest to mislead by noise that is not white, and improved by Mallows' Cp (Technometrics 15, 1973),
+which estimates the squared error of the spline itself.
+
+Where a motion is uneven, intervals are bisected where that explains more than noise, those first that gain most (bulk
+chasing: Doerfler, SIAM Journal on Numerical Analysis 33, 1996): an unresolved place rings far into its neighbourhood, and
+bisecting all that rings would leave breaks there for ever. The lengths of the intervals, averaged over several starts,
+then tell how densely breaks should lie, and Cp how many of them.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jounce.motion.least_squares import Rows, Solution, solve
+from jounce.motion.noise import Beats
+
+Family = Callable[[int], np.ndarray]  # breaks, for a number of intervals
+
+FINER = 1.1  # times the intervals that are best for q: its derivatives need more, and less of their error is bias
+STARTS = (0, 1 / 3, 2 / 3)  # powers of two, by which the starts of bisection differ
+ROUNDS = 60  # of bisections, at most
+SHARE = 0.5  # of all that bisection gains is gained in one round
+STEPS = 8  # of an encoder, passed by some joint in an interval that is bisected: fewer resolve no more
+SAMPLES = 2  # in an interval, at least
+FEWEST = 3  # samples per interval on average, at least
+MEDIAN_OF_THREE = 2.366  # median of chi^2 with three degrees of freedom
+TRANSIENT = 30  # times the usual squares above a band that is given, from which on intervals are bisected all the same
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The spline chosen, a coarser one to compare it with, and the variance (n,) of white noise like that found."""
+
+    solution: Solution
+    coarser: Solution
+    variance: np.ndarray
+
+    @property
+    def ratio(self) -> float:
+        """How many times fewer intervals the coarser one has."""
+        return max(self.solution.intervals / self.coarser.intervals, 1.01)
+
+
+def again(rows: Rows, choice: Choice) -> Choice:
+    """The same breaks for samples that are not quite the same, and what these scatter by about the spline."""
+    solution = solve(rows, choice.solution.breaks)
+    variance = solution.energy / max(1.0, rows.count - solution.unknowns)
+    return Choice(solution, solve(rows, choice.coarser.breaks), variance)
+
+
+def by_schwarz(rows: Rows, floor: np.ndarray) -> Solution:
+    """The evenly spaced breaks of least BIC; variances below the floor (n,) are rounding."""
+    found = _solutions(rows, even(rows), _ladder(1, most_intervals(rows), 1.4))
+    penalty = rows.y.shape[1] * np.log(rows.count)
+    scores = [
+        rows.count * np.log(np.maximum(s.energy / rows.count, floor)).sum() + penalty * s.unknowns for s in found
+    ]
+    return found[int(np.argmin(scores))]
+
+
+def choose(rows: Rows, beats: Beats, intervals: int, floor: np.ndarray) -> Choice:
+    """The spline of least estimated error, from a first number of intervals; `floor` (n,) is a variance of rounding."""
+    evenly = even(rows)
+    variance = np.maximum(floor, noise_variance(rows, beats, evenly(min(2 * intervals, most_intervals(rows) // 2))))
+    best, score = _least_cp(rows, beats, evenly, intervals, variance)
+    family = evenly
+    if _is_uneven(rows, beats, best, variance):
+        depth = max(0, min(5, int(np.log2(best.intervals / 4))))
+        starts = [max(1, int(best.intervals / 2.0 ** (depth - step))) for step in STARTS]
+        dense, middle = dense_where(rows, _resolved(rows, beats, starts, variance))
+        again = np.maximum(floor, noise_variance(rows, beats, dense(int(1.5 * middle) + 1)))
+        other, other_score = _least_cp(rows, beats, dense, middle, again)
+        if other_score < cp(best, beats, again):
+            best, family, variance = other, dense, again
+    return Choice(solve(rows, family(round(FINER * best.intervals) + 1)), best, variance)
+
+
+def bounded(rows: Rows, beats: Beats, intervals: int, floor: np.ndarray) -> Choice:
+    """Even intervals as a given band wants them, bisected only where the samples leave that band much more than usual."""
+    breaks = even(rows)(intervals)
+    usual = None
+    for _ in range(ROUNDS):
+        gain = gains_by_joint(rows, breaks, halves(breaks)) / np.diff(breaks)[:, None]
+        usual = np.maximum(np.median(gain, axis=0), floor / np.ptp(breaks)) if usual is None else usual
+        worth = np.where(beats.passes(breaks) < STEPS, 0, (gain / usual).max(axis=1) / TRANSIENT)
+        finer = _bisect_most(rows, breaks, worth, 1)
+        if len(finer) == len(breaks):
+            break
+        breaks = finer
+    solution = solve(rows, breaks)
+    coarser = solve(rows, np.unique(np.append(breaks[::2], breaks[-1])))
+    return Choice(solution, coarser, np.maximum(floor, solution.energy / max(1.0, rows.count - solution.unknowns)))
+
+
+def cp(solution: Solution, beats: Beats, variance: np.ndarray) -> float:
+    """Mallows' Cp over all joints: the estimated squared error over the variance, up to a constant."""
+    penalty = 2 * solution.unknowns * beats.inflation(solution.breaks).mean(axis=0)
+    return float((solution.energy / variance + penalty).sum())
+
+
+def even(rows: Rows) -> Family:
+    """Evenly spaced breaks."""
+    return lambda intervals: admissible(rows, np.linspace(*rows.span, intervals + 1))
+
+
+def dense_where(rows: Rows, trees: Sequence[np.ndarray]) -> tuple[Family, int]:
+    """Breaks as dense as those of several bisections on (geometric) average, and how many these have."""
+    grid = np.unique(np.concatenate(trees))
+    middles = (grid[1:] + grid[:-1]) / 2
+    lengths = [np.diff(breaks)[np.searchsorted(breaks, middles) - 1] for breaks in trees]
+    total = np.append(0, np.cumsum(np.diff(grid) / np.exp(np.mean(np.log(lengths), axis=0))))
+
+    def family(intervals: int) -> np.ndarray:
+        return admissible(rows, np.interp(np.linspace(0, total[-1], intervals + 1), total, grid))
+
+    return family, max(1, round(total[-1]))
+
+
+def bisect(rows: Rows, beats: Beats, start: int, variance: np.ndarray) -> np.ndarray:
+    """Breaks, from evenly spaced ones, with intervals bisected as long as that explains more than noise does."""
+    breaks = even(rows)(start)
+    for _ in range(ROUNDS):
+        gain = gains(rows, beats, breaks, variance)
+        gain[beats.passes(breaks) < STEPS] = 0
+        finer = _bisect_most(rows, breaks, gain, noticeable(len(variance)))
+        if len(finer) == len(breaks):
+            break
+        breaks = finer
+    return breaks
+
+
+def halves(breaks: np.ndarray) -> np.ndarray:
+    """Breaks with all intervals bisected."""
+    return np.sort(np.append(breaks, (breaks[1:] + breaks[:-1]) / 2))
+
+
+def gains(rows: Rows, beats: Beats, breaks: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """What bisection explains in each interval, (M,): squares over those expected of noise, summed over the joints."""
+    expected = variance * beats.inflation(breaks, cycles=2)
+    return (gains_by_joint(rows, breaks, halves(breaks)) / expected).sum(axis=1)
+
+
+def gains_by_joint(rows: Rows, breaks: np.ndarray, finer: np.ndarray) -> np.ndarray:
+    """Squares, (M, n), that finer breaks explain in each interval."""
+    lost = solve(rows, breaks).residual ** 2 - solve(rows, admissible(rows, finer)).residual ** 2
+    sums = np.concatenate([np.zeros((1, lost.shape[1])), np.cumsum(lost, axis=0)])
+    return np.diff(sums[np.searchsorted(rows.t, breaks[:-1])], axis=0, append=sums[-1:])
+
+
+def noticeable(joints: int) -> float:
+    """More than noise explains in an interval (chi^2, a degree of freedom per joint) but once in some hundreds."""
+    return float(2 * joints + 3 * np.sqrt(2 * joints))
+
+
+def noise_variance(rows: Rows, beats: Beats, breaks: np.ndarray) -> np.ndarray:
+    """The variance per joint of white noise that would be fitted as well as what is in the samples.
+
+    From breaks that leave no motion in the residual: three more in each interval explain three variances, in the
+    median over intervals and joints. That colour of the noise multiplies the variances of the residual.
+    """
+    finer = admissible(rows, halves(halves(breaks)))
+    fine = solve(rows, finer)
+    variance = np.maximum(fine.energy / max(1.0, rows.count - fine.unknowns), np.finfo(float).tiny)
+    more = np.diff(np.searchsorted(finer, breaks))[:, None] - 1
+    usual = (beats.inflation(breaks) < 2) & (more == 3)
+    gain = gains_by_joint(rows, breaks, finer) / variance
+    return variance * max(1.0, np.median(gain[usual]) / MEDIAN_OF_THREE if usual.any() else 1.0)
+
+
+def admissible(rows: Rows, breaks: np.ndarray) -> np.ndarray:
+    """Breaks without those that leave too few samples in an interval, in gaps above all."""
+    breaks = rows.snap(breaks)
+    if rows.edges is not None:
+        return breaks
+    before = np.searchsorted(rows.t, breaks)
+    before[0], before[-1] = 0, len(rows.t)
+    if (np.diff(before) >= SAMPLES).all():
+        return breaks
+    kept = [0]
+    for k in range(1, len(breaks) - 1):
+        if before[k] - before[kept[-1]] >= SAMPLES and before[-1] - before[k] >= SAMPLES:
+            kept.append(k)
+    return breaks[[*kept, len(breaks) - 1]]
+
+
+def most_intervals(rows: Rows) -> int:
+    """How many intervals the samples bear at most."""
+    return max(1, len(rows.t) // FEWEST - 9 if rows.edges is None else len(rows.edges) // 2)
+
+
+def _bisect_most(rows: Rows, breaks: np.ndarray, gain: np.ndarray, threshold: float) -> np.ndarray:
+    """Breaks with those intervals bisected, in order, that hold a share of all that is gained above a threshold."""
+    order = np.argsort(-gain)
+    order = order[gain[order] > threshold]
+    if not order.size:
+        return breaks
+    part = np.cumsum(gain[order])
+    chosen = order[: 1 + int(np.searchsorted(part, SHARE * part[-1]))]
+    return admissible(rows, np.sort(np.append(breaks, (breaks[chosen] + breaks[chosen + 1]) / 2)))
+
+
+def _resolved(rows: Rows, beats: Beats, starts: Sequence[int], variance: np.ndarray) -> list[np.ndarray]:
+    """Bisections from several starts, without those that ended with something unresolved."""
+    found = [solve(rows, bisect(rows, beats, start, variance)) for start in starts]
+    scores = [cp(s, beats, variance) for s in found]
+    good = min(scores) + found[int(np.argmin(scores))].unknowns * len(variance)
+    return [s.breaks for s, score in zip(found, scores, strict=True) if score <= good]
+
+
+def _ladder(low: float, high: float, ratio: float) -> np.ndarray:
+    steps = max(2, int(np.ceil(np.log(high / low) / np.log(ratio))) + 1) if high > low else 1
+    return np.unique(np.round(np.geomspace(low, high, steps)).astype(int))
+
+
+def _solutions(rows: Rows, family: Family, intervals: np.ndarray) -> list[Solution]:
+    found = []
+    for number in intervals:
+        try:
+            found.append(solve(rows, family(int(number))))
+        except np.linalg.LinAlgError:  # holes leave some of it undetermined
+            continue
+    if not found:
+        raise np.linalg.LinAlgError("no number of intervals suits the samples")
+    return found
+
+
+def _least_cp(
+    rows: Rows, beats: Beats, family: Family, middle: int, variance: np.ndarray
+) -> tuple[Solution, float]:
+    most = max(1, min(most_intervals(rows), round(2.5 * middle)))
+    found = _solutions(rows, family, _ladder(max(1, min(most, middle // 2)), most, 1.08))
+    scores = [cp(s, beats, variance) for s in found]
+    return found[int(np.argmin(scores))], min(scores)
+
+
+def _is_uneven(rows: Rows, beats: Beats, solution: Solution, variance: np.ndarray) -> bool:
+    """Whether even intervals are too long for the motion in some of them, or a bit longer ones would do in many."""
+    enough = noticeable(len(variance))
+    longer = even(rows)(max(1, int(solution.intervals / 1.4)))
+    too_long = gains(rows, beats, solution.breaks, variance).max() > 3 * enough
+    return bool(too_long or (gains(rows, beats, longer, variance) < enough).mean() > 0.3)
