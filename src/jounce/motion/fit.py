@@ -1,7 +1,7 @@
 """Measured samples of a motion as a smooth function of time, with standard deviations of all its derivatives."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 THRESHOLD = 0.5  # of the peak of a derivative: beyond that standard deviation the samples do not carry it
 ENDS = 3  # intervals at either end, in which deviations of derivatives rise by powers of ten
+POINTS = 4000  # at which peaks and deviations are compared, at most
+AROUND = 3  # intervals on either side of a hole tell how fast the motion is
 HOLE = 5  # times the usual spacing of samples
 FAR = 1.0  # times the usual interval, from which on a hole cannot be bridged
 
@@ -151,7 +153,23 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
                 smoothed = interpolate(part) if rounded(part, first) else smooth(part, first, cells, bandwidth)
     except np.linalg.LinAlgError:
         raise JounceError("no spline of degree 9 follows from these samples: give more of them, at distinct times") from None
+    if smoothed:
+        _refuse_holes(times, smoothed.spread.solution.breaks)
     return _fit(times, samples, joints, moving, smoothed)
+
+
+def _refuse_holes(t: np.ndarray, breaks: np.ndarray) -> None:
+    """Raise `JounceError` where a hole is longer than the intervals around it: any motion may have happened there."""
+    apart = np.diff(t)
+    lengths = np.diff(breaks)
+    for k in np.flatnonzero(apart > HOLE * np.median(apart)):
+        first, last = np.searchsorted(breaks, [t[k], t[k + 1]]).clip(1, len(breaks) - 1)
+        around = np.concatenate([lengths[max(0, first - 1 - AROUND) : first - 1], lengths[last : last + AROUND]])
+        if around.size and apart[k] > FAR * np.median(around):
+            raise JounceError(
+                f"no samples from t = {t[k]:.6g} to {t[k + 1]:.6g} s: {apart[k]:.3g} s, where the motion can be continued over"
+                f" {np.median(around):.3g} s; split the log there, or set a lower bandwidth"
+            )
 
 
 def _fit(t: np.ndarray, q: np.ndarray, joints: tuple[str, ...], moving: np.ndarray, smoothed: Smoothed | None) -> Fit:
@@ -174,10 +192,14 @@ def _fit(t: np.ndarray, q: np.ndarray, joints: tuple[str, ...], moving: np.ndarr
     usual = float(lengths[np.searchsorted(np.cumsum(lengths), lengths.sum() / 2)])
     edge = min(ENDS, max(0, (len(breaks) - 2) // 2))
     ends = (float(breaks[edge]), float(breaks[-1 - edge])) if smoothed else (float(t[0]), float(t[-1]))
-    inside = np.linspace(*ends, 4 * len(breaks) + 1)[1:-1][:: max(1, len(breaks) // 4000)]
-    peaks = np.array([np.abs(spline(inside, nu=k) - (k == 0) * q.mean(axis=0)).max(axis=0) for k in range(HIGHEST + 1)])
+    zeros = np.zeros((HIGHEST + 1, len(joints)))
+    spread, spacing = smoothed.spread if smoothed else None, float(np.median(np.diff(t)))
     bare = Fit(
-        spline, joints, tuple(noise), 0.5 / usual, ends, peaks, np.zeros(HIGHEST + 1), tuple(notes),
-        float(np.median(np.diff(t))), smoothed.spread if smoothed else None, moving,
-    )  # fmt: skip
-    return bare
+        spline, joints, tuple(noise), 0.5 / usual, ends, zeros, zeros[:, 0], tuple(notes), spacing, spread, moving
+    )
+    inside = np.linspace(*ends, min(POINTS, 4 * len(breaks)) + 2)[1:-1]
+    peaks = np.array([np.abs(spline(inside, nu=k) - (k == 0) * q.mean(axis=0)).max(axis=0) for k in range(HIGHEST + 1)])
+    squares = np.square(bare.deviations(inside, HIGHEST)).mean(axis=1)
+    largest = np.maximum(peaks.max(axis=1), np.finfo(float).tiny)
+    relative = np.sqrt(squares[:, moving].max(axis=1)) / largest if moving.any() else zeros[:, 0]
+    return replace(bare, peaks=peaks, relative=relative)

@@ -82,18 +82,21 @@ def choose(rows: Rows, beats: Beats, intervals: int, floor: np.ndarray) -> Choic
 def bounded(rows: Rows, beats: Beats, intervals: int, floor: np.ndarray) -> Choice:
     """Even intervals as a given band wants them, bisected only where the samples leave that band much more than usual."""
     breaks = even(rows)(intervals)
+    variance = np.maximum(floor, noise_variance(rows, beats, even(rows)(min(2 * intervals, most_intervals(rows) // 2))))
     usual = None
     for _ in range(ROUNDS):
         gain = gains_by_joint(rows, breaks, halves(breaks)) / np.diff(breaks)[:, None]
-        usual = np.maximum(np.median(gain, axis=0), floor / np.ptp(breaks)) if usual is None else usual
-        worth = np.where(beats.passes(breaks) < STEPS, 0, (gain / usual).max(axis=1) / TRANSIENT)
-        finer = _bisect_most(rows, breaks, worth, 1)
+        usual = np.maximum(np.median(gain, axis=0), variance / np.diff(breaks).mean()) if usual is None else usual
+        worth = (gain / usual).max(axis=1)
+        worth[gains(rows, beats, breaks, variance) < noticeable(len(variance))] = 0
+        worth[beats.passes(breaks) < STEPS] = 0
+        finer = _bisect_most(rows, breaks, worth, TRANSIENT)
         if len(finer) == len(breaks):
             break
         breaks = finer
     solution = solve(rows, breaks)
     coarser = solve(rows, np.unique(np.append(breaks[::2], breaks[-1])))
-    return Choice(solution, coarser, np.maximum(floor, solution.energy / max(1.0, rows.count - solution.unknowns)))
+    return Choice(solution, coarser, np.maximum(variance, solution.energy / max(1.0, rows.count - solution.unknowns)))
 
 
 def cp(solution: Solution, beats: Beats, variance: np.ndarray) -> float:

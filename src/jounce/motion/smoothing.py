@@ -88,19 +88,25 @@ def smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | Non
         samples, velocity = samples.part(new), velocity[new]
     length = float(np.ptp(samples.t)) / first.intervals
     samples = replace(samples, weight=rest_weights(samples.t, samples.q, length))
+    floor = np.maximum(samples.floor, samples.steps**2 / 12)
     beats = beats_of(samples.t, samples.q, velocity, samples.steps, scatter, samples.weight)
-    choice, samples, note = _without_outliers(samples, beats, first.intervals, cells, bandwidth)
-    notes += note
-    stamped = None
-    found = _corrected(samples, choice.solution, cells)
-    if found:
-        samples, moved = found
-        stamped = choice.solution, moved.sigma
+    found = _corrected(samples, first.breaks, cells)
+    if found:  # what is finer than the stamps can tell is not worth breaks
+        stamped, samples, moved = samples, *found
+        floor = np.maximum(floor, scatter**2)
         notes.append(f"time stamps scatter by {moved.sigma:.2g} s; one shift per row, from all joints, corrects them")
+    choice, samples, note = _without_outliers(samples, beats, first.intervals, cells, bandwidth, floor)
+    notes += note
+    stamps_ = None
+    if found:
+        again = _corrected(stamped, choice.solution.breaks, cells)
+        if again:
+            samples, moved = again
+        stamps_ = solve(_rows(stamped, cells), choice.solution.breaks), _colour(moved, samples.t, choice) * moved.sigma
         choice = knots.again(_rows(samples, cells), choice)
     solution = choice.solution
     variance = choice.variance * beats.inflation(solution.breaks, rests=True)
-    spread = Spread(solution, variance, choice.coarser.spline, choice.ratio, stamped)
+    spread = Spread(solution, variance, choice.coarser.spline, choice.ratio, stamps_)
     left = samples.q - solution.spline(samples.t)
     return Smoothed(samples, solution.spline, spread, np.sqrt((left**2).mean(axis=0)), tuple(notes))
 
@@ -111,29 +117,29 @@ def interpolate(samples: Samples) -> Smoothed:
 
     curve = make_interp_spline(samples.t, samples.q, k=DEGREE)
     solution = solve(_rows(samples, len(samples.t)), curve.t[DEGREE:-DEGREE])
-    sigma = np.maximum(samples.steps / np.sqrt(12), np.sqrt(samples.floor) / 16)
+    sigma = np.maximum(samples.steps / np.sqrt(12), np.sqrt(samples.floor) / 8)
     variance = np.broadcast_to(sigma**2, (solution.intervals, len(sigma)))
     note = "the samples' noise is no more than their rounding; the spline goes through all of them"
     return Smoothed(samples, curve, Spread(solution, variance), sigma, (note,))
 
 
-def _choice(samples: Samples, beats: Beats, intervals: int, cells: int, bandwidth: float | None) -> knots.Choice:
+def _choice(samples: Samples, beats: Beats, intervals: int, cells: int, bandwidth: float | None, floor: np.ndarray) -> knots.Choice:
     rows = _rows(samples, cells)
     if bandwidth is None:
-        return knots.choose(rows, beats, intervals, np.maximum(samples.floor, samples.steps**2 / 12))
+        return knots.choose(rows, beats, intervals, floor)
     wanted = max(1, int(np.ceil(2 * bandwidth * np.ptp(samples.span))))
     most = knots.most_intervals(rows)
     if wanted > most:
         bound = most / 2 / np.ptp(samples.span)
         raise JounceError(f"bandwidth = {bandwidth:g} Hz; these samples carry at most {bound:.3g} Hz")
-    return knots.bounded(rows, beats, wanted, samples.floor)
+    return knots.bounded(rows, beats, wanted, floor)
 
 
 def _without_outliers(
-    samples: Samples, beats: Beats, intervals: int, cells: int, bandwidth: float | None
+    samples: Samples, beats: Beats, intervals: int, cells: int, bandwidth: float | None, floor: np.ndarray
 ) -> tuple[knots.Choice, Samples, list[str]]:
     """The choice, once more where single rows lie far off, with less weight for these (Huber's)."""
-    choice = _choice(samples, beats, intervals, cells, bandwidth)
+    choice = _choice(samples, beats, intervals, cells, bandwidth, floor)
     left = np.abs(samples.q - choice.solution.spline(samples.t))
     scale = np.maximum(np.median(left, axis=0) / 0.6745, np.sqrt(choice.variance) / 2)
     far = (left / scale).max(axis=1) / OUTLIER
@@ -141,12 +147,13 @@ def _without_outliers(
         return choice, samples, []
     samples = replace(samples, weight=samples.weight / np.sqrt(np.maximum(far, 1)))
     note = f"{(far > 1).sum()} rows lie far from the others and count less"
-    return _choice(samples, beats, intervals, cells, bandwidth), samples, [note]
+    return _choice(samples, beats, intervals, cells, bandwidth, floor), samples, [note]
 
 
-def _corrected(samples: Samples, raw: Solution, cells: int) -> tuple[Samples, stamps.Shifts] | None:
+def _corrected(samples: Samples, breaks: np.ndarray, cells: int) -> tuple[Samples, stamps.Shifts] | None:
     """The samples at corrected times, in two rounds, where shifts of rows explain what is left of them."""
-    spline, shift, shifts, order, moved = raw.spline, np.zeros(len(samples.t)), None, None, samples
+    spline = solve(_rows(samples, cells), breaks).spline
+    shift, shifts, order, moved = np.zeros(len(samples.t)), None, None, samples
     for _ in range(2):
         left, velocity = moved.q - spline(moved.t), spline(moved.t, nu=1)
         found = stamps.shifts(left, velocity, shift)
@@ -159,8 +166,16 @@ def _corrected(samples: Samples, raw: Solution, cells: int) -> tuple[Samples, st
         order = again if order is None else order[again]
         shift = shifts.shift[again]
         moved = replace(samples.part(order), t=times[again])
-        spline = solve(_rows(moved, cells), raw.breaks).spline
+        spline = solve(_rows(moved, cells), breaks).spline
     return (moved, shifts) if shifts else None
+
+
+def _colour(shifts: stamps.Shifts, t: np.ndarray, choice: knots.Choice) -> float:
+    """How much the shifts, averaged over half intervals, scatter more than independent ones: they may drift."""
+    halves = np.searchsorted(t, knots.halves(choice.solution.breaks)[:-1]).clip(max=len(t) - 1)
+    number = np.diff(halves, append=len(t))
+    means = np.add.reduceat(shifts.shift, halves)[number > 1] / number[number > 1]
+    return float(np.sqrt(max(1.0, np.median(means**2 * number[number > 1]) / 0.455 / shifts.sigma**2)))
 
 
 def rounded(samples: Samples, first: Solution) -> bool:
