@@ -9,7 +9,7 @@ import numpy as np
 from jounce.errors import JounceError, listed, quoted
 from jounce.motion.deviations import HIGHEST, Spread
 from jounce.motion.least_squares import DEGREE, knots
-from jounce.motion.noise import Noise, noise_of
+from jounce.motion.noise import Noise, noise_of, step_of
 from jounce.motion.smoothing import Samples, Smoothed, first_fit, interpolate, moves, rounded, smooth
 from jounce.motion.stamps import check
 from jounce.spatial.series import rate_name
@@ -141,21 +141,27 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
     if bandwidth is not None and not (isinstance(bandwidth, int | float) and 0 < bandwidth < np.inf):
         raise JounceError(f"bandwidth is {quoted(bandwidth)}; expected a frequency in Hz above 0")
     moving, smoothed = np.ptp(samples, axis=0) > 0, None
-    span = float(times[0]), float(times[-1])
     try:
         if moving.any():
-            part = Samples(times, samples[:, moving], np.ones(len(times)), span)
+            part = _samples(times, samples[:, moving])
             first, cells = first_fit(part)
-            moving[moving] = still = moves(part, first)
-            part = Samples(times, samples[:, moving], np.ones(len(times)), span)
-            first, cells = (first, cells) if still.all() or not still.any() else first_fit(part)
-            if still.any():
+            moved = moves(part, first)
+            moving[moving] = moved
+            if moved.any() and not moved.all():
+                part = _samples(times, samples[:, moving])
+                first, cells = first_fit(part)
+            if moved.any():
                 smoothed = interpolate(part) if rounded(part, first) else smooth(part, first, cells, bandwidth)
     except np.linalg.LinAlgError:
         raise JounceError("no spline of degree 9 follows from these samples: give more of them, at distinct times") from None
     if smoothed:
         _refuse_holes(times, smoothed.spread.solution.breaks)
     return _fit(times, samples, joints, moving, smoothed)
+
+
+def _samples(t: np.ndarray, q: np.ndarray) -> Samples:
+    steps = np.array([step_of(column)[0] for column in q.T])
+    return Samples(t, q, np.ones(len(t)), (float(t[0]), float(t[-1])), steps)
 
 
 def _refuse_holes(t: np.ndarray, breaks: np.ndarray) -> None:

@@ -52,9 +52,9 @@ def again(rows: Rows, choice: Choice) -> Choice:
     return Choice(solution, solve(rows, choice.coarser.breaks), variance)
 
 
-def by_schwarz(rows: Rows, floor: np.ndarray) -> Solution:
+def by_schwarz(rows: Rows, floor: np.ndarray, least: int = 1) -> Solution:
     """The evenly spaced breaks of least BIC; variances below the floor (n,) are rounding."""
-    found = _solutions(rows, even(rows), _ladder(1, most_intervals(rows), 1.4))
+    found = _solutions(rows, even(rows), _ladder(least, most_intervals(rows), 1.4))
     penalty = rows.y.shape[1] * np.log(rows.count)
     scores = [
         rows.count * np.log(np.maximum(s.energy / rows.count, floor)).sum() + penalty * s.unknowns for s in found
@@ -69,8 +69,9 @@ def choose(rows: Rows, beats: Beats, intervals: int, floor: np.ndarray) -> Choic
     best, score = _least_cp(rows, beats, evenly, intervals, variance)
     family = evenly
     if _is_uneven(rows, beats, best, variance):
-        depth = max(0, min(5, int(np.log2(best.intervals / 4))))
-        starts = [max(1, int(best.intervals / 2.0 ** (depth - step))) for step in STARTS]
+        long = rows.edges is not None  # then the places differ enough for one start to do
+        depth = max(0, min(3 if long else 5, int(np.log2(best.intervals / 4))))
+        starts = [max(1, int(best.intervals / 2.0 ** (depth - step))) for step in (STARTS[:1] if long else STARTS)]
         dense, middle = dense_where(rows, _resolved(rows, beats, starts, variance))
         again = np.maximum(floor, noise_variance(rows, beats, dense(int(1.5 * middle) + 1)))
         other, other_score = _least_cp(rows, beats, dense, middle, again)
@@ -234,10 +235,13 @@ def _solutions(rows: Rows, family: Family, intervals: np.ndarray) -> list[Soluti
 def _least_cp(
     rows: Rows, beats: Beats, family: Family, middle: int, variance: np.ndarray
 ) -> tuple[Solution, float]:
-    most = max(1, min(most_intervals(rows), round(2.5 * middle)))
-    found = _solutions(rows, family, _ladder(max(1, min(most, middle // 2)), most, 1.08))
-    scores = [cp(s, beats, variance) for s in found]
-    return found[int(np.argmin(scores))], min(scores)
+    low, high = middle / 2, min(most_intervals(rows), 2.5 * middle)
+    for ratio in (1.25, 1.08):
+        found = _solutions(rows, family, _ladder(max(1, min(low, high)), max(1, high), ratio))
+        scores = [cp(s, beats, variance) for s in found]
+        best = found[int(np.argmin(scores))]
+        low, high = best.intervals / 1.2, min(high, best.intervals * 1.2)
+    return best, min(scores)
 
 
 def _is_uneven(rows: Rows, beats: Beats, solution: Solution, variance: np.ndarray) -> bool:

@@ -12,6 +12,7 @@ import numpy as np
 
 HARMONICS = np.arange(1, 5)
 POINTS = 4096  # at which beats are looked for, at most
+ENOUGH = 100000  # samples that tell the steps
 DECIMALS = 12  # beyond which numbers are taken for doubles
 REST = 1 / 3  # power of their number by which equal samples of a robot at rest weigh less
 
@@ -124,7 +125,16 @@ def rest_weights(t: np.ndarray, q: np.ndarray, interval: float) -> np.ndarray:
     return np.where(lasting > interval / 2, equal ** (-REST / 2), 1.0)
 
 
-def encoder_step(samples: np.ndarray) -> float:
+def step_of(samples: np.ndarray) -> tuple[float, str]:
+    """The step to which samples are rounded and its kind, of an encoder or of written digits; 0 where there is none."""
+    some = samples[:: len(samples) // ENOUGH + 1]
+    written, lattice = _written_step(some), _lattice(some)
+    if lattice and not (written and lattice < 1.5 * written):
+        return lattice, "encoder step"
+    return written, "written digits"
+
+
+def _lattice(samples: np.ndarray) -> float:
     """The step of which all samples are multiples but for the rounding of their digits; 0 where there is none."""
     values = np.unique(samples)
     apart = np.diff(values)
@@ -143,7 +153,7 @@ def encoder_step(samples: np.ndarray) -> float:
     return step if wrong.size and float(wrong.mean()) < 0.05 else 0.0
 
 
-def written_step(samples: np.ndarray) -> float:
+def _written_step(samples: np.ndarray) -> float:
     """The unit of the last digit that samples are written with, the larger one of two lengths; 0 for doubles."""
     large = np.abs(samples) >= 1
     units = [_unit(part) for part in (samples[~large], samples[large]) if part.size]
@@ -157,11 +167,8 @@ def _unit(samples: np.ndarray) -> float:
 
 def noise_of(samples: np.ndarray, sigma: float) -> Noise:
     """The noise of a joint's samples that scatter by sigma about its motion."""
-    written, lattice = written_step(samples), encoder_step(samples)
-    if written and lattice and lattice < 1.5 * written:
-        lattice = 0.0
-    scale = float(np.abs(samples).max()) * np.finfo(float).eps
-    for step, kind in ((lattice, "encoder step"), (written, "written digits")):
-        if step and sigma < 1.5 * step / np.sqrt(12):
-            return Noise(max(sigma, step / np.sqrt(12)), kind, step)
-    return Noise(sigma, "rounding" if sigma < 64 * scale else "white", lattice or written)
+    step, kind = step_of(samples)
+    if step and sigma < 1.5 * step / np.sqrt(12):
+        return Noise(max(sigma, step / np.sqrt(12)), kind, step)
+    rounding = sigma < 64 * np.finfo(float).eps * float(np.abs(samples).max())
+    return Noise(sigma, "rounding" if rounding else "white", step)

@@ -9,7 +9,7 @@ from jounce.errors import JounceError
 from jounce.motion import knots, stamps
 from jounce.motion.deviations import Spread
 from jounce.motion.least_squares import CELLS, DEGREE, Rows, Solution, rows_of, solve
-from jounce.motion.noise import Beats, beats_of, encoder_step, rest_weights, written_step
+from jounce.motion.noise import Beats, beats_of, rest_weights
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -22,22 +22,19 @@ PROBE = 4096  # samples that tell how many intervals a long log needs
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """What is smoothed: times (N,), samples (N, n) of joints that move, their weights (N,), the span of the times."""
+    """What is smoothed: times (N,), samples (N, n) of joints that move, their weights (N,), the span of the
+    times, and the steps (n,) of encoders or digits."""
 
     t: np.ndarray
     q: np.ndarray
     weight: np.ndarray
     span: tuple[float, float]
+    steps: np.ndarray
 
     @property
     def floor(self) -> np.ndarray:
         """The variance (n,) of rounding of doubles."""
         return np.maximum((4 * np.finfo(float).eps * np.abs(self.q).max(axis=0)) ** 2, np.finfo(float).tiny)
-
-    @property
-    def steps(self) -> np.ndarray:
-        """The step per joint, of encoders or of written digits, (n,)."""
-        return np.array([encoder_step(column) or written_step(column) for column in self.q.T])
 
     def part(self, rows: np.ndarray) -> "Samples":
         """Some of the rows."""
@@ -57,16 +54,17 @@ class Smoothed:
 
 def first_fit(samples: Samples) -> tuple[Solution, int]:
     """The evenly spaced spline of least BIC, and to how many cells samples may be compressed for so many intervals."""
-    cells = CELLS
+    cells, least = CELLS, 1
     if len(samples.t) >= 2 * 20 * CELLS:
         starts = np.linspace(0, len(samples.t) - PROBE, 3).astype(int)
         parts = [samples.part(np.arange(start, start + PROBE)) for start in starts]
         needed = [
             knots.by_schwarz(rows_of(p.t, p.q, p.weight, (p.t[0], p.t[-1])), samples.floor).intervals for p in parts
         ]
-        cells = max(cells, 8 * max(needed) * len(samples.t) // PROBE)
+        guess = max(needed) * len(samples.t) // PROBE
+        cells, least = max(cells, 8 * guess), max(1, guess // 8)
     rows = _rows(samples, cells)
-    return knots.by_schwarz(rows, samples.floor), cells
+    return knots.by_schwarz(rows, samples.floor, least), cells
 
 
 def moves(samples: Samples, first: Solution) -> np.ndarray:
@@ -90,23 +88,20 @@ def smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | Non
     samples = replace(samples, weight=rest_weights(samples.t, samples.q, length))
     floor = np.maximum(samples.floor, samples.steps**2 / 12)
     beats = beats_of(samples.t, samples.q, velocity, samples.steps, scatter, samples.weight)
-    found = _corrected(samples, first.breaks, cells)
+    found = _corrected(samples, first.breaks, cells, 1)
+    uncorrected, stamped = samples, None
     if found:  # what is finer than the stamps can tell is not worth breaks
-        stamped, samples, moved = samples, *found
-        floor = np.maximum(floor, scatter**2)
-        notes.append(f"time stamps scatter by {moved.sigma:.2g} s; one shift per row, from all joints, corrects them")
+        samples, floor = found[0], np.maximum(floor, scatter**2)
     choice, samples, note = _without_outliers(samples, beats, first.intervals, cells, bandwidth, floor)
     notes += note
-    stamps_ = None
     if found:
-        again = _corrected(stamped, choice.solution.breaks, cells)
-        if again:
-            samples, moved = again
-        stamps_ = solve(_rows(stamped, cells), choice.solution.breaks), _colour(moved, samples.t, choice) * moved.sigma
+        samples, moved, raw = _corrected(uncorrected, choice.solution.breaks, cells, 2) or found
+        stamped = raw, _colour(moved, samples.t, choice) * moved.sigma
         choice = knots.again(_rows(samples, cells), choice)
+        notes.append(f"time stamps scatter by {moved.sigma:.2g} s; one shift per row, from all joints, corrects them")
     solution = choice.solution
     variance = choice.variance * beats.inflation(solution.breaks, rests=True)
-    spread = Spread(solution, variance, choice.coarser.spline, choice.ratio, stamps_)
+    spread = Spread(solution, variance, choice.coarser.spline, choice.ratio, stamped)
     left = samples.q - solution.spline(samples.t)
     return Smoothed(samples, solution.spline, spread, np.sqrt((left**2).mean(axis=0)), tuple(notes))
 
@@ -150,24 +145,23 @@ def _without_outliers(
     return _choice(samples, beats, intervals, cells, bandwidth, floor), samples, [note]
 
 
-def _corrected(samples: Samples, breaks: np.ndarray, cells: int) -> tuple[Samples, stamps.Shifts] | None:
-    """The samples at corrected times, in two rounds, where shifts of rows explain what is left of them."""
-    spline = solve(_rows(samples, cells), breaks).spline
-    shift, shifts, order, moved = np.zeros(len(samples.t)), None, None, samples
-    for _ in range(2):
-        left, velocity = moved.q - spline(moved.t), spline(moved.t, nu=1)
-        found = stamps.shifts(left, velocity, shift)
+def _corrected(
+    samples: Samples, breaks: np.ndarray, cells: int, rounds: int
+) -> tuple[Samples, stamps.Shifts, Solution] | None:
+    """The samples at corrected times where shifts of rows explain what is left of them, and the fit at their own times."""
+    raw = solve(_rows(samples, cells), breaks)
+    spline, shift, order, moved = raw.spline, np.zeros(len(samples.t)), np.arange(len(samples.t)), samples
+    for k in range(rounds):
+        found = stamps.shifts(moved.q - spline(moved.t), spline(moved.t, nu=1), shift)
         if not found:
-            break
-        shifts = found
-        base = samples.t if order is None else samples.t[order]
-        times = (base + shifts.shift).clip(*samples.span)
+            return None
+        times = (samples.t[order] + found.shift).clip(*samples.span)
         again = np.argsort(times, kind="stable")
-        order = again if order is None else order[again]
-        shift = shifts.shift[again]
+        order, shift = order[again], found.shift[again]
         moved = replace(samples.part(order), t=times[again])
-        spline = solve(_rows(moved, cells), breaks).spline
-    return (moved, shifts) if shifts else None
+        if k + 1 < rounds:
+            spline = solve(_rows(moved, cells), breaks).spline
+    return moved, replace(found, shift=shift), raw
 
 
 def _colour(shifts: stamps.Shifts, t: np.ndarray, choice: knots.Choice) -> float:
