@@ -21,9 +21,9 @@ from jounce.motion.noise import Beats
 Family = Callable[[int], np.ndarray]  # breaks, for a number of intervals
 
 FINER = 1.1  # times the intervals that are best for q: its derivatives need more, and less of their error is bias
-STARTS = (0, 1 / 3, 2 / 3)  # powers of two, by which the starts of bisection differ
+STARTS = (4, 11 / 3, 10 / 3, 4 / 3)  # powers of two, by which bisections start coarser than the best even intervals
 ROUNDS = 60  # of bisections, at most
-SHARE = 0.5  # of all that bisection gains is gained in one round
+SHARE = 0.6  # of all that bisection gains is gained in one round
 STEPS = 8  # of an encoder, passed by some joint in an interval that is bisected: fewer resolve no more
 SAMPLES = 2  # in an interval, at least
 FEWEST = 3  # samples per interval on average, at least
@@ -52,9 +52,9 @@ def again(rows: Rows, choice: Choice) -> Choice:
     return Choice(solution, solve(rows, choice.coarser.breaks), variance)
 
 
-def by_schwarz(rows: Rows, floor: np.ndarray, least: int = 1) -> Solution:
+def by_schwarz(rows: Rows, floor: np.ndarray, least: int = 1, most: int | None = None) -> Solution:
     """The evenly spaced breaks of least BIC; variances below the floor (n,) are rounding."""
-    found = _solutions(rows, even(rows), _ladder(least, most_intervals(rows), 1.4))
+    found = _solutions(rows, even(rows), _ladder(least, most or most_intervals(rows), 1.4))
     penalty = rows.y.shape[1] * np.log(rows.count)
     scores = [
         rows.count * np.log(np.maximum(s.energy / rows.count, floor)).sum() + penalty * s.unknowns for s in found
@@ -68,10 +68,9 @@ def choose(rows: Rows, beats: Beats, intervals: int, floor: np.ndarray) -> Choic
     variance = np.maximum(floor, noise_variance(rows, beats, evenly(min(2 * intervals, most_intervals(rows) // 2))))
     best, score = _least_cp(rows, beats, evenly, intervals, variance)
     family = evenly
-    if _is_uneven(rows, beats, best, variance):
-        long = rows.edges is not None  # then the places differ enough for one start to do
-        depth = max(0, min(3 if long else 5, int(np.log2(best.intervals / 4))))
-        starts = [max(1, int(best.intervals / 2.0 ** (depth - step))) for step in (STARTS[:1] if long else STARTS)]
+    if best.intervals > 16 and _is_uneven(rows, beats, best, variance):
+        powers = STARTS if rows.edges is None else STARTS[-1:]  # a long log has starts enough in itself, and less time
+        starts = [max(1, int(best.intervals / 2.0**power)) for power in powers if best.intervals > 4 * 2.0**power]
         dense, middle = dense_where(rows, _resolved(rows, beats, starts, variance))
         again = np.maximum(floor, noise_variance(rows, beats, dense(int(1.5 * middle) + 1)))
         other, other_score = _least_cp(rows, beats, dense, middle, again)
@@ -232,16 +231,33 @@ def _solutions(rows: Rows, family: Family, intervals: np.ndarray) -> list[Soluti
     return found
 
 
-def _least_cp(
-    rows: Rows, beats: Beats, family: Family, middle: int, variance: np.ndarray
-) -> tuple[Solution, float]:
-    low, high = middle / 2, min(most_intervals(rows), 2.5 * middle)
-    for ratio in (1.25, 1.08):
-        found = _solutions(rows, family, _ladder(max(1, min(low, high)), max(1, high), ratio))
-        scores = [cp(s, beats, variance) for s in found]
-        best = found[int(np.argmin(scores))]
-        low, high = best.intervals / 1.2, min(high, best.intervals * 1.2)
-    return best, min(scores)
+def _least_cp(rows: Rows, beats: Beats, family: Family, middle: int, variance: np.ndarray) -> tuple[Solution, float]:
+    """The number of intervals of least Cp, by steps from a first one, which end two steps after the best."""
+    most = most_intervals(rows)
+    found: dict[int, Solution] = {}
+    scores: dict[int, float] = {}
+
+    def score(intervals: float) -> float:
+        number = int(round(min(max(intervals, 1), most)))
+        if number not in scores:
+            try:
+                found[number] = solve(rows, family(number))
+                scores[number] = cp(found[number], beats, variance)
+            except np.linalg.LinAlgError:  # holes leave some of it undetermined
+                scores[number] = np.inf
+        return scores[number]
+
+    for ratio in (1.15, 1.05):
+        start = min(scores, key=scores.__getitem__) if scores else middle
+        for step in (ratio, 1 / ratio):
+            best, worse, at = score(start), 0, float(start)
+            while worse < 2 and 1 <= at <= most:
+                at *= step
+                best, worse = (score(at), 0) if score(at) < best else (best, worse + 1)
+    least = min(scores, key=scores.__getitem__)
+    if least not in found:
+        raise np.linalg.LinAlgError("no number of intervals suits the samples")
+    return found[least], scores[least]
 
 
 def _is_uneven(rows: Rows, beats: Beats, solution: Solution, variance: np.ndarray) -> bool:

@@ -2,7 +2,7 @@
 
 B-splines of degree 9 overlap by ten, so the normal equations B^T B c = B^T y of any number of samples have a band of
 nine diagonals (de Boor, A Practical Guide to Splines, XIV). They are accumulated interval by interval, solved by
-Cholesky's method and refined once, which leaves the error of a method without normal equations.
+Cholesky's method and refined once where samples fit so well that the rounding of normal equations shows.
 
 Many fits of a long log share one compression: an orthogonal transformation turns the samples of a cell into ten rows
 that say the same of any polynomial of degree 9 (Lawson & Hanson, Solving Least Squares Problems, 27).
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 DEGREE = 9  # q4d has five continuous derivatives more, and Q2d no kinks
 WIDTH = DEGREE + 1  # B-splines that overlap in an interval
+EXACT = 1e-6  # share of the samples that a residual may be before the rounding of normal equations shows in it
 CELLS = 8192  # that a long log is compressed to
 
 
@@ -103,8 +104,8 @@ def rows_of(
     t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float, float], cells: int = CELLS
 ) -> Rows:
     """The rows of samples y, (N, n), at times t in a span, compressed to cells where that leaves half of them or less."""
-    size = len(t) // cells
-    if size < 2 * WIDTH:
+    size = max(len(t) // cells, 2 * WIDTH)
+    if len(t) // size < CELLS:
         return Rows(t, y * weight[:, None], weight, None, span, float((weight**2).sum()), np.zeros(y.shape[1]))
     return _compress(t, y, weight, span, size)
 
@@ -165,9 +166,11 @@ def solve(rows: Rows, breaks: np.ndarray) -> Solution:
     factor = cholesky_banded(_normal(values, parts), lower=True, check_finite=False)
     coefficients = np.zeros((len(parts) + DEGREE, rows.y.shape[1]))
     residual = rows.y
-    for _ in range(2):  # the second time mends what the first leaves for the sake of normal equations
+    while True:
         coefficients += cho_solve_banded((factor, True), _project(values, residual, parts), check_finite=False)
-        residual = rows.y - _product(values, coefficients, parts)
+        before, residual = residual, rows.y - _product(values, coefficients, parts)
+        if before is not rows.y or ((residual**2).sum(axis=0) > EXACT**2 * (rows.y**2).sum(axis=0)).all():
+            break  # samples that fit better than normal equations are solved go round once more
     return Solution(breaks, coefficients, residual, factor, (residual**2).sum(axis=0) + rows.rest)
 
 

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 ROUNDING = 64  # units in the last place of a double, below which samples are no measured ones
 OUTLIER = 6  # standard deviations
 SEVERAL = 0.05  # share of the samples, from which on they are no outliers
-PROBE = 4096  # samples that tell how many intervals a long log needs
+LONG = 20 * CELLS  # samples, from which on parts of them tell how many intervals they need
+PROBE = 4096  # samples of such a part
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,17 +55,18 @@ class Smoothed:
 
 def first_fit(samples: Samples) -> tuple[Solution, int]:
     """The evenly spaced spline of least BIC, and to how many cells samples may be compressed for so many intervals."""
-    cells, least = CELLS, 1
-    if len(samples.t) >= 2 * 20 * CELLS:
-        starts = np.linspace(0, len(samples.t) - PROBE, 3).astype(int)
+    cells, bounds = CELLS, (1, None)
+    if len(samples.t) >= LONG:
+        starts = np.linspace(0, len(samples.t) - PROBE, 6).astype(int)
         parts = [samples.part(np.arange(start, start + PROBE)) for start in starts]
         needed = [
             knots.by_schwarz(rows_of(p.t, p.q, p.weight, (p.t[0], p.t[-1])), samples.floor).intervals for p in parts
         ]
-        guess = max(needed) * len(samples.t) // PROBE
-        cells, least = max(cells, 8 * guess), max(1, guess // 8)
-    rows = _rows(samples, cells)
-    return knots.by_schwarz(rows, samples.floor, least), cells
+        guess = int(np.mean(needed)) * len(samples.t) // PROBE
+        cells = max(cells, 4 * guess)
+        bounds = max(1, guess // 4), 4 * guess
+    rows = rows_of(samples.t, samples.q, samples.weight, samples.span, cells)
+    return knots.by_schwarz(rows, samples.floor, bounds[0], bounds[1] and min(bounds[1], knots.most_intervals(rows))), cells
 
 
 def moves(samples: Samples, first: Solution) -> np.ndarray:
