@@ -90,14 +90,15 @@ def smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | Non
     samples = replace(samples, weight=rest_weights(samples.t, samples.q, length))
     floor = np.maximum(samples.floor, samples.steps**2 / 12)
     beats = beats_of(samples.t, samples.q, velocity, samples.steps, scatter, samples.weight)
-    found = _corrected(samples, first.breaks, cells, 1)
+    found = _corrected(samples, first, cells, 1)
     uncorrected, stamped = samples, None
     if found:  # what is finer than the stamps can tell is not worth breaks
         samples, floor = found[0], np.maximum(floor, scatter**2)
     choice, samples, note = _without_outliers(samples, beats, first.intervals, cells, bandwidth, floor)
     notes += note
     if found:
-        samples, moved, raw = _corrected(uncorrected, choice.solution.breaks, cells, 2) or found
+        raw = solve(_rows(uncorrected, cells), choice.solution.breaks)
+        samples, moved = _corrected(uncorrected, raw, cells, 2) or found
         stamped = raw, _colour(moved, samples.t, choice) * moved.sigma
         choice = knots.again(_rows(samples, cells), choice)
         notes.append(f"time stamps scatter by {moved.sigma:.2g} s; one shift per row, from all joints, corrects them")
@@ -148,10 +149,13 @@ def _without_outliers(
 
 
 def _corrected(
-    samples: Samples, breaks: np.ndarray, cells: int, rounds: int
-) -> tuple[Samples, stamps.Shifts, Solution] | None:
-    """The samples at corrected times where shifts of rows explain what is left of them, and the fit at their own times."""
-    raw = solve(_rows(samples, cells), breaks)
+    samples: Samples, raw: Solution, cells: int, rounds: int
+) -> tuple[Samples, stamps.Shifts] | None:
+    """The samples at corrected times where shifts of rows explain what a fit leaves of them."""
+    few = slice(None, None, len(samples.t) // stamps.SUBSET + 1)
+    t = samples.t[few]
+    if not stamps.shifts(samples.q[few] - raw.spline(t), raw.spline(t, nu=1), np.zeros(len(t))):
+        return None
     spline, shift, order, moved = raw.spline, np.zeros(len(samples.t)), np.arange(len(samples.t)), samples
     for k in range(rounds):
         found = stamps.shifts(moved.q - spline(moved.t), spline(moved.t, nu=1), shift)
@@ -162,8 +166,8 @@ def _corrected(
         order, shift = order[again], found.shift[again]
         moved = replace(samples.part(order), t=times[again])
         if k + 1 < rounds:
-            spline = solve(_rows(moved, cells), breaks).spline
-    return moved, replace(found, shift=shift), raw
+            spline = solve(_rows(moved, cells), raw.breaks).spline
+    return moved, replace(found, shift=shift)
 
 
 def _colour(shifts: stamps.Shifts, t: np.ndarray, choice: knots.Choice) -> float:
@@ -177,9 +181,8 @@ def _colour(shifts: stamps.Shifts, t: np.ndarray, choice: knots.Choice) -> float
 def rounded(samples: Samples, first: Solution) -> bool:
     """Whether a spline explains samples to their rounding, or as long as there are breaks: no noise is seen."""
     sigma = np.sqrt(first.energy / len(samples.t))
-    most = knots.most_intervals(_rows(samples, len(samples.t)))
     exact = sigma < ROUNDING * np.finfo(float).eps * np.abs(samples.q).max(axis=0)
-    return bool(exact.all() or first.intervals > 0.7 * most)
+    return bool(exact.all() or first.intervals > 0.7 * len(samples.t) / knots.FEWEST)
 
 
 def _rows(samples: Samples, cells: int) -> Rows:
