@@ -11,7 +11,7 @@ from jounce.motion.deviations import HIGHEST, Spread
 from jounce.motion.least_squares import DEGREE, knots
 from jounce.motion.noise import Noise, noise_of, step_of
 from jounce.motion.smoothing import Samples, Smoothed, first_fit, interpolate, moves, rounded, smooth
-from jounce.motion.stamps import check
+from jounce.motion.stamps import check, spikes
 from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:
@@ -44,7 +44,8 @@ class Fit:
     peaks : (7, n)
         Largest values of q (less its mean), qd, q2d, ... between the ends.
     relative : (7,)
-        Standard deviations of q, qd, q2d, ... (root mean square between the ends, the worst joint) over the largest peak.
+        Standard deviations of q, qd, q2d, ... over the largest peak, as root mean squares between the ends for
+        the worst joint.
     notes : tuple of str
         What a user should know about the samples and the fit, one sentence each.
     spacing : float
@@ -96,6 +97,7 @@ class Fit:
             raise JounceError(f"order is {quoted(order)}; expected 0 to {HIGHEST - 2}")
         if k <= self.highest:
             return None
+        k = int(np.argmax(self.relative[: k + 1]))
         worst = max((n for n in self.noise if n.kind != "rest"), key=lambda n: n.sigma)
         factor = float(self.relative[k]) / THRESHOLD
         band = self.bandwidth * min(0.9, factor ** (-2 / (2 * k + 1)))
@@ -140,6 +142,8 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
     times, samples, joints = check(t, q, names)
     if bandwidth is not None and not (isinstance(bandwidth, int | float) and 0 < bandwidth < np.inf):
         raise JounceError(f"bandwidth is {quoted(bandwidth)}; expected a frequency in Hz above 0")
+    wild = spikes(times, samples, np.array([step_of(column)[0] for column in samples.T]))
+    times, samples = times[~wild], samples[~wild]
     moving, smoothed = np.ptp(samples, axis=0) > 0, None
     try:
         if moving.any():
@@ -153,10 +157,12 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
             if moved.any():
                 smoothed = interpolate(part) if rounded(part, first) else smooth(part, first, cells, bandwidth)
     except np.linalg.LinAlgError:
-        raise JounceError("no spline of degree 9 follows from these samples: give more of them, at distinct times") from None
+        raise JounceError(
+            "no spline of degree 9 follows from these samples: give more of them, at distinct times"
+        ) from None
     if smoothed:
         _refuse_holes(times, smoothed.spread.solution.breaks)
-    return _fit(times, samples, joints, moving, smoothed)
+    return _fit(times, samples, joints, moving, smoothed, int(wild.sum()))
 
 
 def _samples(t: np.ndarray, q: np.ndarray) -> Samples:
@@ -173,12 +179,14 @@ def _refuse_holes(t: np.ndarray, breaks: np.ndarray) -> None:
         around = np.concatenate([lengths[max(0, first - 1 - AROUND) : first - 1], lengths[last : last + AROUND]])
         if around.size and apart[k] > FAR * np.median(around):
             raise JounceError(
-                f"no samples from t = {t[k]:.6g} to {t[k + 1]:.6g} s: {apart[k]:.3g} s, where the motion can be continued over"
-                f" {np.median(around):.3g} s; split the log there, or set a lower bandwidth"
+                f"no samples from t = {t[k]:.6g} to {t[k + 1]:.6g} s: {apart[k]:.3g} s, where the motion can be"
+                f" continued over {np.median(around):.3g} s; split the log there, or set a lower bandwidth"
             )
 
 
-def _fit(t: np.ndarray, q: np.ndarray, joints: tuple[str, ...], moving: np.ndarray, smoothed: Smoothed | None) -> Fit:
+def _fit(
+    t: np.ndarray, q: np.ndarray, joints: tuple[str, ...], moving: np.ndarray, smoothed: Smoothed | None, wild: int
+) -> Fit:
     from scipy.interpolate import BSpline
 
     knot = smoothed.spline.t if smoothed else knots(t[[0, -1]])
@@ -190,6 +198,8 @@ def _fit(t: np.ndarray, q: np.ndarray, joints: tuple[str, ...], moving: np.ndarr
         coefficients[:, moving] = smoothed.spline.c
         for k, joint in enumerate(np.flatnonzero(moving)):
             noise[joint] = noise_of(smoothed.samples.q[:, k], float(smoothed.sigma[k]))
+    if wild:
+        notes.append(f"{wild} rows lie far off those beside them; they are left out")
     if not moving.all():
         at_rest = [name for name, moves_ in zip(joints, moving, strict=True) if not moves_]
         notes.append(f"at rest but for noise, hence constant: {listed(at_rest)}")

@@ -1,13 +1,13 @@
-"""Where the breaks of a least-squares spline belong: as many as the samples tell apart from noise, where they are needed.
+"""Where the breaks of a least-squares spline belong: as many as samples tell from noise, where the motion needs them.
 
-Splines with evenly spaced breaks are tried first. Their number is found by Schwarz' criterion (BIC, Annals of Statistics
-6, 1978), which is hardest to mislead by noise that is not white, and improved by Mallows' Cp (Technometrics 15, 1973),
-which estimates the squared error of the spline itself.
+Splines with evenly spaced breaks are tried first. Their number is found by Schwarz' criterion (BIC, Annals of
+Statistics 6, 1978), which is hardest to mislead by noise that is not white, and improved by Mallows' Cp (Technometrics
+15, 1973), which estimates the squared error of the spline itself.
 
 Where a motion is uneven, intervals are bisected where that explains more than noise, those first that gain most (bulk
-chasing: Doerfler, SIAM Journal on Numerical Analysis 33, 1996): an unresolved place rings far into its neighbourhood, and
-bisecting all that rings would leave breaks there for ever. The lengths of the intervals, averaged over several starts,
-then tell how densely breaks should lie, and Cp how many of them.
+chasing: Doerfler, SIAM Journal on Numerical Analysis 33, 1996): an unresolved place rings far into its neighbourhood,
+and bisecting all that rings would leave breaks there for ever. The lengths of the intervals, averaged over several
+starts, then tell how densely breaks should lie, and Cp how many of them.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,7 +23,8 @@ Family = Callable[[int], np.ndarray]  # breaks, for a number of intervals
 FINER = 1.1  # times the intervals that are best for q: its derivatives need more, and less of their error is bias
 STARTS = (4, 11 / 3, 10 / 3, 4 / 3)  # powers of two, by which bisections start coarser than the best even intervals
 ROUNDS = 60  # of bisections, at most
-SHARE = 0.6  # of all that bisection gains is gained in one round
+RIVALS = 8  # intervals on either side, to which an unresolved place rings
+SHARE = 0.3  # of the gain of the best of these makes an interval worth bisection in the same round
 STEPS = 8  # of an encoder, passed by some joint in an interval that is bisected: fewer resolve no more
 SAMPLES = 2  # in an interval, at least
 FEWEST = 3  # samples per interval on average, at least
@@ -52,13 +53,13 @@ def again(rows: Rows, choice: Choice) -> Choice:
     return Choice(solution, solve(rows, choice.coarser.breaks), variance)
 
 
-def by_schwarz(rows: Rows, floor: np.ndarray, least: int = 1, most: int | None = None) -> Solution:
-    """The evenly spaced breaks of least BIC; variances below the floor (n,) are rounding."""
-    found = _solutions(rows, even(rows), _ladder(least, most or most_intervals(rows), 1.4))
+def by_schwarz(rows: Rows, floor: np.ndarray, guess: int | None = None) -> Solution:
+    """The evenly spaced breaks of least BIC, near a guess; variances below the floor (n,) are rounding."""
+    most = most_intervals(rows)
+    low, high = (1, most) if guess is None else (max(1, min(most, guess // 4)), min(most, 4 * guess))
+    found = _solutions(rows, even(rows), _ladder(low, high, 1.4))
     penalty = rows.y.shape[1] * np.log(rows.count)
-    scores = [
-        rows.count * np.log(np.maximum(s.energy / rows.count, floor)).sum() + penalty * s.unknowns for s in found
-    ]
+    scores = [rows.count * np.log(np.maximum(s.energy / rows.count, floor)).sum() + penalty * s.unknowns for s in found]
     return found[int(np.argmin(scores))]
 
 
@@ -66,7 +67,7 @@ def choose(rows: Rows, beats: Beats, intervals: int, floor: np.ndarray) -> Choic
     """The spline of least estimated error, from a first number of intervals; `floor` (n,) is a variance of rounding."""
     evenly = even(rows)
     variance = np.maximum(floor, noise_variance(rows, beats, evenly(min(2 * intervals, most_intervals(rows) // 2))))
-    best, score = _least_cp(rows, beats, evenly, intervals, variance)
+    best, _ = _least_cp(rows, beats, evenly, intervals, variance)
     family = evenly
     if best.intervals > 16 and _is_uneven(rows, beats, best, variance):
         powers = STARTS if rows.edges is None else STARTS[-1:]  # a long log has starts enough in itself, and less time
@@ -80,7 +81,7 @@ def choose(rows: Rows, beats: Beats, intervals: int, floor: np.ndarray) -> Choic
 
 
 def bounded(rows: Rows, beats: Beats, intervals: int, floor: np.ndarray) -> Choice:
-    """Even intervals as a given band wants them, bisected only where the samples leave that band much more than usual."""
+    """Even intervals as a band wants them, bisected only where the samples leave that band much more than usual."""
     breaks = even(rows)(intervals)
     variance = np.maximum(floor, noise_variance(rows, beats, even(rows)(min(2 * intervals, most_intervals(rows) // 2))))
     usual = None
@@ -196,13 +197,12 @@ def most_intervals(rows: Rows) -> int:
 
 
 def _bisect_most(rows: Rows, breaks: np.ndarray, gain: np.ndarray, threshold: float) -> np.ndarray:
-    """Breaks with those intervals bisected, in order, that hold a share of all that is gained above a threshold."""
-    order = np.argsort(-gain)
-    order = order[gain[order] > threshold]
-    if not order.size:
+    """Breaks with those intervals bisected whose gain passes a threshold and is much of the largest one around."""
+    reach = np.pad(gain, RIVALS)
+    around = np.max([reach[k : k + len(gain)] for k in range(2 * RIVALS + 1)], axis=0)
+    chosen = np.flatnonzero((gain > threshold) & (gain >= SHARE * around))
+    if not chosen.size:
         return breaks
-    part = np.cumsum(gain[order])
-    chosen = order[: 1 + int(np.searchsorted(part, SHARE * part[-1]))]
     return admissible(rows, np.sort(np.append(breaks, (breaks[chosen] + breaks[chosen + 1]) / 2)))
 
 
@@ -238,7 +238,7 @@ def _least_cp(rows: Rows, beats: Beats, family: Family, middle: int, variance: n
     scores: dict[int, float] = {}
 
     def score(intervals: float) -> float:
-        number = int(round(min(max(intervals, 1), most)))
+        number = round(min(max(intervals, 1), most))
         if number not in scores:
             try:
                 found[number] = solve(rows, family(number))

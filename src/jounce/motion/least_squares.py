@@ -100,14 +100,15 @@ class Solution:
         return BSpline(knots(self.breaks), self.coefficients, DEGREE)
 
 
-def rows_of(
-    t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float, float], cells: int = CELLS
-) -> Rows:
-    """The rows of samples y, (N, n), at times t in a span, compressed to cells where that leaves half of them or less."""
-    size = max(len(t) // cells, 2 * WIDTH)
-    if len(t) // size < CELLS:
-        return Rows(t, y * weight[:, None], weight, None, span, float((weight**2).sum()), np.zeros(y.shape[1]))
-    return _compress(t, y, weight, span, size)
+def rows_of(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float, float]) -> Rows:
+    """The rows of samples y, (N, n), at times t in a span."""
+    return Rows(t, y * weight[:, None], weight, None, span, float((weight**2).sum()), np.zeros(y.shape[1]))
+
+
+def few_rows_of(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float, float], cells: int) -> Rows:
+    """The rows of samples, compressed to cells where that leaves half of them or less."""
+    size = len(t) // cells
+    return rows_of(t, y, weight, span) if size < 2 * WIDTH else _compress(t, y, weight, span, size)
 
 
 def _compress(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float, float], size: int) -> Rows:
@@ -115,8 +116,8 @@ def _compress(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[floa
     count = len(t)
     cells = -(-count // size)
     fill = cells * size - count
-    t, y, weight = (np.pad(x, [(0, fill)] + [(0, 0)] * (x.ndim - 1), mode="edge") for x in (t, y, weight))
-    weight[count:] = 0
+    t, y = (np.pad(x, [(0, fill)] + [(0, 0)] * (x.ndim - 1), mode="edge") for x in (t, y))
+    weight = np.pad(weight, (0, fill))
     edges = np.append(t[::size], span[1])
     edges[0] = span[0]
     edges[1:-1] = (t[size::size] + t[size - 1 : -1 : size]) / 2
@@ -125,11 +126,11 @@ def _compress(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[floa
     chebyshev = np.polynomial.chebyshev.chebvander
     values = chebyshev(x, DEGREE) @ np.linalg.inv(chebyshev(nodes, DEGREE))  # of the polynomial with those at the nodes
     both = np.concatenate([values, y.reshape(cells, size, -1)], axis=2) * weight.reshape(cells, size, 1)
-    triangle = np.linalg.qr(both, mode="r")
-    transform, y = triangle[:, :WIDTH, :WIDTH], triangle[:, :WIDTH, WIDTH:].reshape(cells * WIDTH, -1)
+    triangle = np.asarray(np.linalg.qr(both, mode="r"))
+    transform, right = triangle[:, :WIDTH, :WIDTH], triangle[:, :WIDTH, WIDTH:]
     rest = (triangle[:, WIDTH:, WIDTH:] ** 2).sum(axis=(0, 1))
     times = edges[:-1, None] + np.diff(edges)[:, None] * (nodes + 1) / 2
-    return Rows(times.ravel(), y, transform, edges, span, float((weight**2).sum()), rest)
+    return Rows(times.ravel(), right.reshape(cells * WIDTH, -1), transform, edges, span, float((weight**2).sum()), rest)
 
 
 def knots(breaks: np.ndarray) -> np.ndarray:

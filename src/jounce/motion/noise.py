@@ -1,9 +1,9 @@
 """What noise samples bear: steps of an encoder, written digits, white noise; and where rounding is not white.
 
 Rounding to steps leaves the errors of a saw-tooth, whose m-th harmonic holds 6 / (pi m)^2 of their variance step^2 / 12
-(Widrow & Kollar, Quantization Noise, 2008). In samples they are as good as white as long as the motion passes several steps,
-or a varying part of one, from sample to sample. Slow joints stay on a step, and at some speeds a sample passes a whole
-number of steps: then the error beats slowly, and no averaging removes it. Noise of a third of a step prevents that.
+(Widrow & Kollar, Quantization Noise, 2008). In samples they are as good as white as long as the motion passes several
+steps, or a varying part of one, from sample to sample. Slow joints stay on a step, and at some speeds a sample passes a
+whole number of steps: then the error beats slowly, and no averaging removes it. Noise of a third of a step prevents it.
 """
 
 from dataclasses import dataclass
@@ -38,7 +38,11 @@ class Noise:
 
     def __str__(self) -> str:
         bits = f", {np.log2(2 * np.pi / self.step):.3g} bits" if self.kind == "encoder step" else ""
-        step = f" of {self.step:.3g} rad or m{bits}" if self.step and self.kind in ("encoder step", "written digits") else ""
+        step = (
+            f" of {self.step:.3g} rad or m{bits}"
+            if self.step and self.kind in ("encoder step", "written digits")
+            else ""
+        )
         return f"{self.kind}{step}, standard deviation {self.sigma:.2g}"
 
 
@@ -95,7 +99,7 @@ def beats_of(
     usual = float(np.median(spacing))
     uneven = float(np.median(np.abs(spacing - usual))) / 0.6745  # a standard deviation, but for outliers
     few = slice(None, None, len(t) // POINTS + 1)
-    step = np.maximum(steps, np.finfo(float).tiny)[:, None]
+    step = np.where(steps > 0, steps, np.inf)[:, None]  # without steps there are no beats
     passed = np.abs(velocity[few, :, None]) * usual / step * HARMONICS
     added = np.sqrt(np.maximum(sigma**2 - steps**2 / 12, 0))
     spread = 2 * np.pi * HARMONICS * np.hypot(added, velocity[few] * uneven)[:, :, None] / step
@@ -104,8 +108,17 @@ def beats_of(
     period[:, :, 0] = np.maximum(period[:, :, 0], durations(t, q)[few])
     around = np.add.reduceat(weight**2, np.arange(0, len(t), few.step))
     travel = np.cumsum(np.abs(velocity) * np.diff(t, append=t[-1])[:, None], axis=0)[few]
-    path = travel / np.maximum(step[:, 0], np.finfo(float).eps)
+    path = travel / np.where(steps > 0, steps, np.finfo(float).eps)
     return Beats(t[few], period, share, around, path)
+
+
+def whiteness(samples: np.ndarray) -> np.ndarray:
+    """Von Neumann's ratio per joint, (n,), in standard deviations off 1, which white noise has: below 0, it is slow.
+
+    Annals of Mathematical Statistics 12 (1941).
+    """
+    scale = np.maximum(2 * ((samples - samples.mean(axis=0)) ** 2).sum(axis=0), np.finfo(float).tiny)
+    return ((np.diff(samples, axis=0) ** 2).sum(axis=0) / scale - 1) * np.sqrt(len(samples))
 
 
 def durations(t: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -119,7 +132,7 @@ def durations(t: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 
 def rest_weights(t: np.ndarray, q: np.ndarray, interval: float) -> np.ndarray:
-    """Weights (N,) of samples: less where all joints stay on a step for long, so that their common error counts less."""
+    """Weights (N,) of samples: less where all joints stay on a step for long, for the sake of their common error."""
     lasting = durations(t, q).min(axis=1)
     equal = 1 + lasting / float(np.median(np.diff(t)))
     return np.where(lasting > interval / 2, equal ** (-REST / 2), 1.0)

@@ -14,13 +14,16 @@ from jounce.errors import JounceError, quoted
 LEAST = 24  # samples
 SUBSET = 20000  # rows from which the scatter of stamps is estimated, at most
 ROUNDS = 30  # of expectation and maximisation
+FAR = 10.0  # times the usual residual, from which on a row is an outlier
+MOST = 0.9  # of the rows are usual
+SPIKE = 30.0  # times as far off as others around are rows that are left out
+PER_ROW, IN_ALL = 0.05, 50  # gains in the logarithm of the likelihood that make shifts believable
 
 
 @dataclass(frozen=True, eq=False)
-class Shifts:
-    """By how much each row belongs to a later time than its stamp, (N,) in s, the standard deviation of that, and each joint's own noise (n,)."""
+class Scatter:
+    """The standard deviation of rows' shifts in time, s, and the variance (n,) of each joint's own noise."""
 
-    shift: np.ndarray
     sigma: float
     own: np.ndarray
 
@@ -39,7 +42,9 @@ def check(t: object, q: object, names: Sequence[str] | None) -> tuple[np.ndarray
     for name, column in zip(joints, samples.T, strict=True):
         if not np.isfinite(column).all():
             where = _first(~np.isfinite(column))
-            raise JounceError(f"{name} is {column[where]} at t = {times[where]:g} s; expected numbers: remove such rows")
+            raise JounceError(
+                f"{name} is {column[where]} at t = {times[where]:g} s; expected numbers: remove such rows"
+            )
     kept = np.append(True, (np.diff(times) != 0) | (np.diff(samples, axis=0) != 0).any(axis=1))
     times, samples = times[kept], samples[kept]
     if (np.diff(times) <= 0).any():
@@ -53,6 +58,16 @@ def check(t: object, q: object, names: Sequence[str] | None) -> tuple[np.ndarray
     return times, samples, joints
 
 
+def spikes(t: np.ndarray, q: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Which rows, (N,), lie alone far from the line through those on either side, and these half as far on the other."""
+    share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
+    off = np.pad(q[1:-1] - q[:-2] * (1 - share) - q[2:] * share, ((4, 4), (0, 0)))
+    near = {k: off[3 + k : 3 + k + len(q)] for k in range(-3, 4)}
+    usual = np.max([np.abs(near[k]) for k in (-3, -2, 2, 3)], axis=0)
+    alone = np.abs(near[0]) > SPIKE * np.maximum(usual, steps)
+    return (alone & (near[0] * near[-1] < 0) & (near[0] * near[1] < 0)).any(axis=1)
+
+
 def fresh(t: np.ndarray, q: np.ndarray, velocity: np.ndarray, size: np.ndarray) -> np.ndarray:
     """Which rows, (N,), are no mere repetitions of the one before, from which the joints should have moved.
 
@@ -63,36 +78,47 @@ def fresh(t: np.ndarray, q: np.ndarray, velocity: np.ndarray, size: np.ndarray) 
     return ~(same & moved)
 
 
-def shifts(residual: np.ndarray, velocity: np.ndarray, before: np.ndarray) -> Shifts | None:
-    """The shift of each row that explains what a fit leaves, (N, n), where shifts explain more than noise per joint.
+def scatter(r: np.ndarray, v: np.ndarray) -> Scatter | None:
+    """How stamps scatter, where shifts of rows explain residuals r, (N, n), at velocities v better than noise alone.
 
     With r = v d + e per row, d ~ N(0, s^2) and e ~ N(0, D) of a diagonal D: factor analysis with known loadings v, by
-    expectation and maximisation (Rubin & Thayer, Psychometrika 47, 1982). `before` (N,) is in the times already.
+    expectation and maximisation (Rubin & Thayer, Psychometrika 47, 1982).
     """
-    r = residual + velocity * before[:, None]
     if r.shape[1] < 2:
         return None
     step = len(r) // SUBSET + 1
-    some, v = r[::step], velocity[::step]
-    own = np.maximum((some**2).mean(axis=0), np.finfo(float).tiny)
+    r, v, tiny = r[::step], v[::step], np.finfo(float).tiny
+    usual = (np.abs(r) <= FAR * np.median(np.abs(r), axis=0)).all(axis=1)
+    if usual.mean() > MOST:
+        r, v = r[usual], v[usual]
+    own = np.maximum((r**2).mean(axis=0), tiny)
     alone = -0.5 * (np.log(own).sum() + len(own))
-    own, s2 = own / 2, float((own / np.maximum((v**2).mean(axis=0), np.finfo(float).tiny)).min()) / 2
+    found = Scatter(float(np.sqrt((own / np.maximum((v**2).mean(axis=0), tiny)).min() / 2)), own / 2)
     for _ in range(ROUNDS):
-        shift, spread = _posterior(some, v, own, s2)
-        own = ((some - v * shift[:, None]) ** 2 + v**2 * spread[:, None]).mean(axis=0)
-        s2 = float((shift**2 + spread).mean())
-    shift, spread = _posterior(some, v, own, s2)
-    quadratic = ((some**2) / own).sum(axis=1) - shift**2 / spread
-    together = -0.5 * (np.log(own).sum() + np.log(s2 / spread) + quadratic).mean()
-    if together - alone < 0.05 or len(some) * (together - alone) < 50:
-        return None
-    return Shifts(_posterior(r, velocity, own, s2)[0], float(np.sqrt(s2)), np.sqrt(own))
+        d, variance = _posterior(r, v, found)
+        own = ((r - v * d[:, None]) ** 2 + v**2 * variance[:, None]).mean(axis=0)
+        found = Scatter(float(np.sqrt((d**2 + variance).mean())), np.maximum(own, tiny))
+    d, variance = _posterior(r, v, found)
+    squares = (r**2 / found.own).sum(axis=1) - d**2 / variance
+    together = -0.5 * (np.log(found.own).sum() + np.log(found.sigma**2 / variance) + squares).mean()
+    better = together - alone  # of the logarithms of likelihoods, per row
+    return found if better > PER_ROW and len(r) * better > IN_ALL else None
 
 
-def _posterior(r: np.ndarray, v: np.ndarray, own: np.ndarray, s2: float) -> tuple[np.ndarray, np.ndarray]:
+def shifts(r: np.ndarray, v: np.ndarray, found: Scatter) -> np.ndarray:
+    """How much later than its stamp each row belongs, (N,) in s: sum(v r / D) / (1 / s^2 + sum(v^2 / D)).
+
+    Rows that lie off the motion at any time stay where they are.
+    """
+    d, _ = _posterior(r, v, found)
+    off = ((r - v * d[:, None]) ** 2 / found.own).max(axis=1) > FAR**2
+    return np.where(off, 0.0, d)
+
+
+def _posterior(r: np.ndarray, v: np.ndarray, found: Scatter) -> tuple[np.ndarray, np.ndarray]:
     """The mean and the variance (N,) of each row's shift."""
-    spread = 1 / (1 / s2 + (v**2 / own).sum(axis=1))
-    return spread * (v * r / own).sum(axis=1), spread
+    variance = 1 / (1 / found.sigma**2 + (v**2 / found.own).sum(axis=1))
+    return variance * (v * r / found.own).sum(axis=1), variance
 
 
 def _numbers(given: object, label: str) -> np.ndarray:
