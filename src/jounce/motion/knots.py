@@ -46,11 +46,10 @@ class Choice:
         return max(self.solution.intervals / self.coarser.intervals, 1.01)
 
 
-def again(rows: Rows, choice: Choice) -> Choice:
+def again(rows: Rows, beats: Beats, choice: Choice) -> Choice:
     """The same breaks for samples that are not quite the same, and what these scatter by about the spline."""
-    solution = solve(rows, choice.solution.breaks)
-    variance = solution.energy / max(1.0, rows.count - solution.unknowns)
-    return Choice(solution, solve(rows, choice.coarser.breaks), variance)
+    breaks = choice.solution.breaks
+    return Choice(solve(rows, breaks), solve(rows, choice.coarser.breaks), noise_variance(rows, beats, breaks))
 
 
 def by_schwarz(rows: Rows, floor: np.ndarray, guess: int | None = None) -> Solution:

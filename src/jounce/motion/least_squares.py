@@ -43,6 +43,9 @@ class Rows:
         The number of samples, each counted by its weight squared.
     rest : (n,)
         Sums of squares that no polynomial in a cell reaches, left out of the rows.
+    along : ((P, n), (n,)) or None
+        Velocities v and variances D of the joints, where stamps are in doubt: only what no shift of a row in time explains
+        counts as a residual then.
     """
 
     t: np.ndarray
@@ -52,6 +55,15 @@ class Rows:
     span: tuple[float, float]
     count: float
     rest: np.ndarray
+    along: tuple[np.ndarray, np.ndarray] | None = None
+
+    def across(self, residual: np.ndarray) -> np.ndarray:
+        """What is left of residuals (P, n) but for a shift in time of each row: r - v (v^T D^-1 r) / (v^T D^-1 v)."""
+        if self.along is None:
+            return residual
+        v, own = self.along
+        squares = np.maximum((v**2 / own).sum(axis=1), np.finfo(float).tiny)
+        return residual - v * ((v * residual / own).sum(axis=1) / squares)[:, None]
 
     def apply(self, values: np.ndarray) -> np.ndarray:
         """The rows (P, ...) of values at the times."""
@@ -172,6 +184,7 @@ def solve(rows: Rows, breaks: np.ndarray) -> Solution:
         before, residual = residual, rows.y - _product(values, coefficients, parts)
         if before is not rows.y or ((residual**2).sum(axis=0) > EXACT**2 * (rows.y**2).sum(axis=0)).all():
             break  # samples that fit better than normal equations are solved go round once more
+    residual = rows.across(residual)
     return Solution(breaks, coefficients, residual, factor, (residual**2).sum(axis=0) + rows.rest)
 
 

@@ -29,13 +29,15 @@ PROBES, PROBE = 6, 4096  # such parts, and the samples of each
 @dataclass(frozen=True, eq=False)
 class Samples:
     """What is smoothed: times (N,), samples (N, n) of joints that move, their weights (N,), the span of the
-    times, and the steps (n,) of encoders or digits."""
+    times, the steps (n,) of encoders or digits; where stamps are in doubt, a spline to take velocities from and each joint's own
+    variance (n,)."""
 
     t: np.ndarray
     q: np.ndarray
     weight: np.ndarray
     span: tuple[float, float]
     steps: np.ndarray
+    drift: "tuple[BSpline, np.ndarray] | None" = None
 
     @property
     def floor(self) -> np.ndarray:
@@ -97,14 +99,14 @@ def smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | Non
     found = _corrected(samples, first, cells, 1)
     uncorrected, stamped = samples, None
     if found:  # what is finer than the stamps can tell is not worth breaks
-        samples, floor = found[0], np.maximum(floor, scatter**2)
+        samples, floor = replace(found[0], drift=(first.spline, found[1].own)), np.maximum(floor, scatter**2)
     choice, samples, note = _without_outliers(samples, beats, first.intervals, cells, bandwidth, floor)
     notes += note
     if found:
         raw = solve(_rows(uncorrected, cells), choice.solution.breaks)
         samples, moved = _corrected(uncorrected, raw, cells, 2) or found
         stamped = raw, _colour(samples, uncorrected.t, raw, moved.sigma) * moved.sigma
-        choice = knots.again(_rows(samples, cells), choice)
+        choice = knots.again(_rows(samples, cells), beats, choice)
         notes.append(f"time stamps scatter by {moved.sigma:.2g} s; one shift per row, from all joints, corrects them")
     solution = choice.solution
     variance = choice.variance * beats.inflation(solution.breaks, rests=True)
@@ -199,4 +201,8 @@ def rounded(samples: Samples, first: Solution) -> bool:
 
 
 def _rows(samples: Samples, cells: int) -> Rows:
-    return few_rows_of(samples.t, samples.q, samples.weight, samples.span, cells)
+    rows = few_rows_of(samples.t, samples.q, samples.weight, samples.span, cells)
+    if samples.drift is None:
+        return rows
+    spline, own = samples.drift
+    return replace(rows, along=(spline(rows.t, nu=1), own))

@@ -64,7 +64,7 @@ def spikes(t: np.ndarray, q: np.ndarray, steps: np.ndarray) -> np.ndarray:
     off = np.pad(q[1:-1] - q[:-2] * (1 - share) - q[2:] * share, ((4, 4), (0, 0)))
     near = {k: off[3 + k : 3 + k + len(q)] for k in range(-3, 4)}
     usual = np.max([np.abs(near[k]) for k in (-3, -2, 2, 3)], axis=0)
-    alone = np.abs(near[0]) > SPIKE * np.maximum(usual, steps)
+    alone = np.abs(near[0]) > SPIKE * np.maximum(np.maximum(usual, np.median(np.abs(near[0]), axis=0)), steps)
     return (alone & (near[0] * near[-1] < 0) & (near[0] * near[1] < 0)).any(axis=1)
 
 
