@@ -40,7 +40,7 @@ def errors(given, true):
 
 
 def best(measured, t, true):
-    """The errors of least squares with evenly spaced knots, their number chosen with the truth at hand for each rate."""
+    """The errors of least squares with evenly spaced knots, their number chosen by the truth for each rate."""
     found = []
     for intervals in np.unique(np.geomspace(12, 150, 24).astype(int)):
         knots = np.pad(np.linspace(measured.t[0], measured.t[-1], intervals + 1), 9, mode="edge")

@@ -1,20 +1,20 @@
 """Standard deviations of a smoothing spline and its derivatives: of noise, of stamps, and of the spline's own error."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from math import comb
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.motion.least_squares import Solution, basis, covariance_blocks
+from jounce.motion.least_squares import Rows, Solution, basis, covariance_blocks, solve
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 POINTS = 20000  # for which ten coefficients' covariances are gathered at once
 DECAY = 15  # power of the interval with which the error of q falls: 10 far from the limit of the band, more near it
+DRAWS, TOGETHER = 32, 4  # of the scatter of stamps, and how many are fitted at once
 HIGHEST = 6  # derivative with a standard deviation
 
 
@@ -32,15 +32,15 @@ class Spread:
         A spline of fewer intervals, to tell the error of the spline itself from.
     ratio : float
         How many times fewer.
-    stamps : tuple of (Solution, float), or None
-        The fit to samples at their stamps as they are, and the standard deviation of these, where they are corrected.
+    stamps : (4 M, n, 7, 7) or None
+        Covariances, in the quarters of the intervals, of what is left of the stamps' scatter where they are corrected.
     """
 
     solution: Solution
     variance: np.ndarray
     coarser: "BSpline | None" = None
     ratio: float = 1.0
-    stamps: tuple[Solution, float] | None = None
+    stamps: np.ndarray | None = None
 
     def covariances(self, t: np.ndarray, order: int) -> np.ndarray:
         """Covariances of q, qd, ... with each other at times (P,), (P, n, order + 1, order + 1)."""
@@ -49,35 +49,19 @@ class Spread:
     def _covariances(self, t: np.ndarray, order: int) -> np.ndarray:
         unit, place = _unit_covariances(self.solution, self._blocks, t, order)
         total = self.variance[place][:, :, None, None] * unit[:, None]
-        if self.stamps:
-            solution, sigma = self.stamps
-            late, _ = _unit_covariances(solution, self._stamp_blocks, t, order)
-            leibniz = self._leibniz(t, order)
-            total += leibniz @ (sigma**2 * late)[:, None] @ leibniz.mT
+        if self.stamps is not None:
+            times = _quarters(self.solution.breaks)
+            some = self.stamps[:, :, : order + 1, : order + 1].reshape(len(times), -1)
+            total += np.stack([np.interp(t, times, column) for column in some.T], axis=1).reshape(total.shape)
         if self.coarser is not None:
             for k, model in enumerate(self._model[: order + 1]):
                 middles = (self.solution.breaks[1:] + self.solution.breaks[:-1]) / 2
                 total[:, :, k, k] += np.stack([np.interp(t, middles, column) for column in model.T], axis=1)
         return total
 
-    def _leibniz(self, t: np.ndarray, order: int) -> np.ndarray:
-        """(v tau)^(k) = sum_a binomial(k, a) v^(k - a) tau^(a) as matrices (P, n, order + 1, order + 1)."""
-        spline = self.solution.spline
-        v = [spline(t, nu=k + 1) for k in range(order + 1)]
-        out = np.zeros((*v[0].shape, order + 1, order + 1))
-        for k in range(order + 1):
-            for a in range(k + 1):
-                out[:, :, k, a] = comb(k, a) * v[k - a]
-        return out
-
     @cached_property
     def _blocks(self) -> np.ndarray:
         return covariance_blocks(self.solution.factor)
-
-    @cached_property
-    def _stamp_blocks(self) -> np.ndarray:
-        assert self.stamps
-        return covariance_blocks(self.stamps[0].factor)
 
     @cached_property
     def _model(self) -> list[np.ndarray]:
@@ -88,7 +72,7 @@ class Spread:
         """
         assert self.coarser is not None
         breaks = self.solution.breaks
-        t = (breaks[:-1, None] + np.diff(breaks)[:, None] * np.array([0.125, 0.375, 0.625, 0.875])).ravel()
+        t = _quarters(breaks)
         out = []
         for k in range(HIGHEST + 1):
             rest = self.ratio ** -(DECAY - k)
@@ -97,6 +81,35 @@ class Spread:
             padded = np.pad(squares, ((1, 1), (0, 0)), mode="edge")
             out.append((padded[:-2] + padded[1:-1] + padded[2:]) / 3)
         return out
+
+
+def stamp_covariances(rows: Rows, raw: Solution, sigma: float, own: np.ndarray) -> np.ndarray:
+    """Covariances, (4 M, n, 7, 7), of what is left in q, qd, ... of stamps that scattered by sigma before correction.
+
+    Corrected stamps are wrong by what a fit to the raw ones takes of their scatter: tau = (v^T D^-1 e) / (v^T D^-1 v),
+    where e are splines fitted to v d with random d. The fit at corrected times takes v tau. Draws of d tell the
+    covariances (the parametric bootstrap: Efron & Tibshirani, An Introduction to the Bootstrap, 6.5).
+    """
+    random = np.random.default_rng(0)
+    v = raw.spline(rows.t, nu=1)
+    across = v / own / np.maximum((v**2 / own).sum(axis=1), np.finfo(float).tiny)[:, None]
+    weight = (
+        rows.transform if rows.edges is None else np.ones(len(rows.t))
+    )  # cells are rotated: white noise stays white
+    rows = replace(rows, along=None, rest=np.zeros(TOGETHER * v.shape[1]))
+    times = _quarters(raw.breaks)
+    total = np.zeros((len(times), v.shape[1], HIGHEST + 1, HIGHEST + 1))
+    for _ in range(DRAWS // TOGETHER):
+        d = sigma * random.normal(size=(len(v), 1, TOGETHER))
+        noise = (weight[:, None, None] * v[:, :, None] * d).reshape(len(v), -1)
+        taken = solve(replace(rows, y=noise), raw.breaks).spline(rows.t).reshape(*v.shape, TOGETHER)
+        tau = (across[:, :, None] * taken).sum(axis=1, keepdims=True)
+        left = rows.apply((v[:, :, None] * tau).reshape(len(v), -1))
+        curve = solve(replace(rows, y=left), raw.breaks).spline
+        rates = [curve(times, nu=k).reshape(len(times), -1, TOGETHER) for k in range(HIGHEST + 1)]
+        e = np.stack(rates, axis=2)
+        total += e @ e.mT / DRAWS
+    return total
 
 
 def ideal_deviation(sigma: float, spacing: float, bandwidth: float, order: int) -> float:
@@ -117,6 +130,10 @@ def _unit_covariances(
     rows = [basis(t, solution.breaks, k) for k in range(order + 1)]
     values, place = np.stack([row for row, _ in rows], axis=1), rows[0][1]
     return values @ blocks[place] @ values.mT, place
+
+
+def _quarters(breaks: np.ndarray) -> np.ndarray:
+    return (breaks[:-1, None] + np.diff(breaks)[:, None] * np.array([0.125, 0.375, 0.625, 0.875])).ravel()
 
 
 def _portions(t: np.ndarray) -> Iterator[np.ndarray]:

@@ -10,7 +10,8 @@ from jounce.errors import JounceError, listed, quoted
 from jounce.motion.deviations import HIGHEST, Spread
 from jounce.motion.least_squares import DEGREE, knots
 from jounce.motion.noise import Noise, noise_of, step_of
-from jounce.motion.smoothing import Samples, Smoothed, first_fit, interpolate, moves, rounded, smooth
+from jounce.motion.samples import Samples
+from jounce.motion.smoothing import Smoothed, first_fit, interpolate, moves, rounded, smooth
 from jounce.motion.stamps import check, spikes
 from jounce.spatial.series import rate_name
 

@@ -44,8 +44,8 @@ class Rows:
     rest : (n,)
         Sums of squares that no polynomial in a cell reaches, left out of the rows.
     along : ((P, n), (n,)) or None
-        Velocities v and variances D of the joints, where stamps are in doubt: only what no shift of a row in time explains
-        counts as a residual then.
+        Velocities v and variances D of the joints, where stamps are in doubt: only what no shift of a row in time
+        explains counts as a residual then.
     """
 
     t: np.ndarray

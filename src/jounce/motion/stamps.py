@@ -59,7 +59,7 @@ def check(t: object, q: object, names: Sequence[str] | None) -> tuple[np.ndarray
 
 
 def spikes(t: np.ndarray, q: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Which rows, (N,), lie alone far from the line through those on either side, and these half as far on the other."""
+    """Which rows, (N,), lie off the line through those on either side, alone and much farther than others around."""
     share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
     off = np.pad(q[1:-1] - q[:-2] * (1 - share) - q[2:] * share, ((4, 4), (0, 0)))
     near = {k: off[3 + k : 3 + k + len(q)] for k in range(-3, 4)}
@@ -78,7 +78,7 @@ def fresh(t: np.ndarray, q: np.ndarray, velocity: np.ndarray, size: np.ndarray) 
     return ~(same & moved)
 
 
-def scatter(r: np.ndarray, v: np.ndarray) -> Scatter | None:
+def scatter_of(r: np.ndarray, v: np.ndarray) -> Scatter | None:
     """How stamps scatter, where shifts of rows explain residuals r, (N, n), at velocities v better than noise alone.
 
     With r = v d + e per row, d ~ N(0, s^2) and e ~ N(0, D) of a diagonal D: factor analysis with known loadings v, by
