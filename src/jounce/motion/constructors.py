@@ -9,25 +9,30 @@ from jounce.errors import JounceError, quoted, warn
 from jounce.motion.analytic import Analytic, Cosine, Terms
 from jounce.motion.curves import Polynomials
 from jounce.motion.motion import Motion
+from jounce.motion.smoothed import smoothed, source_of
 from jounce.motion.smoothness import of_samples
-from jounce.motion.spline import Spline, curve_of, residual_of
+from jounce.motion.spline import Smoothing, Spline, curve_of, residual_of
 
 PLACE = "the motion"
 HIGHEST = 4  # q4d, which Q2d takes: the rate whose rounding is judged
 
 
-def through(t: Any, q: Any, spline: Spline, joint_names: Any) -> Motion:
-    """A spline of samples, through all of them or fitted by least squares."""
+def through(t: Any, q: Any, way: Smoothing | Spline, joint_names: Any) -> Motion:
+    """A curve of samples: through all of them, fitted by least squares, or smoothed."""
     times, samples = numbers(t, "t", 1), numbers(q, "q", 2)
     if len(times) != len(samples):
         raise JounceError(f"t has {len(times)} times and q {len(samples)} rows; expected as many")
     check_increasing(times, "t")
-    if spline.intervals is None and (jumps := of_samples(times, samples)):
-        warn(f"{PLACE}: {jumps}")
-    curve = curve_of(times, samples, spline, PLACE, HIGHEST)
     names = checked_names(joint_names, samples.shape[1])
-    source = f"samples, rates from a {spline}"
-    return Motion(curve, names, source, {}, (times, samples), residual_of(curve, spline, times, samples), times)
+    if isinstance(way, Smoothing):
+        found, notes = smoothed(times, samples, way, names, HIGHEST, PLACE)
+        residual = np.abs(found.rates(times, 0)[0] - samples).max(axis=0)
+        return Motion(found, names, source_of(found), {}, (times, samples), residual, times, notes=notes)
+    if way.intervals is None and (jumps := of_samples(times, samples)):
+        warn(f"{PLACE}: {jumps}")
+    curve = curve_of(times, samples, way, PLACE, HIGHEST)
+    source = f"samples, rates from a {way}"
+    return Motion(curve, names, source, {}, (times, samples), residual_of(curve, way, times, samples), times)
 
 
 def polynomial(coefficients: Any, duration: Any, start: Any, joint_names: Any) -> Motion:
