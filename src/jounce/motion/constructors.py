@@ -5,13 +5,12 @@ from typing import Any
 import numpy as np
 
 from jounce._scalars import asarray
-from jounce.errors import JounceError, quoted, warn
+from jounce.errors import JounceError, quoted
 from jounce.motion.analytic import Analytic, Cosine, Terms
 from jounce.motion.curves import Polynomials
 from jounce.motion.motion import Motion
-from jounce.motion.smoothed import smoothed, source_of
-from jounce.motion.smoothness import of_samples
-from jounce.motion.spline import Smoothing, Spline, curve_of, residual_of
+from jounce.motion.smoothed import found_from
+from jounce.motion.spline import Smoothing, Spline
 
 PLACE = "the motion"
 HIGHEST = 4  # q4d, which Q2d takes: the rate whose rounding is judged
@@ -24,15 +23,8 @@ def through(t: Any, q: Any, way: Smoothing | Spline, joint_names: Any) -> Motion
         raise JounceError(f"t has {len(times)} times and q {len(samples)} rows; expected as many")
     check_increasing(times, "t")
     names = checked_names(joint_names, samples.shape[1])
-    if isinstance(way, Smoothing):
-        found, notes = smoothed(times, samples, way, names, HIGHEST, PLACE)
-        residual = np.abs(found.rates(times, 0)[0] - samples).max(axis=0)
-        return Motion(found, names, source_of(found), {}, (times, samples), residual, times, notes=notes)
-    if way.intervals is None and (jumps := of_samples(times, samples)):
-        warn(f"{PLACE}: {jumps}")
-    curve = curve_of(times, samples, way, PLACE, HIGHEST)
-    source = f"samples, rates from a {way}"
-    return Motion(curve, names, source, {}, (times, samples), residual_of(curve, way, times, samples), times)
+    found = found_from(times, samples, way, names, HIGHEST, PLACE)
+    return Motion(found.curve, names, found.source, {}, (times, samples), found.residual, times, notes=found.notes)
 
 
 def polynomial(coefficients: Any, duration: Any, start: Any, joint_names: Any) -> Motion:

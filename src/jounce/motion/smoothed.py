@@ -1,14 +1,22 @@
-"""The curve of measured samples: a smoothing spline with standard deviations, refused where it means nothing."""
+"""The curve of measured samples: a smoothing spline with standard deviations, refused where it means nothing.
+
+Samples that are exact to their rounding have nothing to smooth: a spline goes through them.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.errors import JounceError
-from jounce.motion.curves import Jump
+from jounce.errors import JounceError, warn
+from jounce.motion.curves import Curve, Jump
 from jounce.motion.deviations import HIGHEST
-from jounce.motion.fit import Fit
-from jounce.motion.spline import Smoothing
+from jounce.motion.fit import Fit, fit
+from jounce.motion.smoothing import ROUNDING
+from jounce.motion.smoothness import of_samples
+from jounce.motion.spline import Smoothing, Spline, curve_of
+from jounce.motion.stamps import LEAST
+
+THROUGH = "--degree 7 (degree=7)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,34 +50,67 @@ class SmoothedCurve:
         return list(self.fit.deviations(t, order)) if order <= HIGHEST else None
 
 
-def smoothed(
-    t: np.ndarray, q: np.ndarray, way: Smoothing, joints: tuple[str, ...] | None, highest: int, place: str
-) -> tuple[SmoothedCurve, tuple[str, ...]]:
-    """The curve of samples q (N, n) of which the derivative of order `highest` is asked, and what to know about it.
+@dataclass(frozen=True, eq=False)
+class Found:
+    """The curve of samples, how it came about, what to know of it, and its largest distances (n,) from them."""
+
+    curve: Curve
+    source: str
+    notes: tuple[str, ...] = ()
+    residual: np.ndarray | None = None
+
+
+def found_from(
+    t: np.ndarray,
+    q: np.ndarray,
+    way: Smoothing | Spline,
+    joints: tuple[str, ...] | None,
+    highest: int,
+    place: str,
+) -> Found:
+    """The curve of samples q (N, n) of which the derivative of order `highest` is asked.
 
     Raises
     ------
-    JounceError : where no fit follows from the samples, or they cannot carry that derivative and are not forced to.
+    JounceError : where no curve follows from the samples, or they cannot carry that derivative and are not forced to.
     """
-    from jounce.motion.fit import fit  # which imports what only samples need
-
+    if isinstance(way, Spline):
+        return _by_hand(t, q, way, highest, place)
+    if len(t) < LEAST:
+        least = f"smoothing needs at least {LEAST}; {THROUGH} takes them as exact"
+        raise JounceError(f"{place}: {len(t)} samples; {least}")
     try:
-        found = fit(t, q, bandwidth=way.bandwidth, names=joints)
+        fitted = fit(t, q, bandwidth=way.bandwidth, names=joints)
         order = min(highest, HIGHEST) - 2
-        shortfall = found.shortfall(order) if order >= 0 else None
+        shortfall = fitted.shortfall(order) if order >= 0 else None
     except JounceError as error:
         raise JounceError(f"{place}: {error}") from None
+    if _is_exact(fitted, t, q):
+        return _by_hand(t, q, Spline(), highest, place)
     if shortfall and not way.force:
-        raise JounceError(f"{place}: {shortfall}; --force (force=) takes them all the same")
-    curve = SmoothedCurve(found, float(t[0]), float(t[-1]))
-    return curve, (*_notes(found), *([shortfall] if shortfall else []))
+        cures = "--bandwidth HZ (bandwidth=) smooths them more, --force (force=) takes them all the same"
+        raise JounceError(f"{place}: {shortfall}; {cures}")
+    curve = SmoothedCurve(fitted, float(t[0]), float(t[-1]))
+    residual = np.abs(curve.rates(t, 0)[0] - q).max(axis=0)
+    return Found(curve, _source(fitted), (*_notes(fitted), *([shortfall] if shortfall else [])), residual)
 
 
-def source_of(curve: SmoothedCurve) -> str:
-    """How the rates came about, in words."""
-    fitted, last = curve.fit, curve.fit.noise
-    kinds = sorted({noise.kind for noise in last})
-    return f"samples, smoothed by a spline of degree 9 that holds up to {fitted.bandwidth:.3g} Hz ({', '.join(kinds)})"
+def _by_hand(t: np.ndarray, q: np.ndarray, way: Spline, highest: int, place: str) -> Found:
+    if way.intervals is None and (jumps := of_samples(t, q)):  # what a fit does not follow, its residual tells
+        warn(f"{place}: {jumps}")
+    curve = curve_of(t, q, way, place, highest)
+    residual = None if way.intervals is None else np.abs(curve.rates(t, 0)[0] - q).max(axis=0)
+    return Found(curve, f"samples, rates from a {way}", residual=residual)
+
+
+def _is_exact(fitted: Fit, t: np.ndarray, q: np.ndarray) -> bool:
+    off = np.abs(fitted.spline(t) - q).max(axis=0)
+    return bool((off <= ROUNDING * np.finfo(float).eps * np.abs(q).max(axis=0)).all())
+
+
+def _source(fitted: Fit) -> str:
+    kinds = ", ".join(sorted({noise.kind for noise in fitted.noise}))
+    return f"samples, smoothed by a spline of degree 9 that holds up to {fitted.bandwidth:.3g} Hz ({kinds})"
 
 
 def _notes(found: Fit) -> tuple[str, ...]:

@@ -120,11 +120,6 @@ def way_of(degree: int | None, intervals: int | None, bandwidth: float | None, f
     return Spline(7 if degree is None else degree, intervals) if by_hand else Smoothing(bandwidth, force)
 
 
-def residual_of(curve: SplineCurve, spline: Spline, t: np.ndarray, q: np.ndarray) -> np.ndarray | None:
-    """The largest distance (n,) of a fit from samples (N, n); None of a spline through them."""
-    return None if spline.intervals is None else np.abs(curve.rates(t, 0)[0] - q).max(axis=0)
-
-
 @np.errstate(all="ignore")  # samples near the end of the doubles overflow here, and no more
 def _warn_of_rounding(
     t: np.ndarray, q: np.ndarray, rates: Sequence[np.ndarray], spline: Spline, place: str, symbol: str

@@ -11,8 +11,8 @@ from jounce.motion import loads, smoothness
 from jounce.motion.columns import DEVIATION, TIME, Match, Options, match
 from jounce.motion.hermite import Hermite
 from jounce.motion.motion import Motion
-from jounce.motion.smoothed import smoothed, source_of
-from jounce.motion.spline import Smoothing, Spline, curve_of, residual_of
+from jounce.motion.smoothed import found_from
+from jounce.motion.spline import Smoothing, Spline
 from jounce.motion.units import check_units
 from jounce.spatial.series import rate_name
 
@@ -68,16 +68,9 @@ def from_columns(
         _warn_of(smoothness.of_rates(rows), place)
         curve = Hermite(t, rows, _spreads(si, joints, rates))
         return Motion(curve, joints, "all rates from the table", W, grid=t, torques=torques, notes=found.notes)
-    if isinstance(way, Smoothing):
-        fitted, notes = smoothed(t, q, way, joints, highest, place)
-        residual = np.abs(fitted.rates(t, 0)[0] - q).max(axis=0)
-        return Motion(fitted, joints, source_of(fitted), W, (t, q), residual, t, torques, (*found.notes, *notes))
-    if way.intervals is None:  # what a fit does not follow, its residual tells
-        _warn_of(smoothness.of_samples(t, q), place)
-    of_samples = curve_of(t, q, way, place, highest)
-    residual = residual_of(of_samples, way, t, q)
-    source = f"samples, rates from a {way}"
-    return Motion(of_samples, joints, source, W, (t, q), residual, t, torques, found.notes)
+    samples = found_from(t, q, way, joints, highest, place)
+    notes = (*found.notes, *samples.notes)
+    return Motion(samples.curve, joints, samples.source, W, (t, q), samples.residual, t, torques, notes)
 
 
 def _check_increasing(t: np.ndarray, column: str, place: str) -> None:
