@@ -186,7 +186,7 @@ CASES: dict[str, Case] = {
     "forces_along": (
         ROBOT.forces_along,
         {
-            "motion": jounce.load_motion({"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3}, ROBOT, order=0),
+            "motion": jounce.load_motion({"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3}, ROBOT, 0, degree=7),
             "t": None, "order": 0, "method": "recursion",
         },
     ),

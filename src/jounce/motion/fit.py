@@ -192,7 +192,8 @@ def _fit(
 
     knot = smoothed.spline.t if smoothed else knots(t[[0, -1]])
     breaks = knot[DEGREE : len(knot) - DEGREE]
-    coefficients = np.tile(q.mean(axis=0), (len(knot) - DEGREE - 1, 1))
+    middle = q[0] + (q - q[0]).mean(axis=0)  # exact where a joint does not move at all
+    coefficients = np.tile(middle, (len(knot) - DEGREE - 1, 1))
     noise = [Noise(float(column.std()), "rest") for column in q.T]
     notes = list(smoothed.notes) if smoothed else []
     if smoothed:

@@ -13,6 +13,7 @@ import numpy as np
 HARMONICS = np.arange(1, 5)
 POINTS = 4096  # at which beats are looked for, at most
 ENOUGH = 100000  # samples that tell the steps
+TELLING = 8  # different samples, below which round numbers among them may be chance, as the 1 is of a cosine
 DECIMALS = 12  # beyond which numbers are taken for doubles
 REST = 1 / 3  # power of their number by which equal samples of a robot at rest weigh less
 
@@ -169,7 +170,8 @@ def _lattice(samples: np.ndarray) -> float:
 def _written_step(samples: np.ndarray) -> float:
     """The unit of the last digit that samples are written with, the larger one of two lengths; 0 for doubles."""
     large = np.abs(samples) >= 1
-    units = [_unit(part) for part in (samples[~large], samples[large]) if part.size]
+    parts = [part for part in (samples[~large], samples[large]) if len(np.unique(part)) >= TELLING]
+    units = [_unit(part) for part in parts or [samples]]
     return min(units) if 0.0 in units else max(units)
 
 

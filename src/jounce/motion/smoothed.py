@@ -14,8 +14,9 @@ from jounce.motion.fit import Fit, fit
 from jounce.motion.smoothing import ROUNDING
 from jounce.motion.smoothness import of_samples
 from jounce.motion.spline import Smoothing, Spline, curve_of
-from jounce.motion.stamps import LEAST
+from jounce.motion.stamps import LEAST, spikes
 
+STANDS_OUT = 15  # times the usual residual; noise and encoders reach 10 of them
 THROUGH = "--degree 7 (degree=7)"
 
 
@@ -85,14 +86,19 @@ def found_from(
         shortfall = fitted.shortfall(order) if order >= 0 else None
     except JounceError as error:
         raise JounceError(f"{place}: {error}") from None
-    if _is_exact(fitted, t, q):
+    off = np.abs(fitted.spline(t) - q)
+    if (off.max(axis=0) <= ROUNDING * np.finfo(float).eps * np.abs(q).max(axis=0)).all():
         return _by_hand(t, q, Spline(), highest, place)
     if shortfall and not way.force:
         cures = "--bandwidth HZ (bandwidth=) smooths them more, --force (force=) takes them all the same"
         raise JounceError(f"{place}: {shortfall}; {cures}")
+    usual = ~spikes(t, q, np.zeros(q.shape[1]))
+    stands_out = off[usual].max(axis=0) > STANDS_OUT * np.median(off, axis=0)
+    if stands_out.any() and (jumps := of_samples(t[usual], q[usual])):  # steps of an encoder look like jumps too
+        warn(f"{place}: {jumps}")
     curve = SmoothedCurve(fitted, float(t[0]), float(t[-1]))
-    residual = np.abs(curve.rates(t, 0)[0] - q).max(axis=0)
-    return Found(curve, _source(fitted), (*_notes(fitted), *([shortfall] if shortfall else [])), residual)
+    notes = (*_notes(fitted), *([shortfall] if shortfall else []))
+    return Found(curve, _source(fitted), notes, off.max(axis=0))
 
 
 def _by_hand(t: np.ndarray, q: np.ndarray, way: Spline, highest: int, place: str) -> Found:
@@ -101,11 +107,6 @@ def _by_hand(t: np.ndarray, q: np.ndarray, way: Spline, highest: int, place: str
     curve = curve_of(t, q, way, place, highest)
     residual = None if way.intervals is None else np.abs(curve.rates(t, 0)[0] - q).max(axis=0)
     return Found(curve, f"samples, rates from a {way}", residual=residual)
-
-
-def _is_exact(fitted: Fit, t: np.ndarray, q: np.ndarray) -> bool:
-    off = np.abs(fitted.spline(t) - q).max(axis=0)
-    return bool((off <= ROUNDING * np.finfo(float).eps * np.abs(q).max(axis=0)).all())
 
 
 def _source(fitted: Fit) -> str:
