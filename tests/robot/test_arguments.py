@@ -93,7 +93,8 @@ CASES: dict[str, Case] = {
     "load_motion": (
         jounce.load_motion,
         {"source": {"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3}, "robot": ROBOT}
-        | {"order": 1, "degree": 7, "intervals": None, "bandwidth": None, "force": False, "time": "t", "columns": "{joint}", "angles": "rad"}
+        | {"order": 1, "degree": 7, "intervals": None, "time": "t", "columns": "{joint}", "angles": "rad"}
+        | {"bandwidth": None, "force": False}
         | {"time_unit": "s", "topic": None},
     ),
     "Motion": (MOTION, {"t": [0.1, 0.2], "order": 2, "side": "left"}),
@@ -106,7 +107,10 @@ CASES: dict[str, Case] = {
     "Motion.blended": (MOTION.blended, {"time": 0.1, "continuity": 4}),
     "Motion.breaks_to": (MOTION.breaks_to, {"order": 4}),
     "Motion.through": (jounce.Motion.through, {"t": SAMPLES, "q": TWO, "degree": 7, **NAMED}),
-    "Motion.fit": (jounce.Motion.fit, {"t": SAMPLES, "q": TWO, "degree": 7, "intervals": 1, "bandwidth": None, "force": False, **NAMED}),
+    "Motion.fit": (
+        jounce.Motion.fit,
+        {"t": SAMPLES, "q": TWO, "degree": 7, "intervals": 1, "bandwidth": None, "force": False, **NAMED},
+    ),
     "Motion.polynomial": (
         jounce.Motion.polynomial, {"coefficients": np.ones((2, 3)), "duration": 1.0, "start": 0.0, **NAMED}
     ),
