@@ -1,4 +1,4 @@
-"""Measured samples are smoothed by default, by `load_motion` and by the commands, and refused where noise drowns Q2d."""
+"""Measured samples are smoothed by default, by Python and by the commands, and refused where noise drowns Q2d."""
 
 import json
 
@@ -18,7 +18,7 @@ EXACT = [
 ]
 ENCODER = STEP * np.round(EXACT[0] / STEP)
 LOG = {"t": T, "joint1": ENCODER[:, 0], "joint2": ENCODER[:, 1]}
-RANDOM = np.random.default_rng(0).normal(0, 0.1, (2, 300))
+RANDOM = np.random.default_rng(0).normal(0, 0.005, (2, 300))
 NOISE = {"t": T[:300], "joint1": T[:300] + RANDOM[0], "joint2": T[:300] + RANDOM[1]}
 
 
