@@ -14,8 +14,9 @@ demo: $(VENV)/installed
 	$(BIN)/jounce plot build/panda_forces.csv -o build/panda_forces.png
 	$(BIN)/jounce demo -o build/demo
 
+# Workers begin with a half each, so that tests of one file share what is traced and compiled, and then steal.
 test: $(VENV)/installed-dev
-	$(BIN)/pytest -n auto
+	$(BIN)/pytest -n auto --dist worksteal
 
 # Attacks all readers, commands and forces for so long, from a random seed (SEED=... for that of an earlier run); inputs
 # that were not taken well are kept in build/fuzz.

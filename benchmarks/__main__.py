@@ -5,7 +5,7 @@ from tempfile import TemporaryDirectory
 
 import click
 
-from benchmarks import chains, forces, machine, making, matrices, measure, peaks, start
+from benchmarks import chains, forces, machine, making, matrices, measure, peaks, quantities, start
 from benchmarks.pictures import pictures
 from benchmarks.results import Run, page
 from jounce.figures.canvas import save
@@ -24,12 +24,21 @@ def main(rounds: int, output: Path) -> None:
     before = machine.load()
     with TemporaryDirectory() as folder:
         click.echo("compiling", err=True)
-        found = forces.gathered()
-        cases = [*peaks.cases(), *found.cases, *chains.cases(), *matrices.cases(), *start.cases(Path(folder))]
+        found, others = forces.gathered(), quantities.gathered()
+        cases = [
+            *peaks.cases(),
+            *found.cases,
+            *others.cases,
+            *chains.cases(),
+            *matrices.cases(),
+            *start.cases(Path(folder)),
+        ]
         with click.progressbar(length=rounds, label=f"{len(cases)} cases") as bar:
             times = measure.medians(cases, rounds, lambda: bar.update(1))
     click.echo("making equations", err=True)
-    run = Run(times, found, machine.described(), (before, machine.load()), rounds, tuple(making.made()))
+    run = Run(
+        times, found, machine.described(), (before, machine.load()), rounds, tuple(making.made()), others.compiled
+    )
     with written_whole(output / "RESULTS.md") as part:
         part.write_text(page(run), encoding="utf-8")
     for name, figure in pictures(run).items():

@@ -17,6 +17,7 @@ CHAINS = 12  # independent ones: more than latency times pipes, and all fit into
 LENGTH = 8  # operations of each chain in a turn of the loop
 TURNS = 20_000
 MIXES = {"fma": ("fma",), "add": ("add",), "both": ("fma", "add")}
+LOOP = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
 COPIED = 2**26  # bytes, more than caches hold
 
 
@@ -30,18 +31,18 @@ def cases() -> list[Case]:
 def _loop(kinds: tuple[str, ...]) -> partial[None]:
     """A call of the loop, its chains of these kinds in turn."""
     machine = host()
-    code, engine = jit.load_object(jit.assemble(_text(kinds), machine), machine)
+    code = jit.load_object(jit.assemble([_text(kinds)], machine), machine)
     room = np.zeros(CHAINS * machine.lanes)
     arrays, turns = (ctypes.c_void_p * 1)(room.ctypes.data), (ctypes.c_ssize_t * 1)(TURNS)
-    call = partial(jit.Loop(code), *(ctypes.c_void_p(ctypes.addressof(x)) for x in (arrays, turns)), None, None)
-    vars(call)["alive"] = engine, room, arrays, turns
+    call = partial(LOOP(code.address("states")), *(ctypes.c_void_p(ctypes.addressof(x)) for x in (arrays, turns)))
+    vars(call)["alive"] = code, room, arrays, turns
     return call
 
 
 def _text(kinds: tuple[str, ...]) -> str:
     ir = Writer(host())
     factor, summand = ir.vector(0.5), ir.vector(1.0)  # x/2 + 1 tends to 2: no number grows beyond all bounds
-    with ir.function("void @states(ptr %args, ptr %dimensions, ptr %steps, ptr %data)"):
+    with ir.function("void @states(ptr %args, ptr %dimensions)"):
         ir.label("start")
         room, turns = ir.let("load ptr, ptr %args"), ir.let("load i64, ptr %dimensions")
         firsts = [ir.load(ir.at(room, j, ir.V)) for j in range(CHAINS)]

@@ -1,9 +1,9 @@
 """The figures of a run as a page: the machine, tables, and how the figures were formed."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from benchmarks import bound, chains, forces, making, matrices, measure, start
+from benchmarks import bound, chains, forces, making, matrices, measure, quantities, start
 from benchmarks.forces import Gathered
 from benchmarks.tables import batch, figure, paragraph, share, table
 from jounce.native.jit import host
@@ -19,6 +19,9 @@ cosines. The bound is the largest of: products over {fma}, sums over {add}, all 
 the loops above); divided by {lanes}. It leaves out integer instructions, loads, stores, and the check for what is not
 finite. Kernel: bound to its arrays, 1,000 states. Memory: the bytes of a state's arrays over the bandwidth of a copy,
 which batches beyond the caches need at least."""
+QUANTITIES = """Through the methods of Robot, batches into `out=`; in Pinocchio, called from Python, one state of the
+same quantity, or of the one that takes the same: its Coriolis matrix stands beside both of ours, the rate of its
+centroidal momentum beside the base wrench. Kernels are compiled once into an empty cache, and once read from it."""
 MADE = """Seconds from the robot's numbers to the equations, once, each in a process that is stopped after {limit:g} s,
 and the operations on scalars that they take, shared subexpressions found by SymPy's cse, or by jounce's own trace."""
 
@@ -33,6 +36,7 @@ class Run:
     load: tuple[str, str]
     rounds: int
     made: Sequence[tuple[str, ...]] = ()  # rows of `making`
+    compiled: Mapping[tuple[str, str], quantities.Compiled] = field(default_factory=dict)
 
     @property
     def peaks(self) -> dict[str, float]:
@@ -63,6 +67,7 @@ def page(run: Run) -> str:
         *_bound(run),
         *_chains(run),
         *_matrices(run),
+        *_quantities(run),
         *_start(run),
         *_small(run),
         *_made(run),
@@ -136,6 +141,25 @@ def _matrices(run: Run) -> Iterator[str]:
     names = [*(name for names in matrices.NAMES.values() for name in names), matrices.ALL]
     rows = [(name, *(figure(run.ns("matrix", name, count)) for count in matrices.BATCHES)) for name in names]
     yield from table(("ns per state", *map(batch, matrices.BATCHES)), rows)
+
+
+def _quantities(run: Run) -> Iterator[str]:
+    yield from ["## Every quantity of an arm and two humanoids", ""]
+    yield from paragraph(QUANTITIES)
+    head = ("", "operations", "1,000 states, ns each", "Pinocchio's call, ns", "share", "one call, ns", "compiled, s",
+            "from the cache, s")  # fmt: skip
+    for robot in quantities.FILES:
+        rows = []
+        for row in quantities.ROWS:
+            each, call, peer = (run.ns("quantity", robot, row.label, kind) for kind in ("batch", "call", "peer"))
+            if each is None or peer is None:
+                continue
+            made = run.compiled[robot, row.label]
+            rows.append((
+                row.label, f"{made.operations:,}", figure(each), figure(peer), f"{each / peer:.2f}", figure(call),
+                figure(made.cold), figure(made.from_cache),
+            ))  # fmt: skip
+        yield from table((robot, *head[1:]), rows)
 
 
 def _start(run: Run) -> Iterator[str]:

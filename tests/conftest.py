@@ -1,9 +1,12 @@
 """Property tests run the same examples everywhere, however slow the machine."""
 
+import os
 from random import SystemRandom
 
 import pytest
 from hypothesis import settings
+
+os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")  # every function is compiled for a call or two
 
 collect_ignore = ["golden"]  # data, generated tests in Python among them
 

@@ -27,6 +27,8 @@ def asarray(x: Any, what: str = "an array") -> Array:
 
     Missing numbers, masked by NumPy or NA of pandas, become NaN.
     """
+    if type(x) is np.ndarray and x.dtype is FLOAT:
+        return x  # as most are, and some a thousand times a second
     if not isinstance(x, np.ndarray | np.generic) and hasattr(type(x), "__array_namespace__"):
         return x  # a foreign array that names its own namespace: JAX, also while it traces
     if isinstance(x, Mapping | str):
@@ -54,11 +56,12 @@ def _unmasked(x: Any) -> Any:
     if isinstance(x, np.ma.MaskedArray) and x.dtype.kind in "biufO":
         kind = x.dtype if x.dtype.kind == "O" else np.result_type(x.dtype, np.float64)
         return np.ma.filled(x.astype(kind), np.nan)
-    return [_unmasked(part) for part in x] if type(x) in (list, tuple) and _holds_masked(x) else x
+    return [_unmasked(part) for part in x] if type(x) in (list, tuple) and is_masked(x) else x
 
 
-def _holds_masked(x: Any) -> bool:
-    return isinstance(x, np.ma.MaskedArray) or (type(x) in (list, tuple) and any(map(_holds_masked, x)))
+def is_masked(x: Any) -> bool:
+    """Whether an array has a mask, or one in a list or tuple of them."""
+    return isinstance(x, np.ma.MaskedArray) or (type(x) in (list, tuple) and any(map(is_masked, x)))
 
 
 def _without_missing(array: np.ndarray) -> np.ndarray:

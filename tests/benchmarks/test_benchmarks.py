@@ -11,7 +11,7 @@ from benchmarks.tables import figure, paragraph, share, table
 from robots import relative_error
 
 import jounce
-from benchmarks import bound, measure, peaks, robots
+from benchmarks import bound, measure, peaks, quantities, robots
 from jounce.program.program import Program, Step
 
 LIGHT = [peer for peer in PEERS if peer.name.startswith("jounce") or "pin.rnea" in peer.name]
@@ -112,3 +112,15 @@ def test_tables():
     assert [figure(x) for x in (None, 0.0312, 1.5, 99.96, 1234.5)] == ["-", "0.0312", "1.50", "100", "1,234"]
     assert [share(x) for x in (None, 0.0, 3.4e-16)] == ["-", "0", "3e-16"]
     assert all(len(line) <= 120 for line in paragraph("word " * 100)[0].splitlines())
+
+
+@pytest.mark.parametrize("row", quantities.ROWS[::4], ids=lambda row: row.label)
+def test_quantities_are_compared_with_the_closed_form_before_they_are_measured(row, monkeypatch):
+    robot = jounce.load("iiwa14")
+    batch, call = quantities._cases("iiwa", robot, row, robot.body_names[-1])
+    assert batch.states == quantities.COUNT
+    for case in (batch, call):
+        case.call()
+    monkeypatch.setattr(quantities, "WRONG", 0.0)
+    with pytest.raises(jounce.JounceError, match=r"^results are .* from those of the closed form$"):
+        list(quantities._cases("iiwa", robot, row, robot.body_names[-1]))

@@ -5,7 +5,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from test_codegen import ALL, CASES, PARAMETERS, ROBOTS, STRICT, passes, texts, written
+from test_codegen import ALL, CASES, PARAMETERS, STRICT, passes, texts, written
 from tools import needs, obstacles
 
 from jounce._codegen import schedule
@@ -23,7 +23,7 @@ eigen = pytest.mark.skipif(not EIGEN.exists() or bool(obstacles("make")), reason
     [pytest.param("g++", False, marks=needs("g++")), pytest.param("clang++", True, marks=needs("clang++"))],
 )
 def test_eigen_gives_the_same(compiler, single, tmp_path):
-    folder = written(tmp_path, texts(ROBOTS["planar2r"](), "cpp", float32=single, **EVERYTHING))
+    folder = written(tmp_path, texts("planar2r", "cpp", 10, float32=single, **EVERYTHING))
     passed, output = passes(folder, "cpp", f"CXX={compiler}", f"EIGEN={EIGEN}")
     assert passed, output
     assert output.count("plain arrays and Eigen: worst") == len(ALL)
@@ -51,7 +51,7 @@ int main()
 @eigen
 @needs("g++")
 def test_eigen_takes_expressions_and_writes_into_views(tmp_path):
-    files = texts(ROBOTS["planar2r"](), "cpp", count=1, order=0, outputs=["inverse_dynamics", "mass_matrix"])
+    files = texts("planar2r", "cpp", count=1, order=0, outputs=("inverse_dynamics", "mass_matrix"))
     written(tmp_path, files | {"views.cpp": VIEWS})
     flags = STRICT.replace("c99", "c++14").split()
     subprocess.run(["g++", *flags, "-isystem", EIGEN, "views.cpp", "-o", "views"], cwd=tmp_path, check=True)
@@ -60,7 +60,7 @@ def test_eigen_takes_expressions_and_writes_into_views(tmp_path):
 
 @needs("clang++", "make")
 def test_clang_warns_of_nothing_in_the_shim(tmp_path):
-    files = texts(ROBOTS["planar2r"](), "cuda", float32=True, **EVERYTHING)
+    files = texts("planar2r", "cuda", 10, float32=True, **EVERYTHING)
     passed, output = passes(written(tmp_path, files), "cuda", "CXX=clang++")
     assert passed, output
 
@@ -77,7 +77,7 @@ def test_clang_warns_of_nothing_in_the_shim(tmp_path):
 )
 @needs("g++", "make")
 def test_kernels_that_take_wrong_states_fail(right, wrong, tmp_path):
-    files = texts(ROBOTS["planar2r"](), "cuda", count=10, order=0, parameters=["payload"])
+    files = texts("planar2r", "cuda", count=10, order=0, parameters=("payload",))
     assert files["planar2r.cu"].count(right) == 1
     changed = files | {"planar2r.cu": files["planar2r.cu"].replace(right, wrong)}
     passed, output = passes(written(tmp_path, changed), "cuda", "CXXFLAGS=-std=c++17")
@@ -89,12 +89,12 @@ def test_kernels_that_take_wrong_states_fail(right, wrong, tmp_path):
 @pytest.mark.parametrize("cut", [False, True])
 def test_nvcc_warns_of_nothing(cut, tmp_path, monkeypatch):
     """Where there is a device the kernels are run, too."""
-    robot, options = CASES["iiwa14, order 2"]
+    robot, options, *_ = CASES["driven"]
     if cut:
         monkeypatch.setattr(schedule, "WHOLE", 50)
         monkeypatch.setattr(schedule, "PART", 60)
         robot, options = "planar2r", EVERYTHING | {"float32": True}
-    folder = written(tmp_path, texts(ROBOTS[robot](), "cuda", **options))
+    folder = written(tmp_path, texts(robot, "cuda", 10, **options))
     flags = "-O1 -std=c++17 -Werror all-warnings -Xcompiler -Wall,-Wextra"
     passed, output = passes(folder, "cuda", "NVCC=nvcc", f"NVCCFLAGS={flags}")
     assert passed, output
@@ -103,7 +103,7 @@ def test_nvcc_warns_of_nothing(cut, tmp_path, monkeypatch):
 
 @needs("cargo")
 def test_cargo_tests_the_crate_without_a_network(tmp_path):
-    folder = written(tmp_path, texts(ROBOTS["planar2r"](), "rust", count=10, **EVERYTHING))
+    folder = written(tmp_path, texts("planar2r", "rust", count=10, **EVERYTHING))
     done = subprocess.run(["cargo", "test", "--offline"], cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "warning" not in done.stderr
@@ -134,7 +134,7 @@ pub extern "C" fn forces(x: &[[f64; 7]; 5], Q: &mut [[f64; 7]; 3]) {
 
 @needs("rustc", "nm", "make")
 def test_rust_needs_sine_and_cosine_and_cannot_panic(tmp_path):
-    folder = written(tmp_path, texts(ROBOTS["iiwa14"](), "rust", count=1) | {"embedded.rs": EMBEDDED})
+    folder = written(tmp_path, texts("iiwa14", "rust", count=1) | {"embedded.rs": EMBEDDED})
     subprocess.run(["make", "-C", folder, "libiiwa14.rlib"], check=True, capture_output=True)
     options = "--edition 2021 -O -A non_snake_case --crate-type lib --extern iiwa14=libiiwa14.rlib --emit obj"
     subprocess.run(["rustc", *options.split(), "embedded.rs"], cwd=folder, check=True)

@@ -1,23 +1,23 @@
 """Documents of equations: what they print is right, read back from the LaTeX; what is too large is refused."""
 
 import re
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
 import pytest
 import sympy
 from files import refusal
-from test_codegen import ALL, PARAMETERS, ROBOTS, rendered, requested
+from test_codegen import ALL, PARAMETERS, computed, requested, robot_of, texts
 
 import jounce
 from jounce._codegen.latex.equations import WIDEST, _width, document, tex
-from jounce._codegen.test_vectors import vectors
 
 CASES = {
     "symbols": ("symbols", {"order": 2, "outputs": ALL, "wrench": True}),
     "all": ("planar2r", {"order": 1, "outputs": ALL, "wrench": True, "parameters": PARAMETERS}),
     "numbers": ("planar2r", {"order": 4}),
-    "mimic": ("mimic", {"order": 0, "wrench": True, "parameters": ["payload:body1", "gravity"]}),
+    "mimic": ("mimic", {"order": 0, "wrench": True, "parameters": ("payload:body1", "gravity")}),
 }
 RATES = {"dot": "d", "ddot": "2d", "dddot": "3d", "ddddot": "4d"}
 
@@ -54,16 +54,19 @@ def values(arrays, k):
     return found
 
 
+@cache
+def printed(case):
+    robot, options = CASES[case]
+    return next(text for name, text in texts(robot, "latex", 3, **options).items() if name.endswith(".tex"))
+
+
 @pytest.mark.parametrize("case", CASES)
 def test_the_equations_that_are_printed_are_right(case):
     robot, options = CASES[case]
-    request, functions = requested(ROBOTS[robot](), "latex", **options)
-    text = rendered(request, functions, count=1)[f"{request.prefix}.tex"]
-    blocks = re.findall(r"\\begin\{align\*\}\n(.*?)\\end\{align\*\}", text, re.DOTALL)
+    blocks = re.findall(r"\\begin\{align\*\}\n(.*?)\\end\{align\*\}", printed(case), re.DOTALL)
     assert not re.search(r"\\frac\{[\d.]{2,}\}", "".join(blocks))  # decimals remain decimals
-    symbols = document(request.robot).symbols
-    for function in functions:
-        expected = vectors(request.robot, function, False, 3)
+    symbols = document(requested(robot, "latex", **options).robot).symbols
+    for function, expected in zip(*computed(robot, 3, "recursion", **options), strict=True):
         for array in function.outputs:
             equations = [python(x).split(" = ") for x in re.split(r"\n(?=[^&])", blocks.pop(0))]
             for k, p in enumerate(expected.parameter_sets()):
@@ -81,9 +84,7 @@ def test_the_equations_that_are_printed_are_right(case):
 
 
 def test_lines_are_as_long_as_paper_is_wide():
-    request, functions = requested(ROBOTS["symbols"](), "latex", outputs=ALL, wrench=True)
-    text = rendered(request, functions, count=1)["planar2r.tex"]
-    widths = [_width(line) for line in text.splitlines() if "& " in line]
+    widths = [_width(line) for line in printed("symbols").splitlines() if "& " in line]
     assert WIDEST / 2 < max(widths) <= WIDEST + 3
 
 
@@ -100,7 +101,7 @@ def test_text_is_escaped():
     ],
 )
 def test_refusals(robot, options, words, tmp_path):
-    refusal(lambda: jounce.codegen(ROBOTS[robot](), "latex", directory=tmp_path / "new", **options), *words)
+    refusal(lambda: jounce.codegen(robot_of(robot), "latex", directory=tmp_path / "new", **options), *words)
     assert list(tmp_path.iterdir()) == []
 
 

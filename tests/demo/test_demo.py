@@ -52,42 +52,38 @@ def test_what_steiners_theorem_makes_out(alone):
 
 def test_the_wrench_acts_on_the_loaded_example(alone):
     loaded = example("paper-wrench", 2000)
-    J = alone.robot.jacobian(alone.motion.rates[0], body="link7")
-    W = 10 * np.sin(np.pi * alone.motion.t)[:, None, None] * np.ones((6, 1))
+    J = alone.robot.jacobian(alone.motion(alone.t)[0], body="link7")
+    W = 10 * np.sin(np.pi * alone.t)[:, None, None] * np.ones((6, 1))
     assert relative_error(loaded.forces[0] - alone.forces[0], (J.mT @ W)[..., 0]) < 1e-13
 
 
-def test_demo_writes_all_that_it_names(tmp_path):
-    out = tmp_path / "demo"
-    result = call("demo", "-o", out, "--states", 200, "--format", "svg", "--json")
-    assert (result.exit_code, result.stderr) == (0, ""), result.output
-    summary = json.loads(result.stdout)
-    names = [*summary["tables"], *(f"{name}.svg" for name in summary["pictures"])]
-    assert sorted(path.name for path in out.iterdir()) == sorted(names)
-    assert {"forces", "forces-wrench", "step-size", "planar2r", "iiwa14"} == set(summary["pictures"])
-    alone = example("paper", 200)
-    expected = tables.of_rates(alone.motion.t, alone.robot.joint_names, "Q", alone.forces)
-    found = tables.read(out / "forces.csv")
-    assert all((found[name] == values).all() for name, values in expected.items())
-    assert summary["peaks"]["without W"] == [np.abs(Q).max() for Q in alone.forces]
-    assert all(ms > 0 for pair in summary["milliseconds"].values() for ms in pair)
-
-
-def test_the_bar_of_the_demo_ends_with_it(tmp_path, monkeypatch):
-    """And a format that is asked for twice is drawn, told and counted once."""
-    shown = []
+def test_demo_writes_all_that_it_names(tmp_path, monkeypatch):
+    """Its bar ends with it, and a format that is asked for twice is drawn, told and counted once."""
+    out, shown = tmp_path / "demo", []
 
     @contextmanager
     def counted(_):
         yield lambda *step: shown.append(step)
 
     monkeypatch.setattr(command, "progress", counted)
-    asked = ("--states", 100, "--format", "svg", "--format", "svg", "--json")
-    assert json.loads(call("demo", "-o", tmp_path, *asked).stdout)["formats"] == ["svg"]
+    result = call("demo", "-o", out, "--states", 200, "--format", "svg", "--format", "svg", "--json")
+    assert (result.exit_code, result.stderr) == (0, ""), result.output
     assert shown == [(k + 1, len(shown)) for k in range(len(shown))]
+    summary = json.loads(result.stdout)
+    assert summary["formats"] == ["svg"]
+    names = [*summary["tables"], *(f"{name}.svg" for name in summary["pictures"])]
+    assert sorted(path.name for path in out.iterdir()) == sorted(names)
+    assert {"forces", "forces-wrench", "step-size", "planar2r", "iiwa14"} == set(summary["pictures"])
+    alone = example("paper", 200)
+    expected = tables.of_rates(alone.t, alone.robot.joint_names, "Q", alone.forces)
+    found = tables.read(out / "forces.csv")
+    assert all((found[name] == values).all() for name, values in expected.items())
+    assert summary["peaks"]["without W"] == [np.abs(Q).max() for Q in alone.forces]
+    assert all(ms > 0 for pair in summary["milliseconds"].values() for ms in pair)
 
 
-def test_demo_says_where_the_published_code_differs(tmp_path):
+def test_demo_says_where_the_published_code_differs(tmp_path, monkeypatch):
+    monkeypatch.setattr("jounce.figures.canvas.save", lambda *_: None)  # pictures are drawn above
     words = call("demo", "-o", tmp_path, "--states", 200, "--format", "png").stdout
     for word in ("Steiner's theorem", "1.6 ms", "central, 4 points", "recursion", "forces-wrench", str(tmp_path)):
         assert word in words

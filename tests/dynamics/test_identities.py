@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from recursion import inverse_dynamics
-from robots import differentiated, harmonic, loads, mechanisms, random_state, relative_error
+from robots import Interpreted, differentiated, harmonic, loads, mechanisms, random_state, relative_error
 
 import jounce
 from jounce.dynamics.closed_form import closed_form
@@ -78,7 +78,7 @@ def test_power_is_the_rate_of_energy(drawn):
     def energy(t):
         q, qd, _ = path(t)
         V = closed_form(mechanism, columns([q, qd])).V[0].reshape(-1, 6)
-        poses = jounce.Robot(mechanism).poses(q)
+        poses = Interpreted(jounce.Robot(mechanism)).poses(q)
         m = mechanism.M[:, 3, 3]
         moments = np.stack([lie.axial(M[:3, 3:]) / 2 for M in mechanism.M])  # m c
         heights = [C[:3, :3] @ h + m_i * C[:3, 3] for C, h, m_i in zip(poses, moments, m, strict=True)]
@@ -127,7 +127,7 @@ def test_matrices_formed_from_spatial_twists_are_the_same(drawn):
     q, _ = random_state(rng, mechanism)
     F, qd = closed_form(mechanism, columns(q)), q[1]
     J = Computation("jacobian", order=2, frame="spatial").series("recursion", mechanism, q[:3])
-    back = lie.Ad(lie.inverse(jounce.Robot(mechanism).poses(q[0])))
+    back = lie.Ad(lie.inverse(Interpreted(jounce.Robot(mechanism)).poses(q[0])))
     M = back.mT @ mechanism.M @ back
     b = lie.ad(J[0] @ qd)
     JT = J[0].mT
@@ -142,11 +142,13 @@ def test_spatial_data_make_the_same_robot(drawn):
     mechanism, rng = drawn
     A, Y = spatial_screws(mechanism)
     data = {"gravity": mechanism.gravity, "G": mechanism.G, "g": mechanism.g}
-    same = jounce.Robot.from_spatial_screws(A, Y, mechanism.M, mechanism.parent, **data)
+    same = Interpreted(jounce.Robot.from_spatial_screws(A, Y, mechanism.M, mechanism.parent, **data))
     assert np.abs(same.mechanism.B - mechanism.B).max() < 1e-14 * (1 + mechanism.nb)
     assert np.abs(same.mechanism.X - mechanism.X).max() < 1e-14 * (1 + mechanism.nb)
     q, _ = random_state(rng, mechanism)
-    for Q, expected in zip(same.inverse_dynamics(*q), jounce.Robot(mechanism).inverse_dynamics(*q), strict=True):
+    for Q, expected in zip(
+        same.inverse_dynamics(*q), Interpreted(jounce.Robot(mechanism)).inverse_dynamics(*q), strict=True
+    ):
         assert relative_error(Q, expected) < 1e-12
 
 
@@ -158,8 +160,8 @@ def test_a_mimic_joint_equals_its_constraint_eliminated_by_hand(drawn):
     free = from_screws(mechanism.B, mechanism.X, mechanism.M, mechanism.parent, gravity=mechanism.gravity)
     theta = [mechanism.G @ x + (mechanism.g if k == 0 else 0) for k, x in enumerate(q)]
     for Q, Q_free in zip(
-        jounce.Robot(mechanism).inverse_dynamics(*q, wrench=tuple(W)),
-        jounce.Robot(free).inverse_dynamics(*theta, wrench=tuple(W)),
+        Interpreted(jounce.Robot(mechanism)).inverse_dynamics(*q, wrench=tuple(W)),
+        Interpreted(jounce.Robot(free)).inverse_dynamics(*theta, wrench=tuple(W)),
         strict=True,
     ):
         vanishes(Q - mechanism.G.T @ Q_free, size(Q_free))
@@ -173,9 +175,9 @@ def test_gravity_forces_are_the_gradient_of_the_potential_energy(drawn):
     moments = np.stack([lie.axial(M[:3, 3:]) / 2 for M in mechanism.M])
 
     def potential(q):
-        C = jounce.Robot(mechanism).poses(q)
+        C = Interpreted(jounce.Robot(mechanism)).poses(q)
         return -np.sum((np.einsum("bij,bj->bi", C[:, :3, :3], moments) + m[:, None] * C[:, :3, 3]) @ mechanism.gravity)
 
     gradient = [differentiated(lambda t, e=e: potential(q + t * e)) for e in np.eye(mechanism.n)]
-    found = jounce.Robot(mechanism).gravity_forces(q)
+    found = Interpreted(jounce.Robot(mechanism)).gravity_forces(q)
     assert np.abs(found - gradient).max() < 1e-9 * (1 + size(found))

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import given
-from robots import differentiated, harmonic, mechanisms, relative_error, with_tool
+from robots import Interpreted, differentiated, harmonic, mechanisms, relative_error, with_tool
 
 import jounce
 from jounce.errors import JounceError, JounceWarning
@@ -20,7 +20,7 @@ def close(x, y, tolerance=1e-12):
 def test_momentum_is_that_of_the_moving_mass(drawn):
     """Linear: m_i times the velocity of the COM; angular: with the tensors turned into inertial axes."""
     mechanism, rng = drawn
-    robot, path = jounce.Robot(mechanism), harmonic(rng, mechanism.n, 1)
+    robot, path = Interpreted(jounce.Robot(mechanism)), harmonic(rng, mechanism.n, 1)
     q, qd = path(0)
     h = robot.momentum(q, qd)
     J, C = robot.jacobian(q, frame="world"), robot.poses(q)
@@ -37,7 +37,7 @@ def test_momentum_is_that_of_the_moving_mass(drawn):
 @given(drawn=mechanisms())
 def test_rates_of_momentum_and_base_wrench(drawn):
     mechanism, rng = drawn
-    robot, path = jounce.Robot(mechanism), harmonic(rng, mechanism.n, 5)
+    robot, path = Interpreted(jounce.Robot(mechanism)), harmonic(rng, mechanism.n, 5)
     w = harmonic(rng, 6 * mechanism.nb, 3)
 
     def loads(t, order):
@@ -57,7 +57,7 @@ def test_rates_of_momentum_and_base_wrench(drawn):
 @given(drawn=mechanisms())
 def test_base_wrench_is_the_rate_of_momentum_less_gravity_and_loads(drawn):
     mechanism, rng = drawn
-    robot = jounce.Robot(mechanism)
+    robot = Interpreted(jounce.Robot(mechanism))
     q, qd, q2d = rng.normal(size=(3, mechanism.n))
     W = rng.normal(size=(mechanism.nb, 6))
     _, hd = robot.momentum(q, qd, q2d)

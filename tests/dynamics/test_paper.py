@@ -189,7 +189,8 @@ def test_erratum_the_published_code_leaves_out_steiners_theorem():
         m, h = M_i[3, 3], lie.axial(M_i[:3, 3:]) / 2
         M_i[:3, :3] += lie.hat(h) @ lie.hat(h) / m
     published = jounce.Robot.from_screws(arm.mechanism.B, arm.mechanism.X, M, gravity=arm.gravity)
-    rates = [q[::10] for q in motions.read(Path("paper"), arm.mechanism, 4).rates]
+    motion = motions.read(Path("paper"), arm.mechanism, 4)
+    rates = motion(motion.times[::10], 4)
     both = zip(published.inverse_dynamics(*rates), arm.inverse_dynamics(*rates), strict=True)
     assert [round(relative_error(*pair), 3) for pair in both] == [0.031, 0.034, 0.081]
     assert np.count_nonzero(np.linalg.eigvalsh(M)[:, 0] < 0) == 5

@@ -1,7 +1,6 @@
 """One source of the equations over every scalar type: JAX under jit and vmap, CasADi, SymPy, tracing scalars."""
 
 import math
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -39,8 +38,9 @@ def agree(found, expected, tolerance=TOLERANCE):
         assert relative_error(x, y) < tolerance
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("name", GOLDEN_NAMES)
+@pytest.mark.parametrize(
+    ("name", "method"), [("mixed5", "recursion"), ("planar2r", "closed_form"), ("planar2r", "paper")]
+)
 def test_jax_arrays(name, method):
     robot, q, W = case(name, order=1)
     expected = robot.inverse_dynamics(*q, wrench=tuple(W), method=method)
@@ -49,9 +49,8 @@ def test_jax_arrays(name, method):
     agree(found, expected)
 
 
-@pytest.mark.parametrize("name", ["planar2r", "mixed5"])
-def test_jax_under_jit_and_vmap(name):
-    robot, q, W = case(name)
+def test_jax_under_jit_and_vmap():
+    robot, q, W = case("mixed5")
     rng = np.random.default_rng(0)
     q = [rng.normal(size=(5, robot.n)) for _ in q]
     W = [rng.normal(size=(5, *w.shape)) for w in W]
@@ -64,10 +63,9 @@ def test_jax_under_jit_and_vmap(name):
 
 
 @pytest.mark.parametrize("order", [0, 1, 2])
-@pytest.mark.parametrize("name", ["planar2r", "mixed5"])
-def test_each_order_is_the_exact_derivative_of_the_one_below(name, order):
+def test_each_order_is_the_exact_derivative_of_the_one_below(order):
     """d/dt along q(t) by forward differentiation in JAX: rounding is all that is left."""
-    robot, q, _ = case(name, order=order + 1)
+    robot, q, _ = case("mixed5", order=order + 1)
     n = len(q)
 
     def forces(t):
@@ -77,27 +75,6 @@ def test_each_order_is_the_exact_derivative_of_the_one_below(name, order):
 
     _, rate = jax.jvp(forces, (0.0,), (1.0,))
     agree([rate], [robot.inverse_dynamics(*q)[-1]], 1e-12)
-
-
-MATRICES = [
-    jounce.Robot.mass_matrix,
-    jounce.Robot.gravity_forces,
-    jounce.Robot.coriolis_matrix,
-    partial(jounce.Robot.coriolis_matrix, form="skew"),
-    jounce.Robot.jacobian,
-    jounce.Robot.momentum,
-]
-
-
-def test_jax_matrices_and_jacobian():
-    robot, q, _ = case("mixed5")
-    for quantity in MATRICES:
-        compute = partial(quantity, robot)
-        agree(jax.jit(compute)(*map(jnp.asarray, q[:2])), compute(*q[:2]), 1e-12)
-    agree(jax.jit(robot.base_wrench)(*map(jnp.asarray, q[:3])), robot.base_wrench(*q[:3]), 1e-12)
-    agree([robot.poses(jnp.asarray(q[0]))], [robot.poses(q[0])])
-    twist = jax.jit(lambda *q: robot.jacobian(*q, body="body2", frame="spatial"))(*map(jnp.asarray, q[:2]))
-    agree(twist, robot.jacobian(*q[:2], body="body2", frame="spatial"))
 
 
 def symbols_of(robot, make, order=2):
@@ -118,20 +95,6 @@ def test_casadi_symbols(name, method):
     function = casadi.Function("Q", flat, [casadi.vertcat(*x) for x in Q])
     values = function(*[x.ravel() for x in (*q, *W)])
     agree([np.array(x).ravel() for x in values], robot.inverse_dynamics(*q, wrench=tuple(W)))
-
-
-@pytest.mark.parametrize("name", ["planar2r", "mixed5"])
-def test_casadi_matrices(name):
-    robot, q, _ = case(name)
-    symbols = symbols_of(robot, casadi.SX.sym)
-    for quantity in MATRICES:
-        terms = quantity(robot, *symbols[:3])
-        function = casadi.Function(
-            "f", [casadi.vertcat(*x) for x in symbols[:3]], [casadi.vertcat(*x.ravel()) for x in terms]
-        )
-        values = function(*q[:3])
-        expected = quantity(robot, *q[:3])
-        agree([np.array(x).reshape(y.shape) for x, y in zip(values, expected, strict=True)], expected)
 
 
 def vanishes(expression):
@@ -304,8 +267,9 @@ EVERY = [(quantity, method) for quantity in TABLE.values() for method in quantit
 
 @pytest.mark.parametrize(("quantity", "method"), EVERY, ids=[f"{q.name}-{method}" for q, method in EVERY])
 def test_every_quantity_by_every_method_of_symbols(quantity, method):
-    """Springs and armature included; a result without axes is a symbol."""
-    robot, q = sprung(), np.random.default_rng(3).uniform(-1, 1, (quantity.rates + 1, 2))
+    """Springs and armature included; a result without axes is a symbol. Dense products of symbols grow fast."""
+    order = 2 if method == "recursion" else 1
+    robot, q = sprung(), np.random.default_rng(3).uniform(-1, 1, (quantity.rates + order, 2))
     compute = method_of(robot, quantity)
     symbols = symbols_of(robot, casadi.SX.sym)[: len(q)]
     entries = [x for result in compute(*symbols, method=method) for x in element(result, "it").ravel()]

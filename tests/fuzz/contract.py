@@ -3,6 +3,7 @@
 import faulthandler
 import os
 import shutil
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +12,7 @@ import jounce
 
 KEPT = Path(__file__).parents[2] / "build" / "fuzz"
 PATIENCE = 300  # s, after which a process is taken for hanging, and ends with a traceback
+DEEPEST = 600  # calls
 LONGEST = 4000  # characters of a message
 
 
@@ -44,6 +46,17 @@ def kept(attack: str, *paths: Path) -> Iterator[None]:
             raise
         finally:
             faulthandler.cancel_dump_traceback_later()
+
+
+@contextmanager
+def shallow() -> Iterator[None]:
+    """Inside, calls nest less deeply; hypothesis lets xacro follow a macro that calls itself for half a minute."""
+    limit = sys.getrecursionlimit()
+    sys.setrecursionlimit(DEEPEST)
+    try:
+        yield
+    finally:
+        sys.setrecursionlimit(limit)
 
 
 def _line(error: BaseException) -> str:

@@ -108,8 +108,8 @@ def _rearranged(rng: Random, items: list[Any]) -> list[Any]:
 
 
 def raw(rng: Random, content: bytes) -> bytes:
-    """Bytes changed, put in, taken out, cut off."""
-    i = rng.randint(0, len(content))
+    """Bytes changed, put in, taken out, cut off, often at an end."""
+    i = rng.choice((0, len(content), *(rng.randint(0, len(content)) for _ in range(4))))
     put = bytes(rng.choice(BYTES) for _ in range(rng.randint(1, 3)))
     before, after, less = content[:i], content[i:], content[i + len(put) :]
     return rng.choice((before + put + after, before + put + less, before + less, before, after, content + put))

@@ -38,6 +38,11 @@ LINES = {
         "run planar2r samples.csv -o out.csv --intervals 3 --degree 5", "run planar2r motion.yaml -o out.npz --order 1",
         "run planar2r rates.npz -o out.csv --json", "run planar2r-saved.yaml rates.csv -o out.npz --method recursion",
     ),
+    "motion": (
+        "motion planar2r samples.csv -o out.csv --intervals 3",
+        "motion planar2r motion.yaml -o out.npz --step 0.1 --json",
+        "motion planar2r rates.csv -o out.csv --order 2 --time t --angles rad",
+    ),
     "plot": ("plot rates.csv -o out.svg --quantity q", "plot samples.npz -o out.png --joint joint1 --json"),
     "codegen": (
         "codegen planar2r --lang c -o out --order 1 --wrench", "codegen arm.urdf --lang python -o out --force --json",
@@ -52,7 +57,16 @@ LINES = {
         "demo -o samples.csv --states 99 --format png",
     ),
 }  # fmt: skip
-EXAMPLES = {"info": 600, "convert": 250, "run": 350, "plot": 100, "codegen": 150, "compare": 60, "others": 200}
+EXAMPLES = {
+    "info": 450,
+    "convert": 200,
+    "motion": 60,
+    "run": 300,
+    "plot": 80,
+    "codegen": 100,
+    "compare": 50,
+    "others": 150,
+}
 OLD = ("out.csv", "out.npz", "out.yaml", "out.json", "out.svg")
 FILES = dict(file for files in (*ROBOTS.values(), *MOTIONS.values()) for file in files)
 
@@ -155,4 +169,4 @@ def test_commands(budget, monkeypatch, tmp_path, command):
 
 
 def test_commands_in_processes_of_their_own(budget):
-    attack(budget, "process", [line for lines in LINES.values() for line in lines], run_elsewhere, 12)
+    attack(budget, "process", [line for lines in LINES.values() for line in lines], run_elsewhere, 8)

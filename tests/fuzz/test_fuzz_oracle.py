@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-import jounce
 from fuzz import jets
 from fuzz.trees import laid_out, random_tree, robot_of
+from jounce.dynamics.quantities import QUANTITIES
 
 TOLERANCE = 1e-13  # of the size of what is added up, whatever the order
 BATCHES = [(), (1,), (5,), (2, 3), (0,), (33,)]
@@ -20,11 +20,8 @@ def methods(robot, quantity, order, wrench=False):
     """Those that take a robot of this size in a moment."""
     nb = len(robot.body_names)
     chosen = {"recursion": True, "closed_form": nb <= 8, "paper": nb <= 6 and order <= 2}
-    try:
+    if nb <= 2 * SMALL or QUANTITIES[quantity].sweep is not None:  # what has no loop compiles for seconds
         robot.compile(quantity, order, wrench)
-    except jounce.JounceError:
-        assert nb > SMALL or order > 2  # too much to compile
-    else:
         chosen |= {"kernel": True}
     return [method for method, suited in chosen.items() if suited]
 
@@ -101,20 +98,20 @@ def check_mass_matrix(nb, seed):
         assert (error <= TOLERANCE * (size[:-1] + size[-1])).all(), method
 
 
-@pytest.mark.parametrize(("orders", "examples"), [((0, 2), 40), ((3, 6), 24)])
+@pytest.mark.parametrize(("orders", "examples"), [((0, 2), 24), ((3, 6), 14)])
 def test_forces_of_small_robots(budget, orders, examples):
     """Straight-line code and loops, closed form and the paper's expansions."""
     budget.attack(check_forces, examples, nb=st.integers(1, SMALL), order=st.integers(*orders), seed=SEEDS)
 
 
-@pytest.mark.parametrize(("orders", "examples"), [((0, 1), 20), ((2, 3), 12), ((4, 6), 8)])
+@pytest.mark.parametrize(("orders", "examples"), [((0, 1), 6), ((2, 3), 6), ((4, 6), 5)])
 def test_forces_of_robots_up_to_sixty_bodies(budget, orders, examples):
     budget.attack(check_forces, examples, nb=st.integers(SMALL + 1, ANY), order=st.integers(*orders), seed=SEEDS)
 
 
 def test_gravity_and_mass_matrix(budget):
-    budget.attack(check_gravity, 20, nb=st.integers(1, ANY), order=st.integers(0, 4), seed=SEEDS)
-    budget.attack(check_mass_matrix, 30, nb=st.integers(1, ANY), seed=SEEDS)
+    budget.attack(check_gravity, 8, nb=st.integers(1, ANY), order=st.integers(0, 4), seed=SEEDS)
+    budget.attack(check_mass_matrix, 10, nb=st.integers(1, ANY), seed=SEEDS)
 
 
 @pytest.mark.parametrize("what", ["mass", "pitch", "gravity", "offset"])

@@ -6,15 +6,15 @@ from hypothesis import strategies as st
 from robots import parts
 
 import jounce
-from fuzz.contract import kept, refusal_or, workshop
+from fuzz.contract import kept, refusal_or, shallow, workshop
 from fuzz.mutations import mutated
 from fuzz.originals import MOTIONS, ROBOTS
 
 PLANAR = jounce.load("planar2r")
 RANDOM = st.randoms(note_method_calls=False, use_true_random=False)
 EXAMPLES = {  # of a round: of a few seconds each
-    "urdf": 1500, "mjcf": 1500, "xacro": 1500, "own": 350, "dh": 700, "skidy": 350,
-    "csv": 1500, "npz": 1200, "terms": 250,
+    "urdf": 1200, "mjcf": 1200, "xacro": 1200, "own": 300, "dh": 550, "skidy": 250,
+    "csv": 1500, "npz": 1000, "terms": 150,
 }  # fmt: skip
 pytestmark = pytest.mark.filterwarnings("ignore::jounce.JounceWarning")
 
@@ -41,8 +41,8 @@ def check_robot(path):
 def check_motion(path, order):
     motion = refusal_or(jounce.load_motion, path, PLANAR, order=order)
     if motion is not None:
-        assert len(motion.rates) == order + 3
-        assert all(np.isfinite(rate).all() and rate.shape == (len(motion.t), 2) for rate in motion.rates)
+        rates = refusal_or(motion, motion.times, order + 2) or ()  # analytic terms may overflow
+        assert all(np.isfinite(rate).all() and rate.shape == (len(motion.times), 2) for rate in rates)
 
 
 def attack_robots(budget, reader, examples):
@@ -50,7 +50,7 @@ def attack_robots(budget, reader, examples):
 
         def check(rng):
             path = written(folder, rng, ROBOTS[reader])
-            with kept(reader, path):
+            with kept(reader, path), shallow():
                 check_robot(path)
 
         budget.attack(check, examples, rng=RANDOM)

@@ -41,7 +41,7 @@ def test_there_are_enough():
     assert {*REFUSED, *RATED} <= set(REAL)
 
 
-@pytest.fixture(params=MOVING)
+@pytest.fixture(scope="module", params=MOVING)
 def pair(request):
     robot = jounce.load(REAL[request.param], base="fixed")
     model = pinocchio.buildModelFromUrdf(str(REAL[request.param]))

@@ -207,6 +207,11 @@ def test_refuses_csv(tmp_path, read, content, words):
 def test_refuses_npz(tmp_path, read, content, words):
     message = refusal(lambda: read(content, "table.npz"), f"{tmp_path / 'table.npz'}:", *words)
     assert "unsafely" not in message  # no advice to unpickle
+
+
+def test_refused_archives_are_closed(read):
+    for content, _ in BAD_NPZ.values():
+        refusal(lambda content=content: read(content, "table.npz"))
     gc.collect()  # a file left open would be heard of here
 
 

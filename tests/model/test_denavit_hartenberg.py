@@ -11,7 +11,7 @@ import sympy
 from files import refusal
 from hypothesis import given
 from hypothesis import strategies as st
-from robots import random_inertia, random_pose, relative_error
+from robots import Interpreted, random_inertia, random_pose, relative_error
 
 import jounce
 from jounce.spatial import inertia, lie
@@ -95,9 +95,9 @@ def test_both_conventions_of_an_arm_give_the_same_forces(seed, n):
     ends = [slide(0, a) @ turn(0, alpha) for a, alpha in table[:, :2]]
     M = [random_inertia(rng, 2.0) for _ in range(n)]
     tool, state = random_pose(rng), rng.uniform(-2, 2, (5, n))
-    standard = jounce.Robot.from_dh(table, M, "standard", types=types, tool=tool)
+    standard = Interpreted(jounce.Robot.from_dh(table, M, "standard", types=types, tool=tool))
     M = [inertia.shift_inertia(M_i, T) for M_i, T in zip(M, ends, strict=True)]
-    modified = jounce.Robot.from_dh(lower, M, "modified", types=types, tool=ends[-1] @ tool)
+    modified = Interpreted(jounce.Robot.from_dh(lower, M, "modified", types=types, tool=ends[-1] @ tool))
     for rate, same in zip(*(robot.inverse_dynamics(*state) for robot in (standard, modified)), strict=True):
         assert relative_error(rate, same) < 1e-11
     np.testing.assert_allclose(standard.poses(state[0], body="tool"), modified.poses(state[0], body="tool"), atol=1e-13)

@@ -76,7 +76,7 @@ def test_rates_of_every_term_are_exact(term):
         assert relative_error(found[k], expected[k]) < 1e-13, k
 
 
-@settings(max_examples=12)
+@settings(max_examples=6)
 @given(mechanisms(4))
 def test_every_path_adds_the_same_forces_of_drives(drawn):
     robot, rng = drawn_robot(drawn)
@@ -111,7 +111,7 @@ def test_drives_are_off_until_they_are_asked_for():
         np.testing.assert_array_equal(x, y)
 
 
-@settings(max_examples=12)
+@settings(max_examples=6)
 @given(mechanisms(4))
 def test_the_mass_matrix_gains_the_armature_and_forces_are_linear_in_accelerations_by_it(drawn):
     robot, rng = drawn_robot(drawn, "armature")

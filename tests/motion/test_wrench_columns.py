@@ -32,7 +32,7 @@ FULL = {f"link7.fz{rate}": sine(k) for k, rate in enumerate(("", "d", "2d"))}
 
 @pytest.mark.parametrize("motion", [JOINTS, RATES], ids=["samples", "rates"])
 def test_samples_of_a_wrench_get_their_rates_from_a_spline(motion):
-    W = from_table(motion | {"link7.fz": sine(0), "link4.mx": 0 * T}, IIWA, 4, "m.csv").wrench
+    W = from_table(motion | {"link7.fz": sine(0), "link4.mx": 0 * T}, IIWA, 4, "m.csv").wrench(T)
     assert [sorted(rate) for rate in W] == [["link4", "link7"]] * 3
     for k, rate in enumerate(W):
         np.testing.assert_allclose(rate["link7"][:, 5], sine(k), atol=1e-5 * 10 * np.pi**k)
@@ -44,35 +44,36 @@ def test_a_body_may_be_called_as_a_joint_is():
     bodies, joints = ("arm", "hand"), ("arm", "elbow.fx")
     twins = replace(jounce.load("planar2r").mechanism, bodies=bodies, joints=joints, coordinates=joints)
     motion = from_table({"t": T, "arm": T, "elbow.fx": -T, "arm.fx": T}, twins, 2, "m.csv")
-    assert (motion.rates[0] == np.stack([T, -T], 1)).all()
-    assert [list(rate) for rate in motion.wrench] == [["arm"]]
-    assert (motion.wrench[0]["arm"][:, 3] == T).all()
+    np.testing.assert_allclose(motion(T, 0)[0], np.stack([T, -T], 1), atol=1e-15)
+    [W] = motion.wrench(T, 0)
+    assert list(W) == ["arm"]
+    np.testing.assert_allclose(W["arm"][:, 3], T, atol=1e-15)
 
 
 @pytest.mark.parametrize("motion", [JOINTS, RATES], ids=["samples", "rates"])
 def test_rates_of_a_wrench_are_used_as_they_are(motion):
     for highest, count in ((2, 1), (3, 2), (4, 3)):
-        W = from_table(motion | FULL, IIWA, highest, "m.csv").wrench
-        assert len(W) == count
+        W = from_table(motion | FULL, IIWA, highest, "m.csv").wrench(T, count - 1)
         assert all((rate["link7"][:, 5] == sine(k)).all() for k, rate in enumerate(W))
 
 
 def test_no_wrench_columns_no_wrench():
-    assert from_table(JOINTS, IIWA, 4, "m.csv").wrench is None
+    assert from_table(JOINTS, IIWA, 4, "m.csv").wrench(T) is None
 
 
 def test_run_applies_them_also_on_merged_links(tmp_path):
     robot = jounce.load(PANDA)
-    motion = {"t": T} | {name: 0.3 * np.cos((i + 1) * T) for i, name in enumerate(robot.joint_names)}
+    motion = {"t": T} | {name: -0.3 + 0.1 * np.cos((i + 1) * T) for i, name in enumerate(robot.joint_names)}
+    motion["panda_joint6"], motion["panda_finger_joint1"] = 1 + 0.1 * np.cos(T), 0.02 + 0.01 * np.cos(T)
     wrench = {"panda_hand_tcp.fx": np.sin(T), "panda_link4.my": np.cos(2 * T)}
     tables.write(tmp_path / "m.npz", motion | wrench)
     asked = ["run", str(PANDA), str(tmp_path / "m.npz"), "-o", str(tmp_path / "f.npz")]
     assert CliRunner().invoke(main, asked).exit_code == 0
     table = from_table(motion | wrench, robot.mechanism, 4, "m.npz")
-    Q = robot.inverse_dynamics(*table.rates, wrench=table.wrench)
+    Q = robot.inverse_dynamics(*table(T), wrench=table.wrench(T))
     found = tables.read(tmp_path / "f.npz")
     assert (found["panda_joint2.Q2d"] == Q[2][:, 1]).all()
-    assert np.abs(Q[0] - robot.inverse_dynamics(*table.rates)[0]).max() > 0.1
+    assert np.abs(Q[0] - robot.inverse_dynamics(*table(T))[0]).max() > 0.1
 
 
 @pytest.mark.parametrize(

@@ -1,16 +1,31 @@
 """Native code against the recursion, and against itself: the same digits wherever and however a state is given."""
 
+from dataclasses import replace
+from functools import cache
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from natives import WAYS, assembled, target
+from quantities import IDS, REQUESTS, method_of
 from recursion import inverse_dynamics
-from robots import GOLDEN_NAMES, golden, loads, mechanisms, random_mechanism, random_state, rates_of, relative_error
+from robots import (
+    GOLDEN_NAMES,
+    golden,
+    loads,
+    mechanisms,
+    random_mechanism,
+    random_pose,
+    random_state,
+    rates_of,
+    relative_error,
+)
 
 import jounce
 from jounce.dynamics.computation import Computation
 from jounce.errors import JounceError
+from jounce.model.mechanism import Frame
 from jounce.native import forms
 from jounce.spatial.series import columns
 
@@ -29,8 +44,8 @@ def forest():
 
 def chain():
     """Of more bodies than are written in a straight line."""
-    kinds = ["revolute", "prismatic", "helical", "revolute"] * 4
-    return jounce.Robot(random_mechanism(np.random.default_rng(2), [-1, 0, 0, *range(2, 15)], kinds, [1.0] * 16))
+    kinds = ["revolute", "prismatic", "helical", "revolute"] * 6
+    return jounce.Robot(random_mechanism(np.random.default_rng(2), [-1, 0, 0, *range(2, 23)], kinds, [1.0] * 24))
 
 
 KERNELS = {
@@ -38,7 +53,9 @@ KERNELS = {
     "two coordinates": lambda: jounce.load("planar2r").compile(order=1),
     "a forest with wrenches": lambda: forest().compile(order=1, wrench=True),
     "seven coordinates": lambda: jounce.load("iiwa14").compile(order=2),
-    "sixteen coordinates in a loop": lambda: chain().compile(order=1, wrench=True),
+    "many coordinates in a loop": lambda: chain().compile(order=4, wrench=True),
+    "many coordinates in a straight line": lambda: chain().compile(order=1, wrench=True),
+    "a matrix of many coordinates": lambda: chain().compile(order=0, quantity="mass_matrix"),
     "a matrix": lambda: jounce.load("planar2r").compile(order=1, quantity="mass_matrix"),
     "gravity": lambda: forest().compile(order=0, quantity="gravity_forces"),
 }
@@ -118,6 +135,35 @@ def test_agrees_with_the_recursion_on_random_mechanisms(drawn, order, loaded, qu
         assert relative_error(x, y) < 1e-13 * (1 + k), k
 
 
+@cache
+def tree():
+    """A forest of all kinds of joints, two of which follow others, with drives."""
+    rng, nb = np.random.default_rng(4), 6
+    kinds = [["revolute", "helical", "prismatic", "revolute"][i % 4] for i in range(nb)]
+    m = random_mechanism(rng, [-1, *(int(rng.integers(-1, i)) for i in range(1, nb))], kinds, [1.0] * nb, mimic=True)
+    drives = {name: rng.uniform(0.1, 1, nb) for name in ("armature", "damping", "friction", "stiffness", "rest")}
+    data = {"gravity": m.gravity, "G": m.G, "g": m.g, "drives": drives}
+    robot = jounce.Robot.from_screws(m.B, m.X, m.M, m.parent, **data)
+    frames = (Frame("tool", nb - 1, random_pose(rng)), Frame("stand", -1, random_pose(rng)))
+    return jounce.Robot(replace(robot.mechanism, frames=frames)).with_drives(eps=0.5)
+
+
+@pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
+def test_every_quantity_agrees_with_the_recursion(quantity, keywords):
+    robot, rng, order = tree(), np.random.default_rng(6), 1
+    q = [rng.uniform(-2, 2, (11, robot.n)) for _ in range(order + quantity.rates)]
+    options = {**keywords}
+    if quantity.wrenches:
+        options["wrench"] = tuple(rng.uniform(-3, 3, (11, robot.mechanism.nb, 6)) for _ in range(order + 1))
+    law = method_of(robot, quantity)
+    found, expected = law(*q, **options, method="kernel"), law(*q, **options, method="recursion")
+    size = max(abs(y).max() for y in tupled(expected))  # a rate may be zero in exact arithmetic
+    for x, y in zip(tupled(found), tupled(expected), strict=True):
+        assert abs(x - y).max() <= 1e-12 * size
+    one = law(*(x[4] for x in q), **{k: v if k != "wrench" else tuple(w[4] for w in v) for k, v in options.items()})
+    same(one, [x[4] for x in tupled(found)])
+
+
 @pytest.mark.parametrize("name", GOLDEN_NAMES)
 def test_agrees_with_golden_data(name):
     mechanism, cases = golden(name)
@@ -160,7 +206,7 @@ def test_agrees_with_extended_precision_at_large_angles(name, angle):
 def test_agrees_with_the_host_on_other_targets(way):
     robot = forest()
     quantity = Computation("inverse_dynamics", 1, wrench=True)
-    function = assembled(forms.module(robot.mechanism, quantity, target(way)), quantity.signature(robot.n, 4), way)
+    function = assembled(forms.modules(robot.mechanism, quantity, target(way)), quantity.signature(robot.n, 4), way)
     kernel = robot.compile(order=1, wrench=True)
     for count in (1, 3, 29):
         arrays = states(kernel, count)

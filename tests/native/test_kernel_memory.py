@@ -18,7 +18,7 @@ from jounce.native import plan, pool
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel
 
-STATE = np.random.default_rng(0).uniform(-1, 1, (5, 300, 40))
+STATE = np.random.default_rng(0).uniform(-1, 1, (5, 300, 50))
 FORCES = Computation("inverse_dynamics", 2)
 
 
@@ -33,7 +33,7 @@ def chain(nb):
 
 @pytest.fixture(scope="module")
 def robot():
-    return chain(40)
+    return chain(50)
 
 
 class Heap:
@@ -115,7 +115,7 @@ def test_buffers_are_kept_for_the_next_call_and_freed_with_the_kernel(robot, mon
     assert heap.used == 1
     same_from_four_threads(kernel, kernel(*STATE))
     assert 1 <= heap.largest == heap.used <= 4
-    call = kernel.bind(*STATE[:, 0], out=list(np.empty((3, 40))))
+    call = kernel.bind(*STATE[:, 0], out=list(np.empty((3, 50))))
     del kernel
     gc.collect()
     call()
@@ -140,10 +140,7 @@ def test_nothing_that_memory_happens_to_hold_is_computed_with(robot, name):
     [buffer] = filter(None, kernel._pool.table[2:])
     size = plan.scratch_size(kernel.computation, robot.mechanism, host().lanes)
     found = []
-    for content in (
-        0x7FF4000000000000,
-        0x7FEFFFFFFFFFFFFF,
-    ):  # a signalling NaN, the largest number
+    for content in (0x7FF4000000000000, 0x7FEFFFFFFFFFFFFF):  # a signalling NaN, the largest number
         np.frombuffer((ctypes.c_char * size).from_address(buffer), np.uint64)[:] = content
         found.append(kernel(*STATE[: len(kernel.signature.inputs)]))
     np.testing.assert_array_equal(*found)
@@ -165,7 +162,7 @@ def test_where_there_is_no_memory_a_kernel_is_refused_in_one_line(robot, monkeyp
 
 
 def test_robots_that_need_more_memory_than_the_limit_are_refused_or_left_to_the_recursion(monkeypatch):
-    robot, q = chain(150), np.random.default_rng(2).uniform(-1, 1, (3, 150))
+    robot, q = chain(500), np.random.default_rng(2).uniform(-1, 1, (3, 500))
     assert plan.scratch_size(Computation("inverse_dynamics", 12, wrench=True), chain(1000).mechanism, 8) < plan.LIMIT
     monkeypatch.setattr(plan, "LIMIT", 2**17)
     expected = robot.inverse_dynamics(*q, method="recursion")

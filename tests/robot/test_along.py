@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from files import refusal
 from quantities import branched
+from robots import relative_error
 
 import jounce
 from jounce.robot import along
@@ -33,21 +34,39 @@ def _piece(request, monkeypatch):
 @pytest.mark.parametrize("order", range(3))
 def test_forces_are_those_of_inverse_dynamics(order, method):
     found = ROBOT.forces_along(MOTION, order=order, method=method)
-    wrench = MOTION.wrench[: order + 1]
-    forces = ROBOT.inverse_dynamics(*MOTION.rates[: order + 3], wrench=wrench, method=method)
+    rates = MOTION(T, order + 2)
+    forces = ROBOT.inverse_dynamics(*rates, wrench=MOTION.wrench(T, order), method=method)
     forces = forces if order else (forces,)
     assert np.array_equal(found.t, T)
-    assert np.array_equal(found.rates, MOTION.rates[: order + 3])
+    assert np.array_equal(found.rates, rates)
+    assert found.breaks == ()
+    assert found.deviations is None
     for ours, other in zip(found.forces, forces, strict=True):
         assert abs(ours - other).max() <= 1e-14 * abs(other).max()
 
 
-def test_times_may_be_any_of_the_motion_in_any_order():
+def test_times_may_be_any_within_the_motion_in_any_order():
     which = [40, 3, 3, 0, 49]
     whole, some = ROBOT.forces_along(MOTION), ROBOT.forces_along(MOTION, T[which])
     assert np.array_equal(some.t, T[which])
     assert np.array_equal(some.rates, [q[which] for q in whole.rates])
     assert np.array_equal(some.forces, [Q[which] for Q in whole.forces])
+    t = (T[1:] + T[:-1]) / 2
+    h = 1e-3 * T[1]
+    _, Qd, Q2d = ROBOT.forces_along(MOTION, t).forces
+    (above, d_above), (below, d_below) = (ROBOT.forces_along(MOTION, t + s * h, order=1).forces for s in (1, -1))
+    assert relative_error((above - below) / (2 * h), Qd) < 1e-6
+    assert relative_error((d_above - d_below) / (2 * h), Q2d) < 1e-6
+
+
+def test_joints_are_matched_by_name():
+    motion = motion_of(OTHER, wrench=False)
+    q, *rates = (rate[:, ::-1] for rate in motion(T))
+    swapped = jounce.Motion.through(T, q, joint_names=("joint2", "joint1"))
+    assert np.allclose(swapped(T)[4], rates[3], atol=1e-3)
+    found, expected = OTHER.forces_along(swapped), OTHER.forces_along(motion)
+    for ours, other in zip(found.forces, expected.forces, strict=True):
+        assert relative_error(ours, other) < 1e-6
 
 
 @pytest.mark.usefixtures("_piece")
@@ -77,28 +96,35 @@ def test_an_error_of_the_callback_ends_the_computation(monkeypatch):
 def test_a_motion_without_wrenches_has_none_in_its_forces():
     motion = motion_of(ROBOT, wrench=False)
     found = ROBOT.forces_along(motion).forces
-    assert np.allclose(found, ROBOT.inverse_dynamics(*motion.rates), rtol=0, atol=1e-12)
+    assert np.allclose(found, ROBOT.inverse_dynamics(*motion(T)), rtol=0, atol=1e-12)
 
 
 OTHER = jounce.load("planar2r")
 REFUSED = {
     "a dict": (lambda: ROBOT.forces_along({"t": T}), ["jounce.Motion", "dict", "jounce.load_motion"]),
     "too few rates": (
-        lambda: ROBOT.forces_along(motion_of(ROBOT, order=1)),
-        ["order 2", "q to q4d", "q, qd, q2d, q3d;", "load_motion(..., order=2)"],
+        lambda: ROBOT.forces_along(jounce.Motion.through(T, np.outer(T, np.ones(ROBOT.n)), 5), order=4),
+        ["q6d is not known along this motion (samples, rates from a spline of degree 5 (C^4)); it ends at q5d"],
     ),
     "no order": (lambda: ROBOT.forces_along(MOTION, None, "two"), ["order is 'two'"]),
-    "another robot": (lambda: OTHER.forces_along(MOTION), ["'planar2r'", "joint1, joint2", *ROBOT.joint_names]),
-    "renamed joints": (
-        lambda: OTHER.forces_along(replace(motion_of(OTHER, wrench=False), joints=("joint2", "joint1"))),
-        ["joints joint2, joint1;", "load the motion for this robot"],
+    "another robot": (
+        lambda: OTHER.forces_along(MOTION),
+        ["the motion: missing 'joint1', 'joint2'", "the joints of 'planar2r'", *ROBOT.joint_names],
     ),
-    "order in place of times": (lambda: ROBOT.forces_along(MOTION, 2), ["t is 2; expected an array (N,)"]),
+    "renamed joints": (
+        lambda: OTHER.forces_along(replace(motion_of(OTHER, wrench=False), joint_names=("joint2", "jont1"))),
+        ["the motion: missing 'joint1'; unknown 'jont1' (did you mean 'joint1'?)"],
+    ),
+    "joints without names": (
+        lambda: OTHER.forces_along(jounce.Motion.polynomial([[0, 1]] * 3, 1)),
+        ["the motion: 3 joints without names; 'planar2r' has joint1, joint2"],
+    ),
+    "one time": (lambda: ROBOT.forces_along(MOTION, 1), ["t is 1; expected an array (N,)"]),
+    "order in place of times": (lambda: ROBOT.forces_along(MOTION, 2), ["t = 2 s is outside of the motion"]),
     "no times": (lambda: ROBOT.forces_along(MOTION, []), ["t is []"]),
-    "a mask": (lambda: ROBOT.forces_along(MOTION, T > 0.5), ["expected an array (N,) of times"]),
-    "times between samples": (lambda: ROBOT.forces_along(MOTION, [0.0, 0.5]), ["t[1] = 0.5 s", "from 0 to 1 s"]),
-    "times outside": (lambda: ROBOT.forces_along(MOTION, [2.0]), ["t[0] = 2 s", "motion.t"]),
-    "a time that is missing": (lambda: ROBOT.forces_along(MOTION, [np.nan]), ["t[0] = nan s"]),
+    "a mask": (lambda: ROBOT.forces_along(MOTION, T > 0.5), ["expected times in s"]),
+    "times outside": (lambda: ROBOT.forces_along(MOTION, [0.5, 2.0]), ["t = 2 s is outside", "from 0 to 1 s"]),
+    "a time that is missing": (lambda: ROBOT.forces_along(MOTION, [np.nan]), ["t = nan s"]),
     "unknown method": (lambda: ROBOT.forces_along(MOTION, method="rnea"), ["'rnea'", "recursion"]),
     "no callback": (lambda: ROBOT.forces_along(MOTION, progress=True), ["progress is True", "(done, total)"]),
 }

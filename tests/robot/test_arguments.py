@@ -29,6 +29,13 @@ TREE |= {"limits": {"lower": [-1, -1]}, "drives": {"damping": [1, 1]}}
 TREE |= {"G": np.eye(2), "g": [0, 0]}
 CHAIN = {key: value for key, value in TREE.items() if key != "parent"}
 SAMPLES = np.linspace(0, 1, 20)
+TWO = np.stack([SAMPLES**2, SAMPLES**3], axis=1)
+NAMED = {"joint_names": ["joint1", "joint2"]}
+POINTS = {
+    "joint_names": ["a"],
+    "points": [{"positions": [float(i)], "velocities": [0.0], "time_from_start": {"sec": i}} for i in range(2)],
+}
+MOTION = jounce.Motion.polynomial([[0, 1, 2]], 1.0)
 READ = {"lock": None, "drives": False, "gravity": None}
 PART = {"base": None, "root": None}
 OPTIONS = {"wrench": None, "body": "body1", "frame": "world", "form": "skew"}
@@ -86,7 +93,42 @@ CASES: dict[str, Case] = {
     "load_motion": (
         jounce.load_motion,
         {"source": {"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3}, "robot": ROBOT}
-        | {"order": 1, "degree": 7, "intervals": None},
+        | {"order": 1, "degree": 7, "intervals": None, "time": "t", "columns": "{joint}", "angles": "rad"}
+        | {"time_unit": "s", "topic": None},
+    ),
+    "Motion": (MOTION, {"t": [0.1, 0.2], "order": 2, "side": "left"}),
+    "Motion.wrench": (MOTION.wrench, {"t": [0.1, 0.2], "order": 2, "side": "left"}),
+    "Motion.checked": (MOTION.checked, {"t": [0.1, 0.2]}),
+    "Motion.deviations": (MOTION.deviations, {"t": [0.1, 0.2], "order": 2}),
+    "Motion.scaled": (MOTION.scaled, {"factor": 2.0}),
+    "Motion.shifted": (MOTION.shifted, {"seconds": 2.0}),
+    "Motion.with_step": (MOTION.with_step, {"step": 0.1}),
+    "Motion.blended": (MOTION.blended, {"time": 0.1, "continuity": 4}),
+    "Motion.breaks_to": (MOTION.breaks_to, {"order": 4}),
+    "Motion.through": (jounce.Motion.through, {"t": SAMPLES, "q": TWO, "degree": 7, **NAMED}),
+    "Motion.fit": (jounce.Motion.fit, {"t": SAMPLES, "q": TWO, "degree": 7, "intervals": 1, **NAMED}),
+    "Motion.polynomial": (
+        jounce.Motion.polynomial, {"coefficients": np.ones((2, 3)), "duration": 1.0, "start": 0.0, **NAMED}
+    ),
+    "Motion.fourier": (
+        jounce.Motion.fourier,
+        {"offset": [0.1, 0.2], "cosines": np.ones((1, 2)), "sines": np.ones((1, 2)), "frequency": 1.0}
+        | {"duration": 1.0, "start": 0.0, **NAMED},
+    ),
+    "Motion.piecewise": (
+        jounce.Motion.piecewise, {"breaks": [0.0, 1.0, 2.0], "coefficients": np.ones((3, 2, 2)), **NAMED}
+    ),
+    "Motion.trapezoidal": (
+        jounce.Motion.trapezoidal, {"positions": TWO, "velocity": 1.0, "acceleration": [1.0, 2.0], **NAMED}
+    ),
+    "Motion.from_joint_trajectory": (jounce.Motion.from_joint_trajectory, {"message": POINTS}),
+    "points of Motion.from_joint_trajectory": (
+        lambda **given: jounce.Motion.from_joint_trajectory({**POINTS, **given}),
+        {"joint_names": ["a"], "points": POINTS["points"]},
+    ),
+    "point of Motion.from_joint_trajectory": (
+        lambda **given: jounce.Motion.from_joint_trajectory({**POINTS, "points": [POINTS["points"][0], given]}),
+        {"positions": [1.0], "velocities": [0.0], "time_from_start": {"sec": 1}},
     ),
     "columns of load_motion": (
         lambda **columns: jounce.load_motion(columns, ROBOT, order=1),
@@ -209,13 +251,17 @@ def test_hostile_values_work_or_are_refused_in_one_line(name):
     assert not failures
 
 
+OBJECTS = ("Motion.from_ruckig", "Motion.from_toppra")  # take what a planner computes, and refuse all else
+
+
 def test_every_argument_of_every_public_function_is_attacked():
     methods = {name: getattr(jounce.Robot, name) for name in dir(jounce.Robot) if not name.startswith("_")}
     made = {"Along", "Drives", "Kernel", "Limits", "Mechanism", "Motion"}  # what calls return, exported for its name
     named = {name for name in jounce.__all__ if not name.startswith("Jounce")} - made
     public = {name: getattr(jounce, name) for name in named} | methods
+    public |= {f"Motion.{name}": getattr(jounce.Motion, name) for name in dir(jounce.Motion) if name[0] != "_"}
     for name, function in public.items():
-        if callable(function) and not name.startswith("_"):
+        if callable(function) and name not in OBJECTS:
             expected = [
                 p.name
                 for p in inspect.signature(function).parameters.values()

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 from jounce.dynamics.computation import Port, Signature, in_a_row
 from jounce.native import jit
-from jounce.native.emit import define_block, module_text
+from jounce.native.calls import modules
+from jounce.native.emit import straight
 from jounce.native.jit import host, ufunc
 
 WAYS = ["host", "4 lanes", "2 lanes", "4 lanes, no fma", "2 lanes, no fma"]
@@ -28,13 +29,11 @@ def signature(taken, given, first_orders):
 
 def native(program, interface, way="host"):
     """A program as a function of arrays."""
-    return assembled(
-        module_text(lambda ir: define_block(ir, program, interface), interface, target(way)), interface, way
-    )
+    return assembled(modules(straight(program, interface), interface, target(way)), interface, way)
 
 
-def assembled(text, interface, way="host"):
-    """A module as a function of arrays; what it needs lives as long as it does."""
-    address, engine = jit.load_object(jit.assemble(text, target(way)), target(way))
-    function, needed = ufunc(address, interface, "native", None)
-    return lambda *arrays, kept=(engine, needed), **options: function(*arrays, **options)
+def assembled(texts, interface, way="host"):
+    """Modules as a function of arrays; what it needs lives as long as it does."""
+    code = jit.load_object(jit.assemble(texts, target(way)), target(way))
+    function, needed = ufunc(code.address("states"), interface, "native", None)
+    return lambda *arrays, kept=(code, needed), **options: function(*arrays, **options)

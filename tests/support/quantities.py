@@ -21,8 +21,12 @@ def requests():
                 yield quantity, {key: value for key, value in chosen.items() if value is not None}
 
 
+def ids(asked):
+    return [":".join([quantity.name, *keywords.values()]) for quantity, keywords in asked]
+
+
 REQUESTS = list(requests())
-IDS = [":".join([quantity.name, *keywords.values()]) for quantity, keywords in REQUESTS]
+IDS = ids(REQUESTS)
 
 
 def method_of(robot, quantity):

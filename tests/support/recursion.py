@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 from jounce.dynamics.recursion.bodies import jacobians, poses, twists
-from jounce.dynamics.recursion.forces import AT_REST, MOVING, generalized
+from jounce.dynamics.recursion.forces import AT_REST, MOVING, base_wrench, generalized
 from jounce.dynamics.recursion.matrices import coriolis_matrix, mass_matrix, skew_coriolis_matrix
-from jounce.dynamics.recursion.momenta import base_wrench, generalized_momentum, momentum, potential_energy
+from jounce.dynamics.recursion.momenta import generalized_momentum, momentum, potential_energy
 
 __all__ = [
     "base_wrench",

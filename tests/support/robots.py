@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 import jounce
+from jounce.dynamics.quantities import QUANTITIES
 from jounce.model.mechanism import DATA, Frame, Mechanism
 from jounce.model.screws import from_screws
 from jounce.spatial import lie
@@ -104,6 +106,17 @@ def random_mechanism(
     )
 
 
+class Interpreted:
+    """A robot whose quantities come from the recursion: native code of a drawn one would be compiled for one call."""
+
+    def __init__(self, robot: jounce.Robot) -> None:
+        self.robot = robot
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self.robot, name)
+        return partial(found, method="recursion") if name in QUANTITIES else found
+
+
 @st.composite
 def mechanisms(draw: st.DrawFn, largest: int = 5, spread: bool = False) -> tuple[Mechanism, np.random.Generator]:
     """Trees and forests of any joints, sometimes with a mimic joint; with a generator for states."""
@@ -116,12 +129,12 @@ def mechanisms(draw: st.DrawFn, largest: int = 5, spread: bool = False) -> tuple
     return random_mechanism(rng, parent, kinds, [10.0**e for e in exponents], mimic), rng
 
 
-def with_tool(drawn: tuple[Mechanism, np.random.Generator]) -> tuple[jounce.Robot, np.random.Generator, np.ndarray]:
+def with_tool(drawn: tuple[Mechanism, np.random.Generator]) -> tuple[Interpreted, np.random.Generator, np.ndarray]:
     """A drawn mechanism as a robot, with links merged: `tool` at the pose T on its last body, `stand` on the ground."""
     mechanism, rng = drawn
     T = random_pose(rng)
     frames = (Frame("tool", mechanism.nb - 1, T), Frame("stand", -1, random_pose(rng)))
-    return jounce.Robot(replace(mechanism, frames=frames)), rng, T
+    return Interpreted(jounce.Robot(replace(mechanism, frames=frames))), rng, T
 
 
 def on_its_axis(mass: float = 2.0) -> jounce.Robot:

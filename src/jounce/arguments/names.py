@@ -59,7 +59,8 @@ def check(given: Collection[Any], expected: Sequence[str], unfit: Mapping[Any, s
     `unfit` says of names that exist but have no place here, why; `asked` says in words what is expected.
     """
     missing = [quoted(name) for name in expected if name not in given]
-    unknown = [_unknown(name, expected) for name in given if name not in expected and name not in unfit]
+    absent = [name for name in expected if name not in given]
+    unknown = [_unknown(name, absent) for name in given if name not in expected and name not in unfit]
     wrong = [f"{word} {listed(names)}" for word, names in (("missing", missing), ("unknown", unknown)) if names]
     wrong += [f"leave out {quoted(name)}, {unfit[name]}" for name in given if name in unfit]
     if wrong:

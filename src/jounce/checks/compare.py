@@ -55,7 +55,7 @@ def _with_peers(robot: Robot, source: Path | None, q: np.ndarray) -> Iterator[Ch
     m, G = robot.mechanism, robot.mechanism.G
     thetas = [q[0] @ G.T + m.g, q[1] @ G.T, q[2] @ G.T]
     known = {x.symbol: x for x in QUANTITIES.values() if x.symbol in ("Q", "Qgrav", "M")}
-    ours = {symbol: compute(m, x.name, [*q[: x.rates]]) for symbol, x in known.items()}
+    ours = {symbol: compute(robot, x.name, [*q[: x.rates]]) for symbol, x in known.items()}
     sizes = {symbol: magnitudes(m, Computation(x.name, 0), [*q[: x.rates]])[0] for symbol, x in known.items()}
     for peer in peers(m, source):
         if isinstance(peer, Absence):

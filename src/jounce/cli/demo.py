@@ -55,9 +55,7 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
         examples = {}
         for name, motion in (("forces", "paper"), ("forces-wrench", "paper-wrench")):
             found = examples[name] = example.example(motion, states)
-            tables.write(
-                output / f"{name}.csv", tables.of_rates(found.motion.t, found.robot.joint_names, "Q", found.forces)
-            )
+            tables.write(output / f"{name}.csv", tables.of_rates(found.t, found.robot.joint_names, "Q", found.forces))
             advance()
         alone, loaded = examples.values()
         errors, steiner = example.step_errors(alone.robot), example.without_steiner(alone)
@@ -94,7 +92,7 @@ def _peaks(found: "Example") -> list[float]:
 def _differences(alone: "Example", errors: "Sequence[StepErrors]") -> dict[str, list[float | None]]:
     """By way of differentiating: the largest difference to Qd and Q2d, as a share of the largest value."""
     found: dict[str, list[float | None]] = {
-        f"central over the samples, h = {alone.motion.t[1]:.2g} s": list(alone.differences())
+        f"central over the samples, h = {alone.t[1]:.2g} s": list(alone.differences())
     }
     for name in errors[1].of_scheme:
         found[f"{name}, at its best step"] = [

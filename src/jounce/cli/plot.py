@@ -25,13 +25,13 @@ Example:
 @click.option("--quantity", "quantities", multiple=True, metavar="Q", help="Of this quantity only: Q, Qd, q, ...")
 @click.option("--json", "as_json", is_flag=True, help="Print what was drawn as JSON.")
 def plot(table: Path, output: Path, joints: Sequence[str], quantities: Sequence[str], as_json: bool) -> None:
-    """Draw the columns of TABLE over time: forces that `run` wrote, or a motion with its rates.
+    """Draw the columns of TABLE over time: forces that `run` wrote, or a motion that `motion` wrote.
 
     One row a quantity, one curve a joint; curves too small to be seen beside the others have a column of their own.
     """
     from jounce.figures import canvas
     from jounce.figures.curves import over_time
-    from jounce.figures.table import panels
+    from jounce.figures.table import breaks_of, panels
     from jounce.io import files, tables
 
     canvas.check_format(output)
@@ -39,7 +39,7 @@ def plot(table: Path, output: Path, joints: Sequence[str], quantities: Sequence[
     canvas.check_installed()
     columns = tables.read(table)
     drawn = panels(columns, str(table), joints, quantities)
-    canvas.save(over_time(columns["t"], drawn), output)
+    canvas.save(over_time(columns["t"], drawn, breaks=breaks_of(columns)), output)
     states = len(columns["t"])
     summary = {
         "table": str(table),

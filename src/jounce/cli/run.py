@@ -1,13 +1,15 @@
 """`jounce run`: the drive forces and their rates along a motion, from table to table."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.options import MOTION, Asked, on_robot
+from jounce.cli.motions import AskedMotion, of_motion
+from jounce.cli.options import Asked, on_robot
 from jounce.cli.output import progress, straight_columns, tell
-from jounce.errors import JounceError, shortened
+from jounce.errors import JounceError, listed, shortened
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -17,6 +19,9 @@ if TYPE_CHECKING:
     from jounce.io.columns import Columns
     from jounce.motion import Motion
     from jounce.robot import Robot
+    from jounce.robot.along import ForceBreak
+
+SHOWN = 4  # breaks in words
 
 EPILOG = """\b
 Example, the robot and the motion of the paper:
@@ -42,48 +47,47 @@ OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all their digits.
 
 @click.command(epilog=EPILOG, short_help="Q, Qd, Q2d along a motion, from table to table.")
 @on_robot
-@click.argument("motion", type=MOTION)
+@of_motion
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Table to write: .csv or .npz.")
 @click.option("--order", default=2, show_default=True, type=click.IntRange(0), help="Highest time derivative of Q.")
-@click.option("--degree", default=7, show_default=True, help="Spline degree for sampled motions: 5 or 7.")
-@click.option(
-    "--intervals", type=int, metavar="N",
-    help="Least-squares fit with N intervals (measured data); default: interpolate every sample.",
-)  # fmt: skip
+@click.option("--rates", "with_rates", is_flag=True, help="Write q, qd, ... as well.")
 @click.option("--method", default=None, help="kernel (native code, the default), recursion, closed_form or paper.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(
     robot: Asked,
-    motion: Path,
+    motion: AskedMotion,
     output: Path,
     order: int,
-    degree: int,
-    intervals: int | None,
+    with_rates: bool,
     method: str | None,
     as_json: bool,
 ) -> None:
     """Compute Q, Qd, Q2d along MOTION for ROBOT, a file or the name of a bundled one."""
     from jounce.dynamics.quantities import FORCES
     from jounce.io import tables
-    from jounce.io.motions.loading import load_motion
     from jounce.model.coordinates import coordinate_units
+    from jounce.robot.along import force_breaks
 
     tables.check_writable(output)
-    if output.resolve() == motion.resolve():
+    if output.resolve() == motion.path.resolve():
         raise JounceError(f"{output}: is the motion itself; expected another file to write into")
     arm = robot.load()
-    path = load_motion(motion, arm, order, degree, intervals)
-    peaks = _write_forces(arm, path, method, output)
+    path = motion.load(arm, order)
+    peaks = _write_forces(arm, path, order, method, with_rates, output)
+    breaks = force_breaks(arm, path, path.times, order, method)
     names = FORCES.names(order)
     summary = {
         "robot": arm.name,
-        "motion": str(motion),
+        "motion": str(motion.path),
         "source": path.source,
-        "residual": path.residual,
+        "residual": None if path.residual is None else float(path.residual.max()),
+        "blend": motion.blend,
+        "notes": list(path.notes),
         "output": str(output),
-        "states": len(path.t),
-        "t": [float(path.t[0]), float(path.t[-1])],
+        "states": len(path.times),
+        "t": [float(path.times[0]), float(path.times[-1])],
         "order": order,
+        "breaks": [_break(found, arm.joint_names, names) for found in breaks],
         "peaks": {
             joint: dict(zip(names, largest.tolist(), strict=True))
             for joint, largest in zip(arm.joint_names, peaks.T, strict=True)
@@ -96,24 +100,65 @@ def run(
     tell(summary, _in_words, as_json)
 
 
-def _write_forces(robot: "Robot", motion: "Motion", method: str | None, output: Path) -> "np.ndarray":
+def _write_forces(
+    robot: "Robot", motion: "Motion", order: int, method: str | None, with_rates: bool, output: Path
+) -> "np.ndarray":
     """Write the forces and their rates along a motion, each piece when it is computed; the largest of them, (.., n)."""
     import numpy as np
 
     from jounce.dynamics.quantities import FORCES
     from jounce.io import tables
+    from jounce.io.motions.writing import measured, named
     from jounce.robot.along import pieces_along
 
-    peaks = np.zeros((len(motion.rates) - FORCES.rates + 1, robot.n))
+    joints, peaks = robot.joint_names, np.zeros((order + 1, robot.n))
 
     def pieces() -> "Iterator[Columns]":
-        for piece in pieces_along(robot.mechanism, motion, method, show):
+        for piece in pieces_along(robot, motion, motion.times, order, method, show):
             np.maximum(peaks, np.abs(piece.forces).max(axis=1), out=peaks)
-            yield tables.of_rates(piece.t, robot.joint_names, FORCES.symbol, piece.forces)
+            columns: Columns = {"t": piece.t}
+            if with_rates:
+                columns |= named("q", joints, piece.rates, motion.deviations(piece.t, len(piece.rates) - 1))
+            columns |= named(FORCES.symbol, joints, piece.forces, piece.deviations)
+            yield columns | measured(motion, joints, piece.t)
 
     with progress("inverse dynamics") as show:
         tables.write_pieces(output, pieces())
     return peaks
+
+
+def _break(found: "ForceBreak", joints: Sequence[str], names: Sequence[str]) -> dict[str, Any]:
+    """A break as plain data: which rate of Q jumps and by how much, and which rates of which joints do it."""
+    from jounce.spatial.series import rate_name
+
+    jump = None if found.jump is None else dict(zip(joints, found.jump.tolist(), strict=True))
+    return {
+        "t": found.t,
+        "jumps": names[found.order] if found.order >= 0 else None,
+        "by": jump,
+        "missing": list(names[found.order + 1 :]),
+        "causes": {cause.joint: {"rate": rate_name("q", cause.order), "by": cause.jump} for cause in found.causes},
+    }
+
+
+def _breaks_in_words(breaks: Sequence[dict[str, Any]]) -> list[str]:
+    """The first breaks, a line each, and how many there are."""
+    lines = []
+    for found in breaks[:SHOWN]:
+        joints: dict[str, list[str]] = {}
+        for joint, cause in found["causes"].items():
+            joints.setdefault(cause["rate"], []).append(joint)
+        causes = " and ".join(f"{rate} of {listed(names)}" for rate, names in joints.items())
+        missing = found["missing"]
+        then = [f"{found['jumps']} jumps"] if found["jumps"] else []
+        then += [f"{', '.join(missing)} do{'es' * (len(missing) == 1)} not exist"] if missing else []
+        lines.append(f"break at t = {found['t']:.9g} s: {causes} jumps; {', '.join(then)}")
+    rest = len(breaks) - SHOWN
+    return (
+        [*lines, f"and {rest} more break{'s' * (rest > 1)}; --json lists them, --blend replaces them"]
+        if rest > 0
+        else lines
+    )
 
 
 def _in_words(summary: dict[str, Any]) -> str:
@@ -123,11 +168,14 @@ def _in_words(summary: dict[str, Any]) -> str:
     rows = [("largest", "unit", *(f"|{name}|{unit}" for name, unit in zip(names, per, strict=False)))]
     for joint, peaks in summary["peaks"].items():
         rows.append((joint, summary["units"][joint], *(f"{peaks[name]:.6g}" for name in names)))
-    residual = "" if summary["residual"] is None else f", largest residual {summary['residual']:.2g}"
+    kind = "at most {:.2g} from it" if summary["blend"] else "largest residual {:.2g}"
+    residual = "" if summary["residual"] is None else f", {kind.format(summary['residual'])}"
     along = f"{shortened(summary['robot'])} along {summary['motion']}"
     return "\n".join([
         f"{along}: {summary['states']} states, t = {first:g} .. {last:g} s",
         summary["source"] + residual,
+        *summary["notes"],
+        *_breaks_in_words(summary["breaks"]),
         f"{', '.join(names)} written to {summary['output']}",
         "",
         *straight_columns(rows),

@@ -6,13 +6,14 @@ All differences are the largest over the joints and the motion, as shares of the
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
 from jounce.io import motions
 from jounce.io.bundled import iiwa14
 from jounce.motion import Motion
-from jounce.motion.analytic import along
+from jounce.motion.analytic import motion_of
 from jounce.robot import Robot
 from jounce.robot.dispatch import available
 from jounce.spatial.inertia import moments
@@ -37,8 +38,13 @@ class Example:
 
     robot: Robot
     motion: Motion
+    t: np.ndarray
     forces: Forces
     differentiated: Forces  # Qd from Q, Q2d from Qd
+
+    def states(self, t: Any) -> tuple[Any, Any]:
+        """The rates and the wrench at times."""
+        return self.motion(t), self.motion.wrench(t)
 
     def differences(self) -> tuple[float, ...]:
         """How far the differentiated rates are from the exact ones."""
@@ -58,26 +64,22 @@ def example(name: str, states: int) -> Example:
     """The paper's robot along `paper` or `paper-wrench`, at so many times over its five seconds."""
     robot, terms = Robot(iiwa14()), motions.bundled(name)
     t = np.linspace(terms.t[0], terms.t[-1], states)
-    motion = along(replace(terms, t=t), robot.mechanism, 4)
-    forces = forces_of(robot, motion)
-    return Example(robot, motion, forces, tuple(np.gradient(Q, t, axis=0, edge_order=2) for Q in forces[:2]))
+    motion = motion_of(terms, robot.mechanism)
+    forces = forces_of(robot, motion, t)
+    return Example(robot, motion, t, forces, tuple(np.gradient(Q, t, axis=0, edge_order=2) for Q in forces[:2]))
 
 
-def forces_of(robot: Robot, motion: Motion, method: str | None = None) -> Forces:
-    """Q, Qd, Q2d along a motion."""
-    return robot.inverse_dynamics(*motion.rates, wrench=motion.wrench, method=method)
+def forces_of(robot: Robot, motion: Motion, t: np.ndarray, method: str | None = None) -> Forces:
+    """Q, Qd, Q2d at times of a motion."""
+    return robot.inverse_dynamics(*motion(t), wrench=motion.wrench(t), method=method)
 
 
 def step_errors(robot: Robot) -> tuple[StepErrors, StepErrors]:
     """The errors of Qd from Q, and of Q2d from Qd or Q, along `paper`, at every 64th of a second but near its ends."""
-    terms = motions.bundled("paper")
-    t = np.arange(terms.t[0] + 0.125, terms.t[-1] - 0.125, 1 / 64)
-
-    def forces_at(times: np.ndarray, method: str | None = None) -> Forces:
-        return forces_of(robot, along(replace(terms, t=times), robot.mechanism, 4), method)
-
-    exact, again = forces_at(t, "recursion"), forces_at(t, "closed_form")
-    moved = [{j: forces_at(t + j * h) for j in range(-2, 3)} for h in STEPS]
+    motion = motion_of(motions.bundled("paper"), robot.mechanism)
+    t = np.arange(motion.start + 0.125, motion.stop - 0.125, 1 / 64)
+    exact, again = forces_of(robot, motion, t, "recursion"), forces_of(robot, motion, t, "closed_form")
+    moved = [{j: forces_of(robot, motion, t + j * h) for j in range(-2, 3)} for h in STEPS]
 
     def errors(k: int) -> StepErrors:
         of_scheme = {
@@ -102,7 +104,7 @@ def without_steiner(found: Example) -> tuple[float, ...]:
     m, h, _ = moments(mechanism.M)
     M = mechanism.M.copy()
     M[:, :3, :3] += hat(h[..., 0]) @ hat(h[..., 0]) / m  # Theta_c = Theta_b + m c~ c~
-    other = forces_of(Robot(replace(mechanism, M=M)), found.motion)
+    other = forces_of(Robot(replace(mechanism, M=M)), found.motion, found.t)
     return tuple(share(a - b, b) for a, b in zip(other, found.forces, strict=True))
 
 
@@ -113,17 +115,17 @@ def methods() -> list[str]:
 
 def seconds(found: Example) -> Iterator[tuple[str, float, float]]:
     """By method: the time of an evaluation in the batch of the whole motion, and of one called alone."""
-    alone = [found.motion.part(i) for i in range(20)]
+    whole, alone = found.states(found.t), [found.states(t) for t in found.t[:20]]
     for method in methods():
         start = perf_counter()
-        forces_of(found.robot, found.motion, method)
+        found.robot.inverse_dynamics(*whole[0], wrench=whole[1], method=method)
         batch = perf_counter() - start
         times = []
-        for state in alone:
+        for rates, wrench in alone:
             start = perf_counter()
-            forces_of(found.robot, state, method)
+            found.robot.inverse_dynamics(*rates, wrench=wrench, method=method)
             times.append(perf_counter() - start)
-        yield method, batch / len(found.motion.t), float(np.median(times))
+        yield method, batch / len(found.t), float(np.median(times))
 
 
 def share(difference: np.ndarray, exact: np.ndarray) -> float:

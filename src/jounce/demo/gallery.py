@@ -44,9 +44,11 @@ def forces(found: Example, title: str) -> "Figure":
 
     panels = [
         Panel(label, by_joint(exact), None if rough is None else by_joint(rough))
-        for label, exact, rough in zip(labels, (found.motion.rates[0], *found.forces), differentiated, strict=True)
+        for label, exact, rough in zip(
+            labels, (found.motion(found.t, 0)[0], *found.forces), differentiated, strict=True
+        )
     ]
-    return over_time(found.motion.t, panels, title)
+    return over_time(found.t, panels, title)
 
 
 def portrait(robot: Robot) -> "Figure":

@@ -276,7 +276,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="F: the wrench (moment; force) of the ground on the robot, in the inertial frame about its origin.",
             tex=r"F = \dot{h} + U^T M\,U G",
             methods={
-                "recursion": Method(lambda m, x: _row(momenta.base_wrench(m, x.q, x.W)), _column),
+                "recursion": Method(lambda m, x: _row(forces.base_wrench(m, x.q, x.W)), _column),
                 "closed_form": Method(lambda m, x: _row(dense.closed_form(m, x.q, x.W).F)),
             },
         ),

@@ -11,7 +11,10 @@ from jounce.spatial.series import SUFFIX
 
 UNITS = {"q": ("rad", "m"), "Q": ("N m", "N")}  # of revolute and prismatic joints; a table does not tell which is which
 LARGEST = 1e300  # beyond it matplotlib cannot number an axis
-COLUMN = re.compile(rf"(.*)\.([qQ])({SUFFIX})", re.DOTALL)  # a name may be of any characters, or of none
+KINDS = {"_sd": "deviations", "_sample": "points", "_measured": "points"}
+COLUMN = re.compile(
+    rf"(.*)\.([qQ])({SUFFIX})(_sd|_sample|_measured)?", re.DOTALL
+)  # a name may be of any characters, or of none
 
 
 def panels(
@@ -26,9 +29,12 @@ def panels(
     if "t" not in columns:
         raise JounceError(f"{place}: {no_such('column', 't', columns)}")
     found: dict[str, dict[str, np.ndarray]] = {}
+    beside: dict[str, dict[str, dict[str, np.ndarray]]] = {}  # by what the columns are of, and quantity
     for name, values in columns.items():
         if match := COLUMN.fullmatch(name):
-            found.setdefault(match[2] + (match[3] or ""), {})[match[1]] = values
+            kind = match[len(match.groups())]
+            of = found if kind is None else beside.setdefault(KINDS[kind], {})
+            of.setdefault(match[2] + (match[3] or ""), {})[match[1]] = values
     if not found:
         raise JounceError(
             f"{place}: no columns NAME.Q, NAME.Qd, ... or NAME.q, NAME.qd, ...; it has: {listed(columns)}"
@@ -43,7 +49,13 @@ def panels(
         for quantity, curves in found.items()
         if quantity in (quantities or found)
     }
-    drawn = [Panel(_label(quantity), curves) for quantity, curves in shown.items() if curves]
+    drawn = [
+        Panel(_label(quantity), curves, None, **{kind: of.get(quantity, {}) for kind, of in beside.items()})
+        for quantity, curves in shown.items()
+        if curves
+    ]
+    if residuals := _residuals(shown, beside.get("points", {})):
+        drawn.insert(1 + list(shown).index("q"), Panel("residual of q [rad or m]", residuals))
     if not drawn:
         raise JounceError(f"{place}: none of {listed(joints)} has a column of {listed(quantities)}")
     for name in ["t", *(f"{joint}.{quantity}" for quantity, curves in shown.items() for joint in curves)]:
@@ -52,6 +64,19 @@ def panels(
             came = f"column {quoted(name)} holds {peak:g}"
             raise JounceError(f"{place}: {came}; expected no more than {LARGEST:g} to draw it")
     return drawn
+
+
+def _residuals(
+    shown: Mapping[str, Mapping[str, np.ndarray]], points: Mapping[str, Mapping[str, np.ndarray]]
+) -> dict[str, np.ndarray]:
+    """Samples less the curve, by joint."""
+    curves = shown.get("q", {})
+    return {joint: samples - curves[joint] for joint, samples in points.get("q", {}).items() if joint in curves}
+
+
+def breaks_of(columns: Mapping[str, np.ndarray]) -> list[float]:
+    """The times of the rows before which a derivative jumps, as `jounce motion` marks them."""
+    return [] if "break" not in columns else columns["t"][columns["break"] >= 0].tolist()
 
 
 def _label(quantity: str) -> str:

@@ -1,13 +1,39 @@
 """Columns: named arrays of finite numbers, all of one length, and what is refused where they should be."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
 from jounce.errors import JounceError, quoted
 
 Columns = dict[str, np.ndarray]
+Select = Callable[[Sequence[str]], Iterable[str]]  # of the names that a table has, those to be read
+
+
+def flattened(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Arrays (N, k) as k columns NAME[0], NAME[1], ..., and vectors (N, 1), (1, N), as MATLAB has them, as columns."""
+    found: dict[str, np.ndarray] = {}
+    for name, array in arrays.items():
+        if array.ndim == 2 and 1 in array.shape and array.size > 1:
+            found[name] = array.ravel()
+        elif array.ndim == 2:
+            found |= {f"{name}[{j}]": column for j, column in enumerate(array.T)}
+        else:
+            found[name] = array
+    return found
+
+
+def selected(columns: Mapping[str, np.ndarray], select: Select | None) -> dict[str, np.ndarray]:
+    """The columns that are to be read, arrays of several columns flattened; all, as they are, if nothing selects."""
+    if select is None:
+        return dict(columns)
+    flat = flattened(columns)
+    return {name: flat[name] for name in select(list(flat))}
+
+
+class CellError(JounceError):
+    """A cell that is no finite number."""
 
 
 def checked(place: object, columns: Mapping[str, np.ndarray]) -> Columns:
@@ -18,7 +44,7 @@ def checked(place: object, columns: Mapping[str, np.ndarray]) -> Columns:
     for name, array in columns.items():
         if array.shape != rows or array.ndim != 1 or array.dtype.kind not in "fiu":
             came = f"{array.dtype} of shape {array.shape}"
-            raise JounceError(f"{place}: column {quoted(name)} is {came}; expected numbers of shape {rows or '(N,)'}")
+            raise CellError(f"{place}: column {quoted(name)} is {came}; expected numbers of shape {rows or '(N,)'}")
     check_finite(place, columns)
     return {name: array.astype(float) for name, array in columns.items()}
 
@@ -29,7 +55,7 @@ def check_finite(place: object, columns: Mapping[str, np.ndarray], first: int = 
         bad = np.flatnonzero(~np.isfinite(array))
         if bad.size:
             came = f"{array[bad[0]]} in row {first + bad[0]} from 0"
-            raise JounceError(f"{place}: column {quoted(name)} holds {came}; expected finite numbers")
+            raise CellError(f"{place}: column {quoted(name)} holds {came}; expected finite numbers")
 
 
 def check_distinct(place: object, names: Iterable[str]) -> None:

@@ -1,9 +1,10 @@
 """CSV tables, read and written some rows at a time: as texts a whole table takes far more memory than as numbers."""
 
 import csv
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from io import TextIOWrapper
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import TextIO
 
@@ -11,18 +12,24 @@ import numpy as np
 
 from jounce._scalars import finite
 from jounce.errors import JounceError, one_line, quoted
-from jounce.io.columns import Columns, check_distinct
+from jounce.io.columns import CellError, Columns, Select, check_distinct
 from jounce.io.files import opened
 
 CELLS = 1 << 16  # in a piece
+SEPARATORS = (",", ";", "\t", " ")  # of cells, the first that stands between column names
+BLANK = " ,;\t\r\n"
 Row = tuple[int, list[str]]  # its line, its cells
 
 
-def pieces(path: Path) -> Iterator[Columns]:
-    """The table of a file, some rows after the other; at least one row."""
+def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
+    """The table of a file, some rows after the other; at least one row.
+
+    Cells are separated by what separates the column names: commas, else semicolons, tabs or spaces; where it is not
+    the comma, a comma in a number is its decimal point.
+    """
     with opened(path) as content, TextIOWrapper(content, encoding="utf-8-sig", newline="") as file:
         try:
-            yield from _pieces(path, file)
+            yield from _pieces(path, file, select)
         except (UnicodeDecodeError, csv.Error) as error:
             raise JounceError(f"{path}: not a CSV table: {one_line(error)}") from None
 
@@ -46,41 +53,55 @@ def _rows(columns: int) -> int:
     return max(1, CELLS // columns)
 
 
-def _pieces(path: Path, file: TextIO) -> Iterator[Columns]:
-    reader = csv.reader(file, skipinitialspace=True, strict=True)
+def _pieces(path: Path, file: TextIO, select: Select | None) -> Iterator[Columns]:
+    head: list[str] = []  # blank lines, and the one of column names
+    for line in iter(file.readline, ""):
+        head.append(line)
+        if line.strip(BLANK):
+            break
+    mark = _separator(head[-1] if head else "")
+    lines = (line.strip() for line in chain(head, file)) if mark == " " else chain(head, file)
+    reader = csv.reader(lines, delimiter=mark, skipinitialspace=True, strict=True)
     rows = ((reader.line_num, row) for row in reader if any(map(str.strip, row)))
     first = next(rows, None)
     if first is None:
         raise JounceError(f"{path}: nothing in it; expected a row of column names and rows of numbers")
-    header = _header(path, [cell.strip() for cell in first[1]])
+    header = _header(path, [cell.strip() for cell in first[1]], mark)
+    wanted = [header.index(name) for name in (header if select is None else select(header))]
     piece = list(islice(rows, _rows(len(header))))
     if not piece:
         raise JounceError(f"{path}: no rows of numbers under the column names")
     while piece:
-        yield _columns(path, header, piece)
+        yield _columns(path, header, wanted, piece, mark)
         piece = list(islice(rows, _rows(len(header))))
 
 
-def _header(path: Path, cells: Sequence[str]) -> list[str]:
+def _separator(line: str) -> str:
+    """What separates the cells: a comma, else a semicolon, a tab or spaces, whichever the names have between them."""
+    bare = re.sub(r'"[^"]*"', "", line).lstrip("# ").strip()
+    return next((mark for mark in SEPARATORS if mark in bare), ",")
+
+
+def _header(path: Path, cells: Sequence[str], mark: str) -> list[str]:
     header = [cells[0].lstrip("# "), *cells[1:]]  # numpy.savetxt marks its header with #
-    if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
-        marks = "semicolons" if ";" in header[0] else "tabs"
-        raise JounceError(f"{path}: columns are separated by {marks}; expected commas")
+    header = header[1:] if mark == " " and not header[0] else header
     if all(finite(name) is not None for name in header):
         raise JounceError(f"{path}: no row of column names above the numbers")
     check_distinct(path, header)
     return header
 
 
-def _columns(path: Path, header: Sequence[str], piece: Sequence[Row]) -> Columns:
+def _columns(path: Path, header: Sequence[str], wanted: Sequence[int], piece: Sequence[Row], mark: str) -> Columns:
     for line, row in piece:
         if len(row) != len(header):
             raise JounceError(f"{path}:{line}: {len(row)} cells; expected {len(header)}, one for each column")
-    numbers = _plain([cell for _, row in piece for cell in row])
+    if mark != ",":  # decimal commas
+        piece = [(line, [cell.replace(",", ".") for cell in row]) for line, row in piece]
+    numbers = _plain([row[i] for _, row in piece for i in wanted])
     if numbers is None:
-        cells = ((line, name, cell) for line, row in piece for name, cell in zip(header, row, strict=True))
+        cells = ((line, header[i], row[i]) for line, row in piece for i in wanted)
         numbers = np.array([_number(cell.strip(), f"{path}:{line}", name) for line, name, cell in cells])
-    return {name: column.copy() for name, column in zip(header, numbers.reshape(len(piece), -1).T, strict=True)}
+    return {header[i]: column.copy() for i, column in zip(wanted, numbers.reshape(len(piece), -1).T, strict=True)}
 
 
 def _plain(cells: Sequence[str]) -> np.ndarray | None:
@@ -96,5 +117,5 @@ def _plain(cells: Sequence[str]) -> np.ndarray | None:
 def _number(cell: str, place: str, column: str) -> float:
     number = finite(cell)
     if number is None:
-        raise JounceError(f"{place}: column {quoted(column)} holds {quoted(cell)}; expected a finite number")
+        raise CellError(f"{place}: column {quoted(column)} holds {quoted(cell)}; expected a finite number")
     return number

@@ -146,7 +146,7 @@ def _from_yaml(content: bytes, what: str, path: Path) -> Entry:
     from ruamel.yaml import YAML  # YAML 1.2: 1e-3 is a number, a repeated key an error
 
     yaml = YAML(typ="safe", pure=True)  # safe: a tag that names code is refused
-    node = yaml.compose(content)
+    node = yaml.compose(content.rstrip().removesuffix(b"\n---"))  # which ends what `ros2 topic echo` prints
     if node is None:
         return Entry(None, what, path)
     yaml.constructor.flatten_mapping = lambda _: None  # merge keys, which could make ten lines fill the memory

@@ -9,16 +9,16 @@ import numpy as np
 
 from jounce.arguments import names
 from jounce.errors import JounceError, one_line, quoted
-from jounce.io.columns import Columns, check_distinct, checked
+from jounce.io.columns import Columns, Select, check_distinct, checked, selected
 from jounce.io.files import opened
 
 
-def pieces(path: Path) -> Iterator[Columns]:
+def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
     """The table of an archive, in one piece: it stands there column by column."""
     with opened(path) as file:
         found = _arrays(path, file)
     check_distinct(path, [name for name, _ in found])
-    yield checked(path, dict(found))
+    yield checked(path, selected(dict(found), select))
 
 
 def write(path: Path, pieces: Iterable[Mapping[str, np.ndarray]]) -> None:

@@ -7,24 +7,32 @@ from typing import TypeVar
 import numpy as np
 
 from jounce.errors import JounceError
-from jounce.io import csv, files, npz
-from jounce.io.columns import Columns, check_finite
+from jounce.io import csv, files, jsonlines, mat, npz
+from jounce.io.columns import Columns, Select, check_finite
 from jounce.spatial.series import rate_name
 
 Handler = TypeVar("Handler")
-READERS: dict[str, Callable[[Path], Iterator[Columns]]] = {".csv": csv.pieces, ".npz": npz.pieces}
+READERS: dict[str, Callable[[Path, Select | None], Iterator[Columns]]] = {
+    ".csv": csv.pieces,
+    ".npz": npz.pieces,
+    ".tsv": csv.pieces,
+    ".txt": csv.pieces,
+    ".mat": mat.pieces,
+    ".jsonl": jsonlines.pieces,
+    ".ndjson": jsonlines.pieces,
+}
 WRITERS: dict[str, Callable[[Path, Iterable[Mapping[str, np.ndarray]]], None]] = {".csv": csv.write, ".npz": npz.write}
 
 
-def read(path: Path) -> Columns:
-    """The columns of a table: finite numbers, all of one length, at least one row."""
-    parts = list(pieces(path))
+def read(path: Path, select: Select | None = None) -> Columns:
+    """The columns of a table, all or those selected by name: finite numbers, all of one length, at least one row."""
+    parts = list(pieces(path, select))
     return {name: np.concatenate([part.pop(name) for part in parts]) for name in list(parts[0])}
 
 
-def pieces(path: Path) -> Iterator[Columns]:
+def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
     """A table in pieces of some rows, one after the other, each checked when its turn comes."""
-    return _by_suffix(path, READERS)(path)
+    return _by_suffix(path, READERS)(path, select)
 
 
 def check_writable(path: Path) -> None:

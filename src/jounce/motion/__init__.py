@@ -1,5 +1,5 @@
 """Motions: coordinates over time with all the rates that higher-order inverse dynamics takes in."""
 
-from jounce.motion.states import Motion
+from jounce.motion.motion import Break, Motion
 
-__all__ = ["Motion"]
+__all__ = ["Break", "Motion"]

@@ -1,4 +1,4 @@
-"""Motions in closed form: sums of cosines and polynomials, whose rates of every order are exact."""
+"""Curves in closed form: sums of cosines and polynomials, whose rates of every order are exact."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,9 +7,11 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from jounce.arguments import names
-from jounce.errors import JounceError, listed, quoted
+from jounce.errors import listed
 from jounce.model.mechanism import Mechanism
-from jounce.motion.states import COMPONENTS, Motion
+from jounce.motion.curves import Jump
+from jounce.motion.loads import COMPONENTS
+from jounce.motion.motion import Motion
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class Cosine:
 
 
 @dataclass(frozen=True)
-class Curve:
+class Terms:
     """A coordinate over time: a polynomial in t, lowest power first, and cosines."""
 
     polynomial: tuple[float, ...] = (0.0,)
@@ -42,41 +44,54 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Terms:
-    """A motion in closed form: curves by joint, by body and component of its wrench, and the times to look at."""
+class Analytic:
+    """Coordinates in closed form from one time to another."""
 
-    joints: Mapping[str, Curve]
-    wrenches: Mapping[str, Mapping[str, Curve]]
+    terms: tuple[Terms, ...]
+    start: float
+    stop: float
+
+    @property
+    def columns(self) -> int:
+        """The number of coordinates."""
+        return len(self.terms)
+
+    @property
+    def highest(self) -> None:
+        """None: derivatives of every order are known."""
+
+    @np.errstate(over="ignore", invalid="ignore")  # whoever asks refuses what is not finite
+    def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
+        """The values and their derivatives up to `order`."""
+        return [np.stack([terms.rate(t, k) for terms in self.terms], axis=1) for k in range(order + 1)]
+
+    def jumps(self, order: int) -> list[Jump]:
+        """None: sums of cosines and polynomials are smooth."""
+        return []
+
+    def deviations(self, t: np.ndarray, order: int) -> None:
+        """None: the curve is exact."""
+
+
+@dataclass(frozen=True)
+class Description:
+    """A motion in closed form as a file states it: terms by joint, by body and component of its wrench, and times."""
+
+    joints: Mapping[str, Terms]
+    wrenches: Mapping[str, Mapping[str, Terms]]
     t: np.ndarray
 
 
-def along(terms: Terms, mechanism: Mechanism, highest: int) -> Motion:
-    """The motion that terms describe, with rates up to the one of order `highest`."""
-    joints, curves = mechanism.coordinates, terms.joints
-    names.check(curves, joints, names.followers(mechanism), f"terms for each of {listed(joints)}")
-    for body in terms.wrenches:
+def motion_of(description: Description, mechanism: Mechanism) -> Motion:
+    """The motion that terms describe; components of wrenches that they leave out are zero."""
+    joints, t = mechanism.coordinates, description.t
+    names.check(description.joints, joints, names.followers(mechanism), f"terms for each of {listed(joints)}")
+    for body in description.wrenches:
         mechanism.frame(body)
-    rates = (
-        np.stack([_finite(curves[joint], terms.t, k, f"joint {quoted(joint)}") for joint in joints], axis=1)
-        for k in range(highest + 1)
-    )
-    wrench = tuple(
-        {body: _wrench(body, components, terms.t, k) for body, components in terms.wrenches.items()}
-        for k in range(max(highest - 2, 0) + 1)
-    )
-    source = "analytic terms, all rates exact"
-    return Motion(terms.t, tuple(rates), joints, source, wrench if terms.wrenches else None)
-
-
-def _wrench(body: str, components: Mapping[str, Curve], t: np.ndarray, k: int) -> np.ndarray:
-    """The k-th rate of a wrench (mx, my, mz, fx, fy, fz); components left out are zero."""
-    named = ((components.get(name, Curve()), f"{name} of the wrench of {quoted(body)}") for name in COMPONENTS)
-    return np.stack([_finite(curve, t, k, what) for curve, what in named], axis=1)
-
-
-@np.errstate(over="ignore", invalid="ignore")  # refused in words
-def _finite(curve: Curve, t: np.ndarray, k: int, what: str) -> np.ndarray:
-    rate = curve.rate(t, k)
-    if not np.isfinite(rate).all():
-        raise JounceError(f"the terms of {what} overflow; expected a finite time derivative of order {k}")
-    return rate
+    ends = float(t[0]), float(t[-1])
+    loads = {
+        body: Analytic(tuple(components.get(name, Terms()) for name in COMPONENTS), *ends)
+        for body, components in description.wrenches.items()
+    }
+    q = Analytic(tuple(description.joints[joint] for joint in joints), *ends)
+    return Motion(q, joints, "analytic terms, all rates exact", loads, grid=t)

@@ -7,10 +7,12 @@ import numpy as np
 
 from jounce.errors import JounceError, at, listed, quoted
 from jounce.model.mechanism import Mechanism
-from jounce.motion.spline import Spline, rates_of
-from jounce.motion.states import COMPONENTS
+from jounce.motion.curves import Curve
+from jounce.motion.hermite import Hermite
+from jounce.motion.spline import Spline, curve_of
 from jounce.spatial.series import SUFFIX, rate_name
 
+COMPONENTS = ("mx", "my", "mz", "fx", "fy", "fz")  # of a wrench, (moment; force), in files
 COLUMN = re.compile(r"(.*)\.([mf][xyz])" + SUFFIX, re.DOTALL)
 
 
@@ -22,34 +24,31 @@ def named(names: Sequence[str], mechanism: Mechanism) -> list[str]:
 
 
 def wrenches(
-    columns: Mapping[str, np.ndarray], mechanism: Mechanism, order: int, spline: Spline, place: str
-) -> tuple[dict[str, np.ndarray], ...] | None:
-    """W by body and its rates up to `order`, as `inverse_dynamics` takes them; components left out are zero."""
+    t: np.ndarray, columns: Mapping[str, np.ndarray], mechanism: Mechanism, order: int, spline: Spline, place: str
+) -> dict[str, Curve]:
+    """W over time by body, with rates up to `order` at least; components left out are zero."""
     parts = [match.groups() for name in columns if (match := COLUMN.fullmatch(name))]
     given = list(dict.fromkeys((body, component) for body, component, _ in parts))
     with at(place):
         for body, _ in given:
             mechanism.frame(body)
-    if not given:
-        return None
-    if any(rate for _, _, rate in parts):
-        rates = [_as_given(columns, given, k, place) for k in range(order + 1)]
-    else:
-        t, samples = columns["t"], np.stack([columns[".".join(key)] for key in given], axis=1)
-        rates = list(rates_of(t, samples, order, spline, place, "W"))
-    return tuple(_by_body(rate, given) for rate in rates)
+    whole = any(rate for _, _, rate in parts)
+    found: dict[str, Curve] = {}
+    for body in dict.fromkeys(body for body, _ in given):
+        components = [component for name, component in given if name == body]
+        rows = [_filled(columns, body, components, k, len(t), place) for k in range(order + 1 if whole else 1)]
+        found[body] = Hermite(t, tuple(rows)) if whole else curve_of(t, rows[0], spline, place, order, "W")
+    return found
 
 
-def _as_given(columns: Mapping[str, np.ndarray], given: Sequence[tuple[str, str]], k: int, place: str) -> np.ndarray:
-    names = [f"{body}.{rate_name(component, k)}" for body, component in given]
-    missing = [quoted(name) for name in names if name not in columns]
+def _filled(
+    columns: Mapping[str, np.ndarray], body: str, components: Sequence[str], k: int, rows: int, place: str
+) -> np.ndarray:
+    names = {component: f"{body}.{rate_name(component, k)}" for component in components}
+    missing = [quoted(name) for name in names.values() if name not in columns]
     if missing:
         raise JounceError(f"{place}: missing {listed(missing)}; expected every wrench column with all its rates")
-    return np.stack([columns[name] for name in names], axis=1)
-
-
-def _by_body(rate: np.ndarray, given: Sequence[tuple[str, str]]) -> dict[str, np.ndarray]:
-    found: dict[str, np.ndarray] = {}
-    for (body, component), column in zip(given, rate.T, strict=True):
-        found.setdefault(body, np.zeros((len(rate), 6)))[:, COMPONENTS.index(component)] = column
+    found = np.zeros((rows, 6))
+    for component, name in names.items():
+        found[:, COMPONENTS.index(component)] = columns[name]
     return found

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.errors import JounceError, JounceWarning, one_line, quoted
+from jounce.motion.curves import Jump
 from jounce.motion.smoothness import resolution
 from jounce.spatial.series import rate_name
 
@@ -20,7 +21,7 @@ NOTICEABLE = 0.01  # share of rounding in a rate from which on a user should hea
 
 @dataclass(frozen=True)
 class Spline:
-    """How samples become a curve: through all of them, or fitted by least squares with so many intervals."""
+    """How samples become a curve: through all of them, or fitted by least squares over a number of intervals."""
 
     degree: int = 7  # q4d is smooth then, and Q2d has no kinks
     intervals: int | None = None  # few of them even out the noise of measured samples
@@ -54,25 +55,58 @@ class Spline:
             )
 
 
-def rates_of(
-    t: np.ndarray, q: np.ndarray, highest: int, spline: Spline, place: str, symbol: str = "q"
-) -> tuple[np.ndarray, ...]:
-    """Samples q, (N, n), as the spline has them, and its rates up to the one of order `highest`."""
+@dataclass(frozen=True, eq=False)
+class SplineCurve:
+    """A B-spline with values (columns,); `start` and `stop` are where its samples begin and end."""
+
+    spline: "BSpline"
+    start: float
+    stop: float
+
+    @property
+    def columns(self) -> int:
+        """The number of coordinates."""
+        return self.spline.c.shape[1]
+
+    @property
+    def highest(self) -> int:
+        """The degree: derivatives beyond it are zero, and say nothing of the samples."""
+        return int(self.spline.k)
+
+    @np.errstate(over="ignore", invalid="ignore")  # whoever asks refuses what is not finite
+    def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
+        """The values and their derivatives up to `order`."""
+        return [self.spline(t, nu=k) for k in range(order + 1)]
+
+    def jumps(self, order: int) -> list[Jump]:
+        """None below the degree; those of the degree itself, at every knot, are of the method and not of the motion."""
+        return []
+
+    def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
+        """None: the samples are taken as exact."""
+
+
+def curve_of(t: np.ndarray, q: np.ndarray, spline: Spline, place: str, highest: int, symbol: str = "q") -> SplineCurve:
+    """The spline of samples q (N, n); a warning where their rounding shows in the rate of order `highest`."""
     spline.check(len(t), place)
     if highest > spline.degree:
         asked, last = rate_name(symbol, highest), f"{symbol}{spline.degree}d"
         raise JounceError(f"{place}: {asked} asked of samples; a spline of degree {spline.degree} ends at {last}")
     try:
-        curve = spline.of(t, q)
+        curve = SplineCurve(spline.of(t, q), float(t[0]), float(t[-1]))
     except (ValueError, np.linalg.LinAlgError) as error:
         raise JounceError(f"{place}: no spline goes through these samples: {one_line(error)}") from None
-    kept = q if spline.intervals is None else curve(t)
-    rates = (kept, *(curve(t, nu=k) for k in range(1, highest + 1)))
+    rates = curve.rates(t, highest)
     for k, rate in enumerate(rates):
         if not np.isfinite(rate).all():
             raise JounceError(f"{place}: {rate_name(symbol, k)} of the {spline} overflows; expected smaller samples")
     _warn_of_rounding(t, q, rates, spline, place, symbol)
-    return rates
+    return curve
+
+
+def residual_of(curve: SplineCurve, spline: Spline, t: np.ndarray, q: np.ndarray) -> np.ndarray | None:
+    """The largest distance (n,) of a fit from samples (N, n); None of a spline through them."""
+    return None if spline.intervals is None else np.abs(curve.rates(t, 0)[0] - q).max(axis=0)
 
 
 @np.errstate(all="ignore")  # samples near the end of the doubles overflow here, and no more

@@ -1,25 +1,30 @@
 """Motions from tables: samples, or all rates, matched by joint name in any column order."""
 
-import re
-import warnings
 from collections.abc import Mapping, Sequence
+from itertools import count, takewhile
 
 import numpy as np
 
-from jounce.arguments import names
-from jounce.errors import JounceError, JounceWarning, at, listed
+from jounce.errors import JounceError, at, warn
 from jounce.model.mechanism import Mechanism
 from jounce.motion import loads, smoothness
-from jounce.motion.spline import Spline, rates_of
-from jounce.motion.states import Motion
-from jounce.spatial.series import SUFFIX, rate_name
+from jounce.motion.columns import DEVIATION, TIME, Match, Options, match
+from jounce.motion.hermite import Hermite
+from jounce.motion.motion import Motion
+from jounce.motion.spline import Spline, curve_of, residual_of
+from jounce.motion.units import check_units
+from jounce.spatial.series import rate_name
 
-THROUGH = Spline()
-RATE = re.compile("q" + SUFFIX)
+THROUGH, AS_NAMED = Spline(), Options()
 
 
 def from_table(
-    columns: Mapping[str, np.ndarray], mechanism: Mechanism, highest: int, place: str, spline: Spline = THROUGH
+    columns: Mapping[str, np.ndarray],
+    mechanism: Mechanism,
+    highest: int,
+    place: str,
+    spline: Spline = THROUGH,
+    options: Options = AS_NAMED,
 ) -> Motion:
     """The motion in a table, matched by joint name in any column order, with rates up to the one of order `highest`.
 
@@ -29,53 +34,80 @@ def from_table(
 
     Raises
     ------
-    JounceError : where a joint or rate is missing, a column unknown, t does not increase, or there are too few samples.
+    JounceError : where a joint or rate is missing, units are suspect, t does not increase, or samples are too few.
     """
-    joints = mechanism.coordinates
-    if "t" in joints:
-        raise JounceError(f"{place}: a joint is named 't', as the column of times is; give it another name")
-    of_wrenches = loads.named(list(columns), mechanism)
-    given = [name for name in columns if name not in of_wrenches]
-    wanted = [rate_name("q", k) for k in range(highest + 1)]
-    sampled = not any(_is_rate(name, joints) for name in given)
     with at(place):
-        _check_columns(given, mechanism, [] if sampled else wanted)
-    t = columns["t"]
+        found = match(list(columns), mechanism, options, highest)
+    return from_columns(columns, found, mechanism, highest, place, spline)
+
+
+def from_columns(
+    columns: Mapping[str, np.ndarray], found: Match, mechanism: Mechanism, highest: int, place: str, spline: Spline
+) -> Motion:
+    """The motion in the columns of a table that are matched."""
+    joints = mechanism.coordinates
+    si = {name: columns[source] * found.factors[name] for name, source in found.sources.items()}
+    t = si[TIME]
+    _check_increasing(t, found.sources[TIME], place)
+    rates = [] if found.sampled else _rates_in(si, joints)
+    q = _stacked(si, joints if found.sampled else [f"{joint}.q" for joint in joints])
+    rows = tuple(_stacked(si, [f"{joint}.{rate}" for joint in joints]) for rate in rates)
+    check_units(t, q, rows[1] if rows[1:] else None, mechanism, (found.angles_stated, found.time_stated), place)
+    of_wrenches = {name: si[name] for name in loads.named(list(si), mechanism)}
+    W = loads.wrenches(t, of_wrenches, mechanism, max(highest - 2, 0), spline, place)
+    measured = _torques(columns, found, joints)
+    torques = None if measured is None else (t, measured)
+    if not found.sampled:
+        _warn_of(smoothness.of_rates(rows), place)
+        curve = Hermite(t, rows, _spreads(si, joints, rates))
+        return Motion(curve, joints, "all rates from the table", W, grid=t, torques=torques, notes=found.notes)
+    if spline.intervals is None:  # what a fit does not follow, its residual tells
+        _warn_of(smoothness.of_samples(t, q), place)
+    of_samples = curve_of(t, q, spline, place, highest)
+    residual = residual_of(of_samples, spline, t, q)
+    source = f"samples, rates from a {spline}"
+    return Motion(of_samples, joints, source, W, (t, q), residual, t, torques, found.notes)
+
+
+def _check_increasing(t: np.ndarray, column: str, place: str) -> None:
     steps = np.flatnonzero(np.diff(t) <= 0)
     if steps.size:
         i = int(steps[0])
         follows = f"{t[i]:.17g} is followed by {t[i + 1]:.17g}, rows {i} and {i + 1} counted from 0"
-        raise JounceError(f"{place}: t does not increase: {follows}")
-    wrenches = {name: columns[name] for name in ("t", *of_wrenches)}
-    W = loads.wrenches(wrenches, mechanism, max(highest - 2, 0), spline, place)
-    if not sampled:
-        rates = tuple(np.stack([columns[f"{joint}.{rate}"] for joint in joints], axis=1) for rate in wanted)
-        _warn_of(smoothness.of_rates(rates), place)
-        return Motion(t, rates, joints, "all rates from the table", W)
-    samples = np.stack([columns[joint] for joint in joints], axis=1)
-    if spline.intervals is None:  # what a fit does not follow, its residual tells
-        _warn_of(smoothness.of_samples(t, samples), place)
-    rates = rates_of(t, samples, highest, spline, place)
-    residual = float(np.abs(rates[0] - samples).max())
-    return Motion(t, rates, joints, f"samples, rates from a {spline}", W, residual)
+        raise JounceError(
+            f"{place}: {column} does not increase: {follows}; sort and repair the rows,"
+            " or name another column of times by --time COLUMN (time=)"
+        )
+
+
+def _stacked(columns: Mapping[str, np.ndarray], names: Sequence[str]) -> np.ndarray:
+    return np.stack([columns[name] for name in names], axis=1)
+
+
+def _rates_in(columns: Mapping[str, np.ndarray], joints: Sequence[str]) -> list[str]:
+    """q, qd, ...: the rates that a table states of every joint, none skipped."""
+    names = (rate_name("q", k) for k in count())
+    return list(takewhile(lambda rate: all(f"{joint}.{rate}" in columns for joint in joints), names))
+
+
+def _spreads(
+    columns: Mapping[str, np.ndarray], joints: Sequence[str], rates: Sequence[str]
+) -> tuple[np.ndarray, ...] | None:
+    """The standard deviations of the rates, where a table states them of every joint and rate."""
+    names = [[f"{joint}.{rate}{DEVIATION}" for joint in joints] for rate in rates]
+    if not all(name in columns for row in names for name in row):
+        return None
+    return tuple(_stacked(columns, row) for row in names)
+
+
+def _torques(columns: Mapping[str, np.ndarray], found: Match, joints: Sequence[str]) -> np.ndarray | None:
+    """Measured torques (N, n), NaN where a joint has none; None if there are none at all."""
+    if not found.torques:
+        return None
+    missing = np.full(len(columns[found.sources[TIME]]), np.nan)
+    return np.stack([columns[found.torques[j]] if j in found.torques else missing for j in joints], axis=1)
 
 
 def _warn_of(jumps: str | None, place: str) -> None:
     if jumps:
-        warnings.warn(f"{place}: {jumps}", JounceWarning, stacklevel=3)
-
-
-def _is_rate(name: str, joints: Sequence[str]) -> bool:
-    joint, _, rate = name.rpartition(".")
-    return name not in joints and joint in joints and RATE.fullmatch(rate) is not None
-
-
-def _check_columns(given: Sequence[str], mechanism: Mechanism, rates: Sequence[str]) -> None:
-    joints, follows = mechanism.coordinates, names.followers(mechanism)
-    expected = ["t", *([f"{joint}.{rate}" for joint in joints for rate in rates] or joints)]
-    others = set(given) - set(expected)
-    higher = {name for name in others if rates and _is_rate(name, joints)}  # than those needed: they do no harm
-    unfit = {name: "samples beside columns of rates" for name in others if name in joints}
-    unfit |= {name: follows[joint] for name in others for joint in (name, name.rpartition(".")[0]) if joint in follows}
-    asked = f"for each joint {', '.join(rates)}" if rates else listed(joints)
-    names.check([name for name in given if name not in higher], expected, unfit, f"t and {asked}")
+        warn(f"{place}: {jumps}")

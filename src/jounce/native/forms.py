@@ -1,28 +1,27 @@
 """The two forms of native code: operations in a straight line, or for larger robots the steps of a joint in a loop."""
 
-from collections.abc import Callable
 from math import inf
 
 import numpy as np
 
 from jounce.dynamics.computation import Computation, Signature
 from jounce.model.mechanism import Mechanism, with_exact_integers
-from jounce.native import emit, loop
-from jounce.native.ir import Writer
+from jounce.native import calls, emit, loop
+from jounce.native.emit import Block
 from jounce.native.jit import Target
 from jounce.native.loop_steps import Sweeps, kinds
-from jounce.native.plan import LongCompilationError, is_straight, vectors_of_bodies
+from jounce.native.plan import LongCompilationError, is_straight
 from jounce.program.passes import factor, fuse
 from jounce.program.program import Program
 from jounce.program.trace import Tape, TapeFullError
 
 # What compiling takes, in seconds, as measured on one core of a Zen 4:
-OPERATION = 75e-6  # for an operation in a straight line, as traced
+OPERATION = 55e-6  # for a step of the trace of a straight line
 BODY = 1.2e-3  # for a body in the tables of the loop form
 STEP = 6e-3  # for a kind of joint there, times the square of how many rates
 
 
-def module(mechanism: Mechanism, computation: Computation, target: Target, patience: float = inf) -> str:
+def modules(mechanism: Mechanism, computation: Computation, target: Target, patience: float = inf) -> list[str]:
     """The LLVM IR of a computation for a robot.
 
     Raises
@@ -30,8 +29,7 @@ def module(mechanism: Mechanism, computation: Computation, target: Target, patie
     LongCompilationError : where compiling it is likely to take longer than `patience` seconds.
     """
     signature = computation.signature(mechanism.n, mechanism.nb)
-    of_bodies = vectors_of_bodies(computation, mechanism.parent)
-    return emit.module_text(_block(mechanism, computation, signature, patience), signature, target, of_bodies)
+    return calls.modules(_block(mechanism, computation, signature, patience), signature, target)
 
 
 def program(mechanism: Mechanism, computation: Computation, tape: Tape | None = None) -> Program:
@@ -45,18 +43,15 @@ def program(mechanism: Mechanism, computation: Computation, tape: Tape | None = 
     return factor(tape.program([x for result in results for x in np.ravel(result)]))
 
 
-def _block(
-    mechanism: Mechanism, computation: Computation, signature: Signature, patience: float
-) -> Callable[[Writer], None]:
-    """What defines ``@block``."""
+def _block(mechanism: Mechanism, computation: Computation, signature: Signature, patience: float) -> Block:
     if not is_straight(computation, mechanism.nb):
         steps_of_joints = len(set(kinds(mechanism))) * (computation.order + 1) ** 2
         if mechanism.nb * BODY + steps_of_joints * STEP > patience:
             raise LongCompilationError
         acting = tuple(term for term in mechanism.acting if term in computation.quantity.drive_terms)
-        return lambda ir: loop.define_block(ir, mechanism, Sweeps(computation, acting), signature)
+        return loop.looped(mechanism, Sweeps(computation, acting), signature)
     try:
         steps = fuse(program(mechanism, computation, Tape(patience / OPERATION)))
     except TapeFullError:
         raise LongCompilationError from None
-    return lambda ir: emit.define_block(ir, steps, signature)
+    return emit.straight(steps, signature)

@@ -74,7 +74,8 @@ def _define_careful(ir: Writer) -> None:
         ir.label("start")
         with ir.loop(str(ir.lanes)) as lane:
             bit = ir.let(f"lshr i{ir.lanes} %mask, {ir.let(f'trunc i64 {lane} to i{ir.lanes}')}")
-            ir.do(f"br i1 {ir.let(f'trunc i{ir.lanes} {bit} to i1')}, label %large, label %small")
+            odd = ir.let(f"and i{ir.lanes} {bit}, 1")
+            ir.do(f"br i1 {ir.let(f'icmp ne i{ir.lanes} {odd}, 0')}, label %large, label %small")
             ir.label("large")
             angle = ir.let(f"extractelement {ir.V} %x, i64 {lane}")
             for j, name in enumerate(("sin", "cos")):

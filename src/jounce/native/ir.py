@@ -101,6 +101,12 @@ class Writer:
             value = self.op("fma", value, z, self.vector(c))
         return value
 
+    def table(self, name: str, numbers: Sequence[float] | Sequence[int]) -> None:
+        """Constants in memory: doubles, or integers if the first one is."""
+        kind, write = ("double", self.number) if isinstance(numbers[0], float) else ("i64", str)
+        listed = ", ".join(f"{kind} {write(x)}" for x in numbers)
+        self.lines.append(f"@{name} = internal constant [{len(numbers)} x {kind}] [{listed}]")
+
     @contextmanager
     def loop(self, count: str, start: str = "0") -> Iterator[str]:
         """A loop over an index from start to count, at least once; yields the index."""

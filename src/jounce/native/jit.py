@@ -4,6 +4,7 @@ NumPy then does what it does well: broadcasting, casting, strides, `out`, lettin
 """
 
 import ctypes
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 
 from jounce.dynamics.computation import Signature
 
-Loop = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
+Bound = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
 FROM_SIGNATURE = 31  # PyUFunc_FromFuncAndDataAndSignature's place in the table of NumPy's C interface, part of its ABI
 NO_IDENTITY = -1
 
@@ -45,28 +46,40 @@ def _machine(target: Target) -> Any:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     triple = llvm.Target.from_default_triple()
-    return triple.create_target_machine(cpu=target.cpu, features=target.features, opt=2, jit=True)
+    return triple.create_target_machine(cpu=target.cpu, features=target.features, opt=1, jit=True)  # 2 is no faster
 
 
-def assemble(text: str, target: Target) -> bytes:
-    """The object code of a module."""
+def assemble(texts: Sequence[str], target: Target) -> bytes:
+    """The object code of modules linked together."""
     import llvmlite.binding as llvm
 
     code = _machine(target)
-    module = llvm.parse_assembly(text)
+    module, *others = map(llvm.parse_assembly, texts)
+    for other in others:
+        module.link_in(other)
     module.triple, module.data_layout = code.triple, str(code.target_data)
     return code.emit_object(module)
 
 
-def load_object(code: bytes, target: Target) -> tuple[int, Any]:
-    """The address of ``@states`` in object code, and what must live as long as it is called."""
+@dataclass(frozen=True)
+class Code:
+    """Native code in memory; it lives as long as its engine."""
+
+    engine: Any
+
+    def address(self, name: str) -> int:
+        """Where a function is."""
+        return int(self.engine.get_function_address(name))
+
+
+def load_object(code: bytes, target: Target) -> Code:
+    """Object code in memory."""
     import llvmlite.binding as llvm
 
-    machine = _machine(target)
-    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine(target))
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
-    return engine.get_function_address("states"), engine
+    return Code(engine)
 
 
 def ufunc(address: int, signature: Signature, name: str, pool: int | None) -> tuple[np.ufunc, Any]:

@@ -1,18 +1,20 @@
 """Kernel: a quantity of one robot as native code, to call on arrays of states."""
 
 import ctypes
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from contextvars import copy_context
-from functools import lru_cache, partial
+from functools import partial
 from math import inf
 from typing import Any
 from weakref import WeakValueDictionary
 
 import numpy as np
 
+from jounce._scalars import is_masked
 from jounce.arguments import names
-from jounce.dynamics.computation import Computation, Shape
+from jounce.dynamics.computation import Computation
 from jounce.errors import JounceError, one_line, quoted
 from jounce.model.mechanism import Mechanism
 from jounce.native import cache, jit, plan
@@ -41,13 +43,14 @@ class Kernel:
     def __init__(self, mechanism: Mechanism, computation: Computation, patience: float = inf) -> None:
         self.mechanism, self.computation = mechanism, computation
         self.signature = computation.signature(mechanism.n, mechanism.nb)
-        self.address, engine = jit.load_object(_code(mechanism, computation, patience), host())
+        self._code = jit.load_object(_code(mechanism, computation, patience), host())
         size = plan.scratch_size(computation, mechanism, host().lanes)
         self._pool = Pool(size) if size > plan.STACK else None
         pool = None if self._pool is None else self._pool.address
-        self._ufunc, needed = ufunc(self.address, self.signature, computation.name, pool)
+        self.shapes = tuple([p.shape for p in ports] for ports in (self.signature.inputs, self.signature.outputs))
+        self.ufunc, needed = ufunc(self._code.address("states"), self.signature, computation.name, pool)
         self._count = len(self.signature.inputs)
-        self._alive = engine, needed
+        self._alive = needed
 
     def __reduce__(self) -> tuple[Callable[..., "Kernel"], tuple[Mechanism, Computation]]:
         return compiled, (self.mechanism, self.computation)
@@ -58,11 +61,7 @@ class Kernel:
         loaded = ", with wrenches" if asked.wrench else ""
         return f"<Kernel: {asked.name}{of} of {self.mechanism.name!r} to order {asked.order}{loaded}>"
 
-    @property
-    def _shapes(self) -> tuple[list[Shape], list[Shape]]:
-        return [port.shape for port in self.signature.inputs], [port.shape for port in self.signature.outputs]
-
-    def __call__(self, *arrays: np.ndarray, out: Any = None, threads: int = 1) -> Any:
+    def __call__(self, *arrays: np.ndarray, out: Any = None, threads: int = 1, **fixed: Any) -> Any:
         """Compute the quantity and its rates.
 
         Parameters
@@ -82,27 +81,29 @@ class Kernel:
         Raises
         ------
         JounceError
-            If the number of arrays, a shape or a dtype is wrong, or an array has names or a mask.
+            If the number of arrays, a shape or a dtype is wrong, an array has names or a mask, or a keyword asks for
+            what `Robot.compile` has fixed, as body and frame.
         """
+        if fixed:
+            raise self._fixed_at_compile_time(fixed)
         if len(arrays) != self._count:  # NumPy would write into what comes after
             raise JounceError(f"{self!r} takes {self._count} arrays, not {len(arrays)}")
+        into = None if out is None else tuple(out) if isinstance(out, (tuple, list)) else (out,)
+        for x in arrays if into is None else (*arrays, *into):
+            if type(x) is not np.ndarray:
+                self._refuse_names_and_masks(arrays, into or ())
+                break
         try:
             if type(threads) is not int or threads != 1:
-                return self._split(arrays, out, threads)
-            if out is None:
-                results = self._ufunc(*arrays)
-            else:
-                results = self._ufunc(*arrays, out=tuple(out) if isinstance(out, list) else out)
-        except (JounceError, FloatingPointError):  # the latter where np.errstate asks for it
+                return self._split(arrays, into, threads)
+            return self.ufunc(*arrays) if into is None else self.ufunc(*arrays, out=into)
+        except (JounceError, FloatingPointError, Warning):  # the latter where np.errstate or a filter asks for it
             raise
         except Exception as error:  # of NumPy, or whatever a foreign type raises in its conversion
-            self._refuse_names(arrays)
+            self._refuse_names_and_masks(arrays, into or ())
             raise JounceError(f"{self!r}: {one_line(error)}") from None
-        if type(results[0] if type(results) is tuple else results) is not np.ndarray:
-            self._refuse_names(arrays)  # data frames, which have NumPy look at their values alone, and masked arrays
-        return results
 
-    def bind(self, *arrays: np.ndarray, out: Any) -> Callable[[], None]:
+    def bind(self, *arrays: np.ndarray, out: Any, **fixed: Any) -> Callable[[], None]:
         """A function without arguments that computes from these very arrays into `out`, with the lowest latency.
 
         It reads what the arrays hold when it is called.
@@ -123,32 +124,42 @@ class Kernel:
         JounceError
             If an array is not one of float64, a shape is wrong, or `out` is read-only or shares memory.
         """
+        if fixed:
+            raise self._fixed_at_compile_time(fixed)
         results = list(out) if isinstance(out, tuple | list) else [out]
-        self._refuse_names([*arrays, *results])
+        self._refuse_names_and_masks(arrays, results)
         batch = self._bound(arrays, results)
         everything = [*arrays, *results]
         steps = [array.strides[0] if batch else 0 for array in everything]
         within = [stride for array in everything for stride in array.strides[len(batch) :]]
-        called = (
+        called: tuple[ctypes.Array[Any], ...] = (
             (ctypes.c_void_p * len(everything))(*(array.ctypes.data for array in everything)),
             (ctypes.c_ssize_t * 1)(*batch or (1,)),
             (ctypes.c_ssize_t * len(steps + within))(*steps, *within),
         )
-        pool = None if self._pool is None else ctypes.c_void_p(self._pool.address)
-        call = partial(jit.Loop(self.address), *(ctypes.c_void_p(ctypes.addressof(part)) for part in called), pool)
-        vars(call)["alive"] = self, everything, called
+        places = map(ctypes.addressof, called)
+        arguments = (ctypes.c_void_p * 4)(*places, None if self._pool is None else self._pool.address)
+        address = ctypes.c_void_p(ctypes.addressof(arguments))
+        call = partial(jit.Bound(self._code.address("bound")), address)
+        vars(call)["alive"] = self, everything, called, arguments
         return call
 
     def _bound(self, arrays: Sequence[np.ndarray], out: Sequence[np.ndarray]) -> tuple[int, ...]:
         """The batch shape of arrays to bind, checked as native code trusts them."""
-        taken, given = self._shapes
+        taken, given = self.shapes
         if (len(arrays), len(out)) != (len(taken), len(given)):
             raise JounceError(
                 f"{self!r} binds {len(taken)} arrays and {len(given)} to write into, not {len(arrays)} and {len(out)}"
             )
         both = list(zip([*arrays, *out], [*taken, *given], strict=True))
-        if not all(isinstance(array, np.ndarray) and array.dtype == np.float64 for array, _ in both):
-            raise JounceError(f"{self!r} binds float64 arrays of NumPy only")
+        labels = [*(port.name for port in self.signature.inputs), *(f"out[{k}]" for k in range(len(out)))]
+        for label, (array, shape) in zip(labels, both, strict=True):
+            if not isinstance(array, np.ndarray) or array.dtype != np.float64:
+                came = f"dtype {array.dtype}" if isinstance(array, np.ndarray) else f"type {type(array).__name__}"
+                one = f"numpy.zeros({getattr(array, 'shape', shape)})"
+                raise JounceError(
+                    f"{label} is of {came}, {one} is one to fill: {self!r} binds float64 arrays of NumPy only"
+                )
         batch = both[0][0].shape[: -len(taken[0])]
         wrong = [array.shape for array, shape in both if array.shape != (*batch, *shape)]
         if wrong or len(batch) > 1:
@@ -161,29 +172,32 @@ class Kernel:
                 raise JounceError(f"out[{k}] is read-only or shares memory with another array; expected one of its own")
         return batch
 
-    def _refuse_names(self, arrays: Sequence[Any]) -> None:
-        if any(names.listed_in(x) is not None for x in arrays):
+    def _refuse_names_and_masks(self, arrays: Sequence[Any], out: Sequence[Any]) -> None:
+        if any(names.listed_in(x) is not None for x in (*arrays, *out)):
             raise JounceError(
                 f"{self!r} takes arrays without names, in the order of its joints; a Robot's methods match names"
             )
-        if any(isinstance(x, np.ma.MaskedArray) for x in arrays):
-            raise JounceError(f"{self!r} takes arrays without masks; x.astype(float).filled(numpy.nan) is one")
+        with suppress(RecursionError):  # of lists that hold themselves, which NumPy refuses
+            if is_masked(list(arrays)):
+                raise JounceError(f"{self!r} takes arrays without masks; x.astype(float).filled(numpy.nan) is one")
+            if is_masked(list(out)):
+                raise JounceError(f"{self!r} writes into arrays without masks; numpy.empty(shape) is one")
 
-    def _split(self, arrays: Sequence[Any], out: Any, threads: Any) -> Any:
+    def _fixed_at_compile_time(self, asked: Mapping[str, Any]) -> JounceError:
+        own, other = ", ".join(self.computation.keywords()), ", ".join(f"{k}={quoted(x)}" for k, x in asked.items())
+        return JounceError(f"robot.compile({own}) fixed what {self!r} computes; compile another one with {other}")
+
+    def _split(self, arrays: Sequence[Any], out: Sequence[Any] | None, threads: Any) -> Any:
         """The batch in as many parts along its first axis as there are threads; what does not fit, NumPy says."""
         if not isinstance(threads, int | np.integer) or isinstance(threads, bool) or threads < 1:
             raise JounceError(f"threads = {quoted(threads)}; expected how many, 1 or more")
-        self._refuse_names(arrays)
-        taken, given = self._shapes
+        taken, given = self.shapes
         inputs = [np.asarray(array) for array in arrays]
         both = list(zip(inputs, taken, strict=True))
         fits = all(x.shape[-len(shape) :] == shape for x, shape in both)
         batch = np.broadcast_shapes(*(x.shape[: -len(shape)] for x, shape in both)) if fits else ()
         shapes = [(*batch, *shape) for shape in given]
-        if out is None:
-            results = [np.empty(shape) for shape in shapes]
-        else:
-            results = list(out) if isinstance(out, tuple | list) else [out]
+        results = [np.empty(shape) for shape in shapes] if out is None else out
         if not batch or batch[0] < 2 or [getattr(y, "shape", None) for y in results] != shapes:
             return self(*arrays, out=out)
         apart = [x.copy() if any(np.may_share_memory(x, y) for y in results) else x for x in inputs]
@@ -192,7 +206,7 @@ class Kernel:
         cuts = [slice(batch[0] * i // parts, batch[0] * (i + 1) // parts) for i in range(parts)]
 
         def work(part: slice) -> None:
-            self._ufunc(*(x[part] for x in whole), out=tuple(y[part] for y in results))
+            self.ufunc(*(x[part] for x in whole), out=tuple(y[part] for y in results))
 
         with ThreadPoolExecutor(parts) as pool:  # each in the caller's context, where np.errstate is kept
             for future in [pool.submit(copy_context().run, work, part) for part in cuts]:
@@ -203,7 +217,6 @@ class Kernel:
 _living: WeakValueDictionary[tuple[Mechanism, Computation], Kernel] = WeakValueDictionary()
 
 
-@lru_cache(maxsize=128)
 def compiled(mechanism: Mechanism, computation: Computation, patience: float = inf) -> Kernel:
     """The kernel of a quantity of a mechanism of numbers: the one there is, else from the cache, else compiled.
 
@@ -221,8 +234,8 @@ def _code(mechanism: Mechanism, computation: Computation, patience: float) -> by
     key = cache.key(mechanism, computation, target)
     code = cache.read(key)
     if code is None:
-        from jounce.native.forms import module  # what a warm cache spares
+        from jounce.native.forms import modules  # what a warm cache spares
 
-        code = jit.assemble(module(mechanism, computation, target, patience), target)
+        code = jit.assemble(modules(mechanism, computation, target, patience), target)
         cache.write(key, code)
     return code

@@ -10,13 +10,13 @@ from jounce.native.ir import Writer
 
 
 def define_transposes(ir: Writer) -> None:
-    """``@load_rows(row, scratch, width)`` and ``@store_rows``: a block of rows that lie one behind the other.
+    """``@load_rows(row, scratch, width)``, ``@store_rows(row, scratch, width, table)``: rows one behind the other.
 
-    Rows shorter than a vector are moved as whole vectors, which reach into the rows behind: these must exist, and are
-    stored later.
+    What is stored in column j is the vector of number ``table[j]``. Rows shorter than a vector are moved as whole
+    vectors, which reach into the rows behind: these must exist, and are stored later.
     """
-    for name, source, target in (("load_rows", "row", "scratch"), ("store_rows", "scratch", "row")):
-        with ir.function(f"internal void @{name}(ptr %row, ptr %scratch, i64 %width)"):
+    for name, table in (("load_rows", ""), ("store_rows", ", ptr %table")):
+        with ir.function(f"internal void @{name}(ptr %row, ptr %scratch, i64 %width{table})"):
             ir.label("start")
             last = ir.let(f"sub i64 %width, {ir.lanes}")
             more = ir.let(f"add i64 %width, {ir.lanes - 1}")
@@ -25,9 +25,9 @@ def define_transposes(ir: Writer) -> None:
                 wanted = ir.let(f"mul i64 {group}, {ir.lanes}")
                 ends = ir.call("llvm.smin.i64", "i64", wanted, last)
                 column = ir.call("llvm.smax.i64", "i64", ends, "0")
-                places = {"row": list(_rows(ir, column)), "scratch": list(_columns(ir, column))}
-                vectors = transposed(ir, [ir.load(place) for place in places[source]])
-                for vector, place in zip(vectors, places[target], strict=True):
+                rows, columns = list(_rows(ir, column)), list(_columns(ir, column, bool(table)))
+                source, target = (columns, rows) if table else (rows, columns)
+                for vector, place in zip(transposed(ir, [ir.load(x) for x in source]), target, strict=True):
                     ir.store(vector, place)
             ir.do("ret void")
 
@@ -38,9 +38,13 @@ def _rows(ir: Writer, column: str) -> Iterator[str]:
         yield ir.at("%row", ir.let(f"add i64 {start}, {column}"))
 
 
-def _columns(ir: Writer, column: str) -> Iterator[str]:
-    first = ir.at("%scratch", column, ir.V)
-    return (ir.at(first, j, ir.V) for j in range(ir.lanes))
+def _columns(ir: Writer, column: str, by_table: bool) -> Iterator[str]:
+    first = ir.at("%table", column, "i64") if by_table else ir.at("%scratch", column, ir.V)
+    for j in range(ir.lanes):
+        if by_table:
+            yield ir.at("%scratch", ir.let(f"load i64, ptr {ir.at(first, j, 'i64')}"), ir.V)
+        else:
+            yield ir.at(first, j, ir.V)
 
 
 def transposed(ir: Writer, rows: Sequence[str]) -> list[str]:
@@ -69,28 +73,30 @@ def define_lanes(ir: Writer) -> None:
 
     ``(first, scratch, slabs, rows, columns, step, apart, down, across, count)``: a state is so many matrices, one
     step from the state before it; matrices are ``apart``, rows ``down`` and columns ``across`` from each other, in
-    bytes. Lanes beyond the count are filled with the last state.
+    bytes. Lanes beyond the count are filled with the last state. A table of vectors comes last where rows are stored.
     """
     integers = ("slabs", "rows", "columns", "step", "apart", "down", "across", "count")
-    arguments = f"(ptr %first, ptr %scratch, {', '.join(f'i64 %{name}' for name in integers)})"
-    with ir.function(f"internal void @load_lanes{arguments}"):
+    arguments = f"ptr %first, ptr %scratch, {', '.join(f'i64 %{name}' for name in integers)}"
+    with ir.function(f"internal void @load_lanes({arguments})"):
         ir.label("start")
         others = ir.let("sub i64 %count, 1")
         with _loops(ir, "slabs", "rows", "columns") as entry:
             value = ir.let(f"load double, ptr {_place(ir, others, *entry)}, align 1")
-            ir.store(ir.splat(value), _vector(ir, *entry))
+            ir.store(ir.splat(value), ir.at("%scratch", _number(ir, *entry), ir.V))
         ir.do(f"br i1 {ir.let(f'icmp eq i64 {others}, 0')}, label %done, label %more")
         ir.label("more")
         with _loops(ir, "slabs", "rows", "columns") as entry, ir.loop(others) as lane:
             value = ir.let(f"load double, ptr {_place(ir, lane, *entry)}, align 1")
-            ir.do(f"store double {value}, ptr {ir.at(_vector(ir, *entry), lane)}, align 8")
+            vector = ir.at("%scratch", _number(ir, *entry), ir.V)
+            ir.do(f"store double {value}, ptr {ir.at(vector, lane)}, align 8")
         ir.do("br label %done")
         ir.label("done")
         ir.do("ret void")
-    with ir.function(f"internal void @store_lanes{arguments}"):
+    with ir.function(f"internal void @store_lanes({arguments}, ptr %table)"):
         ir.label("start")
         with _loops(ir, "slabs", "rows", "columns") as entry, ir.loop("%count") as lane:
-            value = ir.let(f"load double, ptr {ir.at(_vector(ir, *entry), lane)}, align 8")
+            number = ir.let(f"load i64, ptr {ir.at('%table', _number(ir, *entry), 'i64')}")
+            value = ir.let(f"load double, ptr {ir.at(ir.at('%scratch', number, ir.V), lane)}, align 8")
             ir.do(f"store double {value}, ptr {_place(ir, lane, *entry)}, align 1")
         ir.do("ret void")
 
@@ -102,9 +108,9 @@ def _loops(ir: Writer, *counts: str) -> Iterator[list[str]]:
         yield [stack.enter_context(ir.loop(f"%{count}")) for count in counts]
 
 
-def _vector(ir: Writer, slab: str, row: str, column: str) -> str:
+def _number(ir: Writer, slab: str, row: str, column: str) -> str:
     rows = ir.let(f"add i64 {ir.let(f'mul i64 {slab}, %rows')}, {row}")
-    return ir.at("%scratch", ir.let(f"add i64 {ir.let(f'mul i64 {rows}, %columns')}, {column}"), ir.V)
+    return ir.let(f"add i64 {ir.let(f'mul i64 {rows}, %columns')}, {column}")
 
 
 def _place(ir: Writer, lane: str, slab: str, row: str, column: str) -> str:

@@ -16,7 +16,8 @@ from jounce.dynamics.recursion.forces import ground, sweep
 from jounce.dynamics.recursion.steps import Motion
 from jounce.model.equivalent import minimal
 from jounce.model.mechanism import Mechanism
-from jounce.native.emit import emit_steps, nan_masks
+from jounce.native import plan
+from jounce.native.emit import Block, emit_steps, nan_masks
 from jounce.native.ir import Writer
 from jounce.native.loop_steps import (
     CARRY,
@@ -35,8 +36,14 @@ from jounce.native.plan import Layout, motion_slots
 MEMORY = ("constants", "body", "parent", "motion", "carrier")  # what a step reads and writes
 
 
-def define_block(ir: Writer, mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> None:
-    """``@block(in, out, bodies)``: the sweeps over the tree for one block of states."""
+def looped(mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> Block:
+    """The sweeps over the tree for one block of states."""
+    places = [range(port.start, port.end) for port in signature.outputs]
+    vectors = plan.vectors_of_bodies(sweeps.computation, mechanism.parent)
+    return Block(lambda ir: _define_block(ir, mechanism, sweeps, signature), places, vectors)
+
+
+def _define_block(ir: Writer, mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> None:
     reduced, slots, of_joints = minimal(mechanism), motion_slots(mechanism.parent), kinds(mechanism)
     present = [kind for kind in KINDS if kind in of_joints]
     _define_steps(ir, present, sweeps)
@@ -106,17 +113,17 @@ def _define_steps(ir: Writer, present: Sequence[str], sweeps: Sweeps) -> None:
 def _define_tables(ir: Writer, mechanism: Mechanism, slots: Sequence[int], of_joints: Sequence[int]) -> None:
     """What distinguishes the joints: `of_joints` are the numbers of their kinds."""
     G = mechanism.G.astype(float)
-    _define_table(ir, "kinds", of_joints)
-    _define_table(ir, "parents", [p + 1 for p in mechanism.parent])
-    _define_table(ir, "slots", slots)
-    _define_table(ir, "constants", constants(mechanism).ravel().tolist())
-    _define_table(ir, "drives", drive_table(mechanism).ravel().tolist())
-    _define_table(ir, "carry", carry(mechanism).ravel().tolist())
+    ir.table("kinds", of_joints)
+    ir.table("parents", [p + 1 for p in mechanism.parent])
+    ir.table("slots", slots)
+    ir.table("constants", constants(mechanism).ravel().tolist())
+    ir.table("drives", drive_table(mechanism).ravel().tolist())
+    ir.table("carry", carry(mechanism).ravel().tolist())
     followed = [np.flatnonzero(row).tolist() or [0] for row in G]  # coordinates by joint, at least one
-    _define_table(ir, "entries", [0, *accumulate(map(len, followed))])  # those of joint i: from entry i to entry i + 1
-    _define_table(ir, "coordinates", [j for row in followed for j in row])
-    _define_table(ir, "factors", [float(row[j]) for row, listed in zip(G, followed, strict=True) for j in listed])
-    _define_table(ir, "offsets", mechanism.g.astype(float).tolist())
+    ir.table("entries", [0, *accumulate(map(len, followed))])  # those of joint i: from entry i to entry i + 1
+    ir.table("coordinates", [j for row in followed for j in row])
+    ir.table("factors", [float(row[j]) for row, listed in zip(G, followed, strict=True) for j in listed])
+    ir.table("offsets", mechanism.g.astype(float).tolist())
 
 
 def _define_sum(ir: Writer) -> None:
@@ -230,9 +237,3 @@ def _define_step(ir: Writer, name: str, step: JointStep) -> None:
         for (memory, place), result in zip(step.writes, results, strict=True):
             ir.store(result, ir.at(f"%{memory}", place, ir.V))
         ir.do("ret void")
-
-
-def _define_table(ir: Writer, name: str, numbers: Sequence[float] | Sequence[int]) -> None:
-    kind, write = ("double", ir.number) if isinstance(numbers[0], float) else ("i64", str)
-    listed = ", ".join(f"{kind} {write(x)}" for x in numbers)
-    ir.lines.append(f"@{name} = internal constant [{len(numbers)} x {kind}] [{listed}]")

@@ -14,8 +14,7 @@ from jounce.dynamics.computation import Computation, Signature
 from jounce.dynamics.recursion.forces import Sweep
 from jounce.model.mechanism import Mechanism
 
-STRAIGHT = 12  # bodies, up to which straight-line code is no slower than a loop
-WORK = 250  # bodies times orders squared, with which operations grow, up to which it is compiled in a second
+WORK = 400  # bodies times orders squared, with which operations of forces grow, up to which they need no loop
 HIGHEST = 12  # order, up to which the step of a joint takes no more than 40 KiB of a thread's stack
 STACK = 2**15  # bytes, up to which a call takes them from the stack of its thread; what needs more has a `Pool`
 SCALARS = {"w": 3, "a": 3, "K": 9}  # of the parts of a motion
@@ -27,19 +26,13 @@ class LongCompilationError(Exception):
 
 
 def is_straight(computation: Computation, nb: int) -> bool:
-    """Whether the code is a straight line, not a loop over the bodies."""
-    return nb <= STRAIGHT and nb * (computation.order + 1) ** 2 <= WORK
+    """Whether the code is a straight line, not a loop over the bodies: half as fast, but compiled at once."""
+    return computation.quantity.sweep is None or nb * (computation.order + 1) ** 2 <= WORK
 
 
-def obstacle(computation: Computation, nb: int) -> str | None:
+def obstacle(computation: Computation) -> str | None:
     """Why there is no native code for a computation, as the end of a sentence about native code."""
-    name, order = computation.name, computation.order
-    if order > HIGHEST:
-        return f"goes to order {HIGHEST}, not {order}"
-    if not is_straight(computation, nb) and computation.quantity.sweep is None:
-        most = min(STRAIGHT, WORK // (order + 1) ** 2)
-        return f"for {name} to order {order} supports up to {most} bodies; this robot has {nb}"
-    return None
+    return None if computation.order <= HIGHEST else f"goes to order {HIGHEST}, not {computation.order}"
 
 
 @dataclass(frozen=True)

@@ -35,11 +35,11 @@ class Pool:
         return ctypes.addressof(self.table)
 
 
-def define_on_heap(ir: Writer, size: int) -> None:
-    """``@states`` with its scratch memory from the pool."""
+def define_on_heap(ir: Writer, size: int, name: str) -> None:
+    """A function of states with its scratch memory from the pool."""
     for text in (_BORROW, _GIVE_BACK):
         ir.lines.append(text.format(first=2, end=2 + SLOTS, size=size + ALIGNMENT))
-    with ir.function("void @states(ptr %args, ptr %dimensions, ptr %steps, ptr %pool)"):
+    with ir.function(f"void {name}(ptr %args, ptr %dimensions, ptr %steps, ptr %pool)"):
         buffer = ir.let("call ptr @borrow(ptr %pool)")
         after = ir.let(f"add i64 {ir.let(f'ptrtoint ptr {buffer} to i64')}, {ALIGNMENT - 1}")
         memory = ir.let(f"inttoptr i64 {ir.let(f'and i64 {after}, -{ALIGNMENT}')} to ptr")

@@ -107,7 +107,7 @@ class _Pass:
         """A term with its sign outside."""
         plain = []
         for node in factors:
-            if node.step.kind == "neg" or (node.step.kind == "constant" and node.step.value < 0):
+            if node.kind == "neg" or (node.kind == "constant" and node.value < 0):
                 node, sign = -node, -sign
             plain.append(node)
         return _Term(sign, tuple(plain))

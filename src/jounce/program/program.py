@@ -2,13 +2,13 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 from jounce.program.operations import FREE, OPERATIONS
 
 
-@dataclass(frozen=True)
-class Step:
+class Step(NamedTuple):
     """One step: an operation on earlier steps, a constant of this value, or the input of this number."""
 
     kind: str
@@ -50,14 +50,14 @@ class Program:
         return Counter([*(i for step in self.steps for i in step.operands), *self.outputs])
 
 
-def prune(steps: Sequence[Step], outputs: Sequence[int], inputs: int) -> Program:
-    """The program of those steps that the outputs need.
+def prune(steps: Sequence[Any], outputs: Sequence[int], inputs: int) -> Program:
+    """The program of those steps, or nodes of a tape, that the outputs need.
 
     It begins with what the last outputs need, of the tip and the highest rate: fewer values then wait for their use.
     """
     order = list(topological_order(outputs[::-1], lambda i: steps[i].operands))
     place = {old: new for new, old in enumerate(order)}
-    kept = (replace(steps[i], operands=tuple(place[j] for j in steps[i].operands)) for i in order)
+    kept = (Step(steps[i].kind, tuple([place[j] for j in steps[i].operands]), steps[i].value) for i in order)
     return Program(tuple(kept), tuple(place[i] for i in outputs), inputs)
 
 

@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 
 from jounce.program.operations import FUNCTIONS, OPERATIONS
-from jounce.program.program import Program, Step, prune
+from jounce.program.program import Program, prune
 
 
 class Node:
-    """A scalar of a trace: the number of a step on its tape."""
+    """A scalar of a trace: a step on its tape, and its number there."""
 
-    __slots__ = ("i", "tape")
+    __slots__ = ("i", "kind", "operands", "tape", "value")
 
-    def __init__(self, tape: "Tape", i: int) -> None:
-        self.tape, self.i = tape, i
+    def __init__(self, tape: "Tape", i: int, kind: str, operands: tuple[int, ...], value: float) -> None:
+        self.tape, self.i, self.kind, self.operands, self.value = tape, i, kind, operands, value
 
     def __add__(self, other: Any) -> "Node":
         return self.tape.add(self, self.tape.node(other))
@@ -51,24 +51,24 @@ class Node:
             raise AttributeError(f"a node of a tape has no {name}")
         return lambda: self.tape.function(name, self)
 
-    @property
-    def step(self) -> Step:
-        """What the node stands for."""
-        return self.tape.steps[self.i]
-
 
 class TapeFullError(Exception):
     """A trace has more steps than its tape may hold."""
 
 
 class Tape:
-    """The steps written so far, each distinct one once, up to a number of them."""
+    """The steps written so far, each distinct one once, up to a number of them.
+
+    Most of what dense matrices ask for is trivial, times 0 and plus 0: that is looked at first, and quickly.
+    """
 
     def __init__(self, most: float = inf) -> None:
         self.most = most
-        self.steps: list[Step] = []
-        self.nodes: dict[tuple[Any, ...], Node] = {}
+        self.nodes: list[Node] = []
         self.inputs = 0
+        self._written: dict[tuple[Any, ...], Node] = {}
+        self._numbers: dict[Any, Node] = {}
+        self._zero, self._one = self.node(0), self.node(1)
 
     def variables(self, *shape: int) -> np.ndarray:
         """An array of new inputs."""
@@ -81,80 +81,78 @@ class Tape:
     def write(self, kind: str, *operands: int, value: float = 0.0) -> Node:
         """The node of a step, written down when it is new."""
         key = (kind, operands, value)
-        node = self.nodes.get(key)
+        node = self._written.get(key)
         if node is None:
-            if len(self.steps) >= self.most:
+            if len(self.nodes) >= self.most:
                 raise TapeFullError
-            node = self.nodes[key] = Node(self, len(self.steps))
-            self.steps.append(Step(kind, operands, value))
+            node = self._written[key] = Node(self, len(self.nodes), kind, operands, value)
+            self.nodes.append(node)
         return node
-
-    def known(self, i: int) -> Node:
-        """The node of a step by its number: one step is one node, so that nodes can be compared by identity."""
-        step = self.steps[i]
-        return self.nodes[step.kind, step.operands, step.value]
 
     def node(self, x: Any) -> Node:
         """A number as a node; a node is one already."""
-        return x if isinstance(x, Node) else self.write("constant", value=float(x) + 0.0)  # no -0.0
+        if x.__class__ is Node:
+            return x
+        node = self._numbers.get(x)
+        if node is None:
+            node = self._numbers[x] = self.write("constant", value=float(x) + 0.0)  # no -0.0
+        return node
 
     def add(self, x: Node, y: Node) -> Node:
         """x + y."""
-        for one, other in ((x, y), (y, x)):
-            if _is(one, 0):
-                return other
-        if x.step.kind == y.step.kind == "constant":
-            return self.node(x.step.value + y.step.value)
-        minus_x, minus_y = x.step.kind == "neg", y.step.kind == "neg"
+        if x is self._zero:
+            return y
+        if y is self._zero:
+            return x
+        if x.kind == y.kind == "constant":
+            return self.node(x.value + y.value)
+        minus_x, minus_y = x.kind == "neg", y.kind == "neg"
         if minus_x and minus_y:
             return -self.add(-x, -y)
         if minus_y:
             return self._subtract(x, -y)
         if minus_x:
             return self._subtract(y, -x)
-        return self.write("add", *sorted((x.i, y.i)))
+        return self.write("add", *((x.i, y.i) if x.i < y.i else (y.i, x.i)))
 
     def _subtract(self, x: Node, y: Node) -> Node:
         if x is y:
-            return self.node(0)
-        turned = self.nodes.get(("sub", (y.i, x.i), 0.0))  # y - x is known: x - y is its negative
+            return self._zero
+        turned = self._written.get(("sub", (y.i, x.i), 0.0))  # y - x is known: x - y is its negative
         return self.write("sub", x.i, y.i) if turned is None else -turned
 
     def function(self, kind: str, x: Node) -> Node:
         """An operation of one operand."""
-        operation = OPERATIONS[kind]
-        if x.step.kind == "constant":
-            return self.node(operation.value(x.step.value))
-        if operation.involution and x.step.kind == kind:
-            return self.known(x.step.operands[0])
-        if kind == "inv" and x.step.kind == "neg":
+        if x.kind == "constant":
+            return self.node(OPERATIONS[kind].value(x.value))
+        if x.kind == kind and OPERATIONS[kind].involution:
+            return self.nodes[x.operands[0]]
+        if kind == "inv" and x.kind == "neg":
             return -self.function(kind, -x)
         return self.write(kind, x.i)
 
     def multiply(self, x: Node, y: Node) -> Node:
         """x y."""
-        if x.step.kind == "constant" and y.step.kind == "constant":
-            return self.node(x.step.value * y.step.value)
-        for one, other in ((x, y), (y, x)):
-            if _is(one, 0):
-                return self.node(0)
-            if _is(one, 1):
-                return other
-            if one.step.kind == "neg":
-                return -self.multiply(-one, other)
-            if one.step.kind == "constant" and one.step.value < 0:
-                return -self.multiply(-one, other)
-            if one.step.kind == "constant" and other.step.kind == "mul":
-                for inner, rest in (other.step.operands, other.step.operands[::-1]):
-                    if self.steps[inner].kind == "constant":
-                        return self.known(rest) * (one.step.value * self.steps[inner].value)
-        return self.write("mul", *sorted((x.i, y.i)))
+        if x is self._zero or y is self._zero:
+            return self._zero
+        if x is self._one:
+            return y
+        if y is self._one:
+            return x
+        if y.kind == "constant":
+            if x.kind == "constant":
+                return self.node(x.value * y.value)
+            x, y = y, x
+        if x.kind == "neg" or (x.kind == "constant" and x.value < 0):
+            return -self.multiply(-x, y)
+        if y.kind == "neg":
+            return -self.multiply(x, -y)
+        if x.kind == "constant" and y.kind == "mul":
+            for inner, rest in (y.operands, y.operands[::-1]):
+                if (factor := self.nodes[inner]).kind == "constant":
+                    return self.nodes[rest] * (x.value * factor.value)
+        return self.write("mul", *((x.i, y.i) if x.i < y.i else (y.i, x.i)))
 
     def program(self, outputs: Sequence[Any]) -> Program:
         """What the outputs need of the tape."""
-        roots = [self.node(x).i for x in outputs]
-        return prune(self.steps, roots, self.inputs)
-
-
-def _is(x: Node, value: float) -> bool:
-    return x.step.kind == "constant" and x.step.value == value
+        return prune(self.nodes, [self.node(x).i for x in outputs], self.inputs)

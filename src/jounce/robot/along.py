@@ -1,21 +1,42 @@
 """Forces along a motion, computed piece by piece: working memory is bounded, and a callback can follow the progress."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import groupby
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
 from jounce.arguments.rates import checked_order
 from jounce.dynamics.quantities import FORCES
-from jounce.errors import JounceError, listed, quoted
+from jounce.errors import JounceError, at, quoted
 from jounce.model.mechanism import Mechanism
-from jounce.motion.states import Motion
+from jounce.motion.matching import matched
+from jounce.motion.motion import Break, Motion
 from jounce.robot.dispatch import compute
-from jounce.spatial.series import rate_name
+
+if TYPE_CHECKING:
+    from jounce.robot.robot import Robot
 
 PIECE = 1000  # states
+PERTURBED = 200_000  # states computed for the deviations of forces, which change slowly: between them they are linear
+FIRST = FORCES.rates - 1  # the order of the rate of q that Q itself takes: q2d
 
 Progress = Callable[[int, int], object]  # of the number of states done, and of all
+Rates = tuple[np.ndarray, ...]
+
+
+class ForceBreak(NamedTuple):
+    """Where the forces are not smooth: a rate of Q jumps, and higher rates do not exist there.
+
+    `order` is that of the rate which jumps (0 is Q), `jump` (n,) by how much; -1 and None where q or qd jumps, so that
+    Q does not exist either. `causes` are the breaks of the motion at this time.
+    """
+
+    t: float
+    order: int
+    jump: np.ndarray | None
+    causes: tuple[Break, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,9 +48,13 @@ class Along:
     t : (N,)
         Times in s.
     rates : tuple of (N, n)
-        q, qd, q2d, ... of the motion at these times: rad or m, per s, per s^2, ...
+        q, qd, q2d, ... of the motion at these times: rad or m, per s, per s^2, ...; at a break those after it.
     forces : tuple of (N, n)
         Q, Qd, ...: N m for revolute and N for prismatic coordinates, per s, ...; a tuple for order 0 too.
+    deviations : tuple of (N, n), or None
+        Standard deviations of the forces that follow from those of q, qd, ...; None where these are exact.
+    breaks : tuple of ForceBreak
+        Where Q or one of its rates jumps or does not exist: the time, the order, by how much, and the causes.
 
     Examples
     --------
@@ -42,54 +67,131 @@ class Along:
     """
 
     t: np.ndarray
-    rates: tuple[np.ndarray, ...]
-    forces: tuple[np.ndarray, ...]
+    rates: Rates
+    forces: Rates
+    deviations: Rates | None = None
+    breaks: tuple[ForceBreak, ...] = ()
 
 
 def forces_along(
-    mechanism: Mechanism, motion: object, t: object, order: object, method: str | None, progress: Progress | None
+    robot: "Robot", motion: object, t: object, order: object, method: str | None, progress: Progress | None
 ) -> Along:
-    """The forces and their rates at times of a motion, or along all of it, checked."""
-    states = _states(mechanism, motion, t, checked_order(order))
+    """The forces and their rates at times of a motion, or at its own, checked."""
+    path, highest = checked_motion(robot.mechanism, motion), checked_order(order)
+    times = path.times if t is None else path.checked(t)
+    if times.ndim != 1 or not times.size:
+        raise JounceError(f"t is {quoted(t)}; expected an array (N,) of times in s, or None for those of the motion")
     if progress is not None and not callable(progress):
         raise JounceError(f"progress is {quoted(progress)}; expected a function of two numbers, (done, total)")
-    parts = [piece.forces for piece in pieces_along(mechanism, states, method, progress)]
-    return Along(states.t, states.rates, tuple(np.concatenate(terms) for terms in zip(*parts, strict=True)))
+    parts = list(pieces_along(robot, path, times, highest, method, progress))
+    rates, forces = (_joined([getattr(part, name) for part in parts]) for name in ("rates", "forces"))
+    deviations = None if parts[0].deviations is None else _joined([part.deviations or () for part in parts])
+    breaks = force_breaks(robot, path, times, highest, method)
+    return Along(times, rates, forces, deviations, breaks)
 
 
-def pieces_along(
-    mechanism: Mechanism, motion: Motion, method: str | None = None, progress: Progress | None = None
-) -> Iterator[Along]:
-    """The forces along a motion in pieces of some states, of the order that its rates allow.
-
-    A piece is computed when it is asked for; then `progress` is called with how many states are done, and of how many.
-    """
-    total = len(motion.t)
-    for start in range(0, total, PIECE):
-        piece = motion.part(slice(start, start + PIECE))
-        forces = compute(mechanism, FORCES.name, piece.rates, wrench=piece.wrench, method=method)
-        if progress is not None:
-            progress(start + len(piece.t), total)
-        yield Along(piece.t, piece.rates, forces if isinstance(forces, tuple) else (forces,))
-
-
-def _states(mechanism: Mechanism, motion: object, t: object, order: int) -> Motion:
-    """The states at times of a motion, with just the rates that forces to an order take."""
+def checked_motion(mechanism: Mechanism, motion: object) -> Motion:
+    """A motion of the joints of a robot, in its order."""
     if not isinstance(motion, Motion):
         came = type(motion).__name__
         raise JounceError(f"forces_along() expects a jounce.Motion, got {came}; jounce.load_motion makes one")
-    if motion.joints != mechanism.coordinates:
-        expected = listed(mechanism.coordinates)
-        raise JounceError(
-            f"the motion is one of the joints {listed(motion.joints)}; {mechanism.name!r} has {expected}:"
-            " load the motion for this robot"
-        )
-    names = [rate_name("q", k) for k in range(FORCES.rates + order)]
-    if len(motion.rates) < len(names):
-        known = ", ".join(names[: len(motion.rates)])
-        raise JounceError(
-            f"forces to order {order} take q to {names[-1]}, this motion has {known};"
-            f" load it with jounce.load_motion(..., order={order})"
-        )
-    states = motion if t is None else motion.at(t)
-    return replace(states, rates=states.rates[: len(names)], wrench=states.wrench and states.wrench[: order + 1])
+    with at("the motion"):
+        return matched(motion, mechanism)
+
+
+def pieces_along(
+    robot: "Robot",
+    motion: Motion,
+    times: np.ndarray,
+    order: int,
+    method: str | None = None,
+    progress: Progress | None = None,
+) -> Iterator[Along]:
+    """The forces along a motion in pieces of some states, without breaks.
+
+    A piece is computed when it is asked for; then `progress` is called with how many states are done, and of how many.
+    """
+    spread = _spreads(robot, motion, times, order, method)
+    for start in range(0, len(times), PIECE):
+        t = times[start : start + PIECE]
+        rates = motion(t, order + FIRST)
+        forces = _forces(robot, motion, t, rates, order, method)
+        if progress is not None:
+            progress(start + len(t), len(times))
+        yield Along(t, rates, forces, spread and spread(t))
+
+
+def force_breaks(
+    robot: "Robot", motion: Motion, times: np.ndarray, order: int, method: str | None = None
+) -> tuple[ForceBreak, ...]:
+    """Where between the first and the last of some times the forces, up to an order, are not smooth."""
+    known = [
+        (t, tuple(causes))
+        for t, causes in groupby(motion.breaks_to(order + FIRST), key=lambda found: found.t)
+        if times.min() <= t <= times.max()
+    ]
+    lowest = np.array([min(cause.order for cause in causes) - FIRST for _, causes in known], dtype=int)
+    t = np.array([t for t, _ in known])
+    jumps = np.zeros((order + 1, len(t), robot.n))
+    for start in range(0, len(t), PIECE):
+        part = slice(start, start + PIECE)
+        before, after = (_one_sided(robot, motion, t[part], order, side, method) for side in ("left", "right"))
+        jumps[:, part] = np.subtract(after, before)
+    return tuple(
+        ForceBreak(time, max(int(k), -1), jumps[k, i] if k >= 0 else None, causes)
+        for i, (k, (time, causes)) in enumerate(zip(lowest, known, strict=True))
+    )
+
+
+def _one_sided(
+    robot: "Robot", motion: Motion, t: np.ndarray, order: int, side: Literal["left", "right"], method: str | None
+) -> Rates:
+    return _forces(robot, motion, t, motion(t, order + FIRST, side), order, method, side)
+
+
+def _forces(
+    robot: "Robot",
+    motion: Motion,
+    t: np.ndarray,
+    rates: Rates,
+    order: int,
+    method: str | None,
+    side: Literal["left", "right"] = "right",
+) -> Rates:
+    forces = compute(robot, FORCES.name, rates, wrench=motion.wrench(t, order, side), method=method)
+    return forces if isinstance(forces, tuple) else (forces,)
+
+
+def _spreads(
+    robot: "Robot", motion: Motion, times: np.ndarray, order: int, method: str | None
+) -> Callable[[np.ndarray], Rates] | None:
+    """The standard deviations of the forces over time: the forces are computed with each rate off by its own.
+
+    The rates are taken as independent of each other, which overstates by little: the highest ones dominate.
+    """
+    if motion.deviations(times[:1], 0) is None:
+        return None
+    every = np.unique(times)
+    count = max(2, PERTURBED // (robot.n * (order + FIRST + 1)))
+    t = every[np.unique(np.linspace(0, len(every) - 1, min(count, len(every))).astype(int))]
+    total = np.zeros((order + 1, len(t), robot.n))
+    for start in range(0, len(t), PIECE):
+        part = t[start : start + PIECE]
+        rates, off = motion(part, order + FIRST), motion.deviations(part, order + FIRST)
+        true = np.array(_forces(robot, motion, part, rates, order, method))
+        for k, rate in enumerate(off or ()):
+            for j in range(robot.n):
+                moved = rates[k].copy()
+                moved[:, j] += rate[:, j]
+                other = _forces(robot, motion, part, (*rates[:k], moved, *rates[k + 1 :]), order, method)
+                total[:, start : start + PIECE] += (np.array(other) - true) ** 2
+    known = np.sqrt(total)
+
+    def interpolated(times: np.ndarray) -> Rates:
+        return tuple(np.stack([np.interp(times, t, column) for column in rate.T], axis=1) for rate in known)
+
+    return interpolated
+
+
+def _joined(parts: list[Rates]) -> Rates:
+    return tuple(np.concatenate(terms) for terms in zip(*parts, strict=True))

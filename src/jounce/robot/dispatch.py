@@ -1,9 +1,11 @@
 """Calls of a robot's methods: arguments are checked, and the first backend that accepts a call runs it."""
 
 from collections.abc import Callable, Sequence
-from functools import cache, lru_cache
+from dataclasses import dataclass, field
+from functools import cache
 from math import inf
-from typing import Any, NamedTuple
+from types import NoneType
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -19,33 +21,51 @@ from jounce.native import plan
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel, compiled
 from jounce.native.plan import LongCompilationError, obstacle
-from jounce.robot.generic import batch_shape, checked_out, computed, evaluate, results_into
+from jounce.robot.generic import batch_shape, checked_out, computed, evaluate, is_fit, results_into
 from jounce.spatial.series import Series, columns
+
+if TYPE_CHECKING:
+    from jounce.robot.robot import Robot
 
 NATIVE = "kernel"  # the method that is native code
 PATIENCE = 3.0  # seconds that a call may take to compile native code that nobody asked for
+
+Form = tuple[Any, ...]  # of a call: what it asks for, and the types of what it gives
+
+
+@dataclass(frozen=True, eq=False)
+class Kernels:
+    """The native code of one robot, dropped with it.
+
+    `known` holds the kernel of a computation, or why there is none; `ready` what serves plain calls of a form, and how
+    many rates of the coordinates that takes.
+    """
+
+    known: dict[Computation, tuple[Kernel | None, str | None]] = field(default_factory=dict)
+    ready: dict[Form, tuple[Kernel, int]] = field(default_factory=dict)
 
 
 class Call(NamedTuple):
     """What a method of a robot is called with, checked."""
 
-    mechanism: Mechanism
+    robot: "Robot"
     computation: Computation
     arrays: Sequence[Array]  # q, qd, ..., W, Wd, ...
     method: str | None
     out: Any
     threads: int
+    form: Form | None  # of a plain call: on NumPy's own arrays, on one thread
 
 
 class Backend(NamedTuple):
-    """One way to run calls: it accepts those for which `refusal` is None, and says of others why it cannot run them."""
+    """One way to run calls: `prepare` gives what it runs a call with, or says why it cannot run it."""
 
-    refusal: Callable[[Call], str | None]
-    run: Callable[[Call], Any]
+    prepare: Callable[[Call], tuple[Any, str | None]]
+    run: Callable[[Call, Any], Any]
 
 
 def compute(
-    mechanism: Mechanism,
+    robot: "Robot",
     name: str,
     given: Sequence[Any],
     *,
@@ -57,21 +77,50 @@ def compute(
     threads: int = 1,
 ) -> Any:
     """A quantity along given rates of the coordinates, by the first backend that accepts the call."""
+    terms = wrench if type(wrench) is tuple else () if wrench is None else (wrench,)
+    form = (name, body, frame, method, type(threads), threads, *map(type, given), type(wrench), *map(type, terms))
+    try:  # the short way, of calls like an earlier one: NumPy itself checks shapes and kinds of numbers
+        kernel, count = robot._kernels.ready[form]
+        arrays = (*given[:count], *terms)
+        if out is None:
+            return kernel.ufunc(*arrays)
+        into = tuple(out) if type(out) in (tuple, list) else (out,)
+        if is_fit(into, arrays[0].shape[:-1] + kernel.shapes[1][0]):
+            return kernel.ufunc(*arrays, out=into)
+    except (FloatingPointError, Warning):  # where np.errstate or a filter asks for it
+        raise
+    except Exception:  # the long way serves all others, and says what is wrong with them
+        pass
+    plain = {type(x) for x in (*given, *terms)} <= {np.ndarray, NoneType} and type(threads) is int and threads == 1
+    asked = _checked_arguments(robot.mechanism, name, given, wrench, body, frame, method)
+    return _run(Call(robot, *asked, method, out, threads, form if plain else None))
+
+
+def _checked_arguments(
+    mechanism: Mechanism, name: str, given: Sequence[Any], wrench: Any, body: str | None, frame: str, method: str | None
+) -> tuple[Computation, list[Array]]:
+    """What a caller asks for, and the arrays that it takes."""
     quantity = QUANTITIES[name]
     q = rates.rates_of(given, quantity.rates, mechanism)
     order = len(q) - quantity.rates
-    W = () if wrench is None else wrenches.wrenches_of(mechanism, wrench, order, q)
+    W = wrenches.wrenches_of(mechanism, wrench, order, q)
     if method is not None:
         one_of(f"method for {name}", method, [*quantity.methods, NATIVE])
     if body is not None or frame != "body":
         requests.place(mechanism, name, body, frame)
-    call = Call(mechanism, requests.known(name, order, bool(W), body, frame), [*q, *W], method, out, threads)
+    return requests.known(name, order, bool(W), body, frame), [*q, *W]
+
+
+def _run(call: Call) -> Any:
+    """The results of the first backend that accepts a call."""
+    reasons = []
     for backend in BACKENDS:
-        if backend.refusal(call) is None:
-            return backend.run(call)
-    reasons = ": ".join(str(backend.refusal(call)) for backend in reversed(BACKENDS))
-    cure = f"use method={_default(quantity)!r}" if method == NATIVE else "leave threads out"
-    raise JounceError(f"{reasons}; {cure}")
+        ready, refusal = backend.prepare(call)
+        if refusal is None:
+            return backend.run(call, ready)
+        reasons.append(refusal)
+    cure = f"use method={_default(call.computation.quantity)!r}" if call.method == NATIVE else "leave threads out"
+    raise JounceError(f"{': '.join(reversed(reasons))}; {cure}")
 
 
 def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str], out: Any) -> Any:
@@ -101,9 +150,9 @@ def wrench_of_load(
     return results_into(evaluate(law, ports, [*q, *load], len(q) - 1, 6 * model.nb), None)
 
 
-def compile_ahead(mechanism: Mechanism, computation: Computation) -> Kernel:
+def compile_ahead(robot: "Robot", computation: Computation) -> Kernel:
     """The kernel that a user asks for, however long it takes to compile."""
-    kernel, refusal = _kernel(mechanism, computation, inf)
+    kernel, refusal = _kernel(robot, computation, inf)
     if kernel is None:
         raise JounceError(f"native code {refusal}; use method={_default(computation.quantity)!r}")
     return kernel
@@ -114,26 +163,22 @@ def _default(quantity: Quantity) -> str:
     return next(iter(quantity.methods))
 
 
-def _kernel_of(call: Call) -> tuple[Kernel | None, str | None]:
-    """The kernel that serves a call, or why there is none; who names native code waits for it."""
-    return _kernel(call.mechanism, call.computation, PATIENCE if call.method is None else inf)
-
-
-def _native_refusal(call: Call) -> str | None:
+def _prepare_native(call: Call) -> tuple[Kernel | None, str | None]:
+    """The kernel that serves a call; who names native code waits for it."""
     if call.method not in (None, NATIVE):
-        return f"method={call.method!r} is not native code"
+        return None, f"method={call.method!r} is not native code"
     for x in call.arrays:
         if type(x) is not np.ndarray or (x.dtype is not FLOAT and x.dtype != FLOAT):  # unpickled, it is another object
             came = x.dtype if type(x) is np.ndarray else type(x).__name__
-            return f"native code takes float64 arrays of NumPy, not {came}"
-    refusal = _kernel_of(call)[1]
-    return refusal and f"native code {refusal}"
+            return None, f"native code takes float64 arrays of NumPy, not {came}"
+    kernel, refusal = _kernel(call.robot, call.computation, PATIENCE if call.method is None else inf)
+    if kernel is not None and call.form is not None:
+        call.robot._kernels.ready[call.form] = kernel, call.computation.rates
+    return kernel, refusal and f"native code {refusal}"
 
 
-def _run_native(call: Call) -> Any:
+def _run_native(call: Call, kernel: Kernel) -> Any:
     """The results of native code, written straight into `out` where it is given."""
-    kernel = _kernel_of(call)[0]
-    assert kernel is not None
     signature = kernel.signature
     if call.out is not None:
         batch = batch_shape(signature.inputs, call.arrays)
@@ -147,31 +192,38 @@ def _run_native(call: Call) -> Any:
         raise
 
 
-def _generic_refusal(call: Call) -> str | None:
-    if call.method == NATIVE:
-        return f"method={NATIVE!r} is not available"
-    if isinstance(call.threads, int | np.integer) and not isinstance(call.threads, bool) and call.threads == 1:
-        return None
-    return f"threads={quoted(call.threads)} needs native code, which is not available"
-
-
-def _run_generic(call: Call) -> Any:
-    """The results of a method's law on arrays of any scalar type."""
+def _prepare_generic(call: Call) -> tuple[str, str | None]:
+    """The method that serves a call."""
     method = call.method or _default(call.computation.quantity)
-    model = cast_model(call.mechanism, call.arrays)
+    if method == NATIVE:
+        return method, f"method={NATIVE!r} is not available"
+    if isinstance(call.threads, int | np.integer) and not isinstance(call.threads, bool) and call.threads == 1:
+        return method, None
+    return method, f"threads={quoted(call.threads)} needs native code, which is not available"
+
+
+def _run_generic(call: Call, method: str) -> Any:
+    """The results of a method's law on arrays of any scalar type."""
+    model = cast_model(call.robot.mechanism, call.arrays)
     return results_into(computed(call.computation, method, model, call.arrays), call.out)
 
 
-BACKENDS = (Backend(_native_refusal, _run_native), Backend(_generic_refusal, _run_generic))  # the first that accepts
+BACKENDS = (Backend(_prepare_native, _run_native), Backend(_prepare_generic, _run_generic))  # the first that accepts
 
 
-@lru_cache(maxsize=512)
-def _kernel(mechanism: Mechanism, computation: Computation, patience: float) -> tuple[Kernel | None, str | None]:
+def _kernel(robot: "Robot", computation: Computation, patience: float) -> tuple[Kernel | None, str | None]:
     """The kernel, or why there is none, as the end of a sentence about native code."""
+    known = robot._kernels.known.get(computation)
+    if known is None or (known[0] is None and patience > PATIENCE):
+        known = robot._kernels.known[computation] = _compiled(robot.mechanism, computation, patience)
+    return known
+
+
+def _compiled(mechanism: Mechanism, computation: Computation, patience: float) -> tuple[Kernel | None, str | None]:
     if refusal := native_obstacle(mechanism, computation):
         return None, refusal
     try:
-        kernel = compiled(mechanism, computation, patience)
+        return compiled(mechanism, computation, patience), None
     except LongCompilationError:
         asked = f"native code for {computation.name} of {mechanism.name!r} to order {computation.order}"
         warn(
@@ -179,14 +231,11 @@ def _kernel(mechanism: Mechanism, computation: Computation, patience: float) -> 
             f" robot.compile({', '.join(computation.keywords())}) compiles it once"
         )
         return None, f"takes longer than {PATIENCE:g} s to compile"
-    if patience > PATIENCE:
-        _kernel.cache_clear()  # calls that did not wait have it now too
-    return kernel, None
 
 
 def native_obstacle(mechanism: Mechanism, computation: Computation) -> str | None:
     """Why native code cannot serve a computation, as the end of a sentence about native code."""
-    if found := obstacle(computation, mechanism.nb):
+    if found := obstacle(computation):
         return found
     if not all(is_numeric(getattr(mechanism, data)) for data in DATA):
         return "is for robots of numbers; this robot holds symbols"

@@ -1,7 +1,7 @@
 """Laws on arrays of any scalar type: long batches are worked in pieces, and results are written into `out`."""
 
 from collections.abc import Callable, Sequence
-from itertools import combinations
+from itertools import combinations, starmap
 from typing import Any
 
 import numpy as np
@@ -78,3 +78,11 @@ def checked_out(out: Any, shapes: Sequence[tuple[int, ...]], dtype: np.dtype) ->
         if np.shares_memory(arrays[j], arrays[k]):
             raise JounceError(f"out[{j}] and out[{k}] share memory; expected arrays of their own")
     return arrays
+
+
+def is_fit(out: Sequence[Any], shape: tuple[int, ...]) -> bool:
+    """Whether results of a shape may be written into arrays, as far as NumPy itself does not check."""
+    for array in out:
+        if type(array) is not np.ndarray or array.shape != shape:
+            return False
+    return not any(starmap(np.shares_memory, combinations(out, 2)))

@@ -1,7 +1,7 @@
 """Robot: what users hold. Every method is a signature, a docstring, and one call."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Self
 
 from jounce._scalars import Array
@@ -51,10 +51,14 @@ class Robot:
     """
 
     mechanism: Mechanism
+    _kernels: dispatch.Kernels = field(default_factory=dispatch.Kernels, init=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.mechanism, Mechanism):
             raise JounceError(f"Robot() expects a Mechanism, got {type(self.mechanism).__name__}; try jounce.load")
+
+    def __reduce__(self) -> tuple[type[Self], tuple[Mechanism]]:  # without native code, of which another needs its own
+        return type(self), (self.mechanism,)
 
     def __repr__(self) -> str:
         return f"<Robot {self.name!r}: {self.n} coordinates, {self.mechanism.nb} bodies>"
@@ -542,7 +546,7 @@ class Robot:
         True
         """
         asked = requests.computation(self.mechanism, quantity, order, wrench, body, frame)
-        return dispatch.compile_ahead(self.mechanism, asked)
+        return dispatch.compile_ahead(self, asked)
 
     @typed(overloads.OfAcceleration)
     def inverse_dynamics(
@@ -599,9 +603,7 @@ class Robot:
         (array([29.43,  9.81]), array([0., 0.]))
         """
         rates = (q, qd, q2d, q3d, q4d, *higher)
-        return compute(
-            self.mechanism, "inverse_dynamics", rates, wrench=wrench, method=method, out=out, threads=threads
-        )
+        return compute(self, "inverse_dynamics", rates, wrench=wrench, method=method, out=out, threads=threads)
 
     def forces_along(
         self,
@@ -620,10 +622,10 @@ class Robot:
         Parameters
         ----------
         motion : Motion
-            From `jounce.load_motion`, which takes the same `order`; a motion with more rates does too.
+            From `jounce.load_motion` or a constructor of `Motion`.
         t : (N,), optional
-            At which times, s; all of the motion by default. Each must be one of ``motion.t``: states between the
-            samples cannot be computed yet.
+            At which times, s: any within the motion, in any order; by default ``motion.times``, those of its samples or
+            of its file, or a grid of about a millisecond.
         order : int, optional
             The highest rate of the forces: 2 gives Q, Qd, Q2d.
         method : str, optional
@@ -635,13 +637,14 @@ class Robot:
         Returns
         -------
         Along
-            Frozen: the times `t`, the `rates` q, qd, ... and the `forces` Q, Qd, ..., tuples of (N, n).
+            Frozen: the times `t`, the `rates` q, qd, ... and the `forces` Q, Qd, ..., tuples of (N, n); their standard
+            `deviations` where the motion is fitted to measurements; the `breaks` where a rate of Q jumps.
 
         Raises
         ------
         JounceError
-            If the motion has too few rates for the order or is not this robot's, a time is not one of its own, or a
-            name is unknown.
+            If the motion has too few rates for the order or is not this robot's, a time is outside of it, or a name is
+            unknown.
 
         Examples
         --------
@@ -654,7 +657,7 @@ class Robot:
         """
         from jounce.robot.along import forces_along  # what few programs need
 
-        return forces_along(self.mechanism, motion, t, order, method, progress)
+        return forces_along(self, motion, t, order, method, progress)
 
     @typed(overloads.OfPosition)
     def mass_matrix(
@@ -702,7 +705,7 @@ class Robot:
         array([[5., 2.],
                [2., 1.]])
         """
-        return compute(self.mechanism, "mass_matrix", (q, qd, q2d, *higher), method=method, out=out, threads=threads)
+        return compute(self, "mass_matrix", (q, qd, q2d, *higher), method=method, out=out, threads=threads)
 
     @typed(overloads.CoriolisMatrix)
     def coriolis_matrix(
@@ -756,7 +759,7 @@ class Robot:
         True
         """
         name = FORMS[one_of("form of the Coriolis matrix", form, FORMS)]
-        return compute(self.mechanism, name, (q, qd, q2d, q3d, *higher), method=method, out=out, threads=threads)
+        return compute(self, name, (q, qd, q2d, q3d, *higher), method=method, out=out, threads=threads)
 
     @typed(overloads.OfPosition)
     def gravity_forces(
@@ -800,7 +803,7 @@ class Robot:
         >>> jounce.load("planar2r").gravity_forces([0, 0])
         array([29.43,  9.81])
         """
-        return compute(self.mechanism, "gravity_forces", (q, qd, q2d, *higher), method=method, out=out, threads=threads)
+        return compute(self, "gravity_forces", (q, qd, q2d, *higher), method=method, out=out, threads=threads)
 
     @typed(overloads.DriveForces)
     def drive_forces(
@@ -892,9 +895,7 @@ class Robot:
         >>> jounce.load("planar2r").poses([0, 0])[1, :3, 3]
         array([1., 0., 0.])
         """
-        return compute(
-            self.mechanism, "poses", (q, qd, q2d, *higher), body=body, method=method, out=out, threads=threads
-        )
+        return compute(self, "poses", (q, qd, q2d, *higher), body=body, method=method, out=out, threads=threads)
 
     @typed(overloads.TwistsOfBodies)
     def twists(
@@ -947,7 +948,7 @@ class Robot:
         array([1., 1.])
         """
         return compute(
-            self.mechanism,
+            self,
             "twists",
             (q, qd, q2d, q3d, *higher),
             body=body,
@@ -1007,7 +1008,7 @@ class Robot:
                [1., 0.]])
         """
         return compute(
-            self.mechanism,
+            self,
             "jacobian",
             (q, qd, q2d, *higher),
             body=body,
@@ -1058,7 +1059,7 @@ class Robot:
         >>> jounce.load("planar2r").momentum([0, 0], [1, 0])[[2, 4]]
         array([5., 3.])
         """
-        return compute(self.mechanism, "momentum", (q, qd, q2d, q3d, *higher), method=method, out=out, threads=threads)
+        return compute(self, "momentum", (q, qd, q2d, q3d, *higher), method=method, out=out, threads=threads)
 
     @typed(overloads.OfVelocity)
     def generalized_momentum(
@@ -1100,7 +1101,7 @@ class Robot:
         array([2., 1.])
         """
         return compute(
-            self.mechanism, "generalized_momentum", (q, qd, q2d, q3d, *higher), method=method, out=out, threads=threads
+            self, "generalized_momentum", (q, qd, q2d, q3d, *higher), method=method, out=out, threads=threads
         )
 
     @typed(overloads.OfVelocity)
@@ -1143,7 +1144,7 @@ class Robot:
         np.float64(5.0)
         """
         rates = (q, qd, q2d, q3d, *higher)
-        return compute(self.mechanism, "kinetic_energy", rates, method=method, out=out, threads=threads)
+        return compute(self, "kinetic_energy", rates, method=method, out=out, threads=threads)
 
     @typed(overloads.OfPosition)
     def potential_energy(
@@ -1186,9 +1187,7 @@ class Robot:
         >>> U.round(4), Ud.round(4)
         (np.float64(14.1095), np.float64(25.8273))
         """
-        return compute(
-            self.mechanism, "potential_energy", (q, qd, q2d, *higher), method=method, out=out, threads=threads
-        )
+        return compute(self, "potential_energy", (q, qd, q2d, *higher), method=method, out=out, threads=threads)
 
     @typed(overloads.OfAcceleration)
     def base_wrench(
@@ -1237,7 +1236,7 @@ class Robot:
         array([29.43, 19.62])
         """
         return compute(
-            self.mechanism,
+            self,
             "base_wrench",
             (q, qd, q2d, q3d, q4d, *higher),
             wrench=wrench,

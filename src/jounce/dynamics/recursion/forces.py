@@ -27,7 +27,7 @@ from jounce.dynamics.recursion.steps import (
 )
 from jounce.dynamics.recursion.sweeps import evaluate_in_order
 from jounce.model.coordinates import generalized_forces
-from jounce.model.equivalent import frame_shifts, minimal
+from jounce.model.equivalent import frame_shifts, minimal, on_axes
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
 from jounce.spatial.lie import Ad
@@ -90,18 +90,28 @@ def ground(gravity: Array) -> Motion:
 
 def generalized(kind: Sweep, mechanism: Mechanism, q: Series, W: Series | None = None) -> Series:
     """The generalized forces (EOM1) of a sweep, (..., n, 1), with wrenches W on the bodies, (..., 6nb, 1)."""
-    tree = _Series(kind, mechanism, q, W)
+    tree = _Series(kind, mechanism, minimal(mechanism), q, W)
     sweep(tree)
     return tree.forces()
+
+
+def base_wrench(mechanism: Mechanism, q: Series, W: Series | None = None) -> Series:
+    """The wrench (moment; force) that the bodies pass to the ground, about the inertial origin: (..., 6, 1).
+
+    It takes the inertia that reaches the ground, which forces in the drives do not.
+    """
+    tree = _Series(MOVING, mechanism, on_axes(mechanism), q, W)
+    sweep(tree)
+    return tree.on_ground()
 
 
 class _Series:
     """The tree in time series: motions, forces on the bodies, forces of the joints."""
 
-    def __init__(self, kind: Sweep, mechanism: Mechanism, q: Series, W: Series | None) -> None:
-        self.kind, self.chain, self.q = kind, minimal(mechanism), q
+    def __init__(self, kind: Sweep, given: Mechanism, chain: Mechanism, q: Series, W: Series | None) -> None:
+        self.kind, self.chain, self.q = kind, chain, q
         self.joints = aligned_joints(self.chain, q)
-        self.wrenches = None if W is None else _wrenches(mechanism, self.chain, W)
+        self.wrenches = None if W is None else _wrenches(given, self.chain, W)
         self.motions: dict[int, Motion] = {-1: ground(self.chain.gravity)}
         self.on: dict[int, Force] = {}
         self.Q: dict[int, Series] = {}
@@ -122,17 +132,25 @@ class _Series:
 
     def hand_on(self, i: int) -> None:
         self.Q[i] = joint_force(self.joints[i], self.on[i])
-        if (p := self.joints[i].parent) >= 0:
-            self.on[p] = self.on[p] + inward(self.joints[i], self.on[i])
+        p, handed = self.joints[i].parent, inward(self.joints[i], self.on[i])
+        self.on[p] = self.on[p] + handed if p in self.on else handed
 
     def collect(self, i: int) -> None:
         self.Q[i] = self.Q[i] + batch_zeros(self.q)
 
     def forces(self) -> Series:
-        """G^T Q of the joints, computed body by body."""
+        """G^T Q of the joints."""
         Q = joined([self.Q[i] for i in range(self.chain.nb)], axis=-2)
+        return generalized_forces(self.chain, self._in_order(Q))
+
+    def on_ground(self) -> Series:
+        """The moment and the force on the ground."""
+        return self._in_order(joined([self.on[-1].n, self.on[-1].f], axis=-2) + batch_zeros(self.q))
+
+    def _in_order(self, result: Series) -> Series:
+        """A result, computed body by body."""
         steps = [*(self.motions[i].a for i in self.outward()), *(self.on[i].n for i in self.inward())]
-        return generalized_forces(self.chain, evaluate_in_order(Q, steps))
+        return evaluate_in_order(result, steps)
 
 
 @lru_cache(maxsize=64)

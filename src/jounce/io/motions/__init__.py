@@ -1,4 +1,4 @@
-"""Motion files: tables of samples or of all rates, YAML of analytic terms, and the motions that come with jounce."""
+"""Motion files: tables, analytic terms, trajectories of ROS, and the motions that come with jounce."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,28 +8,39 @@ from jounce.model.mechanism import Mechanism
 
 if TYPE_CHECKING:  # what reads them takes a while to import, and robots need it not
     from jounce.motion import Motion
-    from jounce.motion.analytic import Terms
+    from jounce.motion.analytic import Description
+    from jounce.motion.columns import Options
     from jounce.motion.spline import Spline
 
 BUNDLED = {"paper": "paper.yaml", "paper-wrench": "paper-wrench.yaml"}  # names of motions, beside files
-SUFFIXES = (".yaml", ".yml")
+SUFFIXES = (".yaml", ".yml", ".json")
 
 
-def read(source: Path, mechanism: Mechanism, highest: int, spline: "Spline | None" = None) -> "Motion":
+def read(
+    source: Path,
+    mechanism: Mechanism,
+    highest: int,
+    spline: "Spline | None" = None,
+    options: "Options | None" = None,
+    topic: str | None = None,
+) -> "Motion":
     """The motion of a file, or of a bundled name, for a mechanism: rates up to the one of order `highest`."""
-    from jounce.io import tables
-    from jounce.io.motions import terms
-    from jounce.motion.analytic import along
-    from jounce.motion.table import THROUGH, from_table
+    from jounce.io import entries, tables
+    from jounce.io.motions import bags, tabular, terms, trajectory
+    from jounce.motion.analytic import motion_of
+    from jounce.motion.table import AS_NAMED, THROUGH
 
     if str(source) in BUNDLED:
         with at(source):
-            return along(bundled(str(source)), mechanism, highest)
+            return motion_of(bundled(str(source)), mechanism)
     if source.suffix.lower() in SUFFIXES:
-        return terms.read(source, mechanism, highest)
+        entry = entries.read(source, "the motion")
+        return (trajectory if trajectory.is_trajectory(entry) else terms).read(entry, mechanism)
     if source.suffix.lower() in tables.READERS:
-        return from_table(tables.read(source), mechanism, highest, str(source), spline or THROUGH)
-    known = ", ".join([*tables.READERS, *SUFFIXES])
+        return tabular.read(source, mechanism, highest, spline or THROUGH, options or AS_NAMED)
+    if bags.is_bag(source):
+        return bags.read(source, mechanism, highest, spline or THROUGH, options or AS_NAMED, topic)
+    known = ", ".join([*tables.READERS, *SUFFIXES, *bags.SUFFIXES])
     if not source.suffix:
         raise JounceError(f"{no_such('motion', str(source), BUNDLED)}, or a file of type {known}")
     raise JounceError(f"{source}: unknown type of motion {source.suffix!r}; there are: {known}, {', '.join(BUNDLED)}")
@@ -40,11 +51,12 @@ def is_analytic(source: Path) -> bool:
     return str(source) in BUNDLED or source.suffix.lower() in SUFFIXES
 
 
-def bundled(name: str) -> "Terms":
+def bundled(name: str) -> "Description":
     """The analytic terms of a motion that comes with jounce."""
     from importlib.resources import as_file, files
 
+    from jounce.io import entries
     from jounce.io.motions import terms
 
     with as_file(files(__name__) / BUNDLED[name]) as path:
-        return terms.of_file(path)
+        return terms.terms_in(entries.read(path, "the motion"))

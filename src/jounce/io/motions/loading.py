@@ -3,9 +3,6 @@
 import os
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from jounce._scalars import asarray
 from jounce.arguments import names
 from jounce.arguments.rates import checked_order
 from jounce.errors import JounceError, at, quoted
@@ -14,16 +11,26 @@ from jounce.io.files import path_of
 from jounce.robot import Robot
 
 if TYPE_CHECKING:
-    from jounce.io.columns import Columns
     from jounce.motion import Motion
 
 PLACE = "the motion"  # where columns without a file stand, in messages
 
 
 def load_motion(
-    source: Any, /, robot: Robot, order: int = 2, degree: int = 7, intervals: int | None = None
+    source: Any,
+    /,
+    robot: Robot,
+    order: int = 2,
+    degree: int = 7,
+    intervals: int | None = None,
+    *,
+    time: str | None = None,
+    columns: str | None = None,
+    angles: str | None = None,
+    time_unit: str | None = None,
+    topic: str | None = None,
 ) -> "Motion":
-    """Load a motion of a robot, with the rates that its forces take: from a file, by name, or from named columns.
+    """Load a motion of a robot as a function of time: from a file, by name, or from named columns.
 
     Columns are matched by joint name in any order: ``t`` and either one column per joint (samples; the rates are those
     of a spline) or ``NAME.q, NAME.qd, NAME.q2d, ...`` (used as they are), and if wrenches act ``BODY.mx .. BODY.fz``.
@@ -36,17 +43,27 @@ def load_motion(
     robot : Robot
         The robot that moves.
     order : int, optional
-        The highest rate of the forces to be computed: 2, for Q2d, takes q to q4d.
+        The highest rate of the forces to be computed: 2, for Q2d, takes q to q4d, which the source must have.
     degree : int, optional
         Degree of the spline of samples: 7 (C^6) or 5 (C^4).
     intervals : int, optional
         Fit the spline to measured samples by least squares, over this number of intervals; by default it goes through
         all samples.
+    time : str, optional
+        The column of times; by default t, else time or timestamp.
+    columns : str, optional
+        How the table calls the joints: "q_{joint}", or "q{number}" from 1, "q[{index}]" from 0, in the robot's order.
+    angles : {"rad", "deg"}, optional
+        The unit of angles and their rates; a column may state its own, ``joint1 [deg]``.
+    time_unit : {"s", "ms", "us", "ns"}, optional
+        The unit of times.
+    topic : str, optional
+        The topic of a ROS bag to read; by default its only one of type JointTrajectory or JointState.
 
     Returns
     -------
     Motion
-        Frozen: the times `t` (N,), the `rates` q, qd, ... (N, n), and more.
+        Frozen: ``motion(t, order)`` gives q, qd, ... at any times.
 
     Raises
     ------
@@ -69,28 +86,30 @@ def load_motion(
     """
     if not isinstance(robot, Robot):
         raise JounceError(f"a motion is loaded for a Robot, not for a {type(robot).__name__}; try jounce.load")
+    from jounce.motion.columns import Options
     from jounce.motion.spline import Spline
-    from jounce.motion.table import from_table
 
     mechanism, highest, spline = robot.mechanism, checked_order(order) + 2, Spline(degree, intervals)
+    options = Options(time, columns, angles, time_unit)
+    if topic is not None and not isinstance(topic, str):
+        raise JounceError(f"topic is {quoted(topic)}; expected a text")
     if names.listed_in(source) is not None:
-        return from_table(_columns(source), mechanism, highest, PLACE, spline)
+        from jounce.io.motions import tabular
+
+        return tabular.of_arrays(_arrays(source), mechanism, highest, spline, options, PLACE)
     if not isinstance(source, str | os.PathLike):
         known = f"a path, one of {', '.join(motions.BUNDLED)}, or named columns"
         raise JounceError(f"a motion is of type {type(source).__name__}; expected {known}")
     path = path_of(source)
     if intervals is not None and motions.is_analytic(path):
         raise JounceError(f"{path}: its terms are exact; intervals are for the samples of a table")
-    return motions.read(path, mechanism, highest, spline)
+    return motions.read(path, mechanism, highest, spline, options, topic)
 
 
-def _columns(source: Any) -> "Columns":
-    from jounce.io.columns import checked
-
+def _arrays(source: Any) -> dict[str, Any]:
     with at(PLACE):
         columns = names.entries(source)
         odd = [name for name in columns if not isinstance(name, str)]
         if odd:
             raise JounceError(f"column {quoted(odd[0])} has no text as its name; expected t and names of joints")
-        arrays = {str(name): np.asarray(asarray(x, f"column {quoted(name)}")) for name, x in columns.items()}
-    return checked(PLACE, arrays)
+        return columns

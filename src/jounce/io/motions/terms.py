@@ -1,35 +1,33 @@
 """YAML motions: analytic terms per joint, every key and number checked."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 
 from jounce.errors import JounceError, at, quoted
-from jounce.io import entries
 from jounce.io.entries import Entry
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
-from jounce.motion.analytic import Cosine, Curve, Terms, along
-from jounce.motion.states import COMPONENTS
+from jounce.motion.analytic import Cosine, Description, Terms, motion_of
+from jounce.motion.loads import COMPONENTS
 
 MOST = 100_000_000  # states; a slip of the pen asks for more
 
 
-def read(path: Path, mechanism: Mechanism, highest: int) -> Motion:
-    """The motion of a YAML file for a mechanism, with rates up to the one of order `highest`."""
-    terms = of_file(path)
-    with at(path):
-        return along(terms, mechanism, highest)
+def read(entry: Entry, mechanism: Mechanism) -> Motion:
+    """The motion of a YAML or JSON file for a mechanism."""
+    description = terms_in(entry)
+    with at(entry.path):
+        return motion_of(description, mechanism)
 
 
-def of_file(path: Path) -> Terms:
+def terms_in(entry: Entry) -> Description:
     """``time: {start, stop, count}``, ``joints: {NAME: {offset, cosines, polynomial}}`` and, where bodies or merged
     links exert wrenches, ``wrenches: {NAME: {mx: {offset, cosines, polynomial}, ..., fz: {...}}}``."""
-    motion = entries.read(path, "the motion").keys(("time", "joints"), ("name", "wrenches"))
+    motion = entry.keys(("time", "joints"), ("name", "wrenches"))
     joints = motion.get("joints").named("joints").members()
     wrenches = motion.get("wrenches", {}).named("wrenches").members()
-    return Terms(
+    return Description(
         {name: _curve(terms.named(f"joint {quoted(name)}")) for name, terms in joints.items()},
         {body: _wrench(terms.named(f"the wrench of {quoted(body)}")) for body, terms in wrenches.items()},
         _times(motion.get("time").named("time")),
@@ -46,16 +44,16 @@ def _times(time: Entry) -> np.ndarray:
     return np.linspace(start, stop, count)
 
 
-def _wrench(terms: Entry) -> dict[str, Curve]:
+def _wrench(terms: Entry) -> dict[str, Terms]:
     return {name: _curve(component) for name, component in terms.keys((), COMPONENTS).members().items()}
 
 
-def _curve(terms: Entry) -> Curve:
+def _curve(terms: Entry) -> Terms:
     terms.keys((), ("offset", "cosines", "polynomial"))
     powers = [power.number() for power in terms.get("polynomial", [0]).items(least=1)]
     powers[0] += terms.get("offset", 0).number()
     cosines = terms.get("cosines", []).items(f"cosine of {terms.what}")
-    return Curve(tuple(powers), tuple(_cosine(cosine) for cosine in cosines))
+    return Terms(tuple(powers), tuple(_cosine(cosine) for cosine in cosines))
 
 
 def _cosine(cosine: Entry) -> Cosine:

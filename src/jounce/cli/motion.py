@@ -1,0 +1,79 @@
+"""`jounce motion`: a motion as a table of q to q4d, to be looked at and run."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from jounce.cli.motions import AskedMotion, of_motion
+from jounce.cli.options import Asked, on_robot
+from jounce.cli.output import progress, tell
+from jounce.errors import JounceError, shortened
+
+EPILOG = """\b
+Example:
+  jounce motion iiwa14 paper -o motion.csv --step 0.01
+  jounce plot motion.csv -o motion.svg
+  jounce run iiwa14 motion.csv -o forces.csv
+
+\b
+OUT holds t and NAME.q, NAME.qd, ... NAME.q4d; NAME.q_sample, if MOTION is of
+samples; NAME.q_sd, ..., if they have standard deviations; and break, if the
+motion has any: the order of the derivative that jumps since the row before.
+"""
+
+
+@click.command(epilog=EPILOG, short_help="A motion with its rates, q to q4d, as a table.")
+@on_robot
+@of_motion
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Table to write: .csv or .npz.")
+@click.option("--order", default=4, show_default=True, type=click.IntRange(0), help="Highest time derivative of q.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+def motion(robot: Asked, motion: AskedMotion, output: Path, order: int, as_json: bool) -> None:
+    """Write MOTION of ROBOT with its rates as a table that `jounce run` takes and `jounce plot` draws."""
+    from jounce.io import tables
+    from jounce.io.motions.writing import pieces
+
+    tables.check_writable(output)
+    if output.resolve() == motion.path.resolve():
+        raise JounceError(f"{output}: is the motion itself; expected another file to write into")
+    arm = robot.load()
+    path = motion.load(arm, max(order - 2, 0))
+    with progress("rates") as show:
+
+        def shown() -> Any:
+            done = 0
+            for piece in pieces(path, arm.joint_names, order):
+                yield piece
+                done += len(piece["t"])
+                show(done, len(path.times))
+
+        tables.write_pieces(output, shown())
+    summary = {
+        "robot": arm.name,
+        "motion": str(motion.path),
+        "source": path.source,
+        "residual": None if path.residual is None else float(path.residual.max()),
+        "notes": list(path.notes),
+        "breaks": [found._asdict() for found in path.breaks_to(order)],
+        "output": str(output),
+        "states": len(path.times),
+        "t": [float(path.times[0]), float(path.times[-1])],
+        "order": order,
+    }
+    tell(summary, _in_words, as_json)
+
+
+def _in_words(summary: dict[str, Any]) -> str:
+    from jounce.spatial.series import rate_name
+
+    first, last = summary["t"]
+    residual = "" if summary["residual"] is None else f", at most {summary['residual']:.2g} from what it is made of"
+    robot, count = shortened(summary["robot"]), len(summary["breaks"])
+    return "\n".join([
+        f"{robot} along {summary['motion']}: {summary['states']} rows, t = {first:g} .. {last:g} s",
+        summary["source"] + residual,
+        *summary["notes"],
+        *([f"{count} break{'s' * (count > 1)}; --json lists them, --blend replaces them"] if count else []),
+        f"q to {rate_name('q', summary['order'])} written to {summary['output']}",
+    ])  # fmt: skip

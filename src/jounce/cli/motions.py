@@ -1,0 +1,70 @@
+"""Options of commands that read a motion: how its samples become a curve, its columns and units, blends and rows."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from jounce.cli.options import MOTION
+
+if TYPE_CHECKING:
+    from jounce.motion import Motion
+    from jounce.robot import Robot
+
+OPTIONS = (
+    click.argument("motion", type=MOTION),
+    click.option("--degree", default=7, show_default=True, help="Spline degree for sampled motions: 5 or 7."),
+    click.option(
+        "--intervals", type=int, metavar="N",
+        help="Least-squares fit with N intervals (measured data); default: interpolate every sample.",
+    ),
+    click.option("--time", metavar="COLUMN", help="Column of times; default: t, else time or timestamp."),
+    click.option(
+        "--columns", metavar="PATTERN",
+        help="Names of the joints' columns, such as 'q_{joint}' or 'q{number}'."
+    ),
+    click.option("--angles", type=click.Choice(["rad", "deg"]), help="Unit of angles and their rates."),
+    click.option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of times."),
+    click.option("--topic", metavar="NAME", help="Topic of a ROS bag, where it has several."),
+    click.option(
+        "--blend", type=float, metavar="S", help="Replace breaks of planned motions by C^4 blends of S seconds."
+    ),
+    click.option(
+        "--step", type=float, metavar="S", help="Time between rows; default: those of the motion, else 1 ms."
+    ),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class AskedMotion:
+    """A motion by its path or name, with the options of `jounce.load_motion`; a command loads it for its robot."""
+
+    path: Path
+    options: dict[str, Any]
+    blend: float | None
+    step: float | None
+
+    def load(self, robot: "Robot", order: int) -> "Motion":
+        """The motion, with what the rates of forces up to an order take."""
+        from jounce.io.motions.loading import load_motion
+
+        found = load_motion(self.path, robot, order, **self.options)
+        found = found if self.blend is None else found.blended(self.blend, max(4, order + 2))
+        return found if self.step is None else found.with_step(self.step)
+
+
+def of_motion(verb: Callable[..., None]) -> Callable[..., None]:
+    """The verb with the argument MOTION and its options, which it gets as one `motion`, an `AskedMotion`."""
+
+    @wraps(verb)
+    def asked(motion: Path, blend: float | None, step: float | None, **others: Any) -> None:
+        names = ("degree", "intervals", "time", "columns", "angles", "time_unit", "topic")
+        options = {name: others.pop(name) for name in names}
+        verb(motion=AskedMotion(motion, options, blend, step), **others)
+
+    for option in reversed(OPTIONS):
+        asked = option(asked)
+    return asked

@@ -1,0 +1,60 @@
+"""JSON lines: a table whose rows are objects, one a line; lists in them are columns NAME[0], NAME[1], ..."""
+
+import json
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jounce._scalars import is_finite
+from jounce.errors import JounceError, listed, one_line, quoted
+from jounce.io.columns import CellError, Columns, Select
+from jounce.io.files import opened
+
+ROWS = 1 << 12  # in a piece
+
+
+def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
+    """The table of a file, some rows after the other; objects within a row are columns NAME.FIELD."""
+    with opened(path) as file:
+        rows = ((number, _row(path, number, line)) for number, line in enumerate(file, start=1) if line.strip())
+        first = next(rows, None)
+        if first is None:
+            raise JounceError(f"{path}: nothing in it; expected objects with a number for each name, one a line")
+        names = list(first[1] if select is None else select(list(first[1])))
+        piece = [first, *islice(rows, ROWS - 1)]
+        while piece:
+            yield {name: np.array([_number(path, *numbered, name) for numbered in piece]) for name in names}
+            piece = list(islice(rows, ROWS))
+
+
+def _row(path: Path, number: int, line: bytes) -> dict[str, Any]:
+    try:
+        row = json.loads(line)
+        if not isinstance(row, dict):
+            raise ValueError(f"{quoted(row)} is no object")
+        return dict(_flat(row, ""))
+    except (ValueError, RecursionError) as error:
+        raise JounceError(f"{path}:{number}: not a line of JSON: {one_line(error)}") from None
+
+
+def _flat(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _flat(inner, f"{name}.{key}" if name else key)
+    elif isinstance(value, list):
+        for i, inner in enumerate(value):
+            yield from _flat(inner, f"{name}[{i}]")
+    else:
+        yield name, value
+
+
+def _number(path: Path, line: int, row: dict[str, Any], name: str) -> float:
+    if name not in row:
+        raise JounceError(f"{path}:{line}: no {quoted(name)} in this row; it has: {listed(row)}")
+    if not is_finite(row[name]):
+        came = f"column {quoted(name)} holds {quoted(row[name])}"
+        raise CellError(f"{path}:{line}: {came}; expected a finite number")
+    return float(row[name])

@@ -1,0 +1,92 @@
+"""Bags of ROS 1 and 2: a JointTrajectory, or the samples of JointState messages, from rosbag2, MCAP and .bag files."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jounce.errors import JounceError, listed, no_such, one_line, quoted
+from jounce.io.files import check_readable
+from jounce.io.motions import tabular
+from jounce.model.mechanism import Mechanism
+from jounce.motion.columns import Options
+from jounce.motion.matching import matched
+from jounce.motion.motion import Motion
+from jounce.motion.ros import from_joint_trajectory
+from jounce.motion.spline import Spline
+
+SUFFIXES = (".mcap", ".bag", ".db3")
+STATES = "sensor_msgs/msg/JointState"
+TRAJECTORIES = ("trajectory_msgs/msg/JointTrajectory", "moveit_msgs/msg/DisplayTrajectory",
+                "moveit_msgs/msg/RobotTrajectory")  # fmt: skip
+
+
+def is_bag(source: Path) -> bool:
+    """Whether a path is a bag: a file of this kind, or a folder as ROS 2 writes it."""
+    try:
+        return source.suffix.lower() in SUFFIXES or (source / "metadata.yaml").is_file()
+    except OSError:  # a name longer than the file system takes
+        return False
+
+
+def read(
+    source: Path, mechanism: Mechanism, highest: int, spline: Spline, options: Options, topic: str | None
+) -> Motion:
+    """The motion in a bag: of the topic asked for, or of the only one that has any."""
+    if not source.is_dir():
+        check_readable(source)
+    with _opened(source) as bag:
+        topics = {c.topic: c.msgtype for c in bag.connections if c.msgtype in (STATES, *TRAJECTORIES)}
+        if topic is not None and topic not in topics:
+            raise JounceError(f"{source}: --topic: {no_such('topic', topic, topics)}")
+        if topic is None and len(topics) != 1:
+            kinds = f"JointTrajectory or JointState in it: {listed(topics) or 'none'}"
+            raise JounceError(f"{source}: topics of type {kinds}; expected one, or the one to read by --topic NAME")
+        chosen = topic if topic is not None else next(iter(topics))
+        connections = [c for c in bag.connections if c.topic == chosen]
+        messages = [bag.deserialize(raw, c.msgtype) for c, _, raw in bag.messages(connections)]
+    place = f"{source}: {chosen}"
+    if topics[chosen] == STATES:
+        return tabular.of_arrays(_columns(messages, place), mechanism, highest, spline, options, place)
+    if len(messages) != 1:
+        raise JounceError(f"{place} has {len(messages)} trajectories; expected one")
+    try:
+        return matched(from_joint_trajectory(messages[0]), mechanism)
+    except JounceError as error:
+        raise JounceError(f"{place}: {error}") from None
+
+
+def _columns(messages: list[Any], place: str) -> dict[str, np.ndarray]:
+    """t from the stamps, since the first; positions under the names of the joints, efforts as measured torques."""
+    if not messages:
+        raise JounceError(f"{place} has no messages; expected samples of joints")
+    names = list(messages[0].name)
+    for number, message in enumerate(messages):
+        if list(message.name) != names or len(message.position) != len(names):
+            came = f"message {number} is of {listed(message.name)}, with {len(message.position)} positions"
+            raise JounceError(f"{place}: {came}; expected all messages of the joints {listed(names)}")
+    stamps = [int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec) for message in messages]
+    columns = {"t": np.array([1e-9 * (stamp - stamps[0]) for stamp in stamps])}
+    columns |= dict(zip(names, np.array([message.position for message in messages]).T, strict=True))
+    if all(len(message.effort) == len(names) for message in messages):
+        efforts = np.array([message.effort for message in messages]).T
+        columns |= {f"{name}.effort": effort for name, effort in zip(names, efforts, strict=True)}
+    return columns
+
+
+@contextmanager
+def _opened(source: Path) -> Iterator[Any]:
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ModuleNotFoundError:
+        raise JounceError(f"{source}: bags of ROS need rosbags; install it by: pip install 'jounce[ros]'") from None
+    try:
+        with AnyReader([source], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:
+            yield bag
+    except JounceError:
+        raise
+    except Exception as error:  # damaged bags raise whatever their reader stumbles over
+        raise JounceError(f"{source}: not a bag of ROS: {one_line(error) or quoted(type(error).__name__)}") from None

@@ -1,0 +1,77 @@
+"""Tables of motions: of all their columns only those are read that are of the motion."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jounce._scalars import asarray
+from jounce.errors import JounceError, at, quoted
+from jounce.io import tables
+from jounce.io.columns import CellError, checked, selected
+from jounce.model.mechanism import Mechanism
+from jounce.motion.columns import Match, Options, match
+from jounce.motion.motion import Motion
+from jounce.motion.spline import Spline
+from jounce.motion.table import from_columns
+
+
+class Matching:
+    """Selects the columns of a motion when the names of a table are known, and keeps which they are."""
+
+    def __init__(self, mechanism: Mechanism, options: Options, highest: int, place: str) -> None:
+        self.given = mechanism, options, highest
+        self.place = place
+        self.found: Match | None = None
+
+    def __call__(self, header: Sequence[str]) -> list[str]:
+        """The columns of the motion."""
+        with at(self.place):
+            self.found = match(header, *self.given)
+        return self.found.names
+
+
+def read(path: Path, mechanism: Mechanism, highest: int, spline: Spline, options: Options) -> Motion:
+    """The motion of a table in a file."""
+    matching = Matching(mechanism, options, highest, str(path))
+    with _cures():
+        columns = tables.read(path, matching)
+    return _motion(columns, matching, highest, spline)
+
+
+def of_arrays(
+    given: Mapping[str, Any], mechanism: Mechanism, highest: int, spline: Spline, options: Options, place: str
+) -> Motion:
+    """The motion of arrays that stand under names; what is no array of numbers may stand among them."""
+    matching = Matching(mechanism, options, highest, place)
+    arrays, refused = {}, {}
+    for name, values in given.items():
+        try:
+            arrays[name] = np.asarray(asarray(values, f"column {quoted(name)}"))
+        except JounceError as error:
+            arrays[name], refused[name] = np.empty(0), error
+    with _cures():
+        columns = selected(arrays, matching) if arrays else {}
+        for name in columns:
+            if name in refused:
+                raise CellError(f"{place}: {refused[name]}")
+        columns = checked(place, columns)
+    return _motion(columns, matching, highest, spline)
+
+
+def _motion(columns: Mapping[str, np.ndarray], matching: Matching, highest: int, spline: Spline) -> Motion:
+    assert matching.found is not None  # every reader selects
+    return from_columns(columns, matching.found, matching.given[0], highest, matching.place, spline)
+
+
+@contextmanager
+def _cures() -> Iterator[None]:
+    """Inside, a cell that is no number is refused with what helps."""
+    try:
+        yield
+    except CellError as error:
+        raise JounceError(
+            f"{error}; repair or leave out the row, or choose columns by --time, --columns, --lock JOINT=VALUE"
+        ) from None

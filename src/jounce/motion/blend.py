@@ -1,0 +1,147 @@
+"""Blends: a curve whose breaks are replaced by polynomials that continue it smoothly on both sides, joint by joint."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jounce.errors import JounceError
+from jounce.motion.curves import Curve, Jump, jumps_at
+from jounce.motion.hermite import between
+
+POINTS = 257  # of a blend, at which its distance from the curve is measured; its middle, the break, is one of them
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """Where one column is replaced: from `start` to `stop` (m,), by polynomials with these rates (k, m) there."""
+
+    start: np.ndarray
+    stop: np.ndarray
+    left: np.ndarray
+    right: np.ndarray
+
+    def which(self, t: np.ndarray, left: bool) -> tuple[np.ndarray, np.ndarray]:
+        """The times that lie in a window, as numbers, and in which each."""
+        i = np.searchsorted(self.start, t, side="left" if left else "right") - 1
+        stop = self.stop[i.clip(0)]
+        at = np.flatnonzero((i >= 0) & ((t <= stop) if left else (t < stop)))
+        return at, i[at]
+
+    def ends(self, i: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """The rates at both ends of some windows, (N, 1) each."""
+        return [rate[i, None] for rate in self.left], [rate[i, None] for rate in self.right]
+
+
+@dataclass(frozen=True, eq=False)
+class Blend:
+    """A curve `base`, of which every column has windows of its own; none where it has no break."""
+
+    base: Curve
+    windows: tuple[Windows | None, ...]
+
+    @property
+    def start(self) -> float:
+        """Where it begins, s."""
+        return self.base.start
+
+    @property
+    def stop(self) -> float:
+        """Where it ends, s."""
+        return self.base.stop
+
+    @property
+    def columns(self) -> int:
+        """The number of coordinates."""
+        return self.base.columns
+
+    @property
+    def highest(self) -> int | None:
+        """The order of the last derivative that is known."""
+        return self.base.highest
+
+    def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
+        """The values and their derivatives up to `order`."""
+        found = [rate.copy() for rate in self.base.rates(t, order, left)]
+        for j, windows in enumerate(self.windows):
+            if windows is None:
+                continue
+            at, i = windows.which(t, left)
+            h = (windows.stop[i] - windows.start[i])[:, None]
+            u = (t[at] - windows.start[i])[:, None] / h
+            for whole, rate in zip(found, between(*windows.ends(i), h, u, order), strict=True):
+                whole[at, j] = rate[:, 0]
+        return found
+
+    def jumps(self, order: int) -> list[Jump]:
+        """Where a derivative up to `order` jumps: of the curve outside of all windows, and at their ends."""
+        found = []
+        for jump in self.base.jumps(order):
+            windows = self.windows[jump.column]
+            if windows is None or not windows.which(np.array([jump.t]), False)[0].size:
+                found.append(jump)
+        for j, windows in enumerate(self.windows):
+            if windows is not None:
+                t = np.concatenate([windows.start, windows.stop])
+                before, after = ([rate[:, [j]] for rate in self.rates(t, order, left)] for left in (True, False))
+                spans = np.tile(windows.stop - windows.start, 2)
+                found += [jump._replace(column=j) for jump in jumps_at(t, before, after, spans)]
+        return sorted(found)
+
+    def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
+        """The standard deviations of the values and derivatives: those of the curve."""
+        return self.base.deviations(t, order)
+
+
+def blended(base: Curve, time: float, continuity: int, names: Sequence[str]) -> tuple[Blend, np.ndarray]:
+    """A curve with polynomials of a duration in place of its breaks, C^continuity, and how far it moves (columns,)."""
+    times: list[list[float]] = [[] for _ in names]
+    for jump in base.jumps(continuity):
+        times[jump.column].append(jump.t)
+    windows, distance = [], np.zeros(len(names))
+    for j, (name, of) in enumerate(zip(names, times, strict=True)):
+        t = np.unique(of)
+        _check_gaps(base, t, time, name)
+        windows.append(_windows(base, j, t, time, continuity) if t.size else None)
+    blend = Blend(base, tuple(windows))
+    for j, column in enumerate(windows):
+        if column is not None:
+            distance[j] = _distance(blend, column, j)
+    return blend, distance
+
+
+def _check_gaps(base: Curve, t: np.ndarray, time: float, name: str) -> None:
+    """Raise `JounceError` where two blends of a joint would overlap, or one would reach beyond an end of the motion."""
+    if not t.size:
+        return
+    ends = np.concatenate([[2 * base.start - t[0]], t, [2 * base.stop - t[-1]]])  # at an end half a blend is enough
+    gaps = np.diff(ends)
+    i = int(gaps.argmin())
+    if gaps[i] < time * (1 - 1e-9):
+        inner = 0 < i < len(gaps) - 1
+        where = f"the breaks at t = {ends[i]:.9g} and {ends[i + 1]:.9g} s" if inner else (
+            f"the break at t = {t[0] if i == 0 else t[-1]:.9g} s and the {'start' if i == 0 else 'end'} of the motion"
+        )  # fmt: skip
+        raise JounceError(
+            f"a blend of {time:g} s does not fit between {where}, of {name};"
+            f" expected --blend (blended(time=...)) of at most {np.floor(gaps[i] * 1e6) / 1e6:g} s"
+        )
+
+
+def _windows(base: Curve, j: int, t: np.ndarray, time: float, continuity: int) -> Windows:
+    start, stop = np.maximum(t - time / 2, base.start), np.minimum(t + time / 2, base.stop)
+    left, right = (
+        np.array([rate[:, j] for rate in base.rates(x, continuity, side)]) for x, side in ((start, True), (stop, False))
+    )
+    return Windows(start, stop, left, right)
+
+
+def _distance(blend: Blend, windows: Windows, j: int) -> float:
+    """The largest distance of a blend from its curve: at the points, and what the curvature allows between them."""
+    u = np.linspace(0, 1, POINTS)
+    t = windows.start[:, None] + (windows.stop - windows.start)[:, None] * u
+    q, _, q2d = (
+        np.abs(a[:, j] - b[:, j]).max()
+        for a, b in zip(blend.rates(t.ravel(), 2), blend.base.rates(t.ravel(), 2), strict=True)
+    )
+    return float(q + q2d * (windows.stop - windows.start).max() ** 2 / (POINTS - 1) ** 2 / 8)

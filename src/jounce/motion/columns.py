@@ -1,0 +1,214 @@
+"""Which columns of a table are of a motion: times, joints, rates, wrenches, measured torques, each in its unit."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from jounce.arguments import names
+from jounce.errors import JounceError, listed, no_such, one_line, quoted
+from jounce.model.coordinates import coordinate_units
+from jounce.model.mechanism import Mechanism
+from jounce.motion import loads
+from jounce.motion.units import ANGLES, TIMES, factor, split_unit
+from jounce.spatial.series import SUFFIX, rate_name
+
+TIME = "t"
+ALSO_TIME = ("time", "timestamp")  # in any case, where there is no t
+RATE = re.compile(r"q(?=.{0,4}$)" + SUFFIX)  # no order has more than three digits
+DEVIATION = "_sd"  # what the name of a rate's column ends in that holds its standard deviation
+TORQUES = ("tau_{joint}", "{joint}.tau", "{joint}_tau", "effort_{joint}", "{joint}.effort", "{joint}_effort")
+MISSPELT = re.compile(r"q[a-z0-9]{0,4}|[fm][a-z]?\d*d*")
+OURS = re.compile(r"\.q_sample$|^break$")  # what `jounce motion` writes to be drawn
+CURES = {
+    "t": "name another column of times by --time COLUMN (time=)",
+    "joint": "name the columns by --columns 'q_{joint}' (columns=), or hold a joint by --lock {joint}=VALUE"
+    " (lock= of jounce.load)",
+}
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a caller says of the columns: the one of times, how joints are called there, and units."""
+
+    time: str | None = None
+    pattern: str | None = None
+    angles: str | None = None
+    time_unit: str | None = None
+
+    def __post_init__(self) -> None:
+        for what, given, known in (("angles", self.angles, ANGLES), ("time_unit", self.time_unit, TIMES)):
+            if given is not None and (not isinstance(given, str) or given not in known):
+                raise no_such(f"unit of {what}", given, known)
+        for what, given in (("time", self.time), ("columns", self.pattern)):
+            if given is not None and not isinstance(given, str):
+                raise JounceError(f"{what} is {quoted(given)}; expected a text")
+
+
+@dataclass(frozen=True)
+class Match:
+    """The columns of a motion: of each its name in the table, and the factor that makes SI units of its numbers."""
+
+    sampled: bool
+    sources: Mapping[str, str]
+    factors: Mapping[str, float]
+    torques: Mapping[str, str] = field(default_factory=dict)  # by joint
+    others: tuple[str, ...] = ()
+    angles_stated: bool = False
+    time_stated: bool = False
+
+    @property
+    def names(self) -> list[str]:
+        """The columns to read."""
+        return list(dict.fromkeys([*self.sources.values(), *self.torques.values()]))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know: the columns that are none of the motion."""
+        return (f"other columns, left alone: {listed(self.others)}",) if self.others else ()
+
+
+def match(header: Sequence[str], mechanism: Mechanism, options: Options, highest: int) -> Match:
+    """The columns of a motion with rates up to `highest`, by the names that a table has.
+
+    Raises
+    ------
+    JounceError : where a joint, a rate or the times are missing, a unit is unknown, or samples stand beside rates.
+    """
+    joints = mechanism.coordinates
+    if TIME in joints:
+        raise JounceError("a joint is named 't', as the column of times is; give it another name")
+    bare = _bare(header, joints)
+    sources = {name: source for name, (source, _) in bare.items()}
+    sources = _with_time(sources, header, options.time, joints)
+    sources = _with_pattern(sources, options.pattern, joints)
+    of_wrenches = loads.named(list(sources), mechanism)
+    torques = _torques(sources, joints)
+    given = [name for name in sources if name not in of_wrenches and sources[name] not in torques.values()]
+    sampled = not any(_is_rate(name, joints) for name in given)
+    wanted = (
+        list(joints) if sampled else [f"{joint}.{rate_name('q', k)}" for joint in joints for k in range(highest + 1)]
+    )
+    _check(given, [TIME, *wanted], sampled, mechanism, highest)
+    kept = {TIME, *wanted, *of_wrenches} | {name for name in given if not sampled and _belongs(name, joints)}
+    units = dict(bare.values())
+    factors = _factors({name: sources[name] for name in sources if name in kept}, units, options, mechanism)
+    return Match(
+        sampled,
+        {name: source for name, source in sources.items() if name in kept},
+        factors,
+        torques,
+        tuple(
+            source for name, source in sources.items() if name in given and name not in kept and not OURS.search(name)
+        ),
+        options.angles is not None or any(units[sources[name]] for name in wanted),
+        options.time_unit is not None or units[sources[TIME]] is not None,
+    )
+
+
+def _bare(header: Sequence[str], joints: Sequence[str]) -> dict[str, tuple[str, str | None]]:
+    """The names without their units, ``joint1 [deg]``: of each the whole name and the unit."""
+    found: dict[str, tuple[str, str | None]] = {}
+    for source in header:
+        name, unit = (source, None) if source in joints else split_unit(source)
+        if name in found:
+            both = f"{quoted(found[name][0])} and {quoted(source)}"
+            raise JounceError(f"columns {both} are of the same name; expected it once")
+        found[name] = source, unit
+    return found
+
+
+def _with_time(
+    sources: Mapping[str, str], header: Sequence[str], time: str | None, joints: Sequence[str]
+) -> dict[str, str]:
+    """The columns with the one of times called t."""
+    if time is None:
+        also = [name for name in sources if name.lower() in ALSO_TIME and name not in joints]
+        if TIME in sources or not also:
+            return dict(sources)
+        chosen = also[0]
+    else:
+        chosen = next((name for name, source in sources.items() if time in (name, source)), "")
+        if not chosen:
+            raise JounceError(f"--time: {no_such('column', time, header)}")
+    renamed = {name if name != TIME or chosen == TIME else f"{TIME} ": source for name, source in sources.items()}
+    return {TIME if name == chosen else name: source for name, source in renamed.items()}
+
+
+def _with_pattern(sources: Mapping[str, str], pattern: str | None, joints: Sequence[str]) -> dict[str, str]:
+    """The columns with those of joints called as the joints are: ``q_{joint}``, ``q{number}``, ``q[{index}]``."""
+    if pattern is None:
+        return dict(sources)
+    try:
+        called = [pattern.format(joint=joint, number=j + 1, index=j) for j, joint in enumerate(joints)]
+    except (LookupError, ValueError, AttributeError) as error:
+        raise JounceError(f"--columns {quoted(pattern)}: {one_line(error)}; {_EXPECTED}") from None
+    if len(set(called)) < len(called):
+        raise JounceError(f"--columns {quoted(pattern)} names {quoted(called[0])} for every joint; {_EXPECTED}")
+    if not any(name in sources for name in called):
+        came = f"--columns {quoted(pattern)}: no column {listed(map(quoted, called[:2]))}"
+        raise JounceError(f"{came}, ...; there are: {listed(sources)}")
+    places = {name: joint for name, joint in zip(called, joints, strict=True) if name in sources}
+    hidden = set(places.values()) - set(places)
+    return {places.get(name, f"{name} " if name in hidden else name): source for name, source in sources.items()}
+
+
+_EXPECTED = "expected {joint}, {number} (from 1) or {index} (from 0) in it, as in 'q_{joint}'"
+
+
+def _torques(sources: Mapping[str, str], joints: Sequence[str]) -> dict[str, str]:
+    """The columns of measured torques, by joint."""
+    called = {pattern.format(joint=joint): joint for pattern in TORQUES for joint in joints}
+    return {called[name]: source for name, source in sources.items() if name in called and name not in joints}
+
+
+def _is_rate(name: str, joints: Sequence[str]) -> bool:
+    joint, _, rate = name.rpartition(".")
+    return name not in joints and joint in joints and RATE.fullmatch(rate) is not None
+
+
+def _belongs(name: str, joints: Sequence[str]) -> bool:
+    """Whether a column is a rate, or the standard deviation of one."""
+    return _is_rate(name.removesuffix(DEVIATION), joints)
+
+
+def _misspelt(name: str, mechanism: Mechanism) -> bool:
+    """Whether a column looks like a rate of a joint or a component of a wrench, and is none."""
+    owner, _, suffix = name.rpartition(".")
+    owners = {*mechanism.coordinates, *mechanism.bodies, *(frame.name for frame in mechanism.frames)}
+    return owner in owners and MISSPELT.fullmatch(suffix) is not None
+
+
+def _check(given: Sequence[str], expected: Sequence[str], sampled: bool, mechanism: Mechanism, highest: int) -> None:
+    joints, follows = mechanism.coordinates, names.followers(mechanism)
+    unfit = {} if sampled else {name: "samples beside columns of rates" for name in given if name in joints}
+    missing = [name for name in expected if name not in given]
+    wrong = [name for name in given if not _belongs(name, joints) and _misspelt(name, mechanism)]
+    if not missing and not unfit and not wrong:
+        return
+    asked = listed(joints) if sampled else f"for each joint {', '.join(rate_name('q', k) for k in range(highest + 1))}"
+    absent = [joint for joint in joints if any(name in (joint, f"{joint}.q") for name in missing)]
+    cures = [CURES["t"]] * (TIME in missing) + [CURES["joint"].replace("{joint}=", f"{j}=") for j in absent[:1]]
+    others = [name for name in given if not _belongs(name, joints) and name.removesuffix(".q") not in follows]
+    told = [name for name in given if name in {*expected, *unfit, *(others if missing else wrong)}]
+    names.check(told, expected, unfit, "; ".join([f"t and {asked}", *cures]))
+
+
+def _factors(
+    sources: Mapping[str, str], units: Mapping[str, str | None], options: Options, mechanism: Mechanism
+) -> dict[str, float]:
+    """What makes SI units of the columns: as their names state it, else as the caller says."""
+    kinds = dict(zip(mechanism.coordinates, coordinate_units(mechanism), strict=True))
+    found = {}
+    for name, source in sources.items():
+        joint, _, rate = name.removesuffix(DEVIATION).rpartition(".")
+        joint, rate = (name, "q") if name in kinds else (joint, rate)
+        kind, order = "s" if name == TIME else kinds.get(joint, "load"), _order(rate)
+        said = {"s": options.time_unit, "rad": options.angles}.get(kind)
+        found[name] = factor(units[source], said, kind, order, source)
+    return found
+
+
+def _order(rate: str) -> int:
+    """The order of a rate by its name: 0 of q, 1 of qd, 2 of q2d."""
+    found = RATE.fullmatch(rate)
+    return int(found[1][:-1] or 1) if found and found[1] else 0

@@ -1,0 +1,118 @@
+"""Curves made of curves: at another pace, one after the other."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from jounce.motion.curves import Curve, Jump, jumps_at
+
+
+@dataclass(frozen=True, eq=False)
+class Retimed:
+    """A curve at another pace: its value at t is that of `base` at (t - offset) / factor."""
+
+    base: Curve
+    factor: float
+    offset: float
+
+    @property
+    def start(self) -> float:
+        """Where it begins, s."""
+        return self.base.start * self.factor + self.offset
+
+    @property
+    def stop(self) -> float:
+        """Where it ends, s."""
+        return self.base.stop * self.factor + self.offset
+
+    @property
+    def columns(self) -> int:
+        """The number of coordinates."""
+        return self.base.columns
+
+    @property
+    def highest(self) -> int | None:
+        """The order of the last derivative that is known."""
+        return self.base.highest
+
+    def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
+        """The values and their derivatives up to `order`."""
+        found = self.base.rates(self._inner(t), order, left)
+        return [rate / self.factor**k for k, rate in enumerate(found)]
+
+    def jumps(self, order: int) -> list[Jump]:
+        """Where a derivative up to `order` jumps."""
+        return [
+            Jump(jump.t * self.factor + self.offset, jump.column, jump.order, jump.size / self.factor**jump.order)
+            for jump in self.base.jumps(order)
+        ]
+
+    def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
+        """The standard deviations of the values and derivatives."""
+        found = self.base.deviations(self._inner(t), order)
+        return None if found is None else [rate / self.factor**k for k, rate in enumerate(found)]
+
+    def _inner(self, t: np.ndarray) -> np.ndarray:
+        return ((t - self.offset) / self.factor).clip(self.base.start, self.base.stop)
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """Curves one after the other: each begins where the one before ends."""
+
+    links: tuple[Curve, ...]
+
+    @property
+    def start(self) -> float:
+        """Where it begins, s."""
+        return self.links[0].start
+
+    @property
+    def stop(self) -> float:
+        """Where it ends, s."""
+        return self.links[-1].stop
+
+    @property
+    def columns(self) -> int:
+        """The number of coordinates."""
+        return self.links[0].columns
+
+    @property
+    def highest(self) -> int | None:
+        """The order of the last derivative that all of them know."""
+        return min((link.highest for link in self.links if link.highest is not None), default=None)
+
+    def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
+        """The values and their derivatives up to `order`."""
+        found = [np.empty((len(t), self.columns)) for _ in range(order + 1)]
+        for at, link in self._shares(t, left):
+            for whole, part in zip(found, link.rates(t[at], order, left), strict=True):
+                whole[at] = part
+        return found
+
+    def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
+        """The standard deviations of the values and derivatives: none where a curve is exact."""
+        found, exact = [np.zeros((len(t), self.columns)) for _ in range(order + 1)], True
+        for at, link in self._shares(t, False):
+            parts = link.deviations(t[at], order)
+            exact = exact and parts is None
+            for whole, part in zip(found, parts or (), strict=False):
+                whole[at] = part
+        return None if exact else found
+
+    def _shares(self, t: np.ndarray, left: bool) -> Iterator[tuple[np.ndarray, Curve]]:
+        """Which of the times each of the curves has."""
+        starts = np.array([link.start for link in self.links[1:]])
+        which = np.searchsorted(starts, t, side="left" if left else "right")
+        for i in np.unique(which):
+            yield np.flatnonzero(which == i), self.links[i]
+
+    def jumps(self, order: int) -> list[Jump]:
+        """Where a derivative up to `order` jumps: within the curves, and where they meet."""
+        found = [jump for link in self.links for jump in link.jumps(order)]
+        for a, b in zip(self.links[:-1], self.links[1:], strict=True):
+            before, after = a.rates(np.array([a.stop]), order, True), b.rates(np.array([b.start]), order)
+            span = max(a.stop - a.start, b.stop - b.start)
+            found += jumps_at(np.array([b.start]), before, after, np.array([span]))
+        return sorted(found)

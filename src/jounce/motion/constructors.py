@@ -1,0 +1,124 @@
+"""Motions of arrays: through samples, polynomials, Fourier series, pieces, profiles; every argument is checked here."""
+
+from typing import Any
+
+import numpy as np
+
+from jounce._scalars import asarray
+from jounce.errors import JounceError, quoted, warn
+from jounce.motion.analytic import Analytic, Cosine, Terms
+from jounce.motion.curves import Polynomials
+from jounce.motion.motion import Motion
+from jounce.motion.smoothness import of_samples
+from jounce.motion.spline import Spline, curve_of, residual_of
+
+PLACE = "the motion"
+HIGHEST = 4  # q4d, which Q2d takes: the rate whose rounding is judged
+
+
+def through(t: Any, q: Any, spline: Spline, joint_names: Any) -> Motion:
+    """A spline of samples, through all of them or fitted by least squares."""
+    times, samples = numbers(t, "t", 1), numbers(q, "q", 2)
+    if len(times) != len(samples):
+        raise JounceError(f"t has {len(times)} times and q {len(samples)} rows; expected as many")
+    check_increasing(times, "t")
+    if spline.intervals is None and (jumps := of_samples(times, samples)):
+        warn(f"{PLACE}: {jumps}")
+    curve = curve_of(times, samples, spline, PLACE, HIGHEST)
+    names = checked_names(joint_names, samples.shape[1])
+    source = f"samples, rates from a {spline}"
+    return Motion(curve, names, source, {}, (times, samples), residual_of(curve, spline, times, samples), times)
+
+
+def polynomial(coefficients: Any, duration: Any, start: Any, joint_names: Any) -> Motion:
+    """Polynomials in t - start, coefficients (n, degree + 1) with the lowest power first."""
+    c, first = numbers(coefficients, "coefficients", 2), float(numbers(start, "start", 0))
+    ends = np.array([first, first + _positive(duration, "duration")])
+    check_increasing(ends, "start and end")
+    curve = Polynomials(ends, np.ascontiguousarray(c.T[::-1, None, :]))
+    return Motion(curve, checked_names(joint_names, len(c)), "polynomials, all rates exact")
+
+
+def fourier(
+    offset: Any, cosines: Any, sines: Any, frequency: Any, duration: Any, start: Any, joint_names: Any
+) -> Motion:
+    """offset + sum_k cosines[k] cos((k + 1) frequency t) + sines[k] sin((k + 1) frequency t)."""
+    mean, a, b = numbers(offset, "offset", 1), numbers(cosines, "cosines", 2), numbers(sines, "sines", 2)
+    for name, part in (("cosines", a), ("sines", b)):
+        if part.shape[1] != len(mean):
+            raise JounceError(f"{name} has shape {part.shape}; expected (harmonics, {len(mean)}), as offset has joints")
+    w, first = _positive(frequency, "frequency"), float(numbers(start, "start", 0))
+    terms = tuple(
+        Terms(
+            (float(mean[j]),),
+            (
+                *(Cosine(float(x), (k + 1) * w, 0.0) for k, x in enumerate(a[:, j])),
+                *(Cosine(float(x), (k + 1) * w, -np.pi / 2) for k, x in enumerate(b[:, j])),
+            ),
+        )
+        for j in range(len(mean))
+    )
+    curve = Analytic(terms, first, first + _positive(duration, "duration"))
+    return Motion(curve, checked_names(joint_names, len(mean)), "Fourier series, all rates exact")
+
+
+def piecewise(breaks: Any, coefficients: Any, joint_names: Any) -> Motion:
+    """Piecewise polynomials as scipy's PPoly has them."""
+    x, c = numbers(breaks, "breaks", 1), numbers(coefficients, "coefficients", 3)
+    check_increasing(x, "breaks")
+    if c.shape[1] != len(x) - 1 or not c.shape[0]:
+        came = f"coefficients has shape {c.shape} for {len(x)} breaks"
+        raise JounceError(f"{came}; expected (degree + 1, {max(len(x) - 1, 1)}, n), the highest power first")
+    return Motion(Polynomials(x, c), checked_names(joint_names, c.shape[2]), "piecewise polynomials, all rates exact")
+
+
+def checked_names(given: Any, count: int) -> tuple[str, ...] | None:
+    """The names of coordinates that a caller gives, or None."""
+    if given is None:
+        return None
+    names = [] if isinstance(given, str) else _listed(given)
+    if len(names) != count or not all(isinstance(name, str) for name in names) or len(set(names)) != count:
+        raise JounceError(f"joint_names is {quoted(given)}; expected {count} different names, one for each joint")
+    return tuple(names)
+
+
+def check_increasing(t: np.ndarray, what: str) -> None:
+    """Raise `JounceError` where there are fewer than two times, or one does not follow the one before."""
+    if len(t) < 2:
+        raise JounceError(f"{what} holds {len(t)} time{'s' * (len(t) != 1)}; expected two at least")
+    late = np.flatnonzero(np.diff(t) <= 0)
+    if late.size:
+        i = int(late[0])
+        raise JounceError(
+            f"{what} does not increase: {t[i]:.17g} is followed by {t[i + 1]:.17g}, entries {i} and {i + 1}"
+        )
+
+
+def numbers(given: Any, what: str, axes: int) -> np.ndarray:
+    """Finite numbers in an array of some axes, which is not empty along the last."""
+    array = np.asarray(asarray(given, what))
+    if (
+        array.dtype.kind != "f"
+        or array.ndim != axes
+        or (axes and not array.shape[-1])
+        or np.asarray(given).dtype.kind == "b"
+    ):
+        shape = ("a number", "an array (N,)", "an array (N, n)", "an array (degree + 1, pieces, n)")[axes]
+        raise JounceError(f"{what} is {quoted(given)}; expected {shape} of numbers")
+    if not np.isfinite(array).all():
+        raise JounceError(f"{what} holds {array[~np.isfinite(array)].flat[0]}; expected finite numbers")
+    return array.astype(float)
+
+
+def _positive(given: Any, what: str) -> float:
+    number = float(numbers(given, what, 0))
+    if number <= 0:
+        raise JounceError(f"{what} is {number:g}; expected a number > 0")
+    return number
+
+
+def _listed(given: Any) -> list[Any]:
+    try:
+        return list(given)
+    except Exception:  # whatever a foreign type raises
+        return []

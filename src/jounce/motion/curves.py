@@ -1,0 +1,150 @@
+"""Curves: several coordinates as functions of time, with their rates, and where a derivative jumps."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+HIGHEST = 4  # q4d, which Q2d takes: the highest derivative whose jumps are told unasked
+RELATIVE = 1e-9  # of the largest value: a smaller difference is no jump
+ROUNDING = 64 * np.finfo(float).eps  # of q, which the k-th derivative of a polynomial over a span h magnifies by h^-k
+
+
+class Jump(NamedTuple):
+    """The lowest derivative of one column that jumps at a time, and by how much."""
+
+    t: float
+    column: int
+    order: int
+    size: float
+
+
+class Curve(Protocol):
+    """A function of time with values (columns,), from `start` to `stop`; its callers ask for times between them."""
+
+    @property
+    def start(self) -> float:
+        """Where it begins, s."""
+
+    @property
+    def stop(self) -> float:
+        """Where it ends, s."""
+
+    @property
+    def columns(self) -> int:
+        """The number of coordinates."""
+
+    @property
+    def highest(self) -> int | None:
+        """The order of the last derivative that is known; None where all are."""
+
+    def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
+        """The values (N, columns) and their derivatives up to `order`; at a jump from the right, or from the left."""
+
+    def jumps(self, order: int) -> list[Jump]:
+        """Where a derivative up to `order` jumps, in the order of time."""
+
+    def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
+        """The standard deviations of the values and derivatives; None where they are exact."""
+
+
+def jumps_at(t: np.ndarray, before: Sequence[np.ndarray], after: Sequence[np.ndarray], spans: np.ndarray) -> list[Jump]:
+    """The jumps at times (m,), of derivatives (m, columns) from the left and from the right, lowest order first.
+
+    `spans` (m,) are the lengths of the pieces that meet there: what rounding does to their derivatives is no jump.
+    """
+    found: list[Jump] = []
+    known = np.zeros(before[0].shape, dtype=bool)
+    peaks = [np.maximum(np.abs(a), np.abs(b)).max(axis=0, initial=0) for a, b in zip(before, after, strict=True)]
+    for k, (a, b) in enumerate(zip(before, after, strict=True)):
+        floor = RELATIVE * peaks[k] + ROUNDING * peaks[0] / spans[:, None] ** k
+        new = (np.abs(b - a) > floor) & ~known
+        found += [Jump(float(t[i]), int(j), k, float(b[i, j] - a[i, j])) for i, j in np.argwhere(new)]
+        known |= new
+    return sorted(found)
+
+
+@dataclass(frozen=True, eq=False)
+class Polynomials:
+    """Piecewise polynomials, as scipy's PPoly: breakpoints x (m + 1,), coefficients c (degree + 1, m, columns).
+
+    On the piece from x[i] to x[i + 1] the coefficients are those of powers of t - x[i], the highest power first.
+    """
+
+    x: np.ndarray
+    c: np.ndarray
+    highest: int | None = None
+
+    @property
+    def start(self) -> float:
+        """Where it begins, s."""
+        return float(self.x[0])
+
+    @property
+    def stop(self) -> float:
+        """Where it ends, s."""
+        return float(self.x[-1])
+
+    @property
+    def columns(self) -> int:
+        """The number of coordinates."""
+        return self.c.shape[2]
+
+    def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
+        """The values (N, columns) and their derivatives up to `order`."""
+        piece = (np.searchsorted(self.x, t, side="left" if left else "right") - 1).clip(0, len(self.x) - 2)
+        return powers(self.c[:, piece], (t - self.x[piece])[:, None], order)
+
+    def jumps(self, order: int) -> list[Jump]:
+        """Where a derivative up to `order` jumps: between pieces that do not continue each other."""
+        h = np.diff(self.x)
+        before = powers(self.c[:, :-1], h[:-1, None], order)
+        after = powers(self.c[:, 1:], np.zeros((len(h) - 1, 1)), order)
+        return jumps_at(self.x[1:-1], before, after, np.maximum(h[:-1], h[1:]))
+
+    def deviations(self, t: np.ndarray, order: int) -> None:
+        """None: the curve is exact."""
+
+
+def powers(c: np.ndarray, s: np.ndarray, order: int) -> list[np.ndarray]:
+    """Polynomials with coefficients c (degree + 1, N, columns), highest power first, at s (N, 1), with derivatives."""
+    found = []
+    for _ in range(order + 1):
+        value = c[0] + 0 * s
+        for coefficient in c[1:]:
+            value = value * s + coefficient
+        found.append(value)
+        degree = len(c) - 1
+        c = c[:-1] * np.arange(degree, 0, -1)[:, None, None] if degree else 0 * c
+    return found
+
+
+def shifted(c: np.ndarray, by: np.ndarray) -> np.ndarray:
+    """Coefficients (degree + 1, ...) of p(s + by): highest power first, as those of p(s); Horner's scheme by Shaw."""
+    c = c.copy()
+    for last in range(len(c) - 1, 0, -1):
+        for i in range(1, last + 1):
+            c[i] += by * c[i - 1]
+    return c
+
+
+def side_by_side(parts: Sequence[tuple[np.ndarray, np.ndarray]], stop: float) -> Polynomials:
+    """Columns with breakpoints of their own as one curve with the breakpoints of all.
+
+    A column is (x, c): its pieces begin at x (m,), with the coefficients c (degree + 1, m); the last reaches to `stop`.
+    Breakpoints closer together than rounding of the time are one.
+    """
+    start = min(float(x[0]) for x, _ in parts)
+    every = np.unique(np.concatenate([x for x, _ in parts]))
+    every = every[(every >= start) & (every < stop)]
+    apart = np.concatenate([[True], np.diff(every) > 1e-12 * (stop - start)])
+    x = np.append(every[apart], stop)
+    if len(x) > 2 and x[-1] - x[-2] <= 1e-12 * (stop - start):
+        x = np.delete(x, -2)
+    middle = (x[:-1] + x[1:]) / 2
+    c = np.zeros((max(len(c) for _, c in parts), len(middle), len(parts)))
+    for j, (knots, column) in enumerate(parts):
+        piece = (np.searchsorted(knots, middle, side="right") - 1).clip(0)
+        c[len(c) - len(column) :, :, j] = shifted(column[:, piece], x[:-1] - knots[piece])
+    return Polynomials(x, c)

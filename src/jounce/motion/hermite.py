@@ -1,0 +1,128 @@
+"""Hermite polynomials: curves through rows that state the coordinates and all their rates, exact at every row."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from jounce.errors import warn
+from jounce.motion.curves import Jump, powers
+from jounce.motion.smoothness import resolution
+from jounce.spatial.series import rate_name
+
+NOTICEABLE = 0.01  # share of rounding in a rate from which on a user should hear of it
+
+
+@dataclass(frozen=True, eq=False)
+class Hermite:
+    """Polynomials between rows at t (N,) of q, qd, ... (N, columns) each: m of them make the degree 2 m - 1.
+
+    `spreads` are their standard deviations, where the rows are none of a plan but of a fit.
+    """
+
+    t: np.ndarray
+    rows: tuple[np.ndarray, ...]
+    spreads: tuple[np.ndarray, ...] | None = None
+
+    @property
+    def start(self) -> float:
+        """Where it begins, s."""
+        return float(self.t[0])
+
+    @property
+    def stop(self) -> float:
+        """Where it ends, s."""
+        return float(self.t[-1])
+
+    @property
+    def columns(self) -> int:
+        """The number of coordinates."""
+        return self.rows[0].shape[1]
+
+    @property
+    def highest(self) -> int:
+        """The order of the last rate that the rows state."""
+        return len(self.rows) - 1
+
+    def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
+        """The values and their derivatives up to `order`; at the rows they are those of the rows."""
+        i = (np.searchsorted(self.t, t, side="right") - 1).clip(0)
+        on_row = self.t[i] == t
+        if on_row.all():
+            return [row[i] for row in self.rows[: order + 1]]
+        left_row = i.clip(max=len(self.t) - 2)
+        h = (self.t[left_row + 1] - self.t[left_row])[:, None]
+        before, after = ([row[at] for row in self.rows] for at in (left_row, left_row + 1))
+        found = between(before, after, h, (t - self.t[left_row])[:, None] / h, order)
+        self._warn_of_rounding(order)
+        return [np.where(on_row[:, None], row[i], rate) for row, rate in zip(self.rows, found, strict=False)]
+
+    def jumps(self, order: int) -> list[Jump]:
+        """None up to the rates that the rows state: neighbouring pieces share them."""
+        return []
+
+    def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
+        """The standard deviations that the rows state, linear between them."""
+        if self.spreads is None:
+            return None
+        return [np.stack([np.interp(t, self.t, x) for x in rows.T], axis=1) for rows in self.spreads[: order + 1]]
+
+    @np.errstate(all="ignore")
+    def _warn_of_rounding(self, order: int) -> None:
+        """Warn where the digits of q do not carry the highest rate from row to row: h^-k magnifies them."""
+        size = np.array([resolution(column) for column in self.rows[0].T])
+        noise = size * _gain(len(self.rows), order) / np.diff(self.t).min() ** order
+        share = float((noise / np.maximum(np.abs(self.rows[order]).max(axis=0), np.finfo(float).tiny)).max())
+        if share > NOTICEABLE and np.any(self.rows[order]):
+            text = f"rounding of q in the table may make up {min(share, 1):.0%} of {rate_name('q', order)}"
+            warn(f"{text} between its rows; look at the motion at its rows, or give more digits or wider steps")
+
+
+def between(
+    left: Sequence[np.ndarray], right: Sequence[np.ndarray], h: np.ndarray, u: np.ndarray, order: int
+) -> list[np.ndarray]:
+    """Values and derivatives up to `order` at u (N, 1) of the polynomials that `coefficients` makes.
+
+    They are expanded at the nearer end, so that both ends are met to rounding.
+    """
+    back = u > 0.5
+    signs = [np.where(back, -1.0, 1.0) ** k for k in range(max(len(left), order + 1))]
+    near, far = (
+        [sign * np.where(back, b, a) for sign, a, b in zip(signs, *sides, strict=False)]
+        for sides in ((left, right), (right, left))
+    )
+    found = powers(coefficients(near, far, h), np.where(back, 1 - u, u), order)
+    return [sign * rate / h**k for k, (sign, rate) in enumerate(zip(signs, found, strict=False))]
+
+
+def coefficients(left: Sequence[np.ndarray], right: Sequence[np.ndarray], h: np.ndarray) -> np.ndarray:
+    """Coefficients (2 m, N, columns), highest power first, of polynomials in u = (t - t_left) / h.
+
+    They have the values and derivatives `left` at u = 0 and `right` at u = 1, m of each, stated per time.
+    """
+    m = len(left)
+    low = [h**k * rate / math.factorial(k) for k, rate in enumerate(left)]
+    rest = [  # what powers below m leave of the derivatives at u = 1
+        h**j * rate - sum((math.perm(k, j) * low[k] for k in range(j, m)), start=0 * rate)
+        for j, rate in enumerate(right)
+    ]
+    high = np.einsum("kj,j...->k...", _inverse(m), np.stack(rest))
+    return np.concatenate([high[::-1], np.stack(low)[::-1]])
+
+
+@cache
+def _inverse(m: int) -> np.ndarray:
+    """Derivatives at 1 of u^m sum_k e_k u^k to e: the inverse of (m + k)! / (m + k - j)!, whole numbers over j!."""
+    derivative = np.array([[math.perm(m + k, j) for k in range(m)] for j in range(m)], dtype=float)
+    factorials = np.array([math.factorial(j) for j in range(m)], dtype=float)
+    return np.rint(np.linalg.inv(derivative) * factorials) / factorials
+
+
+@cache
+def _gain(m: int, order: int) -> float:
+    """How much an error of one value of q, the step being 1, shows in the derivative of an order between the rows."""
+    c = np.concatenate([_inverse(m)[::-1, 0], np.zeros(m)])[:, None, None]
+    u = np.linspace(0, 1, 33)[:, None]
+    return float(np.abs(powers(np.broadcast_to(c, (2 * m, len(u), 1)), u, order)[order]).max())

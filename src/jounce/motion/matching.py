@@ -1,0 +1,86 @@
+"""Motions and robots, matched by joint name."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jounce.arguments import names
+from jounce.errors import JounceError, listed
+from jounce.model.mechanism import Mechanism
+from jounce.motion.curves import Curve, Jump
+from jounce.motion.motion import Motion
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Some columns of a curve, in another order."""
+
+    base: Curve
+    order: np.ndarray
+
+    @property
+    def start(self) -> float:
+        """Where it begins, s."""
+        return self.base.start
+
+    @property
+    def stop(self) -> float:
+        """Where it ends, s."""
+        return self.base.stop
+
+    @property
+    def columns(self) -> int:
+        """The number of coordinates."""
+        return len(self.order)
+
+    @property
+    def highest(self) -> int | None:
+        """The order of the last derivative that is known."""
+        return self.base.highest
+
+    def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
+        """The values and their derivatives up to `order`."""
+        return [rate[:, self.order] for rate in self.base.rates(t, order, left)]
+
+    def jumps(self, order: int) -> list[Jump]:
+        """Where a derivative up to `order` jumps."""
+        place = {int(j): i for i, j in enumerate(self.order)}
+        return sorted(
+            jump._replace(column=place[jump.column]) for jump in self.base.jumps(order) if jump.column in place
+        )
+
+    def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
+        """The standard deviations of the values and derivatives."""
+        found = self.base.deviations(t, order)
+        return None if found is None else [rate[:, self.order] for rate in found]
+
+
+def matched(motion: Motion, mechanism: Mechanism) -> Motion:
+    """A motion with the joints of a robot, in its order."""
+    joints = mechanism.coordinates
+    if motion.joint_names is None:
+        if motion.curve.columns != len(joints):
+            came = f"{motion.curve.columns} joints without names"
+            raise JounceError(f"{came}; {mechanism.name!r} has {listed(joints)}")
+        return motion
+    if motion.joint_names == joints:
+        return motion
+    check_joints(motion.joint_names, mechanism)
+    order = np.array([motion.joint_names.index(joint) for joint in joints])
+    samples = motion.samples and (motion.samples[0], motion.samples[1][:, order])
+    torques = motion.torques and (motion.torques[0], motion.torques[1][:, order])
+    residual = None if motion.residual is None else motion.residual[order]
+    return replace(
+        motion,
+        curve=Columns(motion.curve, order),
+        joint_names=joints,
+        samples=samples,
+        residual=residual,
+        torques=torques,
+    )
+
+
+def check_joints(given: tuple[str, ...], mechanism: Mechanism) -> None:
+    """Raise `JounceError` where the joints of a motion are not those of a robot."""
+    joints = mechanism.coordinates
+    names.check(given, joints, names.followers(mechanism), f"{listed(joints)}, the joints of {mechanism.name!r}")

@@ -1,0 +1,194 @@
+"""What planners compute, as exact piecewise polynomials: Ruckig, toppra, ROS trajectories, trapezoidal profiles.
+
+The planners' objects are taken by what they hold, so that neither library has to be installed.
+"""
+
+from collections.abc import Sequence
+from itertools import groupby, pairwise
+from typing import Any, cast
+
+import numpy as np
+
+from jounce._scalars import asarray
+from jounce.errors import JounceError, one_line
+from jounce.motion.constructors import check_increasing, checked_names, numbers
+from jounce.motion.curves import Polynomials, shifted, side_by_side
+from jounce.motion.hermite import coefficients
+from jounce.motion.motion import Motion
+
+AGREE = 1e-6  # of the largest position or velocity: by how much a planner's own evaluation may differ
+
+
+def from_ruckig(trajectory: Any, joint_names: Any) -> Motion:
+    """The pieces of constant jerk of a `ruckig.Trajectory`: of each joint before, within and after its profile."""
+    try:
+        sections, duration = list(trajectory.profiles), float(trajectory.duration)
+        starts = [0.0, *map(float, trajectory.intermediate_durations)][: len(sections)]
+        columns = [_phases([section[j] for section in sections], starts) for j in range(trajectory.degrees_of_freedom)]
+    except Exception as error:  # whatever an object raises that is none
+        raise _not_from("from_ruckig", "a ruckig.Trajectory that is calculated", trajectory, error) from None
+    _check_ends("from_ruckig", duration, columns)
+    curve = side_by_side(columns, duration)
+    _check_agreement(curve, lambda t: np.array([trajectory.at_time(float(x))[:2] for x in t]), "ruckig")
+    return Motion(curve, checked_names(joint_names, curve.columns), "pieces of constant jerk, of Ruckig")
+
+
+def _phases(profiles: Sequence[Any], starts: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+    """Where the phases of one joint begin, and their coefficients (4, m): braking, seven phases, and what follows."""
+    rows: list[tuple[float, ...]] = []
+    for number, (profile, start) in enumerate(zip(profiles, starts, strict=True)):
+        t = start
+        brake = profile.brake
+        for i in range(2 if number == 0 and brake.duration > 0 else 0):
+            rows.append((t, brake.j[i], brake.a[i], brake.v[i], brake.p[i]))
+            t += brake.t[i]
+        for i in range(7):
+            rows.append((t, profile.j[i], profile.a[i], profile.v[i], profile.p[i]))
+            t += profile.t[i]
+        rows.append((t, 0.0, profile.a[7], profile.v[7], profile.p[7]))
+    x, *rates = np.array(rows, dtype=float).T
+    ends = np.append(x[1:], np.inf)
+    kept = ends > x  # of phases that last
+    return x[kept], np.array([rates[0] / 6, rates[1] / 2, rates[2], rates[3]])[:, kept]
+
+
+def from_toppra(path: Any, joint_names: Any) -> Motion:
+    """The trajectory that toppra computes: a spline in time, or polynomials of a path that is quadratic in time."""
+    try:
+        x, c = _spline_of(path) if hasattr(path, "cspl") else _retimed_path(path)
+    except Exception as error:  # whatever an object raises that is none
+        expected = "what toppra's compute_trajectory() returns, along a spline or polynomials"
+        raise _not_from("from_toppra", expected, path, error) from None
+    _check_ends("from_toppra", float(x[-1]), [(x, c[:, :, 0])])
+    curve = Polynomials(x, c)
+    _check_agreement(curve, lambda t: np.stack([path(t, k).reshape(len(t), -1) for k in (0, 1)], axis=1), "toppra")
+    return Motion(curve, checked_names(joint_names, curve.columns), "piecewise polynomials, of toppra")
+
+
+def _spline_of(path: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Breakpoints (m + 1,) and coefficients (degree + 1, m, n) of a geometric path or trajectory."""
+    from scipy.interpolate import PPoly
+
+    if hasattr(path, "cspl"):
+        x, c = path.cspl.x, path.cspl.c
+    elif hasattr(path, "_polys"):
+        pieces = [PPoly.from_bernstein_basis(poly) for poly in path._polys]
+        x, c = pieces[0].x, np.stack([piece.c for piece in pieces], axis=2)
+    else:
+        powers = [poly.coef for poly in path.poly]
+        c = np.zeros((max(map(len, powers)), 1, len(powers)))
+        for j, power in enumerate(powers):
+            c[len(c) - len(power) :, 0, j] = power[::-1]
+        x, c = np.array(path.path_interval, dtype=float), shifted(c, np.array(float(path.path_interval[0])))
+    return np.asarray(x, dtype=float), np.asarray(c, dtype=float).reshape(*c.shape[:2], -1)
+
+
+def _retimed_path(path: Any) -> tuple[np.ndarray, np.ndarray]:
+    """q(s(t)): s is quadratic in t between grid points, q polynomial in s between the points of the path."""
+    t, s, v, u = (np.asarray(part, dtype=float) for part in (path._ts, path._ss, path._velocities, path._us))
+    knots, c = _spline_of(path._path)
+    inner = knots[(knots > s[0]) & (knots < s[-1])]
+    i = (np.searchsorted(s, inner, side="right") - 1).clip(0, len(u) - 1)
+    ahead = inner - s[i]
+    crossings = t[i] + 2 * ahead / (v[i] + np.sqrt(np.maximum(v[i] ** 2 + 2 * u[i] * ahead, 0)))
+    x = np.unique(np.concatenate([t, crossings]))
+    x = np.append(
+        x[:-1][np.diff(x) > 1e-9 * t[-1]], t[-1]
+    )  # a crossing on a grid point, but for rounding, is the point
+    middle = (x[:-1] + x[1:]) / 2
+    i = (np.searchsorted(t, middle, side="right") - 1).clip(0, len(u) - 1)
+    since, half = x[:-1] - t[i], middle - t[i]
+    piece = np.searchsorted(knots, s[i] + half * (v[i] + half * u[i] / 2), side="right") - 1
+    piece = piece.clip(0, len(knots) - 2)
+    pace = [(u[i] / 2)[:, None], (v[i] + since * u[i])[:, None]]
+    begin = s[i] + since * (v[i] + since * u[i] / 2) - knots[piece]
+    return x, _composed(shifted(c[:, piece], begin[:, None]), pace)
+
+
+def _composed(c: np.ndarray, pace: Sequence[np.ndarray]) -> np.ndarray:
+    """Coefficients of p(a t^2 + b t), highest power first, of those c (degree + 1, m, n) of p, and a, b (m, 1)."""
+    a, b = pace
+    found = c[:1]
+    for coefficient in c[1:]:
+        wider = np.zeros((len(found) + 2, *c.shape[1:]))
+        wider[:-2] += a * found
+        wider[1:-1] += b * found
+        wider[-1] += coefficient
+        found = wider
+    return found
+
+
+def trapezoidal(positions: Any, velocity: Any, acceleration: Any, joint_names: Any) -> Motion:
+    """From rest to rest between positions (m, n), all joints in step, as fast as their limits allow."""
+    q = numbers(positions, "positions", 2)
+    if len(q) < 2 or not np.abs(np.diff(q, axis=0)).max(axis=1).all():
+        raise JounceError(f"positions has {len(q)} rows; expected two at least, each unlike the one before")
+    limits = []
+    for name, given in (("velocity", velocity), ("acceleration", acceleration)):
+        limit = np.asarray(asarray(given, name))
+        limit = numbers(limit, name, 0 if limit.ndim == 0 else 1)
+        if (limit.ndim and len(limit) != q.shape[1]) or (limit <= 0).any():
+            raise JounceError(f"{name} is {limit.tolist()}; expected one or {q.shape[1]} numbers > 0")
+        limits.append(np.broadcast_to(limit, q.shape[1]))
+    rows: list[tuple[float, np.ndarray, np.ndarray, np.ndarray]] = []
+    start = 0.0
+    for begin, way in zip(q[:-1], np.diff(q, axis=0), strict=True):
+        moved = way != 0
+        v, a = (float((limit[moved] / np.abs(way[moved])).min()) for limit in limits)
+        v = min(v, np.sqrt(a))  # of s from 0 to 1
+        rise, total = v / a, 1 / v + v / a
+        rows.append((start, a / 2 * way, 0 * way, begin))
+        if total - 2 * rise > 1e-12 * total:
+            rows.append((start + rise, 0 * way, v * way, begin + v * rise / 2 * way))
+        rows.append((start + total - rise, -a / 2 * way, v * way, begin + (1 - v * rise / 2) * way))
+        start += total
+    x = np.array([*(row[0] for row in rows), start])
+    c = np.array([[row[k] for row in rows] for k in (1, 2, 3)])
+    return Motion(Polynomials(x, c), checked_names(joint_names, q.shape[1]), "trapezoidal velocity profiles")
+
+
+def between_points(t: np.ndarray, points: Sequence[Sequence[np.ndarray]], joint_names: Any) -> Motion:
+    """The motion that ROS makes of trajectory points: of each its positions and perhaps velocities and accelerations.
+
+    Between two points it is linear, cubic or quintic: both state positions, or velocities too, or accelerations too.
+    """
+    check_increasing(t, "time_from_start")
+    common = [min(len(a), len(b), 3) for a, b in pairwise(points)]
+    c = np.zeros((2 * max(common), len(common), len(points[0][0])))
+    for m, numbered in groupby(sorted(range(len(common)), key=common.__getitem__), key=common.__getitem__):
+        which = np.array(list(numbered))
+        h = np.diff(t)[which, None]
+        left, right = ([np.array([points[i + step][k] for i in which]) for k in range(m)] for step in (0, 1))
+        found = coefficients(left, right, h)
+        scale = h[None] ** np.arange(2 * m - 1, -1, -1)[:, None, None]
+        c[len(c) - 2 * m :, which] = found / scale
+    kinds = {1: "linear", 2: "cubic", 3: "quintic"}
+    said = " and ".join(kinds[m] for m in sorted(set(common)))
+    curve = Polynomials(t, c)
+    return Motion(curve, checked_names(joint_names, curve.columns), f"trajectory points, {said} between them as in ROS")
+
+
+def _check_ends(name: str, duration: float, columns: Sequence[tuple[np.ndarray, np.ndarray]]) -> None:
+    finite = all(np.isfinite(x).all() and np.isfinite(c).all() for x, c in columns)
+    if not columns or not finite or not np.isfinite(duration) or duration <= 0:
+        raise JounceError(
+            f"Motion.{name}() got a trajectory of {duration:g} s; expected one that lasts, of finite numbers"
+        )
+
+
+def _check_agreement(curve: Polynomials, evaluate: Any, planner: str) -> None:
+    """Refuse a trajectory that its own planner evaluates otherwise: another release may hold other data."""
+    middle = (curve.x[:-1] + curve.x[1:]) / 2
+    t = middle[:: max(1, len(middle) // 64)]
+    ours, theirs = np.stack(curve.rates(t, 1), axis=1), evaluate(t)
+    off = np.abs(ours - theirs).max(axis=(0, 2)) / np.maximum(np.abs(theirs).max(axis=(0, 2)), 1e-9)
+    if not (off < AGREE).all():
+        raise JounceError(
+            f"the pieces of this trajectory and {planner}'s own values differ by {off.max():.1g}:"
+            f" this release of {planner} is not known; sample it and use Motion.through"
+        )
+
+
+def _not_from(name: str, expected: str, given: object, error: Exception) -> JounceError:
+    came = type(given).__name__
+    return JounceError(f"Motion.{name}() expects {expected}, got {came}: {one_line(cast(object, error))}")

@@ -1,0 +1,103 @@
+"""Trajectories of ROS: messages of type JointTrajectory, alone or within what MoveIt plans, as data or as objects."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from jounce._scalars import is_finite
+from jounce.errors import JounceError, listed, quoted
+from jounce.motion.motion import Motion
+from jounce.motion.planners import between_points
+
+RATES = ("positions", "velocities", "accelerations")
+OTHERS = ("multi_dof_joint_trajectory",)  # poses of bodies: none of ours
+DEEPEST = 8  # of messages within messages
+SECONDS = (("sec", "secs"), ("nanosec", "nsecs"))  # of ROS 2 and ROS 1
+
+
+def from_joint_trajectory(message: Any) -> Motion:
+    """The motion of a JointTrajectory, with the joints in its order."""
+    found = list(trajectories_in(message))
+    if len(found) != 1:
+        came = f"{len(found)} trajectories" if found else "no joint_names and points"
+        raise JounceError(f"{came} in {quoted(message)}; expected one JointTrajectory, or a plan that contains it")
+    [trajectory] = found
+    names = _items(trajectory, "joint_names")
+    points = _items(trajectory, "points")
+    if not names or not all(isinstance(name, str) for name in names):
+        raise JounceError(f"joint_names is {quoted(names)}; expected names of joints")
+    t = np.array([_seconds(point, f"point {i}") for i, point in enumerate(points)])
+    return between_points(t, [_rates(point, names, f"point {i}") for i, point in enumerate(points)], names)
+
+
+def trajectories_in(message: Any) -> Iterator[Any]:
+    """The JointTrajectory messages in a message: itself, or those in its fields, as a plan of MoveIt has one."""
+    waiting, seen = [(message, 0)], set()
+    while waiting:
+        given, depth = waiting.pop()
+        if id(given) in seen:  # aliases of YAML, which make a tree of any size of a few lines
+            continue
+        seen.add(id(given))
+        if _has(given, "joint_names") and _has(given, "points"):
+            yield given
+        elif depth < DEEPEST:
+            waiting += [(inner, depth + 1) for name, inner in _fields(given) if name not in OTHERS]
+
+
+def _fields(message: Any) -> list[tuple[Any, Any]]:
+    if isinstance(message, Mapping):
+        return list(message.items())
+    if isinstance(message, list | tuple):
+        return list(enumerate(message)) if any(isinstance(part, Mapping | list) for part in message[:1]) else []
+    slots = getattr(message, "__slots__", None) or getattr(message, "__dict__", None) or ()
+    names = [str(name).lstrip("_") for name in slots] if type(message).__module__ != "builtins" else []
+    return [(name, getattr(message, name)) for name in names if _has(message, name)]
+
+
+def _has(message: Any, name: str) -> bool:
+    try:
+        return name in message if isinstance(message, Mapping) else hasattr(message, name)
+    except Exception:  # whatever a foreign type raises
+        return False
+
+
+def _get(message: Any, name: str) -> Any:
+    return message.get(name) if isinstance(message, Mapping) else getattr(message, name, None)
+
+
+def _items(message: Any, name: str) -> list[Any]:
+    given = _get(message, name)
+    try:
+        if isinstance(given, str | Mapping):
+            raise TypeError
+        return [] if given is None else list(given)
+    except Exception:  # what a foreign type raises
+        raise JounceError(f"{name} is {quoted(given)}; expected a list") from None
+
+
+def _seconds(point: Any, what: str) -> float:
+    """time_from_start: seconds and nanoseconds, or a number of seconds."""
+    given = _get(point, "time_from_start")
+    parts = [given] if is_finite(given) else [
+        next((_get(given, name) for name in names if _has(given, name)), 0) for names in SECONDS
+    ]  # fmt: skip
+    stated = len(parts) == 1 or any(_has(given, name) for names in SECONDS for name in names)
+    if not stated or not all(map(is_finite, parts)):
+        raise JounceError(f"{what}: time_from_start is {quoted(given)}; expected {{sec: ..., nanosec: ...}} or seconds")
+    return float(parts[0]) + (1e-9 * float(parts[1]) if len(parts) == 2 else 0.0)
+
+
+def _rates(point: Any, names: list[str], what: str) -> list[np.ndarray]:
+    """Positions, velocities, accelerations: those that a point has, none skipped."""
+    found: list[np.ndarray] = []
+    for k, name in enumerate(RATES):
+        given = _items(point, name)
+        if not given and k:
+            break
+        if len(given) != len(names) or not all(map(is_finite, given)):
+            raise JounceError(
+                f"{what}: {name} is {quoted(given)}; expected {len(names)} finite numbers: {listed(names)}"
+            )
+        found.append(np.array(given, dtype=float))
+    return found

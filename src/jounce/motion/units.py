@@ -1,0 +1,159 @@
+"""Units of columns, and numbers that look as if they were in others than SI: degrees, milliseconds."""
+
+import re
+
+import numpy as np
+
+from jounce.errors import JounceError, no_such, quoted, warn
+from jounce.model.coordinates import coordinate_units, leading_joints
+from jounce.model.mechanism import Mechanism
+
+ANGLES = {"rad": 1.0, "deg": np.pi / 180}
+TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
+SPELLINGS = {"°": "deg", "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad", "µs": "us", "μs": "us",
+             "sec": "s", "seconds": "s"}  # fmt: skip
+KINDS = {"s": TIMES, "rad": ANGLES, "m": LENGTHS}
+HEADER = re.compile(r"(.*?)\s*(?:\[([^][]*)\]|\(([^()]*)\))", re.DOTALL)
+PER_TIME = re.compile(r"(.+?)\s*/\s*s(?:\^?([2-9])|([²³⁴]))?")
+POWERS = {"²": 2, "³": 3, "⁴": 4}
+INDEX = re.compile(r"\d+")
+
+TURNS = 8 * np.pi  # rad: four turns, further than joints without limits are taken to go unasked
+SPEED = 60.0  # rad/s or m/s, faster than joints without limits are taken to move unasked
+BEYOND = 0.1  # of the range of a joint: how far beyond its limits it may be
+FASTER = 3.0  # times the limit of speed: how fast it may be
+SLOW = 0.5  # s between samples, from which on a unit shorter than the second is suspected
+STILL = 0.02  # rad/s or m/s: nothing moves faster, though something moves
+MOVES = 1e-4  # rad or m
+FEWEST = 32  # samples, below which speeds tell nothing
+APART = 1.5  # times by which changes of q and qd may differ
+
+
+def split_unit(name: str) -> tuple[str, str | None]:
+    """A column's name and its unit, ``joint1 [deg]`` or ``time (ms)``; an index in brackets is part of the name."""
+    found = HEADER.fullmatch(name)
+    unit = found and (found[2] if found[2] is not None else found[3])
+    return (name, None) if found is None or not found[1] or not unit or INDEX.fullmatch(unit) else (found[1], unit)
+
+
+def factor(stated: str | None, said: str | None, kind: str, order: int, column: str) -> float:
+    """What makes SI units of a column of a kind, s, rad, m or load: its name states the unit, or the caller says it."""
+    if kind == "load":  # of wrenches, N m and N
+        if stated is not None and "".join(stated.split()).replace("*", "") not in ("N", "Nm", "N.m", "N·m"):
+            raise JounceError(f"column {quoted(column)}: {no_such('unit', stated, ('N', 'N m'))}")
+        return 1.0
+    known = KINDS[kind]
+    if stated is None:
+        return known[said] if said is not None else 1.0
+    per = PER_TIME.fullmatch(stated) if kind != "s" else None
+    base, power = (per[1], int(per[2] or POWERS.get(per[3], 1))) if per else (stated, 0)
+    base = SPELLINGS.get(base, base)
+    if base not in known:
+        raise JounceError(f"column {quoted(column)}: {no_such('unit', stated, known)}")
+    if power != order:
+        expected = base + (f"/s^{order}" if order > 1 else "/s" * order)
+        raise JounceError(f"column {quoted(column)}: the unit is {quoted(stated)}; expected {expected}")
+    if said is not None and said != base:
+        raise JounceError(
+            f"column {quoted(column)} states its unit, but {quoted(said)} is asked for; leave one of them out"
+        )
+    return known[base]
+
+
+def check_units(
+    t: np.ndarray, q: np.ndarray, qd: np.ndarray | None, mechanism: Mechanism, stated: tuple[bool, bool], place: str
+) -> None:
+    """Raise `JounceError` where coordinates (N, n) look like degrees or times like milliseconds, and nobody says not.
+
+    `stated` tells whether the units of angles and of time are. Limits that are broken all the same are a warning.
+    """
+    if len(t) >= FEWEST and not stated[1]:
+        _check_time(t, q, place)
+    _check_rates(t, q, qd, place)
+    speeds = _speeds(t, q) if qd is None or len(t) < FEWEST else _quantile(np.abs(qd))
+    lower, upper, fastest = _limits(mechanism)
+    revolute = np.array([unit == "rad" for unit in coordinate_units(mechanism)])
+    slack = BEYOND * np.where(np.isfinite(upper - lower), upper - lower, 1)
+
+    def broken(scale: np.ndarray) -> np.ndarray:
+        far = ((q * scale).min(axis=0) < lower - slack) | ((q * scale).max(axis=0) > upper + slack)
+        return far | (speeds * scale > FASTER * fastest)
+
+    here = broken(np.ones(len(revolute)))
+    if not here.any():
+        return
+    j = int(np.flatnonzero(here)[0])
+    unit = "rad" if revolute[j] else "m"
+    went = f"goes from {q[:, j].min():.4g} to {q[:, j].max():.4g} {unit} at up to {speeds[j]:.3g} {unit}/s"
+    came = f"joint {quoted(mechanism.coordinates[j])} {went}"
+    if not stated[0] and here[revolute].any() and not broken(np.where(revolute, ANGLES["deg"], 1.0)).any():
+        raise JounceError(
+            f"{place}: {came}: {_allowed(mechanism, j)}, as degrees it would be right;"
+            " state the unit by --angles deg or --angles rad (angles=)"
+        )
+    if np.isfinite([*_stated_limits(mechanism, j)]).any():
+        warn(f"{place}: {came}, but {_allowed(mechanism, j)}; check units, joint names and --lock")
+
+
+def _check_time(t: np.ndarray, q: np.ndarray, place: str) -> None:
+    """Refuse stamps that are no seconds: rows are long apart, while nothing moves at a robot's speed."""
+    step = float(np.median(np.diff(t)))
+    moves = np.ptp(q, axis=0).max() > MOVES
+    if step < SLOW or not (step >= SLOW / TIMES["ms"] or (moves and _speeds(t, q).max() < STILL)):
+        return
+    unit = next((unit for unit in ("ms", "us") if step * TIMES[unit] < SLOW), "ns")
+    raise JounceError(
+        f"{place}: rows are {step:g} s apart, and no joint moves faster than {_speeds(t, q).max():.2g} rad/s or m/s:"
+        f" t looks like {unit}; state the unit by --time-unit {unit} or --time-unit s (time_unit=)"
+    )
+
+
+def _check_rates(t: np.ndarray, q: np.ndarray, qd: np.ndarray | None, place: str) -> None:
+    """Refuse rates that are of another unit than the coordinates: both tell how far a joint goes."""
+    if qd is None or len(t) < FEWEST:
+        return
+    way = np.abs(np.diff(q, axis=0)).sum(axis=0)
+    stated = (np.abs(qd[1:] + qd[:-1]) / 2 * np.diff(t)[:, None]).sum(axis=0)
+    told = np.minimum(way, stated) > MOVES * 1e-3
+    ratio = np.median(way[told] / stated[told]) if told.any() else 1.0
+    for other, cure in (
+        (ANGLES["deg"], "qd looks like degrees per second: name the column NAME.qd [deg/s]"),
+        (1 / ANGLES["deg"], "q looks like degrees: name the column NAME.q [deg]"),
+        *((unit, f"t looks like {name}: --time-unit {name} (time_unit=)") for name, unit in list(TIMES.items())[1:]),
+    ):
+        if 1 / APART < ratio / other < APART:
+            raise JounceError(f"{place}: q changes {ratio:.3g} times as fast as qd states; {cure}")
+
+
+def _speeds(t: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """The speeds (n,) that joints seldom exceed: single wild stamps and rows do not count."""
+    if len(t) < FEWEST:
+        return np.zeros(q.shape[1])
+    with np.errstate(all="ignore"):
+        return np.nan_to_num(_quantile(np.abs(np.diff(q, axis=0) / np.diff(t)[:, None])))
+
+
+def _quantile(x: np.ndarray) -> np.ndarray:
+    return np.asarray(np.quantile(x, 0.99, axis=0))
+
+
+def _stated_limits(mechanism: Mechanism, j: int) -> tuple[float, float, float]:
+    limits, i = mechanism.limits, leading_joints(mechanism)[j]
+    return float(limits.lower[i]), float(limits.upper[i]), float(limits.velocity[i])
+
+
+def _limits(mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lower and upper limits and speeds of the coordinates, generous ones where nothing is stated."""
+    lower, upper, fastest = np.array([_stated_limits(mechanism, j) for j in range(mechanism.n)]).reshape(-1, 3).T
+    revolute = np.array([unit == "rad" for unit in coordinate_units(mechanism)])
+    widest = np.where(revolute, TURNS, np.inf)
+    fastest = np.where(np.isfinite(fastest) & (fastest > 0), fastest, SPEED / FASTER)
+    return np.where(np.isfinite(lower), lower, -widest), np.where(np.isfinite(upper), upper, widest), fastest
+
+
+def _allowed(mechanism: Mechanism, j: int) -> str:
+    lower, upper, fastest = _stated_limits(mechanism, j)
+    if not np.isfinite([lower, upper, fastest]).any():
+        return "more than four turns, or faster than joints move"
+    return f"its limits are {lower:.4g} to {upper:.4g} at {fastest:.3g}/s"

@@ -1,0 +1,202 @@
+"""Kernels in LLVM IR, in the calling convention of NumPy's generalized ufuncs: arrays in, arrays out.
+
+``@states(args, dimensions, steps, data)``: args are the arrays of inputs and outputs, dimensions the number of states,
+steps the strides of the arrays from state to state, then those within a state.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from jounce.dynamics.computation import Port, Signature
+from jounce.native import functions, lanes, plan, pool
+from jounce.native.emit import Block
+from jounce.native.ir import Writer
+from jounce.native.jit import Target
+
+
+@dataclass(frozen=True)
+class _Array:
+    """An array that a caller passes: where it begins, and its strides in bytes, from state to state and within one."""
+
+    pointer: str
+    step: str
+    within: tuple[str, ...]
+
+
+def modules(block: Block, signature: Signature, target: Target) -> list[str]:
+    """The modules of a kernel, to be linked: ``@states``, and for short blocks ``@state``, which is given one alone."""
+    if not block.short:
+        return [_module(block, signature, target, "states")]
+    scalars = replace(target, lanes=1)
+    return [_module(block, signature, target, "states", "state"), _module(block, signature, scalars, "state")]
+
+
+def _module(block: Block, signature: Signature, target: Target, name: str, of_one: str | None = None) -> str:
+    """A module that defines a function of states, which leaves one state alone to the function of another module."""
+    ir = Writer(target)
+    for define in functions.DEFINITIONS.values():
+        define(ir)
+    lanes.define_transposes(ir)
+    lanes.define_lanes(ir)
+    block.define(ir)
+    for k, places in enumerate(block.places):
+        ir.table(f"places.{k}", [*places, *[places[-1]] * ir.lanes])  # read by whole vectors
+    if target.lanes > 1:
+        _define_blocks(ir, signature)
+    else:
+        _define_state(ir, signature, block.places)
+    size = plan.call_size(signature, block.of_bodies, target.lanes)
+    define_call = _define_on_stack if size <= plan.STACK else pool.define_on_heap
+    define_call(ir, size, "@call" if of_one else f"@{name}")
+    if of_one:
+        _define_choice(ir, name, of_one)
+    if name == "states":
+        _define_bound(ir)
+    return ir.text()
+
+
+def _define_choice(ir: Writer, name: str, of_one: str) -> None:
+    """A function that calls another where it is given one state: a vector for each of its numbers takes longer."""
+    arguments = "(ptr %args, ptr %dimensions, ptr %steps, ptr %pool)"
+    ir.declared[f"declare void @{of_one}(ptr, ptr, ptr, ptr)"] = None
+    with ir.function(f"void @{name}{arguments}"):
+        alone = ir.let(f"icmp eq i64 {ir.let('load i64, ptr %dimensions')}, 1")
+        ir.do(f"br i1 {alone}, label %one, label %more")
+        for label, called in (("one", of_one), ("more", "call")):
+            ir.label(label)
+            ir.do(f"call void @{called}{arguments}")
+            ir.do("ret void")
+
+
+def _define_bound(ir: Writer) -> None:
+    """``@bound(call)``: ``@states`` of arguments that lie in memory, since each one that Python passes takes time."""
+    with ir.function("void @bound(ptr %call)"):
+        given = [ir.let(f"load ptr, ptr {ir.at('%call', j, 'ptr')}") for j in range(4)]
+        ir.do(f"call void @states({', '.join(f'ptr {x}' for x in given)})")
+        ir.do("ret void")
+
+
+def _define_blocks(ir: Writer, signature: Signature) -> None:
+    """``@blocks(args, dimensions, steps, memory)``: the loop over blocks of states.
+
+    Rows that lie one behind the other go through registers, others lane by lane. A result may lie exactly over an array
+    of states, which NumPy then does not copy.
+    """
+    ports, given = [*signature.inputs, *signature.outputs], len(signature.inputs)
+    widths = [port.size for port in ports]
+    behind = max((-((width - ir.lanes) // width) for width in widths if width < ir.lanes), default=0)
+    with ir.function("internal void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr %in)"):
+        ir.label("start")
+        out, bodies = _scratch(ir, signature)
+        scratch = [ir.at("%in", port.start, ir.V) for port in signature.inputs] + [out] * len(signature.outputs)
+        arrays = list(_arrays(ir, [port.shape for port in ports]))
+        dense = _is_dense(ir, arrays, ports)
+        for array, port in zip(arrays, ports, strict=True):
+            dense = ir.let(f"and i1 {dense}, {ir.let(f'icmp eq i64 {array.step}, {8 * port.size}')}")
+        for result, width in zip(arrays[given:], widths[given:], strict=True):
+            if width < ir.lanes:  # stored reaching into rows behind: not where these are states yet to be read
+                for array in arrays[:given]:
+                    dense = ir.let(f"and i1 {dense}, {ir.let(f'icmp ne ptr {result.pointer}, {array.pointer}')}")
+        count = ir.let("load i64, ptr %dimensions")
+        ir.do(f"br i1 {ir.let(f'icmp sgt i64 {count}, 0')}, label %some, label %done")
+        ir.label("some")
+        blocks = ir.let(f"sdiv i64 {ir.let(f'add i64 {count}, {ir.lanes - 1}')}, {ir.lanes}")
+        with ir.loop(blocks) as block:
+            first = ir.let(f"mul i64 {block}, {ir.lanes}")
+            left = ir.let(f"sub i64 {count}, {first}")
+            lanes = ir.call("llvm.smin.i64", "i64", left, str(ir.lanes))
+            enough = ir.let(f"icmp sge i64 {left}, {ir.lanes + behind}")
+            quick = ir.let(f"and i1 {dense}, {enough}")
+            places = [ir.at(x.pointer, ir.let(f"mul i64 {first}, {x.step}"), "i8") for x in arrays]
+            tables = [""] * given + [f", ptr @places.{k}" for k in range(len(signature.outputs))]
+            moved = list(zip(ports, arrays, places, scratch, tables, strict=True))
+            for way, part in (("load", moved[:given]), ("store", moved[given:])):
+                if way == "store":
+                    ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies})")
+                ir.do(f"br i1 {quick}, label %{way}.rows, label %{way}.lanes")
+                ir.label(f"{way}.rows")
+                for port, _, place, there, table in part:
+                    ir.do(f"call void @{way}_rows(ptr {place}, ptr {there}, i64 {port.size}{table})")
+                ir.do(f"br label %{way}.done")
+                ir.label(f"{way}.lanes")
+                for port, x, place, there, table in part:
+                    ir.do(f"call void @{way}_lanes(ptr {place}, ptr {there}, {_lanes(x, port, lanes)}{table})")
+                ir.do(f"br label %{way}.done")
+                ir.label(f"{way}.done")
+        ir.do("br label %done")
+        ir.label("done")
+        ir.do("ret void")
+
+
+def _define_state(ir: Writer, signature: Signature, places: Sequence[Sequence[int]]) -> None:
+    """``@blocks`` of one state alone, in vectors of one."""
+    ports, given = [*signature.inputs, *signature.outputs], len(signature.inputs)
+    with ir.function("internal void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr %in)"):
+        ir.label("start")
+        out, bodies = _scratch(ir, signature)
+        arrays = list(_arrays(ir, [port.shape for port in ports]))
+        ir.do(f"br i1 {_is_dense(ir, arrays, ports)}, label %dense, label %strided")
+        ir.label("dense")
+        for array, port in zip(arrays, signature.inputs, strict=False):
+            for j in range(port.size):
+                ir.store(ir.load(ir.at(array.pointer, j)), ir.at("%in", port.start + j))
+        ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies})")
+        for array, numbers in zip(arrays[given:], places, strict=True):
+            for j, number in enumerate(numbers):
+                ir.store(ir.load(ir.at(out, number)), ir.at(array.pointer, j))
+        ir.do("ret void")
+        ir.label("strided")
+        for array, port in zip(arrays, signature.inputs, strict=False):
+            there = ir.at("%in", port.start)
+            ir.do(f"call void @load_lanes(ptr {array.pointer}, ptr {there}, {_lanes(array, port, '1')})")
+        ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies})")
+        for k, (array, port) in enumerate(zip(arrays[given:], signature.outputs, strict=True)):
+            listed = _lanes(array, port, "1")
+            ir.do(f"call void @store_lanes(ptr {array.pointer}, ptr {out}, {listed}, ptr @places.{k})")
+        ir.do("ret void")
+
+
+def _scratch(ir: Writer, signature: Signature) -> tuple[str, str]:
+    """Where results and bodies lie in scratch memory; rows are moved by whole vectors, which reach further."""
+    out = ir.at("%in", signature.inputs[-1].end + ir.lanes, ir.V)
+    return out, ir.at(out, signature.outputs[-1].end + ir.lanes, ir.V)
+
+
+def _lanes(array: _Array, port: Port, count: str) -> str:
+    """The integers that moving lane by lane takes."""
+    return ", ".join(f"i64 {i}" for i in (*_in_three_axes(port.shape), array.step, *array.within, count))
+
+
+def _define_on_stack(ir: Writer, size: int, name: str) -> None:
+    """A function of states with its scratch memory on the stack."""
+    with ir.function(f"void {name}(ptr %args, ptr %dimensions, ptr %steps, ptr %pool)"):
+        scratch = ir.let(f"alloca [{size} x i8], align {pool.ALIGNMENT}")
+        ir.do(f"call void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr {scratch})")
+        ir.do("ret void")
+
+
+def _arrays(ir: Writer, shapes: list[tuple[int, ...]]) -> Iterator[_Array]:
+    inner = len(shapes)
+    for k, shape in enumerate(shapes):
+        pointer = ir.let(f"load ptr, ptr {ir.at('%args', k, 'ptr')}")
+        step, *within = (
+            ir.let(f"load i64, ptr {ir.at('%steps', j, 'i64')}") for j in (k, *range(inner, inner + len(shape)))
+        )
+        inner += len(shape)
+        yield _Array(pointer, step, (*["0"] * (3 - len(shape)), *within))
+
+
+def _in_three_axes(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """The slabs, rows and columns of a state: a vector is one row, a scalar a vector of one."""
+    return (*(1,) * (3 - len(shape)), *shape)
+
+
+def _is_dense(ir: Writer, arrays: Sequence[_Array], ports: Sequence[Port]) -> str:
+    """Whether the numbers of a state lie one behind the other in all arrays."""
+    dense = "true"
+    for array, port in zip(arrays, ports, strict=True):
+        _, rows, columns = _in_three_axes(port.shape)
+        for stride, expected in zip(array.within, (8 * rows * columns, 8 * columns, 8), strict=True):
+            if stride != "0":
+                dense = ir.let(f"and i1 {dense}, {ir.let(f'icmp eq i64 {stride}, {expected}')}")
+    return dense

@@ -1,0 +1,130 @@
+"""`jounce motion`, `run --rates` and `plot`: what is written is the motion, is run again, and is drawn."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import jounce
+from jounce.cli import main
+from jounce.figures.curves import over_time
+from jounce.figures.table import breaks_of, panels
+from jounce.io import tables
+from jounce.io.motions import writing
+from jounce.motion.table import from_table
+
+PLANAR = jounce.load("planar2r")
+T = np.linspace(0, 1, 201)
+SAMPLES = {"t": T, "joint1": np.sin(2 * T), "joint2": np.cos(3 * T), "tau_joint1": 40 + T}
+RATES = ("q", "qd", "q2d", "q3d", "q4d")
+POINTS = {
+    "joint_names": ["joint1", "joint2"],
+    "points": [
+        {"positions": [i, i**2], "velocities": [1, 0], "time_from_start": 0.4 * i} for i in range(4)
+    ],
+}  # fmt: skip
+
+
+def call(*words):
+    result = CliRunner().invoke(main, [str(word) for word in words])
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+@pytest.fixture
+def log(tmp_path):
+    tables.write(tmp_path / "log.csv", SAMPLES)
+    return tmp_path / "log.csv"
+
+
+@pytest.fixture
+def plan(tmp_path):
+    (tmp_path / "plan.json").write_text(json.dumps(POINTS))
+    return tmp_path / "plan.json"
+
+
+@pytest.mark.parametrize("piece", [7, 1000])
+def test_a_motion_is_written_with_its_rates_and_samples(tmp_path, log, monkeypatch, piece):
+    monkeypatch.setattr(writing, "PIECE", piece)
+    out = tmp_path / "motion.csv"
+    words = call("motion", "planar2r", log, "-o", out, "--intervals", 8)
+    assert f"q to q4d written to {out}" in words
+    found, motion = tables.read(out), jounce.load_motion(log, PLANAR, intervals=8)
+    for k, rate in enumerate(motion(T)):
+        assert np.array_equal(np.stack([found[f"joint{j}.{RATES[k]}"] for j in (1, 2)], axis=1), rate)
+    assert np.array_equal(found["joint2.q_sample"], SAMPLES["joint2"])
+    again = jounce.load_motion(out, PLANAR)
+    assert again.notes == ()
+    assert np.array_equal(again(T)[4], motion(T)[4])
+
+
+def test_deviations_go_from_table_to_forces():
+    """Of a motion whose q4d alone is uncertain Q2d is, by what M makes of it; Q and Qd are exact."""
+    motion = jounce.load_motion(SAMPLES, PLANAR)
+    rates = motion(T)
+    spreads = [np.zeros((len(T), 2))] * 4 + [np.tile([2.0, 0.5], (len(T), 1))]
+    columns = {"t": T} | writing.named("q", PLANAR.joint_names, rates, spreads)
+    table = from_table(columns, PLANAR.mechanism, 4, "m.csv")
+    assert np.array_equal(table.deviations(T)[4], spreads[4])
+    along = PLANAR.forces_along(table)
+    M = PLANAR.mass_matrix(rates[0])
+    expected = np.sqrt((M**2 @ np.array([4.0, 0.25])[:, None])[..., 0])
+    np.testing.assert_allclose(along.deviations[2], expected, rtol=1e-9)
+    assert not along.deviations[0].any()
+    assert not along.deviations[1].any()
+    slow = table.scaled(2).deviations(0.8)[4]
+    np.testing.assert_allclose(slow, [2 / 16, 0.5 / 16])
+
+
+def test_breaks_are_marked_in_the_row_after_them(tmp_path, plan):
+    out = tmp_path / "motion.npz"
+    summary = json.loads(call("motion", "planar2r", plan, "-o", out, "--step", 0.07, "--json"))
+    assert [(found["t"], found["order"]) for found in summary["breaks"][::2]] == [(0.4, 2), (0.8, 2)]
+    found = tables.read(out)
+    assert {found["break"][i] for i in np.searchsorted(found["t"], [0.4, 0.8])} == {2.0}
+    assert np.count_nonzero(found["break"] >= 0) == 2
+    smooth = json.loads(call("motion", "planar2r", plan, "-o", out, "--blend", 0.1, "--json"))
+    assert smooth["breaks"] == []
+    assert "break" not in tables.read(out)
+
+
+def test_run_tells_breaks_and_writes_rates_and_measured_torques(tmp_path, log, plan):
+    out = tmp_path / "forces.csv"
+    call("run", "planar2r", log, "-o", out, "--rates")
+    found, motion = tables.read(out), jounce.load_motion(log, PLANAR)
+    assert np.array_equal(found["joint2.q3d"], motion(T)[3][:, 1])
+    np.testing.assert_array_equal(found["joint1.Q_measured"], SAMPLES["tau_joint1"])
+    assert "joint2.Q_measured" not in found
+    words = call("run", "planar2r", plan, "-o", out)
+    assert "break at t = 0.4 s: q2d of joint1, joint2 jumps; Q jumps, Qd, Q2d do not exist" in words
+    [first, _] = json.loads(call("run", "planar2r", plan, "-o", out, "--json"))["breaks"]
+    assert (first["jumps"], first["missing"]) == ("Q", ["Qd", "Q2d"])
+    path = jounce.load_motion(plan, PLANAR)
+    a, b = (PLANAR.inverse_dynamics(*path(0.4, 2, side)) for side in ("left", "right"))
+    np.testing.assert_allclose(list(first["by"].values()), b - a, atol=1e-9)
+
+
+def test_samples_residuals_bands_and_breaks_are_drawn():
+    q, sd = np.sin(T), np.full(len(T), 0.1)
+    columns = {
+        "t": T,
+        "a.q": q,
+        "a.q_sample": q + 0.02,
+        "a.q_sd": sd,
+        "a.qd": np.cos(T),
+        "a.Q": T,
+        "a.Q_measured": T + 1,
+    }
+    columns["break"] = np.where(T[50] == T, 2.0, -1.0)
+    found = panels(columns, "m.csv")
+    assert [panel.label.split()[0] for panel in found] == ["q", "residual", "qd", "Q"]
+    np.testing.assert_allclose(found[1].curves["a"], 0.02)
+    assert found[3].points["a"] is columns["a.Q_measured"]
+    assert breaks_of(columns) == [T[50]]
+    figure = over_time(T, found, breaks=breaks_of(columns))
+    [band] = figure.axes[0].collections
+    low, high = band.get_paths()[0].vertices[:, 1].min(), band.get_paths()[0].vertices[:, 1].max()
+    np.testing.assert_allclose([low, high], [q.min() - 0.196, q.max() + 0.196])
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["a", "measured", "95 % band", "break"]
+    assert all(any(list(line.get_xdata()) == [T[50]] * 2 for line in axes.get_lines()) for axes in figure.axes)

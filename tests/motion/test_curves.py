@@ -1,0 +1,211 @@
+"""Motions as functions of time: exact rates at any time, on both sides of a break, at any pace, in a row."""
+
+import numpy as np
+import pytest
+from files import refusal
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.polynomial import Polynomial
+from scipy.interpolate import PPoly
+
+import jounce
+from jounce import Motion
+from jounce.motion.table import from_table
+
+PLANAR = jounce.load("planar2r")
+RNG = np.random.default_rng(5)
+X = np.array([0.5, 0.9, 1.7, 2.0])
+C = RNG.normal(size=(6, 3, 2))
+PIECES = Motion.piecewise(X, C, joint_names=("joint1", "joint2"))
+T = np.linspace(0.5, 2.0, 91)
+FOURIER = Motion.fourier([0.1, 0.2], RNG.normal(size=(3, 2)), RNG.normal(size=(3, 2)), 1.5, 2.0, start=0.5)
+RATES = ("q", "qd", "q2d", "q3d", "q4d")
+
+
+def inside(motion):
+    return np.linspace(motion.start, motion.stop, 57)[1:-1]
+
+
+def differences(motion, t, k):
+    """The derivative of the rate of order k by a scheme of sixth order."""
+    h = 3e-3 * motion.duration
+    return sum(w * (motion(t + j * h, k)[k] - motion(t - j * h, k)[k]) for j, w in ((1, 45), (2, -9), (3, 1))) / (
+        60 * h
+    )
+
+
+SMOOTH = {
+    "fourier": FOURIER,
+    "polynomial": Motion.polynomial(RNG.normal(size=(2, 6)), 2.0, start=-1.0),
+    "through samples": Motion.through(T, np.stack([np.sin(2 * T), np.cos(T)], axis=1)),
+    "scaled": FOURIER.scaled(0.7),
+    "shifted": FOURIER.shifted(100.0),
+    "a table of rates": from_table(
+        {"t": T[::6]}
+        | {f"joint{j}.{r}": np.sin(T[::6] + j + k * np.pi / 2) for j in (1, 2) for k, r in enumerate(RATES)},
+        PLANAR.mechanism, 4, "m.csv",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("motion", SMOOTH.values(), ids=SMOOTH)
+def test_each_rate_is_the_derivative_of_the_one_before(motion):
+    t = np.linspace(motion.start, motion.stop, 41)[2:-2]
+    for k, rate in enumerate(motion(t)[1:]):
+        assert np.abs(differences(motion, t, k) - rate).max() < 1e-5 * np.abs(rate).max(), k
+    assert motion.breaks == ()
+    assert motion.deviations(t) is None
+
+
+def test_polynomials_and_fourier_series_are_what_they_say():
+    powers = RNG.normal(size=(2, 5))
+    motion = Motion.polynomial(powers, 2.0, start=3.0)
+    t = inside(motion)
+    for k, rate in enumerate(motion(t)):
+        expected = [(Polynomial(p).deriv(k) if k else Polynomial(p))(t - 3.0) + 0 * t for p in powers]
+        np.testing.assert_allclose(rate, np.transpose(expected), atol=1e-12)
+    a, b = np.array([[1.0, 0.0], [0.5, 2.0]]), np.array([[0.3, 0.0], [0.0, -1.0]])
+    motion = Motion.fourier([0.1, -0.2], a, b, 1.5, 4.0)
+    t = inside(motion)[:, None]
+    expected = np.array([0.1, -0.2]) + sum(
+        a[k] * np.cos((k + 1) * 1.5 * t) + b[k] * np.sin((k + 1) * 1.5 * t) for k in (0, 1)
+    )
+    np.testing.assert_allclose(motion(t[:, 0], 0)[0], expected, atol=1e-14)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_pieces_are_scipys_and_at_a_break_those_of_either_side(side):
+    ours = PIECES(T, 6)
+    for k, rate in enumerate(ours):
+        np.testing.assert_allclose(rate, PPoly(C, X)(T, nu=k), rtol=1e-12, atol=1e-9)
+    for i in (1, 2):
+        piece = i - (side == "left")
+        for k, rate in enumerate(PIECES(X[i], 4, side)):
+            exact = PPoly(C[:, [piece]], X[[piece, piece + 1]], extrapolate=True)(X[i], nu=k)
+            np.testing.assert_allclose(rate, exact, rtol=1e-12)
+
+
+def test_breaks_tell_which_derivative_of_which_joint_jumps_and_by_how_much():
+    """Joint a goes on at the first break and jumps in jerk at the second, joint b there in velocity."""
+    p = Polynomial([0.3, -1.0, 0.5, 2.0])
+    c = np.zeros((4, 3, 2))
+    c[:, :, 0] = np.transpose([(p(Polynomial([x - 0.5, 1]))).coef[::-1] for x in X[:-1]])
+    c[0, 2, 0] += 0.25
+    c[3, :, 1], c[2, :, 1] = [0.0, 0.4, 1.2], [1.0, 1.0, -2.0]
+    breaks = Motion.piecewise(X, c, joint_names=("a", "b")).breaks
+    assert [(found.t, found.joint, found.order) for found in breaks] == [(1.7, "a", 3), (1.7, "b", 1)]
+    np.testing.assert_allclose([found.jump for found in breaks], [6 * 0.25, -3.0])
+    assert Motion.piecewise(X, c).breaks[0].joint == 0
+
+
+@given(st.floats(0.1, 10))
+def test_pace_scales_rates_and_jumps(factor):
+    slow = PIECES.scaled(factor)
+    assert slow.start == PIECES.start
+    assert slow.duration == pytest.approx(factor * PIECES.duration)
+    t = inside(PIECES)
+    for k, (rate, of) in enumerate(zip(slow(0.5 + (t - 0.5) * factor), PIECES(t), strict=True)):
+        np.testing.assert_allclose(rate, of / factor**k, rtol=1e-6, atol=1e-9)
+    for found, of in zip(slow.breaks, PIECES.breaks, strict=True):
+        assert (found.joint, found.order) == (of.joint, of.order)
+        assert found.jump == pytest.approx(of.jump / factor**of.order)
+
+
+def test_motions_one_after_the_other():
+    there = Motion.polynomial([[0, 0, 1.0], [0, 1, 0]], 1.0)
+    on = Motion.polynomial([[1, 2.0, 1.5], [1, 0.5, 0]], 1.0, start=7.0)
+    motion = there + on
+    assert (motion.start, motion.stop) == (0.0, 2.0)
+    assert [(found.t, found.joint, found.order) for found in motion.breaks] == [(1.0, 0, 2), (1.0, 1, 1)]
+    np.testing.assert_allclose([found.jump for found in motion.breaks], [1.0, -0.5])
+    for side, expected in (("left", there(1.0)), ("right", on(7.0))):
+        np.testing.assert_allclose(motion(1.0, side=side), expected)
+    refusal(lambda: on + on, "the motions do not meet: joint 0 ends at 4.5 and goes on from 1")
+    refusal(lambda: there + PIECES, "motions of other joints: 2 without names and joint1, joint2")
+
+
+def test_wrenches_follow_the_motion():
+    t = np.linspace(0, 1, 30)
+    motion = jounce.load_motion({"t": t, "joint1": t, "joint2": t, "body2.fx": np.sin(t)}, PLANAR)
+    bare = jounce.load_motion({"t": t, "joint1": 1 + t, "joint2": 1 + t}, PLANAR)
+    both = motion + bare
+    np.testing.assert_allclose(
+        [W["body2"][3] for W in both.wrench(0.5)], [np.sin(0.5), np.cos(0.5), -np.sin(0.5)], atol=1e-7
+    )
+    assert not both.wrench(1.5)[0]["body2"].any()
+    np.testing.assert_allclose(motion.scaled(2).wrench(1.0)[1]["body2"][3], np.cos(0.5) / 2, atol=1e-7)
+    assert np.array_equal(both.times, np.concatenate([t, 1 + t[1:]]))
+
+
+def test_rates_of_a_table_hold_at_its_rows_and_their_polynomial_between():
+    """Degree 2 m - 1 of m rates: a polynomial of that degree comes back, and whatever stands in the rows."""
+    powers = [Polynomial(RNG.normal(size=10)) for _ in range(2)]
+    t = np.cumsum(RNG.uniform(0.3, 0.6, 6))
+    rows = {
+        f"joint{j + 1}.{rate}": (p.deriv(k) if k else p)(t)
+        for j, p in enumerate(powers)
+        for k, rate in enumerate(RATES)
+    }
+    motion = from_table({"t": t} | rows, PLANAR.mechanism, 4, "m.csv")
+    for j in (0, 1):
+        for k, rate in enumerate(motion(t)):
+            assert np.array_equal(rate[:, j], rows[f"joint{j + 1}.{RATES[k]}"])
+    s = inside(motion)
+    for k, rate in enumerate(motion(s)):
+        exact = np.transpose([(p.deriv(k) if k else p)(s) for p in powers])
+        np.testing.assert_allclose(rate, exact, rtol=1e-8, atol=1e-9 * np.abs(exact).max())
+    refusal(lambda: motion(s, 5), "q5d is not known along this motion (all rates from the table); it ends at q4d")
+
+
+def test_warns_where_the_digits_of_a_table_do_not_carry_its_rates_between_rows():
+    t = np.linspace(0, 1, 1001)
+    rows = {
+        f"joint{j}.{rate}": np.round(np.sin(3 * t + k * np.pi / 2) * 3.0**k, 6)
+        for j in (1, 2)
+        for k, rate in enumerate(RATES)
+    }
+    motion = from_table({"t": t} | rows, PLANAR.mechanism, 4, "m.csv")
+    motion(t)
+    with pytest.warns(
+        jounce.JounceWarning, match="rounding of q in the table may make up 100% of q4d between its rows"
+    ):
+        motion(0.50005)
+
+
+def test_forces_at_breaks_jump_as_the_one_sided_forces_do():
+    c = np.zeros((4, 3, 2))
+    c[1, :, 0], c[0, :, 1] = [1.0, 2.0, 2.0], [1.0, 1.0, 2.0]
+    c[2, 1:, 0] = [0.8, 4.0]
+    motion = Motion.piecewise(X, c, joint_names=("joint1", "joint2"))
+    along = PLANAR.forces_along(motion)
+    assert [found.order for found in along.breaks] == [-1, -1]
+    smooth = Motion.piecewise(
+        [0, 1, 2], np.array([[[0, 1.0], [0, 1.0]], [[1, 0], [0.5, 3.0]], [[0, 0], [2, 3]], [[0, 0], [1, 1]]])
+    )
+    [found] = PLANAR.forces_along(smooth).breaks
+    assert (found.t, found.order, [(b.joint, b.order) for b in found.causes]) == (1.0, 0, [(0, 2)])
+    sides = [PLANAR.inverse_dynamics(*smooth(1.0, 2, side)) for side in ("left", "right")]
+    np.testing.assert_allclose(found.jump, sides[1] - sides[0], atol=1e-13)
+    assert PLANAR.forces_along(smooth, [0.2, 0.7]).breaks == ()
+
+
+REFUSED = {
+    "before": (lambda: PIECES(0.4), ["t = 0.40000000000000002 s is outside", "from 0.5 to 2 s"]),
+    "no side": (lambda: PIECES(1.0, 2, "up"), ["no side 'up'", "right, left"]),
+    "pace zero": (lambda: PIECES.scaled(0), ["factor is 0; expected a finite number > 0"]),
+    "no shift": (lambda: PIECES.shifted("1"), ["seconds is '1'"]),
+    "spline beyond its degree": (lambda: SMOOTH["through samples"](1.0, 8), ["q8d is not known", "it ends at q7d"]),
+    "samples of other times": (lambda: Motion.through(T, np.zeros((3, 2))), ["t has 91 times and q 3 rows"]),
+    "backward": (lambda: Motion.piecewise([0, 2, 1], np.zeros((2, 2, 1))), ["does not increase: 2 is followed by 1"]),
+    "pieces": (lambda: Motion.piecewise(X[:3], np.zeros((2, 3, 1))), ["(2, 3, 1) for 3 breaks", "(degree + 1, 2, n)"]),
+    "names": (lambda: Motion.piecewise(X, C, joint_names=["a"]), ["joint_names is ['a']; expected 2 different names"]),
+    "duration": (lambda: Motion.polynomial([[1.0]], -1), ["duration is -1; expected a number > 0"]),
+    "harmonics": (lambda: Motion.fourier([0, 1], [[1.0]], [[1.0, 2.0]], 1, 1), ["cosines has shape (1, 1)"]),
+    "not finite": (lambda: Motion.polynomial([[np.nan]], 1), ["coefficients holds nan; expected finite numbers"]),
+    "intervals": (lambda: Motion.fit(T, np.zeros((91, 1)), intervals=0), ["0 intervals for 91 samples"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("call", "words"), REFUSED.values(), ids=REFUSED)
+def test_refuses(call, words):
+    refusal(call, *words)

@@ -1,0 +1,156 @@
+"""Calls on NumPy's own arrays go a short way once one like them was served, which gives and refuses the same."""
+
+import pickle
+from dataclasses import replace
+from weakref import ref
+
+import numpy as np
+import pytest
+from quantities import IDS, REQUESTS, branched, method_of
+
+import jounce
+from jounce.errors import JounceError
+from jounce.native import kernel as module
+from jounce.robot import dispatch
+
+ROBOT = branched()
+N, NB = ROBOT.n, ROBOT.mechanism.nb
+
+
+def states(count, *batch):
+    return list(np.random.default_rng(0).uniform(-2, 2, (count, *batch, N)))
+
+
+def wrenches(*batch):
+    return tuple(np.random.default_rng(1).uniform(-2, 2, (2, *batch, NB, 6)))
+
+
+def serve_once(robot):
+    """A robot that has served a call of every form that is called below."""
+    robot.inverse_dynamics(*states(4))
+    robot.inverse_dynamics(*states(4), wrench=wrenches())
+    robot.jacobian(*states(1), body="body3")
+    robot.gravity_forces(*states(1))
+    return robot
+
+
+SERVED = serve_once(branched())
+
+
+@pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
+def test_what_was_served_once_is_not_checked_at_length_again(quantity, keywords, monkeypatch):
+    compute, q = method_of(ROBOT, quantity), states(quantity.rates + 1, 3)
+    options = keywords | ({"wrench": wrenches(3)} if quantity.wrenches else {})
+    expected = compute(*q, **options, method="kernel")
+    assert compute(*q, **options)[0].shape == expected[0].shape
+    monkeypatch.setattr(dispatch, "_checked_arguments", None)
+    out = tuple(np.full(x.shape, np.nan) for x in expected)
+    assert all(x is y for x, y in zip(compute(*q, **options, out=out), out, strict=True))
+    found = (out, compute(*q, **options), compute(*q, **options, out=list(np.empty((2, *expected[0].shape)))))
+    for results in found:
+        for x, y in zip(results, expected, strict=True):
+            np.testing.assert_array_equal(x, y)
+
+
+LOCKED = np.zeros((2, N))
+LOCKED.flags.writeable = False
+ONE = np.zeros(3 * N)
+Q = states(4)
+CALLS = {
+    "another size": lambda robot: robot.inverse_dynamics(*Q[:3], np.zeros(N + 1)),
+    "one coordinate": lambda robot: robot.inverse_dynamics(*Q[:3], np.zeros(1)),
+    "a number": lambda robot: robot.gravity_forces(np.array(1.0)),
+    "batches that do not fit": lambda robot: robot.inverse_dynamics(*Q[:2], np.zeros((3, N)), np.zeros((4, N))),
+    "a skipped rate": lambda robot: robot.inverse_dynamics(*Q[:2], None, Q[3]),
+    "complex numbers": lambda robot: robot.gravity_forces(np.zeros(N, complex)),
+    "text": lambda robot: robot.gravity_forces(np.zeros(N, str)),
+    "wrenches of another shape": lambda robot: robot.inverse_dynamics(
+        *Q, wrench=(np.zeros((NB, 6)), np.zeros((6, NB)))
+    ),
+    "one wrench of two": lambda robot: robot.inverse_dynamics(*Q, wrench=np.zeros((NB, 6))),
+    "no wrenches": lambda robot: robot.inverse_dynamics(*Q, wrench=()),
+    "wrenches in place of rates": lambda robot: robot.inverse_dynamics(*Q, Q[0], wrench=(np.zeros((NB, 6)),)),
+    "another body": lambda robot: robot.jacobian(Q[0], body="body9"),
+    "no name of a body": lambda robot: robot.jacobian(Q[0], body=["body3"]),
+    "another frame": lambda robot: robot.jacobian(Q[0], body="body3", frame="tool"),
+    "another method": lambda robot: robot.gravity_forces(Q[0], method="rnea"),
+    "true threads": lambda robot: robot.gravity_forces(Q[0], threads=True),
+    "a fraction of threads": lambda robot: robot.gravity_forces(Q[0], threads=1.0),
+    "one result": lambda robot: robot.inverse_dynamics(*Q, out=np.zeros(N)),
+    "three results": lambda robot: robot.inverse_dynamics(*Q, out=tuple(np.zeros((3, N)))),
+    "a result of a batch": lambda robot: robot.gravity_forces(Q[0], out=np.zeros((3, N))),
+    "a result of one state": lambda robot: robot.gravity_forces(np.zeros((3, N)), out=np.zeros(N)),
+    "a list in place of a result": lambda robot: robot.gravity_forces(Q[0], out=[[0.0] * N]),
+    "a masked result": lambda robot: robot.gravity_forces(Q[0], out=np.ma.masked_array(np.zeros(N), mask=True)),
+    "a read-only result": lambda robot: robot.inverse_dynamics(*Q, out=tuple(LOCKED)),
+    "a result of integers": lambda robot: robot.inverse_dynamics(*Q, out=(np.zeros(N), np.zeros(N, int))),
+    "one result twice": lambda robot: robot.inverse_dynamics(*Q, out=[LOCKED[0].copy()] * 2),
+    "results that overlap": lambda robot: robot.inverse_dynamics(*Q, out=(ONE[:N], ONE[1 : N + 1])),
+}
+
+
+@pytest.mark.parametrize("case", CALLS)
+def test_what_is_refused_is_refused_in_the_same_words_ever_after(case):
+    with pytest.raises(JounceError) as first:
+        CALLS[case](replace(ROBOT))
+    with pytest.raises(JounceError) as later:
+        CALLS[case](SERVED)
+    assert str(first.value) == str(later.value)
+    assert "\n" not in str(first.value)
+    assert not ONE.any()
+
+
+GIVEN = {
+    "integers": lambda x: np.round(x).astype(int),
+    "short floats": lambda x: x.astype(np.float32),
+    "long floats": lambda x: x.astype(np.longdouble),
+    "objects": lambda x: x.astype(object),
+    "big-endian": lambda x: x.astype(">f8"),
+    "masked": lambda x: np.ma.masked_greater(x, 1.0),
+    "named": lambda x: np.array(tuple(x), [(name, float) for name in ROBOT.joint_names]),
+    "a list": list,
+}
+
+
+@pytest.mark.parametrize("kind", GIVEN)
+def test_arrays_of_other_kinds_are_taken_as_ever(kind):
+    q = [GIVEN[kind](x) for x in Q]
+    for x, y in zip(SERVED.inverse_dynamics(*q), replace(ROBOT).inverse_dynamics(*q), strict=True):
+        assert x.dtype == y.dtype
+        np.testing.assert_array_equal(x, y)
+
+
+def test_results_may_be_written_over_a_broadcast_state_and_in_short_floats():
+    q, qd, q2d, q3d = states(4, 5)
+    expected = SERVED.inverse_dynamics(q[0], qd, q2d, q3d)
+    out = np.empty((5, N)), np.empty((5, N), np.float32)
+    SERVED.inverse_dynamics(q[0], qd, q2d, q3d, out=out)
+    np.testing.assert_array_equal(out[0], expected[0])
+    np.testing.assert_array_equal(out[1], expected[1].astype(np.float32))
+
+
+def test_errors_that_a_caller_asks_numpy_for_come_through():
+    for law in (SERVED.gravity_forces, SERVED.compile("gravity_forces", order=0)):
+        with np.errstate(invalid="raise"), pytest.raises(FloatingPointError):
+            law(np.full(N, np.inf))
+        with np.errstate(invalid="warn"), pytest.raises(RuntimeWarning):  # an error by the filter of these tests
+            law(np.full(N, np.inf))
+
+
+def test_native_code_is_dropped_with_its_robot_and_not_sent_with_it():
+    robot = jounce.load("planar2r")
+    before = pickle.dumps(robot)
+    robot.gravity_forces(np.zeros(2))
+    robot.gravity_forces([0.0, 0.0])
+    alive = ref(robot.compile("gravity_forces", order=0)), ref(robot.compile("mass_matrix", order=1))
+    assert None not in [kernel() for kernel in alive]
+    assert pickle.dumps(robot) == before
+    del robot
+    assert [kernel() for kernel in alive] == [None, None]
+
+
+def test_robots_that_come_and_go_leave_no_native_code():
+    before = len(module._living)
+    for i in range(20):
+        jounce.load("planar2r", L1=1 + i / 100).gravity_forces(np.zeros(2))
+    assert len(module._living) <= before
