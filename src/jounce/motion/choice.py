@@ -15,10 +15,12 @@ from jounce.motion.knots import (
     ROUNDS,
     STEPS,
     Family,
+    admissible,
     bisect,
     bisect_most,
     dense_where,
     even,
+    fitted,
     gains,
     gains_by_joint,
     halves,
@@ -36,11 +38,14 @@ TRANSIENT = 30  # times the usual squares above a band that is given, from which
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The spline chosen, a coarser one to compare it with, and the variance (n,) of white noise like that found."""
+    """The spline chosen, a coarser one to compare it with, the variance (n,) of white noise like that found, and where
+    the breaks of the two were to be.
+    """
 
     solution: Solution
     coarser: Solution
     variance: np.ndarray
+    places: tuple[np.ndarray, np.ndarray]
 
     @property
     def ratio(self) -> float:
@@ -50,8 +55,14 @@ class Choice:
 
 def again(rows: Rows, beats: Beats, choice: Choice) -> Choice:
     """The same breaks for samples that are not quite the same, and what these scatter by about the spline."""
-    breaks = choice.solution.breaks
-    return Choice(solve(rows, breaks), solve(rows, choice.coarser.breaks), noise_variance(rows, beats, breaks))
+    solution, coarser = (fitted(rows, places) for places in choice.places)
+    return Choice(solution, coarser, noise_variance(rows, beats, solution.breaks), choice.places)
+
+
+def exact(rows: Rows, choice: Choice) -> Choice:
+    """The same choice for rows that are not compressed: breaks are where they were to be then."""
+    solution, coarser = (fitted(rows, places) for places in choice.places)
+    return Choice(solution, coarser, choice.variance, choice.places)
 
 
 def by_schwarz(rows: Rows, floor: np.ndarray, guess: int | None = None) -> Solution:
@@ -73,17 +84,18 @@ def choose(rows: Rows, beats: Beats, intervals: int, floor: np.ndarray) -> Choic
     if best.intervals > 16 and _is_uneven(rows, beats, best, variance):
         powers = STARTS if rows.edges is None else STARTS[-1:]  # a long log has starts enough in itself, and less time
         starts = [max(1, int(best.intervals / 2.0**power)) for power in powers if best.intervals > 4 * 2.0**power]
-        dense, middle = dense_where(rows, _resolved(rows, beats, starts, variance))
+        dense, middle = dense_where(_resolved(rows, beats, starts, variance))
         again = np.maximum(floor, noise_variance(rows, beats, dense(int(1.5 * middle) + 1)))
         other, other_score = _least_cp(rows, beats, dense, middle, again)
         if other_score < cp(best, beats, again):
             best, family, variance = other, dense, again
-    return Choice(solve(rows, family(round(FINER * best.intervals) + 1)), best, variance)
+    places = family(round(FINER * best.intervals) + 1), family(best.intervals)
+    return Choice(fitted(rows, places[0]), best, variance, places)
 
 
 def bounded(rows: Rows, beats: Beats, intervals: int, floor: np.ndarray) -> Choice:
     """Even intervals as a band wants them, bisected only where the samples leave that band much more than usual."""
-    breaks = even(rows)(intervals)
+    breaks = admissible(rows, even(rows)(intervals))
     variance = np.maximum(floor, noise_variance(rows, beats, even(rows)(min(2 * intervals, most_intervals(rows) // 2))))
     usual = None
     for _ in range(ROUNDS):
@@ -97,8 +109,9 @@ def bounded(rows: Rows, beats: Beats, intervals: int, floor: np.ndarray) -> Choi
             break
         breaks = finer
     solution = solve(rows, breaks)
-    coarser = solve(rows, np.unique(np.append(breaks[::2], breaks[-1])))
-    return Choice(solution, coarser, np.maximum(variance, solution.energy / max(1.0, rows.count - solution.unknowns)))
+    coarse = np.unique(np.append(breaks[::2], breaks[-1]))
+    variance = np.maximum(variance, solution.energy / max(1.0, rows.count - solution.unknowns))
+    return Choice(solution, solve(rows, coarse), variance, (breaks, coarse))
 
 
 def cp(solution: Solution, beats: Beats, variance: np.ndarray) -> float:
@@ -124,7 +137,7 @@ def _solutions(rows: Rows, family: Family, intervals: np.ndarray) -> list[Soluti
     found = []
     for number in intervals:
         try:
-            found.append(solve(rows, family(int(number))))
+            found.append(fitted(rows, family(int(number))))
         except np.linalg.LinAlgError:  # holes leave some of it undetermined
             continue
     if not found:
@@ -142,7 +155,7 @@ def _least_cp(rows: Rows, beats: Beats, family: Family, middle: int, variance: n
         number = round(min(max(intervals, 1), most))
         if number not in scores:
             try:
-                found[number] = solve(rows, family(number))
+                found[number] = fitted(rows, family(number))
                 scores[number] = cp(found[number], beats, variance)
             except np.linalg.LinAlgError:  # holes leave some of it undetermined
                 scores[number] = np.inf
@@ -164,6 +177,6 @@ def _least_cp(rows: Rows, beats: Beats, family: Family, middle: int, variance: n
 def _is_uneven(rows: Rows, beats: Beats, solution: Solution, variance: np.ndarray) -> bool:
     """Whether even intervals are too long for the motion in some of them, or a bit longer ones would do in many."""
     enough = noticeable(len(variance))
-    longer = even(rows)(max(1, int(solution.intervals / 1.4)))
+    longer = admissible(rows, even(rows)(max(1, int(solution.intervals / 1.4))))
     too_long = gains(rows, beats, solution.breaks, variance).max() > 3 * enough
     return bool(too_long or (gains(rows, beats, longer, variance) < enough).mean() > 0.3)

@@ -141,34 +141,48 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
     ('encoder step', 6)
     """
     times, samples, joints = check(t, q, names)
-    if bandwidth is not None and not (isinstance(bandwidth, int | float) and 0 < bandwidth < np.inf):
+    number = isinstance(bandwidth, int | float) and not isinstance(bandwidth, bool)
+    if bandwidth is not None and not (number and 0 < bandwidth < np.inf):
         raise JounceError(f"bandwidth is {quoted(bandwidth)}; expected a frequency in Hz above 0")
-    wild = spikes(times, samples, np.array([step_of(column)[0] for column in samples.T]))
+    rounding = [step_of(column) for column in samples.T]
+    steps = np.array([step for step, _ in rounding])
+    wild = spikes(times, samples, steps)
     times, samples = times[~wild], samples[~wild]
-    moving, smoothed = np.ptp(samples, axis=0) > 0, None
+    span = float(times[0]), float(times[-1])
     try:
-        if moving.any():
-            part = _samples(times, samples[:, moving])
-            first, cells = first_fit(part)
-            moved = moves(part, first)
-            moving[moving] = moved
-            if moved.any() and not moved.all():
-                part = _samples(times, samples[:, moving])
-                first, cells = first_fit(part)
-            if moved.any():
-                smoothed = interpolate(part) if rounded(part, first) else smooth(part, first, cells, bandwidth)
+        moving, smoothed = _smooth(Samples(times, samples, np.ones(len(times)), span, steps), bandwidth)
     except np.linalg.LinAlgError:
-        raise JounceError(
-            "no spline of degree 9 follows from these samples: give more of them, at distinct times"
-        ) from None
+        text = "no spline of degree 9 follows from these samples: give more of them, at distinct times"
+        raise JounceError(text) from None
     if smoothed:
         _refuse_holes(times, smoothed.spread.solution.breaks)
-    return _fit(times, samples, joints, moving, smoothed, int(wild.sum()))
+    noise = [Noise(float(column.std()), "rest") for column in samples.T]
+    notes = [f"{wild.sum()} rows lie far off those beside them; they are left out"] if wild.any() else []
+    if smoothed:
+        notes += smoothed.notes
+        for k, joint in enumerate(np.flatnonzero(moving)):
+            noise[joint] = noise_of(smoothed.samples.q[:, k], float(smoothed.sigma[k]), rounding[joint])
+    if not moving.all():
+        still = listed(name for name, moved in zip(joints, moving, strict=True) if not moved)
+        notes.append(f"at rest but for noise, hence constant: {still}")
+    return _described(times, samples, moving, smoothed, joints=joints, noise=tuple(noise), notes=tuple(notes))
 
 
-def _samples(t: np.ndarray, q: np.ndarray) -> Samples:
-    steps = np.array([step_of(column)[0] for column in q.T])
-    return Samples(t, q, np.ones(len(t)), (float(t[0]), float(t[-1])), steps)
+def _smooth(samples: Samples, bandwidth: float | None) -> tuple[np.ndarray, Smoothed | None]:
+    """Which joints move, (n,), and the spline of these."""
+    moving = np.ptp(samples.q, axis=0) > 0
+    if not moving.any():
+        return moving, None
+    part = samples.joints(moving)
+    first, cells = first_fit(part)
+    moved = moves(part, first)
+    moving[moving] = moved
+    if not moved.any():
+        return moving, None
+    if not moved.all():
+        part = samples.joints(moving)
+        first, cells = first_fit(part)
+    return moving, interpolate(part) if rounded(part, first) else smooth(part, first, cells, bandwidth)
 
 
 def _refuse_holes(t: np.ndarray, breaks: np.ndarray) -> None:
@@ -185,36 +199,33 @@ def _refuse_holes(t: np.ndarray, breaks: np.ndarray) -> None:
             )
 
 
-def _fit(
-    t: np.ndarray, q: np.ndarray, joints: tuple[str, ...], moving: np.ndarray, smoothed: Smoothed | None, wild: int
+def _described(
+    t: np.ndarray,
+    q: np.ndarray,
+    moving: np.ndarray,
+    smoothed: Smoothed | None,
+    *,
+    joints: tuple[str, ...],
+    noise: tuple[Noise, ...],
+    notes: tuple[str, ...],
 ) -> Fit:
+    """The fit of all joints, with what tells how far it can be trusted."""
     from scipy.interpolate import BSpline
 
     knot = smoothed.spline.t if smoothed else knots(t[[0, -1]])
     breaks = knot[DEGREE : len(knot) - DEGREE]
     middle = q[0] + (q - q[0]).mean(axis=0)  # exact where a joint does not move at all
     coefficients = np.tile(middle, (len(knot) - DEGREE - 1, 1))
-    noise = [Noise(float(column.std()), "rest") for column in q.T]
-    notes = list(smoothed.notes) if smoothed else []
     if smoothed:
         coefficients[:, moving] = smoothed.spline.c
-        for k, joint in enumerate(np.flatnonzero(moving)):
-            noise[joint] = noise_of(smoothed.samples.q[:, k], float(smoothed.sigma[k]))
-    if wild:
-        notes.append(f"{wild} rows lie far off those beside them; they are left out")
-    if not moving.all():
-        at_rest = [name for name, moves_ in zip(joints, moving, strict=True) if not moves_]
-        notes.append(f"at rest but for noise, hence constant: {listed(at_rest)}")
     spline = BSpline(knot, coefficients, DEGREE)
     lengths = np.sort(np.diff(breaks))
     usual = float(lengths[np.searchsorted(np.cumsum(lengths), lengths.sum() / 2)])
     edge = min(ENDS, max(0, (len(breaks) - 2) // 2))
     ends = (float(breaks[edge]), float(breaks[-1 - edge])) if smoothed else (float(t[0]), float(t[-1]))
-    zeros = np.zeros((HIGHEST + 1, len(joints)))
     spread, spacing = smoothed.spread if smoothed else None, float(np.median(np.diff(t)))
-    bare = Fit(
-        spline, joints, tuple(noise), 0.5 / usual, ends, zeros, zeros[:, 0], tuple(notes), spacing, spread, moving
-    )
+    zeros = np.zeros((HIGHEST + 1, len(joints)))
+    bare = Fit(spline, joints, noise, 0.5 / usual, ends, zeros, zeros[:, 0], notes, spacing, spread, moving)
     inside = np.linspace(*ends, min(POINTS, 4 * len(breaks)) + 2)[1:-1]
     peaks = np.array([np.abs(spline(inside, nu=k) - (k == 0) * q.mean(axis=0)).max(axis=0) for k in range(HIGHEST + 1)])
     squares = np.square(bare.deviations(inside, HIGHEST)).mean(axis=1)

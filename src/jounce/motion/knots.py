@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from jounce.motion.least_squares import Rows, solve
+from jounce.motion.least_squares import Rows, Solution, solve
 from jounce.motion.noise import Beats
 
 Family = Callable[[int], np.ndarray]  # breaks, for a number of intervals
@@ -25,10 +25,10 @@ MEDIAN_OF_THREE = 2.366  # median of chi^2 with three degrees of freedom
 
 def even(rows: Rows) -> Family:
     """Evenly spaced breaks."""
-    return lambda intervals: admissible(rows, np.linspace(*rows.span, intervals + 1))
+    return lambda intervals: np.linspace(*rows.span, intervals + 1)
 
 
-def dense_where(rows: Rows, trees: Sequence[np.ndarray]) -> tuple[Family, int]:
+def dense_where(trees: Sequence[np.ndarray]) -> tuple[Family, int]:
     """Breaks as dense as those of several bisections on (geometric) average, and how many these have."""
     grid = np.unique(np.concatenate(trees))
     middles = (grid[1:] + grid[:-1]) / 2
@@ -36,14 +36,14 @@ def dense_where(rows: Rows, trees: Sequence[np.ndarray]) -> tuple[Family, int]:
     total = np.append(0, np.cumsum(np.diff(grid) / np.exp(np.mean(np.log(lengths), axis=0))))
 
     def family(intervals: int) -> np.ndarray:
-        return admissible(rows, np.interp(np.linspace(0, total[-1], intervals + 1), total, grid))
+        return np.interp(np.linspace(0, total[-1], intervals + 1), total, grid)
 
     return family, max(1, round(total[-1]))
 
 
 def bisect(rows: Rows, beats: Beats, start: int, variance: np.ndarray) -> np.ndarray:
     """Breaks, from evenly spaced ones, with intervals bisected as long as that explains more than noise does."""
-    breaks = even(rows)(start)
+    breaks = admissible(rows, even(rows)(start))
     for _ in range(ROUNDS):
         gain = gains(rows, beats, breaks, variance)
         gain[beats.passes(breaks) < STEPS] = 0
@@ -77,7 +77,7 @@ def gains(rows: Rows, beats: Beats, breaks: np.ndarray, variance: np.ndarray) ->
 
 def gains_by_joint(rows: Rows, breaks: np.ndarray, finer: np.ndarray) -> np.ndarray:
     """Squares, (M, n), that finer breaks explain in each interval."""
-    lost = solve(rows, breaks).residual ** 2 - solve(rows, admissible(rows, finer)).residual ** 2
+    lost = solve(rows, breaks).residual ** 2 - fitted(rows, finer).residual ** 2
     sums = np.concatenate([np.zeros((1, lost.shape[1])), np.cumsum(lost, axis=0)])
     return np.diff(sums[np.searchsorted(rows.t, breaks[:-1])], axis=0, append=sums[-1:])
 
@@ -93,6 +93,7 @@ def noise_variance(rows: Rows, beats: Beats, breaks: np.ndarray) -> np.ndarray:
     From breaks that leave no motion in the residual: three more in each interval explain three variances, in the
     median over intervals and joints. That colour of the noise multiplies the variances of the residual.
     """
+    breaks = admissible(rows, breaks)
     finer = admissible(rows, halves(halves(breaks)))
     fine = solve(rows, finer)
     variance = np.maximum(fine.energy / max(1.0, rows.count - fine.unknowns), np.finfo(float).tiny)
@@ -100,6 +101,11 @@ def noise_variance(rows: Rows, beats: Beats, breaks: np.ndarray) -> np.ndarray:
     usual = (beats.inflation(breaks) < 2) & (more == 3)
     gain = gains_by_joint(rows, breaks, finer) / variance
     return variance * max(1.0, np.median(gain[usual]) / MEDIAN_OF_THREE if usual.any() else 1.0)
+
+
+def fitted(rows: Rows, breaks: np.ndarray) -> Solution:
+    """The spline with those of the breaks that the samples bear."""
+    return solve(rows, admissible(rows, breaks))
 
 
 def admissible(rows: Rows, breaks: np.ndarray) -> np.ndarray:

@@ -180,10 +180,10 @@ def _unit(samples: np.ndarray) -> float:
     return next((10.0**-d for d in decimals), 0.0)
 
 
-def noise_of(samples: np.ndarray, sigma: float) -> Noise:
-    """The noise of a joint's samples that scatter by sigma about its motion."""
-    step, kind = step_of(samples)
+def noise_of(samples: np.ndarray, sigma: float, rounding: tuple[float, str]) -> Noise:
+    """The noise of a joint's samples that scatter by sigma about its motion; their step and its kind are known."""
+    step, kind = rounding
     if step and sigma < 1.5 * step / np.sqrt(12):
         return Noise(max(sigma, step / np.sqrt(12)), kind, step)
-    rounding = sigma < 64 * np.finfo(float).eps * float(np.abs(samples).max())
-    return Noise(sigma, "rounding" if rounding else "white", step)
+    exact = sigma < 64 * np.finfo(float).eps * float(np.abs(samples).max())
+    return Noise(sigma, "rounding" if exact else "white", step)

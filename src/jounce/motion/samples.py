@@ -43,6 +43,10 @@ class Samples:
         """The variance (n,) of rounding of doubles."""
         return np.maximum((4 * np.finfo(float).eps * np.abs(self.q).max(axis=0)) ** 2, np.finfo(float).tiny)
 
+    def joints(self, which: np.ndarray) -> "Samples":
+        """The samples of some of the joints."""
+        return replace(self, q=self.q[:, which], steps=self.steps[which])
+
     def part(self, rows: np.ndarray) -> "Samples":
         """Some of the rows."""
         return replace(self, t=self.t[rows], q=self.q[rows], weight=self.weight[rows])

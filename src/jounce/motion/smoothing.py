@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.errors import JounceError
-from jounce.motion.choice import Choice, again, bounded, by_schwarz, choose
+from jounce.motion.choice import Choice, again, bounded, by_schwarz, choose, exact
 from jounce.motion.correction import colour, corrected
 from jounce.motion.deviations import Spread, stamp_covariances
 from jounce.motion.knots import FEWEST, most_intervals
@@ -96,6 +96,8 @@ def smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | Non
         left = stamp_covariances(stamped.rows(cells), raw, sigma, times.own)
         chosen = again(samples.rows(cells), beats, chosen)
         notes += (f"time stamps scatter by {times.sigma:.2g} s; one shift per row, from all joints, corrects them",)
+    elif len(samples.t) >= LONG:
+        chosen = exact(rows_of(samples.t, samples.q, samples.weight, samples.span), chosen)
     solution = chosen.solution
     variance = chosen.variance * beats.inflation(solution.breaks, rests=True)
     spread = Spread(solution, variance, chosen.coarser.spline, chosen.ratio, left)

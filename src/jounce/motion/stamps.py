@@ -62,10 +62,14 @@ def spikes(t: np.ndarray, q: np.ndarray, steps: np.ndarray) -> np.ndarray:
     """Which rows, (N,), lie off the line through those on either side, alone and much farther than others around."""
     share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
     off = np.pad(q[1:-1] - q[:-2] * (1 - share) - q[2:] * share, ((4, 4), (0, 0)))
-    near = {k: off[3 + k : 3 + k + len(q)] for k in range(-3, 4)}
-    usual = np.max([np.abs(near[k]) for k in (-3, -2, 2, 3)], axis=0)
-    alone = np.abs(near[0]) > SPIKE * np.maximum(np.maximum(usual, np.median(np.abs(near[0]), axis=0)), steps)
-    return (alone & (near[0] * near[-1] < 0) & (near[0] * near[1] < 0)).any(axis=1)
+    usual = np.maximum(np.median(np.abs(off[:: len(off) // SUBSET + 1]), axis=0), steps)
+    row, joint = np.nonzero(np.abs(off) > SPIKE * usual)
+    here, before, after = (off[row + k, joint] for k in (0, -1, 1))
+    around = np.max([np.abs(off[row + k, joint]) for k in (-3, -2, 2, 3)], axis=0)
+    alone = (np.abs(here) > SPIKE * around) & (here * before < 0) & (here * after < 0)
+    wild = np.zeros(len(t), bool)
+    wild[row[alone] - 3] = True
+    return wild
 
 
 def fresh(t: np.ndarray, q: np.ndarray, velocity: np.ndarray, size: np.ndarray) -> np.ndarray:
