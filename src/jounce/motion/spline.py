@@ -114,6 +114,10 @@ def curve_of(t: np.ndarray, q: np.ndarray, spline: Spline, place: str, highest: 
 
 def way_of(degree: int | None, intervals: int | None, bandwidth: float | None, force: bool) -> Smoothing | Spline:
     """How samples become a curve, by what a caller says of it."""
+    if not isinstance(force, bool):
+        raise JounceError(f"force is {quoted(force)}; expected True or False")
+    if bandwidth is not None and not (isinstance(bandwidth, int | float) and 0 < bandwidth < np.inf):
+        raise JounceError(f"bandwidth is {quoted(bandwidth)}; expected a frequency in Hz above 0")
     by_hand = degree is not None or intervals is not None
     if by_hand and (bandwidth is not None or force):
         raise JounceError("bandwidth and force are for samples that are smoothed; leave degree and intervals out")
