@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.errors import JounceError, JounceWarning, one_line, quoted
+from jounce.errors import JounceError, JounceWarning, one_line, quoted, true_or_false
 from jounce.motion.curves import Jump
 from jounce.motion.smoothness import resolution
 from jounce.spatial.series import rate_name
@@ -114,6 +114,9 @@ def curve_of(t: np.ndarray, q: np.ndarray, spline: Spline, place: str, highest: 
 
 def way_of(degree: int | None, intervals: int | None, bandwidth: float | None, force: bool) -> Smoothing | Spline:
     """How samples become a curve, by what a caller says of it."""
+    true_or_false("force", force, "whether samples count whose noise drowns the highest rate")
+    if bandwidth is not None and not (isinstance(bandwidth, int | float) and 0 < bandwidth < np.inf):
+        raise JounceError(f"bandwidth is {quoted(bandwidth)}; expected a frequency in Hz above 0")
     by_hand = degree is not None or intervals is not None
     if by_hand and (bandwidth is not None or force):
         raise JounceError("bandwidth and force are for samples that are smoothed; leave degree and intervals out")
