@@ -4,7 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test fuzz lint format types docs bench clean
+.PHONY: demo test fuzz lint format types docs package bench clean
 
 demo: $(VENV)/installed
 	mkdir -p build
@@ -41,6 +41,21 @@ bench: $(VENV)/installed-bench
 docs: $(VENV)/installed-docs
 	$(BIN)/mkdocs build --strict
 
+# What users install: wheel and sdist are built and checked, and the README's Python runs in an environment of its own,
+# first without any extra.
+PACKAGE := build/package
+package: $(VENV)/installed-package
+	rm -rf dist $(PACKAGE)
+	$(BIN)/python -m build
+	$(BIN)/twine check --strict dist/*
+	$(BIN)/check-wheel-contents dist
+	$(BIN)/python -m venv $(PACKAGE)/env
+	$(PACKAGE)/env/bin/python -m pip install --quiet dist/jounce-*.whl
+	cp -r README.md examples $(PACKAGE)
+	cd $(PACKAGE) && env/bin/jounce run iiwa14 examples/iiwa14.csv -o forces.csv
+	$(PACKAGE)/env/bin/python -m pip install --quiet "$$(echo dist/jounce-*.whl)[sympy]"
+	cd $(PACKAGE) && env/bin/python -m doctest README.md
+
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
@@ -56,6 +71,10 @@ $(VENV)/installed-dev: pyproject.toml tests/models.txt | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
 	$(BIN)/python -m pip install --quiet --no-deps -r tests/models.txt
 	touch $@ $(VENV)/installed
+
+$(VENV)/installed-package: pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable '.[package]'
+	touch $@
 
 $(VENV)/installed-bench: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable '.[bench]'

@@ -8,7 +8,8 @@ from hypothesis import settings
 
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")  # every function is compiled for a call or two
 
-collect_ignore = ["golden"]  # data, generated tests in Python among them
+# data, generated tests in Python among them; programs for type checkers
+collect_ignore = ["golden", "types/mistakes.py", "types/right.py"]
 
 settings.register_profile("jounce", deadline=None, max_examples=40, derandomize=True)
 settings.load_profile("jounce")

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce._scalars import asarray, is_numeric
+from jounce._typing import Frame, QuantityName
 from jounce.arguments import requests
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.quantities import FORCES
 from jounce.errors import JounceError, listed
 from jounce.model.mechanism import DATA, Mechanism
 from jounce.model.parameters import own_values, parametrise
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
 def casadi_function(
     robot: Robot,
-    quantity: str = FORCES.name,
+    quantity: QuantityName = "inverse_dynamics",
     order: int = 2,
     wrench: bool = False,
     *,
     body: str | None = None,
-    frame: str = "body",
+    frame: Frame = "body",
     parameters: Sequence[str] = (),
 ) -> "casadi.Function":
     """A quantity and its rates up to an order as a `casadi.Function`, built on SX and callable with MX.

@@ -79,6 +79,7 @@ def test_parameters_are_those_of_files():
     assert np.array_equal(jounce.load("panda").mechanism.gravity, [0, 0, -9.81])
     assert np.array_equal(jounce.load("panda", gravity=gravity).mechanism.gravity, gravity)
     refusal(lambda: jounce.load("panda", L1=1.0), "no parameter of panda 'L1'", "gravity")
+    refusal(lambda: jounce.load("panda", drive=True), "did you mean 'drives'?")
 
 
 def test_drives_of_a_file_enter_where_asked_for():

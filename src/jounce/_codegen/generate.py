@@ -9,6 +9,7 @@ from jounce._codegen import header
 from jounce._codegen.function import Function, trace
 from jounce._codegen.options import Options, check_options, languages_where
 from jounce._codegen.test_vectors import vectors
+from jounce._typing import Language
 from jounce.dynamics.quantities import FORCES
 from jounce.errors import JounceError, quoted, true_or_false
 from jounce.io import folders
@@ -29,7 +30,7 @@ class Generated:
 
 def codegen(
     robot: Robot,
-    lang: str,
+    lang: Language,
     order: int = 2,
     directory: str | os.PathLike[str] | None = None,
     *,

@@ -2,12 +2,15 @@
 
 from pathlib import Path
 from textwrap import fill
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from jounce.cli.options import Asked, on_robot
 from jounce.cli.output import tell
+
+if TYPE_CHECKING:
+    from jounce._typing import Language
 
 EPILOG = """\b
 Example:
@@ -61,7 +64,7 @@ def _names(_: click.Context, __: click.Parameter, given: str | None) -> list[str
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def codegen(
     robot: Asked,
-    lang: str,
+    lang: "Language",
     order: int,
     output: Path,
     outputs: list[str] | None,

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from jounce._typing import Method
 from jounce.io import motions
 from jounce.io.bundled import iiwa14
 from jounce.motion import Motion
@@ -20,7 +21,7 @@ from jounce.spatial.inertia import moments
 from jounce.spatial.lie import hat
 
 PAPER_MS = 1.6  # of the authors: an evaluation of order 2, on an Intel Core i9-7960X; Section 6.2
-METHODS = ("closed_form", "paper", "recursion", "kernel")
+METHODS: tuple[Method, ...] = ("closed_form", "paper", "recursion", "kernel")
 STEPS = 2.0 ** -np.arange(4, 29)  # s; powers of two, which add to the times without rounding
 SCHEMES = {  # of differentiation: how often they differentiate, and the weights of the values at t + j h
     "forward, 2 points": (1, {0: -1.0, 1: 1.0}),
@@ -69,7 +70,7 @@ def example(name: str, states: int) -> Example:
     return Example(robot, motion, t, forces, tuple(np.gradient(Q, t, axis=0, edge_order=2) for Q in forces[:2]))
 
 
-def forces_of(robot: Robot, motion: Motion, t: np.ndarray, method: str | None = None) -> Forces:
+def forces_of(robot: Robot, motion: Motion, t: np.ndarray, method: Method | None = None) -> Forces:
     """Q, Qd, Q2d at times of a motion."""
     return robot.inverse_dynamics(*motion(t), wrench=motion.wrench(t), method=method)
 
@@ -108,7 +109,7 @@ def without_steiner(found: Example) -> tuple[float, ...]:
     return tuple(share(a - b, b) for a, b in zip(other, found.forces, strict=True))
 
 
-def methods() -> list[str]:
+def methods() -> list[Method]:
     """The paths to the forces that are at hand here."""
     return [method for method in METHODS if method != "kernel" or available()]
 

@@ -1,14 +1,16 @@
 """`load`: a robot from a file or by name."""
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
+from typing import Unpack
 
 import numpy as np
 
 from jounce._scalars import is_numeric
+from jounce._typing import ArrayLike, Base, DriveTerms, Planar2R
 from jounce.errors import JounceError, at, no_such, quoted, warn
 from jounce.io.bundled import BUNDLED
 from jounce.io.files import path_of
@@ -21,9 +23,13 @@ def load(
     source: str | os.PathLike[str],
     /,
     *,
+    gravity: ArrayLike | None = None,
+    base: Base | None = None,
+    root: str | None = None,
     lock: Mapping[str, float] | None = None,
-    drives: bool | str | Iterable[str] = False,
-    **parameters: object,
+    drives: DriveTerms | None = False,
+    xacro_args: Mapping[str, object] | None = None,
+    **parameters: Unpack[Planar2R],
 ) -> Robot:
     """A robot from a URDF or MJCF file, a YAML or JSON file, or a bundled one by its name.
 
@@ -38,15 +44,21 @@ def load(
     source : str or path
         Path of a .urdf, .xacro, .xml (MJCF, by MuJoCo; or a URDF), .yaml, .yml or .json file, or the name of a bundled
         one: "iiwa14", "planar2r", "panda" and others, which `jounce robots` lists.
-    lock : dict
+    gravity : (3,), optional
+        In m/s^2; if left out that of the file, (0, 0, -9.81) where it states none, (0, 0, -9.80665) for iiwa14.
+    base : str, optional
+        Of a URDF or MJCF file: "fixed" welds floating, planar and spherical joints at zero, which are refused
+        otherwise.
+    root : str, optional
+        Of a URDF or MJCF file: a link to start at; what it carries remains, and it stands on the ground itself.
+    lock : dict, optional
         Joints to hold still, {name: rad or m}: their bodies merge into those that carry them, see `Robot.locked`.
-    drives : bool, str or several
+    drives : bool, str or several, optional
         Which terms of the drives that the file states enter Q, see `Robot.with_drives`; none if left out.
+    xacro_args : dict, optional
+        Of a .xacro file: its arguments.
     **parameters : keywords
-        gravity (3,) in m/s^2; if left out that of the file, (0, 0, -9.81) where it states none, (0, 0, -9.80665) for
-        iiwa14; for planar2r L1, L2, m1, m2, g (symbols are values too). Of a URDF or MJCF file: base, "fixed" to weld
-        floating, planar and spherical joints at zero, which are refused otherwise; root, a link to start at: what it
-        carries remains, and it stands on the ground itself. Of a .xacro file: xacro_args, a mapping of its arguments.
+        Of planar2r: L1, L2, m1, m2, g; symbols are values too.
 
     Raises
     ------
@@ -69,7 +81,9 @@ def load(
         raise JounceError(f"a robot is a path or a name, not {type(source).__name__}; names: {', '.join(BUNDLED)}")
     path = path_of(source)
     name, terms = os.fspath(source), () if drives is None else chosen(drives)
-    robot = Robot(_mechanism(name, path, parameters))
+    stated = {"gravity": gravity, "base": base, "root": root, "xacro_args": xacro_args}
+    given = {key: value for key, value in stated.items() if value is not None} | parameters
+    robot = Robot(_mechanism(name, path, given))
     if lock is not None:
         with at(name):
             robot = robot.locked(lock)
@@ -136,6 +150,9 @@ READERS: dict[str, Callable[..., Mechanism]] = {
 }
 
 
+ALWAYS = ("lock", "drives")  # parameters of all robots
+
+
 def _call(build: Callable[..., Mechanism], parameters: dict[str, object], what: str) -> Mechanism:
     if not parameters:
         return build()
@@ -144,7 +161,7 @@ def _call(build: Callable[..., Mechanism], parameters: dict[str, object], what: 
     known = list(inspect.signature(build).parameters)
     for name in parameters:
         if name not in known:
-            raise no_such(f"parameter of {what}", name, known)
+            raise no_such(f"parameter of {what}", name, [*known, *ALWAYS])
     return build(**parameters)
 
 

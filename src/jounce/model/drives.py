@@ -17,6 +17,7 @@ from operator import add
 import numpy as np
 
 from jounce._scalars import Array, is_finite, tanh
+from jounce._typing import DriveTerm, Floats
 from jounce.errors import JounceError, one_of, quoted, several
 from jounce.spatial.series import Series, from_rate
 
@@ -53,18 +54,18 @@ class Drives:
     array([0.003, 0.003])
     """
 
-    armature: np.ndarray
-    damping: np.ndarray
-    friction: np.ndarray
-    eps: np.ndarray
-    stiffness: np.ndarray
-    rest: np.ndarray
+    armature: Floats
+    damping: Floats
+    friction: Floats
+    eps: Floats
+    stiffness: Floats
+    rest: Floats
 
 
 AMOUNTS = ("armature", "damping", "friction", "stiffness")  # of the terms: where all are zero, nothing is stated
 UNDRIVEN = {"armature": 0.0, "damping": 0.0, "friction": 0.0, "eps": EPS, "stiffness": 0.0, "rest": 0.0}
 COEFFICIENTS = ("armature", "damping", "friction", "slope", "stiffness", "rest")  # of the laws; slope is 1 / eps
-LAWS: dict[str, Callable[[Coefficients, Series], Series]] = {
+LAWS: dict[DriveTerm, Callable[[Coefficients, Series], Series]] = {
     "armature": lambda c, theta: c["armature"] * theta.dot.dot,
     "damping": lambda c, theta: c["damping"] * theta.dot,
     "friction": lambda c, theta: c["friction"] * _tanh(c["slope"] * theta.dot),
@@ -91,14 +92,14 @@ def coefficients(drives: Drives) -> Coefficients:
 
 def forces(c: Coefficients, terms: Sequence[str], theta: Series) -> Series:
     """What some terms add to the forces of the joint variables, (..., nb, 1)."""
-    return reduce(add, [LAWS[term](c, theta) for term in terms], theta * 0)
+    return reduce(add, [law(c, theta) for term, law in LAWS.items() if term in terms], theta * 0)
 
 
 def _tanh(x: Series) -> Series:
     return from_rate(tanh(x[0]), lambda y: (-(y * y) + 1) * x.dot)
 
 
-def chosen(terms: object) -> tuple[str, ...]:
+def chosen(terms: object) -> tuple[DriveTerm, ...]:
     """The terms that a user asks for, in their order: True is all of them, False none, else their names."""
     if isinstance(terms, bool):
         return TERMS * terms

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from jounce._scalars import Array, exact_integers, is_numeric, is_symbolic
+from jounce._typing import Floats
 from jounce.errors import one_of
 from jounce.model.drives import Drives
 
@@ -41,10 +42,10 @@ class Limits:
     array([87., 87.])
     """
 
-    lower: np.ndarray
-    upper: np.ndarray
-    velocity: np.ndarray
-    effort: np.ndarray
+    lower: Floats
+    upper: Floats
+    velocity: Floats
+    effort: Floats
 
 
 def limit_error(lower: float, upper: float, velocity: float, effort: float) -> str | None:

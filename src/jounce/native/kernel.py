@@ -7,12 +7,13 @@ from contextlib import suppress
 from contextvars import copy_context
 from functools import partial
 from math import inf
-from typing import Any
+from typing import TYPE_CHECKING, Any, Generic, Never
 from weakref import WeakValueDictionary
 
 import numpy as np
 
 from jounce._scalars import is_masked
+from jounce._typing import ArrayLike, Floats
 from jounce.arguments import names
 from jounce.dynamics.computation import Computation
 from jounce.errors import JounceError, one_line, quoted
@@ -21,8 +22,17 @@ from jounce.native import cache, jit, plan
 from jounce.native.jit import host, ufunc
 from jounce.native.pool import Pool
 
+if TYPE_CHECKING:
+    from typing_extensions import TypeVar  # type checkers have it, and know its defaults
 
-class Kernel:
+    Results = TypeVar("Results", default=Any)
+else:
+    from typing import TypeVar
+
+    Results = TypeVar("Results")
+
+
+class Kernel(Generic[Results]):
     """A quantity of one robot with its rates up to an order, as native code. `Robot.compile` makes one.
 
     A kernel takes arrays only, in the order of the robot's joints: methods of `Robot` match names, kernels do not.
@@ -61,7 +71,9 @@ class Kernel:
         loaded = ", with wrenches" if asked.wrench else ""
         return f"<Kernel: {asked.name}{of} of {self.mechanism.name!r} to order {asked.order}{loaded}>"
 
-    def __call__(self, *arrays: np.ndarray, out: Any = None, threads: int = 1, **fixed: Any) -> Any:
+    def __call__(
+        self, *arrays: ArrayLike, out: Floats | Sequence[Floats] | None = None, threads: int = 1, **fixed: Never
+    ) -> Results:
         """Compute the quantity and its rates.
 
         Parameters
@@ -103,7 +115,7 @@ class Kernel:
             self._refuse_names_and_masks(arrays, into or ())
             raise JounceError(f"{self!r}: {one_line(error)}") from None
 
-    def bind(self, *arrays: np.ndarray, out: Any, **fixed: Any) -> Callable[[], None]:
+    def bind(self, *arrays: Floats, out: Floats | Sequence[Floats], **fixed: Never) -> Callable[[], None]:
         """A function without arguments that computes from these very arrays into `out`, with the lowest latency.
 
         It reads what the arrays hold when it is called.
@@ -126,7 +138,7 @@ class Kernel:
         """
         if fixed:
             raise self._fixed_at_compile_time(fixed)
-        results = list(out) if isinstance(out, tuple | list) else [out]
+        results: list[Any] = list(out) if isinstance(out, tuple | list) else [out]
         self._refuse_names_and_masks(arrays, results)
         batch = self._bound(arrays, results)
         everything = [*arrays, *results]

@@ -1,14 +1,32 @@
 """The rule of results for type checkers: an array, or with further rates of q a tuple; a protocol for each group of
 methods that take the same arguments.
+
+Up to order 2 the number of results is known. The last overload of each is for higher orders, and for calls whose number
+of rates only the program knows: ``robot.mass_matrix(*rates)``.
 """
 
 from collections.abc import Callable
-from typing import Any, Protocol, TypedDict, TypeVar, Unpack, overload
+from typing import Any, Literal, Protocol, TypedDict, TypeVar, Unpack, overload
 
-from jounce._scalars import Array
+from jounce._typing import (
+    Array,
+    ArrayLike,
+    DriveTerms,
+    Floats,
+    Form,
+    Frame,
+    LoadFrame,
+    Method,
+    Named,
+    Out,
+    QuantityName,
+    Rates,
+)
+from jounce.native.kernel import Kernel
 
 P = TypeVar("P")
 P_co = TypeVar("P_co", covariant=True)
+R_co = TypeVar("R_co", covariant=True)  # a result: an array; of energies anything, a number where q is one state
 
 
 class MethodOf(Protocol[P_co]):
@@ -25,73 +43,120 @@ def typed(protocol: type[P]) -> Callable[[Callable[..., Any]], MethodOf[P]]:
 class Options(TypedDict, total=False):
     """Keywords that all quantities share: see `Robot`."""
 
-    method: str | None
-    out: Any
+    method: Method | None
+    out: Out
     threads: int
 
 
 class _Form(Options, total=False):
-    form: str
+    form: Form
 
 
 class _Wrench(Options, total=False):
-    wrench: Any
+    wrench: Rates | None
+
+
+class _Place(TypedDict, total=False):
+    body: str | None
+    frame: Frame
 
 
 class _Body(Options, total=False):
     body: str | None
 
 
-class _Frame(_Body, total=False):
-    frame: str
+class _Frame(Options, _Place, total=False):
+    pass
 
 
-class OfPosition(Protocol):
+class _Terms(TypedDict, total=False):
+    terms: DriveTerms
+    out: Out
+
+
+class _Load(TypedDict, total=False):
+    force: ArrayLike | None
+    torque: ArrayLike | None
+    frame: LoadFrame
+    point: ArrayLike | None
+
+
+class OfPosition(Protocol[R_co]):
     """Of q: M, Qgrav, U."""
 
     @overload
-    def __call__(self, q: Array, **options: Unpack[Options]) -> Array: ...
+    def __call__(self, q: Named, **options: Unpack[Options]) -> R_co: ...
     @overload
-    def __call__(self, q: Array, qd: Array, *higher: Array, **options: Unpack[Options]) -> tuple[Array, ...]: ...
+    def __call__(self, q: Named, qd: Named, **options: Unpack[Options]) -> tuple[R_co, R_co]: ...
+    @overload
+    def __call__(self, q: Named, qd: Named, q2d: Named, **options: Unpack[Options]) -> tuple[R_co, R_co, R_co]: ...
+    @overload
+    def __call__(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, /, *higher: Named, **options: Unpack[Options]
+    ) -> tuple[R_co, ...]: ...
 
 
 class PosesOfBodies(Protocol):
     """Of q and a body."""
 
     @overload
-    def __call__(self, q: Array, **options: Unpack[_Body]) -> Array: ...
+    def __call__(self, q: Named, **options: Unpack[_Body]) -> Array: ...
     @overload
-    def __call__(self, q: Array, qd: Array, *higher: Array, **options: Unpack[_Body]) -> tuple[Array, ...]: ...
+    def __call__(self, q: Named, qd: Named, **options: Unpack[_Body]) -> tuple[Array, Array]: ...
+    @overload
+    def __call__(self, q: Named, qd: Named, q2d: Named, **options: Unpack[_Body]) -> tuple[Array, Array, Array]: ...
+    @overload
+    def __call__(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, /, *higher: Named, **options: Unpack[_Body]
+    ) -> tuple[Array, ...]: ...
 
 
 class JacobiansOfBodies(Protocol):
     """Of q, a body and a frame."""
 
     @overload
-    def __call__(self, q: Array, **options: Unpack[_Frame]) -> Array: ...
+    def __call__(self, q: Named, **options: Unpack[_Frame]) -> Array: ...
     @overload
-    def __call__(self, q: Array, qd: Array, *higher: Array, **options: Unpack[_Frame]) -> tuple[Array, ...]: ...
+    def __call__(self, q: Named, qd: Named, **options: Unpack[_Frame]) -> tuple[Array, Array]: ...
+    @overload
+    def __call__(self, q: Named, qd: Named, q2d: Named, **options: Unpack[_Frame]) -> tuple[Array, Array, Array]: ...
+    @overload
+    def __call__(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, /, *higher: Named, **options: Unpack[_Frame]
+    ) -> tuple[Array, ...]: ...
 
 
-class OfVelocity(Protocol):
+class OfVelocity(Protocol[R_co]):
     """Of q and qd: h, p, T."""
 
     @overload
-    def __call__(self, q: Array, qd: Array, **options: Unpack[Options]) -> Array: ...
+    def __call__(self, q: Named, qd: Named, **options: Unpack[Options]) -> R_co: ...
+    @overload
+    def __call__(self, q: Named, qd: Named, q2d: Named, **options: Unpack[Options]) -> tuple[R_co, R_co]: ...
     @overload
     def __call__(
-        self, q: Array, qd: Array, q2d: Array, *higher: Array, **options: Unpack[Options]
-    ) -> tuple[Array, ...]: ...
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, **options: Unpack[Options]
+    ) -> tuple[R_co, R_co, R_co]: ...
+    @overload
+    def __call__(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, q4d: Named, /, *higher: Named, **options: Unpack[Options]
+    ) -> tuple[R_co, ...]: ...
 
 
 class CoriolisMatrix(Protocol):
     """Of q and qd, in one of two forms."""
 
     @overload
-    def __call__(self, q: Array, qd: Array, **options: Unpack[_Form]) -> Array: ...
+    def __call__(self, q: Named, qd: Named, **options: Unpack[_Form]) -> Array: ...
+    @overload
+    def __call__(self, q: Named, qd: Named, q2d: Named, **options: Unpack[_Form]) -> tuple[Array, Array]: ...
     @overload
     def __call__(
-        self, q: Array, qd: Array, q2d: Array, *higher: Array, **options: Unpack[_Form]
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, **options: Unpack[_Form]
+    ) -> tuple[Array, Array, Array]: ...
+    @overload
+    def __call__(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, q4d: Named, /, *higher: Named, **options: Unpack[_Form]
     ) -> tuple[Array, ...]: ...
 
 
@@ -99,10 +164,16 @@ class TwistsOfBodies(Protocol):
     """Of q, qd, a body and a frame."""
 
     @overload
-    def __call__(self, q: Array, qd: Array, **options: Unpack[_Frame]) -> Array: ...
+    def __call__(self, q: Named, qd: Named, **options: Unpack[_Frame]) -> Array: ...
+    @overload
+    def __call__(self, q: Named, qd: Named, q2d: Named, **options: Unpack[_Frame]) -> tuple[Array, Array]: ...
     @overload
     def __call__(
-        self, q: Array, qd: Array, q2d: Array, *higher: Array, **options: Unpack[_Frame]
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, **options: Unpack[_Frame]
+    ) -> tuple[Array, Array, Array]: ...
+    @overload
+    def __call__(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, q4d: Named, /, *higher: Named, **options: Unpack[_Frame]
     ) -> tuple[Array, ...]: ...
 
 
@@ -110,10 +181,27 @@ class OfAcceleration(Protocol):
     """Of q, qd, q2d and wrenches: Q, F."""
 
     @overload
-    def __call__(self, q: Array, qd: Array, q2d: Array, **options: Unpack[_Wrench]) -> Array: ...
+    def __call__(self, q: Named, qd: Named, q2d: Named, **options: Unpack[_Wrench]) -> Array: ...
     @overload
     def __call__(
-        self, q: Array, qd: Array, q2d: Array, q3d: Array, *higher: Array, **options: Unpack[_Wrench]
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, **options: Unpack[_Wrench]
+    ) -> tuple[Array, Array]: ...
+    @overload
+    def __call__(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, q4d: Named, **options: Unpack[_Wrench]
+    ) -> tuple[Array, Array, Array]: ...
+    @overload
+    def __call__(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        q5d: Named,
+        /,
+        *higher: Named,
+        **options: Unpack[_Wrench],
     ) -> tuple[Array, ...]: ...
 
 
@@ -121,10 +209,27 @@ class DriveForces(Protocol):
     """Of q, qd, q2d and drive terms."""
 
     @overload
-    def __call__(self, q: Array, qd: Array, q2d: Array, *, terms: Any = True, out: Any = None) -> Array: ...
+    def __call__(self, q: Named, qd: Named, q2d: Named, **options: Unpack[_Terms]) -> Array: ...
     @overload
     def __call__(
-        self, q: Array, qd: Array, q2d: Array, q3d: Array, *higher: Array, terms: Any = True, out: Any = None
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, **options: Unpack[_Terms]
+    ) -> tuple[Array, Array]: ...
+    @overload
+    def __call__(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, q4d: Named, **options: Unpack[_Terms]
+    ) -> tuple[Array, Array, Array]: ...
+    @overload
+    def __call__(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        q5d: Named,
+        /,
+        *higher: Named,
+        **options: Unpack[_Terms],
     ) -> tuple[Array, ...]: ...
 
 
@@ -132,18 +237,38 @@ class WrenchOfLoad(Protocol):
     """Of q and a load."""
 
     @overload
-    def __call__(
-        self, q: Array, *, body: str, force: Any = None, torque: Any = None, frame: str = "world", point: Any = None
-    ) -> Array: ...
+    def __call__(self, q: Named, *, body: str, **options: Unpack[_Load]) -> Array: ...
+    @overload
+    def __call__(self, q: Named, qd: Named, *, body: str, **options: Unpack[_Load]) -> tuple[Array, Array]: ...
     @overload
     def __call__(
-        self,
-        q: Array,
-        qd: Array,
-        *higher: Array,
-        body: str,
-        force: Any = None,
-        torque: Any = None,
-        frame: str = "world",
-        point: Any = None,
+        self, q: Named, qd: Named, q2d: Named, *, body: str, **options: Unpack[_Load]
+    ) -> tuple[Array, Array, Array]: ...
+    @overload
+    def __call__(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, /, *higher: Named, body: str, **options: Unpack[_Load]
     ) -> tuple[Array, ...]: ...
+
+
+class Compile(Protocol):
+    """A quantity to an order, as native code."""
+
+    @overload
+    def __call__(
+        self, quantity: QuantityName = ..., order: Literal[2] = ..., wrench: bool = ..., **place: Unpack[_Place]
+    ) -> Kernel[tuple[Floats, Floats, Floats]]: ...
+
+    @overload
+    def __call__(
+        self, quantity: QuantityName = ..., order: Literal[1] = ..., wrench: bool = ..., **place: Unpack[_Place]
+    ) -> Kernel[tuple[Floats, Floats]]: ...
+
+    @overload
+    def __call__(
+        self, quantity: QuantityName = ..., order: Literal[0] = ..., wrench: bool = ..., **place: Unpack[_Place]
+    ) -> Kernel[Floats]: ...
+
+    @overload
+    def __call__(
+        self, quantity: QuantityName = ..., order: int = ..., wrench: bool = ..., **place: Unpack[_Place]
+    ) -> Kernel[Any]: ...

@@ -1,14 +1,29 @@
 """Robot: what users hold. Every method is a signature, a docstring, and one call."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Self
 
-from jounce._scalars import Array
+from jounce._typing import (
+    Array,
+    ArrayLike,
+    Base,
+    Convention,
+    DriveTerms,
+    Form,
+    Frame,
+    JointType,
+    LoadFrame,
+    Method,
+    Named,
+    Out,
+    QuantityName,
+    Rates,
+    Results,
+)
 from jounce.arguments import requests
-from jounce.dynamics.quantities import FORCES
 from jounce.errors import JounceError, one_of
-from jounce.model import dh, screws
+from jounce.model import dh, equality, screws
 from jounce.model.drives import Drives, chosen, with_eps
 from jounce.model.locking import locked
 from jounce.model.mechanism import GRAVITY, Limits, Mechanism
@@ -47,6 +62,8 @@ class Robot:
     * ``out`` takes the NumPy array, or the tuple of them, to write the results into; ``threads`` splits a batch among
       threads of native code.
 
+    Robots are equal where all their data are: names, tree and numbers.
+
     Errors: `JounceError` for a wrong shape, a skipped rate, an unknown name or method, an `out` that does not fit.
     """
 
@@ -59,6 +76,12 @@ class Robot:
 
     def __reduce__(self) -> tuple[type[Self], tuple[Mechanism]]:  # without native code, of which another needs its own
         return type(self), (self.mechanism,)
+
+    def __eq__(self, other: object) -> bool:
+        return equality.equal(self.mechanism, other.mechanism) if isinstance(other, Robot) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(equality.key(self.mechanism))
 
     def __repr__(self) -> str:
         return f"<Robot {self.name!r}: {self.n} coordinates, {self.mechanism.nb} bodies>"
@@ -108,18 +131,18 @@ class Robot:
     @classmethod
     def from_screws(
         cls,
-        B: Array,
-        X: Array,
-        M: Array,
+        B: ArrayLike,
+        X: ArrayLike,
+        M: ArrayLike,
         parent: Sequence[int] | None = None,
         names: Sequence[str] | None = None,
-        gravity: Array = GRAVITY,
+        gravity: ArrayLike = GRAVITY,
         *,
         joint_names: Sequence[str] | None = None,
-        G: Array | None = None,
-        g: Array | None = None,
-        limits: Limits | Mapping[str, Array] | None = None,
-        drives: Drives | Mapping[str, Array] | None = None,
+        G: ArrayLike | None = None,
+        g: ArrayLike | None = None,
+        limits: Limits | Mapping[str, ArrayLike] | None = None,
+        drives: Drives | Mapping[str, ArrayLike] | None = None,
         name: str = "robot",
     ) -> Self:
         """A robot from body-fixed data.
@@ -186,18 +209,18 @@ class Robot:
     @classmethod
     def from_spatial_screws(
         cls,
-        A: Array,
-        Y: Array,
-        M: Array,
+        A: ArrayLike,
+        Y: ArrayLike,
+        M: ArrayLike,
         parent: Sequence[int] | None = None,
         names: Sequence[str] | None = None,
-        gravity: Array = GRAVITY,
+        gravity: ArrayLike = GRAVITY,
         *,
         joint_names: Sequence[str] | None = None,
-        G: Array | None = None,
-        g: Array | None = None,
-        limits: Limits | Mapping[str, Array] | None = None,
-        drives: Drives | Mapping[str, Array] | None = None,
+        G: ArrayLike | None = None,
+        g: ArrayLike | None = None,
+        limits: Limits | Mapping[str, ArrayLike] | None = None,
+        drives: Drives | Mapping[str, ArrayLike] | None = None,
         name: str = "robot",
     ) -> Self:
         """A robot from spatial data, all in the inertial frame at theta = 0.
@@ -240,21 +263,21 @@ class Robot:
     @classmethod
     def from_dh(
         cls,
-        table: Any,
-        M: Array,
-        convention: str,
+        table: ArrayLike | Sequence[Mapping[str, object]],
+        M: ArrayLike,
+        convention: Convention,
         *,
-        types: Sequence[str] | None = None,
+        types: Sequence[JointType] | None = None,
         degrees: bool = False,
-        base: Array | None = None,
-        tool: Array | None = None,
+        base: ArrayLike | None = None,
+        tool: ArrayLike | None = None,
         names: Sequence[str] | None = None,
-        gravity: Array = GRAVITY,
+        gravity: ArrayLike = GRAVITY,
         joint_names: Sequence[str] | None = None,
-        G: Array | None = None,
-        g: Array | None = None,
-        limits: Limits | Mapping[str, Array] | None = None,
-        drives: Drives | Mapping[str, Array] | None = None,
+        G: ArrayLike | None = None,
+        g: ArrayLike | None = None,
+        limits: Limits | Mapping[str, ArrayLike] | None = None,
+        drives: Drives | Mapping[str, ArrayLike] | None = None,
         name: str = "robot",
     ) -> Self:
         """A serial robot from a Denavit-Hartenberg table.
@@ -315,7 +338,7 @@ class Robot:
 
     @classmethod
     def from_pinocchio(
-        cls, model: Any, *, gravity: Array | None = None, base: str | None = None, root: str | None = None
+        cls, model: Any, *, gravity: ArrayLike | None = None, base: Base | None = None, root: str | None = None
     ) -> Self:
         """A robot from a model of Pinocchio: the same Q as ``pinocchio.rnea(model, data, q, v, a)``, by the same names.
 
@@ -362,7 +385,7 @@ class Robot:
 
     @classmethod
     def from_mujoco(
-        cls, model: Any, *, gravity: Array | None = None, base: str | None = None, root: str | None = None
+        cls, model: Any, *, gravity: ArrayLike | None = None, base: Base | None = None, root: str | None = None
     ) -> Self:
         """A robot from a model of MuJoCo: what `jounce.load` makes of an MJCF file, from a model in memory.
 
@@ -409,7 +432,7 @@ class Robot:
 
         return cls(mujoco.mechanism(model, gravity, base, root))
 
-    def with_drives(self, terms: bool | str | Iterable[str] = True, eps: float | None = None) -> Self:
+    def with_drives(self, terms: DriveTerms = True, eps: float | None = None) -> Self:
         """The robot whose inverse dynamics includes the selected drive terms: armature, damping, friction, spring.
 
         ``Q_theta = armature theta'' + damping theta' + friction tanh(theta' / eps) + stiffness (theta - rest)`` of the
@@ -496,14 +519,15 @@ class Robot:
 
         return audit(self.mechanism)
 
+    @typed(overloads.Compile)
     def compile(
         self,
-        quantity: str = FORCES.name,
+        quantity: QuantityName = "inverse_dynamics",
         order: int = 2,
         wrench: bool = False,
         *,
         body: str | None = None,
-        frame: str = "body",
+        frame: Frame = "body",
     ) -> Kernel:
         """Compile a quantity to native code ahead of its first call.
 
@@ -551,17 +575,17 @@ class Robot:
     @typed(overloads.OfAcceleration)
     def inverse_dynamics(
         self,
-        q: Array,
-        qd: Array,
-        q2d: Array,
-        q3d: Array = None,
-        q4d: Array = None,
-        *higher: Array,
-        wrench: Any = None,
-        method: str | None = None,
-        out: Any = None,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named | None = None,
+        q4d: Named | None = None,
+        *higher: Named,
+        wrench: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
         threads: int = 1,
-    ) -> Any:
+    ) -> Results:
         """The generalized forces Q of a motion and their time derivatives Qd, Q2d, ... (RNEA with rates).
 
         ``Q = M(q) q2d + C(q, qd) qd + Qgrav(q) + Qext``, with the drive terms that act added.
@@ -608,10 +632,10 @@ class Robot:
     def forces_along(
         self,
         motion: "Motion",
-        t: Array = None,
+        t: ArrayLike | None = None,
         order: int = 2,
         *,
-        method: str | None = None,
+        method: Method | None = None,
         progress: Callable[[int, int], object] | None = None,
     ) -> "Along":
         """The generalized forces Q and their rates along a motion, with the wrenches that it holds.
@@ -659,17 +683,17 @@ class Robot:
 
         return forces_along(self, motion, t, order, method, progress)
 
-    @typed(overloads.OfPosition)
+    @typed(overloads.OfPosition[Array])
     def mass_matrix(
         self,
-        q: Array,
-        qd: Array = None,
-        q2d: Array = None,
-        *higher: Array,
-        method: str | None = None,
-        out: Any = None,
+        q: Named,
+        qd: Named | None = None,
+        q2d: Named | None = None,
+        *higher: Named,
+        method: Method | None = None,
+        out: Out = None,
         threads: int = 1,
-    ) -> Any:
+    ) -> Results:
         """The generalized mass matrix M(q) = J^T M J and its rates Md, M2d, ... (CRBA with rates).
 
         The armature that acts is added, see `with_drives`.
@@ -710,16 +734,16 @@ class Robot:
     @typed(overloads.CoriolisMatrix)
     def coriolis_matrix(
         self,
-        q: Array,
-        qd: Array,
-        q2d: Array = None,
-        q3d: Array = None,
-        *higher: Array,
-        form: str = "paper",
-        method: str | None = None,
-        out: Any = None,
+        q: Named,
+        qd: Named,
+        q2d: Named | None = None,
+        q3d: Named | None = None,
+        *higher: Named,
+        form: Form = "paper",
+        method: Method | None = None,
+        out: Out = None,
         threads: int = 1,
-    ) -> Any:
+    ) -> Results:
         """The Coriolis matrix C(q, qd) of the paper, or with ``form="skew"`` the one for passivity-based control.
 
         Both give the same forces C qd. For the skew form, (Cbar), ``Md - 2 C`` is skew-symmetric, and so are its rates;
@@ -761,17 +785,17 @@ class Robot:
         name = FORMS[one_of("form of the Coriolis matrix", form, FORMS)]
         return compute(self, name, (q, qd, q2d, q3d, *higher), method=method, out=out, threads=threads)
 
-    @typed(overloads.OfPosition)
+    @typed(overloads.OfPosition[Array])
     def gravity_forces(
         self,
-        q: Array,
-        qd: Array = None,
-        q2d: Array = None,
-        *higher: Array,
-        method: str | None = None,
-        out: Any = None,
+        q: Named,
+        qd: Named | None = None,
+        q2d: Named | None = None,
+        *higher: Named,
+        method: Method | None = None,
+        out: Out = None,
         threads: int = 1,
-    ) -> Any:
+    ) -> Results:
         """The generalized gravity forces Qgrav(q) = dU/dq, with U the potential energy of gravity, and their rates.
 
         Parameters
@@ -808,15 +832,15 @@ class Robot:
     @typed(overloads.DriveForces)
     def drive_forces(
         self,
-        q: Array,
-        qd: Array,
-        q2d: Array,
-        q3d: Array = None,
-        q4d: Array = None,
-        *higher: Array,
-        terms: bool | str | Iterable[str] = True,
-        out: Any = None,
-    ) -> Any:
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named | None = None,
+        q4d: Named | None = None,
+        *higher: Named,
+        terms: DriveTerms = True,
+        out: Out = None,
+    ) -> Results:
         """The joint forces of the drive-train terms, and their rates, whether or not they act in Q.
 
         Parameters
@@ -852,15 +876,15 @@ class Robot:
     @typed(overloads.PosesOfBodies)
     def poses(
         self,
-        q: Array,
-        qd: Array = None,
-        q2d: Array = None,
-        *higher: Array,
+        q: Named,
+        qd: Named | None = None,
+        q2d: Named | None = None,
+        *higher: Named,
         body: str | None = None,
-        method: str | None = None,
-        out: Any = None,
+        method: Method | None = None,
+        out: Out = None,
         threads: int = 1,
-    ) -> Any:
+    ) -> Results:
         """The poses H(q) of the body frames in the inertial frame, and their rates.
 
         ``H = [[R, r], [0, 1]]`` maps body coordinates to inertial ones; ``Hd = H wedge(V)``, V the body-fixed twist.
@@ -900,17 +924,17 @@ class Robot:
     @typed(overloads.TwistsOfBodies)
     def twists(
         self,
-        q: Array,
-        qd: Array,
-        q2d: Array = None,
-        q3d: Array = None,
-        *higher: Array,
+        q: Named,
+        qd: Named,
+        q2d: Named | None = None,
+        q3d: Named | None = None,
+        *higher: Named,
         body: str | None = None,
-        frame: str = "body",
-        method: str | None = None,
-        out: Any = None,
+        frame: Frame = "body",
+        method: Method | None = None,
+        out: Out = None,
         threads: int = 1,
-    ) -> Any:
+    ) -> Results:
         """The twists V = J qd of the bodies, (angular; linear), and their rates.
 
         Parameters
@@ -961,16 +985,16 @@ class Robot:
     @typed(overloads.JacobiansOfBodies)
     def jacobian(
         self,
-        q: Array,
-        qd: Array = None,
-        q2d: Array = None,
-        *higher: Array,
+        q: Named,
+        qd: Named | None = None,
+        q2d: Named | None = None,
+        *higher: Named,
         body: str | None = None,
-        frame: str = "body",
-        method: str | None = None,
-        out: Any = None,
+        frame: Frame = "body",
+        method: Method | None = None,
+        out: Out = None,
         threads: int = 1,
-    ) -> Any:
+    ) -> Results:
         """The Jacobian J(q) of bodies, V = J qd, and its rates.
 
         Parameters
@@ -1018,18 +1042,18 @@ class Robot:
             threads=threads,
         )
 
-    @typed(overloads.OfVelocity)
+    @typed(overloads.OfVelocity[Array])
     def momentum(
         self,
-        q: Array,
-        qd: Array,
-        q2d: Array = None,
-        q3d: Array = None,
-        *higher: Array,
-        method: str | None = None,
-        out: Any = None,
+        q: Named,
+        qd: Named,
+        q2d: Named | None = None,
+        q3d: Named | None = None,
+        *higher: Named,
+        method: Method | None = None,
+        out: Out = None,
         threads: int = 1,
-    ) -> Any:
+    ) -> Results:
         """The spatial momentum h = (angular; linear) of the robot and its rates.
 
         ``h = U^T M V``: the momenta M_i V_i of the bodies about the inertial origin, in inertial axes, summed up.
@@ -1061,18 +1085,18 @@ class Robot:
         """
         return compute(self, "momentum", (q, qd, q2d, q3d, *higher), method=method, out=out, threads=threads)
 
-    @typed(overloads.OfVelocity)
+    @typed(overloads.OfVelocity[Array])
     def generalized_momentum(
         self,
-        q: Array,
-        qd: Array,
-        q2d: Array = None,
-        q3d: Array = None,
-        *higher: Array,
-        method: str | None = None,
-        out: Any = None,
+        q: Named,
+        qd: Named,
+        q2d: Named | None = None,
+        q3d: Named | None = None,
+        *higher: Named,
+        method: Method | None = None,
+        out: Out = None,
         threads: int = 1,
-    ) -> Any:
+    ) -> Results:
         """The generalized momentum p = M qd and its rates; the armature that acts is included.
 
         Parameters
@@ -1104,18 +1128,18 @@ class Robot:
             self, "generalized_momentum", (q, qd, q2d, q3d, *higher), method=method, out=out, threads=threads
         )
 
-    @typed(overloads.OfVelocity)
+    @typed(overloads.OfVelocity[Any])
     def kinetic_energy(
         self,
-        q: Array,
-        qd: Array,
-        q2d: Array = None,
-        q3d: Array = None,
-        *higher: Array,
-        method: str | None = None,
-        out: Any = None,
+        q: Named,
+        qd: Named,
+        q2d: Named | None = None,
+        q3d: Named | None = None,
+        *higher: Named,
+        method: Method | None = None,
+        out: Out = None,
         threads: int = 1,
-    ) -> Any:
+    ) -> Results:
         """The kinetic energy T = 1/2 qd . M qd and its rates; the armature that acts is included.
 
         Parameters
@@ -1146,17 +1170,17 @@ class Robot:
         rates = (q, qd, q2d, q3d, *higher)
         return compute(self, "kinetic_energy", rates, method=method, out=out, threads=threads)
 
-    @typed(overloads.OfPosition)
+    @typed(overloads.OfPosition[Any])
     def potential_energy(
         self,
-        q: Array,
-        qd: Array = None,
-        q2d: Array = None,
-        *higher: Array,
-        method: str | None = None,
-        out: Any = None,
+        q: Named,
+        qd: Named | None = None,
+        q2d: Named | None = None,
+        *higher: Named,
+        method: Method | None = None,
+        out: Out = None,
         threads: int = 1,
-    ) -> Any:
+    ) -> Results:
         """The potential energy U(q) of gravity, and of the springs that act, and its rates: Ud = qd . dU/dq, ...
 
         ``U = -sum m_i g . c_i``, zero for masses at the inertial origin; springs are slack at their rest position.
@@ -1192,17 +1216,17 @@ class Robot:
     @typed(overloads.OfAcceleration)
     def base_wrench(
         self,
-        q: Array,
-        qd: Array,
-        q2d: Array,
-        q3d: Array = None,
-        q4d: Array = None,
-        *higher: Array,
-        wrench: Any = None,
-        method: str | None = None,
-        out: Any = None,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named | None = None,
+        q4d: Named | None = None,
+        *higher: Named,
+        wrench: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
         threads: int = 1,
-    ) -> Any:
+    ) -> Results:
         """The reaction wrench of the ground on the robot, F = (moment; force), and its rates.
 
         ``F = hd + U^T M U G + U^T W``: the rate of the momentum, less gravity and less the loads -W, about the inertial
@@ -1248,16 +1272,16 @@ class Robot:
     @typed(overloads.WrenchOfLoad)
     def wrench(
         self,
-        q: Array,
-        qd: Array = None,
-        q2d: Array = None,
-        *higher: Array,
+        q: Named,
+        qd: Named | None = None,
+        q2d: Named | None = None,
+        *higher: Named,
         body: str,
-        force: Any = None,
-        torque: Any = None,
-        frame: str = "world",
-        point: Any = None,
-    ) -> Any:
+        force: ArrayLike | None = None,
+        torque: ArrayLike | None = None,
+        frame: LoadFrame = "world",
+        point: ArrayLike | None = None,
+    ) -> Results:
         """The wrenches W, and their rates, of a load that acts ON a body: what `wrench=` of `inverse_dynamics` takes.
 
         W is what the body exerts, so it is minus the load, about the body's origin in body axes. A load that is

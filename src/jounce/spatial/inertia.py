@@ -5,9 +5,13 @@ the frame's origin (eqn_body_fixed_mass_inertia_matrix). The same ten numbers as
 moments P = integral of r r^T dm = tr(Theta)/2 I - Theta.
 """
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from jounce._scalars import Array, asarray, broadcast, concatenate, exact_integers, is_numeric, is_symbolic
+from jounce._typing import ArrayLike
 from jounce.errors import JounceError
 from jounce.spatial.lie import Ad, axial, hat, inverse
 
@@ -15,7 +19,9 @@ _I = np.eye(3, dtype=int)
 _SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # where in xx, xy, xz, yy, yz, zz an entry stands
 
 
-def inertia_matrix(mass: Array, com: Array, inertia_com: Array, rotation: Array | None = None) -> Array:
+def inertia_matrix(
+    mass: ArrayLike, com: ArrayLike, inertia_com: ArrayLike, rotation: ArrayLike | None = None
+) -> NDArray[Any]:
     """The 6x6 inertia matrix of a body in its frame, by Steiner's theorem.
 
     ``M = [[Theta, m c~], [-m c~, m I]]`` with ``Theta = R_bc Theta_c R_bc^T - m c~ c~``.

@@ -1,8 +1,10 @@
 """`load_motion`: the motion of a robot from a file, by name, or from named columns."""
 
 import os
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from jounce._typing import Angles, ArrayLike, Shaped, TimeUnit
 from jounce.arguments import names
 from jounce.arguments.rates import checked_order
 from jounce.errors import JounceError, at, quoted
@@ -17,7 +19,7 @@ PLACE = "the motion"  # where columns without a file stand, in messages
 
 
 def load_motion(
-    source: Any,
+    source: str | os.PathLike[str] | Shaped | Mapping[str, ArrayLike],
     /,
     robot: Robot,
     order: int = 2,
@@ -28,8 +30,8 @@ def load_motion(
     force: bool = False,
     time: str | None = None,
     columns: str | None = None,
-    angles: str | None = None,
-    time_unit: str | None = None,
+    angles: Angles | None = None,
+    time_unit: TimeUnit | None = None,
     topic: str | None = None,
 ) -> "Motion":
     """Load a motion of a robot as a function of time: from a file, by name, or from named columns.

@@ -1,0 +1,87 @@
+"""Types of what users give and get, for type checkers and for readers of signatures.
+
+Whatever can be calculated with may be given: numbers and symbols, arrays of any library that have a shape, nested
+lists. Strings are none of them. Results are typed as arrays of NumPy with any scalars, since they have the scalar type
+of what is given: float64 of floats, objects of symbols, and arrays of JAX of such.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, Literal, Protocol, TypeAlias, TypedDict, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+T_co = TypeVar("T_co", covariant=True)
+
+
+class Scalar(Protocol):
+    """A number, a symbol, or an array of them."""
+
+    def __neg__(self) -> Any: ...
+
+
+class Shaped(Protocol):
+    """An array, a matrix, a series or a data frame of any library."""
+
+    @property
+    def shape(self) -> Any:
+        """The lengths of its axes."""
+        ...
+
+
+class Nested(Protocol[T_co]):
+    """A list or tuple, or lists of lists. A string is none: it tells only of strings whether it contains them."""
+
+    def __len__(self) -> int: ...
+    def __getitem__(self, index: int, /) -> "T_co | Nested[T_co]": ...
+    def __contains__(self, x: object, /) -> bool: ...
+    def __iter__(self) -> "Iterator[T_co | Nested[T_co]]": ...
+    def __reversed__(self) -> "Iterator[T_co | Nested[T_co]]": ...
+
+
+ArrayLike: TypeAlias = Scalar | Shaped | Nested[Scalar | Shaped]
+Named: TypeAlias = ArrayLike | Mapping[str, ArrayLike]  # by joint, or by body
+Rates: TypeAlias = Named | tuple[Named, ...]  # a quantity, or a tuple of it and its rates
+
+Array: TypeAlias = NDArray[Any]
+Floats: TypeAlias = NDArray[np.float64]
+Results: TypeAlias = Array | tuple[Array, ...]  # a quantity, or a tuple of it and its rates; overloads say how many
+Out: TypeAlias = Array | tuple[Array, ...] | list[Array] | None
+
+Angles: TypeAlias = Literal["rad", "deg"]
+Base: TypeAlias = Literal["fixed"]
+Convention: TypeAlias = Literal["standard", "modified"]
+DriveTerm: TypeAlias = Literal["armature", "damping", "friction", "spring"]
+DriveTerms: TypeAlias = bool | DriveTerm | Iterable[DriveTerm]
+Form: TypeAlias = Literal["paper", "skew"]
+Frame: TypeAlias = Literal["body", "world", "spatial"]
+LoadFrame: TypeAlias = Literal["world", "body"]
+JointType: TypeAlias = Literal["revolute", "prismatic"]
+Language: TypeAlias = Literal["c", "cpp", "cuda", "julia", "latex", "matlab", "python", "rust"]
+Method: TypeAlias = Literal["kernel", "recursion", "closed_form", "paper"]
+QuantityName: TypeAlias = Literal[
+    "inverse_dynamics",
+    "gravity_forces",
+    "mass_matrix",
+    "coriolis_matrix",
+    "skew_coriolis_matrix",
+    "poses",
+    "twists",
+    "jacobian",
+    "momentum",
+    "base_wrench",
+    "generalized_momentum",
+    "kinetic_energy",
+    "potential_energy",
+]
+TimeUnit: TypeAlias = Literal["s", "ms", "us", "ns"]
+
+
+class Planar2R(TypedDict, total=False):
+    """The parameters of the planar 2R."""
+
+    L1: Scalar
+    L2: Scalar
+    m1: Scalar
+    m2: Scalar
+    g: Scalar

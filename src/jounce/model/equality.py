@@ -1,0 +1,47 @@
+"""Whether two robots are the same: names, tree and every number of their mechanisms."""
+
+from collections.abc import Hashable
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+
+from jounce._scalars import is_numeric
+from jounce.model.mechanism import Mechanism
+
+
+def equal(a: Any, b: Any) -> bool:
+    """Whether two mechanisms, or parts of them, hold the same data; floats and whole numbers may be equal."""
+    if a is b:
+        return True
+    if type(a) is not type(b):
+        return False
+    if isinstance(a, np.ndarray):
+        return _equal_arrays(a, b)
+    if is_dataclass(a):
+        return all(equal(getattr(a, field.name), getattr(b, field.name)) for field in fields(a))
+    if isinstance(a, tuple):
+        return len(a) == len(b) and all(map(equal, a, b))
+    return bool(a == b)
+
+
+def key(mechanism: Mechanism) -> Hashable:
+    """What equal mechanisms have in common and can be hashed: names and tree, no numbers."""
+    return mechanism.name, mechanism.parent, mechanism.bodies, mechanism.coordinates
+
+
+def _equal_arrays(a: np.ndarray, b: np.ndarray) -> bool:
+    if a.shape != b.shape:
+        return False
+    if is_numeric(a) and is_numeric(b):
+        return bool((a == b).all())
+    return all(map(_equal_scalars, a.flat, b.flat))
+
+
+def _equal_scalars(x: Any, y: Any) -> bool:
+    if x is y:
+        return True
+    try:
+        return bool(x == y)
+    except Exception:  # symbols of CasADi that are not known to be the same have no truth value
+        return False

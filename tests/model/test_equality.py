@@ -1,0 +1,86 @@
+"""Robots are equal where all their data are."""
+
+import copy
+import pickle
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+import jounce
+from jounce.model.mechanism import Mechanism
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return jounce.load("panda", lock={"panda_joint4": -1.0})  # with limits, drives and frames
+
+
+def changed(x):
+    """Something of the same type that differs in one place."""
+    if isinstance(x, np.ndarray):
+        other = x.copy()
+        other.flat[-1] = np.nextafter(np.float64(other.flat[-1]), -np.inf)
+        return other
+    if isinstance(x, str):
+        return x + "_"
+    if isinstance(x, int):
+        return x + 1
+    if isinstance(x, tuple):
+        return (*x[:-1], changed(x[-1])) if x else ("damping",)
+    last = fields(x)[-1].name
+    return replace(x, **{last: changed(getattr(x, last))})
+
+
+@pytest.mark.parametrize(
+    "same", [copy.deepcopy, lambda r: pickle.loads(pickle.dumps(r)), lambda r: r.with_drives(False)]
+)
+def test_copies_are_equal_and_found_among_others(robot, same):
+    assert same(robot) is not robot
+    assert same(robot) == robot
+    assert hash(same(robot)) == hash(robot)
+    assert same(robot) in {robot}
+
+
+def test_what_is_saved_and_loaded_is_equal(robot, tmp_path):
+    jounce.save(robot, tmp_path / "arm.yaml")
+    assert jounce.load(tmp_path / "arm.yaml") == robot
+
+
+@pytest.mark.parametrize("name", [field.name for field in fields(Mechanism)])
+def test_any_difference_counts(robot, name):
+    other = replace(robot.mechanism, **{name: changed(getattr(robot.mechanism, name))})
+    assert jounce.Robot(other) != robot
+    assert robot != jounce.Robot(other)
+
+
+def test_robots_of_other_shapes_and_other_things_differ(robot):
+    assert robot != jounce.load("panda")
+    assert robot != robot.mechanism
+    assert robot != "panda"
+
+
+def test_symbols_are_compared_as_such():
+    sympy = pytest.importorskip("sympy")
+    m = sympy.Symbol("m")
+    assert jounce.load("planar2r", m1=m) == jounce.load("planar2r", m1=sympy.Symbol("m"))
+    assert jounce.load("planar2r", m1=m) != jounce.load("planar2r", m1=m + 1)
+    assert jounce.load("planar2r", m1=m) != jounce.load("planar2r")
+
+
+def test_symbols_without_truth_values_are_equal_where_they_are_known_to_be(robot):
+    casadi = pytest.importorskip("casadi")
+
+    def pulled_by(g):
+        gravity = np.zeros(3, dtype=object)
+        gravity[2] = g
+        return jounce.Robot(replace(robot.mechanism, gravity=gravity))
+
+    x, y = casadi.SX.sym("g"), casadi.SX.sym("g")
+    assert pulled_by(x) == pulled_by(x)
+    assert pulled_by(2 * x) == pulled_by(2 * x)
+    assert pulled_by(x) != pulled_by(y)
+
+
+def test_whole_numbers_equal_floats():
+    assert jounce.load("planar2r", m1=2) == jounce.load("planar2r", m1=2.0)
