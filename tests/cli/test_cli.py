@@ -18,6 +18,7 @@ import jounce
 from jounce.checks.description import describe
 from jounce.cli import main
 from jounce.io import tables
+from jounce.motion.spline import Spline
 from jounce.motion.table import from_table
 from jounce.robot import along
 from jounce.spatial.series import rate_name
@@ -38,7 +39,7 @@ def shell(*words, **options):
 
 def forces_of(robot, motion, order, method=None):
     """The columns that `jounce run` should write, straight from the library."""
-    path = from_table(tables.read(motion), robot.mechanism, order + 2, "")
+    path = from_table(tables.read(motion), robot.mechanism, order + 2, "", Spline())
     rates = path(path.times, order + 2)
     return columns_of(robot, path.times, robot.inverse_dynamics(*rates, method=method), order)
 
@@ -73,7 +74,9 @@ def panda_motion(tmp_path_factory):
 def test_run_writes_what_the_library_computes(tmp_path, panda_motion, name, order, method):
     source, motion = (PANDA, panda_motion) if name == "panda" else ("iiwa14", IIWA_MOTION)
     out = tmp_path / "forces.csv"
-    result = call("run", source, motion, "-o", out, "--order", order, *(["--method", method] if method else []))
+    result = call(
+        "run", source, motion, "-o", out, "--degree", 7, "--order", order, *(["--method", method] if method else [])
+    )
     assert (result.exit_code, result.stderr) == (0, "")
     assert_same(out, forces_of(jounce.load(source), motion, order, method))
 
@@ -93,7 +96,7 @@ def test_run_takes_rates_as_they_are(tmp_path, suffix):
 def test_run_replaces_an_older_table(tmp_path):
     out = tmp_path / "forces.npz"
     out.write_text("old")
-    assert call("run", "iiwa14", IIWA_MOTION, "-o", out).exit_code == 0
+    assert call("run", "iiwa14", IIWA_MOTION, "-o", out, "--degree", 7).exit_code == 0
     assert_same(out, forces_of(jounce.load("iiwa14"), IIWA_MOTION, 2))
     assert list(tmp_path.iterdir()) == [out]
 
@@ -101,7 +104,7 @@ def test_run_replaces_an_older_table(tmp_path):
 @pytest.mark.parametrize("order", range(3))
 def test_run_sums_up(tmp_path, panda_motion, order):
     out = tmp_path / "forces.csv"
-    asked = ("run", PANDA, panda_motion, "-o", out, "--order", order)
+    asked = ("run", PANDA, panda_motion, "-o", out, "--degree", 7, "--order", order)
     summary, words = json.loads(call(*asked, "--json").stdout), call(*asked).stdout
     found, robot = tables.read(out), jounce.load(PANDA)
     names = [rate_name("Q", k) for k in range(order + 1)]
@@ -165,7 +168,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-RUN = ("run", "planar2r", "good.csv", "-o", "out.csv")
+RUN = ("run", "planar2r", "good.csv", "-o", "out.csv", "--degree", "7")
 REFUSED = {
     "robot missing": (("run", "no.urdf", "good.csv", "-o", "out.csv"), ["no.urdf: no such file"]),
     "robot unknown": (("run", "planar2", "good.csv", "-o", "out.csv"), ["'planar2'", "did you mean 'planar2r'"]),
@@ -176,14 +179,14 @@ REFUSED = {
     "motion with a bad cell": (("run", "planar2r", "cell.csv", "-o", "out.csv"), ["cell.csv:3", "'joint1'", "'x'"]),
     "motion that is no archive": (("run", "planar2r", "array.npz", "-o", "out.csv"), ["array.npz", "not a zip file"]),
     "motion of other joints": (("run", "planar2r", "other.csv", "-o", "out.csv"), ["'jont2'", "did you mean 'joint2'"]),
-    "motion too short": (("run", "planar2r", "few.csv", "-o", "out.csv"), ["few.csv", "5 samples", "at least 8"]),
+    "motion too short": (("run", "planar2r", "few.csv", "-o", "out.csv"), ["few.csv: 5 samples", "--degree 7"]),
     "output folder missing": ((*RUN[:3], "-o", "no/out.csv"), ["no/out.csv", "no folder 'no'"]),
     "output is a folder": ((*RUN[:3], "-o", "folder.csv"), ["folder.csv", "not a file"]),
     "output of other type": ((*RUN[:3], "-o", "out.xls"), ["out.xls", "'.xls'", ".csv, .npz"]),
     "output with a long name": ((*RUN[:3], "-o", "x" * 300 + ".csv"), ["xxx"]),
     "fit of exact terms": (
         ("run", "iiwa14", "paper", "-o", "out.csv", "--intervals", "5"),
-        ["paper: its terms are exact; intervals are for the samples of a table"],
+        ["paper: its terms are exact; intervals is for the samples of a table"],
     ),
     "unknown method": ((*RUN, "--method", "papr"), ["'papr'", "did you mean 'paper'", "recursion, closed_form, paper"]),
     "order beyond the paper": ((*RUN, "--method", "paper", "--order", "3"), ["order 3", "order 2"]),
@@ -218,7 +221,7 @@ def test_refuses(folder, asked, words, existing):
 def test_run_refuses_forces_that_are_not_finite(folder):
     """No table of NaN, which no table may hold, and no NaN in what should be JSON."""
     before = contents(folder)
-    result = call("run", "planar2r", "huge.csv", "-o", "out.csv", "--json")
+    result = call("run", "planar2r", "huge.csv", "-o", "out.csv", "--degree", 7, "--json")
     assert (result.exit_code, result.stdout) == (2, "")
     [line] = result.stderr.splitlines()
     assert line.startswith("Error: out.csv: column 'joint1.Q' holds ")
@@ -319,7 +322,9 @@ def test_version():
 
 def test_the_command_of_the_help_works(tmp_path):
     """As a user types it, in a process of its own."""
-    done = shell("run", "iiwa14", "examples/iiwa14.csv", "-o", tmp_path / "forces.csv", cwd=EXAMPLES.parent)
+    done = shell(
+        "run", "iiwa14", "examples/iiwa14.csv", "--degree", 7, "-o", tmp_path / "forces.csv", cwd=EXAMPLES.parent
+    )
     assert (done.returncode, done.stderr) == (0, "")
     assert_same(tmp_path / "forces.csv", forces_of(jounce.load("iiwa14"), IIWA_MOTION, 2))
 

@@ -93,7 +93,7 @@ def test_demo_says_where_the_published_code_differs(tmp_path, monkeypatch):
 @pytest.mark.parametrize("kind", ["png", "svg", "pdf"])
 def test_plot_draws_what_run_wrote(tmp_path, monkeypatch, kind):
     monkeypatch.chdir(tmp_path)
-    assert call("run", "planar2r", write_motion(tmp_path), "-o", "forces.csv").exit_code == 0
+    assert call("run", "planar2r", write_motion(tmp_path), "--degree", "7", "-o", "forces.csv").exit_code == 0
     result = call("plot", "forces.csv", "-o", f"forces.{kind}")
     assert (result.exit_code, result.stderr) == (0, "")
     assert "Q, Qd, Q2d of 2 joints, 9 states" in result.stdout

@@ -184,7 +184,7 @@ REFUSED = {
         ["--columns 'q_{name}'", "expected {joint}"]
     ),
     "a pattern that fits nothing": (PLANAR, PLAIN, {"columns": "q_{joint}"}, ["no column 'q_joint1', 'q_joint2'"]),
-    "too few samples": (PLANAR, {k: v[:5] for k, v in PLAIN.items()}, {}, ["5 samples", "at least 8"]),
+    "too few samples": (PLANAR, {k: v[:5] for k, v in PLAIN.items()}, {}, ["5 samples", "--degree 7 (degree=7)"]),
 }  # fmt: skip
 
 

@@ -31,7 +31,7 @@ def test_spline_reproduces_a_polynomial_of_its_degree(highest):
     t = np.cumsum(rng.uniform(0.1, 0.4, 14))
     curves = [np.polynomial.Polynomial(rng.normal(size=8)) for _ in range(2)]
     columns = {"joint2": curves[1](t), "t": t, "joint1": curves[0](t)}
-    motion = from_table(columns, PLANAR, highest, "m.csv")
+    motion = from_table(columns, PLANAR, highest, "m.csv", Spline())
     assert np.array_equal(motion.times, t)
     assert np.array_equal(motion.samples[1], np.stack([columns["joint1"], columns["joint2"]], axis=1))
     for k, rate in enumerate(motion(t, highest)):
@@ -106,13 +106,13 @@ BAD_MOTIONS = {
 
 @pytest.mark.parametrize(("columns", "highest", "words"), BAD_MOTIONS.values(), ids=BAD_MOTIONS)
 def test_refuses_motions(columns, highest, words):
-    message = refusal(lambda: from_table(columns, PLANAR, highest, "m.csv"), "m.csv: ", *words)
+    message = refusal(lambda: from_table(columns, PLANAR, highest, "m.csv", Spline()), "m.csv: ", *words)
     for name in PLANAR.coordinates:
         assert f"unknown '{name}'" not in message
 
 
-def test_eight_samples_are_enough():
-    assert from_table(at(*range(8)), PLANAR, 4, "m.csv")(3.5)[4].shape == (2,)
+def test_eight_samples_are_enough_for_a_spline():
+    assert from_table(at(*range(8)), PLANAR, 4, "m.csv", Spline())(3.5)[4].shape == (2,)
 
 
 @pytest.mark.parametrize("rate", ["", ".q"])
@@ -120,7 +120,7 @@ def test_joints_that_follow_others_are_left_alone(rate):
     panda = jounce.load(PANDA).mechanism
     columns = {name + rate: -0.5 + 0.01 * np.sin(np.arange(9.0)) for name in panda.joints} | {"t": np.arange(9.0)}
     columns[f"panda_finger_joint1{rate}"] = columns[f"panda_joint6{rate}"] = np.full(9, 0.02)
-    motion = from_table(columns, panda, 0, "m.csv")
+    motion = from_table(columns, panda, 0, "m.csv", Spline())
     assert motion.joint_names == panda.coordinates
     assert motion.notes == (f"other columns, left alone: panda_finger_joint2{rate}",)
     refusal(
@@ -134,10 +134,10 @@ def test_a_joint_whose_name_starts_like_that_of_a_follower(tmp_path):
     items = (link("tip", BODY), joint("grip", "arm", "tip", inner='<mimic joint="grip.lead"/>'))
     robot = jounce.load(robot_file(tmp_path, *LINKS, joint("grip.lead", "base", "arm"), *items))
     t = np.sqrt(np.arange(9.0))
-    assert from_table({"t": t, "grip.lead": t}, robot.mechanism, 4, "m.csv").joint_names == ("grip.lead",)
+    assert from_table({"t": t, "grip.lead": t}, robot.mechanism, 4, "m.csv", Spline()).joint_names == ("grip.lead",)
     assert from_table({"t": t, "grip.lead.q": t}, robot.mechanism, 0, "m.csv").joint_names == ("grip.lead",)
     for name in ("grip", "grip.q"):
-        found = from_table({"t": t, "grip.lead": t, name: t}, robot.mechanism, 0, "m.csv")
+        found = from_table({"t": t, "grip.lead": t, name: t}, robot.mechanism, 0, "m.csv", Spline())
         assert found.notes == (f"other columns, left alone: {name}",)
 
 
@@ -154,12 +154,17 @@ def rounded(step, decimals, start=0.0):
 )
 def test_warns_where_rounding_of_samples_drowns_their_rates(table):
     with pytest.warns(jounce.JounceWarning, match=r"m\.csv: rounding of the samples makes up \d+% of the largest q4d"):
-        from_table(table, PLANAR, 4, "m.csv")
+        from_table(table, PLANAR, 4, "m.csv", Spline())
+
+
+def test_warns_of_rounding_in_samples_too_dense_by_default():
+    with pytest.warns(jounce.JounceWarning, match=r"m\.csv: rounding of the samples makes up \d+% of the largest q4d"):
+        from_table(rounded(1e-4, None), PLANAR, 4, "m.csv")
 
 
 @pytest.mark.parametrize("table", [rounded(0.01, None), rounded(0.05, 12)])
 def test_says_nothing_of_samples_with_enough_digits(table):
-    from_table(table, PLANAR, 4, "m.csv")
+    from_table(table, PLANAR, 4, "m.csv", Spline())
 
 
 def test_a_fit_evens_out_the_noise_of_measured_samples():
@@ -169,7 +174,7 @@ def test_a_fit_evens_out_the_noise_of_measured_samples():
     measured = truth[0] + np.random.default_rng(1).uniform(-noise, noise, t.shape)
     columns = {"t": t, "joint1": measured, "joint2": measured}
     with pytest.warns(JounceWarning, match="rounding"):
-        rough = from_table({name: np.round(x, 5) for name, x in columns.items()}, PLANAR, 4, "m.csv")
+        rough = from_table({name: np.round(x, 5) for name, x in columns.items()}, PLANAR, 4, "m.csv", Spline())
     fit = from_table(columns, PLANAR, 4, "m.csv", Spline(7, 6))
     for k, exact in enumerate(truth):
         assert relative_error(fit(t)[k][100:-100, 0], exact[100:-100]) < 10 ** (k - 4.8)  # its ends are worse

@@ -18,7 +18,7 @@ T = np.linspace(0, 1, 50)
 def motion_of(robot, order=2, wrench=True):
     columns = {"t": T} | {name: np.sin((j + 1) * T) for j, name in enumerate(robot.joint_names)}
     loads = {"tool.fx": np.cos(T), f"{robot.body_names[0]}.mz": T**2} if wrench else {}
-    return jounce.load_motion(columns | loads, robot, order=order)
+    return jounce.load_motion(columns | loads, robot, order=order, degree=7)
 
 
 MOTION = motion_of(ROBOT)

@@ -94,6 +94,7 @@ CASES: dict[str, Case] = {
         jounce.load_motion,
         {"source": {"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3}, "robot": ROBOT}
         | {"order": 1, "degree": 7, "intervals": None, "time": "t", "columns": "{joint}", "angles": "rad"}
+        | {"bandwidth": None, "force": False}
         | {"time_unit": "s", "topic": None},
     ),
     "Motion": (MOTION, {"t": [0.1, 0.2], "order": 2, "side": "left"}),
@@ -106,7 +107,10 @@ CASES: dict[str, Case] = {
     "Motion.blended": (MOTION.blended, {"time": 0.1, "continuity": 4}),
     "Motion.breaks_to": (MOTION.breaks_to, {"order": 4}),
     "Motion.through": (jounce.Motion.through, {"t": SAMPLES, "q": TWO, "degree": 7, **NAMED}),
-    "Motion.fit": (jounce.Motion.fit, {"t": SAMPLES, "q": TWO, "degree": 7, "intervals": 1, **NAMED}),
+    "Motion.fit": (
+        jounce.Motion.fit,
+        {"t": SAMPLES, "q": TWO, "degree": 7, "intervals": 1, "bandwidth": None, "force": False, **NAMED},
+    ),
     "Motion.polynomial": (
         jounce.Motion.polynomial, {"coefficients": np.ones((2, 3)), "duration": 1.0, "start": 0.0, **NAMED}
     ),
@@ -131,7 +135,7 @@ CASES: dict[str, Case] = {
         {"positions": [1.0], "velocities": [0.0], "time_from_start": {"sec": 1}},
     ),
     "columns of load_motion": (
-        lambda **columns: jounce.load_motion(columns, ROBOT, order=1),
+        lambda **columns: jounce.load_motion(columns, ROBOT, order=1, degree=7),
         {"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3},
     ),
     "from_screws": (jounce.Robot.from_screws, {"B": B, "X": X, "M": M, **TREE}),
@@ -186,7 +190,9 @@ CASES: dict[str, Case] = {
     "forces_along": (
         ROBOT.forces_along,
         {
-            "motion": jounce.load_motion({"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3}, ROBOT, order=0),
+            "motion": jounce.load_motion(
+                {"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3}, ROBOT, 0, degree=7
+            ),
             "t": None, "order": 0, "method": "recursion",
         },
     ),

@@ -16,11 +16,13 @@ if TYPE_CHECKING:
 
 OPTIONS = (
     click.argument("motion", type=MOTION),
-    click.option("--degree", default=7, show_default=True, help="Spline degree for sampled motions: 5 or 7."),
     click.option(
-        "--intervals", type=int, metavar="N",
-        help="Least-squares fit with N intervals (measured data); default: interpolate every sample.",
+        "--bandwidth", type=float, metavar="HZ",
+        help="Smooth samples up to HZ; default: as far as the motion stands out of the noise.",
     ),
+    click.option("--force", is_flag=True, help="Take samples whose noise drowns the highest rate all the same."),
+    click.option("--degree", type=int, metavar="K", help="Spline of degree 5 or 7 through every sample instead."),
+    click.option("--intervals", type=int, metavar="N", help="Such a spline, by least squares over N intervals."),
     click.option("--time", metavar="COLUMN", help="Column of times; default: t, else time or timestamp."),
     click.option(
         "--columns", metavar="PATTERN",
@@ -61,7 +63,7 @@ def of_motion(verb: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(verb)
     def asked(motion: Path, blend: float | None, step: float | None, **others: Any) -> None:
-        names = ("degree", "intervals", "time", "columns", "angles", "time_unit", "topic")
+        names = ("degree", "intervals", "bandwidth", "force", "time", "columns", "angles", "time_unit", "topic")
         options = {name: others.pop(name) for name in names}
         verb(motion=AskedMotion(motion, options, blend, step), **others)
 

@@ -5,29 +5,26 @@ from typing import Any
 import numpy as np
 
 from jounce._scalars import asarray
-from jounce.errors import JounceError, quoted, warn
+from jounce.errors import JounceError, quoted
 from jounce.motion.analytic import Analytic, Cosine, Terms
 from jounce.motion.curves import Polynomials
 from jounce.motion.motion import Motion
-from jounce.motion.smoothness import of_samples
-from jounce.motion.spline import Spline, curve_of, residual_of
+from jounce.motion.smoothed import found_from
+from jounce.motion.spline import Smoothing, Spline
 
 PLACE = "the motion"
 HIGHEST = 4  # q4d, which Q2d takes: the rate whose rounding is judged
 
 
-def through(t: Any, q: Any, spline: Spline, joint_names: Any) -> Motion:
-    """A spline of samples, through all of them or fitted by least squares."""
+def through(t: Any, q: Any, way: Smoothing | Spline, joint_names: Any) -> Motion:
+    """A curve of samples: through all of them, fitted by least squares, or smoothed."""
     times, samples = numbers(t, "t", 1), numbers(q, "q", 2)
     if len(times) != len(samples):
         raise JounceError(f"t has {len(times)} times and q {len(samples)} rows; expected as many")
     check_increasing(times, "t")
-    if spline.intervals is None and (jumps := of_samples(times, samples)):
-        warn(f"{PLACE}: {jumps}")
-    curve = curve_of(times, samples, spline, PLACE, HIGHEST)
     names = checked_names(joint_names, samples.shape[1])
-    source = f"samples, rates from a {spline}"
-    return Motion(curve, names, source, {}, (times, samples), residual_of(curve, spline, times, samples), times)
+    found = found_from(times, samples, way, names, HIGHEST, PLACE)
+    return Motion(found.curve, names, found.source, {}, (times, samples), found.residual, times, notes=found.notes)
 
 
 def polynomial(coefficients: Any, duration: Any, start: Any, joint_names: Any) -> Motion:

@@ -83,12 +83,26 @@ class Motion:
         return constructors.through(t, q, Spline(degree), joint_names)
 
     @staticmethod
-    def fit(t: Any, q: Any, degree: int = 7, *, intervals: int, joint_names: Any = None) -> "Motion":
-        """The spline fitted to measured samples q (N, n) at t (N,) by least squares, as many samples per interval."""
-        from jounce.motion import constructors
-        from jounce.motion.spline import Spline
+    def fit(
+        t: Any,
+        q: Any,
+        *,
+        bandwidth: float | None = None,
+        force: bool = False,
+        degree: int | None = None,
+        intervals: int | None = None,
+        joint_names: Any = None,
+    ) -> "Motion":
+        """Measured samples q (N, n) at t (N,), smoothed as their noise asks for, with standard deviations of all rates.
 
-        return constructors.through(t, q, Spline(degree, intervals), joint_names)
+        They are followed up to a bandwidth in Hz, by default as far as the motion stands out of the noise. Samples that
+        cannot carry q4d are refused, unless `force` is set. With `intervals`, a spline of a degree, 7 by default, is
+        fitted by least squares over as many, as many samples in each.
+        """
+        from jounce.motion import constructors
+        from jounce.motion.spline import way_of
+
+        return constructors.through(t, q, way_of(degree, intervals, bandwidth, force), joint_names)
 
     @staticmethod
     def polynomial(coefficients: Any, duration: float, *, start: float = 0.0, joint_names: Any = None) -> "Motion":

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.errors import JounceError, JounceWarning, one_line, quoted
+from jounce.errors import JounceError, JounceWarning, one_line, quoted, true_or_false
 from jounce.motion.curves import Jump
 from jounce.motion.smoothness import resolution
 from jounce.spatial.series import rate_name
@@ -20,8 +20,16 @@ NOTICEABLE = 0.01  # share of rounding in a rate from which on a user should hea
 
 
 @dataclass(frozen=True)
+class Smoothing:
+    """How samples become a curve by default: as `fit` finds them, up to a frequency in Hz where one is given."""
+
+    bandwidth: float | None = None
+    force: bool = False  # whether samples count that cannot carry the highest rate
+
+
+@dataclass(frozen=True)
 class Spline:
-    """How samples become a curve: through all of them, or fitted by least squares over a number of intervals."""
+    """How samples become a curve by hand: through all of them, or by least squares over a number of intervals."""
 
     degree: int = 7  # q4d is smooth then, and Q2d has no kinks
     intervals: int | None = None  # few of them even out the noise of measured samples
@@ -104,9 +112,15 @@ def curve_of(t: np.ndarray, q: np.ndarray, spline: Spline, place: str, highest: 
     return curve
 
 
-def residual_of(curve: SplineCurve, spline: Spline, t: np.ndarray, q: np.ndarray) -> np.ndarray | None:
-    """The largest distance (n,) of a fit from samples (N, n); None of a spline through them."""
-    return None if spline.intervals is None else np.abs(curve.rates(t, 0)[0] - q).max(axis=0)
+def way_of(degree: int | None, intervals: int | None, bandwidth: float | None, force: bool) -> Smoothing | Spline:
+    """How samples become a curve, by what a caller says of it."""
+    true_or_false("force", force, "whether samples count whose noise drowns the highest rate")
+    if bandwidth is not None and not (isinstance(bandwidth, int | float) and 0 < bandwidth < np.inf):
+        raise JounceError(f"bandwidth is {quoted(bandwidth)}; expected a frequency in Hz above 0")
+    by_hand = degree is not None or intervals is not None
+    if by_hand and (bandwidth is not None or force):
+        raise JounceError("bandwidth and force are for samples that are smoothed; leave degree and intervals out")
+    return Spline(7 if degree is None else degree, intervals) if by_hand else Smoothing(bandwidth, force)
 
 
 @np.errstate(all="ignore")  # samples near the end of the doubles overflow here, and no more

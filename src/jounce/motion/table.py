@@ -11,11 +11,12 @@ from jounce.motion import loads, smoothness
 from jounce.motion.columns import DEVIATION, TIME, Match, Options, match
 from jounce.motion.hermite import Hermite
 from jounce.motion.motion import Motion
-from jounce.motion.spline import Spline, curve_of, residual_of
+from jounce.motion.smoothed import found_from
+from jounce.motion.spline import Smoothing, Spline
 from jounce.motion.units import check_units
 from jounce.spatial.series import rate_name
 
-THROUGH, AS_NAMED = Spline(), Options()
+SMOOTHED, AS_NAMED = Smoothing(), Options()
 
 
 def from_table(
@@ -23,12 +24,12 @@ def from_table(
     mechanism: Mechanism,
     highest: int,
     place: str,
-    spline: Spline = THROUGH,
+    way: Smoothing | Spline = SMOOTHED,
     options: Options = AS_NAMED,
 ) -> Motion:
     """The motion in a table, matched by joint name in any column order, with rates up to the one of order `highest`.
 
-    Either `t` and one column per joint (samples: the rates are those of a spline through them, or fitted to them), or
+    Either `t` and one column per joint (samples: the rates are those of a spline along or through them), or
     `t` and ``NAME.q, NAME.qd, NAME.q2d, ...`` for every joint (used as they are). Wrenches that bodies or merged links
     exert come in columns ``BODY.mx .. BODY.fz``, again as samples or with all rates, ``BODY.fxd, BODY.fx2d, ...``.
 
@@ -38,11 +39,16 @@ def from_table(
     """
     with at(place):
         found = match(list(columns), mechanism, options, highest)
-    return from_columns(columns, found, mechanism, highest, place, spline)
+    return from_columns(columns, found, mechanism, highest, place, way)
 
 
 def from_columns(
-    columns: Mapping[str, np.ndarray], found: Match, mechanism: Mechanism, highest: int, place: str, spline: Spline
+    columns: Mapping[str, np.ndarray],
+    found: Match,
+    mechanism: Mechanism,
+    highest: int,
+    place: str,
+    way: Smoothing | Spline,
 ) -> Motion:
     """The motion in the columns of a table that are matched."""
     joints = mechanism.coordinates
@@ -54,19 +60,17 @@ def from_columns(
     rows = tuple(_stacked(si, [f"{joint}.{rate}" for joint in joints]) for rate in rates)
     check_units(t, q, rows[1] if rows[1:] else None, mechanism, (found.angles_stated, found.time_stated), place)
     of_wrenches = {name: si[name] for name in loads.named(list(si), mechanism)}
-    W = loads.wrenches(t, of_wrenches, mechanism, max(highest - 2, 0), spline, place)
+    of_loads = way if isinstance(way, Spline) else Spline()
+    W = loads.wrenches(t, of_wrenches, mechanism, max(highest - 2, 0), of_loads, place)
     measured = _torques(columns, found, joints)
     torques = None if measured is None else (t, measured)
     if not found.sampled:
         _warn_of(smoothness.of_rates(rows), place)
         curve = Hermite(t, rows, _spreads(si, joints, rates))
         return Motion(curve, joints, "all rates from the table", W, grid=t, torques=torques, notes=found.notes)
-    if spline.intervals is None:  # what a fit does not follow, its residual tells
-        _warn_of(smoothness.of_samples(t, q), place)
-    of_samples = curve_of(t, q, spline, place, highest)
-    residual = residual_of(of_samples, spline, t, q)
-    source = f"samples, rates from a {spline}"
-    return Motion(of_samples, joints, source, W, (t, q), residual, t, torques, found.notes)
+    samples = found_from(t, q, way, joints, highest, place)
+    notes = (*found.notes, *samples.notes)
+    return Motion(samples.curve, joints, samples.source, W, (t, q), samples.residual, t, torques, notes)
 
 
 def _check_increasing(t: np.ndarray, column: str, place: str) -> None:

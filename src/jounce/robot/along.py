@@ -60,7 +60,7 @@ class Along:
     --------
     >>> import jounce
     >>> robot = jounce.load("planar2r")
-    >>> motion = jounce.load_motion({"t": range(9), "joint1": [0.1] * 9, "joint2": [0.2] * 9}, robot, order=0)
+    >>> motion = jounce.load_motion({"t": range(9), "joint1": [0.1] * 9, "joint2": [0.2] * 9}, robot, 0, degree=7)
     >>> along = robot.forces_along(motion, order=0)
     >>> along.forces[0].shape
     (9, 2)

@@ -10,7 +10,7 @@ if TYPE_CHECKING:  # what reads them takes a while to import, and robots need it
     from jounce.motion import Motion
     from jounce.motion.analytic import Description
     from jounce.motion.columns import Options
-    from jounce.motion.spline import Spline
+    from jounce.motion.spline import Smoothing, Spline
 
 BUNDLED = {"paper": "paper.yaml", "paper-wrench": "paper-wrench.yaml"}  # names of motions, beside files
 SUFFIXES = (".yaml", ".yml", ".json")
@@ -20,7 +20,7 @@ def read(
     source: Path,
     mechanism: Mechanism,
     highest: int,
-    spline: "Spline | None" = None,
+    way: "Smoothing | Spline | None" = None,
     options: "Options | None" = None,
     topic: str | None = None,
 ) -> "Motion":
@@ -28,7 +28,7 @@ def read(
     from jounce.io import entries, tables
     from jounce.io.motions import bags, tabular, terms, trajectory
     from jounce.motion.analytic import motion_of
-    from jounce.motion.table import AS_NAMED, THROUGH
+    from jounce.motion.table import AS_NAMED, SMOOTHED
 
     if str(source) in BUNDLED:
         with at(source):
@@ -37,9 +37,9 @@ def read(
         entry = entries.read(source, "the motion")
         return (trajectory if trajectory.is_trajectory(entry) else terms).read(entry, mechanism)
     if source.suffix.lower() in tables.READERS:
-        return tabular.read(source, mechanism, highest, spline or THROUGH, options or AS_NAMED)
+        return tabular.read(source, mechanism, highest, way or SMOOTHED, options or AS_NAMED)
     if bags.is_bag(source):
-        return bags.read(source, mechanism, highest, spline or THROUGH, options or AS_NAMED, topic)
+        return bags.read(source, mechanism, highest, way or SMOOTHED, options or AS_NAMED, topic)
     known = ", ".join([*tables.READERS, *SUFFIXES, *bags.SUFFIXES])
     if not source.suffix:
         raise JounceError(f"{no_such('motion', str(source), BUNDLED)}, or a file of type {known}")

@@ -15,7 +15,7 @@ from jounce.motion.columns import Options
 from jounce.motion.matching import matched
 from jounce.motion.motion import Motion
 from jounce.motion.ros import from_joint_trajectory
-from jounce.motion.spline import Spline
+from jounce.motion.spline import Smoothing, Spline
 
 SUFFIXES = (".mcap", ".bag", ".db3")
 STATES = "sensor_msgs/msg/JointState"
@@ -32,7 +32,7 @@ def is_bag(source: Path) -> bool:
 
 
 def read(
-    source: Path, mechanism: Mechanism, highest: int, spline: Spline, options: Options, topic: str | None
+    source: Path, mechanism: Mechanism, highest: int, way: Smoothing | Spline, options: Options, topic: str | None
 ) -> Motion:
     """The motion in a bag: of the topic asked for, or of the only one that has any."""
     if not source.is_dir():
@@ -49,7 +49,7 @@ def read(
         messages = [bag.deserialize(raw, c.msgtype) for c, _, raw in bag.messages(connections)]
     place = f"{source}: {chosen}"
     if topics[chosen] == STATES:
-        return tabular.of_arrays(_columns(messages, place), mechanism, highest, spline, options, place)
+        return tabular.of_arrays(_columns(messages, place), mechanism, highest, way, options, place)
     if len(messages) != 1:
         raise JounceError(f"{place} has {len(messages)} trajectories; expected one")
     try:

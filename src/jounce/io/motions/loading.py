@@ -23,9 +23,11 @@ def load_motion(
     /,
     robot: Robot,
     order: int = 2,
-    degree: int = 7,
+    degree: int | None = None,
     intervals: int | None = None,
     *,
+    bandwidth: float | None = None,
+    force: bool = False,
     time: str | None = None,
     columns: str | None = None,
     angles: Angles | None = None,
@@ -47,10 +49,14 @@ def load_motion(
     order : int, optional
         The highest rate of the forces to be computed: 2, for Q2d, takes q to q4d, which the source must have.
     degree : int, optional
-        Degree of the spline of samples: 7 (C^6) or 5 (C^4).
+        Take samples as they are, by a spline of degree 7 (C^6) or 5 (C^4) through all of them; by default they are
+        smoothed, as their noise asks for, and rates have standard deviations.
     intervals : int, optional
-        Fit the spline to measured samples by least squares, over this number of intervals; by default it goes through
-        all samples.
+        Fit such a spline by least squares over this number of intervals.
+    bandwidth : float, optional
+        The frequency in Hz up to which samples are followed; by default as far as the motion stands out of the noise.
+    force : bool, optional
+        Take samples whose noise drowns the highest rate all the same.
     time : str, optional
         The column of times; by default t, else time or timestamp.
     columns : str, optional
@@ -89,23 +95,25 @@ def load_motion(
     if not isinstance(robot, Robot):
         raise JounceError(f"a motion is loaded for a Robot, not for a {type(robot).__name__}; try jounce.load")
     from jounce.motion.columns import Options
-    from jounce.motion.spline import Spline
+    from jounce.motion.spline import Smoothing, way_of
 
-    mechanism, highest, spline = robot.mechanism, checked_order(order) + 2, Spline(degree, intervals)
+    mechanism, highest, way = robot.mechanism, checked_order(order) + 2, way_of(degree, intervals, bandwidth, force)
     options = Options(time, columns, angles, time_unit)
     if topic is not None and not isinstance(topic, str):
         raise JounceError(f"topic is {quoted(topic)}; expected a text")
     if names.listed_in(source) is not None:
         from jounce.io.motions import tabular
 
-        return tabular.of_arrays(_arrays(source), mechanism, highest, spline, options, PLACE)
+        return tabular.of_arrays(_arrays(source), mechanism, highest, way, options, PLACE)
     if not isinstance(source, str | os.PathLike):
         known = f"a path, one of {', '.join(motions.BUNDLED)}, or named columns"
         raise JounceError(f"a motion is of type {type(source).__name__}; expected {known}")
     path = path_of(source)
-    if intervals is not None and motions.is_analytic(path):
-        raise JounceError(f"{path}: its terms are exact; intervals are for the samples of a table")
-    return motions.read(path, mechanism, highest, spline, options, topic)
+    if way != Smoothing() and motions.is_analytic(path):
+        given = {"degree": degree, "intervals": intervals, "bandwidth": bandwidth, "force": force or None}
+        name = next(name for name, value in given.items() if value is not None)
+        raise JounceError(f"{path}: its terms are exact; {name} is for the samples of a table")
+    return motions.read(path, mechanism, highest, way, options, topic)
 
 
 def _arrays(source: Any) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from jounce.io.columns import CellError, checked, selected
 from jounce.model.mechanism import Mechanism
 from jounce.motion.columns import Match, Options, match
 from jounce.motion.motion import Motion
-from jounce.motion.spline import Spline
+from jounce.motion.spline import Smoothing, Spline
 from jounce.motion.table import from_columns
 
 
@@ -33,16 +33,16 @@ class Matching:
         return self.found.names
 
 
-def read(path: Path, mechanism: Mechanism, highest: int, spline: Spline, options: Options) -> Motion:
+def read(path: Path, mechanism: Mechanism, highest: int, way: Smoothing | Spline, options: Options) -> Motion:
     """The motion of a table in a file."""
     matching = Matching(mechanism, options, highest, str(path))
     with _cures():
         columns = tables.read(path, matching)
-    return _motion(columns, matching, highest, spline)
+    return _motion(columns, matching, highest, way)
 
 
 def of_arrays(
-    given: Mapping[str, Any], mechanism: Mechanism, highest: int, spline: Spline, options: Options, place: str
+    given: Mapping[str, Any], mechanism: Mechanism, highest: int, way: Smoothing | Spline, options: Options, place: str
 ) -> Motion:
     """The motion of arrays that stand under names; what is no array of numbers may stand among them."""
     matching = Matching(mechanism, options, highest, place)
@@ -58,12 +58,12 @@ def of_arrays(
             if name in refused:
                 raise CellError(f"{place}: {refused[name]}")
         columns = checked(place, columns)
-    return _motion(columns, matching, highest, spline)
+    return _motion(columns, matching, highest, way)
 
 
-def _motion(columns: Mapping[str, np.ndarray], matching: Matching, highest: int, spline: Spline) -> Motion:
+def _motion(columns: Mapping[str, np.ndarray], matching: Matching, highest: int, way: Smoothing | Spline) -> Motion:
     assert matching.found is not None  # every reader selects
-    return from_columns(columns, matching.found, matching.given[0], highest, matching.place, spline)
+    return from_columns(columns, matching.found, matching.given[0], highest, matching.place, way)
 
 
 @contextmanager

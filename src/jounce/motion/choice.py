@@ -1,0 +1,182 @@
+"""The choice of a smoothing spline: as many breaks as samples tell from noise, where the motion needs them.
+
+Splines with evenly spaced breaks are tried first. Their number is found by Schwarz' criterion (BIC, Annals of
+Statistics 6, 1978), which is hardest to mislead by noise that is not white, and improved by Mallows' Cp (Technometrics
+15, 1973), which estimates the squared error of the spline itself. Where a motion is uneven, bisections from several
+starts tell how densely breaks should lie, and Cp how many of them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jounce.motion.knots import (
+    ROUNDS,
+    STEPS,
+    Family,
+    admissible,
+    bisect,
+    bisect_most,
+    dense_where,
+    even,
+    fitted,
+    gains,
+    gains_by_joint,
+    halves,
+    most_intervals,
+    noise_variance,
+    noticeable,
+)
+from jounce.motion.least_squares import Rows, Solution, solve
+from jounce.motion.noise import Beats
+
+FINER = 1.1  # times the intervals that are best for q: its derivatives need more, and less of their error is bias
+STARTS = (4, 11 / 3, 10 / 3, 4 / 3)  # powers of two, by which bisections start coarser than the best even intervals
+TRANSIENT = 30  # times the usual squares above a band that is given, from which on intervals are bisected all the same
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The spline chosen, a coarser one to compare it with, the variance (n,) of white noise like that found, and where
+    the breaks of the two were to be.
+    """
+
+    solution: Solution
+    coarser: Solution
+    variance: np.ndarray
+    places: tuple[np.ndarray, np.ndarray]
+
+    @property
+    def ratio(self) -> float:
+        """How many times fewer intervals the coarser one has."""
+        return max(self.solution.intervals / self.coarser.intervals, 1.01)
+
+
+def again(rows: Rows, beats: Beats, choice: Choice) -> Choice:
+    """The same breaks for samples that are not quite the same, and what these scatter by about the spline."""
+    solution, coarser = (fitted(rows, places) for places in choice.places)
+    return Choice(solution, coarser, noise_variance(rows, beats, solution.breaks), choice.places)
+
+
+def exact(rows: Rows, choice: Choice) -> Choice:
+    """The same choice for rows that are not compressed: breaks are where they were to be then."""
+    solution, coarser = (fitted(rows, places) for places in choice.places)
+    return Choice(solution, coarser, choice.variance, choice.places)
+
+
+def by_schwarz(rows: Rows, floor: np.ndarray, guess: int | None = None) -> Solution:
+    """The evenly spaced breaks of least BIC, near a guess; variances below the floor (n,) are rounding."""
+    most = most_intervals(rows)
+    low, high = (1, most) if guess is None else (max(1, min(most, guess // 4)), min(most, 4 * guess))
+    found = _solutions(rows, even(rows), _ladder(low, high, 1.4))
+    penalty = rows.y.shape[1] * np.log(rows.count)
+    scores = [rows.count * np.log(np.maximum(s.energy / rows.count, floor)).sum() + penalty * s.unknowns for s in found]
+    return found[int(np.argmin(scores))]
+
+
+def choose(rows: Rows, beats: Beats, intervals: int, floor: np.ndarray) -> Choice:
+    """The spline of least estimated error, from a first number of intervals; `floor` (n,) is a variance of rounding."""
+    evenly = even(rows)
+    variance = np.maximum(floor, noise_variance(rows, beats, evenly(min(2 * intervals, most_intervals(rows) // 2))))
+    best, _ = _least_cp(rows, beats, evenly, intervals, variance)
+    family = evenly
+    if best.intervals > 16 and _is_uneven(rows, beats, best, variance):
+        powers = STARTS if rows.edges is None else STARTS[-1:]  # a long log has starts enough in itself, and less time
+        starts = [max(1, int(best.intervals / 2.0**power)) for power in powers if best.intervals > 4 * 2.0**power]
+        dense, middle = dense_where(_resolved(rows, beats, starts, variance))
+        again = np.maximum(floor, noise_variance(rows, beats, dense(int(1.5 * middle) + 1)))
+        other, other_score = _least_cp(rows, beats, dense, middle, again)
+        if other_score < cp(best, beats, again):
+            best, family, variance = other, dense, again
+    places = family(round(FINER * best.intervals) + 1), family(best.intervals)
+    return Choice(fitted(rows, places[0]), best, variance, places)
+
+
+def bounded(rows: Rows, beats: Beats, intervals: int, floor: np.ndarray) -> Choice:
+    """Even intervals as a band wants them, bisected only where the samples leave that band much more than usual."""
+    breaks = admissible(rows, even(rows)(intervals))
+    variance = np.maximum(floor, noise_variance(rows, beats, even(rows)(min(2 * intervals, most_intervals(rows) // 2))))
+    usual = None
+    for _ in range(ROUNDS):
+        gain = gains_by_joint(rows, breaks, halves(breaks)) / np.diff(breaks)[:, None]
+        usual = np.maximum(np.median(gain, axis=0), variance / np.diff(breaks).mean()) if usual is None else usual
+        worth = (gain / usual).max(axis=1)
+        worth[gains(rows, beats, breaks, variance) < noticeable(len(variance))] = 0
+        worth[beats.passes(breaks) < STEPS] = 0
+        finer = bisect_most(rows, breaks, worth, TRANSIENT)
+        if len(finer) == len(breaks):
+            break
+        breaks = finer
+    solution = solve(rows, breaks)
+    coarse = np.unique(np.append(breaks[::2], breaks[-1]))
+    variance = np.maximum(variance, solution.energy / max(1.0, rows.count - solution.unknowns))
+    return Choice(solution, solve(rows, coarse), variance, (breaks, coarse))
+
+
+def cp(solution: Solution, beats: Beats, variance: np.ndarray) -> float:
+    """Mallows' Cp over all joints: the estimated squared error over the variance, up to a constant."""
+    penalty = 2 * solution.unknowns * beats.inflation(solution.breaks).mean(axis=0)
+    return float((solution.energy / variance + penalty).sum())
+
+
+def _resolved(rows: Rows, beats: Beats, starts: Sequence[int], variance: np.ndarray) -> list[np.ndarray]:
+    """Bisections from several starts, without those that ended with something unresolved."""
+    found = [solve(rows, bisect(rows, beats, start, variance)) for start in starts]
+    scores = [cp(s, beats, variance) for s in found]
+    good = min(scores) + found[int(np.argmin(scores))].unknowns * len(variance)
+    return [s.breaks for s, score in zip(found, scores, strict=True) if score <= good]
+
+
+def _ladder(low: float, high: float, ratio: float) -> np.ndarray:
+    steps = max(2, int(np.ceil(np.log(high / low) / np.log(ratio))) + 1) if high > low else 1
+    return np.unique(np.round(np.geomspace(low, high, steps)).astype(int))
+
+
+def _solutions(rows: Rows, family: Family, intervals: np.ndarray) -> list[Solution]:
+    found = []
+    for number in intervals:
+        try:
+            found.append(fitted(rows, family(int(number))))
+        except np.linalg.LinAlgError:  # holes leave some of it undetermined
+            continue
+    if not found:
+        raise np.linalg.LinAlgError("no number of intervals suits the samples")
+    return found
+
+
+def _least_cp(rows: Rows, beats: Beats, family: Family, middle: int, variance: np.ndarray) -> tuple[Solution, float]:
+    """The number of intervals of least Cp, by steps from a first one, which end two steps after the best."""
+    most = most_intervals(rows)
+    found: dict[int, Solution] = {}
+    scores: dict[int, float] = {}
+
+    def score(intervals: float) -> float:
+        number = round(min(max(intervals, 1), most))
+        if number not in scores:
+            try:
+                found[number] = fitted(rows, family(number))
+                scores[number] = cp(found[number], beats, variance)
+            except np.linalg.LinAlgError:  # holes leave some of it undetermined
+                scores[number] = np.inf
+        return scores[number]
+
+    for ratio in (1.15, 1.05):
+        start = min(scores, key=scores.__getitem__) if scores else middle
+        for step in (ratio, 1 / ratio):
+            best, worse, at = score(start), 0, float(start)
+            while worse < 2 and 1 <= at <= most:
+                at *= step
+                best, worse = (score(at), 0) if score(at) < best else (best, worse + 1)
+    least = min(scores, key=scores.__getitem__)
+    if least not in found:
+        raise np.linalg.LinAlgError("no number of intervals suits the samples")
+    return found[least], scores[least]
+
+
+def _is_uneven(rows: Rows, beats: Beats, solution: Solution, variance: np.ndarray) -> bool:
+    """Whether even intervals are too long for the motion in some of them, or a bit longer ones would do in many."""
+    enough = noticeable(len(variance))
+    longer = admissible(rows, even(rows)(max(1, int(solution.intervals / 1.4))))
+    too_long = gains(rows, beats, solution.breaks, variance).max() > 3 * enough
+    return bool(too_long or (gains(rows, beats, longer, variance) < enough).mean() > 0.3)

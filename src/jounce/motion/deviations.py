@@ -1,0 +1,141 @@
+"""Standard deviations of a smoothing spline and its derivatives: of noise, of stamps, and of the spline's own error."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jounce.motion.least_squares import Rows, Solution, basis, covariance_blocks, solve
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+
+POINTS = 20000  # for which ten coefficients' covariances are gathered at once
+DECAY = 15  # power of the interval with which the error of q falls: 10 far from the limit of the band, more near it
+DRAWS, TOGETHER = 32, 4  # of the scatter of stamps, and how many are fitted at once
+HIGHEST = 6  # derivative with a standard deviation
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """Covariances of a least-squares spline: (B^T B)^-1, times a variance per interval and joint.
+
+    Attributes
+    ----------
+    solution : Solution
+        The spline, of the joints that move.
+    variance : (M, n)
+        Variances of white noise that is fitted as the samples' noise is.
+    coarser : BSpline or None
+        A spline of fewer intervals, to tell the error of the spline itself from.
+    ratio : float
+        How many times fewer.
+    stamps : (4 M, n, 7, 7) or None
+        Covariances, in the quarters of the intervals, of what is left of the stamps' scatter where they are corrected.
+    """
+
+    solution: Solution
+    variance: np.ndarray
+    coarser: "BSpline | None" = None
+    ratio: float = 1.0
+    stamps: np.ndarray | None = None
+
+    def covariances(self, t: np.ndarray, order: int) -> np.ndarray:
+        """Covariances of q, qd, ... with each other at times (P,), (P, n, order + 1, order + 1)."""
+        return np.concatenate([self._covariances(part, order) for part in _portions(t)])
+
+    def _covariances(self, t: np.ndarray, order: int) -> np.ndarray:
+        unit, place = _unit_covariances(self.solution, self._blocks, t, order)
+        total = self.variance[place][:, :, None, None] * unit[:, None]
+        if self.stamps is not None:
+            times = _quarters(self.solution.breaks)
+            some = self.stamps[:, :, : order + 1, : order + 1].reshape(len(times), -1)
+            total += np.stack([np.interp(t, times, column) for column in some.T], axis=1).reshape(total.shape)
+        if self.coarser is not None:
+            for k, model in enumerate(self._model[: order + 1]):
+                middles = (self.solution.breaks[1:] + self.solution.breaks[:-1]) / 2
+                total[:, :, k, k] += np.stack([np.interp(t, middles, column) for column in model.T], axis=1)
+        return total
+
+    @cached_property
+    def _blocks(self) -> np.ndarray:
+        return covariance_blocks(self.solution.factor)
+
+    @cached_property
+    def _model(self) -> list[np.ndarray]:
+        """Mean squares (M, n), per derivative, of the spline's own error, by Richardson's extrapolation.
+
+        The error of a derivative falls with a power of the interval; what a coarser spline differs by is the error of
+        that one without this one's. Squares are averaged over an interval and those on either side.
+        """
+        assert self.coarser is not None
+        breaks = self.solution.breaks
+        t = _quarters(breaks)
+        out = []
+        for k in range(HIGHEST + 1):
+            rest = self.ratio ** -(DECAY - k)
+            apart = (self.solution.spline(t, nu=k) - self.coarser(t, nu=k)) * rest / (1 - rest)
+            squares = (apart**2).reshape(len(breaks) - 1, 4, -1).mean(axis=1)
+            padded = np.pad(squares, ((1, 1), (0, 0)), mode="edge")
+            out.append((padded[:-2] + padded[1:-1] + padded[2:]) / 3)
+        return out
+
+
+def stamp_covariances(rows: Rows, raw: Solution, sigma: float, own: np.ndarray) -> np.ndarray:
+    """Covariances, (4 M, n, 7, 7), of what is left in q, qd, ... of stamps that scattered by sigma before correction.
+
+    Corrected stamps are wrong by what a fit to the raw ones takes of their scatter: tau = (v^T D^-1 e) / (v^T D^-1 v),
+    where e are splines fitted to v d with random d. The fit at corrected times takes v tau. Draws of d tell the
+    covariances (the parametric bootstrap: Efron & Tibshirani, An Introduction to the Bootstrap, 6.5).
+    """
+    random = np.random.default_rng(0)
+    v = raw.spline(rows.t, nu=1)
+    across = v / own / np.maximum((v**2 / own).sum(axis=1), np.finfo(float).tiny)[:, None]
+    weight = (
+        rows.transform if rows.edges is None else np.ones(len(rows.t))
+    )  # cells are rotated: white noise stays white
+    rows = replace(rows, along=None, rest=np.zeros(TOGETHER * v.shape[1]))
+    times = _quarters(raw.breaks)
+    total = np.zeros((len(times), v.shape[1], HIGHEST + 1, HIGHEST + 1))
+    for _ in range(DRAWS // TOGETHER):
+        d = sigma * random.normal(size=(len(v), 1, TOGETHER))
+        noise = (weight[:, None, None] * v[:, :, None] * d).reshape(len(v), -1)
+        taken = solve(replace(rows, y=noise), raw.breaks).spline(rows.t).reshape(*v.shape, TOGETHER)
+        tau = (across[:, :, None] * taken).sum(axis=1, keepdims=True)
+        left = rows.apply((v[:, :, None] * tau).reshape(len(v), -1))
+        curve = solve(replace(rows, y=left), raw.breaks).spline
+        rates = [curve(times, nu=k).reshape(len(times), -1, TOGETHER) for k in range(HIGHEST + 1)]
+        e = np.stack(rates, axis=2)
+        total += e @ e.mT / DRAWS
+    return total
+
+
+def ideal_deviation(sigma: float, spacing: float, bandwidth: float, order: int) -> float:
+    """The standard deviation of a derivative of samples smoothed by an ideal low-pass filter.
+
+    White noise of sigma at spacing dt has the density 2 sigma^2 dt per Hz. Up to B Hz, its k-th derivative has the
+    variance 2 sigma^2 dt B (2 pi B)^(2 k) / (2 k + 1); a spline with intervals of 1 / (2 B) comes within some percent.
+    """
+    variance = 2 * sigma**2 * spacing * bandwidth * (2 * np.pi * bandwidth) ** (2 * order) / (2 * order + 1)
+    return float(np.sqrt(variance))
+
+
+def _unit_covariances(
+    solution: Solution, blocks: np.ndarray, t: np.ndarray, order: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Covariances (P, order + 1, order + 1) for white noise of variance 1, and the intervals of the times."""
+    t = t.clip(solution.breaks[0], solution.breaks[-1])
+    rows = [basis(t, solution.breaks, k) for k in range(order + 1)]
+    values, place = np.stack([row for row, _ in rows], axis=1), rows[0][1]
+    return values @ blocks[place] @ values.mT, place
+
+
+def _quarters(breaks: np.ndarray) -> np.ndarray:
+    return (breaks[:-1, None] + np.diff(breaks)[:, None] * np.array([0.125, 0.375, 0.625, 0.875])).ravel()
+
+
+def _portions(t: np.ndarray) -> Iterator[np.ndarray]:
+    for start in range(0, max(1, len(t)), POINTS):
+        yield t[start : start + POINTS]

@@ -1,0 +1,234 @@
+"""Measured samples of a motion as a smooth function of time, with standard deviations of all its derivatives."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jounce.errors import JounceError, listed, quoted
+from jounce.motion.deviations import HIGHEST, Spread
+from jounce.motion.least_squares import DEGREE, knots
+from jounce.motion.noise import Noise, noise_of, step_of
+from jounce.motion.samples import Samples
+from jounce.motion.smoothing import Smoothed, first_fit, interpolate, moves, rounded, smooth
+from jounce.motion.stamps import check, spikes
+from jounce.spatial.series import rate_name
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+
+THRESHOLD = 0.5  # of the peak of a derivative: beyond that standard deviation the samples do not carry it
+ENDS = 3  # intervals at either end, in which deviations of derivatives rise by powers of ten
+POINTS = 4000  # at which peaks and deviations are compared, at most
+AROUND = 3  # intervals on either side of a hole tell how fast the motion is
+HOLE = 5  # times the usual spacing of samples
+FAR = 1.0  # times the usual interval, from which on a hole cannot be bridged
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A smoothing spline of measured samples. `fit` makes one.
+
+    Attributes
+    ----------
+    spline : scipy.interpolate.BSpline
+        q as a function of time, of degree 9, (..., n): `spline(t, nu=k)` is the k-th derivative.
+    joints : tuple of str
+        The names of the joints.
+    noise : tuple of Noise
+        What each joint's samples scatter by.
+    bandwidth : float
+        Up to which frequency in Hz the result holds, in the middle of its intervals: half of their number per second.
+    ends : (float, float)
+        The times between which derivatives are trustworthy; beyond, their deviations rise by powers of ten.
+    peaks : (7, n)
+        Largest values of q (less its mean), qd, q2d, ... between the ends.
+    relative : (7,)
+        Standard deviations of q, qd, q2d, ... over the largest peak, as root mean squares between the ends for
+        the worst joint.
+    notes : tuple of str
+        What a user should know about the samples and the fit, one sentence each.
+    spacing : float
+        The median time between samples in s.
+    """
+
+    spline: "BSpline"
+    joints: tuple[str, ...]
+    noise: tuple[Noise, ...]
+    bandwidth: float
+    ends: tuple[float, float]
+    peaks: np.ndarray
+    relative: np.ndarray
+    notes: tuple[str, ...]
+    spacing: float
+    _spread: Spread | None
+    _moving: np.ndarray
+
+    def deviations(self, t: object, order: int = 4) -> tuple[np.ndarray, ...]:
+        """Standard deviations of q, qd, ... at times t: order + 1 arrays (..., n).
+
+        They hold the samples' noise, what correcting the time stamps leaves, and an estimate of the spline's own error.
+        """
+        covariances = self.covariances(t, order)
+        return tuple(np.sqrt(covariances[..., k, k]) for k in range(order + 1))
+
+    def covariances(self, t: object, order: int = 4) -> np.ndarray:
+        """Covariances of q, qd, ... of each joint with one another at times t: (..., n, order + 1, order + 1)."""
+        if not 0 <= order <= HIGHEST:
+            raise JounceError(f"order is {quoted(order)}; standard deviations are known from order 0 to {HIGHEST}")
+        times = np.asarray(t, dtype=float)
+        out = np.zeros((*times.shape, len(self.joints), order + 1, order + 1))
+        if self._spread is not None:
+            found = self._spread.covariances(times.ravel(), order)
+            out[..., self._moving, :, :] = found.reshape(*times.shape, *found.shape[1:])
+        still = np.array([noise.sigma for noise in self.noise])
+        out[..., ~self._moving, 0, 0] = still[~self._moving] ** 2
+        return out
+
+    @property
+    def highest(self) -> int:
+        """The highest derivative of q whose standard deviation is less than half of its peak."""
+        return int(np.argmax(np.append(self.relative >= THRESHOLD, True))) - 1
+
+    def shortfall(self, order: int = 2) -> str | None:
+        """Why the rate of the forces Q of that order cannot be had from these samples, in one line; None if it can."""
+        k = order + 2
+        if not 0 <= k <= HIGHEST:
+            raise JounceError(f"order is {quoted(order)}; expected 0 to {HIGHEST - 2}")
+        if k <= self.highest:
+            return None
+        k = int(np.argmax(self.relative[: k + 1]))
+        worst = max((n for n in self.noise if n.kind != "rest"), key=lambda n: n.sigma)
+        factor = float(self.relative[k]) / THRESHOLD
+        band = self.bandwidth * min(0.9, factor ** (-2 / (2 * k + 1)))
+        return (
+            f"the samples do not carry {rate_name('Q', order)}: the standard deviation of {rate_name('q', k)} is"
+            f" {self.relative[k]:.0%} of its peak, with noise of {worst.sigma:.2g} ({worst.kind}) at"
+            f" {1 / self.spacing:.4g} Hz up to {self.bandwidth:.3g} Hz; {np.log2(factor) + 1:.0f} bits more, a rate of"
+            f" {factor**2 / self.spacing:.2g} Hz, or a longer window (bandwidth={band:.2g}) would do"
+        )
+
+
+def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence[str] | None = None) -> Fit:
+    """Smooth measured samples: least squares with a spline of degree 9, whose breaks are found from the samples.
+
+    Parameters
+    ----------
+    t : (N,)
+        Times of the samples in s, increasing; they may be uneven.
+    q : (N, n)
+        Positions of n joints, rad or m.
+    bandwidth : float, optional
+        The frequency in Hz up to which the motion is followed; by default as far as it can be told from noise.
+    names : sequence of str, optional
+        The names of the joints, for what is said about them.
+
+    Raises
+    ------
+    JounceError
+        If the samples hold no numbers, their times do not increase, they are fewer than a fit needs, or a hole between
+        them is longer than the motion can be continued over.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(2000) / 1000
+    >>> step = 2 * np.pi / 2**17
+    >>> q = step * np.round(np.sin(3 * t)[:, None] / step)
+    >>> smooth = fit(t, q)
+    >>> smooth.noise[0].kind, smooth.highest
+    ('encoder step', 6)
+    """
+    times, samples, joints = check(t, q, names)
+    number = isinstance(bandwidth, int | float) and not isinstance(bandwidth, bool)
+    if bandwidth is not None and not (number and 0 < bandwidth < np.inf):
+        raise JounceError(f"bandwidth is {quoted(bandwidth)}; expected a frequency in Hz above 0")
+    rounding = [step_of(column) for column in samples.T]
+    steps = np.array([step for step, _ in rounding])
+    wild = spikes(times, samples, steps)
+    times, samples = times[~wild], samples[~wild]
+    span = float(times[0]), float(times[-1])
+    try:
+        moving, smoothed = _smooth(Samples(times, samples, np.ones(len(times)), span, steps), bandwidth)
+    except np.linalg.LinAlgError:
+        text = "no spline of degree 9 follows from these samples: give more of them, at distinct times"
+        raise JounceError(text) from None
+    if smoothed:
+        _refuse_holes(times, smoothed.spread.solution.breaks)
+    noise = [Noise(float(column.std()), "rest") for column in samples.T]
+    notes = [f"{wild.sum()} rows lie far off those beside them; they are left out"] if wild.any() else []
+    if smoothed:
+        notes += smoothed.notes
+        for k, joint in enumerate(np.flatnonzero(moving)):
+            noise[joint] = noise_of(smoothed.samples.q[:, k], float(smoothed.sigma[k]), rounding[joint])
+    if not moving.all():
+        still = listed(name for name, moved in zip(joints, moving, strict=True) if not moved)
+        notes.append(f"at rest but for noise, hence constant: {still}")
+    return _described(times, samples, moving, smoothed, joints=joints, noise=tuple(noise), notes=tuple(notes))
+
+
+def _smooth(samples: Samples, bandwidth: float | None) -> tuple[np.ndarray, Smoothed | None]:
+    """Which joints move, (n,), and the spline of these."""
+    moving = np.ptp(samples.q, axis=0) > 0
+    if not moving.any():
+        return moving, None
+    part = samples.joints(moving)
+    first, cells = first_fit(part)
+    moved = moves(part, first)
+    moving[moving] = moved
+    if not moved.any():
+        return moving, None
+    if not moved.all():
+        part = samples.joints(moving)
+        first, cells = first_fit(part)
+    return moving, interpolate(part) if rounded(part, first) else smooth(part, first, cells, bandwidth)
+
+
+def _refuse_holes(t: np.ndarray, breaks: np.ndarray) -> None:
+    """Raise `JounceError` where a hole is longer than the intervals around it: any motion may have happened there."""
+    apart = np.diff(t)
+    lengths = np.diff(breaks)
+    for k in np.flatnonzero(apart > HOLE * np.median(apart)):
+        first, last = np.searchsorted(breaks, [t[k], t[k + 1]]).clip(1, len(breaks) - 1)
+        around = np.concatenate([lengths[max(0, first - 1 - AROUND) : first - 1], lengths[last : last + AROUND]])
+        if around.size and apart[k] > FAR * np.median(around):
+            raise JounceError(
+                f"no samples from t = {t[k]:.6g} to {t[k + 1]:.6g} s: {apart[k]:.3g} s, where the motion can be"
+                f" continued over {np.median(around):.3g} s; split the log there, or set a lower bandwidth"
+            )
+
+
+def _described(
+    t: np.ndarray,
+    q: np.ndarray,
+    moving: np.ndarray,
+    smoothed: Smoothed | None,
+    *,
+    joints: tuple[str, ...],
+    noise: tuple[Noise, ...],
+    notes: tuple[str, ...],
+) -> Fit:
+    """The fit of all joints, with what tells how far it can be trusted."""
+    from scipy.interpolate import BSpline
+
+    knot = smoothed.spline.t if smoothed else knots(t[[0, -1]])
+    breaks = knot[DEGREE : len(knot) - DEGREE]
+    middle = q[0] + (q - q[0]).mean(axis=0)  # exact where a joint does not move at all
+    coefficients = np.tile(middle, (len(knot) - DEGREE - 1, 1))
+    if smoothed:
+        coefficients[:, moving] = smoothed.spline.c
+    spline = BSpline(knot, coefficients, DEGREE)
+    lengths = np.sort(np.diff(breaks))
+    usual = float(lengths[np.searchsorted(np.cumsum(lengths), lengths.sum() / 2)])
+    edge = min(ENDS, max(0, (len(breaks) - 2) // 2))
+    ends = (float(breaks[edge]), float(breaks[-1 - edge])) if smoothed else (float(t[0]), float(t[-1]))
+    spread, spacing = smoothed.spread if smoothed else None, float(np.median(np.diff(t)))
+    zeros = np.zeros((HIGHEST + 1, len(joints)))
+    bare = Fit(spline, joints, noise, 0.5 / usual, ends, zeros, zeros[:, 0], notes, spacing, spread, moving)
+    inside = np.linspace(*ends, min(POINTS, 4 * len(breaks)) + 2)[1:-1]
+    peaks = np.array([np.abs(spline(inside, nu=k) - (k == 0) * q.mean(axis=0)).max(axis=0) for k in range(HIGHEST + 1)])
+    squares = np.square(bare.deviations(inside, HIGHEST)).mean(axis=1)
+    largest = np.maximum(peaks.max(axis=1), np.finfo(float).tiny)
+    relative = np.sqrt(squares[:, moving].max(axis=1)) / largest if moving.any() else zeros[:, 0]
+    return replace(bare, peaks=peaks, relative=relative)

@@ -1,0 +1,129 @@
+"""Breaks of splines: evenly spaced, where bisection puts them, as densely as a motion needs; and what they gain.
+
+Intervals are bisected where that explains more than noise, those first that gain most (bulk chasing: Doerfler, SIAM
+Journal on Numerical Analysis 33, 1996): an unresolved place rings far into its neighbourhood, and bisecting all that
+rings would leave breaks there for ever.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from jounce.motion.least_squares import Rows, Solution, solve
+from jounce.motion.noise import Beats
+
+Family = Callable[[int], np.ndarray]  # breaks, for a number of intervals
+
+ROUNDS = 60  # of bisections, at most
+RIVALS = 8  # intervals on either side, to which an unresolved place rings
+SHARE = 0.3  # of the gain of the best of these makes an interval worth bisection in the same round
+STEPS = 8  # of an encoder, passed by some joint in an interval that is bisected: fewer resolve no more
+SAMPLES = 2  # in an interval, at least
+FEWEST = 3  # samples per interval on average, at least
+MEDIAN_OF_THREE = 2.366  # median of chi^2 with three degrees of freedom
+
+
+def even(rows: Rows) -> Family:
+    """Evenly spaced breaks."""
+    return lambda intervals: np.linspace(*rows.span, intervals + 1)
+
+
+def dense_where(trees: Sequence[np.ndarray]) -> tuple[Family, int]:
+    """Breaks as dense as those of several bisections on (geometric) average, and how many these have."""
+    grid = np.unique(np.concatenate(trees))
+    middles = (grid[1:] + grid[:-1]) / 2
+    lengths = [np.diff(breaks)[np.searchsorted(breaks, middles) - 1] for breaks in trees]
+    total = np.append(0, np.cumsum(np.diff(grid) / np.exp(np.mean(np.log(lengths), axis=0))))
+
+    def family(intervals: int) -> np.ndarray:
+        return np.interp(np.linspace(0, total[-1], intervals + 1), total, grid)
+
+    return family, max(1, round(total[-1]))
+
+
+def bisect(rows: Rows, beats: Beats, start: int, variance: np.ndarray) -> np.ndarray:
+    """Breaks, from evenly spaced ones, with intervals bisected as long as that explains more than noise does."""
+    breaks = admissible(rows, even(rows)(start))
+    for _ in range(ROUNDS):
+        gain = gains(rows, beats, breaks, variance)
+        gain[beats.passes(breaks) < STEPS] = 0
+        finer = bisect_most(rows, breaks, gain, noticeable(len(variance)))
+        if len(finer) == len(breaks):
+            break
+        breaks = finer
+    return breaks
+
+
+def bisect_most(rows: Rows, breaks: np.ndarray, gain: np.ndarray, threshold: float) -> np.ndarray:
+    """Breaks with those intervals bisected whose gain passes a threshold and is much of the largest one around."""
+    reach = np.pad(gain, RIVALS)
+    around = np.max([reach[k : k + len(gain)] for k in range(2 * RIVALS + 1)], axis=0)
+    chosen = np.flatnonzero((gain > threshold) & (gain >= SHARE * around))
+    if not chosen.size:
+        return breaks
+    return admissible(rows, np.sort(np.append(breaks, (breaks[chosen] + breaks[chosen + 1]) / 2)))
+
+
+def halves(breaks: np.ndarray) -> np.ndarray:
+    """Breaks with all intervals bisected."""
+    return np.sort(np.append(breaks, (breaks[1:] + breaks[:-1]) / 2))
+
+
+def gains(rows: Rows, beats: Beats, breaks: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """What bisection explains in each interval, (M,): squares over those expected of noise, summed over the joints."""
+    expected = variance * beats.inflation(breaks, cycles=2)
+    return (gains_by_joint(rows, breaks, halves(breaks)) / expected).sum(axis=1)
+
+
+def gains_by_joint(rows: Rows, breaks: np.ndarray, finer: np.ndarray) -> np.ndarray:
+    """Squares, (M, n), that finer breaks explain in each interval."""
+    lost = solve(rows, breaks).residual ** 2 - fitted(rows, finer).residual ** 2
+    sums = np.concatenate([np.zeros((1, lost.shape[1])), np.cumsum(lost, axis=0)])
+    return np.diff(sums[np.searchsorted(rows.t, breaks[:-1])], axis=0, append=sums[-1:])
+
+
+def noticeable(joints: int) -> float:
+    """More than noise explains in an interval (chi^2, a degree of freedom per joint) but once in some hundreds."""
+    return float(2 * joints + 3 * np.sqrt(2 * joints))
+
+
+def noise_variance(rows: Rows, beats: Beats, breaks: np.ndarray) -> np.ndarray:
+    """The variance per joint of white noise that would be fitted as well as what is in the samples.
+
+    From breaks that leave no motion in the residual: three more in each interval explain three variances, in the
+    median over intervals and joints. That colour of the noise multiplies the variances of the residual.
+    """
+    breaks = admissible(rows, breaks)
+    finer = admissible(rows, halves(halves(breaks)))
+    fine = solve(rows, finer)
+    variance = np.maximum(fine.energy / max(1.0, rows.count - fine.unknowns), np.finfo(float).tiny)
+    more = np.diff(np.searchsorted(finer, breaks))[:, None] - 1
+    usual = (beats.inflation(breaks) < 2) & (more == 3)
+    gain = gains_by_joint(rows, breaks, finer) / variance
+    return variance * max(1.0, np.median(gain[usual]) / MEDIAN_OF_THREE if usual.any() else 1.0)
+
+
+def fitted(rows: Rows, breaks: np.ndarray) -> Solution:
+    """The spline with those of the breaks that the samples bear."""
+    return solve(rows, admissible(rows, breaks))
+
+
+def admissible(rows: Rows, breaks: np.ndarray) -> np.ndarray:
+    """Breaks without those that leave too few samples in an interval, in gaps above all."""
+    breaks = rows.snap(breaks)
+    if rows.edges is not None:
+        return breaks
+    before = np.searchsorted(rows.t, breaks)
+    before[0], before[-1] = 0, len(rows.t)
+    if (np.diff(before) >= SAMPLES).all():
+        return breaks
+    kept = [0]
+    for k in range(1, len(breaks) - 1):
+        if before[k] - before[kept[-1]] >= SAMPLES and before[-1] - before[k] >= SAMPLES:
+            kept.append(k)
+    return breaks[[*kept, len(breaks) - 1]]
+
+
+def most_intervals(rows: Rows) -> int:
+    """How many intervals the samples bear at most."""
+    return max(1, len(rows.t) // FEWEST - 9 if rows.edges is None else len(rows.edges) // 2)

@@ -1,0 +1,233 @@
+"""Least-squares splines of degree 9 over any knots: normal equations in bands, their solution and its covariance.
+
+B-splines of degree 9 overlap by ten, so the normal equations B^T B c = B^T y of any number of samples have a band of
+nine diagonals (de Boor, A Practical Guide to Splines, XIV). They are accumulated interval by interval, solved by
+Cholesky's method and refined once where samples fit so well that the rounding of normal equations shows.
+
+Many fits of a long log share one compression: an orthogonal transformation turns the samples of a cell into ten rows
+that say the same of any polynomial of degree 9 (Lawson & Hanson, Solving Least Squares Problems, 27).
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+
+DEGREE = 9  # q4d has five continuous derivatives more, and Q2d no kinks
+WIDTH = DEGREE + 1  # B-splines that overlap in an interval
+EXACT = 1e-6  # share of the samples that a residual may be before the rounding of normal equations shows in it
+CELLS = 8192  # that a long log is compressed to
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Rows of a least-squares problem in time: the spline's values at `t`, transformed, are to equal `y`.
+
+    Attributes
+    ----------
+    t : (P,)
+        Times, increasing; compressed, ten in each cell.
+    y : (P, n)
+        Right sides, transformed as the rows are.
+    transform : (P,) or (C, 10, 10)
+        Weights of single rows (the inverse standard deviation up to a factor), or what the ten values in a cell become.
+    edges : (C + 1,) or None
+        Compressed, where knots may be: a polynomial goes on through a cell.
+    span : (float, float)
+        The first and the last time of the samples.
+    count : float
+        The number of samples, each counted by its weight squared.
+    rest : (n,)
+        Sums of squares that no polynomial in a cell reaches, left out of the rows.
+    along : ((P, n), (n,)) or None
+        Velocities v and variances D of the joints, where stamps are in doubt: only what no shift of a row in time
+        explains counts as a residual then.
+    """
+
+    t: np.ndarray
+    y: np.ndarray
+    transform: np.ndarray
+    edges: np.ndarray | None
+    span: tuple[float, float]
+    count: float
+    rest: np.ndarray
+    along: tuple[np.ndarray, np.ndarray] | None = None
+
+    def across(self, residual: np.ndarray) -> np.ndarray:
+        """What is left of residuals (P, n) but for a shift in time of each row: r - v (v^T D^-1 r) / (v^T D^-1 v)."""
+        if self.along is None:
+            return residual
+        v, own = self.along
+        squares = np.maximum((v**2 / own).sum(axis=1), np.finfo(float).tiny)
+        return residual - v * ((v * residual / own).sum(axis=1) / squares)[:, None]
+
+    def apply(self, values: np.ndarray) -> np.ndarray:
+        """The rows (P, ...) of values at the times."""
+        if self.edges is None:
+            return values * self.transform[:, None]
+        return (self.transform @ values.reshape(len(self.transform), WIDTH, -1)).reshape(values.shape)
+
+    def snap(self, breaks: np.ndarray) -> np.ndarray:
+        """Breaks of a spline, moved to where they may be."""
+        if self.edges is None:
+            return breaks
+        at = np.searchsorted(self.edges, breaks).clip(1, len(self.edges) - 1)
+        left = breaks - self.edges[at - 1] < self.edges[at] - breaks
+        snapped = np.unique(self.edges[at - left])
+        snapped[0], snapped[-1] = self.span
+        return snapped
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A least-squares spline: its breaks (M + 1,), coefficients (M + 9, n), residual rows (P, n), Cholesky factor,
+    and the sums of squares (n,) of what it leaves of the samples.
+    """
+
+    breaks: np.ndarray
+    coefficients: np.ndarray
+    residual: np.ndarray
+    factor: np.ndarray
+    energy: np.ndarray
+
+    @property
+    def intervals(self) -> int:
+        """The number of intervals between breaks."""
+        return len(self.breaks) - 1
+
+    @property
+    def unknowns(self) -> int:
+        """The number of coefficients per joint."""
+        return len(self.coefficients)
+
+    @property
+    def spline(self) -> "BSpline":
+        """The spline as a function."""
+        from scipy.interpolate import BSpline
+
+        return BSpline(knots(self.breaks), self.coefficients, DEGREE)
+
+
+def rows_of(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float, float]) -> Rows:
+    """The rows of samples y, (N, n), at times t in a span."""
+    return Rows(t, y * weight[:, None], weight, None, span, float((weight**2).sum()), np.zeros(y.shape[1]))
+
+
+def few_rows_of(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float, float], cells: int) -> Rows:
+    """The rows of samples, compressed to cells where that leaves half of them or less."""
+    size = len(t) // cells
+    return rows_of(t, y, weight, span) if size < 2 * WIDTH else _compress(t, y, weight, span, size)
+
+
+def _compress(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float, float], size: int) -> Rows:
+    """Cells of equally many samples (rows of zeros fill up the last), each reduced by QR to ten rows."""
+    count = len(t)
+    cells = -(-count // size)
+    fill = cells * size - count
+    t, y = (np.pad(x, [(0, fill)] + [(0, 0)] * (x.ndim - 1), mode="edge") for x in (t, y))
+    weight = np.pad(weight, (0, fill))
+    edges = np.append(t[::size], span[1])
+    edges[0] = span[0]
+    edges[1:-1] = (t[size::size] + t[size - 1 : -1 : size]) / 2
+    x = (t.reshape(cells, size) - edges[:-1, None]) / np.diff(edges)[:, None] * 2 - 1
+    nodes = -np.cos(np.pi * (np.arange(WIDTH) + 0.5) / WIDTH)
+    chebyshev = np.polynomial.chebyshev.chebvander
+    values = chebyshev(x, DEGREE) @ np.linalg.inv(chebyshev(nodes, DEGREE))  # of the polynomial with those at the nodes
+    both = np.concatenate([values, y.reshape(cells, size, -1)], axis=2) * weight.reshape(cells, size, 1)
+    triangle = np.asarray(np.linalg.qr(both, mode="r"))
+    transform, right = triangle[:, :WIDTH, :WIDTH], triangle[:, :WIDTH, WIDTH:]
+    rest = (triangle[:, WIDTH:, WIDTH:] ** 2).sum(axis=(0, 1))
+    times = edges[:-1, None] + np.diff(edges)[:, None] * (nodes + 1) / 2
+    return Rows(times.ravel(), right.reshape(cells * WIDTH, -1), transform, edges, span, float((weight**2).sum()), rest)
+
+
+def knots(breaks: np.ndarray) -> np.ndarray:
+    """The knots of a spline with these breaks: ten at either end."""
+    return np.pad(breaks, DEGREE, mode="edge")
+
+
+def basis(t: np.ndarray, breaks: np.ndarray, order: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """B-splines, or a derivative of them, (P, 10): those that differ from 0 at t, and the intervals (P,) of t.
+
+    A derivative's coefficients are divided differences, d (c_j - c_j-1) / (knot_j+d - knot_j) with the degree d.
+    """
+    from scipy.interpolate import BSpline
+
+    place = np.searchsorted(breaks, t, side="right").clip(1, len(breaks) - 1) - 1
+    all_knots = knots(breaks)
+    inner = all_knots[order : len(all_knots) - order]
+    values = BSpline.design_matrix(t, inner, DEGREE - order).data.reshape(-1, WIDTH - order)
+    for degree in range(DEGREE - order + 1, WIDTH):
+        j = place[:, None] + np.arange(WIDTH - degree, WIDTH)
+        scaled = values * degree / (all_knots[j + degree] - all_knots[j])
+        values = np.pad(scaled, ((0, 0), (1, 0))) - np.pad(scaled, ((0, 0), (0, 1)))
+    return values, place
+
+
+def solve(rows: Rows, breaks: np.ndarray) -> Solution:
+    """The least-squares spline with these breaks; raises `LinAlgError` where the samples leave it undetermined."""
+    from scipy.linalg import cho_solve_banded, cholesky_banded
+
+    values, place = basis(rows.t, breaks)
+    values = rows.apply(values)
+    bounds = np.searchsorted(place, np.arange(len(breaks)))
+    parts = [slice(*pair) for pair in pairwise(bounds.tolist())]
+    factor = cholesky_banded(_normal(values, parts), lower=True, check_finite=False)
+    coefficients = np.zeros((len(parts) + DEGREE, rows.y.shape[1]))
+    residual = rows.y
+    while True:
+        coefficients += cho_solve_banded((factor, True), _project(values, residual, parts), check_finite=False)
+        before, residual = residual, rows.y - _product(values, coefficients, parts)
+        if before is not rows.y or ((residual**2).sum(axis=0) > EXACT**2 * (rows.y**2).sum(axis=0)).all():
+            break  # samples that fit better than normal equations are solved go round once more
+    residual = rows.across(residual)
+    return Solution(breaks, coefficients, residual, factor, (residual**2).sum(axis=0) + rows.rest)
+
+
+def _normal(values: np.ndarray, parts: list[slice]) -> np.ndarray:
+    """B^T B in lower bands, (10, m)."""
+    blocks = np.array([values[part].T @ values[part] for part in parts])
+    banded = np.zeros((WIDTH, len(parts) + DEGREE))
+    for a in range(WIDTH):
+        for b in range(a, WIDTH):
+            banded[b - a, a : a + len(parts)] += blocks[:, a, b]
+    return banded
+
+
+def _project(values: np.ndarray, y: np.ndarray, parts: list[slice]) -> np.ndarray:
+    """B^T y."""
+    out = np.zeros((len(parts) + DEGREE, y.shape[1]))
+    for i, part in enumerate(parts):
+        out[i : i + WIDTH] += values[part].T @ y[part]
+    return out
+
+
+def _product(values: np.ndarray, coefficients: np.ndarray, parts: list[slice]) -> np.ndarray:
+    """B c."""
+    return np.concatenate([values[part] @ coefficients[i : i + WIDTH] for i, part in enumerate(parts)])
+
+
+def covariance_blocks(factor: np.ndarray) -> np.ndarray:
+    """(B^T B)^-1 among the ten coefficients of each interval, (M, 10, 10), from the banded Cholesky factor.
+
+    Only the band of the inverse is needed, and it follows from itself, last column first: Hutchinson & de Hoog,
+    Smoothing noisy data with spline functions, Numerische Mathematik 47 (1985).
+    """
+    unknowns = factor.shape[1]
+    blocks = np.empty((unknowns - DEGREE, WIDTH, WIDTH))
+    window = np.zeros((WIDTH, WIDTH))  # of the inverse, from the present column on
+    for i in range(unknowns - 1, -1, -1):
+        pivot = factor[0, i]
+        lower = factor[1:, i] / pivot
+        beside = window[:DEGREE, :DEGREE]
+        column = -beside @ lower
+        first = 1 / pivot**2 - lower @ column
+        window = np.empty((WIDTH, WIDTH))
+        window[0, 0], window[0, 1:], window[1:, 0], window[1:, 1:] = first, column, column, beside
+        if i < len(blocks):
+            blocks[i] = window
+    return blocks

@@ -1,0 +1,189 @@
+"""What noise samples bear: steps of an encoder, written digits, white noise; and where rounding is not white.
+
+Rounding to steps leaves the errors of a saw-tooth, whose m-th harmonic holds 6 / (pi m)^2 of their variance step^2 / 12
+(Widrow & Kollar, Quantization Noise, 2008). In samples they are as good as white as long as the motion passes several
+steps, or a varying part of one, from sample to sample. Slow joints stay on a step, and at some speeds a sample passes a
+whole number of steps: then the error beats slowly, and no averaging removes it. Noise of a third of a step prevents it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+HARMONICS = np.arange(1, 5)
+POINTS = 4096  # at which beats are looked for, at most
+ENOUGH = 100000  # samples that tell the steps
+TELLING = 8  # different samples, below which round numbers among them may be chance, as the 1 is of a cosine
+DECIMALS = 12  # beyond which numbers are taken for doubles
+REST = 1 / 3  # power of their number by which equal samples of a robot at rest weigh less
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What a joint's samples scatter by.
+
+    Attributes
+    ----------
+    sigma : float
+        Standard deviation of the samples, rad or m.
+    kind : str
+        "encoder step", "written digits", "white", "rounding" (of floating-point numbers) or "rest" (the joint does not
+        move).
+    step : float
+        The step of the encoder or of the digits, 0 where there is none.
+    """
+
+    sigma: float
+    kind: str
+    step: float = 0.0
+
+    def __str__(self) -> str:
+        bits = f", {np.log2(2 * np.pi / self.step):.3g} bits" if self.kind == "encoder step" else ""
+        step = (
+            f" of {self.step:.3g} rad or m{bits}"
+            if self.step and self.kind in ("encoder step", "written digits")
+            else ""
+        )
+        return f"{self.kind}{step}, standard deviation {self.sigma:.2g}"
+
+
+@dataclass(frozen=True, eq=False)
+class Beats:
+    """Slow parts of rounding errors, at some of the samples.
+
+    Attributes
+    ----------
+    t : (P,)
+        Times of these samples.
+    period : (P, n, 4)
+        Periods in s, per joint and harmonic.
+    share : (P, n, 4)
+        Shares of the variance.
+    weight : (P,)
+        The squared weights of all samples from each to the next.
+    path : (P, n)
+        Steps passed since the start.
+    """
+
+    t: np.ndarray
+    period: np.ndarray
+    share: np.ndarray
+    weight: np.ndarray
+    path: np.ndarray
+
+    def passes(self, breaks: np.ndarray) -> np.ndarray:
+        """How many steps the joint that passes most of them passes in each interval, (M,)."""
+        return np.max([np.diff(np.interp(breaks, self.t, path)) for path in self.path.T], axis=0)
+
+    def inflation(self, breaks: np.ndarray, cycles: int = 1, rests: bool = False) -> np.ndarray:
+        """Variances of white noise that would be fitted as well, over those of the samples, per interval (M, n).
+
+        Beats with at most half a cycle in an interval (or `cycles` times that) are fitted. Where the whole robot rests,
+        its samples are equal: an error, but one that does not depend on the breaks; `rests` counts it too.
+        """
+        place = np.searchsorted(breaks, self.t, side="right").clip(1, len(breaks) - 1) - 1
+        slowest = 2 * np.diff(breaks)[place, None, None] / cycles
+        slow = np.where(self.period > slowest, self.share, 0).sum(axis=2) * self.weight[:, None]
+        if not rests:
+            slow[(self.period[:, :, 0] > slowest[:, :, 0]).all(axis=1)] = 0
+        sums = np.concatenate([np.zeros((1, slow.shape[1])), np.cumsum(slow, axis=0)])
+        bounds = np.searchsorted(self.t, breaks)
+        bounds[0], bounds[-1] = 0, len(self.t)
+        return 1 + np.diff(sums[bounds], axis=0)
+
+
+def beats_of(
+    t: np.ndarray, q: np.ndarray, velocity: np.ndarray, steps: np.ndarray, sigma: np.ndarray, weight: np.ndarray
+) -> Beats:
+    """Where samples q, (N, n), of weights (N,), rounded to `steps` (n,), beat: by estimated velocities and scatter."""
+    spacing = np.diff(t)
+    usual = float(np.median(spacing))
+    uneven = float(np.median(np.abs(spacing - usual))) / 0.6745  # a standard deviation, but for outliers
+    few = slice(None, None, len(t) // POINTS + 1)
+    step = np.where(steps > 0, steps, np.inf)[:, None]  # without steps there are no beats
+    passed = np.abs(velocity[few, :, None]) * usual / step * HARMONICS
+    added = np.sqrt(np.maximum(sigma**2 - steps**2 / 12, 0))
+    spread = 2 * np.pi * HARMONICS * np.hypot(added, velocity[few] * uneven)[:, :, None] / step
+    share = 6 / (np.pi * HARMONICS) ** 2 * np.exp(-(np.minimum(spread, 20) ** 2)) * (steps > 0)[:, None]
+    period = usual / np.maximum(np.abs(passed - np.round(passed)), 1e-9)
+    period[:, :, 0] = np.maximum(period[:, :, 0], durations(t, q)[few])
+    around = np.add.reduceat(weight**2, np.arange(0, len(t), few.step))
+    travel = np.cumsum(np.abs(velocity) * np.diff(t, append=t[-1])[:, None], axis=0)[few]
+    path = travel / np.where(steps > 0, steps, np.finfo(float).eps)
+    return Beats(t[few], period, share, around, path)
+
+
+def whiteness(samples: np.ndarray) -> np.ndarray:
+    """Von Neumann's ratio per joint, (n,), in standard deviations off 1, which white noise has: below 0, it is slow.
+
+    Annals of Mathematical Statistics 12 (1941).
+    """
+    scale = np.maximum(2 * ((samples - samples.mean(axis=0)) ** 2).sum(axis=0), np.finfo(float).tiny)
+    return ((np.diff(samples, axis=0) ** 2).sum(axis=0) / scale - 1) * np.sqrt(len(samples))
+
+
+def durations(t: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """For how long samples stay equal, (N, n)."""
+    lasting = np.empty(q.shape)
+    for joint, column in enumerate(q.T):
+        starts = np.flatnonzero(np.diff(column, prepend=np.nan) != 0)
+        ends = np.append(starts[1:], len(t))
+        lasting[:, joint] = np.repeat(t[ends - 1] - t[starts], ends - starts)
+    return lasting
+
+
+def rest_weights(t: np.ndarray, q: np.ndarray, interval: float) -> np.ndarray:
+    """Weights (N,) of samples: less where all joints stay on a step for long, for the sake of their common error."""
+    lasting = durations(t, q).min(axis=1)
+    equal = 1 + lasting / float(np.median(np.diff(t)))
+    return np.where(lasting > interval / 2, equal ** (-REST / 2), 1.0)
+
+
+def step_of(samples: np.ndarray) -> tuple[float, str]:
+    """The step to which samples are rounded and its kind, of an encoder or of written digits; 0 where there is none."""
+    some = samples[:: len(samples) // ENOUGH + 1]
+    written, lattice = _written_step(some), _lattice(some)
+    if lattice and not (written and lattice < 1.5 * written):
+        return lattice, "encoder step"
+    return written, "written digits"
+
+
+def _lattice(samples: np.ndarray) -> float:
+    """The step of which all samples are multiples but for the rounding of their digits; 0 where there is none."""
+    values = np.unique(samples)
+    apart = np.diff(values)
+    apart = apart[apart > 64 * np.finfo(float).eps * np.abs(values).max()]
+    if len(apart) < 2:
+        return 0.0
+    step = float(apart[apart < 1.5 * apart.min()].mean())
+    for _ in range(3):
+        multiples = np.round(apart / step)
+        near = multiples <= 16  # the error of the step grows with them
+        if not near.any():
+            return 0.0
+        step = float(apart[near].sum() / multiples[near].sum())
+    multiples = np.round(apart / step)
+    wrong = np.abs(apart / step - multiples)[multiples <= 16]
+    return step if wrong.size and float(wrong.mean()) < 0.05 else 0.0
+
+
+def _written_step(samples: np.ndarray) -> float:
+    """The unit of the last digit that samples are written with, the larger one of two lengths; 0 for doubles."""
+    large = np.abs(samples) >= 1
+    parts = [part for part in (samples[~large], samples[large]) if len(np.unique(part)) >= TELLING]
+    units = [_unit(part) for part in parts or [samples]]
+    return min(units) if 0.0 in units else max(units)
+
+
+def _unit(samples: np.ndarray) -> float:
+    decimals = (d for d in range(DECIMALS + 1) if np.array_equal(np.round(samples, d), samples))
+    return next((10.0**-d for d in decimals), 0.0)
+
+
+def noise_of(samples: np.ndarray, sigma: float, rounding: tuple[float, str]) -> Noise:
+    """The noise of a joint's samples that scatter by sigma about its motion; their step and its kind are known."""
+    step, kind = rounding
+    if step and sigma < 1.5 * step / np.sqrt(12):
+        return Noise(max(sigma, step / np.sqrt(12)), kind, step)
+    exact = sigma < 64 * np.finfo(float).eps * float(np.abs(samples).max())
+    return Noise(sigma, "rounding" if exact else "white", step)

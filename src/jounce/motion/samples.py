@@ -1,0 +1,60 @@
+"""Samples of joints that move, as they are smoothed."""
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jounce.motion.least_squares import Rows, few_rows_of
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """What is smoothed, of the joints that move.
+
+    Attributes
+    ----------
+    t : (N,)
+        Times, increasing.
+    q : (N, n)
+        Samples.
+    weight : (N,)
+        Weights of the rows.
+    span : (float, float)
+        The first and the last time of the spline.
+    steps : (n,)
+        Steps of encoders or of written digits, 0 where there are none.
+    drift : (BSpline, (n,)), or None
+        Where stamps are in doubt, a spline to take velocities from, and each joint's own variance.
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    weight: np.ndarray
+    span: tuple[float, float]
+    steps: np.ndarray
+    drift: "tuple[BSpline, np.ndarray] | None" = None
+
+    @property
+    def floor(self) -> np.ndarray:
+        """The variance (n,) of rounding of doubles."""
+        return np.maximum((4 * np.finfo(float).eps * np.abs(self.q).max(axis=0)) ** 2, np.finfo(float).tiny)
+
+    def joints(self, which: np.ndarray) -> "Samples":
+        """The samples of some of the joints."""
+        return replace(self, q=self.q[:, which], steps=self.steps[which])
+
+    def part(self, rows: np.ndarray) -> "Samples":
+        """Some of the rows."""
+        return replace(self, t=self.t[rows], q=self.q[rows], weight=self.weight[rows])
+
+    def rows(self, cells: int) -> Rows:
+        """The rows of a least-squares problem, compressed to so many cells where the samples are many."""
+        rows = few_rows_of(self.t, self.q, self.weight, self.span, cells)
+        if self.drift is None:
+            return rows
+        spline, own = self.drift
+        return replace(rows, along=(spline(rows.t, nu=1), own))

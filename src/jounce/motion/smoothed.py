@@ -1,0 +1,120 @@
+"""The curve of measured samples: a smoothing spline with standard deviations, refused where it means nothing.
+
+Samples that are exact to their rounding have nothing to smooth: a spline goes through them.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jounce.errors import JounceError, warn
+from jounce.motion.curves import Curve, Jump
+from jounce.motion.deviations import HIGHEST
+from jounce.motion.fit import Fit, fit
+from jounce.motion.smoothing import ROUNDING
+from jounce.motion.smoothness import of_samples
+from jounce.motion.spline import Smoothing, Spline, curve_of
+from jounce.motion.stamps import LEAST, spikes
+
+STANDS_OUT = 15  # times the usual residual; noise and encoders reach 10 of them
+THROUGH = "--degree 7 (degree=7)"
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothedCurve:
+    """A fit from its first sample to its last."""
+
+    fit: Fit
+    start: float
+    stop: float
+
+    @property
+    def columns(self) -> int:
+        """The number of coordinates."""
+        return len(self.fit.joints)
+
+    @property
+    def highest(self) -> int:
+        """The degree: derivatives beyond it are zero, and say nothing of the samples."""
+        return int(self.fit.spline.k)
+
+    def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
+        """The values and their derivatives up to `order`."""
+        return [self.fit.spline(t, nu=k) for k in range(order + 1)]
+
+    def jumps(self, order: int) -> list[Jump]:
+        """None below the degree; those of the degree itself, at every knot, are of the method and not of the motion."""
+        return []
+
+    def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
+        """Standard deviations of the values and derivatives; None beyond the derivatives of which they are known."""
+        return list(self.fit.deviations(t, order)) if order <= HIGHEST else None
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """The curve of samples, how it came about, what to know of it, and its largest distances (n,) from them."""
+
+    curve: Curve
+    source: str
+    notes: tuple[str, ...] = ()
+    residual: np.ndarray | None = None
+
+
+def found_from(
+    t: np.ndarray,
+    q: np.ndarray,
+    way: Smoothing | Spline,
+    joints: tuple[str, ...] | None,
+    highest: int,
+    place: str,
+) -> Found:
+    """The curve of samples q (N, n) of which the derivative of order `highest` is asked.
+
+    Raises
+    ------
+    JounceError : where no curve follows from the samples, or they cannot carry that derivative and are not forced to.
+    """
+    if isinstance(way, Spline):
+        return _by_hand(t, q, way, highest, place)
+    if len(t) < LEAST:
+        least = f"smoothing needs at least {LEAST}; {THROUGH} takes them as exact"
+        raise JounceError(f"{place}: {len(t)} samples; {least}")
+    try:
+        fitted = fit(t, q, bandwidth=way.bandwidth, names=joints)
+        order = min(highest, HIGHEST) - 2
+        shortfall = fitted.shortfall(order) if order >= 0 else None
+    except JounceError as error:
+        raise JounceError(f"{place}: {error}") from None
+    off = np.abs(fitted.spline(t) - q)
+    if (off.max(axis=0) <= ROUNDING * np.finfo(float).eps * np.abs(q).max(axis=0)).all():
+        return _by_hand(t, q, Spline(), highest, place)
+    if shortfall and not way.force:
+        cures = "--bandwidth HZ (bandwidth=) smooths them more, --force (force=) takes them all the same"
+        raise JounceError(f"{place}: {shortfall}; {cures}")
+    usual = ~spikes(t, q, np.zeros(q.shape[1]))
+    stands_out = off[usual].max(axis=0) > STANDS_OUT * np.median(off, axis=0)
+    if stands_out.any() and (jumps := of_samples(t[usual], q[usual])):  # steps of an encoder look like jumps too
+        warn(f"{place}: {jumps}")
+    curve = SmoothedCurve(fitted, float(t[0]), float(t[-1]))
+    notes = (*_notes(fitted), *([shortfall] if shortfall else []))
+    return Found(curve, _source(fitted), notes, off.max(axis=0))
+
+
+def _by_hand(t: np.ndarray, q: np.ndarray, way: Spline, highest: int, place: str) -> Found:
+    if way.intervals is None and (jumps := of_samples(t, q)):  # what a fit does not follow, its residual tells
+        warn(f"{place}: {jumps}")
+    curve = curve_of(t, q, way, place, highest)
+    residual = None if way.intervals is None else np.abs(curve.rates(t, 0)[0] - q).max(axis=0)
+    return Found(curve, f"samples, rates from a {way}", residual=residual)
+
+
+def _source(fitted: Fit) -> str:
+    kinds = ", ".join(sorted({noise.kind for noise in fitted.noise}))
+    return f"samples, smoothed by a spline of degree 9 that holds up to {fitted.bandwidth:.3g} Hz ({kinds})"
+
+
+def _notes(found: Fit) -> tuple[str, ...]:
+    first, last = found.ends
+    edges = f"derivatives are trustworthy from t = {first:.6g} to {last:.6g} s: deviations rise towards the ends"
+    return (*found.notes, *([edges] if found.relative.any() else []))

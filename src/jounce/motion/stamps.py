@@ -1,0 +1,136 @@
+"""Samples before they are smoothed: what no smoothing mends, rows that repeat, and stamps that say the wrong time.
+
+A controller's log is stamped when rows are written. Each row then tells the joints' positions at another time than its
+stamp says, all of them at the same: one shift per row, estimated from all joints together, explains their scatter.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jounce.errors import JounceError, quoted
+
+LEAST = 24  # samples
+SUBSET = 20000  # rows from which the scatter of stamps is estimated, at most
+ROUNDS = 30  # of expectation and maximisation
+FAR = 10.0  # times the usual residual, from which on a row is an outlier
+MOST = 0.9  # of the rows are usual
+SPIKE = 30.0  # times as far off as others around are rows that are left out
+PER_ROW, IN_ALL = 0.05, 50  # gains in the logarithm of the likelihood that make shifts believable
+
+
+@dataclass(frozen=True, eq=False)
+class Scatter:
+    """The standard deviation of rows' shifts in time, s, and the variance (n,) of each joint's own noise."""
+
+    sigma: float
+    own: np.ndarray
+
+
+def check(t: object, q: object, names: Sequence[str] | None) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Samples as arrays (N,) and (N, n), and the joints' names; raises `JounceError` where they are none."""
+    times, samples = (_numbers(x, label) for x, label in ((t, "t"), (q, "q")))
+    samples = samples[:, None] if samples.ndim == 1 else samples
+    if times.ndim != 1 or samples.ndim != 2 or len(times) != len(samples):
+        raise JounceError(f"t has shape {times.shape} and q {samples.shape}; expected (N,) and (N, n)")
+    joints = tuple(names or (f"column {k + 1}" for k in range(samples.shape[1])))
+    if len(joints) != samples.shape[1]:
+        raise JounceError(f"{len(joints)} names for {samples.shape[1]} columns; expected one per column")
+    if not np.isfinite(times).all():
+        raise JounceError(f"the time of sample {_first(~np.isfinite(times))} is not a number; remove the row")
+    for name, column in zip(joints, samples.T, strict=True):
+        if not np.isfinite(column).all():
+            where = _first(~np.isfinite(column))
+            raise JounceError(
+                f"{name} is {column[where]} at t = {times[where]:g} s; expected numbers: remove such rows"
+            )
+    kept = np.append(True, (np.diff(times) != 0) | (np.diff(samples, axis=0) != 0).any(axis=1))
+    times, samples = times[kept], samples[kept]
+    if (np.diff(times) <= 0).any():
+        where = _first(np.diff(times) <= 0)
+        raise JounceError(
+            f"time goes from {times[where]:.9g} to {times[where + 1]:.9g} s at sample {where + 1}; expected increasing"
+            " times: sort the rows, or write the time with more digits"
+        )
+    if len(times) < LEAST:
+        raise JounceError(f"{len(times)} samples; smoothing needs at least {LEAST}: give a longer log, or through()")
+    return times, samples, joints
+
+
+def spikes(t: np.ndarray, q: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Which rows, (N,), lie off the line through those on either side, alone and much farther than others around."""
+    share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
+    off = np.pad(q[1:-1] - q[:-2] * (1 - share) - q[2:] * share, ((4, 4), (0, 0)))
+    usual = np.maximum(np.median(np.abs(off[:: len(off) // SUBSET + 1]), axis=0), steps)
+    row, joint = np.nonzero(np.abs(off) > SPIKE * usual)
+    here, before, after = (off[row + k, joint] for k in (0, -1, 1))
+    around = np.max([np.abs(off[row + k, joint]) for k in (-3, -2, 2, 3)], axis=0)
+    alone = (np.abs(here) > SPIKE * around) & (here * before < 0) & (here * after < 0)
+    wild = np.zeros(len(t), bool)
+    wild[row[alone] - 3] = True
+    return wild
+
+
+def fresh(t: np.ndarray, q: np.ndarray, velocity: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Which rows, (N,), are no mere repetitions of the one before, from which the joints should have moved.
+
+    `size` (n,) is what a joint moves at least, twice, where repetition is no accident: its steps and its noise.
+    """
+    same = np.append(False, (np.diff(q, axis=0) == 0).all(axis=1))
+    moved = (np.abs(velocity) * np.diff(t, prepend=t[0])[:, None] > 2 * size).any(axis=1)
+    return ~(same & moved)
+
+
+def scatter_of(r: np.ndarray, v: np.ndarray) -> Scatter | None:
+    """How stamps scatter, where shifts of rows explain residuals r, (N, n), at velocities v better than noise alone.
+
+    With r = v d + e per row, d ~ N(0, s^2) and e ~ N(0, D) of a diagonal D: factor analysis with known loadings v, by
+    expectation and maximisation (Rubin & Thayer, Psychometrika 47, 1982).
+    """
+    if r.shape[1] < 2:
+        return None
+    step = len(r) // SUBSET + 1
+    r, v, tiny = r[::step], v[::step], np.finfo(float).tiny
+    usual = (np.abs(r) <= FAR * np.median(np.abs(r), axis=0)).all(axis=1)
+    if usual.mean() > MOST:
+        r, v = r[usual], v[usual]
+    own = np.maximum((r**2).mean(axis=0), tiny)
+    alone = -0.5 * (np.log(own).sum() + len(own))
+    found = Scatter(float(np.sqrt((own / np.maximum((v**2).mean(axis=0), tiny)).min() / 2)), own / 2)
+    for _ in range(ROUNDS):
+        d, variance = _posterior(r, v, found)
+        own = ((r - v * d[:, None]) ** 2 + v**2 * variance[:, None]).mean(axis=0)
+        found = Scatter(float(np.sqrt((d**2 + variance).mean())), np.maximum(own, tiny))
+    d, variance = _posterior(r, v, found)
+    squares = (r**2 / found.own).sum(axis=1) - d**2 / variance
+    together = -0.5 * (np.log(found.own).sum() + np.log(found.sigma**2 / variance) + squares).mean()
+    better = together - alone  # of the logarithms of likelihoods, per row
+    return found if better > PER_ROW and len(r) * better > IN_ALL else None
+
+
+def shifts(r: np.ndarray, v: np.ndarray, found: Scatter) -> np.ndarray:
+    """How much later than its stamp each row belongs, (N,) in s: sum(v r / D) / (1 / s^2 + sum(v^2 / D)).
+
+    Rows that lie off the motion at any time stay where they are.
+    """
+    d, _ = _posterior(r, v, found)
+    off = ((r - v * d[:, None]) ** 2 / found.own).max(axis=1) > FAR**2
+    return np.where(off, 0.0, d)
+
+
+def _posterior(r: np.ndarray, v: np.ndarray, found: Scatter) -> tuple[np.ndarray, np.ndarray]:
+    """The mean and the variance (N,) of each row's shift."""
+    variance = 1 / (1 / found.sigma**2 + (v**2 / found.own).sum(axis=1))
+    return variance * (v * r / found.own).sum(axis=1), variance
+
+
+def _numbers(given: object, label: str) -> np.ndarray:
+    array = np.asarray(given)
+    if array.dtype.kind not in "fiu":
+        raise JounceError(f"{label} is {quoted(given)}; expected an array of numbers")
+    return array.astype(float)
+
+
+def _first(wrong: np.ndarray) -> int:
+    return int(np.argmax(wrong))

@@ -1,0 +1,258 @@
+"""Smoothing of measured samples: against truth where it is known, and what is said where samples do not carry it."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from logs import NAMES, harmonics, log
+from scipy.interpolate import make_lsq_spline
+
+import jounce
+from jounce.errors import JounceError
+from jounce.motion.deviations import ideal_deviation
+from jounce.motion.fit import fit
+from jounce.motion.stamps import LEAST
+
+
+@cache
+def fitted(name):
+    measured = log(name)
+    return measured, fit(measured.t, measured.q)
+
+
+@cache
+def robot():
+    return jounce.load("iiwa14")
+
+
+def inside(smooth, number=300):
+    return np.linspace(*smooth.ends, number + 2)[1:-1]
+
+
+def rates(spline, t):
+    return [spline(t, nu=k) for k in range(5)]
+
+
+def errors(given, true):
+    """Root mean squares of the errors of Q, Qd, Q2d over the peak, of the worst joint."""
+    forces = zip(robot().inverse_dynamics(*given), robot().inverse_dynamics(*true), strict=True)
+    return np.array([(np.sqrt(((a - b) ** 2).mean(0)) / np.abs(b).max(0)).max() for a, b in forces])
+
+
+def best(measured, t, true):
+    """The errors of least squares with evenly spaced knots, their number chosen by the truth for each rate."""
+    found = []
+    for intervals in np.unique(np.geomspace(12, 150, 24).astype(int)):
+        knots = np.pad(np.linspace(measured.t[0], measured.t[-1], intervals + 1), 9, mode="edge")
+        found.append(errors(rates(make_lsq_spline(measured.t, measured.q, knots, 9), t), true))
+    return np.min(found, axis=0)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_fit_is_nearly_as_good_as_one_that_knows_the_truth(name):
+    measured, smooth = fitted(name)
+    t = inside(smooth, 200)
+    true = [measured.truth(t, k) for k in range(5)]
+    assert (errors(rates(smooth.spline, t), true) <= np.array([2, 2, 3]) * best(measured, t, true)).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_errors_lie_within_the_stated_deviations(name):
+    measured, smooth = fitted(name)
+    t = inside(smooth)
+    deviations = smooth.deviations(t)
+    within = [np.abs(smooth.spline(t, nu=k) - measured.truth(t, k)) < 1.96 * deviations[k] for k in range(5)]
+    assert 0.90 <= np.mean(within) <= 0.99
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_ends_are_flagged_where_deviations_rise(name):
+    measured, smooth = fitted(name)
+    deviation = smooth.deviations(np.array([measured.t[0], *smooth.ends, measured.t[-1]]))[4].max(axis=1)
+    assert measured.t[0] < smooth.ends[0] < smooth.ends[1] < measured.t[-1]
+    assert deviation[0] > 20 * deviation[1]
+    assert deviation[3] > 20 * deviation[2]
+
+
+def test_a_clean_log_of_17_bits_carries_second_rates_of_the_forces():
+    measured, smooth = fitted("17 bits, six digits")
+    t = inside(smooth)
+    wrong = errors(rates(smooth.spline, t), [measured.truth(t, k) for k in range(5)])
+    assert wrong[2] < 0.01
+    assert smooth.shortfall(2) is None
+    assert {noise.kind for noise in smooth.noise} == {"encoder step"}
+    assert [noise.step for noise in smooth.noise] == pytest.approx([2 * np.pi / 2**17] * 7, rel=1e-3)
+    assert "17 bits" in str(smooth.noise[0])
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "sigma"),
+    [
+        ("12 bits", "encoder step", 2 * np.pi / 2**12 / np.sqrt(12)),
+        ("noise 1e-4", "white", 1e-4),
+        ("noise 1e-5, 19 bits, gaps, 2 kHz", "white", np.hypot(1e-5, 2 * np.pi / 2**19 / np.sqrt(12))),
+    ],
+)
+def test_noise_is_estimated_per_joint(name, kind, sigma):
+    _, smooth = fitted(name)
+    assert [noise.kind for noise in smooth.noise] == [kind] * 7
+    assert [noise.sigma for noise in smooth.noise] == pytest.approx([sigma] * 7, rel=0.05)
+
+
+def test_written_digits_are_noise_of_their_own():
+    t = np.arange(4000) / 500
+    smooth = fit(t, np.round(harmonics(np.random.default_rng(3))(t), 4))
+    assert {noise.kind for noise in smooth.noise} == {"written digits"}
+    assert {noise.step for noise in smooth.noise} == {1e-4}
+
+
+def test_stamps_are_corrected_by_one_shift_per_row():
+    measured, smooth = fitted("stamps")
+    t = inside(smooth)
+    moved = np.sqrt(((smooth.spline(measured.t) - measured.q) ** 2).mean())
+    assert any("repeat the row before" in note for note in smooth.notes)
+    assert any("time stamps scatter by 0.00029 s" in note for note in smooth.notes)  # 1e-3 / sqrt(12)
+    assert max(noise.sigma for noise in smooth.noise) < 0.05 * moved
+    assert np.sqrt(((smooth.spline(t) - measured.truth(t)) ** 2).mean()) < 0.1 * moved
+
+
+def test_deviations_are_those_of_an_ideal_low_pass_filter():
+    _, smooth = fitted("noise 1e-4")
+    t = inside(smooth)[100:-100]
+    for k, deviation in enumerate(smooth.deviations(t, 3)):
+        ideal = ideal_deviation(1e-4, 1e-3, smooth.bandwidth, k)
+        assert np.sqrt((deviation**2).mean()) == pytest.approx(ideal, rel=0.25)
+
+
+def test_covariances_hold_the_squared_deviations():
+    _, smooth = fitted("stamps")
+    t = np.array([[3.0, 4.0, 5.0], [5.5, 6.0, 7.0]])
+    covariances = smooth.covariances(t, 3)
+    assert covariances.shape == (2, 3, 7, 4, 4)
+    assert np.allclose(np.sqrt(np.einsum("...kk->...k", covariances)), np.stack(smooth.deviations(t, 3), axis=-1))
+    assert (np.linalg.eigvalsh(covariances / covariances[..., -1:, -1:]) > -1e-9).all()
+    assert smooth.deviations(4.0, 0)[0].shape == (7,)
+
+
+def test_samples_without_noise_are_interpolated():
+    t = np.arange(1001) / 100
+    truth = harmonics(np.random.default_rng(0))
+    smooth = fit(t, truth(t))
+    assert np.abs(smooth.spline(t) - truth(t)).max() < 1e-14
+    assert {noise.kind for noise in smooth.noise} == {"rounding"}
+    assert any("goes through all of them" in note for note in smooth.notes)
+    middle = t[100:-100] + 0.005
+    assert np.abs(smooth.spline(middle, nu=4) - truth(middle, 4)).max() < 1e-4
+
+
+def test_joints_at_rest_are_constant_which_is_said_once():
+    rng = np.random.default_rng(1)
+    t = np.arange(3000) / 500
+    q = harmonics(rng)(t) + 1e-5 * rng.normal(size=(3000, 7))
+    q[:, 2] = 0.3 + 1e-5 * rng.normal(size=3000)
+    q[:, 4] = -1.0
+    smooth = fit(t, q, names=[f"j{k}" for k in range(7)])
+    assert [note for note in smooth.notes if "rest" in note] == ["at rest but for noise, hence constant: j2, j4"]
+    assert np.abs(smooth.spline(t, nu=1)[:, [2, 4]]).max() < 1e-12
+    assert smooth.spline(1.0)[2] == pytest.approx(0.3, abs=1e-6)
+    assert smooth.deviations(1.0)[0][2] == pytest.approx(1e-5, rel=0.1)
+
+
+def test_a_robot_at_rest_is_constant():
+    smooth = fit(np.arange(100) / 100, 1 + 1e-4 * np.random.default_rng(0).normal(size=(100, 2)))
+    assert np.abs(smooth.spline(0.5, nu=1)).max() < 1e-12
+    assert smooth.ends == (0.0, 0.99)
+
+
+def test_one_joint_is_enough():
+    measured = log("16 bits, uneven, 100 Hz")
+    smooth = fit(measured.t, measured.q[:, 0])
+    t = inside(smooth)
+    assert np.abs(smooth.spline(t, nu=4)[:, 0] - measured.truth(t, 4)[:, 0]).max() < 0.05 * smooth.peaks[4, 0]
+
+
+def test_a_bandwidth_is_kept_but_for_sudden_changes():
+    measured = log("blend, 18 bits")
+    rng = np.random.default_rng(0)
+    ripple = 2e-4 * np.sin(2 * np.pi * 9 * measured.t + rng.uniform(0, 6, 7)[:, None]).T
+    smooth = fit(measured.t, measured.q + ripple, bandwidth=1.5)
+    assert smooth.bandwidth == pytest.approx(1.5, rel=0.05)
+    breaks = smooth.spline.t[9:-9]
+    assert np.diff(breaks[breaks < 0.6]).max() < 0.51 * np.diff(breaks[breaks > 2]).min()
+    t = np.linspace(2, 9, 200)
+    wrong = errors(rates(smooth.spline, t), [measured.truth(t, k) for k in range(5)])
+    assert (wrong < [1e-3, 5e-3, 1e-2]).all()
+
+
+def test_a_long_log_is_compressed_and_gives_the_same():
+    rng = np.random.default_rng(5)
+    truth = harmonics(rng)
+    t = np.arange(170000) / 4000
+    q = truth(t) + 1e-5 * rng.normal(size=(len(t), 7))
+    smooth = fit(t, q)
+    s = inside(smooth)
+    deviations = smooth.deviations(s)
+    within = [np.abs(smooth.spline(s, nu=k) - truth(s, k)) < 1.96 * deviations[k] for k in range(5)]
+    assert 0.90 <= np.mean(within) <= 0.99
+    direct = make_lsq_spline(t, q, smooth.spline.t, 9)
+    assert np.abs(direct.c - smooth.spline.c).max() < 1e-9
+
+
+def test_a_single_wild_row_counts_less():
+    measured, smooth = fitted("noise 1e-4")
+    wild = measured.q.copy()
+    wild[4000] += 0.5
+    again = fit(measured.t, wild)
+    assert any("1 rows lie far off those beside them" in note for note in again.notes)
+    t = inside(smooth)
+    assert (np.abs(again.spline(t, nu=2) - measured.truth(t, 2)) < 8 * smooth.deviations(t)[2]).all()
+
+
+def test_samples_that_do_not_carry_a_rate_say_why_and_what_would_help():
+    rng = np.random.default_rng(2)
+    t = np.arange(120) / 20
+    smooth = fit(t, 0.3 * np.sin(4 * np.pi * t)[:, None] + 0.1 * rng.normal(size=(120, 1)))
+    assert smooth.highest < 4
+    text = smooth.shortfall(2)
+    assert text.startswith("the samples do not carry Q2d: the standard deviation of q")
+    assert all(word in text for word in ("white", "at 20 Hz", "bits more", "a rate of", "bandwidth="))
+    assert "\n" not in text
+
+
+HARMONIC = np.sin(np.arange(1000)[:, None] / 50)
+SECONDS = np.arange(1000) / 100
+
+
+def changed(array, index, value):
+    array = array.copy()
+    array[index] = value
+    return array
+
+
+@pytest.mark.parametrize(
+    ("t", "q", "options", "message"),
+    [
+        (SECONDS, changed(HARMONIC, (7, 0), np.nan), {"names": ["elbow"]}, "elbow is nan at t = 0.07 s"),
+        (changed(SECONDS, 7, np.nan), HARMONIC, {}, "the time of sample 7 is not a number"),
+        (changed(SECONDS, 7, 0.01), HARMONIC, {}, "time goes from 0.06 to 0.01 s at sample 7"),
+        (changed(SECONDS, 7, 0.06), HARMONIC, {}, "write the time with more digits"),
+        (SECONDS[: LEAST - 1], HARMONIC[: LEAST - 1], {}, f"{LEAST - 1} samples; smoothing needs at least {LEAST}"),
+        (SECONDS, HARMONIC.astype(str), {}, "expected an array of numbers"),
+        (SECONDS[:-1], HARMONIC, {}, "expected (N,) and (N, n)"),
+        (SECONDS, HARMONIC, {"names": ["a", "b"]}, "2 names for 1 columns"),
+        (SECONDS, HARMONIC, {"bandwidth": -1}, "expected a frequency in Hz above 0"),
+        (SECONDS, np.round(HARMONIC, 4), {"bandwidth": 1000}, "these samples carry at most"),
+    ],
+)
+def test_what_cannot_be_smoothed_is_refused_in_one_line(t, q, options, message):
+    with pytest.raises(JounceError) as refusal:
+        fit(t, q, **options)
+    assert message in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_hole_that_the_motion_cannot_be_continued_over_is_refused():
+    measured = log("noise 1e-4")
+    kept = (measured.t < 3) | (measured.t > 5)
+    with pytest.raises(JounceError, match=r"no samples from t = 2\.999 to 5\.001 s: 2 s, .* continued over 0\.\d+ s"):
+        fit(measured.t[kept], measured.q[kept])

@@ -1,0 +1,71 @@
+"""Measured samples are smoothed by default, by Python and by the commands, and refused where noise drowns Q2d."""
+
+import json
+
+import numpy as np
+from click.testing import CliRunner
+from files import refusal
+
+import jounce
+from jounce.cli import main
+from jounce.io import tables
+
+PLANAR = jounce.load("planar2r")
+T = np.arange(5000) / 1000
+STEP = 2 * np.pi / 2**17
+EXACT = [
+    np.stack([3.0**k * np.cos(3 * T + k * np.pi / 2), 2.0**k * np.sin(2 * T + k * np.pi / 2)], 1) for k in range(5)
+]
+ENCODER = STEP * np.round(EXACT[0] / STEP)
+LOG = {"t": T, "joint1": ENCODER[:, 0], "joint2": ENCODER[:, 1]}
+RANDOM = np.random.default_rng(0).normal(0, 0.005, (2, 300))
+NOISE = {"t": T[:300], "joint1": T[:300] + RANDOM[0], "joint2": T[:300] + RANDOM[1]}
+
+
+def call(*words):
+    return CliRunner().invoke(main, [str(word) for word in words])
+
+
+def test_a_log_of_encoders_is_smoothed_by_default(tmp_path):
+    inside = slice(1200, -1200)
+    truth = PLANAR.inverse_dynamics(*EXACT)[2][inside]
+    motion = jounce.load_motion(LOG, PLANAR)
+    assert "smoothed" in motion.source
+    along = PLANAR.forces_along(motion)
+    assert np.abs(along.forces[2][inside] - truth).max() < 0.05 * np.abs(truth).max()
+    assert 0 < along.deviations[2][inside].max() < 0.05 * np.abs(truth).max()
+    tables.write(tmp_path / "log.npz", LOG)
+    result = call("run", "planar2r", tmp_path / "log.npz", "-o", tmp_path / "out.npz", "--json")
+    assert result.exit_code == 0, result.output
+    assert "smoothed" in json.loads(result.stdout)["source"]
+    assert np.array_equal(tables.read(tmp_path / "out.npz")["joint1.Q2d"], along.forces[2][:, 0])
+
+
+def test_samples_that_cannot_carry_the_highest_rate_are_refused_but_for_force(tmp_path):
+    words = ("do not carry", "--force (force=)", "--bandwidth HZ (bandwidth=)")
+    refusal(lambda: jounce.load_motion(NOISE, PLANAR), *words)
+    assert any("do not carry" in note for note in jounce.load_motion(NOISE, PLANAR, force=True).notes)
+    tables.write(tmp_path / "log.npz", NOISE)
+    asked = ("run", "planar2r", tmp_path / "log.npz", "-o", tmp_path / "out.npz")
+    refused = call(*asked)
+    assert refused.exit_code == 2
+    assert all(word in refused.stderr for word in words)
+    assert len(refused.stderr.splitlines()) == 1
+    assert call(*asked, "--force").exit_code == 0
+
+
+def test_what_is_for_samples_alone_is_refused_of_terms():
+    refusal(lambda: jounce.load_motion("paper", PLANAR, bandwidth=2.0), "paper: its terms are exact; bandwidth is for")
+    refusal(lambda: jounce.load_motion(LOG, PLANAR, bandwidth=2.0, degree=7), "leave degree and intervals out")
+
+
+def test_few_samples_name_the_option_that_takes_them():
+    few = {name: column[:23] for name, column in LOG.items()}
+    refusal(lambda: jounce.load_motion(few, PLANAR), "23 samples; smoothing needs at least 24; --degree 7 (degree=7)")
+
+
+def test_round_numbers_by_chance_are_no_step():
+    """A cosine starts at 1, which is a multiple of many steps."""
+    t = np.arange(0, 1.005, 0.01)
+    motion = jounce.Motion.fit(t, np.round(np.cos(3 * t), 6)[:, None])
+    assert motion.residual.max() < 2e-6
