@@ -48,5 +48,5 @@ pendulum = jounce.Robot.from_screws(
 )
 arm = jounce.Robot.from_dh([{"theta": 0, "d": 0, "a": 1, "alpha": 0}], np.eye(6)[None], "standard")
 arm = jounce.Robot.from_dh([[1.0, 0, 0, 0]], np.eye(6)[None], "modified", types=["revolute"])
-motion = jounce.load_motion({"t": range(20), "joint1": [0.1] * 20, "joint2": np.zeros(20)}, jounce.load("planar2r"))
-along = jounce.load("planar2r").forces_along(motion, order=0)
+motion = jounce.load_motion({"t": range(20), "joint1": [0.1] * 20, "joint2": np.zeros(20)}, planar, degree=7)
+along = planar.forces_along(motion, order=0)
