@@ -66,7 +66,9 @@ def robot(folder, name, of_arm):
 REFERENCES = "&#x9;&#x202e;&#x85;\u2066"  # what XML lets through of what does not print
 
 
-@pytest.mark.parametrize("asked", [["info"], ["convert", "-o", "arm.yaml"], ["run", "motion.csv", "-o", "out.csv"]])
+@pytest.mark.parametrize(
+    "asked", [["info"], ["convert", "-o", "arm.yaml"], ["run", "motion.csv", "--degree", "7", "-o", "out.csv"]]
+)
 def test_names_of_a_file_are_shown_as_texts(tmp_path, monkeypatch, asked):
     monkeypatch.chdir(tmp_path)
     path = robot(tmp_path, f"r{REFERENCES}{'x' * 300}", f"j{REFERENCES}{'y' * 300}")

@@ -339,7 +339,7 @@ def test_refuses_in_a_process_of_its_own(folder, asked):
 
 
 @pytest.mark.parametrize(
-    "asked", [("info", "odd.urdf", "--json"), ("run", "odd.urdf", "turn.csv", "-o", "o.csv", "--json")]
+    "asked", [("info", "odd.urdf", "--json"), ("run", "odd.urdf", "turn.csv", "-o", "o.csv", "--degree", "7", "--json")]
 )
 def test_warnings_are_one_line_beside_the_result(folder, asked):
     done = shell(*asked)

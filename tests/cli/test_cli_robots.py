@@ -45,9 +45,9 @@ def test_options_are_those_of_load(tmp_path, items, options, keywords):
     np.testing.assert_array_equal(jounce.load(yaml).mechanism.M, robot.mechanism.M)
     t = np.arange(9) / 8
     tables.write(tmp_path / "motion.csv", {"t": t, **{name: np.sin(t + k) for k, name in enumerate(robot.joint_names)}})
-    result = call("run", path, tmp_path / "motion.csv", "-o", csv, *options, "--order", 0)
+    result = call("run", path, tmp_path / "motion.csv", "-o", csv, *options, "--order", 0, "--degree", 7)
     assert result.exit_code == 0, result.output
-    alone = call("run", yaml, tmp_path / "motion.csv", "-o", tmp_path / "other.csv", "--order", 0)
+    alone = call("run", yaml, tmp_path / "motion.csv", "-o", tmp_path / "other.csv", "--order", 0, "--degree", 7)
     assert alone.exit_code == 0, alone.output
     ours, without = tables.read(csv), tables.read(tmp_path / "other.csv")
     assert set(ours) == set(without)
