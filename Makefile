@@ -52,7 +52,7 @@ package: $(VENV)/installed-package
 	$(BIN)/python -m venv $(PACKAGE)/env
 	$(PACKAGE)/env/bin/python -m pip install --quiet dist/jounce-*.whl
 	cp -r README.md examples $(PACKAGE)
-	cd $(PACKAGE) && env/bin/jounce run iiwa14 examples/iiwa14.csv -o forces.csv
+	cd $(PACKAGE) && env/bin/jounce run iiwa14 examples/iiwa14.csv --degree 7 -o forces.csv
 	$(PACKAGE)/env/bin/python -m pip install --quiet "$$(echo dist/jounce-*.whl)[sympy]"
 	cd $(PACKAGE) && env/bin/python -m doctest README.md
 
