@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce.errors import JounceError
-from jounce.motion.curves import Curve, Jump, jumps_at
+from jounce.motion.curves import Curve, Jump, OfCurve, jumps_at
 from jounce.motion.hermite import between
 
 POINTS = 257  # of a blend, at which its distance from the curve is measured; its middle, the break, is one of them
@@ -34,31 +34,10 @@ class Windows:
 
 
 @dataclass(frozen=True, eq=False)
-class Blend:
+class Blend(OfCurve):
     """A curve `base`, of which every column has windows of its own; none where it has no break."""
 
-    base: Curve
     windows: tuple[Windows | None, ...]
-
-    @property
-    def start(self) -> float:
-        """Where it begins, s."""
-        return self.base.start
-
-    @property
-    def stop(self) -> float:
-        """Where it ends, s."""
-        return self.base.stop
-
-    @property
-    def columns(self) -> int:
-        """The number of coordinates."""
-        return self.base.columns
-
-    @property
-    def highest(self) -> int | None:
-        """The order of the last derivative that is known."""
-        return self.base.highest
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
         """The values and their derivatives up to `order`."""
@@ -87,10 +66,6 @@ class Blend:
                 spans = np.tile(windows.stop - windows.start, 2)
                 found += [jump._replace(column=j) for jump in jumps_at(t, before, after, spans)]
         return sorted(found)
-
-    def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
-        """The standard deviations of the values and derivatives: those of the curve."""
-        return self.base.deviations(t, order)
 
 
 def blended(base: Curve, time: float, continuity: int, names: Sequence[str]) -> tuple[Blend, np.ndarray]:

@@ -5,14 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.motion.curves import Curve, Jump, jumps_at
+from jounce.motion.curves import Curve, Jump, OfCurve, jumps_at
 
 
 @dataclass(frozen=True, eq=False)
-class Retimed:
+class Retimed(OfCurve):
     """A curve at another pace: its value at t is that of `base` at (t - offset) / factor."""
 
-    base: Curve
     factor: float
     offset: float
 
@@ -25,16 +24,6 @@ class Retimed:
     def stop(self) -> float:
         """Where it ends, s."""
         return self.base.stop * self.factor + self.offset
-
-    @property
-    def columns(self) -> int:
-        """The number of coordinates."""
-        return self.base.columns
-
-    @property
-    def highest(self) -> int | None:
-        """The order of the last derivative that is known."""
-        return self.base.highest
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
         """The values and their derivatives up to `order`."""

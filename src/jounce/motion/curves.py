@@ -49,6 +49,37 @@ class Curve(Protocol):
         """The standard deviations of the values and derivatives; None where they are exact."""
 
 
+@dataclass(frozen=True, eq=False)
+class OfCurve:
+    """What a curve that is made of another one, its `base`, has from it, where it does not say otherwise."""
+
+    base: Curve
+
+    @property
+    def start(self) -> float:
+        """Where it begins, s."""
+        return self.base.start
+
+    @property
+    def stop(self) -> float:
+        """Where it ends, s."""
+        return self.base.stop
+
+    @property
+    def columns(self) -> int:
+        """The number of coordinates."""
+        return self.base.columns
+
+    @property
+    def highest(self) -> int | None:
+        """The order of the last derivative that is known."""
+        return self.base.highest
+
+    def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
+        """The standard deviations of the values and derivatives."""
+        return self.base.deviations(t, order)
+
+
 def jumps_at(t: np.ndarray, before: Sequence[np.ndarray], after: Sequence[np.ndarray], spans: np.ndarray) -> list[Jump]:
     """The jumps at times (m,), of derivatives (m, columns) from the left and from the right, lowest order first.
 

@@ -7,36 +7,20 @@ import numpy as np
 from jounce.arguments import names
 from jounce.errors import JounceError, listed
 from jounce.model.mechanism import Mechanism
-from jounce.motion.curves import Curve, Jump
+from jounce.motion.curves import Jump, OfCurve
 from jounce.motion.motion import Motion
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
+class Columns(OfCurve):
     """Some columns of a curve, in another order."""
 
-    base: Curve
     order: np.ndarray
-
-    @property
-    def start(self) -> float:
-        """Where it begins, s."""
-        return self.base.start
-
-    @property
-    def stop(self) -> float:
-        """Where it ends, s."""
-        return self.base.stop
 
     @property
     def columns(self) -> int:
         """The number of coordinates."""
         return len(self.order)
-
-    @property
-    def highest(self) -> int | None:
-        """The order of the last derivative that is known."""
-        return self.base.highest
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
         """The values and their derivatives up to `order`."""

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce.errors import JounceError, warn
-from jounce.motion.curves import Curve, Jump
+from jounce.motion.curves import Curve
 from jounce.motion.deviations import HIGHEST
 from jounce.motion.fit import Fit, fit
 from jounce.motion.smoothing import ROUNDING
 from jounce.motion.smoothness import of_samples
-from jounce.motion.spline import Smoothing, Spline, curve_of
+from jounce.motion.spline import Smoothing, Spline, SplineCurve, curve_of
 from jounce.motion.stamps import LEAST, spikes
 
 STANDS_OUT = 15  # times the usual residual; noise and encoders reach 10 of them
@@ -21,30 +21,10 @@ THROUGH = "--degree 7 (degree=7)"
 
 
 @dataclass(frozen=True, eq=False)
-class SmoothedCurve:
-    """A fit from its first sample to its last."""
+class SmoothedCurve(SplineCurve):
+    """The spline of a fit, with its standard deviations."""
 
     fit: Fit
-    start: float
-    stop: float
-
-    @property
-    def columns(self) -> int:
-        """The number of coordinates."""
-        return len(self.fit.joints)
-
-    @property
-    def highest(self) -> int:
-        """The degree: derivatives beyond it are zero, and say nothing of the samples."""
-        return int(self.fit.spline.k)
-
-    def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
-        """The values and their derivatives up to `order`."""
-        return [self.fit.spline(t, nu=k) for k in range(order + 1)]
-
-    def jumps(self, order: int) -> list[Jump]:
-        """None below the degree; those of the degree itself, at every knot, are of the method and not of the motion."""
-        return []
 
     def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
         """Standard deviations of the values and derivatives; None beyond the derivatives of which they are known."""
@@ -96,7 +76,7 @@ def found_from(
     stands_out = off[usual].max(axis=0) > STANDS_OUT * np.median(off, axis=0)
     if stands_out.any() and (jumps := of_samples(t[usual], q[usual])):  # steps of an encoder look like jumps too
         warn(f"{place}: {jumps}")
-    curve = SmoothedCurve(fitted, float(t[0]), float(t[-1]))
+    curve = SmoothedCurve(fitted.spline, float(t[0]), float(t[-1]), fitted)
     notes = (*_notes(fitted), *([shortfall] if shortfall else []))
     return Found(curve, _source(fitted), notes, off.max(axis=0))
 
