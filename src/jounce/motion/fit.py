@@ -12,6 +12,7 @@ from jounce.motion.least_squares import DEGREE, knots
 from jounce.motion.noise import Noise, noise_of, step_of
 from jounce.motion.samples import Samples
 from jounce.motion.smoothing import Smoothed, first_fit, interpolate, moves, rounded, smooth
+from jounce.motion.spline import check_bandwidth
 from jounce.motion.stamps import check, spikes
 from jounce.spatial.series import rate_name
 
@@ -141,9 +142,7 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
     ('encoder step', 6)
     """
     times, samples, joints = check(t, q, names)
-    number = isinstance(bandwidth, int | float) and not isinstance(bandwidth, bool)
-    if bandwidth is not None and not (number and 0 < bandwidth < np.inf):
-        raise JounceError(f"bandwidth is {quoted(bandwidth)}; expected a frequency in Hz above 0")
+    check_bandwidth(bandwidth)
     rounding = [step_of(column) for column in samples.T]
     steps = np.array([step for step, _ in rounding])
     wild = spikes(times, samples, steps)

@@ -115,12 +115,18 @@ def curve_of(t: np.ndarray, q: np.ndarray, spline: Spline, place: str, highest: 
 def way_of(degree: int | None, intervals: int | None, bandwidth: float | None, force: bool) -> Smoothing | Spline:
     """How samples become a curve, by what a caller says of it."""
     true_or_false("force", force, "whether samples count whose noise drowns the highest rate")
-    if bandwidth is not None and not (isinstance(bandwidth, int | float) and 0 < bandwidth < np.inf):
-        raise JounceError(f"bandwidth is {quoted(bandwidth)}; expected a frequency in Hz above 0")
+    check_bandwidth(bandwidth)
     by_hand = degree is not None or intervals is not None
     if by_hand and (bandwidth is not None or force):
         raise JounceError("bandwidth and force are for samples that are smoothed; leave degree and intervals out")
     return Spline(7 if degree is None else degree, intervals) if by_hand else Smoothing(bandwidth, force)
+
+
+def check_bandwidth(given: object) -> None:
+    """Raise `JounceError` where it is neither None nor a frequency."""
+    number = isinstance(given, int | float) and not isinstance(given, bool)
+    if given is not None and not (number and 0 < given < np.inf):  # type: ignore[operator]
+        raise JounceError(f"bandwidth is {quoted(given)}; expected a frequency in Hz above 0")
 
 
 @np.errstate(all="ignore")  # samples near the end of the doubles overflow here, and no more
