@@ -9,7 +9,6 @@ from scipy.interpolate import make_lsq_spline
 
 import jounce
 from jounce.errors import JounceError
-from jounce.motion.deviations import ideal_deviation
 from jounce.motion.fit import fit
 from jounce.motion.stamps import LEAST
 
@@ -23,6 +22,16 @@ def fitted(name):
 @cache
 def robot():
     return jounce.load("iiwa14")
+
+
+def ideal_deviation(sigma, spacing, bandwidth, order):
+    """The standard deviation of a derivative of samples smoothed by an ideal low-pass filter.
+
+    White noise of sigma at spacing dt has the density 2 sigma^2 dt per Hz. Up to B Hz, its k-th derivative has the
+    variance 2 sigma^2 dt B (2 pi B)^(2 k) / (2 k + 1); a spline with intervals of 1 / (2 B) comes within some percent.
+    """
+    variance = 2 * sigma**2 * spacing * bandwidth * (2 * np.pi * bandwidth) ** (2 * order) / (2 * order + 1)
+    return np.sqrt(variance)
 
 
 def inside(smooth, number=300):

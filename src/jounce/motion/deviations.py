@@ -112,16 +112,6 @@ def stamp_covariances(rows: Rows, raw: Solution, sigma: float, own: np.ndarray) 
     return total
 
 
-def ideal_deviation(sigma: float, spacing: float, bandwidth: float, order: int) -> float:
-    """The standard deviation of a derivative of samples smoothed by an ideal low-pass filter.
-
-    White noise of sigma at spacing dt has the density 2 sigma^2 dt per Hz. Up to B Hz, its k-th derivative has the
-    variance 2 sigma^2 dt B (2 pi B)^(2 k) / (2 k + 1); a spline with intervals of 1 / (2 B) comes within some percent.
-    """
-    variance = 2 * sigma**2 * spacing * bandwidth * (2 * np.pi * bandwidth) ** (2 * order) / (2 * order + 1)
-    return float(np.sqrt(variance))
-
-
 def _unit_covariances(
     solution: Solution, blocks: np.ndarray, t: np.ndarray, order: int
 ) -> tuple[np.ndarray, np.ndarray]:
