@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce.demo.example import Example, StepErrors
+from jounce.demo.example import Example, Forces, StepErrors, published
 from jounce.figures.canvas import INK, legend_above, line_style, painted
 from jounce.figures.curves import Panel, over_time
 from jounce.figures.drawing import View, draw
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 EXACT: Any = {"color": INK, "linewidth": 2}
+FORCES = (r"$Q$ [N m]", r"$\dot{Q}$ [N m/s]", r"$\ddot{Q}$ [N m/s²]")
 POSE = np.array([0, -0.2, 0, 0.45, 0, 0.55, 0])  # rad, a little bent, so that its axes can be told apart
 
 
@@ -31,13 +32,14 @@ def gallery(
         "step-size": lambda: errors_over_steps(*errors),
         "planar2r": schematic,
         "iiwa14": lambda: portrait(alone.robot),
+        "published-code": lambda: overlay(alone, published(alone)),
     }
 
 
 def forces(found: Example, title: str) -> "Figure":
     """q, Q, Qd and Q2d over time, the last two with numerical differentiation laid over."""
     differentiated = (None, None, *found.differentiated)
-    labels = (r"$q$ [rad]", r"$Q$ [N m]", r"$\dot{Q}$ [N m/s]", r"$\ddot{Q}$ [N m/s²]")
+    labels = (r"$q$ [rad]", *FORCES)
 
     def by_joint(values: np.ndarray) -> dict[str, np.ndarray]:
         return dict(zip(found.robot.joint_names, values.T, strict=True))
@@ -72,6 +74,29 @@ def errors_over_steps(of_Qd: StepErrors, of_Q2d: StepErrors) -> "Figure":
         legend_above(figure, entries, columns=3)
 
     return painted(paint, 9, 4.2)
+
+
+def overlay(found: Example, other: Forces) -> "Figure":
+    """Q, Qd and Q2d of the two joints in which the published code is farthest off, with its curves laid over."""
+    joints = np.sort(np.abs(other[-1] - found.forces[-1]).max(0).argsort()[-2:])
+    styles = {"formulas of the paper": line_style(0), "published code": line_style(1)}
+
+    def paint(figure: "Figure") -> None:
+        grid = figure.subplots(len(FORCES), len(joints), sharex=True)
+        for row, label, values in zip(grid, FORCES, zip(found.forces, other, strict=True), strict=True):
+            for axes, joint in zip(row, joints, strict=True):
+                for curves, style in zip(values, styles.values(), strict=True):
+                    axes.plot(found.t, curves[:, joint], **style)
+                axes.margins(x=0.01)
+            row[0].set_ylabel(label)
+        for axes, joint in zip(grid[0], joints, strict=True):
+            axes.set_title(found.robot.joint_names[joint])
+        for axes in grid[-1]:
+            axes.set_xlabel("t [s]")
+        figure.align_ylabels(grid)
+        legend_above(figure, styles)
+
+    return painted(paint, 9, 6)
 
 
 def _style(i: int) -> dict[str, Any]:
