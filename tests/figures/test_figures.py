@@ -1,11 +1,13 @@
 """Pictures: what a reader must be able to see in them is there, and the files are whole, small and repeatable."""
 
+import re
 from itertools import combinations
 
 import numpy as np
 import pytest
 from files import refusal
 from hypothesis import given
+from lxml import etree
 from matplotlib.colors import to_rgb
 from robots import mechanisms
 
@@ -152,6 +154,35 @@ def test_a_picture_is_the_same_file_each_time(tmp_path, kind):
     assert content(f"a.{kind}") == content(f"b.{kind}")
     assert content(f"a.{kind}")[:5] in (b"\x89PNG\r", b"<?xml", b"%PDF-")
     assert len(list(tmp_path.iterdir())) == 2
+
+
+def luminance(colour):
+    """Of WCAG 2, of an sRGB colour."""
+    c = np.asarray(colour)
+    return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722]
+
+
+def contrast(a, b):
+    low, high = sorted((luminance(a), luminance(b)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def test_an_svg_is_dark_on_dark_pages(tmp_path):
+    """The filter that a browser applies there leaves all ink at least as much contrast as it has on white."""
+    canvas.save(over_time([Run(T, [Panel("Q", CURVES)])]), tmp_path / "a.svg")
+    style = etree.parse(tmp_path / "a.svg").find(".//{*}style").text
+    assert canvas.DARK.decode() in style
+    inverted, brighter = (float(re.search(rf"{name}\((.*?)\)", style)[1]) for name in ("invert", "brightness"))
+    grey = np.full((3, 3), [0.213, 0.715, 0.072])  # of the specification's hue-rotate
+
+    def filtered(colour):
+        turned = (2 * grey - np.eye(3)) @ ((1 - 2 * inverted) * np.array(to_rgb(colour)) + inverted)
+        return np.clip(brighter * np.clip(turned, 0, 1), 0, 1)
+
+    page = filtered("white")
+    assert page.max() < 0.15
+    for colour in (*canvas.COLOURS, canvas.INK):
+        assert contrast(filtered(colour), page) > min(4, contrast(to_rgb(colour), (1, 1, 1)))
 
 
 def test_no_half_of_a_picture_is_left(tmp_path, monkeypatch):

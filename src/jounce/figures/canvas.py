@@ -46,6 +46,9 @@ LOOK: Any = {
     "svg.fonttype": "path",
 }
 FORMATS = ("png", "svg", "pdf")
+# On a dark page an SVG is dark: light and dark change places, hues stay. A page that sets its scheme by `color-scheme`
+# passes it on to its pictures; where a viewer knows neither, the picture is a light card, legible on any page.
+DARK = b"@media (prefers-color-scheme: dark) {svg:has(> #figure_1) {filter: invert(.9) hue-rotate(180deg) brightness(1.2)}}"
 
 
 def check_installed() -> None:
@@ -137,3 +140,5 @@ def save(figure: "Figure", path: Path) -> None:
     undated = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[kind]
     with matplotlib.rc_context(LOOK), files.written_whole(path) as part:
         figure.savefig(part, format=kind, metadata=undated)
+        if kind == "svg":
+            part.write_bytes(part.read_bytes().replace(b"</style>", DARK + b"</style>", 1))
