@@ -16,6 +16,7 @@ from jounce.demo.gallery import portrait
 from jounce.figures import canvas
 from jounce.figures.curves import CROWD, MOST_POINTS, Panel, Run, columns_of, drawn_points, over_time
 from jounce.figures.drawing import View, skeleton
+from jounce.figures.labels import LABEL, outline_points
 from jounce.figures.schematic import schematic
 from jounce.figures.table import run_of
 from jounce.io import tables
@@ -240,6 +241,23 @@ def test_drawings_name_frames_axes_and_centres_of_mass(picture):
         assert {"$q_1$", "$q_2$", "$L_1$", "$L_2$", "$m_1$", "$m_2$", "$g$"} <= said
     else:
         assert {f"$e_{{{i}}}$" for i in range(1, 8)} <= said
+
+
+@pytest.mark.parametrize("picture", [schematic, lambda: portrait(jounce.load("iiwa14"))], ids=["2R", "iiwa"])
+def test_labels_cover_neither_each_other_nor_what_is_drawn(picture):
+    figure = picture()
+    figure.draw_without_rendering()
+    [axes] = figure.axes
+    labels = [text for text in axes.texts if text.get_gid() == LABEL]
+    assert len(labels) == len([text for text in axes.texts if text.get_text()])
+    boxes = [text.get_window_extent() for text in labels]
+    for (a, first), (b, second) in combinations(zip(boxes, labels, strict=True), 2):
+        assert not a.overlaps(b), f"{first.get_text()} on {second.get_text()}"
+    points = outline_points(axes)
+    assert len(points) > 500
+    assert all(figure.bbox.contains(*point) for point in points)
+    covering = [text.get_text() for box, text in zip(boxes, labels, strict=True) if box.count_contains(points)]
+    assert covering == []
 
 
 @pytest.mark.parametrize("name", ["", "a.b", "two\nlines", "joint.Q", "é"])

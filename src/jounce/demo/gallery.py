@@ -9,6 +9,7 @@ from jounce.demo.example import Example, StepErrors
 from jounce.figures.canvas import INK, legend_above, line_style, painted
 from jounce.figures.curves import Panel, Run, columns_of, over_time
 from jounce.figures.drawing import View, draw
+from jounce.figures.labels import place_labels
 from jounce.figures.schematic import schematic
 from jounce.robot import Robot
 
@@ -62,7 +63,9 @@ def portrait(robot: Robot) -> "Figure":
     """The iiwa with its frames, joint axes and centres of mass."""
 
     def paint(figure: "Figure") -> None:
-        draw(figure.subplots(), robot.mechanism, robot.poses(POSE), View(-55, 18))
+        axes = figure.subplots()
+        draw(axes, robot.mechanism, robot.poses(POSE), View(-55, 18))
+        place_labels(figure, axes)
 
     return painted(paint, 6, 6)
 

@@ -48,7 +48,8 @@ LOOK: Any = {
 FORMATS = ("png", "svg", "pdf")
 # On a dark page an SVG is dark: light and dark change places, hues stay. A page that sets its scheme by `color-scheme`
 # passes it on to its pictures; where a viewer knows neither, the picture is a light card, legible on any page.
-DARK = b"@media (prefers-color-scheme: dark) {svg:has(> #figure_1) {filter: invert(.9) hue-rotate(180deg) brightness(1.2)}}"
+INVERTED = b"filter: invert(.9) hue-rotate(180deg) brightness(1.2)"
+DARK = b"@media (prefers-color-scheme: dark) {svg:has(> #figure_1) {" + INVERTED + b"}}"
 
 
 def check_installed() -> None:
