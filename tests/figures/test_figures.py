@@ -2,6 +2,7 @@
 
 import re
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from jounce.figures.schematic import schematic
 from jounce.figures.table import run_of
 from jounce.io import tables
 
+ROOT = Path(__file__).parents[2]
 T = np.linspace(0, 2, 501)
 CURVES = {f"joint{j}": np.sin((j + 1) * T) for j in range(7)}
 
@@ -184,6 +186,15 @@ def test_an_svg_is_dark_on_dark_pages(tmp_path):
     assert page.max() < 0.15
     for colour in (*canvas.COLOURS, canvas.INK):
         assert contrast(filtered(colour), page) > min(4, contrast(to_rgb(colour), (1, 1, 1)))
+
+
+@pytest.mark.parametrize(
+    "path", sorted([*ROOT.glob("docs/pictures/*.svg"), *ROOT.glob("benchmarks/*.svg")]), ids=lambda p: p.name
+)
+def test_pictures_of_the_pages_are_dark_on_dark_pages(path):
+    """What matplotlib wrote has the rule for dark pages; the others are drawn by hand."""
+    content = path.read_bytes()
+    assert (b"Matplotlib" in content) == (canvas.DARK in content)
 
 
 def test_no_half_of_a_picture_is_left(tmp_path, monkeypatch):
