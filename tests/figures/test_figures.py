@@ -23,6 +23,7 @@ from jounce.figures.table import run_of
 from jounce.io import tables
 
 ROOT = Path(__file__).parents[2]
+PICTURES = [*ROOT.glob("docs/pictures/*.svg"), *ROOT.glob("benchmarks/*.svg")]
 T = np.linspace(0, 2, 501)
 CURVES = {f"joint{j}": np.sin((j + 1) * T) for j in range(7)}
 
