@@ -9,7 +9,7 @@ from click.testing import CliRunner
 import jounce
 from jounce.cli import main
 from jounce.figures.curves import over_time
-from jounce.figures.table import breaks_of, panels
+from jounce.figures.table import run_of
 from jounce.io import tables
 from jounce.io.motions import writing
 from jounce.motion.table import from_table
@@ -117,12 +117,13 @@ def test_samples_residuals_bands_and_breaks_are_drawn():
         "a.Q_measured": T + 1,
     }
     columns["break"] = np.where(T[50] == T, 2.0, -1.0)
-    found = panels(columns, "m.csv")
+    run = run_of(columns, "m.csv")
+    found = run.panels
     assert [panel.label.split()[0] for panel in found] == ["q", "residual", "qd", "Q"]
     np.testing.assert_allclose(found[1].curves["a"], 0.02)
     assert found[3].points["a"] is columns["a.Q_measured"]
-    assert breaks_of(columns) == [T[50]]
-    figure = over_time(T, found, breaks=breaks_of(columns))
+    assert run.breaks == [T[50]]
+    figure = over_time([run])
     [band] = figure.axes[0].collections
     low, high = band.get_paths()[0].vertices[:, 1].min(), band.get_paths()[0].vertices[:, 1].max()
     np.testing.assert_allclose([low, high], [q.min() - 0.196, q.max() + 0.196])

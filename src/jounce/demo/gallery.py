@@ -7,8 +7,9 @@ import numpy as np
 
 from jounce.demo.example import Example, Forces, StepErrors, published
 from jounce.figures.canvas import INK, legend_above, line_style, painted
-from jounce.figures.curves import Panel, over_time
+from jounce.figures.curves import Panel, Run, columns_of, over_time
 from jounce.figures.drawing import View, draw
+from jounce.figures.labels import place_labels
 from jounce.figures.schematic import schematic
 from jounce.robot import Robot
 
@@ -27,8 +28,8 @@ def gallery(
     """Name of each picture, and what paints it."""
     wrench = r"the last body exerts $10\,\sin(\pi t)$ in all six components of its wrench, N m and N"
     return {
-        "forces": lambda: forces(alone, ""),
-        "forces-wrench": lambda: forces(loaded, wrench),
+        "forces": lambda: forces(alone, "", loaded),
+        "forces-wrench": lambda: forces(loaded, wrench, alone),
         "step-size": lambda: errors_over_steps(*errors),
         "planar2r": schematic,
         "iiwa14": lambda: portrait(alone.robot),
@@ -36,28 +37,37 @@ def gallery(
     }
 
 
-def forces(found: Example, title: str) -> "Figure":
-    """q, Q, Qd and Q2d over time, the last two with numerical differentiation laid over."""
+def forces(found: Example, title: str, other: Example) -> "Figure":
+    """q, Q, Qd and Q2d over time, the last two with numerical differentiation laid over.
+
+    The columns are those that suit this example and the other alike, so that their pictures can be compared.
+    """
+    panels = _panels(found)
+    return over_time([Run(found.t, panels)], title, columns_of([*panels, *_panels(other)]))
+
+
+def _panels(found: Example) -> list[Panel]:
     differentiated = (None, None, *found.differentiated)
     labels = (r"$q$ [rad]", *FORCES)
 
     def by_joint(values: np.ndarray) -> dict[str, np.ndarray]:
         return dict(zip(found.robot.joint_names, values.T, strict=True))
 
-    panels = [
+    return [
         Panel(label, by_joint(exact), None if rough is None else by_joint(rough))
         for label, exact, rough in zip(
             labels, (found.motion(found.t, 0)[0], *found.forces), differentiated, strict=True
         )
     ]
-    return over_time(found.t, panels, title)
 
 
 def portrait(robot: Robot) -> "Figure":
     """The iiwa with its frames, joint axes and centres of mass."""
 
     def paint(figure: "Figure") -> None:
-        draw(figure.subplots(), robot.mechanism, robot.poses(POSE), View(-55, 18))
+        axes = figure.subplots()
+        draw(axes, robot.mechanism, robot.poses(POSE), View(-55, 18))
+        place_labels(figure, axes)
 
     return painted(paint, 6, 6)
 
