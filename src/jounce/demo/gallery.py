@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jounce.demo.example import Example, Forces, StepErrors, published
-from jounce.figures.canvas import INK, legend_above, line_style, painted
+from jounce.figures.canvas import INK, legend_above, letter, line_style, painted
 from jounce.figures.curves import Panel, Run, columns_of, over_time
 from jounce.figures.drawing import View, draw
 from jounce.figures.labels import place_labels
@@ -103,6 +103,8 @@ def overlay(found: Example, other: Forces) -> "Figure":
             axes.set_title(found.robot.joint_names[joint])
         for axes in grid[-1]:
             axes.set_xlabel("t [s]")
+        for i, axes in enumerate(grid.flat):
+            axes.set_title(f"({letter(i)})", loc="left")
         figure.align_ylabels(grid)
         legend_above(figure, styles)
 
