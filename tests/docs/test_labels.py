@@ -56,3 +56,11 @@ def test_the_index_tags_the_entries_of_labels():
     assert {section["tags"][0] for section in sections if "tags" in section} == {
         label for label in NUMBERS if label[0] not in "aA"
     }
+
+
+def test_the_search_asks_no_other_server():
+    """The plugin `offline` loads a script from elsewhere if none of that name is given."""
+    config = (Path(__file__).parents[2] / "mkdocs.yml").read_text(encoding="utf-8")
+    [script] = re.findall(r"polyfills: \[([^]]+)\]", config)
+    assert "iframe-worker" in script
+    assert (Path(__file__).parents[2] / "docs" / script).is_file()
