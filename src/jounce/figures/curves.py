@@ -23,7 +23,7 @@ COVERS = 1.96  # standard deviations on either side
 HIDDEN = 0.1  # of the largest value: a curve below this tells nothing in the same axes
 CROWD = 10  # curves that a reader can follow in the same axes
 WIDEST = 6  # columns that crowds are spread over
-REACH = 0.5  # heights of the curves: limits further away would squeeze them
+NEAR = 0.2  # of the span of limits: how close to one a curve comes where it is drawn
 
 
 @dataclass(frozen=True)
@@ -172,17 +172,15 @@ def _draw(axes: "Axes", t: np.ndarray, panel: Panel, column: Sequence[str], name
 
 
 def _draw_limits(axes: "Axes", panel: Panel, column: Sequence[str], names: Sequence[str]) -> bool:
-    """Draw those limits that lie by the curves, as lines across; whether there are any."""
-    shown = [name for name in column if name in panel.curves]
-    if not any(name in panel.limits for name in shown):
-        return False
-    lowest = min(panel.curves[name].min() for name in shown)
-    highest = max(panel.curves[name].max() for name in shown)
-    reach = REACH * (highest - lowest)
+    """Draw the limits that curves come near to or exceed, as lines across; whether there are any."""
     drawn = False
-    for name in shown:
-        for limit in panel.limits.get(name, ()):
-            if lowest - reach <= limit <= highest + reach:
+    for name in column:
+        if name not in panel.curves or name not in panel.limits:
+            continue
+        values, (lower, upper) = panel.curves[name], panel.limits[name]
+        for limit, room in ((lower, values.min() - lower), (upper, upper - values.max())):
+            span = upper - lower if np.isfinite(upper - lower) else 2 * abs(limit)
+            if np.isfinite(limit) and room <= NEAR * span:
                 axes.axhline(limit, **LIMIT, color=line_style(names.index(name))["color"])
                 drawn = True
     return drawn
