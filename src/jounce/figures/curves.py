@@ -19,6 +19,7 @@ POINT: Any = {"marker": ".", "linestyle": "none", "ms": 2.5, "alpha": 0.25, "zor
 BAND: Any = {"linewidth": 6, "alpha": 0.25}
 BREAK: Any = {"color": PALE, "linewidth": 0.8, "linestyle": (0, (2, 2)), "zorder": 0.5}
 LIMIT: Any = {"linewidth": 2.4, "alpha": 0.4, "linestyle": "solid", "zorder": 0.8}
+MARKS = "osD^vP*X"
 COVERS = 1.96  # standard deviations on either side
 HIDDEN = 0.1  # of the largest value: a curve below this tells nothing in the same axes
 CROWD = 10  # curves that a reader can follow in the same axes
@@ -164,7 +165,9 @@ def _draw(axes: "Axes", t: np.ndarray, panel: Panel, column: Sequence[str], name
             reach = COVERS * panel.deviations[name][shown]
             band = {"color": style["color"], "alpha": BAND["alpha"], "linewidth": 0}
             axes.fill_between(t[shown], values[shown] - reach, values[shown] + reach, **band)
-        axes.plot(t[shown], values[shown], marker="o" if len(t) == 1 else "", **style)
+        if len(t) == 1:  # hollow marks, each another, show all of several in one place
+            style |= {"marker": MARKS[i % len(MARKS)], "mfc": "none"}
+        axes.plot(t[shown], values[shown], **style)
         if panel.differentiated:
             at = slice(i * apart // len(names), None, apart)  # each curve's a little later: no ring on a ring
             axes.plot(t[at], panel.differentiated[name][at], **RING, color=style["color"])
