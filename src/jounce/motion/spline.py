@@ -46,7 +46,10 @@ class Spline:
         if self.intervals is None:
             return make_interp_spline(t, q, k=self.degree)
         knots = np.interp(np.linspace(0, len(t) - 1, self.intervals + 1), range(len(t)), t)  # as many samples between
-        return make_lsq_spline(t, q, np.pad(knots, self.degree, mode="edge"), self.degree)
+        all_knots = np.pad(knots, self.degree, mode="edge")
+        fitted = make_lsq_spline(t, q, all_knots, self.degree)
+        fitted.c += make_lsq_spline(t, q - fitted(t), all_knots, self.degree).c  # mends rounding of normal equations
+        return fitted
 
     def check(self, samples: int, place: str) -> None:
         """Raise `JounceError` where no such spline can be made of so many samples."""
