@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 THRESHOLD = 0.5  # of the peak of a derivative: beyond that standard deviation the samples do not carry it
+KNOWN = 0.1  # of the peak of a derivative: noise alone is a third of its own
 ENDS = 3  # intervals at either end, in which deviations of derivatives rise by powers of ten
 POINTS = 4000  # at which peaks and deviations are compared, at most
 AROUND = 3  # intervals on either side of a hole tell how fast the motion is
@@ -47,7 +48,8 @@ class Fit:
         Largest values of q (less its mean), qd, q2d, ... between the ends.
     relative : (7,)
         Standard deviations of q, qd, q2d, ... over the largest peak, as root mean squares between the ends for
-        the worst joint.
+        the worst joint. A derivative counts for no less than that of half a wave over the duration with the same
+        lower ones: a steady motion has no q4d to compare with.
     notes : tuple of str
         What a user should know about the samples and the fit, one sentence each.
     spacing : float
@@ -86,6 +88,11 @@ class Fit:
         still = np.array([noise.sigma for noise in self.noise])
         out[..., ~self._moving, 0, 0] = still[~self._moving] ** 2
         return out
+
+    @property
+    def stamps(self) -> bool:
+        """Whether the time stamps of the samples are wrong, and corrected."""
+        return self._spread is not None and self._spread.stamps is not None
 
     @property
     def highest(self) -> int:
@@ -181,7 +188,8 @@ def _smooth(samples: Samples, bandwidth: float | None) -> tuple[np.ndarray, Smoo
     if not moved.all():
         part = samples.joints(moving)
         first, cells = first_fit(part)
-    return moving, interpolate(part) if rounded(part, first) else smooth(part, first, cells, bandwidth)
+    exact = bandwidth is None and rounded(part, first)
+    return moving, interpolate(part) if exact else smooth(part, first, cells, bandwidth)
 
 
 def _refuse_holes(t: np.ndarray, breaks: np.ndarray) -> None:
@@ -226,8 +234,17 @@ def _described(
     zeros = np.zeros((HIGHEST + 1, len(joints)))
     bare = Fit(spline, joints, noise, 0.5 / usual, ends, zeros, zeros[:, 0], notes, spacing, spread, moving)
     inside = np.linspace(*ends, min(POINTS, 4 * len(breaks)) + 2)[1:-1]
-    peaks = np.array([np.abs(spline(inside, nu=k) - (k == 0) * q.mean(axis=0)).max(axis=0) for k in range(HIGHEST + 1)])
-    squares = np.square(bare.deviations(inside, HIGHEST)).mean(axis=1)
-    largest = np.maximum(peaks.max(axis=1), np.finfo(float).tiny)
-    relative = np.sqrt(squares[:, moving].max(axis=1)) / largest if moving.any() else zeros[:, 0]
-    return replace(bare, peaks=peaks, relative=relative)
+    size = np.abs([spline(inside, nu=k) - (k == 0) * q.mean(axis=0) for k in range(HIGHEST + 1)])
+    off = np.array(bare.deviations(inside, HIGHEST))
+    usual_off = np.sqrt((off[:, :, moving] ** 2).mean(axis=1).max(axis=1, initial=0))
+    beyond = np.maximum((size - off).max(axis=(1, 2)), size.max(axis=(1, 2)) / 10)  # noise makes peaks as well
+    return replace(bare, peaks=size.max(axis=1), relative=_relative(usual_off, beyond, np.ptp(t)))
+
+
+def _relative(deviations: np.ndarray, peaks: np.ndarray, duration: float) -> np.ndarray:
+    """Standard deviations over peaks, (7,); where one is known, the next is no less than that of half a wave."""
+    largest = np.maximum(peaks, np.finfo(float).tiny)  # of joints that rest in all digits
+    for k in range(1, len(largest)):
+        if deviations[k - 1] < KNOWN * largest[k - 1]:
+            largest[k] = max(largest[k], largest[k - 1] * np.pi / duration)
+    return deviations / largest

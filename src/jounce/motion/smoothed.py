@@ -11,12 +11,12 @@ from jounce.errors import JounceError, warn
 from jounce.motion.curves import Curve
 from jounce.motion.deviations import HIGHEST
 from jounce.motion.fit import Fit, fit
+from jounce.motion.noise import local_noise
 from jounce.motion.smoothing import ROUNDING
-from jounce.motion.smoothness import of_samples
+from jounce.motion.smoothness import BEYOND_NOISE, of_samples
 from jounce.motion.spline import Smoothing, Spline, SplineCurve, curve_of
-from jounce.motion.stamps import LEAST, spikes
+from jounce.motion.stamps import LEAST, fresh, spikes
 
-STANDS_OUT = 15  # times the usual residual; noise and encoders reach 10 of them
 THROUGH = "--degree 7 (degree=7)"
 
 
@@ -67,18 +67,27 @@ def found_from(
     except JounceError as error:
         raise JounceError(f"{place}: {error}") from None
     off = np.abs(fitted.spline(t) - q)
-    if (off.max(axis=0) <= ROUNDING * np.finfo(float).eps * np.abs(q).max(axis=0)).all():
+    exact = (off.max(axis=0) <= ROUNDING * np.finfo(float).eps * np.abs(q).max(axis=0)).all()
+    if exact and way.bandwidth is None:
         return _by_hand(t, q, Spline(), highest, place)
     if shortfall and not way.force:
         cures = "--bandwidth HZ (bandwidth=) smooths them more, --force (force=) takes them all the same"
         raise JounceError(f"{place}: {shortfall}; {cures}")
-    usual = ~spikes(t, q, np.zeros(q.shape[1]))
-    stands_out = off[usual].max(axis=0) > STANDS_OUT * np.median(off, axis=0)
-    if stands_out.any() and (jumps := of_samples(t[usual], q[usual])):  # steps of an encoder look like jumps too
+    if jumps := _jumps(t, q, off, fitted):
         warn(f"{place}: {jumps}")
     curve = SmoothedCurve(fitted.spline, float(t[0]), float(t[-1]), fitted)
     notes = (*_notes(fitted), *([shortfall] if shortfall else []))
     return Found(curve, _source(fitted), notes, off.max(axis=0))
+
+
+def _jumps(t: np.ndarray, q: np.ndarray, off: np.ndarray, fitted: Fit) -> str | None:
+    """What jumps in samples (N, n), where a fit does not follow them and their stamps are right."""
+    steps = np.array([noise.step for noise in fitted.noise])
+    noise = np.maximum(local_noise(q), steps)
+    usual = ~spikes(t, q, steps) & fresh(t, q, fitted.spline(t, nu=1), noise)
+    if fitted.stamps or not (off[usual].max(axis=0) > BEYOND_NOISE * noise).any():
+        return None
+    return of_samples(t[usual], q[usual], noise)
 
 
 def _by_hand(t: np.ndarray, q: np.ndarray, way: Spline, highest: int, place: str) -> Found:
