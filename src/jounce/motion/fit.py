@@ -101,9 +101,12 @@ class Fit:
 
     def shortfall(self, order: int = 2) -> str | None:
         """Why the rate of the forces Q of that order cannot be had from these samples, in one line; None if it can."""
-        k = order + 2
-        if not 0 <= k <= HIGHEST:
+        if not 0 <= order + 2 <= HIGHEST:
             raise JounceError(f"order is {quoted(order)}; expected 0 to {HIGHEST - 2}")
+        return self.lacks(order + 2, rate_name("Q", order))
+
+    def lacks(self, k: int, purpose: str, symbol: str = "q") -> str | None:
+        """Why the samples do not carry their k-th derivative, which a purpose needs, in one line; None if they do."""
         if k <= self.highest:
             return None
         k = int(np.argmax(self.relative[: k + 1]))
@@ -111,7 +114,7 @@ class Fit:
         factor = float(self.relative[k]) / THRESHOLD
         band = self.bandwidth * min(0.9, factor ** (-2 / (2 * k + 1)))
         return (
-            f"the samples do not carry {rate_name('Q', order)}: the standard deviation of {rate_name('q', k)} is"
+            f"the samples do not carry {purpose}: the standard deviation of {rate_name(symbol, k)} is"
             f" {self.relative[k]:.0%} of its peak, with noise of {worst.sigma:.2g} ({worst.kind}) at"
             f" {1 / self.spacing:.4g} Hz up to {self.bandwidth:.3g} Hz; {np.log2(factor) + 1:.0f} bits more, a rate of"
             f" {factor**2 / self.spacing:.2g} Hz, or a longer window (bandwidth={band:.2g}) would do"

@@ -125,6 +125,16 @@ def way_of(degree: int | None, intervals: int | None, bandwidth: float | None, f
     return Spline(7 if degree is None else degree, intervals) if by_hand else Smoothing(bandwidth, force)
 
 
+def refuse_way(way: Smoothing | Spline, place: str, reason: str) -> None:
+    """Raise `JounceError` where a caller says how samples become a curve, and there are no samples for a reason."""
+    if isinstance(way, Spline):
+        given = ["degree" if way.intervals is None else "intervals"]
+    else:
+        given = [name for name, value in vars(way).items() if value]
+    if given:
+        raise JounceError(f"{place}: {reason}; {given[0]} is for samples: leave it out")
+
+
 def check_bandwidth(given: object) -> None:
     """Raise `JounceError` where it is neither None nor a frequency."""
     number = isinstance(given, int | float) and not isinstance(given, bool)
