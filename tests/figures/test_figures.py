@@ -19,8 +19,9 @@ from jounce.figures.curves import CROWD, MOST_POINTS, Panel, Run, columns_of, dr
 from jounce.figures.drawing import View, skeleton
 from jounce.figures.labels import LABEL, outline_points
 from jounce.figures.schematic import schematic
-from jounce.figures.table import run_of
+from jounce.figures.table import rows_between, run_of
 from jounce.io import tables
+from jounce.motion.bands import COVERS
 
 ROOT = Path(__file__).parents[2]
 PICTURES = [*ROOT.glob("docs/pictures/*.svg"), *ROOT.glob("benchmarks/*.svg")]
@@ -288,13 +289,47 @@ def test_panels_of_a_table(tmp_path):
     ]  # fmt: skip
     [only] = run_of(columns, "f.csv", ["b"], ["Qd"]).panels
     assert list(only.curves) == ["b"]
-    refusal(lambda: run_of({"time": T}, "f.csv"), "f.csv: no column 't'; there are: time")
-    refusal(lambda: run_of({"t": T, "a": T}, "f.csv"), "f.csv: no columns NAME.Q", "it has: t, a")
+    refusal(lambda: run_of({"time": T, "a.Q": T}, "f.csv"), "f.csv: no column 't'; there are: time")
+    log = {"time": T, "a": T}
+    refusal(lambda: run_of(log, "f.csv"), "no columns NAME.Q", "it has: time, a", "`jounce motion ROBOT f.csv -o OUT`")
     refusal(lambda: run_of(columns, "f.csv", ["c"]), "f.csv: no joint 'c'", "there are: a, b")
     ragged = {"t": T, "a.Q": T, "b.Qd": T}
     refusal(lambda: run_of(ragged, "f.csv", ["a"], ["Qd"]), "f.csv: none of a has a column of Qd")
     refusal(lambda: run_of(ragged | {"a.Q": 1e307 * T}, "f.csv"), "f.csv: column 'a.Q' holds 2e+307", "1e+300")
     refusal(lambda: run_of(columns, "f.csv", [], ["Q3d"]), "no quantity 'Q3d'; did you mean", "Q, Qd, Q2d")
+
+
+def test_some_rows_of_a_table():
+    columns = {"t": T, "a.Q": T}
+    assert rows_between(columns, "f.csv", None) is columns
+    assert np.array_equal(rows_between(columns, "f.csv", (0.5, 1.0))["a.Q"], T[(T >= 0.5) & (T <= 1)])
+    refusal(lambda: rows_between(columns, "f.csv", (2.5, 3)), "f.csv: no rows between t = 2.5 and 3 s", "t = 0 .. 2 s")
+
+
+def test_where_bands_are_wide_they_are_cut_and_the_rest_is_seen():
+    """The ends of a fit: values and bands that are powers of ten larger hide nothing, nor move a curve elsewhere."""
+    wild = np.where(T < 0.1, 1e6, 0.0)
+    curves = {"a": np.sin(T) + wild, "b": np.cos(T)}
+    deviations = {"a": 0.01 + wild, "b": np.full(len(T), 0.02)}
+    figure = over_time([Run(T, [Panel("Qd", curves, deviations=deviations)])])
+    [axes] = figure.axes
+    low, high = axes.get_ylim()
+    assert low < np.cos(2) - COVERS * 0.02
+    assert 1 + COVERS * 0.02 < high < 1.5
+    [exact] = over_time([Run(T, [Panel("Qd", curves)])]).axes[:1]
+    assert exact.get_ylim()[1] > 1e6  # a value that is certain is shown
+
+
+def test_several_runs_have_one_scale_where_bands_are_cut():
+    wild = np.where(T < 0.1, 1e6, 0.0)
+    runs = [Run(T, [Panel("Qd", {"a": k * np.sin(T) + wild}, deviations={"a": 0.01 + wild})]) for k in (3, 1)]
+    assert all(3 < axes.get_ylim()[1] < 4 for axes in over_time(runs).axes)
+
+
+def test_residuals_are_dots():
+    run = run_of({"t": T, "a.q": T, "a.q_sample": T + 1e-3}, "f.csv")
+    [line] = [line for line in over_time([run]).axes[1].get_lines() if len(line.get_xdata())]
+    assert (line.get_marker(), line.get_linestyle()) == (".", "None")
 
 
 def test_q_stands_above_Q_and_rates_below_what_they_are_rates_of():
@@ -329,12 +364,14 @@ def test_a_robot_tells_order_units_and_limits_of_its_joints():
     refusal(lambda: run_of(foreign, "f.csv", mechanism=mechanism), "f.csv: no joint of panda 'wheel'", "panda_joint1")
 
 
-def test_limits_are_drawn_where_they_do_not_squeeze_the_curves():
-    """A limit that curves come near to, or go beyond, is seen; one far away would make lines of them."""
-    limits = {"a": (-1.2, 50.0), "b": (-np.inf, np.inf)}
-    [axes] = over_time([Run(T, [Panel("q", {"a": np.sin(9 * T), "b": T - 1}, limits=limits)])]).axes
-    assert [line.get_ydata()[0] for line in axes.get_lines() if len(line.get_xdata()) == 2] == [-1.2]
-    assert axes.get_ylim()[0] < -1.2
+def test_limits_are_drawn_where_curves_come_near_or_exceed_them():
+    """All limits of all joints would hide the curves, and those far away would squeeze them."""
+    q = {"a": np.sin(9 * T), "b": T - 1, "c": 2 * T, "d": 0 * T, "e": 5 * T}
+    limits = {"a": (-1.2, 50.0), "b": (-np.inf, np.inf), "c": (-20.0, 20.0), "d": (0.1, np.inf), "e": (-3.0, 3.0)}
+    figure = over_time([Run(T, [Panel("q", q, limits=limits)])])
+    drawn = [line for axes in figure.axes for line in axes.get_lines() if len(line.get_xdata()) == 2]
+    a, d, e = (canvas.line_style(i)["color"] for i in (0, 3, 4))
+    assert {(line.get_color(), line.get_ydata()[0]) for line in drawn} == {(a, -1.2), (d, 0.1), (e, 3.0)}
 
 
 def test_runs_lie_side_by_side_in_the_same_columns_and_to_the_same_scales():

@@ -16,6 +16,7 @@ Examples:
   jounce run iiwa14 paper -o forces.csv
   jounce plot forces.csv -o forces.svg --robot iiwa14
   jounce plot forces.csv -o wrist.png --joint joint7 --quantity Q2d
+  jounce plot forces.csv -o start.png --between 0 0.5
   jounce run iiwa14 paper-wrench -o loaded.csv
   jounce plot forces.csv loaded.csv -o both.pdf --quantity Q
 """
@@ -32,6 +33,7 @@ Examples:
 @click.option(
     "--quantity", "quantities", multiple=True, metavar="Q", help="Draw this quantity only: Q, Qd, q, ...; repeatable."
 )
+@click.option("--between", type=float, nargs=2, metavar="S S", help="Draw the rows between these times only.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was drawn as JSON.")
 def plot(
     tables: Sequence[Path],
@@ -40,6 +42,7 @@ def plot(
     base: str | None,
     joints: Sequence[str],
     quantities: Sequence[str],
+    between: tuple[float, float] | None,
     as_json: bool,
 ) -> None:
     """Draw the columns of each TABLE over time: forces that `run` wrote, or a motion that `motion` wrote.
@@ -50,7 +53,7 @@ def plot(
     """
     from jounce.figures import canvas
     from jounce.figures.curves import over_time
-    from jounce.figures.table import run_of
+    from jounce.figures.table import rows_between, run_of
     from jounce.io import files
     from jounce.io.tables import read
 
@@ -60,7 +63,8 @@ def plot(
     if base is not None and robot is None:
         raise JounceError("--base is of a robot; expected --robot as well")
     mechanism = None if robot is None else Asked(robot, {} if base is None else {"base": base}).load().mechanism
-    runs = [run_of(read(table), str(table), joints, quantities, mechanism) for table in tables]
+    runs = [run_of(rows_between(read(table), str(table), between), str(table), joints, quantities, mechanism)
+            for table in tables]  # fmt: skip
     if len(runs) == 1:
         runs = [replace(runs[0], title="")]  # the picture has the name of the table already, or a caption
     canvas.save(over_time(runs), output)

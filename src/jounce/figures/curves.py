@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jounce.figures.canvas import PALE, legend_above, letter, line_style, painted, written
+from jounce.motion.bands import COVERS, surest_peaks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,11 +20,12 @@ POINT: Any = {"marker": ".", "linestyle": "none", "ms": 2.5, "alpha": 0.25, "zor
 BAND: Any = {"linewidth": 6, "alpha": 0.25}
 BREAK: Any = {"color": PALE, "linewidth": 0.8, "linestyle": (0, (2, 2)), "zorder": 0.5}
 LIMIT: Any = {"linewidth": 2.4, "alpha": 0.4, "linestyle": "solid", "zorder": 0.8}
-COVERS = 1.96  # standard deviations on either side
+MARKS = "osD^vP*X"
 HIDDEN = 0.1  # of the largest value: a curve below this tells nothing in the same axes
 CROWD = 10  # curves that a reader can follow in the same axes
 WIDEST = 6  # columns that crowds are spread over
-REACH = 0.5  # heights of the curves: limits further away would squeeze them
+TOLD = 0.5  # of the largest value: a band that reaches further than this leaves nothing to be seen beside it
+NEAR = 0.2  # of the span of limits: how close to one a curve comes where it is drawn
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,22 @@ class Panel:
     units: Mapping[str, str] = field(default_factory=dict)  # of the quantity, by the unit of the joint: rad, m
     joint_units: Mapping[str, str] = field(default_factory=dict)  # by joint; of some or of none where unknown
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # by joint, infinite where not stated
+    style: Mapping[str, Any] = field(default_factory=dict)  # of values that are no curves
+
+    def reach(self, name: str) -> np.ndarray:
+        """How far the band of a curve reaches on either side of it."""
+        return COVERS * self._deviations(name)
+
+    def band(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """The lower and the upper edge of the band of a curve."""
+        return self.curves[name] - self.reach(name), self.curves[name] + self.reach(name)
+
+    def peak(self, name: str) -> float:
+        """The largest absolute value of a curve, that of its wild ends left out."""
+        return float(surest_peaks(self.curves[name], self._deviations(name))[0])
+
+    def _deviations(self, name: str) -> np.ndarray:
+        return self.deviations.get(name, np.zeros(len(self.curves[name])))
 
 
 @dataclass(frozen=True)
@@ -73,6 +91,7 @@ def over_time(runs: Sequence[Run], title: str = "", columns: Sequence[Sequence[s
                         _draw(axes, run.t, panel, column, names)
                         limited |= _draw_limits(axes, panel, column, names)
                         axes.set_ylabel(_axis_label(panel, column))
+                _leave_out_wide_bands(axes, [panel for panel in panels if panel.label == label], column)
                 for at in run.breaks:
                     axes.axvline(at, **BREAK)
             for axes, left in reversed(list(zip(row[1:], row, strict=False))):
@@ -108,7 +127,7 @@ def by_size(panels: Sequence[Panel], names: Sequence[str]) -> list[list[str]]:
     """Curves in one column, or in two, large and small, where one is hidden beside the largest of its panel."""
     small = set()
     for panel in panels:
-        peaks = {name: np.abs(panel.curves[name]).max() for name in names if name in panel.curves}
+        peaks = {name: panel.peak(name) for name in names if name in panel.curves}
         small |= {name for name, peak in peaks.items() if peak < HIDDEN * max(peaks.values())}
     columns = [[name for name in names if (name in small) == side] for side in (False, True)]
     return [column for column in columns if column]
@@ -161,28 +180,44 @@ def _draw(axes: "Axes", t: np.ndarray, panel: Panel, column: Sequence[str], name
         if name in panel.points:
             axes.plot(t[shown], panel.points[name][shown], **POINT, color=style["color"])
         if name in panel.deviations:
-            reach = COVERS * panel.deviations[name][shown]
-            band = {"color": style["color"], "alpha": BAND["alpha"], "linewidth": 0}
-            axes.fill_between(t[shown], values[shown] - reach, values[shown] + reach, **band)
-        axes.plot(t[shown], values[shown], marker="o" if len(t) == 1 else "", **style)
+            look = {"color": style["color"], "alpha": BAND["alpha"], "linewidth": 0}
+            axes.fill_between(t[shown], *(edge[shown] for edge in panel.band(name)), **look)
+        if len(t) == 1:  # hollow marks, each another, show all of several in one place
+            style |= {"marker": MARKS[i % len(MARKS)], "mfc": "none"}
+        axes.plot(t[shown], values[shown], **{**style, **panel.style})
         if panel.differentiated:
             at = slice(i * apart // len(names), None, apart)  # each curve's a little later: no ring on a ring
             axes.plot(t[at], panel.differentiated[name][at], **RING, color=style["color"])
     axes.margins(x=0.01)
 
 
+def _leave_out_wide_bands(axes: "Axes", panels: Sequence[Panel], column: Sequence[str]) -> None:
+    """Scale axes to the values that are known: where bands are far wider, as at the ends of a fit, they are cut."""
+    curves = [(panel, name) for panel in panels for name in column if name in panel.curves]
+    peak = max((panel.peak(name) for panel, name in curves), default=0.0)
+    known = [panel.reach(name) <= TOLD * peak for panel, name in curves]
+    if all(rows.all() for rows in known) or not any(rows.any() for rows in known):
+        return
+    shown = [
+        values[rows]
+        for (panel, name), rows in zip(curves, known, strict=True)
+        for values in (*panel.band(name), panel.points.get(name, panel.curves[name]))
+    ]
+    lowest, highest = (of(np.concatenate(shown)) for of in (np.min, np.max))
+    margin = 0.05 * (highest - lowest)
+    axes.set_ylim(lowest - margin, highest + margin)
+
+
 def _draw_limits(axes: "Axes", panel: Panel, column: Sequence[str], names: Sequence[str]) -> bool:
-    """Draw those limits that lie by the curves, as lines across; whether there are any."""
-    shown = [name for name in column if name in panel.curves]
-    if not any(name in panel.limits for name in shown):
-        return False
-    lowest = min(panel.curves[name].min() for name in shown)
-    highest = max(panel.curves[name].max() for name in shown)
-    reach = REACH * (highest - lowest)
+    """Draw the limits that curves come near to or exceed, as lines across; whether there are any."""
     drawn = False
-    for name in shown:
-        for limit in panel.limits.get(name, ()):
-            if lowest - reach <= limit <= highest + reach:
+    for name in column:
+        if name not in panel.curves or name not in panel.limits:
+            continue
+        values, (lower, upper) = panel.curves[name], panel.limits[name]
+        for limit, room in ((lower, values.min() - lower), (upper, upper - values.max())):
+            span = upper - lower if np.isfinite(upper - lower) else 2 * abs(limit)
+            if np.isfinite(limit) and room <= NEAR * span:
                 axes.axhline(limit, **LIMIT, color=line_style(names.index(name))["color"])
                 drawn = True
     return drawn

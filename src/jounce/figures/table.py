@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from jounce.errors import JounceError, listed, no_such, quoted, shortened
-from jounce.figures.curves import Panel, Run
+from jounce.figures.curves import POINT, Panel, Run
 from jounce.model.coordinates import coordinate_units, leading_joints
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import SUFFIX
@@ -48,16 +48,33 @@ def run_of(
         if curves:
             drawn.append(Panel(quantity, curves, None, **given, units=unit, joint_units=units, limits=of_joints))
         if residuals := _residuals(curves, given.get("points", {})) if quantity == "q" else {}:
-            drawn.append(Panel("residual of q", residuals, units=unit, joint_units=units))
+            drawn.append(Panel("residual of q", residuals, units=unit, joint_units=units, style=POINT))
     return Run(columns["t"], drawn, _breaks(columns), place)
+
+
+def rows_between(
+    columns: Mapping[str, np.ndarray], place: str, between: tuple[float, float] | None
+) -> Mapping[str, np.ndarray]:
+    """The rows of a table between two times, both included; all of them if there are none.
+
+    Raises
+    ------
+    JounceError : where no row lies between them.
+    """
+    if between is None or "t" not in columns:
+        return columns
+    t = columns["t"]
+    rows = (between[0] <= t) & (t <= between[1])
+    if not rows.any():
+        came = f"no rows between t = {between[0]:g} and {between[1]:g} s"
+        raise JounceError(f"{place}: {came}; the table has t = {t.min():g} .. {t.max():g} s")
+    return {name: values[rows] for name, values in columns.items()}
 
 
 def _found(
     columns: Mapping[str, np.ndarray], place: str
 ) -> tuple[dict[str, dict[str, np.ndarray]], dict[str, dict[str, dict[str, np.ndarray]]]]:
     """The curves by quantity and joint; and by what else there is to a curve, its points and deviations."""
-    if "t" not in columns:
-        raise JounceError(f"{place}: {no_such('column', 't', columns)}")
     found: dict[str, dict[str, np.ndarray]] = {}
     beside: dict[str, dict[str, dict[str, np.ndarray]]] = {}
     for name, values in columns.items():
@@ -66,9 +83,12 @@ def _found(
             of = found if kind is None else beside.setdefault(KINDS[kind], {})
             of.setdefault(match[2] + (match[3] or ""), {})[match[1]] = values
     if not found:
+        cure = f"of samples `jounce motion ROBOT {place} -o OUT` makes a table to be drawn"
         raise JounceError(
-            f"{place}: no columns NAME.Q, NAME.Qd, ... or NAME.q, NAME.qd, ...; it has: {listed(columns)}"
+            f"{place}: no columns NAME.Q, NAME.Qd, ... or NAME.q, NAME.qd, ...; it has: {listed(columns)}; {cure}"
         )
+    if "t" not in columns:
+        raise JounceError(f"{place}: {no_such('column', 't', columns)}")
     return found, beside
 
 
