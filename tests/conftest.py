@@ -1,6 +1,9 @@
 """Property tests run the same examples everywhere, however slow the machine."""
 
+import ctypes
+import gc
 import os
+import sys
 from random import SystemRandom
 
 import pytest
@@ -37,6 +40,17 @@ def _own_cache(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("JOUNCE_CACHE_DIR", str(tmp_path_factory.mktemp("kernels")))
         yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _little_memory():
+    """A module leaves no compiled functions of JAX, no cycles and no free pages: a worker would grow to gigabytes."""
+    yield
+    if jax := sys.modules.get("jax"):
+        jax.clear_caches()
+    gc.collect()
+    if sys.platform == "linux" and (trim := getattr(ctypes.CDLL(None), "malloc_trim", None)):  # of glibc alone
+        trim(0)
 
 
 def pytest_terminal_summary(terminalreporter):

@@ -154,6 +154,38 @@ def test_samples_without_noise_are_interpolated():
     assert np.abs(smooth.spline(middle, nu=4) - truth(middle, 4)).max() < 1e-4
 
 
+STEADY = {
+    "in all digits": (np.zeros(3), 0.0),
+    "white": (np.array([1e-5, 1e-6, 1e-4]), 0.0),
+    "encoder": (np.zeros(3), 2 * np.pi / 2**17),
+}
+
+
+@pytest.mark.parametrize(("sigma", "step"), STEADY.values(), ids=STEADY)
+@pytest.mark.parametrize("speeds", [(0.3, -0.2, 0.5), (0, 0, 0)], ids=["steady", "at rest"])
+def test_joints_that_keep_their_speed_need_no_peak_of_q4d(sigma, step, speeds):
+    t = np.arange(2001) / 1000
+    q = 0.1 + t[:, None] * speeds + sigma * np.random.default_rng(0).normal(size=(2001, 3))
+    smooth = fit(t, step * np.round(q / step) if step else q)
+    assert smooth.shortfall(2) is None
+    s = inside(smooth)
+    off, deviations = np.abs(smooth.spline(s, nu=4)), smooth.deviations(s, 4)[4]
+    assert (off <= 4 * deviations + 1e-2).all()
+    assert {noise.kind for noise in smooth.noise} <= {"white", "rounding", "rest", "encoder step"}
+    assert all(noise.step in (0, pytest.approx(step, rel=1e-6)) for noise in smooth.noise)
+
+
+def test_a_bandwidth_smooths_exact_samples_too():
+    t = np.arange(1001) / 100
+    truth = harmonics(np.random.default_rng(0))
+    ripple = 1e-3 * np.sin(2 * np.pi * 8 * t)[:, None]
+    smooth = fit(t, truth(t) + ripple, bandwidth=2)
+    assert smooth.bandwidth == pytest.approx(2, rel=0.05)
+    s = inside(smooth)
+    assert np.abs(smooth.spline(s) - truth(s)).max() < 2e-4
+    assert "smoothed" in jounce.Motion.fit(t, truth(t), bandwidth=5).source
+
+
 def test_joints_at_rest_are_constant_which_is_said_once():
     rng = np.random.default_rng(1)
     t = np.arange(3000) / 500
