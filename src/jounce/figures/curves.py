@@ -71,8 +71,8 @@ class Run:
 def over_time(runs: Sequence[Run], title: str = "", columns: Sequence[Sequence[str]] | None = None) -> "Figure":
     """A row of axes per quantity and a column per group of joints, above a common time axis and under one legend.
 
-    Several runs lie side by side in each column, to the same scales. The groups are those of `columns_of`, if none
-    are given.
+    Several runs lie side by side in each column, to the same scales. Without `columns` the groups are those of
+    `columns_of`.
     """
     panels = [panel for run in runs for panel in run.panels]
     names, labels = _names(panels), list(dict.fromkeys(panel.label for panel in panels))
@@ -94,20 +94,26 @@ def over_time(runs: Sequence[Run], title: str = "", columns: Sequence[Sequence[s
                 _leave_out_wide_bands(axes, [panel for panel in panels if panel.label == label], column)
                 for at in run.breaks:
                     axes.axvline(at, **BREAK)
-            for axes, left in reversed(list(zip(row[1:], row, strict=False))):
-                if axes.get_ylabel() == left.get_ylabel():
-                    axes.set_ylabel("")
-        for axes, (_, run) in zip(grid[0], cells, strict=True):
-            axes.set_title(written(run.title), parse_math=False)
-        for axes in grid[-1]:
-            axes.set_xlabel("t [s]")
-        if grid.size > 1:
-            for i, axes in enumerate(grid.flat):
-                axes.set_title(f"({letter(i)})", loc="left")
+        _write_titles(grid, [run.title for _, run in cells])
         figure.align_ylabels(grid)
         legend_above(figure, _entries(panels, names, any(run.breaks for run in runs), limited), title=title or None)
 
     return painted(paint, 3 + (4.2 if len(cells) < 3 else 3.2) * len(cells), 0.7 + 2.2 * len(labels))
+
+
+def _write_titles(grid: np.ndarray, titles: Sequence[str]) -> None:
+    """The titles of the columns, letters of the axes, and labels of the scales, once in each row of one unit."""
+    for row in grid:
+        for axes, left in reversed(list(zip(row[1:], row, strict=False))):
+            if axes.get_ylabel() == left.get_ylabel():
+                axes.set_ylabel("")
+    for axes, title in zip(grid[0], titles, strict=True):
+        axes.set_title(written(title), parse_math=False)
+    for axes in grid[-1]:
+        axes.set_xlabel("t [s]")
+    if grid.size > 1:
+        for i, axes in enumerate(grid.flat):
+            axes.set_title(f"({letter(i)})", loc="left")
 
 
 def columns_of(panels: Sequence[Panel]) -> list[list[str]]:
