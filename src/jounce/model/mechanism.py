@@ -6,7 +6,7 @@ and g: the identity, unless joints mimic others.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
@@ -103,6 +103,8 @@ class Mechanism:
         pose in the frame of the body.
     name : str
         The robot's name.
+    default_axes : tuple of str
+        Joints whose axis the file leaves out, so that it is the format's default; robots are equal all the same.
 
     Examples
     --------
@@ -127,6 +129,7 @@ class Mechanism:
     acting: tuple[str, ...] = ()
     frames: tuple[Frame, ...] = ()
     name: str = "robot"
+    default_axes: tuple[str, ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
         own = (getattr(self, name) for name in DATA)

@@ -5,7 +5,7 @@ import re
 import numpy as np
 
 from jounce.errors import JounceError, no_such, quoted, warn
-from jounce.model.coordinates import coordinate_units, leading_joints
+from jounce.model.coordinates import coordinate_units, leading_joints, likely_positions
 from jounce.model.mechanism import Mechanism
 
 ANGLES = {"rad": 1.0, "deg": np.pi / 180}
@@ -19,7 +19,6 @@ PER_TIME = re.compile(r"(.+?)\s*/\s*s(?:\^?([2-9])|([²³⁴]))?")
 POWERS = {"²": 2, "³": 3, "⁴": 4}
 INDEX = re.compile(r"\d+")
 
-TURNS = 8 * np.pi  # rad: four turns, further than joints without limits are taken to go unasked
 SPEED = 60.0  # rad/s or m/s, faster than joints without limits are taken to move unasked
 BEYOND = 0.1  # of the range of a joint: how far beyond its limits it may be
 FASTER = 3.0  # times the limit of speed: how fast it may be
@@ -145,11 +144,10 @@ def _stated_limits(mechanism: Mechanism, j: int) -> tuple[float, float, float]:
 
 def _limits(mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Lower and upper limits and speeds of the coordinates, generous ones where nothing is stated."""
-    lower, upper, fastest = np.array([_stated_limits(mechanism, j) for j in range(mechanism.n)]).reshape(-1, 3).T
-    revolute = np.array([unit == "rad" for unit in coordinate_units(mechanism)])
-    widest = np.where(revolute, TURNS, np.inf)
-    fastest = np.where(np.isfinite(fastest) & (fastest > 0), fastest, SPEED / FASTER)
-    return np.where(np.isfinite(lower), lower, -widest), np.where(np.isfinite(upper), upper, widest), fastest
+    leading = leading_joints(mechanism)
+    fastest = mechanism.limits.velocity[leading]
+    lower, upper = (bound[leading] for bound in likely_positions(mechanism))
+    return lower, upper, np.where(np.isfinite(fastest) & (fastest > 0), fastest, SPEED / FASTER)
 
 
 def _allowed(mechanism: Mechanism, j: int) -> str:
