@@ -12,7 +12,7 @@ from jounce._codegen.schedule import is_function
 from jounce.dynamics.kinematics import FRAMES
 from jounce.dynamics.quantities import Quantity
 from jounce.model.coordinates import coordinate_units
-from jounce.model.drives import TERMS
+from jounce.model.drives import AMOUNTS, TERMS
 from jounce.model.mechanism import Mechanism
 from jounce.program.operations import OPERATIONS
 from jounce.program.program import Program
@@ -86,7 +86,7 @@ def drive_trains(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
     """Which terms of the robot's drive trains functions include, and which they leave out, as sentences."""
     rows = _quantities(functions)
     entering = [term for term in TERMS if any(term in row.drive_terms for row in rows)]
-    stated = [term for term in entering if np.any(getattr(robot.drives, STATED.get(term, term)))]
+    stated = [term for term in entering if np.any(getattr(robot.drives, AMOUNTS[term]))]
     included = [(row.symbol, [x for x in stated if x in robot.acting and x in row.drive_terms]) for row in rows]
     left = [term for term in stated if term not in robot.acting]
     found = [
@@ -117,7 +117,6 @@ def parameters(robot: Parametric) -> dict[str, str]:
     return {name: meanings.get(name, "a symbol of the robot") for name in robot.shapes}
 
 
-STATED = {"spring": "stiffness"}  # the coefficient of a term, where it has not the term's name
 OF_DRIVES = {  # theta is the angle of a joint, or its path
     "armature": "armature (I theta2d)",
     "damping": "damping (d thetad)",

@@ -16,7 +16,7 @@ from jounce._scalars import is_masked
 from jounce._typing import ArrayLike, Floats
 from jounce.arguments import names
 from jounce.dynamics.computation import Computation
-from jounce.errors import JounceError, one_line, quoted
+from jounce.errors import JounceError, one_line, quoted, warn
 from jounce.model.mechanism import Mechanism
 from jounce.native import cache, jit, plan
 from jounce.native.jit import host, ufunc
@@ -208,6 +208,8 @@ class Kernel(Generic[Results]):
         both = list(zip(inputs, taken, strict=True))
         fits = all(x.shape[-len(shape) :] == shape for x, shape in both)
         batch = np.broadcast_shapes(*(x.shape[: -len(shape)] for x, shape in both)) if fits else ()
+        if fits and not batch and threads > 1:
+            warn(f"threads={threads} has no effect on one state: it splits the first axis of a batch")
         shapes = [(*batch, *shape) for shape in given]
         results = [np.empty(shape) for shape in shapes] if out is None else out
         if not batch or batch[0] < 2 or [getattr(y, "shape", None) for y in results] != shapes:
