@@ -100,8 +100,11 @@ def is_finite(x: Any) -> bool:
 
 def element(x: Any, what: str) -> Array:
     """`x` as what stands for one scalar of an array, batch axes alone; a CasADi scalar, which has two axes, is one."""
-    scalar = type(x).__module__.startswith("casadi") and x.shape == (1, 1)
-    return asarray(_of_casadi(x, what).reshape(()) if scalar else x, what)
+    if not type(x).__module__.startswith("casadi") or x.shape != (1, 1):
+        return asarray(x, what)
+    array = np.empty((), dtype=object)
+    array[()] = x
+    return array
 
 
 def _of_casadi(x: Any, what: str) -> np.ndarray:

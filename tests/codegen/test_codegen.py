@@ -682,6 +682,16 @@ def test_parameters_without_effect_are_warned_of(tmp_path):
         jounce.codegen(jounce.load("planar2r"), "c", 0, tmp_path / "code", **given)
 
 
+@pytest.mark.parametrize("lang", LANGUAGES)
+def test_force_leaves_no_file_of_another_robot_or_output(lang, tmp_path):
+    folder = tmp_path / "code"
+    robot = jounce.load("planar2r")
+    jounce.codegen(robot, lang, 0, folder, parameters=["masses"], prefix="old", outputs=["momentum", "gravity_forces"])
+    (folder / "mine.txt").write_text("mine")
+    made = jounce.codegen(robot, lang, 0, folder, prefix="second", force=True)
+    assert sorted(path.name for path in folder.iterdir()) == sorted([*made.files, "mine.txt"])
+
+
 def test_the_verb_says_what_it_wrote_and_refuses_in_one_line(tmp_path):
     done = run("planar2r", "--lang", "c", "-o", tmp_path / "arm")
     assert done.output.splitlines() == [

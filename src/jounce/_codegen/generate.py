@@ -71,7 +71,7 @@ def codegen(
     prefix : str
         The beginning of all names in the code; the robot's name if left out.
     force : bool
-        Write into a folder that is not empty: files that jounce generated are replaced, all others stay.
+        Write into a folder that is not empty: what an earlier run generated is replaced or removed, all else stays.
 
     Returns
     -------

@@ -13,6 +13,7 @@ from jounce.errors import JounceError, at, quoted
 from jounce.model.mechanism import Mechanism
 from jounce.motion.matching import matched
 from jounce.motion.motion import Break, Motion
+from jounce.motion.units import warn_of_degrees
 from jounce.robot.dispatch import compute
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 PIECE = 1000  # states
 PERTURBED = 200_000  # states computed for the deviations of forces, which change slowly: between them they are linear
+GLANCES = 200  # states by which the unit of a motion is judged
 FIRST = FORCES.rates - 1  # the order of the rate of q that Q itself takes: q2d
 
 Progress = Callable[[int, int], object]  # of the number of states done, and of all
@@ -78,6 +80,8 @@ def forces_along(
 ) -> Along:
     """The forces and their rates at times of a motion, or at its own, checked."""
     path, highest = checked_motion(robot.mechanism, motion), checked_order(order)
+    q, qd = path(np.linspace(path.start, path.stop, GLANCES), 1)
+    warn_of_degrees(q, qd, robot.mechanism, "the motion")
     times = path.times if t is None else path.checked(t)
     if times.ndim != 1 or not times.size:
         raise JounceError(f"t is {quoted(t)}; expected an array (N,) of times in s, or None for those of the motion")
