@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 import jounce
 from jounce.audit import SEVERITIES, Finding, audit
+from jounce.audit.mobility import singular
 from jounce.checks.description import describe
 from jounce.cli import main
 from jounce.model.mechanism import Mechanism
@@ -151,6 +152,14 @@ def test_finds_it_and_not_what_is_barely_sound(kind, data, severity, where, numb
     assert finding.advice
     assert f"{finding}\n{finding.advice}".replace("\n", "").isprintable()
     assert kind not in {other for _, other in found(arm(**sound))}
+
+
+def test_a_long_chain_is_not_singular():
+    """Its mass matrix is regular, though its eigenvalues in doubles do not tell."""
+    B = np.stack([lie.pose(np.eye(3), np.array([[0.0], [0.0], [0.1]]))] * 1000)
+    M = np.stack([jounce.inertia_matrix(1.5, [0, 0, 0.05], np.diag([0.01, 0.012, 0.011]))] * 1000)
+    chain = jounce.Robot.from_screws(B, [[0, 1, 0, 0, 0, 0]] * 1000, M)
+    assert singular(chain.mechanism) == []
 
 
 def test_an_axis_that_a_urdf_leaves_out_is_noted(tmp_path):
