@@ -5,10 +5,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-import jounce
 from jounce._codegen.function import Function
 from jounce._codegen.parametric import Parametric
 from jounce._codegen.schedule import is_function
+from jounce._version import __version__
 from jounce.dynamics.kinematics import FRAMES
 from jounce.dynamics.quantities import Quantity
 from jounce.model.coordinates import coordinate_units
@@ -29,7 +29,7 @@ def printable(name: str) -> str:
 def origin(robot: Mechanism, order: int, single: bool) -> str:
     """What code is made from, and by what."""
     precision = "single" if single else "double"
-    return f"{MARK} {jounce.__version__} from the robot {printable(robot.name)}, order {order}, {precision} precision."
+    return f"{MARK} {__version__} from the robot {printable(robot.name)}, order {order}, {precision} precision."
 
 
 def arrays(robot: Mechanism, first: int) -> list[tuple[str, list[str]]]:
