@@ -9,9 +9,9 @@ import numpy as np
 
 from jounce._scalars import asarray, is_finite
 from jounce.arguments.rates import checked_order
-from jounce.errors import JounceError, listed, one_of, quoted
+from jounce.errors import JounceError, listed, one_of, quoted, warn
 from jounce.motion.composed import Chain, Retimed
-from jounce.motion.curves import HIGHEST, Curve, Polynomials
+from jounce.motion.curves import COMPONENTS, HIGHEST, Curve, Jump, Polynomials
 from jounce.spatial.series import rate_name
 
 STEP = 1e-3  # s, between the times of a motion that comes without any
@@ -22,12 +22,17 @@ MEET = 1e-6  # rad or m: motions further apart do not follow each other
 
 
 class Break(NamedTuple):
-    """Where a derivative of a coordinate jumps: when, of which joint, its order (0 is q, 3 is q3d), by how much."""
+    """Where a derivative of a coordinate jumps: when, of which joint, its order (0 is q, 3 is q3d), by how much.
+
+    Where a wrench jumps, `symbol` is "W", the order is that of its derivative, and the joint is its component, as in
+    "link7.fz".
+    """
 
     t: float
     joint: str | int
     order: int
     jump: float
+    symbol: str = "q"
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,15 +204,22 @@ class Motion:
 
     @cached_property
     def breaks(self) -> tuple[Break, ...]:
-        """Where a derivative up to q4d jumps, in the order of time; of each joint the lowest one that does."""
+        """Where a derivative up to q4d or W2d jumps, in the order of time; of each joint the lowest one that does."""
         return self.breaks_to(HIGHEST)
 
     def breaks_to(self, order: int) -> tuple[Break, ...]:
-        """Where a derivative up to an order jumps, in the order of time; of each joint the lowest one that does."""
-        known, order = self.curve.highest, checked_order(order)
-        jumps = self.curve.jumps(order if known is None else min(order, known))
+        """Where a derivative up to an order jumps, in the order of time; of each joint the lowest one that does.
+
+        Wrenches count to the order less two, as Q takes q2d and W.
+        """
+        order = checked_order(order)
         names: Sequence[str | int] = self.joint_names or range(self.curve.columns)
-        return tuple(Break(jump.t, names[jump.column], jump.order, jump.size) for jump in jumps)
+        found = [Break(jump.t, names[jump.column], jump.order, jump.size) for jump in _jumps(self.curve, order)]
+        for body, curve in self.loads.items():
+            for jump in _jumps(curve, order - 2):
+                name = f"{body}.{COMPONENTS[jump.column]}"
+                found.append(Break(jump.t, name, jump.order, jump.size, "W"))
+        return tuple(sorted(found, key=lambda jump: jump.t))
 
     def __call__(self, t: object, order: int = 4, side: Literal["right", "left"] = "right") -> tuple[np.ndarray, ...]:
         """The coordinates and their rates at times.
@@ -257,6 +269,15 @@ class Motion:
                 by_body[body] = rate.reshape(*times.shape, 6)
         return tuple(found)
 
+    def wrench_deviations(self, t: object, order: int = 2) -> tuple[dict[str, np.ndarray], ...]:
+        """Standard deviations {name: (..., 6)} of wrenches and their rates at times, of those that are smoothed."""
+        times, order = self.checked(t), checked_order(order)
+        found = {body: curve.deviations(times.ravel(), order) for body, curve in self.loads.items()}
+        known = {body: rates for body, rates in found.items() if rates is not None}
+        return tuple(
+            {body: rates[k].reshape(*times.shape, 6) for body, rates in known.items()} for k in range(order + 1)
+        )
+
     def deviations(self, t: object, order: int = 4) -> tuple[np.ndarray, ...] | None:
         """Standard deviations (..., n) of the coordinates and their rates at times; None where these are exact."""
         times, order = self.checked(t), checked_order(order)
@@ -292,7 +313,7 @@ class Motion:
         """The motion with polynomials in place of its breaks, so that no derivative up to an order jumps any more.
 
         Each break of a joint is replaced from half the time before to half the time after; `residual` is the largest
-        distance from this motion that comes of it.
+        distance from this motion that comes of it. Wrenches that jump are blended too, up to the order less two.
 
         Parameters
         ----------
@@ -309,12 +330,20 @@ class Motion:
             raise JounceError(
                 f"continuity is {quoted(continuity)}; expected 2 to {MOST_CONTINUOUS}, 4 for a smooth Q2d"
             )
+        if not self.breaks_to(continuity):
+            last = rate_name("q", continuity)
+            warn(f"no derivative up to {last} jumps ({self.source}): a blend has no effect; leave it out")
+            return replace(self, residual=np.zeros(self.curve.columns))
         names = [f"joint {self._name(j)}" for j in range(self.curve.columns)]
-        known = self.curve.highest
-        order = continuity if known is None else min(continuity, known)
-        curve, distance = blended(self.curve, float(time), order, names)
+        curve, distance = blended(self.curve, float(time), _known(self.curve, continuity), names)
+        loads, notes = dict(self.loads), list(self.notes)
+        for body, load in self.loads.items():
+            if _jumps(load, continuity - 2):
+                components = [f"the wrench component {body}.{component}" for component in COMPONENTS]
+                loads[body], off = blended(load, float(time), _known(load, continuity - 2), components)
+                notes.append(f"wrench of {quoted(body)}: blended, at most {off.max():.2g} N m or N from it")
         source = f"{self.source}, blended over {float(time):g} s (C^{continuity})"
-        return replace(self, curve=curve, source=source, residual=distance)
+        return replace(self, curve=curve, source=source, residual=distance, loads=loads, notes=tuple(notes))
 
     def __add__(self, other: object) -> "Motion":
         """This motion and then another, shifted to where this one ends; they must meet, and jumps there are breaks."""
@@ -388,6 +417,16 @@ class Motion:
 
     def _names(self) -> str:
         return listed(self.joint_names) if self.joint_names else f"{self.curve.columns} without names"
+
+
+def _known(curve: Curve, order: int) -> int:
+    """The order, or that of the last derivative that a curve knows."""
+    return order if curve.highest is None else min(order, curve.highest)
+
+
+def _jumps(curve: Curve, order: int) -> list[Jump]:
+    """Where a derivative of a curve up to an order jumps, as far as it is known."""
+    return curve.jumps(_known(curve, order)) if order >= 0 else []
 
 
 def _zero(motion: Motion) -> Curve:
