@@ -61,6 +61,10 @@ def load(
     **parameters : keywords
         Of planar2r: L1, L2, m1, m2, g; symbols are values too.
 
+    Returns
+    -------
+    Robot
+
     Raises
     ------
     JounceError

@@ -157,7 +157,29 @@ class Mechanism:
         return (*self.bodies, *(frame.name for frame in self.frames))
 
     def frame(self, name: str) -> Frame:
-        """Where a body, or a link merged into one, sits."""
+        """Where a body, or a link merged into one, sits.
+
+        Parameters
+        ----------
+        name : str
+            The name of the body or link.
+
+        Returns
+        -------
+        Frame
+            With its `name`, its `body` (an index, -1 for the ground), and its pose `T` (4, 4) in the frame of the body.
+
+        Raises
+        ------
+        JounceError
+            If the name is unknown.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("panda").mechanism.frame("panda_hand_tcp").body
+        6
+        """
         one_of("body", name, self.frame_names)
         if name in self.bodies:
             return Frame(name, self.bodies.index(name), np.eye(4, dtype=int))

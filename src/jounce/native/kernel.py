@@ -95,6 +95,14 @@ class Kernel(Generic[Results]):
         JounceError
             If the number of arrays, a shape or a dtype is wrong, an array has names or a mask, or a keyword asks for
             what `Robot.compile` has fixed, as body and frame.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> kernel = jounce.load("planar2r").compile("gravity_forces", order=1)
+        >>> G, Gd = kernel(np.zeros((3, 2)), np.ones(2))
+        >>> G.shape, Gd[0].round(12)
+        ((3, 2), array([0., 0.]))
         """
         if fixed:
             raise self._fixed_at_compile_time(fixed)
@@ -135,6 +143,16 @@ class Kernel(Generic[Results]):
         ------
         JounceError
             If an array is not one of float64, a shape is wrong, or `out` is read-only or shares memory.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> kernel = jounce.load("planar2r").compile("gravity_forces", order=0)
+        >>> q, G = np.zeros(2), np.empty(2)
+        >>> call = kernel.bind(q, out=G)
+        >>> call()
+        >>> G
+        array([29.43,  9.81])
         """
         if fixed:
             raise self._fixed_at_compile_time(fixed)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
+from jounce._typing import ArrayLike
 from jounce.arguments.rates import checked_order
 from jounce.dynamics.quantities import FORCES
 from jounce.errors import JounceError, at, quoted
@@ -77,7 +78,7 @@ class Along:
 
 
 def forces_along(
-    robot: "Robot", motion: object, t: object, order: object, method: str | None, progress: Progress | None
+    robot: "Robot", motion: object, t: ArrayLike | None, order: object, method: str | None, progress: Progress | None
 ) -> Along:
     """The forces and their rates at times of a motion, or at its own, checked."""
     path, highest = checked_motion(robot.mechanism, motion), checked_order(order)

@@ -65,6 +65,15 @@ class Robot:
     Robots are equal where all their data are: names, tree and numbers.
 
     Errors: `JounceError` for a wrong shape, a skipped rate, an unknown name or method, an `out` that does not fit.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> robot = jounce.load("planar2r")
+    >>> robot.n, robot.joint_names, robot.body_names
+    (2, ('joint1', 'joint2'), ('body1', 'body2'))
+    >>> robot.gravity_forces([0.0, 0.0])
+    array([29.43,  9.81])
     """
 
     mechanism: Mechanism
