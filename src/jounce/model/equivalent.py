@@ -116,7 +116,8 @@ def slide_origins(mechanism: Mechanism) -> Mechanism:
 def _shortened(offset: Array, axis: Array) -> Array:
     """What is left of an offset, moved along an axis to where it is shortest, or to where it has fewer components."""
     shortest = offset - axis * (axis.mT @ offset)
-    if _numbers(offset) is None or (e := _numbers(axis)) is None:
+    e = _numbers(axis)
+    if e is None or not all(isinstance(x, int | float | np.number) for x in offset.flat):
         return shortest
     steep = np.flatnonzero(np.abs(e) >= 0.5)  # along others it is far to where a component vanishes
     ways = [shortest, *(offset - axis * (offset[k] / axis[k]) for k in steep)]
