@@ -476,7 +476,10 @@ def test_texts_are_tidy_and_marked(lang):
         ({"outputs": ["momentum:link7"]}, ["momentum belongs to no body; these do: poses"]),
         ({"outputs": ["poses:link7", "poses:link7"]}, ["expected one or more different NAME[:BODY[:FRAME]]"]),
         ({"outputs": ["twists:link7", "twists:link7:body"]}, ["expected one or more different NAME[:BODY"]),
-        ({"outputs": ["poses:link7"], "wrench": True}, ["poses takes no wrenches; these do: inverse_dynamics, base_"]),
+        (
+            {"outputs": ["poses:link7"], "wrench": True},
+            ["poses takes no wrenches; these do: inverse_dynamics, forward_"],
+        ),
         ({"parameters": "gravity"}, ["parameters are 'gravity'; expected a list of different names"]),
         ({"parameters": None}, ["parameters are None; expected a list"]),
         ({"wrench": "no"}, ["wrench is 'no'; expected True or False"]),
