@@ -133,15 +133,18 @@ def by_size(panels: Sequence[Panel], names: Sequence[str]) -> list[list[str]]:
 
 
 def drawn_points(values: np.ndarray) -> np.ndarray:
-    """The indices of the samples that a page shows: of many the ends, and in each short piece the extremes."""
+    """The indices of the samples that a page shows: of many the ends, in each short piece the first and the extremes.
+
+    Extremes alone would make a ring of a cloud of dots.
+    """
     if len(values) <= MOST_POINTS:
         return np.arange(len(values))
-    starts = np.linspace(0, len(values), MOST_POINTS // 2, endpoint=False).astype(int)
+    starts = np.linspace(0, len(values), MOST_POINTS // 3, endpoint=False).astype(int)
     extremes = [
         start + at for start, piece in zip(starts, np.split(values, starts[1:]), strict=True)
-        for at in (piece.argmin(), piece.argmax())
+        for at in (0, piece.argmin(), piece.argmax())
     ]  # fmt: skip
-    return np.unique([0, *extremes, len(values) - 1])
+    return np.unique([*extremes, len(values) - 1])
 
 
 def _names(panels: Sequence[Panel]) -> list[str]:
@@ -160,7 +163,7 @@ def _entries(panels: Sequence[Panel], names: Sequence[str], breaks: bool, limits
     """The line styles of the legend, by name."""
     marks = {
         "numerically differentiated": (RING, any(panel.differentiated for panel in panels)),
-        "measured": (POINT, any(panel.points for panel in panels)),
+        "measured": (POINT | {"ms": 6, "alpha": 0.6}, any(panel.points for panel in panels)),
         "95 % band": (BAND, any(panel.deviations for panel in panels)),
         "limit": (LIMIT, limits),
         "break": (BREAK, breaks),
