@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce.figures.canvas import PALE, legend_above, letter, line_style, painted, written
+from jounce.figures.canvas import legend_above, letter, line_style, painted, written
 from jounce.motion.bands import COVERS, surest_peaks
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ RINGS = 24  # differentiated values drawn of each curve, so that the line beneat
 RING: Any = {"marker": "o", "linestyle": "none", "mfc": "none", "ms": 4.5, "mew": 0.8}
 POINT: Any = {"marker": ".", "linestyle": "none", "ms": 2.5, "alpha": 0.25, "zorder": 1.5}
 BAND: Any = {"linewidth": 6, "alpha": 0.25}
-BREAK: Any = {"color": PALE, "linewidth": 0.8, "linestyle": (0, (2, 2)), "zorder": 0.5}
+BREAK: Any = {"color": "0.5", "linewidth": 1, "linestyle": (0, (2, 2)), "zorder": 0.5}
 LIMIT: Any = {"linewidth": 2.4, "alpha": 0.4, "linestyle": "solid", "zorder": 0.8}
 HIDDEN = 0.1  # of the largest value: a curve below this tells nothing in the same axes
 CROWD = 10  # curves that a reader can follow in the same axes
