@@ -24,6 +24,7 @@ from jounce.io import tables
 from jounce.motion.bands import COVERS
 
 ROOT = Path(__file__).parents[2]
+PICTURES = [*ROOT.glob("docs/pictures/*.svg"), *ROOT.glob("benchmarks/*.svg")]
 T = np.linspace(0, 2, 501)
 CURVES = {f"joint{j}": np.sin((j + 1) * T) for j in range(7)}
 
@@ -363,12 +364,14 @@ def test_a_robot_tells_order_units_and_limits_of_its_joints():
     refusal(lambda: run_of(foreign, "f.csv", mechanism=mechanism), "f.csv: no joint of panda 'wheel'", "panda_joint1")
 
 
-def test_limits_are_drawn_where_they_do_not_squeeze_the_curves():
-    """A limit that curves come near to, or go beyond, is seen; one far away would make lines of them."""
-    limits = {"a": (-1.2, 50.0), "b": (-np.inf, np.inf)}
-    [axes] = over_time([Run(T, [Panel("q", {"a": np.sin(9 * T), "b": T - 1}, limits=limits)])]).axes
-    assert [line.get_ydata()[0] for line in axes.get_lines() if len(line.get_xdata()) == 2] == [-1.2]
-    assert axes.get_ylim()[0] < -1.2
+def test_limits_are_drawn_where_curves_come_near_or_exceed_them():
+    """All limits of all joints would hide the curves, and those far away would squeeze them."""
+    q = {"a": np.sin(9 * T), "b": T - 1, "c": 2 * T, "d": 0 * T, "e": 5 * T}
+    limits = {"a": (-1.2, 50.0), "b": (-np.inf, np.inf), "c": (-20.0, 20.0), "d": (0.1, np.inf), "e": (-3.0, 3.0)}
+    figure = over_time([Run(T, [Panel("q", q, limits=limits)])])
+    drawn = [line for axes in figure.axes for line in axes.get_lines() if len(line.get_xdata()) == 2]
+    a, d, e = (canvas.line_style(i)["color"] for i in (0, 3, 4))
+    assert {(line.get_color(), line.get_ydata()[0]) for line in drawn} == {(a, -1.2), (d, 0.1), (e, 3.0)}
 
 
 def test_runs_lie_side_by_side_in_the_same_columns_and_to_the_same_scales():

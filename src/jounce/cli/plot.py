@@ -27,7 +27,7 @@ Examples:
 @click.option(
     "-o", "--output", required=True, type=click.Path(path_type=Path), help="Picture to write: .png, .svg or .pdf."
 )
-@click.option("--robot", type=ROBOT, help="Its order, units and limits of joints; a file or a bundled name.")
+@click.option("--robot", type=ROBOT, help="Robot of the tables, for order, units and limits of its joints.")
 @click.option("--base", metavar="fixed", help="fixed: weld floating, planar, spherical joints of the robot at zero.")
 @click.option("--joint", "joints", multiple=True, metavar="NAME", help="Draw this joint only; may be repeated.")
 @click.option(
@@ -62,7 +62,7 @@ def plot(
     files.check_writable(output)
     canvas.check_installed()
     if base is not None and robot is None:
-        raise JounceError("--base is of a robot; expected --robot as well")
+        raise JounceError("--base needs --robot, the robot whose joints it welds")
     mechanism = None if robot is None else Asked(robot, {} if base is None else {"base": base}).load().mechanism
     for table in tables:
         if is_analytic(table):
@@ -70,19 +70,17 @@ def plot(
     runs = [run_of(rows_between(read(table), str(table), between), str(table), joints, quantities, mechanism)
             for table in tables]  # fmt: skip
     if len(runs) == 1:
-        runs = [replace(runs[0], title="")]  # the picture has the name of the table already, or a caption
+        runs = [replace(runs[0], title="")]
     canvas.save(over_time(runs), output)
-    labels = list(dict.fromkeys(panel.label for run in runs for panel in run.panels))
+    shown: dict[str, dict[str, None]] = {}  # the joints of each panel, in order
+    for run in runs:
+        for panel in run.panels:
+            shown.setdefault(panel.label, {}).update(dict.fromkeys(panel.curves))
     summary = {
         "tables": [str(table) for table in tables],
         "output": str(output),
         "states": [len(run.t) for run in runs],
-        "panels": {
-            label: list(
-                dict.fromkeys(j for run in runs for panel in run.panels if panel.label == label for j in panel.curves)
-            )
-            for label in labels
-        },
+        "panels": {label: list(names) for label, names in shown.items()},
     }
     tell(summary, _in_words, as_json)
 

@@ -112,7 +112,7 @@ def legend_above(figure: "Figure", entries: Mapping[str, Mapping[str, Any]], col
 def _legend(
     figure: "Figure", entries: Mapping[str, Mapping[str, Any]], columns: int, options: Mapping[str, Any]
 ) -> "Legend":
-    """A legend of so many columns, in whose rows the entries follow each other; matplotlib fills its columns."""
+    """A legend to be read row by row; matplotlib fills it column by column."""
     from matplotlib.lines import Line2D
 
     names = [name for column in range(columns) for name in list(entries)[column::columns]]

@@ -20,11 +20,12 @@ POINT: Any = {"marker": ".", "linestyle": "none", "ms": 2.5, "alpha": 0.25, "zor
 BAND: Any = {"linewidth": 6, "alpha": 0.25}
 BREAK: Any = {"color": "0.5", "linewidth": 1, "linestyle": (0, (2, 2)), "zorder": 0.5}
 LIMIT: Any = {"linewidth": 2.4, "alpha": 0.4, "linestyle": "solid", "zorder": 0.8}
+MARKS = "osD^vP*X"
 HIDDEN = 0.1  # of the largest value: a curve below this tells nothing in the same axes
 CROWD = 10  # curves that a reader can follow in the same axes
 WIDEST = 6  # columns that crowds are spread over
 TOLD = 0.5  # of the largest value: a band that reaches further than this leaves nothing to be seen beside it
-REACH = 0.5  # heights of the curves: limits further away would squeeze them
+NEAR = 0.2  # of the span of limits: how close to one a curve comes where it is drawn
 
 
 @dataclass(frozen=True)
@@ -70,8 +71,8 @@ class Run:
 def over_time(runs: Sequence[Run], title: str = "", columns: Sequence[Sequence[str]] | None = None) -> "Figure":
     """A row of axes per quantity and a column per group of joints, above a common time axis and under one legend.
 
-    Several runs lie side by side in each column, to the same scales. The groups are those of `columns_of`, if none
-    are given.
+    Several runs lie side by side in each column, to the same scales. Without `columns` the groups are those of
+    `columns_of`.
     """
     panels = [panel for run in runs for panel in run.panels]
     names, labels = _names(panels), list(dict.fromkeys(panel.label for panel in panels))
@@ -93,20 +94,26 @@ def over_time(runs: Sequence[Run], title: str = "", columns: Sequence[Sequence[s
                 _leave_out_wide_bands(axes, [panel for panel in panels if panel.label == label], column)
                 for at in run.breaks:
                     axes.axvline(at, **BREAK)
-            for axes, left in reversed(list(zip(row[1:], row, strict=False))):
-                if axes.get_ylabel() == left.get_ylabel():
-                    axes.set_ylabel("")
-        for axes, (_, run) in zip(grid[0], cells, strict=True):
-            axes.set_title(written(run.title), parse_math=False)
-        for axes in grid[-1]:
-            axes.set_xlabel("t [s]")
-        if grid.size > 1:
-            for i, axes in enumerate(grid.flat):
-                axes.set_title(f"({letter(i)})", loc="left")
+        _write_titles(grid, [run.title for _, run in cells])
         figure.align_ylabels(grid)
         legend_above(figure, _entries(panels, names, any(run.breaks for run in runs), limited), title=title or None)
 
     return painted(paint, 3 + (4.2 if len(cells) < 3 else 3.2) * len(cells), 0.7 + 2.2 * len(labels))
+
+
+def _write_titles(grid: np.ndarray, titles: Sequence[str]) -> None:
+    """The titles of the columns, letters of the axes, and labels of the scales, once in each row of one unit."""
+    for row in grid:
+        for axes, left in reversed(list(zip(row[1:], row, strict=False))):
+            if axes.get_ylabel() == left.get_ylabel():
+                axes.set_ylabel("")
+    for axes, title in zip(grid[0], titles, strict=True):
+        axes.set_title(written(title), parse_math=False)
+    for axes in grid[-1]:
+        axes.set_xlabel("t [s]")
+    if grid.size > 1:
+        for i, axes in enumerate(grid.flat):
+            axes.set_title(f"({letter(i)})", loc="left")
 
 
 def columns_of(panels: Sequence[Panel]) -> list[list[str]]:
@@ -184,7 +191,9 @@ def _draw(axes: "Axes", t: np.ndarray, panel: Panel, column: Sequence[str], name
         if name in panel.deviations:
             look = {"color": style["color"], "alpha": BAND["alpha"], "linewidth": 0}
             axes.fill_between(t[shown], *(edge[shown] for edge in panel.band(name)), **look)
-        axes.plot(t[shown], values[shown], **{"marker": "o" if len(t) == 1 else "", **style, **panel.style})
+        if len(t) == 1:  # hollow marks, each another, show all of several in one place
+            style |= {"marker": MARKS[i % len(MARKS)], "mfc": "none"}
+        axes.plot(t[shown], values[shown], **{**style, **panel.style})
         if panel.differentiated:
             at = slice(i * apart // len(names), None, apart)  # each curve's a little later: no ring on a ring
             axes.plot(t[at], panel.differentiated[name][at], **RING, color=style["color"])
@@ -209,17 +218,15 @@ def _leave_out_wide_bands(axes: "Axes", panels: Sequence[Panel], column: Sequenc
 
 
 def _draw_limits(axes: "Axes", panel: Panel, column: Sequence[str], names: Sequence[str]) -> bool:
-    """Draw those limits that lie by the curves, as lines across; whether there are any."""
-    shown = [name for name in column if name in panel.curves]
-    if not any(name in panel.limits for name in shown):
-        return False
-    lowest = min(panel.curves[name].min() for name in shown)
-    highest = max(panel.curves[name].max() for name in shown)
-    reach = REACH * (highest - lowest)
+    """Draw the limits that curves come near to or exceed, as lines across; whether there are any."""
     drawn = False
-    for name in shown:
-        for limit in panel.limits.get(name, ()):
-            if lowest - reach <= limit <= highest + reach:
+    for name in column:
+        if name not in panel.curves or name not in panel.limits:
+            continue
+        values, (lower, upper) = panel.curves[name], panel.limits[name]
+        for limit, room in ((lower, values.min() - lower), (upper, upper - values.max())):
+            span = upper - lower if np.isfinite(upper - lower) else 2 * abs(limit)
+            if np.isfinite(limit) and room <= NEAR * span:
                 axes.axhline(limit, **LIMIT, color=line_style(names.index(name))["color"])
                 drawn = True
     return drawn

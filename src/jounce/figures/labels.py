@@ -22,7 +22,7 @@ ON_LABEL, ON_LINE, MOVED = 1000.0, 10.0, 1.0  # what is avoided first
 
 
 def write(axes: "Axes", text: str, at: Array, offset: Array = (0, 0), **style: Any) -> None:
-    """A word upon the drawing, so many points beside a place; what lies beneath does not cross it."""
+    """Write a label, in points from a place of the drawing; what lies beneath does not cross it."""
     from matplotlib.patheffects import withStroke
 
     halo = [withStroke(linewidth=2, foreground="white")]
