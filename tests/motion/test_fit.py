@@ -125,6 +125,51 @@ def test_stamps_are_corrected_by_one_shift_per_row():
     assert np.sqrt(((smooth.spline(t) - measured.truth(t)) ** 2).mean()) < 0.1 * moved
 
 
+def covered(errors, deviations):
+    return np.mean([np.abs(e) < 1.96 * d for e, d in zip(errors, deviations, strict=True)])
+
+
+def test_ripple_is_motion_and_no_noise():
+    """Of it both halves of the rows tell the same, but for the stated deviations."""
+    at, shares = np.arange(4001) / 1000, []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        truth = harmonics(rng, base=0.075)
+        amplitude, rate, phase = 2e-4 * rng.uniform(0.5, 2, 7), 2 * np.pi * rng.uniform(1, 2, 7), rng.uniform(0, 6, 7)
+        t = np.sort(at + rng.uniform(-5e-4, 5e-4, len(at)))
+        q = np.round(truth(at) + amplitude * np.sin(rate * at[:, None] + phase), 7)
+        even, odd = fit(t[::2], q[::2]), fit(t[1::2], q[1::2])
+        s = np.linspace(1.2, 2.8, 200)
+        first, second = (rates(one.spline, s) for one in (even, odd))
+        both = [np.hypot(a, b) for a, b in zip(even.deviations(s), odd.deviations(s), strict=True)]
+        ripple = [amplitude * rate**k * np.sin(rate * s[:, None] + phase + k * np.pi / 2) for k in range(5)]
+        off = [a - truth(s, k) for k, a in enumerate(first)]
+        shares.append([
+            covered([a - b for a, b in zip(first, second, strict=True)], both),
+            covered([a - b for a, b in zip(off, ripple, strict=True)], even.deviations(s)),
+            covered(off, even.deviations(s)),
+        ])  # fmt: skip
+    halves, truly, without = np.mean(shares, axis=0)
+    assert 0.88 <= halves <= 0.99
+    assert 0.88 <= truly <= 0.99
+    assert without < 0.3
+
+
+def test_stamps_of_neighbouring_rows_may_be_wrong_alike():
+    """As a controller's are, whose clock drifts for some rows."""
+    at, shares = np.arange(4001) / 1000, []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        truth = harmonics(rng, base=0.075)
+        drift = np.convolve(rng.normal(size=len(at) + 9), np.ones(10) / 10, "valid")
+        t = np.sort(at + rng.uniform(-2e-4, 2e-4, len(at)) + 5e-4 * drift)
+        smooth = fit(t, np.round(truth(at), 7))
+        s = inside(smooth)
+        off = [rate - truth(s, k) for k, rate in enumerate(rates(smooth.spline, s))]
+        shares.append(covered(off, smooth.deviations(s)))
+    assert 0.88 <= np.mean(shares) <= 0.99
+
+
 def test_deviations_are_those_of_an_ideal_low_pass_filter():
     _, smooth = fitted("noise 1e-4")
     t = inside(smooth)[100:-100]
