@@ -196,6 +196,22 @@ def test_a_fit_to_a_polynomial_of_its_degree_is_that_polynomial(degree, interval
         np.testing.assert_allclose(rate[:, 1], (power.deriv(k) if k else power)(t), rtol=1e-4, atol=1e-6 * 100**k)
 
 
+@pytest.mark.parametrize("way", ["through", "fit", "piecewise"])
+def test_times_in_milliseconds_are_warned_of(way):
+    s = np.arange(200) * 0.01
+    q = np.sin(s)[:, None] + [0.1, 0.2]
+    ways = {
+        "through": jounce.Motion.through,
+        "fit": lambda t, q: jounce.Motion.fit(t, q, degree=7, intervals=20),
+        "piecewise": lambda t, q: jounce.Motion.piecewise(
+            t, np.stack([np.diff(q, axis=0) / np.diff(t)[:, None], q[:-1]])
+        ),
+    }
+    with pytest.warns(JounceWarning, match="^the motion: rows are 10 s apart, .* t looks like ms; expected seconds$"):
+        ways[way](1e3 * s, q)
+    ways[way](s, q)
+
+
 @pytest.mark.parametrize("intervals", [0, -1, 6])
 def test_intervals_that_samples_do_not_bear(intervals):
     t = np.arange(12.0)

@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
+from jounce._typing import ArrayLike
 from jounce.arguments.rates import checked_order
 from jounce.dynamics.quantities import FORCES
 from jounce.errors import JounceError, at, quoted
 from jounce.model.mechanism import Mechanism
 from jounce.motion.matching import matched
 from jounce.motion.motion import Break, Motion
+from jounce.motion.units import warn_of_degrees
 from jounce.robot.dispatch import compute
 
 if TYPE_CHECKING:
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 
 PIECE = 1000  # states
 PERTURBED = 200_000  # states computed for the deviations of forces, which change slowly: between them they are linear
+GLANCES = 200  # states by which the unit of a motion is judged
 FIRST = FORCES.rates - 1  # the order of the rate of q that Q itself takes: q2d
 
 Progress = Callable[[int, int], object]  # of the number of states done, and of all
@@ -75,10 +78,12 @@ class Along:
 
 
 def forces_along(
-    robot: "Robot", motion: object, t: object, order: object, method: str | None, progress: Progress | None
+    robot: "Robot", motion: object, t: ArrayLike | None, order: object, method: str | None, progress: Progress | None
 ) -> Along:
     """The forces and their rates at times of a motion, or at its own, checked."""
     path, highest = checked_motion(robot.mechanism, motion), checked_order(order)
+    q, qd = path(np.linspace(path.start, path.stop, GLANCES), 1)
+    warn_of_degrees(q, qd, robot.mechanism, "the motion")
     times = path.times if t is None else path.checked(t)
     if times.ndim != 1 or not times.size:
         raise JounceError(f"t is {quoted(t)}; expected an array (N,) of times in s, or None for those of the motion")
