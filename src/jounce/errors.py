@@ -43,19 +43,20 @@ def at(place: object) -> Iterator[None]:
         raise JounceError(f"{place}: {error}") from None
 
 
-def no_such(kind: str, name: object, existing: Iterable[str]) -> JounceError:
-    """The error for an unknown name: the nearest valid one first, then all that exist."""
+def no_such(kind: str, name: object, existing: Iterable[str], owner: str = "") -> JounceError:
+    """Return the error for an unknown name: the nearest valid one first, then all that exist, those of `owner`."""
     known = list(existing)
     near = get_close_matches(_cut(name, MOST), known, n=1) if isinstance(name, str) else []
     hint = f"; did you mean {quoted(near[0])}?" if near else ";"
-    return JounceError(f"no {kind} {quoted(name)}{hint} there are: {listed(known) or 'none'}")
+    unknown = f"{owner} has no {kind}" if owner else f"unknown {kind}"
+    return JounceError(f"{unknown} {quoted(name)}{hint} available: {listed(known) or 'none'}")
 
 
-def one_of(kind: str, given: object, existing: Iterable[str]) -> str:
-    """The name that a caller gives, where it exists; a value of any other type is refused like an unknown name."""
+def one_of(kind: str, given: object, existing: Iterable[str], owner: str = "") -> str:
+    """Return a caller's name if it exists; a value of any other type is refused like an unknown name."""
     known = list(existing)
-    if not isinstance(given, str) or given not in known:  # what is no text may not compare to one: arrays do not
-        raise no_such(kind, given, known)
+    if not isinstance(given, str) or given not in known:  # arrays do not compare to a string
+        raise no_such(kind, given, known, owner)
     return given
 
 

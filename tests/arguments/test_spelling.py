@@ -46,18 +46,18 @@ def test_the_end_is_a_frame_where_the_rest_is_a_body():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("massmatrix", ["no quantity 'massmatrix'; did you mean 'mass_matrix'? there are: inverse_dynamics, "]),
-        ("", ["no quantity ''; there are: inverse_dynamics, "]),
-        (["mass_matrix"], ["no quantity ['mass_matrix']; there are: "]),
-        (None, ["no quantity None; there are: "]),
+        ("massmatrix", ["unknown quantity 'massmatrix'; did you mean 'mass_matrix'? available: inverse_dynamics, "]),
+        ("", ["unknown quantity ''; available: inverse_dynamics, "]),
+        (["mass_matrix"], ["unknown quantity ['mass_matrix']; available: "]),
+        (None, ["unknown quantity None; available: "]),
         ("momentum:body1", ["momentum belongs to no body; these do: poses, twists, jacobian"]),
         ("momentum:body1:world", ["momentum belongs to no body"]),
-        ("poses:bdy3", ["no body 'bdy3'; did you mean 'body3'? there are: body1, ", "tool"]),
-        ("poses:", ["no body ''; there are: body1, "]),
-        ("jacobian:too:world", ["no body 'too'; did you mean 'tool'? there are: body1, "]),
-        ("jacobian:tool:wrld", ["no frame of jacobian 'wrld'; did you mean 'world'? there are: body, world, spatial"]),
-        ("jacobian:tool:", ["no frame of jacobian ''; there are: body, world, spatial"]),
-        ("poses:tool:world", ["no frame of poses 'world'; there are: none"]),
+        ("poses:bdy3", ["unknown body 'bdy3'; did you mean 'body3'? available: body1, ", "tool"]),
+        ("poses:", ["unknown body ''; available: body1, "]),
+        ("jacobian:too:world", ["unknown body 'too'; did you mean 'tool'? available: body1, "]),
+        ("jacobian:tool:wrld", ["jacobian has no frame 'wrld'; did you mean 'world'? available: body, world, spatial"]),
+        ("jacobian:tool:", ["jacobian has no frame ''; available: body, world, spatial"]),
+        ("poses:tool:world", ["poses has no frame 'world'; available: none"]),
     ],
 )
 def test_refusals(text, words):

@@ -86,8 +86,8 @@ def test_info_shows_the_order_of_q_and_the_drives(tmp_path):
 
 
 REFUSED = {
-    "base": (["--base", "free"], ["no base 'free'", "fixed"]),
-    "root": (["--root", "amr"], ["no link 'amr'", "did you mean 'arm'"]),
+    "base": (["--base", "free"], ["unknown base 'free'", "fixed"]),
+    "root": (["--root", "amr"], ["unknown link 'amr'", "did you mean 'arm'"]),
     "lock without a value": (["--lock", "turn"], ["--lock 'turn'", "JOINT=VALUE"]),
     "lock without a name": (["--lock", "=3"], ["--lock '=3'", "JOINT=VALUE"]),
     "lock twice": (["--lock", "turn=1", "--lock", "turn=2"], ["--lock 'turn=2'", "second"]),

@@ -213,13 +213,13 @@ def test_panels_of_a_table(tmp_path):
     assert (found[1].curves["a"] == T**2).all()
     [only] = panels(columns, "f.csv", ["b"], ["Qd"])
     assert list(only.curves) == ["b"]
-    refusal(lambda: panels({"time": T}, "f.csv"), "f.csv: no column 't'; there are: time")
+    refusal(lambda: panels({"time": T}, "f.csv"), "f.csv: no column 't'; available: time")
     refusal(lambda: panels({"t": T, "a": T}, "f.csv"), "f.csv: no columns NAME.Q", "it has: t, a")
-    refusal(lambda: panels(columns, "f.csv", ["c"]), "f.csv: no joint 'c'", "there are: a, b")
+    refusal(lambda: panels(columns, "f.csv", ["c"]), "f.csv: unknown joint 'c'", "available: a, b")
     ragged = {"t": T, "a.Q": T, "b.Qd": T}
     refusal(lambda: panels(ragged, "f.csv", ["a"], ["Qd"]), "f.csv: none of a has a column of Qd")
     refusal(lambda: panels(ragged | {"a.Q": 1e307 * T}, "f.csv"), "f.csv: column 'a.Q' holds 2e+307", "1e+300")
-    refusal(lambda: panels(columns, "f.csv", [], ["Q3d"]), "no quantity 'Q3d'; did you mean", "Q, Qd, Q2d")
+    refusal(lambda: panels(columns, "f.csv", [], ["Q3d"]), "unknown quantity 'Q3d'; did you mean", "Q, Qd, Q2d")
 
 
 def test_without_matplotlib_the_extra_is_named(monkeypatch):

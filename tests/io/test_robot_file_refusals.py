@@ -36,7 +36,7 @@ INERTIA = "{mass: 2, com: [0, 0, 0.1], inertia: [0.02, 0, 0, 0.02, 0, 0.01]}"
 M = "[[1, 5, 0, 0, 0, 0], [0, 1, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, 0, 0, 0, 1]]"  # noqa: E501
 
 CHANGED = {  # what is replaced, by what, the line of the refusal, its words
-    "unknown key": ("gravity:", "gravty:", 3, ["no key in the robot 'gravty'; did you mean 'gravity'"]),
+    "unknown key": ("gravity:", "gravty:", 3, ["the robot has no key 'gravty'; did you mean 'gravity'"]),
     "unknown key of a body": ("    parent: upper", "    parnt: upper", 15, ["entry 2", "did you mean 'parent'"]),
     "unknown key of a pose": ("rpy: [0", "ryp: [0", 7, ["pose of body 'upper'", "did you mean 'rpy'"]),
     "unknown key of a joint": ("axis: [0,", "axes: [0,", 11, ["joint 'shoulder'", "did you mean 'axis'"]),
@@ -91,15 +91,15 @@ CHANGED = {  # what is replaced, by what, the line of the refusal, its words
     "matrix of another form": (INERTIA, f"{{matrix: {M}}}", 13, ["inertia of body 'upper'", "not symmetric"]),
     "moments not symmetric": ("[0.02, 0, 0, 0.02, 0, 0.01]", "[[1, 5, 0], [0, 1, 0], [0, 0, 1]]", 13, ["not symmetric"]),  # noqa: E501
     "zero axis": ("axis: [0, 0, 1]", "axis: [0, 0, -0.0]", 11, ["axis of joint 'shoulder'", "expected a direction"]),
-    "joint type": ("type: revolute", "type: revolut", 10, ["no joint type 'revolut'; did you mean 'revolute'"]),
+    "joint type": ("type: revolute", "type: revolut", 10, ["unknown joint type 'revolut'; did you mean 'revolute'"]),
     "joint type as a list": ("type: revolute", "type: [revolute]", 10, ["expected a text"]),
     "limits crossed": ("lower: -1", "lower: 2", 12, ["joint 'shoulder'", "2 and 1; expected lower <= upper"]),
     "negative effort": ("effort: 3", "effort: -3", 12, ["'shoulder'", "effort is -3"]),
-    "unknown parent": ("parent: upper", "parent: uper", 15, ["parent of body 'lower': no body 'uper'", "did you mean 'upper'", "ground"]),  # noqa: E501
+    "unknown parent": ("parent: upper", "parent: uper", 15, ["parent of body 'lower': unknown body 'uper'", "did you mean 'upper'", "ground"]),  # noqa: E501
     "parent after child": ("parent: ground", "parent: lower", 6, ["parent of body 'upper' is 'lower'", "above"]),
     "its own parent": ("parent: upper", "parent: lower", 15, ["the ground or a body above"]),
     "parent as a number": ("parent: ground", "parent: -1", 6, ["is -1; expected a text"]),
-    "unknown body": ("body: lower", "body: lowr", 20, ["body of frame 'tool': no body 'lowr'", "did you mean 'lower'"]),
+    "unknown body": ("body: lower", "body: lowr", 20, ["body of frame 'tool': unknown body 'lowr'", "mean 'lower'"]),
     "body named twice": ("name: lower", "name: upper", 14, ["second body 'upper'", "arm.yaml:5"]),
     "joint named twice": ("name: elbow", "name: shoulder", 17, ["second joint 'shoulder'", "arm.yaml:9"]),
     "frame named as a body": ("name: tool", "name: upper", 20, ["second frame 'upper'", "arm.yaml:5"]),

@@ -76,7 +76,7 @@ REFUSED = {
     ),
     "frame of an inertial": (
         inertial('<origin xyz="0 0 1" frame="arm"/><mass value="1"/>' + MOMENTS_OF_ONE),
-        [":5", "no attribute of <origin> 'frame'", "xyz, rpy"],
+        [":5", "unknown attribute of <origin> 'frame'", "xyz, rpy"],
     ),
     "orientation that would be lost": (turn(inner='<origin quat_xyzw="0 0 1 0"/>'), [":4", "'quat_xyzw'", "xyz, rpy"]),
     "limits the wrong way": (
@@ -191,7 +191,7 @@ def test_refuses_an_unreadable_file(tmp_path):
 
 @pytest.mark.parametrize("root", [3, ["base"], ("base",)])
 def test_refuses_roots_that_are_no_names(tmp_path, root):
-    refusal(lambda: jounce.load(robot_file(tmp_path, *GOOD), root=root), "no link", "base, arm")
+    refusal(lambda: jounce.load(robot_file(tmp_path, *GOOD), root=root), "unknown link", "base, arm")
 
 
 def test_gravity_none_is_that_of_a_file_without_any(tmp_path):
@@ -202,7 +202,7 @@ def test_gravity_none_is_that_of_a_file_without_any(tmp_path):
 @pytest.mark.parametrize("name", ["gravty", "path"])
 def test_refuses_parameters(tmp_path, source, name):
     source = robot_file(tmp_path, *GOOD) if source == "file" else source
-    refusal(lambda: jounce.load(source, **{name: 1}), f"'{name}'", "there are: ")
+    refusal(lambda: jounce.load(source, **{name: 1}), f"'{name}'", "available: ")
 
 
 WHERE = {

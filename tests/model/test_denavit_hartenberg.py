@@ -184,7 +184,7 @@ TABLES = {
     "not finite": ([ROW, [0, np.nan, 0, 0]], {}, ["table[1] is [0.0, nan, 0.0, 0.0]", "finite"]),
     "text in a row": ([[0, "pi/2", 0, 0]], {}, ["table[0] holds text"]),
     "key left out": ([{"a": 0, "alpha": 0, "theta": 0}], {}, ["table[0] has no 'd'", "a, alpha, d, theta"]),
-    "key misspelt": ([NAMED | {"alhpa": 0}], {}, ["no key in table[0] 'alhpa'; did you mean 'alpha'"]),
+    "key misspelt": ([NAMED | {"alhpa": 0}], {}, ["table[0] has no key 'alhpa'; did you mean 'alpha'"]),
     "type misspelt": ([NAMED | {"type": "prismatc"}], {}, ["table[0]", "'prismatc'; did you mean 'prismatic'"]),
     "types misspelt": ([ROW], {"types": ["R"]}, ["joint of table[0]", "'R'", "revolute, prismatic"]),
     "types too few": ([ROW, ROW], {"types": ["revolute"]}, ["types is ['revolute']", "2 of revolute, prismatic"]),

@@ -267,7 +267,7 @@ def test_drives_are_copied_and_frozen():
 @pytest.mark.parametrize(
     ("drives", "words"),
     [
-        ({"armatur": [0]}, ["no drive 'armatur'; did you mean 'armature'"]),
+        ({"armatur": [0]}, ["unknown drive 'armatur'; did you mean 'armature'"]),
         ({"damping": [0, 0]}, ["damping has shape (2,); expected numbers (1,)"]),
         ({"damping": [-1]}, ["joint 0", "damping is -1; expected 0 or more"]),
         ({"rest": [np.inf]}, ["rest is inf; expected a finite number"]),
@@ -281,7 +281,9 @@ def test_refuses_wrong_drives(drives, words):
 
 @pytest.mark.parametrize("terms", ["frction", ["armature", 3], 5, None])
 def test_refuses_unknown_terms(terms):
-    refusal(lambda: jounce.load("iiwa14").with_drives(terms), "no drive term", "armature, damping, friction, spring")
+    refusal(
+        lambda: jounce.load("iiwa14").with_drives(terms), "unknown drive term", "armature, damping, friction, spring"
+    )
 
 
 @pytest.mark.parametrize("eps", [0, -1.0, np.nan, np.inf, "fast", True])

@@ -91,9 +91,9 @@ def test_a_massless_body_gets_its_mass_at_its_origin():
 @pytest.mark.parametrize(
     ("names", "message"),
     [
-        (["mass"], r"^no parameter 'mass'; did you mean 'masses'\? there are: gravity, .*payload:BODY$"),
-        (["masses:link1"], r"^no parameter 'masses:link1'"),
-        (["payload:panda_hnd"], r"^no body 'panda_hnd'; did you mean 'panda_hand'\?"),
+        (["mass"], r"^unknown parameter 'mass'; did you mean 'masses'\? available: gravity, .*payload:BODY$"),
+        (["masses:link1"], r"^unknown parameter 'masses:link1'"),
+        (["payload:panda_hnd"], r"^unknown body 'panda_hnd'; did you mean 'panda_hand'\?"),
         (["payload:panda_link0"], r"^a payload of 'panda_link0' moves nothing: it is fixed on the ground$"),
         (["gravity", "gravity"], r"expected a list of different names of gravity, "),
         ("gravity", r"^parameters are 'gravity'; expected a list of different names"),

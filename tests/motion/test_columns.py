@@ -156,12 +156,12 @@ REFUSED = {
     ),
     "an unknown column of times": (
         PLANAR, PLAIN, {"time": "tiem"},
-        ["--time: no column 'tiem'", "t, joint1, joint2"]
+        ["--time: unknown column 'tiem'", "t, joint1, joint2"]
     ),
     "a missing joint": (PLANAR, {"t": T, "joint1": T}, {}, ["missing 'joint2'", "--lock joint2=VALUE", "--columns"]),
     "an unknown unit": (
         PLANAR, {"t": T, "joint1 [gon]": T, "joint2": T}, {},
-        ["column 'joint1 [gon]': no unit 'gon'", "rad, deg"]
+        ["column 'joint1 [gon]': unknown unit 'gon'", "rad, deg"]
     ),
     "the unit of another rate": (
         PLANAR, {"t": T, "joint1 [deg/s]": T, "joint2": T}, {}, ["'joint1 [deg/s]': the unit is 'deg/s'; expected deg"]
@@ -173,8 +173,8 @@ REFUSED = {
         PLANAR, PLAIN | {"joint1 [deg]": T}, {},
         ["columns 'joint1' and 'joint1 [deg]' are of the same"]
     ),
-    "no such unit": (PLANAR, PLAIN, {"angles": "grad"}, ["no unit of angles 'grad'", "rad, deg"]),
-    "no such unit of time": (PLANAR, PLAIN, {"time_unit": 1}, ["no unit of time_unit 1", "s, ms, us, ns"]),
+    "no such unit": (PLANAR, PLAIN, {"angles": "grad"}, ["unknown unit of angles 'grad'", "rad, deg"]),
+    "no such unit of time": (PLANAR, PLAIN, {"time_unit": 1}, ["unknown unit of time_unit 1", "s, ms, us, ns"]),
     "a pattern without joints": (
         PLANAR, PLAIN, {"columns": "q"},
         ["--columns 'q' names 'q' for every joint; expected {joint}"]

@@ -96,12 +96,15 @@ def test_arrays_to_write_into_may_be_listed_and_short(threads):
 @pytest.mark.parametrize(
     ("options", "match"),
     [
-        ({"quantity": "mass_matrx"}, r"^no quantity 'mass_matrx'; did you mean 'mass_matrix'\? there are: inverse_"),
-        ({"quantity": None}, r"^no quantity None; there are: "),
-        ({"quantity": ["mass_matrix"]}, r"^no quantity \['mass_matrix'\]; there are: "),
+        (
+            {"quantity": "mass_matrx"},
+            r"^unknown quantity 'mass_matrx'; did you mean 'mass_matrix'\? available: inverse_",
+        ),
+        ({"quantity": None}, r"^unknown quantity None; available: "),
+        ({"quantity": ["mass_matrix"]}, r"^unknown quantity \['mass_matrix'\]; available: "),
         ({"body": "body1"}, r"^inverse_dynamics belongs to no body; these do: poses, twists, jacobian"),
-        ({"quantity": "jacobian", "body": "body9"}, r"^no body 'body9'; did you mean 'body\d'\? there are: "),
-        ({"quantity": "jacobian", "frame": "wrld"}, r"^no frame 'wrld'; did you mean 'world'\? there are: "),
+        ({"quantity": "jacobian", "body": "body9"}, r"^unknown body 'body9'; did you mean 'body\d'\? available: "),
+        ({"quantity": "jacobian", "frame": "wrld"}, r"^unknown frame 'wrld'; did you mean 'world'\? available: "),
         ({"order": -1}, r"^order is -1; expected 0 to 100$"),
         ({"order": 1.0}, r"^order is 1\.0;"),
         ({"order": True}, r"^order is True;"),

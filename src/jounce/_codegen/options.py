@@ -74,7 +74,7 @@ def _computations(mechanism: Mechanism, outputs: Sequence[str], order: int, wren
             frames = f", or {asked.name}:BODY:FRAME with a FRAME of {listed(asked.quantity.frames)}"
             raise JounceError(
                 f"generated code holds {asked.name} of one body: expected {asked.name}:BODY"
-                f"{frames if asked.quantity.frames else ''}; there are: {listed(mechanism.frame_names)}"
+                f"{frames if asked.quantity.frames else ''}; available: {listed(mechanism.frame_names)}"
             )
     if wrench and not any(asked.quantity.wrenches for asked in found):
         spelled(mechanism, texts[0], order, wrench)  # says which ones do

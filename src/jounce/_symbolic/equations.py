@@ -46,7 +46,7 @@ class Symbolic:
         own = vars(self)  # empty while it is copied or unpickled
         found = re.fullmatch(f"({'|'.join(own['series'])}){SUFFIX}", name) if "series" in own else None
         if found is None:
-            raise AttributeError(str(no_such("member", name, [*own.get("series", ()), *OF_BODIES, "dot"])))
+            raise AttributeError(str(no_such("member", name, [*own.get("series", ()), *OF_BODIES, "dot"], "Symbolic")))
         symbol, suffix = found.groups()
         return self.series[symbol][int((suffix or "0d")[:-1] or 1)]
 

@@ -45,7 +45,7 @@ def spelled(mechanism: Mechanism, text: str, order: int, wrench: bool = False) -
     if colon and frame in row.frames and (body in bodies or rest not in bodies):
         return computation(mechanism, name, order, wrench, body or None, frame)
     if colon and row.of_bodies and body in bodies and rest not in bodies:
-        raise no_such(f"frame of {name}", frame, row.frames)
+        raise no_such("frame", frame, row.frames, name)
     return computation(mechanism, name, order, wrench, rest)
 
 

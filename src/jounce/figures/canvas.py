@@ -97,7 +97,7 @@ def legend_above(figure: "Figure", entries: Mapping[str, Mapping[str, Any]], col
 def check_format(path: Path) -> None:
     """Raise `JounceError` where no picture of this suffix can be written."""
     if path.suffix.lower().removeprefix(".") not in FORMATS:
-        raise no_such(f"type of picture for {path}:", path.suffix, [f".{name}" for name in FORMATS])
+        raise JounceError(f"{path}: {no_such('type of picture', path.suffix, [f'.{name}' for name in FORMATS])}")
 
 
 def save(figure: "Figure", path: Path) -> None:

@@ -27,7 +27,7 @@ def panels(
     JounceError : where the table has no column t, none of a quantity or not those asked for, or numbers too large.
     """
     if "t" not in columns:
-        raise JounceError(f"{place}: {no_such('column', 't', columns)}")
+        raise JounceError(f"{place}: no column 't'; available: {listed(columns)}")
     found: dict[str, dict[str, np.ndarray]] = {}
     beside: dict[str, dict[str, dict[str, np.ndarray]]] = {}  # by what the columns are of, and quantity
     for name, values in columns.items():

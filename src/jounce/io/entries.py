@@ -47,7 +47,7 @@ class Entry:
         known = [*needed, *optional]
         for key in self._mapping():
             if key not in known:
-                raise JounceError(f"{self.get(key).place}: {no_such(f'key in {self.what}', key, known)}")
+                raise JounceError(f"{self.get(key).place}: {no_such('key', key, known, self.what)}")
         for key in needed:
             self.need(key, needed)
         return self

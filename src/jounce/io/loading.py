@@ -101,7 +101,7 @@ def _mechanism(name: str, path: Path, parameters: dict[str, object]) -> Mechanis
     if path.suffix.lower() not in READERS:
         if not path.suffix:
             raise JounceError(f"{no_such('robot', name, BUNDLED)}, or a file of type {', '.join(READERS)}")
-        raise JounceError(f"{path}: unknown type of robot file {path.suffix!r}; there are: {', '.join(READERS)}")
+        raise JounceError(f"{path}: unknown type of robot file {path.suffix!r}; available: {', '.join(READERS)}")
     with np.errstate(all="ignore"):  # what overflows is refused as not finite, or judged by the audit
         mechanism = _call(partial(READERS[path.suffix.lower()], path), parameters, str(path))
         _warn_of_inertias(mechanism, path)
@@ -161,7 +161,7 @@ def _call(build: Callable[..., Mechanism], parameters: dict[str, object], what: 
     known = list(inspect.signature(build).parameters)
     for name in parameters:
         if name not in known:
-            raise no_such(f"parameter of {what}", name, [*known, *ALWAYS])
+            raise no_such("parameter", name, [*known, *ALWAYS], what)
     return build(**parameters)
 
 

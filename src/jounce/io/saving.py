@@ -55,5 +55,7 @@ WRITERS: dict[str, Callable[[Mechanism], str]] = {".yaml": writing.yaml, ".yml":
 def check_writable(path: Path) -> None:
     """Raise `JounceError` where `save` could not write, before any work is done for it."""
     if path.suffix.lower() not in WRITERS:
-        raise JounceError(f"{path}: no type of robot file to write {path.suffix!r}; there are: {', '.join(WRITERS)}")
+        raise JounceError(
+            f"{path}: unknown type of robot file to write {path.suffix!r}; available: {', '.join(WRITERS)}"
+        )
     files.check_writable(path)

@@ -74,5 +74,5 @@ def of_rates(t: np.ndarray, names: Sequence[str], symbol: str, rates: Sequence[n
 
 def _by_suffix(path: Path, known: Mapping[str, Handler]) -> Handler:
     if path.suffix.lower() not in known:
-        raise JounceError(f"{path}: unknown type of table {path.suffix!r}; there are: {', '.join(known)}")
+        raise JounceError(f"{path}: unknown type of table {path.suffix!r}; available: {', '.join(known)}")
     return known[path.suffix.lower()]

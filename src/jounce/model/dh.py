@@ -123,7 +123,7 @@ def _row(row: Any, label: str) -> Array:
     order = ", ".join(PARAMETERS)
     if isinstance(row, Mapping):
         for key in row:
-            one_of(f"key in {label}", key, [*PARAMETERS, "type"])
+            one_of("key", key, [*PARAMETERS, "type"], label)
         for key in PARAMETERS:
             if key not in row:
                 raise JounceError(f"{label} has no {key!r}; expected {order}")

@@ -146,7 +146,7 @@ def _with_pattern(sources: Mapping[str, str], pattern: str | None, joints: Seque
         raise JounceError(f"--columns {quoted(pattern)} names {quoted(called[0])} for every joint; {_EXPECTED}")
     if not any(name in sources for name in called):
         came = f"--columns {quoted(pattern)}: no column {listed(map(quoted, called[:2]))}"
-        raise JounceError(f"{came}, ...; there are: {listed(sources)}")
+        raise JounceError(f"{came}, ...; available: {listed(sources)}")
     places = {name: joint for name, joint in zip(called, joints, strict=True) if name in sources}
     hidden = set(places.values()) - set(places)
     return {places.get(name, f"{name} " if name in hidden else name): source for name, source in sources.items()}

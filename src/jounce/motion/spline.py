@@ -51,8 +51,8 @@ class Spline:
     def check(self, samples: int, place: str) -> None:
         """Raise `JounceError` where no such spline can be made of so many samples."""
         if not isinstance(self.degree, int) or self.degree not in DEGREES:
-            known = ", ".join(map(str, DEGREES))
-            raise JounceError(f"a spline of degree {quoted(self.degree)} is not offered; there are: {known}")
+            known = " or ".join(map(str, DEGREES))
+            raise JounceError(f"a spline of degree {quoted(self.degree)} is not supported; expected {known}")
         if samples <= self.degree:
             least = f"a spline of degree {self.degree} needs at least {self.degree + 1}"
             raise JounceError(f"{place}: {samples} samples; {least}")

@@ -105,7 +105,7 @@ def _checked_arguments(
     order = len(q) - quantity.rates
     W = wrenches.wrenches_of(mechanism, wrench, order, q)
     if method is not None:
-        one_of(f"method for {name}", method, [*quantity.methods, NATIVE])
+        one_of("method", method, [*quantity.methods, NATIVE], name)
     if body is not None or frame != "body":
         requests.place(mechanism, name, body, frame)
     return requests.known(name, order, bool(W), body, frame), [*q, *W]

@@ -782,7 +782,7 @@ class Robot:
         >>> bool(abs(S + S.T).max() < 1e-13)
         True
         """
-        name = FORMS[one_of("form of the Coriolis matrix", form, FORMS)]
+        name = FORMS[one_of("form", form, FORMS, "coriolis_matrix")]
         return compute(self, name, (q, qd, q2d, q3d, *higher), method=method, out=out, threads=threads)
 
     @typed(overloads.OfPosition[Array])

@@ -43,7 +43,7 @@ def read(
     known = ", ".join([*tables.READERS, *SUFFIXES, *bags.SUFFIXES])
     if not source.suffix:
         raise JounceError(f"{no_such('motion', str(source), BUNDLED)}, or a file of type {known}")
-    raise JounceError(f"{source}: unknown type of motion {source.suffix!r}; there are: {known}, {', '.join(BUNDLED)}")
+    raise JounceError(f"{source}: unknown type of motion {source.suffix!r}; available: {known}, {', '.join(BUNDLED)}")
 
 
 def is_analytic(source: Path) -> bool:

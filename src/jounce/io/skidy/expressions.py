@@ -51,4 +51,4 @@ def _value(node: ast.expr, assigned: Mapping[str, float]) -> float:
             return OPERATIONS[type(op)](_value(x, assigned), _value(y, assigned))
         case ast.Call(func=ast.Name(id=name), args=given, keywords=[]) if name in FUNCTIONS:
             return FUNCTIONS[name](*(_value(x, assigned) for x in given))
-    raise JounceError(f"a number: there are + - * / ** and {listed(FUNCTIONS)}")
+    raise JounceError(f"a number: operators are + - * / **, functions {listed(FUNCTIONS)}")
