@@ -118,7 +118,9 @@ def _check(robot: Robot) -> None:
     if not isinstance(robot, Robot):
         raise JounceError(f"casadi_function() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     if not all(is_numeric(getattr(robot.mechanism, data)) for data in DATA):
-        raise JounceError("the robot holds symbols; expected numbers: parameters=['masses'] makes inputs of its masses")
+        raise JounceError(
+            "the robot contains symbols; expected numbers (parameters=['masses'] makes its masses inputs)"
+        )
 
 
 def _check_axes(computation: Computation, mechanism: Mechanism) -> None:

@@ -228,7 +228,7 @@ def test_a_matrix_of_sx_is_a_wrench_on_every_body():
         (lambda r: jounce.casadi_function(r, "mass_matrix", wrench=True), "^mass_matrix takes no wrenches; these do: "),
         (
             lambda r: jounce.casadi_function(r, "mass_matrix", body="body1"),
-            "^mass_matrix belongs to no body; these",
+            "^mass_matrix takes no body; these",
         ),
         (lambda r: jounce.casadi_function(r, "poses", body="body3"), r"^unknown body 'body3'; did you mean 'body\d'\?"),
         (

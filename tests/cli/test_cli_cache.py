@@ -110,7 +110,7 @@ def test_a_folder_that_is_not_private_is_told_and_not_cleared(filled, spoilt):
     result = call("--clear")
     assert (result.exit_code, result.stdout) == (2, "")
     [line] = result.stderr.splitlines()
-    assert line.startswith(f"Error: {filled}: is not a folder of yours alone")
+    assert line.startswith(f"Error: {filled}: others may write into the cache folder")
     assert set(filled.iterdir()) == before
 
 

@@ -107,7 +107,7 @@ CHANGED = {  # what is replaced, by what, the line of the refusal, its words
     "negative damping": ("damping: 0.5", "damping: -1", 21, ["joint 'turn'", "damping is -1"]),
     "no mass": ("mass: 2, ", "", 22, ["inertia of joint 'turn'", "no 'mass'"]),
     "tool of no pose": ("rpy: [180, 0, 0]", "rpy: [180, 0]", 23, ["rpy of tool of the robot", "3 numbers"]),
-    "tool as a body": ("body: arm", "body: tool", None, ["a body is called 'tool'"]),
+    "tool as a body": ("body: arm", "body: tool", None, ["a body is named 'tool'"]),
     "bodies too": ("dh:\n", "bodies: []\ndh:\n", 3, ["the robot has no key 'angles'", "bodies"]),
 }
 

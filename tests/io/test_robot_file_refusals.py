@@ -46,7 +46,7 @@ CHANGED = {  # what is replaced, by what, the line of the refusal, its words
     "unknown key of a frame": ("body: lower", "bdy: lower", 20, ["entry 1 of frames", "did you mean 'body'"]),
     "key of another joint type": ("axis: [0, 0, 1]", "axis: [0, 0, 1]\n      pitch: 1", 12, ["'pitch'", "point"]),
     "no units": ("units: SI\n", "", 1, ["the robot has no 'units'"]),
-    "no bodies": (GOOD[GOOD.index("bodies") : GOOD.index("\ncoord") + 1], "", 1, ["no key that tells its format, 'bodies'", "are: name"]),  # noqa: E501
+    "no bodies": (GOOD[GOOD.index("bodies") : GOOD.index("\ncoord") + 1], "", 1, ["no key that identifies its format, 'bodies'", "keys: name"]),  # noqa: E501
     "no body name": ("- name: lower\n    parent", "- parent", 14, ["entry 2 of bodies", "no 'name'"]),
     "no parent": ("    parent: ground\n", "", 5, ["entry 1 of bodies", "no 'parent'"]),
     "no joint": (GOOD[GOOD.index("    joint: {") : GOOD.index("coordinates: [")], "", 14, ["entry 2", "no 'joint'"]),
@@ -105,7 +105,7 @@ CHANGED = {  # what is replaced, by what, the line of the refusal, its words
     "frame named as a body": ("name: tool", "name: upper", 20, ["second frame 'upper'", "arm.yaml:5"]),
     "body named ground": ("name: lower", "name: ground", 14, ["'ground'; expected another name"]),
     "unknown coordinate": ("{shoulder: 2}", "{shouldr: 2}", 17, ["'shouldr'", "did you mean 'shoulder'", "'elbow'"]),
-    "coordinate left out": ("coordinates: [shoulder]", "coordinates: [x]", 18, ["leave out joint 'shoulder'"]),
+    "coordinate left out": ("coordinates: [shoulder]", "coordinates: [x]", 18, ["omit joint 'shoulder'"]),
     "coordinate that moves nothing": ("[shoulder]", "[shoulder, x]", 18, ["a joint that moves with 'x'"]),
     "coordinate twice": ("[shoulder]", "[shoulder, shoulder]", 18, ["different names"]),
     "no coordinates": ("[shoulder]", "[]", 18, ["empty", "at least 1"]),
@@ -164,12 +164,12 @@ FILES = {
     "a URDF": (b"<robot name='r'/>", ["expected keys and values"]),
     "a motion": (
         b"time: {stop: 1, count: 5}\njoints: {}",
-        ["arm.yaml:1", "'bodies' (", "'dh' (", "its keys are: time, joints"],
+        ["arm.yaml:1", "'bodies' (", "'dh' (", "its keys: time, joints"],
     ),
     "cycle": (b"units: SI\nbodies: &a [*a]", ["entry 1 of bodies", "expected keys and values"]),
     "ordered map": (b"!!omap [units: SI, bodies: 1]", ["expected a list"]),
     "set": (b"!!set {units, bodies}", ["expected keys and values"]),
-    "key of its own": (b"? [1, 2]\n: 3", ["its keys are: (1, 2)"]),
+    "key of its own": (b"? [1, 2]\n: 3", ["its keys: (1, 2)"]),
 }
 
 
@@ -183,7 +183,7 @@ JSON = {
     "empty": (b"", ["not JSON"]),
     "YAML": (GOOD.encode(), ["arm.json:1: not JSON"]),
     "comma": (b'{"units": "SI",\n}', ["arm.json:2: not JSON"]),
-    "repeated key": (b'{"units": "SI", "units": "SI"}', ["not JSON", "'units' stands twice"]),
+    "repeated key": (b'{"units": "SI", "units": "SI"}', ["not JSON", "'units' occurs twice"]),
     "NaN": (b'{"units": "SI", "gravity": [0, 0, NaN], "bodies": []}', ["entry 3 of gravity", "nan"]),
     "Infinity": (b'{"units": "SI", "gravity": [0, 0, -Infinity], "bodies": []}', ["-inf; expected a finite number"]),
     "brackets": (b"[" * 99999, ["not JSON"]),

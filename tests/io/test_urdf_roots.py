@@ -34,7 +34,7 @@ def test_free_joints_are_welded_on_request_alone(tmp_path, kind):
     refusal(lambda: jounce.load(path), f"{path}:6", "'hold'", kind, "base='fixed'", "root=")
     with pytest.warns(jounce.JounceWarning) as caught:
         robot = jounce.load(path, base="fixed")
-    assert [str(w.message) for w in caught] == [f"{path}: welded at zero, as base='fixed' asks: hold ({kind})"]
+    assert [str(w.message) for w in caught] == [f"{path}: base='fixed' welds at zero: hold ({kind})"]
     assert caught[0].filename == __file__
     fixed = jounce.load(robot_file(tmp_path, *hanging("fixed"), name="fixed.urdf"), base="fixed")  # nothing to say
     assert_same(robot, fixed)
@@ -79,7 +79,7 @@ REFUSED = {
     "root that is no text": (GOOD, {"root": 3}, ["unknown link 3;"]),
     "locked joints without values": (GOOD, {"lock": ["turn"]}, ["joints to lock are of type list", "mapping"]),
     "unknown base": (GOOD, {"base": "floating"}, ["unknown base 'floating'", "fixed"]),
-    "mimic of what is left out": (MIMIC, {"root": "body"}, [":10", "'follow' mimics 'hold'", "left out by root="]),
+    "mimic of what is left out": (MIMIC, {"root": "body"}, [":10", "'follow' mimics 'hold'", "excluded by root="]),
     "mimic of what is welded": (
         (*hanging("planar"), link("x"), joint("follow", "hand", "x", inner='<mimic joint="hold"/>')),
         {"base": "fixed"},

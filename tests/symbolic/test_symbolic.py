@@ -291,7 +291,7 @@ def with_data(**data):
         (lambda: with_data(gravity=[0, sympy.I * g, 0]), r"^gravity\[1\] .* expected a real expression$"),
         (
             lambda: jounce.load("planar2r", g=sympy.Symbol("q1", positive=True)),
-            r"^the robot holds a symbol q1, which is",
+            r"^the robot contains the symbol q1, which is",
         ),
         (lambda: jounce.load("planar2r", g=sympy.Symbol("m_x2")), r"symbol m_x2, which is the name of a coordinate or"),
         (lambda: casadi_robot(), r"^gravity\[1\] .* it is of type SX; expected a number or a SymPy expression$"),

@@ -96,7 +96,7 @@ def codegen(
     from jounce._codegen import render  # where Jinja is needed
 
     if not isinstance(robot, Robot):
-        raise JounceError(f"code is generated for a Robot, not for a {type(robot).__name__}; try jounce.load")
+        raise JounceError(f"codegen() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     if not isinstance(directory, str | os.PathLike | None):
         raise JounceError(f"directory is {quoted(directory)}; expected the path of a folder")
     true_or_false("force", force, "whether to write into a folder that is not empty")

@@ -19,7 +19,7 @@ def digits(x: float, single: bool) -> str:
         text = str(np.float32(x)) if single else repr(float(x))
     if not text.strip("-")[0].isdigit():
         raise JounceError(
-            f"the code would hold the number {x!r}, which is none in {'single' if single else 'double'} precision"
+            f"the generated code would contain {x!r}, which overflows {'float32' if single else 'float64'}"
         )
     return text if set(text) & set(".e") else f"{text}.0"
 
@@ -73,21 +73,21 @@ class Language:
         """Raise `JounceError` where a text cannot be a name, or not one to which so many letters are added."""
         if not isinstance(name, str) or not is_identifier(name):
             raise JounceError(
-                f"{what} {quoted(name)} is no name in code; expected ASCII letters, digits and _, a letter first"
+                f"{what} {quoted(name)} is not a valid identifier; expected ASCII letters, digits and _, a letter first"
             )
         if name in self.reserved.split():
-            raise JounceError(f"{what} {name!r} is a reserved word of {self.title}; expected another name")
+            raise JounceError(f"{what} {name!r} is a reserved word of {self.title}; choose another name")
         if (letters := len(name) + added) > self.longest:
             raise JounceError(
-                f"{what} {quoted(name)} makes names of {letters} letters; {self.title} is generated with"
-                f" {self.longest} at most"
+                f"{what} {quoted(name)} makes identifiers of {letters} characters; generated {self.title} allows"
+                f" at most {self.longest}"
             )
 
     def check_prefix(self, name: str, endings: Sequence[str]) -> None:
         """Raise `JounceError` where a text cannot be the beginning of all names, with each of these endings."""
         self.check_name(name, "prefix", max(map(len, endings)))
         if name in self.taken.split():
-            raise JounceError(f"prefix {name!r} is the name of something else in {self.title}; expected another name")
+            raise JounceError(f"prefix {name!r} is already a name in {self.title}; choose another prefix")
 
 
 def language(name: str) -> Language:

@@ -46,7 +46,7 @@ def entries(given: Any) -> dict[Any, Any]:
     names = listed_in(given) or []
     repeated = [quoted(name) for name in dict.fromkeys(names) if names.count(name) > 1]
     if repeated:
-        raise JounceError(f"{listed(repeated)} named more than once; expected every name once")
+        raise JounceError(f"repeated name {listed(repeated)}; expected every name once")
     try:
         return {name: given[name] for name in names}
     except Exception as error:

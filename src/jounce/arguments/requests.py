@@ -55,7 +55,7 @@ def place(mechanism: Mechanism, quantity: str, body: str | None, frame: str) -> 
     if body is not None:
         if not row.of_bodies:
             takers = listed(name for name, other in QUANTITIES.items() if other.of_bodies)
-            raise JounceError(f"{quantity} belongs to no body; these do: {takers}")
+            raise JounceError(f"{quantity} takes no body; these do: {takers}")
         mechanism.frame(body)
     one_of("frame", frame, row.frames or ("body",))
 

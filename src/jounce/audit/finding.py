@@ -6,8 +6,8 @@ from typing import Any
 from jounce.errors import listed
 
 SEVERITIES = {
-    "error": "cannot be, or leaves the mass matrix singular",
-    "warning": "can be, and is more likely a mistake",
+    "error": "physically impossible, or leaves the mass matrix singular",
+    "warning": "possible, but probably a mistake",
     "note": "good to know",
 }
 

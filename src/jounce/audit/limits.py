@@ -45,8 +45,8 @@ def _zero(mechanism: Mechanism, kind: str, driven: list[int], zero: np.ndarray) 
             joints=_names(mechanism, driven, zero),
             number=0.0,
             unit="N m or N" if kind == "effort" else "rad/s or m/s",
-            text=f"{kind} limit 0: the joint could never {'push' if kind == 'effort' else 'move'}",
-            advice=f"state the drive's own in {_UNITS[kind]}, or leave it out where it is unknown",
+            text=f"{kind} limit 0: the joint could never {'exert a force' if kind == 'effort' else 'move'}",
+            advice=f"state that of the drive in {_UNITS[kind]}, or omit it if it is unknown",
         )
     ]
 

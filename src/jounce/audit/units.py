@@ -167,7 +167,9 @@ def gravity(mechanism: Mechanism) -> list[Finding]:
         return []
     likely = g == 0 or PLANETS[0] <= g <= PLANETS[1]
     text = "no gravity" if g == 0 else f"gravity is {g:.4g} m/s^2"
-    advice = "right in orbit" if g == 0 else "right on another planet" if likely else "no planet has it"
+    advice = (
+        "correct in orbit" if g == 0 else "correct on another planet" if likely else "not the gravity of any planet"
+    )
     return [
         Finding(
             severity="note" if likely else "warning",

@@ -19,24 +19,28 @@ Example:
 """
 
 
-@click.command(epilog=EPILOG, short_help="The example of the paper, end to end, with pictures.")
+@click.command(epilog=EPILOG, short_help="Run the example of the paper, with pictures.")
 @click.option(
     "-o", "--output", default=Path("jounce-demo"), show_default=True, type=click.Path(path_type=Path),
-    help="Folder to write into; made where it is missing.",
+    help="Output folder; created if it does not exist.",
 )  # fmt: skip
 @click.option(
-    "--states", default=10_000, show_default=True, type=click.IntRange(100, 1_000_000), help="Evaluations, over 5 s."
+    "--states",
+    default=10_000,
+    show_default=True,
+    type=click.IntRange(100, 1_000_000),
+    help="Number of states over the 5 s.",
 )
 @click.option(
     "--format", "formats", multiple=True, default=FORMATS, show_default=True,
-    type=click.Choice(FORMATS), help="Of the pictures; may be given several times.",
+    type=click.Choice(FORMATS), help="Format of the pictures; may be repeated.",
 )  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> None:
-    """Run the paper's example: the KUKA iiwa along cosines, with and without a wrench at its end.
+    """Run the paper's example: the KUKA iiwa along a motion of cosines, with and without a wrench at its end.
 
-    Writes the forces and their rates as tables, and pictures: q, Q, Qd and Q2d with numerical differentiation laid
-    over, the error of differentiation over its step, and both robots of the paper.
+    Writes the forces and their rates as tables, and these pictures: q, Q, Qd and Q2d compared with numerical
+    differentiation, the error of numerical differentiation over its step, and both robots of the paper.
     """
     from jounce.demo import example
     from jounce.demo.gallery import gallery

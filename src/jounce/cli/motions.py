@@ -18,24 +18,24 @@ OPTIONS = (
     click.argument("motion", type=MOTION),
     click.option(
         "--bandwidth", type=float, metavar="HZ",
-        help="Smooth samples up to HZ; default: as far as the motion stands out of the noise.",
+        help="Bandwidth of the smoothing of samples in HZ; default: as far as the motion exceeds the noise.",
     ),
-    click.option("--force", is_flag=True, help="Take samples whose noise drowns the highest rate all the same."),
-    click.option("--degree", type=int, metavar="K", help="Spline of degree 5 or 7 through every sample instead."),
-    click.option("--intervals", type=int, metavar="N", help="Such a spline, by least squares over N intervals."),
-    click.option("--time", metavar="COLUMN", help="Column of times; default: t, else time or timestamp."),
+    click.option("--force", is_flag=True, help="Accept samples even if noise dominates the highest rate."),
+    click.option("--degree", type=int, metavar="K", help="Interpolate samples by a spline of degree 5 or 7 instead."),
+    click.option("--intervals", type=int, metavar="N", help="Least-squares fit of such a spline with N intervals."),
+    click.option("--time", metavar="COLUMN", help="Name of the time column; default: t, time or timestamp."),
     click.option(
         "--columns", metavar="PATTERN",
-        help="Names of the joints' columns, such as 'q_{joint}' or 'q{number}'."
+        help="Pattern of the joints' column names, such as 'q_{joint}' or 'q{number}'."
     ),
-    click.option("--angles", type=click.Choice(["rad", "deg"]), help="Unit of angles and their rates."),
-    click.option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of times."),
-    click.option("--topic", metavar="NAME", help="Topic of a ROS bag, where it has several."),
+    click.option("--angles", type=click.Choice(["rad", "deg"]), help="Unit of angles and their rates in the table."),
+    click.option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of times in the table."),
+    click.option("--topic", metavar="NAME", help="Topic to read from a ROS bag that has several."),
     click.option(
         "--blend", type=float, metavar="S", help="Replace breaks of planned motions by C^4 blends of S seconds."
     ),
     click.option(
-        "--step", type=float, metavar="S", help="Time between rows; default: those of the motion, else 1 ms."
+        "--step", type=float, metavar="S", help="Time between rows in s; default: the motion's own rows, or 1 ms."
     ),
 )  # fmt: skip
 

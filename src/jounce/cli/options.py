@@ -64,12 +64,30 @@ class Asked:
 
 OPTIONS = (
     click.argument("robot", type=ROBOT),
-    click.option("--base", metavar="fixed", help="fixed: weld floating, planar, spherical joints at zero."),
-    click.option("--root", metavar="LINK", help="Start at a link: what it carries remains."),
-    click.option("--lock", multiple=True, metavar="JOINT=VALUE", help="Hold a joint, rad or m; may be repeated."),
-    click.option("--drives", metavar="TERMS", help="In Q too: all, or of armature,damping,friction,spring."),
-    click.option("--gravity", nargs=3, type=float, metavar="X Y Z", help="In m/s^2; the robot's own if left out."),
-    click.option("--xacro-arg", "xacro_args", multiple=True, metavar="NAME=VALUE", help="Of a .xacro file."),
+    click.option("--base", metavar="fixed", help="fixed: weld floating, planar and spherical joints at zero."),
+    click.option("--root", metavar="LINK", help="Use this link as the base: only the links that it carries are kept."),
+    click.option(
+        "--lock", multiple=True, metavar="JOINT=VALUE", help="Lock a joint at a value in rad or m; may be repeated."
+    ),
+    click.option(
+        "--drives",
+        metavar="TERMS",
+        help="Drive terms to include in Q: all, or a comma-separated list of armature, damping, friction, spring.",
+    ),
+    click.option(
+        "--gravity",
+        nargs=3,
+        type=float,
+        metavar="X Y Z",
+        help="Gravitational acceleration in m/s^2; default: the robot's own.",
+    ),
+    click.option(
+        "--xacro-arg",
+        "xacro_args",
+        multiple=True,
+        metavar="NAME=VALUE",
+        help="Argument of a .xacro file; may be repeated.",
+    ),
 )
 
 
@@ -110,7 +128,7 @@ def _pairs(option: str, given: Sequence[str]) -> dict[str, str]:
         if not name:
             raise JounceError(f"{option} {quoted(text)}; expected {'JOINT' if option == '--lock' else 'NAME'}=VALUE")
         if name in found:
-            second = f"{option} {quoted(text)} is a second value of {quoted(name)}"
+            second = f"{option} {quoted(text)} sets {quoted(name)} a second time"
             raise JounceError(f"{second}; the first is {quoted(found[name])}")
         found[name] = value
     return found

@@ -16,13 +16,19 @@ Example:
 """
 
 
-@click.command(epilog=EPILOG, short_help="The curves of a table as a picture.")
+@click.command(epilog=EPILOG, short_help="Plot the curves of a table.")
 @click.argument("table", type=click.Path(path_type=Path))
 @click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path), help="Picture to write: .png, .svg or .pdf."
+    "-o", "--output", required=True, type=click.Path(path_type=Path), help="Output picture: .png, .svg or .pdf."
 )
-@click.option("--joint", "joints", multiple=True, metavar="NAME", help="Of this joint only; may be repeated.")
-@click.option("--quantity", "quantities", multiple=True, metavar="Q", help="Of this quantity only: Q, Qd, q, ...")
+@click.option("--joint", "joints", multiple=True, metavar="NAME", help="Plot this joint only; may be repeated.")
+@click.option(
+    "--quantity",
+    "quantities",
+    multiple=True,
+    metavar="Q",
+    help="Plot this quantity only: Q, Qd, q, ...; may be repeated.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print what was drawn as JSON.")
 def plot(table: Path, output: Path, joints: Sequence[str], quantities: Sequence[str], as_json: bool) -> None:
     """Draw the columns of TABLE over time: forces that `run` wrote, or a motion that `motion` wrote.

@@ -30,28 +30,30 @@ Example, the robot and the motion of the paper:
 \b
 MOTION is a table with a column t and, matched by joint name in any order,
   either one column per joint    samples; rates come from a spline
-  or NAME.q, NAME.qd, NAME.q2d,  used as they are; order 2 takes q to q4d,
-     NAME.q3d, NAME.q4d          order 0 q to q2d
-and, if wrenches act, BODY.mx .. BODY.fz: what the body exerts, in its own
-  axes, as samples or with rates BODY.fxd, BODY.fx2d ...
-or a YAML file with analytic terms per joint, whose rates are exact:
+  or NAME.q, NAME.qd, NAME.q2d,  used unchanged; order 2 needs q to q4d,
+     NAME.q3d, NAME.q4d          order 0 needs q to q2d
+and, if wrenches act, BODY.mx .. BODY.fz: the wrench that the body exerts, in
+  its own axes, as samples or with rates BODY.fxd, BODY.fx2d ...
+or a YAML file with analytic terms for each joint, whose rates are exact:
   time: {start: 0, stop: 5, count: 1001}
   joints:
     joint1: {offset: 0.5, cosines: [{amplitude: 1, frequency: 2, phase: 0}]}
     joint2: {polynomial: [0, 0.1, 0.2]}
 
 \b
-OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all their digits.
+OUT contains t and NAME.Q, NAME.Qd, NAME.Q2d at full precision.
 """
 
 
-@click.command(epilog=EPILOG, short_help="Q, Qd, Q2d along a motion, from table to table.")
+@click.command(epilog=EPILOG, short_help="Compute Q, Qd, Q2d along a motion and write them as a table.")
 @on_robot
 @of_motion
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Table to write: .csv or .npz.")
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Output table: .csv or .npz.")
 @click.option("--order", default=2, show_default=True, type=click.IntRange(0), help="Highest time derivative of Q.")
-@click.option("--rates", "with_rates", is_flag=True, help="Write q, qd, ... as well.")
-@click.option("--method", default=None, help="kernel (native code, the default), recursion, closed_form or paper.")
+@click.option("--rates", "with_rates", is_flag=True, help="Write q, qd, ... too.")
+@click.option(
+    "--method", default=None, help="Method: kernel (native code, the default), recursion, closed_form or paper."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(
     robot: Asked,
@@ -62,7 +64,7 @@ def run(
     method: str | None,
     as_json: bool,
 ) -> None:
-    """Compute Q, Qd, Q2d along MOTION for ROBOT, a file or the name of a bundled one."""
+    """Compute Q, Qd, Q2d along MOTION for ROBOT, a file or the name of a bundled robot."""
     from jounce.dynamics.quantities import FORCES
     from jounce.io import tables
     from jounce.model.coordinates import coordinate_units
@@ -70,7 +72,7 @@ def run(
 
     tables.check_writable(output)
     if output.resolve() == motion.path.resolve():
-        raise JounceError(f"{output}: is the motion itself; expected another file to write into")
+        raise JounceError(f"{output}: the output file is the input file; choose another path")
     arm = robot.load()
     path = motion.load(arm, order)
     peaks = _write_forces(arm, path, order, method, with_rates, output)

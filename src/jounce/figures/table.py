@@ -37,7 +37,7 @@ def panels(
             of.setdefault(match[2] + (match[3] or ""), {})[match[1]] = values
     if not found:
         raise JounceError(
-            f"{place}: no columns NAME.Q, NAME.Qd, ... or NAME.q, NAME.qd, ...; it has: {listed(columns)}"
+            f"{place}: no columns NAME.Q, NAME.Qd, ... or NAME.q, NAME.qd, ...; available: {listed(columns)}"
         )
     known = list(dict.fromkeys(joint for curves in found.values() for joint in curves))
     for kind, asked, existing in (("joint", joints, known), ("quantity", quantities, list(found))):
@@ -57,12 +57,12 @@ def panels(
     if residuals := _residuals(shown, beside.get("points", {})):
         drawn.insert(1 + list(shown).index("q"), Panel("residual of q [rad or m]", residuals))
     if not drawn:
-        raise JounceError(f"{place}: none of {listed(joints)} has a column of {listed(quantities)}")
+        raise JounceError(f"{place}: no column of {listed(quantities)} for {listed(joints)}")
     for name in ["t", *(f"{joint}.{quantity}" for quantity, curves in shown.items() for joint in curves)]:
         peak = np.abs(columns[name]).max()
         if peak > LARGEST:
             came = f"column {quoted(name)} holds {peak:g}"
-            raise JounceError(f"{place}: {came}; expected no more than {LARGEST:g} to draw it")
+            raise JounceError(f"{place}: {came}; values above {LARGEST:g} cannot be drawn")
     return drawn
 
 

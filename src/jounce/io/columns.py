@@ -39,7 +39,7 @@ class CellError(JounceError):
 def checked(place: object, columns: Mapping[str, np.ndarray]) -> Columns:
     """Columns as a table has them, of arrays that come from elsewhere."""
     if not columns or not max(array.size for array in columns.values()):
-        raise JounceError(f"{place}: nothing in it; expected named columns of numbers")
+        raise JounceError(f"{place}: no columns or no rows; expected named columns of numbers")
     rows = next(iter(columns.values())).shape[:1]
     for name, array in columns.items():
         if array.shape != rows or array.ndim != 1 or array.dtype.kind not in "fiu":
@@ -62,4 +62,4 @@ def check_distinct(place: object, names: Iterable[str]) -> None:
     """Raise `JounceError` where columns have the same name."""
     for name, count in Counter(names).items():
         if count > 1:
-            raise JounceError(f"{place}: column {quoted(name)} stands {count} times; expected once")
+            raise JounceError(f"{place}: column {quoted(name)} occurs {count} times; expected once")

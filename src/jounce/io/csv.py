@@ -65,7 +65,7 @@ def _pieces(path: Path, file: TextIO, select: Select | None) -> Iterator[Columns
     rows = ((reader.line_num, row) for row in reader if any(map(str.strip, row)))
     first = next(rows, None)
     if first is None:
-        raise JounceError(f"{path}: nothing in it; expected a row of column names and rows of numbers")
+        raise JounceError(f"{path}: the table is empty; expected a row of column names and rows of numbers")
     header = _header(path, [cell.strip() for cell in first[1]], mark)
     wanted = [header.index(name) for name in (header if select is None else select(header))]
     piece = list(islice(rows, _rows(len(header))))

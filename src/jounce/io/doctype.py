@@ -23,8 +23,8 @@ def refuse_declarations(content: bytes, file: object) -> None:
 
     def begins(name: str, system: str | None, public: str | None, internal: int) -> None:
         if system or public or internal:
-            what = "the document type has declarations; no entity and no default attribute is ever resolved"
-            raise JounceError(f"{file}:{parser.CurrentLineNumber}: {what}, write out what they stand for")
+            what = "the document type has declarations; entities and default attributes are never resolved"
+            raise JounceError(f"{file}:{parser.CurrentLineNumber}: {what}; write their content instead")
 
     def reached(*_: object) -> None:
         raise _RootReachedError

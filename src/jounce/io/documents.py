@@ -29,4 +29,4 @@ def read(path: Path, gravity: object = None) -> Mechanism:
             raise JounceError(f"{robot.get(key).place}: {no_such('key', key, FORMATS, 'the robot')}")
     formats = ", ".join(f"{key!r} ({words})" for key, (words, _) in FORMATS.items())
     came = listed(keys) or "none"
-    raise JounceError(f"{robot.place}: the robot has no key that tells its format, {formats}; its keys are: {came}")
+    raise JounceError(f"{robot.place}: the robot has no key that identifies its format, {formats}; its keys: {came}")

@@ -78,7 +78,7 @@ class Entry:
         """What stands under all the keys; a key that YAML takes for a number is a name all the same."""
         found = {str(key): self.get(key) for key in self._mapping()}
         if len(found) < len(self.value):
-            raise self.error("keys that differ as names, which 5 and '5' do not")
+            raise self.error("keys with distinct names; 5 and '5' are the same name")
         return found
 
     def items(self, each: str = "", least: int = 0) -> list["Entry"]:
@@ -157,5 +157,5 @@ def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
         [(key, _)] = Counter(key for key, _ in pairs).most_common(1)
-        raise ValueError(f"key {quoted(key)} stands twice")
+        raise ValueError(f"key {quoted(key)} occurs twice")
     return found

@@ -43,7 +43,7 @@ def check_writable(path: Path) -> None:
     folder = path.parent
     try:
         if not folder.is_dir():
-            raise JounceError(f"{path}: there is no folder {str(folder)!r} to write into")
+            raise JounceError(f"{path}: no folder {str(folder)!r} to write into")
         if not os.access(folder, os.W_OK):
             raise JounceError(f"{path}: the folder {str(folder)!r} is not writable")
         if path.exists() and not path.is_file():
@@ -57,11 +57,11 @@ def make_folder(path: Path) -> None:
     try:
         path.mkdir(exist_ok=True)
     except FileNotFoundError:
-        raise JounceError(f"{path}: there is no folder {str(path.parent)!r} to make it in") from None
+        raise JounceError(f"{path}: no folder {str(path.parent)!r} to create it in") from None
     except FileExistsError:
         raise JounceError(f"{path}: exists and is not a folder") from None
     except OSError as error:
-        raise JounceError(f"{path}: cannot be made: {error.strerror or error}") from None
+        raise JounceError(f"{path}: cannot be created: {error.strerror or error}") from None
 
 
 @contextmanager
@@ -83,7 +83,7 @@ def written_whole(path: Path) -> Iterator[Path]:
     except OSError as error:
         raise JounceError(f"{path}: cannot be written: {error.strerror or error}") from None
     except UnicodeEncodeError as error:  # half a character in a name
-        raise JounceError(f"{path}: a name cannot be written: {one_line(error)}") from None
+        raise JounceError(f"{path}: cannot write a name: {one_line(error)}") from None
     finally:
         part.unlink(missing_ok=True)
 
@@ -101,7 +101,7 @@ def path_of(given: str | os.PathLike[str]) -> Path:
     try:
         path = Path(given).expanduser()
         if b"\0" in os.fsencode(path):
-            raise ValueError("it holds a zero byte")
+            raise ValueError("it contains a zero byte")
     except Exception as error:  # half a character, a home of nobody, and whatever a foreign path raises
         raise JounceError(f"{quoted(given)} is not a path: {one_line(error)}") from None
     return path

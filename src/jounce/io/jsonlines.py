@@ -22,7 +22,7 @@ def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
         rows = ((number, _row(path, number, line)) for number, line in enumerate(file, start=1) if line.strip())
         first = next(rows, None)
         if first is None:
-            raise JounceError(f"{path}: nothing in it; expected objects with a number for each name, one a line")
+            raise JounceError(f"{path}: the table is empty; expected one JSON object per line, a number for each name")
         names = list(first[1] if select is None else select(list(first[1])))
         piece = [first, *islice(rows, ROWS - 1)]
         while piece:
@@ -34,7 +34,7 @@ def _row(path: Path, number: int, line: bytes) -> dict[str, Any]:
     try:
         row = json.loads(line)
         if not isinstance(row, dict):
-            raise ValueError(f"{quoted(row)} is no object")
+            raise ValueError(f"{quoted(row)} is not an object")
         return dict(_flat(row, ""))
     except (ValueError, RecursionError) as error:
         raise JounceError(f"{path}:{number}: not a line of JSON: {one_line(error)}") from None

@@ -78,7 +78,7 @@ def load(
     ('joint1', 'joint2')
     """
     if not isinstance(source, str | os.PathLike):
-        raise JounceError(f"a robot is a path or a name, not {type(source).__name__}; names: {', '.join(BUNDLED)}")
+        raise JounceError(f"load() expects a path or a name, got {type(source).__name__}; names: {', '.join(BUNDLED)}")
     path = path_of(source)
     name, terms = os.fspath(source), () if drives is None else chosen(drives)
     stated = {"gravity": gravity, "base": base, "root": root, "xacro_args": xacro_args}
@@ -91,7 +91,7 @@ def load(
         return robot
     driven = robot.with_drives(terms)
     if not any(getattr(driven.drives, name).any() for name in AMOUNTS):
-        warn(f"{name}: states no drive trains; drives={quoted(drives)} adds nothing")
+        warn(f"{name}: states no drive trains, so drives={quoted(drives)} has no effect")
     return driven
 
 
@@ -172,4 +172,4 @@ def _warn_of_inertias(mechanism: Mechanism, path: Path) -> None:
     if found:
         more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
         count = f"{len(found)} of {mechanism.nb} bodies"
-        warn(f"{path}: {count} have an inertia that no distribution of mass has: {found[0]}{more}")
+        warn(f"{path}: {count} have a physically inconsistent inertia: {found[0]}{more}")

@@ -19,9 +19,7 @@ def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
         try:
             content = loadmat(cast(Any, file), simplify_cells=True)
         except NotImplementedError:
-            raise JounceError(
-                f"{path}: a MAT file of version 7.3; expected one that MATLAB wrote by save -v7"
-            ) from None
+            raise JounceError(f"{path}: MAT file of version 7.3; save it in MATLAB with -v7") from None
         except Exception as error:  # damaged files raise whatever their reader stumbles over
             raise JounceError(f"{path}: not a MAT file: {one_line(error) or type(error).__name__}") from None
     arrays = flattened(dict(_arrays({k: v for k, v in content.items() if not k.startswith("__")}, "")))

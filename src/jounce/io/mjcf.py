@@ -38,7 +38,7 @@ def compiled(path: Path) -> Any:
         try:
             model = mujoco.MjModel.from_xml_path(str(path))
         except Exception as error:  # ValueError, and one of MuJoCo's own that is no child of it
-            raise JounceError(f"{path}: refused by MuJoCo: {one_line(error)}") from None
+            raise JounceError(f"{path}: MuJoCo rejects the file: {one_line(error)}") from None
     for warning in said:
         warn(f"{path}: MuJoCo warns: {one_line(warning)}")
     return model

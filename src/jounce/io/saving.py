@@ -39,9 +39,9 @@ def save(robot: Robot, path: str | os.PathLike[str]) -> None:
     np.True_
     """
     if not isinstance(robot, Robot):
-        raise JounceError(f"a Robot is saved, not a {type(robot).__name__}; expected one of jounce.load, say")
+        raise JounceError(f"save() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     if not isinstance(path, str | os.PathLike):
-        raise JounceError(f"a robot is saved to a path, not to one of type {type(path).__name__}")
+        raise JounceError(f"save() expects a path, got {type(path).__name__}")
     target = files.path_of(path)
     check_writable(target)
     content = WRITERS[target.suffix.lower()](robot.mechanism)

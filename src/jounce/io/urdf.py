@@ -47,9 +47,11 @@ def _parsed(content: bytes, file: str) -> etree._Element:
     for element in root.iter(etree.Element, etree.Entity):
         if element.tag is etree.Entity:
             name = shortened(element.text or "")
-            raise JounceError(f"{_at(element, file)}: {name} is an entity, never resolved; write its content")
+            raise JounceError(
+                f"{_at(element, file)}: {name} is an entity, which is never resolved; write its content instead"
+            )
         if element.prefix == "xacro":
-            raise JounceError(f"{_at(element, file)}: xacro macros, which are expanded where a file is called *.xacro")
+            raise JounceError(f"{_at(element, file)}: contains xacro macros; name the file *.xacro to expand them")
     return root
 
 

@@ -39,7 +39,7 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
         from xacrodoc import packages  # first: it makes xacro look for packages by it
     except ImportError:
         install = "pip install 'jounce[xacro]'"
-        raise JounceError(f"{path}: xacro is expanded by the package xacrodoc, not installed; {install}") from None
+        raise JounceError(f"{path}: xacro files need the package xacrodoc; install it by: {install}") from None
     import xacro
 
     said, given = StringIO(), _Arguments(arguments)
@@ -51,7 +51,7 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
     except Exception as error:  # of xacro, its parser, or of the expressions in the file
         absent = getattr(error, "exc", None)
         if isinstance(absent, packages.PackageNotFoundError):
-            places = "in the folders above the file, nor in those that ROS_PACKAGE_PATH names"
+            places = "in the folders above the file or in ROS_PACKAGE_PATH"
             raise JounceError(f"{path}: xacro: no package {quoted(absent.args[0])} {places}") from None
         message = one_line(error) or type(error).__name__
         raise JounceError(f"{path}: xacro: {message}") from None

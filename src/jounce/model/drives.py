@@ -81,7 +81,7 @@ def drive_error(**stated: float) -> str | None:
             return f"{name} is {x:g}; expected a finite number"
         if x < 0 and name not in ("stiffness", "rest"):
             return f"{name} is {x:g}; expected 0 or more"
-    return None if stated.get("eps", EPS) > 0 else "eps is 0; expected a speed above 0, over which friction turns over"
+    return None if stated.get("eps", EPS) > 0 else "eps is 0; expected a smoothing velocity of friction above 0"
 
 
 def coefficients(drives: Drives) -> Coefficients:
@@ -110,7 +110,5 @@ def chosen(terms: object) -> tuple[DriveTerm, ...]:
 def with_eps(drives: Drives, eps: float) -> Drives:
     """The drives with another speed over which friction turns over, of all joints."""
     if not is_finite(eps) or not eps > 0:
-        raise JounceError(
-            f"eps is {quoted(eps)}; expected a speed above 0 in rad/s or m/s, over which friction turns over"
-        )
+        raise JounceError(f"eps is {quoted(eps)}; expected a smoothing velocity of friction above 0, in rad/s or m/s")
     return replace(drives, eps=np.full(drives.eps.shape, float(eps)))

@@ -81,7 +81,7 @@ def _payloads(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Frame]:
         if kind == "payload":
             frame = mechanism.frame(body if colon else mechanism.bodies[-1])
             if frame.body < 0:
-                raise JounceError(f"a payload of {frame.name!r} moves nothing: it is fixed on the ground")
+                raise JounceError(f"a payload on {frame.name!r} has no effect: it is fixed to the ground")
             payloads[f"payload{len(payloads) + 1 if payloads else ''}"] = frame
     return payloads
 

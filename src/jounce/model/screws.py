@@ -91,7 +91,7 @@ def _data(x: Array, label: str) -> np.ndarray:
         return np.array(array if isinstance(array, np.ndarray) else np.asarray(array, dtype=np.float64))
     except Exception as error:  # a tracer of JAX, say
         raise JounceError(
-            f"{label} is not concrete: {shortened(one_line(error))}; states may be traced, data not"
+            f"{label} is not concrete: {shortened(one_line(error))}; a state may be traced, the robot's data may not"
         ) from None
 
 
@@ -111,7 +111,7 @@ def _check_shapes(data: Mapping[str, np.ndarray], nb: int) -> None:
             raise JounceError(f"{label}{at} is {array[tuple(at)]}; expected finite numbers")
     for j, column in enumerate(data["G"].T):
         if is_numeric(column) and not column.any():
-            raise JounceError(f"G[:, {j}] is zero; expected a joint that moves with each coordinate")
+            raise JounceError(f"G[:, {j}] is zero; every coordinate must move a joint")
 
 
 def exact_pose(T: np.ndarray, label: str) -> np.ndarray:
@@ -159,7 +159,7 @@ def _of_joints(
     arrays = {key: _data(array, key) for key, array in (whole | dict(stated)).items()}
     for key, array in arrays.items():
         if array.shape != (nb,) or not is_numeric(array):
-            raise JounceError(f"{what}s: {key} has shape {array.shape}; expected numbers ({nb},), one a joint")
+            raise JounceError(f"{what}s: {key} has shape {array.shape}; expected numbers ({nb},), one per joint")
     for i in range(nb):
         error = error_of(**{key: array[i] for key, array in arrays.items()})
         if error:

@@ -123,7 +123,7 @@ def _distinct(items: Sequence[Item], kind: str) -> dict[str, Item]:
     for item in items:
         if item.name in found:
             first = found[item.name].place
-            raise JounceError(f"{item.place}: second {kind} named {quoted(item.name)}; the first is at {first}")
+            raise JounceError(f"{item.place}: duplicate {kind} {quoted(item.name)}; the first is at {first}")
         found[item.name] = item
     return found
 
@@ -169,7 +169,7 @@ def _outward(links: Mapping[str, Link], joints: Sequence[Joint]) -> list[Joint]:
         reached = {joint.name for joint in ordered}
         cycle = [joint for joint in joints if joint.name not in reached]
         rootless, names = "" if roots else "no root link: ", listed(joint.name for joint in cycle)
-        raise JounceError(f"{cycle[0].place}: {rootless}joints {names} go round in a cycle; expected a tree")
+        raise JounceError(f"{cycle[0].place}: {rootless}joints {names} form a cycle; expected a tree")
     return ordered
 
 
@@ -197,9 +197,9 @@ def _weld(ordered: Sequence[Joint], base: str | None, file: str) -> None:
         return
     if base is None:
         more = f" (and {len(free) - 1} more are free)" if len(free) > 1 else ""
-        ways = "base='fixed', which welds it at its zero pose, or root=, a link to start at"
+        ways = "base='fixed' to weld it at its zero pose, or root= to start at another link"
         raise JounceError(f"{free[0].place}: joint {quoted(free[0].name)} is {free[0].free}{more}; expected {ways}")
-    warn(f"{file}: welded at zero, as base='fixed' asks: {listed(f'{joint.name} ({joint.free})' for joint in free)}")
+    warn(f"{file}: base='fixed' welds at zero: {listed(f'{joint.name} ({joint.free})' for joint in free)}")
 
 
 def _coordinates(
@@ -217,8 +217,8 @@ def _coordinates(
                 raise JounceError(f"{joint.place}: mimic of {quoted(followed[-1])}: {error}")
             if mimic.joint in followed:
                 circle = " -> ".join(map(shortened, [*followed, mimic.joint]))
-                raise JounceError(f"{joint.place}: joints mimic in a circle: {circle}")
-            held = "fixed" if known[mimic.joint].X is None else None if mimic.joint in kept else "left out by root="
+                raise JounceError(f"{joint.place}: joints mimic each other in a cycle: {circle}")
+            held = "fixed" if known[mimic.joint].X is None else None if mimic.joint in kept else "excluded by root="
             if held:
                 both = f"joint {quoted(followed[-1])} mimics {quoted(mimic.joint)}"
                 raise JounceError(f"{joint.place}: {both}, which is {held}")

@@ -30,11 +30,15 @@ def mechanism(model: Any, gravity: object = None, base: str | None = None, root:
     """The mechanism of a `pinocchio.Model`: bodies depth first, coordinates in the order of Pinocchio's v."""
     kind = type(model)
     if kind.__name__ != "Model" or not kind.__module__.startswith("pinocchio.pinocchio_pywrap_default"):
-        raise JounceError(f"a model of type {kind.__module__}.{kind.__name__}; expected a pinocchio.Model of numbers")
+        raise JounceError(
+            f"from_pinocchio() expects a pinocchio.Model of numbers, got {kind.__module__}.{kind.__name__}"
+        )
     called = model.name or "robot"
     what = f"model {called!r}"
     if gravity is None and model.gravity.angular.any():
-        raise JounceError(f"{what}: gravity turns, {model.gravity.angular.tolist()}; expected an acceleration alone")
+        raise JounceError(
+            f"{what}: the gravity field has an angular part, {model.gravity.angular.tolist()}; expected zeros"
+        )
     bodies = _bodies(model)
     links, joints = [tree.Link(bodies[0], MASSLESS, what)], []
     for i, Y in enumerate(model.inertias[1:], start=1):

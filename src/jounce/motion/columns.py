@@ -64,7 +64,7 @@ class Match:
     @property
     def notes(self) -> tuple[str, ...]:
         """What a user should know: the columns that are none of the motion."""
-        return (f"other columns, left alone: {listed(self.others)}",) if self.others else ()
+        return (f"other columns, ignored: {listed(self.others)}",) if self.others else ()
 
 
 def match(header: Sequence[str], mechanism: Mechanism, options: Options, highest: int) -> Match:
@@ -76,7 +76,7 @@ def match(header: Sequence[str], mechanism: Mechanism, options: Options, highest
     """
     joints = mechanism.coordinates
     if TIME in joints:
-        raise JounceError("a joint is named 't', as the column of times is; give it another name")
+        raise JounceError("a joint is named 't' like the column of times; rename the joint")
     bare = _bare(header, joints)
     sources = {name: source for name, (source, _) in bare.items()}
     sources = _with_time(sources, header, options.time, joints)
@@ -112,7 +112,7 @@ def _bare(header: Sequence[str], joints: Sequence[str]) -> dict[str, tuple[str, 
         name, unit = (source, None) if source in joints else split_unit(source)
         if name in found:
             both = f"{quoted(found[name][0])} and {quoted(source)}"
-            raise JounceError(f"columns {both} are of the same name; expected it once")
+            raise JounceError(f"columns {both} have the same name; expected it once")
         found[name] = source, unit
     return found
 
@@ -180,7 +180,7 @@ def _misspelt(name: str, mechanism: Mechanism) -> bool:
 
 def _check(given: Sequence[str], expected: Sequence[str], sampled: bool, mechanism: Mechanism, highest: int) -> None:
     joints, follows = mechanism.coordinates, names.followers(mechanism)
-    unfit = {} if sampled else {name: "samples beside columns of rates" for name in given if name in joints}
+    unfit = {} if sampled else {name: "both samples and columns of rates" for name in given if name in joints}
     missing = [name for name in expected if name not in given]
     wrong = [name for name in given if not _belongs(name, joints) and _misspelt(name, mechanism)]
     if not missing and not unfit and not wrong:

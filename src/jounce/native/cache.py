@@ -142,7 +142,7 @@ def clear() -> list[int]:
     JounceError : where others may write into the folder, or a kernel cannot be removed.
     """
     if not private():
-        raise JounceError(f"{folder()}: is not a folder of yours alone; expected one that no others may write into")
+        raise JounceError(f"{folder()}: others may write into the cache folder; make it private (mode 0700)")
     remove_abandoned(folder())
     sizes = []
     for path in entries():

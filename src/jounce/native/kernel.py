@@ -99,7 +99,7 @@ class Kernel(Generic[Results]):
         if fixed:
             raise self._fixed_at_compile_time(fixed)
         if len(arrays) != self._count:  # NumPy would write into what comes after
-            raise JounceError(f"{self!r} takes {self._count} arrays, not {len(arrays)}")
+            raise JounceError(f"{self!r} expects {self._count} arrays, got {len(arrays)}")
         into = None if out is None else tuple(out) if isinstance(out, (tuple, list)) else (out,)
         for x in arrays if into is None else (*arrays, *into):
             if type(x) is not np.ndarray:

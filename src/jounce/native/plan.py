@@ -31,8 +31,8 @@ def is_straight(computation: Computation, nb: int) -> bool:
 
 
 def obstacle(computation: Computation) -> str | None:
-    """Why there is no native code for a computation, as the end of a sentence about native code."""
-    return None if computation.order <= HIGHEST else f"goes to order {HIGHEST}, not {computation.order}"
+    """Return why a computation has no native code, as the end of a sentence about native code; None if it has."""
+    return None if computation.order <= HIGHEST else f"supports orders up to {HIGHEST}, not {computation.order}"
 
 
 @dataclass(frozen=True)

@@ -170,7 +170,7 @@ def _prepare_native(call: Call) -> tuple[Kernel | None, str | None]:
     for x in call.arrays:
         if type(x) is not np.ndarray or (x.dtype is not FLOAT and x.dtype != FLOAT):  # unpickled, it is another object
             came = x.dtype if type(x) is np.ndarray else type(x).__name__
-            return None, f"native code takes float64 arrays of NumPy, not {came}"
+            return None, f"native code needs NumPy arrays of float64, got {came}"
     kernel, refusal = _kernel(call.robot, call.computation, PATIENCE if call.method is None else inf)
     if kernel is not None and call.form is not None:
         call.robot._kernels.ready[call.form] = kernel, call.computation.rates
@@ -212,7 +212,7 @@ BACKENDS = (Backend(_prepare_native, _run_native), Backend(_prepare_generic, _ru
 
 
 def _kernel(robot: "Robot", computation: Computation, patience: float) -> tuple[Kernel | None, str | None]:
-    """The kernel, or why there is none, as the end of a sentence about native code."""
+    """Return the kernel of a computation, or the reason that there is no kernel."""
     known = robot._kernels.known.get(computation)
     if known is None or (known[0] is None and patience > PATIENCE):
         known = robot._kernels.known[computation] = _compiled(robot.mechanism, computation, patience)
@@ -234,25 +234,25 @@ def _compiled(mechanism: Mechanism, computation: Computation, patience: float) -
 
 
 def native_obstacle(mechanism: Mechanism, computation: Computation) -> str | None:
-    """Why native code cannot serve a computation, as the end of a sentence about native code."""
+    """Return why native code does not support a computation, as the end of a sentence about native code, or None."""
     if found := obstacle(computation):
         return found
     if not all(is_numeric(getattr(mechanism, data)) for data in DATA):
-        return "is for robots of numbers; this robot holds symbols"
+        return "needs a robot of numbers; this one contains symbols"
     if not available():
         return "needs llvmlite, which cannot be imported"
     size = plan.scratch_size(computation, mechanism, host().lanes)
     if size > plan.LIMIT:
-        return f"works in up to {plan.LIMIT / 2**20:.3g} MiB of scratch memory; this takes {size / 2**20:.3g} MiB"
+        return f"is limited to {plan.LIMIT / 2**20:.3g} MiB of scratch memory; this call needs {size / 2**20:.3g} MiB"
     return None
 
 
 @cache
 def available() -> bool:
-    """Whether llvmlite can be imported; said once where it cannot."""
+    """Return whether llvmlite can be imported; warn once if it cannot."""
     try:
         import llvmlite.binding  # noqa: F401
     except (ImportError, OSError) as error:
-        warn(f"no native code, the recursion serves instead: llvmlite cannot be imported ({error})")
+        warn(f"native code is not available, the recursion is used instead: llvmlite cannot be imported ({error})")
         return False
     return True

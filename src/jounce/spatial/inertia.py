@@ -68,8 +68,8 @@ def inertia_matrix(
         R = asarray(rotation, "rotation")
         if R.shape[-2:] != (3, 3):
             raise JounceError(f"rotation has shape {R.shape}; expected (..., 3, 3)")
-        if is_numeric(R) and not np.abs(R.mT @ R - _I).max(initial=0.0) < 1e-9:
-            raise JounceError("rotation is not one: R^T R differs from I")
+        if is_numeric(R) and not (error := np.abs(R.mT @ R - _I).max(initial=0.0)) < 1e-9:
+            raise JounceError(f"rotation is not a rotation matrix: max abs(R^T R - I) = {error:.3g}")
         theta = R @ theta @ R.mT
     m, c, theta = broadcast([m[..., None, None], hat(c), theta], [2, 2, 2], ["mass", "com", "inertia_com"])
     theta = theta - m * (c @ c)  # Steiner, after (eqn_body_fixed_mass_inertia_matrix)

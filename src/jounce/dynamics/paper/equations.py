@@ -33,7 +33,7 @@ class Paper:
 
     @cached_property
     def UG(self) -> Array:
-        return system.system_U(self.poses) @ system.system_G(self.mechanism)  # (eq_U)
+        return system.system_U(self.poses) @ system.system_gravity(self.mechanism)  # (eq_U)
 
     def a(self, k: int = 0) -> Array:
         """The k-th time derivative of a, itself with q^(k+1) in the place of qd."""

@@ -43,7 +43,7 @@ def read(
             raise JounceError(f"{source}: --topic: {no_such('topic', topic, topics)}")
         if topic is None and len(topics) != 1:
             kinds = f"JointTrajectory or JointState in it: {listed(topics) or 'none'}"
-            raise JounceError(f"{source}: topics of type {kinds}; expected one, or the one to read by --topic NAME")
+            raise JounceError(f"{source}: topics of type {kinds}; select one with --topic NAME")
         chosen = topic if topic is not None else next(iter(topics))
         connections = [c for c in bag.connections if c.topic == chosen]
         messages = [bag.deserialize(raw, c.msgtype) for c, _, raw in bag.messages(connections)]
@@ -61,7 +61,7 @@ def read(
 def _columns(messages: list[Any], place: str) -> dict[str, np.ndarray]:
     """t from the stamps, since the first; positions under the names of the joints, efforts as measured torques."""
     if not messages:
-        raise JounceError(f"{place} has no messages; expected samples of joints")
+        raise JounceError(f"{place} has no messages")
     names = list(messages[0].name)
     for number, message in enumerate(messages):
         if list(message.name) != names or len(message.position) != len(names):

@@ -93,7 +93,7 @@ def load_motion(
     (101, 2)
     """
     if not isinstance(robot, Robot):
-        raise JounceError(f"a motion is loaded for a Robot, not for a {type(robot).__name__}; try jounce.load")
+        raise JounceError(f"load_motion() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     from jounce.motion.columns import Options
     from jounce.motion.spline import Smoothing, way_of
 
@@ -107,12 +107,12 @@ def load_motion(
         return tabular.of_arrays(_arrays(source), mechanism, highest, way, options, PLACE)
     if not isinstance(source, str | os.PathLike):
         known = f"a path, one of {', '.join(motions.BUNDLED)}, or named columns"
-        raise JounceError(f"a motion is of type {type(source).__name__}; expected {known}")
+        raise JounceError(f"load_motion() expects {known}, got {type(source).__name__}")
     path = path_of(source)
     if way != Smoothing() and motions.is_analytic(path):
         given = {"degree": degree, "intervals": intervals, "bandwidth": bandwidth, "force": force or None}
         name = next(name for name, value in given.items() if value is not None)
-        raise JounceError(f"{path}: its terms are exact; {name} is for the samples of a table")
+        raise JounceError(f"{path}: {name} applies to samples; the terms of this motion are exact")
     return motions.read(path, mechanism, highest, way, options, topic)
 
 
@@ -121,5 +121,5 @@ def _arrays(source: Any) -> dict[str, Any]:
         columns = names.entries(source)
         odd = [name for name in columns if not isinstance(name, str)]
         if odd:
-            raise JounceError(f"column {quoted(odd[0])} has no text as its name; expected t and names of joints")
+            raise JounceError(f"column {quoted(odd[0])} is not named by a string; expected t and names of joints")
         return columns

@@ -73,5 +73,5 @@ def _cures() -> Iterator[None]:
         yield
     except CellError as error:
         raise JounceError(
-            f"{error}; repair or leave out the row, or choose columns by --time, --columns, --lock JOINT=VALUE"
+            f"{error}; repair or remove the row, or select columns with --time, --columns, --lock JOINT=VALUE"
         ) from None

@@ -27,7 +27,7 @@ def read(robot: Entry, gravity: object = None) -> Mechanism:
     names = _numbered(bodies)
     _numbered([*bodies, *frames])
     if GROUND in names:
-        raise bodies[names[GROUND]].get("name").error("another name: it is what bodies stand on")
+        raise bodies[names[GROUND]].get("name").error("another name: it denotes the ground")
     built = _built(robot, bodies, joints, names, own if gravity is None else gravity)
     placed = (Frame(f.get("name").value, _carrier(f.get("body"), names), parts.pose(f)) for f in frames)
     return replace(built, joints=tuple(_numbered(joints)), frames=tuple(placed))
@@ -94,7 +94,9 @@ def _coordinates(robot: Entry, joints: Sequence[Entry]) -> Index:
     free = [joint for joint in joints if "follows" not in joint.value]
     if "coordinates" not in robot.value:
         if not free:
-            raise JounceError(f"{robot.place}: every joint follows others; expected 'coordinates' that they follow")
+            raise JounceError(
+                f"{robot.place}: every joint follows others; 'coordinates' must list those that they follow"
+            )
         return _numbered(free)
     listed = robot.get("coordinates")
     names = {name.text(): i for i, name in enumerate(listed.items(least=1))}
@@ -102,7 +104,7 @@ def _coordinates(robot: Entry, joints: Sequence[Entry]) -> Index:
         raise listed.error("different names")
     for joint in free:
         if joint.get("name").value not in names:
-            raise JounceError(f"{listed.place}: coordinates leave out {joint.what}, which follows nothing")
+            raise JounceError(f"{listed.place}: coordinates omit {joint.what}, which follows no other joint")
     return names
 
 

@@ -57,7 +57,7 @@ def arrays(model: Any, file: Path | None) -> Arrays:
         option, texts = model.opt, bytes(model.names)
     except AttributeError as error:
         came = f"{type(model).__name__}, which has no {error.name!r}"
-        raise JounceError(f"a model of MuJoCo is a mujoco.MjModel, not a {came}") from None
+        raise JounceError(f"from_mujoco() expects a mujoco.MjModel, got {came}") from None
     of |= {name: np.asarray(getattr(model, name, 0.0)) for name in LATER}
     name = _text(texts, 0)
     name = file.stem if file and name == UNNAMED else name

@@ -32,7 +32,7 @@ def warn_of(m: Arrays, ties: int) -> None:
     counted = {what: int(np.sum(which)) for what, which in found.items()}
     said = [f"{what} ({n})" if n > 1 else what for what, n in counted.items() if n]
     if said:
-        warn(f"{m.place}: left out, as no part of a tree of rigid bodies: {', '.join(said)}")
+        warn(f"{m.place}: ignored, since not part of a tree of rigid bodies: {', '.join(said)}")
 
 
 def _marked(m: Arrays, *names: str) -> np.ndarray:
