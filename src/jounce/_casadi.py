@@ -42,8 +42,8 @@ def casadi_function(
     wrench : bool, optional
         Whether wrenches W, Wd, ... (nb, 6) on the bodies are inputs too.
     body, frame : str, optional
-        Of poses, twists and Jacobians: which body or merged link, in which frame. Poses and Jacobians take a body,
-        twists are those of all bodies by default.
+        Body or merged link, and frame, of poses, twists and Jacobians. Poses and Jacobians need a body, twists are
+        those of all bodies by default.
     parameters : list of str, optional
         Data of the robot that become inputs:
 

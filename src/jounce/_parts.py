@@ -1,4 +1,4 @@
-"""Parts: files and folders while they are written, beside their places, and what killed runs have left of them."""
+"""Temporary files and folders next to their final place, and the removal of those that killed runs have left."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""Options: what code is asked for, every word of it checked before any work is done."""
+"""Options of code generation, all checked before any work is done."""
 
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +20,7 @@ TRACED = 1500  # bodies times orders squared, up to which a program is traced in
 
 @dataclass(frozen=True)
 class Options:
-    """What code is asked for, checked."""
+    """The checked options of code generation."""
 
     robot: Parametric
     language: Language
@@ -40,7 +40,7 @@ def check_options(
     float32: bool,
     prefix: str | None,
 ) -> Options:
-    """What is asked for, or `JounceError`."""
+    """Check the arguments of `codegen`; raise `JounceError` if one is invalid."""
     target = language(lang)
     true_or_false("wrench", wrench, "whether functions take any")
     true_or_false("float32", float32, "whether the code is in single precision")
@@ -64,7 +64,7 @@ def check_options(
 
 
 def _computations(mechanism: Mechanism, outputs: Sequence[str], order: int, wrench: bool) -> list[Computation]:
-    """What outputs ask for, with wrenches where they are taken."""
+    """Return the computations of the outputs, with wrenches if their quantity depends on them."""
     texts = several(outputs)
     found = [spelled(mechanism, text, order) for text in texts]
     if not found or len(set(found)) != len(found):
@@ -82,12 +82,12 @@ def _computations(mechanism: Mechanism, outputs: Sequence[str], order: int, wren
 
 
 def languages_where(fit: Callable[[Language], bool]) -> str:
-    """The languages that something goes into."""
+    """Return the titles of the languages that satisfy a condition."""
     return ", ".join(name for name in NAMES if fit(language(name)))
 
 
 def _prefix(given: str | None, name: str, target: Language) -> str:
-    """The prefix that is given, or the robot's name made one."""
+    """Return the given prefix, or the robot's name turned into an identifier."""
     if given is not None:
         return given
     found = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")

@@ -1,4 +1,4 @@
-"""Parametric robots: which of their data generated code takes at run time, and the mechanism of given values."""
+"""Parametric robots: data that generated code takes at run time, and the mechanism for given values of them."""
 
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -66,7 +66,7 @@ def _check_masses(mechanism: Mechanism) -> None:
 
 
 def _without(mechanism: Mechanism, replaced: Container[str]) -> Mechanism:
-    """The mechanism without the data that parameters replace: no symbol in them is asked for in vain."""
+    """Return the mechanism without the data that parameters replace, so that symbols in them need no values."""
     if "gravity" in replaced:
         mechanism = replace(mechanism, gravity=np.zeros(3))
     if "lengths" in replaced:

@@ -31,7 +31,7 @@ class Printed:
 
     @property
     def name(self) -> str:
-        """Of the function, without the prefix."""
+        """The name of the function, without the prefix."""
         return self.function.name
 
     @property

@@ -46,9 +46,9 @@ def files(options: Options, functions: Sequence[Function], tests: Sequence[Vecto
 
 
 def _templates(options: Options) -> dict[str, tuple[str, str]]:
-    """By the names of the files that they make the templates, as paths in this package.
+    """Map the names of the generated files to their templates, as paths in this package, and functions.
 
-    One with FUNCTION in its name makes a file for each function, which stands beside the path.
+    A template with FUNCTION in its name makes one file per function.
     """
     folder = options.language.name
     made = {}
@@ -60,7 +60,7 @@ def _templates(options: Options) -> dict[str, tuple[str, str]]:
 
 
 def _context(options: Options, functions: Sequence[Function], tests: Sequence[Vectors]) -> dict[str, Any]:
-    """What templates are given."""
+    """Return the variables of the templates."""
     mechanism, single = options.robot.origin, options.single
     printed = [Printed(function, options.language, single) for function in functions]
     literal = options.language.literal
@@ -125,5 +125,5 @@ def _packed(text: str, indent: str = "", end: str = "", width: int = 118) -> str
 
 
 def _rows(array: np.ndarray) -> Iterator[list[float]]:
-    """An array (states, ...) as flat lists, one a state."""
+    """Return an array (states, ...) as flat lists, one per state."""
     return (np.ravel(state).tolist() for state in array)

@@ -1,8 +1,8 @@
-"""Schedules: a program as statements, in the order in which they are written; cut into parts where there are many.
+"""Schedules: the statements of a program in the order in which they are written, split into parts if there are many.
 
-What is used once stands within the statement that uses it, as long as that stays short. Sines and cosines come first,
-while little else must be kept over their calls; outputs are written last, so that they may lie over inputs. Long
-schedules are cut into parts, functions of their own: what a later part uses is kept in scratch memory.
+A value that is used once is part of the statement that uses it, as long as that stays short. Sines and cosines come
+first, while few values must be saved across their calls; outputs are written last, so that they may overlap inputs.
+Long schedules are split into parts, functions of their own: values used by a later part are kept in scratch memory.
 """
 
 from collections.abc import Container, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Test vectors: states, and what a function has to give for them by the closed form, not by the program printed."""
+"""Test vectors: states and the correct results of a function, by the closed form instead of the generated program."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,11 +29,11 @@ class Vectors:
 
     @property
     def count(self) -> int:
-        """How many states there are."""
+        """The number of states."""
         return len(self.inputs["q"])
 
     def scale(self, name: str) -> float:
-        """What errors of an output are relative to, over all states, in three digits: the same on every machine."""
+        """Return the scale of relative errors of an output over all states, to three digits: machine-independent."""
         return float(f"{scale(self.outputs[name], self.magnitudes[name]):.3g}")
 
     def parameter_sets(self) -> Iterator[dict[str, np.ndarray]]:

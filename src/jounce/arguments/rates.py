@@ -1,4 +1,4 @@
-"""Rates: the names q, qd, q2d, ... of a quantity's time derivatives, and the check of those that a caller gives."""
+"""Rates of the coordinates that a caller gives, q, qd, q2d, ..., checked and converted to arrays."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,22 +15,22 @@ HIGHEST = 100  # order: beyond it computing takes minutes, and nobody's numbers 
 
 
 def checked_order(order: object, highest: int = HIGHEST) -> int:
-    """The order of the highest rate that a caller asks for."""
+    """Return a caller's order, checked."""
     if not isinstance(order, int | np.integer) or isinstance(order, bool) or not 0 <= order <= highest:
         raise JounceError(f"order is {quoted(order)}; expected 0 to {highest}")
     return int(order)
 
 
 def rates_in(given: object) -> tuple[Any, ...] | None:
-    """A quantity and its rates where a caller gives both, as a tuple; None where it is an array, or a tuple of scalars.
+    """Return (value, rate, ...) if a caller gives such a tuple; None for one array or a tuple of scalars.
 
-    Lists are arrays: nested ones mean what the array of the same numbers means.
+    Nested lists are one array.
     """
     return given if isinstance(given, tuple) and not (given and all(map(is_scalar, given))) else None
 
 
 def rates_of(given: Sequence[Any], least: int, mechanism: Mechanism) -> list[Array]:
-    """The coordinates and their rates as arrays (..., n): at least `least` of them, none skipped."""
+    """Return the coordinates and their rates as arrays (..., n): at least `least` of them, none skipped."""
     terms = list(given)
     while len(terms) > least and terms[-1] is None:
         terms.pop()
@@ -47,7 +47,7 @@ def rates_of(given: Sequence[Any], least: int, mechanism: Mechanism) -> list[Arr
 
 
 def is_unbatched(q: Sequence[Array]) -> bool:
-    """Whether coordinates and their rates are one state."""
+    """Return whether the coordinates and their rates are one state without batch axes."""
     return all(term.ndim == 1 for term in q)
 
 
@@ -72,7 +72,7 @@ def _column(term: Any, k: int, mechanism: Mechanism, terms: Sequence[Any]) -> Ar
 
 
 def _by_name(term: Any, mechanism: Mechanism) -> Array:
-    """The coordinates (...) that stand under the joints' names, broadcast, as an array (..., n)."""
+    """Return an array (..., n) of coordinates (...) given by joint name, broadcast."""
     joints, named = mechanism.coordinates, names.entries(term)
     names.check(named, joints, names.followers(mechanism))
     parts = [element(named[joint], repr(joint)) for joint in joints]

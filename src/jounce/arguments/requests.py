@@ -1,4 +1,4 @@
-"""Requests: which quantity a caller asks for, of which body, in which frame, checked into a `Computation`."""
+"""Requests for a quantity, of a body and in a frame, checked and converted to a `Computation`."""
 
 from functools import lru_cache
 
@@ -12,7 +12,7 @@ from jounce.model.mechanism import Mechanism
 def computation(
     mechanism: Mechanism, quantity: str, order: int, wrench: bool = False, body: str | None = None, frame: str = "body"
 ) -> Computation:
-    """The computation of what a caller asks for by name.
+    """Return the computation of a quantity by name.
 
     Raises
     ------
@@ -27,10 +27,10 @@ def computation(
 
 
 def spelled(mechanism: Mechanism, text: str, order: int, wrench: bool = False) -> Computation:
-    """The computation that a text asks for, NAME[:BODY[:FRAME]]: ``mass_matrix``, ``jacobian:tool0:world``.
+    """Parse a computation written as NAME[:BODY[:FRAME]]: ``mass_matrix``, ``jacobian:tool0:world``.
 
-    Names of bodies may hold colons: the end is a frame only where it is one of the quantity's, and the rest a body.
-    Without a body it is that of all bodies, where the quantity belongs to any.
+    Names of bodies may contain colons: the last part is a frame only if the quantity has this frame and the rest is a
+    body. Without a body, the quantity of all bodies is meant.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def spelled(mechanism: Mechanism, text: str, order: int, wrench: bool = False) -
 
 
 def place(mechanism: Mechanism, quantity: str, body: str | None, frame: str) -> None:
-    """Raise `JounceError` unless a quantity may be asked of a body, or of all, None, in a frame."""
+    """Raise `JounceError` unless the quantity exists for this body (None: all bodies) in this frame."""
     row = QUANTITIES[quantity]
     if body is not None:
         if not row.of_bodies:
@@ -62,5 +62,5 @@ def place(mechanism: Mechanism, quantity: str, body: str | None, frame: str) -> 
 
 @lru_cache(maxsize=1024)
 def known(name: str, order: int, wrench: bool, body: str | None = None, frame: str = "body") -> Computation:
-    """A computation of checked arguments, made once."""
+    """Return the computation of checked arguments; equal arguments share one."""
     return Computation(name, order, wrench, body, frame)

@@ -1,4 +1,4 @@
-"""Inertias that no distribution of mass has, and those that somebody put in until the real ones would be known."""
+"""Physically inconsistent inertias, and placeholders."""
 
 from collections.abc import Sequence
 from functools import partial

@@ -18,7 +18,7 @@ def limits(mechanism: Mechanism) -> list[Finding]:
 
 
 def _missing(mechanism: Mechanism, kind: str, driven: list[int], missing: np.ndarray) -> list[Finding]:
-    """A robot without any such limit may mean it so; one with some has forgotten the others."""
+    """Find missing limits: a warning if other joints have one, a note if none has."""
     if not missing.any():
         return []
     everywhere = bool(missing.all())

@@ -12,7 +12,7 @@ SAMPLES = 3  # configurations; where the mass matrix is regular in one, it is in
 
 
 def massless(mechanism: Mechanism) -> list[Finding]:
-    """Massless bodies that carry mass, which is no harm, and those that carry none."""
+    """Find massless bodies: those that carry mass, which have no effect, and those that carry none."""
     empty = ~mechanism.M.any(axis=(1, 2))
     carries = (ancestors(mechanism)[~empty] > 0).any(axis=0)
     between, tips = np.flatnonzero(empty & carries), np.flatnonzero(empty & ~carries)

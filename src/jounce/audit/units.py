@@ -161,7 +161,7 @@ def _reach(mechanism: Mechanism, anchors: Sequence[np.ndarray]) -> list[float]:
 
 
 def gravity(mechanism: Mechanism) -> list[Finding]:
-    """Gravity that is none, of another planet, or of none."""
+    """Find gravity that is zero, of another planet, or of no planet."""
     g = float(np.linalg.norm(mechanism.gravity))
     if EARTH[0] <= g <= EARTH[1]:
         return []

@@ -1,11 +1,11 @@
-"""Magnitudes: the sizes of what is added up in a quantity and its rates, which stay where the quantity itself cancels.
+"""Magnitudes: the sizes of the terms summed in a quantity and its rates, nonzero where the quantity itself cancels.
 
 Rounding errors are in proportion to them: a force that is zero in exact arithmetic comes out as noise of some 1e-16 of
 its magnitude. Magnitudes are roots of sums of squares, the sizes of sums of independent terms: sums of absolute values
 outgrow the results with every body and every order.
 
 No equation is written for them. The laws of the quantities run on arrays of another kind, which hold the square of the
-magnitude of every entry beside its value: sums and differences add squares, products multiply them. Squares of the
+magnitude of every entry along with its value: sums and differences add squares, products multiply them. Squares of the
 entries of a rotation add up to 1 in every row and column, hence magnitudes do not grow from frame to frame.
 """
 

@@ -1,4 +1,4 @@
-"""`jounce compare`: a robot checked against other libraries, its own other paths, and differentiation."""
+"""`jounce compare`: a robot's results compared with other libraries, other methods, and differentiation."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""`jounce convert`: a robot from any file that jounce reads into one of its own format."""
+"""`jounce convert`: a robot from any file that jounce reads, written in jounce's own format."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""`jounce motion`: a motion as a table of q to q4d, to be looked at and run."""
+"""`jounce motion`: a motion as a table of q to q4d, to inspect and to run."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""Options of commands that read a motion: how its samples become a curve, its columns and units, blends and rows."""
+"""Options of commands that read a motion: the curve of its samples, its columns and units, blends and rows."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -50,7 +50,7 @@ class AskedMotion:
     step: float | None
 
     def load(self, robot: "Robot", order: int) -> "Motion":
-        """The motion, with what the rates of forces up to an order take."""
+        """Load the motion, with the rates that forces up to an order need."""
         from jounce.io.motions.loading import load_motion
 
         found = load_motion(self.path, robot, order, **self.options)
@@ -59,7 +59,7 @@ class AskedMotion:
 
 
 def of_motion(verb: Callable[..., None]) -> Callable[..., None]:
-    """The verb with the argument MOTION and its options, which it gets as one `motion`, an `AskedMotion`."""
+    """Add the argument MOTION and its options to a command, which gets them as one `motion`, an `AskedMotion`."""
 
     @wraps(verb)
     def asked(motion: Path, blend: float | None, step: float | None, **others: Any) -> None:

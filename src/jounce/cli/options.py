@@ -1,4 +1,4 @@
-"""What commands are asked about: a file or a bundled name, offered by the shell's completion, and options of robots."""
+"""Arguments and options of robots shared by all commands: a file or a bundled name, with shell completion."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class FileOrName(click.ParamType):  # type: ignore[type-arg] # generic for mypy alone
-    """A path, or one of the names that come with jounce; which of them exists is found out where it is read."""
+    """A path or a bundled name; the reader finds out which of them exists."""
 
     def __init__(self, kind: str, names: Callable[[], Iterable[str]]) -> None:
         self.name, self.names = kind, names
@@ -50,7 +50,7 @@ ALL = "all"  # drives
 
 @dataclass(frozen=True)
 class Asked:
-    """A robot by its path or name, with the options of `jounce.load`; a verb loads it once all else is in order."""
+    """A robot by its path or name, with the options of `jounce.load`; a command loads it after checking all else."""
 
     path: Path
     options: dict[str, Any]
@@ -92,7 +92,7 @@ OPTIONS = (
 
 
 def on_robot(verb: Callable[..., None]) -> Callable[..., None]:
-    """The verb with the argument ROBOT and its options, which it gets as one `robot`, an `Asked`."""
+    """Add the argument ROBOT and its options to a command, which gets them as one `robot`, an `Asked`."""
 
     @wraps(verb)
     def asked(

@@ -33,7 +33,7 @@ Example:
 def plot(table: Path, output: Path, joints: Sequence[str], quantities: Sequence[str], as_json: bool) -> None:
     """Draw the columns of TABLE over time: forces that `run` wrote, or a motion that `motion` wrote.
 
-    One row a quantity, one curve a joint; curves too small to be seen beside the others have a column of their own.
+    One row per quantity, one curve per joint; curves too small to be seen next to the others have a second column.
     """
     from jounce.figures import canvas
     from jounce.figures.curves import over_time

@@ -1,4 +1,4 @@
-"""`jounce robots`: the robots that come with jounce, and whose numbers they have."""
+"""`jounce robots`: the bundled robots, and the sources of their data."""
 
 import json
 from pathlib import Path

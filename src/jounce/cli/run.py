@@ -105,7 +105,7 @@ def run(
 def _write_forces(
     robot: "Robot", motion: "Motion", order: int, method: str | None, with_rates: bool, output: Path
 ) -> "np.ndarray":
-    """Write the forces and their rates along a motion, each piece when it is computed; the largest of them, (.., n)."""
+    """Write the forces and their rates along a motion piece by piece; return the largest of each, (.., n)."""
     import numpy as np
 
     from jounce.dynamics.quantities import FORCES
@@ -130,7 +130,7 @@ def _write_forces(
 
 
 def _break(found: "ForceBreak", joints: Sequence[str], names: Sequence[str]) -> dict[str, Any]:
-    """A break as plain data: which rate of Q jumps and by how much, and which rates of which joints do it."""
+    """Return a break as plain data: the rate of Q that jumps, by how much, and the joints and rates that cause it."""
     from jounce.spatial.series import rate_name
 
     jump = None if found.jump is None else dict(zip(joints, found.jump.tolist(), strict=True))
@@ -144,7 +144,7 @@ def _break(found: "ForceBreak", joints: Sequence[str], names: Sequence[str]) -> 
 
 
 def _breaks_in_words(breaks: Sequence[dict[str, Any]]) -> list[str]:
-    """The first breaks, a line each, and how many there are."""
+    """Describe the first breaks, one per line, and the number of all."""
     lines = []
     for found in breaks[:SHOWN]:
         joints: dict[str, list[str]] = {}

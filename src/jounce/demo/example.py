@@ -62,7 +62,7 @@ class StepErrors:
 
 
 def example(name: str, states: int) -> Example:
-    """The paper's robot along `paper` or `paper-wrench`, at so many times over its five seconds."""
+    """Compute the paper's robot along `paper` or `paper-wrench`, at `states` times over its five seconds."""
     robot, terms = Robot(iiwa14()), motions.bundled(name)
     t = np.linspace(terms.t[0], terms.t[-1], states)
     motion = motion_of(terms, robot.mechanism)

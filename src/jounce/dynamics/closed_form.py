@@ -16,7 +16,7 @@ from jounce.spatial.series import Series, from_rate
 
 @dataclass(frozen=True)
 class ClosedForm:
-    """The equations of motion along q(t); every series is computed as far as it is asked for."""
+    """The equations of motion along q(t); the terms of every series are computed on demand."""
 
     H: Series  # (..., nb, 4, 4) poses of the bodies
     J: Series  # (..., 6nb, n) system Jacobian

@@ -1,4 +1,4 @@
-"""Loads ON bodies, in world or body axes and at a point, made into the wrenches W that bodies exert, with rates."""
+"""Wrenches W that bodies exert, with rates, from loads ON bodies in world or body axes and at a point."""
 
 import numpy as np
 

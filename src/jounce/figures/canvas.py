@@ -54,7 +54,7 @@ def check_installed() -> None:
 
 
 def painted(paint: "Callable[[Figure], None]", width: float, height: float) -> "Figure":
-    """A figure of so many inches, painted in jounce's look; no window is opened, no global setting changed."""
+    """Paint a figure of a size in inches in jounce's style; no window is opened, no global setting changed."""
     check_installed()
     import matplotlib
     from matplotlib.figure import Figure

@@ -1,4 +1,4 @@
-"""Curves over time: one panel a quantity, one curve a joint, differentiated values as rings upon the exact lines."""
+"""Curves over time: one panel per quantity, one curve per joint, differentiated values as rings on the exact lines."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -36,7 +36,7 @@ class Panel:
 def over_time(t: np.ndarray, panels: Sequence[Panel], title: str = "", breaks: Sequence[float] = ()) -> "Figure":
     """A row of axes a panel, above a common time axis and under one legend; breaks are upright lines.
 
-    Curves too small to be seen beside the others have a second column, to a scale of their own.
+    Curves too small to be seen next to the others have a second column with its own scale.
     """
     columns = by_size(panels)
     names = _names(panels)
@@ -67,7 +67,7 @@ def over_time(t: np.ndarray, panels: Sequence[Panel], title: str = "", breaks: S
 
 
 def by_size(panels: Sequence[Panel]) -> list[list[str]]:
-    """The curves in one column, or in two, large and small, where one is hidden beside the largest of its panel."""
+    """Return the curves in one column, or in two, large and small, if one is hidden by the largest of its panel."""
     small = set()
     for panel in panels:
         peaks = {name: np.abs(values).max() for name, values in panel.curves.items()}

@@ -1,4 +1,4 @@
-"""Panels of a table: the columns ``NAME.Q, NAME.Qd, ...`` and ``NAME.q, NAME.qd, ...``, one panel a quantity."""
+"""Panels of a table: the columns ``NAME.Q, NAME.Qd, ...`` and ``NAME.q, NAME.qd, ...``, one panel per quantity."""
 
 import re
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Columns: named arrays of finite numbers, all of one length, and what is refused where they should be."""
+"""Columns: named arrays of finite numbers, all of one length, and their checks."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -25,7 +25,7 @@ def flattened(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def selected(columns: Mapping[str, np.ndarray], select: Select | None) -> dict[str, np.ndarray]:
-    """The columns that are to be read, arrays of several columns flattened; all, as they are, if nothing selects."""
+    """Return the selected columns, with arrays of several columns flattened; all columns if `select` is None."""
     if select is None:
         return dict(columns)
     flat = flattened(columns)
@@ -33,11 +33,11 @@ def selected(columns: Mapping[str, np.ndarray], select: Select | None) -> dict[s
 
 
 class CellError(JounceError):
-    """A cell that is no finite number."""
+    """A cell is not a finite number."""
 
 
 def checked(place: object, columns: Mapping[str, np.ndarray]) -> Columns:
-    """Columns as a table has them, of arrays that come from elsewhere."""
+    """Convert a caller's arrays to the columns of a table."""
     if not columns or not max(array.size for array in columns.values()):
         raise JounceError(f"{place}: no columns or no rows; expected named columns of numbers")
     rows = next(iter(columns.values())).shape[:1]
@@ -50,7 +50,7 @@ def checked(place: object, columns: Mapping[str, np.ndarray]) -> Columns:
 
 
 def check_finite(place: object, columns: Mapping[str, np.ndarray], first: int = 0) -> None:
-    """Raise `JounceError` where a column holds what is no number; `first` is the number of the first row."""
+    """Raise `JounceError` if a column contains a value that is not finite; `first` is the number of the first row."""
     for name, array in columns.items():
         bad = np.flatnonzero(~np.isfinite(array))
         if bad.size:

@@ -1,4 +1,4 @@
-"""Robots in YAML or JSON: parsed once, then read in the format that their keys tell."""
+"""Robots in YAML or JSON: parsed once, then read in the format that their keys identify."""
 
 from collections.abc import Callable
 from difflib import get_close_matches

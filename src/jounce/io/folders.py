@@ -1,4 +1,4 @@
-"""Folders written as a whole: all files or none, and nothing of a user's lost."""
+"""Folders written as a whole: all files or none, without loss of a user's files."""
 
 import shutil
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ from jounce.io.files import check_writable, mode_of
 
 
 def check_folder(folder: Path, mark: str, names: list[str], force: bool) -> None:
-    """Raise `JounceError` where `write_folder` would, before any work is done for it."""
+    """Raise `JounceError` if `write_folder` would, before any work is done."""
     try:
         there = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
         if folder.exists() and not folder.is_dir():
@@ -30,10 +30,10 @@ def check_folder(folder: Path, mark: str, names: list[str], force: bool) -> None
 
 
 def write_folder(folder: Path, files: Mapping[str, str], mark: str, force: bool) -> None:
-    """Write texts as the files of a folder, all of them or none.
+    """Write the files of a folder, all of them or none.
 
-    With `force` it need not be empty: of the files in it only those of the same names are replaced, if they bear the
-    mark of such files; all others stay. What is replaced passes its mode on, the folder too.
+    With `force` the folder need not be empty: only files of the same names are replaced, if they are marked as
+    generated; all others are kept. Replaced files and the folder keep their modes.
     """
     check_folder(folder, mark, list(files), force)
     target = folder.resolve()
@@ -51,7 +51,7 @@ def write_folder(folder: Path, files: Mapping[str, str], mark: str, force: bool)
         else:
             if mode is not None:
                 part.chmod(mode)
-                target.rmdir()  # empty, as is checked anew by the system
+                target.rmdir()  # empty: the system checks it again
             part.replace(target)
     except OSError as error:
         raise JounceError(f"{folder}: cannot be written: {error.strerror or error}") from None

@@ -1,4 +1,4 @@
-"""JSON lines: a table whose rows are objects, one a line; lists in them are columns NAME[0], NAME[1], ..."""
+"""JSON lines: a table whose rows are objects, one per line; lists in them are columns NAME[0], NAME[1], ..."""
 
 import json
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ ROWS = 1 << 12  # in a piece
 
 
 def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
-    """The table of a file, some rows after the other; objects within a row are columns NAME.FIELD."""
+    """Yield the table of a file in pieces of some rows; objects within a row are columns NAME.FIELD."""
     with opened(path) as file:
         rows = ((number, _row(path, number, line)) for number, line in enumerate(file, start=1) if line.strip())
         first = next(rows, None)

@@ -31,45 +31,47 @@ def load(
     xacro_args: Mapping[str, object] | None = None,
     **parameters: Unpack[Planar2R],
 ) -> Robot:
-    """A robot from a URDF or MJCF file, a YAML or JSON file, or a bundled one by its name.
+    """Load a robot from a URDF, MJCF, YAML or JSON file, or a bundled robot by its name.
 
-    YAML and JSON hold jounce's own format, a Denavit-Hartenberg table or skidy's description, told apart by their keys.
+    YAML and JSON files contain jounce's own format, a Denavit-Hartenberg table or skidy's description, identified by
+    their keys.
 
-    Fixed joints merge their links into one body (their names stay usable wherever a body's is); mimic joints are folded
-    into their leaders' coordinates; several root links stand on the ground side by side. Coordinates are in the order
-    of the file, depth first.
+    Links behind fixed joints merge into one body, and their names may be used wherever a body's may; mimic joints
+    follow their leaders' coordinates; several root links are all fixed to the ground. Coordinates are in the order of
+    the file, depth first.
 
     Parameters
     ----------
     source : str or path
         Path of a .urdf, .xacro, .xml (MJCF, by MuJoCo; or a URDF), .yaml, .yml or .json file, or the name of a bundled
-        one: "iiwa14", "planar2r", "panda" and others, which `jounce robots` lists.
+        robot: "iiwa14", "planar2r", "panda" and others, which `jounce robots` lists.
     gravity : (3,), optional
-        In m/s^2; if left out that of the file, (0, 0, -9.81) where it states none, (0, 0, -9.80665) for iiwa14.
+        Gravitational acceleration in m/s^2; by default that of the file, or (0, 0, -9.81) if it states none, or
+        (0, 0, -9.80665) for iiwa14.
     base : str, optional
-        Of a URDF or MJCF file: "fixed" welds floating, planar and spherical joints at zero, which are refused
-        otherwise.
+        "fixed" welds floating, planar and spherical joints of a URDF or MJCF file at zero; otherwise such joints are
+        an error.
     root : str, optional
-        Of a URDF or MJCF file: a link to start at; what it carries remains, and it stands on the ground itself.
+        Link of a URDF or MJCF file that becomes the base, fixed to the ground: only the links that it carries are kept.
     lock : dict, optional
-        Joints to hold still, {name: rad or m}: their bodies merge into those that carry them, see `Robot.locked`.
+        Joints to lock, {name: rad or m}: their bodies merge into those that carry them, see `Robot.locked`.
     drives : bool, str or several, optional
-        Which terms of the drives that the file states enter Q, see `Robot.with_drives`; none if left out.
+        Drive terms of the file to include in Q, see `Robot.with_drives`; by default none.
     xacro_args : dict, optional
-        Of a .xacro file: its arguments.
+        Arguments of a .xacro file.
     **parameters : keywords
-        Of planar2r: L1, L2, m1, m2, g; symbols are values too.
+        Parameters of planar2r: L1, L2, m1, m2, g; numbers or symbols.
 
     Raises
     ------
     JounceError
-        Where the file cannot be read, is not a robot, or a parameter is unknown.
+        If the file cannot be read, is not a robot, or a parameter is unknown.
 
     Warns
     -----
     JounceWarning
-        Where bodies of a file have an inertia that no distribution of mass has (`Robot.audit` says more), joints are
-        welded by base, or drives are asked for and none is stated.
+        If bodies of a file have a physically inconsistent inertia (see `Robot.audit`), joints are welded by `base`, or
+        `drives` selects terms that the file does not have.
 
     Examples
     --------

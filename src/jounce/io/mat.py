@@ -1,4 +1,4 @@
-"""MAT tables: the variables of a MATLAB file, those of structs as STRUCT.FIELD."""
+"""MAT tables: the variables of a MATLAB file, with fields of structs as STRUCT.FIELD."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path

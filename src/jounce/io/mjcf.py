@@ -29,7 +29,7 @@ def read(path: Path, gravity: object = None, base: str | None = None, root: str 
 
 
 def compiled(path: Path) -> Any:
-    """The model that MuJoCo makes of a file; what it refuses or warns of is passed on in one line each."""
+    """Compile a file with MuJoCo, whose errors and warnings are passed on in one line each."""
     try:
         import mujoco
     except ImportError:
@@ -46,7 +46,7 @@ def compiled(path: Path) -> Any:
 
 @contextmanager
 def warnings_of(mujoco: Any) -> Iterator[list[str]]:
-    """What MuJoCo warns of meanwhile; else it prints that, and appends it to a MUJOCO_LOG.TXT in the current folder."""
+    """Collect MuJoCo's warnings, which it would print and append to MUJOCO_LOG.TXT in the current folder."""
     said: list[str] = []
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(said.append)
@@ -57,7 +57,7 @@ def warnings_of(mujoco: Any) -> Iterator[list[str]]:
 
 
 def _root(path: Path) -> object:
-    """The tag of the root element, before anything is made of the file."""
+    """Return the tag of the root element, before the file is read further."""
     content = read_bytes(path)
     refuse_declarations(content, path)
     parts = etree.iterparse(BytesIO(content), events=("start",), resolve_entities=False, no_network=True)

@@ -14,19 +14,19 @@ from jounce.robot import Robot
 def save(robot: Robot, path: str | os.PathLike[str]) -> None:
     """Write a robot into a file of jounce's own format: YAML or JSON.
 
-    Nothing is lost: `jounce.load` gives every array back to the last bit, and names, limits and frames.
+    The file is lossless: `jounce.load` restores every array to the last bit, and names, limits and frames.
 
     Parameters
     ----------
     robot : Robot
         A robot of numbers.
     path : str or path
-        Of a .yaml, .yml or .json file; one that is there is replaced as a whole.
+        Path of a .yaml, .yml or .json file; an existing file is replaced as a whole.
 
     Raises
     ------
     JounceError
-        Where the robot holds symbols, the name ends otherwise, or the file cannot be written.
+        If the robot contains symbols, the suffix is another, or the file cannot be written.
 
     Examples
     --------
@@ -53,7 +53,7 @@ WRITERS: dict[str, Callable[[Mechanism], str]] = {".yaml": writing.yaml, ".yml":
 
 
 def check_writable(path: Path) -> None:
-    """Raise `JounceError` where `save` could not write, before any work is done for it."""
+    """Raise `JounceError` if `save` could not write, before any work is done."""
     if path.suffix.lower() not in WRITERS:
         raise JounceError(
             f"{path}: unknown type of robot file to write {path.suffix!r}; available: {', '.join(WRITERS)}"

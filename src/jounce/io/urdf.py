@@ -1,4 +1,4 @@
-"""URDF: what dynamics needs of it, read with lxml; visuals, collisions, meshes and transmissions are never opened."""
+"""URDF: the part that dynamics needs, read by lxml; visuals, collisions, meshes and transmissions are never opened."""
 
 from pathlib import Path
 
@@ -123,7 +123,7 @@ def _drive(element: etree._Element, file: str) -> dict[str, float]:
 
 
 def _origin(element: etree._Element, file: str) -> np.ndarray:
-    """The pose of an <origin>: the identity where there is none."""
+    """Return the pose of an <origin>, the identity by default."""
     origin = element.find("origin")
     if origin is None:
         return np.eye(4)

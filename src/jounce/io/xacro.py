@@ -28,9 +28,9 @@ class _Arguments(dict[str, str]):
 
 
 def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
-    """The URDF that a xacro file makes of arguments, those of its <xacro:arg>; packages are looked for above the file.
+    """Expand a xacro file with arguments for its <xacro:arg>; packages are searched in the folders above the file.
 
-    Unlike all other readers xacro evaluates what the file says: expressions in a subset of Python.
+    Unlike all other readers, xacro evaluates expressions in the file, in a subset of Python.
     """
     refuse_declarations(read_bytes(path), path)
     if not isinstance(arguments, Mapping):
@@ -65,7 +65,7 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
 
 @contextmanager
 def _declarations_refused(xacro: Any) -> Iterator[None]:
-    """Inside, xacro includes no file whose document type declares anything: its own parser would resolve it."""
+    """Within this context, xacro includes no file whose document type has declarations: its parser resolves them."""
     parse = xacro.parse
 
     def checked(given: Any, name: str | None = None) -> Any:

@@ -60,7 +60,7 @@ def parametrise(
 
 
 def own_values(mechanism: Mechanism, names: Sequence[str]) -> dict[str, np.ndarray]:
-    """The arrays that `parametrise` asks for, with the values that leave the mechanism as it is."""
+    """Return the arrays that `parametrise` replaces, with the robot's own values."""
     own = {"gravity": mechanism.gravity, "masses": mechanism.M[:, 3, 3], "lengths": mechanism.B[:, :3, 3]}
     payloads = _payloads(mechanism, names)
     nothing = {f"{stem}_{part}": np.zeros(size) for stem in payloads for part, size in PAYLOAD.items()}
@@ -87,5 +87,5 @@ def _payloads(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Frame]:
 
 
 def _of_mass(M: Array, mass: Array) -> Array:
-    """The inertia matrix of a body with another mass, (1, 1)."""
+    """Scale the inertia matrix of a body to another mass, (1, 1)."""
     return M + mass * _POINT if is_zero(M[3, 3]) else mass * exact_integers(M / M[3, 3])

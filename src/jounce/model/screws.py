@@ -1,4 +1,4 @@
-"""Mechanisms from screw data, body-fixed or spatial: every array is checked here, at the door, and nowhere else."""
+"""Mechanisms from screw data, body-fixed or spatial: every array is checked here, and nowhere else."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -85,11 +85,11 @@ def spatial_screws(mechanism: Mechanism) -> tuple[Array, Array]:
 
 
 def _data(x: Array, label: str) -> np.ndarray:
-    """A copy of the caller's array; data are concrete, however a state is traced."""
+    """Return a copy of the caller's array; a robot's data must be concrete, even if states are traced."""
     array = asarray(x, label)
     try:
         return np.array(array if isinstance(array, np.ndarray) else np.asarray(array, dtype=np.float64))
-    except Exception as error:  # a tracer of JAX, say
+    except Exception as error:  # such as a tracer of JAX
         raise JounceError(
             f"{label} is not concrete: {shortened(one_line(error))}; a state may be traced, the robot's data may not"
         ) from None
@@ -115,7 +115,7 @@ def _check_shapes(data: Mapping[str, np.ndarray], nb: int) -> None:
 
 
 def exact_pose(T: np.ndarray, label: str) -> np.ndarray:
-    """A pose, checked, its rotation made orthonormal to the last digit by a Newton step of the polar decomposition."""
+    """Check a pose, and make its rotation orthonormal to rounding by a Newton step of the polar decomposition."""
     if not is_numeric(T):
         return T
     R = T[:3, :3]
@@ -127,7 +127,7 @@ def exact_pose(T: np.ndarray, label: str) -> np.ndarray:
 
 
 def exact_screw(X: np.ndarray, label: str) -> np.ndarray:
-    """A unit screw, checked, its length made 1 to the last digit."""
+    """Check a unit screw, and make its length 1 to rounding."""
     if not is_numeric(X):
         return X
     length = np.linalg.norm(X[:3]) or np.linalg.norm(X[3:])
@@ -137,7 +137,7 @@ def exact_screw(X: np.ndarray, label: str) -> np.ndarray:
 
 
 def exact_inertia(M: np.ndarray, label: str) -> np.ndarray:
-    """An inertia matrix, checked, its form exact: one mass, one first moment, one symmetric tensor."""
+    """Check an inertia matrix, and make its form exact: one mass, one first moment, one symmetric tensor."""
     if not is_numeric(M):
         return M
     error = inertia.form_error(M)
@@ -149,7 +149,7 @@ def exact_inertia(M: np.ndarray, label: str) -> np.ndarray:
 def _of_joints(
     given: object, free: Mapping[str, float], error_of: Callable[..., str | None], nb: int, what: str
 ) -> dict[str, np.ndarray]:
-    """Numbers of the joint variables by name, as stated or free."""
+    """Return arrays of numbers of the joint variables by name: those stated, defaults for the others."""
     stated = vars(given) if isinstance(given, Limits | Drives) else {} if given is None else given
     if not isinstance(stated, Mapping):
         raise JounceError(f"{what}s is of type {type(given).__name__}; expected a mapping of {', '.join(free)}")

@@ -1,4 +1,4 @@
-"""Pinocchio's models, read by what their joints do at zero.
+"""Pinocchio's models, read by evaluating their joints at zero.
 
 A joint has a pose M(q) in its parent's and a motion S(q) in the moved frame. Where its coordinates are angles and
 lengths it is a chain of screws, ``M(q) = M(0) exp(X_1 q_1) ... exp(X_k q_k)``, and the X are the columns of S(0).
@@ -57,7 +57,7 @@ def mechanism(model: Any, gravity: object = None, base: str | None = None, root:
 
 
 def _bodies(model: Any) -> list[str]:
-    """What the joints move, by the name of the first body that sits on a joint, else by that of the joint."""
+    """Return the names of the bodies that the joints move: of the first body on a joint, or else of the joint."""
     names = list(model.names)
     for frame in reversed(model.frames):
         if frame.type.name == "BODY" and frame.parentJoint and np.array_equal(frame.placement.homogeneous, np.eye(4)):

@@ -63,7 +63,7 @@ class Match:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a user should know: the columns that are none of the motion."""
+        """Notes for the user: the columns that are not part of the motion."""
         return (f"other columns, ignored: {listed(self.others)}",) if self.others else ()
 
 
@@ -72,7 +72,7 @@ def match(header: Sequence[str], mechanism: Mechanism, options: Options, highest
 
     Raises
     ------
-    JounceError : where a joint, a rate or the times are missing, a unit is unknown, or samples stand beside rates.
+    JounceError : if a joint, a rate or the times are missing, a unit is unknown, or both samples and rates are given.
     """
     joints = mechanism.coordinates
     if TIME in joints:
@@ -172,7 +172,7 @@ def _belongs(name: str, joints: Sequence[str]) -> bool:
 
 
 def _misspelt(name: str, mechanism: Mechanism) -> bool:
-    """Whether a column looks like a rate of a joint or a component of a wrench, and is none."""
+    """Return whether a column looks like a misspelt rate of a joint or component of a wrench."""
     owner, _, suffix = name.rpartition(".")
     owners = {*mechanism.coordinates, *mechanism.bodies, *(frame.name for frame in mechanism.frames)}
     return owner in owners and MISSPELT.fullmatch(suffix) is not None

@@ -19,7 +19,7 @@ NOTICEABLE = 0.01  # share of rounding in a rate from which on a user should hea
 class Hermite:
     """Polynomials between rows at t (N,) of q, qd, ... (N, columns) each: m of them make the degree 2 m - 1.
 
-    `spreads` are their standard deviations, where the rows are none of a plan but of a fit.
+    `spreads` are their standard deviations, if the rows come from a fit and not from a plan.
     """
 
     t: np.ndarray

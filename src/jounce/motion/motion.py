@@ -53,7 +53,7 @@ class Motion:
     torques : tuple of arrays, or None
         Times (N,) and the torques (N, n) measured then, N m or N; NaN where a joint has none.
     notes : tuple of str
-        What its table holds beside it.
+        What else its table contains, one note each.
 
     Examples
     --------

@@ -30,7 +30,7 @@ class Noise:
         "encoder step", "written digits", "white", "rounding" (of floating-point numbers) or "rest" (the joint does not
         move).
     step : float
-        The step of the encoder or of the digits, 0 where there is none.
+        The step of the encoder or of the digits, otherwise 0.
     """
 
     sigma: float
@@ -140,7 +140,7 @@ def rest_weights(t: np.ndarray, q: np.ndarray, interval: float) -> np.ndarray:
 
 
 def step_of(samples: np.ndarray) -> tuple[float, str]:
-    """The step to which samples are rounded and its kind, of an encoder or of written digits; 0 where there is none."""
+    """The step to which samples are rounded and its kind, of an encoder or of written digits; otherwise 0."""
     some = samples[:: len(samples) // ENOUGH + 1]
     written, lattice = _written_step(some), _lattice(some)
     if lattice and not (written and lattice < 1.5 * written):
@@ -149,7 +149,7 @@ def step_of(samples: np.ndarray) -> tuple[float, str]:
 
 
 def _lattice(samples: np.ndarray) -> float:
-    """The step of which all samples are multiples but for the rounding of their digits; 0 where there is none."""
+    """The step of which all samples are multiples up to the rounding of their digits; otherwise 0."""
     values = np.unique(samples)
     apart = np.diff(values)
     apart = apart[apart > 64 * np.finfo(float).eps * np.abs(values).max()]

@@ -1,7 +1,7 @@
 """Where a sampled motion is not smooth: jumps of its velocity, acceleration or jerk, told before any force is.
 
-Between samples nothing is known, so this is a judgement: a difference is a jump where it stands out from those beside
-it. A spline through such samples is smooth all the same, and its rates beside the jumps mean nothing.
+Between samples nothing is known, so this is a heuristic: a difference is a jump if it is much larger than those next to
+it. A spline through such samples is smooth nevertheless, and its rates near the jumps are meaningless.
 """
 
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 NAMES = {1: "velocity", 2: "acceleration", 3: "jerk"}
-STANDS_OUT = 8  # times the differences beside it
+STANDS_OUT = 8  # times the neighbouring differences
 FEWEST = 32  # samples, below which nothing can be told
 OF_THE_PEAK = 0.02  # share of the largest value, below which a difference is no jump worth a word
 

@@ -1,4 +1,4 @@
-"""Splines of sampled motions, through all samples or fitted, and a warning where rounding would drown their rates."""
+"""Splines of sampled motions, through all samples or fitted, with a warning if rounding dominates their rates."""
 
 import warnings
 from collections.abc import Sequence
@@ -49,7 +49,7 @@ class Spline:
         return make_lsq_spline(t, q, np.pad(knots, self.degree, mode="edge"), self.degree)
 
     def check(self, samples: int, place: str) -> None:
-        """Raise `JounceError` where no such spline can be made of so many samples."""
+        """Raise `JounceError` if the number of samples does not suffice for the spline."""
         if not isinstance(self.degree, int) or self.degree not in DEGREES:
             known = " or ".join(map(str, DEGREES))
             raise JounceError(f"a spline of degree {quoted(self.degree)} is not supported; expected {known}")
@@ -114,7 +114,7 @@ def curve_of(t: np.ndarray, q: np.ndarray, spline: Spline, place: str, highest: 
 
 def way_of(degree: int | None, intervals: int | None, bandwidth: float | None, force: bool) -> Smoothing | Spline:
     """How samples become a curve, by what a caller says of it."""
-    true_or_false("force", force, "whether samples count whose noise drowns the highest rate")
+    true_or_false("force", force, "whether to accept samples whose noise dominates the highest rate")
     check_bandwidth(bandwidth)
     by_hand = degree is not None or intervals is not None
     if by_hand and (bandwidth is not None or force):

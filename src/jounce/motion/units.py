@@ -19,8 +19,8 @@ PER_TIME = re.compile(r"(.+?)\s*/\s*s(?:\^?([2-9])|([²³⁴]))?")
 POWERS = {"²": 2, "³": 3, "⁴": 4}
 INDEX = re.compile(r"\d+")
 
-TURNS = 8 * np.pi  # rad: four turns, further than joints without limits are taken to go unasked
-SPEED = 60.0  # rad/s or m/s, faster than joints without limits are taken to move unasked
+TURNS = 8 * np.pi  # rad: four turns, joints without limits are assumed to turn no further
+SPEED = 60.0  # rad/s or m/s, joints without limits are assumed to move no faster
 BEYOND = 0.1  # of the range of a joint: how far beyond its limits it may be
 FASTER = 3.0  # times the limit of speed: how fast it may be
 SLOW = 0.5  # s between samples, from which on a unit shorter than the second is suspected

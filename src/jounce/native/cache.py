@@ -1,8 +1,8 @@
 """Compiled kernels on disk, so that the next process need not compile: a private folder of object code.
 
-Object code is run, so the folder is its owner's alone, and what it holds is checked before it is loaded: its owner, its
-key and the hash of its content. Whatever fails a check is taken for missing, and written anew. It grows up to a limit:
-the kernels that were not used for longest make room for new ones.
+Object code is executed, so only its owner may write to the folder, and an entry is verified before it is loaded: its
+owner, its key and the hash of its content. An entry that fails is treated as missing and rewritten. The folder grows up
+to a limit: the least recently used kernels are removed first.
 """
 
 import hashlib
@@ -71,7 +71,7 @@ def _sources() -> str:
 
 
 def read(name: str) -> bytes | None:
-    """The code under a key, or None where there is none that can be trusted."""
+    """Return the code under a key, or None if there is no trusted entry."""
     try:
         path = folder() / (name + SUFFIX)
         content = path.read_bytes() if _private(folder()) and _private(path) else b""
@@ -109,7 +109,7 @@ def write(name: str, code: bytes) -> None:
 
 
 def _make_room(most: int, name: str) -> None:
-    """Remove the least recently used kernels until all but that of a name take so many bytes at most."""
+    """Remove the least recently used kernels until all except the named one take at most `most` bytes."""
     found = [(path.stat(), path) for path in entries() if path.stem != name]
     total = sum(stats.st_size for stats, _ in found)
     for stats, path in sorted(found, key=lambda entry: entry[0].st_mtime_ns):

@@ -1,6 +1,6 @@
 """LLVM IR made into native code for this machine by llvmlite, and that into a generalized ufunc of NumPy.
 
-NumPy then does what it does well: broadcasting, casting, strides, `out`, letting other threads run meanwhile.
+NumPy then does the broadcasting, casting, strides and `out`, and releases the interpreter lock.
 """
 
 import ctypes

@@ -36,7 +36,7 @@ class Kernel(Generic[Results]):
     """A quantity of one robot with its rates up to an order, as native code. `Robot.compile` makes one.
 
     A kernel takes arrays only, in the order of the robot's joints: methods of `Robot` match names, kernels do not.
-    Results are the same to the last bit at any place in a batch of any size, on any number of threads. Kernels can be
+    Results do not depend, to the last bit, on the place in a batch or on the number of threads. Kernels can be
     pickled; an unpickled one is read from the cache on disk or compiled again.
 
     Examples
@@ -82,7 +82,7 @@ class Kernel(Generic[Results]):
             q, qd, ..., as many as the quantity and its order take; W, Wd, ... after them if it was compiled with
             wrenches. float64; batch axes lead and broadcast.
         out : array or tuple of arrays, optional
-            What to write the results into.
+            Arrays to write the results into.
         threads : int, optional
             Number of threads to split the batch among.
 
@@ -93,8 +93,8 @@ class Kernel(Generic[Results]):
         Raises
         ------
         JounceError
-            If the number of arrays, a shape or a dtype is wrong, an array has names or a mask, or a keyword asks for
-            what `Robot.compile` has fixed, as body and frame.
+            If the number of arrays, a shape or a dtype is wrong, an array has names or a mask, or a keyword is given
+            that `Robot.compile` has fixed, such as body and frame.
         """
         if fixed:
             raise self._fixed_at_compile_time(fixed)
@@ -116,16 +116,16 @@ class Kernel(Generic[Results]):
             raise JounceError(f"{self!r}: {one_line(error)}") from None
 
     def bind(self, *arrays: Floats, out: Floats | Sequence[Floats], **fixed: Never) -> Callable[[], None]:
-        """A function without arguments that computes from these very arrays into `out`, with the lowest latency.
+        """Return a function without arguments that computes from these arrays into `out`, with the lowest latency.
 
-        It reads what the arrays hold when it is called.
+        Each call reads the current contents of the arrays.
 
         Parameters
         ----------
         *arrays : (n,) or (N, n), then (nb, 6) or (N, nb, 6)
             As in a call, all with the same batch axis or with none.
         out : array or tuple of arrays
-            What to write the results into; it shares no memory with the other arrays.
+            Arrays to write the results into; they must not share memory with the other arrays.
 
         Returns
         -------
@@ -134,7 +134,7 @@ class Kernel(Generic[Results]):
         Raises
         ------
         JounceError
-            If an array is not one of float64, a shape is wrong, or `out` is read-only or shares memory.
+            If an array is not of float64, a shape is wrong, or `out` is read-only or shares memory.
         """
         if fixed:
             raise self._fixed_at_compile_time(fixed)

@@ -71,7 +71,7 @@ def _shuffled(ir: Writer, low: str, high: str, order: Sequence[int]) -> str:
 def define_lanes(ir: Writer) -> None:
     """``@load_lanes`` and ``@store_lanes``: some lanes of a block, between scratch memory and an array of any strides.
 
-    ``(first, scratch, slabs, rows, columns, step, apart, down, across, count)``: a state is so many matrices, one
+    ``(first, scratch, slabs, rows, columns, step, apart, down, across, count)``: a state is `slabs` matrices, one
     step from the state before it; matrices are ``apart``, rows ``down`` and columns ``across`` from each other, in
     bytes. Lanes beyond the count are filled with the last state. A table of vectors comes last where rows are stored.
     """

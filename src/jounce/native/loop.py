@@ -127,7 +127,7 @@ def _define_tables(ir: Writer, mechanism: Mechanism, slots: Sequence[int], of_jo
 
 
 def _define_sum(ir: Writer) -> None:
-    """``@sum(x, count, total)``: 0 times each of so many vectors, added to a total."""
+    """``@sum(x, count, total)``: add 0 times each of `count` vectors to a total."""
     with ir.function(f"internal {ir.V} @sum(ptr %x, i64 %count, {ir.V} %total)"):
         ir.label("start")
         ir.do("br label %loop")

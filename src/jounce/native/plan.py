@@ -1,4 +1,4 @@
-"""Plans of native code: which of its two forms serves a computation, and the scratch memory that it works in.
+"""Plans of native code: the form (straight line or loop) of a computation, and the size of its scratch memory.
 
 Scratch memory holds a block of states: its inputs, its outputs and, in the loop form, its bodies. Every scalar takes
 one vector, with a lane for each state.
@@ -26,7 +26,7 @@ class LongCompilationError(Exception):
 
 
 def is_straight(computation: Computation, nb: int) -> bool:
-    """Whether the code is a straight line, not a loop over the bodies: half as fast, but compiled at once."""
+    """Return whether the code is a straight line; a loop over the bodies is half as fast, but compiles at once."""
     return computation.quantity.sweep is None or nb * (computation.order + 1) ** 2 <= WORK
 
 
@@ -56,13 +56,13 @@ class Layout:
 
 
 def motion_layout(computation: Computation) -> Layout:
-    """The motion of a body, wanted only until its children have theirs."""
+    """The layout of the motion of a body, which is needed only until its children have theirs."""
     parts = sweep_of(computation).parts.items()
     return Layout(tuple((name, computation.order + 1 + more, SCALARS[name]) for name, more in parts))
 
 
 def body_layout(computation: Computation) -> Layout:
-    """The joint variable of a body, what acts on the body, what its joint feels."""
+    """The layout of the joint variable of a body, the force on the body, and the force of its joint."""
     count = computation.order + 1
     joint = (("theta", computation.rates, 1), ("sine", 1, 1), ("cosine", 1, 1))
     acting = (("f", count, 3), ("n", count, 3), ("Q", count, 1))
@@ -78,7 +78,7 @@ def sweep_of(computation: Computation) -> Sweep:
 
 def motion_slots(parent: Sequence[int]) -> list[int]:
     """Where motions are kept, the ground's first: a slot is free again when the last child has its motion."""
-    last = list(range(-1, len(parent)))  # the last child of each, the ground's first; itself where there is none
+    last = list(range(-1, len(parent)))  # the last child of each, the ground's first; itself if it has none
     for i, p in enumerate(parent):
         last[p + 1] = i
     ends = defaultdict(list, {last[0]: [0]})  # slots by the body after which they are free

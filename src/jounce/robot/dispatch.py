@@ -37,8 +37,8 @@ Form = tuple[Any, ...]  # of a call: what it asks for, and the types of what it 
 class Kernels:
     """The native code of one robot, dropped with it.
 
-    `known` holds the kernel of a computation, or why there is none; `ready` what serves plain calls of a form, and how
-    many rates of the coordinates that takes.
+    `known` maps a computation to its kernel, or to the reason that it has none; `ready` maps the form of plain calls to
+    their kernel and the number of rates of the coordinates that it takes.
     """
 
     known: dict[Computation, tuple[Kernel | None, str | None]] = field(default_factory=dict)
@@ -46,7 +46,7 @@ class Kernels:
 
 
 class Call(NamedTuple):
-    """What a method of a robot is called with, checked."""
+    """The checked arguments of a call of a robot's method."""
 
     robot: "Robot"
     computation: Computation
@@ -58,7 +58,7 @@ class Call(NamedTuple):
 
 
 class Backend(NamedTuple):
-    """One way to run calls: `prepare` gives what it runs a call with, or says why it cannot run it."""
+    """One way to run calls: `prepare` returns what `run` needs, or the reason that it cannot run the call."""
 
     prepare: Callable[[Call], tuple[Any, str | None]]
     run: Callable[[Call, Any], Any]
@@ -76,7 +76,7 @@ def compute(
     out: Any = None,
     threads: int = 1,
 ) -> Any:
-    """A quantity along given rates of the coordinates, by the first backend that accepts the call."""
+    """Compute a quantity for given rates of the coordinates with the first backend that accepts the call."""
     terms = wrench if type(wrench) is tuple else () if wrench is None else (wrench,)
     form = (name, body, frame, method, type(threads), threads, *map(type, given), type(wrench), *map(type, terms))
     try:  # the short way, of calls like an earlier one: NumPy itself checks shapes and kinds of numbers
@@ -99,7 +99,7 @@ def compute(
 def _checked_arguments(
     mechanism: Mechanism, name: str, given: Sequence[Any], wrench: Any, body: str | None, frame: str, method: str | None
 ) -> tuple[Computation, list[Array]]:
-    """What a caller asks for, and the arrays that it takes."""
+    """Check the arguments of a call, and return its computation and input arrays."""
     quantity = QUANTITIES[name]
     q = rates.rates_of(given, quantity.rates, mechanism)
     order = len(q) - quantity.rates
@@ -112,7 +112,7 @@ def _checked_arguments(
 
 
 def _run(call: Call) -> Any:
-    """The results of the first backend that accepts a call."""
+    """Run a call with the first backend that accepts it."""
     reasons = []
     for backend in BACKENDS:
         ready, refusal = backend.prepare(call)
@@ -124,7 +124,7 @@ def _run(call: Call) -> Any:
 
 
 def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str], out: Any) -> Any:
-    """The forces of drive terms along given rates of the coordinates, whether or not they act."""
+    """Compute the forces of drive terms for given rates of the coordinates, whether or not the terms act in Q."""
     q = rates.rates_of(given, FORCES.rates, mechanism)
     model, ports = cast_model(mechanism, q), coordinate_ports(mechanism.n, len(q), FORCES.rates)
 
@@ -137,7 +137,7 @@ def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str
 def wrench_of_load(
     mechanism: Mechanism, given: Sequence[Any], body: str, force: Any, torque: Any, frame: str, point: Any
 ) -> Any:
-    """The wrenches that bodies exert where a load acts on one of them, along given rates of the coordinates."""
+    """Compute the wrenches W that correspond to a load on a body, for given rates of the coordinates."""
     q = rates.rates_of(given, 1, mechanism)
     place, load = loads.place_of(frame, point), loads.load_of(force, torque, len(q) - 1, q)
     model = cast_model(mechanism, [*q, *load])
@@ -151,7 +151,7 @@ def wrench_of_load(
 
 
 def compile_ahead(robot: "Robot", computation: Computation) -> Kernel:
-    """The kernel that a user asks for, however long it takes to compile."""
+    """Compile a kernel on request, regardless of the compile time."""
     kernel, refusal = _kernel(robot, computation, inf)
     if kernel is None:
         raise JounceError(f"native code {refusal}; use method={_default(computation.quantity)!r}")
@@ -159,12 +159,12 @@ def compile_ahead(robot: "Robot", computation: Computation) -> Kernel:
 
 
 def _default(quantity: Quantity) -> str:
-    """The method that serves all arrays."""
+    """Return the name of the default method, which accepts arrays of any type."""
     return next(iter(quantity.methods))
 
 
 def _prepare_native(call: Call) -> tuple[Kernel | None, str | None]:
-    """The kernel that serves a call; who names native code waits for it."""
+    """Return the kernel for a call; only an explicit method="kernel" waits for a long compilation."""
     if call.method not in (None, NATIVE):
         return None, f"method={call.method!r} is not native code"
     for x in call.arrays:
@@ -178,7 +178,7 @@ def _prepare_native(call: Call) -> tuple[Kernel | None, str | None]:
 
 
 def _run_native(call: Call, kernel: Kernel) -> Any:
-    """The results of native code, written straight into `out` where it is given."""
+    """Run native code, which writes directly into `out` if it is given."""
     signature = kernel.signature
     if call.out is not None:
         batch = batch_shape(signature.inputs, call.arrays)
@@ -193,7 +193,7 @@ def _run_native(call: Call, kernel: Kernel) -> Any:
 
 
 def _prepare_generic(call: Call) -> tuple[str, str | None]:
-    """The method that serves a call."""
+    """Return the method for a call."""
     method = call.method or _default(call.computation.quantity)
     if method == NATIVE:
         return method, f"method={NATIVE!r} is not available"
@@ -203,7 +203,7 @@ def _prepare_generic(call: Call) -> tuple[str, str | None]:
 
 
 def _run_generic(call: Call, method: str) -> Any:
-    """The results of a method's law on arrays of any scalar type."""
+    """Run a method on arrays of any scalar type."""
     model = cast_model(call.robot.mechanism, call.arrays)
     return results_into(computed(call.computation, method, model, call.arrays), call.out)
 

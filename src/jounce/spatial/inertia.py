@@ -121,7 +121,7 @@ def shift_inertia(M: Array, C: Array) -> Array:
 
 
 def form_error(M: np.ndarray, tolerance: float = 1e-9) -> str | None:
-    """What keeps a 6x6 matrix from being ``[[Theta, h~], [-h~, m I]]``, or None."""
+    """Return why a 6x6 matrix does not have the form ``[[Theta, h~], [-h~, m I]]``, or None if it has."""
     scale = np.abs(M).max(initial=0.0) * tolerance
     h_hat, mass = M[:3, 3:], M[3, 3]
     if np.abs(M - M.T).max() > scale:
@@ -134,7 +134,7 @@ def form_error(M: np.ndarray, tolerance: float = 1e-9) -> str | None:
 
 
 def formed(M: np.ndarray) -> np.ndarray:
-    """The matrix of exactly the form ``[[Theta, h~], [-h~, m I]]`` nearest a matrix that has it but for rounding."""
+    """Return the nearest matrix of exactly the form ``[[Theta, h~], [-h~, m I]]`` to one that has it up to rounding."""
     h_hat = _mean(M[:3, 3:], M[3:, :3].T)
     return _matrix(M[3, 3], _mean(h_hat, -h_hat.T), _mean(M[:3, :3], M[:3, :3].T))
 
@@ -158,5 +158,5 @@ def second_moments(principal: np.ndarray) -> np.ndarray:
 
 
 def triangle_slack(principal: np.ndarray) -> float:
-    """By how much the two smaller principal moments exceed the largest; no distribution of mass has less than 0."""
+    """Return the sum of the two smaller principal moments minus the largest, which is never negative physically."""
     return float(principal[0] + principal[1] - principal[2])

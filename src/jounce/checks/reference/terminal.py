@@ -1,4 +1,4 @@
-"""What foreign code prints past Python, straight to the standard error output."""
+"""Output that foreign code writes directly to standard error, bypassing Python."""
 
 import os
 from collections.abc import Iterator

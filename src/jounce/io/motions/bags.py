@@ -1,4 +1,4 @@
-"""Bags of ROS 1 and 2: a JointTrajectory, or the samples of JointState messages, from rosbag2, MCAP and .bag files."""
+"""ROS 1 and 2 bags: a JointTrajectory, or the samples of JointState messages, from rosbag2, MCAP and .bag files."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -24,7 +24,7 @@ TRAJECTORIES = ("trajectory_msgs/msg/JointTrajectory", "moveit_msgs/msg/DisplayT
 
 
 def is_bag(source: Path) -> bool:
-    """Whether a path is a bag: a file of this kind, or a folder as ROS 2 writes it."""
+    """Return whether a path is a bag: a file of such a type, or a folder written by ROS 2."""
     try:
         return source.suffix.lower() in SUFFIXES or (source / "metadata.yaml").is_file()
     except OSError:  # a name longer than the file system takes
@@ -34,7 +34,7 @@ def is_bag(source: Path) -> bool:
 def read(
     source: Path, mechanism: Mechanism, highest: int, way: Smoothing | Spline, options: Options, topic: str | None
 ) -> Motion:
-    """The motion in a bag: of the topic asked for, or of the only one that has any."""
+    """Read the motion in a bag: of the given topic, or of the only topic with a motion."""
     if not source.is_dir():
         check_readable(source)
     with _opened(source) as bag:

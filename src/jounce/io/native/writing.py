@@ -1,4 +1,4 @@
-"""Writing robot files of jounce's own format: the form that people read wherever it reads back to the same bits."""
+"""Writing robot files of jounce's own format: the readable form if it restores the same bits, else the exact one."""
 
 import json
 import math
@@ -37,7 +37,7 @@ def as_json(mechanism: Mechanism) -> str:
 
 
 def document(mechanism: Mechanism) -> dict[str, Any]:
-    """What a file says of a mechanism of numbers, in plain data."""
+    """Return the content of the file of a mechanism of numbers, as plain data."""
     _check(mechanism)
     names = {-1: GROUND, **dict(enumerate(mechanism.bodies))}
     joints = [_joint(mechanism, i) for i in range(mechanism.nb)]

@@ -1,4 +1,4 @@
-"""What skidy says of one body: its joint screw, pose and inertia, each in one of several forms."""
+"""One body in skidy's format: its joint screw, pose and inertia, each in one of several forms."""
 
 import math
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from jounce.spatial.inertia import inertia_matrix, symmetric
 
 Number = Callable[[Entry], float]  # what an entry says, be it an expression
 MOMENTS = ("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
-TYPES = {"revolute": ("vec",), "prismatic": ()}  # of joints, and the keys beside the axis
+TYPES = {"revolute": ("vec",), "prismatic": ()}  # of joints, and the keys besides the axis
 IDENTITY = np.eye(3).tolist()
 
 

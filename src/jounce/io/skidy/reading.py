@@ -1,4 +1,4 @@
-"""Reading skidy's description of a robot: what stands in its lists, and that they agree."""
+"""Reading skidy's description of a robot: its lists, and the check that they agree."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -51,7 +51,7 @@ class Arrays:
 
 
 def arrays(model: Any, file: Path | None) -> Arrays:
-    """The arrays of a model, of a file where one is named, or a `JounceError` where it is none or not finite."""
+    """Return the arrays of a model; raise `JounceError`, naming `file`, if it is not a model or not finite."""
     try:
         of = {name: np.asarray(getattr(model, name)) for names in (*NUMBERS.values(), BESIDE) for name in names}
         option, texts = model.opt, bytes(model.names)

@@ -1,4 +1,4 @@
-"""What acts in an mjModel and is no part of a tree of rigid bodies and its drives: said in one warning."""
+"""Features of an mjModel that are not part of a tree of rigid bodies and its drives: reported in one warning."""
 
 from typing import Any
 
@@ -10,9 +10,9 @@ from jounce.models.mujoco.joints import AT_A_JOINT
 
 
 def warn_of(m: Arrays, ties: int) -> None:
-    """Warn of what MuJoCo's inverse dynamics has and ours leaves out, `ties` equality constraints among it.
+    """Warn of terms of MuJoCo's inverse dynamics that jounce ignores, including `ties` equality constraints.
 
-    Contacts, limits and the laws of actuators are no such thing: Q is what is asked of them.
+    Contacts, limits and the laws of actuators are not among these terms: Q is the force that they must supply.
     """
     elsewhere = ~np.isin(m.of["actuator_trntype"], AT_A_JOINT)
     trains = _marked(m, "actuator_armature", "actuator_damping", "actuator_dampingpoly")
