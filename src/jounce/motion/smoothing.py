@@ -54,7 +54,7 @@ class Setting:
 
 
 def first_fit(samples: Samples) -> tuple[Solution, int]:
-    """The evenly spaced spline of least BIC, and the number of cells to which samples may be compressed for its intervals."""
+    """The evenly spaced spline of least BIC, and the number of cells to which samples may be compressed for it."""
     if len(samples.t) < LONG:
         return by_schwarz(samples.rows(CELLS), samples.floor), CELLS
     starts = np.linspace(0, len(samples.t) - PROBE, PROBES).astype(int)
