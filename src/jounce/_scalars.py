@@ -36,7 +36,7 @@ def asarray(x: Any, what: str = "an array") -> Array:
     if type(x).__module__.startswith("casadi"):
         x = _of_casadi(x, what)
     try:
-        array = _without_missing(np.asarray(_unmasked(x)))
+        array = _without_missing(np.asarray(_unmask(x)))
         if array.dtype.kind == "O" and all(isinstance(v, int | float | np.floating | np.integer) for v in array.flat):
             array = array.astype(np.float64)
     except Exception as error:  # ragged lists, integers beyond the floats, and whatever a foreign type raises
@@ -51,12 +51,12 @@ def asarray(x: Any, what: str = "an array") -> Array:
     return array
 
 
-def _unmasked(x: Any) -> Any:
+def _unmask(x: Any) -> Any:
     """`x` with NaN where it is masked, as are the arrays that lists hold."""
     if isinstance(x, np.ma.MaskedArray) and x.dtype.kind in "biufO":
         kind = x.dtype if x.dtype.kind == "O" else np.result_type(x.dtype, np.float64)
         return np.ma.filled(x.astype(kind), np.nan)
-    return [_unmasked(part) for part in x] if type(x) in (list, tuple) and is_masked(x) else x
+    return [_unmask(part) for part in x] if type(x) in (list, tuple) and is_masked(x) else x
 
 
 def is_masked(x: Any) -> bool:

@@ -133,7 +133,7 @@ def no_kernel(monkeypatch):
     def compiled(*given):
         raise AssertionError("native code asked for")
 
-    monkeypatch.setattr(dispatch, "compiled", compiled)
+    monkeypatch.setattr(dispatch, "compile_kernel", compiled)
 
 
 STATES = {

@@ -24,7 +24,7 @@ from jounce.native import forms
 from jounce.native.functions import DEFINITIONS
 from jounce.native.ir import Writer
 from jounce.native.jit import host
-from jounce.program.operations import FREE, FUNCTIONS, OPERATIONS
+from jounce.program.operations import FUNCTIONS, OPERATIONS, WITHOUT_COST
 from jounce.program.passes import factor, fuse
 from jounce.program.program import Step, prune
 from jounce.program.trace import Tape
@@ -182,7 +182,7 @@ def test_reciprocals_are_folded():
 
 def test_what_costs_nothing_is_not_counted():
     program = one_of_each()
-    assert {"input", "constant", "neg"} == set(FREE)
+    assert {"input", "constant", "neg"} == set(WITHOUT_COST)
     assert program.operations == len(OPERATIONS) - 1
 
 

@@ -8,13 +8,13 @@ from jounce._codegen.function import function_names
 from jounce._codegen.language import NAMES, Language, language
 from jounce._codegen.parametric import Parametric, parametric
 from jounce.arguments.rates import checked_order
-from jounce.arguments.requests import spelled
+from jounce.arguments.requests import parse_computation
 from jounce.dynamics.computation import Computation
 from jounce.errors import JounceError, listed, quoted, several, true_or_false
 from jounce.model.mechanism import Mechanism
 from jounce.robot import Robot
 
-HIGHEST = 4  # order
+HIGHEST_CODE_ORDER = 4  # order
 TRACED = 1500  # bodies times orders squared, up to which a program is traced in seconds
 
 
@@ -47,7 +47,7 @@ def check_options(
     if float32 and not target.single:
         others = languages_where(lambda x: x.single)
         raise JounceError(f"{target.title} has no single precision; float32 is for code that runs: {others}")
-    order = checked_order(order, HIGHEST)
+    order = checked_order(order, HIGHEST_CODE_ORDER)
     computations = _computations(robot.mechanism, outputs, order, wrench)
     if robot.mechanism.nb * (order + 1) ** 2 > TRACED:
         raise JounceError(
@@ -66,7 +66,7 @@ def check_options(
 def _computations(mechanism: Mechanism, outputs: Sequence[str], order: int, wrench: bool) -> list[Computation]:
     """Return the computations of the outputs, with wrenches if their quantity depends on them."""
     texts = several(outputs)
-    found = [spelled(mechanism, text, order) for text in texts]
+    found = [parse_computation(mechanism, text, order) for text in texts]
     if not found or len(set(found)) != len(found):
         raise JounceError(f"outputs are {quoted(outputs)}; expected one or more different NAME[:BODY[:FRAME]]")
     for asked in found:
@@ -77,7 +77,7 @@ def _computations(mechanism: Mechanism, outputs: Sequence[str], order: int, wren
                 f"{frames if asked.quantity.frames else ''}; available: {listed(mechanism.frame_names)}"
             )
     if wrench and not any(asked.quantity.wrenches for asked in found):
-        spelled(mechanism, texts[0], order, wrench)  # says which ones do
+        parse_computation(mechanism, texts[0], order, wrench)  # says which ones do
     return [replace(asked, wrench=wrench and asked.quantity.wrenches) for asked in found]
 
 

@@ -32,9 +32,9 @@ class Parametric:
     def mechanism(self, values: Mapping[str, Array]) -> Mechanism:
         """The mechanism of values, numbers or nodes of a tape: an array for each of the parameters."""
         found = {name: value.item() for name, value in values.items() if name not in self.own}
-        return parametrise(
-            substituted(self.origin, found), self.asked, lambda name, shape: values[name].reshape(shape)
-        )[0]
+        return parametrise(substitute(self.origin, found), self.asked, lambda name, shape: values[name].reshape(shape))[
+            0
+        ]
 
 
 def parametric(mechanism: Mechanism, asked: Sequence[str]) -> Parametric:
@@ -89,7 +89,7 @@ def symbols(mechanism: Mechanism) -> list[str]:
     return found
 
 
-def substituted(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
+def substitute(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
     """The mechanism with values in place of SymPy's symbols."""
     if not any(is_symbolic(getattr(mechanism, name)) for name in DATA):
         return mechanism

@@ -56,7 +56,7 @@ def is_function(kind: str) -> bool:
 
 def schedule(program: Program) -> Schedule:
     """The statements of a program."""
-    stated = _stated(program)
+    stated = _statements(program)
     functions = sorted((i for i in stated if is_function(program.steps[i].kind)), key=lambda i: _angle(program, i))
     order = topological_order([*functions, *stated], lambda i: program.steps[i].operands)
     statements = [i for i in order if i in stated]
@@ -85,7 +85,7 @@ def _angle(program: Program, i: int) -> tuple[float, ...]:
     return (operand.value, 0) if operand.kind == "input" else (program.inputs, j)
 
 
-def _stated(program: Program) -> dict[int, None]:
+def _statements(program: Program) -> dict[int, None]:
     """The steps that are statements of their own, in order."""
     uses, steps = program.uses(), program.steps
     sizes: dict[int, int] = {}  # operations in the expression of a step that is not a leaf

@@ -17,7 +17,7 @@ from jounce.errors import at
 from jounce.model.mechanism import DATA, Mechanism, with_exact_integers
 from jounce.spatial.series import Series, rate_name
 
-WORK = 1_000_000  # operations on terms, the limit for one matrix: some seconds, some ten thousand terms
+MOST_OPERATIONS = 1_000_000  # operations on terms, the limit for one matrix: some seconds, some ten thousand terms
 PRINTED = 50  # operations that take as long as to print one term
 FRICTION = "friction"  # the term of the drives that is no trigonometric polynomial
 
@@ -89,7 +89,7 @@ def expressions(mechanism: Mechanism) -> Expressions:
     JounceError : if the mechanism holds what is neither a number nor a real SymPy expression, or a symbol that is named
         as a coordinate or wrench.
     """
-    variables, symbols = Variables(WORK), state_symbols(mechanism)
+    variables, symbols = Variables(MOST_OPERATIONS), state_symbols(mechanism)
     model = cast_mechanism(mechanism, variables)
     check_names(variables, symbols)
     model = replace(model, acting=tuple(term for term in model.acting if term != FRICTION))

@@ -11,10 +11,10 @@ from jounce.errors import JounceError, at, quoted
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import rate_name
 
-HIGHEST = 100  # order: beyond it computing takes minutes, and nobody's numbers have the digits
+HIGHEST_ORDER = 100  # order: beyond it computing takes minutes, and nobody's numbers have the digits
 
 
-def checked_order(order: object, highest: int = HIGHEST) -> int:
+def checked_order(order: object, highest: int = HIGHEST_ORDER) -> int:
     """Return a caller's order, checked."""
     if not isinstance(order, int | np.integer) or isinstance(order, bool) or not 0 <= order <= highest:
         raise JounceError(f"order is {quoted(order)}; expected 0 to {highest}")
@@ -34,9 +34,11 @@ def rates_of(given: Sequence[Any], least: int, mechanism: Mechanism) -> list[Arr
     terms = list(given)
     while len(terms) > least and terms[-1] is None:
         terms.pop()
-    if len(terms) > least + HIGHEST:
+    if len(terms) > least + HIGHEST_ORDER:
         last = rate_name("q", len(terms) - 1)
-        raise JounceError(f"{last} is given, for order {len(terms) - least}; expected rates for order 0 to {HIGHEST}")
+        raise JounceError(
+            f"{last} is given, for order {len(terms) - least}; expected rates for order 0 to {HIGHEST_ORDER}"
+        )
     tail = (mechanism.n,)
     return [
         term  # as most are, and some a thousand times a second
@@ -51,7 +53,7 @@ def is_unbatched(q: Sequence[Array]) -> bool:
     return all(term.ndim == 1 for term in q)
 
 
-def _skipped(terms: Sequence[Array | None]) -> JounceError:
+def _skipped_rate(terms: Sequence[Array | None]) -> JounceError:
     k = next(k for k, term in enumerate(terms) if term is None)
     after = [rate_name("q", j) for j in range(k + 1, len(terms)) if terms[j] is not None]
     skipped = f", yet {after[0]} is given" if after else ""
@@ -60,7 +62,7 @@ def _skipped(terms: Sequence[Array | None]) -> JounceError:
 
 def _column(term: Any, k: int, mechanism: Mechanism, terms: Sequence[Any]) -> Array:
     if term is None:
-        raise _skipped(terms)
+        raise _skipped_rate(terms)
     label = rate_name("q", k)
     if names.listed_in(term) is not None:
         with at(label):

@@ -26,7 +26,7 @@ def computation(
     return Computation(quantity, checked_order(order), wrench, body, frame)
 
 
-def spelled(mechanism: Mechanism, text: str, order: int, wrench: bool = False) -> Computation:
+def parse_computation(mechanism: Mechanism, text: str, order: int, wrench: bool = False) -> Computation:
     """Parse a computation written as NAME[:BODY[:FRAME]]: ``mass_matrix``, ``jacobian:tool0:world``.
 
     Names of bodies may contain colons: the last part is a frame only if the quantity has this frame and the rest is a

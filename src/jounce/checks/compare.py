@@ -90,12 +90,12 @@ def _with_differences(robot: Robot, q: np.ndarray, sizes: Sequence[np.ndarray]) 
     for k in range(1, len(exact)):
         errors = []
         for h in STEPS:
-            along = [_all(robot.inverse_dynamics(*_moved(q, j * h)[: k + 2]))[-1] for j in range(-4, 5)]
+            along = [_all(robot.inverse_dynamics(*_shift(q, j * h)[: k + 2]))[-1] for j in range(-4, 5)]
             errors.append(_error(np.tensordot(STENCIL, along, 1) / h, exact[k], sizes[k]))
         yield Check(rate_name("Q", k), f"differences of {rate_name('Q', k - 1)}", min(errors), ALLOWED["differences"])
 
 
-def _moved(q: np.ndarray, t: float) -> np.ndarray:
+def _shift(q: np.ndarray, t: float) -> np.ndarray:
     """The rates q a time t later."""
     return np.stack([sum(x * t**j / factorial(j) for j, x in enumerate(q[k:])) for k in range(len(q))])
 

@@ -108,7 +108,7 @@ def on_robot(verb: Callable[..., None]) -> Callable[..., None]:
         given = {
             "base": base,
             "root": root,
-            "lock": _held(lock) or None,
+            "lock": _lock_values(lock) or None,
             "drives": None if drives is None else drives == ALL or drives.split(","),
             "gravity": gravity,
             "xacro_args": _pairs("--xacro-arg", xacro_args) or None,
@@ -134,7 +134,7 @@ def _pairs(option: str, given: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def _held(given: Sequence[str]) -> dict[str, float]:
+def _lock_values(given: Sequence[str]) -> dict[str, float]:
     from jounce._scalars import finite
 
     numbers = {name: finite(value) for name, value in _pairs("--lock", given).items()}

@@ -137,7 +137,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="Q = M(q) q2d + C(q, qd) qd + Qgrav(q): generalized forces.",
             tex=r"Q = M(q)\,\ddot{q} + C(q, \dot{q})\,\dot{q} + Q_{\mathrm{grav}}(q)",
             methods={
-                "recursion": Method(lambda m, x: _row(forces.generalized(forces.MOVING, m, x.q, x.W)), _column),
+                "recursion": Method(lambda m, x: _row(forces.rnea(forces.MOVING, m, x.q, x.W)), _column),
                 "closed_form": Method(lambda m, x: _row(dense.closed_form(m, x.q, x.W).Q)),
                 "paper": Method(lambda m, x: _row(Paper(m, x.q, x.W).Q)),
             },
@@ -154,7 +154,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             tex_symbol=r"Q_{\mathrm{grav}}",
             tex=r"Q_{\mathrm{grav}} = \partial U / \partial q",
             methods={
-                "recursion": Method(lambda m, x: _row(forces.generalized(forces.AT_REST, m, x.q)), _column),
+                "recursion": Method(lambda m, x: _row(forces.rnea(forces.AT_REST, m, x.q)), _column),
                 "closed_form": Method(lambda m, x: _row(dense.closed_form(m, x.q).Qgrav)),
                 "paper": Method(lambda m, x: _row(Paper(m, x.q).Qgrav)),
             },

@@ -11,7 +11,7 @@ Columns = dict[str, np.ndarray]
 Select = Callable[[Sequence[str]], Iterable[str]]  # of the names that a table has, those to be read
 
 
-def flattened(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def flatten(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Arrays (N, k) as k columns NAME[0], NAME[1], ..., and vectors (N, 1), (1, N), as MATLAB has them, as columns."""
     found: dict[str, np.ndarray] = {}
     for name, array in arrays.items():
@@ -24,11 +24,11 @@ def flattened(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     return found
 
 
-def selected(columns: Mapping[str, np.ndarray], select: Select | None) -> dict[str, np.ndarray]:
+def select_columns(columns: Mapping[str, np.ndarray], select: Select | None) -> dict[str, np.ndarray]:
     """Return the selected columns, with arrays of several columns flattened; all columns if `select` is None."""
     if select is None:
         return dict(columns)
-    flat = flattened(columns)
+    flat = flatten(columns)
     return {name: flat[name] for name in select(list(flat))}
 
 

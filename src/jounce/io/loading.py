@@ -14,7 +14,7 @@ from jounce._typing import ArrayLike, Base, DriveTerms, Planar2R
 from jounce.errors import JounceError, at, no_such, quoted, warn
 from jounce.io.bundled import BUNDLED
 from jounce.io.files import path_of
-from jounce.model.drives import AMOUNTS, chosen
+from jounce.model.drives import AMOUNTS, select_terms
 from jounce.model.mechanism import Mechanism
 from jounce.robot import Robot
 
@@ -82,7 +82,7 @@ def load(
     if not isinstance(source, str | os.PathLike):
         raise JounceError(f"load() expects a path or a name, got {type(source).__name__}; names: {', '.join(BUNDLED)}")
     path = path_of(source)
-    name, terms = os.fspath(source), () if drives is None else chosen(drives)
+    name, terms = os.fspath(source), () if drives is None else select_terms(drives)
     stated = {"gravity": gravity, "base": base, "root": root, "xacro_args": xacro_args}
     given = {key: value for key, value in stated.items() if value is not None} | parameters
     robot = Robot(_mechanism(name, path, given))
@@ -126,7 +126,7 @@ def _read_xacro(
 ) -> Mechanism:
     from jounce.io import urdf, xacro
 
-    content = xacro.expanded(path, xacro_args)
+    content = xacro.expand(path, xacro_args)
     return urdf.parse(content, f"{path} (expanded)", path.name.partition(".")[0], gravity, base, root)
 
 

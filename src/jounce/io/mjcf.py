@@ -25,10 +25,10 @@ def read(path: Path, gravity: object = None, base: str | None = None, root: str 
         return urdf.read(path, gravity, base, root)
     if element not in MJCF:
         raise JounceError(f"{path}: the root element is <{shortened(str(element))}>; MJCF has <mujoco>, a URDF <robot>")
-    return models.mechanism(compiled(path), gravity, base, root, file=path)
+    return models.mechanism(compile_model(path), gravity, base, root, file=path)
 
 
-def compiled(path: Path) -> Any:
+def compile_model(path: Path) -> Any:
     """Compile a file with MuJoCo, whose errors and warnings are passed on in one line each."""
     try:
         import mujoco

@@ -16,7 +16,7 @@ from jounce.spatial.inertia import inertia_matrix, symmetric
 from jounce.spatial.lie import pose
 
 MOVING = {"revolute": 0, "continuous": 0, "prismatic": 3}  # where in the screw the axis goes
-FREE = ("floating", "planar")
+FREE_JOINTS = ("floating", "planar")
 PLACED = ("xyz", "rpy")  # how an <origin> says its pose
 
 
@@ -69,7 +69,7 @@ def _link(element: etree._Element, file: str) -> tree.Link:
 
 def _joint(element: etree._Element, file: str) -> tree.Joint:
     name, kind = _text(element, "name", file), _text(element, "type", file)
-    kinds = ["fixed", *MOVING, *FREE]
+    kinds = ["fixed", *MOVING, *FREE_JOINTS]
     if kind not in kinds:
         raise JounceError(f"{_at(element, file)}: joint {quoted(name)}: {no_such('joint type', kind, kinds)}")
     return tree.Joint(
@@ -82,7 +82,7 @@ def _joint(element: etree._Element, file: str) -> tree.Joint:
         limits=_limits(element, kind, file) if kind in MOVING else {},
         drive=_drive(element, file) if kind in MOVING else {},
         place=_at(element, file),
-        free=kind if kind in FREE else None,
+        free=kind if kind in FREE_JOINTS else None,
     )
 
 

@@ -27,7 +27,7 @@ class _Arguments(dict[str, str]):
         return super().__getitem__(name)
 
 
-def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
+def expand(path: Path, arguments: Mapping[str, object]) -> bytes:
     """Expand a xacro file with arguments for its <xacro:arg>; packages are searched in the folders above the file.
 
     Unlike all other readers, xacro evaluates expressions in the file, in a subset of Python.

@@ -99,7 +99,7 @@ def _tanh(x: Series) -> Series:
     return from_rate(tanh(x[0]), lambda y: (-(y * y) + 1) * x.dot)
 
 
-def chosen(terms: object) -> tuple[DriveTerm, ...]:
+def select_terms(terms: object) -> tuple[DriveTerm, ...]:
     """Return the selected drive terms in their order: True selects all, False none, otherwise names."""
     if isinstance(terms, bool):
         return TERMS * terms

@@ -164,16 +164,16 @@ class Mechanism:
 @lru_cache(maxsize=64)
 def with_exact_integers(mechanism: Mechanism) -> Mechanism:
     """Convert integer-valued floats to ints, so that symbolic results show L, not 1.0*L."""
-    return _converted(mechanism, exact_integers)
+    return _convert(mechanism, exact_integers)
 
 
 @lru_cache(maxsize=64)
 def with_extended_precision(mechanism: Mechanism) -> Mechanism:
     """Convert the data to long doubles, so that quantities derived from them are not rounded to doubles."""
-    return _converted(mechanism, lambda array: array.astype(np.longdouble))
+    return _convert(mechanism, lambda array: array.astype(np.longdouble))
 
 
-def _converted(mechanism: Mechanism, convert: Callable[[Array], Array]) -> Mechanism:
+def _convert(mechanism: Mechanism, convert: Callable[[Array], Array]) -> Mechanism:
     data: dict[str, Any] = {name: convert(getattr(mechanism, name)) for name in DATA}
     frames = tuple(replace(frame, T=convert(frame.T)) for frame in mechanism.frames)
     drives = Drives(**{name: convert(array) for name, array in vars(mechanism.drives).items()})

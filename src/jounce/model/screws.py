@@ -143,7 +143,7 @@ def exact_inertia(M: np.ndarray, label: str) -> np.ndarray:
     error = inertia.form_error(M)
     if error:
         raise JounceError(f"{label} {error}; an inertia matrix is [[Theta, m c~], [-m c~, m I]]")
-    return inertia.formed(M)
+    return inertia.restore_form(M)
 
 
 def _of_joints(

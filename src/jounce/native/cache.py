@@ -20,7 +20,7 @@ from jounce.errors import JounceError, quoted
 from jounce.model.mechanism import DATA, Mechanism
 from jounce.native.jit import Target
 
-SUFFIX = ".kernel"
+KERNEL_SUFFIX = ".kernel"
 LIMIT = 256  # MiB
 
 
@@ -73,7 +73,7 @@ def _sources() -> str:
 def read(name: str) -> bytes | None:
     """Return the code under a key, or None if there is no trusted entry."""
     try:
-        path = folder() / (name + SUFFIX)
+        path = folder() / (name + KERNEL_SUFFIX)
         content = path.read_bytes() if _private(folder()) and _private(path) else b""
     except OSError:
         return None
@@ -101,7 +101,7 @@ def write(name: str, code: bytes) -> None:
         try:
             part.touch(mode=0o600, exist_ok=False)
             part.write_bytes(content)
-            part.replace(folder() / (name + SUFFIX))
+            part.replace(folder() / (name + KERNEL_SUFFIX))
         finally:
             part.unlink(missing_ok=True)
     except OSError:
@@ -121,7 +121,7 @@ def _make_room(most: int, name: str) -> None:
 
 def entries() -> Iterator[Path]:
     """The kernels in the folder."""
-    return (path for path in folder().glob(f"*{SUFFIX}") if path.is_file() and not path.is_symlink())
+    return (path for path in folder().glob(f"*{KERNEL_SUFFIX}") if path.is_file() and not path.is_symlink())
 
 
 def private() -> bool:

@@ -63,7 +63,7 @@ class Kernel(Generic[Results]):
         self._alive = needed
 
     def __reduce__(self) -> tuple[Callable[..., "Kernel"], tuple[Mechanism, Computation]]:
-        return compiled, (self.mechanism, self.computation)
+        return compile_kernel, (self.mechanism, self.computation)
 
     def __repr__(self) -> str:
         asked = self.computation
@@ -140,7 +140,7 @@ class Kernel(Generic[Results]):
             raise self._fixed_at_compile_time(fixed)
         results: list[Any] = list(out) if isinstance(out, tuple | list) else [out]
         self._refuse_names_and_masks(arrays, results)
-        batch = self._bound(arrays, results)
+        batch = self._check_bound(arrays, results)
         everything = [*arrays, *results]
         steps = [array.strides[0] if batch else 0 for array in everything]
         within = [stride for array in everything for stride in array.strides[len(batch) :]]
@@ -156,7 +156,7 @@ class Kernel(Generic[Results]):
         vars(call)["alive"] = self, everything, called, arguments
         return call
 
-    def _bound(self, arrays: Sequence[np.ndarray], out: Sequence[np.ndarray]) -> tuple[int, ...]:
+    def _check_bound(self, arrays: Sequence[np.ndarray], out: Sequence[np.ndarray]) -> tuple[int, ...]:
         """The batch shape of arrays to bind, checked as native code trusts them."""
         taken, given = self.shapes
         if (len(arrays), len(out)) != (len(taken), len(given)):
@@ -229,7 +229,7 @@ class Kernel(Generic[Results]):
 _living: WeakValueDictionary[tuple[Mechanism, Computation], Kernel] = WeakValueDictionary()
 
 
-def compiled(mechanism: Mechanism, computation: Computation, patience: float = inf) -> Kernel:
+def compile_kernel(mechanism: Mechanism, computation: Computation, patience: float = inf) -> Kernel:
     """The kernel of a quantity of a mechanism of numbers: the one there is, else from the cache, else compiled.
 
     Raises

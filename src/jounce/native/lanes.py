@@ -27,7 +27,7 @@ def define_transposes(ir: Writer) -> None:
                 column = ir.call("llvm.smax.i64", "i64", ends, "0")
                 rows, columns = list(_rows(ir, column)), list(_columns(ir, column, bool(table)))
                 source, target = (columns, rows) if table else (rows, columns)
-                for vector, place in zip(transposed(ir, [ir.load(x) for x in source]), target, strict=True):
+                for vector, place in zip(transpose(ir, [ir.load(x) for x in source]), target, strict=True):
                     ir.store(vector, place)
             ir.do("ret void")
 
@@ -47,7 +47,7 @@ def _columns(ir: Writer, column: str, by_table: bool) -> Iterator[str]:
             yield ir.at(first, j, ir.V)
 
 
-def transposed(ir: Writer, rows: Sequence[str]) -> list[str]:
+def transpose(ir: Writer, rows: Sequence[str]) -> list[str]:
     """Vectors of columns from vectors of rows: blocks off the diagonal exchanged, of ever smaller size."""
     size = ir.lanes
     rows = list(rows)

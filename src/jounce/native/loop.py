@@ -36,7 +36,7 @@ from jounce.native.plan import Layout, motion_slots
 MEMORY = ("constants", "body", "parent", "motion", "carrier")  # what a step reads and writes
 
 
-def looped(mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> Block:
+def emit_loop(mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> Block:
     """The sweeps over the tree for one block of states."""
     places = [range(port.start, port.end) for port in signature.outputs]
     vectors = plan.vectors_of_bodies(sweeps.computation, mechanism.parent)
@@ -94,7 +94,7 @@ class _Memory:
 
     def collect(self, i: str) -> None:
         ir, body = self.ir, _memory(self.ir, i, self.sweeps)[0]
-        with _followed(ir, i) as (coordinate, factor):  # Q = G^T Q_theta
+        with _loop_over_coordinates(ir, i) as (coordinate, factor):  # Q = G^T Q_theta
             for k, (place,) in enumerate(self.sweeps.layout.places("Q")):
                 Q = ir.at("%out", ir.let(f"add i64 {coordinate}, {k * self.chain.n}"), ir.V)
                 ir.store(ir.op("fma", factor, ir.load(ir.at(body, place, ir.V)), ir.load(Q)), Q)
@@ -168,7 +168,7 @@ def _joint_variable(ir: Writer, i: str, body: str, layout: Layout, n: int) -> No
     offset = ir.splat(ir.let(f"load double, ptr {ir.at('@offsets', i)}"))
     for k, (place,) in enumerate(layout.places("theta")):
         ir.store(ir.vector(0.0) if k else offset, ir.at(body, place, ir.V))
-    with _followed(ir, i) as (coordinate, factor):
+    with _loop_over_coordinates(ir, i) as (coordinate, factor):
         for k, (place,) in enumerate(layout.places("theta")):
             theta, rate = ir.at(body, place, ir.V), ir.let(f"add i64 {coordinate}, {k * n}")
             ir.store(ir.op("fma", factor, ir.load(ir.at("%in", rate, ir.V)), ir.load(theta)), theta)
@@ -198,7 +198,7 @@ def _memory(ir: Writer, i: str, sweeps: Sweeps) -> list[str]:
 
 
 @contextmanager
-def _followed(ir: Writer, i: str) -> Iterator[tuple[str, str]]:
+def _loop_over_coordinates(ir: Writer, i: str) -> Iterator[tuple[str, str]]:
     """A loop over the coordinates that joint i follows, and the factors by which it does."""
     first, last = (ir.let(f"load i64, ptr {ir.at('@entries', j, 'i64')}") for j in (i, ir.let(f"add i64 {i}, 1")))
     with ir.loop(last, first) as entry:

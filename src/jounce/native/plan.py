@@ -14,8 +14,8 @@ from jounce.dynamics.computation import Computation, Signature
 from jounce.dynamics.recursion.forces import Sweep
 from jounce.model.mechanism import Mechanism
 
-WORK = 400  # bodies times orders squared, with which operations of forces grow, up to which they need no loop
-HIGHEST = 12  # order, up to which the step of a joint takes no more than 40 KiB of a thread's stack
+STRAIGHT_LIMIT = 400  # bodies times orders squared, with which operations of forces grow, up to which they need no loop
+HIGHEST_NATIVE_ORDER = 12  # order, up to which the step of a joint takes no more than 40 KiB of a thread's stack
 STACK = 2**15  # bytes, up to which a call takes them from the stack of its thread; what needs more has a `Pool`
 SCALARS = {"w": 3, "a": 3, "K": 9}  # of the parts of a motion
 LIMIT = 2**26  # bytes of a call, beyond which there is no native code
@@ -27,12 +27,16 @@ class LongCompilationError(Exception):
 
 def is_straight(computation: Computation, nb: int) -> bool:
     """Return whether the code is a straight line; a loop over the bodies is half as fast, but compiles at once."""
-    return computation.quantity.sweep is None or nb * (computation.order + 1) ** 2 <= WORK
+    return computation.quantity.sweep is None or nb * (computation.order + 1) ** 2 <= STRAIGHT_LIMIT
 
 
 def obstacle(computation: Computation) -> str | None:
     """Return why a computation has no native code, as the end of a sentence about native code; None if it has."""
-    return None if computation.order <= HIGHEST else f"supports orders up to {HIGHEST}, not {computation.order}"
+    return (
+        None
+        if computation.order <= HIGHEST_NATIVE_ORDER
+        else f"supports orders up to {HIGHEST_NATIVE_ORDER}, not {computation.order}"
+    )
 
 
 @dataclass(frozen=True)

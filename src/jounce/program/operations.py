@@ -178,5 +178,5 @@ OPERATIONS: Mapping[str, Operation] = {
     )
 }
 LEAVES = ("input", "constant")  # the kinds of steps that are no operations: they have a number, and no operands
-FREE = (*LEAVES, *(name for name, operation in OPERATIONS.items() if operation.free))  # what costs nothing
+WITHOUT_COST = (*LEAVES, *(name for name, operation in OPERATIONS.items() if operation.free))  # what costs nothing
 FUNCTIONS = tuple(name for name, operation in OPERATIONS.items() if operation.expression is None)  # called by name

@@ -84,8 +84,8 @@ def forces_along(
     if progress is not None and not callable(progress):
         raise JounceError(f"progress is {quoted(progress)}; expected a function of two numbers, (done, total)")
     parts = list(pieces_along(robot, path, times, highest, method, progress))
-    rates, forces = (_joined([getattr(part, name) for part in parts]) for name in ("rates", "forces"))
-    deviations = None if parts[0].deviations is None else _joined([part.deviations or () for part in parts])
+    rates, forces = (_join([getattr(part, name) for part in parts]) for name in ("rates", "forces"))
+    deviations = None if parts[0].deviations is None else _join([part.deviations or () for part in parts])
     breaks = force_breaks(robot, path, times, highest, method)
     return Along(times, rates, forces, deviations, breaks)
 
@@ -193,5 +193,5 @@ def _spreads(
     return interpolated
 
 
-def _joined(parts: list[Rates]) -> Rates:
+def _join(parts: list[Rates]) -> Rates:
     return tuple(np.concatenate(terms) for terms in zip(*parts, strict=True))

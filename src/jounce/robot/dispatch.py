@@ -13,15 +13,15 @@ from jounce._scalars import FLOAT, Array, is_numeric
 from jounce.arguments import loads, rates, requests, wrenches
 from jounce.dynamics import drive_terms
 from jounce.dynamics.computation import Computation, Port, coordinate_ports
-from jounce.dynamics.loads import exerted
+from jounce.dynamics.loads import wrench_of
 from jounce.dynamics.quantities import FORCES, QUANTITIES, Quantity
 from jounce.errors import JounceError, one_of, quoted, warn
 from jounce.model.mechanism import DATA, Mechanism, cast_model
 from jounce.native import plan
 from jounce.native.jit import host
-from jounce.native.kernel import Kernel, compiled
+from jounce.native.kernel import Kernel, compile_kernel
 from jounce.native.plan import LongCompilationError, obstacle
-from jounce.robot.generic import batch_shape, checked_out, computed, evaluate, is_fit, results_into
+from jounce.robot.generic import batch_shape, checked_out, compute_by_method, evaluate, is_fit, results_into
 from jounce.spatial.series import Series, columns
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ def wrench_of_load(
 
     def law(arrays: Sequence[Array]) -> Series:
         terms = Series.of([x.swapaxes(-1, -2) for x in arrays[len(q) :]])
-        return exerted(model, columns(arrays[: len(q)]), terms, body, frame, place)
+        return wrench_of(model, columns(arrays[: len(q)]), terms, body, frame, place)
 
     return results_into(evaluate(law, ports, [*q, *load], len(q) - 1, 6 * model.nb), None)
 
@@ -205,7 +205,7 @@ def _prepare_generic(call: Call) -> tuple[str, str | None]:
 def _run_generic(call: Call, method: str) -> Any:
     """Run a method on arrays of any scalar type."""
     model = cast_model(call.robot.mechanism, call.arrays)
-    return results_into(computed(call.computation, method, model, call.arrays), call.out)
+    return results_into(compute_by_method(call.computation, method, model, call.arrays), call.out)
 
 
 BACKENDS = (Backend(_prepare_native, _run_native), Backend(_prepare_generic, _run_generic))  # the first that accepts
@@ -215,15 +215,15 @@ def _kernel(robot: "Robot", computation: Computation, patience: float) -> tuple[
     """Return the kernel of a computation, or the reason that there is no kernel."""
     known = robot._kernels.known.get(computation)
     if known is None or (known[0] is None and patience > PATIENCE):
-        known = robot._kernels.known[computation] = _compiled(robot.mechanism, computation, patience)
+        known = robot._kernels.known[computation] = _compile(robot.mechanism, computation, patience)
     return known
 
 
-def _compiled(mechanism: Mechanism, computation: Computation, patience: float) -> tuple[Kernel | None, str | None]:
+def _compile(mechanism: Mechanism, computation: Computation, patience: float) -> tuple[Kernel | None, str | None]:
     if refusal := native_obstacle(mechanism, computation):
         return None, refusal
     try:
-        return compiled(mechanism, computation, patience), None
+        return compile_kernel(mechanism, computation, patience), None
     except LongCompilationError:
         asked = f"native code for {computation.name} of {mechanism.name!r} to order {computation.order}"
         warn(

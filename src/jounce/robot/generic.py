@@ -30,7 +30,9 @@ def evaluate(law: Law, ports: Sequence[Port], arrays: Sequence[Array], order: in
     return tuple(x.reshape((*batch, *x.shape[1:])) for x in joined)
 
 
-def computed(computation: Computation, method: str, mechanism: Mechanism, arrays: Sequence[Array]) -> tuple[Array, ...]:
+def compute_by_method(
+    computation: Computation, method: str, mechanism: Mechanism, arrays: Sequence[Array]
+) -> tuple[Array, ...]:
     """Compute a quantity and its rates by a method, from arrays of the scalar type of the mechanism's data."""
     ports = computation.signature(mechanism.n, mechanism.nb).inputs
     width = computation.quantity.methods[method].width(mechanism.nb)

@@ -24,7 +24,7 @@ from jounce._typing import (
 from jounce.arguments import requests
 from jounce.errors import JounceError, one_of
 from jounce.model import dh, equality, screws
-from jounce.model.drives import Drives, chosen, with_eps
+from jounce.model.drives import Drives, select_terms, with_eps
 from jounce.model.locking import locked
 from jounce.model.mechanism import GRAVITY, Limits, Mechanism
 from jounce.native.kernel import Kernel
@@ -462,7 +462,7 @@ class Robot:
         ('armature',)
         """
         drives = self.drives if eps is None else with_eps(self.drives, eps)
-        return type(self)(replace(self.mechanism, acting=chosen(terms), drives=drives))
+        return type(self)(replace(self.mechanism, acting=select_terms(terms), drives=drives))
 
     def locked(self, values: Mapping[str, float]) -> Self:
         """The robot with some joints locked: their bodies merge into those that carry them.
@@ -871,7 +871,7 @@ class Robot:
         >>> arm.drive_forces([0, 0], [1, 1], [0, 0])
         array([2., 3.])
         """
-        return dispatch.drive_forces(self.mechanism, (q, qd, q2d, q3d, q4d, *higher), chosen(terms), out)
+        return dispatch.drive_forces(self.mechanism, (q, qd, q2d, q3d, q4d, *higher), select_terms(terms), out)
 
     @typed(overloads.PosesOfBodies)
     def poses(

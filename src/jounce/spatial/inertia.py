@@ -133,7 +133,7 @@ def form_error(M: np.ndarray, tolerance: float = 1e-9) -> str | None:
     return None
 
 
-def formed(M: np.ndarray) -> np.ndarray:
+def restore_form(M: np.ndarray) -> np.ndarray:
     """Return the nearest matrix of exactly the form ``[[Theta, h~], [-h~, m I]]`` to one that has it up to rounding."""
     h_hat = _mean(M[:3, 3:], M[3:, :3].T)
     return _matrix(M[3, 3], _mean(h_hat, -h_hat.T), _mean(M[:3, :3], M[:3, :3].T))

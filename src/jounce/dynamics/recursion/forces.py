@@ -88,8 +88,8 @@ def ground(gravity: Array) -> Motion:
     return Motion(still_ground, Series.constant(-gravity[:, None]), Series.constant(np.zeros((3, 3), dtype=int)))
 
 
-def generalized(kind: Sweep, mechanism: Mechanism, q: Series, W: Series | None = None) -> Series:
-    """The generalized forces (EOM1) of a sweep, (..., n, 1), with wrenches W on the bodies, (..., 6nb, 1)."""
+def rnea(kind: Sweep, mechanism: Mechanism, q: Series, W: Series | None = None) -> Series:
+    """The generalized forces (EOM1), (..., n, 1), by RNEA, with wrenches W on the bodies, (..., 6nb, 1)."""
     tree = _Series(kind, mechanism, minimal(mechanism), q, W)
     sweep(tree)
     return tree.forces()

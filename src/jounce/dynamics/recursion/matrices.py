@@ -45,7 +45,7 @@ def mass_matrix(mechanism: Mechanism, q: Series) -> Series:
     """gM, the generalized mass matrix (MC): (..., n, n)."""
     bodies = _composites(mechanism, q)
     M = project(_screws(bodies), bodies.momenta)  # its upper triangle
-    return evaluate_in_order(_generalized(bodies, q, M + _above(M).mT), [*bodies.Pi[::-1], *_sweep(bodies.momenta)])
+    return evaluate_in_order(_to_coordinates(bodies, q, M + _above(M).mT), [*bodies.Pi[::-1], *_sweep(bodies.momenta)])
 
 
 def coriolis_matrix(mechanism: Mechanism, q: Series) -> Series:
@@ -61,7 +61,7 @@ def coriolis_matrix(mechanism: Mechanism, q: Series) -> Series:
         project(_screws(bodies), changes),
     )
     C = M.dot - Phi + _above(Phi + Psi).mT
-    return evaluate_in_order(_generalized(bodies, q, C), [*_dynamic(bodies, V), *_sweep(changes)])
+    return evaluate_in_order(_to_coordinates(bodies, q, C), [*_dynamic(bodies, V), *_sweep(changes)])
 
 
 def skew_coriolis_matrix(mechanism: Mechanism, q: Series) -> Series:
@@ -77,7 +77,7 @@ def skew_coriolis_matrix(mechanism: Mechanism, q: Series) -> Series:
         project(_screws(bodies), wrenches),
     )
     Cbar = M.dot - (Phi + Chi) + _above(Phi + Chi).mT
-    return evaluate_in_order(_generalized(bodies, q, Cbar), [*_dynamic(bodies, V), *Y[::-1], *_sweep(wrenches)])
+    return evaluate_in_order(_to_coordinates(bodies, q, Cbar), [*_dynamic(bodies, V), *Y[::-1], *_sweep(wrenches)])
 
 
 def _composites(mechanism: Mechanism, q: Series) -> _Composites:
@@ -101,7 +101,7 @@ def _screw_rates(bodies: _Composites, V: Sequence[Series]) -> list[Series]:
     return [-(joint.ad_X @ V_i) for joint, V_i in zip(bodies.tree, V, strict=True)]  # ad(V) X = -ad(X) V
 
 
-def _generalized(bodies: _Composites, q: Series, matrix: Series) -> Series:
+def _to_coordinates(bodies: _Composites, q: Series, matrix: Series) -> Series:
     return generalized_matrix(bodies.chain, matrix + batch_zeros(q))
 
 

@@ -37,7 +37,7 @@ def read(
     """Read the motion in a bag: of the given topic, or of the only topic with a motion."""
     if not source.is_dir():
         check_readable(source)
-    with _opened(source) as bag:
+    with _open_bag(source) as bag:
         topics = {c.topic: c.msgtype for c in bag.connections if c.msgtype in (STATES, *TRAJECTORIES)}
         if topic is not None and topic not in topics:
             raise JounceError(f"{source}: --topic: {no_such('topic', topic, topics)}")
@@ -77,7 +77,7 @@ def _columns(messages: list[Any], place: str) -> dict[str, np.ndarray]:
 
 
 @contextmanager
-def _opened(source: Path) -> Iterator[Any]:
+def _open_bag(source: Path) -> Iterator[Any]:
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore

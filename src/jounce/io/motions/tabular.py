@@ -10,7 +10,7 @@ import numpy as np
 from jounce._scalars import asarray
 from jounce.errors import JounceError, at, quoted
 from jounce.io import tables
-from jounce.io.columns import CellError, checked, selected
+from jounce.io.columns import CellError, checked, select_columns
 from jounce.model.mechanism import Mechanism
 from jounce.motion.columns import Match, Options, match
 from jounce.motion.motion import Motion
@@ -53,7 +53,7 @@ def of_arrays(
         except JounceError as error:
             arrays[name], refused[name] = np.empty(0), error
     with _cures():
-        columns = selected(arrays, matching) if arrays else {}
+        columns = select_columns(arrays, matching) if arrays else {}
         for name in columns:
             if name in refused:
                 raise CellError(f"{place}: {refused[name]}")

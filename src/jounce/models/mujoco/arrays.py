@@ -66,12 +66,12 @@ def arrays(model: Any, file: Path | None) -> Arrays:
         of=of,
         name=name,
         place=f"model {name!r}" if file is None else str(file),
-        bodies=_named(bodies, "body", first=0),
-        joints=_named(joints, "joint", first=1),
+        bodies=_fill_names(bodies, "body", first=0),
+        joints=_fill_names(joints, "joint", first=1),
         sites=tuple(sites),
         gravity=np.array(option.gravity, dtype=float),
         fluid=bool(option.density or option.viscosity),
-        off=_disabled(int(option.disableflags)),
+        off=_disabled_flags(int(option.disableflags)),
     )
     _check(found)
     return found
@@ -88,13 +88,13 @@ def _text(texts: bytes, at: int) -> str:
     return texts[at : texts.index(b"\0", at)].decode(errors="replace")
 
 
-def _named(given: list[str], stem: str, first: int) -> tuple[str, ...]:
+def _fill_names(given: list[str], stem: str, first: int) -> tuple[str, ...]:
     """The names, those that are missing made of a stem and a number."""
     taken = set(given)
     return tuple(name or distinct(f"{stem}{i}", taken) for i, name in enumerate(given, first))
 
 
-def _disabled(flags: int) -> frozenset[str]:
+def _disabled_flags(flags: int) -> frozenset[str]:
     if not flags:
         return frozenset()
     from mujoco import mjtDisableBit  # which bit says what has changed from version to version
