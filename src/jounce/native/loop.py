@@ -13,7 +13,7 @@ import numpy as np
 
 from jounce.dynamics.computation import Port, Signature
 from jounce.dynamics.recursion.forces import ground, sweep
-from jounce.dynamics.recursion.steps import Motion
+from jounce.dynamics.recursion.steps import BodyMotion
 from jounce.model.equivalent import minimal
 from jounce.model.mechanism import Mechanism
 from jounce.native import plan
@@ -81,9 +81,9 @@ class _Memory:
         _joint_variable(self.ir, i, memory[0], self.sweeps.layout, self.chain.n)
         _call(self.ir, "outward", self.kinds, i, memory)
 
-    def load(self, i: str) -> None:
+    def add_wrench(self, i: str) -> None:
         if self.sweeps.computation.wrench:
-            _load(self.ir, i, _memory(self.ir, i, self.sweeps), self.sweeps.layout, self.signature)
+            _add_wrench(self.ir, i, _memory(self.ir, i, self.sweeps), self.sweeps.layout, self.signature)
 
     def hand_on(self, i: str) -> None:
         memory = _memory(self.ir, i, self.sweeps)
@@ -105,7 +105,7 @@ def _define_steps(ir: Writer, present: Sequence[str], sweeps: Sweeps) -> None:
         _define_step(ir, f"outward_{kind}", sweeps.outward(kind))
         _define_step(ir, f"inward_{kind}", sweeps.inward(kind))
     if sweeps.computation.wrench:
-        _define_step(ir, "load", sweeps.load())
+        _define_step(ir, "add_wrench", sweeps.add_wrench())
     if sweeps.acting:
         _define_step(ir, "drive", sweeps.drive())
 
@@ -153,7 +153,7 @@ def _set_results(ir: Writer, signature: Signature) -> None:
             ir.store(mask, ir.at("%out", j, ir.V))
 
 
-def _set_ground(ir: Writer, sweeps: Sweeps, motion: Motion) -> None:
+def _set_ground(ir: Writer, sweeps: Sweeps, motion: BodyMotion) -> None:
     """The motion of the ground, constant here, and what acts on it: nothing yet, as bodies add to it."""
     for name, _, _ in sweeps.motion.parts:
         for k, places in enumerate(sweeps.motion.places(name)):
@@ -176,7 +176,7 @@ def _joint_variable(ir: Writer, i: str, body: str, layout: Layout, n: int) -> No
     ir.do(f"call void @sincos({ir.V} {ir.load(angle)}, ptr {sine})")  # and the cosine behind it
 
 
-def _load(ir: Writer, i: str, memory: Sequence[str], layout: Layout, signature: Signature) -> None:
+def _add_wrench(ir: Writer, i: str, memory: Sequence[str], layout: Layout, signature: Signature) -> None:
     """The wrench on body i, added to what acts on it."""
     first = ir.let(f"mul i64 {i}, 6")
     for port, places in zip(signature.of_role("wrench"), layout.places("W"), strict=True):
@@ -184,7 +184,7 @@ def _load(ir: Writer, i: str, memory: Sequence[str], layout: Layout, signature: 
             given = ir.at(ir.at("%in", first, ir.V), port.start + j, ir.V)
             ir.store(ir.load(given), ir.at(memory[0], place, ir.V))
     table = ir.at("@carry", ir.let(f"mul i64 {i}, {sum(CARRY.values())}"))
-    ir.do(f"call void @load({_pointers(table, *memory)})")
+    ir.do(f"call void @add_wrench({_pointers(table, *memory)})")
 
 
 def _memory(ir: Writer, i: str, sweeps: Sweeps) -> list[str]:

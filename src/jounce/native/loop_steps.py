@@ -12,7 +12,7 @@ from jounce._scalars import is_zero
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.recursion.forces import ground
 from jounce.dynamics.recursion.joints import rows
-from jounce.dynamics.recursion.steps import AlignedJoint, Force, Moments, Motion, inward, joint_force
+from jounce.dynamics.recursion.steps import AlignedJoint, BodyMotion, Force, Moments, inward, joint_force
 from jounce.model import drives
 from jounce.model.equivalent import frame_shifts, minimal
 from jounce.model.mechanism import Mechanism
@@ -97,7 +97,7 @@ class Sweeps:
         names = list(sweep_of(self.computation).parts)
         parent = [sheet.read("carrier", name) for name in names]
         still = vars(ground(np.zeros(3, dtype=int)))
-        found = sweep_of(self.computation).outward(joint, Motion(**still | dict(zip(names, parent, strict=True))))
+        found = sweep_of(self.computation).outward(joint, BodyMotion(**still | dict(zip(names, parent, strict=True))))
         for name in names:
             sheet.write("motion", name, getattr(found, name))
         force = sweep_of(self.computation).force(moments, found)
@@ -105,7 +105,7 @@ class Sweeps:
         sheet.write("body", "n", force.n)
         return sheet.step()
 
-    def load(self) -> JointStep:
+    def add_wrench(self) -> JointStep:
         """Trace the step that adds the wrench of a body to the force on it."""
         sheet = _Sheet(self)
         T = sheet.constants(CARRY)

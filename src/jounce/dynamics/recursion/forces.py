@@ -15,9 +15,9 @@ from jounce._scalars import Array
 from jounce.dynamics.recursion.joints import batch_zeros, rows
 from jounce.dynamics.recursion.steps import (
     AlignedJoint,
+    BodyMotion,
     Force,
     Moments,
-    Motion,
     aligned_joints,
     inertia_force,
     inward,
@@ -38,12 +38,12 @@ from jounce.spatial.series import Series, joined
 class Sweep:
     """The parts of a body's motion, their step from parent to body, and the force that the motion requires.
 
-    `parts` are the nonzero parts of `Motion`; each has the number of rates that it needs in addition to those of Q.
+    `parts` are the nonzero parts of `BodyMotion`; each has the number of rates that it needs in addition to those of Q.
     """
 
     parts: Mapping[str, int]
-    outward: Callable[[AlignedJoint, Motion], Motion]
-    force: Callable[[Moments, Motion], Force] = inertia_force
+    outward: Callable[[AlignedJoint, BodyMotion], BodyMotion]
+    force: Callable[[Moments, BodyMotion], Force] = inertia_force
 
 
 MOVING = Sweep({"w": 1, "a": 0, "K": 0}, outward)
@@ -62,7 +62,7 @@ class Tree(Protocol):
     def move(self, i: Any) -> None:
         """Compute the motion of a body from its parent's, and the force that the motion requires."""
 
-    def load(self, i: Any) -> None:
+    def add_wrench(self, i: Any) -> None:
         """Add the wrench that a body exerts, if any, to the force on it."""
 
     def hand_on(self, i: Any) -> None:
@@ -76,16 +76,16 @@ def sweep(tree: Tree) -> None:
     """Compute motions and inertia forces outward, then joint forces inward."""
     for i in tree.outward():
         tree.move(i)
-        tree.load(i)
+        tree.add_wrench(i)
     for i in tree.inward():
         tree.hand_on(i)
         tree.collect(i)
 
 
-def ground(gravity: Array) -> Motion:
+def ground(gravity: Array) -> BodyMotion:
     """Return the motion of the ground: it accelerates by -g, which replaces gravity."""
     still_ground = Series.constant(np.zeros((3, 1), dtype=int))
-    return Motion(still_ground, Series.constant(-gravity[:, None]), Series.constant(np.zeros((3, 3), dtype=int)))
+    return BodyMotion(still_ground, Series.constant(-gravity[:, None]), Series.constant(np.zeros((3, 3), dtype=int)))
 
 
 def rnea(kind: Sweep, mechanism: Mechanism, q: Series, W: Series | None = None) -> Series:
@@ -112,7 +112,7 @@ class _Series:
         self.kind, self.chain, self.q = kind, chain, q
         self.joints = aligned_joints(self.chain, q)
         self.wrenches = None if W is None else _wrenches(given, self.chain, W)
-        self.motions: dict[int, Motion] = {-1: ground(self.chain.gravity)}
+        self.motions: dict[int, BodyMotion] = {-1: ground(self.chain.gravity)}
         self.on: dict[int, Force] = {}
         self.Q: dict[int, Series] = {}
 
@@ -126,7 +126,7 @@ class _Series:
         motion = self.motions[i] = self.kind.outward(self.joints[i], self.motions[self.joints[i].parent])
         self.on[i] = self.kind.force(_moments(self.chain)[i], motion)
 
-    def load(self, i: int) -> None:
+    def add_wrench(self, i: int) -> None:
         if self.wrenches is not None:
             self.on[i] = self.on[i] + self.wrenches[i]
 

@@ -52,7 +52,7 @@ class AlignedJoint:
 
 
 @dataclass(frozen=True)
-class Motion:
+class BodyMotion:
     """The motion of a body, in body coordinates."""
 
     w: Series  # angular velocity
@@ -71,7 +71,7 @@ class Force:
         return Force(self.f + other.f, self.n + other.n)
 
 
-def outward(joint: AlignedJoint, parent: Motion) -> Motion:
+def outward(joint: AlignedJoint, parent: BodyMotion) -> BodyMotion:
     """Return the motion of a body from that of its parent."""
     w = joint.to_body(parent.w)
     if joint.turns:
@@ -81,12 +81,12 @@ def outward(joint: AlignedJoint, parent: Motion) -> Motion:
     a = point_acceleration(joint, parent.a, parent.K)
     if joint.d is not None:
         a = a + (K @ _Z) * joint.d + _Z * joint.d.dot.dot + 2 * (hat_w @ _Z) * joint.d.dot
-    return Motion(w, a, K)
+    return BodyMotion(w, a, K)
 
 
-def outward_at_rest(joint: AlignedJoint, parent: Motion) -> Motion:
+def outward_at_rest(joint: AlignedJoint, parent: BodyMotion) -> BodyMotion:
     """Return the same for a robot at rest, whose ground accelerates."""
-    return Motion(parent.w, point_acceleration(joint, parent.a, parent.K), parent.K)
+    return BodyMotion(parent.w, point_acceleration(joint, parent.a, parent.K), parent.K)
 
 
 def point_acceleration(joint: AlignedJoint, a: Series, K: Series) -> Series:
@@ -94,7 +94,7 @@ def point_acceleration(joint: AlignedJoint, a: Series, K: Series) -> Series:
     return joint.to_body(a + K @ joint.r)
 
 
-def inertia_force(moments: Moments, motion: Motion) -> Force:
+def inertia_force(moments: Moments, motion: BodyMotion) -> Force:
     """Return the force that the acceleration a + K r of a body requires."""
     (m, h, P), a, K = moments, motion.a, motion.K
     return Force(a * m + K @ h, _hat(h) @ a + (K @ P).map(lambda T: axial(T)[..., None]))
