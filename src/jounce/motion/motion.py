@@ -22,7 +22,7 @@ MEET = 1e-6  # rad or m: motions further apart do not follow each other
 
 
 class Break(NamedTuple):
-    """Where a derivative of a coordinate jumps: when, of which joint, its order (0 is q, 3 is q3d), by how much."""
+    """A jump of a derivative of a coordinate: time, joint, order (0 is q, 3 is q3d) and size."""
 
     t: float
     joint: str | int
@@ -41,11 +41,11 @@ class Motion:
     Attributes
     ----------
     curve : Curve
-        What computes it: pieces of polynomials, splines, analytic terms, and curves made of curves.
+        The function of time: piecewise polynomials, splines, analytic terms, or compositions of curves.
     joint_names : tuple of str, or None
-        The names of the coordinates, in the order of the last axis; None if they have none and the order of the robot.
+        The names of the coordinates, in the order of the last axis; None if they are in the robot's order.
     source : str
-        How the motion came about, in words.
+        A description of the origin of the motion.
     samples : tuple of arrays, or None
         The times (N,) and coordinates (N, n) that a spline was made of.
     residual : (n,), or None
@@ -93,11 +93,11 @@ class Motion:
         intervals: int | None = None,
         joint_names: Any = None,
     ) -> "Motion":
-        """Measured samples q (N, n) at t (N,), smoothed as their noise asks for, with standard deviations of all rates.
+        """Smooth measured samples q (N, n) at t (N,) according to their noise, with standard deviations of all rates.
 
-        They are followed up to a bandwidth in Hz, by default as far as the motion stands out of the noise. Samples that
-        cannot carry q4d are refused, unless `force` is set. With `intervals`, a spline of a degree, 7 by default, is
-        fitted by least squares over as many, as many samples in each.
+        The fit has a bandwidth in Hz, by default as far as the motion exceeds the noise. If noise dominates q4d,
+        `JounceError` is raised unless `force` is set. With `intervals`, a spline of a degree, 7 by default, is fitted
+        by least squares instead, over this number of intervals with equally many samples.
         """
         from jounce.motion import constructors
         from jounce.motion.spline import way_of
@@ -187,12 +187,12 @@ class Motion:
 
     @property
     def duration(self) -> float:
-        """How long it lasts, s."""
+        """The duration, s."""
         return self.stop - self.start
 
     @cached_property
     def times(self) -> np.ndarray:
-        """Times (N,) to look at it: those of its samples or of its file, else a grid of about a millisecond."""
+        """Default times (N,) of evaluation: those of its samples or its file, or a grid of about a millisecond."""
         if self.grid is not None:
             return self.grid
         return self._grid(STEP)
@@ -219,7 +219,7 @@ class Motion:
         order : int, optional
             The highest rate: 4 gives q, qd, q2d, q3d, q4d.
         side : {"right", "left"}, optional
-            At a break the rates after it, or those before it.
+            Whether to return the rates after a break or those before it, at the time of a break.
 
         Returns
         -------
@@ -240,9 +240,9 @@ class Motion:
     def wrench(
         self, t: object, order: int = 2, side: Literal["right", "left"] = "right"
     ) -> tuple[dict[str, np.ndarray], ...] | None:
-        """What bodies and merged links exert at times, with rates: {name: (..., 6)}, (moment; force), in N m and N.
+        """The wrenches that bodies and merged links exert, with rates: {name: (..., 6)}, (moment; force), in N m and N.
 
-        It is what `wrench=` of `Robot.inverse_dynamics` takes; None for a motion without wrenches.
+        It has the form of `wrench=` of `Robot.inverse_dynamics`; None for a motion without wrenches.
         """
         times, order = self.checked(t), checked_order(order)
         left = one_of("side", side, SIDES) == "left"
@@ -289,10 +289,10 @@ class Motion:
         return replace(self, grid=self._grid(float(step)))
 
     def blended(self, time: float, continuity: int = 4) -> "Motion":
-        """The motion with polynomials in place of its breaks, so that no derivative up to an order jumps any more.
+        """Replace the breaks of the motion by polynomials, so that derivatives up to an order are continuous.
 
-        Each break of a joint is replaced from half the time before to half the time after; `residual` is the largest
-        distance from this motion that comes of it.
+        Each break of a joint is replaced from half the time before to half the time after it; `residual` is the largest
+        distance from the original motion.
 
         Parameters
         ----------
@@ -317,7 +317,7 @@ class Motion:
         return replace(self, curve=curve, source=source, residual=distance)
 
     def __add__(self, other: object) -> "Motion":
-        """This motion and then another, shifted to where this one ends; they must meet, and jumps there are breaks."""
+        """Append another motion, shifted to the end of this one; positions must agree, jumps of rates become breaks."""
         if not isinstance(other, Motion):
             return NotImplemented
         if self.joint_names != other.joint_names or self.curve.columns != other.curve.columns:

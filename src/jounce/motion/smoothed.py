@@ -70,7 +70,7 @@ def found_from(
     if (off.max(axis=0) <= ROUNDING * np.finfo(float).eps * np.abs(q).max(axis=0)).all():
         return _by_hand(t, q, Spline(), highest, place)
     if shortfall and not way.force:
-        cures = "--bandwidth HZ (bandwidth=) smooths them more, --force (force=) takes them all the same"
+        cures = "--bandwidth HZ (bandwidth=) smooths them more, --force (force=) accepts them"
         raise JounceError(f"{place}: {shortfall}; {cures}")
     usual = ~spikes(t, q, np.zeros(q.shape[1]))
     stands_out = off[usual].max(axis=0) > STANDS_OUT * np.median(off, axis=0)

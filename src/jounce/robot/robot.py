@@ -52,7 +52,7 @@ class Robot:
     * Leading axes are batch axes and broadcast; the coordinate axis is last. Scalars are real and of any type: float
       arrays of NumPy, arrays of JAX, or object arrays of CasADi SX, SymPy or other symbols.
     * A state may name its coordinates: a dict, a data frame or series, or a structured array is matched by joint name.
-      Results are arrays all the same, in the order of `joint_names`.
+      Results are always arrays, in the order of `joint_names`.
     * q is required; each further rate you give returns one more time derivative, up to order 100. With none to spare
       the result is a plain array, otherwise a tuple: the quantity, its rate, ...
     * Missing values (masked by NumPy, or NA of pandas) are NaN, and so are results that depend on them.
