@@ -59,7 +59,7 @@ def conventions(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
 
 
 def _quantities(functions: Sequence[Function]) -> list[Quantity]:
-    """What functions compute, each once."""
+    """Return the quantities of the functions, each once."""
     return list({f.computation.name: f.computation.quantity for f in functions}.values())
 
 
@@ -108,7 +108,7 @@ def effort(program: Program) -> str:
 
 
 def parameters(robot: Parametric) -> dict[str, str]:
-    """What the parameters are, by their names."""
+    """Map the names of the parameters to descriptions."""
     bodies = [name.partition(":")[2] or robot.origin.bodies[-1] for name in robot.asked if name.startswith("payload")]
     meanings = dict(MEANINGS)
     for k, body in enumerate(bodies):

@@ -114,7 +114,7 @@ def _own(robot: Parametric) -> dict[str, np.ndarray]:
 
 
 def _pack(text: str, indent: str = "", end: str = "", width: int = 118) -> str:
-    """What commas separate in lines, each but the first behind an indent, each but the last with an end."""
+    """Wrap comma-separated items: all lines but the first are indented, all but the last have a suffix."""
     lines = [""]
     for item in text.strip().split(", "):
         longer = f"{lines[-1]}, {item}" if lines[-1] else item

@@ -27,12 +27,12 @@ class Schedule:
 
     @property
     def scratch(self) -> int:
-        """How many scalars of scratch memory it takes."""
+        """The number of scalars of scratch memory."""
         return max(self.slots.values(), default=-1) + 1
 
     @cached_property
     def names(self) -> dict[int, str]:
-        """What the statements define: sin1, cos1 of the first angle, t1, t2, ..."""
+        """The names that the statements define: sin1, cos1 of the first angle, t1, t2, ..."""
         steps = self.program.steps
         angles: dict[int, int] = {}
         names: dict[int, str] = {}
@@ -79,7 +79,7 @@ def _by_depth(program: Program, stated: Container[int], statements: Sequence[int
 
 
 def _angle(program: Program, i: int) -> tuple[float, ...]:
-    """What functions are sorted by: of which input they are, others last."""
+    """Return the sort key of functions: the index of their input; other functions come last."""
     (j,) = program.steps[i].operands
     operand = program.steps[j]
     return (operand.value, 0) if operand.kind == "input" else (program.inputs, j)
@@ -102,7 +102,7 @@ def _statements(program: Program) -> dict[int, None]:
 
 
 def _slots(program: Program, stated: Mapping[int, None], parts: Sequence[tuple[int, ...]]) -> dict[int, int]:
-    """Where in scratch memory the statements that later parts, or the outputs, use are kept; a slot serves many."""
+    """Assign scratch memory slots to the values that later parts or outputs use; slots are reused."""
     part_of = {i: k for k, part in enumerate(parts) for i in part}
     statements = [i for part in parts for i in part]
     reads = [{j for j in _leaves(i, program, stated) if j in stated} for i in statements]

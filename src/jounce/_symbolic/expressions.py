@@ -82,7 +82,7 @@ class Expressions:
 
 
 def expressions(mechanism: Mechanism) -> Expressions:
-    """What the expressions of a mechanism are made from.
+    """Return the sources of the expressions of a mechanism.
 
     Raises
     ------

@@ -37,7 +37,7 @@ def magnitudes(mechanism: Mechanism, computation: Computation, arrays: Sequence[
 
 
 def scale(expected: Array, magnitude: np.ndarray) -> float:
-    """What errors of an array are relative to: its largest entry or magnitude; 1 where nothing is added up at all."""
+    """Return the scale of relative errors of an array: its largest entry or magnitude; 1 if all terms are zero."""
     return float(max(np.abs(expected).max(), magnitude.max())) or 1.0
 
 

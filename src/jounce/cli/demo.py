@@ -94,7 +94,7 @@ def _peaks(found: "Example") -> list[float]:
 
 
 def _differences(alone: "Example", errors: "Sequence[StepErrors]") -> dict[str, list[float | None]]:
-    """By way of differentiating: the largest difference to Qd and Q2d, as a share of the largest value."""
+    """Map each differentiation scheme to its largest error of Qd and Q2d, relative to the largest value."""
     found: dict[str, list[float | None]] = {
         f"central over the samples, h = {alone.t[1]:.2g} s": list(alone.differences())
     }

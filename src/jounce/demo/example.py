@@ -48,7 +48,7 @@ class Example:
         return self.motion(t), self.motion.wrench(t)
 
     def differences(self) -> tuple[float, ...]:
-        """How far the differentiated rates are from the exact ones."""
+        """The largest differences of the differentiated rates from the exact ones."""
         return tuple(share(a - b, b) for a, b in zip(self.differentiated, self.forces[1:], strict=True))
 
 
@@ -97,7 +97,7 @@ def step_errors(robot: Robot) -> tuple[StepErrors, StepErrors]:
 
 
 def without_steiner(found: Example) -> tuple[float, ...]:
-    """What leaving out Steiner's theorem does to Q, Qd, Q2d, as the authors' published code does.
+    """Return the errors of Q, Qd, Q2d without Steiner's theorem, as in the authors' published code.
 
     It puts the inertia about the centre of mass where the one about the origin of the frame belongs.
     """
@@ -110,12 +110,12 @@ def without_steiner(found: Example) -> tuple[float, ...]:
 
 
 def methods() -> list[Method]:
-    """The paths to the forces that are at hand here."""
+    """Return the methods for the forces that are available here."""
     return [method for method in METHODS if method != "kernel" or available()]
 
 
 def seconds(found: Example) -> Iterator[tuple[str, float, float]]:
-    """By method: the time of an evaluation in the batch of the whole motion, and of one called alone."""
+    """Map methods to the time per state in a batch of the whole motion, and of a single call."""
     whole, alone = found.states(found.t), [found.states(t) for t in found.t[:20]]
     for method in methods():
         start = perf_counter()

@@ -71,7 +71,7 @@ def _choice(entry: Entry, key: str, known: Collection[str]) -> str:
 
 
 def _names(rows: list[Entry], key: str, stem: str) -> list[str]:
-    """What rows are called under a key, by their number where they leave it out; all different."""
+    """Return the names of rows under a key, by default numbered; all are different."""
     names: list[str] = []
     for i, row in enumerate(rows, start=1):
         given = row.get(key, f"{stem}{i}")

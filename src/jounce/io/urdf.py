@@ -106,7 +106,7 @@ def _mimic(element: etree._Element, file: str) -> tree.Mimic | None:
 
 
 def _limits(element: etree._Element, kind: str, file: str) -> dict[str, float]:
-    """What a <limit> states; where it leaves positions out they are 0 by the format, unless the joint turns freely."""
+    """Return the values of a <limit>; missing positions are 0 by the format, except for continuous joints."""
     limit = element.find("limit")
     if limit is None:
         return {}
@@ -115,7 +115,7 @@ def _limits(element: etree._Element, kind: str, file: str) -> dict[str, float]:
 
 
 def _drive(element: etree._Element, file: str) -> dict[str, float]:
-    """What a <dynamics> states."""
+    """Return the values of a <dynamics>."""
     dynamics = element.find("dynamics")
     if dynamics is None:
         return {}

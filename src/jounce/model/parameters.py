@@ -68,7 +68,7 @@ def own_values(mechanism: Mechanism, names: Sequence[str]) -> dict[str, np.ndarr
 
 
 def _payloads(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Frame]:
-    """Where payloads are, by the stem of their symbols' names; `names` are checked."""
+    """Check `names`, and map the stem of each payload's symbols to the frame of the payload."""
     texts = isinstance(names, Sequence) and not isinstance(names, str) and all(isinstance(x, str) for x in names)
     if not texts or len(set(names)) != len(names):
         known = ", ".join(PARAMETERS)

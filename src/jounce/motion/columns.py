@@ -1,4 +1,4 @@
-"""Which columns of a table are of a motion: times, joints, rates, wrenches, measured torques, each in its unit."""
+"""The columns of a motion in a table: times, joints, rates, wrenches, measured torques, each with its unit."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -28,7 +28,7 @@ CURES = {
 
 @dataclass(frozen=True)
 class Options:
-    """What a caller says of the columns: the one of times, how joints are called there, and units."""
+    """A caller's options for the columns: the time column, the pattern of joint names, and units."""
 
     time: str | None = None
     pattern: str | None = None
@@ -196,7 +196,7 @@ def _check(given: Sequence[str], expected: Sequence[str], sampled: bool, mechani
 def _factors(
     sources: Mapping[str, str], units: Mapping[str, str | None], options: Options, mechanism: Mechanism
 ) -> dict[str, float]:
-    """What makes SI units of the columns: as their names state it, else as the caller says."""
+    """Return the factors to SI units of the columns, from their names or from the caller's options."""
     kinds = dict(zip(mechanism.coordinates, coordinate_units(mechanism), strict=True))
     found = {}
     for name, source in sources.items():

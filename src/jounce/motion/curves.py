@@ -25,11 +25,11 @@ class Curve(Protocol):
 
     @property
     def start(self) -> float:
-        """Where it begins, s."""
+        """The start time, s."""
 
     @property
     def stop(self) -> float:
-        """Where it ends, s."""
+        """The end time, s."""
 
     @property
     def columns(self) -> int:
@@ -57,12 +57,12 @@ class OfCurve:
 
     @property
     def start(self) -> float:
-        """Where it begins, s."""
+        """The start time, s."""
         return self.base.start
 
     @property
     def stop(self) -> float:
-        """Where it ends, s."""
+        """The end time, s."""
         return self.base.stop
 
     @property
@@ -109,12 +109,12 @@ class Polynomials:
 
     @property
     def start(self) -> float:
-        """Where it begins, s."""
+        """The start time, s."""
         return float(self.x[0])
 
     @property
     def stop(self) -> float:
-        """Where it ends, s."""
+        """The end time, s."""
         return float(self.x[-1])
 
     @property

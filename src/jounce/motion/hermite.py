@@ -28,12 +28,12 @@ class Hermite:
 
     @property
     def start(self) -> float:
-        """Where it begins, s."""
+        """The start time, s."""
         return float(self.t[0])
 
     @property
     def stop(self) -> float:
-        """Where it ends, s."""
+        """The end time, s."""
         return float(self.t[-1])
 
     @property

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """What is smoothed, of the joints that move.
+    """Samples of the joints that move, as they are smoothed.
 
     Attributes
     ----------

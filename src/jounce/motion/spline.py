@@ -21,7 +21,7 @@ NOTICEABLE = 0.01  # share of rounding in a rate from which on a user should hea
 
 @dataclass(frozen=True)
 class Smoothing:
-    """How samples become a curve by default: as `fit` finds them, up to a frequency in Hz where one is given."""
+    """The default way from samples to a curve: smoothing by `fit`, optionally with a bandwidth in Hz."""
 
     bandwidth: float | None = None
     force: bool = False  # whether samples count that cannot carry the highest rate
@@ -29,7 +29,7 @@ class Smoothing:
 
 @dataclass(frozen=True)
 class Spline:
-    """How samples become a curve by hand: through all of them, or by least squares over a number of intervals."""
+    """The manual way from samples to a curve: interpolation, or least squares over a number of intervals."""
 
     degree: int = 7  # q4d is smooth then, and Q2d has no kinks
     intervals: int | None = None  # few of them even out the noise of measured samples
@@ -113,7 +113,7 @@ def curve_of(t: np.ndarray, q: np.ndarray, spline: Spline, place: str, highest: 
 
 
 def way_of(degree: int | None, intervals: int | None, bandwidth: float | None, force: bool) -> Smoothing | Spline:
-    """How samples become a curve, by what a caller says of it."""
+    """Return the way from samples to a curve that a caller selects."""
     true_or_false("force", force, "whether to accept samples whose noise dominates the highest rate")
     check_bandwidth(bandwidth)
     by_hand = degree is not None or intervals is not None

@@ -38,7 +38,7 @@ def split_unit(name: str) -> tuple[str, str | None]:
 
 
 def factor(stated: str | None, said: str | None, kind: str, order: int, column: str) -> float:
-    """What makes SI units of a column of a kind, s, rad, m or load: its name states the unit, or the caller says it."""
+    """Return the factor to SI units of a column of s, rad, m or load; its name or the caller states the unit."""
     if kind == "load":  # of wrenches, N m and N
         if stated is not None and "".join(stated.split()).replace("*", "") not in ("N", "Nm", "N.m", "N·m"):
             raise JounceError(f"column {quoted(column)}: {no_such('unit', stated, ('N', 'N m'))}")

@@ -25,14 +25,14 @@ LIMIT = 256  # MiB
 
 
 def folder() -> Path:
-    """Where compiled kernels are kept: ``$JOUNCE_CACHE_DIR``, else the user's cache folder."""
+    """Return the folder of compiled kernels: ``$JOUNCE_CACHE_DIR``, or the user's cache folder."""
     from platformdirs import user_cache_path
 
     return Path(os.environ.get("JOUNCE_CACHE_DIR") or user_cache_path("jounce"))
 
 
 def limit() -> int:
-    """How many bytes all kernels together may take: ``$JOUNCE_CACHE_SIZE`` in MiB, 256 if it is not set.
+    """Return the limit of the size of all kernels in bytes: ``$JOUNCE_CACHE_SIZE`` in MiB, 256 by default.
 
     Raises
     ------

@@ -15,7 +15,7 @@ PIECE = 4000  # steps in a row: the time that LLVM takes for code without a bran
 
 @dataclass(frozen=True)
 class Block:
-    """What works on one block of states: the text of ``@block(in, out, bodies)``, and where it leaves its results."""
+    """The code for one block of states: the text of ``@block(in, out, bodies)``, and the positions of its results."""
 
     define: Callable[[Writer], None]
     places: Sequence[Sequence[int]]  # by result, the number of the vector of each scalar

@@ -111,7 +111,7 @@ def _define_steps(ir: Writer, present: Sequence[str], sweeps: Sweeps) -> None:
 
 
 def _define_tables(ir: Writer, mechanism: Mechanism, slots: Sequence[int], of_joints: Sequence[int]) -> None:
-    """What distinguishes the joints: `of_joints` are the numbers of their kinds."""
+    """Write the tables of constants of the joints; `of_joints` are the indices of their kinds."""
     G = mechanism.G.astype(float)
     ir.table("kinds", of_joints)
     ir.table("parents", [p + 1 for p in mechanism.parent])
@@ -143,7 +143,7 @@ def _define_sum(ir: Writer) -> None:
 
 
 def _set_results(ir: Writer, signature: Signature) -> None:
-    """What the forces are added to: 0, or NaN where an input that matters to their order is not finite."""
+    """Initialise the forces: 0, or NaN if an input on which their order depends is not finite."""
 
     def add(total: str, port: Port) -> str:
         return ir.let(f"call {ir.V} @sum(ptr {ir.at('%in', port.start, ir.V)}, i64 {port.size}, {ir.V} {total})")

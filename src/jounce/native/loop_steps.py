@@ -68,7 +68,7 @@ class _Sheet:
             self.outputs += [(memory, place, x) for place, x in zip(places, np.ravel(values[k]), strict=True)]
 
     def step(self) -> JointStep:
-        """What has been written."""
+        """Return the recorded step."""
         program = fuse(factor(self.tape.program([x for _, _, x in self.outputs])))
         return JointStep(program, tuple(self.reads), tuple((memory, place) for memory, place, _ in self.outputs))
 

@@ -46,7 +46,7 @@ class Layout:
     parts: tuple[tuple[str, int, int], ...]
 
     def places(self, name: str) -> list[range]:
-        """Where the rates of a part lie."""
+        """Return the positions of the rates of a part."""
         starts = accumulate((rates * scalars for _, rates, scalars in self.parts), initial=0)
         for (part, rates, scalars), start in zip(self.parts, starts, strict=False):
             if part == name:
@@ -81,7 +81,7 @@ def sweep_of(computation: Computation) -> Sweep:
 
 
 def motion_slots(parent: Sequence[int]) -> list[int]:
-    """Where motions are kept, the ground's first: a slot is free again when the last child has its motion."""
+    """Assign slots to motions, the ground's first; a slot is reused after the last child has its motion."""
     last = list(range(-1, len(parent)))  # the last child of each, the ground's first; itself if it has none
     for i, p in enumerate(parent):
         last[p + 1] = i

@@ -46,7 +46,7 @@ class Program:
         return [values[i] for i in self.outputs]
 
     def uses(self) -> Counter[int]:
-        """How often each step is taken, by steps and as an output."""
+        """Return how often each step is used, by other steps and as an output."""
         return Counter([*(i for step in self.steps for i in step.operands), *self.outputs])
 
 

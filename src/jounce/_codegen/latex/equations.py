@@ -25,7 +25,7 @@ RATES = ("", r"\dot", r"\ddot", r"\dddot", r"\ddddot")
 
 @dataclass(frozen=True, eq=False)
 class Document:
-    """What a document holds: the symbols of the robot's parameters by their names, and its equations in them."""
+    """The content of a document: the symbols of the robot's parameters by name, and the equations in them."""
 
     symbols: dict[str, np.ndarray]
     form: Symbolic

@@ -8,7 +8,7 @@ from tempfile import TemporaryFile
 
 @contextmanager
 def errors_caught(said: list[str]) -> Iterator[None]:
-    """Inside, what anything writes to the standard error output is kept from it, and appended to `said` at the end."""
+    """Within this context, output to standard error is captured, and appended to `said` at the end."""
     try:
         before = os.dup(2)
     except OSError:  # closed: nothing to keep it from

@@ -22,7 +22,7 @@ IDENTITY = np.eye(3).tolist()
 
 
 def assigned(robot: Entry) -> Number:
-    """What reads numbers and expressions of the symbols to which the file assigns numbers."""
+    """Return a reader of numbers and of expressions in the symbols to which the file assigns numbers."""
     values = {name: number.number() for name, number in robot.get("assignments", {}).members().items()}
     return partial(_number, values)
 

@@ -33,7 +33,7 @@ LATER = (  # arrays that MuJoCo 3.3 does not have: nothing where they are missin
 
 @dataclass(frozen=True, eq=False)
 class Arrays:
-    """What a model holds, by MuJoCo's names, and what it calls its parts."""
+    """The arrays of a model by MuJoCo's names, and the names of its parts."""
 
     of: Mapping[str, np.ndarray]
     name: str

@@ -13,7 +13,7 @@ OF_JOINTS = 2  # MuJoCo's type of equality constraint
 
 
 def active(m: Arrays) -> int:
-    """How many equality constraints there are in force."""
+    """Return the number of active equality constraints."""
     return len(_active(m))
 
 

@@ -47,7 +47,7 @@ def _limits(m: Arrays, j: int) -> dict[str, float]:
 
 
 def _drive(m: Arrays, j: int) -> dict[str, float]:
-    """What the joint states, and the actuators' armature and damping through the square of the gear."""
+    """Return the drive of a joint, with the actuators' armature and damping times the gear squared."""
     dof, gears = m.of["jnt_dofadr"][j], _squared_gears(m, j)
     stated = {
         "armature": m.of["dof_armature"][dof] + np.sum(gears * m.of["actuator_armature"]),

@@ -36,6 +36,6 @@ def warn_of(m: Arrays, ties: int) -> None:
 
 
 def _nonzero_rows(m: Arrays, *names: str) -> np.ndarray:
-    """Which rows of arrays, as long as each other where they are there, have an entry other than zero."""
+    """Return which rows of arrays of equal length have a nonzero entry; missing arrays are skipped."""
     there = [m.of[name] for name in names if m.of[name].ndim]
     return np.any([array.any(axis=tuple(range(1, array.ndim))) for array in there], axis=0)
