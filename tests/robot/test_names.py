@@ -263,7 +263,7 @@ BAD_MOTIONS = {
     ),
     "no columns": ({}, {}, ["the motion: no columns or no rows; expected named columns of numbers"]),
     "no rows": (pd.DataFrame(columns=["t", "joint1", "joint2"], dtype=float), {}, ["the motion: no columns or no"]),
-    "no text": ({**SAMPLES, 3: T}, {}, ["the motion: column 3 has no text as its name"]),
+    "no text": ({**SAMPLES, 3: T}, {}, ["the motion: column 3 is not named by a string"]),
     "rows": ({**SAMPLES, "joint1": T[1:]}, {}, ["the motion: column 'joint1' is float64 of shape (40,); expected"]),
     "scalar": ({**SAMPLES, "joint1": 0.0}, {}, ["column 'joint1' is float64 of shape (); expected"]),
     "text": ({**SAMPLES, "joint1": ["a"] * 41}, {}, ["the motion: column 'joint1' holds text"]),
@@ -285,7 +285,7 @@ BAD_MOTIONS = {
     "degree as a float": (SAMPLES, {"degree": 7.0}, ["a spline of degree 7.0 is not supported"]),
     "intervals": (SAMPLES, {"intervals": 99}, ["the motion: 99 intervals for 41 samples; expected 1 to 34"]),
     "half an interval": (SAMPLES, {"intervals": 1.5}, ["the motion: 1.5 intervals for 41 samples"]),
-    "fit of exact terms": ("paper", {"intervals": 4}, ["paper: its terms are exact; intervals is for the samples"]),
+    "fit of exact terms": ("paper", {"intervals": 4}, ["paper: intervals applies to samples"]),
 }  # fmt: skip
 
 
