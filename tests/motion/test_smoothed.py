@@ -55,7 +55,7 @@ def test_samples_that_cannot_carry_the_highest_rate_are_refused_but_for_force(tm
 
 
 def test_what_is_for_samples_alone_is_refused_of_terms():
-    refusal(lambda: jounce.load_motion("paper", PLANAR, bandwidth=2.0), "paper: its terms are exact; bandwidth is for")
+    refusal(lambda: jounce.load_motion("paper", PLANAR, bandwidth=2.0), "paper: bandwidth applies to samples")
     refusal(lambda: jounce.load_motion(LOG, PLANAR, bandwidth=2.0, degree=7), "leave degree and intervals out")
 
 
