@@ -55,7 +55,10 @@ def test_the_end_is_a_frame_where_the_rest_is_a_body():
         ("poses:bdy3", ["unknown body 'bdy3'; did you mean 'body3'? available: body1, ", "tool"]),
         ("poses:", ["unknown body ''; available: body1, "]),
         ("jacobian:too:world", ["unknown body 'too'; did you mean 'tool'? available: body1, "]),
-        ("jacobian:tool:wrld", ["jacobian has no frame 'wrld'; did you mean 'world'? available: body, world, spatial"]),
+        (
+            "jacobian:tool:wrld",
+            ["jacobian has no frame 'wrld'; did you mean 'world'? available: body, world, spatial"],
+        ),
         ("jacobian:tool:", ["jacobian has no frame ''; available: body, world, spatial"]),
         ("poses:tool:world", ["poses has no frame 'world'; available: none"]),
     ],

@@ -209,6 +209,20 @@ def bad(robot, **changes):
     ("changes", "message"),
     [
         ({"qd": np.zeros(6)}, r"qd has shape \(6,\); expected \(\.\.\., 7\): joint1, joint2"),
+        (
+            {"q": np.zeros(6)},
+            r"expected .* joint7; lock= of jounce\.load, or Robot\.locked, holds joints without a value$",
+        ),
+        (
+            {"q": np.zeros((7, 3))},
+            r"q has shape \(7, 3\); .*; transpose it: q\.swapaxes\(-1, -2\) has the coordinates last$",
+        ),
+        ({"qd": np.zeros((7, 1))}, r"qd has shape \(7, 1\); .*; transpose it: qd\.swapaxes"),
+        ({"q": np.zeros(9)}, r"q has shape \(9,\); expected .* joint7$"),
+        (
+            {"q": {f"joint{i}": 0 for i in range(1, 7)}},
+            r"^q: missing 'joint7'; expected joint1, .*; lock= of jounce\.load",
+        ),
         ({"q": 1.0}, r"q has shape \(\); expected \(\.\.\., 7\)"),
         ({"q2d": None}, "q2d is None, yet q3d is given"),
         ({"q3d": None, "q4d": np.zeros(7)}, "q3d is None, yet q4d is given"),

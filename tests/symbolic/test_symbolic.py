@@ -248,7 +248,9 @@ def test_matrices_are_kept_and_frozen():
     everything = ", ".join(["q", "W", *members])
     assert repr(S) == f"<Symbolic 'planar2r': {everything}, and their rates; of bodies: {', '.join(of_bodies)}>"
     assert {*members, *of_bodies} <= set(dir(S))
-    with pytest.raises(AttributeError, match=f"no member 'Mdot'; did you mean .* available: {everything}, poses,"):
+    with pytest.raises(
+        AttributeError, match=f"Symbolic has no member 'Mdot'; did you mean .* available: {everything}, poses,"
+    ):
         _ = S.Mdot
     with pytest.raises(AttributeError):
         S.Q = 0

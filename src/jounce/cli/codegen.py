@@ -68,9 +68,7 @@ def _names(_: click.Context, __: click.Parameter, given: str | None) -> list[str
 )
 @click.option("--float32", is_flag=True, help="Single precision.")
 @click.option("--prefix", help="Prefix of all names in the code (default: the robot's name).")
-@click.option(
-    "--force", is_flag=True, help="Replace files that jounce generated in the folder before; other files are kept."
-)
+@click.option("--force", is_flag=True, help="Replace what an earlier run generated there; other files stay.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def codegen(
     robot: Asked,

@@ -55,7 +55,7 @@ def _in_words(data: dict[str, Any]) -> str:
     limited = [_limits(body) for body in data["bodies"] if any(x is not None for x in body["limits"].values())]
     if limited:
         lines += ["", *straight_columns([("limits", "position", "velocity", "effort"), *limited])]
-    driven = [_drive(body) for body in data["bodies"] if any(body["drive"][key] for key in AMOUNTS)]
+    driven = [_drive(body) for body in data["bodies"] if any(body["drive"][key] for key in AMOUNTS.values())]
     if driven:
         acting = f"in Q: {', '.join(data['acting']) or 'none of these'}"
         lines += ["", *straight_columns([("drive", "armature", "damping", "friction", "spring"), *driven]), acting]

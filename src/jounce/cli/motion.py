@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from jounce.cli.motions import AskedMotion, of_motion
-from jounce.cli.options import Asked, on_robot
+from jounce.cli.options import Asked, on_robot_without_drives
 from jounce.cli.output import progress, tell
 from jounce.errors import JounceError, shortened
 
@@ -25,7 +25,7 @@ previous row and this one.
 
 
 @click.command(epilog=EPILOG, short_help="Write a motion with its rates, q to q4d, as a table.")
-@on_robot
+@on_robot_without_drives
 @of_motion
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Output table: .csv or .npz.")
 @click.option("--order", default=4, show_default=True, type=click.IntRange(0), help="Highest time derivative of q.")

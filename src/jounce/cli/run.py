@@ -133,13 +133,14 @@ def _break(found: "ForceBreak", joints: Sequence[str], names: Sequence[str]) -> 
     """Return a break as plain data: the rate of Q that jumps, by how much, and the joints and rates that cause it."""
     from jounce.spatial.series import rate_name
 
+    causes = {cause.joint: {"rate": rate_name(cause.symbol, cause.order), "by": cause.jump} for cause in found.causes}
     jump = None if found.jump is None else dict(zip(joints, found.jump.tolist(), strict=True))
     return {
         "t": found.t,
         "jumps": names[found.order] if found.order >= 0 else None,
         "by": jump,
         "missing": list(names[found.order + 1 :]),
-        "causes": {cause.joint: {"rate": rate_name("q", cause.order), "by": cause.jump} for cause in found.causes},
+        "causes": causes,
     }
 
 

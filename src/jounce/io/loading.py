@@ -11,10 +11,11 @@ import numpy as np
 
 from jounce._scalars import is_numeric
 from jounce._typing import ArrayLike, Base, DriveTerms, Planar2R
-from jounce.errors import JounceError, at, no_such, quoted, warn
+from jounce.errors import JounceError, at, no_such, warn
 from jounce.io.bundled import BUNDLED
 from jounce.io.files import path_of
-from jounce.model.drives import AMOUNTS, select_terms
+from jounce.model import tree
+from jounce.model.drives import select_terms
 from jounce.model.mechanism import Mechanism
 from jounce.robot import Robot
 
@@ -62,6 +63,10 @@ def load(
     **parameters : keywords
         Parameters of planar2r: L1, L2, m1, m2, g; numbers or symbols.
 
+    Returns
+    -------
+    Robot
+
     Raises
     ------
     JounceError
@@ -82,19 +87,18 @@ def load(
     if not isinstance(source, str | os.PathLike):
         raise JounceError(f"load() expects a path or a name, got {type(source).__name__}; names: {', '.join(BUNDLED)}")
     path = path_of(source)
-    name, terms = os.fspath(source), () if drives is None else select_terms(drives)
+    name = os.fspath(source)
+    if drives is not None:
+        select_terms(drives)
+    with at(name):
+        tree.check_base(base)
     stated = {"gravity": gravity, "base": base, "root": root, "xacro_args": xacro_args}
     given = {key: value for key, value in stated.items() if value is not None} | parameters
     robot = Robot(_mechanism(name, path, given))
     if lock is not None:
         with at(name):
             robot = robot.locked(lock)
-    if not terms:
-        return robot
-    driven = robot.with_drives(terms)
-    if not any(getattr(driven.drives, name).any() for name in AMOUNTS):
-        warn(f"{name}: states no drive trains, so drives={quoted(drives)} has no effect")
-    return driven
+    return robot if drives is None else robot.with_drives(drives)
 
 
 def _mechanism(name: str, path: Path, parameters: dict[str, object]) -> Mechanism:

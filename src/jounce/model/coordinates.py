@@ -14,6 +14,8 @@ from jounce.spatial.series import Series
 
 T = TypeVar("T", Array, Series)
 
+TURNS = 8 * np.pi  # rad: four turns, further than joints without limits are taken to go
+
 
 def joint_variables(mechanism: Mechanism, q: T) -> T:
     """theta = G q + g: (..., n, 1) to (..., nb, 1)."""
@@ -42,3 +44,10 @@ def leading_joints(mechanism: Mechanism) -> list[int]:
 def coordinate_units(mechanism: Mechanism) -> list[str]:
     """rad or m: the unit of each coordinate."""
     return ["rad" if np.any(X[:3]) else "m" for X in mechanism.X[leading_joints(mechanism)]]
+
+
+def likely_positions(mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds (nb,) of the joint variables: their limits, and some turns for those that turn without any."""
+    widest = np.where(mechanism.X[:, :3].any(axis=1), TURNS, np.inf)
+    lower, upper = mechanism.limits.lower, mechanism.limits.upper
+    return np.where(np.isfinite(lower), lower, -widest), np.where(np.isfinite(upper), upper, widest)

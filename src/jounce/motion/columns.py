@@ -43,6 +43,13 @@ class Options:
             if given is not None and not isinstance(given, str):
                 raise JounceError(f"{what} is {quoted(given)}; expected a text")
 
+    def refuse(self, place: str, reason: str) -> None:
+        """Raise `JounceError` if options for columns are given although the motion has no columns."""
+        names = {"time": self.time, "columns": self.pattern, "angles": self.angles, "time_unit": self.time_unit}
+        given = [name for name, value in names.items() if value is not None]
+        if given:
+            raise JounceError(f"{place}: {reason}; {given[0]} is for the columns of a table: leave it out")
+
 
 @dataclass(frozen=True)
 class Match:

@@ -1,7 +1,6 @@
 """From measured samples to a spline: what is noise, which rows count, which stamps are wrong, how many breaks."""
 
 from dataclasses import dataclass, replace
-from math import comb
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,9 +9,9 @@ from jounce.errors import JounceError
 from jounce.motion.choice import Choice, again, bounded, by_schwarz, choose, exact
 from jounce.motion.correction import colour, corrected
 from jounce.motion.deviations import Spread, stamp_covariances
-from jounce.motion.knots import FEWEST, most_intervals
+from jounce.motion.knots import most_intervals
 from jounce.motion.least_squares import CELLS, DEGREE, Solution, rows_of, solve
-from jounce.motion.noise import Beats, beats_of, rest_weights, whiteness
+from jounce.motion.noise import Beats, beats_of, local_noise, rest_weights, whiteness
 from jounce.motion.samples import Samples
 from jounce.motion.stamps import fresh
 
@@ -20,7 +19,8 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 ROUNDING = 64  # units in the last place of a double, below which samples are no measured ones
-SMOOTH = 1e-5  # share of a joint's range that eighth differences of smooth samples are at most
+SMOOTH = 1e-5  # share of a joint's range that differences of smooth samples leave as noise at most
+MANY = 0.7  # of the intervals that samples bear: needing as many looks as if there were no noise
 NOT_WHITE = 5  # standard deviations of von Neumann's ratio
 OUTLIER = 6  # standard deviations
 UNEXPLAINED = 0.1  # share of a joint's scatter about its mean that a fit may leave
@@ -158,11 +158,12 @@ def _without_outliers(samples: Samples, setting: Setting) -> tuple[Choice, Sampl
 
 
 def rounded(samples: Samples, first: Solution) -> bool:
-    """Whether a spline explains samples to their rounding, or needs all breaks there are though they look smooth."""
+    """Whether a spline explains samples to their rounding, or needs all breaks there are though they look smooth.
+
+    Most places tell: a kink in exact samples is not noise.
+    """
     sigma = np.sqrt(first.energy / len(samples.t))
     exact = sigma < ROUNDING * np.finfo(float).eps * np.abs(samples.q).max(axis=0)
-    if exact.all() or first.intervals < 0.7 * len(samples.t) / FEWEST:
+    if exact.all() or samples.steps.any() or first.intervals < MANY * most_intervals(samples.rows(CELLS)):
         return bool(exact.all())
-    order = 8  # differences of that order hold white noise sqrt(binomial(16, 8)) times
-    noise = np.sqrt((np.diff(samples.q, order, axis=0) ** 2).mean(axis=0) / comb(2 * order, order))
-    return bool((noise < SMOOTH * np.ptp(samples.q, axis=0)).all())
+    return bool((local_noise(samples.q) < SMOOTH * np.ptp(samples.q, axis=0)).all())

@@ -95,7 +95,7 @@ def load_motion(
     if not isinstance(robot, Robot):
         raise JounceError(f"load_motion() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     from jounce.motion.columns import Options
-    from jounce.motion.spline import Smoothing, way_of
+    from jounce.motion.spline import way_of
 
     mechanism, highest, way = robot.mechanism, checked_order(order) + 2, way_of(degree, intervals, bandwidth, force)
     options = Options(time, columns, angles, time_unit)
@@ -104,15 +104,13 @@ def load_motion(
     if names.listed_in(source) is not None:
         from jounce.io.motions import tabular
 
+        if topic is not None:
+            raise JounceError(f"{PLACE}: topic is for bags of ROS, not for columns: leave it out")
         return tabular.of_arrays(_arrays(source), mechanism, highest, way, options, PLACE)
     if not isinstance(source, str | os.PathLike):
         known = f"a path, one of {', '.join(motions.BUNDLED)}, or named columns"
         raise JounceError(f"load_motion() expects {known}, got {type(source).__name__}")
     path = path_of(source)
-    if way != Smoothing() and motions.is_analytic(path):
-        given = {"degree": degree, "intervals": intervals, "bandwidth": bandwidth, "force": force or None}
-        name = next(name for name, value in given.items() if value is not None)
-        raise JounceError(f"{path}: {name} applies to samples; the terms of this motion are exact")
     return motions.read(path, mechanism, highest, way, options, topic)
 
 

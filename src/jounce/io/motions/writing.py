@@ -15,7 +15,7 @@ BREAK = "break"  # the column of breaks: the order of the derivative that jumps 
 
 def pieces(motion: Motion, joints: Sequence[str], order: int) -> Iterator[Columns]:
     """A motion at its times as ``NAME.q, NAME.qd, ...``, piece by piece, a table that is read as a motion again."""
-    breaks = motion.breaks_to(order)
+    breaks = [found for found in motion.breaks_to(order) if found.symbol == "q"]
     at, orders = np.array([found.t for found in breaks]), [found.order for found in breaks]
     for start in range(0, len(motion.times), PIECE):
         part = slice(start, start + PIECE)
