@@ -11,7 +11,7 @@ from jounce.cli import main
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted((ROOT / "src/jounce").rglob("*.py"))
-PAGES = [*ROOT.glob("*.md"), *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [*ROOT.glob("*.md"), *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "src/jounce").rglob("*.jinja"))]
 UNITS = "joint|body|row|state|quantity|coordinate|line|file|block"
 FORBIDDEN = re.compile(
     r"\b(is|are) none\b|\bis not one\b(?! of)|\bso many\b|\bwhere asked\b|\bbeside\b|\banew\b|\bof yours\b|, say\b"
@@ -20,9 +20,9 @@ FORBIDDEN = re.compile(
 
 
 def texts(path):
-    """The strings of a module, docstrings among them, or the lines of a page."""
+    """The strings of a module, docstrings among them, or the paragraphs of a page or template."""
     source = path.read_text(encoding="utf-8")
-    if path.suffix == ".md":
+    if path.suffix != ".py":
         return source.split("\n\n")
     return [
         node.value
