@@ -1,8 +1,10 @@
 """The facade: the one rule of rates, paths, batches, `out=`, and errors that say what came and what was expected."""
 
+import gc
 import inspect
 import pickle
 import sys
+import tracemalloc
 
 import numpy as np
 import pandas as pd
@@ -390,3 +392,22 @@ def test_public_names():
     assert robot.name == "iiwa14"
     assert set(jounce.__all__) >= {"load", "load_motion", "Robot", "inertia_matrix", "JounceError", "JounceWarning"}
     assert issubclass(jounce.JounceWarning, Warning)
+
+
+def test_robots_that_come_and_go_take_no_more_memory():
+    """What is kept of the last ones is bounded; native code, which is not counted here, goes with its robot."""
+
+    def in_use(masses):
+        for m1 in masses:
+            robot = jounce.load("planar2r", m1=m1)
+            robot.gravity_forces(np.zeros(2), method="recursion")
+            robot.mass_matrix(np.zeros(2), method="closed_form")
+        gc.collect()
+        return tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    try:
+        first, then = in_use(np.linspace(1, 2, 70)), in_use(np.linspace(3, 4, 20))
+    finally:
+        tracemalloc.stop()
+    assert then < 1.05 * first

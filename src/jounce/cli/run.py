@@ -41,7 +41,10 @@ or a YAML file with analytic terms for each joint, whose rates are exact:
     joint2: {polynomial: [0, 0.1, 0.2]}
 
 \b
-OUT contains t and NAME.Q, NAME.Qd, NAME.Q2d at full precision.
+OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all their digits; of smoothed
+samples NAME.Q_sd, ... too, their standard deviations. The largest values are
+printed with theirs (±); values that do not stand out of their band of 95 %,
+as at the ends of a fit, are no candidates.
 """
 
 
@@ -75,7 +78,7 @@ def run(
         raise JounceError(f"{output}: the output file is the input file; choose another path")
     arm = robot.load()
     path = motion.load(arm, order)
-    peaks = _write_forces(arm, path, order, method, with_rates, output)
+    peaks, spreads = _write_forces(arm, path, order, method, with_rates, output)
     breaks = force_breaks(arm, path, path.times, order, method)
     names = FORCES.names(order)
     summary = {
@@ -94,6 +97,10 @@ def run(
             joint: dict(zip(names, largest.tolist(), strict=True))
             for joint, largest in zip(arm.joint_names, peaks.T, strict=True)
         },
+        "deviations": {
+            joint: dict(zip(names, spread.tolist(), strict=True))
+            for joint, spread in zip(arm.joint_names, spreads.T, strict=True)
+        },
         "units": {
             joint: "N m" if unit == "rad" else "N"
             for joint, unit in zip(arm.joint_names, coordinate_units(arm.mechanism), strict=True)
@@ -104,20 +111,27 @@ def run(
 
 def _write_forces(
     robot: "Robot", motion: "Motion", order: int, method: str | None, with_rates: bool, output: Path
-) -> "np.ndarray":
-    """Write the forces and their rates along a motion piece by piece; return the largest of each, (.., n)."""
+) -> "tuple[np.ndarray, np.ndarray]":
+    """Write the forces and their rates along a motion, each piece when it is computed.
+
+    Returns the largest of them that stand out of their bands, (.., n), and their standard deviations.
+    """
     import numpy as np
 
     from jounce.dynamics.quantities import FORCES
     from jounce.io import tables
     from jounce.io.motions.writing import measured, named
+    from jounce.motion.bands import surest_peaks
     from jounce.robot.along import pieces_along
 
-    joints, peaks = robot.joint_names, np.zeros((order + 1, robot.n))
+    joints = robot.joint_names
+    peaks: list[tuple[np.ndarray, np.ndarray]] = []  # of each piece, with their deviations
 
     def pieces() -> "Iterator[Columns]":
         for piece in pieces_along(robot, motion, motion.times, order, method, show):
-            np.maximum(peaks, np.abs(piece.forces).max(axis=1), out=peaks)
+            forces = np.stack(piece.forces, axis=1)
+            spread = np.zeros_like(forces) if piece.deviations is None else np.stack(piece.deviations, axis=1)
+            peaks.append(surest_peaks(forces, spread))
             columns: Columns = {"t": piece.t}
             if with_rates:
                 columns |= named("q", joints, piece.rates, motion.deviations(piece.t, len(piece.rates) - 1))
@@ -126,7 +140,7 @@ def _write_forces(
 
     with progress("inverse dynamics") as show:
         tables.write_pieces(output, pieces())
-    return peaks
+    return surest_peaks(*map(np.stack, zip(*peaks, strict=True)))
 
 
 def _break(found: "ForceBreak", joints: Sequence[str], names: Sequence[str]) -> dict[str, Any]:
@@ -170,7 +184,11 @@ def _in_words(summary: dict[str, Any]) -> str:
     per = ["", " /s", *(f" /s^{k}" for k in range(2, len(names)))]
     rows = [("largest", "unit", *(f"|{name}|{unit}" for name, unit in zip(names, per, strict=False)))]
     for joint, peaks in summary["peaks"].items():
-        rows.append((joint, summary["units"][joint], *(f"{peaks[name]:.6g}" for name in names)))
+        spreads = summary["deviations"][joint]
+        cells = (
+            f"{peaks[name]:.6g}" + (f" ± {float(f'{spreads[name]:.2g}'):g}" if spreads[name] else "") for name in names
+        )
+        rows.append((joint, summary["units"][joint], *cells))
     kind = "at most {:.2g} from it" if summary["blend"] else "largest residual {:.2g}"
     residual = "" if summary["residual"] is None else f", {kind.format(summary['residual'])}"
     along = f"{shortened(summary['robot'])} along {summary['motion']}"

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.errors import JounceError
-from jounce.motion.choice import Choice, again, bounded, by_schwarz, choose, exact
+from jounce.motion.choice import Choice, again, bounded, by_schwarz, choose
 from jounce.motion.correction import colour, corrected
 from jounce.motion.deviations import Spread, stamp_covariances
 from jounce.motion.knots import most_intervals
@@ -90,14 +90,13 @@ def smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | Non
     chosen, samples, note = _without_outliers(samples, setting)
     notes += note
     if found:
-        raw = solve(stamped.rows(cells), chosen.solution.breaks)
+        rows = stamped.rows(cells)
+        raw = solve(rows, chosen.solution.breaks)
         samples, times = corrected(stamped, raw, cells, 2) or found
         sigma = colour(samples, stamped.t, raw, times.sigma) * times.sigma
-        left = stamp_covariances(stamped.rows(cells), raw, sigma, times.own)
+        left = stamp_covariances(rows, raw, sigma, times.own)
         chosen = again(samples.rows(cells), beats, chosen)
         notes += (f"time stamps scatter by {times.sigma:.2g} s; one shift per row, from all joints, corrects them",)
-    elif len(samples.t) >= LONG:
-        chosen = exact(rows_of(samples.t, samples.q, samples.weight, samples.span), chosen)
     solution = chosen.solution
     variance = chosen.variance * beats.inflation(solution.breaks, rests=True)
     spread = Spread(solution, variance, chosen.coarser.spline, chosen.ratio, left)
@@ -148,13 +147,22 @@ def _choice(samples: Samples, setting: Setting) -> Choice:
 def _without_outliers(samples: Samples, setting: Setting) -> tuple[Choice, Samples, tuple[str, ...]]:
     """The choice, once more where single rows lie far off, with less weight for these (Huber's)."""
     chosen = _choice(samples, setting)
-    left = np.abs(samples.q - chosen.solution.spline(samples.t))
-    scale = np.maximum(np.median(left, axis=0) / 0.6745, np.sqrt(chosen.variance) / 2)
-    far = (left / scale).max(axis=1) / OUTLIER
+    left = samples.q - chosen.solution.spline(samples.t)
+    scale = np.maximum(np.median(np.abs(left), axis=0) / 0.6745, np.sqrt(chosen.variance) / 2)
+    far = _far_alone(left / scale) / OUTLIER
     if not 0 < (far > 1).mean() < SEVERAL:
         return chosen, samples, ()
     samples = replace(samples, weight=samples.weight / np.sqrt(np.maximum(far, 1)))
     return _choice(samples, setting), samples, (f"{(far > 1).sum()} rows lie far from the others and count less",)
+
+
+def _far_alone(left: np.ndarray) -> np.ndarray:
+    """How far each row (N,) of residuals (N, n) is off, in some joint, and off what its neighbours are off."""
+    far = np.abs(left).max(axis=1)
+    [beyond] = np.nonzero(far > OUTLIER)
+    around = (beyond[:, None] + np.arange(-2, 3)).clip(0, len(left) - 1)
+    far[beyond] = np.abs(left[beyond] - np.median(left[around], axis=1)).max(axis=1)
+    return far
 
 
 def rounded(samples: Samples, first: Solution) -> bool:

@@ -30,6 +30,7 @@ def load_motion(
     force: bool = False,
     time: str | None = None,
     columns: str | None = None,
+    torques: str | None = None,
     angles: Angles | None = None,
     time_unit: TimeUnit | None = None,
     topic: str | None = None,
@@ -61,6 +62,9 @@ def load_motion(
         The column of times; by default t, else time or timestamp.
     columns : str, optional
         Pattern of the joints' columns: "q_{joint}", or in the robot's order "q{number}" from 1, "q[{index}]" from 0.
+    torques : str, optional
+        How the table calls measured torques, in the same way: "tau{number}"; by default ``tau_JOINT``, ``JOINT.tau``
+        and ``JOINT.effort`` are known.
     angles : {"rad", "deg"}, optional
         The unit of angles and their rates; a column may state its own, ``joint1 [deg]``.
     time_unit : {"s", "ms", "us", "ns"}, optional
@@ -98,7 +102,7 @@ def load_motion(
     from jounce.motion.spline import way_of
 
     mechanism, highest, way = robot.mechanism, checked_order(order) + 2, way_of(degree, intervals, bandwidth, force)
-    options = Options(time, columns, angles, time_unit)
+    options = Options(time, columns, angles, time_unit, torques)
     if topic is not None and not isinstance(topic, str):
         raise JounceError(f"topic is {quoted(topic)}; expected a text")
     if names.listed_in(source) is not None:

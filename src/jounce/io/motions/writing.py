@@ -24,6 +24,7 @@ def pieces(motion: Motion, joints: Sequence[str], order: int) -> Iterator[Column
         columns |= named("q", joints, motion(t, order), motion.deviations(t, order))
         if motion.samples is not None and len(motion.samples[0]) == len(motion.times):
             columns |= {f"{name}.q{SAMPLE}": motion.samples[1][part, j] for j, name in enumerate(joints)}
+        columns |= measured(motion, joints, t)
         if breaks:
             before = motion.times[max(start - 1, 0)]
             columns[BREAK] = _orders(at, orders, t, before)
