@@ -288,9 +288,9 @@ BAD_MOTIONS = {
     "order of text": (SAMPLES, {"order": "2"}, ["order is '2'; expected 0 to"]),
     "degree": (SAMPLES, {"degree": 6}, ["a spline of degree 6 is not supported; expected 5 or 7"]),
     "degree as a float": (SAMPLES, {"degree": 7.0}, ["a spline of degree 7.0 is not supported"]),
-    "intervals": (SAMPLES, {"intervals": 99}, ["99 intervals for 41 samples; expected 1 to 34"]),
-    "half an interval": (SAMPLES, {"intervals": 1.5}, ["1.5 intervals for 41 samples"]),
-    "fit of exact terms": ("paper", {"intervals": 4}, ["intervals is for samples"]),
+    "intervals": (SAMPLES, {"intervals": 99}, ["the motion: 99 intervals for 41 samples; expected 1 to 34"]),
+    "half an interval": (SAMPLES, {"intervals": 1.5}, ["the motion: 1.5 intervals for 41 samples"]),
+    "fit of exact terms": ("paper", {"intervals": 4}, ["intervals is for samples: leave it out"]),
 }  # fmt: skip
 
 

@@ -44,7 +44,8 @@ or a YAML file with analytic terms for each joint, whose rates are exact:
 OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all their digits; of smoothed
 samples NAME.Q_sd, ... too, their standard deviations. The largest values are
 printed with theirs (±); values that do not stand out of their band of 95 %,
-as at the ends of a fit, are no candidates.
+as at the ends of a fit, are no candidates. OUT has a column break, if Q or a
+rate of it jumps: the order of what jumps since the row before, else -1.
 """
 
 
@@ -78,8 +79,8 @@ def run(
         raise JounceError(f"{output}: the output file is the input file; choose another path")
     arm = robot.load()
     path = motion.load(arm, order)
-    peaks, spreads = _write_forces(arm, path, order, method, with_rates, output)
     breaks = force_breaks(arm, path, path.times, order, method)
+    peaks, spreads = _write_forces(arm, path, order, method, with_rates, breaks, output)
     names = FORCES.names(order)
     summary = {
         "robot": arm.name,
@@ -110,7 +111,13 @@ def run(
 
 
 def _write_forces(
-    robot: "Robot", motion: "Motion", order: int, method: str | None, with_rates: bool, output: Path
+    robot: "Robot",
+    motion: "Motion",
+    order: int,
+    method: str | None,
+    with_rates: bool,
+    breaks: "Sequence[ForceBreak]",
+    output: Path,
 ) -> "tuple[np.ndarray, np.ndarray]":
     """Write the forces and their rates along a motion, each piece when it is computed.
 
@@ -120,11 +127,12 @@ def _write_forces(
 
     from jounce.dynamics.quantities import FORCES
     from jounce.io import tables
-    from jounce.io.motions.writing import measured, named
+    from jounce.io.motions.writing import break_marks, measured, named
     from jounce.motion.bands import surest_peaks
     from jounce.robot.along import pieces_along
 
     joints = robot.joint_names
+    marks = [(found.t, max(found.order, 0)) for found in breaks]
     peaks: list[tuple[np.ndarray, np.ndarray]] = []  # of each piece, with their deviations
 
     def pieces() -> "Iterator[Columns]":
@@ -136,7 +144,7 @@ def _write_forces(
             if with_rates:
                 columns |= named("q", joints, piece.rates, motion.deviations(piece.t, len(piece.rates) - 1))
             columns |= named(FORCES.symbol, joints, piece.forces, piece.deviations)
-            yield columns | measured(motion, joints, piece.t)
+            yield columns | measured(motion, joints, piece.t) | break_marks(motion, marks, piece.t)
 
     with progress("inverse dynamics") as show:
         tables.write_pieces(output, pieces())
