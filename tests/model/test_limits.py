@@ -49,7 +49,7 @@ def test_limits_of_one_robot_may_be_given_to_another_and_are_copied_and_frozen()
 @pytest.mark.parametrize(
     ("limits", "words"),
     [
-        ({"lowr": [0]}, ["no limit 'lowr'; did you mean 'lower'", "lower, upper, velocity, effort"]),
+        ({"lowr": [0]}, ["unknown limit 'lowr'; did you mean 'lower'", "lower, upper, velocity, effort"]),
         ({"lower": [0, 0]}, ["lower has shape (2,); expected numbers (1,)"]),
         ({"upper": 1.0}, ["upper has shape ()"]),
         ({"upper": ["a"]}, ["upper holds text"]),

@@ -102,7 +102,6 @@ CASES: dict[str, Case] = {
     "Motion.wrench": (MOTION.wrench, {"t": [0.1, 0.2], "order": 2, "side": "left"}),
     "Motion.checked": (MOTION.checked, {"t": [0.1, 0.2]}),
     "Motion.deviations": (MOTION.deviations, {"t": [0.1, 0.2], "order": 2}),
-    "Motion.wrench_deviations": (MOTION.wrench_deviations, {"t": [0.1, 0.2], "order": 2}),
     "Motion.scaled": (MOTION.scaled, {"factor": 2.0}),
     "Motion.shifted": (MOTION.shifted, {"seconds": 2.0}),
     "Motion.with_step": (MOTION.with_step, {"step": 0.1}),

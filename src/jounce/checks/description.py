@@ -1,4 +1,4 @@
-"""What a robot is, as plain data: for `jounce info`, in words or JSON."""
+"""The description of a robot as plain data: for `jounce info`, as text or JSON."""
 
 import math
 from typing import Any

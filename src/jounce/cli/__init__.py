@@ -1,4 +1,4 @@
-"""The command `jounce`: one verb a file; what jounce raises becomes one line and exit code 2."""
+"""The command `jounce`, one subcommand per module; an error of jounce becomes one line and exit code 2."""
 
 import errno
 import sys
@@ -28,9 +28,9 @@ Example:
   jounce plot forces.csv -o forces.png
 
 \b
-Completion of verbs, options, robots, motions, in the start-up file of bash:
+Shell completion: for bash, add this line to its start-up file,
   eval "$(_JOUNCE_COMPLETE=bash_source jounce)"
-of zsh and fish: the same with zsh_source, fish_source.
+For zsh and fish, use zsh_source and fish_source instead.
 """
 
 
@@ -76,7 +76,7 @@ class _Verbs(click.Group):
             except JounceError as error:
                 raise _Refusal(str(error)) from error
             except MemoryError as error:
-                raise _Refusal(f"not enough memory: {one_line(error) or 'fewer states need less'}") from error
+                raise _Refusal(f"out of memory: {one_line(error) or 'use fewer states'}") from error
             except OSError as error:  # of the terminal, or a full disk behind it; click sees to a closed pipe
                 if error.errno == errno.EPIPE:
                     raise

@@ -18,15 +18,15 @@ Example:
 """
 
 
-@click.command(epilog=EPILOG, short_help="Bodies, joints and masses of a robot, and an audit.")
+@click.command(epilog=EPILOG, short_help="Show bodies, joints and masses of a robot, and audit its data.")
 @on_robot
-@click.option("--strict", is_flag=True, help="Exit with 1 where the audit found errors or warnings.")
+@click.option("--strict", is_flag=True, help="Exit with code 1 if the audit finds errors or warnings.")
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
 def info(robot: Asked, strict: bool, as_json: bool) -> None:
-    """Show the bodies, joints, limits and masses of ROBOT: a file or the name of a bundled one.
+    """Show the bodies, joints, limits and masses of ROBOT: a file or the name of a bundled robot.
 
-    An audit of the data ends it: errors, which no body can have or which leave the mass matrix singular; warnings,
-    which are more likely a mistake than not; and notes, which are good to know.
+    Ends with a data audit: errors (physically impossible data, or a singular mass matrix), warnings (possible, but
+    probably a mistake) and notes.
     """
     from jounce.checks.description import describe
 

@@ -30,11 +30,11 @@ Example, the robot and the motion of the paper:
 \b
 MOTION is a table with a column t and, matched by joint name in any order,
   either one column per joint    samples; rates come from a spline
-  or NAME.q, NAME.qd, NAME.q2d,  used as they are; order 2 takes q to q4d,
-     NAME.q3d, NAME.q4d          order 0 q to q2d
-and, if wrenches act, BODY.mx .. BODY.fz: what the body exerts, in its own
-  axes, as samples or with rates BODY.fxd, BODY.fx2d ...
-or a YAML file with analytic terms per joint, whose rates are exact:
+  or NAME.q, NAME.qd, NAME.q2d,  used unchanged; order 2 needs q to q4d,
+     NAME.q3d, NAME.q4d          order 0 needs q to q2d
+and, if wrenches act, BODY.mx .. BODY.fz: the wrench that the body exerts, in
+  its own axes, as samples or with rates BODY.fxd, BODY.fx2d ...
+or a YAML file with analytic terms for each joint, whose rates are exact:
   time: {start: 0, stop: 5, count: 1001}
   joints:
     joint1: {offset: 0.5, cosines: [{amplitude: 1, frequency: 2, phase: 0}]}
@@ -49,13 +49,15 @@ rate of it jumps: the order of what jumps since the row before, else -1.
 """
 
 
-@click.command(epilog=EPILOG, short_help="Q, Qd, Q2d along a motion, from table to table.")
+@click.command(epilog=EPILOG, short_help="Compute Q, Qd, Q2d along a motion and write them as a table.")
 @on_robot
 @of_motion
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Table to write: .csv or .npz.")
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Output table: .csv or .npz.")
 @click.option("--order", default=2, show_default=True, type=click.IntRange(0), help="Highest time derivative of Q.")
-@click.option("--rates", "with_rates", is_flag=True, help="Write q, qd, ... as well.")
-@click.option("--method", default=None, help="kernel (native code, the default), recursion, closed_form or paper.")
+@click.option("--rates", "with_rates", is_flag=True, help="Write q, qd, ... too.")
+@click.option(
+    "--method", default=None, help="Method: kernel (native code, the default), recursion, closed_form or paper."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(
     robot: Asked,
@@ -66,7 +68,7 @@ def run(
     method: str | None,
     as_json: bool,
 ) -> None:
-    """Compute Q, Qd, Q2d along MOTION for ROBOT, a file or the name of a bundled one."""
+    """Compute Q, Qd, Q2d along MOTION for ROBOT, a file or the name of a bundled robot."""
     from jounce.dynamics.quantities import FORCES
     from jounce.io import tables
     from jounce.model.coordinates import coordinate_units
@@ -74,7 +76,7 @@ def run(
 
     tables.check_writable(output)
     if output.resolve() == motion.path.resolve():
-        raise JounceError(f"{output}: is the motion itself; expected another file to write into")
+        raise JounceError(f"{output}: the output file is the input file; choose another path")
     arm = robot.load()
     path = motion.load(arm, order)
     breaks = force_breaks(arm, path, path.times, order, method)
@@ -150,7 +152,7 @@ def _write_forces(
 
 
 def _break(found: "ForceBreak", joints: Sequence[str], names: Sequence[str]) -> dict[str, Any]:
-    """A break as plain data: which rate of Q jumps and by how much, and which rates of which joints do it."""
+    """Return a break as plain data: the rate of Q that jumps, by how much, and the joints and rates that cause it."""
     from jounce.spatial.series import rate_name
 
     causes = {cause.joint: {"rate": rate_name(cause.symbol, cause.order), "by": cause.jump} for cause in found.causes}
@@ -165,7 +167,7 @@ def _break(found: "ForceBreak", joints: Sequence[str], names: Sequence[str]) -> 
 
 
 def _breaks_in_words(breaks: Sequence[dict[str, Any]]) -> list[str]:
-    """The first breaks, a line each, and how many there are."""
+    """Describe the first breaks, one per line, and the number of all."""
     lines = []
     for found in breaks[:SHOWN]:
         joints: dict[str, list[str]] = {}

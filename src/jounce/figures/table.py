@@ -55,7 +55,7 @@ def run_of(
 def rows_between(
     columns: Mapping[str, np.ndarray], place: str, between: tuple[float, float] | None
 ) -> Mapping[str, np.ndarray]:
-    """The rows of a table between two times, both included; all of them if there are none.
+    """The rows of a table between two times, both included; all of them if no time is given.
 
     Raises
     ------
@@ -85,10 +85,10 @@ def _found(
     if not found:
         cure = f"of samples `jounce motion ROBOT {place} -o OUT` makes a table to be drawn"
         raise JounceError(
-            f"{place}: no columns NAME.Q, NAME.Qd, ... or NAME.q, NAME.qd, ...; it has: {listed(columns)}; {cure}"
+            f"{place}: no columns NAME.Q, NAME.Qd, ... or NAME.q, NAME.qd, ...; available: {listed(columns)}; {cure}"
         )
     if "t" not in columns:
-        raise JounceError(f"{place}: {no_such('column', 't', columns)}")
+        raise JounceError(f"{place}: no column 't'; available: {listed(columns)}")
     return found, beside
 
 

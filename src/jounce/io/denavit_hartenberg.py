@@ -1,4 +1,4 @@
-"""Denavit-Hartenberg tables in YAML or JSON: every row says which number is which.
+"""Denavit-Hartenberg tables in YAML or JSON: every row names its parameters.
 
 name: arm
 units: SI                       # m, kg, s
@@ -25,7 +25,7 @@ from jounce.model.drives import UNDRIVEN
 from jounce.model.mechanism import GRAVITY, UNLIMITED, Mechanism
 
 ANGLES = {"rad": 1.0, "deg": math.pi / 180}
-ROW = ("name", "body", "type", "limits", "drive", "inertia")  # keys of a row beside its four parameters
+ROW = ("name", "body", "type", "limits", "drive", "inertia")  # keys of a row besides its four parameters
 ANGULAR = ("lower", "upper", "velocity", "rest", "eps")  # what is an angle, or the rate of one, where a joint turns
 
 
@@ -63,7 +63,7 @@ def read(robot: Entry, gravity: object = None) -> Mechanism:
 
 
 def _choice(entry: Entry, key: str, known: Collection[str]) -> str:
-    """The text under a key, one of those known."""
+    """Return the string under a key, one of those known."""
     given = entry.get(key)
     if given.text() not in known:
         raise JounceError(f"{given.place}: {no_such(given.what, given.value, known)}")
@@ -71,7 +71,7 @@ def _choice(entry: Entry, key: str, known: Collection[str]) -> str:
 
 
 def _names(rows: list[Entry], key: str, stem: str) -> list[str]:
-    """What rows are called under a key, by their number where they leave it out; all different."""
+    """Return the names of rows under a key, by default numbered; all are different."""
     names: list[str] = []
     for i, row in enumerate(rows, start=1):
         given = row.get(key, f"{stem}{i}")

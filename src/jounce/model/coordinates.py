@@ -33,7 +33,7 @@ def generalized_matrix(mechanism: Mechanism, M: T) -> T:
 
 
 def leading_joints(mechanism: Mechanism) -> list[int]:
-    """The joint that each coordinate of a mechanism of numbers is: that of its name, else the first that follows it."""
+    """Return for each coordinate the joint with its name, or the first joint that follows it."""
     places = {joint: i for i, joint in enumerate(mechanism.joints)}
     return [
         places[name] if name in places else int(np.flatnonzero(column)[0])

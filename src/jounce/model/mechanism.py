@@ -49,7 +49,7 @@ class Limits:
 
 
 def limit_error(lower: float, upper: float, velocity: float, effort: float) -> str | None:
-    """What keeps four numbers from being the limits of a joint variable, or None."""
+    """Return why four numbers are not valid limits of a joint variable, or None if they are."""
     if not (-np.inf <= lower <= upper <= np.inf) or lower == np.inf or upper == -np.inf:
         return f"lower and upper limit are {lower:g} and {upper:g}; expected lower <= upper"
     for name, x in (("velocity", velocity), ("effort", effort)):
@@ -188,17 +188,17 @@ class Mechanism:
 
 @lru_cache(maxsize=64)
 def with_exact_integers(mechanism: Mechanism) -> Mechanism:
-    """The same mechanism to calculate with symbols: whole numbers are integers, so that they leave no 1.0 behind."""
-    return _converted(mechanism, exact_integers)
+    """Convert integer-valued floats to ints, so that symbolic results show L, not 1.0*L."""
+    return _convert(mechanism, exact_integers)
 
 
 @lru_cache(maxsize=64)
 def with_extended_precision(mechanism: Mechanism) -> Mechanism:
-    """The same mechanism to calculate with long doubles: what is derived from its data is not rounded to doubles."""
-    return _converted(mechanism, lambda array: array.astype(np.longdouble))
+    """Convert the data to long doubles, so that quantities derived from them are not rounded to doubles."""
+    return _convert(mechanism, lambda array: array.astype(np.longdouble))
 
 
-def _converted(mechanism: Mechanism, convert: Callable[[Array], Array]) -> Mechanism:
+def _convert(mechanism: Mechanism, convert: Callable[[Array], Array]) -> Mechanism:
     data: dict[str, Any] = {name: convert(getattr(mechanism, name)) for name in DATA}
     frames = tuple(replace(frame, T=convert(frame.T)) for frame in mechanism.frames)
     drives = Drives(**{name: convert(array) for name, array in vars(mechanism.drives).items()})
@@ -206,7 +206,7 @@ def _converted(mechanism: Mechanism, convert: Callable[[Array], Array]) -> Mecha
 
 
 def cast_model(mechanism: Mechanism, arrays: Sequence[Array]) -> Mechanism:
-    """The mechanism with data of the kind that states and wrenches of these scalar types go with."""
+    """Convert the data to the scalar type of states and wrenches."""
     if any(map(is_symbolic, arrays)):
         return with_exact_integers(mechanism)
     if any(is_numeric(x) and x.dtype == np.longdouble for x in arrays):
@@ -223,7 +223,7 @@ def ancestors(mechanism: Mechanism) -> np.ndarray:
 
 
 def path_to(mechanism: Mechanism, body: int) -> list[int]:
-    """The bodies on the way from the ground to a body, itself the last; none for the ground, -1."""
+    """Return the bodies on the path from the ground to a body, the body last; none for the ground, -1."""
     path: list[int] = []
     while body >= 0:
         path.insert(0, body)

@@ -1,4 +1,4 @@
-"""Mechanisms from screw data, body-fixed or spatial: every array is checked here, at the door, and nowhere else."""
+"""Mechanisms from screw data, body-fixed or spatial: every array is checked here, and nowhere else."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -85,7 +85,7 @@ def spatial_screws(mechanism: Mechanism) -> tuple[Array, Array]:
 
 
 def _data(x: Array, label: str) -> np.ndarray:
-    """A copy of the caller's array; data are concrete, however a state is traced."""
+    """Return a copy of the caller's array; a robot's data must be concrete, even if states are traced."""
     array = asarray(x, label)
     if is_symbolic(array) and any(
         type(x).__module__.startswith("casadi") and type(x).__name__ == "MX" for x in array.flat
@@ -94,9 +94,9 @@ def _data(x: Array, label: str) -> np.ndarray:
         raise JounceError(f"{label} holds a CasADi MX; a robot's data may be SX: {cure}")
     try:
         return np.array(array if isinstance(array, np.ndarray) else np.asarray(array, dtype=np.float64))
-    except Exception as error:  # a tracer of JAX, say
+    except Exception as error:  # such as a tracer of JAX
         raise JounceError(
-            f"{label} is not concrete: {shortened(one_line(error))}; states may be traced, data not"
+            f"{label} is not concrete: {shortened(one_line(error))}; a state may be traced, the robot's data may not"
         ) from None
 
 
@@ -116,11 +116,11 @@ def _check_shapes(data: Mapping[str, np.ndarray], nb: int) -> None:
             raise JounceError(f"{label}{at} is {array[tuple(at)]}; expected finite numbers")
     for j, column in enumerate(data["G"].T):
         if is_numeric(column) and not column.any():
-            raise JounceError(f"G[:, {j}] is zero; expected a joint that moves with each coordinate")
+            raise JounceError(f"G[:, {j}] is zero; every coordinate must move a joint")
 
 
 def exact_pose(T: np.ndarray, label: str) -> np.ndarray:
-    """A pose, checked, its rotation made orthonormal to the last digit by a Newton step of the polar decomposition."""
+    """Check a pose, and make its rotation orthonormal to rounding by a Newton step of the polar decomposition."""
     if not is_numeric(T):
         return T
     R = T[:3, :3]
@@ -132,7 +132,7 @@ def exact_pose(T: np.ndarray, label: str) -> np.ndarray:
 
 
 def exact_screw(X: np.ndarray, label: str) -> np.ndarray:
-    """A unit screw, checked, its length made 1 to the last digit."""
+    """Check a unit screw, and make its length 1 to rounding."""
     if not is_numeric(X):
         return X
     length = np.linalg.norm(X[:3]) or np.linalg.norm(X[3:])
@@ -142,19 +142,19 @@ def exact_screw(X: np.ndarray, label: str) -> np.ndarray:
 
 
 def exact_inertia(M: np.ndarray, label: str) -> np.ndarray:
-    """An inertia matrix, checked, its form exact: one mass, one first moment, one symmetric tensor."""
+    """Check an inertia matrix, and make its form exact: one mass, one first moment, one symmetric tensor."""
     if not is_numeric(M):
         return M
     error = inertia.form_error(M)
     if error:
         raise JounceError(f"{label} {error}; an inertia matrix is [[Theta, m c~], [-m c~, m I]]")
-    return inertia.formed(M)
+    return inertia.restore_form(M)
 
 
 def _of_joints(
     given: object, free: Mapping[str, float], error_of: Callable[..., str | None], nb: int, what: str
 ) -> dict[str, np.ndarray]:
-    """Numbers of the joint variables by name, as stated or free."""
+    """Return arrays of numbers of the joint variables by name: those stated, defaults for the others."""
     stated = vars(given) if isinstance(given, Limits | Drives) else {} if given is None else given
     if not isinstance(stated, Mapping):
         raise JounceError(f"{what}s is of type {type(given).__name__}; expected a mapping of {', '.join(free)}")
@@ -164,7 +164,7 @@ def _of_joints(
     arrays = {key: _data(array, key) for key, array in (whole | dict(stated)).items()}
     for key, array in arrays.items():
         if array.shape != (nb,) or not is_numeric(array):
-            raise JounceError(f"{what}s: {key} has shape {array.shape}; expected numbers ({nb},), one a joint")
+            raise JounceError(f"{what}s: {key} has shape {array.shape}; expected numbers ({nb},), one per joint")
     for i in range(nb):
         error = error_of(**{key: array[i] for key, array in arrays.items()})
         if error:

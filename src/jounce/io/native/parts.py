@@ -1,4 +1,4 @@
-"""What a robot file says of one body: its pose, joint screw, limits and inertia, each in a form for people or exact."""
+"""One body in a robot file: its pose, joint screw, limits and inertia, each in a readable or an exact form."""
 
 import numpy as np
 

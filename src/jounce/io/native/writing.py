@@ -1,4 +1,4 @@
-"""Writing robot files of jounce's own format: the form that people read wherever it reads back to the same bits."""
+"""Writing robot files of jounce's own format: the readable form if it restores the same bits, else the exact one."""
 
 import json
 import math
@@ -37,7 +37,7 @@ def as_json(mechanism: Mechanism) -> str:
 
 
 def document(mechanism: Mechanism) -> dict[str, Any]:
-    """What a file says of a mechanism of numbers, in plain data."""
+    """Return the content of the file of a mechanism of numbers, as plain data."""
     _check(mechanism)
     names = {-1: GROUND, **dict(enumerate(mechanism.bodies))}
     joints = [_joint(mechanism, i) for i in range(mechanism.nb)]
@@ -56,13 +56,13 @@ def _check(mechanism: Mechanism) -> None:
     robot = f"robot {quoted(mechanism.name)}"
     symbolic = [name for name in DATA if is_symbolic(getattr(mechanism, name))]
     if symbolic:
-        raise JounceError(f"{robot} holds symbols in {', '.join(symbolic)}; a file holds numbers")
+        raise JounceError(f"{robot} contains symbols in {', '.join(symbolic)}; a robot file needs numbers")
     for name in DATA:
         array = getattr(mechanism, name)
         if np.any(array.astype(float) != array):
-            raise JounceError(f"{name} of {robot} has more digits than a file holds; expected doubles")
+            raise JounceError(f"{name} of {robot} has more digits than a double; a robot file holds doubles")
     if GROUND in mechanism.bodies:
-        raise JounceError(f"a body is called {GROUND!r}, which in a file is what bodies stand on; give it another name")
+        raise JounceError(f"a body is named {GROUND!r}, which denotes the ground in a file; rename the body")
 
 
 def _plain(x: Any) -> Any:

@@ -9,21 +9,21 @@ from jounce.model import tree
 from jounce.models.mujoco.arrays import Arrays
 from jounce.spatial import lie
 
-FREE = {0: "floating", 1: "spherical"}  # by MuJoCo's types of joints
+FREE_JOINTS = {0: "floating", 1: "spherical"}  # by MuJoCo's types of joints
 SLIDE = 2
 AT_A_JOINT = (0, 1)  # transmissions of actuators: in a joint's frame or its parent's, the same for one axis
 
 
 def moves_along_one_screw(m: Arrays, j: int) -> bool:
     """Whether a joint is a hinge or a slide."""
-    return int(m.of["jnt_type"][j]) not in FREE
+    return int(m.of["jnt_type"][j]) not in FREE_JOINTS
 
 
 def joint(m: Arrays, j: int, parent: str, child: str, B: np.ndarray, mimic: tree.Mimic | None) -> tree.Joint:
     """A joint between two links; B is the child's pose where the joint variable is `qpos0`."""
     name, kind = m.joints[j], int(m.of["jnt_type"][j])
-    if kind in FREE:
-        return tree.Joint(name, parent, child, B, None, None, {}, {}, m.place, free=FREE[kind])
+    if kind in FREE_JOINTS:
+        return tree.Joint(name, parent, child, B, None, None, {}, {}, m.place, free=FREE_JOINTS[kind])
     X, start = _screw(m, j), m.of["qpos0"][m.of["jnt_qposadr"][j]]
     B = B @ lie.exp(X, -start[None, None]) if start else B
     return tree.Joint(name, parent, child, B, X, mimic, _limits(m, j), _drive(m, j), m.place)
@@ -47,7 +47,7 @@ def _limits(m: Arrays, j: int) -> dict[str, float]:
 
 
 def _drive(m: Arrays, j: int) -> dict[str, float]:
-    """What the joint states, and the actuators' armature and damping through the square of the gear."""
+    """Return the drive of a joint, with the actuators' armature and damping times the gear squared."""
     dof, gears = m.of["jnt_dofadr"][j], _squared_gears(m, j)
     stated = {
         "armature": m.of["dof_armature"][dof] + np.sum(gears * m.of["actuator_armature"]),
