@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     from jounce.io.motions.loading import load_motion
     from jounce.io.saving import save
     from jounce.model.drives import Drives
-    from jounce.model.mechanism import Limits, Mechanism
+    from jounce.model.limits import Limits
+    from jounce.model.mechanism import Mechanism
     from jounce.motion import Motion
     from jounce.native.kernel import Kernel
     from jounce.robot import Robot
@@ -46,7 +47,7 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "JounceError": "jounce.errors",
     "JounceWarning": "jounce.errors",
     "Kernel": "jounce.native.kernel",
-    "Limits": "jounce.model.mechanism",
+    "Limits": "jounce.model.limits",
     "Mechanism": "jounce.model.mechanism",
     "Motion": "jounce.motion",
     "Robot": "jounce.robot",

@@ -15,6 +15,7 @@ from hostile import HOSTILE
 import jounce
 from jounce import JounceError
 from jounce.dynamics.quantities import QUANTITIES
+from jounce.model.limits import KEYS
 
 URDF = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -139,7 +140,7 @@ CASES: dict[str, Case] = {
         {"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3},
     ),
     "from_screws": (jounce.Robot.from_screws, {"B": B, "X": X, "M": M, **TREE}),
-    "limits": (lambda **limits: screws(limits=limits), dict.fromkeys(("lower", "upper", "velocity", "effort"), (1, 1))),
+    "limits": (lambda **limits: screws(limits=limits), dict.fromkeys(KEYS, (1, 1))),
     "drives": (
         lambda **drives: screws(drives=drives),
         dict.fromkeys(("armature", "damping", "friction", "eps", "stiffness", "rest"), (1, 1)),

@@ -13,6 +13,7 @@ from jounce._typing import (
     Form,
     Frame,
     JointType,
+    LimitValues,
     LoadFrame,
     Method,
     Named,
@@ -22,11 +23,13 @@ from jounce._typing import (
     Results,
 )
 from jounce.arguments import requests
+from jounce.arguments.limits import with_limits
 from jounce.errors import JounceError, one_of
 from jounce.model import dh, equality, screws
 from jounce.model.drives import Drives, chosen, with_eps
+from jounce.model.limits import Limits
 from jounce.model.locking import locked
-from jounce.model.mechanism import GRAVITY, Limits, Mechanism
+from jounce.model.mechanism import GRAVITY, Mechanism
 from jounce.native.kernel import Kernel
 from jounce.robot import dispatch, overloads
 from jounce.robot.dispatch import compute
@@ -113,7 +116,7 @@ class Robot:
 
     @property
     def limits(self) -> Limits:
-        """The limits of the nb joint variables: `lower`, `upper`, `velocity`, `effort`, (nb,) each, SI units.
+        """The limits of the nb joint variables and of their forces, SI units, see `Limits`; `with_limits` sets them.
 
         A limit that is not stated is infinite. Limits do not enter Q.
         """
@@ -171,7 +174,8 @@ class Robot:
         G, g : (nb, n) and (nb,), optional
             Constants of joints that follow others; theta = q by default.
         limits : mapping, optional
-            `lower`, `upper`, `velocity`, `effort` of theta, (nb,) each; infinite where left out.
+            `lower`, `upper`, `velocity`, `effort`, ... of theta, (nb,) each, or (nb, 2) for (lower, upper); infinite
+            where left out, see `Limits`.
         drives : mapping, optional
             `armature`, `damping`, `friction`, `eps`, `stiffness`, `rest` of theta, (nb,) each; zero (eps 0.05) where
             left out, see `with_drives`.
@@ -463,6 +467,62 @@ class Robot:
         """
         drives = self.drives if eps is None else with_eps(self.drives, eps)
         return type(self)(replace(self.mechanism, acting=chosen(terms), drives=drives))
+
+    def with_limits(
+        self,
+        *,
+        lower: LimitValues = None,
+        upper: LimitValues = None,
+        velocity: LimitValues = None,
+        acceleration: LimitValues = None,
+        jerk: LimitValues = None,
+        snap: LimitValues = None,
+        effort: LimitValues = None,
+        effort_rate: LimitValues = None,
+        second_effort_rate: LimitValues = None,
+        power: LimitValues = None,
+        of: str | Mapping[str, str] | None = None,
+    ) -> Self:
+        """The robot with some of its limits replaced: bounds of q to q4d, of Q, Qd, Q2d and of the power qd Q.
+
+        Each is one number for all coordinates, an array (n,), or a mapping {joint: number}; except `lower` and `upper`,
+        which bound the position, a limit has two sides where (lower, upper) stands in place of a number, (n, 2) in
+        place of (n,). Infinity takes a limit away. What is left out keeps its limits.
+
+        Parameters
+        ----------
+        lower, upper, velocity, acceleration, jerk, snap : number, array or mapping, optional
+            Bounds of q, qd, q2d, q3d, q4d: rad or m, per s, ...
+        effort, effort_rate, second_effort_rate : number, array or mapping, optional
+            Bounds of Q, Qd, Q2d: N m or N, per s, per s^2.
+        power : number, array or mapping, optional
+            Bound of qd Q, W.
+        of : str or mapping, optional
+            Which force the effort limits given here bound, with its rates: "Q", the default, or "Q - Qgrav"; a mapping
+            {"effort_rate": "Q - Qgrav"} says it of some.
+
+        Returns
+        -------
+        Robot
+
+        Raises
+        ------
+        JounceError
+            If a joint or a kind is unknown, a lower limit is above the upper one, or a number is negative.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("iiwa14").with_limits(effort=[320, 320, 176, 176, 110, 40, 40], velocity={"joint1": 2})
+        >>> robot.limits.velocity[:2]
+        array([ 2., inf])
+        """
+        given = {
+            "lower": lower, "upper": upper, "velocity": velocity, "acceleration": acceleration, "jerk": jerk,
+            "snap": snap, "effort": effort, "effort_rate": effort_rate, "second_effort_rate": second_effort_rate,
+            "power": power,
+        }  # fmt: skip
+        return type(self)(with_limits(self.mechanism, given, of))
 
     def locked(self, values: Mapping[str, float]) -> Self:
         """The robot with some joints held still: their bodies merge into those that carry them.
