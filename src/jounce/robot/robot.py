@@ -37,6 +37,7 @@ from jounce.robot.overloads import typed
 
 if TYPE_CHECKING:
     from jounce.audit import Finding
+    from jounce.limits.check import Check
     from jounce.motion import Motion
     from jounce.robot.along import Along
 
@@ -742,6 +743,40 @@ class Robot:
         from jounce.robot.along import forces_along  # what few programs need
 
         return forces_along(self, motion, t, order, method, progress)
+
+    def check(self, motion: "Motion") -> "Check":
+        """Check a motion against every limit of the robot, between samples too.
+
+        Between samples quintic polynomials through q, qd, ... and Q, Qd, Q2d find the peaks, which are then evaluated
+        exactly. At a break of the motion both sides are checked; where a lower rate jumps, the value is infinite.
+
+        Parameters
+        ----------
+        motion : Motion
+            As for `forces_along`; with wrenches, these act.
+
+        Returns
+        -------
+        Check
+            `ok`, the `worst` limit, and the `table` of all with worst value, ratio, time, margin and violations.
+
+        Raises
+        ------
+        JounceError
+            If the robot has no limits, the motion is not one of its joints, or a rate that a limit needs is not known.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("planar2r").with_limits(effort=[40, 9], velocity=1)
+        >>> motion = jounce.Motion.trapezoidal([[0, 0], [1, 1]], 0.5, 2.0)
+        >>> found = robot.check(motion)
+        >>> found.ok, found.worst.joint, found.worst.limit, round(found.worst.ratio, 4)
+        (False, 'joint2', 'effort', 1.5344)
+        """
+        from jounce.limits.check import check  # what few programs need
+
+        return check(self, motion)
 
     @typed(overloads.OfPosition[Array])
     def mass_matrix(
