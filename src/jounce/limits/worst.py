@@ -34,6 +34,11 @@ class Worst:
 
     def take(self, pieces: Pieces) -> None:
         """Look at pieces of the motion, which follow those taken before."""
+        peaks = self.take_worst(pieces)
+        self._add_spans(pieces, peaks)
+
+    def take_worst(self, pieces: Pieces) -> Peaks:
+        """Look at pieces of the motion for the worst values alone; returns the peaks between the ends of pieces."""
         for kind in self.b.kinds:
             for t, values in zip((pieces.start, pieces.stop), pieces.values(kind), strict=True):
                 self.largest[kind] = np.maximum(self.largest[kind], np.abs(values).max(axis=0))
@@ -43,7 +48,7 @@ class Worst:
         peaks = peaks_of(self.b, pieces, self._floor)
         for kind, joint, sign, t, value in zip(*peaks, strict=True):
             self._update(str(kind), int(sign), np.array([joint]), np.array([t]), np.array([sign * value]))
-        self._add_spans(pieces, peaks)
+        return peaks
 
     def take_jumps(self, breaks: Sequence[ForceBreak]) -> None:
         """Count jumps of a lower rate as infinite values: of motions, and of forces at their breaks."""

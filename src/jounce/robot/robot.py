@@ -38,6 +38,7 @@ from jounce.robot.overloads import typed
 if TYPE_CHECKING:
     from jounce.audit import Finding
     from jounce.limits.check import Check
+    from jounce.limits.slowdown import Slowdown
     from jounce.motion import Motion
     from jounce.robot.along import Along
 
@@ -777,6 +778,42 @@ class Robot:
         from jounce.limits.check import check  # what few programs need
 
         return check(self, motion)
+
+    def slowdown(self, motion: "Motion") -> "Slowdown":
+        """The largest factor of speed at which a motion keeps every limit, and so does every slower one.
+
+        ``q_c(t) = q(c t)`` takes ``Q_c = S + c V + c^2 D``: static, viscous and inertial forces. Every limit is a
+        polynomial inequality in c at each time; between samples the factor is refined by exact evaluation. Wrenches
+        given over time go with the path. Coulomb friction is no polynomial; with it, factors are tried one by one.
+
+        Parameters
+        ----------
+        motion : Motion
+            As for `forces_along`.
+
+        Returns
+        -------
+        Slowdown
+            The `factor`, what it is `binding` on: (joint, limit, time), the `motion` at this factor, and the `largest`
+            feasible factor at all.
+
+        Raises
+        ------
+        JounceError
+            If no factor helps: a position beyond its limit, a static torque above its limit, a break where a lower
+            rate of a limited quantity jumps; if nothing limits the speed; and as `check` does.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("planar2r").with_limits(effort=[60, 15])
+        >>> slow = robot.slowdown(jounce.Motion.trapezoidal([[0, 0], [1, 1]], 2.0, 10.0))
+        >>> round(slow.factor, 4), slow.binding.joint, slow.binding.limit
+        (0.6964, 'joint1', 'effort')
+        """
+        from jounce.limits.slowdown import slowdown  # what few programs need
+
+        return slowdown(self, motion)
 
     @typed(overloads.OfPosition[Array])
     def mass_matrix(
