@@ -7,7 +7,7 @@ import numpy as np
 
 from jounce._scalars import asarray, is_numeric
 from jounce.errors import JounceError, one_of, quoted
-from jounce.model.coordinates import leading_joints
+from jounce.model.coordinates import joint_places, leading_joints
 from jounce.model.limits import EFFORT_KINDS, FORCES, KEYS, Limits, Stated, limits_with
 from jounce.model.mechanism import Mechanism
 
@@ -26,9 +26,8 @@ def with_limits(mechanism: Mechanism, given: Mapping[str, object], of: object = 
 def _by_joint(mechanism: Mechanism, key: str, given: object) -> dict[int, Stated]:
     """What is given for a kind of limit, by the index of the joint variable."""
     leaders = leading_joints(mechanism)
-    places = dict(zip(mechanism.joints, range(mechanism.nb), strict=True))
-    places |= dict(zip(mechanism.coordinates, leaders, strict=True))
     if isinstance(given, Mapping):
+        places = joint_places(mechanism)
         return {places[one_of("joint", name, places)]: _number(key, value, name) for name, value in given.items()}
     numbers = np.asarray(asarray(given, key))
     pairs = key not in ("lower", "upper")

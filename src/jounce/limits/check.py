@@ -146,7 +146,7 @@ def _table(b: Bounded, worst: Worst) -> tuple[CheckedLimit, ...]:
                 margin=sign * (bound - value),
                 t=float(worst.t[kind, sign][j]),
                 deviation=None,
-                violations=tuple(sorted(worst.spans[kind, j])),
+                violations=tuple(sorted(worst.spans[kind, 1][j] + worst.spans[kind, -1][j])),
             ))  # fmt: skip
     return _with_deviations(b, worst, rows)
 
@@ -181,7 +181,8 @@ def notes_of(b: Bounded, breaks: tuple[ForceBreak, ...]) -> tuple[str, ...]:
     missed = [found for found in breaks if found.order < max((DERIVATIVE[kind] for kind in rates), default=0)]
     if missed:
         first = missed[0]
-        names = listed([str(cause.joint) for cause in first.causes])
+        joints = b.robot.joint_names
+        names = listed([joints[j] if isinstance(j := cause.joint, int) else j for cause in first.causes])
         more = f" (and at {len(missed) - 1} more times)" if len(missed) > 1 else ""
         jumps = rate_name("Q", max(first.order, 0)) if first.order >= 0 else "qd"
         limits = " and ".join(kind.replace("_", " ") for kind in rates if DERIVATIVE[kind] > first.order)

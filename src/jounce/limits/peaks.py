@@ -10,7 +10,7 @@ from jounce.limits.bounded import DERIVATIVE, Bounded
 from jounce.limits.pieces import Pieces, hull
 
 GRID = 17  # values of a polynomial on its piece, between which a peak is bracketed
-FLAT = 1e-12  # of the values of a polynomial: smaller differences are rounding
+FLAT = 1e-12  # of the values of a polynomial: lower peaks are rounding, and its ends as high
 STEPS = 60  # of a search: far more than it takes
 NARROW = 1e-9  # of the bracket: closer a peak cannot be told from its neighbours
 EXACT = 1e-15
@@ -38,16 +38,15 @@ def peaks_of(b: Bounded, pieces: Pieces, floor: Callable[[str, int], np.ndarray]
             i, j = np.nonzero((sign * bernstein).max(axis=0) > least)
             if not i.size:
                 continue
-            y = sign * _on_grid(c[:, i, j], u)
-            flat = FLAT * np.abs(y).max(axis=0)  # lower peaks are rounding, and the ends as high
-            inner = (y[1:-1] >= y[:-2]) & (y[1:-1] >= y[2:]) & (y[1:-1] > np.minimum(y[:-2], y[2:]) + flat)
-            inner &= y[1:-1] > least[j]
+            near = c[:, i, j]
+            y, slope = (sign * _on_grid(x, u) for x in (near, near[:-1] * np.arange(len(c) - 1, 0, -1)[:, None]))
+            inner = (slope[:-1] > 0) & (slope[1:] <= 0) & (np.maximum(y[:-1], y[1:]) > least[j])
+            inner &= (slope[:-1] - slope[1:]) / GRID > FLAT * np.abs(y).max(axis=0)
             at, which = np.nonzero(inner)
             start, width = pieces.start[i[which]], pieces.width[i[which], 0]
+            low, high = (u[at_end.clip(0, GRID - 1)] * width + start for at_end in (at - 1, at + 2))
             count = len(which)
-            found.append((
-                np.full(count, kind), j[which], np.full(count, sign), start + u[at] * width, start + u[at + 2] * width,
-            ))  # fmt: skip
+            found.append((np.full(count, kind), j[which], np.full(count, sign), low, high))
     if not found:
         return _placed(b, np.array([], dtype=str), *(np.array([], dtype=int),) * 2, *(np.array([]),) * 2)
     return _placed(b, *(np.concatenate(column) for column in zip(*found, strict=True)))

@@ -30,7 +30,7 @@ class Worst:
         self.value = {side: np.full(n, -np.inf) for side in sides}
         self.t = {side: np.full(n, b.motion.start) for side in sides}
         self.largest = {kind: np.zeros(n) for kind in b.kinds}
-        self.spans: dict[tuple[str, int], list[Span]] = {(kind, j): [] for kind in b.kinds for j in range(n)}
+        self.spans: dict[tuple[str, int], list[list[Span]]] = {side: [[] for _ in range(n)] for side in sides}
 
     def take(self, pieces: Pieces) -> None:
         """Look at pieces of the motion, which follow those taken before."""
@@ -71,7 +71,7 @@ class Worst:
             if np.isfinite(self.scales[kind].bound(sign)[j]) and self.value[kind, sign][j] < np.inf:
                 self._update(kind, sign, np.array([j]), np.array([t]), np.array([np.inf]))
             if np.isfinite(self.scales[kind].bound(sign)[j]):
-                self.spans[kind, j].append((t, t))
+                self.spans[kind, sign][j].append((t, t))
 
     def _update(self, kind: str, sign: int, joint: np.ndarray, t: np.ndarray, value: np.ndarray) -> None:
         better = value > self.value[kind, sign][joint]
@@ -114,7 +114,7 @@ class Worst:
         if inner.any():
             ends[inner] = root(beyond, low[inner], high[inner])
         for crossing, mine in zip(crossings, np.split(ends, np.cumsum(counts)[:-1]), strict=True):
-            self._extend(crossing.kind, crossing.joint, mine.tolist())
+            _extend(self.spans[crossing.kind, crossing.sign][crossing.joint], mine.tolist())
 
     def _crossing(self, pieces: Pieces, peaks: Peaks, kind: str, sign: int, j: int) -> "_Crossing":
         """Between which times a value passes its bound; where it begins or ends beyond it, and at jumps, that time."""
@@ -129,12 +129,13 @@ class Worst:
         edges = np.array([*first, *np.column_stack([t[passes], t[passes + 1]]), *last]).reshape(-1, 2)
         return _Crossing(kind, j, sign, float(self.scales[kind].bound(sign)[j]), edges)
 
-    def _extend(self, kind: str, j: int, ends: list[float]) -> None:
-        spans = self.spans[kind, j]
-        for start, stop in zip(ends[::2], ends[1::2], strict=True):
-            if spans and spans[-1][1] == start:
-                start = spans.pop()[0]
-            spans.append((start, stop))
+
+def _extend(spans: list[Span], ends: list[float]) -> None:
+    """Add the spans between pairs of ends; one that begins where the last one ends continues it."""
+    for start, stop in zip(ends[::2], ends[1::2], strict=True):
+        if spans and spans[-1][1] == start:
+            start = spans.pop()[0]
+        spans.append((start, stop))
 
 
 class _Crossing(NamedTuple):

@@ -41,6 +41,12 @@ def leading_joints(mechanism: Mechanism) -> list[int]:
     ]
 
 
+def joint_places(mechanism: Mechanism) -> dict[str, int]:
+    """The joint variable that each name of a joint, or else of a coordinate, belongs to."""
+    leaders = dict(zip(mechanism.coordinates, leading_joints(mechanism), strict=True))
+    return leaders | {joint: i for i, joint in enumerate(mechanism.joints)}
+
+
 def coordinate_units(mechanism: Mechanism) -> list[str]:
     """rad or m: the unit of each coordinate."""
     return ["rad" if np.any(X[:3]) else "m" for X in mechanism.X[leading_joints(mechanism)]]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from os import PathLike
 from typing import TYPE_CHECKING, Any, Self
 
 from jounce._typing import (
@@ -472,6 +473,8 @@ class Robot:
 
     def with_limits(
         self,
+        source: "str | PathLike[str] | Limits | None" = None,
+        /,
         *,
         lower: LimitValues = None,
         upper: LimitValues = None,
@@ -487,12 +490,17 @@ class Robot:
     ) -> Self:
         """The robot with some of its limits replaced: bounds of q to q4d, of Q, Qd, Q2d and of the power qd Q.
 
-        Each is one number for all coordinates, an array (n,), or a mapping {joint: number}; except `lower` and `upper`,
-        which bound the position, a limit has two sides where (lower, upper) stands in place of a number, (n, 2) in
-        place of (n,). Infinity takes a limit away. What is left out keeps its limits.
+        They come from a file, from the published table of an arm, or as numbers, which come last: one number for all
+        coordinates, an array (n,), or a mapping {joint: number}. Except `lower` and `upper`, which bound the position,
+        a limit has two sides where (lower, upper) stands in place of a number, (n, 2) in place of (n,). Infinity takes
+        a limit away. What is left out keeps its limits.
 
         Parameters
         ----------
+        source : str, path or Limits, optional
+            A YAML or JSON file of limits, MoveIt's joint_limits.yaml among them; the name of an arm whose limits are
+            published: "panda", "fr3", "ur3e", "ur5", "ur5e", "ur10e", "iiwa7", "iiwa14", "xarm6", "xarm7", for joints
+            with its names behind any prefix; or the limits of a robot with the same joints.
         lower, upper, velocity, acceleration, jerk, snap : number, array or mapping, optional
             Bounds of q, qd, q2d, q3d, q4d: rad or m, per s, ...
         effort, effort_rate, second_effort_rate : number, array or mapping, optional
@@ -510,11 +518,19 @@ class Robot:
         Raises
         ------
         JounceError
-            If a joint or a kind is unknown, a lower limit is above the upper one, or a number is negative.
+            If a joint, a kind or the name of an arm is unknown, a file cannot be read, a lower limit is above the upper
+            one, or a number is negative.
+
+        Warns
+        -----
+        JounceWarning
+            If a file of MoveIt states limits of joints that the robot does not have.
 
         Examples
         --------
         >>> import jounce
+        >>> jounce.load("panda").with_limits("panda").limits.jerk[:3]
+        array([7500., 3750., 5000.])
         >>> robot = jounce.load("iiwa14").with_limits(effort=[320, 320, 176, 176, 110, 40, 40], velocity={"joint1": 2})
         >>> robot.limits.velocity[:2]
         array([ 2., inf])
@@ -524,7 +540,12 @@ class Robot:
             "snap": snap, "effort": effort, "effort_rate": effort_rate, "second_effort_rate": second_effort_rate,
             "power": power,
         }  # fmt: skip
-        return type(self)(with_limits(self.mechanism, given, of))
+        from jounce.io.limits.reading import limits_from  # what few programs need
+
+        mechanism = self.mechanism
+        if source is not None:
+            mechanism = replace(mechanism, limits=limits_from(mechanism, source))
+        return type(self)(with_limits(mechanism, given, of))
 
     def locked(self, values: Mapping[str, float]) -> Self:
         """The robot with some joints held still: their bodies merge into those that carry them.

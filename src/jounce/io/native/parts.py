@@ -77,7 +77,12 @@ def along(kind: str, axis: np.ndarray, point: np.ndarray, pitch: float) -> np.nd
 
 def limits(joint: Entry) -> dict[str, Stated]:
     """The limits that are stated of a joint variable: a number for both directions, or [lower, upper]."""
-    entry = joint.get("limits", {}).keys((), KEYS)
+    return stated_limits(joint, joint.get("limits", {}))
+
+
+def stated_limits(joint: Entry, entry: Entry) -> dict[str, Stated]:
+    """The limits of a joint that stand in an entry, checked."""
+    entry.keys((), KEYS)
     stated = {key: _bound(key, value) for key, value in entry.members().items()}
     error = limit_error(**stated)
     if error:
