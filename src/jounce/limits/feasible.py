@@ -3,7 +3,7 @@
 import numpy as np
 
 from jounce.errors import JounceError, quoted
-from jounce.limits.bounded import Bounded, Side
+from jounce.limits.bounded import Bounded
 from jounce.limits.pieces import pieces_of
 from jounce.limits.ratios import Scale, scale_of
 from jounce.limits.scaling import Polynomials, polynomials, positive_roots
@@ -31,20 +31,24 @@ class Feasible:
         self.joint = np.empty(0, dtype=int)
         self.states: list[Polynomials] = []  # polynomials by kind
         right, left = states_of(b)
-        stride = max(1, len(right) // SUBSET)
-        self.add(right[::stride])
-        self.add(np.delete(right, np.s_[::stride]))
-        self.add(left, "left")
+        of_right, of_left = polynomials(b, right), polynomials(b, left, "left")
+        times = np.concatenate([right, left])
+        states = {kind: np.concatenate([c, of_left[kind]], axis=1) for kind, c in of_right.items()}
+        refuse_static(b, states, times)
+        stride = max(1, len(times) // SUBSET)
+        for some in (np.s_[::stride], np.flatnonzero(np.arange(len(times)) % stride)):  # the first bound the others
+            self._take({kind: c[:, some] for kind, c in states.items()}, times[some])
 
-    def add(self, t: np.ndarray, side: Side = "right") -> None:
+    def add(self, t: np.ndarray) -> None:
         """Add the states at some times, (N,)."""
-        if not t.size:
-            return
-        found = polynomials(self.b, t, side)
+        found = polynomials(self.b, t)
         refuse_static(self.b, found, t)
-        self.states.append(found)
+        self._take(found, t)
+
+    def _take(self, states: Polynomials, t: np.ndarray) -> None:
+        self.states.append(states)
         highest = self.ceiling
-        for kind, c in found.items():
+        for kind, c in states.items():
             if kind == "position":
                 continue
             for sign in SIGNS:
