@@ -89,6 +89,14 @@ def bounded(robot: "Robot", motion: object) -> Bounded:
     return Bounded(robot, path, limits, kinds)
 
 
+def order_needed(robot: "Robot") -> int:
+    """The highest rate of Q that a motion must carry for the limits of a robot: q to q2d for 0, q to q4d for 2."""
+    limits = coordinate_limits(robot.mechanism)
+    kinds = [kind for kind in KINDS if np.isfinite(limits.bounds(kind)).any()]
+    motion = [MOTION_KINDS.index(kind) - FIRST for kind in kinds if kind in MOTION_KINDS]
+    return max([0, *motion, *(DERIVATIVE[kind] for kind in kinds if kind in DERIVATIVE)])
+
+
 def forces_of(robot: "Robot", rates: "tuple[np.ndarray, ...]", wrench: object, order: int) -> list[np.ndarray]:
     """Q and its rates up to an order."""
     return _tuple(compute(robot, FORCES.name, rates[: order + FIRST + 1], wrench=wrench))
