@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from jounce.io.loading import load
     from jounce.io.motions.loading import load_motion
     from jounce.io.saving import save
+    from jounce.limits.check import Check, CheckedLimit
+    from jounce.limits.slowdown import Slowdown
     from jounce.model.drives import Drives
     from jounce.model.limits import Limits
     from jounce.model.mechanism import Mechanism
@@ -24,6 +26,8 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Along",
+    "Check",
+    "CheckedLimit",
     "Drives",
     "JounceError",
     "JounceWarning",
@@ -32,6 +36,7 @@ __all__ = [
     "Mechanism",
     "Motion",
     "Robot",
+    "Slowdown",
     "__version__",
     "casadi_function",
     "codegen",
@@ -43,6 +48,8 @@ __all__ = [
 ]
 _LATER = {  # what is imported when it is first asked for, so that whatever needs little of it starts at once
     "Along": "jounce.robot.along",
+    "Check": "jounce.limits.check",
+    "CheckedLimit": "jounce.limits.check",
     "Drives": "jounce.model.drives",
     "JounceError": "jounce.errors",
     "JounceWarning": "jounce.errors",
@@ -51,6 +58,7 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "Mechanism": "jounce.model.mechanism",
     "Motion": "jounce.motion",
     "Robot": "jounce.robot",
+    "Slowdown": "jounce.limits.slowdown",
     "casadi_function": "jounce._casadi",
     "codegen": "jounce._codegen",
     "inertia_matrix": "jounce.spatial.inertia",

@@ -1,6 +1,7 @@
 """`jounce run`: the drive forces and their rates along a motion, from table to table."""
 
 from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from jounce.io.columns import Columns
+    from jounce.limits.samples import Sample
     from jounce.motion import Motion
     from jounce.robot import Robot
     from jounce.robot.along import ForceBreak
@@ -73,7 +75,7 @@ def run(
         raise JounceError(f"{output}: is the motion itself; expected another file to write into")
     arm = robot.load()
     path = motion.load(arm, order)
-    peaks = _write_forces(arm, path, order, method, with_rates, output)
+    peaks, worst = _write_forces(arm, path, order, method, with_rates, output)
     breaks = force_breaks(arm, path, path.times, order, method)
     names = FORCES.names(order)
     summary = {
@@ -87,6 +89,7 @@ def run(
         "states": len(path.times),
         "t": [float(path.times[0]), float(path.times[-1])],
         "order": order,
+        "broken_limit": _limit(worst, arm.joint_names),
         "breaks": [_break(found, arm.joint_names, names) for found in breaks],
         "peaks": {
             joint: dict(zip(names, largest.tolist(), strict=True))
@@ -102,20 +105,25 @@ def run(
 
 def _write_forces(
     robot: "Robot", motion: "Motion", order: int, method: str | None, with_rates: bool, output: Path
-) -> "np.ndarray":
-    """Write the forces and their rates along a motion, each piece when it is computed; the largest of them, (.., n)."""
+) -> "tuple[np.ndarray, Sample | None]":
+    """Write the forces along a motion with their rates, piece by piece; the largest (.., n), and the worst limit."""
     import numpy as np
 
     from jounce.dynamics.quantities import FORCES
     from jounce.io import tables
     from jounce.io.motions.writing import measured, named
+    from jounce.limits.samples import worst_sample
+    from jounce.model.coordinates import coordinate_limits
     from jounce.robot.along import pieces_along
 
     joints, peaks = robot.joint_names, np.zeros((order + 1, robot.n))
+    limits = coordinate_limits(robot.mechanism)
+    samples: list[Sample | None] = []
 
     def pieces() -> "Iterator[Columns]":
         for piece in pieces_along(robot, motion, motion.times, order, method, show):
             np.maximum(peaks, np.abs(piece.forces).max(axis=1), out=peaks)
+            samples.append(worst_sample(limits, piece.t, piece.rates, piece.forces))
             columns: Columns = {"t": piece.t}
             if with_rates:
                 columns |= named("q", joints, piece.rates, motion.deviations(piece.t, len(piece.rates) - 1))
@@ -124,7 +132,15 @@ def _write_forces(
 
     with progress("inverse dynamics") as show:
         tables.write_pieces(output, pieces())
-    return peaks
+    return peaks, max((sample for sample in samples if sample is not None), default=None)
+
+
+def _limit(worst: "Sample | None", joints: Sequence[str]) -> dict[str, Any] | None:
+    """The limit that is broken most at the samples, as plain data."""
+    if worst is None or worst.ratio <= 1:
+        return None
+    ratio = worst.ratio if isfinite(worst.ratio) else None
+    return {"joint": joints[worst.joint], "limit": worst.kind, "t": worst.t, "ratio": ratio}
 
 
 def _break(found: "ForceBreak", joints: Sequence[str], names: Sequence[str]) -> dict[str, Any]:
@@ -161,6 +177,14 @@ def _breaks_in_words(breaks: Sequence[dict[str, Any]]) -> list[str]:
     )
 
 
+def _limit_in_words(found: dict[str, Any] | None) -> list[str]:
+    if found is None:
+        return []
+    ratio = "infinitely" if found["ratio"] is None else f"{found['ratio']:.4g} times"
+    came = f"{found['limit'].replace('_', ' ')} of {found['joint']} at t = {found['t']:.6g} s"
+    return [f"limit broken: {came} is {ratio} its limit; jounce check tells of all limits"]
+
+
 def _in_words(summary: dict[str, Any]) -> str:
     first, last = summary["t"]
     names = list(next(iter(summary["peaks"].values())))
@@ -176,6 +200,7 @@ def _in_words(summary: dict[str, Any]) -> str:
         summary["source"] + residual,
         *summary["notes"],
         *_breaks_in_words(summary["breaks"]),
+        *_limit_in_words(summary["broken_limit"]),
         f"{', '.join(names)} written to {summary['output']}",
         "",
         *straight_columns(rows),

@@ -11,7 +11,7 @@ from jounce.figures.curves import drawn_points
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LIMIT = {"color": "#d55e00", "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 0.8}
+LIMIT = {"color": "#b00020", "linewidth": 0.9, "linestyle": "solid", "zorder": 0.8}
 HIGHEST = 50.0  # a ratio beyond it is cut: the curves below it would be flat
 
 

@@ -25,6 +25,9 @@ Stated = float | Sequence[float]  # one number for both directions, or (lower, u
 class Limits:
     """The limits of the joint variables and of their forces, infinite where none is stated. They do not enter Q.
 
+    They are kept per joint variable. Of joints that follow others, the motion is limited, but the effort is not: what
+    they exert adds to the force of their leader, and only its limit has a meaning.
+
     Each attribute is the bound in the positive direction; the other one is its negative, unless the limit is two-sided:
     `bounds` gives both.
 
