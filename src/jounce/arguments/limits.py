@@ -52,7 +52,9 @@ def _number(key: str, given: object, joint: object) -> Stated:
 def _forces(limits: Limits, stated: Mapping[str, object], of: object) -> tuple[str, ...]:
     """Those effort limits that bound Q - Qgrav, after a change of some."""
     efforts = [key for key in stated if key in EFFORT_KINDS]
-    said: Mapping[str, object] = of if isinstance(of, Mapping) else dict.fromkeys(efforts, of or FORCES[0])
+    said: Mapping[str, object] = (
+        of if isinstance(of, Mapping) else dict.fromkeys(efforts, FORCES[0] if of is None else of)
+    )
     if of is not None and not said:
         raise JounceError(
             f"of={quoted(of)} says which force effort limits bound; expected one of {', '.join(EFFORT_KINDS)}"
