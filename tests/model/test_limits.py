@@ -243,3 +243,19 @@ def test_limits_of_all_kinds_come_back_from_a_file(tmp_path, suffix):
     jounce.save(robot, path)
     assert jounce.load(path) == robot
     assert jounce.load(path).limits.of("effort_rate") == "Q - Qgrav"
+
+
+@pytest.mark.parametrize(
+    ("actuators", "expected"),
+    [
+        ("<motor joint='j' gear='2' forcerange='-10 20'/>", [-20, 40]),
+        ("<motor joint='j' gear='-2' forcerange='-10 20'/><motor joint='j' forcerange='-1 1'/>", [-41, 21]),
+        ("<motor joint='j' forcerange='-10 20'/><motor joint='j'/>", [-np.inf, np.inf]),
+        ("", [-np.inf, np.inf]),
+    ],
+)
+def test_forces_of_actuators_bound_the_effort(tmp_path, actuators, expected):
+    body = "<body name='b'><joint name='j'/><geom size='1'/></body>"
+    path = tmp_path / "arm.xml"
+    path.write_text(f"<mujoco><worldbody>{body}</worldbody><actuator>{actuators}</actuator></mujoco>")
+    assert jounce.load(path).limits.bounds("effort")[:, 0].tolist() == expected

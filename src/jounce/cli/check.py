@@ -17,8 +17,8 @@ SHOWN = 20  # limits in words
 
 EPILOG = """\b
 Example:
-  jounce check iiwa14 paper --limits iiwa14
-  jounce check iiwa14 paper --limits iiwa14 -o ratio.svg
+  jounce slowdown iiwa14 paper --limits iiwa14 --step 0.02 -o slower.csv
+  jounce check iiwa14 slower.csv --limits iiwa14 -o ratio.svg
 
 \b
 Values between samples count. The exit code is 1 where a limit is broken.

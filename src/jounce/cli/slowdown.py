@@ -13,7 +13,7 @@ from jounce.errors import JounceError, shortened
 
 EPILOG = """\b
 Example:
-  jounce slowdown iiwa14 paper --limits iiwa14 -o slower.csv
+  jounce slowdown iiwa14 paper --limits iiwa14 --step 0.02 -o slower.csv
   jounce check iiwa14 slower.csv --limits iiwa14
 
 \b

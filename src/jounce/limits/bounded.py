@@ -47,6 +47,7 @@ class Bounded:
         needed = max((DERIVATIVE.get(kind, 0) for kind in self.kinds if kind not in MOTION_KINDS), default=0)
         return SMOOTH if known is None else max(needed, min(SMOOTH, known - FIRST))
 
+    @property
     def rate_order(self) -> int:
         """The highest rate of q that is used."""
         known = self.motion.curve.highest
@@ -57,7 +58,7 @@ class Bounded:
 
     def series(self, t: np.ndarray, side: Side = "right") -> Series:
         """The quantities that are bounded, with derivatives, at times (N,)."""
-        rates = self.motion(t, self.rate_order(), side)
+        rates = self.motion(t, self.rate_order, side)
         found = {kind: list(rates[k : k + SMOOTH + 1]) for k, kind in enumerate(MOTION_KINDS) if kind in self.kinds}
         if not self.forces:
             return found

@@ -89,7 +89,7 @@ class Check:
     >>> motion = jounce.Motion.trapezoidal([home, [q + 0.5 for q in home]], 1.0, 5.0)
     >>> found = robot.check(motion)
     >>> found.ok, found.worst.joint, found.worst.limit
-    (True, 'panda_joint2', 'effort')
+    (True, 'panda_joint4', 'position')
     """
 
     table: tuple[CheckedLimit, ...]
@@ -154,7 +154,7 @@ def _table(b: Bounded, worst: Worst) -> tuple[CheckedLimit, ...]:
 def _with_deviations(b: Bounded, worst: Worst, rows: list[CheckedLimit]) -> tuple[CheckedLimit, ...]:
     """The rows with standard deviations of their ratios, where the motion has those of its rates."""
     t = np.array([row.t for row in rows])
-    motion = b.motion.deviations(t, b.rate_order())
+    motion = b.motion.deviations(t, b.rate_order)
     if motion is None:
         return tuple(rows)
     rates = b.motion(t, 1)

@@ -159,5 +159,5 @@ def states_of(b: Bounded) -> tuple[np.ndarray, np.ndarray]:
         starts.append(pieces.start)
         stops.append(pieces.stop)
     right, ends = np.concatenate(starts), np.concatenate(stops)
-    breaks = [found.t for found in b.motion.breaks_to(b.rate_order())]
+    breaks = [found.t for found in b.motion.breaks_to(b.rate_order)]
     return right, np.append(ends[np.isin(ends, breaks)], ends[-1])

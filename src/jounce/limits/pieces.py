@@ -71,7 +71,7 @@ def pieces_of(b: Bounded) -> Iterator[Pieces]:
 
 def knots_of(b: Bounded) -> tuple[np.ndarray, np.ndarray]:
     """The times of a motion and of its breaks, and which of them are breaks."""
-    motion, order = b.motion, b.rate_order()
+    motion, order = b.motion, b.rate_order
     breaks = [found.t for found in motion.breaks_to(order)]
     for curve in motion.loads.values():
         known = curve.highest

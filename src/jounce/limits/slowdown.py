@@ -56,7 +56,7 @@ class Slowdown:
     >>> motion = jounce.Motion.trapezoidal([[0, 0], [1, 1]], 2.0, 10.0)
     >>> slow = robot.slowdown(motion)
     >>> slow.binding.joint, round(slow.factor, 4), round(robot.check(slow.motion).worst.ratio, 9)
-    ('joint1', 0.6964, 1.0)
+    ('joint2', 0.4159, 1.0)
     """
 
     factor: float

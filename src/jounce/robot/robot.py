@@ -794,7 +794,7 @@ class Robot:
         >>> motion = jounce.Motion.trapezoidal([[0, 0], [1, 1]], 0.5, 2.0)
         >>> found = robot.check(motion)
         >>> found.ok, found.worst.joint, found.worst.limit, round(found.worst.ratio, 4)
-        (False, 'joint2', 'effort', 1.5344)
+        (False, 'joint2', 'effort', 1.7567)
         """
         from jounce.limits.check import check  # what few programs need
 
@@ -830,7 +830,7 @@ class Robot:
         >>> robot = jounce.load("planar2r").with_limits(effort=[60, 15])
         >>> slow = robot.slowdown(jounce.Motion.trapezoidal([[0, 0], [1, 1]], 2.0, 10.0))
         >>> round(slow.factor, 4), slow.binding.joint, slow.binding.limit
-        (0.6964, 'joint1', 'effort')
+        (0.4159, 'joint2', 'effort')
         """
         from jounce.limits.slowdown import slowdown  # what few programs need
 
