@@ -122,6 +122,15 @@ def test_where_acceleration_jumps_no_torque_rate_is_met(panda):
     assert panda.check(motion.blended(0.05)).notes == ()
 
 
+def test_where_velocity_jumps_no_torque_is_met():
+    corner = jounce.Motion.polynomial([[0, 1], [0, 1]], 1.0) + jounce.Motion.polynomial([[1, 2], [1, 1]], 1.0)
+    for bounds in ([[-999, np.inf]] * 2, [[-np.inf, 999]] * 2):
+        found = jounce.load("planar2r").with_limits(effort=bounds).check(corner)
+        assert (found.worst.ratio, found.worst.t, found.breaks[0].order) == (np.inf, 1.0, -1)
+    found = jounce.load("planar2r").with_limits(acceleration={"joint1": 9}).check(corner)
+    assert (found.worst.value, found.worst.joint, found.breaks) == (np.inf, "joint1", ())
+
+
 def test_two_sided_limits_and_ranges_away_from_zero():
     robot = jounce.load("planar2r").with_limits(
         lower=[1, -np.inf], upper=[3, 2.5], effort=[[-50, 10], [-3, 100]], velocity=[[-0.1, 5], [-5, 5]]

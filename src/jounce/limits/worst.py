@@ -59,19 +59,19 @@ class Worst:
             for kind in MOTION_KINDS[found.order + 1 :]:
                 self._jump(kind, j, found.t, found.jump)
         for met in breaks:
-            jump = np.ones(len(names)) if met.jump is None else met.jump
-            for kind in (*EFFORT_KINDS, "power"):
-                if met.order < DERIVATIVE.get(kind, 0):
-                    for i in np.flatnonzero(np.abs(jump) > ROUNDING * np.abs(jump).max()):
-                        self._jump(kind, int(i), met.t, float(jump[i]))
+            unknown = [-np.ones(len(names)), np.ones(len(names))]  # of forces where q or qd jumps: an impulse
+            for jump in unknown if met.jump is None else [met.jump]:
+                for i in np.flatnonzero(np.abs(jump) > ROUNDING * np.abs(jump).max()):
+                    for kind in (*EFFORT_KINDS, "power"):
+                        if met.order < DERIVATIVE.get(kind, 0):
+                            self._jump(kind, int(i), met.t, float(jump[i]))
 
     def _jump(self, kind: str, j: int, t: float, jump: float) -> None:
-        if kind in self.b.kinds:
-            sign = 1 if jump > 0 else -1
-            if np.isfinite(self.scales[kind].bound(sign)[j]) and self.value[kind, sign][j] < np.inf:
-                self._update(kind, sign, np.array([j]), np.array([t]), np.array([np.inf]))
-            if np.isfinite(self.scales[kind].bound(sign)[j]):
-                self.spans[kind, sign][j].append((t, t))
+        """Count a jump of the rate below a kind as an infinite value of it."""
+        sign = 1 if jump > 0 else -1
+        if kind in self.b.kinds and np.isfinite(self.scales[kind].bound(sign)[j]):
+            self._update(kind, sign, np.array([j]), np.array([t]), np.array([np.inf]))
+            self.spans[kind, sign][j].append((t, t))
 
     def _update(self, kind: str, sign: int, joint: np.ndarray, t: np.ndarray, value: np.ndarray) -> None:
         better = value > self.value[kind, sign][joint]
