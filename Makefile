@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 
 demo: $(VENV)/installed
 	mkdir -p build
-	$(BIN)/python examples/panda_motion.py build/panda_motion.csv
+	$(BIN)/python examples/02_motion_between_postures.py build/panda_motion.csv
 	$(BIN)/jounce info examples/panda.urdf
 	$(BIN)/jounce run examples/panda.urdf build/panda_motion.csv -o build/panda_forces.csv
 	$(BIN)/jounce plot build/panda_forces.csv -o build/panda_forces.png

@@ -1,19 +1,36 @@
 """The figures of a run as pictures."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from benchmarks import chains, forces
 from benchmarks.bound import floor, programs
 from benchmarks.results import BEST, Run
-from jounce.figures.canvas import INK, PALE, legend_above, line_style, painted
+from jounce.figures.canvas import COLOURS, INK, legend_above, line_style, painted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+# What is jounce's own and what is not, told apart in colour and without: by hatches, dashes and hollow marks.
+BARS: Mapping[bool, Any] = {
+    True: {"facecolor": COLOURS[0], "edgecolor": COLOURS[0], "label": "jounce"},
+    False: {"facecolor": "#fbe3d2", "edgecolor": COLOURS[1], "hatch": "////", "label": "others"},
+}
+LINES: Mapping[bool, Any] = {
+    True: {"linestyle": "solid"},
+    False: {"linestyle": (0, (4, 2)), "markerfacecolor": "white"},
+}
+MARKS = "osD^vP*X"
 
 
 def pictures(run: Run) -> dict[str, "Figure"]:
     """All of them by the names of their files."""
     return {"paths": _paths(run), "orders": _orders(run), "chains": _chains(run)}
+
+
+def is_ours(name: object) -> bool:
+    """Whether a path is jounce's own, generated code included."""
+    return str(name).startswith("jounce")
 
 
 def _paths(run: Run) -> "Figure":
@@ -24,9 +41,10 @@ def _paths(run: Run) -> "Figure":
 
     def paint(figure: "Figure") -> None:
         axes = figure.subplots()
-        names = [str(name) for name, _ in rows]
-        colours = [line_style(0)["color"] if name.startswith("jounce: ") else PALE for name in names]
-        axes.barh(names, [time for _, time in rows], color=colours, height=0.65)
+        for ours, style in BARS.items():
+            times = [time if is_ours(name) == ours else 0 for name, time in rows]
+            axes.barh(range(len(rows)), times, height=0.65, linewidth=0.8, **style)
+        axes.set_yticks(range(len(rows)), [str(name) for name, _ in rows])
         for i, (_, time) in enumerate(rows):
             axes.annotate(f"{time:,.0f}", (time, i), xytext=(3, 0), textcoords="offset points", va="center")
         axes.axvline(least, color=INK, linestyle=(0, (3, 1.2)))
@@ -37,6 +55,7 @@ def _paths(run: Run) -> "Figure":
         axes.set_xlim(min(least, *found.values()) / 2, 3 * max(found.values()))
         axes.grid(visible=False, axis="y")
         axes.set_xlabel("Q, Qd, Q2d of the iiwa, ns per state in batches of 1,000, one thread")
+        axes.legend(loc="upper right")
 
     return painted(paint, 9, 0.9 + 0.28 * len(rows))
 
@@ -47,7 +66,10 @@ def _orders(run: Run) -> "Figure":
     kept = {name: found for name, found in curves.items() if sum(t is not None for _, t in found) > 2}
     kept = {name: found for name, found in kept.items() if name == BEST or not name.startswith("jounce: kernel")}
     least = [1e9 * floor(programs(k)[1], run.peaks) for k in forces.ORDERS]
-    entries = {name: {"marker": "o", "ms": 3.5, **line_style(i)} for i, name in enumerate(kept)}
+    entries = {
+        name: {"marker": MARKS[i % len(MARKS)], "ms": 4.5, "color": COLOURS[i % len(COLOURS)], **LINES[is_ours(name)]}
+        for i, name in enumerate(kept)
+    }
     below = {"color": INK, "linewidth": 2}
 
     def paint(figure: "Figure") -> None:
@@ -58,7 +80,7 @@ def _orders(run: Run) -> "Figure":
         axes.set_xticks(forces.ORDERS)
         axes.set_xlabel("order: the highest rate of Q")
         axes.set_ylabel("ns per state")
-        legend_above(figure, entries | {"bound": below}, columns=2)
+        legend_above(figure, entries | {"bound": below}, columns=2, title="solid: jounce; dashed, hollow: others")
 
     return painted(paint, 9, 4.2)
 

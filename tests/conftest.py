@@ -1,6 +1,11 @@
 """Property tests run the same examples everywhere, however slow the machine."""
 
+import ctypes
+import gc
+import mmap
 import os
+import sys
+from pathlib import Path
 from random import SystemRandom
 
 import pytest
@@ -10,6 +15,10 @@ os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")  # every function i
 
 # data, generated tests in Python among them; programs for type checkers
 collect_ignore = ["golden", "types/mistakes.py", "types/right.py"]
+
+STATM, PAGE = Path("/proc/self/statm"), mmap.PAGESIZE
+GROWTH = 100  # MiB
+left = 0.0  # MiB of this process when it was tidied last
 
 settings.register_profile("jounce", deadline=None, max_examples=40, derandomize=True)
 settings.load_profile("jounce")
@@ -37,6 +46,26 @@ def _own_cache(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("JOUNCE_CACHE_DIR", str(tmp_path_factory.mktemp("kernels")))
         yield
+
+
+def resident():
+    """The memory of this process in MiB; 0 where Linux does not tell."""
+    pages = STATM.read_text().split()[1] if STATM.exists() else 0
+    return int(pages) * PAGE / 2**20
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown():
+    """Free what JAX compiled, cycles and free pages where tests leave much of it: a worker would grow to gigabytes."""
+    global left
+    if resident() < left + GROWTH:
+        return
+    if jax := sys.modules.get("jax"):
+        jax.clear_caches()
+    gc.collect()
+    if trim := getattr(ctypes.CDLL(None), "malloc_trim", None):  # of glibc alone
+        trim(0)
+    left = resident()
 
 
 def pytest_terminal_summary(terminalreporter):

@@ -1,28 +1,43 @@
-"""Labels of equations: ``### (Adot) ...`` heads the entry of an equation; every ``(Adot)`` elsewhere leads there."""
+"""Labels of equations: ``### (Adot) ...`` heads the entry of an equation; every ``(Adot)`` elsewhere leads there.
 
+Headings show the number that the paper prints beside the equation, and the line ``@labels`` in a page becomes the table
+of all labels. The search puts the entry of a label first.
+"""
+
+import json
 import re
+from pathlib import Path
 from typing import Any
 
-HEADING = re.compile(r"^(#+ \((\w+)\).*)$", re.MULTILINE)
+from equation_numbers import NUMBERS
+from mkdocs.plugins import event_priority
+
+HEADING = re.compile(r"^(#+ \((\w+)\) (.*))$", re.MULTILINE)
 MENTION = re.compile(r"\((\w+)\)")
 TAG = re.compile(r"(<[^>]+>)")
 CLOSED = ("a", "code", "math", "pre", "svg", "h1", "h2", "h3", "h4")  # elements whose text stays as it is
 
 homes: dict[str, Any] = {}  # the file that holds each label's heading
+names: dict[str, str] = {}  # what its heading says
 
 
 def on_files(files: Any, **_: Any) -> Any:
     """Find the home of every label."""
     homes.clear()
+    names.clear()
     for file in files.documentation_pages():
         if file.src_uri.startswith("derivation/"):
-            homes.update((label, file) for _, label in HEADING.findall(file.content_string))
+            for _heading, label, name in HEADING.findall(file.content_string):
+                homes[label], names[label] = file, name
     return files
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """The page with an anchor of the label's name at the heading of each equation."""
-    return markdown if page.file not in homes.values() else HEADING.sub(r"\1 { #\2 }", markdown)
+    """The page with an anchor of the label's name, and the printed number, at the heading of each equation."""
+    markdown = markdown.replace("@labels\n", _table())
+    if page.file not in homes.values():
+        return markdown
+    return HEADING.sub(lambda found: f"{found[1]} {_printed(found[2])} {{ #{found[2]} }}", markdown)
 
 
 def on_page_content(html: str, page: Any, **_: Any) -> str:
@@ -32,7 +47,8 @@ def on_page_content(html: str, page: Any, **_: Any) -> str:
     def link(found: re.Match[str]) -> str:
         if found[1] not in homes:
             return found[0]
-        return f'<a class="label" href="{get_relative_url(homes[found[1]].url, page.url)}#{found[1]}">{found[0]}</a>'
+        url = f"{get_relative_url(homes[found[1]].url, page.url)}#{found[1]}"
+        return f'<a class="label" href="{url}" title="equation ({NUMBERS[found[1]]}) of the paper">{found[0]}</a>'
 
     parts, depth = TAG.split(html), 0
     for i, part in enumerate(parts):
@@ -43,3 +59,34 @@ def on_page_content(html: str, page: Any, **_: Any) -> str:
         elif depth == 0:
             parts[i] = MENTION.sub(link, part)
     return "".join(parts)
+
+
+@event_priority(-50)  # after the index is written, before the plugin `offline` copies it
+def on_post_build(config: Any, **_: Any) -> None:
+    """Tag the entries of the labels in the search index with their labels."""
+    index = Path(config.site_dir) / "search" / "search_index.json"
+    data = json.loads(index.read_text(encoding="utf-8"))
+    tag(data["docs"])
+    index.write_text(json.dumps(data), encoding="utf-8")
+
+
+def tag(sections: list[dict[str, Any]]) -> None:
+    """Tag the sections that are entries of labels; a tag weighs more than all text.
+
+    Labels with an A are found by their headings alone: tags are found by their first letters too, and every sentence
+    with "a" in it would find them first.
+    """
+    for section in sections:
+        page, _, label = section["location"].rpartition("#")
+        if page.startswith("derivation/") and label in NUMBERS and label[0] not in "aA":
+            section["tags"] = [label]
+
+
+def _printed(label: str) -> str:
+    return f'<span class="printed" title="its number in the paper">({NUMBERS[label]})</span>'
+
+
+def _table() -> str:
+    rows = [("number", "label", "equation"), ("---",) * 3]
+    rows += [(f"({printed})", f"({label})", names[label]) for label, printed in NUMBERS.items()]
+    return "".join(f"| {' | '.join(row)} |\n" for row in rows)

@@ -1,5 +1,7 @@
 """Higher-order inverse dynamics: a robot and a motion in, the drive forces Q and their exact time derivatives out."""
 
+from jounce._version import __version__
+
 TYPE_CHECKING = False  # typing is not imported: until the command begins, Ctrl-C has Python's own traceback
 if TYPE_CHECKING:
     from typing import Any
@@ -21,8 +23,6 @@ if TYPE_CHECKING:
     from jounce.robot import Robot
     from jounce.robot.along import Along
     from jounce.spatial.inertia import inertia_matrix
-
-__version__ = "0.1.0"
 
 __all__ = [
     "Along",

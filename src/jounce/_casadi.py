@@ -10,7 +10,7 @@ from jounce._scalars import asarray, is_numeric
 from jounce._typing import Frame, QuantityName
 from jounce.arguments import requests
 from jounce.dynamics.computation import Computation
-from jounce.errors import JounceError, listed
+from jounce.errors import JounceError, listed, warn
 from jounce.model.mechanism import DATA, Mechanism
 from jounce.model.parameters import own_values, parametrise
 from jounce.robot import Robot
@@ -51,7 +51,7 @@ def casadi_function(
         * "masses": masses (nb), bodies keep their COM, and inertia grows with the mass;
         * "lengths": lengths (nb, 3), the positions of the body frames in their parents';
         * "payload", or "payload:X" for a body or merged link X: payload_mass, payload_com (3) and payload_inertia (6)
-          about the COM, xx xy xz yy yz zz, in the axes of X, the last body if none is named; those of a second
+          about the COM, xx xy xz yy yz zz, in the axes of X, the end of the robot if none is named; those of a second
           payload are payload2_mass, ...
 
     Returns
@@ -97,6 +97,10 @@ def casadi_function(
     method = next(iter(computation.quantity.methods))
     results = [_matrix(x) for x in computation.series(method, mechanism, state).upto(order)]
     names = [port.name for port in signature.outputs]
+    all_results = casadi.veccat(*results)
+    idle = [name for name in shapes if not casadi.depends_on(all_results, inputs[name])]
+    if idle:
+        warn(f"parameters without effect on {quantity}: {listed(idle)}")
     return casadi.Function(_name(computation), list(inputs.values()), results, list(inputs), names)
 
 

@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 import jounce
 from jounce.audit import SEVERITIES, Finding, audit
+from jounce.audit.mobility import singular
 from jounce.checks.description import describe
 from jounce.cli import main
 from jounce.model.mechanism import Mechanism
@@ -126,6 +127,11 @@ FINDINGS = {  # what is given, what is found, where, its number and a part of it
         {"limits": LIMITS | {"velocity": [2.0, 0.0, 2.0]}}, "warning", ["joint2"], 0.0, "velocity limit 0",
         {"limits": LIMITS | {"velocity": [2.0, 0.1, 2.0]}},
     ),
+    "position limit": (
+        {"limits": LIMITS | {"lower": [-170.0, -2.0, -1e9], "upper": [170.0, 2.0, 1e9]}}, "warning", ["joint1"], 170.0,
+        "170 rad, 27.1 turns: it looks like degrees",
+        {"limits": LIMITS | {"lower": [-25.0, -2.0, -1e9], "upper": [25.0, 2.0, 1e9]}},
+    ),
     "gravity": (
         {"gravity": (0, 0, -9810)}, "warning", [], 9810.0, "gravity is 9810 m/s^2",
         {"gravity": (0, 9.80665 * 0.6, -9.80665 * 0.8)},
@@ -146,6 +152,28 @@ def test_finds_it_and_not_what_is_barely_sound(kind, data, severity, where, numb
     assert finding.advice
     assert f"{finding}\n{finding.advice}".replace("\n", "").isprintable()
     assert kind not in {other for _, other in found(arm(**sound))}
+
+
+def test_a_long_chain_is_not_singular():
+    """Its mass matrix is regular, though its eigenvalues in doubles do not tell."""
+    B = np.stack([lie.pose(np.eye(3), np.array([[0.0], [0.0], [0.1]]))] * 1000)
+    M = np.stack([jounce.inertia_matrix(1.5, [0, 0, 0.05], np.diag([0.01, 0.012, 0.011]))] * 1000)
+    chain = jounce.Robot.from_screws(B, [[0, 1, 0, 0, 0, 0]] * 1000, M)
+    assert singular(chain.mechanism) == []
+
+
+def test_an_axis_that_a_urdf_leaves_out_is_noted(tmp_path):
+    chain = (link("base"), link("arm", BODY), link("hand", BODY), joint("turn", "base", "arm", axis=""))
+    robot = jounce.load(robot_file(tmp_path, *chain, joint("slide", "arm", "hand", "prismatic", axis="")))
+    assert robot.mechanism.X.tolist() == [[1, 0, 0, 0, 0, 0], [0, 0, 0, 1, 0, 0]]
+    note = found(robot)["note", "axis"]
+    assert note.joints == ("turn", "slide")
+    assert "1 0 0" in note.text
+    assert found(robot.locked({"turn": 0.0}))["note", "axis"].joints == ("slide",)
+    stated = [joint("turn", "base", "arm", axis="1 0 0"), joint("slide", "arm", "hand", "prismatic", axis="1 0 0")]
+    same = jounce.load(robot_file(tmp_path, *chain[:3], *stated))
+    assert same == robot
+    assert ("note", "axis") not in found(same)
 
 
 def scaled(mechanism: Mechanism, mass=1.0, moments=1.0, com=1.0, length=1.0) -> Mechanism:

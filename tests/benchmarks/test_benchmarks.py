@@ -5,13 +5,14 @@ from itertools import count
 
 import numpy as np
 import pytest
-from benchmarks.forces import PEERS, computed
+from benchmarks.forces import PEERS, Gathered, computed
 from benchmarks.peers import MissingError
+from benchmarks.results import Run
 from benchmarks.tables import figure, paragraph, share, table
 from robots import relative_error
 
 import jounce
-from benchmarks import bound, measure, peaks, quantities, robots
+from benchmarks import bound, measure, peaks, pictures, quantities, robots
 from jounce.program.program import Program, Step
 
 LIGHT = [peer for peer in PEERS if peer.name.startswith("jounce") or "pin.rnea" in peer.name]
@@ -124,3 +125,20 @@ def test_quantities_are_compared_with_the_closed_form_before_they_are_measured(r
     monkeypatch.setattr(quantities, "WRONG", 0.0)
     with pytest.raises(jounce.JounceError, match=r"^results are .* from those of the closed form$"):
         list(quantities._cases("iiwa", robot, row, robot.body_names[-1]))
+
+
+def test_pictures_tell_jounce_from_others_without_colour(monkeypatch):
+    """Generated code is jounce's too; hatches and hollow marks are seen on a grey print."""
+    monkeypatch.setattr(pictures, "floor", lambda *_: 1e-9)
+    monkeypatch.setattr(pictures, "programs", lambda _: (None, None))
+    names = [peer.name for peer in PEERS if 2 in peer.orders]
+    times = {("forces", name, k, 1_000): 1e-8 for name in names for k in range(5)}
+    drawn = pictures.pictures(Run(times, Gathered(), (), ("", ""), 1))
+    hatched = {bar.get_y() for bar in drawn["paths"].axes[0].patches if bar.get_width() and bar.get_hatch()}
+    labels = [label.get_text() for label in drawn["paths"].axes[0].get_yticklabels()]
+    others = {labels[round(y + 0.325)] for y in hatched}
+    assert others == {name for name in names if not name.startswith("jounce")}
+    assert "jounce codegen's C, gcc" in labels
+    assert others
+    hollow = [line for line in drawn["orders"].axes[0].get_lines() if line.get_markerfacecolor() == "white"]
+    assert len(hollow) == len(others)

@@ -137,6 +137,11 @@ def test_the_jacobian_with_respect_to_the_state_and_the_hessian():
     assert relative_error(H[:, 3], differentiated(gradient)) < 1e-8
 
 
+def test_parameters_without_effect_are_warned_of():
+    with pytest.warns(jounce.JounceWarning, match="^parameters without effect on mass_matrix: gravity$"):
+        jounce.casadi_function(ROBOT, "mass_matrix", 0, parameters=["gravity", "masses"])
+
+
 PARAMETERS = ("gravity", "masses", "lengths", "payload:link5")
 
 

@@ -61,7 +61,7 @@ def assert_same(path, expected):
 def panda_motion(tmp_path_factory):
     """Every twentieth row of the motion that the example writes."""
     path = tmp_path_factory.mktemp("motion") / "panda.csv"
-    subprocess.run([sys.executable, EXAMPLES / "panda_motion.py", path], check=True, timeout=60)
+    subprocess.run([sys.executable, EXAMPLES / "02_motion_between_postures.py", path], check=True, timeout=60)
     tables.write(path, {name: column[::20] for name, column in tables.read(path).items()})
     return path
 

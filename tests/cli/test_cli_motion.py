@@ -9,10 +9,11 @@ from click.testing import CliRunner
 import jounce
 from jounce.cli import main
 from jounce.figures.curves import over_time
-from jounce.figures.table import breaks_of, panels
+from jounce.figures.table import run_of
 from jounce.io import tables
 from jounce.io.motions import writing
 from jounce.motion.table import from_table
+from jounce.robot import along
 
 PLANAR = jounce.load("planar2r")
 T = np.linspace(0, 1, 201)
@@ -96,6 +97,9 @@ def test_run_tells_breaks_and_writes_rates_and_measured_torques(tmp_path, log, p
     assert np.array_equal(found["joint2.q3d"], motion(T)[3][:, 1])
     np.testing.assert_array_equal(found["joint1.Q_measured"], SAMPLES["tau_joint1"])
     assert "joint2.Q_measured" not in found
+    call("motion", "planar2r", log, "-o", tmp_path / "motion.csv")
+    call("run", "planar2r", tmp_path / "motion.csv", "-o", out)
+    np.testing.assert_array_equal(tables.read(out)["joint1.Q_measured"], SAMPLES["tau_joint1"])
     words = call("run", "planar2r", plan, "-o", out)
     assert "break at t = 0.4 s: q2d of joint1, joint2 jumps; Q jumps, Qd, Q2d do not exist" in words
     [first, _] = json.loads(call("run", "planar2r", plan, "-o", out, "--json"))["breaks"]
@@ -103,6 +107,25 @@ def test_run_tells_breaks_and_writes_rates_and_measured_torques(tmp_path, log, p
     path = jounce.load_motion(plan, PLANAR)
     a, b = (PLANAR.inverse_dynamics(*path(0.4, 2, side)) for side in ("left", "right"))
     np.testing.assert_allclose(list(first["by"].values()), b - a, atol=1e-9)
+
+
+def test_the_largest_values_are_known_ones_with_their_deviations(tmp_path, monkeypatch):
+    """Not those at the ends of the fit, where deviations are larger than values."""
+    monkeypatch.setattr(along, "PIECE", 300)
+    t, noise = np.arange(1500) / 1000, np.random.default_rng(0).normal(0, 1e-5, (2, 1500))
+    log, out = tmp_path / "log.csv", tmp_path / "forces.csv"
+    tables.write(log, {"t": t, "joint1": np.sin(3 * t) + noise[0], "joint2": np.cos(4 * t) + noise[1]})
+    summary = json.loads(call("run", "planar2r", log, "-o", out, "--json"))
+    found = tables.read(out)
+    for joint in PLANAR.joint_names:
+        value, sd = found[f"{joint}.Q2d"], found[f"{joint}.Q2d_sd"]
+        row = np.argmax(np.abs(value) - 1.96 * sd)
+        assert summary["peaks"][joint]["Q2d"] == abs(value[row])
+        assert summary["deviations"][joint]["Q2d"] == sd[row]
+    words = call("run", "planar2r", log, "-o", out).splitlines()
+    assert " ± " in words[-1]
+    tables.write(log, SAMPLES)
+    assert "±" not in call("run", "planar2r", log, "-o", out)
 
 
 def test_samples_residuals_bands_and_breaks_are_drawn():
@@ -117,12 +140,13 @@ def test_samples_residuals_bands_and_breaks_are_drawn():
         "a.Q_measured": T + 1,
     }
     columns["break"] = np.where(T[50] == T, 2.0, -1.0)
-    found = panels(columns, "m.csv")
+    run = run_of(columns, "m.csv")
+    found = run.panels
     assert [panel.label.split()[0] for panel in found] == ["q", "residual", "qd", "Q"]
     np.testing.assert_allclose(found[1].curves["a"], 0.02)
     assert found[3].points["a"] is columns["a.Q_measured"]
-    assert breaks_of(columns) == [T[50]]
-    figure = over_time(T, found, breaks=breaks_of(columns))
+    assert run.breaks == [T[50]]
+    figure = over_time([run])
     [band] = figure.axes[0].collections
     low, high = band.get_paths()[0].vertices[:, 1].min(), band.get_paths()[0].vertices[:, 1].max()
     np.testing.assert_allclose([low, high], [q.min() - 0.196, q.max() + 0.196])

@@ -299,7 +299,7 @@ def test_any_single_change_of_the_code_fails_the_test_beside_it(robot, lines, pa
 def test_long_programs_are_cut_into_parts_that_share_scratch_memory(lang, tmp_path, monkeypatch):
     monkeypatch.setattr(schedule, "WHOLE", 50)
     monkeypatch.setattr(schedule, "PART", 30)
-    files = texts("mimic", lang, order=1, outputs=ALL[:3], wrench=True, parameters=("payload",))
+    files = texts("mimic", lang, order=1, outputs=ALL[:3], wrench=True, parameters=("payload:body3",))
     assert any("part5" in text for text in files.values())
     passed, output = passes(written(tmp_path, files), lang)
     assert passed, output
@@ -674,6 +674,22 @@ def test_the_verb_writes_what_the_function_does(tmp_path):
     assert tuple(summary["files"]) == made.files == ("Makefile", "README.md", "arm.c", "arm.h", "test_arm.c")
     for name in made.files:
         assert (tmp_path / "verb" / name).read_text() == (made.directory / name).read_text()
+
+
+def test_parameters_without_effect_are_warned_of(tmp_path):
+    given = {"outputs": ["mass_matrix", "poses:body2"], "parameters": ["gravity", "lengths"]}
+    with pytest.warns(jounce.JounceWarning, match="^parameters without effect on mass_matrix, poses_body2: gravity$"):
+        jounce.codegen(jounce.load("planar2r"), "c", 0, tmp_path / "code", **given)
+
+
+@pytest.mark.parametrize("lang", LANGUAGES)
+def test_force_leaves_no_file_of_another_robot_or_output(lang, tmp_path):
+    folder = tmp_path / "code"
+    robot = jounce.load("planar2r")
+    jounce.codegen(robot, lang, 0, folder, parameters=["masses"], prefix="old", outputs=["momentum", "gravity_forces"])
+    (folder / "mine.txt").write_text("mine")
+    made = jounce.codegen(robot, lang, 0, folder, prefix="second", force=True)
+    assert sorted(path.name for path in folder.iterdir()) == sorted([*made.files, "mine.txt"])
 
 
 def test_the_verb_says_what_it_wrote_and_refuses_in_one_line(tmp_path):

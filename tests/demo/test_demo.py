@@ -73,7 +73,7 @@ def test_demo_writes_all_that_it_names(tmp_path, monkeypatch):
     assert summary["formats"] == ["svg"]
     names = [*summary["tables"], *(f"{name}.svg" for name in summary["pictures"])]
     assert sorted(path.name for path in out.iterdir()) == sorted(names)
-    assert {"forces", "forces-wrench", "step-size", "planar2r", "iiwa14"} == set(summary["pictures"])
+    assert {"forces", "forces-wrench", "step-size", "planar2r", "iiwa14", "published-code"} == set(summary["pictures"])
     alone = example("paper", 200)
     expected = tables.of_rates(alone.t, alone.robot.joint_names, "Q", alone.forces)
     found = tables.read(out / "forces.csv")
@@ -108,6 +108,17 @@ def test_plot_counts_the_joints_of_all_panels(tmp_path):
     assert result.stdout.startswith("Q, Qd of 2 joints, 1 state, drawn")
 
 
+def test_plot_takes_units_from_a_robot_and_lays_tables_side_by_side(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("f.csv", "g.csv"):
+        tables.write(tmp_path / name, {"t": np.arange(2.0), "joint2.Q": np.ones(2), "joint1.Q": np.ones(2)})
+    drawn = call("plot", "f.csv", "g.csv", "-o", "p.svg", "--robot", "planar2r", "--json")
+    assert (drawn.exit_code, drawn.stderr) == (0, "")
+    summary = json.loads(drawn.stdout)
+    assert (summary["tables"], summary["states"]) == (["f.csv", "g.csv"], [2, 2])
+    assert summary["panels"] == {"Q": ["joint1", "joint2"]}  # in the order of the robot
+
+
 def write_motion(folder):
     t = np.arange(9) / 8
     tables.write(folder / "motion.csv", {"t": t, "joint1": np.sin(t), "joint2": -np.cos(t)})
@@ -117,6 +128,11 @@ def write_motion(folder):
 REFUSED = {
     "table without the columns": (("plot", "motion.csv", "-o", "p.png"), ["motion.csv", "NAME.Q", "t, joint1, joint2"]),
     "no table": (("plot", "no.csv", "-o", "p.png"), ["no.csv: no such file"]),
+    "robot of other joints": (
+        ("plot", "rates.csv", "-o", "p.png", "--robot", "planar2r"),
+        ["rates.csv", "'a'", "joint1"],
+    ),
+    "base of no robot": (("plot", "rates.csv", "-o", "p.png", "--base", "fixed"), ["--base", "--robot"]),
     "picture of other type": (("plot", "motion.csv", "-o", "p.gif"), ["p.gif", "'.gif'", ".png, .svg, .pdf"]),
     "picture folder missing": (("plot", "motion.csv", "-o", "no/p.png"), ["no/p.png", "no folder 'no'"]),
     "demo in a missing folder": (("demo", "-o", "no/demo"), ["no/demo", "no folder 'no'"]),
@@ -128,9 +144,10 @@ REFUSED = {
 def test_refuses(tmp_path, monkeypatch, asked, words):
     monkeypatch.chdir(tmp_path)
     write_motion(tmp_path)
+    tables.write(tmp_path / "rates.csv", {"t": np.arange(2.0), "a.Q": np.ones(2)})
     result = call(*asked)
     assert (result.exit_code, result.stdout) == (2, "")
     [line] = result.stderr.splitlines()
     assert line.startswith("Error: ")
     assert [word for word in words if word not in line] == [], line
-    assert [path.name for path in tmp_path.iterdir()] == ["motion.csv"]
+    assert {path.name for path in tmp_path.iterdir()} == {"motion.csv", "rates.csv"}

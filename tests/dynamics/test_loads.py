@@ -184,6 +184,11 @@ def test_loads_take_batches_and_links_on_the_ground():
     assert not panda.wrench(np.zeros(8), body="panda_link0", force=(0, 0, 1)).any()
 
 
+def test_a_point_without_a_force_is_warned_of():
+    with pytest.warns(JounceWarning, match="^point has no effect on a torque"):
+        jounce.load("iiwa14").wrench(np.zeros(7), body="link5", torque=(0, 0, 1), point=(0, 0, 1))
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -192,6 +197,7 @@ def test_loads_take_batches_and_links_on_the_ground():
         ({"force": (0, 0)}, r"force has shape \(2,\); expected \(\.\.\., 3\)"),
         ({"force": ([0, 0, 1],) * 3}, "force gives 3 terms; order 1 takes it and its rates, 2 terms"),
         ({"torque": 1.0}, r"torque has shape \(\); expected"),
+        ({"force": None}, "neither force nor torque is given; expected force=, torque= or both"),
         ({"point": [[0, 0, 0]]}, r"point has shape \(1, 3\); expected \(3,\)"),
         (
             {"force": np.zeros((2, 3)), "torque": np.zeros((5, 3))},

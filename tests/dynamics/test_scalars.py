@@ -1,6 +1,7 @@
 """One source of the equations over every scalar type: JAX under jit and vmap, CasADi, SymPy, tracing scalars."""
 
 import math
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -120,6 +121,32 @@ def test_sympy_expressions_of_the_planar_2r_are_exact(method):
         assert vanishes(Q[i] - force)
         assert vanishes(Qd[i] - force.diff(t))
         assert not sympy.sympify(Q[i]).atoms(sympy.Float)
+
+
+@pytest.mark.parametrize("name", ["L1", "L2", "m1", "m2", "g"])
+def test_parameters_of_the_planar_2r_may_be_symbols_of_casadi(name):
+    symbol, state = casadi.SX.sym(name), np.array([[0.3, -0.4], [0.5, 0.6], [-0.7, 0.8]])
+    Q = jounce.load("planar2r", **{name: symbol}).inverse_dynamics(*state)
+    function = casadi.Function("Q", [symbol], [casadi.vertcat(*Q)])
+    expected = jounce.load("planar2r", **{name: 1.7}).inverse_dynamics(*state)
+    agree([np.array(function(1.7)).ravel()], [expected])
+    with pytest.raises(JounceError, match=r" holds a CasADi MX; a robot's data may be SX: jounce\.casadi_function"):
+        jounce.load("planar2r", **{name: casadi.MX.sym(name)})
+
+
+@pytest.mark.parametrize("make", [sympy.Symbol, casadi.SX.sym])
+@pytest.mark.parametrize("source", ["iiwa14", "panda", "examples/panda.urdf"])  # of code, of YAML, of URDF
+def test_gravity_of_any_robot_may_hold_symbols(source, make, monkeypatch):
+    monkeypatch.chdir(Path(__file__).parents[2])
+    g = make("g")
+    robot = jounce.load(source, gravity=(0, 0, -g), lock={jounce.load(source).joint_names[0]: 0.1})
+    Q = robot.gravity_forces(np.zeros(robot.n))
+    if make is sympy.Symbol:
+        found = [float(sympy.sympify(x).subs(g, 3)) for x in Q]
+    else:
+        found = np.array(casadi.Function("Q", [g], [casadi.vertcat(*Q)])(3)).ravel()
+    expected = jounce.load(source, gravity=(0, 0, -3)).gravity_forces(np.eye(robot.n + 1)[0] * 0.1)[1:]
+    agree([found], [expected])
 
 
 def test_sympy_states_of_a_robot_of_numbers():

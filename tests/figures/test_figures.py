@@ -1,23 +1,30 @@
 """Pictures: what a reader must be able to see in them is there, and the files are whole, small and repeatable."""
 
+import re
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 import pytest
 from files import refusal
 from hypothesis import given
+from lxml import etree
 from matplotlib.colors import to_rgb
 from robots import mechanisms
 
 import jounce
 from jounce.demo.gallery import portrait
 from jounce.figures import canvas
-from jounce.figures.curves import MOST_POINTS, Panel, by_size, drawn_points, over_time
+from jounce.figures.curves import CROWD, MOST_POINTS, Panel, Run, columns_of, drawn_points, over_time
 from jounce.figures.drawing import View, skeleton
+from jounce.figures.labels import LABEL, outline_points
 from jounce.figures.schematic import schematic
-from jounce.figures.table import panels
+from jounce.figures.table import rows_between, run_of
 from jounce.io import tables
+from jounce.motion.bands import COVERS
 
+ROOT = Path(__file__).parents[2]
+PICTURES = [*ROOT.glob("docs/pictures/*.svg"), *ROOT.glob("benchmarks/*.svg")]
 T = np.linspace(0, 2, 501)
 CURVES = {f"joint{j}": np.sin((j + 1) * T) for j in range(7)}
 
@@ -25,6 +32,13 @@ CURVES = {f"joint{j}": np.sin((j + 1) * T) for j in range(7)}
 def shown(axes):
     """The lines with many points: the curves, without rings and legend entries."""
     return [line for line in axes.get_lines() if len(line.get_xdata()) > 100]
+
+
+def legend(figure):
+    """The names in the legend, row by row."""
+    figure.draw_without_rendering()
+    boxes = [(text.get_text(), text.get_window_extent()) for text in figure.legends[0].get_texts()]
+    return [name for name, box in sorted(boxes, key=lambda found: (-round(found[1].y0 / 5), found[1].x0))]
 
 
 def test_seven_curves_are_told_apart_in_colour_and_in_grey():
@@ -44,7 +58,7 @@ def test_many_curves_repeat_no_style():
 def test_panels_show_their_values_with_units_and_a_legend_that_hides_nothing(small):
     curves = CURVES | ({"finger": 0.01 * T} if small else {})
     drawn = [Panel("Q [N m]", curves), Panel("Qd [N m/s]", curves, curves)]
-    figure = over_time(T, drawn)
+    figure = over_time([Run(T, drawn)])
     figure.draw_without_rendering()
     grid = np.array(figure.axes).reshape(2, -1)
     assert grid.shape[1] == 1 + small
@@ -54,15 +68,14 @@ def test_panels_show_their_values_with_units_and_a_legend_that_hides_nothing(sma
         lines = [line for axes in row for line in shown(axes)]
         for line, values in zip(lines, curves.values(), strict=True):
             np.testing.assert_array_equal(line.get_ydata(), values)
-    [legend] = figure.legends
-    assert [text.get_text() for text in legend.get_texts()] == [*curves, "numerically differentiated"]
-    box = legend.get_window_extent()
+    assert legend(figure) == [*curves, "numerically differentiated"]
+    box = figure.legends[0].get_window_extent()
     for axes in figure.axes:
         assert not box.overlaps(axes.get_window_extent())
 
 
 def test_differentiated_values_are_rings_on_the_line_they_were_made_of():
-    figure = over_time(T, [Panel("Qd [N m/s]", CURVES, {name: values + 0.25 for name, values in CURVES.items()})])
+    figure = over_time([Run(T, [Panel("Qd", CURVES, {name: values + 0.25 for name, values in CURVES.items()})])])
     [axes] = figure.axes
     rings = [line for line in axes.get_lines() if line.get_marker() == "o" and len(line.get_xdata())]
     for ring, line, values in zip(rings, shown(axes), CURVES.values(), strict=True):
@@ -75,41 +88,48 @@ def test_differentiated_values_are_rings_on_the_line_they_were_made_of():
 
 
 def test_small_curves_have_their_own_scale():
-    assert by_size([Panel("", {"a": T, "b": 0.5 * T})]) == [["a", "b"]]
-    assert by_size([Panel("", {"a": T, "b": 0.05 * T, "c": T})]) == [["a", "c"], ["b"]]
-    assert by_size([Panel("", {"a": 0 * T, "b": 0 * T})]) == [["a", "b"]]
+    assert columns_of([Panel("", {"a": T, "b": 0.5 * T})]) == [["a", "b"]]
+    assert columns_of([Panel("", {"a": T, "b": 0.05 * T, "c": T})]) == [["a", "c"], ["b"]]
+    assert columns_of([Panel("", {"a": 0 * T, "b": 0 * T})]) == [["a", "b"]]
+
+
+def test_a_crowd_is_spread_over_columns_in_its_order():
+    names = [f"{i}" for i in range(29)]
+    columns = columns_of([Panel("", dict.fromkeys(names, T))])
+    assert [name for column in columns for name in column] == names
+    assert [len(column) for column in columns] == [10, 10, 9]
+    assert len(columns_of([Panel("", dict.fromkeys(map(str, range(300)), T))])) <= 6
+    assert len(columns_of([Panel("", dict.fromkeys(names[:CROWD], T))])) == 1
 
 
 def test_a_table_need_not_hold_every_quantity_of_every_joint():
     """A joint looks the same in all panels, and in the legend, which names all."""
-    figure = over_time(T, [Panel("Q", {"a": T, "b": T + 1}), Panel("Qd", {"b": T, "c": 0.01 * T})])
+    figure = over_time([Run(T, [Panel("Q", {"a": T, "b": T + 1}), Panel("Qd", {"b": T, "c": 0.01 * T})])])
     large_Q, small_Q, large_Qd, small_Qd = ([line.get_color() for line in shown(axes)] for axes in figure.axes)
     a, b, c = (canvas.line_style(i)["color"] for i in range(3))
     assert (large_Q, small_Q, large_Qd, small_Qd) == ([a, b], [], [b], [c])
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["a", "b", "c"]
+    assert legend(figure) == ["a", "b", "c"]
 
 
 def test_names_stand_in_the_legend_as_they_are():
     """No mark of TeX is one, and no first _ hides a name."""
     names = ["a$x_b$", r"$\frac{", "_hidden", "100%", "a.b", "ü", ""]
-    figure = over_time(T, [Panel("Q [N m]", dict.fromkeys(names, T))])
-    figure.draw_without_rendering()
-    texts = figure.legends[0].get_texts()
-    assert [text.get_text() for text in texts] == names
-    assert not any(text.get_parse_math() for text in texts)
+    figure = over_time([Run(T, [Panel("Q", dict.fromkeys(names, T))])])
+    assert set(legend(figure)) == set(names)
+    assert not any(text.get_parse_math() for text in figure.legends[0].get_texts())
 
 
 @pytest.mark.parametrize(("count", "length"), [(8, 40), (40, 6), (40, 200), (1, 2000)])
 def test_a_legend_of_many_or_long_names_leaves_the_page_and_its_axes_their_size(count, length):
-    figure = over_time(T, [Panel("Q [N m]", {f"{i:02d}" + "x" * length: T for i in range(count)})])
+    figure = over_time([Run(T, [Panel("Q", {f"{i:02d}" + "x" * length: T for i in range(count)})])])
     figure.draw_without_rendering()
     box = figure.legends[0].get_window_extent()
     assert figure.bbox.x0 <= box.x0
     assert box.x1 <= figure.bbox.x1
     assert box.y1 <= figure.bbox.y1
-    [axes] = figure.axes
-    assert axes.get_window_extent().height > 1.5 * figure.dpi
-    assert not box.overlaps(axes.get_window_extent())
+    for axes in figure.axes:
+        assert axes.get_window_extent().height > 1.5 * figure.dpi
+        assert not box.overlaps(axes.get_window_extent())
 
 
 @pytest.mark.parametrize("count", [1, 2, MOST_POINTS, MOST_POINTS + 1, 3 * MOST_POINTS - 1, 100_003])
@@ -125,7 +145,7 @@ def test_of_many_samples_the_ends_and_the_extremes_are_drawn(count):
 
 
 def test_one_sample_is_seen():
-    figure = over_time(T[:1], [Panel("Q [N m]", {"a": T[:1]})])
+    figure = over_time([Run(T[:1], [Panel("Q", {"a": T[:1]})])])
     [line] = figure.axes[0].get_lines()
     assert line.get_marker() == "o"
 
@@ -133,7 +153,7 @@ def test_one_sample_is_seen():
 @pytest.mark.parametrize("kind", canvas.FORMATS)
 def test_a_picture_is_the_same_file_each_time(tmp_path, kind):
     def content(name):
-        canvas.save(over_time(T, [Panel("Q [N m]", CURVES)]), tmp_path / name)
+        canvas.save(over_time([Run(T, [Panel("Q", CURVES)])]), tmp_path / name)
         return (tmp_path / name).read_bytes()
 
     assert content(f"a.{kind}") == content(f"b.{kind}")
@@ -141,8 +161,46 @@ def test_a_picture_is_the_same_file_each_time(tmp_path, kind):
     assert len(list(tmp_path.iterdir())) == 2
 
 
+def luminance(colour):
+    """Of WCAG 2, of an sRGB colour."""
+    c = np.asarray(colour)
+    return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722]
+
+
+def contrast(a, b):
+    low, high = sorted((luminance(a), luminance(b)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def test_an_svg_is_dark_on_dark_pages(tmp_path):
+    """The filter that a browser applies there leaves all ink at least as much contrast as it has on white."""
+    canvas.save(over_time([Run(T, [Panel("Q", CURVES)])]), tmp_path / "a.svg")
+    style = etree.parse(tmp_path / "a.svg").find(".//{*}style").text
+    assert canvas.DARK.decode() in style
+    inverted, brighter = (float(re.search(rf"{name}\((.*?)\)", style)[1]) for name in ("invert", "brightness"))
+    grey = np.full((3, 3), [0.213, 0.715, 0.072])  # of the specification's hue-rotate
+
+    def filtered(colour):
+        turned = (2 * grey - np.eye(3)) @ ((1 - 2 * inverted) * np.array(to_rgb(colour)) + inverted)
+        return np.clip(brighter * np.clip(turned, 0, 1), 0, 1)
+
+    page = filtered("white")
+    assert page.max() < 0.15
+    for colour in (*canvas.COLOURS, canvas.INK):
+        assert contrast(filtered(colour), page) > min(4, contrast(to_rgb(colour), (1, 1, 1)))
+
+
+@pytest.mark.parametrize(
+    "path", sorted([*ROOT.glob("docs/pictures/*.svg"), *ROOT.glob("benchmarks/*.svg")]), ids=lambda p: p.name
+)
+def test_pictures_of_the_pages_are_dark_on_dark_pages(path):
+    """What matplotlib wrote has the rule for dark pages; the others are drawn by hand."""
+    content = path.read_bytes()
+    assert (b"Matplotlib" in content) == (canvas.DARK in content)
+
+
 def test_no_half_of_a_picture_is_left(tmp_path, monkeypatch):
-    figure = over_time(T, [Panel("Q [N m]", CURVES)])
+    figure = over_time([Run(T, [Panel("Q", CURVES)])])
 
     def fails(part, **_):
         part.write_bytes(b"half")
@@ -198,28 +256,153 @@ def test_drawings_name_frames_axes_and_centres_of_mass(picture):
         assert {f"$e_{{{i}}}$" for i in range(1, 8)} <= said
 
 
+@pytest.mark.parametrize("picture", [schematic, lambda: portrait(jounce.load("iiwa14"))], ids=["2R", "iiwa"])
+def test_labels_cover_neither_each_other_nor_what_is_drawn(picture):
+    figure = picture()
+    figure.draw_without_rendering()
+    [axes] = figure.axes
+    labels = [text for text in axes.texts if text.get_gid() == LABEL]
+    assert len(labels) == len([text for text in axes.texts if text.get_text()])
+    boxes = [text.get_window_extent() for text in labels]
+    for (a, first), (b, second) in combinations(zip(boxes, labels, strict=True), 2):
+        assert not a.overlaps(b), f"{first.get_text()} on {second.get_text()}"
+    points = outline_points(axes)
+    assert len(points) > 500
+    assert all(figure.bbox.contains(*point) for point in points)
+    covering = [text.get_text() for box, text in zip(boxes, labels, strict=True) if box.count_contains(points)]
+    assert covering == []
+
+
 @pytest.mark.parametrize("name", ["", "a.b", "two\nlines", "joint.Q", "é"])
 def test_a_joint_of_any_name_is_drawn(name):
-    [panel] = panels({"t": T, f"{name}.Qd": T}, "f.csv")
+    [panel] = run_of({"t": T, f"{name}.Qd": T}, "f.csv").panels
     assert list(panel.curves) == [name]
 
 
 def test_panels_of_a_table(tmp_path):
     columns = tables.of_rates(T, ("a", "b"), "Q", (np.stack([T, -T], 1), np.stack([T**2, T], 1), np.stack([T, T], 1)))
-    found = panels(columns, "f.csv")
-    assert [panel.label for panel in found] == [
+    run = run_of(columns, "f.csv")
+    assert [panel.label for panel in run.panels] == ["Q", "Qd", "Q2d"]
+    assert (run.panels[1].curves["a"] == T**2).all()
+    assert [axes.get_ylabel() for axes in over_time([run]).axes] == [
         "Q [N m or N]", "Qd [N m/s or N/s]", "Q2d [N m/s$^{2}$ or N/s$^{2}$]"
     ]  # fmt: skip
-    assert (found[1].curves["a"] == T**2).all()
-    [only] = panels(columns, "f.csv", ["b"], ["Qd"])
+    [only] = run_of(columns, "f.csv", ["b"], ["Qd"]).panels
     assert list(only.curves) == ["b"]
-    refusal(lambda: panels({"time": T}, "f.csv"), "f.csv: no column 't'; there are: time")
-    refusal(lambda: panels({"t": T, "a": T}, "f.csv"), "f.csv: no columns NAME.Q", "it has: t, a")
-    refusal(lambda: panels(columns, "f.csv", ["c"]), "f.csv: no joint 'c'", "there are: a, b")
+    refusal(lambda: run_of({"time": T, "a.Q": T}, "f.csv"), "f.csv: no column 't'; there are: time")
+    log = {"time": T, "a": T}
+    refusal(lambda: run_of(log, "f.csv"), "no columns NAME.Q", "it has: time, a", "`jounce motion ROBOT f.csv -o OUT`")
+    refusal(lambda: run_of(columns, "f.csv", ["c"]), "f.csv: no joint 'c'", "there are: a, b")
     ragged = {"t": T, "a.Q": T, "b.Qd": T}
-    refusal(lambda: panels(ragged, "f.csv", ["a"], ["Qd"]), "f.csv: none of a has a column of Qd")
-    refusal(lambda: panels(ragged | {"a.Q": 1e307 * T}, "f.csv"), "f.csv: column 'a.Q' holds 2e+307", "1e+300")
-    refusal(lambda: panels(columns, "f.csv", [], ["Q3d"]), "no quantity 'Q3d'; did you mean", "Q, Qd, Q2d")
+    refusal(lambda: run_of(ragged, "f.csv", ["a"], ["Qd"]), "f.csv: none of a has a column of Qd")
+    refusal(lambda: run_of(ragged | {"a.Q": 1e307 * T}, "f.csv"), "f.csv: column 'a.Q' holds 2e+307", "1e+300")
+    refusal(lambda: run_of(columns, "f.csv", [], ["Q3d"]), "no quantity 'Q3d'; did you mean", "Q, Qd, Q2d")
+
+
+def test_some_rows_of_a_table():
+    columns = {"t": T, "a.Q": T}
+    assert rows_between(columns, "f.csv", None) is columns
+    assert np.array_equal(rows_between(columns, "f.csv", (0.5, 1.0))["a.Q"], T[(T >= 0.5) & (T <= 1)])
+    refusal(lambda: rows_between(columns, "f.csv", (2.5, 3)), "f.csv: no rows between t = 2.5 and 3 s", "t = 0 .. 2 s")
+
+
+def test_where_bands_are_wide_they_are_cut_and_the_rest_is_seen():
+    """The ends of a fit: values and bands that are powers of ten larger hide nothing, nor move a curve elsewhere."""
+    wild = np.where(T < 0.1, 1e6, 0.0)
+    curves = {"a": np.sin(T) + wild, "b": np.cos(T)}
+    deviations = {"a": 0.01 + wild, "b": np.full(len(T), 0.02)}
+    figure = over_time([Run(T, [Panel("Qd", curves, deviations=deviations)])])
+    [axes] = figure.axes
+    low, high = axes.get_ylim()
+    assert low < np.cos(2) - COVERS * 0.02
+    assert 1 + COVERS * 0.02 < high < 1.5
+    [exact] = over_time([Run(T, [Panel("Qd", curves)])]).axes[:1]
+    assert exact.get_ylim()[1] > 1e6  # a value that is certain is shown
+
+
+def test_several_runs_have_one_scale_where_bands_are_cut():
+    wild = np.where(T < 0.1, 1e6, 0.0)
+    runs = [Run(T, [Panel("Qd", {"a": k * np.sin(T) + wild}, deviations={"a": 0.01 + wild})]) for k in (3, 1)]
+    assert all(3 < axes.get_ylim()[1] < 4 for axes in over_time(runs).axes)
+
+
+def test_residuals_are_dots():
+    run = run_of({"t": T, "a.q": T, "a.q_sample": T + 1e-3}, "f.csv")
+    [line] = [line for line in over_time([run]).axes[1].get_lines() if len(line.get_xdata())]
+    assert (line.get_marker(), line.get_linestyle()) == (".", "None")
+
+
+def test_q_stands_above_Q_and_rates_below_what_they_are_rates_of():
+    names = ["a.Q2d", "a.Qd", "a.q10d", "a.q2d", "a.Q", "a.q"]
+    assert [panel.label for panel in run_of({"t": T} | dict.fromkeys(names, T), "f.csv").panels] == [
+        "q", "q2d", "q10d", "Q", "Qd", "Q2d"
+    ]  # fmt: skip
+
+
+def panda_table(t=T, scale=1.0):
+    """A table of the panda, whose last joint is prismatic, with its joints from last to first."""
+    robot = jounce.load("panda")
+    return robot.mechanism, {"t": t} | {
+        f"{name}.{quantity}": scale * (i + 1) * np.sin(t + i)
+        for i, name in enumerate(robot.joint_names[::-1]) for quantity in ("Q", "q")
+    }  # fmt: skip
+
+
+def test_a_robot_tells_order_units_and_limits_of_its_joints():
+    mechanism, columns = panda_table()
+    figure = over_time([run_of(columns, "f.csv", mechanism=mechanism)])
+    assert legend(figure) == [*mechanism.coordinates, "limit"]
+    q_arm, q_finger, Q_arm, Q_finger = figure.axes
+    labels = [axes.get_ylabel() for axes in figure.axes]
+    assert labels == ["q [rad]", "q [m]", "Q [N m]", "Q [N]"]
+    assert [axes.get_title("left") for axes in figure.axes] == ["(a)", "(b)", "(c)", "(d)"]
+    assert (len(shown(q_arm)), len(shown(q_finger)), len(shown(Q_arm)), len(shown(Q_finger))) == (7, 1, 7, 1)
+    levels = {line.get_ydata()[0] for line in q_arm.get_lines() if len(line.get_xdata()) == 2}
+    assert levels
+    assert levels <= {*mechanism.limits.lower, *mechanism.limits.upper}
+    foreign = columns | {"wheel.Q": T}
+    refusal(lambda: run_of(foreign, "f.csv", mechanism=mechanism), "f.csv: no joint of panda 'wheel'", "panda_joint1")
+
+
+def test_limits_are_drawn_where_curves_come_near_or_exceed_them():
+    """All limits of all joints would hide the curves, and those far away would squeeze them."""
+    q = {"a": np.sin(9 * T), "b": T - 1, "c": 2 * T, "d": 0 * T, "e": 5 * T}
+    limits = {"a": (-1.2, 50.0), "b": (-np.inf, np.inf), "c": (-20.0, 20.0), "d": (0.1, np.inf), "e": (-3.0, 3.0)}
+    figure = over_time([Run(T, [Panel("q", q, limits=limits)])])
+    drawn = [line for axes in figure.axes for line in axes.get_lines() if len(line.get_xdata()) == 2]
+    a, d, e = (canvas.line_style(i)["color"] for i in (0, 3, 4))
+    assert {(line.get_color(), line.get_ydata()[0]) for line in drawn} == {(a, -1.2), (d, 0.1), (e, 3.0)}
+
+
+def test_runs_lie_side_by_side_in_the_same_columns_and_to_the_same_scales():
+    """The small one of one run is small in the other, and a joint looks the same in both."""
+    first = Run(T, [Panel("Q", {"a": T, "b": 0.01 * T})], title="first.csv")
+    second = Run(2 * T, [Panel("Q", {"b": 3 * T, "a": 2 * T})], title="second.csv")
+    figure = over_time([first, second])
+    grid = figure.axes
+    assert [axes.get_title() for axes in grid] == ["first.csv", "second.csv"] * 2
+    a, b = (canvas.line_style(i)["color"] for i in range(2))
+    assert [[line.get_color() for line in shown(axes)] for axes in grid] == [[a], [a], [b], [b]]
+    for left, right in (grid[:2], grid[2:]):
+        assert left.get_ylim() == right.get_ylim()
+        assert left.get_xlim() == right.get_xlim()
+
+
+def test_names_whose_letters_the_font_lacks_are_escaped():
+    """matplotlib would warn, and draw boxes."""
+    figure = over_time([Run(T, [Panel("Q", {"漢é": T})])])
+    assert legend(figure) == [r"\u6f22é"]
+
+
+def test_a_legend_is_read_row_by_row():
+    figure = over_time([Run(T, [Panel("Q", {f"{i:02d}" + "x" * 12: T for i in range(9)})])])
+    assert legend(figure) == sorted(legend(figure))
+    rows = [round(text.get_window_extent().y0) for text in figure.legends[0].get_texts()]
+    assert max(map(rows.count, rows)) - min(map(rows.count, rows)) <= 1
+
+
+def test_more_axes_than_letters():
+    assert [canvas.letter(i) for i in (0, 25, 26, 51, 52, 701, 702)] == ["a", "z", "aa", "az", "ba", "zz", "aaa"]
 
 
 def test_without_matplotlib_the_extra_is_named(monkeypatch):

@@ -37,6 +37,17 @@ def test_a_folder_that_is_not_empty_takes_force_which_spares_what_is_not_ours(tm
     assert contents(tmp_path) == FILES | {"own.txt": "mine"}
 
 
+def test_force_removes_what_a_former_run_left_and_no_copy_of_it(tmp_path):
+    former = {"a.txt": f"{MARK}: run old and old_test", "old.txt": MARK, "old_test.txt": MARK, "B.TXT": MARK}
+    copies = {"old_backup.txt": f"{MARK}, my changes", "old.dat": "mine", "run.txt": "mine"}
+    for name, text in (former | copies).items():
+        (tmp_path / name).write_text(text)
+    (tmp_path / "old").mkdir()
+    write(tmp_path, force=True)
+    (tmp_path / "old").rmdir()
+    assert contents(tmp_path) == FILES | copies | {"B.TXT": MARK}
+
+
 @pytest.mark.parametrize("foreign", ["a user's", "x" * 5000 + MARK])
 def test_a_users_file_of_the_same_name_is_not_replaced(foreign, tmp_path):
     (tmp_path / "b.txt").write_text(foreign)

@@ -67,8 +67,13 @@ ARM = """<mujoco model="odd">
 
 @pytest.fixture(autouse=True)
 def _elsewhere(tmp_path, monkeypatch):
-    """MuJoCo appends what it warns of, where nobody listens, to a MUJOCO_LOG.TXT in the current folder."""
+    """MuJoCo appends what it warns of, where nobody listens, to a MUJOCO_LOG.TXT in the current folder.
+
+    It keeps the meshes of models that tests read by it, up to 500 MB.
+    """
     monkeypatch.chdir(tmp_path)
+    yield
+    mujoco.mj_clearCache(mujoco.mj_getCache())
 
 
 def path_of(name):
@@ -436,3 +441,22 @@ def test_an_mjcf_file_serves_the_command_line(tmp_path):
     result = CliRunner().invoke(main, ["info", str(path), "--json"])
     assert result.exit_code == 0, result.output
     assert [one["name"] for one in json.loads(result.output)["coordinates"]] == ["a_turn", "c_turn"]
+
+
+def test_what_mujoco_keeps_of_meshes_is_freed_unless_the_program_reads_models_by_itself(tmp_path):
+    """It would hold up to 500 MB of them for as long as the process lives."""
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
+    (tmp_path / "mesh.obj").write_text(corners + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    (tmp_path / "arm.xml").write_text(
+        "<mujoco><asset><mesh name='m' file='mesh.obj'/></asset><worldbody><body><joint name='a'/>"
+        "<geom type='mesh' mesh='m'/></body></worldbody></mujoco>"
+    )
+    cache = mujoco.mj_getCache()
+    mujoco.mj_clearCache(cache)
+    assert jounce.load(tmp_path / "arm.xml").n == 1
+    assert mujoco.mj_getCacheSize(cache) == 0
+    mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
+    held = mujoco.mj_getCacheSize(cache)
+    assert held > 0
+    jounce.load(tmp_path / "arm.xml")
+    assert mujoco.mj_getCacheSize(cache) == held

@@ -193,6 +193,12 @@ def test_nameless_robot_is_named_after_its_file(load):
     assert load(*GOOD, head="<robot>", name="robot.URDF").name == "robot"
 
 
+def test_angles_of_more_than_a_turn_are_warned_of(tmp_path):
+    turned = joint("turn", "base", "arm", inner=origin(rpy=(0, 90, 0)))
+    with pytest.warns(jounce.JounceWarning, match=r"robot.urdf:4: rpy is \[0.0, 90.0, 0.0\], more than a turn.* rad$"):
+        jounce.load(robot_file(tmp_path, link("base"), link("arm", BODY), turned))
+
+
 def test_warns_once_of_impossible_inertias(tmp_path):
     items = [link("base"), link("a", ODD), link("b", BODY), link("c", (-1.0, *BODY[1:]))]
     joints = [joint(f"j{name}", "base", name) for name in "abc"]

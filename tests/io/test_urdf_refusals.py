@@ -43,7 +43,6 @@ REFUSED = {
     "two parents": ((*GOOD, link("top"), joint("grip", "top", "arm")), [":6", "'arm'", "'turn' and 'grip'"]),
     "floating joint": (turn(kind="floating"), [":4", "'turn'", "floating", "base='fixed'", "root="]),
     "misspelt joint type": (turn(kind="revolut"), [":4", "did you mean 'revolute'"]),
-    "no axis": (turn(axis=""), [":4", "'turn'", "<axis>"]),
     "zero axis": (turn(axis="0 0 -0.0"), [":4", "'turn'", "zero axis"]),
     "absent parent": (turned("bass", "arm"), [":4", "parent", "'turn'", "did you mean 'base'", "base, arm"]),
     "absent child": (turned("base", "hand"), [":4", "child", "'turn'", "'hand'", "base, arm"]),

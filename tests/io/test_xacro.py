@@ -114,6 +114,28 @@ def test_refuses(written, old, new, words):
     refusal(lambda: jounce.load(path), str(path), *words)
 
 
+ENDLESS = '<xacro:macro name="rod" params="name mass"><xacro:rod name="${name}" mass="1"/></xacro:macro>'
+
+
+def test_macros_and_files_that_take_themselves_are_refused_early(written, monkeypatch):
+    depth = []
+    xacro = pytest.importorskip("xacro")
+    evaluate = xacro.eval_all
+    monkeypatch.setattr(xacro, "eval_all", lambda *given: depth.append(1) or evaluate(*given))
+    path = written('<link name="base"/>', f'{ENDLESS}<link name="base"/>')
+    refusal(lambda: jounce.load(path), str(path), "<xacro:rod name=rod mass=1> calls itself without end")
+    assert len(depth) < 200  # Python's stack ends far beyond
+    path = written('"rod.xacro"', '"arm.urdf.xacro"')
+    refusal(lambda: jounce.load(path), "arm.urdf.xacro includes itself")
+
+
+def test_macros_may_call_themselves_some_times(written):
+    links = """<xacro:macro name="rods" params="n"><link name="x${n}"/>
+    <joint name="j${n}" type="fixed"><parent link="base"/><child link="x${n}"/></joint>
+    <xacro:if value="${n > 0}"><xacro:rods n="${n - 1}"/></xacro:if></xacro:macro><xacro:rods n="60"/>"""
+    assert len(jounce.load(written('<link name="base"/>', f'<link name="base"/>{links}')).mechanism.frames) == 62
+
+
 @pytest.mark.parametrize(
     ("given", "words"),
     [({"mas": 3}, ["no xacro argument 'mas'", "did you mean 'mass'"]), (3, ["xacro_args is of type int", "mapping"])],

@@ -204,3 +204,10 @@ TABLES = {
 def test_refuses(table, options, words):
     options = {"M": [M1], "convention": "standard", **options}
     refusal(lambda: jounce.Robot.from_dh(table, **options), *words)
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+def test_angles_in_degrees_that_nobody_states_are_warned_of(convention):
+    with pytest.warns(jounce.JounceWarning, match=r"table\[1\]: alpha is -90 rad, more than a turn; degrees=True"):
+        jounce.Robot.from_dh([ROW, [0.5, -90, 0, 90]], [M1, M1], convention)
+    jounce.Robot.from_dh([[0.5, -90, 0, 90]], [M1], convention, degrees=True)

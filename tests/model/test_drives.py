@@ -235,8 +235,31 @@ def test_a_robot_file_keeps_the_drives(tmp_path, suffix):
 
 
 def test_asking_for_drives_that_no_file_states_warns():
-    with pytest.warns(jounce.JounceWarning, match="states no drive trains"):
+    with pytest.warns(jounce.JounceWarning, match="drives=True has no effect: the robot states no armature or damping"):
         jounce.load("planar2r", drives=True)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (
+            {"terms": "friction"},
+            "panda: drives='friction' has no effect: the robot states no friction; it states damping",
+        ),
+        ({"terms": ["armature", "spring"]}, "states no armature or spring"),
+        ({"terms": "damping", "eps": 0.1}, "eps=0.1 has no effect: it is of friction, which is not selected"),
+        ({"eps": 0.1}, "eps=0.1 has no effect: the robot states no friction"),
+    ],
+)
+def test_drives_that_change_nothing_are_warned_of(options, words):
+    with pytest.warns(jounce.JounceWarning, match=words):
+        jounce.load("panda").with_drives(**options)
+
+
+def test_drives_that_change_something_are_not():
+    robot = jounce.load("panda")
+    for terms in (True, False, "damping", ("armature", "damping")):
+        robot.with_drives(terms)
 
 
 def test_info_shows_what_is_stated_and_what_acts(tmp_path):

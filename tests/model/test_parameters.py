@@ -22,6 +22,11 @@ ROBOTS = {
 }
 
 
+def placed(mechanism, names):
+    """The names, a payload on the last body: of several ends it takes a name."""
+    return [f"payload:{mechanism.bodies[-1]}" if name == "payload" else name for name in names]
+
+
 def forces(mechanism, names, values, state):
     """Q, Qd, Q2d with the parameters written on a tape as inputs beside the state, run on values."""
     tape = Tape()
@@ -36,7 +41,7 @@ def forces(mechanism, names, values, state):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_own_values_change_nothing(name, names):
     mechanism = ROBOTS[name]()
-    state = np.random.default_rng(0).uniform(-2, 2, (5, mechanism.n))
+    state, names = np.random.default_rng(0).uniform(-2, 2, (5, mechanism.n)), placed(mechanism, names)
     found = forces(mechanism, names, own_values(mechanism, names), state)
     assert relative_error(found, jounce.Robot(mechanism).inverse_dynamics(*state)) < 1e-13
 
@@ -53,7 +58,7 @@ def test_other_values_are_those_of_another_robot(name):
     scaled[-1] += jounce.inertia_matrix(2.5, com, inertia.symmetric(six))
     B = np.stack([pose(b[:3, :3], x[:, None]) for b, x in zip(m.B, lengths, strict=True)])
     other = jounce.Robot.from_screws(B, m.X, scaled, m.parent, gravity=gravity)
-    found = forces(m, list(PARAMETERS), values, state)
+    found = forces(m, placed(m, PARAMETERS), values, state)
     assert relative_error(found, other.inverse_dynamics(*state)) < 1e-12
 
 
@@ -79,6 +84,13 @@ def test_payloads_hang_on_bodies_and_merged_links_in_their_own_frames():
     assert relative_error(found, other.inverse_dynamics(*state)) < 1e-13
 
 
+def test_a_payload_without_a_name_hangs_on_the_only_end():
+    m = jounce.load("iiwa14").mechanism
+    state = np.random.default_rng(5).uniform(-2, 2, (5, 7))
+    values = {"payload_mass": [1.5], "payload_com": [0, 0, 0.1], "payload_inertia": np.zeros(6)}
+    assert forces(m, ["payload"], values, state).tolist() == forces(m, ["payload:link7"], values, state).tolist()
+
+
 def test_a_massless_body_gets_its_mass_at_its_origin():
     m = jounce.load("planar2r", m1=0.0).mechanism
     state = np.random.default_rng(3).uniform(-2, 2, (5, 2))
@@ -94,6 +106,10 @@ def test_a_massless_body_gets_its_mass_at_its_origin():
         (["mass"], r"^no parameter 'mass'; did you mean 'masses'\? there are: gravity, .*payload:BODY$"),
         (["masses:link1"], r"^no parameter 'masses:link1'"),
         (["payload:panda_hnd"], r"^no body 'panda_hnd'; did you mean 'panda_hand'\?"),
+        (
+            ["payload"],
+            r"^payload: panda ends in panda_leftfinger, panda_rightfinger; expected payload:BODY, on one of ",
+        ),
         (["payload:panda_link0"], r"^a payload of 'panda_link0' moves nothing: it is fixed on the ground$"),
         (["gravity", "gravity"], r"expected a list of different names of gravity, "),
         ("gravity", r"^parameters are 'gravity'; expected a list of different names"),

@@ -1,6 +1,7 @@
 """Columns and units of real tables: found by name, converted, suspected, or refused with the option that cures it."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -72,6 +73,17 @@ def test_other_columns_are_left_alone_and_listed():
     assert motion.notes == ("other columns, left alone: state, joint1.current, load [kg]",)
     np.testing.assert_array_equal(motion.torques[1][:, 1], 3 * T)
     assert np.isnan(motion.torques[1][:, 0]).all()
+
+
+def test_measured_torques_are_found_by_a_pattern_in_N_m():
+    log = {"t": T, "q1": Q[:, 0], "q2": Q[:, 1], "tau1 [N m]": T, "tau2 [Nm]": 2 * T}
+    motion = same(jounce.load_motion(log, PLANAR, columns="q{number}", torques="tau{number}"))
+    np.testing.assert_array_equal(motion.torques[1], np.stack([T, 2 * T], axis=1))
+    assert motion.notes == ()
+    load = partial(jounce.load_motion, PLAIN | {"tau_joint1 [mNm]": T}, PLANAR)
+    refusal(load, "column 'tau_joint1 [mNm]': no unit 'mNm'", "N, N m")
+    refusal(lambda: load(torques="m{number}"), "--torques 'm{number}': no column 'm1', 'm2'")
+    refusal(lambda: load(torques="m"), "--torques 'm' names 'm' for every joint; expected {joint}")
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t", "  "])

@@ -125,6 +125,51 @@ def test_stamps_are_corrected_by_one_shift_per_row():
     assert np.sqrt(((smooth.spline(t) - measured.truth(t)) ** 2).mean()) < 0.1 * moved
 
 
+def covered(errors, deviations):
+    return np.mean([np.abs(e) < 1.96 * d for e, d in zip(errors, deviations, strict=True)])
+
+
+def test_ripple_is_motion_and_no_noise():
+    """Of it both halves of the rows tell the same, but for the stated deviations."""
+    at, shares = np.arange(4001) / 1000, []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        truth = harmonics(rng, base=0.075)
+        amplitude, rate, phase = 2e-4 * rng.uniform(0.5, 2, 7), 2 * np.pi * rng.uniform(1, 2, 7), rng.uniform(0, 6, 7)
+        t = np.sort(at + rng.uniform(-5e-4, 5e-4, len(at)))
+        q = np.round(truth(at) + amplitude * np.sin(rate * at[:, None] + phase), 7)
+        even, odd = fit(t[::2], q[::2]), fit(t[1::2], q[1::2])
+        s = np.linspace(1.2, 2.8, 200)
+        first, second = (rates(one.spline, s) for one in (even, odd))
+        both = [np.hypot(a, b) for a, b in zip(even.deviations(s), odd.deviations(s), strict=True)]
+        ripple = [amplitude * rate**k * np.sin(rate * s[:, None] + phase + k * np.pi / 2) for k in range(5)]
+        off = [a - truth(s, k) for k, a in enumerate(first)]
+        shares.append([
+            covered([a - b for a, b in zip(first, second, strict=True)], both),
+            covered([a - b for a, b in zip(off, ripple, strict=True)], even.deviations(s)),
+            covered(off, even.deviations(s)),
+        ])  # fmt: skip
+    halves, truly, without = np.mean(shares, axis=0)
+    assert 0.88 <= halves <= 0.99
+    assert 0.88 <= truly <= 0.99
+    assert without < 0.3
+
+
+def test_stamps_of_neighbouring_rows_may_be_wrong_alike():
+    """As a controller's are, whose clock drifts for some rows."""
+    at, shares = np.arange(4001) / 1000, []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        truth = harmonics(rng, base=0.075)
+        drift = np.convolve(rng.normal(size=len(at) + 9), np.ones(10) / 10, "valid")
+        t = np.sort(at + rng.uniform(-2e-4, 2e-4, len(at)) + 5e-4 * drift)
+        smooth = fit(t, np.round(truth(at), 7))
+        s = inside(smooth)
+        off = [rate - truth(s, k) for k, rate in enumerate(rates(smooth.spline, s))]
+        shares.append(covered(off, smooth.deviations(s)))
+    assert 0.88 <= np.mean(shares) <= 0.99
+
+
 def test_deviations_are_those_of_an_ideal_low_pass_filter():
     _, smooth = fitted("noise 1e-4")
     t = inside(smooth)[100:-100]
@@ -152,6 +197,38 @@ def test_samples_without_noise_are_interpolated():
     assert any("goes through all of them" in note for note in smooth.notes)
     middle = t[100:-100] + 0.005
     assert np.abs(smooth.spline(middle, nu=4) - truth(middle, 4)).max() < 1e-4
+
+
+STEADY = {
+    "in all digits": (np.zeros(3), 0.0),
+    "white": (np.array([1e-5, 1e-6, 1e-4]), 0.0),
+    "encoder": (np.zeros(3), 2 * np.pi / 2**17),
+}
+
+
+@pytest.mark.parametrize(("sigma", "step"), STEADY.values(), ids=STEADY)
+@pytest.mark.parametrize("speeds", [(0.3, -0.2, 0.5), (0, 0, 0)], ids=["steady", "at rest"])
+def test_joints_that_keep_their_speed_need_no_peak_of_q4d(sigma, step, speeds):
+    t = np.arange(2001) / 1000
+    q = 0.1 + t[:, None] * speeds + sigma * np.random.default_rng(0).normal(size=(2001, 3))
+    smooth = fit(t, step * np.round(q / step) if step else q)
+    assert smooth.shortfall(2) is None
+    s = inside(smooth)
+    off, deviations = np.abs(smooth.spline(s, nu=4)), smooth.deviations(s, 4)[4]
+    assert (off <= 4 * deviations + 1e-2).all()
+    assert {noise.kind for noise in smooth.noise} <= {"white", "rounding", "rest", "encoder step"}
+    assert all(noise.step in (0, pytest.approx(step, rel=1e-6)) for noise in smooth.noise)
+
+
+def test_a_bandwidth_smooths_exact_samples_too():
+    t = np.arange(1001) / 100
+    truth = harmonics(np.random.default_rng(0))
+    ripple = 1e-3 * np.sin(2 * np.pi * 8 * t)[:, None]
+    smooth = fit(t, truth(t) + ripple, bandwidth=2)
+    assert smooth.bandwidth == pytest.approx(2, rel=0.05)
+    s = inside(smooth)
+    assert np.abs(smooth.spline(s) - truth(s)).max() < 2e-4
+    assert "smoothed" in jounce.Motion.fit(t, truth(t), bandwidth=5).source
 
 
 def test_joints_at_rest_are_constant_which_is_said_once():

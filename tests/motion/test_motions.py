@@ -9,7 +9,7 @@ from robots import relative_error
 
 import jounce
 from jounce import JounceWarning
-from jounce.motion.spline import Spline
+from jounce.motion.spline import Smoothing, Spline
 from jounce.motion.table import from_table
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
@@ -120,7 +120,7 @@ def test_joints_that_follow_others_are_left_alone(rate):
     panda = jounce.load(PANDA).mechanism
     columns = {name + rate: -0.5 + 0.01 * np.sin(np.arange(9.0)) for name in panda.joints} | {"t": np.arange(9.0)}
     columns[f"panda_finger_joint1{rate}"] = columns[f"panda_joint6{rate}"] = np.full(9, 0.02)
-    motion = from_table(columns, panda, 0, "m.csv", Spline())
+    motion = from_table(columns, panda, 0, "m.csv", Smoothing() if rate else Spline())
     assert motion.joint_names == panda.coordinates
     assert motion.notes == (f"other columns, left alone: panda_finger_joint2{rate}",)
     refusal(
@@ -194,6 +194,22 @@ def test_a_fit_to_a_polynomial_of_its_degree_is_that_polynomial(degree, interval
     motion = from_table({"t": t, "joint1": power(t), "joint2": power(t)}, PLANAR, 3, "m.csv", Spline(degree, intervals))
     for k, rate in enumerate(motion(t, 3)):
         np.testing.assert_allclose(rate[:, 1], (power.deriv(k) if k else power)(t), rtol=1e-4, atol=1e-6 * 100**k)
+
+
+@pytest.mark.parametrize("way", ["through", "fit", "piecewise"])
+def test_times_in_milliseconds_are_warned_of(way):
+    s = np.arange(200) * 0.01
+    q = np.sin(s)[:, None] + [0.1, 0.2]
+    ways = {
+        "through": jounce.Motion.through,
+        "fit": lambda t, q: jounce.Motion.fit(t, q, degree=7, intervals=20),
+        "piecewise": lambda t, q: jounce.Motion.piecewise(
+            t, np.stack([np.diff(q, axis=0) / np.diff(t)[:, None], q[:-1]])
+        ),
+    }
+    with pytest.warns(JounceWarning, match="^the motion: rows are 10 s apart, .* t looks like ms; expected seconds$"):
+        ways[way](1e3 * s, q)
+    ways[way](s, q)
 
 
 @pytest.mark.parametrize("intervals", [0, -1, 6])

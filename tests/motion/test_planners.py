@@ -133,12 +133,45 @@ def test_splines_and_polynomial_paths_of_toppra():
     others = (
         toppra.SimplePath(np.linspace(0, 2, 5), RNG.normal(size=(5, N)), RNG.normal(size=(5, N))),
         toppra.interpolator.PolynomialPath(RNG.normal(size=(N, 4)), 0.5, 2.0),
+        toppra.interpolator.UnivariateSplineInterpolator(np.linspace(0, 2, 30), RNG.normal(size=(30, N))),
+        OfOpenRave(np.linspace(0, 1, 4), RNG.normal(size=(4, 3, N))),
     )
     for other in others:
         path = toppra_motion("ParametrizeConstAccel", other)
         t = np.linspace(0, path.duration, 100)[1:-1]
         for k, rate in enumerate(Motion.from_toppra(path)(t, 1)):
             assert relative_error(rate, path(t, k)) < 1e-9
+        path = toppra_motion("ParametrizeSpline", other)
+        assert relative_error(Motion.from_toppra(path)(t, 1)[1], path(t, 1)) < 1e-9
+
+
+class OfOpenRave:
+    """What toppra makes of a trajectory of OpenRAVE holds."""
+
+    def __init__(self, x, c):
+        self.ppoly, self.path_interval, self.dof = PPoly(c, x), np.array([x[0], x[-1]]), c.shape[2]
+        self.ss_waypoints = x
+
+    def __call__(self, s, order=0):
+        return self.ppoly(s, order)
+
+
+class Waves(OfOpenRave):
+    """A path of the user's own, which is no polynomial."""
+
+    def __init__(self):
+        super().__init__(np.array([0.0, 1.0]), np.zeros((1, 1, N)))
+        del self.ppoly
+
+    def __call__(self, s, order=0):
+        return np.sin(np.asarray(s)[..., None] * np.arange(1, N + 1) + order * np.pi / 2) * np.arange(1, N + 1) ** order
+
+
+def test_paths_of_toppra_that_are_no_polynomials_or_know_no_time_are_refused():
+    along = toppra_motion("ParametrizeConstAccel", Waves())
+    refusal(lambda: Motion.from_toppra(along), "along a spline or polynomials", "Motion.through(t, path(t))")
+    assert Motion.from_toppra(toppra_motion("ParametrizeSpline", Waves())).duration > 0
+    refusal(lambda: Motion.from_toppra(spline_path()), "got a path, which knows no time", "compute_trajectory()")
 
 
 def test_trapezoids_keep_their_limits_and_one_joint_reaches_one():
@@ -160,7 +193,8 @@ def test_trapezoids_keep_their_limits_and_one_joint_reaches_one():
 REFUSED = {
     "no trajectory": (lambda: Motion.from_ruckig({}), ["from_ruckig() expects a ruckig.Trajectory", "got dict"]),
     "not calculated": (lambda: Motion.from_ruckig(ruckig.Trajectory(2)), ["Motion.from_ruckig()"]),
-    "no path": (lambda: Motion.from_toppra(None), ["from_toppra() expects", "compute_trajectory()", "NoneType"]),
+    "no path": (lambda: Motion.from_toppra(3), ["from_toppra() expects", "compute_trajectory()", "int"]),
+    "none found": (lambda: Motion.from_toppra(None), ["toppra found no trajectory; loosen the constraints"]),
     "no way": (lambda: Motion.trapezoidal([[0, 1], [0, 1]], 1, 1), ["positions has 2 rows", "unlike the one before"]),
     "no speed": (lambda: Motion.trapezoidal([[0.0], [1.0]], 0, 1), ["velocity is 0.0; expected one or 1 numbers > 0"]),
 }  # fmt: skip

@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pytest
 from click.testing import CliRunner
 from files import refusal
 
@@ -54,8 +55,25 @@ def test_samples_that_cannot_carry_the_highest_rate_are_refused_but_for_force(tm
     assert call(*asked, "--force").exit_code == 0
 
 
-def test_what_is_for_samples_alone_is_refused_of_terms():
-    refusal(lambda: jounce.load_motion("paper", PLANAR, bandwidth=2.0), "paper: its terms are exact; bandwidth is for")
+RATES = {"t": T} | {
+    f"joint{j + 1}.{rate}": EXACT[k][:, j] for j in (0, 1) for k, rate in enumerate(("q", "qd", "q2d", "q3d", "q4d"))
+}
+OPTIONS = {"degree": 7, "intervals": 5, "bandwidth": 2.0, "force": True}
+NAMING = {"time": "t", "columns": "{joint}", "angles": "rad", "time_unit": "s"}
+NO_EFFECT = {
+    **{f"{name} of terms": ("paper", {name: value}, "exact") for name, value in (OPTIONS | NAMING).items()},
+    **{f"{name} of rates": (RATES, {name: value}, "all rates are in the table") for name, value in OPTIONS.items()},
+    "topic of terms": ("paper", {"topic": "x"}, "topic is for bags"),
+    "topic of columns": (LOG, {"topic": "x"}, "topic is for bags"),
+}
+
+
+@pytest.mark.parametrize(("source", "options", "reason"), NO_EFFECT.values(), ids=NO_EFFECT)
+def test_an_option_without_effect_is_refused(source, options, reason):
+    refusal(lambda: jounce.load_motion(source, PLANAR, **options), reason, *options, "leave it out")
+
+
+def test_degree_and_bandwidth_exclude_each_other():
     refusal(lambda: jounce.load_motion(LOG, PLANAR, bandwidth=2.0, degree=7), "leave degree and intervals out")
 
 

@@ -53,6 +53,19 @@ def test_says_nothing_of_smooth_motions(path, count):
     assert smoothness.of_samples(t, path(t)[:, None]) is None
 
 
+DIGITS = {"exact": lambda q: q, "six digits": lambda q: np.round(q, 6), "noise": lambda q: q + NOISE[: len(q)]}
+NOISE = 1e-5 * np.random.default_rng(0).normal(size=(401, 2))
+
+
+@pytest.mark.parametrize("count", [41, 101, 401])
+@pytest.mark.parametrize("written", DIGITS.values(), ids=DIGITS)
+def test_a_kink_is_told_however_samples_are_smoothed(count, written):
+    t = np.linspace(0, 1, count)
+    q = np.stack([np.abs(t - 0.5), 0.3 * np.sin(2 * t)], axis=1)
+    with pytest.warns(jounce.JounceWarning, match="velocity jumps at 1 knot"):
+        jounce.Motion.fit(t, written(q), force=True)
+
+
 def test_rates_of_a_table_are_judged_as_they_are():
     t = np.linspace(0, 3, 301)
     spline = CubicSpline(KNOTS, HEIGHTS)

@@ -61,6 +61,72 @@ def test_no_wrench_columns_no_wrench():
     assert from_table(JOINTS, IIWA, 4, "m.csv").wrench(T) is None
 
 
+SECONDS = np.arange(1000) / 250
+SMOOTH = {"t": SECONDS, "joint1": np.cos(SECONDS), "joint2": np.sin(2 * SECONDS)}
+PLANAR = jounce.load("planar2r")
+
+
+def push(k):
+    return 10 * 2.0**k * np.sin(2 * SECONDS + k * np.pi / 2)
+
+
+def test_measured_wrenches_are_smoothed_and_have_deviations():
+    """A force sensor's noise, and none of its components that rest."""
+    noise = np.random.default_rng(0).normal(size=(2, len(SECONDS)))
+    columns = SMOOTH | {"body2.fy": push(0) + 0.05 * noise[0], "body2.mz": 0.1 + 0.01 * noise[1]}
+    motion = jounce.load_motion(columns, PLANAR)
+    inside = slice(150, -150)
+    off = motion.wrench_deviations(SECONDS)
+    for k, rate in enumerate(motion.wrench(SECONDS)):
+        error = np.abs(rate["body2"][inside, 4] - push(k)[inside])
+        assert error.max() < 0.02 * 10 * 2.0**k
+        assert (error < 1.96 * off[k]["body2"][inside, 4]).mean() >= 0.9
+    assert np.ptp(motion.wrench(SECONDS)[0]["body2"][:, 2]) < 1e-12
+    assert any(note.startswith("wrench of 'body2': samples, smoothed") for note in motion.notes)
+    along = PLANAR.forces_along(motion)
+    exact = PLANAR.forces_along(
+        jounce.load_motion(SMOOTH | {"body2.fy": push(0), "body2.mz": 0.1 + 0 * SECONDS}, PLANAR)
+    )
+    assert exact.deviations is None
+    for k in range(3):
+        error = np.abs(along.forces[k] - exact.forces[k])[inside]
+        assert (error <= 1.96 * along.deviations[k][inside] + 1e-9).mean() >= 0.9
+
+
+def test_a_wrench_whose_noise_drowns_its_rates_is_refused():
+    columns = SMOOTH | {"body2.fy": 3 * np.sin(SECONDS) + np.random.default_rng(0).normal(size=len(SECONDS))}
+    words = ("wrench of 'body2'", "do not carry W2d", "--bandwidth HZ (bandwidth=)", "--force (force=)")
+    refusal(lambda: jounce.load_motion(columns, PLANAR), *words)
+
+
+def test_a_wrench_that_jumps_is_told():
+    columns = SMOOTH | {"body2.fy": np.where(SECONDS < 2, 0, 1 + push(0))}
+    with pytest.warns(jounce.JounceWarning, match=r"wrench of 'body2': a wrench jumps at 1 knot: Q is discontinuous"):
+        jounce.load_motion(columns, PLANAR, degree=7)
+
+
+def test_wrenches_that_jump_are_breaks_and_are_blended():
+    """Of two motions one after the other, one of which pushes."""
+    robot = jounce.load("iiwa14")
+    first = replace(jounce.load_motion("paper-wrench", robot), joint_names=None)
+    still = jounce.Motion.polynomial(np.stack([first(first.stop, 0)[0]], axis=1), 1.0)
+    motion = first + still
+    at = first.stop
+    jumps = [found for found in motion.breaks if found.symbol == "W"]
+    [before], [after] = (motion.wrench(at, 0, side) for side in ("left", "right"))
+    assert {found.t for found in jumps} == {at}
+    [body] = motion.loads
+    for found in jumps:
+        component = ("mx", "my", "mz", "fx", "fy", "fz").index(found.joint.removeprefix(f"{body}."))
+        if found.order == 0:
+            assert found.jump == pytest.approx((after[body] - before[body])[component])
+    [broken] = robot.forces_along(motion, t=[at - 0.1, at + 0.1]).breaks
+    assert set(jumps) <= set(broken.causes)
+    smooth = motion.blended(0.2)
+    assert smooth.breaks == ()
+    assert any("blended, at most" in note for note in smooth.notes)
+
+
 def test_run_applies_them_also_on_merged_links(tmp_path):
     robot = jounce.load(PANDA)
     motion = {"t": T} | {name: -0.3 + 0.1 * np.cos((i + 1) * T) for i, name in enumerate(robot.joint_names)}

@@ -231,6 +231,7 @@ def test_a_state_has_the_same_digits_in_any_layout(kernel, layout):
         same(kernel(*arrays[:k], LAYOUTS[layout](arrays[k]), *arrays[k + 1 :]), expected)
 
 
+@pytest.mark.filterwarnings("ignore:threads=.* has no effect on one state")
 @pytest.mark.parametrize("leads", [((), (19,)), ((5, 1), (4,)), ((1,), (19,)), ((1, 3), (6, 1)), ((2, 1, 3), (4, 1))])
 def test_batches_are_broadcast(kernel, leads):
     batch = np.broadcast_shapes(*leads)
@@ -245,6 +246,7 @@ def test_batches_are_broadcast(kernel, leads):
 @pytest.mark.parametrize(
     "layout", ["plain", "every other state", "every other entry", "reversed", "Fortran", "misaligned"]
 )
+@pytest.mark.filterwarnings("ignore:threads=.* has no effect on one state")
 @pytest.mark.parametrize("threads", [1, 3])
 def test_results_are_written_into_arrays_of_any_layout(kernel, layout, threads):
     arrays = states(kernel, 21)
@@ -259,6 +261,7 @@ def test_results_are_written_into_arrays_of_any_layout(kernel, layout, threads):
         assert before is None or np.isnan(x.base[1::2]).all()
 
 
+@pytest.mark.filterwarnings("ignore:threads=.* has no effect on one state")
 @pytest.mark.parametrize("threads", [2, 3, 16, 1000, np.int64(4)])
 @pytest.mark.parametrize("batch", [(), (1,), (0,), (5,), (64,), (257,), (3, 5), (2, 0)])
 def test_threads_change_no_digit(kernel, batch, threads):
@@ -303,6 +306,16 @@ def test_which_inputs_matter_is_what_the_recursion_says():
         spoilt = [x * np.nan if j == k else x for j, x in enumerate(q)]
         for x, y in zip(*(robot.inverse_dynamics(*spoilt, method=m) for m in ("kernel", "recursion")), strict=True):
             assert (np.isnan(x).all(), np.isnan(x).any()) == (np.isnan(y).any(), np.isnan(y).any())
+
+
+def test_threads_for_one_state_are_warned_of():
+    robot, state = jounce.load("planar2r"), np.ones((3, 2))
+    expected = robot.inverse_dynamics(*state)
+    for call in (robot.inverse_dynamics, robot.compile(order=0)):
+        with pytest.warns(jounce.JounceWarning, match=r"^threads=2 has no effect on one state"):
+            found = call(*state, threads=2)
+        assert found.tolist() == expected.tolist()
+    robot.inverse_dynamics(*state[:, None], threads=2)  # a batch of one is a batch
 
 
 @pytest.mark.parametrize("threads", [0, -1, "2", 2.0, None, True, [2]])

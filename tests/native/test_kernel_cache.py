@@ -212,6 +212,20 @@ def test_the_least_recently_used_make_room(folder, monkeypatch):
     assert kept(folder) == set("ade")
 
 
+def test_a_write_looks_at_each_kernel_once_at_most(folder, monkeypatch):
+    names = [f"{k:064x}" for k in range(20)]
+    for name in names:
+        cache.write(name, b"x" * 100)
+    looks = []
+    stat = os.stat
+    monkeypatch.setattr(
+        os, "stat", lambda path, *rest, **options: looks.append(str(path)) or stat(path, *rest, **options)
+    )
+    cache.write("f" * 64, b"x" * 100)
+    assert [path for path in looks if any(name in path for name in names)] == []  # DirEntry.stat is none of os.stat
+    assert len(list(cache.entries())) == 21
+
+
 def test_a_kernel_larger_than_the_limit_drives_nothing_out(folder, monkeypatch):
     fill(folder, "ab")
     monkeypatch.setenv("JOUNCE_CACHE_SIZE", str(2000 / 2**20))

@@ -93,6 +93,30 @@ def test_an_error_of_the_callback_ends_the_computation(monkeypatch):
     assert said == [10, 20]
 
 
+@pytest.mark.parametrize("way", ["through", "fourier", "piecewise"])
+def test_a_motion_in_degrees_is_warned_of(way):
+    robot, t = jounce.load("iiwa14"), np.linspace(0, 6, 50)
+    amplitudes = np.full(7, 80.0)
+    q = np.sin(t)[:, None] * amplitudes
+    motions = {
+        "through": lambda scale: jounce.Motion.through(t, scale * q),
+        "fourier": lambda scale: jounce.Motion.fourier(
+            0 * amplitudes, [0 * amplitudes], [scale * amplitudes], 1.0, 6.0
+        ),
+        "piecewise": lambda scale: jounce.Motion.piecewise([0, 6], scale * np.array([[amplitudes], [0 * amplitudes]])),
+    }
+    with pytest.warns(
+        jounce.JounceWarning, match="^the motion: joint 'joint1' goes from .* as degrees it would be right"
+    ):
+        robot.forces_along(motions[way](1.0), [0.5], order=0)
+    robot.forces_along(motions[way](np.pi / 180), [0.5], order=0)
+
+
+def test_turns_of_joints_without_limits_that_degrees_do_not_explain_are_left_alone():
+    motion = jounce.Motion.polynomial([[0, 1e4], [0, 0]], 100.0)  # rad/s, or deg/s: none moves so
+    jounce.load("planar2r").forces_along(motion, [0.5], order=0)
+
+
 def test_a_motion_without_wrenches_has_none_in_its_forces():
     motion = motion_of(ROBOT, wrench=False)
     found = ROBOT.forces_along(motion).forces

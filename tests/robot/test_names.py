@@ -89,6 +89,11 @@ def test_names_in_any_order_give_the_same_to_the_last_bit(form, quantity, order)
     identical(found, getattr(PANDA, quantity)(*(x[0] if one else x for x in q), **options))
 
 
+def test_values_of_joints_that_follow_others_are_to_be_left_out():
+    with pytest.raises(jounce.JounceError, match=r"; leave out joints that follow others: panda_finger_joint2$"):
+        PANDA.gravity_forces(np.zeros(9))
+
+
 def test_forms_mix_and_go_to_every_method():
     q, qd, q2d = rates(PANDA, 3)
     by_name = pd.DataFrame(named(PANDA, q)), qd, named(PANDA, q2d)

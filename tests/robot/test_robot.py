@@ -1,8 +1,10 @@
 """The facade: the one rule of rates, paths, batches, `out=`, and errors that say what came and what was expected."""
 
+import gc
 import inspect
 import pickle
 import sys
+import tracemalloc
 
 import numpy as np
 import pandas as pd
@@ -209,6 +211,20 @@ def bad(robot, **changes):
     ("changes", "message"),
     [
         ({"qd": np.zeros(6)}, r"qd has shape \(6,\); expected \(\.\.\., 7\): joint1, joint2"),
+        (
+            {"q": np.zeros(6)},
+            r"expected .* joint7; lock= of jounce\.load, or Robot\.locked, holds joints without a value$",
+        ),
+        (
+            {"q": np.zeros((7, 3))},
+            r"q has shape \(7, 3\); .*; transpose it: q\.swapaxes\(-1, -2\) has the coordinates last$",
+        ),
+        ({"qd": np.zeros((7, 1))}, r"qd has shape \(7, 1\); .*; transpose it: qd\.swapaxes"),
+        ({"q": np.zeros(9)}, r"q has shape \(9,\); expected .* joint7$"),
+        (
+            {"q": {f"joint{i}": 0 for i in range(1, 7)}},
+            r"^q: missing 'joint7'; expected joint1, .*; lock= of jounce\.load",
+        ),
         ({"q": 1.0}, r"q has shape \(\); expected \(\.\.\., 7\)"),
         ({"q2d": None}, "q2d is None, yet q3d is given"),
         ({"q3d": None, "q4d": np.zeros(7)}, "q3d is None, yet q4d is given"),
@@ -376,3 +392,22 @@ def test_public_names():
     assert robot.name == "iiwa14"
     assert set(jounce.__all__) >= {"load", "load_motion", "Robot", "inertia_matrix", "JounceError", "JounceWarning"}
     assert issubclass(jounce.JounceWarning, Warning)
+
+
+def test_robots_that_come_and_go_take_no_more_memory():
+    """What is kept of the last ones is bounded; native code, which is not counted here, goes with its robot."""
+
+    def in_use(masses):
+        for m1 in masses:
+            robot = jounce.load("planar2r", m1=m1)
+            robot.gravity_forces(np.zeros(2), method="recursion")
+            robot.mass_matrix(np.zeros(2), method="closed_form")
+        gc.collect()
+        return tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    try:
+        first, then = in_use(np.linspace(1, 2, 70)), in_use(np.linspace(3, 4, 20))
+    finally:
+        tracemalloc.stop()
+    assert then < 1.05 * first

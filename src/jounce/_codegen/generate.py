@@ -11,7 +11,7 @@ from jounce._codegen.options import Options, check_options, languages_where
 from jounce._codegen.test_vectors import vectors
 from jounce._typing import Language
 from jounce.dynamics.quantities import FORCES
-from jounce.errors import JounceError, quoted, true_or_false
+from jounce.errors import JounceError, listed, quoted, true_or_false, warn
 from jounce.io import folders
 from jounce.io.files import path_of
 from jounce.robot import Robot
@@ -71,7 +71,7 @@ def codegen(
     prefix : str
         The beginning of all names in the code; the robot's name if left out.
     force : bool
-        Write into a folder that is not empty: files that jounce generated are replaced, all others stay.
+        Write into a folder that is not empty: what an earlier run generated is replaced or removed, all else stays.
 
     Returns
     -------
@@ -105,6 +105,7 @@ def codegen(
     names = render.names(options)
     folders.check_folder(folder, header.MARK, names, force)
     functions = functions_of(options)
+    _warn_of_idle(options, functions)
     tests = [vectors(options.robot, function, options.single) for function in functions]
     files = render.files(options, functions, tests)
     folders.write_folder(folder, files, header.MARK, force)
@@ -123,6 +124,17 @@ def functions_of(options: Options) -> list[Function]:
             )
         functions.append(made)
     return functions
+
+
+def _warn_of_idle(options: Options, functions: Sequence[Function]) -> None:
+    """Warn of parameters that are asked for and that no function uses."""
+    used: set[str] = set()
+    for f in functions:
+        numbers = {int(step.value) for step in f.program.steps if step.kind == "input"}
+        used |= {port.name for port in f.parameters if numbers & set(range(port.start, port.end))}
+    idle = [name for name in options.robot.own if name not in used]
+    if idle:
+        warn(f"parameters without effect on {listed(options.outputs)}: {listed(idle)}")
 
 
 def _larger(most: int) -> str:

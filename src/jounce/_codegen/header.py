@@ -5,14 +5,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-import jounce
 from jounce._codegen.function import Function
 from jounce._codegen.parametric import Parametric
 from jounce._codegen.schedule import is_function
+from jounce._version import __version__
 from jounce.dynamics.kinematics import FRAMES
 from jounce.dynamics.quantities import Quantity
 from jounce.model.coordinates import coordinate_units
-from jounce.model.drives import TERMS
+from jounce.model.drives import AMOUNTS, TERMS
 from jounce.model.mechanism import Mechanism
 from jounce.program.operations import OPERATIONS
 from jounce.program.program import Program
@@ -29,7 +29,7 @@ def printable(name: str) -> str:
 def origin(robot: Mechanism, order: int, single: bool) -> str:
     """What code is made from, and by what."""
     precision = "single" if single else "double"
-    return f"{MARK} {jounce.__version__} from the robot {printable(robot.name)}, order {order}, {precision} precision."
+    return f"{MARK} {__version__} from the robot {printable(robot.name)}, order {order}, {precision} precision."
 
 
 def arrays(robot: Mechanism, first: int) -> list[tuple[str, list[str]]]:
@@ -86,7 +86,7 @@ def drive_trains(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
     """Which terms of the robot's drive trains functions include, and which they leave out, as sentences."""
     rows = _quantities(functions)
     entering = [term for term in TERMS if any(term in row.drive_terms for row in rows)]
-    stated = [term for term in entering if np.any(getattr(robot.drives, STATED.get(term, term)))]
+    stated = [term for term in entering if np.any(getattr(robot.drives, AMOUNTS[term]))]
     included = [(row.symbol, [x for x in stated if x in robot.acting and x in row.drive_terms]) for row in rows]
     left = [term for term in stated if term not in robot.acting]
     found = [
@@ -117,7 +117,6 @@ def parameters(robot: Parametric) -> dict[str, str]:
     return {name: meanings.get(name, "a symbol of the robot") for name in robot.shapes}
 
 
-STATED = {"spring": "stiffness"}  # the coefficient of a term, where it has not the term's name
 OF_DRIVES = {  # theta is the angle of a joint, or its path
     "armature": "armature (I theta2d)",
     "damping": "damping (d thetad)",

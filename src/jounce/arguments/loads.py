@@ -17,17 +17,21 @@ AXES = ("world", "body")
 
 def load_of(force: object, torque: object, order: int, q: Sequence[Array]) -> list[Array]:
     """The load (torque; force), (..., 1, 6), and its rates up to `order`, from a caller's data at the states `q`."""
+    if force is None and torque is None:
+        raise JounceError("neither force nor torque is given; expected force=, torque= or both")
     torques, forces = _rates(torque, "torque", order, q), _rates(force, "force", order, q)
     both = (broadcast(pair, [1, 1], ["torque", "force"]) for pair in zip(torques, forces, strict=True))
     return [concatenate(pair, axis=-1)[..., None, :] for pair in both]
 
 
-def place_of(axes: str, point: object) -> Array:
-    """The point (3,) where a load acts, the link's origin if None; the axes are checked beside it."""
+def place_of(axes: str, point: object, force: object) -> Array:
+    """The point (3,) where a force acts, the link's origin if None; the axes are checked beside it."""
     one_of("frame of a load", axes, AXES)
     p = np.zeros(3, dtype=int) if point is None else asarray(point, "point")
     if p.shape != (3,):
         raise JounceError(f"point has shape {p.shape}; expected (3,), in the frame of the link")
+    if point is not None and force is None:
+        warn("point has no effect on a torque: it is where force= acts")
     return p
 
 

@@ -10,6 +10,8 @@ from jounce._scalars import is_zero
 from jounce.errors import JounceError, listed, one_line, quoted
 from jounce.model.mechanism import Mechanism
 
+LOCK = "lock= of jounce.load, or Robot.locked, holds joints without a value"
+
 
 def listed_in(given: Any) -> list[Any] | None:
     """The names under which something stands in what a caller gives, or None where nothing is named.

@@ -7,7 +7,7 @@ import numpy as np
 
 from jounce._scalars import FLOAT, Array, asarray, broadcast, element, exact_integers, is_scalar, is_symbolic, namespace
 from jounce.arguments import names
-from jounce.errors import JounceError, at, quoted
+from jounce.errors import JounceError, at, listed, quoted
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import rate_name
 
@@ -67,14 +67,29 @@ def _column(term: Any, k: int, mechanism: Mechanism, terms: Sequence[Any]) -> Ar
             return _by_name(term, mechanism)
     array, joints = asarray(term, label), mechanism.coordinates
     if array.ndim == 0 or array.shape[-1] != len(joints):
-        raise JounceError(f"{label} has shape {array.shape}; expected (..., {len(joints)}): {', '.join(joints)}")
+        cure = _cure(array.shape, label, mechanism)
+        raise JounceError(f"{label} has shape {array.shape}; expected (..., {len(joints)}): {', '.join(joints)}{cure}")
     return array
+
+
+def _cure(shape: tuple[int, ...], label: str, mechanism: Mechanism) -> str:
+    """What makes coordinates of a wrong shape fit, as the end of a sentence, or nothing."""
+    n, count = mechanism.n, shape[-1] if shape else 0
+    if len(shape) > 1 and shape[-2] == n:
+        return f"; transpose it: {label}.swapaxes(-1, -2) has the coordinates last"
+    if 0 < count < n:
+        return f"; {names.LOCK}"
+    followers = [name for name in mechanism.joints if name not in mechanism.coordinates]
+    if followers and count == mechanism.nb:
+        return f"; leave out joints that follow others: {listed(followers)}"
+    return ""
 
 
 def _by_name(term: Any, mechanism: Mechanism) -> Array:
     """The coordinates (...) that stand under the joints' names, broadcast, as an array (..., n)."""
     joints, named = mechanism.coordinates, names.entries(term)
-    names.check(named, joints, names.followers(mechanism))
+    cure = f"{listed(joints)}; {names.LOCK}" if len(named) < len(joints) else ""
+    names.check(named, joints, names.followers(mechanism), cure)
     parts = [element(named[joint], repr(joint)) for joint in joints]
     if any(map(is_symbolic, parts)):
         parts = [part if is_symbolic(part) else exact_integers(part) for part in parts]

@@ -7,7 +7,7 @@ import numpy as np
 from jounce._scalars import is_numeric
 from jounce.audit.finding import SEVERITIES, Finding
 from jounce.audit.inertias import impossible, placeholders, point_masses, unit_masses
-from jounce.audit.limits import limits
+from jounce.audit.limits import axes, degrees, limits
 from jounce.audit.mobility import massless, singular
 from jounce.audit.units import densities, gravity, masses, sizes
 from jounce.errors import JounceError
@@ -24,6 +24,8 @@ CHECKS: tuple[Callable[[Mechanism], list[Finding]], ...] = (
     massless,
     point_masses,
     limits,
+    degrees,
+    axes,
     gravity,
 )
 

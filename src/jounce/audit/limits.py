@@ -1,10 +1,12 @@
-"""Limits of joints that a file leaves out, or states as zero."""
+"""What a file leaves out of its joints or states in other units: limits and axes."""
 
 import numpy as np
 
 from jounce.audit.finding import Finding
-from jounce.model.coordinates import leading_joints
+from jounce.model.coordinates import TURNS, leading_joints
 from jounce.model.mechanism import Mechanism
+
+LARGEST = 720.0  # of limits in degrees; beyond it a number stands for no limit
 
 
 def limits(mechanism: Mechanism) -> list[Finding]:
@@ -15,6 +17,46 @@ def limits(mechanism: Mechanism) -> list[Finding]:
         stated = getattr(mechanism.limits, kind)[driven]
         found += _missing(mechanism, kind, driven, np.isinf(stated)) + _zero(mechanism, kind, driven, stated == 0)
     return found
+
+
+def degrees(mechanism: Mechanism) -> list[Finding]:
+    """Position limits of revolute joints that look like degrees."""
+    largest = np.maximum(
+        *(np.nan_to_num(np.abs(x), posinf=0) for x in (mechanism.limits.lower, mechanism.limits.upper))
+    )
+    found = np.flatnonzero(mechanism.X[:, :3].any(axis=1) & (largest > TURNS) & (largest <= LARGEST))
+    if not found.size:
+        return []
+    worst = float(largest[found].max())
+    return [
+        Finding(
+            severity="warning",
+            kind="position limit",
+            joints=tuple(mechanism.joints[i] for i in found),
+            number=worst,
+            unit="rad",
+            text=f"position limit of up to {worst:.4g} rad, {worst / (2 * np.pi):.3g} turns: it looks like degrees",
+            advice=f"limits are in rad: {worst:.4g} deg are {np.deg2rad(worst):.4g} rad",
+        )
+    ]
+
+
+def axes(mechanism: Mechanism) -> list[Finding]:
+    """Joints whose axis the file leaves out."""
+    found = tuple(joint for joint in mechanism.default_axes if joint in mechanism.joints)
+    if not found:
+        return []
+    return [
+        Finding(
+            severity="note",
+            kind="axis",
+            joints=found,
+            number=float(len(found)),
+            unit="joints",
+            text="the file states no <axis>: the axis is the format's default, 1 0 0",
+            advice='state it: <axis xyz="1 0 0"/>',
+        )
+    ]
 
 
 def _missing(mechanism: Mechanism, kind: str, driven: list[int], missing: np.ndarray) -> list[Finding]:

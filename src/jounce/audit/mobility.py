@@ -5,6 +5,7 @@ import numpy as np
 from jounce.audit.finding import Finding
 from jounce.dynamics.recursion import bodies
 from jounce.model.mechanism import Mechanism, ancestors
+from jounce.spatial import lie
 from jounce.spatial.series import columns
 
 SINGULAR = 1e-12  # of what a mass matrix could be: rounding leaves less
@@ -48,7 +49,10 @@ def singular(mechanism: Mechanism) -> list[Finding]:
     """Coordinates that move without kinetic energy in every configuration: no forward dynamics, no ``M^-1``."""
     rank, idle = -1, np.zeros(0)
     for k in range(SAMPLES):
-        trial = _idle(mechanism, np.cos(1.0 + k + 1.7 * np.arange(mechanism.n)))
+        q = np.cos(1.0 + k + 1.7 * np.arange(mechanism.n))
+        if _is_regular(mechanism, q):
+            return []
+        trial = _idle(mechanism, q)
         rank, idle = max((rank, idle), trial, key=lambda found: found[0])
         if rank == mechanism.n:
             return []
@@ -64,6 +68,30 @@ def singular(mechanism: Mechanism) -> list[Finding]:
             advice="inverse dynamics holds; for forward dynamics state the inertia beyond, or fix the joint",
         )
     ]
+
+
+def _is_regular(mechanism: Mechanism, q: np.ndarray) -> bool:
+    """Whether every joint feels inertia while all the others are free: the pivots of the mass matrix, in O(n).
+
+    Where joints follow others, pivots of the joint variables tell nothing.
+    """
+    nb, X = mechanism.nb, mechanism.X
+    if mechanism.n != nb or not np.array_equal(mechanism.G, np.eye(nb)):
+        return False
+    rotors = mechanism.drives.armature * ("armature" in mechanism.acting)
+    theta = q + mechanism.g
+    moved = np.stack([lie.exp(X_i, theta[i : i + 1, None]) for i, X_i in enumerate(X)])
+    Ad = lie.Ad(lie.inverse(mechanism.B @ moved))
+    articulated = mechanism.M.copy()  # inertia of a body with all beyond it, whose joints are free
+    for i in reversed(range(nb)):
+        own = articulated[i]
+        momentum = own @ X[i]
+        pivot = X[i] @ momentum + rotors[i]
+        if not pivot > SINGULAR * np.abs(own).max() or not np.isfinite(pivot):
+            return False
+        if (p := mechanism.parent[i]) >= 0:
+            articulated[p] += Ad[i].T @ (own - np.outer(momentum, momentum / pivot)) @ Ad[i]
+    return True
 
 
 def _idle(mechanism: Mechanism, q: np.ndarray) -> tuple[int, np.ndarray]:

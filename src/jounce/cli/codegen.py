@@ -60,7 +60,7 @@ def _names(_: click.Context, __: click.Parameter, given: str | None) -> list[str
 @click.option("--parameters", default="", callback=_names, metavar="NAMES", help="What to take at run time.")
 @click.option("--float32", is_flag=True, help="Single precision.")
 @click.option("--prefix", help="Of all names in the code; the robot's name if left out.")
-@click.option("--force", is_flag=True, help="Replace what jounce generated there before; other files stay.")
+@click.option("--force", is_flag=True, help="Replace what an earlier run generated there; other files stay.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def codegen(
     robot: Asked,

@@ -4,7 +4,7 @@ from typing import Any
 
 import click
 
-from jounce.cli.options import Asked, on_robot
+from jounce.cli.options import Asked, on_robot_without_drives
 from jounce.cli.output import straight_columns, tell
 from jounce.errors import shortened
 
@@ -23,7 +23,7 @@ explain.
 
 
 @click.command(epilog=EPILOG, short_help="Check a robot against other libraries and paths.")
-@on_robot
+@on_robot_without_drives
 @click.option("--order", default=2, show_default=True, type=click.IntRange(0, 6), help="Highest time derivative of Q.")
 @click.option("--states", default=20, show_default=True, type=click.IntRange(1, 10_000), help="How many.")
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(0), help="Of the random states.")

@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from jounce.cli.options import Asked, on_robot
+from jounce.cli.options import Asked, on_robot_without_drives
 from jounce.cli.output import tell
 from jounce.errors import JounceError, shortened
 
@@ -21,7 +21,7 @@ bit. Which drives act is no part of it: say --drives where you use it.
 
 
 @click.command(epilog=EPILOG, short_help="A robot as a YAML or JSON file.")
-@on_robot
+@on_robot_without_drives
 @click.option(
     "-o", "--output", required=True, type=click.Path(path_type=Path), help="File to write: .yaml, .yml or .json."
 )

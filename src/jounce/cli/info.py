@@ -54,7 +54,7 @@ def _in_words(data: dict[str, Any]) -> str:
     order = wrap(f"q: {coordinates}", width=WIDTH, subsequent_indent="   ")
     lines = [head, *order, "", *straight_columns(rows)]
     lines += _limits(data["bodies"])
-    driven = [_drive(body) for body in data["bodies"] if any(body["drive"][key] for key in AMOUNTS)]
+    driven = [_drive(body) for body in data["bodies"] if any(body["drive"][key] for key in AMOUNTS.values())]
     if driven:
         acting = f"in Q: {', '.join(data['acting']) or 'none of these'}"
         lines += ["", *straight_columns([("drive", "armature", "damping", "friction", "spring"), *driven]), acting]

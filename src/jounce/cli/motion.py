@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from jounce.cli.motions import AskedMotion, of_motion
-from jounce.cli.options import Asked, on_robot
+from jounce.cli.options import Asked, on_robot_without_drives
 from jounce.cli.output import progress, tell
 from jounce.errors import JounceError, shortened
 
@@ -24,7 +24,7 @@ motion has any: the order of the derivative that jumps since the row before.
 
 
 @click.command(epilog=EPILOG, short_help="A motion with its rates, q to q4d, as a table.")
-@on_robot
+@on_robot_without_drives
 @of_motion
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Table to write: .csv or .npz.")
 @click.option("--order", default=4, show_default=True, type=click.IntRange(0), help="Highest time derivative of q.")

@@ -28,6 +28,10 @@ OPTIONS = (
         "--columns", metavar="PATTERN",
         help="Names of the joints' columns, such as 'q_{joint}' or 'q{number}'."
     ),
+    click.option(
+        "--torques", metavar="PATTERN",
+        help="Names of the columns of measured torques, such as 'tau{number}'; default: tau_JOINT, JOINT.tau, ..."
+    ),
     click.option("--angles", type=click.Choice(["rad", "deg"]), help="Unit of angles and their rates."),
     click.option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of times."),
     click.option("--topic", metavar="NAME", help="Topic of a ROS bag, where it has several."),
@@ -63,7 +67,18 @@ def of_motion(verb: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(verb)
     def asked(motion: Path, blend: float | None, step: float | None, **others: Any) -> None:
-        names = ("degree", "intervals", "bandwidth", "force", "time", "columns", "angles", "time_unit", "topic")
+        names = (
+            "degree",
+            "intervals",
+            "bandwidth",
+            "force",
+            "time",
+            "columns",
+            "torques",
+            "angles",
+            "time_unit",
+            "topic",
+        )
         options = {name: others.pop(name) for name in names}
         verb(motion=AskedMotion(motion, options, blend, step), **others)
 

@@ -62,12 +62,15 @@ class Asked:
         return load(self.path, **self.options)
 
 
-OPTIONS = (
+Decorator = Callable[[Callable[..., None]], Callable[..., None]]
+
+DRIVES = click.option("--drives", metavar="TERMS", help="In Q too: all, or of armature,damping,friction,spring.")
+OPTIONS: tuple[Decorator, ...] = (
     click.argument("robot", type=ROBOT),
     click.option("--base", metavar="fixed", help="fixed: weld floating, planar, spherical joints at zero."),
     click.option("--root", metavar="LINK", help="Start at a link: what it carries remains."),
     click.option("--lock", multiple=True, metavar="JOINT=VALUE", help="Hold a joint, rad or m; may be repeated."),
-    click.option("--drives", metavar="TERMS", help="In Q too: all, or of armature,damping,friction,spring."),
+    DRIVES,
     click.option("--gravity", nargs=3, type=float, metavar="X Y Z", help="In m/s^2; the robot's own if left out."),
     click.option("--xacro-arg", "xacro_args", multiple=True, metavar="NAME=VALUE", help="Of a .xacro file."),
 )
@@ -75,16 +78,23 @@ OPTIONS = (
 
 def on_robot(verb: Callable[..., None]) -> Callable[..., None]:
     """The verb with the argument ROBOT and its options, which it gets as one `robot`, an `Asked`."""
+    return _with_options(verb, OPTIONS)
 
-    @wraps(verb)
+
+def on_robot_without_drives(verb: Callable[..., None]) -> Callable[..., None]:
+    """`on_robot` of a verb on which drive trains have no effect."""
+    return _with_options(verb, [option for option in OPTIONS if option is not DRIVES])
+
+
+def _with_options(verb: Callable[..., None], options: Sequence[Decorator]) -> Callable[..., None]:
     def asked(
         robot: Path,
         base: str | None,
         root: str | None,
         lock: Sequence[str],
-        drives: str | None,
         gravity: tuple[float, float, float] | None,
         xacro_args: Sequence[str],
+        drives: str | None = None,
         **others: Any,
     ) -> None:
         given = {
@@ -97,9 +107,10 @@ def on_robot(verb: Callable[..., None]) -> Callable[..., None]:
         }
         verb(robot=Asked(robot, {name: value for name, value in given.items() if value is not None}), **others)
 
-    for option in reversed(OPTIONS):
-        asked = option(asked)
-    return asked
+    command: Callable[..., None] = wraps(verb)(asked)
+    for option in reversed(options):
+        command = option(command)
+    return command
 
 
 def _pairs(option: str, given: Sequence[str]) -> dict[str, str]:

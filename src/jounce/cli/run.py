@@ -43,7 +43,10 @@ or a YAML file with analytic terms per joint, whose rates are exact:
     joint2: {polynomial: [0, 0.1, 0.2]}
 
 \b
-OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all their digits.
+OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all their digits; of smoothed
+samples NAME.Q_sd, ... too, their standard deviations. The largest values are
+printed with theirs (±); values that do not stand out of their band of 95 %,
+as at the ends of a fit, are no candidates.
 """
 
 
@@ -75,7 +78,7 @@ def run(
         raise JounceError(f"{output}: is the motion itself; expected another file to write into")
     arm = robot.load()
     path = motion.load(arm, order)
-    peaks, worst = _write_forces(arm, path, order, method, with_rates, output)
+    peaks, spreads, worst = _write_forces(arm, path, order, method, with_rates, output)
     breaks = force_breaks(arm, path, path.times, order, method)
     names = FORCES.names(order)
     summary = {
@@ -95,6 +98,10 @@ def run(
             joint: dict(zip(names, largest.tolist(), strict=True))
             for joint, largest in zip(arm.joint_names, peaks.T, strict=True)
         },
+        "deviations": {
+            joint: dict(zip(names, spread.tolist(), strict=True))
+            for joint, spread in zip(arm.joint_names, spreads.T, strict=True)
+        },
         "units": {
             joint: "N m" if unit == "rad" else "N"
             for joint, unit in zip(arm.joint_names, coordinate_units(arm.mechanism), strict=True)
@@ -105,8 +112,11 @@ def run(
 
 def _write_forces(
     robot: "Robot", motion: "Motion", order: int, method: str | None, with_rates: bool, output: Path
-) -> "tuple[np.ndarray, Sample | None]":
-    """Write the forces along a motion with their rates, piece by piece; the largest (.., n), and the worst limit."""
+) -> "tuple[np.ndarray, np.ndarray, Sample | None]":
+    """Write the forces and their rates along a motion, each piece when it is computed.
+
+    Returns the largest of them that stand out of their bands, (.., n), their standard deviations, and the worst limit.
+    """
     import numpy as np
 
     from jounce.dynamics.quantities import FORCES
@@ -114,15 +124,18 @@ def _write_forces(
     from jounce.io.motions.writing import measured, named
     from jounce.limits.samples import worst_sample
     from jounce.model.coordinates import coordinate_limits
+    from jounce.motion.bands import surest_peaks
     from jounce.robot.along import pieces_along
 
-    joints, peaks = robot.joint_names, np.zeros((order + 1, robot.n))
-    limits = coordinate_limits(robot.mechanism)
+    joints, limits = robot.joint_names, coordinate_limits(robot.mechanism)
+    peaks: list[tuple[np.ndarray, np.ndarray]] = []  # of each piece, with their deviations
     samples: list[Sample | None] = []
 
     def pieces() -> "Iterator[Columns]":
         for piece in pieces_along(robot, motion, motion.times, order, method, show):
-            np.maximum(peaks, np.abs(piece.forces).max(axis=1), out=peaks)
+            forces = np.stack(piece.forces, axis=1)
+            spread = np.zeros_like(forces) if piece.deviations is None else np.stack(piece.deviations, axis=1)
+            peaks.append(surest_peaks(forces, spread))
             samples.append(worst_sample(limits, piece.t, piece.rates, piece.forces))
             columns: Columns = {"t": piece.t}
             if with_rates:
@@ -132,7 +145,8 @@ def _write_forces(
 
     with progress("inverse dynamics") as show:
         tables.write_pieces(output, pieces())
-    return peaks, max((sample for sample in samples if sample is not None), default=None)
+    largest, spreads = surest_peaks(*map(np.stack, zip(*peaks, strict=True)))
+    return largest, spreads, max((sample for sample in samples if sample is not None), default=None)
 
 
 def _limit(worst: "Sample | None", joints: Sequence[str]) -> dict[str, Any] | None:
@@ -147,13 +161,14 @@ def _break(found: "ForceBreak", joints: Sequence[str], names: Sequence[str]) -> 
     """A break as plain data: which rate of Q jumps and by how much, and which rates of which joints do it."""
     from jounce.spatial.series import rate_name
 
+    causes = {cause.joint: {"rate": rate_name(cause.symbol, cause.order), "by": cause.jump} for cause in found.causes}
     jump = None if found.jump is None else dict(zip(joints, found.jump.tolist(), strict=True))
     return {
         "t": found.t,
         "jumps": names[found.order] if found.order >= 0 else None,
         "by": jump,
         "missing": list(names[found.order + 1 :]),
-        "causes": {cause.joint: {"rate": rate_name("q", cause.order), "by": cause.jump} for cause in found.causes},
+        "causes": causes,
     }
 
 
@@ -191,7 +206,11 @@ def _in_words(summary: dict[str, Any]) -> str:
     per = ["", " /s", *(f" /s^{k}" for k in range(2, len(names)))]
     rows = [("largest", "unit", *(f"|{name}|{unit}" for name, unit in zip(names, per, strict=False)))]
     for joint, peaks in summary["peaks"].items():
-        rows.append((joint, summary["units"][joint], *(f"{peaks[name]:.6g}" for name in names)))
+        spreads = summary["deviations"][joint]
+        cells = (
+            f"{peaks[name]:.6g}" + (f" ± {float(f'{spreads[name]:.2g}'):g}" if spreads[name] else "") for name in names
+        )
+        rows.append((joint, summary["units"][joint], *cells))
     kind = "at most {:.2g} from it" if summary["blend"] else "largest residual {:.2g}"
     residual = "" if summary["residual"] is None else f", {kind.format(summary['residual'])}"
     along = f"{shortened(summary['robot'])} along {summary['motion']}"

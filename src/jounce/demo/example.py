@@ -96,8 +96,8 @@ def step_errors(robot: Robot) -> tuple[StepErrors, StepErrors]:
     return errors(1), errors(2)
 
 
-def without_steiner(found: Example) -> tuple[float, ...]:
-    """What leaving out Steiner's theorem does to Q, Qd, Q2d, as the authors' published code does.
+def published(found: Example) -> Forces:
+    """Q, Qd, Q2d as the authors' published code computes them, without Steiner's theorem.
 
     It puts the inertia about the centre of mass where the one about the origin of the frame belongs.
     """
@@ -105,8 +105,12 @@ def without_steiner(found: Example) -> tuple[float, ...]:
     m, h, _ = moments(mechanism.M)
     M = mechanism.M.copy()
     M[:, :3, :3] += hat(h[..., 0]) @ hat(h[..., 0]) / m  # Theta_c = Theta_b + m c~ c~
-    other = forces_of(Robot(replace(mechanism, M=M)), found.motion, found.t)
-    return tuple(share(a - b, b) for a, b in zip(other, found.forces, strict=True))
+    return forces_of(Robot(replace(mechanism, M=M)), found.motion, found.t)
+
+
+def without_steiner(found: Example) -> tuple[float, ...]:
+    """What leaving out Steiner's theorem does to Q, Qd, Q2d."""
+    return tuple(share(a - b, b) for a, b in zip(published(found), found.forces, strict=True))
 
 
 def methods() -> list[Method]:

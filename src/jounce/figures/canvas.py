@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any
 
 from jounce.errors import JounceError, no_such, shortened
@@ -9,6 +10,7 @@ from jounce.io import files
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from matplotlib.legend import Legend
 
 INK, PALE = "#222222", "#bbbbbb"
 # Seven lines: each has a colour (most of Okabe and Ito, safe for the colour-blind) and a dash pattern of its own.
@@ -23,6 +25,7 @@ DASHES: tuple[Any, ...] = (
     (0, (12, 3)),
 )
 LOOK: Any = {
+    "font.family": "DejaVu Sans",
     "font.size": 9,
     "axes.titlesize": 9,
     "axes.spines.top": False,
@@ -43,6 +46,10 @@ LOOK: Any = {
     "svg.fonttype": "path",
 }
 FORMATS = ("png", "svg", "pdf")
+# On a dark page an SVG is dark: light and dark change places, hues stay. A page that sets its scheme by `color-scheme`
+# passes it on to its pictures; where a viewer knows neither, the picture is a light card, legible on any page.
+INVERTED = b"filter: invert(.9) hue-rotate(180deg) brightness(1.2)"
+DARK = b"@media (prefers-color-scheme: dark) {svg:has(> #figure_1) {" + INVERTED + b"}}"
 
 
 def check_installed() -> None:
@@ -70,28 +77,53 @@ def line_style(i: int) -> dict[str, Any]:
     return {"color": COLOURS[i % len(COLOURS)], "linestyle": DASHES[(i + i // len(COLOURS)) % len(DASHES)]}
 
 
+def written(name: str) -> str:
+    """A name as the font of pictures can write it: shortened, and escaped where it has no glyph."""
+    from matplotlib.font_manager import FontProperties, findfont, get_font
+
+    glyphs = get_font(findfont(FontProperties(family="DejaVu Sans"))).get_charmap()  # comes with matplotlib
+    return "".join(c if ord(c) in glyphs else c.encode("unicode_escape").decode() for c in shortened(name))
+
+
+def letter(i: int) -> str:
+    """The letters of the i-th of several axes: a, b, ..., z, aa, ab, ..."""
+    return ("" if i < 26 else letter(i // 26 - 1)) + ascii_lowercase[i % 26]
+
+
 def legend_above(figure: "Figure", entries: Mapping[str, Mapping[str, Any]], columns: int = 8, **options: Any) -> None:
     """A legend of names, as they stand, and their line styles, in rows above all the axes, where it hides nothing.
 
     It has as many columns as the page is wide enough for, and from its third row on the page grows with it.
     """
-    from matplotlib.lines import Line2D
-
-    handles = [Line2D([], [], **style) for style in entries.values()]
     for count in range(min(columns, len(entries)), 0, -1):
-        legend = figure.legend(
-            handles, ["-"] * len(handles), loc="outside upper center", ncols=count, handlelength=3.6, **options
-        )
-        for text, name in zip(legend.get_texts(), entries, strict=True):
-            text.set_parse_math(False)  # $ and _ of a name are not marks of TeX, nor does a first _ hide it
-            text.set_text(shortened(name))
+        legend = _legend(figure, entries, count, options)
         box = legend.get_window_extent()
         if box.width <= figure.bbox.width or count == 1:
             break
         legend.remove()
     rows = -(-len(entries) // count)
+    if -(-len(entries) // rows) < count:  # the last row is short: as many rows need fewer columns
+        legend.remove()
+        box = _legend(figure, entries, -(-len(entries) // rows), options).get_window_extent()
     if rows > 2:
         figure.set_figheight(figure.get_figheight() + box.height * (1 - 2 / rows) / figure.dpi)
+
+
+def _legend(
+    figure: "Figure", entries: Mapping[str, Mapping[str, Any]], columns: int, options: Mapping[str, Any]
+) -> "Legend":
+    """A legend to be read row by row; matplotlib fills it column by column."""
+    from matplotlib.lines import Line2D
+
+    names = [name for column in range(columns) for name in list(entries)[column::columns]]
+    handles = [Line2D([], [], **entries[name]) for name in names]
+    legend = figure.legend(
+        handles, ["-"] * len(handles), loc="outside upper center", ncols=columns, handlelength=3.6, **options
+    )
+    for text, name in zip(legend.get_texts(), names, strict=True):
+        text.set_parse_math(False)  # $ and _ of a name are not marks of TeX, nor does a first _ hide it
+        text.set_text(written(name))
+    return legend
 
 
 def check_format(path: Path) -> None:
@@ -109,3 +141,5 @@ def save(figure: "Figure", path: Path) -> None:
     undated = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[kind]
     with matplotlib.rc_context(LOOK), files.written_whole(path) as part:
         figure.savefig(part, format=kind, metadata=undated)
+        if kind == "svg":
+            part.write_bytes(part.read_bytes().replace(b"</style>", DARK + b"</style>", 1))

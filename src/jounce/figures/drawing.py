@@ -4,12 +4,13 @@ Bodies whose frames share an origin, as in a spherical wrist, have their frames 
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jounce._scalars import Array
 from jounce.figures.canvas import COLOURS, INK, PALE
+from jounce.figures.labels import write
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.inertia import moments
 
@@ -93,15 +94,6 @@ def arrow(axes: "Axes", start: Array, end: Array, colour: str = INK) -> None:
     style = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.4, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 9}
     axes.annotate("", end, start, arrowprops=style, zorder=4)
     axes.update_datalim([start, end])
-
-
-def write(axes: "Axes", text: str, at: Array, offset: Array = (0, 0), **style: Any) -> None:
-    """A word upon the drawing, so many points beside a place; what lies beneath does not cross it."""
-    from matplotlib.patheffects import withStroke
-
-    halo = [withStroke(linewidth=2, foreground="white")]
-    middle: Any = {"ha": "center", "va": "center", "path_effects": halo, "zorder": 6}
-    axes.annotate(text, at, tuple(offset), textcoords="offset points", **middle, **style)
 
 
 def _ground(axes: "Axes", view: View, gravity: np.ndarray, size: float) -> None:

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.figures.canvas import INK, painted
-from jounce.figures.drawing import GREY, View, arrow, draw, write
+from jounce.figures.drawing import GREY, View, arrow, draw
+from jounce.figures.labels import place_labels, write
 from jounce.io.bundled import planar2r
 from jounce.robot import Robot
 
@@ -34,6 +35,7 @@ def schematic() -> "Figure":
         top = np.array([-0.25, 1.35])
         arrow(axes, top, top - [0, 0.25])
         write(axes, "$g$", top - [0, 0.12], (9, 0))
+        place_labels(figure, axes)
 
     return painted(paint, 5.2, 5.2)
 
@@ -45,4 +47,5 @@ def _angle(axes: "Axes", at: np.ndarray, start: float, turned: float, label: str
     along = start + np.linspace(0, turned, 40)
     axes.plot(*(at[:, None] + 0.36 * np.stack([np.cos(along), np.sin(along)])), color=INK, linewidth=0.9)
     middle = start + turned / 2
-    write(axes, label, at + 0.44 * np.array([np.cos(middle), np.sin(middle)]))
+    outward = np.array([np.cos(middle), np.sin(middle)])
+    write(axes, label, at + 0.36 * outward, 9 * outward)

@@ -1,15 +1,18 @@
-"""Panels of a table: the columns ``NAME.Q, NAME.Qd, ...`` and ``NAME.q, NAME.qd, ...``, one panel a quantity."""
+"""Panels of a table: the columns ``NAME.Q, NAME.Qd, ...`` and ``NAME.q, NAME.qd, ...``, one panel per quantity."""
 
 import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jounce.errors import JounceError, listed, no_such, quoted
-from jounce.figures.curves import Panel
+from jounce.errors import JounceError, listed, no_such, quoted, shortened
+from jounce.figures.curves import POINT, Panel, Run
+from jounce.model.coordinates import coordinate_units, leading_joints
+from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import SUFFIX
 
-UNITS = {"q": ("rad", "m"), "Q": ("N m", "N")}  # of revolute and prismatic joints; a table does not tell which is which
+UNITS = {"q": {"rad": "rad", "m": "m"}, "Q": {"rad": "N m", "m": "N"}}  # by the unit of the joint
+LIMITS = {"qd": "velocity", "Q": "effort"}  # the limits of a robot that hold in either direction
 LARGEST = 1e300  # beyond it matplotlib cannot number an axis
 KINDS = {"_sd": "deviations", "_sample": "points", "_measured": "points"}
 COLUMN = re.compile(
@@ -17,70 +20,151 @@ COLUMN = re.compile(
 )  # a name may be of any characters, or of none
 
 
-def panels(
-    columns: Mapping[str, np.ndarray], place: str, joints: Sequence[str] = (), quantities: Sequence[str] = ()
-) -> list[Panel]:
-    """The panels of a table: of all that it holds, or of some joints and quantities (Q, Qd, ...) only.
+def run_of(
+    columns: Mapping[str, np.ndarray],
+    place: str,
+    joints: Sequence[str] = (),
+    quantities: Sequence[str] = (),
+    mechanism: Mechanism | None = None,
+) -> Run:
+    """The panels and breaks of a table, under its name: all that it holds, or some joints and quantities (Q, Qd) only.
+
+    The mechanism tells the order of the joints, their units and their limits; without it the table's order holds.
 
     Raises
     ------
-    JounceError : where the table has no column t, none of a quantity or not those asked for, or numbers too large.
+    JounceError : where the table has no column t, none of a quantity or not those asked for, numbers too large, or a
+        joint that the mechanism has not.
     """
-    if "t" not in columns:
-        raise JounceError(f"{place}: {no_such('column', 't', columns)}")
+    found, beside = _found(columns, place)
+    shown = _shown(found, place, joints, quantities, mechanism)
+    _check_sizes(columns, shown, place)
+    units = {} if mechanism is None else dict(zip(mechanism.coordinates, coordinate_units(mechanism), strict=True))
+    limits = {} if mechanism is None else _limits(mechanism)
+    drawn = []
+    for quantity, curves in shown.items():
+        given = {kind: of.get(quantity, {}) for kind, of in beside.items()}
+        unit, of_joints = _units(quantity), limits.get(quantity, {})
+        if curves:
+            drawn.append(Panel(quantity, curves, None, **given, units=unit, joint_units=units, limits=of_joints))
+        if residuals := _residuals(curves, given.get("points", {})) if quantity == "q" else {}:
+            drawn.append(Panel("residual of q", residuals, units=unit, joint_units=units, style=POINT))
+    return Run(columns["t"], drawn, _breaks(columns), place)
+
+
+def rows_between(
+    columns: Mapping[str, np.ndarray], place: str, between: tuple[float, float] | None
+) -> Mapping[str, np.ndarray]:
+    """The rows of a table between two times, both included; all of them if there are none.
+
+    Raises
+    ------
+    JounceError : where no row lies between them.
+    """
+    if between is None or "t" not in columns:
+        return columns
+    t = columns["t"]
+    rows = (between[0] <= t) & (t <= between[1])
+    if not rows.any():
+        came = f"no rows between t = {between[0]:g} and {between[1]:g} s"
+        raise JounceError(f"{place}: {came}; the table has t = {t.min():g} .. {t.max():g} s")
+    return {name: values[rows] for name, values in columns.items()}
+
+
+def _found(
+    columns: Mapping[str, np.ndarray], place: str
+) -> tuple[dict[str, dict[str, np.ndarray]], dict[str, dict[str, dict[str, np.ndarray]]]]:
+    """The curves by quantity and joint; and by what else there is to a curve, its points and deviations."""
     found: dict[str, dict[str, np.ndarray]] = {}
-    beside: dict[str, dict[str, dict[str, np.ndarray]]] = {}  # by what the columns are of, and quantity
+    beside: dict[str, dict[str, dict[str, np.ndarray]]] = {}
     for name, values in columns.items():
         if match := COLUMN.fullmatch(name):
             kind = match[len(match.groups())]
             of = found if kind is None else beside.setdefault(KINDS[kind], {})
             of.setdefault(match[2] + (match[3] or ""), {})[match[1]] = values
     if not found:
+        cure = f"of samples `jounce motion ROBOT {place} -o OUT` makes a table to be drawn"
         raise JounceError(
-            f"{place}: no columns NAME.Q, NAME.Qd, ... or NAME.q, NAME.qd, ...; it has: {listed(columns)}"
+            f"{place}: no columns NAME.Q, NAME.Qd, ... or NAME.q, NAME.qd, ...; it has: {listed(columns)}; {cure}"
         )
+    if "t" not in columns:
+        raise JounceError(f"{place}: {no_such('column', 't', columns)}")
+    return found, beside
+
+
+def _shown(
+    found: Mapping[str, Mapping[str, np.ndarray]],
+    place: str,
+    joints: Sequence[str],
+    quantities: Sequence[str],
+    mechanism: Mechanism | None,
+) -> dict[str, dict[str, np.ndarray]]:
+    """The curves that are drawn by quantity and joint: q before Q, low rates before high ones, joints in order."""
     known = list(dict.fromkeys(joint for curves in found.values() for joint in curves))
+    if mechanism is not None:
+        for joint in known:
+            if joint not in mechanism.coordinates:
+                missing = no_such(f"joint of {shortened(mechanism.name)}", joint, mechanism.coordinates)
+                raise JounceError(f"{place}: {missing}; expected a table of this robot")
+        known = [joint for joint in mechanism.coordinates if joint in known]
     for kind, asked, existing in (("joint", joints, known), ("quantity", quantities, list(found))):
         for name in asked:
             if name not in existing:
                 raise JounceError(f"{place}: {no_such(kind, name, existing)}")
+    chosen = [joint for joint in known if joint in (joints or known)]
     shown = {
-        quantity: {joint: values for joint, values in curves.items() if joint in (joints or known)}
-        for quantity, curves in found.items()
-        if quantity in (quantities or found)
+        quantity: {joint: found[quantity][joint] for joint in chosen if joint in found[quantity]}
+        for quantity in sorted(quantities or found, key=_rank)
     }
-    drawn = [
-        Panel(_label(quantity), curves, None, **{kind: of.get(quantity, {}) for kind, of in beside.items()})
-        for quantity, curves in shown.items()
-        if curves
-    ]
-    if residuals := _residuals(shown, beside.get("points", {})):
-        drawn.insert(1 + list(shown).index("q"), Panel("residual of q [rad or m]", residuals))
-    if not drawn:
+    if not any(shown.values()):
         raise JounceError(f"{place}: none of {listed(joints)} has a column of {listed(quantities)}")
+    return shown
+
+
+def _check_sizes(columns: Mapping[str, np.ndarray], shown: Mapping[str, Mapping[str, np.ndarray]], place: str) -> None:
     for name in ["t", *(f"{joint}.{quantity}" for quantity, curves in shown.items() for joint in curves)]:
         peak = np.abs(columns[name]).max()
         if peak > LARGEST:
             came = f"column {quoted(name)} holds {peak:g}"
             raise JounceError(f"{place}: {came}; expected no more than {LARGEST:g} to draw it")
-    return drawn
 
 
-def _residuals(
-    shown: Mapping[str, Mapping[str, np.ndarray]], points: Mapping[str, Mapping[str, np.ndarray]]
-) -> dict[str, np.ndarray]:
+def _limits(mechanism: Mechanism) -> dict[str, dict[str, tuple[float, float]]]:
+    """The limits of a robot by quantity and joint."""
+    leading = leading_joints(mechanism)
+
+    def by_joint(lower: np.ndarray, upper: np.ndarray) -> dict[str, tuple[float, float]]:
+        pairs = zip(lower[leading].tolist(), upper[leading].tolist(), strict=True)
+        return dict(zip(mechanism.coordinates, pairs, strict=True))
+
+    stated = mechanism.limits
+    both = {quantity: getattr(stated, name) for quantity, name in LIMITS.items()}
+    return {"q": by_joint(stated.lower, stated.upper)} | {
+        quantity: by_joint(-limit, limit) for quantity, limit in both.items()
+    }
+
+
+def _residuals(curves: Mapping[str, np.ndarray], samples: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Samples less the curve, by joint."""
-    curves = shown.get("q", {})
-    return {joint: samples - curves[joint] for joint, samples in points.get("q", {}).items() if joint in curves}
+    return {joint: samples[joint] - values for joint, values in curves.items() if joint in samples}
 
 
-def breaks_of(columns: Mapping[str, np.ndarray]) -> list[float]:
+def _breaks(columns: Mapping[str, np.ndarray]) -> list[float]:
     """The times of the rows before which a derivative jumps, as `jounce motion` marks them."""
     return [] if "break" not in columns else columns["t"][columns["break"] >= 0].tolist()
 
 
-def _label(quantity: str) -> str:
-    """``Q2d [N m/s² or N/s²]``."""
-    k = {"": 0, "d": 1}.get(quantity[1:]) if len(quantity) < 3 else int(quantity[1:-1])
+def _order(quantity: str) -> int:
+    return 1 if quantity[1:] == "d" else int(quantity[1:-1] or 0)
+
+
+def _rank(quantity: str) -> tuple[bool, int]:
+    """q, qd, ... before Q, Qd, ..."""
+    return quantity[0] == "Q", _order(quantity)
+
+
+def _units(quantity: str) -> dict[str, str]:
+    """``N m/s², N/s²`` of Q2d, by the unit of the joint."""
+    k = _order(quantity)
     per = "" if not k else "/s" if k == 1 else f"/s$^{{{k}}}$"
-    return f"{quantity} [{' or '.join(unit + per for unit in UNITS[quantity[0]])}]"
+    return {joint_unit: unit + per for joint_unit, unit in UNITS[quantity[0]].items()}

@@ -1,5 +1,6 @@
 """Folders written as a whole: all files or none, and nothing of a user's lost."""
 
+import re
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -30,8 +31,9 @@ def check_folder(folder: Path, mark: str, names: list[str], force: bool) -> None
 def write_folder(folder: Path, files: Mapping[str, str], mark: str, force: bool) -> None:
     """Write texts as the files of a folder, all of them or none.
 
-    With `force` it need not be empty: of the files in it only those of the same names are replaced, if they bear the
-    mark of such files; all others stay. What is replaced passes its mode on, the folder too.
+    With `force` it need not be empty. Files of the same names are replaced, if they bear the mark; those that a former
+    run left and this one does not write are removed; all others stay. What is replaced passes its mode on, the folder
+    too.
     """
     check_folder(folder, mark, list(files), force)
     target = folder.resolve()
@@ -44,8 +46,11 @@ def write_folder(folder: Path, files: Mapping[str, str], mark: str, force: bool)
             if (before := mode_of(target / name)) is not None:
                 (part / name).chmod(before)
         if target.is_dir() and any(target.iterdir()):
+            stale = _stale(target, files, mark)
             for name in files:
                 (part / name).replace(target / name)
+            for path in stale:
+                path.unlink()
         else:
             if mode is not None:
                 part.chmod(mode)
@@ -55,6 +60,22 @@ def write_folder(folder: Path, files: Mapping[str, str], mark: str, force: bool)
         raise JounceError(f"{folder}: cannot be written: {error.strerror or error}") from None
     finally:
         shutil.rmtree(part, ignore_errors=True)
+
+
+def _stale(folder: Path, files: Mapping[str, str], mark: str) -> list[Path]:
+    """The marked files of a former run that are not written again: those that a file to be replaced speaks of.
+
+    A user's copy of generated code is marked as well, but nothing speaks of it.
+    """
+    replaced = [folder / name for name in files if _is_marked(folder / name, mark)]
+    texts = (path.read_text(encoding="utf-8", errors="replace") for path in replaced)
+    words = {word for text in texts for word in re.findall(r"\w+", text)}
+    kept = {name.casefold() for name in files}  # as file systems compare that take A for a
+    return [
+        path
+        for path in sorted(folder.iterdir())
+        if path.stem in words and path.name.casefold() not in kept and _is_marked(path, mark)
+    ]
 
 
 def _is_marked(path: Path, mark: str) -> bool:

@@ -11,10 +11,11 @@ import numpy as np
 
 from jounce._scalars import is_numeric
 from jounce._typing import ArrayLike, Base, DriveTerms, Planar2R
-from jounce.errors import JounceError, at, no_such, quoted, warn
+from jounce.errors import JounceError, at, no_such, warn
 from jounce.io.bundled import BUNDLED
 from jounce.io.files import path_of
-from jounce.model.drives import AMOUNTS, chosen
+from jounce.model import tree
+from jounce.model.drives import chosen
 from jounce.model.mechanism import Mechanism
 from jounce.robot import Robot
 
@@ -60,6 +61,10 @@ def load(
     **parameters : keywords
         Of planar2r: L1, L2, m1, m2, g; symbols are values too.
 
+    Returns
+    -------
+    Robot
+
     Raises
     ------
     JounceError
@@ -80,19 +85,18 @@ def load(
     if not isinstance(source, str | os.PathLike):
         raise JounceError(f"a robot is a path or a name, not {type(source).__name__}; names: {', '.join(BUNDLED)}")
     path = path_of(source)
-    name, terms = os.fspath(source), () if drives is None else chosen(drives)
+    name = os.fspath(source)
+    if drives is not None:
+        chosen(drives)
+    with at(name):
+        tree.check_base(base)
     stated = {"gravity": gravity, "base": base, "root": root, "xacro_args": xacro_args}
     given = {key: value for key, value in stated.items() if value is not None} | parameters
     robot = Robot(_mechanism(name, path, given))
     if lock is not None:
         with at(name):
             robot = robot.locked(lock)
-    if not terms:
-        return robot
-    driven = robot.with_drives(terms)
-    if not any(getattr(driven.drives, name).any() for name in AMOUNTS):
-        warn(f"{name}: states no drive trains; drives={quoted(drives)} adds nothing")
-    return driven
+    return robot if drives is None else robot.with_drives(drives)
 
 
 def _mechanism(name: str, path: Path, parameters: dict[str, object]) -> Mechanism:

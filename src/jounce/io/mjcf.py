@@ -34,7 +34,7 @@ def compiled(path: Path) -> Any:
         import mujoco
     except ImportError:
         raise JounceError(f"{path}: MJCF needs MuJoCo; install it by: pip install 'jounce[mujoco]'") from None
-    with warnings_of(mujoco) as said:
+    with warnings_of(mujoco) as said, without_assets(mujoco):
         try:
             model = mujoco.MjModel.from_xml_path(str(path))
         except Exception as error:  # ValueError, and one of MuJoCo's own that is no child of it
@@ -54,6 +54,22 @@ def warnings_of(mujoco: Any) -> Iterator[list[str]]:
         yield said
     finally:
         mujoco.set_mju_user_warning(before)
+
+
+@contextmanager
+def without_assets(mujoco: Any) -> Iterator[None]:
+    """Free the meshes and textures that MuJoCo keeps of each file, up to 500 MB, for whoever reads it again.
+
+    They stay where a program has read models by itself, as it may read these again. Old versions keep nothing.
+    """
+    find = getattr(mujoco, "mj_getCache", None)
+    cache = find() if find else None
+    empty = cache is not None and mujoco.mj_getCacheSize(cache) == 0
+    try:
+        yield
+    finally:
+        if empty:
+            mujoco.mj_clearCache(cache)
 
 
 def _root(path: Path) -> object:

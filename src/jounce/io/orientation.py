@@ -4,11 +4,19 @@ import math
 
 import numpy as np
 
+from jounce.errors import warn
 from jounce.model.screws import ROUNDING
 
+TURN = 6.3  # rad: no rotation takes a larger angle
 
-def from_rpy(angles: np.ndarray) -> np.ndarray:
-    """The rotation matrix ``Rz(yaw) Ry(pitch) Rx(roll)`` of the angles (roll, pitch, yaw) in rad."""
+
+def from_rpy(angles: np.ndarray, place: str) -> np.ndarray:
+    """The rotation matrix ``Rz(yaw) Ry(pitch) Rx(roll)`` of the angles (roll, pitch, yaw) in rad.
+
+    Angles of more than a turn look like degrees: a warning names the place that states them.
+    """
+    if np.abs(angles).max() > TURN:
+        warn(f"{place}: rpy is {angles.round(6).tolist()}, more than a turn; expected angles in rad")
     roll, pitch, yaw = angles
     return _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
 

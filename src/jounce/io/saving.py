@@ -14,7 +14,8 @@ from jounce.robot import Robot
 def save(robot: Robot, path: str | os.PathLike[str]) -> None:
     """Write a robot into a file of jounce's own format: YAML or JSON.
 
-    Nothing is lost: `jounce.load` gives every array back to the last bit, and names, limits and frames.
+    Nothing is lost: `jounce.load` gives every array back to the last bit, and names, limits and frames. Which drive
+    terms act is not a part of the data: ``jounce.load(..., drives=True)`` selects them.
 
     Parameters
     ----------

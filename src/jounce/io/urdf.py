@@ -1,5 +1,6 @@
 """URDF: what dynamics needs of it, read with lxml; visuals, collisions, meshes and transmissions are never opened."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from jounce.spatial.lie import pose
 
 MOVING = {"revolute": 0, "continuous": 0, "prismatic": 3}  # where in the screw the axis goes
 FREE = ("floating", "planar")
+AXIS = "1 0 0"  # by the format, where a joint states none
 PLACED = ("xyz", "rpy")  # how an <origin> says its pose
 
 
@@ -31,7 +33,9 @@ def parse(content: bytes, file: str, name: str, gravity: object, base: str | Non
     links = [_link(element, file) for element in robot.iterchildren("link")]
     joints = [_joint(element, file) for element in robot.iterchildren("joint")]
     given = GRAVITY if gravity is None else gravity
-    return tree.mechanism(links, joints, given, robot.get("name") or name, file, base=base, root=root)
+    built = tree.mechanism(links, joints, given, robot.get("name") or name, file, base=base, root=root)
+    without = {element.get("name") for element in robot.iterchildren("joint") if element.find("axis") is None}
+    return replace(built, default_axes=tuple(joint for joint in built.joints if joint in without))
 
 
 def _parsed(content: bytes, file: str) -> etree._Element:
@@ -85,7 +89,9 @@ def _joint(element: etree._Element, file: str) -> tree.Joint:
 
 
 def _screw(element: etree._Element, kind: str, file: str) -> np.ndarray:
-    axis = direction(_numbers(_child(element, "axis", file), "xyz", 3, file))
+    stated = element.find("axis")
+    numbers = np.array(AXIS.split(), dtype=float) if stated is None else _numbers(stated, "xyz", 3, file)
+    axis = direction(numbers)
     if axis is None:
         name = quoted(element.get("name"))
         raise JounceError(f"{_at(element, file)}: joint {name} has a zero axis; expected a direction")
@@ -128,7 +134,7 @@ def _origin(element: etree._Element, file: str) -> np.ndarray:
     for key in origin.attrib:  # a quaternion, or a frame that the pose is given in, must not be lost in silence
         if key not in PLACED:
             raise JounceError(f"{_at(origin, file)}: {no_such('attribute of <origin>', key, PLACED)}")
-    R = from_rpy(_numbers(origin, "rpy", 3, file, default="0 0 0"))
+    R = from_rpy(_numbers(origin, "rpy", 3, file, default="0 0 0"), _at(origin, file))
     return pose(R, _numbers(origin, "xyz", 3, file, default="0 0 0")[:, None])
 
 

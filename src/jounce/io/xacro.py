@@ -1,14 +1,17 @@
 """xacro: a URDF file written with macros, expanded to plain URDF by the package xacrodoc."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, redirect_stderr
 from io import StringIO
 from pathlib import Path
 from typing import Any
 
-from jounce.errors import JounceError, no_such, one_line, quoted, warn
+from jounce.errors import JounceError, no_such, one_line, quoted, shortened, warn
 from jounce.io.doctype import refuse_declarations
 from jounce.io.files import read_bytes
+
+DEEPEST = 32  # calls of a macro with the same arguments within one another: a counter of another kind ends earlier
 
 
 class _Arguments(dict[str, str]):
@@ -46,7 +49,7 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
     packages.reset()  # it remembers where each package was: two checkouts may hold one of the same name
     packages.walk_up_from(path)
     try:
-        with redirect_stderr(said), _declarations_refused(xacro):
+        with redirect_stderr(said), _declarations_refused(xacro), _endless_calls_refused(xacro):
             document = xacro.process_file(str(path), mappings=given)
     except Exception as error:  # of xacro, its parser, or of the expressions in the file
         absent = getattr(error, "exc", None)
@@ -61,6 +64,34 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
     if said.getvalue().strip():
         warn(f"{path}: xacro: {one_line(said.getvalue())}")
     return document.toprettyxml(indent="  ").encode()  # the lines that `xacro FILE` writes
+
+
+@contextmanager
+def _endless_calls_refused(xacro: Any) -> Iterator[None]:
+    """Inside, macros and files that call themselves without end are refused before Python's stack ends, much later."""
+    call, include = xacro.handle_macro_call, xacro.parse
+    calls: Counter[str] = Counter()
+
+    def checked_call(node: Any, macros: Any, symbols: Any) -> Any:
+        asked = " ".join([node.tagName, *(f"{k}={xacro.eval_text(v, symbols)}" for k, v in node.attributes.items())])
+        calls[asked] += 1
+        if calls[asked] > DEEPEST:
+            raise JounceError(f"<{shortened(asked)}> calls itself without end")
+        try:
+            return call(node, macros, symbols)
+        finally:
+            calls[asked] -= 1
+
+    def checked_include(given: Any, name: str | None = None) -> Any:
+        if given is None and xacro.filestack.count(name) > 1:
+            raise JounceError(f"{shortened(str(name))} includes itself")
+        return include(given, name)
+
+    xacro.handle_macro_call, xacro.parse = checked_call, checked_include
+    try:
+        yield
+    finally:
+        xacro.handle_macro_call, xacro.parse = call, include
 
 
 @contextmanager

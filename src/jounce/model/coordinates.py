@@ -16,6 +16,8 @@ from jounce.spatial.series import Series
 
 T = TypeVar("T", Array, Series)
 
+TURNS = 8 * np.pi  # rad: four turns, further than joints without limits are taken to go
+
 
 def joint_variables(mechanism: Mechanism, q: T) -> T:
     """theta = G q + g: (..., n, 1) to (..., nb, 1)."""
@@ -82,3 +84,10 @@ def following_efforts(mechanism: Mechanism) -> list[str]:
     limits, leaders = mechanism.limits, leading_joints(mechanism)
     stated = [any(np.isfinite(limits.bounds(kind)[:, i]).any() for kind in EFFORT_KINDS) for i in range(mechanism.nb)]
     return [joint for i, joint in enumerate(mechanism.joints) if stated[i] and i not in leaders]
+
+
+def likely_positions(mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds (nb,) of the joint variables: their limits, and some turns for those that turn without any."""
+    widest = np.where(mechanism.X[:, :3].any(axis=1), TURNS, np.inf)
+    lower, upper = mechanism.limits.lower, mechanism.limits.upper
+    return np.where(np.isfinite(lower), lower, -widest), np.where(np.isfinite(upper), upper, widest)

@@ -17,13 +17,14 @@ import numpy as np
 
 from jounce import _scalars
 from jounce._scalars import Array, asarray, is_symbolic
-from jounce.errors import JounceError, at, one_of, quoted, several, true_or_false
+from jounce.errors import JounceError, at, one_of, quoted, several, true_or_false, warn
 from jounce.model.mechanism import Frame, Mechanism
 from jounce.model.screws import exact_pose, from_screws
 
 PARAMETERS = ("a", "alpha", "d", "theta")
 CONVENTIONS = ("standard", "modified")
 TYPES = ("revolute", "prismatic")
+TURN = 6.3  # rad
 TOOL = "tool"  # the name of its frame
 
 Row = tuple[Array, str]  # a, alpha, d, theta in rad, (4,), and the type of the joint
@@ -44,6 +45,8 @@ def from_dh(
     one_of("Denavit-Hartenberg convention", convention, CONVENTIONS)
     true_or_false("degrees", degrees, "the unit of alpha and theta")
     rows = _rows(table, types)
+    if not degrees:
+        _warn_of_degrees(rows)
     moved = [_standard(*row, degrees) if convention == "standard" else _modified(*row, degrees) for row in rows]
     B, X = ([pair[k] for pair in moved] for k in (0, 1))
     if base is not None:
@@ -136,6 +139,17 @@ def _row(row: Any, label: str) -> Array:
     if not np.isfinite(numbers).all():
         raise JounceError(f"{label} is {numbers.tolist()}; expected finite numbers: {order}")
     return numbers.astype(float).astype(object)  # Python's own floats
+
+
+def _warn_of_degrees(rows: Sequence[Row]) -> None:
+    """Warn of the first angle that is more than a turn."""
+    for i, (row, _) in enumerate(rows):
+        for name in ("alpha", "theta"):
+            angle = row[PARAMETERS.index(name)]
+            if isinstance(angle, float) and abs(angle) > TURN:
+                cure = "degrees=True (angles: deg in a file) takes degrees"
+                warn(f"table[{i}]: {name} is {angle:g} rad, more than a turn; {cure}")
+                return
 
 
 def _pose(T: Array, label: str) -> Array:

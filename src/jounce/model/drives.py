@@ -18,7 +18,7 @@ import numpy as np
 
 from jounce._scalars import Array, is_finite, tanh
 from jounce._typing import DriveTerm, Floats
-from jounce.errors import JounceError, one_of, quoted, several
+from jounce.errors import JounceError, listed, one_of, quoted, several, warn
 from jounce.spatial.series import Series, from_rate
 
 Coefficients = Mapping[str, Array]  # columns, one entry a joint
@@ -62,7 +62,6 @@ class Drives:
     rest: Floats
 
 
-AMOUNTS = ("armature", "damping", "friction", "stiffness")  # of the terms: where all are zero, nothing is stated
 UNDRIVEN = {"armature": 0.0, "damping": 0.0, "friction": 0.0, "eps": EPS, "stiffness": 0.0, "rest": 0.0}
 COEFFICIENTS = ("armature", "damping", "friction", "slope", "stiffness", "rest")  # of the laws; slope is 1 / eps
 LAWS: dict[DriveTerm, Callable[[Coefficients, Series], Series]] = {
@@ -72,6 +71,7 @@ LAWS: dict[DriveTerm, Callable[[Coefficients, Series], Series]] = {
     "spring": lambda c, theta: c["stiffness"] * (theta - c["rest"]),
 }
 TERMS = tuple(LAWS)
+AMOUNTS = {term: term for term in TERMS} | {"spring": "stiffness"}  # of the terms: where all are zero, none is stated
 
 
 def drive_error(**stated: float) -> str | None:
@@ -105,6 +105,18 @@ def chosen(terms: object) -> tuple[DriveTerm, ...]:
         return TERMS * terms
     names = {one_of("drive term", name, TERMS) for name in several(terms)}
     return tuple(term for term in TERMS if term in names)
+
+
+def warn_of_idle(drives: Drives, terms: object, eps: float | None, name: str) -> None:
+    """Warn where a user asks for terms that a robot does not state, or for an eps without friction."""
+    asked = chosen(terms)
+    stated = [term for term in TERMS if np.any(getattr(drives, AMOUNTS[term]))]
+    if asked and not set(asked) & set(stated):
+        there = f"; it states {listed(stated)}" if stated else ""
+        warn(f"{name}: drives={quoted(terms)} has no effect: the robot states no {' or '.join(asked)}{there}")
+    if eps is not None and not {"friction"} & set(asked) & set(stated):
+        why = "the robot states no friction" if "friction" in asked else "it is of friction, which is not selected"
+        warn(f"{name}: eps={quoted(eps)} has no effect: {why}")
 
 
 def with_eps(drives: Drives, eps: float) -> Drives:

@@ -19,7 +19,7 @@ def equal(a: Any, b: Any) -> bool:
     if isinstance(a, np.ndarray):
         return _equal_arrays(a, b)
     if is_dataclass(a):
-        return all(equal(getattr(a, field.name), getattr(b, field.name)) for field in fields(a))
+        return all(equal(getattr(a, field.name), getattr(b, field.name)) for field in fields(a) if field.compare)
     if isinstance(a, tuple):
         return len(a) == len(b) and all(map(equal, a, b))
     return bool(a == b)

@@ -6,11 +6,15 @@ from dataclasses import replace
 import numpy as np
 
 from jounce._scalars import Array, is_finite, is_numeric
-from jounce.errors import JounceError, listed, one_of, quoted
+from jounce.errors import JounceError, listed, one_of, quoted, warn
+from jounce.model.coordinates import likely_positions
 from jounce.model.drives import Drives
 from jounce.model.mechanism import Frame, Mechanism
 from jounce.model.screws import exact_inertia, exact_pose
 from jounce.spatial import inertia, lie
+
+SLACK = 1e-3  # of the range of a joint: limits in files are rounded
+TURN = 6.3  # rad: what is less is not taken for degrees
 
 
 def locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
@@ -35,11 +39,36 @@ def locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
         g = mechanism.g + mechanism.G[:, places] @ np.array([*map(float, values.values())])
         names = tuple(mechanism.coordinates[j] for j in free)
         held = replace(mechanism, G=mechanism.G[:, free], g=g, coordinates=names)
-        welded = _without(held, still=[not row.any() for row in held.G])
+        still = [not row.any() for row in held.G]
+        welded = _without(held, still)
+    if is_numeric(g) and is_numeric(mechanism.X):
+        _warn_of_limits(mechanism, np.flatnonzero(still), g)
     for array in (welded.B, welded.M, welded.g, *(frame.T for frame in welded.frames)):
         if is_numeric(array) and not np.isfinite(array).all():
             raise JounceError(f"locking {listed(values)} overflows: a pose, inertia or offset is not finite")
     return welded
+
+
+def _warn_of_limits(mechanism: Mechanism, still: np.ndarray, theta: np.ndarray) -> None:
+    """Warn of joints that are locked where they cannot be, and tell where degrees would be right."""
+    limits, (lower, upper) = mechanism.limits, likely_positions(mechanism)
+    slack = np.where(np.isfinite(upper - lower), SLACK * (upper - lower), 0)
+    revolute = mechanism.X[:, :3].any(axis=1)
+
+    def is_beyond(x: np.ndarray) -> np.ndarray:
+        return (x < lower - slack) | (x > upper + slack)
+
+    beyond, radians = is_beyond(theta), np.deg2rad(theta)
+    found = [i for i in still if beyond[i]]
+    if found:
+        i, unit = found[0], "rad" if revolute[found[0]] else "m"
+        stated = np.isfinite([limits.lower[i], limits.upper[i]]).any()
+        reach = f"its limits are {limits.lower[i]:.6g} to {limits.upper[i]:.6g} {unit}"
+        turns = revolute[i] and abs(theta[i]) > TURN and not is_beyond(radians)[i]
+        cure = f"; {theta[i]:.6g} deg are {radians[i]:.6g} rad" if turns else ""
+        more = f" (and {len(found) - 1} more joints)" if found[1:] else ""
+        came = f"joint {quoted(mechanism.joints[i])} is locked at {theta[i]:.6g} {unit}"
+        warn(f"{came}: {reach if stated else 'more than four turns'}{cure}{more}")
 
 
 def _without(mechanism: Mechanism, still: list[bool]) -> Mechanism:

@@ -6,7 +6,7 @@ and g: the identity, unless joints mimic others.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
@@ -66,6 +66,8 @@ class Mechanism:
         pose in the frame of the body.
     name : str
         The robot's name.
+    default_axes : tuple of str
+        Joints whose axis the file leaves out, so that it is the format's default; robots are equal all the same.
 
     Examples
     --------
@@ -90,6 +92,7 @@ class Mechanism:
     acting: tuple[str, ...] = ()
     frames: tuple[Frame, ...] = ()
     name: str = "robot"
+    default_axes: tuple[str, ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
         own = (getattr(self, name) for name in DATA)
@@ -117,7 +120,29 @@ class Mechanism:
         return (*self.bodies, *(frame.name for frame in self.frames))
 
     def frame(self, name: str) -> Frame:
-        """Where a body, or a link merged into one, sits."""
+        """Where a body, or a link merged into one, sits.
+
+        Parameters
+        ----------
+        name : str
+            The name of the body or link.
+
+        Returns
+        -------
+        Frame
+            With its `name`, its `body` (an index, -1 for the ground), and its pose `T` (4, 4) in the frame of the body.
+
+        Raises
+        ------
+        JounceError
+            If the name is unknown.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("panda").mechanism.frame("panda_hand_tcp").body
+        6
+        """
         one_of("body", name, self.frame_names)
         if name in self.bodies:
             return Frame(name, self.bodies.index(name), np.eye(4, dtype=int))

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from jounce._scalars import Array, exact_integers, is_zero
-from jounce.errors import JounceError, no_such, quoted
+from jounce.errors import JounceError, listed, no_such, quoted
 from jounce.model.mechanism import Frame, Mechanism, with_exact_integers
 from jounce.spatial import inertia
 from jounce.spatial.lie import pose, rotation
@@ -33,8 +33,8 @@ def parametrise(
                              one without mass gets it at its frame's origin
     "lengths"                lengths (nb, 3): the positions of the body frames in their parents', at theta = 0
     "payload", "payload:X"   payload_mass (1,), payload_com (3,), payload_inertia (6,), added to body or link X, the
-                             last body if none is named: in the axes of X, the inertia about the COM as xx xy xz yy
-                             yz zz; the symbols of a second payload are payload2_mass, ...
+                             end of the robot if none is named: in the axes of X, the inertia about the COM as xx xy
+                             xz yy yz zz; the symbols of a second payload are payload2_mass, ...
     ======================== =====================================================================================
 
     `symbol` makes an object array of new symbols by name and shape.
@@ -79,11 +79,20 @@ def _payloads(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Frame]:
         if kind not in PARAMETERS or (colon and kind != "payload"):
             raise no_such("parameter", name, [*PARAMETERS, "payload:BODY"])
         if kind == "payload":
-            frame = mechanism.frame(body if colon else mechanism.bodies[-1])
+            frame = mechanism.frame(body if colon else _tip(mechanism))
             if frame.body < 0:
                 raise JounceError(f"a payload of {frame.name!r} moves nothing: it is fixed on the ground")
             payloads[f"payload{len(payloads) + 1 if payloads else ''}"] = frame
     return payloads
+
+
+def _tip(mechanism: Mechanism) -> str:
+    """The body at the end, where there is one end only."""
+    tips = [name for i, name in enumerate(mechanism.bodies) if i not in mechanism.parent]
+    if len(tips) > 1:
+        ends = f"{mechanism.name} ends in {listed(tips)}"
+        raise JounceError(f"payload: {ends}; expected payload:BODY, on one of them or any other body or link")
+    return tips[0]
 
 
 def _of_mass(M: Array, mass: Array) -> Array:

@@ -80,6 +80,11 @@ def spatial_screws(mechanism: Mechanism) -> tuple[Array, Array]:
 def _data(x: Array, label: str) -> np.ndarray:
     """A copy of the caller's array; data are concrete, however a state is traced."""
     array = asarray(x, label)
+    if is_symbolic(array) and any(
+        type(x).__module__.startswith("casadi") and type(x).__name__ == "MX" for x in array.flat
+    ):
+        cure = "jounce.casadi_function(robot, parameters=...) is called with MX"
+        raise JounceError(f"{label} holds a CasADi MX; a robot's data may be SX: {cure}")
     try:
         return np.array(array if isinstance(array, np.ndarray) else np.asarray(array, dtype=np.float64))
     except Exception as error:  # a tracer of JAX, say

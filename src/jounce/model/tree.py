@@ -11,7 +11,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from jounce.errors import JounceError, at, listed, no_such, one_of, quoted, shortened, warn
+from jounce.errors import JounceError, at, listed, no_such, quoted, shortened, warn
 from jounce.model.drives import UNDRIVEN, drive_error
 from jounce.model.limits import Stated, limit_error, limits_of_joints
 from jounce.model.mechanism import Frame, Mechanism
@@ -188,11 +188,19 @@ def _from(
     return carried, kept
 
 
+def check_base(base: object) -> None:
+    """Raise `JounceError` unless a base is left out or fixed."""
+    if base is not None and not (isinstance(base, str) and base == "fixed"):
+        raise JounceError(
+            f"base is {quoted(base)}; expected 'fixed', which welds free joints, or root=, a link to start at:"
+            " floating bases are not supported yet"
+        )
+
+
 def _weld(ordered: Sequence[Joint], base: str | None, file: str) -> None:
     """Say of free joints, which have no screw, that they are welded, or refuse them where that is not asked for."""
-    if base is not None:
-        with at(file):
-            one_of("base", base, ["fixed"])
+    with at(file):
+        check_base(base)
     free = [joint for joint in ordered if joint.free is not None]
     if not free:
         return

@@ -9,8 +9,7 @@ from numpy.polynomial import Polynomial
 from jounce.arguments import names
 from jounce.errors import listed
 from jounce.model.mechanism import Mechanism
-from jounce.motion.curves import Jump
-from jounce.motion.loads import COMPONENTS
+from jounce.motion.curves import COMPONENTS, Jump
 from jounce.motion.motion import Motion
 
 

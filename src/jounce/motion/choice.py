@@ -33,6 +33,7 @@ from jounce.motion.noise import Beats
 
 FINER = 1.1  # times the intervals that are best for q: its derivatives need more, and less of their error is bias
 STARTS = (4, 11 / 3, 10 / 3, 4 / 3)  # powers of two, by which bisections start coarser than the best even intervals
+RATIOS = 1.15, 1.05  # of the numbers of intervals that are tried; the first ones will do for a long log
 TRANSIENT = 30  # times the usual squares above a band that is given, from which on intervals are bisected all the same
 
 
@@ -59,16 +60,10 @@ def again(rows: Rows, beats: Beats, choice: Choice) -> Choice:
     return Choice(solution, coarser, noise_variance(rows, beats, solution.breaks), choice.places)
 
 
-def exact(rows: Rows, choice: Choice) -> Choice:
-    """The same choice for rows that are not compressed: breaks are where they were to be then."""
-    solution, coarser = (fitted(rows, places) for places in choice.places)
-    return Choice(solution, coarser, choice.variance, choice.places)
-
-
 def by_schwarz(rows: Rows, floor: np.ndarray, guess: int | None = None) -> Solution:
     """The evenly spaced breaks of least BIC, near a guess; variances below the floor (n,) are rounding."""
     most = most_intervals(rows)
-    low, high = (1, most) if guess is None else (max(1, min(most, guess // 4)), min(most, 4 * guess))
+    low, high = (1, most) if guess is None else (max(1, min(most, guess // 2)), min(most, 2 * guess))
     found = _solutions(rows, even(rows), _ladder(low, high, 1.4))
     penalty = rows.y.shape[1] * np.log(rows.count)
     scores = [rows.count * np.log(np.maximum(s.energy / rows.count, floor)).sum() + penalty * s.unknowns for s in found]
@@ -161,7 +156,7 @@ def _least_cp(rows: Rows, beats: Beats, family: Family, middle: int, variance: n
                 scores[number] = np.inf
         return scores[number]
 
-    for ratio in (1.15, 1.05):
+    for ratio in RATIOS if rows.edges is None else RATIOS[:1]:
         start = min(scores, key=scores.__getitem__) if scores else middle
         for step in (ratio, 1 / ratio):
             best, worse, at = score(start), 0, float(start)

@@ -16,7 +16,15 @@ TIME = "t"
 ALSO_TIME = ("time", "timestamp")  # in any case, where there is no t
 RATE = re.compile(r"q(?=.{0,4}$)" + SUFFIX)  # no order has more than three digits
 DEVIATION = "_sd"  # what the name of a rate's column ends in that holds its standard deviation
-TORQUES = ("tau_{joint}", "{joint}.tau", "{joint}_tau", "effort_{joint}", "{joint}.effort", "{joint}_effort")
+TORQUES = (
+    "tau_{joint}",
+    "{joint}.tau",
+    "{joint}_tau",
+    "effort_{joint}",
+    "{joint}.effort",
+    "{joint}_effort",
+    "{joint}.Q_measured",
+)  # the last as `jounce motion` and `run` write them
 MISSPELT = re.compile(r"q[a-z0-9]{0,4}|[fm][a-z]?\d*d*")
 OURS = re.compile(r"\.q_sample$|^break$")  # what `jounce motion` writes to be drawn
 CURES = {
@@ -28,20 +36,28 @@ CURES = {
 
 @dataclass(frozen=True)
 class Options:
-    """What a caller says of the columns: the one of times, how joints are called there, and units."""
+    """What a caller says of the columns: the one of times, how joints and their torques are called there, and units."""
 
     time: str | None = None
     pattern: str | None = None
     angles: str | None = None
     time_unit: str | None = None
+    torques: str | None = None
 
     def __post_init__(self) -> None:
         for what, given, known in (("angles", self.angles, ANGLES), ("time_unit", self.time_unit, TIMES)):
             if given is not None and (not isinstance(given, str) or given not in known):
                 raise no_such(f"unit of {what}", given, known)
-        for what, given in (("time", self.time), ("columns", self.pattern)):
+        for what, given in (("time", self.time), ("columns", self.pattern), ("torques", self.torques)):
             if given is not None and not isinstance(given, str):
                 raise JounceError(f"{what} is {quoted(given)}; expected a text")
+
+    def refuse(self, place: str, reason: str) -> None:
+        """Raise `JounceError` where something is said of the columns, and there are none for a reason."""
+        names = {"time": self.time, "columns": self.pattern, "angles": self.angles, "time_unit": self.time_unit}
+        given = [name for name, value in names.items() if value is not None]
+        if given:
+            raise JounceError(f"{place}: {reason}; {given[0]} is for the columns of a table: leave it out")
 
 
 @dataclass(frozen=True)
@@ -80,9 +96,9 @@ def match(header: Sequence[str], mechanism: Mechanism, options: Options, highest
     bare = _bare(header, joints)
     sources = {name: source for name, (source, _) in bare.items()}
     sources = _with_time(sources, header, options.time, joints)
+    torques = _torques(bare, options.torques, joints)
     sources = _with_pattern(sources, options.pattern, joints)
     of_wrenches = loads.named(list(sources), mechanism)
-    torques = _torques(sources, joints)
     given = [name for name in sources if name not in of_wrenches and sources[name] not in torques.values()]
     sampled = not any(_is_rate(name, joints) for name in given)
     wanted = (
@@ -138,27 +154,39 @@ def _with_pattern(sources: Mapping[str, str], pattern: str | None, joints: Seque
     """The columns with those of joints called as the joints are: ``q_{joint}``, ``q{number}``, ``q[{index}]``."""
     if pattern is None:
         return dict(sources)
+    places = _called("--columns", pattern, sources, joints)
+    hidden = set(places.values()) - set(places)
+    return {places.get(name, f"{name} " if name in hidden else name): source for name, source in sources.items()}
+
+
+def _called(option: str, pattern: str, header: Mapping[str, object], joints: Sequence[str]) -> dict[str, str]:
+    """The joint of each column that a pattern names."""
     try:
         called = [pattern.format(joint=joint, number=j + 1, index=j) for j, joint in enumerate(joints)]
     except (LookupError, ValueError, AttributeError) as error:
-        raise JounceError(f"--columns {quoted(pattern)}: {one_line(error)}; {_EXPECTED}") from None
+        raise JounceError(f"{option} {quoted(pattern)}: {one_line(error)}; {_EXPECTED}") from None
     if len(set(called)) < len(called):
-        raise JounceError(f"--columns {quoted(pattern)} names {quoted(called[0])} for every joint; {_EXPECTED}")
-    if not any(name in sources for name in called):
-        came = f"--columns {quoted(pattern)}: no column {listed(map(quoted, called[:2]))}"
-        raise JounceError(f"{came}, ...; there are: {listed(sources)}")
-    places = {name: joint for name, joint in zip(called, joints, strict=True) if name in sources}
-    hidden = set(places.values()) - set(places)
-    return {places.get(name, f"{name} " if name in hidden else name): source for name, source in sources.items()}
+        raise JounceError(f"{option} {quoted(pattern)} names {quoted(called[0])} for every joint; {_EXPECTED}")
+    if not any(name in header for name in called):
+        came = f"{option} {quoted(pattern)}: no column {listed(map(quoted, called[:2]))}"
+        raise JounceError(f"{came}, ...; there are: {listed(header)}")
+    return {name: joint for name, joint in zip(called, joints, strict=True) if name in header}
 
 
 _EXPECTED = "expected {joint}, {number} (from 1) or {index} (from 0) in it, as in 'q_{joint}'"
 
 
-def _torques(sources: Mapping[str, str], joints: Sequence[str]) -> dict[str, str]:
+def _torques(bare: Mapping[str, tuple[str, str | None]], pattern: str | None, joints: Sequence[str]) -> dict[str, str]:
     """The columns of measured torques, by joint."""
-    called = {pattern.format(joint=joint): joint for pattern in TORQUES for joint in joints}
-    return {called[name]: source for name, source in sources.items() if name in called and name not in joints}
+    if pattern is None:
+        called = {known.format(joint=joint): joint for known in TORQUES for joint in joints}
+        found = {name: called[name] for name in bare if name in called and name not in joints}
+    else:
+        found = _called("--torques", pattern, bare, joints)
+    for name in found:
+        source, unit = bare[name]
+        factor(unit, None, "load", 0, source)
+    return {joint: bare[name][0] for name, joint in found.items()}
 
 
 def _is_rate(name: str, joints: Sequence[str]) -> bool:

@@ -11,6 +11,7 @@ from jounce.motion.curves import Polynomials
 from jounce.motion.motion import Motion
 from jounce.motion.smoothed import found_from
 from jounce.motion.spline import Smoothing, Spline
+from jounce.motion.units import warn_of_times
 
 PLACE = "the motion"
 HIGHEST = 4  # q4d, which Q2d takes: the rate whose rounding is judged
@@ -23,6 +24,7 @@ def through(t: Any, q: Any, way: Smoothing | Spline, joint_names: Any) -> Motion
         raise JounceError(f"t has {len(times)} times and q {len(samples)} rows; expected as many")
     check_increasing(times, "t")
     names = checked_names(joint_names, samples.shape[1])
+    warn_of_times(times, samples, PLACE)
     found = found_from(times, samples, way, names, HIGHEST, PLACE)
     return Motion(found.curve, names, found.source, {}, (times, samples), found.residual, times, notes=found.notes)
 
@@ -66,6 +68,7 @@ def piecewise(breaks: Any, coefficients: Any, joint_names: Any) -> Motion:
     if c.shape[1] != len(x) - 1 or not c.shape[0]:
         came = f"coefficients has shape {c.shape} for {len(x)} breaks"
         raise JounceError(f"{came}; expected (degree + 1, {max(len(x) - 1, 1)}, n), the highest power first")
+    warn_of_times(x[:-1], c[-1], PLACE)  # the lowest coefficients are the values at the breaks
     return Motion(Polynomials(x, c), checked_names(joint_names, c.shape[2]), "piecewise polynomials, all rates exact")
 
 

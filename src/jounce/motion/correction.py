@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from jounce.motion.knots import halves as halves_of
 from jounce.motion.least_squares import Solution, solve
 from jounce.motion.samples import Samples
 from jounce.motion.stamps import SUBSET, Scatter, scatter_of, shifts
 
+PARTS = (2, 4, 8, 16)  # of an interval, over which shifts of rows are averaged
 MEDIAN_OF_ONE = 0.455  # median of chi^2 with one degree of freedom
 
 
@@ -35,8 +35,14 @@ def corrected(samples: Samples, raw: Solution, cells: int, rounds: int) -> tuple
 
 
 def colour(samples: Samples, stamped: np.ndarray, solution: Solution, sigma: float) -> float:
-    """How much shifts of rows, averaged over half intervals, scatter more than independent ones do: they may drift."""
-    halves = np.searchsorted(samples.t, halves_of(solution.breaks)[:-1]).clip(max=len(samples.t) - 1)
-    number = np.diff(halves, append=len(samples.t))
-    means = np.add.reduceat(samples.t - np.sort(stamped), halves)[number > 1] / number[number > 1]
-    return float(np.sqrt(max(1.0, np.median(means**2 * number[number > 1]) / MEDIAN_OF_ONE / sigma**2)))
+    """How much shifts of rows, averaged over parts of intervals, scatter more than independent ones do.
+
+    Neighbours' shifts may be alike. Averages over much of an interval do not tell it, for a fit takes these; averages
+    over fewer rows than are alike tell too little.
+    """
+    shift, squares = samples.t - np.sort(stamped), [1.0]
+    for parts in PARTS:
+        block = max(1, len(shift) // (parts * solution.intervals))
+        means = shift[: len(shift) // block * block].reshape(-1, block).mean(axis=1)
+        squares.append(float(np.median(means**2)) * block / MEDIAN_OF_ONE / sigma**2)
+    return float(np.sqrt(max(squares)))

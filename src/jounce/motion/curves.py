@@ -6,6 +6,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+COMPONENTS = ("mx", "my", "mz", "fx", "fy", "fz")  # of a wrench, (moment; force), in files
 HIGHEST = 4  # q4d, which Q2d takes: the highest derivative whose jumps are told unasked
 RELATIVE = 1e-9  # of the largest value: a smaller difference is no jump
 ROUNDING = 64 * np.finfo(float).eps  # of q, which the k-th derivative of a polynomial over a span h magnifies by h^-k

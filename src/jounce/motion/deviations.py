@@ -93,9 +93,7 @@ def stamp_covariances(rows: Rows, raw: Solution, sigma: float, own: np.ndarray) 
     random = np.random.default_rng(0)
     v = raw.spline(rows.t, nu=1)
     across = v / own / np.maximum((v**2 / own).sum(axis=1), np.finfo(float).tiny)[:, None]
-    weight = (
-        rows.transform if rows.edges is None else np.ones(len(rows.t))
-    )  # cells are rotated: white noise stays white
+    weight = rows.weight if rows.edges is None else np.ones(len(rows.t))  # a row of a cell has the noise of one sample
     rows = replace(rows, along=None, rest=np.zeros(TOGETHER * v.shape[1]))
     times = _quarters(raw.breaks)
     total = np.zeros((len(times), v.shape[1], HIGHEST + 1, HIGHEST + 1))
@@ -104,7 +102,7 @@ def stamp_covariances(rows: Rows, raw: Solution, sigma: float, own: np.ndarray) 
         noise = (weight[:, None, None] * v[:, :, None] * d).reshape(len(v), -1)
         taken = solve(replace(rows, y=noise), raw.breaks).spline(rows.t).reshape(*v.shape, TOGETHER)
         tau = (across[:, :, None] * taken).sum(axis=1, keepdims=True)
-        left = rows.apply((v[:, :, None] * tau).reshape(len(v), -1))
+        left = rows.weight[:, None] * (v[:, :, None] * tau).reshape(len(v), -1)
         curve = solve(replace(rows, y=left), raw.breaks).spline
         rates = [curve(times, nu=k).reshape(len(times), -1, TOGETHER) for k in range(HIGHEST + 1)]
         e = np.stack(rates, axis=2)

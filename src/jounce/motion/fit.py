@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 THRESHOLD = 0.5  # of the peak of a derivative: beyond that standard deviation the samples do not carry it
+KNOWN = 0.1  # of the peak of a derivative: noise alone is a third of its own
 ENDS = 3  # intervals at either end, in which deviations of derivatives rise by powers of ten
 POINTS = 4000  # at which peaks and deviations are compared, at most
 AROUND = 3  # intervals on either side of a hole tell how fast the motion is
@@ -47,7 +48,8 @@ class Fit:
         Largest values of q (less its mean), qd, q2d, ... between the ends.
     relative : (7,)
         Standard deviations of q, qd, q2d, ... over the largest peak, as root mean squares between the ends for
-        the worst joint.
+        the worst joint. A derivative counts for no less than that of half a wave over the duration with the same
+        lower ones: a steady motion has no q4d to compare with.
     notes : tuple of str
         What a user should know about the samples and the fit, one sentence each.
     spacing : float
@@ -88,15 +90,23 @@ class Fit:
         return out
 
     @property
+    def stamps(self) -> bool:
+        """Whether the time stamps of the samples are wrong, and corrected."""
+        return self._spread is not None and self._spread.stamps is not None
+
+    @property
     def highest(self) -> int:
         """The highest derivative of q whose standard deviation is less than half of its peak."""
         return int(np.argmax(np.append(self.relative >= THRESHOLD, True))) - 1
 
     def shortfall(self, order: int = 2) -> str | None:
         """Why the rate of the forces Q of that order cannot be had from these samples, in one line; None if it can."""
-        k = order + 2
-        if not 0 <= k <= HIGHEST:
+        if not 0 <= order + 2 <= HIGHEST:
             raise JounceError(f"order is {quoted(order)}; expected 0 to {HIGHEST - 2}")
+        return self.lacks(order + 2, rate_name("Q", order))
+
+    def lacks(self, k: int, purpose: str, symbol: str = "q") -> str | None:
+        """Why the samples do not carry their k-th derivative, which a purpose needs, in one line; None if they do."""
         if k <= self.highest:
             return None
         k = int(np.argmax(self.relative[: k + 1]))
@@ -104,7 +114,7 @@ class Fit:
         factor = float(self.relative[k]) / THRESHOLD
         band = self.bandwidth * min(0.9, factor ** (-2 / (2 * k + 1)))
         return (
-            f"the samples do not carry {rate_name('Q', order)}: the standard deviation of {rate_name('q', k)} is"
+            f"the samples do not carry {purpose}: the standard deviation of {rate_name(symbol, k)} is"
             f" {self.relative[k]:.0%} of its peak, with noise of {worst.sigma:.2g} ({worst.kind}) at"
             f" {1 / self.spacing:.4g} Hz up to {self.bandwidth:.3g} Hz; {np.log2(factor) + 1:.0f} bits more, a rate of"
             f" {factor**2 / self.spacing:.2g} Hz, or a longer window (bandwidth={band:.2g}) would do"
@@ -181,7 +191,8 @@ def _smooth(samples: Samples, bandwidth: float | None) -> tuple[np.ndarray, Smoo
     if not moved.all():
         part = samples.joints(moving)
         first, cells = first_fit(part)
-    return moving, interpolate(part) if rounded(part, first) else smooth(part, first, cells, bandwidth)
+    exact = bandwidth is None and rounded(part, first)
+    return moving, interpolate(part) if exact else smooth(part, first, cells, bandwidth)
 
 
 def _refuse_holes(t: np.ndarray, breaks: np.ndarray) -> None:
@@ -226,8 +237,17 @@ def _described(
     zeros = np.zeros((HIGHEST + 1, len(joints)))
     bare = Fit(spline, joints, noise, 0.5 / usual, ends, zeros, zeros[:, 0], notes, spacing, spread, moving)
     inside = np.linspace(*ends, min(POINTS, 4 * len(breaks)) + 2)[1:-1]
-    peaks = np.array([np.abs(spline(inside, nu=k) - (k == 0) * q.mean(axis=0)).max(axis=0) for k in range(HIGHEST + 1)])
-    squares = np.square(bare.deviations(inside, HIGHEST)).mean(axis=1)
-    largest = np.maximum(peaks.max(axis=1), np.finfo(float).tiny)
-    relative = np.sqrt(squares[:, moving].max(axis=1)) / largest if moving.any() else zeros[:, 0]
-    return replace(bare, peaks=peaks, relative=relative)
+    size = np.abs([spline(inside, nu=k) - (k == 0) * q.mean(axis=0) for k in range(HIGHEST + 1)])
+    off = np.array(bare.deviations(inside, HIGHEST))
+    usual_off = np.sqrt((off[:, :, moving] ** 2).mean(axis=1).max(axis=1, initial=0))
+    beyond = np.maximum((size - off).max(axis=(1, 2)), size.max(axis=(1, 2)) / 10)  # noise makes peaks as well
+    return replace(bare, peaks=size.max(axis=1), relative=_relative(usual_off, beyond, np.ptp(t)))
+
+
+def _relative(deviations: np.ndarray, peaks: np.ndarray, duration: float) -> np.ndarray:
+    """Standard deviations over peaks, (7,); where one is known, the next is no less than that of half a wave."""
+    largest = np.maximum(peaks, np.finfo(float).tiny)  # of joints that rest in all digits
+    for k in range(1, len(largest)):
+        if deviations[k - 1] < KNOWN * largest[k - 1]:
+            largest[k] = max(largest[k], largest[k - 1] * np.pi / duration)
+    return deviations / largest

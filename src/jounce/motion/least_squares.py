@@ -4,8 +4,8 @@ B-splines of degree 9 overlap by ten, so the normal equations B^T B c = B^T y of
 nine diagonals (de Boor, A Practical Guide to Splines, XIV). They are accumulated interval by interval, solved by
 Cholesky's method and refined once where samples fit so well that the rounding of normal equations shows.
 
-Many fits of a long log share one compression: an orthogonal transformation turns the samples of a cell into ten rows
-that say the same of any polynomial of degree 9 (Lawson & Hanson, Solving Least Squares Problems, 27).
+Many fits of a long log share one compression: the samples of a cell become ten weighted ones that say the same of any
+polynomial of degree 9.
 """
 
 from dataclasses import dataclass
@@ -25,16 +25,16 @@ CELLS = 8192  # that a long log is compressed to
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Rows of a least-squares problem in time: the spline's values at `t`, transformed, are to equal `y`.
+    """Rows of a least-squares problem in time: the spline's values at `t`, times weights, are to equal `y`.
 
     Attributes
     ----------
     t : (P,)
         Times, increasing; compressed, ten in each cell.
     y : (P, n)
-        Right sides, transformed as the rows are.
-    transform : (P,) or (C, 10, 10)
-        Weights of single rows (the inverse standard deviation up to a factor), or what the ten values in a cell become.
+        Right sides, times the weights.
+    weight : (P,)
+        Weights of the rows: the inverse standard deviation up to a factor.
     edges : (C + 1,) or None
         Compressed, where knots may be: a polynomial goes on through a cell.
     span : (float, float)
@@ -50,7 +50,7 @@ class Rows:
 
     t: np.ndarray
     y: np.ndarray
-    transform: np.ndarray
+    weight: np.ndarray
     edges: np.ndarray | None
     span: tuple[float, float]
     count: float
@@ -64,12 +64,6 @@ class Rows:
         v, own = self.along
         squares = np.maximum((v**2 / own).sum(axis=1), np.finfo(float).tiny)
         return residual - v * ((v * residual / own).sum(axis=1) / squares)[:, None]
-
-    def apply(self, values: np.ndarray) -> np.ndarray:
-        """The rows (P, ...) of values at the times."""
-        if self.edges is None:
-            return values * self.transform[:, None]
-        return (self.transform @ values.reshape(len(self.transform), WIDTH, -1)).reshape(values.shape)
 
     def snap(self, breaks: np.ndarray) -> np.ndarray:
         """Breaks of a spline, moved to where they may be."""
@@ -124,25 +118,51 @@ def few_rows_of(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[fl
 
 
 def _compress(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float, float], size: int) -> Rows:
-    """Cells of equally many samples (rows of zeros fill up the last), each reduced by QR to ten rows."""
-    count = len(t)
-    cells = -(-count // size)
-    fill = cells * size - count
-    t, y = (np.pad(x, [(0, fill)] + [(0, 0)] * (x.ndim - 1), mode="edge") for x in (t, y))
-    weight = np.pad(weight, (0, fill))
-    edges = np.append(t[::size], span[1])
-    edges[0] = span[0]
-    edges[1:-1] = (t[size::size] + t[size - 1 : -1 : size]) / 2
-    x = (t.reshape(cells, size) - edges[:-1, None]) / np.diff(edges)[:, None] * 2 - 1
-    nodes = -np.cos(np.pi * (np.arange(WIDTH) + 0.5) / WIDTH)
-    chebyshev = np.polynomial.chebyshev.chebvander
-    values = chebyshev(x, DEGREE) @ np.linalg.inv(chebyshev(nodes, DEGREE))  # of the polynomial with those at the nodes
-    both = np.concatenate([values, y.reshape(cells, size, -1)], axis=2) * weight.reshape(cells, size, 1)
-    triangle = np.asarray(np.linalg.qr(both, mode="r"))
-    transform, right = triangle[:, :WIDTH, :WIDTH], triangle[:, :WIDTH, WIDTH:]
-    rest = (triangle[:, WIDTH:, WIDTH:] ** 2).sum(axis=(0, 1))
+    """Ten rows for each of cells of `size` samples or one less: the nodes and weights of their Gauss quadrature.
+
+    Sums over the samples of polynomials up to degree 19 are the same over these rows (Golub & Welsch, Mathematics of
+    Computation 23, 1969), hence normal equations too; the right sides are those of the polynomial that fits best.
+    """
+    cells = -(-len(t) // size)
+    starts = np.arange(cells + 1) * len(t) // cells
+    of_cell = starts[:-1, None] + np.arange(size)
+    squares = np.where(of_cell < starts[1:, None], weight[of_cell.clip(max=len(t) - 1)], 0) ** 2
+    of_cell = of_cell.clip(max=len(t) - 1)
+    edges = np.concatenate([span[:1], (t[starts[1:-1]] + t[starts[1:-1] - 1]) / 2, span[1:]])
+    x = (t[of_cell] - edges[:-1, None]) / np.diff(edges)[:, None] * 2 - 1
+    polynomials, nodes, vectors = _gauss(x, squares)
+    right = (polynomials * squares[:, None]) @ y[of_cell]
+    rest = y[of_cell] - polynomials.mT @ right
+    total = np.sqrt(squares.sum(axis=1))[:, None]
     times = edges[:-1, None] + np.diff(edges)[:, None] * (nodes + 1) / 2
-    return Rows(times.ravel(), right.reshape(cells * WIDTH, -1), transform, edges, span, float((weight**2).sum()), rest)
+    return Rows(
+        times.ravel(),
+        (vectors.mT @ right).reshape(cells * WIDTH, -1),
+        (total * vectors[:, 0]).ravel(),
+        edges,
+        span,
+        float((weight**2).sum()),
+        np.einsum("cs,csj->j", squares, rest**2),
+    )
+
+
+def _gauss(x: np.ndarray, squares: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Polynomials (C, 10, S) orthonormal over points x (C, S) of squared weights, the zeros (C, 10) of the eleventh,
+    and eigenvectors (C, 10, 10) of the Jacobi matrices, whose j-th columns are sqrt(weight_j) p_k(zero_j).
+    """
+    polynomials = np.empty((len(x), WIDTH, x.shape[1]))
+    jacobi = np.zeros((len(x), WIDTH, WIDTH))
+    p = np.ones(x.shape)
+    for k in range(WIDTH):
+        known = polynomials[:, :k]  # the last two would do, but for rounding
+        p = p - ((known @ (squares * p)[:, :, None]).mT @ known)[:, 0]
+        polynomials[:, k] = p = p / np.sqrt((squares * p**2).sum(axis=1))[:, None]
+        p = x * p
+        jacobi[:, k, k] = (squares * p * polynomials[:, k]).sum(axis=1)
+        if k:
+            jacobi[:, k, k - 1] = jacobi[:, k - 1, k] = (squares * p * polynomials[:, k - 1]).sum(axis=1)
+    nodes, vectors = np.linalg.eigh(jacobi)
+    return polynomials, nodes, vectors * np.sign(vectors[:, :1])
 
 
 def knots(breaks: np.ndarray) -> np.ndarray:
@@ -173,7 +193,7 @@ def solve(rows: Rows, breaks: np.ndarray) -> Solution:
     from scipy.linalg import cho_solve_banded, cholesky_banded
 
     values, place = basis(rows.t, breaks)
-    values = rows.apply(values)
+    values *= rows.weight[:, None]
     bounds = np.searchsorted(place, np.arange(len(breaks)))
     parts = [slice(*pair) for pair in pairwise(bounds.tolist())]
     factor = cholesky_banded(_normal(values, parts), lower=True, check_finite=False)

@@ -1,18 +1,19 @@
 """Wrench columns of a motion table: ``BODY.mx .. BODY.fz``, what each body exerts, as samples or with all rates."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from jounce.errors import JounceError, at, listed, quoted
 from jounce.model.mechanism import Mechanism
-from jounce.motion.curves import Curve
+from jounce.motion.curves import COMPONENTS, Curve, Jump, OfCurve
 from jounce.motion.hermite import Hermite
-from jounce.motion.spline import Spline, curve_of
+from jounce.motion.smoothed import found_from
+from jounce.motion.spline import Smoothing, Spline
 from jounce.spatial.series import SUFFIX, rate_name
 
-COMPONENTS = ("mx", "my", "mz", "fx", "fy", "fz")  # of a wrench, (moment; force), in files
 COLUMN = re.compile(r"(.*)\.([mf][xyz])" + SUFFIX, re.DOTALL)
 
 
@@ -23,32 +24,77 @@ def named(names: Sequence[str], mechanism: Mechanism) -> list[str]:
     return [name for name in names if name not in joints and (m := COLUMN.fullmatch(name)) and m[1] not in others]
 
 
+@dataclass(frozen=True, eq=False)
+class Wrench(OfCurve):
+    """The wrench (6,) of a curve of some of its components, the numbers `places`; the others are zero."""
+
+    places: tuple[int, ...]
+
+    @property
+    def columns(self) -> int:
+        """The number of components."""
+        return len(COMPONENTS)
+
+    def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
+        """The values and their derivatives up to `order`."""
+        return [self._filled(rate) for rate in self.base.rates(t, order, left)]
+
+    def jumps(self, order: int) -> list[Jump]:
+        """Where a derivative up to `order` jumps."""
+        return sorted(jump._replace(column=self.places[jump.column]) for jump in self.base.jumps(order))
+
+    def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
+        """The standard deviations of the values and derivatives."""
+        found = self.base.deviations(t, order)
+        return None if found is None else [self._filled(rate) for rate in found]
+
+    def _filled(self, components: np.ndarray) -> np.ndarray:
+        whole = np.zeros((len(components), len(COMPONENTS)))
+        whole[:, self.places] = components
+        return whole
+
+
+def are_sampled(columns: Iterable[str]) -> bool:
+    """Whether wrench columns are samples, without rates of their own."""
+    rates = [match[3] for name in columns if (match := COLUMN.fullmatch(name))]
+    return bool(rates) and not any(rates)
+
+
 def wrenches(
-    t: np.ndarray, columns: Mapping[str, np.ndarray], mechanism: Mechanism, order: int, spline: Spline, place: str
-) -> dict[str, Curve]:
-    """W over time by body, with rates up to `order` at least; components left out are zero."""
+    t: np.ndarray,
+    columns: Mapping[str, np.ndarray],
+    mechanism: Mechanism,
+    order: int,
+    way: Smoothing | Spline,
+    place: str,
+) -> tuple[dict[str, Curve], tuple[str, ...]]:
+    """W over time by body, with rates up to `order` at least, and notes; components left out are zero."""
     parts = [match.groups() for name in columns if (match := COLUMN.fullmatch(name))]
     given = list(dict.fromkeys((body, component) for body, component, _ in parts))
     with at(place):
         for body, _ in given:
             mechanism.frame(body)
-    whole = any(rate for _, _, rate in parts)
+    sampled, notes = are_sampled(columns), []
     found: dict[str, Curve] = {}
     for body in dict.fromkeys(body for body, _ in given):
         components = [component for name, component in given if name == body]
-        rows = [_filled(columns, body, components, k, len(t), place) for k in range(order + 1 if whole else 1)]
-        found[body] = Hermite(t, tuple(rows)) if whole else curve_of(t, rows[0], spline, place, order, "W")
-    return found
+        rows = [_stacked(columns, body, components, k, place) for k in range(1 if sampled else order + 1)]
+        curve: Curve
+        if sampled:
+            names = tuple(f"{body}.{component}" for component in components)
+            samples = found_from(t, rows[0], way, names, order, f"{place}: wrench of {quoted(body)}", "W")
+            curve = samples.curve
+            if samples.notes:
+                notes += [f"wrench of {quoted(body)}: {text}" for text in (samples.source, *samples.notes)]
+        else:
+            curve = Hermite(t, tuple(rows))
+        found[body] = Wrench(curve, tuple(COMPONENTS.index(component) for component in components))
+    return found, tuple(notes)
 
 
-def _filled(
-    columns: Mapping[str, np.ndarray], body: str, components: Sequence[str], k: int, rows: int, place: str
-) -> np.ndarray:
-    names = {component: f"{body}.{rate_name(component, k)}" for component in components}
-    missing = [quoted(name) for name in names.values() if name not in columns]
+def _stacked(columns: Mapping[str, np.ndarray], body: str, components: Sequence[str], k: int, place: str) -> np.ndarray:
+    names = [f"{body}.{rate_name(component, k)}" for component in components]
+    missing = [quoted(name) for name in names if name not in columns]
     if missing:
         raise JounceError(f"{place}: missing {listed(missing)}; expected every wrench column with all its rates")
-    found = np.zeros((rows, 6))
-    for component, name in names.items():
-        found[:, COMPONENTS.index(component)] = columns[name]
-    return found
+    return np.stack([columns[name] for name in names], axis=1)

@@ -8,10 +8,11 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from jounce._scalars import asarray, is_finite
+from jounce._typing import ArrayLike
 from jounce.arguments.rates import checked_order
-from jounce.errors import JounceError, listed, one_of, quoted
+from jounce.errors import JounceError, listed, one_of, quoted, warn
 from jounce.motion.composed import Chain, Retimed
-from jounce.motion.curves import HIGHEST, Curve, Polynomials
+from jounce.motion.curves import COMPONENTS, HIGHEST, Curve, Jump, Polynomials
 from jounce.spatial.series import rate_name
 
 STEP = 1e-3  # s, between the times of a motion that comes without any
@@ -22,12 +23,17 @@ MEET = 1e-6  # rad or m: motions further apart do not follow each other
 
 
 class Break(NamedTuple):
-    """Where a derivative of a coordinate jumps: when, of which joint, its order (0 is q, 3 is q3d), by how much."""
+    """Where a derivative of a coordinate jumps: when, of which joint, its order (0 is q, 3 is q3d), by how much.
+
+    Where a wrench jumps, `symbol` is "W", the order is that of its derivative, and the joint is its component, as in
+    "link7.fz".
+    """
 
     t: float
     joint: str | int
     order: int
     jump: float
+    symbol: str = "q"
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +81,38 @@ class Motion:
     notes: tuple[str, ...] = ()
 
     @staticmethod
-    def through(t: Any, q: Any, degree: int = 7, *, joint_names: Any = None) -> "Motion":
-        """The spline through samples q (N, n) without noise at times t (N,), of degree 7 (C^6) or 5 (C^4)."""
+    def through(t: ArrayLike, q: ArrayLike, degree: int = 7, *, joint_names: Sequence[str] | None = None) -> "Motion":
+        """The spline through samples without noise.
+
+        Parameters
+        ----------
+        t : (N,)
+            Increasing times, s.
+        q : (N, n)
+            Coordinates at these times, rad or m.
+        degree : int, optional
+            7 (C^6) or 5 (C^4).
+        joint_names : sequence of str, optional
+            Names of the n coordinates, by which robots match them; by default the order of the robot.
+
+        Returns
+        -------
+        Motion
+
+        Raises
+        ------
+        JounceError
+            If a shape is wrong, t does not increase, or there are too few samples.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> t = np.linspace(0, 1, 50)
+        >>> motion = jounce.Motion.through(t, np.sin(t)[:, None])
+        >>> q, qd = motion(0.5, order=1)
+        >>> qd.round(6)
+        array([0.877583])
+        """
         from jounce.motion import constructors
         from jounce.motion.spline import Spline
 
@@ -84,20 +120,51 @@ class Motion:
 
     @staticmethod
     def fit(
-        t: Any,
-        q: Any,
+        t: ArrayLike,
+        q: ArrayLike,
         *,
         bandwidth: float | None = None,
         force: bool = False,
         degree: int | None = None,
         intervals: int | None = None,
-        joint_names: Any = None,
+        joint_names: Sequence[str] | None = None,
     ) -> "Motion":
-        """Measured samples q (N, n) at t (N,), smoothed as their noise asks for, with standard deviations of all rates.
+        """Measured samples, smoothed as their noise asks for, with standard deviations of all rates.
 
-        They are followed up to a bandwidth in Hz, by default as far as the motion stands out of the noise. Samples that
-        cannot carry q4d are refused, unless `force` is set. With `intervals`, a spline of a degree, 7 by default, is
-        fitted by least squares over as many, as many samples in each.
+        Parameters
+        ----------
+        t : (N,)
+            Increasing times, s.
+        q : (N, n)
+            Measured coordinates, rad or m.
+        bandwidth : float, optional
+            Frequency in Hz up to which samples are followed; by default as far as the motion stands out of the noise.
+        force : bool, optional
+            Accept samples whose noise drowns q4d, which are refused otherwise.
+        degree, intervals : int, optional
+            A least-squares spline of this degree (7 by default, or 5) with this number of intervals in place of
+            smoothing; of equally many samples each.
+        joint_names : sequence of str, optional
+            Names of the n coordinates, by which robots match them; by default the order of the robot.
+
+        Returns
+        -------
+        Motion
+
+        Raises
+        ------
+        JounceError
+            If a shape is wrong, t does not increase, or the samples cannot carry q4d.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> t = np.linspace(0, 4, 2001)
+        >>> noise = 1e-5 * np.random.default_rng(0).normal(size=t.size)
+        >>> motion = jounce.Motion.fit(t, (np.sin(t) + noise)[:, None])
+        >>> q, qd, q2d = motion(2.0, order=2)
+        >>> bool(abs(q2d[0] + np.sin(2.0)) < 1e-2)
+        True
         """
         from jounce.motion import constructors
         from jounce.motion.spline import way_of
@@ -105,71 +172,254 @@ class Motion:
         return constructors.through(t, q, way_of(degree, intervals, bandwidth, force), joint_names)
 
     @staticmethod
-    def polynomial(coefficients: Any, duration: float, *, start: float = 0.0, joint_names: Any = None) -> "Motion":
-        """Polynomials in t - start with coefficients (n, degree + 1), the lowest power first, over a duration in s."""
+    def polynomial(
+        coefficients: ArrayLike, duration: float, *, start: float = 0.0, joint_names: Sequence[str] | None = None
+    ) -> "Motion":
+        """Polynomials of time.
+
+        Parameters
+        ----------
+        coefficients : (n, degree + 1)
+            Of the powers of t - start, the lowest first; rad or m.
+        duration : float
+            In s.
+        start : float, optional
+            Time at which the motion begins, s.
+        joint_names : sequence of str, optional
+            Names of the n coordinates, by which robots match them; by default the order of the robot.
+
+        Returns
+        -------
+        Motion
+
+        Raises
+        ------
+        JounceError
+            If a shape is wrong or the duration is not positive.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.Motion.polynomial([[0.1, 0, 0.5]], duration=2.0)(1.0, order=2)
+        (array([0.6]), array([1.]), array([1.]))
+        """
         from jounce.motion import constructors
 
         return constructors.polynomial(coefficients, duration, start, joint_names)
 
     @staticmethod
     def fourier(
-        offset: Any,
-        cosines: Any,
-        sines: Any,
+        offset: ArrayLike,
+        cosines: ArrayLike,
+        sines: ArrayLike,
         frequency: float,
         duration: float,
         *,
         start: float = 0.0,
-        joint_names: Any = None,
+        joint_names: Sequence[str] | None = None,
     ) -> "Motion":
-        """The Fourier series offset + sum_k cosines[k - 1] cos(k frequency t) + sines[k - 1] sin(k frequency t).
+        """The Fourier series offset + sum_k cosines[k - 1] cos(k w t) + sines[k - 1] sin(k w t).
 
-        The offset is (n,), cosines and sines are (harmonics, n); the frequency of the first harmonic in rad/s.
+        Parameters
+        ----------
+        offset : (n,)
+            Mean of the coordinates, rad or m.
+        cosines, sines : (harmonics, n)
+            Amplitudes, rad or m.
+        frequency : float
+            Angular frequency w of the first harmonic, rad/s.
+        duration : float
+            In s.
+        start : float, optional
+            Time at which the motion begins, s.
+        joint_names : sequence of str, optional
+            Names of the n coordinates, by which robots match them; by default the order of the robot.
+
+        Returns
+        -------
+        Motion
+
+        Raises
+        ------
+        JounceError
+            If a shape is wrong, or the frequency or duration is not positive.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.Motion.fourier([0.5], [[0.0]], [[0.2]], frequency=2.0, duration=3.0)(0.0, order=1)
+        (array([0.5]), array([0.4]))
         """
         from jounce.motion import constructors
 
         return constructors.fourier(offset, cosines, sines, frequency, duration, start, joint_names)
 
     @staticmethod
-    def piecewise(breaks: Any, coefficients: Any, *, joint_names: Any = None) -> "Motion":
-        """Piecewise polynomials, as `scipy.interpolate.PPoly`: breaks (m + 1,), coefficients (degree + 1, m, n).
+    def piecewise(breaks: ArrayLike, coefficients: ArrayLike, *, joint_names: Sequence[str] | None = None) -> "Motion":
+        """Piecewise polynomials, as `scipy.interpolate.PPoly`.
 
-        Between breaks[i] and breaks[i + 1] they are those of powers of t - breaks[i], the highest power first.
+        Parameters
+        ----------
+        breaks : (m + 1,)
+            Increasing times between which the pieces lie, s.
+        coefficients : (degree + 1, m, n)
+            Of the powers of t - breaks[i], the highest first; rad or m.
+        joint_names : sequence of str, optional
+            Names of the n coordinates, by which robots match them; by default the order of the robot.
+
+        Returns
+        -------
+        Motion
+
+        Raises
+        ------
+        JounceError
+            If a shape is wrong or the breaks do not increase.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> motion = jounce.Motion.piecewise([0, 1, 2], [[[1.0], [0.0]], [[0.0], [1.0]]])  # t, then 1
+        >>> motion([0.5, 1.5], order=0)[0].tolist()
+        [[0.5], [1.0]]
         """
         from jounce.motion import constructors
 
         return constructors.piecewise(breaks, coefficients, joint_names)
 
     @staticmethod
-    def trapezoidal(positions: Any, velocity: Any, acceleration: Any, *, joint_names: Any = None) -> "Motion":
-        """From rest to rest between positions (m, n) with trapezoidal velocities, all joints in step.
+    def trapezoidal(
+        positions: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike, *, joint_names: Sequence[str] | None = None
+    ) -> "Motion":
+        """From rest to rest between positions with trapezoidal velocities, all joints in step.
 
-        The limits of velocity and acceleration are numbers, or (n,) one for each joint; the slowest joint decides.
+        Parameters
+        ----------
+        positions : (m, n)
+            Coordinates to pass through at rest, rad or m.
+        velocity, acceleration : float or (n,)
+            Limits; the slowest joint decides. In rad/s or m/s, and per s^2.
+        joint_names : sequence of str, optional
+            Names of the n coordinates, by which robots match them; by default the order of the robot.
+
+        Returns
+        -------
+        Motion
+
+        Raises
+        ------
+        JounceError
+            If a shape is wrong or a limit is not positive.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> motion = jounce.Motion.trapezoidal([[0.0], [1.0]], velocity=1.0, acceleration=2.0)
+        >>> motion.duration, [found.t for found in motion.breaks]
+        (1.5, [0.5, 1.0])
         """
         from jounce.motion import planners
 
         return planners.trapezoidal(positions, velocity, acceleration, joint_names)
 
     @staticmethod
-    def from_ruckig(trajectory: Any, *, joint_names: Any = None) -> "Motion":
-        """The motion of a `ruckig.Trajectory`: exact pieces of constant jerk, whose ends are breaks."""
+    def from_ruckig(trajectory: Any, *, joint_names: Sequence[str] | None = None) -> "Motion":
+        """The motion of a `ruckig.Trajectory`: exact pieces of constant jerk, whose ends are breaks.
+
+        Parameters
+        ----------
+        trajectory : ruckig.Trajectory
+            A trajectory that Ruckig has calculated.
+        joint_names : sequence of str, optional
+            Names of the n coordinates, by which robots match them; by default the order of the robot.
+
+        Returns
+        -------
+        Motion
+
+        Raises
+        ------
+        JounceError
+            If it is no such trajectory or has no pieces.
+
+        Examples
+        --------
+        >>> import jounce, ruckig
+        >>> given = ruckig.InputParameter(1)
+        >>> given.target_position = [1.0]
+        >>> given.max_velocity, given.max_acceleration, given.max_jerk = [1.0], [2.0], [10.0]
+        >>> trajectory = ruckig.Trajectory(1)
+        >>> result = ruckig.Ruckig(1).calculate(given, trajectory)
+        >>> motion = jounce.Motion.from_ruckig(trajectory)
+        >>> motion(motion.stop, order=0)[0].round(9)
+        array([1.])
+        """
         from jounce.motion import planners
 
         return planners.from_ruckig(trajectory, joint_names)
 
     @staticmethod
-    def from_toppra(path: Any, *, joint_names: Any = None) -> "Motion":
-        """The motion that toppra's ``compute_trajectory()`` returns, of either parametrizer, as exact polynomials."""
+    def from_toppra(path: Any, *, joint_names: Sequence[str] | None = None) -> "Motion":
+        """The motion that toppra's ``compute_trajectory()`` returns, of either parametrizer, as exact polynomials.
+
+        Parameters
+        ----------
+        path : toppra interpolator
+            The path over time.
+        joint_names : sequence of str, optional
+            Names of the n coordinates, by which robots match them; by default the order of the robot.
+
+        Returns
+        -------
+        Motion
+
+        Raises
+        ------
+        JounceError
+            If it is no path of toppra, or one whose polynomials are not known.
+
+        Examples
+        --------
+        >>> import jounce, toppra
+        >>> path = toppra.SplineInterpolator([0, 1], [[0.0], [1.0]])
+        >>> limits = [toppra.constraint.JointAccelerationConstraint([[-2.0, 2.0]])]
+        >>> planned = toppra.algorithm.TOPPRA(limits, path, parametrizer="ParametrizeConstAccel").compute_trajectory()
+        >>> motion = jounce.Motion.from_toppra(planned)
+        >>> round(motion.duration, 6)
+        1.414214
+        """
         from jounce.motion import planners
 
         return planners.from_toppra(path, joint_names)
 
     @staticmethod
     def from_joint_trajectory(message: Any) -> "Motion":
-        """The motion of a ROS JointTrajectory, or of a plan of MoveIt that holds one: a message or the dict of it.
+        """The motion of a ROS JointTrajectory, or of a plan of MoveIt that holds one.
 
         Between points it is linear, cubic or quintic, as both of them state positions, velocities too, or accelerations
         too. Joints are matched by name when it is used with a robot.
+
+        Parameters
+        ----------
+        message : trajectory_msgs/JointTrajectory or dict
+            The message, or its dict.
+
+        Returns
+        -------
+        Motion
+
+        Raises
+        ------
+        JounceError
+            If joints or points are missing, or their times do not increase.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> points = [{"time_from_start": t, "positions": [q]} for t, q in ((0, 0.0), (1, 0.5))]
+        >>> motion = jounce.Motion.from_joint_trajectory({"joint_names": ["lift"], "points": points})
+        >>> motion(0.5, order=0), motion.joint_names
+        ((array([0.25]),), ('lift',))
         """
         from jounce.motion import ros
 
@@ -199,17 +449,48 @@ class Motion:
 
     @cached_property
     def breaks(self) -> tuple[Break, ...]:
-        """Where a derivative up to q4d jumps, in the order of time; of each joint the lowest one that does."""
+        """Where a derivative up to q4d or W2d jumps, in the order of time; of each joint the lowest one that does."""
         return self.breaks_to(HIGHEST)
 
     def breaks_to(self, order: int) -> tuple[Break, ...]:
-        """Where a derivative up to an order jumps, in the order of time; of each joint the lowest one that does."""
-        known, order = self.curve.highest, checked_order(order)
-        jumps = self.curve.jumps(order if known is None else min(order, known))
-        names: Sequence[str | int] = self.joint_names or range(self.curve.columns)
-        return tuple(Break(jump.t, names[jump.column], jump.order, jump.size) for jump in jumps)
+        """Where a derivative up to an order jumps, in the order of time; of each joint the lowest one that does.
 
-    def __call__(self, t: object, order: int = 4, side: Literal["right", "left"] = "right") -> tuple[np.ndarray, ...]:
+        Wrenches count to the order less two, as Q takes q2d and W.
+
+        Parameters
+        ----------
+        order : int
+            The highest derivative of q: 4 is q4d.
+
+        Returns
+        -------
+        tuple of Break
+            Each with the time `t`, the `joint`, the `order` of the derivative that jumps, and by how much, `jump`.
+
+        Raises
+        ------
+        JounceError
+            If the order is not a whole number from 0 to 100.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> motion = jounce.Motion.trapezoidal([[0.0], [1.0]], velocity=1.0, acceleration=2.0)
+        >>> [(found.t, found.order, found.jump) for found in motion.breaks_to(2)]
+        [(0.5, 2, -2.0), (1.0, 2, -2.0)]
+        """
+        order = checked_order(order)
+        names: Sequence[str | int] = self.joint_names or range(self.curve.columns)
+        found = [Break(jump.t, names[jump.column], jump.order, jump.size) for jump in _jumps(self.curve, order)]
+        for body, curve in self.loads.items():
+            for jump in _jumps(curve, order - 2):
+                name = f"{body}.{COMPONENTS[jump.column]}"
+                found.append(Break(jump.t, name, jump.order, jump.size, "W"))
+        return tuple(sorted(found, key=lambda jump: jump.t))
+
+    def __call__(
+        self, t: ArrayLike, order: int = 4, side: Literal["right", "left"] = "right"
+    ) -> tuple[np.ndarray, ...]:
         """The coordinates and their rates at times.
 
         Parameters
@@ -230,6 +511,13 @@ class Motion:
         ------
         JounceError
             If a time is outside of the motion, or the rates are not known to this order.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> motion = jounce.Motion.polynomial([[0, 1, 0.5]], duration=1.0)
+        >>> motion([0.0, 1.0], order=1)[1].tolist()
+        [[1.0], [2.0]]
         """
         times, order = self.checked(t), checked_order(order)
         self._check_known(self.curve, order, "q", self.source)
@@ -238,11 +526,36 @@ class Motion:
         return tuple(rate.reshape(*times.shape, self.curve.columns) for rate in found)
 
     def wrench(
-        self, t: object, order: int = 2, side: Literal["right", "left"] = "right"
+        self, t: ArrayLike, order: int = 2, side: Literal["right", "left"] = "right"
     ) -> tuple[dict[str, np.ndarray], ...] | None:
-        """What bodies and merged links exert at times, with rates: {name: (..., 6)}, (moment; force), in N m and N.
+        """What bodies and merged links exert at times, with rates: what `wrench=` of `Robot.inverse_dynamics` takes.
 
-        It is what `wrench=` of `Robot.inverse_dynamics` takes; None for a motion without wrenches.
+        Parameters
+        ----------
+        t : (...)
+            Times from `start` to `stop`, s.
+        order : int, optional
+            The highest rate.
+        side : {"right", "left"}, optional
+            At a break the rates after it, or those before it.
+
+        Returns
+        -------
+        tuple of dict, or None
+            W, Wd, ...: {name: (..., 6)}, (moment; force) in N m and N; None for a motion without wrenches.
+
+        Raises
+        ------
+        JounceError
+            If a time is outside of the motion, or the rates are not known to this order.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> motion = jounce.load_motion("paper-wrench", jounce.load("iiwa14"))
+        >>> W, Wd = motion.wrench(0.5, order=1)
+        >>> list(W), W["link7"].shape
+        (['link7'], (6,))
         """
         times, order = self.checked(t), checked_order(order)
         left = one_of("side", side, SIDES) == "left"
@@ -257,8 +570,65 @@ class Motion:
                 by_body[body] = rate.reshape(*times.shape, 6)
         return tuple(found)
 
-    def deviations(self, t: object, order: int = 4) -> tuple[np.ndarray, ...] | None:
-        """Standard deviations (..., n) of the coordinates and their rates at times; None where these are exact."""
+    def wrench_deviations(self, t: ArrayLike, order: int = 2) -> tuple[dict[str, np.ndarray], ...]:
+        """Standard deviations of the wrenches and their rates, of those that are smoothed.
+
+        Parameters
+        ----------
+        t : (...)
+            Times from `start` to `stop`, s.
+        order : int, optional
+            The highest rate.
+
+        Returns
+        -------
+        tuple of dict
+            {name: (..., 6)} for each rate, without the wrenches that are exact.
+
+        Raises
+        ------
+        JounceError
+            If a time is outside of the motion, or the rates are not known to this order.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load_motion("paper-wrench", jounce.load("iiwa14")).wrench_deviations(0.5, order=0)
+        ({},)
+        """
+        times, order = self.checked(t), checked_order(order)
+        found = {body: curve.deviations(times.ravel(), order) for body, curve in self.loads.items()}
+        known = {body: rates for body, rates in found.items() if rates is not None}
+        return tuple(
+            {body: rates[k].reshape(*times.shape, 6) for body, rates in known.items()} for k in range(order + 1)
+        )
+
+    def deviations(self, t: ArrayLike, order: int = 4) -> tuple[np.ndarray, ...] | None:
+        """Standard deviations of the coordinates and their rates.
+
+        Parameters
+        ----------
+        t : (...)
+            Times from `start` to `stop`, s.
+        order : int, optional
+            The highest rate.
+
+        Returns
+        -------
+        tuple of (..., n), or None
+            Of q, qd, ...: rad or m, per s, ...; None where these are exact.
+
+        Raises
+        ------
+        JounceError
+            If a time is outside of the motion, or the rates are not known to this order.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.Motion.polynomial([[0, 1]], duration=1.0).deviations(0.5) is None
+        True
+        """
         times, order = self.checked(t), checked_order(order)
         self._check_known(self.curve, order, "q", self.source)
         found = self.curve.deviations(times.ravel(), order)
@@ -266,20 +636,83 @@ class Motion:
         return None if found is None else tuple(rate.reshape(shape) for rate in found)
 
     def scaled(self, factor: float) -> "Motion":
-        """The same path, `factor` times as long, from the same start: k-th rates are 1 / factor^k of these."""
+        """The same path, `factor` times as long, from the same start: k-th rates are 1 / factor^k of these.
+
+        Parameters
+        ----------
+        factor : float
+            2 for half the speed.
+
+        Returns
+        -------
+        Motion
+
+        Raises
+        ------
+        JounceError
+            If the factor is not a positive number.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.Motion.polynomial([[0, 1]], duration=1.0).scaled(2).duration
+        2.0
+        """
         if not is_finite(factor) or not factor > 0:
             raise JounceError(f"factor is {quoted(factor)}; expected a finite number > 0, 2 for half the speed")
         number = float(factor)
         return self._retimed(number, self.start * (1 - number), f"{self.source}, {number:g} times as long")
 
     def shifted(self, seconds: float) -> "Motion":
-        """The same motion, later by some seconds."""
+        """The same motion, later by some seconds.
+
+        Parameters
+        ----------
+        seconds : float
+            How much later, s; negative for earlier.
+
+        Returns
+        -------
+        Motion
+
+        Raises
+        ------
+        JounceError
+            If it is not a finite number.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.Motion.polynomial([[0, 1]], duration=1.0).shifted(3).start
+        3.0
+        """
         if not is_finite(seconds):
             raise JounceError(f"seconds is {quoted(seconds)}; expected a finite number")
         return self._retimed(1.0, float(seconds), self.source)
 
     def with_step(self, step: float) -> "Motion":
-        """The same motion, with other `times`: from start to end in even steps of at most `step` seconds."""
+        """The same motion, with other `times`: from start to end in even steps.
+
+        Parameters
+        ----------
+        step : float
+            The longest step, s.
+
+        Returns
+        -------
+        Motion
+
+        Raises
+        ------
+        JounceError
+            If the step is not positive, or makes more than ten million times.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.Motion.polynomial([[0, 1]], duration=1.0).with_step(0.25).times
+        array([0.  , 0.25, 0.5 , 0.75, 1.  ])
+        """
         if not is_finite(step) or not step > 0:
             raise JounceError(f"step is {quoted(step)}; expected a number of seconds > 0")
         if self.duration / step > MOST:
@@ -292,7 +725,7 @@ class Motion:
         """The motion with polynomials in place of its breaks, so that no derivative up to an order jumps any more.
 
         Each break of a joint is replaced from half the time before to half the time after; `residual` is the largest
-        distance from this motion that comes of it.
+        distance from this motion that comes of it. Wrenches that jump are blended too, up to the order less two.
 
         Parameters
         ----------
@@ -300,6 +733,22 @@ class Motion:
             How long each blend lasts, s: no longer than any gap between two breaks of a joint.
         continuity : int, optional
             The order of the last derivative that is continuous: 4, with which Q2d has no jump, or 6.
+
+        Returns
+        -------
+        Motion
+
+        Raises
+        ------
+        JounceError
+            If a number is out of range, or a blend is longer than a gap between breaks.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> motion = jounce.Motion.trapezoidal([[0.0], [1.0]], velocity=1.0, acceleration=2.0)
+        >>> motion.blended(0.1).breaks_to(4)
+        ()
         """
         from jounce.motion.blend import blended
 
@@ -309,12 +758,20 @@ class Motion:
             raise JounceError(
                 f"continuity is {quoted(continuity)}; expected 2 to {MOST_CONTINUOUS}, 4 for a smooth Q2d"
             )
+        if not self.breaks_to(continuity):
+            last = rate_name("q", continuity)
+            warn(f"no derivative up to {last} jumps ({self.source}): a blend has no effect; leave it out")
+            return replace(self, residual=np.zeros(self.curve.columns))
         names = [f"joint {self._name(j)}" for j in range(self.curve.columns)]
-        known = self.curve.highest
-        order = continuity if known is None else min(continuity, known)
-        curve, distance = blended(self.curve, float(time), order, names)
+        curve, distance = blended(self.curve, float(time), _known(self.curve, continuity), names)
+        loads, notes = dict(self.loads), list(self.notes)
+        for body, load in self.loads.items():
+            if _jumps(load, continuity - 2):
+                components = [f"the wrench component {body}.{component}" for component in COMPONENTS]
+                loads[body], off = blended(load, float(time), _known(load, continuity - 2), components)
+                notes.append(f"wrench of {quoted(body)}: blended, at most {off.max():.2g} N m or N from it")
         source = f"{self.source}, blended over {float(time):g} s (C^{continuity})"
-        return replace(self, curve=curve, source=source, residual=distance)
+        return replace(self, curve=curve, source=source, residual=distance, loads=loads, notes=tuple(notes))
 
     def __add__(self, other: object) -> "Motion":
         """This motion and then another, shifted to where this one ends; they must meet, and jumps there are breaks."""
@@ -339,8 +796,30 @@ class Motion:
         source = self.source if self.source == other.source else f"{self.source}; then {other.source}"
         return Motion(Chain((self.curve, later.curve)), self.joint_names, source, loads, grid=grid)
 
-    def checked(self, t: object) -> np.ndarray:
-        """Times that a caller gives, within the motion."""
+    def checked(self, t: ArrayLike) -> np.ndarray:
+        """Times that a caller gives, within the motion.
+
+        Parameters
+        ----------
+        t : (...)
+            Times, s.
+
+        Returns
+        -------
+        (...)
+            The times as an array of float64.
+
+        Raises
+        ------
+        JounceError
+            If it is no array of numbers, or a time is outside of the motion.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.Motion.polynomial([[0, 1]], duration=1.0).checked([0, 1])
+        array([0., 1.])
+        """
         times = np.asarray(asarray(t, "t"))
         if times.dtype.kind != "f" or np.asarray(t).dtype.kind == "b":
             raise JounceError(f"t is {quoted(t)}; expected times in s")
@@ -388,6 +867,16 @@ class Motion:
 
     def _names(self) -> str:
         return listed(self.joint_names) if self.joint_names else f"{self.curve.columns} without names"
+
+
+def _known(curve: Curve, order: int) -> int:
+    """The order, or that of the last derivative that a curve knows."""
+    return order if curve.highest is None else min(order, curve.highest)
+
+
+def _jumps(curve: Curve, order: int) -> list[Jump]:
+    """Where a derivative of a curve up to an order jumps, as far as it is known."""
+    return curve.jumps(_known(curve, order)) if order >= 0 else []
 
 
 def _zero(motion: Motion) -> Curve:

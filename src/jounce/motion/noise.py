@@ -7,6 +7,7 @@ whole number of steps: then the error beats slowly, and no averaging removes it.
 """
 
 from dataclasses import dataclass
+from math import comb
 
 import numpy as np
 
@@ -15,6 +16,9 @@ POINTS = 4096  # at which beats are looked for, at most
 ENOUGH = 100000  # samples that tell the steps
 TELLING = 8  # different samples, below which round numbers among them may be chance, as the 1 is of a cosine
 DECIMALS = 12  # beyond which numbers are taken for doubles
+IRREGULAR = 5  # order of the differences that polynomial pieces do not have, and rounded samples have
+DIFFERENCES = 8  # order of those that tell noise; they hold white noise sqrt(binomial(16, 8)) times
+DIVISIONS = 4  # of Euclid's algorithm
 REST = 1 / 3  # power of their number by which equal samples of a robot at rest weigh less
 
 
@@ -122,6 +126,12 @@ def whiteness(samples: np.ndarray) -> np.ndarray:
     return ((np.diff(samples, axis=0) ** 2).sum(axis=0) / scale - 1) * np.sqrt(len(samples))
 
 
+def local_noise(samples: np.ndarray) -> np.ndarray:
+    """The standard deviation (n,) of white noise in most places, by differences that hold hardly any motion."""
+    off = np.abs(np.diff(samples, DIFFERENCES, axis=0))
+    return np.asarray(np.median(off, axis=0) / 0.6745 / np.sqrt(comb(2 * DIFFERENCES, DIFFERENCES)))
+
+
 def durations(t: np.ndarray, q: np.ndarray) -> np.ndarray:
     """For how long samples stay equal, (N, n)."""
     lasting = np.empty(q.shape)
@@ -142,29 +152,58 @@ def rest_weights(t: np.ndarray, q: np.ndarray, interval: float) -> np.ndarray:
 def step_of(samples: np.ndarray) -> tuple[float, str]:
     """The step to which samples are rounded and its kind, of an encoder or of written digits; 0 where there is none."""
     some = samples[:: len(samples) // ENOUGH + 1]
-    written, lattice = _written_step(some), _lattice(some)
+    if not _is_irregular(some):
+        return 0.0, "written digits"
+    written = _written_step(some)
+    lattice = _lattice(some, written or _resolution(some))
     if lattice and not (written and lattice < 1.5 * written):
         return lattice, "encoder step"
     return written, "written digits"
 
 
-def _lattice(samples: np.ndarray) -> float:
-    """The step of which all samples are multiples but for the rounding of their digits; 0 where there is none."""
-    values = np.unique(samples)
-    apart = np.diff(values)
-    apart = apart[apart > 64 * np.finfo(float).eps * np.abs(values).max()]
-    if len(apart) < 2:
-        return 0.0
-    step = float(apart[apart < 1.5 * apart.min()].mean())
-    for _ in range(3):
-        multiples = np.round(apart / step)
-        near = multiples <= 16  # the error of the step grows with them
-        if not near.any():
+def _is_irregular(samples: np.ndarray) -> bool:
+    """Whether samples are off polynomials of degree 4 in most places where they change, as rounded ones are.
+
+    Evenly spaced samples of a straight line or of a parabola are multiples of a step too, and are not rounded to it.
+    """
+    window = IRREGULAR + 1
+    if len(samples) < window + TELLING:
+        return True
+    changes = np.lib.stride_tricks.sliding_window_view(np.diff(samples) != 0, IRREGULAR).any(axis=1)
+    tiny = 2**window * np.finfo(float).eps * float(np.abs(samples).max())
+    off = np.abs(np.diff(samples, IRREGULAR)) > tiny
+    return bool(off[changes].mean() > 0.5) if changes.any() else True
+
+
+def _resolution(samples: np.ndarray) -> float:
+    """What the rounding of doubles, or of single precision, may be of a difference."""
+    single = np.array_equal(samples, samples.astype(np.float32))
+    return float(np.abs(samples).max() * (np.finfo(np.float32).eps if single else 4096 * np.finfo(float).eps))
+
+
+def _lattice(samples: np.ndarray, tolerance: float) -> float:
+    """The step of which all differences are multiples but for a tolerance; 0 where there is none.
+
+    Where a joint passes several steps from sample to sample, what is left of its differences tells the step: Euclid's
+    algorithm.
+    """
+    apart = np.diff(np.unique(samples))
+    apart = apart[apart > tolerance]
+    for _ in range(DIVISIONS):
+        if len(apart) < 2 or apart.min() < 4 * tolerance:
             return 0.0
-        step = float(apart[near].sum() / multiples[near].sum())
-    multiples = np.round(apart / step)
-    wrong = np.abs(apart / step - multiples)[multiples <= 16]
-    return step if wrong.size and float(wrong.mean()) < 0.05 else 0.0
+        step = float(apart[apart < 1.5 * apart.min()].mean())
+        for _ in range(3):
+            multiples = np.round(apart / step)
+            near = multiples <= 16  # the error of the step grows with them
+            step = float(apart[near].sum() / multiples[near].sum())
+        off = np.abs(apart - multiples * step)[near]
+        if len(off) >= min(TELLING, len(apart)) and off.mean() < min(0.05 * step, tolerance):
+            return step
+        least = apart.min()
+        off = np.abs(apart - np.round(apart / least) * least)
+        apart = np.append(off[off > 8 * tolerance], least)
+    return 0.0
 
 
 def _written_step(samples: np.ndarray) -> float:

@@ -5,6 +5,7 @@ The planners' objects are taken by what they hold, so that neither library has t
 
 from collections.abc import Sequence
 from itertools import groupby, pairwise
+from math import factorial
 from typing import Any, cast
 
 import numpy as np
@@ -54,10 +55,23 @@ def _phases(profiles: Sequence[Any], starts: Sequence[float]) -> tuple[np.ndarra
 
 def from_toppra(path: Any, joint_names: Any) -> Motion:
     """The trajectory that toppra computes: a spline in time, or polynomials of a path that is quadratic in time."""
+    if path is None:
+        raise JounceError(
+            "Motion.from_toppra() got None: toppra found no trajectory; loosen the constraints or take more gridpoints"
+        )
+    kinds = [kind.__name__ for kind in type(path).__mro__]
+    if "SplineInterpolator" in kinds and "ParametrizeSpline" not in kinds:
+        raise JounceError(
+            "Motion.from_toppra() got a path, which knows no time: give what compute_trajectory() returns along it;"
+            " if its variable is time, use Motion.piecewise(path.cspl.x, path.cspl.c)"
+        )
     try:
         x, c = _spline_of(path) if hasattr(path, "cspl") else _retimed_path(path)
     except Exception as error:  # whatever an object raises that is none
-        expected = "what toppra's compute_trajectory() returns, along a spline or polynomials"
+        expected = (
+            "what toppra's compute_trajectory() returns, along a spline or polynomials (sample others at times t and"
+            " use Motion.through(t, path(t)))"
+        )
         raise _not_from("from_toppra", expected, path, error) from None
     _check_ends("from_toppra", float(x[-1]), [(x, c[:, :, 0])])
     curve = Polynomials(x, c)
@@ -71,6 +85,12 @@ def _spline_of(path: Any) -> tuple[np.ndarray, np.ndarray]:
 
     if hasattr(path, "cspl"):
         x, c = path.cspl.x, path.cspl.c
+    elif hasattr(path, "ppoly"):
+        x, c = path.ppoly.x, path.ppoly.c
+    elif hasattr(path, "uspl"):
+        columns = [_pieces_of(spline) for spline in path.uspl]
+        curve = side_by_side(columns, float(path.path_interval[1]))
+        x, c = curve.x, curve.c
     elif hasattr(path, "_polys"):
         pieces = [PPoly.from_bernstein_basis(poly) for poly in path._polys]
         x, c = pieces[0].x, np.stack([piece.c for piece in pieces], axis=2)
@@ -81,6 +101,14 @@ def _spline_of(path: Any) -> tuple[np.ndarray, np.ndarray]:
             c[len(c) - len(power) :, 0, j] = power[::-1]
         x, c = np.array(path.path_interval, dtype=float), shifted(c, np.array(float(path.path_interval[0])))
     return np.asarray(x, dtype=float), np.asarray(c, dtype=float).reshape(*c.shape[:2], -1)
+
+
+def _pieces_of(spline: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Where the pieces of a `scipy.interpolate.UnivariateSpline` begin, and their coefficients (degree + 1, m)."""
+    x = np.asarray(spline.get_knots())[:-1]
+    rates = np.array([spline.derivatives(at) for at in x]).T
+    factorials = np.array([factorial(k) for k in range(len(rates))])
+    return x, (rates / factorials[:, None])[::-1]
 
 
 def _retimed_path(path: Any) -> tuple[np.ndarray, np.ndarray]:

@@ -11,12 +11,13 @@ from jounce.errors import JounceError, warn
 from jounce.motion.curves import Curve
 from jounce.motion.deviations import HIGHEST
 from jounce.motion.fit import Fit, fit
+from jounce.motion.noise import local_noise
 from jounce.motion.smoothing import ROUNDING
-from jounce.motion.smoothness import of_samples
+from jounce.motion.smoothness import BEYOND_NOISE, of_samples
 from jounce.motion.spline import Smoothing, Spline, SplineCurve, curve_of
-from jounce.motion.stamps import LEAST, spikes
+from jounce.motion.stamps import LEAST, fresh, spikes
+from jounce.spatial.series import rate_name
 
-STANDS_OUT = 15  # times the usual residual; noise and encoders reach 10 of them
 THROUGH = "--degree 7 (degree=7)"
 
 
@@ -48,43 +49,57 @@ def found_from(
     joints: tuple[str, ...] | None,
     highest: int,
     place: str,
+    symbol: str = "q",
 ) -> Found:
-    """The curve of samples q (N, n) of which the derivative of order `highest` is asked.
+    """The curve of samples q (N, n), or of others, of which the derivative of order `highest` is asked.
 
     Raises
     ------
     JounceError : where no curve follows from the samples, or they cannot carry that derivative and are not forced to.
     """
     if isinstance(way, Spline):
-        return _by_hand(t, q, way, highest, place)
+        return _by_hand(t, q, way, highest, place, symbol)
     if len(t) < LEAST:
         least = f"smoothing needs at least {LEAST}; {THROUGH} takes them as exact"
         raise JounceError(f"{place}: {len(t)} samples; {least}")
     try:
         fitted = fit(t, q, bandwidth=way.bandwidth, names=joints)
-        order = min(highest, HIGHEST) - 2
-        shortfall = fitted.shortfall(order) if order >= 0 else None
+        order = min(highest, HIGHEST)
+        shortfall = fitted.lacks(
+            order, rate_name("Q", order - 2) if symbol == "q" else rate_name(symbol, order), symbol
+        )
     except JounceError as error:
         raise JounceError(f"{place}: {error}") from None
     off = np.abs(fitted.spline(t) - q)
-    if (off.max(axis=0) <= ROUNDING * np.finfo(float).eps * np.abs(q).max(axis=0)).all():
-        return _by_hand(t, q, Spline(), highest, place)
+    exact = (off.max(axis=0) <= ROUNDING * np.finfo(float).eps * np.abs(q).max(axis=0)).all()
+    if exact and way.bandwidth is None:
+        return _by_hand(t, q, Spline(), highest, place, symbol)
     if shortfall and not way.force:
         cures = "--bandwidth HZ (bandwidth=) smooths them more, --force (force=) takes them all the same"
         raise JounceError(f"{place}: {shortfall}; {cures}")
-    usual = ~spikes(t, q, np.zeros(q.shape[1]))
-    stands_out = off[usual].max(axis=0) > STANDS_OUT * np.median(off, axis=0)
-    if stands_out.any() and (jumps := of_samples(t[usual], q[usual])):  # steps of an encoder look like jumps too
+    if jumps := _jumps(t, q, off, fitted, symbol):
         warn(f"{place}: {jumps}")
     curve = SmoothedCurve(fitted.spline, float(t[0]), float(t[-1]), fitted)
     notes = (*_notes(fitted), *([shortfall] if shortfall else []))
     return Found(curve, _source(fitted), notes, off.max(axis=0))
 
 
-def _by_hand(t: np.ndarray, q: np.ndarray, way: Spline, highest: int, place: str) -> Found:
-    if way.intervals is None and (jumps := of_samples(t, q)):  # what a fit does not follow, its residual tells
+def _jumps(t: np.ndarray, q: np.ndarray, off: np.ndarray, fitted: Fit, symbol: str) -> str | None:
+    """What jumps in samples (N, n), where a fit does not follow them and their stamps are right."""
+    steps = np.array([noise.step for noise in fitted.noise])
+    noise = np.maximum(local_noise(q), steps)
+    usual = ~spikes(t, q, steps) & fresh(t, q, fitted.spline(t, nu=1), noise)
+    if fitted.stamps or not (off[usual].max(axis=0) > BEYOND_NOISE * noise).any():
+        return None
+    return of_samples(t[usual], q[usual], noise, symbol)
+
+
+def _by_hand(t: np.ndarray, q: np.ndarray, way: Spline, highest: int, place: str, symbol: str) -> Found:
+    if way.intervals is None and (
+        jumps := of_samples(t, q, symbol=symbol)
+    ):  # what a fit does not follow, its residual tells
         warn(f"{place}: {jumps}")
-    curve = curve_of(t, q, way, place, highest)
+    curve = curve_of(t, q, way, place, highest, symbol)
     residual = None if way.intervals is None else np.abs(curve.rates(t, 0)[0] - q).max(axis=0)
     return Found(curve, f"samples, rates from a {way}", residual=residual)
 

@@ -1,18 +1,17 @@
 """From measured samples to a spline: what is noise, which rows count, which stamps are wrong, how many breaks."""
 
 from dataclasses import dataclass, replace
-from math import comb
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jounce.errors import JounceError
-from jounce.motion.choice import Choice, again, bounded, by_schwarz, choose, exact
+from jounce.motion.choice import Choice, again, bounded, by_schwarz, choose
 from jounce.motion.correction import colour, corrected
 from jounce.motion.deviations import Spread, stamp_covariances
-from jounce.motion.knots import FEWEST, most_intervals
+from jounce.motion.knots import most_intervals
 from jounce.motion.least_squares import CELLS, DEGREE, Solution, rows_of, solve
-from jounce.motion.noise import Beats, beats_of, rest_weights, whiteness
+from jounce.motion.noise import Beats, beats_of, local_noise, rest_weights, whiteness
 from jounce.motion.samples import Samples
 from jounce.motion.stamps import fresh
 
@@ -20,7 +19,8 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 ROUNDING = 64  # units in the last place of a double, below which samples are no measured ones
-SMOOTH = 1e-5  # share of a joint's range that eighth differences of smooth samples are at most
+SMOOTH = 1e-5  # share of a joint's range that differences of smooth samples leave as noise at most
+MANY = 0.7  # of the intervals that samples bear: needing as many looks as if there were no noise
 NOT_WHITE = 5  # standard deviations of von Neumann's ratio
 OUTLIER = 6  # standard deviations
 UNEXPLAINED = 0.1  # share of a joint's scatter about its mean that a fit may leave
@@ -90,14 +90,13 @@ def smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | Non
     chosen, samples, note = _without_outliers(samples, setting)
     notes += note
     if found:
-        raw = solve(stamped.rows(cells), chosen.solution.breaks)
+        rows = stamped.rows(cells)
+        raw = solve(rows, chosen.solution.breaks)
         samples, times = corrected(stamped, raw, cells, 2) or found
         sigma = colour(samples, stamped.t, raw, times.sigma) * times.sigma
-        left = stamp_covariances(stamped.rows(cells), raw, sigma, times.own)
+        left = stamp_covariances(rows, raw, sigma, times.own)
         chosen = again(samples.rows(cells), beats, chosen)
         notes += (f"time stamps scatter by {times.sigma:.2g} s; one shift per row, from all joints, corrects them",)
-    elif len(samples.t) >= LONG:
-        chosen = exact(rows_of(samples.t, samples.q, samples.weight, samples.span), chosen)
     solution = chosen.solution
     variance = chosen.variance * beats.inflation(solution.breaks, rests=True)
     spread = Spread(solution, variance, chosen.coarser.spline, chosen.ratio, left)
@@ -148,21 +147,31 @@ def _choice(samples: Samples, setting: Setting) -> Choice:
 def _without_outliers(samples: Samples, setting: Setting) -> tuple[Choice, Samples, tuple[str, ...]]:
     """The choice, once more where single rows lie far off, with less weight for these (Huber's)."""
     chosen = _choice(samples, setting)
-    left = np.abs(samples.q - chosen.solution.spline(samples.t))
-    scale = np.maximum(np.median(left, axis=0) / 0.6745, np.sqrt(chosen.variance) / 2)
-    far = (left / scale).max(axis=1) / OUTLIER
+    left = samples.q - chosen.solution.spline(samples.t)
+    scale = np.maximum(np.median(np.abs(left), axis=0) / 0.6745, np.sqrt(chosen.variance) / 2)
+    far = _far_alone(left / scale) / OUTLIER
     if not 0 < (far > 1).mean() < SEVERAL:
         return chosen, samples, ()
     samples = replace(samples, weight=samples.weight / np.sqrt(np.maximum(far, 1)))
     return _choice(samples, setting), samples, (f"{(far > 1).sum()} rows lie far from the others and count less",)
 
 
+def _far_alone(left: np.ndarray) -> np.ndarray:
+    """How far each row (N,) of residuals (N, n) is off, in some joint, and off what its neighbours are off."""
+    far = np.abs(left).max(axis=1)
+    [beyond] = np.nonzero(far > OUTLIER)
+    around = (beyond[:, None] + np.arange(-2, 3)).clip(0, len(left) - 1)
+    far[beyond] = np.abs(left[beyond] - np.median(left[around], axis=1)).max(axis=1)
+    return far
+
+
 def rounded(samples: Samples, first: Solution) -> bool:
-    """Whether a spline explains samples to their rounding, or needs all breaks there are though they look smooth."""
+    """Whether a spline explains samples to their rounding, or needs all breaks there are though they look smooth.
+
+    Most places tell: a kink in exact samples is none of their noise.
+    """
     sigma = np.sqrt(first.energy / len(samples.t))
     exact = sigma < ROUNDING * np.finfo(float).eps * np.abs(samples.q).max(axis=0)
-    if exact.all() or first.intervals < 0.7 * len(samples.t) / FEWEST:
+    if exact.all() or samples.steps.any() or first.intervals < MANY * most_intervals(samples.rows(CELLS)):
         return bool(exact.all())
-    order = 8  # differences of that order hold white noise sqrt(binomial(16, 8)) times
-    noise = np.sqrt((np.diff(samples.q, order, axis=0) ** 2).mean(axis=0) / comb(2 * order, order))
-    return bool((noise < SMOOTH * np.ptp(samples.q, axis=0)).all())
+    return bool((local_noise(samples.q) < SMOOTH * np.ptp(samples.q, axis=0)).all())

@@ -8,47 +8,63 @@ from collections.abc import Sequence
 
 import numpy as np
 
-NAMES = {1: "velocity", 2: "acceleration", 3: "jerk"}
+from jounce.motion.noise import step_of
+
+NAMES = {
+    "q": {1: "velocity", 2: "acceleration", 3: "jerk"},  # by the order of the derivative
+    "W": {0: "a wrench", 1: "the rate of a wrench", 2: "the second rate of a wrench"},
+}
+FORCE = {"q": 2, "W": 0}  # order of the derivative of each that Q takes
 STANDS_OUT = 8  # times the differences beside it
+HIGHEST = 2  # the order of Q2d
 FEWEST = 32  # samples, below which nothing can be told
+BEYOND_NOISE = 8  # standard deviations of the samples, which differences of any order seldom exceed
+HOLE = 5  # times the usual spacing of samples
 OF_THE_PEAK = 0.02  # share of the largest value, below which a difference is no jump worth a word
 
 
 @np.errstate(all="ignore")  # absurd steps make absurd differences, which no floor lets pass
-def of_samples(t: np.ndarray, q: np.ndarray) -> str | None:
-    """What jumps in a motion given by samples q, (N, n), alone: its rates are divided differences."""
+def of_samples(t: np.ndarray, q: np.ndarray, sigma: np.ndarray | float = 0.0, symbol: str = "q") -> str | None:
+    """What jumps in a motion, or wrench, given by samples (N, n) alone, with noise of standard deviations sigma (n,).
+
+    Its rates are divided differences.
+    """
     if len(q) < FEWEST:
         return None
-    noise = 100 * np.array([resolution(column) for column in q.T])
-    difference, orders = q, []
-    for k in NAMES:
-        difference = np.diff(difference, axis=0) * k / (t[k:] - t[:-k])[:, None]
-        orders.append((k, difference, k, noise * (2 / np.diff(t).min()) ** k))
-    return _told(orders)
+    noise = np.maximum(100 * np.array([resolution(column) for column in q.T]), BEYOND_NOISE * sigma)
+    difference, orders, spacing = q, [], np.diff(t)
+    holes = spacing > HOLE * np.median(spacing)  # beside them differences are of another scale
+    for k in range(max(NAMES[symbol]) + 1):
+        difference = np.diff(difference, axis=0) * k / (t[k:] - t[:-k])[:, None] if k else difference
+        unlike = np.asarray(np.lib.stride_tricks.sliding_window_view(holes, k + 1).any(axis=1))
+        orders.append((k, difference, max(k, 1), noise * (2 / spacing.min()) ** k, unlike))
+    return _told([order for order in orders if order[0] in NAMES[symbol]], symbol)
 
 
 def of_rates(rates: Sequence[np.ndarray]) -> str | None:
     """What jumps in a motion given with its rates."""
     if len(rates[0]) < FEWEST:
         return None
-    return _told([(k, rates[k], 1, np.zeros(rates[k].shape[1])) for k in NAMES if k < len(rates)])
+    none = np.zeros(len(rates[0]) - 1, bool)
+    return _told([(k, rates[k], 1, np.zeros(rates[k].shape[1]), none) for k in NAMES["q"] if k < len(rates)], "q")
 
 
 def resolution(samples: np.ndarray) -> float:
-    """Half a unit in the last place that samples are given to: of their decimals, or of doubles."""
+    """Half the step that samples are rounded to: of an encoder, of their decimals, or of doubles."""
     ulp = np.finfo(float).eps * float(np.abs(samples).max()) / 2
-    decimals = next((d for d in range(13) if np.array_equal(np.round(samples, d), samples)), None)
-    return ulp if decimals is None or not np.ptp(samples) else max(ulp, 0.5 * 10.0**-decimals)
+    return max(ulp, 0.5 * step_of(samples)[0]) if np.ptp(samples) else ulp
 
 
-def _told(orders: Sequence[tuple[int, np.ndarray, int, np.ndarray]]) -> str | None:
-    for k, values, width, floors in orders:
+def _told(orders: Sequence[tuple[int, np.ndarray, int, np.ndarray, np.ndarray]], symbol: str) -> str | None:
+    for k, values, width, floors, unlike in orders:
         columns = zip(values.T, floors, strict=True)
-        knots = sorted({knot for column, floor in columns for knot in _jumps(column, width, floor)})
+        knots = sorted({knot for column, floor in columns for knot in _jumps(column, width, floor, unlike)})
         if knots:
             apart = 1 + int(np.count_nonzero(np.diff(knots) > width))
-            what = f"{NAMES[k]} jumps at {apart} knot{'s' * (apart > 1)}"
-            return f"{what}: {_force(k - 2)} is discontinuous there, {_force(k - 1)} undefined"
+            what = f"{NAMES[symbol][k]} jumps at {apart} knot{'s' * (apart > 1)}"
+            order = k - FORCE[symbol]
+            then = f", {_force(order + 1)} undefined" if order < HIGHEST else ""
+            return f"{what}: {_force(order)} is discontinuous there{then}"
     return None
 
 
@@ -56,9 +72,9 @@ def _force(order: int) -> str:
     return "qd" if order < 0 else ("Q", "Qd", "Q2d")[order]
 
 
-def _jumps(values: np.ndarray, width: int, floor: float) -> list[int]:
-    """Where a sequence jumps; a jump seen through divided differences spreads over `width` of them."""
-    steps = np.abs(np.diff(values))
+def _jumps(values: np.ndarray, width: int, floor: float, unlike: np.ndarray) -> list[int]:
+    """Where a sequence jumps, but for steps `unlike` others; seen through divided differences, a jump takes `width`."""
+    steps = np.where(unlike, 0, np.abs(np.diff(values)))
     reach = width + 1
     if len(steps) < 2 * reach + 2:
         return []

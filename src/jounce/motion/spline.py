@@ -46,7 +46,10 @@ class Spline:
         if self.intervals is None:
             return make_interp_spline(t, q, k=self.degree)
         knots = np.interp(np.linspace(0, len(t) - 1, self.intervals + 1), range(len(t)), t)  # as many samples between
-        return make_lsq_spline(t, q, np.pad(knots, self.degree, mode="edge"), self.degree)
+        all_knots = np.pad(knots, self.degree, mode="edge")
+        fitted = make_lsq_spline(t, q, all_knots, self.degree)
+        fitted.c += make_lsq_spline(t, q - fitted(t), all_knots, self.degree).c  # mends rounding of normal equations
+        return fitted
 
     def check(self, samples: int, place: str) -> None:
         """Raise `JounceError` where no such spline can be made of so many samples."""
@@ -120,6 +123,16 @@ def way_of(degree: int | None, intervals: int | None, bandwidth: float | None, f
     if by_hand and (bandwidth is not None or force):
         raise JounceError("bandwidth and force are for samples that are smoothed; leave degree and intervals out")
     return Spline(7 if degree is None else degree, intervals) if by_hand else Smoothing(bandwidth, force)
+
+
+def refuse_way(way: Smoothing | Spline, place: str, reason: str) -> None:
+    """Raise `JounceError` where a caller says how samples become a curve, and there are no samples for a reason."""
+    if isinstance(way, Spline):
+        given = ["degree" if way.intervals is None else "intervals"]
+    else:
+        given = [name for name, value in vars(way).items() if value]
+    if given:
+        raise JounceError(f"{place}: {reason}; {given[0]} is for samples: leave it out")
 
 
 def check_bandwidth(given: object) -> None:

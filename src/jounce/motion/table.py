@@ -12,7 +12,7 @@ from jounce.motion.columns import DEVIATION, TIME, Match, Options, match
 from jounce.motion.hermite import Hermite
 from jounce.motion.motion import Motion
 from jounce.motion.smoothed import found_from
-from jounce.motion.spline import Smoothing, Spline
+from jounce.motion.spline import Smoothing, Spline, refuse_way
 from jounce.motion.units import check_units
 from jounce.spatial.series import rate_name
 
@@ -60,16 +60,19 @@ def from_columns(
     rows = tuple(_stacked(si, [f"{joint}.{rate}" for joint in joints]) for rate in rates)
     check_units(t, q, rows[1] if rows[1:] else None, mechanism, (found.angles_stated, found.time_stated), place)
     of_wrenches = {name: si[name] for name in loads.named(list(si), mechanism)}
-    of_loads = way if isinstance(way, Spline) else Spline()
-    W = loads.wrenches(t, of_wrenches, mechanism, max(highest - 2, 0), of_loads, place)
+    if not found.sampled and not loads.are_sampled(of_wrenches):
+        refuse_way(way, place, "all rates are in the table")
+    W, of_loads = loads.wrenches(t, of_wrenches, mechanism, max(highest - 2, 0), way, place)
     measured = _torques(columns, found, joints)
     torques = None if measured is None else (t, measured)
     if not found.sampled:
         _warn_of(smoothness.of_rates(rows), place)
         curve = Hermite(t, rows, _spreads(si, joints, rates))
-        return Motion(curve, joints, "all rates from the table", W, grid=t, torques=torques, notes=found.notes)
+        return Motion(
+            curve, joints, "all rates from the table", W, grid=t, torques=torques, notes=(*found.notes, *of_loads)
+        )
     samples = found_from(t, q, way, joints, highest, place)
-    notes = (*found.notes, *samples.notes)
+    notes = (*found.notes, *samples.notes, *of_loads)
     return Motion(samples.curve, joints, samples.source, W, (t, q), samples.residual, t, torques, notes)
 
 

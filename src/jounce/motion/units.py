@@ -5,7 +5,7 @@ import re
 import numpy as np
 
 from jounce.errors import JounceError, no_such, quoted, warn
-from jounce.model.coordinates import coordinate_units, leading_joints
+from jounce.model.coordinates import coordinate_units, leading_joints, likely_positions
 from jounce.model.mechanism import Mechanism
 
 ANGLES = {"rad": 1.0, "deg": np.pi / 180}
@@ -19,7 +19,6 @@ PER_TIME = re.compile(r"(.+?)\s*/\s*s(?:\^?([2-9])|([²³⁴]))?")
 POWERS = {"²": 2, "³": 3, "⁴": 4}
 INDEX = re.compile(r"\d+")
 
-TURNS = 8 * np.pi  # rad: four turns, further than joints without limits are taken to go unasked
 SPEED = 60.0  # rad/s or m/s, faster than joints without limits are taken to move unasked
 BEYOND = 0.1  # of the range of a joint: how far beyond its limits it may be
 FASTER = 3.0  # times the limit of speed: how fast it may be
@@ -72,41 +71,75 @@ def check_units(
         _check_time(t, q, place)
     _check_rates(t, q, qd, place)
     speeds = _speeds(t, q) if qd is None or len(t) < FEWEST else _quantile(np.abs(qd))
-    lower, upper, fastest = _limits(mechanism)
-    revolute = np.array([unit == "rad" for unit in coordinate_units(mechanism)])
-    slack = BEYOND * np.where(np.isfinite(upper - lower), upper - lower, 1)
-
-    def broken(scale: np.ndarray) -> np.ndarray:
-        far = ((q * scale).min(axis=0) < lower - slack) | ((q * scale).max(axis=0) > upper + slack)
-        return far | (speeds * scale > FASTER * fastest)
-
-    here = broken(np.ones(len(revolute)))
+    here = _broken(q, speeds, mechanism)
     if not here.any():
         return
-    j = int(np.flatnonzero(here)[0])
-    unit = "rad" if revolute[j] else "m"
-    went = f"goes from {q[:, j].min():.4g} to {q[:, j].max():.4g} {unit} at up to {speeds[j]:.3g} {unit}/s"
-    came = f"joint {quoted(mechanism.coordinates[j])} {went}"
-    if not stated[0] and here[revolute].any() and not broken(np.where(revolute, ANGLES["deg"], 1.0)).any():
+    came, allowed = _described(q, speeds, mechanism, int(here.argmax()))
+    if not stated[0] and _look_like_degrees(q, speeds, mechanism):
         raise JounceError(
-            f"{place}: {came}: {_allowed(mechanism, j)}, as degrees it would be right;"
+            f"{place}: {came}: {allowed}, as degrees it would be right;"
             " state the unit by --angles deg or --angles rad (angles=)"
         )
-    if np.isfinite([*_stated_limits(mechanism, j)]).any():
-        warn(f"{place}: {came}, but {_allowed(mechanism, j)}; check units, joint names and --lock")
+    if np.isfinite([*_stated_limits(mechanism, int(here.argmax()))]).any():
+        warn(f"{place}: {came}, but {allowed}; check units, joint names and --lock")
+
+
+def warn_of_degrees(q: np.ndarray, qd: np.ndarray, mechanism: Mechanism, place: str) -> None:
+    """Warn where coordinates and velocities (N, n) of a motion that is no table look like degrees."""
+    speeds = np.abs(qd).max(axis=0)
+    if _look_like_degrees(q, speeds, mechanism):
+        came, allowed = _described(q, speeds, mechanism, int(_broken(q, speeds, mechanism).argmax()))
+        warn(f"{place}: {came}: {allowed}, as degrees it would be right: numpy.deg2rad makes rad of them")
+
+
+def warn_of_times(t: np.ndarray, q: np.ndarray, place: str) -> None:
+    """Warn where times (N,) of samples (N, n) look like milliseconds."""
+    if len(t) >= FEWEST and (unit := _other_unit(t, q)):
+        warn(f"{place}: {_slow(t, q)}: t looks like {unit}; expected seconds")
+
+
+def _look_like_degrees(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism) -> bool:
+    """Whether revolute joints break their limits, which none would if its angles were degrees."""
+    revolute = np.array([unit == "rad" for unit in coordinate_units(mechanism)])
+    scale = np.where(revolute, ANGLES["deg"], 1.0)
+    now, then = _broken(q, speeds, mechanism), _broken(q * scale, speeds * scale, mechanism)
+    return bool(now[revolute].any() and not then.any())
+
+
+def _broken(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism) -> np.ndarray:
+    """Which coordinates (n,) are far beyond their limits, or much faster."""
+    lower, upper, fastest = _limits(mechanism)
+    slack = BEYOND * np.where(np.isfinite(upper - lower), upper - lower, 1)
+    far = (q.min(axis=0) < lower - slack) | (q.max(axis=0) > upper + slack)
+    return np.asarray(far | (speeds > FASTER * fastest))
+
+
+def _described(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism, j: int) -> tuple[str, str]:
+    """How a joint moves, and what it may."""
+    unit = coordinate_units(mechanism)[j]
+    went = f"goes from {q[:, j].min():.4g} to {q[:, j].max():.4g} {unit} at up to {speeds[j]:.3g} {unit}/s"
+    return f"joint {quoted(mechanism.coordinates[j])} {went}", _allowed(mechanism, j)
 
 
 def _check_time(t: np.ndarray, q: np.ndarray, place: str) -> None:
-    """Refuse stamps that are no seconds: rows are long apart, while nothing moves at a robot's speed."""
+    """Refuse stamps that are no seconds."""
+    if unit := _other_unit(t, q):
+        cure = f"state the unit by --time-unit {unit} or --time-unit s (time_unit=)"
+        raise JounceError(f"{place}: {_slow(t, q)}: t looks like {unit}; {cure}")
+
+
+def _other_unit(t: np.ndarray, q: np.ndarray) -> str | None:
+    """The unit that times look like where rows are long apart, while nothing moves at a robot's speed."""
     step = float(np.median(np.diff(t)))
     moves = np.ptp(q, axis=0).max() > MOVES
     if step < SLOW or not (step >= SLOW / TIMES["ms"] or (moves and _speeds(t, q).max() < STILL)):
-        return
-    unit = next((unit for unit in ("ms", "us") if step * TIMES[unit] < SLOW), "ns")
-    raise JounceError(
-        f"{place}: rows are {step:g} s apart, and no joint moves faster than {_speeds(t, q).max():.2g} rad/s or m/s:"
-        f" t looks like {unit}; state the unit by --time-unit {unit} or --time-unit s (time_unit=)"
-    )
+        return None
+    return next((unit for unit in ("ms", "us") if step * TIMES[unit] < SLOW), "ns")
+
+
+def _slow(t: np.ndarray, q: np.ndarray) -> str:
+    step, fastest = np.median(np.diff(t)), _speeds(t, q).max()
+    return f"rows are {step:g} s apart, and no joint moves faster than {fastest:.2g} rad/s or m/s"
 
 
 def _check_rates(t: np.ndarray, q: np.ndarray, qd: np.ndarray | None, place: str) -> None:
@@ -145,11 +178,10 @@ def _stated_limits(mechanism: Mechanism, j: int) -> tuple[float, float, float]:
 
 def _limits(mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Lower and upper limits and speeds of the coordinates, generous ones where nothing is stated."""
-    lower, upper, fastest = np.array([_stated_limits(mechanism, j) for j in range(mechanism.n)]).reshape(-1, 3).T
-    revolute = np.array([unit == "rad" for unit in coordinate_units(mechanism)])
-    widest = np.where(revolute, TURNS, np.inf)
-    fastest = np.where(np.isfinite(fastest) & (fastest > 0), fastest, SPEED / FASTER)
-    return np.where(np.isfinite(lower), lower, -widest), np.where(np.isfinite(upper), upper, widest), fastest
+    leading = leading_joints(mechanism)
+    fastest = mechanism.limits.velocity[leading]
+    lower, upper = (bound[leading] for bound in likely_positions(mechanism))
+    return lower, upper, np.where(np.isfinite(fastest) & (fastest > 0), fastest, SPEED / FASTER)
 
 
 def _allowed(mechanism: Mechanism, j: int) -> str:

@@ -110,18 +110,29 @@ def write(name: str, code: bytes) -> None:
 
 def _make_room(most: int, name: str) -> None:
     """Remove the least recently used kernels until all but that of a name take so many bytes at most."""
-    found = [(path.stat(), path) for path in entries() if path.stem != name]
+    found = [(entry.stat(), entry.path) for entry in _listed() if entry.name != name + SUFFIX]
     total = sum(stats.st_size for stats, _ in found)
+    if total <= most:
+        return
     for stats, path in sorted(found, key=lambda entry: entry[0].st_mtime_ns):
+        Path(path).unlink(missing_ok=True)
+        total -= stats.st_size
         if total <= most:
             break
-        path.unlink(missing_ok=True)
-        total -= stats.st_size
 
 
 def entries() -> Iterator[Path]:
     """The kernels in the folder."""
-    return (path for path in folder().glob(f"*{SUFFIX}") if path.is_file() and not path.is_symlink())
+    return map(Path, _listed())
+
+
+def _listed() -> list[os.DirEntry[str]]:
+    """The kernels as the folder lists them: thousands are told from links and other files without a look at each."""
+    try:
+        with os.scandir(folder()) as found:
+            return [x for x in found if x.name.endswith(SUFFIX) and x.is_file(follow_symlinks=False)]
+    except OSError:
+        return []
 
 
 def private() -> bool:

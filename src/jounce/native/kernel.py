@@ -16,7 +16,7 @@ from jounce._scalars import is_masked
 from jounce._typing import ArrayLike, Floats
 from jounce.arguments import names
 from jounce.dynamics.computation import Computation
-from jounce.errors import JounceError, one_line, quoted
+from jounce.errors import JounceError, one_line, quoted, warn
 from jounce.model.mechanism import Mechanism
 from jounce.native import cache, jit, plan
 from jounce.native.jit import host, ufunc
@@ -95,6 +95,14 @@ class Kernel(Generic[Results]):
         JounceError
             If the number of arrays, a shape or a dtype is wrong, an array has names or a mask, or a keyword asks for
             what `Robot.compile` has fixed, as body and frame.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> kernel = jounce.load("planar2r").compile("gravity_forces", order=1)
+        >>> G, Gd = kernel(np.zeros((3, 2)), np.ones(2))
+        >>> G.shape, Gd[0].round(12)
+        ((3, 2), array([0., 0.]))
         """
         if fixed:
             raise self._fixed_at_compile_time(fixed)
@@ -135,6 +143,16 @@ class Kernel(Generic[Results]):
         ------
         JounceError
             If an array is not one of float64, a shape is wrong, or `out` is read-only or shares memory.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> kernel = jounce.load("planar2r").compile("gravity_forces", order=0)
+        >>> q, G = np.zeros(2), np.empty(2)
+        >>> call = kernel.bind(q, out=G)
+        >>> call()
+        >>> G
+        array([29.43,  9.81])
         """
         if fixed:
             raise self._fixed_at_compile_time(fixed)
@@ -208,6 +226,8 @@ class Kernel(Generic[Results]):
         both = list(zip(inputs, taken, strict=True))
         fits = all(x.shape[-len(shape) :] == shape for x, shape in both)
         batch = np.broadcast_shapes(*(x.shape[: -len(shape)] for x, shape in both)) if fits else ()
+        if fits and not batch and threads > 1:
+            warn(f"threads={threads} has no effect on one state: it splits the first axis of a batch")
         shapes = [(*batch, *shape) for shape in given]
         results = [np.empty(shape) for shape in shapes] if out is None else out
         if not batch or batch[0] < 2 or [getattr(y, "shape", None) for y in results] != shapes:

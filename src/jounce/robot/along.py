@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
+from jounce._typing import ArrayLike
 from jounce.arguments.rates import checked_order
 from jounce.dynamics.quantities import FORCES
 from jounce.errors import JounceError, at, quoted
 from jounce.model.mechanism import Mechanism
 from jounce.motion.matching import matched
 from jounce.motion.motion import Break, Motion
+from jounce.motion.units import warn_of_degrees
 from jounce.robot.dispatch import compute
 
 if TYPE_CHECKING:
@@ -20,10 +22,12 @@ if TYPE_CHECKING:
 
 PIECE = 1000  # states
 PERTURBED = 200_000  # states computed for the deviations of forces, which change slowly: between them they are linear
+GLANCES = 200  # states by which the unit of a motion is judged
 FIRST = FORCES.rates - 1  # the order of the rate of q that Q itself takes: q2d
 
 Progress = Callable[[int, int], object]  # of the number of states done, and of all
 Rates = tuple[np.ndarray, ...]
+Wrenches = tuple[dict[str, np.ndarray], ...]
 
 
 class ForceBreak(NamedTuple):
@@ -74,10 +78,12 @@ class Along:
 
 
 def forces_along(
-    robot: "Robot", motion: object, t: object, order: object, method: str | None, progress: Progress | None
+    robot: "Robot", motion: object, t: ArrayLike | None, order: object, method: str | None, progress: Progress | None
 ) -> Along:
     """The forces and their rates at times of a motion, or at its own, checked."""
     path, highest = checked_motion(robot.mechanism, motion), checked_order(order)
+    q, qd = path(np.linspace(path.start, path.stop, GLANCES), 1)
+    warn_of_degrees(q, qd, robot.mechanism, "the motion")
     times = path.times if t is None else path.checked(t)
     if times.ndim != 1 or not times.size:
         raise JounceError(f"t is {quoted(t)}; expected an array (N,) of times in s, or None for those of the motion")
@@ -130,7 +136,8 @@ def force_breaks(
         for t, causes in groupby(motion.breaks_to(order + FIRST), key=lambda found: found.t)
         if times.min() <= t <= times.max()
     ]
-    lowest = np.array([min(cause.order for cause in causes) - FIRST for _, causes in known], dtype=int)
+    taken = {"q": FIRST, "W": 0}  # the order of each that Q itself takes
+    lowest = np.array([min(cause.order - taken[cause.symbol] for cause in causes) for _, causes in known], dtype=int)
     t = np.array([t for t, _ in known])
     jumps = np.zeros((order + 1, len(t), robot.n))
     for start in range(0, len(t), PIECE):
@@ -158,39 +165,54 @@ def _forces(
     method: str | None,
     side: Literal["left", "right"] = "right",
 ) -> Rates:
-    forces = compute(robot, FORCES.name, rates, wrench=motion.wrench(t, order, side), method=method)
+    return _computed(robot, rates, motion.wrench(t, order, side), method)
+
+
+def _computed(robot: "Robot", rates: Rates, W: Wrenches | None, method: str | None) -> Rates:
+    forces = compute(robot, FORCES.name, rates, wrench=W, method=method)
     return forces if isinstance(forces, tuple) else (forces,)
 
 
 def _spreads(
     robot: "Robot", motion: Motion, times: np.ndarray, order: int, method: str | None
 ) -> Callable[[np.ndarray], Rates] | None:
-    """The standard deviations of the forces over time: the forces are computed with each rate off by its own.
+    """The standard deviations of the forces over time: computed with each rate, of q and of wrenches, off by its own.
 
     The rates are taken as independent of each other, which overstates by little: the highest ones dominate.
     """
-    if motion.deviations(times[:1], 0) is None:
+    smoothed = [body for body, load in motion.loads.items() if load.deviations(times[:1], 0) is not None]
+    if motion.deviations(times[:1], 0) is None and not smoothed:
         return None
     every = np.unique(times)
-    count = max(2, PERTURBED // (robot.n * (order + FIRST + 1)))
+    count = max(2, PERTURBED // ((robot.n + 6 * len(smoothed)) * (order + FIRST + 1)))
     t = every[np.unique(np.linspace(0, len(every) - 1, min(count, len(every))).astype(int))]
     total = np.zeros((order + 1, len(t), robot.n))
     for start in range(0, len(t), PIECE):
         part = t[start : start + PIECE]
-        rates, off = motion(part, order + FIRST), motion.deviations(part, order + FIRST)
-        true = np.array(_forces(robot, motion, part, rates, order, method))
-        for k, rate in enumerate(off or ()):
-            for j in range(robot.n):
-                moved = rates[k].copy()
-                moved[:, j] += rate[:, j]
-                other = _forces(robot, motion, part, (*rates[:k], moved, *rates[k + 1 :]), order, method)
-                total[:, start : start + PIECE] += (np.array(other) - true) ** 2
+        rates, W = motion(part, order + FIRST), motion.wrench(part, order)
+        true = np.array(_computed(robot, rates, W, method))
+        for other in _perturbed(motion, part, rates, W, order):
+            total[:, start : start + PIECE] += (np.array(_computed(robot, *other, method)) - true) ** 2
     known = np.sqrt(total)
 
     def interpolated(times: np.ndarray) -> Rates:
         return tuple(np.stack([np.interp(times, t, column) for column in rate.T], axis=1) for rate in known)
 
     return interpolated
+
+
+def _perturbed(
+    motion: Motion, t: np.ndarray, rates: Rates, W: Wrenches | None, order: int
+) -> Iterator[tuple[Rates, Wrenches | None]]:
+    """The rates and wrenches at times with each of their entries off by its standard deviation, one after the other."""
+    for k, off in enumerate(motion.deviations(t, order + FIRST) or ()):
+        for j in range(off.shape[1]):
+            yield (*rates[:k], rates[k] + off * (np.arange(off.shape[1]) == j), *rates[k + 1 :]), W
+    for k, by_body in enumerate(motion.wrench_deviations(t, order) if W else ()):
+        for body, off in by_body.items():
+            for j in np.flatnonzero(off.any(axis=0)).tolist():
+                moved = W[k] | {body: W[k][body] + off * (np.arange(6) == j)} if W else {}
+                yield rates, (*W[:k], moved, *W[k + 1 :]) if W else None
 
 
 def _joined(parts: list[Rates]) -> Rates:

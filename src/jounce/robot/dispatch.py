@@ -139,7 +139,7 @@ def wrench_of_load(
 ) -> Any:
     """The wrenches that bodies exert where a load acts on one of them, along given rates of the coordinates."""
     q = rates.rates_of(given, 1, mechanism)
-    place, load = loads.place_of(frame, point), loads.load_of(force, torque, len(q) - 1, q)
+    place, load = loads.place_of(frame, point, force), loads.load_of(force, torque, len(q) - 1, q)
     model = cast_model(mechanism, [*q, *load])
     ports = [*coordinate_ports(model.n, len(q), 1), *(Port(f"load[{k}]", (1, 6), "load", k) for k in range(len(load)))]
 

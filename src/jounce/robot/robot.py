@@ -27,7 +27,7 @@ from jounce.arguments import requests
 from jounce.arguments.limits import with_limits
 from jounce.errors import JounceError, one_of
 from jounce.model import dh, equality, screws
-from jounce.model.drives import Drives, chosen, with_eps
+from jounce.model.drives import Drives, chosen, warn_of_idle, with_eps
 from jounce.model.limits import Limits
 from jounce.model.locking import locked
 from jounce.model.mechanism import GRAVITY, Mechanism
@@ -71,6 +71,15 @@ class Robot:
     Robots are equal where all their data are: names, tree and numbers.
 
     Errors: `JounceError` for a wrong shape, a skipped rate, an unknown name or method, an `out` that does not fit.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> robot = jounce.load("planar2r")
+    >>> robot.n, robot.joint_names, robot.body_names
+    (2, ('joint1', 'joint2'), ('body1', 'body2'))
+    >>> robot.gravity_forces([0.0, 0.0])
+    array([29.43,  9.81])
     """
 
     mechanism: Mechanism
@@ -461,14 +470,20 @@ class Robot:
         JounceError
             If a term is unknown, or `eps` is not a positive number.
 
+        Warns
+        -----
+        JounceWarning
+            If the robot states none of the terms, or `eps` is given and no friction enters.
+
         Examples
         --------
         >>> import jounce
-        >>> arm = jounce.Robot(jounce.load("planar2r").mechanism)
-        >>> arm.with_drives("armature").mechanism.acting
-        ('armature',)
+        >>> arm = jounce.load("panda").with_drives("damping")
+        >>> arm.mechanism.acting
+        ('damping',)
         """
         drives = self.drives if eps is None else with_eps(self.drives, eps)
+        warn_of_idle(self.drives, terms, eps, self.name)
         return type(self)(replace(self.mechanism, acting=chosen(terms), drives=drives))
 
     def with_limits(

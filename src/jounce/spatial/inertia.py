@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jounce._scalars import Array, asarray, broadcast, concatenate, exact_integers, is_numeric, is_symbolic
+from jounce._scalars import Array, asarray, broadcast, concatenate, element, exact_integers, is_numeric, is_symbolic
 from jounce._typing import ArrayLike
 from jounce.errors import JounceError
 from jounce.spatial.lie import Ad, axial, hat, inverse
@@ -58,7 +58,7 @@ def inertia_matrix(
     >>> inertia_matrix(2.0, [0, 0, 0.5], [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.05]])[0, 0]
     np.float64(0.6)
     """
-    m, c, theta = asarray(mass, "mass"), asarray(com, "com"), asarray(inertia_com, "inertia_com")
+    m, c, theta = element(mass, "mass"), asarray(com, "com"), asarray(inertia_com, "inertia_com")
     if any(map(is_symbolic, (m, c, theta))):
         m, c, theta = exact_integers(m), exact_integers(c), exact_integers(theta)
     for name, array, shape in (("com", c, (3,)), ("inertia_com", theta, (3, 3))):

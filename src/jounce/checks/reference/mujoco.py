@@ -8,7 +8,7 @@ import numpy as np
 
 from jounce.checks.reference import OTHER_JOINTS, OUR_DATA, OWN_READING, NotComparableError, Peer
 from jounce.errors import one_line, warn
-from jounce.io.mjcf import warnings_of
+from jounce.io.mjcf import warnings_of, without_assets
 from jounce.model.equivalent import on_axes
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
@@ -23,7 +23,7 @@ def of_file(mechanism: Mechanism, path: Path) -> Peer:
     """The model of an MJCF file."""
     import mujoco
 
-    with warnings_of(mujoco):  # which were passed on when the robot was read
+    with warnings_of(mujoco), without_assets(mujoco):  # the warnings were passed on when the robot was read
         model = mujoco.MjModel.from_xml_path(str(path))
     return _peer(mujoco, mechanism, model, OWN_READING)
 

@@ -28,8 +28,15 @@ def read(
     from jounce.io import entries, tables
     from jounce.io.motions import bags, tabular, terms, trajectory
     from jounce.motion.analytic import motion_of
+    from jounce.motion.spline import refuse_way
     from jounce.motion.table import AS_NAMED, SMOOTHED
 
+    if is_analytic(source):
+        reason = "its terms or trajectory points are exact"
+        refuse_way(way or SMOOTHED, str(source), reason)
+        (options or AS_NAMED).refuse(str(source), reason)
+    if topic is not None and not bags.is_bag(source):
+        raise JounceError(f"{source}: topic is for bags of ROS, which it is not: leave it out")
     if str(source) in BUNDLED:
         with at(source):
             return motion_of(bundled(str(source)), mechanism)

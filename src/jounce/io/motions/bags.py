@@ -15,7 +15,7 @@ from jounce.motion.columns import Options
 from jounce.motion.matching import matched
 from jounce.motion.motion import Motion
 from jounce.motion.ros import from_joint_trajectory
-from jounce.motion.spline import Smoothing, Spline
+from jounce.motion.spline import Smoothing, Spline, refuse_way
 
 SUFFIXES = (".mcap", ".bag", ".db3")
 STATES = "sensor_msgs/msg/JointState"
@@ -50,6 +50,9 @@ def read(
     place = f"{source}: {chosen}"
     if topics[chosen] == STATES:
         return tabular.of_arrays(_columns(messages, place), mechanism, highest, way, options, place)
+    reason = "its trajectory points are exact"
+    refuse_way(way, place, reason)
+    options.refuse(place, reason)
     if len(messages) != 1:
         raise JounceError(f"{place} has {len(messages)} trajectories; expected one")
     try:

@@ -30,6 +30,7 @@ def load_motion(
     force: bool = False,
     time: str | None = None,
     columns: str | None = None,
+    torques: str | None = None,
     angles: Angles | None = None,
     time_unit: TimeUnit | None = None,
     topic: str | None = None,
@@ -61,6 +62,9 @@ def load_motion(
         The column of times; by default t, else time or timestamp.
     columns : str, optional
         How the table calls the joints: "q_{joint}", or "q{number}" from 1, "q[{index}]" from 0, in the robot's order.
+    torques : str, optional
+        How the table calls measured torques, in the same way: "tau{number}"; by default ``tau_JOINT``, ``JOINT.tau``
+        and ``JOINT.effort`` are known.
     angles : {"rad", "deg"}, optional
         The unit of angles and their rates; a column may state its own, ``joint1 [deg]``.
     time_unit : {"s", "ms", "us", "ns"}, optional
@@ -95,24 +99,22 @@ def load_motion(
     if not isinstance(robot, Robot):
         raise JounceError(f"a motion is loaded for a Robot, not for a {type(robot).__name__}; try jounce.load")
     from jounce.motion.columns import Options
-    from jounce.motion.spline import Smoothing, way_of
+    from jounce.motion.spline import way_of
 
     mechanism, highest, way = robot.mechanism, checked_order(order) + 2, way_of(degree, intervals, bandwidth, force)
-    options = Options(time, columns, angles, time_unit)
+    options = Options(time, columns, angles, time_unit, torques)
     if topic is not None and not isinstance(topic, str):
         raise JounceError(f"topic is {quoted(topic)}; expected a text")
     if names.listed_in(source) is not None:
         from jounce.io.motions import tabular
 
+        if topic is not None:
+            raise JounceError(f"{PLACE}: topic is for bags of ROS, not for columns: leave it out")
         return tabular.of_arrays(_arrays(source), mechanism, highest, way, options, PLACE)
     if not isinstance(source, str | os.PathLike):
         known = f"a path, one of {', '.join(motions.BUNDLED)}, or named columns"
         raise JounceError(f"a motion is of type {type(source).__name__}; expected {known}")
     path = path_of(source)
-    if way != Smoothing() and motions.is_analytic(path):
-        given = {"degree": degree, "intervals": intervals, "bandwidth": bandwidth, "force": force or None}
-        name = next(name for name, value in given.items() if value is not None)
-        raise JounceError(f"{path}: its terms are exact; {name} is for the samples of a table")
     return motions.read(path, mechanism, highest, way, options, topic)
 
 

@@ -9,7 +9,7 @@ from jounce.io.entries import Entry
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
 from jounce.motion.analytic import Cosine, Description, Terms, motion_of
-from jounce.motion.loads import COMPONENTS
+from jounce.motion.curves import COMPONENTS
 
 MOST = 100_000_000  # states; a slip of the pen asks for more
 

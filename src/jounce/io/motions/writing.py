@@ -15,7 +15,7 @@ BREAK = "break"  # the column of breaks: the order of the derivative that jumps 
 
 def pieces(motion: Motion, joints: Sequence[str], order: int) -> Iterator[Columns]:
     """A motion at its times as ``NAME.q, NAME.qd, ...``, piece by piece, a table that is read as a motion again."""
-    breaks = motion.breaks_to(order)
+    breaks = [found for found in motion.breaks_to(order) if found.symbol == "q"]
     at, orders = np.array([found.t for found in breaks]), [found.order for found in breaks]
     for start in range(0, len(motion.times), PIECE):
         part = slice(start, start + PIECE)
@@ -24,6 +24,7 @@ def pieces(motion: Motion, joints: Sequence[str], order: int) -> Iterator[Column
         columns |= named("q", joints, motion(t, order), motion.deviations(t, order))
         if motion.samples is not None and len(motion.samples[0]) == len(motion.times):
             columns |= {f"{name}.q{SAMPLE}": motion.samples[1][part, j] for j, name in enumerate(joints)}
+        columns |= measured(motion, joints, t)
         if breaks:
             before = motion.times[max(start - 1, 0)]
             columns[BREAK] = _orders(at, orders, t, before)

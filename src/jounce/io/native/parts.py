@@ -41,7 +41,7 @@ def pose(carried: Entry, key: str = "pose", angle: float = 1.0) -> np.ndarray:
     else:
         turned = entry.alone("rpy", ("rotation",))
         R = (
-            from_rpy(angle * entry.get("rpy").numbers((3,)))
+            from_rpy(angle * entry.get("rpy").numbers((3,)), entry.get("rpy").place)
             if turned
             else entry.get("rotation", IDENTITY).numbers((3, 3))
         )

@@ -57,7 +57,7 @@ def pose(entry: Entry, number: Number) -> np.ndarray:
         T = entry.numbers((4, 4), read=number)
     elif entry.keys((), ("xyzrpy", "translation", "rotation")).alone("xyzrpy", ("translation", "rotation")):
         six = entry.get("xyzrpy").numbers((6,), read=number)
-        T = lie.pose(from_rpy(six[3:]), six[:3, None])
+        T = lie.pose(from_rpy(six[3:], entry.place), six[:3, None])
     else:
         r = entry.get("translation", [0, 0, 0]).numbers((3,), read=number)
         T = lie.pose(rotation(entry.get("rotation", IDENTITY), number), r[:, None])
@@ -73,7 +73,7 @@ def rotation(entry: Entry, number: Number) -> np.ndarray:
     if entry.alone("Q", ("rpy", "axis", "angle")):
         return lie.from_quaternion(entry.get("Q").numbers((4,), read=number))  # no rotation, unless of unit length
     if entry.alone("rpy", ("axis", "angle")):
-        return from_rpy(entry.get("rpy").numbers((3,), read=number))
+        return from_rpy(entry.get("rpy").numbers((3,), read=number), entry.place)
     hat = lie.hat(entry.need("axis").numbers((3,), read=number))
     angle = number(entry.get("angle", 0))
     return np.eye(3) + math.sin(angle) * hat + (1 - math.cos(angle)) * hat @ hat

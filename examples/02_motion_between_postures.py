@@ -1,6 +1,7 @@
-"""Writes a motion of the Panda between four postures: samples at 200 Hz, C^4 in every joint.
+"""A table of a motion of the Panda between four postures, 200 Hz, C^4 in every joint.
 
-python examples/panda_motion.py OUT.csv
+python examples/02_motion_between_postures.py motion.csv
+jounce run examples/panda.urdf motion.csv --degree 7 -o forces.csv
 """
 
 import csv
@@ -24,7 +25,9 @@ blend = s**5 * (126 - 420 * s + 540 * s**2 - 315 * s**3 + 70 * s**4)  # four der
 legs = [a + np.outer(blend, b - a) for a, b in pairwise(POSTURES)]
 q = np.concatenate([*legs, POSTURES[-1:]])
 
-with Path(sys.argv[1]).open("w", newline="") as file:
+out = Path(sys.argv[1] if sys.argv[1:] else "motion.csv")
+with out.open("w", newline="") as file:
     writer = csv.writer(file)
     writer.writerow(["t", *JOINTS])
     writer.writerows([[k / RATE, *row] for k, row in enumerate(q.tolist())])
+print(f"{len(q)} states written to {out}")

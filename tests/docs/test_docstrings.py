@@ -1,0 +1,59 @@
+"""Docstrings of everything public say what a caller needs: parameters, results, errors, and an example that runs."""
+
+import inspect
+import re
+
+import pytest
+
+import jounce
+
+
+def members():
+    """All public callables by name: functions, classes, and what they can do."""
+    for name in jounce.__all__:
+        member = getattr(jounce, name)
+        if callable(member):
+            yield name, member
+        if inspect.isclass(member):
+            for key, static in vars(member).items():
+                if (not key.startswith("_") or key == "__call__") and not isinstance(static, property):
+                    method = getattr(member, key)
+                    if callable(method):
+                        yield f"{name}.{key}", method
+
+
+MEMBERS = {
+    name: member for name, member in members() if not (inspect.isclass(member) and issubclass(member, Exception))
+}
+
+
+def sections(member):
+    return set(re.findall(r"^(\w+)\n-{3,}$", inspect.getdoc(member) or "", re.MULTILINE))
+
+
+@pytest.mark.parametrize("name", MEMBERS)
+def test_has_all_sections(name):
+    member = MEMBERS[name]
+    needed = {"Examples"}
+    if not inspect.isclass(member):
+        signature = inspect.signature(member)
+        given = [key for key in signature.parameters if key not in ("self", "cls")]
+        needed |= {"Raises"} | ({"Parameters"} if given else set())
+        needed |= {"Returns"} if signature.return_annotation not in (None, "None") else set()
+    assert needed - sections(member) == set()
+
+
+@pytest.mark.parametrize("name", [name for name, member in MEMBERS.items() if not inspect.isclass(member)])
+def test_every_parameter_is_described(name):
+    text = inspect.getdoc(MEMBERS[name])
+    described = {
+        key.strip(" *") for line in re.findall(r"^(\*?\*?\w[^:\n]*) : ", text, re.MULTILINE) for key in line.split(",")
+    }
+    kinds = inspect.signature(MEMBERS[name]).parameters.values()
+    asked = {x.name for x in kinds if x.name not in ("self", "cls", "fixed")}
+    assert asked - described == set()
+
+
+def test_quantities_name_the_paper():
+    for row in ("inverse_dynamics", "mass_matrix", "coriolis_matrix", "gravity_forces", "jacobian", "poses", "twists"):
+        assert "References" in sections(getattr(jounce.Robot, row)), row
