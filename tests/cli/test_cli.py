@@ -186,7 +186,7 @@ REFUSED = {
     "output with a long name": ((*RUN[:3], "-o", "x" * 300 + ".csv"), ["xxx"]),
     "fit of exact terms": (
         ("run", "iiwa14", "paper", "-o", "out.csv", "--intervals", "5"),
-        ["paper: its terms are exact; intervals is for the samples of a table"],
+        ["paper: its terms or trajectory points are exact; intervals is for samples: leave it out"],
     ),
     "unknown method": ((*RUN, "--method", "papr"), ["'papr'", "did you mean 'paper'", "recursion, closed_form, paper"]),
     "order beyond the paper": ((*RUN, "--method", "paper", "--order", "3"), ["order 3", "order 2"]),
@@ -221,7 +221,7 @@ def test_refuses(folder, asked, words, existing):
 def test_run_refuses_forces_that_are_not_finite(folder):
     """No table of NaN, which no table may hold, and no NaN in what should be JSON."""
     before = contents(folder)
-    result = call("run", "planar2r", "huge.csv", "-o", "out.csv", "--degree", 7, "--json")
+    result = call("run", "planar2r", "huge.csv", "-o", "out.csv", "--json")
     assert (result.exit_code, result.stdout) == (2, "")
     [line] = result.stderr.splitlines()
     assert line.startswith("Error: out.csv: column 'joint1.Q' holds ")

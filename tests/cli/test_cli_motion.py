@@ -104,6 +104,12 @@ def test_run_tells_breaks_and_writes_rates_and_measured_torques(tmp_path, log, p
     assert "break at t = 0.4 s: q2d of joint1, joint2 jumps; Q jumps, Qd, Q2d do not exist" in words
     [first, _] = json.loads(call("run", "planar2r", plan, "-o", out, "--json"))["breaks"]
     assert (first["jumps"], first["missing"]) == ("Q", ["Qd", "Q2d"])
+    found = tables.read(out)
+    marked = found["break"] >= 0
+    np.testing.assert_allclose(found["t"][marked], [0.4, 0.8], atol=1e-3)
+    assert set(found["break"][marked]) == {0}
+    refused = CliRunner().invoke(main, ["plot", str(plan), "-o", str(tmp_path / "a.png")])
+    assert f"{plan} is no table; `jounce motion ROBOT {plan} -o OUT` makes one" in refused.stderr
     path = jounce.load_motion(plan, PLANAR)
     a, b = (PLANAR.inverse_dynamics(*path(0.4, 2, side)) for side in ("left", "right"))
     np.testing.assert_allclose(list(first["by"].values()), b - a, atol=1e-9)

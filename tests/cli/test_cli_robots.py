@@ -131,7 +131,8 @@ def test_verbs_on_which_drives_have_no_effect_take_none(verb):
     name, *rest = verb
     result = call(name, "iiwa14", *rest, "--drives", "all")
     assert result.exit_code == 2
-    assert "No such option '--drives'" in result.stderr
+    assert "No such option" in result.stderr
+    assert "--drives" in result.stderr
 
 
 def test_help_of_run_names_every_method():

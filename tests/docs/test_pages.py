@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r'^```(\w+)(?: title="([^"]+)")?\n(.*?)^```$|^    (jounce [^\n]+)$', re.MULTILINE | re.DOTALL)
 
-COMMAND = re.compile(r"^\$ (.+)\n((?:(?!\$ ).*\n)*)", re.MULTILINE)
+COMMAND = re.compile(r"^\$ ((?:.*\\\n)*.+)\n((?:(?!\$ ).*\n)*)", re.MULTILINE)
 TOOLS = {  # by what a command says, the tools that it takes
     "": "make", "gcc": "gcc", "./": "gcc", "g++": "g++", "arm-none-eabi": "arm-none-eabi-gcc",
     " size": "arm-none-eabi-gcc", "qemu": "qemu-system-arm", "octave": "octave-cli",
@@ -43,7 +43,7 @@ def run_commands(session: str) -> set[str]:
     """Runs them; what is wrong with the tools for which some are left out."""
     missed = set()
     for command, expected in COMMAND.findall(session):
-        words = shlex.split(command, comments=True)
+        words = shlex.split(command.replace("\\\n", ""), comments=True)
         missing = {found for said, tool in TOOLS.items() if said in command and (found := obstacle(tool))}
         if words[0] != "jounce" and missing:
             missed |= missing

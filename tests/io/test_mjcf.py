@@ -151,6 +151,7 @@ def check_against_mujoco(model, robot, count=20):
     assert np.abs(gravity - expected).max() < 1e-9 * max(np.abs(expected).max(), 1)
 
 
+@pytest.mark.filterwarnings("ignore:.* has no effect. the robot states no:jounce.JounceWarning")
 @pytest.mark.parametrize("name", [*ROBOSUITE, *MORE, *CONTROL])
 def test_robots_of_other_libraries_agree_with_mujoco(name):
     model = mujoco.MjModel.from_xml_path(str(path_of(name)))
@@ -236,6 +237,7 @@ TIE = "<equality><joint joint1='b_turn' joint2='a_turn' polycoef='.3 -2 0 0 0'/>
 THREE = hinge("a", hinge("b", hinge("c"), ref=20), ref=10)
 
 
+@pytest.mark.filterwarnings("ignore:.* has no effect. the robot states no:jounce.JounceWarning")
 def test_a_linear_tie_of_joints_is_folded_as_mujoco_states_it():
     model = model_of(small(THREE, TIE))
     robot = jounce.Robot.from_mujoco(model)

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from recursion import inverse_dynamics
 from robots import GOLDEN_NAMES, golden, loads, mechanisms, random_pose, random_state
 
+import jounce
 from jounce.dynamics.closed_form import closed_form
 from jounce.model import equivalent
 from jounce.spatial import lie
@@ -15,6 +16,7 @@ from jounce.spatial.series import columns
 
 PASSES = {
     "aligned": equivalent.align_frames,
+    "turned": lambda m: equivalent.turn_frames(equivalent.align_frames(m)),
     "slid": lambda m: equivalent.slide_origins(equivalent.align_frames(m)),
     "base_parameters": lambda m: equivalent.base_parameters(equivalent.align_frames(m)),
     "minimal": equivalent.minimal,
@@ -53,6 +55,29 @@ def test_recursion_agrees_with_the_closed_form_under_wrenches(drawn, seed):
     found = inverse_dynamics(mechanism, columns(q), loads(W)).upto(3)
     for Q, expected in zip(found, closed_form(mechanism, columns(q), loads(W)).Q.upto(3), strict=True):
         assert np.abs(Q - expected).max() < 1e-12 * (1 + np.abs(expected).max())
+
+
+@given(drawn=mechanisms())
+def test_what_a_turn_about_the_axis_does_is_split_off(drawn):
+    """As of DH parameters: what is left leaves one of the parent's axes where it is, wherever that is possible."""
+    chain = equivalent.on_axes(drawn[0])
+    for i, (B, X) in enumerate(zip(chain.B, chain.X, strict=True)):
+        S, Z = equivalent.split_turn(B, X)
+        assert np.abs(S @ Z - B).max() < 1e-15
+        assert (Z[2:, :] == np.eye(4)[2:]).all()
+        assert (Z[:, 2:] == np.eye(4)[:, 2:]).all()
+        p, only = chain.parent[i], list(chain.parent).count(chain.parent[i]) == 1
+        if p >= 0 and only and X[2] and chain.X[p][2]:
+            assert np.count_nonzero((S[:3, :3] != 0) & (np.abs(S[:3, :3]) != 1)) <= 4
+            assert np.count_nonzero(S[:3, 3]) <= 2
+
+
+def test_origins_do_not_slide_far_along_axes_that_are_nearly_parallel():
+    R = lie.rotation(lie.exp(np.eye(6)[0], np.array(1e-6)))
+    B = [np.eye(4), lie.pose(R, np.array([[0.1], [0.2], [0.3]]))]
+    M = [np.diag([1.0, 1, 1, 1, 1, 1])] * 2
+    chain = equivalent.on_axes(jounce.Robot.from_screws(B, [[0, 0, 1, 0, 0, 0]] * 2, M).mechanism)
+    assert np.abs(chain.B[:, :3, 3]).max() < 1
 
 
 @pytest.mark.parametrize("name", GOLDEN_NAMES)

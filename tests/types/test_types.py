@@ -56,6 +56,8 @@ def pyright(folder: Path) -> list[tuple[str, int]]:
         str(folder),
     ]
     done = subprocess.run(command, capture_output=True, text=True)
+    if not done.stdout.startswith("{"):  # without its Node
+        pytest.skip(f"pyright does not run: {done.stderr.splitlines()[-1:]}")
     assert done.returncode == 1, done.stdout + done.stderr
     found = json.loads(done.stdout)["generalDiagnostics"]
     return [(Path(x["file"]).name, x["range"]["start"]["line"] + 1) for x in found if x["severity"] == "error"]

@@ -55,6 +55,7 @@ def plot(
     from jounce.figures.curves import over_time
     from jounce.figures.table import rows_between, run_of
     from jounce.io import files
+    from jounce.io.motions import is_analytic
     from jounce.io.tables import read
 
     canvas.check_format(output)
@@ -63,6 +64,9 @@ def plot(
     if base is not None and robot is None:
         raise JounceError("--base needs --robot, the robot whose joints it welds")
     mechanism = None if robot is None else Asked(robot, {} if base is None else {"base": base}).load().mechanism
+    for table in tables:
+        if is_analytic(table):
+            raise JounceError(f"{table} is no table; `jounce motion ROBOT {table} -o OUT` makes one to be drawn")
     runs = [run_of(rows_between(read(table), str(table), between), str(table), joints, quantities, mechanism)
             for table in tables]  # fmt: skip
     if len(runs) == 1:

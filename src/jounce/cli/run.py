@@ -46,7 +46,8 @@ or a YAML file with analytic terms per joint, whose rates are exact:
 OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all their digits; of smoothed
 samples NAME.Q_sd, ... too, their standard deviations. The largest values are
 printed with theirs (±); values that do not stand out of their band of 95 %,
-as at the ends of a fit, are no candidates.
+as at the ends of a fit, are no candidates. OUT has a column break, if Q or a
+rate of it jumps: the order of what jumps since the row before, else -1.
 """
 
 
@@ -78,8 +79,8 @@ def run(
         raise JounceError(f"{output}: is the motion itself; expected another file to write into")
     arm = robot.load()
     path = motion.load(arm, order)
-    peaks, spreads, worst = _write_forces(arm, path, order, method, with_rates, output)
     breaks = force_breaks(arm, path, path.times, order, method)
+    peaks, spreads, worst = _write_forces(arm, path, order, method, with_rates, breaks, output)
     names = FORCES.names(order)
     summary = {
         "robot": arm.name,
@@ -111,7 +112,13 @@ def run(
 
 
 def _write_forces(
-    robot: "Robot", motion: "Motion", order: int, method: str | None, with_rates: bool, output: Path
+    robot: "Robot",
+    motion: "Motion",
+    order: int,
+    method: str | None,
+    with_rates: bool,
+    breaks: "Sequence[ForceBreak]",
+    output: Path,
 ) -> "tuple[np.ndarray, np.ndarray, Sample | None]":
     """Write the forces and their rates along a motion, each piece when it is computed.
 
@@ -121,13 +128,14 @@ def _write_forces(
 
     from jounce.dynamics.quantities import FORCES
     from jounce.io import tables
-    from jounce.io.motions.writing import measured, named
+    from jounce.io.motions.writing import break_marks, measured, named
     from jounce.limits.samples import worst_sample
     from jounce.model.coordinates import coordinate_limits
     from jounce.motion.bands import surest_peaks
     from jounce.robot.along import pieces_along
 
     joints, limits = robot.joint_names, coordinate_limits(robot.mechanism)
+    marks = [(found.t, max(found.order, 0)) for found in breaks]
     peaks: list[tuple[np.ndarray, np.ndarray]] = []  # of each piece, with their deviations
     samples: list[Sample | None] = []
 
@@ -141,7 +149,7 @@ def _write_forces(
             if with_rates:
                 columns |= named("q", joints, piece.rates, motion.deviations(piece.t, len(piece.rates) - 1))
             columns |= named(FORCES.symbol, joints, piece.forces, piece.deviations)
-            yield columns | measured(motion, joints, piece.t)
+            yield columns | measured(motion, joints, piece.t) | break_marks(motion, marks, piece.t)
 
     with progress("inverse dynamics") as show:
         tables.write_pieces(output, pieces())

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce.figures.canvas import PALE, legend_above, letter, line_style, painted, written
+from jounce.figures.canvas import legend_above, letter, line_style, painted, written
 from jounce.motion.bands import COVERS, surest_peaks
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ RINGS = 24  # differentiated values drawn of each curve, so that the line beneat
 RING: Any = {"marker": "o", "linestyle": "none", "mfc": "none", "ms": 4.5, "mew": 0.8}
 POINT: Any = {"marker": ".", "linestyle": "none", "ms": 2.5, "alpha": 0.25, "zorder": 1.5}
 BAND: Any = {"linewidth": 6, "alpha": 0.25}
-BREAK: Any = {"color": PALE, "linewidth": 0.8, "linestyle": (0, (2, 2)), "zorder": 0.5}
+BREAK: Any = {"color": "0.5", "linewidth": 1, "linestyle": (0, (2, 2)), "zorder": 0.5}
 LIMIT: Any = {"linewidth": 2.4, "alpha": 0.4, "linestyle": "solid", "zorder": 0.8}
 MARKS = "osD^vP*X"
 HIDDEN = 0.1  # of the largest value: a curve below this tells nothing in the same axes
@@ -140,15 +140,18 @@ def by_size(panels: Sequence[Panel], names: Sequence[str]) -> list[list[str]]:
 
 
 def drawn_points(values: np.ndarray) -> np.ndarray:
-    """The indices of the samples that a page shows: of many the ends, and in each short piece the extremes."""
+    """The indices of the samples that a page shows: of many the ends, in each short piece the first and the extremes.
+
+    Extremes alone would make a ring of a cloud of dots.
+    """
     if len(values) <= MOST_POINTS:
         return np.arange(len(values))
-    starts = np.linspace(0, len(values), MOST_POINTS // 2, endpoint=False).astype(int)
+    starts = np.linspace(0, len(values), MOST_POINTS // 3, endpoint=False).astype(int)
     extremes = [
         start + at for start, piece in zip(starts, np.split(values, starts[1:]), strict=True)
-        for at in (piece.argmin(), piece.argmax())
+        for at in (0, piece.argmin(), piece.argmax())
     ]  # fmt: skip
-    return np.unique([0, *extremes, len(values) - 1])
+    return np.unique([*extremes, len(values) - 1])
 
 
 def _names(panels: Sequence[Panel]) -> list[str]:
@@ -167,7 +170,7 @@ def _entries(panels: Sequence[Panel], names: Sequence[str], breaks: bool, limits
     """The line styles of the legend, by name."""
     marks = {
         "numerically differentiated": (RING, any(panel.differentiated for panel in panels)),
-        "measured": (POINT, any(panel.points for panel in panels)),
+        "measured": (POINT | {"ms": 6, "alpha": 0.6}, any(panel.points for panel in panels)),
         "95 % band": (BAND, any(panel.deviations for panel in panels)),
         "limit": (LIMIT, limits),
         "break": (BREAK, breaks),

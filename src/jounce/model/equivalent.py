@@ -1,9 +1,10 @@
 """Equivalent mechanisms: passes from mechanism to mechanism that leave the generalized forces as they are.
 
-`align_frames` puts every body frame on its joint axis, z along it; `slide_origins` slides the origins along the axes
-until offsets vanish; `base_parameters` gives each parent the inertia that a joint does not transmit. After all three
-(`minimal`) the recursion needs the fewest operations. The Coriolis matrix survives the first two (`on_axes`), not the
-third: it depends on where inertia is, not only on what it does. Body order, coordinates, names and gravity stay.
+`align_frames` puts every body frame on its joint axis, z along it; `turn_frames` turns them about it, until x is normal
+to the next axis as Denavit and Hartenberg have it; `slide_origins` slides the origins along the axes until offsets
+vanish; `base_parameters` gives each parent the inertia that a joint does not transmit. After all of them (`minimal`)
+the recursion needs the fewest operations. The Coriolis matrix survives all but the last (`on_axes`): it depends on
+where inertia is, not only on what it does. Body order, coordinates, names and gravity stay.
 """
 
 from collections.abc import Sequence
@@ -49,18 +50,79 @@ def align_frames(mechanism: Mechanism) -> Mechanism:
     """Every body frame on its joint axis: X_i = (0, 0, 1, 0, 0, h) or, prismatic, (0, 0, 0, 0, 0, 1)."""
     placed = [_on_axis(x) for x in mechanism.X]
     new = reframe(mechanism, [T for T, _ in placed])
-    B = concatenate([concatenate([_exact(rotation(new.B)), position(new.B)], axis=-1), new.B[:, 3:, :]], axis=-2)
-    return replace(new, B=B, X=np.stack([X for _, X in placed]))
+    return replace(new, B=np.stack([_exact_rotation(B) for B in new.B]), X=np.stack([X for _, X in placed]))
+
+
+def turn_frames(mechanism: Mechanism) -> Mechanism:
+    """Aligned frames turned about their axes, where that leaves the axes of their children fewer components."""
+    axes: list[list[np.ndarray]] = [[] for _ in mechanism.parent]
+    for B, p in zip(mechanism.B, mechanism.parent, strict=True):
+        if p >= 0 and (e := _numbers(B[:3, 2])) is not None:
+            axes[p].append(e)
+    T = [
+        pose(_I if is_zero(X[2]) else _fewest_components(of_children), 0 * _Z)
+        for X, of_children in zip(mechanism.X, axes, strict=True)
+    ]
+    if all(t.dtype == int for t in T):
+        return mechanism
+    new = reframe(mechanism, T)
+    return replace(new, B=np.stack([_exact_rotation(B) for B in new.B]))
+
+
+def _fewest_components(axes: Sequence[np.ndarray]) -> Array:
+    """The turn about z after which unit vectors have the fewest components; of integers where none is better."""
+
+    def components(turn: Array) -> int:
+        return sum(int(np.count_nonzero(_exact(turn.T @ e))) for e in axes)
+
+    turns = [np.array([[y, x, 0], [-x, y, 0], [0, 0, r]]) / r for x, y, _ in axes if x and y and (r := np.hypot(x, y))]
+    return min([_I, *turns], key=components)
+
+
+def split_turn(B: Array, X: Array) -> tuple[Array, Array]:
+    """B = S Z with a turn Z about the joint's axis, if that is z: S has fewer entries besides 0, 1 and -1, or Z is 1.
+
+    A joint turns by Z and its angle at once, so that only S is left to carry vectors through.
+    """
+    R, e = rotation(B), _numbers(B[:3, 2])
+    if e is None or e.all() or is_zero(X[2]) or not all(map(is_zero, X[[0, 1, 3, 4]])):
+        return B, np.eye(4, dtype=int)
+    x = _I[:, np.flatnonzero(e == 0)[0]]
+    S = np.stack([x, np.cross(e, x), e], axis=-1)
+    if _odd_entries(S) >= _odd_entries(R):
+        return B, np.eye(4, dtype=int)
+    c, s = S[:, 0] @ R[:, 0], S[:, 1] @ R[:, 0]
+    return pose(_exact(S), position(B)), pose(_exact(np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])), 0 * _Z)
+
+
+def _odd_entries(R: Array) -> int:
+    """How many entries are not -1, 0 or 1."""
+    return sum(not is_zero(x * x * x - x) for x in np.ravel(R))
 
 
 def slide_origins(mechanism: Mechanism) -> Mechanism:
     """Origins of aligned frames slid along their axes (a prismatic joint's anywhere), so that offsets vanish."""
     T: list[Array] = []
-    for B, X, p in zip(mechanism.B, mechanism.X, mechanism.parent, strict=True):
-        R = rotation(B)
-        offset = R.mT @ (position(B) if p < 0 else position(B) - position(T[p]))  # of this origin, in its own axes
-        T.append(pose(_I, -(offset if is_zero(X[2]) else _Z * offset[2:])))
-    return reframe(mechanism, T)
+    B: list[Array] = []
+    for old, X, p in zip(mechanism.B, mechanism.X, mechanism.parent, strict=True):
+        offset = position(old) if p < 0 else position(old) - position(T[p])  # of this origin, in its parent's axes
+        left = 0 * offset if is_zero(X[2]) else _shortened(offset, old[:3, 2:3])
+        way = rotation(old).mT @ (left - offset)
+        T.append(pose(_I, way if is_zero(X[2]) else _Z * way[2:]))
+        B.append(pose(rotation(old), left))
+    return replace(reframe(mechanism, T), B=np.stack(B))
+
+
+def _shortened(offset: Array, axis: Array) -> Array:
+    """What is left of an offset, moved along an axis to where it is shortest, or to where it has fewer components."""
+    shortest = offset - axis * (axis.mT @ offset)
+    e = _numbers(axis)
+    if e is None or not all(isinstance(x, int | float | np.number) for x in offset.flat):
+        return shortest
+    steep = np.flatnonzero(np.abs(e) >= 0.5)  # along others it is far to where a component vanishes
+    ways = [shortest, *(offset - axis * (offset[k] / axis[k]) for k in steep)]
+    rounding = 4 * np.finfo(float).eps * np.abs(offset).max()
+    return min((np.where(np.abs(left) <= rounding, 0, left) for left in ways), key=np.count_nonzero)
 
 
 def base_parameters(mechanism: Mechanism) -> Mechanism:
@@ -85,7 +147,7 @@ def base_parameters(mechanism: Mechanism) -> Mechanism:
 @lru_cache(maxsize=64)
 def on_axes(mechanism: Mechanism) -> Mechanism:
     """The same bodies in the frames with the most zeros in them: aligned and slid."""
-    return _as_given(slide_origins(align_frames(mechanism)))
+    return _as_given(slide_origins(turn_frames(align_frames(mechanism))))
 
 
 @lru_cache(maxsize=64)
@@ -100,13 +162,10 @@ def _as_given(mechanism: Mechanism) -> Mechanism:
 
 def _on_axis(X: Array) -> tuple[Array, Array]:
     """The pose of a frame on the axis of a screw, z along it, and the screw seen from there."""
-    try:
-        xi = np.array(X[:3], dtype=float)
-        prismatic = not xi.any()
-        e = np.array(X[3:], dtype=float) if prismatic else xi
-    except (TypeError, ValueError, RuntimeError):
-        e = np.array([np.nan])
-    if not np.isfinite(e).all():  # a CasADi symbol becomes nan where a SymPy symbol raises
+    xi = _numbers(X[:3])
+    prismatic = xi is not None and not xi.any()
+    e = _numbers(X[3:]) if prismatic else xi
+    if e is None:
         raise JounceError(f"joint direction {X.tolist()} is not made of numbers; use method='closed_form'")
     R = _exact(_to(e))
     if prismatic:
@@ -122,6 +181,19 @@ def _to(e: np.ndarray) -> np.ndarray:
         return _to(-e) @ np.diag([1, -1, -1])
     v = hat(np.cross(_I[2], e))
     return _I + v + v @ v / (1 + e[2])
+
+
+def _exact_rotation(T: Array) -> Array:
+    return pose(_exact(rotation(T)), position(T))
+
+
+def _numbers(x: Array) -> np.ndarray | None:
+    """`x` as floats; None where it holds symbols: those of CasADi become NaN, others raise."""
+    try:
+        numbers = np.array(x, dtype=float)
+    except (TypeError, ValueError, RuntimeError):
+        return None
+    return numbers if np.isfinite(numbers).all() else None
 
 
 def _exact(a: Array) -> Array:

@@ -36,7 +36,7 @@ class Break(NamedTuple):
     symbol: str = "q"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Motion:
     """The motion of a robot as a function of time: ``motion(t, order)`` gives q, qd, ... at any times.
 
@@ -424,6 +424,10 @@ class Motion:
         from jounce.motion import ros
 
         return ros.from_joint_trajectory(message)
+
+    def __repr__(self) -> str:
+        joints = "" if self.joint_names is None else f" of {len(self.joint_names)} joints"
+        return f"<Motion{joints}, t = {self.start:g} .. {self.stop:g} s: {self.source}>"
 
     @property
     def start(self) -> float:

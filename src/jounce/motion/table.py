@@ -62,16 +62,16 @@ def from_columns(
     of_wrenches = {name: si[name] for name in loads.named(list(si), mechanism)}
     if not found.sampled and not loads.are_sampled(of_wrenches):
         refuse_way(way, place, "all rates are in the table")
+    samples = found_from(t, q, way, joints, highest, place) if found.sampled else None
     W, of_loads = loads.wrenches(t, of_wrenches, mechanism, max(highest - 2, 0), way, place)
     measured = _torques(columns, found, joints)
     torques = None if measured is None else (t, measured)
-    if not found.sampled:
+    if samples is None:
         _warn_of(smoothness.of_rates(rows), place)
         curve = Hermite(t, rows, _spreads(si, joints, rates))
         return Motion(
             curve, joints, "all rates from the table", W, grid=t, torques=torques, notes=(*found.notes, *of_loads)
         )
-    samples = found_from(t, q, way, joints, highest, place)
     notes = (*found.notes, *samples.notes, *of_loads)
     return Motion(samples.curve, joints, samples.source, W, (t, q), samples.residual, t, torques, notes)
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from jounce._scalars import Array, exact_integers, is_symbolic
 from jounce.model.coordinates import joint_variables
+from jounce.model.equivalent import split_turn
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import Ad, ad, exp_of, inverse, turn_and_slide, wedge
 from jounce.spatial.series import Series, from_rates
@@ -34,7 +35,7 @@ class Placement:
 
     parent: int
     G: Array  # (1, n) the coordinates that the joint follows
-    B: Array  # (4, 4) pose of the body in its parent's frame at theta = 0
+    B: Array  # (4, 4) pose of the body in its parent's frame at theta = 0, but for the turn that T has then
     X: Array  # (6, 1) joint screw in the body frame
     Ad_B: Array  # Ad(B^-1)
     ad_X: Array
@@ -46,7 +47,7 @@ class Joint(Placement):
     """One joint at an instant."""
 
     theta: Series  # (..., 1, 1)
-    T: Array  # (..., 4, 4), exp(X theta)
+    T: Array  # (..., 4, 4), Z exp(X theta)
     A: Array  # (..., 6, 6), Ad(T^-1)
 
     @property
@@ -76,8 +77,15 @@ class Joint(Placement):
 
 
 @lru_cache(maxsize=64)
+def placed(mechanism: Mechanism) -> tuple[Array, Array]:
+    """B = S Z of every joint: where its body hangs on the parent, and how far it has turned at theta = 0."""
+    S, Z = zip(*map(split_turn, mechanism.B, mechanism.X), strict=True)
+    return np.stack(S), np.stack(Z)
+
+
+@lru_cache(maxsize=64)
 def _placements(mechanism: Mechanism) -> list[Placement]:
-    B, X = mechanism.B, mechanism.X
+    (B, _), X = placed(mechanism), mechanism.X
     data = (mechanism.parent, mechanism.G[:, None, :], B, X[..., None], Ad(inverse(B)), ad(X), wedge(X))
     return [Placement(*of_joint) for of_joint in zip(*data, strict=True)]
 
@@ -89,10 +97,10 @@ def _turns_and_slides(mechanism: Mechanism) -> tuple[Array, Array]:
 
 
 def motions(mechanism: Mechanism, theta: Array, bodies: Sequence[int]) -> Array:
-    """exp(X theta) of the joints of some bodies, all at once: (..., len(bodies), 4, 4)."""
+    """Z exp(X theta) of the joints of some bodies, all at once: (..., len(bodies), 4, 4)."""
     turns, slides = _turns_and_slides(mechanism)
     chosen = np.array(bodies, dtype=int)
-    T = exp_of(turns[chosen], slides[chosen], theta[..., chosen, :, None])
+    T = placed(mechanism)[1][chosen] @ exp_of(turns[chosen], slides[chosen], theta[..., chosen, :, None])
     return exact_integers(T) if is_symbolic(T) else T
 
 
@@ -102,9 +110,9 @@ def joints(mechanism: Mechanism, q: Series, bodies: Sequence[int] | None = None)
     theta = joint_variables(mechanism, q)
     T = motions(mechanism, theta[0], bodies)
     A = Ad(inverse(T))
-    placed = _placements(mechanism)
+    placements = _placements(mechanism)
     return [
-        Joint(**vars(placed[i]), theta=rows(theta, i, i + 1), T=T[..., k, :, :], A=A[..., k, :, :])
+        Joint(**vars(placements[i]), theta=rows(theta, i, i + 1), T=T[..., k, :, :], A=A[..., k, :, :])
         for k, i in enumerate(bodies)
     ]
 

@@ -16,7 +16,7 @@ from operator import add
 import numpy as np
 
 from jounce._scalars import Array, is_zero
-from jounce.dynamics.recursion.joints import motions, rows, transport
+from jounce.dynamics.recursion.joints import motions, placed, rows, transport
 from jounce.model.coordinates import joint_variables
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import axial, hat, position, rotation
@@ -119,7 +119,7 @@ def aligned_joints(chain: Mechanism, q: Series) -> list[AlignedJoint]:
     theta = joint_variables(chain, q)
     T = motions(chain, theta[0], range(chain.nb))
     joints = []
-    for i, (B, X, p) in enumerate(zip(chain.B, chain.X, chain.parent, strict=True)):
+    for i, (B, X, p) in enumerate(zip(placed(chain)[0], chain.X, chain.parent, strict=True)):
         theta_i = rows(theta, i, i + 1)
         d = None if is_zero(X[5]) else theta_i * X[5:]
         turn = rotation(T[..., i, :, :])

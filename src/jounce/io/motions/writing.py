@@ -15,8 +15,7 @@ BREAK = "break"  # the column of breaks: the order of the derivative that jumps 
 
 def pieces(motion: Motion, joints: Sequence[str], order: int) -> Iterator[Columns]:
     """A motion at its times as ``NAME.q, NAME.qd, ...``, piece by piece, a table that is read as a motion again."""
-    breaks = [found for found in motion.breaks_to(order) if found.symbol == "q"]
-    at, orders = np.array([found.t for found in breaks]), [found.order for found in breaks]
+    breaks = [(found.t, found.order) for found in motion.breaks_to(order) if found.symbol == "q"]
     for start in range(0, len(motion.times), PIECE):
         part = slice(start, start + PIECE)
         t = motion.times[part]
@@ -24,11 +23,7 @@ def pieces(motion: Motion, joints: Sequence[str], order: int) -> Iterator[Column
         columns |= named("q", joints, motion(t, order), motion.deviations(t, order))
         if motion.samples is not None and len(motion.samples[0]) == len(motion.times):
             columns |= {f"{name}.q{SAMPLE}": motion.samples[1][part, j] for j, name in enumerate(joints)}
-        columns |= measured(motion, joints, t)
-        if breaks:
-            before = motion.times[max(start - 1, 0)]
-            columns[BREAK] = _orders(at, orders, t, before)
-        yield columns
+        yield columns | measured(motion, joints, t) | break_marks(motion, breaks, t)
 
 
 def named(
@@ -54,10 +49,16 @@ def measured(motion: Motion, joints: Sequence[str], t: np.ndarray) -> Columns:
     }
 
 
-def _orders(at: np.ndarray, orders: Sequence[int], t: np.ndarray, before: float) -> np.ndarray:
-    """The lowest order of a derivative that jumps between each time and the one before it; -1 where none does."""
-    found = np.full(len(t), np.inf)
-    row = np.searchsorted(t, at)
-    inside = (at > before) & (row < len(t))
-    np.minimum.at(found, row[inside], np.asarray(orders, dtype=float)[inside])
-    return np.where(np.isfinite(found), found, -1.0)
+def break_marks(motion: Motion, breaks: Sequence[tuple[float, int]], t: np.ndarray) -> Columns:
+    """The column of breaks, given by their times and orders, at some of the times of a motion; nothing without any."""
+    if not breaks:
+        return {}
+    at, jumps = np.array(breaks).T
+    last = motion.times[-1]
+    at, jumps = (values[(motion.times[0] < at) & (at <= last)] for values in (at, jumps))
+    after = motion.times[np.searchsorted(motion.times, at)]  # the times of the rows that follow the breaks
+    row = np.searchsorted(t, after).clip(max=len(t) - 1)
+    here = t[row] == after
+    orders = np.full(len(t), np.inf)
+    np.minimum.at(orders, row[here], jumps[here])
+    return {BREAK: np.where(np.isfinite(orders), orders, -1.0)}

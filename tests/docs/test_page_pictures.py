@@ -1,0 +1,38 @@
+"""Pictures that pages make when the site is built."""
+
+import page_pictures
+import pytest
+
+PAGE = """A page.
+
+```python
+>>> from pathlib import Path
+>>> 1 / 0
+Traceback (most recent call last):
+    ...
+ZeroDivisionError: division by zero
+>>> for name in "ab":
+...     _ = Path(f"{name}.png").write_bytes(name.encode())
+
+```
+
+```console
+$ jounce run planar2r \\
+    MOTION -o forces.csv
+```
+"""
+
+
+def test_a_page_leaves_its_pictures(tmp_path):
+    motion = tmp_path / "motion.yaml"
+    motion.write_text("time: {start: 0, stop: 1, count: 3}\njoints: {joint1: {offset: 1}, joint2: {offset: 1}}")
+    assert page_pictures.made_by(PAGE.replace("MOTION", str(motion))) == {"a.png": b"a", "b.png": b"b"}
+
+
+def test_a_command_that_fails_stops_the_build():
+    with pytest.raises(RuntimeError, match="no motion 'MOTION'"):
+        page_pictures.made_by(PAGE)
+
+
+def test_pages_with_pictures_exist():
+    assert all((page_pictures.DOCS / page).is_file() for page in page_pictures.PAGES)
