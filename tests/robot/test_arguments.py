@@ -102,7 +102,6 @@ CASES: dict[str, Case] = {
     ),
     "Motion": (MOTION, {"t": [0.1, 0.2], "order": 2, "side": "left"}),
     "Motion.wrench": (MOTION.wrench, {"t": [0.1, 0.2], "order": 2, "side": "left"}),
-    "Motion.wrench_deviations": (MOTION.wrench_deviations, {"t": [0.1, 0.2], "order": 2}),
     "Motion.checked": (MOTION.checked, {"t": [0.1, 0.2]}),
     "Motion.deviations": (MOTION.deviations, {"t": [0.1, 0.2], "order": 2}),
     "Motion.wrench_deviations": (MOTION.wrench_deviations, {"t": [0.1, 0.2], "order": 2}),
