@@ -55,6 +55,7 @@ DriveTerm: TypeAlias = Literal["armature", "damping", "friction", "spring"]
 DriveTerms: TypeAlias = bool | DriveTerm | Iterable[DriveTerm]
 Form: TypeAlias = Literal["paper", "skew"]
 Frame: TypeAlias = Literal["body", "world", "spatial"]
+LimitValues: TypeAlias = ArrayLike | Mapping[str, ArrayLike] | None
 LoadFrame: TypeAlias = Literal["world", "body"]
 JointType: TypeAlias = Literal["revolute", "prismatic"]
 Language: TypeAlias = Literal["c", "cpp", "cuda", "julia", "latex", "matlab", "python", "rust"]

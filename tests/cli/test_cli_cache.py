@@ -106,7 +106,7 @@ def test_a_folder_that_is_not_private_is_told_and_not_cleared(filled, spoilt):
     spoilt(filled)
     before = set(filled.iterdir())
     assert (summary()["private"], summary()["kernels"]) == (False, 2)
-    assert call().stdout.endswith("not used: the folder is not yours alone\n")
+    assert call().stdout.endswith("others may write into the folder; make it private (mode 0700)\n")
     result = call("--clear")
     assert (result.exit_code, result.stdout) == (2, "")
     [line] = result.stderr.splitlines()

@@ -10,6 +10,7 @@ import click
 
 from jounce import JounceError, __version__
 from jounce.cli.cache import cache
+from jounce.cli.check import check
 from jounce.cli.codegen import codegen
 from jounce.cli.compare import compare
 from jounce.cli.convert import convert
@@ -20,6 +21,7 @@ from jounce.cli.output import styled
 from jounce.cli.plot import plot
 from jounce.cli.robots import robots
 from jounce.cli.run import run
+from jounce.cli.slowdown import slowdown
 from jounce.errors import escaped, one_line
 
 EPILOG = """\b
@@ -89,5 +91,5 @@ def main() -> None:
     """Higher-order inverse dynamics: a robot and a motion in, drive forces and their exact time derivatives out."""
 
 
-for verb in (run, motion, plot, info, robots, compare, convert, codegen, demo, cache):
+for verb in (run, motion, check, slowdown, plot, info, robots, compare, convert, codegen, demo, cache):
     main.add_command(verb)

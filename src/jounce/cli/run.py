@@ -1,6 +1,7 @@
 """`jounce run`: the drive forces and their rates along a motion, from table to table."""
 
 from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from jounce.io.columns import Columns
+    from jounce.limits.samples import Sample
     from jounce.motion import Motion
     from jounce.robot import Robot
     from jounce.robot.along import ForceBreak
@@ -80,7 +82,7 @@ def run(
     arm = robot.load()
     path = motion.load(arm, order)
     breaks = force_breaks(arm, path, path.times, order, method)
-    peaks, spreads = _write_forces(arm, path, order, method, with_rates, breaks, output)
+    peaks, spreads, worst = _write_forces(arm, path, order, method, with_rates, breaks, output)
     names = FORCES.names(order)
     summary = {
         "robot": arm.name,
@@ -93,6 +95,7 @@ def run(
         "states": len(path.times),
         "t": [float(path.times[0]), float(path.times[-1])],
         "order": order,
+        "broken_limit": _limit(worst, arm.joint_names),
         "breaks": [_break(found, arm.joint_names, names) for found in breaks],
         "peaks": {
             joint: dict(zip(names, largest.tolist(), strict=True))
@@ -118,28 +121,32 @@ def _write_forces(
     with_rates: bool,
     breaks: "Sequence[ForceBreak]",
     output: Path,
-) -> "tuple[np.ndarray, np.ndarray]":
+) -> "tuple[np.ndarray, np.ndarray, Sample | None]":
     """Write the forces and their rates along a motion, each piece when it is computed.
 
-    Returns the largest of them that stand out of their bands, (.., n), and their standard deviations.
+    Returns the largest of them that stand out of their bands, (.., n), their standard deviations, and the worst limit.
     """
     import numpy as np
 
     from jounce.dynamics.quantities import FORCES
     from jounce.io import tables
     from jounce.io.motions.writing import break_marks, measured, named
+    from jounce.limits.samples import worst_sample
+    from jounce.model.coordinates import coordinate_limits
     from jounce.motion.bands import surest_peaks
     from jounce.robot.along import pieces_along
 
-    joints = robot.joint_names
+    joints, limits = robot.joint_names, coordinate_limits(robot.mechanism)
     marks = [(found.t, max(found.order, 0)) for found in breaks]
     peaks: list[tuple[np.ndarray, np.ndarray]] = []  # of each piece, with their deviations
+    samples: list[Sample | None] = []
 
     def pieces() -> "Iterator[Columns]":
         for piece in pieces_along(robot, motion, motion.times, order, method, show):
             forces = np.stack(piece.forces, axis=1)
             spread = np.zeros_like(forces) if piece.deviations is None else np.stack(piece.deviations, axis=1)
             peaks.append(surest_peaks(forces, spread))
+            samples.append(worst_sample(limits, piece.t, piece.rates, piece.forces))
             columns: Columns = {"t": piece.t}
             if with_rates:
                 columns |= named("q", joints, piece.rates, motion.deviations(piece.t, len(piece.rates) - 1))
@@ -148,7 +155,16 @@ def _write_forces(
 
     with progress("inverse dynamics") as show:
         tables.write_pieces(output, pieces())
-    return surest_peaks(*map(np.stack, zip(*peaks, strict=True)))
+    largest, spreads = surest_peaks(*map(np.stack, zip(*peaks, strict=True)))
+    return largest, spreads, max((sample for sample in samples if sample is not None), default=None)
+
+
+def _limit(worst: "Sample | None", joints: Sequence[str]) -> dict[str, Any] | None:
+    """The limit that is broken most at the samples, as plain data."""
+    if worst is None or worst.ratio <= 1:
+        return None
+    ratio = worst.ratio if isfinite(worst.ratio) else None
+    return {"joint": joints[worst.joint], "limit": worst.kind, "t": worst.t, "ratio": ratio}
 
 
 def _break(found: "ForceBreak", joints: Sequence[str], names: Sequence[str]) -> dict[str, Any]:
@@ -186,6 +202,14 @@ def _breaks_in_words(breaks: Sequence[dict[str, Any]]) -> list[str]:
     )
 
 
+def _limit_in_words(found: dict[str, Any] | None) -> list[str]:
+    if found is None:
+        return []
+    ratio = "infinitely" if found["ratio"] is None else f"{found['ratio']:.4g} times"
+    came = f"{found['limit'].replace('_', ' ')} of {found['joint']} at t = {found['t']:.6g} s"
+    return [f"limit broken: {came} is {ratio} its limit; jounce check tells of all limits"]
+
+
 def _in_words(summary: dict[str, Any]) -> str:
     first, last = summary["t"]
     names = list(next(iter(summary["peaks"].values())))
@@ -205,6 +229,7 @@ def _in_words(summary: dict[str, Any]) -> str:
         summary["source"] + residual,
         *summary["notes"],
         *_breaks_in_words(summary["breaks"]),
+        *_limit_in_words(summary["broken_limit"]),
         f"{', '.join(names)} written to {summary['output']}",
         "",
         *straight_columns(rows),

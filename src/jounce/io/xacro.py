@@ -84,7 +84,7 @@ def _endless_calls_refused(xacro: Any) -> Iterator[None]:
 
     def checked_include(given: Any, name: str | None = None) -> Any:
         if given is None and xacro.filestack.count(name) > 1:
-            raise JounceError(f"{shortened(str(name))} includes itself")
+            raise JounceError(f"{shortened(Path(str(name)).name)} includes itself")
         return include(given, name)
 
     xacro.handle_macro_call, xacro.parse = checked_call, checked_include

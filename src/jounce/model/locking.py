@@ -9,7 +9,7 @@ from jounce._scalars import Array, is_finite, is_numeric
 from jounce.errors import JounceError, listed, one_of, quoted, warn
 from jounce.model.coordinates import likely_positions
 from jounce.model.drives import Drives
-from jounce.model.mechanism import Frame, Limits, Mechanism
+from jounce.model.mechanism import Frame, Mechanism
 from jounce.model.screws import exact_inertia, exact_pose
 from jounce.spatial import inertia, lie
 
@@ -102,7 +102,7 @@ def _without(mechanism: Mechanism, still: list[bool]) -> Mechanism:
         g=mechanism.g[kept],
         bodies=tuple(mechanism.bodies[i] for i in kept),
         joints=tuple(mechanism.joints[i] for i in kept),
-        limits=Limits(**{name: array[kept] for name, array in vars(mechanism.limits).items()}),
+        limits=mechanism.limits.taken(kept),
         drives=Drives(**{name: array[kept] for name, array in vars(mechanism.drives).items()}),
         frames=(*merged, *moved),
     )

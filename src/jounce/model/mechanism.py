@@ -13,49 +13,12 @@ from typing import Any
 import numpy as np
 
 from jounce._scalars import Array, exact_integers, is_numeric, is_symbolic
-from jounce._typing import Floats
 from jounce.errors import one_of
 from jounce.model.drives import Drives
+from jounce.model.limits import Limits
 
 GRAVITY = (0, 0, -9.81)  # m/s^2, unless told otherwise
 DATA = ("B", "X", "M", "gravity", "G", "g")  # the arrays of a mechanism
-UNLIMITED = {"lower": -np.inf, "upper": np.inf, "velocity": np.inf, "effort": np.inf}  # of one joint variable
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Limits:
-    """The limits of the joint variables, infinite where nothing is stated. They do not enter Q.
-
-    Attributes
-    ----------
-    lower, upper : (nb,)
-        Bounds of the joint variable, rad or m.
-    velocity : (nb,)
-        Largest speed in either direction, rad/s or m/s.
-    effort : (nb,)
-        Largest moment or force of either sign, N m or N.
-
-    Examples
-    --------
-    >>> import jounce
-    >>> jounce.load("panda").limits.effort[:2]
-    array([87., 87.])
-    """
-
-    lower: Floats
-    upper: Floats
-    velocity: Floats
-    effort: Floats
-
-
-def limit_error(lower: float, upper: float, velocity: float, effort: float) -> str | None:
-    """Return why four numbers are not valid limits of a joint variable, or None if they are."""
-    if not (-np.inf <= lower <= upper <= np.inf) or lower == np.inf or upper == -np.inf:
-        return f"lower and upper limit are {lower:g} and {upper:g}; expected lower <= upper"
-    for name, x in (("velocity", velocity), ("effort", effort)):
-        if not x >= 0:
-            return f"limit of {name} is {x:g}; expected 0 or more"
-    return None
 
 
 @dataclass(frozen=True)
@@ -133,7 +96,7 @@ class Mechanism:
 
     def __post_init__(self) -> None:
         own = (getattr(self, name) for name in DATA)
-        beside = (*vars(self.limits).values(), *vars(self.drives).values(), *(frame.T for frame in self.frames))
+        beside = (self.limits.table, *vars(self.drives).values(), *(frame.T for frame in self.frames))
         for array in (*own, *beside):
             array.flags.writeable = False
 

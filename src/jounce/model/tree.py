@@ -13,7 +13,8 @@ import numpy as np
 
 from jounce.errors import JounceError, at, listed, no_such, quoted, shortened, warn
 from jounce.model.drives import UNDRIVEN, drive_error
-from jounce.model.mechanism import UNLIMITED, Frame, Mechanism, limit_error
+from jounce.model.limits import Stated, limit_error, limits_of_joints
+from jounce.model.mechanism import Frame, Mechanism
 from jounce.model.screws import from_screws
 from jounce.spatial import inertia
 
@@ -46,7 +47,7 @@ class Joint:
     B: np.ndarray
     X: np.ndarray | None  # None where it is fixed or free
     mimic: Mimic | None
-    limits: Mapping[str, float]  # those that the file states of lower, upper, velocity, effort
+    limits: Mapping[str, Stated]  # those that the file states of lower, upper, velocity, effort, ...
     drive: Mapping[str, float]  # and of armature, damping, friction, stiffness, rest
     place: str
     free: str | None = None  # "floating", "planar", "spherical": what makes of it more than one screw does
@@ -110,7 +111,7 @@ def mechanism(
             gravity=gravity,
             G=G,
             g=g,
-            limits={key: [joint.limits.get(key, free) for joint in movable] for key, free in UNLIMITED.items()},
+            limits=limits_of_joints([joint.limits for joint in movable]),
             drives={key: [joint.drive.get(key, none) for joint in movable] for key, none in UNDRIVEN.items()},
             name=name,
         )
@@ -135,7 +136,7 @@ def _check(links: Sequence[Link], joints: Sequence[Joint]) -> None:
         law = [] if joint.mimic is None else [joint.mimic.multiplier, joint.mimic.offset]
         for what, numbers in (("pose", joint.B), ("axis", [] if joint.X is None else joint.X), ("mimic", law)):
             held.append((joint.place, f"{what} of joint {quoted(joint.name)}", np.array(numbers)))
-        error = limit_error(**UNLIMITED | dict(joint.limits)) or drive_error(**joint.drive)
+        error = limit_error(**joint.limits) or drive_error(**joint.drive)
         if error:
             raise JounceError(f"{joint.place}: joint {quoted(joint.name)}: {error}")
     for place, what, array in held:

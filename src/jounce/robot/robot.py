@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from os import PathLike
 from typing import TYPE_CHECKING, Any, Self
 
 from jounce._typing import (
@@ -13,6 +14,7 @@ from jounce._typing import (
     Form,
     Frame,
     JointType,
+    LimitValues,
     LoadFrame,
     Method,
     Named,
@@ -22,11 +24,13 @@ from jounce._typing import (
     Results,
 )
 from jounce.arguments import requests
+from jounce.arguments.limits import with_limits
 from jounce.errors import JounceError, one_of
 from jounce.model import dh, equality, screws
 from jounce.model.drives import Drives, select_terms, warn_of_idle, with_eps
+from jounce.model.limits import Limits
 from jounce.model.locking import locked
-from jounce.model.mechanism import GRAVITY, Limits, Mechanism
+from jounce.model.mechanism import GRAVITY, Mechanism
 from jounce.native.kernel import Kernel
 from jounce.robot import dispatch, overloads
 from jounce.robot.dispatch import compute
@@ -34,6 +38,8 @@ from jounce.robot.overloads import typed
 
 if TYPE_CHECKING:
     from jounce.audit import Finding
+    from jounce.limits.check import Check
+    from jounce.limits.slowdown import Slowdown
     from jounce.motion import Motion
     from jounce.robot.along import Along
 
@@ -122,7 +128,7 @@ class Robot:
 
     @property
     def limits(self) -> Limits:
-        """The limits of the nb joint variables: `lower`, `upper`, `velocity`, `effort`, (nb,) each, SI units.
+        """The limits of the nb joint variables and of their forces, SI units, see `Limits`; `with_limits` sets them.
 
         A limit that is not stated is infinite. Limits do not enter Q.
         """
@@ -180,7 +186,8 @@ class Robot:
         G, g : (nb, n) and (nb,), optional
             Constants of joints that follow others; theta = q by default.
         limits : mapping, optional
-            `lower`, `upper`, `velocity`, `effort` of theta, (nb,) each; infinite where left out.
+            `lower`, `upper`, `velocity`, `effort`, ... of theta, (nb,) each, or (nb, 2) for (lower, upper); infinite
+            where left out, see `Limits`.
         drives : mapping, optional
             `armature`, `damping`, `friction`, `eps`, `stiffness`, `rest` of theta, (nb,) each; zero (eps 0.05) where
             left out, see `with_drives`.
@@ -479,6 +486,82 @@ class Robot:
         warn_of_idle(self.drives, terms, eps, self.name)
         return type(self)(replace(self.mechanism, acting=select_terms(terms), drives=drives))
 
+    def with_limits(
+        self,
+        source: "str | PathLike[str] | Limits | None" = None,
+        /,
+        *,
+        lower: LimitValues = None,
+        upper: LimitValues = None,
+        velocity: LimitValues = None,
+        acceleration: LimitValues = None,
+        jerk: LimitValues = None,
+        snap: LimitValues = None,
+        effort: LimitValues = None,
+        effort_rate: LimitValues = None,
+        second_effort_rate: LimitValues = None,
+        power: LimitValues = None,
+        of: str | Mapping[str, str] | None = None,
+    ) -> Self:
+        """The robot with some of its limits replaced: bounds of q to q4d, of Q, Qd, Q2d and of the power qd Q.
+
+        They come from a file, from the published table of an arm, or as numbers, which come last: one number for all
+        coordinates, an array (n,), or a mapping {joint: number}. Except `lower` and `upper`, which bound the position,
+        a limit has two sides where (lower, upper) stands in place of a number, (n, 2) in place of (n,). Infinity takes
+        a limit away. What is left out keeps its limits.
+
+        Parameters
+        ----------
+        source : str, path or Limits, optional
+            A YAML or JSON file of limits, MoveIt's joint_limits.yaml among them; the name of an arm whose limits are
+            published: "panda", "fr3", "ur3e", "ur5", "ur5e", "ur10e", "iiwa7", "iiwa14", "xarm6", "xarm7", for joints
+            with its names behind any prefix; or the limits of a robot with the same joints.
+        lower, upper, velocity, acceleration, jerk, snap : number, array or mapping, optional
+            Bounds of q, qd, q2d, q3d, q4d: rad or m, per s, ...
+        effort, effort_rate, second_effort_rate : number, array or mapping, optional
+            Bounds of Q, Qd, Q2d: N m or N, per s, per s^2.
+        power : number, array or mapping, optional
+            Bound of qd Q, W.
+        of : str or mapping, optional
+            Which force the effort limits given here bound, with its rates: "Q", the default, or "Q - Qgrav"; a mapping
+            {"effort_rate": "Q - Qgrav"} says it of some.
+
+        Returns
+        -------
+        Robot
+
+        Raises
+        ------
+        JounceError
+            If a joint, a kind or the name of an arm is unknown, a file cannot be read, a lower limit is above the upper
+            one, or a number is negative.
+
+        Warns
+        -----
+        JounceWarning
+            If a file of MoveIt states limits of joints that the robot does not have.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("panda").with_limits("panda").limits.jerk[:3]
+        array([7500., 3750., 5000.])
+        >>> robot = jounce.load("iiwa14").with_limits(effort=[320, 320, 176, 176, 110, 40, 40], velocity={"joint1": 2})
+        >>> robot.limits.velocity[:2]
+        array([ 2., inf])
+        """
+        given = {
+            "lower": lower, "upper": upper, "velocity": velocity, "acceleration": acceleration, "jerk": jerk,
+            "snap": snap, "effort": effort, "effort_rate": effort_rate, "second_effort_rate": second_effort_rate,
+            "power": power,
+        }  # fmt: skip
+        from jounce.io.limits.reading import limits_from  # what few programs need
+
+        mechanism = self.mechanism
+        if source is not None:
+            mechanism = replace(mechanism, limits=limits_from(mechanism, source))
+        return type(self)(with_limits(mechanism, given, of))
+
     def locked(self, values: Mapping[str, float]) -> Self:
         """The robot with some joints locked: their bodies merge into those that carry them.
 
@@ -697,6 +780,76 @@ class Robot:
         from jounce.robot.along import forces_along  # what few programs need
 
         return forces_along(self, motion, t, order, method, progress)
+
+    def check(self, motion: "Motion") -> "Check":
+        """Check a motion against every limit of the robot, between samples too.
+
+        Between samples quintic polynomials through q, qd, ... and Q, Qd, Q2d find the peaks, which are then evaluated
+        exactly. At a break of the motion both sides are checked; where a lower rate jumps, the value is infinite.
+
+        Parameters
+        ----------
+        motion : Motion
+            As for `forces_along`; with wrenches, these act.
+
+        Returns
+        -------
+        Check
+            `ok`, the `worst` limit, and the `table` of all with worst value, ratio, time, margin and violations.
+
+        Raises
+        ------
+        JounceError
+            If the robot has no limits, the motion is not one of its joints, or a rate that a limit needs is not known.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("planar2r").with_limits(effort=[40, 9], velocity=1)
+        >>> motion = jounce.Motion.trapezoidal([[0, 0], [1, 1]], 0.5, 2.0)
+        >>> found = robot.check(motion)
+        >>> found.ok, found.worst.joint, found.worst.limit, round(found.worst.ratio, 4)
+        (False, 'joint2', 'effort', 1.7567)
+        """
+        from jounce.limits.check import check  # what few programs need
+
+        return check(self, motion)
+
+    def slowdown(self, motion: "Motion") -> "Slowdown":
+        """The largest factor of speed at which a motion keeps every limit, and so does every slower one.
+
+        ``q_c(t) = q(c t)`` takes ``Q_c = S + c V + c^2 D``: static, viscous and inertial forces. Every limit is a
+        polynomial inequality in c at each time; between samples the factor is refined by exact evaluation. Wrenches
+        given over time go with the path. Coulomb friction is no polynomial; with it, factors are tried one by one.
+
+        Parameters
+        ----------
+        motion : Motion
+            As for `forces_along`.
+
+        Returns
+        -------
+        Slowdown
+            The `factor`, what it is `binding` on: (joint, limit, time), the `motion` at this factor, and the `largest`
+            feasible factor at all.
+
+        Raises
+        ------
+        JounceError
+            If no factor helps: a position beyond its limit, a static torque above its limit, a break where a lower
+            rate of a limited quantity jumps; if nothing limits the speed; and as `check` does.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("planar2r").with_limits(effort=[60, 15])
+        >>> slow = robot.slowdown(jounce.Motion.trapezoidal([[0, 0], [1, 1]], 2.0, 10.0))
+        >>> round(slow.factor, 4), slow.binding.joint, slow.binding.limit
+        (0.4159, 'joint2', 'effort')
+        """
+        from jounce.limits.slowdown import slowdown  # what few programs need
+
+        return slowdown(self, motion)
 
     @typed(overloads.OfPosition[Array])
     def mass_matrix(

@@ -9,7 +9,8 @@ from jounce.errors import JounceError, at, no_such, quoted
 from jounce.io.entries import Entry
 from jounce.io.native import GROUND, parts
 from jounce.model.drives import UNDRIVEN
-from jounce.model.mechanism import GRAVITY, UNLIMITED, Frame, Mechanism
+from jounce.model.limits import limits_of_joints
+from jounce.model.mechanism import GRAVITY, Frame, Mechanism
 from jounce.model.screws import from_screws
 
 Index = Mapping[str, int]  # names and their places in a row
@@ -17,7 +18,7 @@ Index = Mapping[str, int]  # names and their places in a row
 
 def read(robot: Entry, gravity: object = None) -> Mechanism:
     """The mechanism of a file's content, under its own gravity unless another is given."""
-    robot.keys(("units", "bodies"), ("name", "gravity", "coordinates", "frames"))
+    robot.keys(("units", "bodies"), ("name", "gravity", "coordinates", "frames", "limits_of"))
     parts.check_units(robot)
     own = robot.get("gravity", list(GRAVITY)).numbers((3,))
     listed = robot.get("bodies").items(least=1)
@@ -57,7 +58,7 @@ def _build(robot: Entry, bodies: Sequence[Entry], joints: Sequence[Entry], names
             joint_names=tuple(coordinates),
             G=G,
             g=g,
-            limits={key: [one[key] for one in limits] for key in UNLIMITED},
+            limits=limits_of_joints(limits, parts.without_gravity(robot)),
             drives={key: [one[key] for one in drives] for key in UNDRIVEN},
             name=name,
         )

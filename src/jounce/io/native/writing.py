@@ -12,7 +12,8 @@ from jounce._scalars import is_symbolic
 from jounce.errors import JounceError, quoted
 from jounce.io.native import GROUND, UNITS, parts
 from jounce.model.drives import UNDRIVEN
-from jounce.model.mechanism import DATA, UNLIMITED, Mechanism
+from jounce.model.limits import FORCES
+from jounce.model.mechanism import DATA, Mechanism
 from jounce.spatial.inertia import inertia_matrix, moments, symmetric
 from jounce.spatial.lie import hat
 
@@ -49,7 +50,8 @@ def document(mechanism: Mechanism) -> dict[str, Any]:
     ]
     coordinates = {} if free == list(mechanism.coordinates) else {"coordinates": list(mechanism.coordinates)}
     head = {"name": mechanism.name, "units": UNITS, "gravity": _plain(mechanism.gravity), "bodies": bodies}
-    return head | coordinates | ({"frames": frames} if frames else {})
+    of = {"limits_of": dict.fromkeys(mechanism.limits.without_gravity, FORCES[1])}
+    return head | coordinates | ({"frames": frames} if frames else {}) | (of if of["limits_of"] else {})
 
 
 def _check(mechanism: Mechanism) -> None:
@@ -67,6 +69,8 @@ def _check(mechanism: Mechanism) -> None:
 
 def _plain(x: Any) -> Any:
     """The numbers of an array in lists, whole ones as integers."""
+    if x is None:
+        return None
     if np.ndim(x):
         return [_plain(row) for row in x]
     return int(x) if float(x).is_integer() and abs(x) < 1e15 else float(x)
@@ -81,9 +85,9 @@ def _pose(T: np.ndarray) -> dict[str, Any]:
 
 def _joint(mechanism: Mechanism, i: int) -> dict[str, Any]:
     said = {"name": mechanism.joints[i], **_screw(mechanism.X[i])}
-    for what, numbers, free in (("limits", mechanism.limits, UNLIMITED), ("drive", mechanism.drives, UNDRIVEN)):
-        stated = {key: _plain(array[i]) for key, array in vars(numbers).items() if array[i] != free[key]}
-        said |= {what: stated} if stated else {}
+    drives = {key: array[i] for key, array in vars(mechanism.drives).items() if array[i] != UNDRIVEN[key]}
+    for what, stated in (("limits", mechanism.limits.stated(i)), ("drive", drives)):
+        said |= {what: {key: _plain(x) for key, x in stated.items()}} if stated else {}
     row, offset, names = mechanism.G[i], mechanism.g[i], mechanism.coordinates
     if offset or [(names[j], row[j]) for j in np.flatnonzero(row)] != [(mechanism.joints[i], 1)]:
         said["follows"] = {"coordinates": {names[j]: _plain(row[j]) for j in np.flatnonzero(row)}}

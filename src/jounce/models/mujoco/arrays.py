@@ -22,7 +22,7 @@ BESIDE = (
     *("jnt_limited", "jnt_range", "jnt_actfrclimited", "jnt_actfrcrange"),
     *("jnt_stiffness", "dof_armature", "dof_damping", "dof_frictionloss"),
     *("eq_type", "eq_obj1id", "eq_obj2id", "eq_active0", "eq_data"),
-    *("actuator_trntype", "actuator_trnid", "actuator_gear"),
+    *("actuator_trntype", "actuator_trnid", "actuator_gear", "actuator_forcelimited", "actuator_forcerange"),
     *("tendon_stiffness", "tendon_damping", "tendon_frictionloss", "nflex"),
 )
 LATER = (  # arrays that MuJoCo 3.3 does not have: nothing where they are missing
