@@ -13,8 +13,11 @@ if TYPE_CHECKING:
     from jounce.io.loading import load
     from jounce.io.motions.loading import load_motion
     from jounce.io.saving import save
+    from jounce.limits.check import Check, CheckedLimit
+    from jounce.limits.slowdown import Slowdown
     from jounce.model.drives import Drives
-    from jounce.model.mechanism import Limits, Mechanism
+    from jounce.model.limits import Limits
+    from jounce.model.mechanism import Mechanism
     from jounce.motion import Motion
     from jounce.native.kernel import Kernel
     from jounce.robot import Robot
@@ -23,6 +26,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Along",
+    "Check",
+    "CheckedLimit",
     "Drives",
     "JounceError",
     "JounceWarning",
@@ -31,6 +36,7 @@ __all__ = [
     "Mechanism",
     "Motion",
     "Robot",
+    "Slowdown",
     "__version__",
     "casadi_function",
     "codegen",
@@ -42,14 +48,17 @@ __all__ = [
 ]
 _LATER = {  # what is imported when it is first asked for, so that whatever needs little of it starts at once
     "Along": "jounce.robot.along",
+    "Check": "jounce.limits.check",
+    "CheckedLimit": "jounce.limits.check",
     "Drives": "jounce.model.drives",
     "JounceError": "jounce.errors",
     "JounceWarning": "jounce.errors",
     "Kernel": "jounce.native.kernel",
-    "Limits": "jounce.model.mechanism",
+    "Limits": "jounce.model.limits",
     "Mechanism": "jounce.model.mechanism",
     "Motion": "jounce.motion",
     "Robot": "jounce.robot",
+    "Slowdown": "jounce.limits.slowdown",
     "casadi_function": "jounce._casadi",
     "codegen": "jounce._codegen",
     "inertia_matrix": "jounce.spatial.inertia",

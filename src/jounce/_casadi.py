@@ -42,8 +42,8 @@ def casadi_function(
     wrench : bool, optional
         Whether wrenches W, Wd, ... (nb, 6) on the bodies are inputs too.
     body, frame : str, optional
-        Of poses, twists and Jacobians: which body or merged link, in which frame. Poses and Jacobians take a body,
-        twists are those of all bodies by default.
+        Body or merged link, and frame, of poses, twists and Jacobians. Poses and Jacobians need a body, twists are
+        those of all bodies by default.
     parameters : list of str, optional
         Data of the robot that become inputs:
 
@@ -122,7 +122,9 @@ def _check(robot: Robot) -> None:
     if not isinstance(robot, Robot):
         raise JounceError(f"casadi_function() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     if not all(is_numeric(getattr(robot.mechanism, data)) for data in DATA):
-        raise JounceError("the robot holds symbols; expected numbers: parameters=['masses'] makes inputs of its masses")
+        raise JounceError(
+            "the robot contains symbols; expected numbers (parameters=['masses'] makes its masses inputs)"
+        )
 
 
 def _check_axes(computation: Computation, mechanism: Mechanism) -> None:

@@ -1,4 +1,4 @@
-"""Parts: files and folders while they are written, beside their places, and what killed runs have left of them."""
+"""Temporary files and folders next to their final place, and the removal of those that killed runs have left."""
 
 import os
 import re
@@ -21,7 +21,7 @@ def part_in(folder: Path) -> Path:
 
 def remove_abandoned(folder: Path) -> None:
     """Remove the parts whose writers are gone; those of runs that go on stay."""
-    for path in _abandoned(folder):
+    for path in _find_abandoned(folder):
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path, ignore_errors=True)
         else:
@@ -29,7 +29,7 @@ def remove_abandoned(folder: Path) -> None:
                 path.unlink()
 
 
-def _abandoned(folder: Path) -> Iterator[Path]:
+def _find_abandoned(folder: Path) -> Iterator[Path]:
     with suppress(OSError):
         for path in list(folder.iterdir()):
             if (named := PART.fullmatch(path.name)) and (_is_gone(named[1], named[2]) or _is_old(path)):

@@ -23,7 +23,7 @@ NOT_REAL = (complex, Decimal, date, timedelta, np.generic)  # what adds up, but 
 
 
 def asarray(x: Any, what: str = "an array") -> Array:
-    """`x` as an array to calculate with: integers and short floats become float64, symbols stay what they are.
+    """Convert `x` to an array to calculate with: integers and short floats become float64, symbols stay as they are.
 
     Missing numbers, masked by NumPy or NA of pandas, become NaN.
     """
@@ -36,7 +36,7 @@ def asarray(x: Any, what: str = "an array") -> Array:
     if type(x).__module__.startswith("casadi"):
         x = _of_casadi(x, what)
     try:
-        array = _without_missing(np.asarray(_unmasked(x)))
+        array = _without_missing(np.asarray(_unmask(x)))
         if array.dtype.kind == "O" and all(isinstance(v, int | float | np.floating | np.integer) for v in array.flat):
             array = array.astype(np.float64)
     except Exception as error:  # ragged lists, integers beyond the floats, and whatever a foreign type raises
@@ -51,12 +51,12 @@ def asarray(x: Any, what: str = "an array") -> Array:
     return array
 
 
-def _unmasked(x: Any) -> Any:
+def _unmask(x: Any) -> Any:
     """`x` with NaN where it is masked, as are the arrays that lists hold."""
     if isinstance(x, np.ma.MaskedArray) and x.dtype.kind in "biufO":
         kind = x.dtype if x.dtype.kind == "O" else np.result_type(x.dtype, np.float64)
         return np.ma.filled(x.astype(kind), np.nan)
-    return [_unmasked(part) for part in x] if type(x) in (list, tuple) and is_masked(x) else x
+    return [_unmask(part) for part in x] if type(x) in (list, tuple) and is_masked(x) else x
 
 
 def is_masked(x: Any) -> bool:
@@ -73,7 +73,7 @@ def _without_missing(array: np.ndarray) -> np.ndarray:
 
 
 def _is_element(x: Any) -> bool:
-    """Whether an element of an object array is a real number in the range of floats, or a symbol to calculate with."""
+    """Return whether an element of an object array is a real number in the range of floats, or a symbol."""
     if isinstance(x, float | np.floating | np.integer):
         return True
     if isinstance(x, int | Fraction):
@@ -89,7 +89,7 @@ def is_scalar(x: Any) -> bool:
 
 
 def is_finite(x: Any) -> bool:
-    """Whether a value is a real number that a float can hold; truth values and symbols are none."""
+    """Return whether a value is a real number that a float can represent; bools and symbols are not."""
     if isinstance(x, bool) or not isinstance(x, int | float | Fraction | np.floating | np.integer):
         return False
     try:
@@ -99,7 +99,7 @@ def is_finite(x: Any) -> bool:
 
 
 def element(x: Any, what: str) -> Array:
-    """`x` as what stands for one scalar of an array, batch axes alone; a CasADi scalar, which has two axes, is one."""
+    """Return one scalar of an array, with batch axes only; a CasADi scalar, which has two axes, is one scalar."""
     if not type(x).__module__.startswith("casadi") or x.shape != (1, 1):
         return asarray(x, what)
     array = np.empty((), dtype=object)
@@ -130,7 +130,7 @@ def is_numeric(x: Array) -> bool:
 
 
 def is_zero(x: Any) -> bool:
-    """Whether a scalar is the number 0; a symbol of any kind is not, and is never asked for its truth."""
+    """Return whether a scalar is the number 0; symbols are never equal to 0, and bool() of them is not taken."""
     try:
         return bool(x == 0)
     except Exception:  # CasADi's symbols have no truth value
@@ -143,10 +143,10 @@ def is_symbolic(x: Array) -> bool:
 
 
 def exact_integers(x: np.ndarray) -> np.ndarray:
-    """The same numbers in an object array, integers where they are whole: 1 L stays L among symbols, not 1.0 L.
+    """Convert integer-valued floats to ints in an object array, so that symbolic results show L, not 1.0*L.
 
-    Beyond 2^53 all doubles are whole. They stay doubles: products of such integers would not overflow until they are
-    divided, and then by an error.
+    Doubles beyond 2^53, all of which are integers, stay doubles: products of such ints would not overflow until they
+    are divided, and then raise an error.
     """
 
     def exact(v: Any) -> bool:
@@ -203,7 +203,7 @@ def _elementwise(name: str) -> Callable[[Array], Array]:
             except ValueError:  # of infinity: NaN, as in arrays of floats
                 return math.nan
         if not hasattr(s, name):
-            raise JounceError(f"scalars of type {type(s).__name__} have no method {name}(); expected one")
+            raise JounceError(f"scalars of type {type(s).__name__} have no method {name}(), which is required")
         return getattr(s, name)()
 
     over_objects = np.frompyfunc(scalar, 1, 1)
@@ -235,14 +235,14 @@ def _reciprocal(s: Any) -> Any:
     try:
         return 1 / s
     except TypeError:
-        raise JounceError(f"scalars of type {type(s).__name__} have no reciprocal 1 / x; expected one") from None
+        raise JounceError(f"scalars of type {type(s).__name__} have no reciprocal 1 / x, which is required") from None
 
 
 _reciprocals = np.frompyfunc(_reciprocal, 1, 1)
 
 
 def finite(text: str) -> float | None:
-    """The finite decimal number that a text is, or None; 1_000 and digits of other scripts are none here."""
+    """Parse a finite decimal number, or return None; 1_000 and digits of other scripts are not accepted."""
     if "_" in text or not text.isascii():
         return None
     try:

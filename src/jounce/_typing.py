@@ -1,7 +1,7 @@
-"""Types of what users give and get, for type checkers and for readers of signatures.
+"""Types of arguments and results, for type checkers and for readers of signatures.
 
-Whatever can be calculated with may be given: numbers and symbols, arrays of any library that have a shape, nested
-lists. Strings are none of them. Results are typed as arrays of NumPy with any scalars, since they have the scalar type
+Arguments may be numbers and symbols, arrays of any library that have a shape, and nested
+lists. Strings are excluded. Results are typed as arrays of NumPy with any scalars, since they have the scalar type
 of what is given: float64 of floats, objects of symbols, and arrays of JAX of such.
 """
 
@@ -30,7 +30,7 @@ class Shaped(Protocol):
 
 
 class Nested(Protocol[T_co]):
-    """A list or tuple, or lists of lists. A string is none: it tells only of strings whether it contains them."""
+    """A list or tuple, or lists of lists. A string is excluded: its `__contains__` takes strings only."""
 
     def __len__(self) -> int: ...
     def __getitem__(self, index: int, /) -> "T_co | Nested[T_co]": ...
@@ -55,6 +55,7 @@ DriveTerm: TypeAlias = Literal["armature", "damping", "friction", "spring"]
 DriveTerms: TypeAlias = bool | DriveTerm | Iterable[DriveTerm]
 Form: TypeAlias = Literal["paper", "skew"]
 Frame: TypeAlias = Literal["body", "world", "spatial"]
+LimitValues: TypeAlias = ArrayLike | Mapping[str, ArrayLike] | None
 LoadFrame: TypeAlias = Literal["world", "body"]
 JointType: TypeAlias = Literal["revolute", "prismatic"]
 Language: TypeAlias = Literal["c", "cpp", "cuda", "julia", "latex", "matlab", "python", "rust"]

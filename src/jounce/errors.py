@@ -1,4 +1,4 @@
-"""What jounce raises and warns of: one base class each, one line each."""
+"""Errors and warnings of jounce: one class each, with messages of one line."""
 
 import sys
 import warnings
@@ -13,21 +13,21 @@ MOST = 80  # characters of one thing in a message, be it a cell, a name or a val
 
 
 class JounceError(Exception):
-    """Base class of everything that jounce raises: says what came, what was expected, what exists."""
+    """Base class of all errors of jounce. The message says what was given, what was expected, and what exists."""
 
     def __init__(self, text: object = "") -> None:
         super().__init__(escaped(str(text)))
 
 
 class JounceWarning(UserWarning):
-    """Base class of everything that jounce warns of."""
+    """Base class of all warnings of jounce."""
 
     def __init__(self, text: object = "") -> None:
         super().__init__(escaped(str(text)))
 
 
 def warn(text: str) -> None:
-    """Warn of something, at the line outside of jounce that called into it."""
+    """Warn, at the line outside of jounce that called into it."""
     frame, depth = sys._getframe(1), 2
     while frame.f_back and Path(frame.f_code.co_filename).is_relative_to(Path(__file__).parent):
         frame, depth = frame.f_back, depth + 1
@@ -36,31 +36,32 @@ def warn(text: str) -> None:
 
 @contextmanager
 def at(place: object) -> Iterator[None]:
-    """Inside, refusals begin with the place, a file or a line of one, that they come from."""
+    """Within this context, errors begin with a place: a file, or a line of a file."""
     try:
         yield
     except JounceError as error:
         raise JounceError(f"{place}: {error}") from None
 
 
-def no_such(kind: str, name: object, existing: Iterable[str]) -> JounceError:
-    """The error for an unknown name: the nearest valid one first, then all that exist."""
+def no_such(kind: str, name: object, existing: Iterable[str], owner: str = "") -> JounceError:
+    """Return the error for an unknown name: the nearest valid one first, then all that exist, those of `owner`."""
     known = list(existing)
     near = get_close_matches(_cut(name, MOST), known, n=1) if isinstance(name, str) else []
     hint = f"; did you mean {quoted(near[0])}?" if near else ";"
-    return JounceError(f"no {kind} {quoted(name)}{hint} there are: {listed(known) or 'none'}")
+    unknown = f"{owner} has no {kind}" if owner else f"unknown {kind}"
+    return JounceError(f"{unknown} {quoted(name)}{hint} available: {listed(known) or 'none'}")
 
 
-def one_of(kind: str, given: object, existing: Iterable[str]) -> str:
-    """The name that a caller gives, where it exists; a value of any other type is refused like an unknown name."""
+def one_of(kind: str, given: object, existing: Iterable[str], owner: str = "") -> str:
+    """Return a caller's name if it exists; a value of any other type is refused like an unknown name."""
     known = list(existing)
-    if not isinstance(given, str) or given not in known:  # what is no text may not compare to one: arrays do not
-        raise no_such(kind, given, known)
+    if not isinstance(given, str) or given not in known:  # arrays do not compare to a string
+        raise no_such(kind, given, known, owner)
     return given
 
 
 def several(given: object) -> list[Any]:
-    """What a caller lists, or the one thing that comes alone."""
+    """Return a list of what a caller gives: the items of an iterable, or the single item."""
     if isinstance(given, str) or not isinstance(given, Iterable):
         return [given]
     try:
@@ -70,38 +71,38 @@ def several(given: object) -> list[Any]:
 
 
 def true_or_false(label: str, given: object, meaning: str) -> bool:
-    """The answer that a caller gives to a question; what merely counts as true is refused."""
+    """Return a caller's bool; raise for other types, truthy ones too."""
     if not isinstance(given, bool):
         raise JounceError(f"{label} is {quoted(given)}; expected True or False: {meaning}")
     return given
 
 
 def listed(names: Iterable[str], most: int = 24) -> str:
-    """Names in a row, each as `shortened` shows it, the first of them where they are many."""
+    """Join names with commas, each as `shortened` shows it; of many, only the first."""
     shown = [shortened(name) for name in names]
     rest = f", ... ({len(shown)} in all)" if len(shown) > most else ""
     return ", ".join(shown[:most]) + rest
 
 
 def quoted(given: object) -> str:
-    """A value from a file or a caller as Python writes it, cut to what a message bears."""
+    """Return the repr of a value from a file or a caller, cut to a length that suits a message."""
     if isinstance(given, str):
         return repr(_cut(str(given), MOST))
     return one_line(_BRIEF.repr(given), MOST)
 
 
 def one_line(error: object, most: int = 300) -> str:
-    """What another library's error says, on one line."""
+    """Return the message of another library's error on one line."""
     return shortened(" ".join(str(error).split()), most)
 
 
 def shortened(text: str, most: int = MOST) -> str:
-    """A text as it may stand in a line: cut, and nothing in it that a terminal would take for a command."""
+    """Return a string that is safe in a message: cut, and without control characters."""
     return escaped(_cut(text, most))
 
 
 def escaped(text: str) -> str:
-    """A text with its control and direction characters, and all others that do not print, as Python escapes them."""
+    """Escape control and direction characters, and all others that are not printable, as Python does."""
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
@@ -112,7 +113,7 @@ def _cut(text: str, most: int) -> str:
 
 
 class _Brief(Repr):
-    """What values look like in messages: aliases in YAML make trees of any size out of a few lines."""
+    """Short reprs of values in messages: a few lines of YAML with aliases can make trees of any size."""
 
     def repr_int(self, x: int, level: int) -> str:
         try:

@@ -6,7 +6,7 @@ import pytest
 from files import refusal
 from quantities import IDS, REQUESTS, branched
 
-from jounce.arguments.requests import computation, spelled
+from jounce.arguments.requests import computation, parse_computation
 from jounce.dynamics.quantities import QUANTITIES
 
 MECHANISM = branched().mechanism
@@ -16,7 +16,7 @@ ODD = replace(MECHANISM, bodies=("body1", "base:joint", "body1:world", "world", 
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 def test_what_is_spelled_is_read(quantity, keywords):
     asked = computation(MECHANISM, quantity.name, 2, **keywords)
-    assert spelled(MECHANISM, asked.spelling, 2) == asked
+    assert parse_computation(MECHANISM, asked.spelling, 2) == asked
 
 
 @pytest.mark.parametrize("body", [None, *ODD.frame_names])
@@ -24,12 +24,12 @@ def test_what_is_spelled_is_read(quantity, keywords):
 def test_names_of_bodies_may_hold_colons_and_be_those_of_frames(quantity, body):
     for frame in quantity.frames or ("body",):
         asked = computation(ODD, quantity.name, 1, body=body, frame=frame)
-        assert spelled(ODD, asked.spelling, 1) == asked
+        assert parse_computation(ODD, asked.spelling, 1) == asked
 
 
 def test_the_end_is_a_frame_where_the_rest_is_a_body():
     def read(text):
-        asked = spelled(ODD, text, 0)
+        asked = parse_computation(ODD, text, 0)
         return asked.body, asked.frame
 
     assert read("jacobian") == (None, "body")
@@ -46,24 +46,30 @@ def test_the_end_is_a_frame_where_the_rest_is_a_body():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("massmatrix", ["no quantity 'massmatrix'; did you mean 'mass_matrix'? there are: inverse_dynamics, "]),
-        ("", ["no quantity ''; there are: inverse_dynamics, "]),
-        (["mass_matrix"], ["no quantity ['mass_matrix']; there are: "]),
-        (None, ["no quantity None; there are: "]),
-        ("momentum:body1", ["momentum belongs to no body; these do: poses, twists, jacobian"]),
-        ("momentum:body1:world", ["momentum belongs to no body"]),
-        ("poses:bdy3", ["no body 'bdy3'; did you mean 'body3'? there are: body1, ", "tool"]),
-        ("poses:", ["no body ''; there are: body1, "]),
-        ("jacobian:too:world", ["no body 'too'; did you mean 'tool'? there are: body1, "]),
-        ("jacobian:tool:wrld", ["no frame of jacobian 'wrld'; did you mean 'world'? there are: body, world, spatial"]),
-        ("jacobian:tool:", ["no frame of jacobian ''; there are: body, world, spatial"]),
-        ("poses:tool:world", ["no frame of poses 'world'; there are: none"]),
+        ("massmatrix", ["unknown quantity 'massmatrix'; did you mean 'mass_matrix'? available: inverse_dynamics, "]),
+        ("", ["unknown quantity ''; available: inverse_dynamics, "]),
+        (["mass_matrix"], ["unknown quantity ['mass_matrix']; available: "]),
+        (None, ["unknown quantity None; available: "]),
+        ("momentum:body1", ["momentum takes no body; these do: poses, twists, jacobian"]),
+        ("momentum:body1:world", ["momentum takes no body"]),
+        ("poses:bdy3", ["unknown body 'bdy3'; did you mean 'body3'? available: body1, ", "tool"]),
+        ("poses:", ["unknown body ''; available: body1, "]),
+        ("jacobian:too:world", ["unknown body 'too'; did you mean 'tool'? available: body1, "]),
+        (
+            "jacobian:tool:wrld",
+            ["jacobian has no frame 'wrld'; did you mean 'world'? available: body, world, spatial"],
+        ),
+        ("jacobian:tool:", ["jacobian has no frame ''; available: body, world, spatial"]),
+        ("poses:tool:world", ["poses has no frame 'world'; available: none"]),
     ],
 )
 def test_refusals(text, words):
-    refusal(lambda: spelled(MECHANISM, text, 0), *words)
+    refusal(lambda: parse_computation(MECHANISM, text, 0), *words)
 
 
 def test_wrenches_go_where_they_are_taken():
-    assert spelled(MECHANISM, "base_wrench", 1, wrench=True).wrench
-    refusal(lambda: spelled(MECHANISM, "poses:tool", 1, wrench=True), "poses takes no wrenches; these do: inverse_dyn")
+    assert parse_computation(MECHANISM, "base_wrench", 1, wrench=True).wrench
+    refusal(
+        lambda: parse_computation(MECHANISM, "poses:tool", 1, wrench=True),
+        "poses takes no wrenches; these do: inverse_dyn",
+    )

@@ -103,11 +103,11 @@ FINDINGS = {  # what is given, what is found, where, its number and a part of it
         {"inertias": last(body(1.0, [0.002, 0.003, 0.0025], com=(0, 0, 4.9)))},
     ),
     "massless": (
-        {"inertias": [SANE[0], np.zeros((6, 6)), SANE[2]]}, "note", ["body2"], 0.0, "bodies beyond have mass",
+        {"inertias": [SANE[0], np.zeros((6, 6)), SANE[2]]}, "note", ["body2"], 0.0, "massless, but carries bodies",
         {"inertias": [SANE[0], body(0.1, [1e-4] * 2 + [1.1e-4]), SANE[2]]},
     ),
     "massless tip": (
-        {"inertias": last(np.zeros((6, 6)))}, "warning", ["body3"], 0.0, "massless, as is all beyond",
+        {"inertias": last(np.zeros((6, 6)))}, "warning", ["body3"], 0.0, "massless, as is everything it carries",
         {"inertias": last(body(0.1, [1e-4] * 2 + [1.1e-4]))},
     ),
     "singular mass matrix": (
@@ -337,7 +337,7 @@ def test_numbers_near_the_ends_of_the_doubles_are_no_trouble(M):
 
 def test_symbols_are_refused():
     robot = jounce.load("planar2r", L1=sympy.Symbol("L"))
-    refusal(robot.audit, "'planar2r' holds symbols; expected numbers")
+    refusal(robot.audit, "'planar2r' contains symbols; an audit needs numbers")
 
 
 def test_bundled_robots_are_audited_too():
@@ -433,7 +433,7 @@ def test_json_holds_the_findings(odd):
         "joints": [],
         "number": pytest.approx(-0.5),
         "unit": "kg m^2",
-        "text": "principal moments about the COM break the triangle inequality by 0.5 kg m^2, 20 % of the largest",
+        "text": "principal moments about the COM violate the triangle inequality by 0.5 kg m^2, 20 % of the largest",
         "advice": finding["advice"],
     }
     [same] = quietly(odd).audit()

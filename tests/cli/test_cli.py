@@ -237,7 +237,7 @@ def test_run_refuses_what_memory_does_not_bear(folder, monkeypatch, error):
     before, result = contents(folder), call(*RUN)
     assert (result.exit_code, result.stdout) == (2, "")
     [line] = result.stderr.splitlines()
-    assert line.startswith("Error: not enough memory: ")
+    assert line.startswith("Error: out of memory: ")
     assert contents(folder) == before
 
 
@@ -304,7 +304,7 @@ def test_output_onto_the_motion_is_refused(folder):
     before = contents(folder)
     result = call("run", "planar2r", "good.csv", "-o", "./good.csv")
     assert (result.exit_code, result.stdout) == (2, "")
-    assert "is the motion itself" in result.stderr
+    assert "the output file is the input file" in result.stderr
     assert contents(folder) == before
 
 

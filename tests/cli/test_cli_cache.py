@@ -26,8 +26,8 @@ def filled(folder):
     for name, code in CODE.items():
         cache.write(name, code)
     (folder / "notes.txt").write_text("mine")
-    (folder / f"folder{cache.SUFFIX}").mkdir()
-    (folder / f"link{cache.SUFFIX}").symlink_to(folder / "notes.txt")
+    (folder / f"folder{cache.KERNEL_SUFFIX}").mkdir()
+    (folder / f"link{cache.KERNEL_SUFFIX}").symlink_to(folder / "notes.txt")
     return folder
 
 
@@ -40,7 +40,7 @@ def summary(*words):
 
 
 def test_it_counts_kernels_alone(filled):
-    size = sum((filled / (name + cache.SUFFIX)).stat().st_size for name in CODE)
+    size = sum((filled / (name + cache.KERNEL_SUFFIX)).stat().st_size for name in CODE)
     expected = {"folder": str(filled), "private": True, "cleared": False, "kernels": 2, "bytes": size, "limit": 2**28}
     assert summary() == expected
     assert call().stdout == f"{filled}\nkernels kept: 2, {size} bytes of at most {2**28}\n"
@@ -106,11 +106,11 @@ def test_a_folder_that_is_not_private_is_told_and_not_cleared(filled, spoilt):
     spoilt(filled)
     before = set(filled.iterdir())
     assert (summary()["private"], summary()["kernels"]) == (False, 2)
-    assert call().stdout.endswith("not used: the folder is not yours alone\n")
+    assert call().stdout.endswith("others may write into the folder; make it private (mode 0700)\n")
     result = call("--clear")
     assert (result.exit_code, result.stdout) == (2, "")
     [line] = result.stderr.splitlines()
-    assert line.startswith(f"Error: {filled}: is not a folder of yours alone")
+    assert line.startswith(f"Error: {filled}: others may write into the cache folder")
     assert set(filled.iterdir()) == before
 
 

@@ -88,7 +88,7 @@ def test_info_shows_the_order_of_q_and_the_drives(tmp_path):
 
 REFUSED = {
     "base": (["--base", "free"], ["base is 'free'", "'fixed'", "not supported yet"]),
-    "root": (["--root", "amr"], ["no link 'amr'", "did you mean 'arm'"]),
+    "root": (["--root", "amr"], ["unknown link 'amr'", "did you mean 'arm'"]),
     "lock without a value": (["--lock", "turn"], ["--lock 'turn'", "JOINT=VALUE"]),
     "lock without a name": (["--lock", "=3"], ["--lock '=3'", "JOINT=VALUE"]),
     "lock twice": (["--lock", "turn=1", "--lock", "turn=2"], ["--lock 'turn=2'", "second"]),
@@ -116,7 +116,7 @@ def test_refuses(tmp_path, monkeypatch, verb, options, words):
 @pytest.mark.parametrize("verb", [("info",), ("run", "motion.csv", "-o", "out.csv")])
 @pytest.mark.parametrize(
     ("terms", "words"),
-    [("dampin", "no drive term 'dampin'; did you mean 'damping'"), ("", "'';")],
+    [("dampin", "unknown drive term 'dampin'; did you mean 'damping'"), ("", "'';")],
 )
 def test_refuses_drives(tmp_path, monkeypatch, verb, terms, words):
     monkeypatch.chdir(tmp_path)

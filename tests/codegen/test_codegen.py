@@ -444,36 +444,42 @@ def test_texts_are_tidy_and_marked(lang):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"lang": "fortran"}, ["no language 'fortran'; there are: c, "]),
+        ({"lang": "fortran"}, ["unknown language 'fortran'; available: c, "]),
         ({"lang": "pyton"}, ["did you mean 'python'?"]),
         ({"order": -1}, ["order is -1; expected 0 to 4"]),
         ({"order": 5}, ["order is 5"]),
-        ({"outputs": ["massmatrix"]}, ["no quantity 'massmatrix'; did you mean 'mass_matrix'?", "inverse_dynamics, "]),
+        (
+            {"outputs": ["massmatrix"]},
+            ["unknown quantity 'massmatrix'; did you mean 'mass_matrix'?", "inverse_dynamics, "],
+        ),
         ({"outputs": []}, ["outputs are []; expected one or more"]),
         ({"outputs": ["mass_matrix"], "wrench": True}, ["mass_matrix takes no wrenches"]),
-        ({"parameters": ["mass"]}, ["no parameter 'mass'; did you mean 'masses'?"]),
-        ({"prefix": "my arm"}, ["prefix 'my arm' is no name in code"]),
+        ({"parameters": ["mass"]}, ["unknown parameter 'mass'; did you mean 'masses'?"]),
+        ({"prefix": "my arm"}, ["prefix 'my arm' is not a valid identifier"]),
         ({"prefix": "while"}, ["prefix 'while' is a reserved word of C99"]),
-        ({"prefix": "_arm"}, ["prefix '_arm' is no name"]),
-        ({"prefix": 5}, ["prefix 5 is no name"]),
-        ({"prefix": "math"}, ["prefix 'math' is the name of something else in C99"]),
-        ({"prefix": "j1", "lang": "cpp"}, ["prefix 'j1' is the name of something else in C++"]),
-        ({"prefix": "typing", "lang": "python"}, ["prefix 'typing' is the name of something else in Python"]),
-        ({"prefix": "check", "lang": "matlab"}, ["prefix 'check' is the name of something else in MATLAB"]),
-        ({"prefix": "Hd", "lang": "julia"}, ["prefix 'Hd' is the name of something else in Julia"]),
-        ({"prefix": "a" * 47, "lang": "matlab"}, ["makes names of 64 letters; MATLAB is generated with 63 at most"]),
-        ({"prefix": "a" * 300}, ["aaa...' makes names of 317 letters; C99 is generated with 200 at most"]),
-        ({"outputs": [["mass_matrix"]]}, ["no quantity ['mass_matrix'];"]),
-        ({"outputs": None}, ["no quantity None; there are: inverse_dynamics, "]),
+        ({"prefix": "_arm"}, ["prefix '_arm' is not"]),
+        ({"prefix": 5}, ["prefix 5 is not"]),
+        ({"prefix": "math"}, ["prefix 'math' is already a name in C99"]),
+        ({"prefix": "j1", "lang": "cpp"}, ["prefix 'j1' is already a name in C++"]),
+        ({"prefix": "typing", "lang": "python"}, ["prefix 'typing' is already a name in Python"]),
+        ({"prefix": "check", "lang": "matlab"}, ["prefix 'check' is already a name in MATLAB"]),
+        ({"prefix": "Hd", "lang": "julia"}, ["prefix 'Hd' is already a name in Julia"]),
+        (
+            {"prefix": "a" * 47, "lang": "matlab"},
+            ["makes identifiers of 64 characters; generated MATLAB allows at most 63"],
+        ),
+        ({"prefix": "a" * 300}, ["aaa...' makes identifiers of 317 characters; generated C99 allows at most 200"]),
+        ({"outputs": [["mass_matrix"]]}, ["unknown quantity ['mass_matrix'];"]),
+        ({"outputs": None}, ["unknown quantity None; available: inverse_dynamics, "]),
         (
             {"outputs": ["mass_matrix", "poses"]},
-            ["poses of one body: expected poses:BODY; there are: link1, link2"],
+            ["poses of one body: expected poses:BODY; available: link1, link2"],
         ),
         ({"outputs": "jacobian"}, ["expected jacobian:BODY, or jacobian:BODY:FRAME with a FRAME of body, world, spat"]),
         ({"outputs": ["jacobian::world"]}, ["holds jacobian of one body: expected jacobian:BODY, or jacobian:BODY:"]),
-        ({"outputs": ["jacobian:link8:world"]}, ["no body 'link8'; did you mean 'link"]),
-        ({"outputs": ["jacobian:link7:wold"]}, ["no frame of jacobian 'wold'; did you mean 'world'?"]),
-        ({"outputs": ["momentum:link7"]}, ["momentum belongs to no body; these do: poses"]),
+        ({"outputs": ["jacobian:link8:world"]}, ["unknown body 'link8'; did you mean 'link"]),
+        ({"outputs": ["jacobian:link7:wold"]}, ["jacobian has no frame 'wold'; did you mean 'world'?"]),
+        ({"outputs": ["momentum:link7"]}, ["momentum takes no body; these do: poses"]),
         ({"outputs": ["poses:link7", "poses:link7"]}, ["expected one or more different NAME[:BODY[:FRAME]]"]),
         ({"outputs": ["twists:link7", "twists:link7:body"]}, ["expected one or more different NAME[:BODY"]),
         (
@@ -503,15 +509,15 @@ def test_refusals(options, words, tmp_path):
     ("robot", "words"),
     [
         (lambda: jounce.load("planar2r", m1=sympy.Symbol("double")), ["parameter 'double' is a reserved word of C99"]),
-        (lambda: jounce.load("planar2r", m1=sympy.Symbol("m 1")), ["parameter 'm 1' is no name in code"]),
-        (lambda: jounce.load("planar2r", m1=1 / sympy.Symbol("k")), ["the robot holds 1/k", "sums, products"]),
-        (lambda: jounce.load("planar2r", m1=sympy.I * SYMBOLS["m1"]), ["the robot holds I", "real numbers"]),
-        (lambda: jounce.load("planar2r", m1=sympy.zoo), ["code is generated from real numbers"]),
+        (lambda: jounce.load("planar2r", m1=sympy.Symbol("m 1")), ["parameter 'm 1' is not a valid identifier"]),
+        (lambda: jounce.load("planar2r", m1=1 / sympy.Symbol("k")), ["the robot contains 1/k", "sums, products"]),
+        (lambda: jounce.load("planar2r", m1=sympy.I * SYMBOLS["m1"]), ["the robot contains I", "real numbers"]),
+        (lambda: jounce.load("planar2r", m1=sympy.zoo), ["code generation supports real numbers"]),
         (
             lambda: jounce.load("planar2r", m1=SYMBOLS["m1"], m2=sympy.Symbol("m1", positive=True)),
-            ["the robot holds two symbols that are named m1"],
+            ["the robot contains two symbols named m1"],
         ),
-        (lambda: jounce.load("iiwa14").mechanism, ["for a Robot, not for a Mechanism"]),
+        (lambda: jounce.load("iiwa14").mechanism, ["codegen() expects a jounce.Robot, got Mechanism"]),
         (
             lambda: jounce.Robot.from_screws([np.eye(4)] * 200, [[0, 0, 1, 0, 0, 0]] * 200, [np.eye(6)] * 200),
             ["robot has 200 bodies; code of order 2 is generated for at most 166"],
@@ -527,7 +533,7 @@ def test_numbers_beyond_single_precision_are_refused(tmp_path):
     robot = jounce.load("planar2r", m1=1e39)
     assert jounce.codegen(robot, "c", directory=tmp_path / "double").operations
     call = partial(jounce.codegen, robot, "c", directory=tmp_path / "single", float32=True)
-    refusal(call, "the code would hold the number ", "e+39, which is none in single precision")
+    refusal(call, "the generated code would contain ", "e+39, which overflows float32")
     assert not (tmp_path / "single").exists()
 
 
@@ -570,9 +576,9 @@ def test_symbols_are_parameters_by_their_names_and_may_not_meet_others():
     robot = robot_of("symbols").mechanism
     assert list(parametric(robot, []).shapes) == sorted(SYMBOLS)
     one = jounce.load("planar2r", m1=sympy.Symbol("gravity")).mechanism
-    refusal(lambda: parametric(one, ["gravity"]), "parameter 'gravity' is asked for, and a symbol")
+    refusal(lambda: parametric(one, ["gravity"]), "parameter 'gravity' is also the name of a symbol")
     two = jounce.load("planar2r", m2=SYMBOLS["m2"]).mechanism
-    refusal(lambda: parametric(two, ["masses"]), "the mass of 'body2' is m2; 'masses' is for numbers")
+    refusal(lambda: parametric(two, ["masses"]), "the mass of 'body2' is m2; 'masses' applies to numbers")
 
 
 def test_symbols_that_parameters_replace_are_none_themselves():

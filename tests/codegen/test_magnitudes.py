@@ -12,7 +12,7 @@ from jounce.checks.magnitudes import magnitudes, scale
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.model.drives import Drives
-from jounce.robot.generic import computed
+from jounce.robot.generic import compute_by_method
 
 every = pytest.mark.parametrize("quantity", QUANTITIES.values(), ids=list(QUANTITIES))
 
@@ -29,7 +29,7 @@ def test_magnitudes_are_about_as_large_as_results(quantity, drawn):
     m, rng = drawn
     asked = Computation(quantity.name, 3, quantity.wrenches)
     q = states(rng, m, asked)
-    results = computed(asked, "recursion", m, q)
+    results = compute_by_method(asked, "recursion", m, q)
     sizes = magnitudes(m, asked, q)
     assert [size.shape for size in sizes] == [result.shape for result in results]
     for k, (size, result) in enumerate(zip(sizes, results, strict=True)):
@@ -43,7 +43,7 @@ def test_magnitudes_are_about_as_large_as_results(quantity, drawn):
 def test_every_quantity_has_magnitudes_of_its_shapes(quantity, keywords):
     m, asked = branched().mechanism, Computation(quantity.name, 2, quantity.wrenches, **keywords)
     q = states(np.random.default_rng(0), m, asked)
-    results = computed(asked, "recursion", m, q)
+    results = compute_by_method(asked, "recursion", m, q)
     for size, result in zip(magnitudes(m, asked, q), results, strict=True):
         assert size.shape == result.shape
         assert 0.1 * np.abs(result).max() <= size.max() or not result.any()

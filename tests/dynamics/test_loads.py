@@ -192,8 +192,8 @@ def test_a_point_without_a_force_is_warned_of():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"body": "link8"}, "no body 'link8'; did you mean 'link7'"),
-        ({"frame": "spatial"}, "no frame of a load 'spatial'; there are: world, body"),
+        ({"body": "link8"}, "unknown body 'link8'; did you mean 'link7'"),
+        ({"frame": "spatial"}, "unknown frame of a load 'spatial'; available: world, body"),
         ({"force": (0, 0)}, r"force has shape \(2,\); expected \(\.\.\., 3\)"),
         ({"force": ([0, 0, 1],) * 3}, "force gives 3 terms; order 1 takes it and its rates, 2 terms"),
         ({"torque": 1.0}, r"torque has shape \(\); expected"),

@@ -251,7 +251,7 @@ def test_data_of_a_robot_are_concrete():
     mechanism = golden("planar2r")[0]
     given = {name: jnp.asarray(getattr(mechanism, name)) for name in ("B", "X", "M", "gravity")}
     assert isinstance(jounce.Robot.from_screws(**given).mechanism.M, np.ndarray)
-    with pytest.raises(JounceError, match=r"M is not concrete: .*; states may be traced, data not"):
+    with pytest.raises(JounceError, match=r"M is not concrete: .*; a state may be traced, the robot's data may not"):
         jax.jit(lambda M: jounce.Robot.from_screws(**given | {"M": M}).mass_matrix([0.0, 0.0]))(given["M"])
     with pytest.raises(JounceError, match=r"B\[0\] is not a pose"):
         jounce.Robot.from_screws(**given | {"B": 2 * given["B"]})

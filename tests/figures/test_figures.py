@@ -289,14 +289,16 @@ def test_panels_of_a_table(tmp_path):
     ]  # fmt: skip
     [only] = run_of(columns, "f.csv", ["b"], ["Qd"]).panels
     assert list(only.curves) == ["b"]
-    refusal(lambda: run_of({"time": T, "a.Q": T}, "f.csv"), "f.csv: no column 't'; there are: time")
+    refusal(lambda: run_of({"time": T, "a.Q": T}, "f.csv"), "f.csv: no column 't'; available: time")
     log = {"time": T, "a": T}
-    refusal(lambda: run_of(log, "f.csv"), "no columns NAME.Q", "it has: time, a", "`jounce motion ROBOT f.csv -o OUT`")
-    refusal(lambda: run_of(columns, "f.csv", ["c"]), "f.csv: no joint 'c'", "there are: a, b")
+    refusal(
+        lambda: run_of(log, "f.csv"), "no columns NAME.Q", "available: time, a", "`jounce motion ROBOT f.csv -o OUT`"
+    )
+    refusal(lambda: run_of(columns, "f.csv", ["c"]), "f.csv: unknown joint 'c'", "available: a, b")
     ragged = {"t": T, "a.Q": T, "b.Qd": T}
     refusal(lambda: run_of(ragged, "f.csv", ["a"], ["Qd"]), "f.csv: none of a has a column of Qd")
     refusal(lambda: run_of(ragged | {"a.Q": 1e307 * T}, "f.csv"), "f.csv: column 'a.Q' holds 2e+307", "1e+300")
-    refusal(lambda: run_of(columns, "f.csv", [], ["Q3d"]), "no quantity 'Q3d'; did you mean", "Q, Qd, Q2d")
+    refusal(lambda: run_of(columns, "f.csv", [], ["Q3d"]), "unknown quantity 'Q3d'; did you mean", "Q, Qd, Q2d")
 
 
 def test_some_rows_of_a_table():
@@ -361,7 +363,9 @@ def test_a_robot_tells_order_units_and_limits_of_its_joints():
     assert levels
     assert levels <= {*mechanism.limits.lower, *mechanism.limits.upper}
     foreign = columns | {"wheel.Q": T}
-    refusal(lambda: run_of(foreign, "f.csv", mechanism=mechanism), "f.csv: no joint of panda 'wheel'", "panda_joint1")
+    refusal(
+        lambda: run_of(foreign, "f.csv", mechanism=mechanism), "f.csv: unknown joint of panda 'wheel'", "panda_joint1"
+    )
 
 
 def test_limits_are_drawn_where_curves_come_near_or_exceed_them():

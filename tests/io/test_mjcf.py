@@ -164,7 +164,7 @@ def test_robots_of_other_libraries_agree_with_mujoco(name):
 def odd():
     """The arm, whose head's ball joint is welded, and its model."""
     model = model_of(ARM)
-    with pytest.warns(jounce.JounceWarning, match=r"^model 'odd': welded at zero.*joint4 \(spherical\)$"):
+    with pytest.warns(jounce.JounceWarning, match=r"^model 'odd': base='fixed' welds at zero: .*joint4 \(spherical\)$"):
         return model, jounce.Robot.from_mujoco(model, base="fixed")
 
 
@@ -285,7 +285,9 @@ def test_what_no_tree_of_rigid_bodies_has_is_said_in_one_warning(more):
     model = model_of(small(THREE, f"<equality>{more}</equality>" if constraint else more))
     with pytest.warns(jounce.JounceWarning) as said:
         assert jounce.Robot.from_mujoco(model).n == n
-    assert [str(one.message) for one in said] == [f"model 'm': left out, as no part of a tree of rigid bodies: {words}"]
+    assert [str(one.message) for one in said] == [
+        f"model 'm': ignored, since not part of a tree of rigid bodies: {words}"
+    ]
 
 
 @pytest.mark.parametrize(
@@ -379,15 +381,15 @@ def test_what_mujoco_warns_of_is_passed_on_and_leaves_no_log(tmp_path):
 
 
 BAD = {  # what a file holds, and what is said of it
-    "<mujoco><worldbody><body>": ["robot.xml: refused by MuJoCo: XML parse error"],
-    small(hinge(axle="1 0 0")): ["robot.xml: refused by MuJoCo:", "unrecognized attribute: 'axle'", "line 1"],
-    small("<body name='a'><joint/></body>"): ["refused by MuJoCo:", "mass and inertia of moving bodies", "'a'"],
-    small(hinge(), "<include file='gone.xml'/>"): ["refused by MuJoCo:", "gone.xml"],
+    "<mujoco><worldbody><body>": ["robot.xml: MuJoCo rejects the file: XML parse error"],
+    small(hinge(axle="1 0 0")): ["robot.xml: MuJoCo rejects the file:", "unrecognized attribute: 'axle'", "line 1"],
+    small("<body name='a'><joint/></body>"): ["MuJoCo rejects the file:", "mass and inertia of moving bodies", "'a'"],
+    small(hinge(), "<include file='gone.xml'/>"): ["MuJoCo rejects the file:", "gone.xml"],
     small(hinge().replace("<body", "<body pos='0 0 nan'")): ["robot.xml: body_pos of body 'a' is [0.0, 0.0, nan]"],
     small(hinge(damping="-1")): ["robot.xml: joint 'a_turn': damping is -1; expected 0 or more"],
     small(hinge(ref="nan")): ["robot.xml: ", "nan; expected"],
     small(hinge(), option="gravity='0 0 nan'"): ["robot.xml: gravity", "nan; expected finite numbers"],
-    small("<geom size='.1'/>"): ["robot.xml: no joint; expected at least one that moves"],
+    small("<geom size='.1'/>"): ["robot.xml: no joint; expected at least one movable joint"],
     small(hinge().replace("<joint name='a_turn' />", "<joint type='ball'/>")): ["joint 'joint1' is spherical"],
     small(hinge().replace("<joint name='a_turn' />", "<freejoint/>")): ["joint 'joint1' is floating"],
     "<sdf/>": ["robot.xml: the root element is <sdf>; MJCF has <mujoco>, a URDF <robot>"],
@@ -420,7 +422,9 @@ def test_without_mujoco_the_command_that_installs_it_is_named(tmp_path, monkeypa
 
 @pytest.mark.parametrize("given", [7, "robot.xml", mujoco.MjSpec()], ids=lambda given: type(given).__name__)
 def test_what_is_no_model_is_refused(given):
-    refusal(lambda: jounce.Robot.from_mujoco(given), "is a mujoco.MjModel, not a", type(given).__name__)
+    refusal(
+        lambda: jounce.Robot.from_mujoco(given), "from_mujoco() expects a mujoco.MjModel, got", type(given).__name__
+    )
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,7 @@ INERTIA = "{mass: 2, com: [0, 0, 0.1], inertia: [0.02, 0, 0, 0.02, 0, 0.01]}"
 M = "[[1, 5, 0, 0, 0, 0], [0, 1, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, 0, 0, 0, 1]]"  # noqa: E501
 
 CHANGED = {  # what is replaced, by what, the line of the refusal, its words
-    "unknown key": ("gravity:", "gravty:", 3, ["no key in the robot 'gravty'; did you mean 'gravity'"]),
+    "unknown key": ("gravity:", "gravty:", 3, ["the robot has no key 'gravty'; did you mean 'gravity'"]),
     "unknown key of a body": ("    parent: upper", "    parnt: upper", 15, ["entry 2", "did you mean 'parent'"]),
     "unknown key of a pose": ("rpy: [0", "ryp: [0", 7, ["pose of body 'upper'", "did you mean 'rpy'"]),
     "unknown key of a joint": ("axis: [0,", "axes: [0,", 11, ["joint 'shoulder'", "did you mean 'axis'"]),
@@ -46,7 +46,7 @@ CHANGED = {  # what is replaced, by what, the line of the refusal, its words
     "unknown key of a frame": ("body: lower", "bdy: lower", 20, ["entry 1 of frames", "did you mean 'body'"]),
     "key of another joint type": ("axis: [0, 0, 1]", "axis: [0, 0, 1]\n      pitch: 1", 12, ["'pitch'", "point"]),
     "no units": ("units: SI\n", "", 1, ["the robot has no 'units'"]),
-    "no bodies": (GOOD[GOOD.index("bodies") : GOOD.index("\ncoord") + 1], "", 1, ["no key that tells its format, 'bodies'", "are: name"]),  # noqa: E501
+    "no bodies": (GOOD[GOOD.index("bodies") : GOOD.index("\ncoord") + 1], "", 1, ["no key that identifies its format, 'bodies'", "keys: name"]),  # noqa: E501
     "no body name": ("- name: lower\n    parent", "- parent", 14, ["entry 2 of bodies", "no 'name'"]),
     "no parent": ("    parent: ground\n", "", 5, ["entry 1 of bodies", "no 'parent'"]),
     "no joint": (GOOD[GOOD.index("    joint: {") : GOOD.index("coordinates: [")], "", 14, ["entry 2", "no 'joint'"]),
@@ -91,21 +91,21 @@ CHANGED = {  # what is replaced, by what, the line of the refusal, its words
     "matrix of another form": (INERTIA, f"{{matrix: {M}}}", 13, ["inertia of body 'upper'", "not symmetric"]),
     "moments not symmetric": ("[0.02, 0, 0, 0.02, 0, 0.01]", "[[1, 5, 0], [0, 1, 0], [0, 0, 1]]", 13, ["not symmetric"]),  # noqa: E501
     "zero axis": ("axis: [0, 0, 1]", "axis: [0, 0, -0.0]", 11, ["axis of joint 'shoulder'", "expected a direction"]),
-    "joint type": ("type: revolute", "type: revolut", 10, ["no joint type 'revolut'; did you mean 'revolute'"]),
+    "joint type": ("type: revolute", "type: revolut", 10, ["unknown joint type 'revolut'; did you mean 'revolute'"]),
     "joint type as a list": ("type: revolute", "type: [revolute]", 10, ["expected a text"]),
     "limits crossed": ("lower: -1", "lower: 2", 12, ["joint 'shoulder'", "2 and 1; expected lower <= upper"]),
     "negative effort": ("effort: 3", "effort: -3", 12, ["'shoulder'", "effort is -3"]),
-    "unknown parent": ("parent: upper", "parent: uper", 15, ["parent of body 'lower': no body 'uper'", "did you mean 'upper'", "ground"]),  # noqa: E501
+    "unknown parent": ("parent: upper", "parent: uper", 15, ["parent of body 'lower': unknown body 'uper'", "did you mean 'upper'", "ground"]),  # noqa: E501
     "parent after child": ("parent: ground", "parent: lower", 6, ["parent of body 'upper' is 'lower'", "above"]),
     "its own parent": ("parent: upper", "parent: lower", 15, ["the ground or a body above"]),
     "parent as a number": ("parent: ground", "parent: -1", 6, ["is -1; expected a text"]),
-    "unknown body": ("body: lower", "body: lowr", 20, ["body of frame 'tool': no body 'lowr'", "did you mean 'lower'"]),
+    "unknown body": ("body: lower", "body: lowr", 20, ["body of frame 'tool': unknown body 'lowr'", "mean 'lower'"]),
     "body named twice": ("name: lower", "name: upper", 14, ["second body 'upper'", "arm.yaml:5"]),
     "joint named twice": ("name: elbow", "name: shoulder", 17, ["second joint 'shoulder'", "arm.yaml:9"]),
     "frame named as a body": ("name: tool", "name: upper", 20, ["second frame 'upper'", "arm.yaml:5"]),
     "body named ground": ("name: lower", "name: ground", 14, ["'ground'; expected another name"]),
     "unknown coordinate": ("{shoulder: 2}", "{shouldr: 2}", 17, ["'shouldr'", "did you mean 'shoulder'", "'elbow'"]),
-    "coordinate left out": ("coordinates: [shoulder]", "coordinates: [x]", 18, ["leave out joint 'shoulder'"]),
+    "coordinate left out": ("coordinates: [shoulder]", "coordinates: [x]", 18, ["omit joint 'shoulder'"]),
     "coordinate that moves nothing": ("[shoulder]", "[shoulder, x]", 18, ["a joint that moves with 'x'"]),
     "coordinate twice": ("[shoulder]", "[shoulder, shoulder]", 18, ["different names"]),
     "no coordinates": ("[shoulder]", "[]", 18, ["empty", "at least 1"]),
@@ -164,12 +164,12 @@ FILES = {
     "a URDF": (b"<robot name='r'/>", ["expected keys and values"]),
     "a motion": (
         b"time: {stop: 1, count: 5}\njoints: {}",
-        ["arm.yaml:1", "'bodies' (", "'dh' (", "its keys are: time, joints"],
+        ["arm.yaml:1", "'bodies' (", "'dh' (", "its keys: time, joints"],
     ),
     "cycle": (b"units: SI\nbodies: &a [*a]", ["entry 1 of bodies", "expected keys and values"]),
     "ordered map": (b"!!omap [units: SI, bodies: 1]", ["expected a list"]),
     "set": (b"!!set {units, bodies}", ["expected keys and values"]),
-    "key of its own": (b"? [1, 2]\n: 3", ["its keys are: (1, 2)"]),
+    "key of its own": (b"? [1, 2]\n: 3", ["its keys: (1, 2)"]),
 }
 
 
@@ -183,7 +183,7 @@ JSON = {
     "empty": (b"", ["not JSON"]),
     "YAML": (GOOD.encode(), ["arm.json:1: not JSON"]),
     "comma": (b'{"units": "SI",\n}', ["arm.json:2: not JSON"]),
-    "repeated key": (b'{"units": "SI", "units": "SI"}', ["not JSON", "'units' stands twice"]),
+    "repeated key": (b'{"units": "SI", "units": "SI"}', ["not JSON", "'units' occurs twice"]),
     "NaN": (b'{"units": "SI", "gravity": [0, 0, NaN], "bodies": []}', ["entry 3 of gravity", "nan"]),
     "Infinity": (b'{"units": "SI", "gravity": [0, 0, -Infinity], "bodies": []}', ["-inf; expected a finite number"]),
     "brackets": (b"[" * 99999, ["not JSON"]),

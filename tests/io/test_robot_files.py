@@ -227,7 +227,9 @@ def test_a_robot_of_symbols_is_not_written(tmp_path):
     L = sympy.Symbol("L")
     path = tmp_path / "arm.yaml"
     refusal(
-        lambda: jounce.save(jounce.load("planar2r", L1=L), path), "'planar2r' holds symbols in", "a file holds numb"
+        lambda: jounce.save(jounce.load("planar2r", L1=L), path),
+        "'planar2r' contains symbols in",
+        "a robot file needs num",
     )
     assert list(tmp_path.iterdir()) == []
 
@@ -235,9 +237,9 @@ def test_a_robot_of_symbols_is_not_written(tmp_path):
 def test_what_no_file_can_say_is_refused(tmp_path):
     one = {"B": [np.eye(4)], "X": [[0, 0, 1, 0, 0, 0]], "M": [np.eye(6)]}
     path = tmp_path / "arm.json"
-    refusal(lambda: jounce.save(jounce.Robot.from_screws(**one, names=["ground"]), path), "'ground'", "another name")
+    refusal(lambda: jounce.save(jounce.Robot.from_screws(**one, names=["ground"]), path), "'ground'", "rename the body")
     refusal(lambda: jounce.save(jounce.Robot.from_screws(**one, names=["\ud800"]), path), "arm.json", "name")
-    refusal(lambda: jounce.save("iiwa14", path), "not a str")
+    refusal(lambda: jounce.save("iiwa14", path), "save() expects a jounce.Robot, got str")
     long = jounce.Robot.from_screws(**one, g=np.array([1], dtype=np.longdouble) / 3)
     refusal(lambda: jounce.save(long, path), "g of robot", "doubles")
     assert list(tmp_path.iterdir()) == []
@@ -248,7 +250,7 @@ SAVES = {
     "arm": ["arm: ", ".yaml, .yml, .json"],
     "no/arm.yaml": ["no folder"],
     "folder.json": ["not a file"],
-    3: ["of type int"],
+    3: ["save() expects a path, got int"],
 }
 
 
@@ -296,8 +298,8 @@ REFUSED = {
     "folder not writable": (("convert", "iiwa14", "-o", "shut/arm.yaml"), ["shut/arm.yaml", "not writable"]),
     "other type": (("convert", "iiwa14", "-o", "arm.urdf"), ["'.urdf'", ".yaml, .yml, .json"]),
     "no type": (("convert", "iiwa14", "-o", "arm"), ["arm: ", ".yaml, .yml, .json"]),
-    "itself": (("convert", "arm.yaml", "-o", "./arm.yaml"), ["is the robot itself"]),
-    "itself by a link": (("convert", "arm.yaml", "-o", "link.yaml"), ["is the robot itself"]),
+    "itself": (("convert", "arm.yaml", "-o", "./arm.yaml"), ["the output file is the input file"]),
+    "itself by a link": (("convert", "arm.yaml", "-o", "link.yaml"), ["the output file is the input file"]),
     "robot missing": (("convert", "no.urdf", "-o", "out.yaml"), ["no.urdf: no such file"]),
     "robot broken": (("convert", "bad.yaml", "-o", "out.yaml"), ["bad.yaml:2", "did you mean 'bodies'"]),
 }

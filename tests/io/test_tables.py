@@ -148,13 +148,13 @@ def test_tables_take_no_more_than_three_times_their_size_in_memory(tmp_path, suf
 
 def test_half_a_character_in_a_column_name_is_refused(tmp_path):
     for suffix in (".csv", ".npz"):
-        refusal(lambda suffix=suffix: tables.write(tmp_path / f"t{suffix}", {"\ud800": ZEROS}), "cannot be written")
+        refusal(lambda suffix=suffix: tables.write(tmp_path / f"t{suffix}", {"\ud800": ZEROS}), "cannot write a name")
     assert list(tmp_path.iterdir()) == []
 
 
 BAD_CSV = {
-    "empty": ("", ["nothing in it", "column names"]),
-    "blank": ("\n , \n", ["nothing in it"]),
+    "empty": ("", ["the table is empty", "column names"]),
+    "blank": ("\n , \n", ["the table is empty"]),
     "header only": ("t,a\n", ["no rows"]),
     "column twice": ("t,a,b,a\n1,2,3,4\n", ["'a'", "2 times"]),
     "short row": ("t,a\n1,2\n\n3\n", [":4", "1 cells", "expected 2"]),
@@ -181,8 +181,8 @@ BAD_NPZ = {
     "single array": (npy(ZEROS), ["NPZ", "not a zip file"]),
     "pickle": (npy(np.array([None])), []),
     "broken zip": (b"PK\x03\x04" + bytes(99), ["NPZ", "zip"]),
-    "no columns": (npz(), ["nothing in it"]),
-    "no rows": (npz(t=np.zeros(0)), ["nothing in it"]),
+    "no columns": (npz(), ["no columns or no rows"]),
+    "no rows": (npz(t=np.zeros(0)), ["no columns or no rows"]),
     "objects": (npz(t=ZEROS, a=np.array([1, None, "x"])), ["'a'", "object"]),
     "2-D": (npz(t=ZEROS, a=np.zeros((3, 2))), ["'a'", "(3, 2)", "(3,)"]),
     "0-D": (npz(t=1.0), ["'t'", "()", "(N,)"]),

@@ -184,19 +184,19 @@ TABLES = {
     "not finite": ([ROW, [0, np.nan, 0, 0]], {}, ["table[1] is [0.0, nan, 0.0, 0.0]", "finite"]),
     "text in a row": ([[0, "pi/2", 0, 0]], {}, ["table[0] holds text"]),
     "key left out": ([{"a": 0, "alpha": 0, "theta": 0}], {}, ["table[0] has no 'd'", "a, alpha, d, theta"]),
-    "key misspelt": ([NAMED | {"alhpa": 0}], {}, ["no key in table[0] 'alhpa'; did you mean 'alpha'"]),
+    "key misspelt": ([NAMED | {"alhpa": 0}], {}, ["table[0] has no key 'alhpa'; did you mean 'alpha'"]),
     "type misspelt": ([NAMED | {"type": "prismatc"}], {}, ["table[0]", "'prismatc'; did you mean 'prismatic'"]),
     "types misspelt": ([ROW], {"types": ["R"]}, ["joint of table[0]", "'R'", "revolute, prismatic"]),
     "types too few": ([ROW, ROW], {"types": ["revolute"]}, ["types is ['revolute']", "2 of revolute, prismatic"]),
     "types as a text": ([ROW], {"types": "R"}, ["types is 'R'"]),
-    "types twice": ([NAMED], {"types": ["revolute"]}, ["rows of names hold their 'type' themselves"]),
+    "types twice": ([NAMED], {"types": ["revolute"]}, ["rows of names have their own 'type'"]),
     "convention misspelt": ([ROW], {"convention": "standart"}, ["'standart'; did you mean 'standard'", "modified"]),
     "convention as a number": ([ROW], {"convention": 1}, ["convention 1;"]),
     "inertias too few": ([ROW, ROW], {"M": [M1]}, ["M has shape (1, 6, 6); expected (2, 6, 6)"]),
     "base of no pose": ([ROW], {"base": np.eye(3)}, ["base has shape (3, 3); expected a pose (4, 4)"]),
     "base that stretches": ([ROW], {"base": 2 * np.eye(4)}, ["base is not a pose"]),
     "tool that reflects": ([ROW], {"tool": np.diag([-1, 1, 1, 1])}, ["tool is not a pose", "det R = -1"]),
-    "tool twice": ([ROW], {"tool": np.eye(4), "names": ["tool"]}, ["a body is called 'tool'"]),
+    "tool twice": ([ROW], {"tool": np.eye(4), "names": ["tool"]}, ["a body is named 'tool'"]),
 }
 
 

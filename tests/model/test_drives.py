@@ -290,11 +290,11 @@ def test_drives_are_copied_and_frozen():
 @pytest.mark.parametrize(
     ("drives", "words"),
     [
-        ({"armatur": [0]}, ["no drive 'armatur'; did you mean 'armature'"]),
+        ({"armatur": [0]}, ["unknown drive 'armatur'; did you mean 'armature'"]),
         ({"damping": [0, 0]}, ["damping has shape (2,); expected numbers (1,)"]),
         ({"damping": [-1]}, ["joint 0", "damping is -1; expected 0 or more"]),
         ({"rest": [np.inf]}, ["rest is inf; expected a finite number"]),
-        ({"eps": [0]}, ["eps is 0; expected a speed above 0"]),
+        ({"eps": [0]}, ["eps is 0; expected a smoothing velocity of friction above 0"]),
         ([1, 2], ["drives is of type list; expected a mapping of armature"]),
     ],
 )
@@ -304,12 +304,14 @@ def test_refuses_wrong_drives(drives, words):
 
 @pytest.mark.parametrize("terms", ["frction", ["armature", 3], 5, None])
 def test_refuses_unknown_terms(terms):
-    refusal(lambda: jounce.load("iiwa14").with_drives(terms), "no drive term", "armature, damping, friction, spring")
+    refusal(
+        lambda: jounce.load("iiwa14").with_drives(terms), "unknown drive term", "armature, damping, friction, spring"
+    )
 
 
 @pytest.mark.parametrize("eps", [0, -1.0, np.nan, np.inf, "fast", True])
 def test_refuses_a_speed_that_is_none(eps):
-    refusal(lambda: jounce.load("iiwa14").with_drives(eps=eps), "expected a speed above 0")
+    refusal(lambda: jounce.load("iiwa14").with_drives(eps=eps), "expected a smoothing velocity of friction above 0")
 
 
 @pytest.mark.parametrize("stated", ["damping='-1'", "friction='nan'", "damping='much'"])

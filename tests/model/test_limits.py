@@ -14,16 +14,18 @@ from robots import mechanisms, random_inertia, random_rotation, random_screw
 import jounce
 from jounce.cli import main
 from jounce.model import equivalent
+from jounce.model.coordinates import coordinate_limits, following_efforts
+from jounce.model.limits import KEYS
 from jounce.model.mechanism import with_exact_integers, with_extended_precision
 from jounce.model.screws import ROUNDING, exact_inertia, exact_pose, exact_screw
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
 ONE = {"B": [np.eye(4)], "X": [[0, 0, 1, 0, 0, 0]], "M": [np.eye(6)]}
-FREE = {"lower": -np.inf, "upper": np.inf, "velocity": np.inf, "effort": np.inf}
+FREE = {"lower": -np.inf} | dict.fromkeys(KEYS[1:], np.inf)
 
 
 def stated(robot):
-    return {key: array.tolist() for key, array in vars(robot.limits).items()}
+    return {key: getattr(robot.limits, key).tolist() for key in KEYS}
 
 
 def of_one(limits):
@@ -49,7 +51,7 @@ def test_limits_of_one_robot_may_be_given_to_another_and_are_copied_and_frozen()
 @pytest.mark.parametrize(
     ("limits", "words"),
     [
-        ({"lowr": [0]}, ["no limit 'lowr'; did you mean 'lower'", "lower, upper, velocity, effort"]),
+        ({"lowr": [0]}, ["unknown limit 'lowr'; did you mean 'lower'", "lower, upper, velocity, acceleration"]),
         ({"lower": [0, 0]}, ["lower has shape (2,); expected numbers (1,)"]),
         ({"upper": 1.0}, ["upper has shape ()"]),
         ({"upper": ["a"]}, ["upper holds text"]),
@@ -92,13 +94,14 @@ def test_passes_keep_limits(drawn):
         ("revolute", 'lower="-2" effort="1e3"', (-2, 0, np.inf, 1e3)),
         ("revolute", "", (0, 0, np.inf, np.inf)),
         ("continuous", 'lower="1" upper="-1" velocity="3"', (-np.inf, np.inf, 3, np.inf)),
-        ("prismatic", None, tuple(FREE.values())),
+        ("prismatic", None, (-np.inf, *[np.inf] * 3)),
     ],
 )
 def test_urdf_limits(tmp_path, kind, attributes, expected):
     inner = "" if attributes is None else f"<limit {attributes}/>"
     robot = jounce.load(robot_file(tmp_path, *LINKS, joint("turn", "base", "arm", kind, inner=inner)))
-    assert stated(robot) == {key: [x] for key, x in zip(FREE, expected, strict=True)}
+    given = dict(zip(("lower", "upper", "velocity", "effort"), expected, strict=True))
+    assert stated(robot) == {key: [x] for key, x in (FREE | given).items()}
 
 
 @pytest.mark.parametrize(
@@ -135,7 +138,8 @@ def test_info_shows_limits(tmp_path):
     assert "panda_joint1         -2.8973 .. 2.8973 rad   2.175 rad/s  87 N m" in words
     assert "panda_finger_joint2  0 .. 0.04 m             0.2 m/s      100 N" in words
     first = json.loads(shown(PANDA, "--json"))["bodies"][0]
-    assert first["limits"] == {"lower": -2.8973, "upper": 2.8973, "velocity": 2.175, "effort": 87}
+    given = {"lower": -2.8973, "upper": 2.8973, "velocity": 2.175, "effort": 87}
+    assert first["limits"] == dict.fromkeys(KEYS) | given
     turn = joint("turn", "base", "arm", "continuous", inner='<limit velocity="2"/>')
     path = robot_file(tmp_path, *LINKS, turn)
     assert ["turn", "-", "2", "rad/s", "-"] in [line.split() for line in shown(path).splitlines()]
@@ -175,3 +179,83 @@ def test_no_data_are_negative_zeros():
 
 def test_a_coordinate_that_moves_nothing_is_refused():
     refusal(lambda: jounce.Robot.from_screws(**ONE, G=[[1, 0]]), "G[:, 1] is zero")
+
+
+def test_limits_are_replaced_by_number_array_or_joint():
+    robot = jounce.load(PANDA)
+    changed = robot.with_limits(
+        effort_rate=1000, velocity=[[-1, 1]] * 7 + [[-0.1, 0.2]], lower={"panda_joint1": -1},
+        effort={"panda_joint2": (-50, 60), "panda_finger_joint2": np.inf}, power={"panda_joint7": 3},
+        of={"effort_rate": "Q - Qgrav"},
+    )  # fmt: skip
+    limits = changed.limits
+    assert limits.effort_rate.tolist() == [1000.0] * 8 + [np.inf]  # of the coordinates; the second finger follows
+    assert limits.bounds("velocity")[:, 7].tolist() == [-0.1, 0.2]
+    assert limits.bounds("effort")[:, [1, 8]].tolist() == [[-50, -np.inf], [60, np.inf]]
+    assert (limits.lower[0], limits.upper[0], limits.power[6]) == (-1, 2.8973, 3)
+    assert [limits.of(kind) for kind in ("effort", "effort_rate", "second_effort_rate")] == ["Q", "Q - Qgrav", "Q"]
+    assert changed != robot
+    assert robot.limits.effort_rate.tolist() == [np.inf] * 9
+    assert changed.with_limits(effort_rate=2000).limits.of("effort_rate") == "Q"
+    assert changed.with_limits(velocity=3).limits.of("effort_rate") == "Q - Qgrav"
+
+
+def test_limits_of_coordinates():
+    """A follower bounds the motion of its leader through its own offset and factor; its effort bounds nothing."""
+    robot = jounce.Robot.from_screws(
+        [np.eye(4)] * 2, [[0, 0, 1, 0, 0, 0]] * 2, [np.eye(6)] * 2, G=[[1], [-2]], g=[0, 1], joint_names=["joint1"],
+        limits={"lower": [-3, -1], "upper": [3, 5], "velocity": [1, 3], "effort": [[-1, 2], [-0.1, 0.1]]},
+    )  # fmt: skip
+    found = coordinate_limits(robot.mechanism)
+    assert found.bounds("position")[:, 0].tolist() == [-2, 1]
+    assert found.bounds("velocity")[:, 0].tolist() == [-1, 1]
+    assert found.bounds("effort")[:, 0].tolist() == [-1, 2]
+    assert following_efforts(robot.mechanism) == ["joint2"]
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"effort": {"panda_joint9": 1}}, ["unknown joint 'panda_joint9'", "did you mean"]),
+        ({"effort": -1}, ["joint 'panda_joint1'", "limit of effort is -1; expected 0 or more"]),
+        ({"velocity": {"panda_joint2": (1, 2)}}, ["limits of velocity are 1 and 2; expected lower <= 0 <= upper"]),
+        ({"lower": {"panda_joint1": 3}}, ["'panda_joint1'", "3 and 2.8973; expected lower <= upper"]),
+        ({"upper": {"panda_joint1": (1, 2)}}, ["upper of joint 'panda_joint1' is (1, 2); expected a number"]),
+        ({"jerk": [1, 2]}, ["jerk has shape (2,); expected one number, (8,)", "(8, 2)"]),
+        ({"jerk": np.nan}, ["limit of jerk is nan"]),
+        ({"effort": 1, "of": "gravity"}, ["unknown force of a limit 'gravity'", "Q, Q - Qgrav"]),
+        ({"of": {"velocity": "Q"}}, ["unknown effort limit 'velocity'"]),
+        ({"velocity": 1, "of": "Q"}, ["of='Q' says which force", "effort_rate"]),
+    ],
+)
+def test_bad_limits_of_with_limits_are_refused(given, words):
+    refusal(lambda: jounce.load(PANDA).with_limits(**given), *words)
+
+
+@pytest.mark.parametrize("suffix", ["yaml", "json"])
+def test_limits_of_all_kinds_come_back_from_a_file(tmp_path, suffix):
+    robot = jounce.load("planar2r").with_limits(
+        lower={"joint1": -1}, upper=[1, 2], velocity=[[-1, 0.3], [-np.inf, 2]], acceleration=0.1, jerk=1e3, snap=3,
+        effort=[[-1, 2], [-3, 3]], effort_rate=1000, second_effort_rate=1e7, power={"joint2": 5},
+        of={"effort_rate": "Q - Qgrav"},
+    )  # fmt: skip
+    path = tmp_path / f"arm.{suffix}"
+    jounce.save(robot, path)
+    assert jounce.load(path) == robot
+    assert jounce.load(path).limits.of("effort_rate") == "Q - Qgrav"
+
+
+@pytest.mark.parametrize(
+    ("actuators", "expected"),
+    [
+        ("<motor joint='j' gear='2' forcerange='-10 20'/>", [-20, 40]),
+        ("<motor joint='j' gear='-2' forcerange='-10 20'/><motor joint='j' forcerange='-1 1'/>", [-41, 21]),
+        ("<motor joint='j' forcerange='-10 20'/><motor joint='j'/>", [-np.inf, np.inf]),
+        ("", [-np.inf, np.inf]),
+    ],
+)
+def test_forces_of_actuators_bound_the_effort(tmp_path, actuators, expected):
+    body = "<body name='b'><joint name='j'/><geom size='1'/></body>"
+    path = tmp_path / "arm.xml"
+    path.write_text(f"<mujoco><worldbody>{body}</worldbody><actuator>{actuators}</actuator></mujoco>")
+    assert jounce.load(path).limits.bounds("effort")[:, 0].tolist() == expected

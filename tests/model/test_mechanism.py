@@ -173,7 +173,7 @@ def test_steiner_and_the_rotation_of_the_com_frame():
         ((1.0, [0, 0], np.eye(3)), r"com has shape \(2,\); expected \(\.\.\., 3\)"),
         ((1.0, [0, 0, 0], np.ones(6)), r"inertia_com has shape \(6,\); expected \(\.\.\., 3, 3\)"),
         ((1.0, [0, 0, 0], np.eye(3), np.eye(4)), r"rotation has shape \(4, 4\)"),
-        ((1.0, [0, 0, 0], np.eye(3), 2 * np.eye(3)), "rotation is not one"),
+        ((1.0, [0, 0, 0], np.eye(3), 2 * np.eye(3)), r"rotation is not a rotation matrix: max abs\(R\^T R - I\) = 3$"),
         (([1.0, 2.0], np.zeros((3, 3)), np.eye(3)), r"batch axes do not fit together: mass \(2,\), com \(3,\)"),
     ],
 )

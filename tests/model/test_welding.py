@@ -74,7 +74,7 @@ def test_load_locks_joints_of_a_file_and_links_stay_findable(tmp_path):
 @pytest.mark.parametrize(
     ("lock", "words"),
     [
-        ({"join1": 0}, ["no joint to lock 'join1'; did you mean 'joint1'"]),
+        ({"join1": 0}, ["unknown joint to lock 'join1'; did you mean 'joint1'"]),
         ({"joint1": np.nan}, ["joint 'joint1' is locked at nan; expected a finite number"]),
         (["joint1"], ["joints to lock are of type list; expected a mapping of names and values"]),
         ({"joint1": "0"}, ["locked at '0'"]),

@@ -134,7 +134,7 @@ def test_mimic_joints_are_folded(tmp_path, multiplier):
 def test_a_free_root_is_refused_welded_or_left_behind(kind):
     model = model_of([FREE[kind](), pinocchio.JointModelRX(), pinocchio.JointModelRY()], [0, 1, 2])
     refusal(lambda: jounce.Robot.from_pinocchio(model), "model 'made'", "'j1'", kind, "base='fixed'", "root=")
-    with pytest.warns(jounce.JounceWarning, match=rf"welded.*j1 \({kind}\)") as caught:
+    with pytest.warns(jounce.JounceWarning, match=rf"welds.*j1 \({kind}\)") as caught:
         robot = jounce.Robot.from_pinocchio(model, base="fixed")
     assert caught[0].filename == __file__
     assert robot.joint_names == ("j2", "j3")
@@ -208,7 +208,7 @@ BAD = {
     "mass that is none": (heavy, ["inertia of link 'j1' holds nan", "finite"]),
     "damping that is none": (damped, ["joint 'j2': damping is nan"]),
     "limit that is none": (bounded, ["joint 'j2': lower and upper limit are nan"]),
-    "two of one name": (lambda model: model.names.__setitem__(2, "j1"), ["second", "'j1'"]),
+    "two of one name": (lambda model: model.names.__setitem__(2, "j1"), ["duplicate", "'j1'"]),
 }
 
 
@@ -219,7 +219,7 @@ def test_refuses(change, words):
 
 @pytest.mark.parametrize("model", [None, "panda.urdf", pinocchio.Model().createData(), pinocchio.Model])
 def test_refuses_what_is_no_model(model):
-    refusal(lambda: jounce.Robot.from_pinocchio(model), "expected a pinocchio.Model", type(model).__name__)
+    refusal(lambda: jounce.Robot.from_pinocchio(model), "expects a pinocchio.Model", type(model).__name__)
 
 
 def test_refuses_a_model_without_joints():

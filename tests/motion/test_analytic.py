@@ -113,7 +113,7 @@ def test_splines_of_degree_five():
     assert "degree 5 (C^4)" in motion.source
     np.testing.assert_allclose(motion(t)[4][:, 1], 120 * t / 7, atol=1e-4)
     refusal(lambda: from_table(columns, PLANAR, 6, "m.csv", Spline(5)), "q6d", "degree 5 ends at q5d")
-    refusal(lambda: from_table(columns, PLANAR, 4, "m.csv", Spline(6)), "degree 6 is not offered; there are: 5, 7")
+    refusal(lambda: from_table(columns, PLANAR, 4, "m.csv", Spline(6)), "degree 6 is not supported; expected 5 or 7")
 
 
 TIME = "time: {stop: 1, count: 5}\n"
@@ -124,7 +124,7 @@ BAD = {
     "repeated key": (BOTH + "  joint1: {offset: 3}\n", ["m.yaml:5: not YAML", "joint1"]),
     "code": ("time: !!python/object:os.system x", ["not YAML"]),
     "no joints": (TIME, ["the motion has no 'joints'"]),
-    "unknown key": (BOTH.replace("time", "tiem"), ["m.yaml:1: no key in the motion 'tiem'; did you mean 'time'?"]),
+    "unknown key": (BOTH.replace("time", "tiem"), ["m.yaml:1: the motion has no key 'tiem'; did you mean 'time'?"]),
     "unknown joint": (BOTH + "  joint3: {}\n", ["unknown 'joint3'; expected terms for each of joint1, joint2"]),
     "missing joint": (
         TIME + "joints: {joint1: {offset: 1}}",
@@ -132,7 +132,7 @@ BAD = {
     ),
     "unknown term": (
         BOTH.replace("offset: 1", "ofset: 1"),
-        ["no key in joint 'joint1' 'ofset'; did you mean 'offset'?"],
+        ["joint 'joint1' has no key 'ofset'; did you mean 'offset'?"],
     ),
     "no amplitude": (
         BOTH.replace("offset: 1", "cosines: [{frequency: 1}]"),
@@ -166,8 +166,8 @@ BAD = {
     ),
     "one state": (BOTH.replace("count: 5", "count: 1"), ["in 1 states"]),
     "half a state": (BOTH.replace("count: 5", "count: 2.5"), ["in 2.5 states"]),
-    "wrench of no body": (BOTH + "wrenches: {bdy2: {fx: {offset: 1}}}", ["no body 'bdy2'; did you mean 'body2'?"]),
-    "unknown component": (BOTH + "wrenches: {body2: {fw: {offset: 1}}}", ["no key in the wrench of 'body2' 'fw'"]),
+    "wrench of no body": (BOTH + "wrenches: {bdy2: {fx: {offset: 1}}}", ["unknown body 'bdy2'; did you mean 'body2'?"]),
+    "unknown component": (BOTH + "wrenches: {body2: {fw: {offset: 1}}}", ["the wrench of 'body2' has no key 'fw'"]),
     "joints as a list": (TIME + "joints: [1, 2]", ["joints is [1, 2]; expected keys and values"]),
 }
 
@@ -189,5 +189,5 @@ def test_refuses_what_is_no_motion(tmp_path):
         lambda: motions.read(tmp_path / "m.xls", PLANAR, 2), "unknown type of motion '.xls'", ".csv", ".yaml", "paper"
     )
     refusal(lambda: motions.read(tmp_path / "m.yaml", PLANAR, 2), "no such file")
-    refusal(lambda: motions.read(motions.Path("papr"), PLANAR, 2), "no motion 'papr'; did you mean 'paper'", ".csv")
+    refusal(lambda: motions.read(motions.Path("papr"), PLANAR, 2), "unknown motion 'papr'; did you mean 'paper'?")
     refusal(lambda: motions.read(motions.Path("paper"), PLANAR, 2), "paper: unknown 'joint3'")

@@ -70,7 +70,7 @@ def test_units_of_rates():
 def test_other_columns_are_left_alone_and_listed():
     other = {"state": ["moving"] * len(T), "joint1.current": np.full(len(T), np.nan), "load [kg]": T}
     motion = same(jounce.load_motion(PLAIN | {"tau_joint2": 3 * T} | other, PLANAR))
-    assert motion.notes == ("other columns, left alone: state, joint1.current, load [kg]",)
+    assert motion.notes == ("other columns, ignored: state, joint1.current, load [kg]",)
     np.testing.assert_array_equal(motion.torques[1][:, 1], 3 * T)
     assert np.isnan(motion.torques[1][:, 0]).all()
 
@@ -81,7 +81,7 @@ def test_measured_torques_are_found_by_a_pattern_in_N_m():
     np.testing.assert_array_equal(motion.torques[1], np.stack([T, 2 * T], axis=1))
     assert motion.notes == ()
     load = partial(jounce.load_motion, PLAIN | {"tau_joint1 [mNm]": T}, PLANAR)
-    refusal(load, "column 'tau_joint1 [mNm]': no unit 'mNm'", "N, N m")
+    refusal(load, "column 'tau_joint1 [mNm]': unknown unit 'mNm'", "N, N m")
     refusal(lambda: load(torques="m{number}"), "--torques 'm{number}': no column 'm1', 'm2'")
     refusal(lambda: load(torques="m"), "--torques 'm' names 'm' for every joint; expected {joint}")
 
@@ -106,7 +106,7 @@ def test_only_the_columns_of_the_motion_have_to_be_numbers(tmp_path):
     path.write_text(text)
     same(jounce.load_motion(path, PLANAR))
     path.write_text(text.replace("at rest,0.0,", "at rest,none,", 1))
-    words = "m.csv:2: column 'joint1' holds 'none'; expected a finite number; repair or leave out the row", "--lock"
+    words = "m.csv:2: column 'joint1' holds 'none'; expected a finite number; repair or remove the row", "--lock"
     refusal(lambda: jounce.load_motion(path, PLANAR), *words)
     path.write_text(text.replace("at rest,0.0,", "at rest,nan,", 1))
     refusal(lambda: jounce.load_motion(path, PLANAR), "holds 'nan'", "--columns, --lock JOINT=VALUE")
@@ -129,12 +129,12 @@ def test_json_lines(tmp_path, monkeypatch):
         "\n".join(json.dumps({"t": t, "q": list(q), "state": {"mode": "x"}}) for t, q in zip(T, Q, strict=True))
     )
     motion = same(jounce.load_motion(path, PLANAR, columns="q[{index}]"))
-    assert motion.notes == ("other columns, left alone: state.mode",)
+    assert motion.notes == ("other columns, ignored: state.mode",)
     for text, words in (
         ('{"t": 0, "joint1": 1, "joint2": null}', ["m.jsonl:1: column 'joint2' holds None; expected a finite number"]),
         ('{"t": 0, "joint1": 1, "joint2": 2}\n{"t": 1}', ["m.jsonl:2: no 'joint1' in this row; it has: t"]),
         ("[1]", ["m.jsonl:1: not a line of JSON"]),
-        ("", ["nothing in it"]),
+        ("", ["the table is empty"]),
     ):
         path.write_text(text)
         refusal(lambda: jounce.load_motion(path, PLANAR), *words)
@@ -168,12 +168,12 @@ REFUSED = {
     ),
     "an unknown column of times": (
         PLANAR, PLAIN, {"time": "tiem"},
-        ["--time: no column 'tiem'", "t, joint1, joint2"]
+        ["--time: unknown column 'tiem'", "t, joint1, joint2"]
     ),
     "a missing joint": (PLANAR, {"t": T, "joint1": T}, {}, ["missing 'joint2'", "--lock joint2=VALUE", "--columns"]),
     "an unknown unit": (
         PLANAR, {"t": T, "joint1 [gon]": T, "joint2": T}, {},
-        ["column 'joint1 [gon]': no unit 'gon'", "rad, deg"]
+        ["column 'joint1 [gon]': unknown unit 'gon'", "rad, deg"]
     ),
     "the unit of another rate": (
         PLANAR, {"t": T, "joint1 [deg/s]": T, "joint2": T}, {}, ["'joint1 [deg/s]': the unit is 'deg/s'; expected deg"]
@@ -183,10 +183,10 @@ REFUSED = {
     ),
     "one name in two units": (
         PLANAR, PLAIN | {"joint1 [deg]": T}, {},
-        ["columns 'joint1' and 'joint1 [deg]' are of the same"]
+        ["columns 'joint1' and 'joint1 [deg]' have the same"]
     ),
-    "no such unit": (PLANAR, PLAIN, {"angles": "grad"}, ["no unit of angles 'grad'", "rad, deg"]),
-    "no such unit of time": (PLANAR, PLAIN, {"time_unit": 1}, ["no unit of time_unit 1", "s, ms, us, ns"]),
+    "no such unit": (PLANAR, PLAIN, {"angles": "grad"}, ["unknown unit of angles 'grad'", "rad, deg"]),
+    "no such unit of time": (PLANAR, PLAIN, {"time_unit": 1}, ["unknown unit of time_unit 1", "s, ms, us, ns"]),
     "a pattern without joints": (
         PLANAR, PLAIN, {"columns": "q"},
         ["--columns 'q' names 'q' for every joint; expected {joint}"]
@@ -231,7 +231,7 @@ def test_the_command_takes_the_same_options(tmp_path):
         for i, (name, options) in enumerate([("log.csv", stated), ("plain.csv", [])])
     ]
     assert [result.exit_code for result in results] == [0, 0], results[0].output
-    assert "other columns, left alone: load" in results[0].output
+    assert "other columns, ignored: load" in results[0].output
     a, b = (tables.read(tmp_path / f"{i}.npz") for i in (0, 1))
     for name, column in b.items():
         np.testing.assert_allclose(a[name], column, rtol=1e-4, atol=1e-3, err_msg=name)

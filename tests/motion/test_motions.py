@@ -88,7 +88,7 @@ BAD_MOTIONS = {
     "samples among rates": (
         {**without(full(4), "joint1.q"), "joint1": np.zeros(3)},
         4,
-        ["leave out 'joint1', samples beside"],
+        ["leave out 'joint1', both samples and"],
     ),
     "t repeated": (at(0, 1, 2, 3, 4, 4, 5, 6), 4, ["t does not increase", "rows 4 and 5", "4 is followed by 4"]),
     "t decreasing": (at(0, 1, 0.5, 3, 4, 5, 6, 7), 4, ["t does not increase", "rows 1 and 2", "1 is followed by 0.5"]),
@@ -122,7 +122,7 @@ def test_joints_that_follow_others_are_left_alone(rate):
     columns[f"panda_finger_joint1{rate}"] = columns[f"panda_joint6{rate}"] = np.full(9, 0.02)
     motion = from_table(columns, panda, 0, "m.csv", Smoothing() if rate else Spline())
     assert motion.joint_names == panda.coordinates
-    assert motion.notes == (f"other columns, left alone: panda_finger_joint2{rate}",)
+    assert motion.notes == (f"other columns, ignored: panda_finger_joint2{rate}",)
     refusal(
         lambda: from_table(without(columns, f"panda_finger_joint1{rate}"), panda, 0, "m.csv"),
         f"m.csv: missing 'panda_finger_joint1{rate}'; expected", "--lock panda_finger_joint1=VALUE",
@@ -138,7 +138,7 @@ def test_a_joint_whose_name_starts_like_that_of_a_follower(tmp_path):
     assert from_table({"t": t, "grip.lead.q": t}, robot.mechanism, 0, "m.csv").joint_names == ("grip.lead",)
     for name in ("grip", "grip.q"):
         found = from_table({"t": t, "grip.lead": t, name: t}, robot.mechanism, 0, "m.csv", Spline())
-        assert found.notes == (f"other columns, left alone: {name}",)
+        assert found.notes == (f"other columns, ignored: {name}",)
 
 
 def rounded(step, decimals, start=0.0):

@@ -145,7 +145,7 @@ def test_run_applies_them_also_on_merged_links(tmp_path):
 @pytest.mark.parametrize(
     ("columns", "words"),
     [
-        ({"link8.fz": T}, ["no body 'link8'; did you mean 'link7'"]),
+        ({"link8.fz": T}, ["unknown body 'link8'; did you mean 'link7'"]),
         ({k: v for k, v in FULL.items() if k != "link7.fzd"}, ["missing 'link7.fzd'"]),
         (FULL | {"link7.mx": T}, ["missing 'link7.mxd'"]),
         ({"link7.fw": T}, ["unknown 'link7.fw'"]),

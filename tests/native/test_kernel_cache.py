@@ -46,7 +46,7 @@ def works():
 
 
 def entry(folder):
-    (path,) = folder.glob(f"*{cache.SUFFIX}")
+    (path,) = folder.glob(f"*{cache.KERNEL_SUFFIX}")
     return path
 
 
@@ -93,7 +93,7 @@ def test_what_is_not_whole_is_compiled_and_written_anew(folder, compilations, sp
 def test_an_entry_renamed_to_another_key_is_not_read(folder):
     cache.write(NAME, b"code")
     assert cache.read(NAME) == b"code"
-    entry(folder).rename(folder / ("1" * 64 + cache.SUFFIX))
+    entry(folder).rename(folder / ("1" * 64 + cache.KERNEL_SUFFIX))
     assert cache.read("1" * 64) is None
 
 
@@ -147,7 +147,7 @@ def test_links_are_not_followed(folder, tmp_path, compilations):
     works()
     elsewhere = tmp_path / "elsewhere"
     entry(folder).rename(elsewhere)
-    link = folder / (cache.key(ROBOT.mechanism, QUANTITY, host()) + cache.SUFFIX)
+    link = folder / (cache.key(ROBOT.mechanism, QUANTITY, host()) + cache.KERNEL_SUFFIX)
     link.symlink_to(elsewhere)
     before = elsewhere.read_bytes()
     works()
@@ -191,14 +191,14 @@ def test_a_disk_that_is_full_leaves_nothing_behind(folder, monkeypatch):
 
 
 def kept(folder):
-    return {path.stem for path in folder.glob(f"*{cache.SUFFIX}")}
+    return {path.stem for path in folder.glob(f"*{cache.KERNEL_SUFFIX}")}
 
 
 def fill(folder, names, size=1000):
     """Kernels of so many bytes each, used one after the other, a long time ago."""
     for i, name in enumerate(names):
         cache.write(name, bytes(size - 32))
-        os.utime(folder / (name + cache.SUFFIX), (i, i))
+        os.utime(folder / (name + cache.KERNEL_SUFFIX), (i, i))
 
 
 def test_the_least_recently_used_make_room(folder, monkeypatch):
@@ -308,4 +308,4 @@ def test_two_processes_at_once_and_one_after_them_that_compiles_nothing(folder):
     assert [p.returncode for p in (*both, last)] == [0, 0, 0]
     assert len(set(outputs)) == 1
     assert len(outputs[0].split()) == 6
-    assert [x.suffix for x in folder.iterdir()] == [cache.SUFFIX]
+    assert [x.suffix for x in folder.iterdir()] == [cache.KERNEL_SUFFIX]

@@ -43,9 +43,9 @@ def one_line(call, match):
 
 
 REFUSED = {
-    "too few": (ONES[:3], {}, r"takes 4 arrays, not 3$"),
-    "too many": ([*ONES, np.ones((5, 2))], {}, r"takes 4 arrays, not 5$"),
-    "none": ([], {}, r"takes 4 arrays, not 0$"),
+    "too few": (ONES[:3], {}, r"expects 4 arrays, got 3$"),
+    "too many": ([*ONES, np.ones((5, 2))], {}, r"expects 4 arrays, got 5$"),
+    "none": ([], {}, r"expects 4 arrays, got 0$"),
     "another number of coordinates": ([np.ones(3), *ONES[1:]], {}, r"size 3 is different from 2"),
     "one coordinate": ([np.ones((5, 1)), *ONES[1:]], {}, r"size 1 is different from 2"),
     "a scalar": ([1.0, *ONES[1:]], {}, r"not have enough dimensions"),
@@ -96,17 +96,20 @@ def test_arrays_to_write_into_may_be_listed_and_short(threads):
 @pytest.mark.parametrize(
     ("options", "match"),
     [
-        ({"quantity": "mass_matrx"}, r"^no quantity 'mass_matrx'; did you mean 'mass_matrix'\? there are: inverse_"),
-        ({"quantity": None}, r"^no quantity None; there are: "),
-        ({"quantity": ["mass_matrix"]}, r"^no quantity \['mass_matrix'\]; there are: "),
-        ({"body": "body1"}, r"^inverse_dynamics belongs to no body; these do: poses, twists, jacobian"),
-        ({"quantity": "jacobian", "body": "body9"}, r"^no body 'body9'; did you mean 'body\d'\? there are: "),
-        ({"quantity": "jacobian", "frame": "wrld"}, r"^no frame 'wrld'; did you mean 'world'\? there are: "),
+        (
+            {"quantity": "mass_matrx"},
+            r"^unknown quantity 'mass_matrx'; did you mean 'mass_matrix'\? available: inverse_",
+        ),
+        ({"quantity": None}, r"^unknown quantity None; available: "),
+        ({"quantity": ["mass_matrix"]}, r"^unknown quantity \['mass_matrix'\]; available: "),
+        ({"body": "body1"}, r"^inverse_dynamics takes no body; these do: poses, twists, jacobian"),
+        ({"quantity": "jacobian", "body": "body9"}, r"^unknown body 'body9'; did you mean 'body\d'\? available: "),
+        ({"quantity": "jacobian", "frame": "wrld"}, r"^unknown frame 'wrld'; did you mean 'world'\? available: "),
         ({"order": -1}, r"^order is -1; expected 0 to 100$"),
         ({"order": 1.0}, r"^order is 1\.0;"),
         ({"order": True}, r"^order is True;"),
         ({"order": "2"}, r"^order is '2';"),
-        ({"order": 13}, r"^native code goes to order 12, not 13; use method='recursion'$"),
+        ({"order": 13}, r"^native code supports orders up to 12, not 13; use method='recursion'$"),
         ({"wrench": np.ones((2, 6))}, r"^wrench is array\(.*; expected True or False"),
         ({"wrench": True, "quantity": "mass_matrix"}, r"^mass_matrix takes no wrenches; these do: inverse_dyn"),
     ],
@@ -117,7 +120,7 @@ def test_what_cannot_be_compiled_is_refused_in_one_line(options, match):
 
 def test_symbols_in_the_data_are_refused_and_left_to_the_recursion():
     robot = jounce.load("planar2r", m1=sympy.Symbol("m"))
-    symbols = "native code is for robots of numbers; this robot holds symbols; use method='recursion'$"
+    symbols = "native code needs a robot of numbers; this one contains symbols; use method='recursion'$"
     one_line(robot.compile, f"^{symbols}")
     assert robot.gravity_forces([0.0, 0.0]).dtype == object
     one_line(lambda: robot.gravity_forces([0.0, 0.0], method="kernel"), f"^method='kernel' is not available: {symbols}")
@@ -130,7 +133,7 @@ def no_kernel(monkeypatch):
     def compiled(*given):
         raise AssertionError("native code asked for")
 
-    monkeypatch.setattr(dispatch, "compiled", compiled)
+    monkeypatch.setattr(dispatch, "compile_kernel", compiled)
 
 
 STATES = {
@@ -150,7 +153,7 @@ def test_other_scalars_go_to_the_recursion(kind):
     found = robot.inverse_dynamics(*given)
     assert np.asarray(given[0]).dtype == np.asarray(found).dtype
     np.testing.assert_allclose(np.asarray(found, dtype=float), expected, rtol=1e-6)
-    why = r"native code takes float64 arrays of NumPy, not \w+; "
+    why = r"native code needs NumPy arrays of float64, got \w+; "
     kernel, threads = r"^method='kernel' is not available: ", r"^threads=2 needs native code, which is not available: "
     one_line(lambda: robot.inverse_dynamics(*given, method="kernel"), f"{kernel}{why}use method='recursion'$")
     one_line(lambda: robot.inverse_dynamics(*given, threads=2), f"{threads}{why}leave threads out$")
@@ -161,12 +164,15 @@ def test_what_takes_long_to_compile_goes_to_the_recursion():
     robot = jounce.load("planar2r")
     q = [np.ones(2)] * 14
     assert len(robot.gravity_forces(*q)) == 14
-    one_line(lambda: robot.gravity_forces(*q, method="kernel"), r"not available: native code goes to order 12, not 13;")
+    one_line(
+        lambda: robot.gravity_forces(*q, method="kernel"),
+        r"not available: native code supports orders up to 12, not 13;",
+    )
     with pytest.raises(AssertionError, match=r"^native code asked for$"):
         robot.gravity_forces(*q[:13])
     one_line(
         lambda: robot.compile(order=13, quantity="mass_matrix"),
-        r"^native code goes to order 12, not 13; use method='recursion'$",
+        r"^native code supports orders up to 12, not 13; use method='recursion'$",
     )
 
 
@@ -194,7 +200,9 @@ def test_without_llvmlite_the_recursion_serves_and_says_so(monkeypatch):
     monkeypatch.setitem(sys.modules, "llvmlite.binding", None)
     monkeypatch.setattr(dispatch, "available", cache(dispatch.available.__wrapped__))
     robot, q = jounce.load("planar2r"), states(3, 3)  # a robot that no kernel was made for
-    with pytest.warns(JounceWarning, match=r"^no native code, the recursion serves instead: llvmlite cannot be"):
+    with pytest.warns(
+        JounceWarning, match=r"^native code is not available, the recursion is used instead: llvmlite cannot be"
+    ):
         found = robot.inverse_dynamics(*q)
     np.testing.assert_array_equal(found, robot.inverse_dynamics(*q, method="recursion"))
     for call in (lambda: robot.compile(order=0), lambda: robot.inverse_dynamics(*q, method="kernel")):

@@ -22,7 +22,7 @@ STATE = np.random.default_rng(0).uniform(-1, 1, (5, 300, 50))
 FORCES = Computation("inverse_dynamics", 2)
 
 
-NEEDS = r"native code works in up to 0\.125 MiB of scratch memory; this takes 0\.\d+ MiB; use method='recursion'$"
+NEEDS = r"native code is limited to 0\.125 MiB of scratch memory; this call needs 0\.\d+ MiB; use method='recursion'$"
 
 
 def chain(nb):

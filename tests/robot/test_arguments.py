@@ -15,6 +15,7 @@ from hostile import HOSTILE
 import jounce
 from jounce import JounceError
 from jounce.dynamics.quantities import QUANTITIES
+from jounce.model.limits import KEYS
 
 URDF = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -29,6 +30,7 @@ TREE |= {"limits": {"lower": [-1, -1]}, "drives": {"damping": [1, 1]}}
 TREE |= {"G": np.eye(2), "g": [0, 0]}
 CHAIN = {key: value for key, value in TREE.items() if key != "parent"}
 SAMPLES = np.linspace(0, 1, 20)
+SAMPLED = jounce.load_motion({"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3}, ROBOT, 0, degree=7)
 TWO = np.stack([SAMPLES**2, SAMPLES**3], axis=1)
 NAMED = {"joint_names": ["joint1", "joint2"]}
 POINTS = {
@@ -100,10 +102,9 @@ CASES: dict[str, Case] = {
     ),
     "Motion": (MOTION, {"t": [0.1, 0.2], "order": 2, "side": "left"}),
     "Motion.wrench": (MOTION.wrench, {"t": [0.1, 0.2], "order": 2, "side": "left"}),
-    "Motion.wrench_deviations": (MOTION.wrench_deviations, {"t": [0.1, 0.2], "order": 2}),
     "Motion.checked": (MOTION.checked, {"t": [0.1, 0.2]}),
-    "Motion.deviations": (MOTION.deviations, {"t": [0.1, 0.2], "order": 2}),
     "Motion.wrench_deviations": (MOTION.wrench_deviations, {"t": [0.1, 0.2], "order": 2}),
+    "Motion.deviations": (MOTION.deviations, {"t": [0.1, 0.2], "order": 2}),
     "Motion.scaled": (MOTION.scaled, {"factor": 2.0}),
     "Motion.shifted": (MOTION.shifted, {"seconds": 2.0}),
     "Motion.with_step": (MOTION.with_step, {"step": 0.1}),
@@ -142,7 +143,7 @@ CASES: dict[str, Case] = {
         {"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3},
     ),
     "from_screws": (jounce.Robot.from_screws, {"B": B, "X": X, "M": M, **TREE}),
-    "limits": (lambda **limits: screws(limits=limits), dict.fromkeys(("lower", "upper", "velocity", "effort"), (1, 1))),
+    "limits": (lambda **limits: screws(limits=limits), dict.fromkeys(KEYS, (1, 1))),
     "drives": (
         lambda **drives: screws(drives=drives),
         dict.fromkeys(("armature", "damping", "friction", "eps", "stiffness", "rest"), (1, 1)),
@@ -177,6 +178,13 @@ CASES: dict[str, Case] = {
     ),
     "with_drives": (ROBOT.with_drives, {"terms": True, "eps": None}),
     "term of with_drives": (lambda term: ROBOT.with_drives([term]), {"term": "spring"}),
+    "with_limits": (
+        ROBOT.with_limits, {"source": None, **dict.fromkeys(KEYS, 1), "effort": [[-1, 1], [-2, 3]], "of": "Q"},
+    ),
+    "joint of with_limits": (lambda joint1: ROBOT.with_limits(jerk={"joint1": joint1}), {"joint1": (-1, 1)}),
+    "kind of with_limits": (lambda effort: ROBOT.with_limits(of={"effort": effort}), {"effort": "Q"}),
+    "check": (ROBOT.with_limits(effort=99).check, {"motion": SAMPLED}),
+    "slowdown": (ROBOT.with_limits(effort=99).slowdown, {"motion": SAMPLED}),
     "locked": (ROBOT.locked, {"values": {"joint1": 0.0}}),
     "joint of locked": (lambda joint1: ROBOT.locked({"joint1": joint1}), {"joint1": 0.0}),
     "audit": (ROBOT.audit, {}),
@@ -193,9 +201,7 @@ CASES: dict[str, Case] = {
     "forces_along": (
         ROBOT.forces_along,
         {
-            "motion": jounce.load_motion(
-                {"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3}, ROBOT, 0, degree=7
-            ),
+            "motion": SAMPLED,
             "t": None, "order": 0, "method": "recursion",
         },
     ),
@@ -266,7 +272,17 @@ OBJECTS = ("Motion.from_ruckig", "Motion.from_toppra")  # take what a planner co
 
 def test_every_argument_of_every_public_function_is_attacked():
     methods = {name: getattr(jounce.Robot, name) for name in dir(jounce.Robot) if not name.startswith("_")}
-    made = {"Along", "Drives", "Kernel", "Limits", "Mechanism", "Motion"}  # what calls return, exported for its name
+    made = {
+        "Along",
+        "Check",
+        "CheckedLimit",
+        "Drives",
+        "Kernel",
+        "Limits",
+        "Mechanism",
+        "Motion",
+        "Slowdown",
+    }  # what calls return, exported for its name
     named = {name for name in jounce.__all__ if not name.startswith("Jounce")} - made
     public = {name: getattr(jounce, name) for name in named} | methods
     public |= {f"Motion.{name}": getattr(jounce.Motion, name) for name in dir(jounce.Motion) if name[0] != "_"}

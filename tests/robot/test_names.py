@@ -144,9 +144,9 @@ ALL = "expected joint1, joint2"
         (pd.Series([0.0, 0.0]), f"q: missing 'joint1', 'joint2'; unknown 0, 1; {ALL}"),
         (
             pd.DataFrame(np.zeros((3, 3)), columns=["joint1", "joint2", "joint1"]),
-            "q: 'joint1' named more than once; expected every name once",
+            "q: repeated name 'joint1'; expected every name once",
         ),
-        (pd.Series([0.0, 0.0], index=["joint1"] * 2), "q: 'joint1' named more than once"),
+        (pd.Series([0.0, 0.0], index=["joint1"] * 2), "q: repeated name 'joint1'"),
         (structured({name: [0.0] for name in ("joint1", "joint2", "time")}), f"q: unknown 'time'; {ALL}"),
         ({"joint1": np.zeros(3), "joint2": np.zeros(4)}, "q: batch axes do not fit together: 'joint1' (3,), "),
         ({"joint1": 0.0, "joint2": "0"}, "q: 'joint2' is of type str; expected an array of numbers"),
@@ -266,9 +266,9 @@ BAD_MOTIONS = {
         {},
         ["the motion: missing 't', 'joint1'; unknown 'jont1' (did you mean 'joint1'?), 'clock'; expected t and "],
     ),
-    "no columns": ({}, {}, ["the motion: nothing in it; expected named columns of numbers"]),
-    "no rows": (pd.DataFrame(columns=["t", "joint1", "joint2"], dtype=float), {}, ["the motion: nothing in it"]),
-    "no text": ({**SAMPLES, 3: T}, {}, ["the motion: column 3 has no text as its name"]),
+    "no columns": ({}, {}, ["the motion: no columns or no rows; expected named columns of numbers"]),
+    "no rows": (pd.DataFrame(columns=["t", "joint1", "joint2"], dtype=float), {}, ["the motion: no columns or no"]),
+    "no text": ({**SAMPLES, 3: T}, {}, ["the motion: column 3 is not named by a string"]),
     "rows": ({**SAMPLES, "joint1": T[1:]}, {}, ["the motion: column 'joint1' is float64 of shape (40,); expected"]),
     "scalar": ({**SAMPLES, "joint1": 0.0}, {}, ["column 'joint1' is float64 of shape (); expected"]),
     "text": ({**SAMPLES, "joint1": ["a"] * 41}, {}, ["the motion: column 'joint1' holds text"]),
@@ -278,16 +278,16 @@ BAD_MOTIONS = {
     "repeated": (
         pd.DataFrame(np.zeros((9, 3)), columns=["t", "joint1", "joint1"]),
         {},
-        ["the motion: 'joint1' named more than once"],
+        ["the motion: repeated name 'joint1'"],
     ),
-    "array": (np.zeros((9, 3)), {}, ["a motion is of type ndarray; expected a path, one of paper, "]),
-    "number": (3, {}, ["a motion is of type int"]),
+    "array": (np.zeros((9, 3)), {}, ["load_motion() expects a path, one of paper, "]),
+    "number": (3, {}, ["columns, got int"]),
     "file": ("no.csv", {}, ["no.csv: no such file"]),
-    "name": ("papr", {}, ["no motion 'papr'; did you mean 'paper'?"]),
+    "name": ("papr", {}, ["unknown motion 'papr'; did you mean 'paper'?"]),
     "order": (SAMPLES, {"order": -1}, ["order is -1; expected 0 to"]),
     "order of text": (SAMPLES, {"order": "2"}, ["order is '2'; expected 0 to"]),
-    "degree": (SAMPLES, {"degree": 6}, ["a spline of degree 6 is not offered; there are: 5, 7"]),
-    "degree as a float": (SAMPLES, {"degree": 7.0}, ["a spline of degree 7.0 is not offered"]),
+    "degree": (SAMPLES, {"degree": 6}, ["a spline of degree 6 is not supported; expected 5 or 7"]),
+    "degree as a float": (SAMPLES, {"degree": 7.0}, ["a spline of degree 7.0 is not supported"]),
     "intervals": (SAMPLES, {"intervals": 99}, ["the motion: 99 intervals for 41 samples; expected 1 to 34"]),
     "half an interval": (SAMPLES, {"intervals": 1.5}, ["the motion: 1.5 intervals for 41 samples"]),
     "fit of exact terms": ("paper", {"intervals": 4}, ["intervals is for samples: leave it out"]),
@@ -300,8 +300,8 @@ def test_refuses_bad_motions(source, options, words):
 
 
 def test_a_motion_is_of_a_robot():
-    refusal(lambda: jounce.load_motion("paper", "iiwa14"), "a motion is loaded for a Robot, not for a str; try jounce.")
-    refusal(lambda: jounce.load_motion("paper", PLANAR.mechanism), "not for a Mechanism")
+    refusal(lambda: jounce.load_motion("paper", "iiwa14"), "load_motion() expects a jounce.Robot, got str; try")
+    refusal(lambda: jounce.load_motion("paper", PLANAR.mechanism), "got Mechanism")
 
 
 def test_warns_of_columns_as_of_files():

@@ -169,12 +169,12 @@ def test_of_one_body_is_the_row_of_all(quantity):
 @pytest.mark.parametrize(
     ("keywords", "match"),
     [
-        ({"body": "body9"}, r"^no body 'body9'; did you mean 'body\d'\? there are: body1, .*tool, stand$"),
-        ({"body": 3}, "^no body 3; "),
-        ({"frame": "wrld"}, r"^no frame 'wrld'; did you mean 'world'\? there are: body, world, spatial$"),
+        ({"body": "body9"}, r"^unknown body 'body9'; did you mean 'body\d'\? available: body1, .*tool, stand$"),
+        ({"body": 3}, "^unknown body 3; "),
+        ({"frame": "wrld"}, r"^unknown frame 'wrld'; did you mean 'world'\? available: body, world, spatial$"),
         (
             {"method": "rnea"},
-            r"^no method for jacobian 'rnea'; .* there are: recursion, closed_form, kernel$",
+            r"^jacobian has no method 'rnea'; .* available: recursion, closed_form, kernel$",
         ),
     ],
 )

@@ -233,7 +233,7 @@ def bad(robot, **changes):
         ({"q": ["a"] * 7}, "q holds text"),
         ({"q": [[1.0], [1.0, 2.0]]}, "q is not an array of numbers"),
         ({"q": [None] * 7}, "q holds None"),
-        ({"method": "kernal"}, r"no method for inverse_dynamics 'kernal'; did you mean 'kernel'\?"),
+        ({"method": "kernal"}, r"inverse_dynamics has no method 'kernal'; did you mean 'kernel'\?"),
         ({"method": "recursoin"}, "did you mean 'recursion'"),
         ({"wrench": np.zeros((7, 6))}, r"wrench gives W alone; order 1 takes a tuple \(W, Wd\)"),
         ({"wrench": ()}, "wrench gives nothing; order 1"),
@@ -247,7 +247,7 @@ def bad(robot, **changes):
             "q: missing .joint2., .joint3., .joint4., .joint5., .joint6., .joint7.; expected joint1",
         ),
         ({"wrench": (np.zeros((7, 6)), np.zeros((6, 6)))}, r"Wd has shape \(6, 6\); expected \(\.\.\., 7, 6\)"),
-        ({"wrench": ({"hand": np.zeros(6)},) * 2}, "no body 'hand'; there are: body0, body1"),
+        ({"wrench": ({"hand": np.zeros(6)},) * 2}, "unknown body 'hand'; available: body0, body1"),
         ({"wrench": ({"body6": np.zeros(3)},) * 2}, r"W\['body6'\] has shape \(3,\); expected \(\.\.\., 6\)"),
     ],
 )
@@ -361,9 +361,9 @@ def test_a_robot_is_made_of_a_mechanism():
 
 def test_unknown_forms_frames_and_orders_are_refused(robot):
     q = state(robot)
-    with pytest.raises(JounceError, match="no form of the Coriolis matrix 'skwe'; did you mean 'skew'"):
+    with pytest.raises(JounceError, match="coriolis_matrix has no form 'skwe'; did you mean 'skew'"):
         robot.coriolis_matrix(*q[:2], form="skwe")
-    with pytest.raises(JounceError, match="no frame 'base'; there are: body, world, spatial"):
+    with pytest.raises(JounceError, match="unknown frame 'base'; available: body, world, spatial"):
         robot.jacobian(q[0], frame="base")
     with pytest.raises(JounceError, match="up to order 2; order 3 needs"):
         robot.inverse_dynamics(*q[:6], method="paper")

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from jounce.dynamics.recursion.bodies import jacobians, poses, twists
-from jounce.dynamics.recursion.forces import AT_REST, MOVING, base_wrench, generalized
+from jounce.dynamics.recursion.forces import AT_REST, MOVING, base_wrench, rnea
 from jounce.dynamics.recursion.matrices import coriolis_matrix, mass_matrix, skew_coriolis_matrix
 from jounce.dynamics.recursion.momenta import generalized_momentum, momentum, potential_energy
 
@@ -25,13 +25,13 @@ __all__ = [
 
 
 def inverse_dynamics(mechanism, q, W=None):
-    return generalized(MOVING, mechanism, q, W)
+    return rnea(MOVING, mechanism, q, W)
 
 
 def gravity_forces(mechanism, q):
-    return generalized(AT_REST, mechanism, q)
+    return rnea(AT_REST, mechanism, q)
 
 
 def external_forces(mechanism, q, W):
     """Qext: the forces without masses."""
-    return generalized(MOVING, replace(mechanism, M=0 * mechanism.M), q, W)
+    return rnea(MOVING, replace(mechanism, M=0 * mechanism.M), q, W)

@@ -48,7 +48,7 @@ def rates_of(case: dict[str, Any]) -> tuple[list[np.ndarray], list[np.ndarray]]:
 def parts(robot: jounce.Robot) -> tuple[Any, dict[str, Any]]:
     """All that a robot is, arrays by their bits."""
     m = robot.mechanism
-    arrays = {name: getattr(m, name) for name in DATA} | vars(m.limits) | {f.name: f.T for f in m.frames}
+    arrays = {name: getattr(m, name) for name in DATA} | {"limits": m.limits.table} | {f.name: f.T for f in m.frames}
     names = (m.name, m.parent, m.bodies, m.joints, m.coordinates, [(f.name, f.body) for f in m.frames])
     return names, {name: (array.dtype, array.shape, array.tobytes()) for name, array in arrays.items()}
 

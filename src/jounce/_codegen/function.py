@@ -1,4 +1,4 @@
-"""Functions: what generated code computes, as programs with their arrays, and what they are called."""
+"""The functions of generated code: programs with their arrays, and their names."""
 
 import re
 from collections.abc import Iterable
@@ -51,10 +51,10 @@ def trace(robot: Parametric, name: str, computation: Computation) -> Function:
 
 
 def function_names(computations: Iterable[Computation]) -> list[str]:
-    """The names of functions: jacobian_tool0_world, the frame "body" left out.
+    """Return the names of functions: jacobian_tool0_world, without the frame "body".
 
-    What names of bodies hold besides ASCII letters and digits becomes _. Names that are the same then, or the same to
-    file systems that take A for a, are numbered.
+    Characters of body names that are not ASCII letters or digits become _. Names that are then equal, also if case is
+    ignored as in some file systems, are numbered.
     """
     names: list[str] = []
     for asked in computations:

@@ -21,7 +21,7 @@ DEFAULT = (FORCES.name,)  # outputs
 
 @dataclass(frozen=True)
 class Generated:
-    """What `codegen` has written."""
+    """The result of `codegen`: its folder, files and numbers of operations."""
 
     directory: Path
     files: tuple[str, ...]
@@ -41,46 +41,46 @@ def codegen(
     prefix: str | None = None,
     force: bool = False,
 ) -> Generated:
-    """Write a robot's equations as source code that needs no jounce, with tests that the user's own compiler runs.
+    """Write a robot's equations as source code that does not depend on jounce, with tests for the user's compiler.
 
-    One function for each output: the recursion, written down operation by operation for this robot, without loops,
-    branches or memory of its own, such as ``PREFIX_inverse_dynamics(q, qd, q2d, q3d, q4d, Q, Qd, Q2d)`` and
-    ``PREFIX_jacobian_tool0_world(q, qd, q2d, J, Jd, J2d)``. ``make test`` in the folder compares it with the closed
-    form.
+    There is one function for each output, the recursion traced operation by operation for this robot, without loops,
+    branches or memory allocation: ``PREFIX_inverse_dynamics(q, qd, q2d, q3d, q4d, Q, Qd, Q2d)``,
+    ``PREFIX_jacobian_tool0_world(q, qd, q2d, J, Jd, J2d)``, ... ``make test`` in the folder compares the results with
+    the closed form.
 
     Parameters
     ----------
     robot : Robot
-        Of numbers, or of SymPy symbols, which become parameters by their names.
+        A robot of numbers, or of SymPy symbols, which become parameters with their names.
     lang : str
         The language: "c" (C99), "cpp" (C++11, and overloads for Eigen), "cuda", "julia", "latex" (a document),
         "matlab" (and GNU Octave), "python" (NumPy), "rust" (no_std).
     order : int
         The highest time derivative: 2 gives Q, Qd, Q2d.
     directory : str or path
-        The folder to write, new or empty; PREFIX-LANG in the working directory if left out.
+        The output folder, new or empty; by default PREFIX-LANG in the working directory.
     outputs : sequence of str
         Quantities, each with its rates: the names of methods of `Robot`, "skew_coriolis_matrix" for the form "skew".
-        What belongs to bodies is of one that is named, and may be in a frame: "poses:tool0", "jacobian:tool0:world".
+        A quantity of bodies needs a body and may have a frame: "poses:tool0", "jacobian:tool0:world".
     wrench : bool
-        Whether the functions that can take wrenches W, Wd, ..., (nb, 6), do, as `Robot.inverse_dynamics` does.
+        Whether the functions take wrenches W, Wd, ..., (nb, 6), if their quantity depends on them.
     parameters : sequence of str
-        What the functions take at run time: "gravity", "masses", "lengths", "payload", "payload:BODY".
+        Data that become run-time parameters: "gravity", "masses", "lengths", "payload", "payload:BODY".
     float32 : bool
-        Single precision.
+        Whether to generate single precision.
     prefix : str
-        The beginning of all names in the code; the robot's name if left out.
+        The prefix of all names in the code; by default the robot's name.
     force : bool
         Write into a folder that is not empty: what an earlier run generated is replaced or removed, all else stays.
 
     Returns
     -------
-    Generated : its `directory`, `files`, and `operations`, how many each function takes.
+    Generated : its `directory`, `files`, and `operations`, the number of operations of each function.
 
     Raises
     ------
     JounceError
-        Where a language, output or parameter is unknown, an output needs a body, a name is none in the language, the
+        If a language, output or parameter is unknown, an output needs a body, a name is not an identifier, the
         robot is too large, or the folder is not empty. Nothing is written then.
 
     Examples
@@ -96,7 +96,7 @@ def codegen(
     from jounce._codegen import render  # where Jinja is needed
 
     if not isinstance(robot, Robot):
-        raise JounceError(f"code is generated for a Robot, not for a {type(robot).__name__}; try jounce.load")
+        raise JounceError(f"codegen() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     if not isinstance(directory, str | os.PathLike | None):
         raise JounceError(f"directory is {quoted(directory)}; expected the path of a folder")
     true_or_false("force", force, "whether to write into a folder that is not empty")
@@ -138,6 +138,6 @@ def _warn_of_idle(options: Options, functions: Sequence[Function]) -> None:
 
 
 def _larger(most: int) -> str:
-    """The languages that take larger robots, as the end of a sentence."""
+    """Return the languages that support larger robots, as the end of a sentence."""
     found = languages_where(lambda x: x.largest > most)
     return f"; larger robots go into {found}" if found else ""

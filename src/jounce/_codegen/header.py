@@ -1,4 +1,4 @@
-"""What stands at the head of generated code: where it is from, the order of its arrays, units, frames, signs."""
+"""The header comment of generated code: its origin, the order of its arrays, units, frames, signs."""
 
 import re
 from collections.abc import Sequence
@@ -22,18 +22,18 @@ UNPRINTABLE = re.compile(r"[^\w .,:;+/()\[\]<>@=&|-]", re.ASCII)
 
 
 def printable(name: str) -> str:
-    r"""A name as it can stand in a comment of any language: what could end one is written as \x2a, say."""
+    r"""Return a name that is safe in a comment of any language: characters that could end one are escaped as \x2a."""
     return UNPRINTABLE.sub(lambda found: f"\\x{ord(found[0]):02x}", name)
 
 
 def origin(robot: Mechanism, order: int, single: bool) -> str:
-    """What code is made from, and by what."""
+    """Return the robot, order and precision of the code, and the version of jounce."""
     precision = "single" if single else "double"
     return f"{MARK} {__version__} from the robot {printable(robot.name)}, order {order}, {precision} precision."
 
 
 def arrays(robot: Mechanism, first: int) -> list[tuple[str, list[str]]]:
-    """What the entries of arrays stand for, the first index being so: coordinates and bodies, a list under a title."""
+    """List, under titles, the coordinates and bodies of array entries; `first` is the first index."""
     units = coordinate_units(robot)
     named = zip(map(printable, robot.coordinates), units, strict=True)
     coordinates = [f"{j}  {name}, {unit}" for j, (name, unit) in enumerate(named, start=first)]
@@ -42,7 +42,7 @@ def arrays(robot: Mechanism, first: int) -> list[tuple[str, list[str]]]:
 
 
 def conventions(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
-    """What is computed, its units, frames, signs, as sentences."""
+    """Return sentences on the quantities, their units, frames and signs."""
     loaded = {f.computation.name for f in functions if f.computation.wrench}
     found = ["SI units: m, kg, s, rad, N, N m. A name with d, 2d, 3d, 4d is a time derivative of order 1 to 4."]
     for row in _quantities(functions):
@@ -59,12 +59,12 @@ def conventions(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
 
 
 def _quantities(functions: Sequence[Function]) -> list[Quantity]:
-    """What functions compute, each once."""
+    """Return the quantities of the functions, each once."""
     return list({f.computation.name: f.computation.quantity for f in functions}.values())
 
 
 def places(robot: Mechanism, functions: Sequence[Function]) -> dict[str, str]:
-    """Of which body functions are, and in which frame, by their names; none of those that belong to no body."""
+    """Map the names of functions of a body to the body and the frame."""
     found = {}
     for f in functions:
         if (body := f.computation.body) is not None:
@@ -77,13 +77,13 @@ def places(robot: Mechanism, functions: Sequence[Function]) -> dict[str, str]:
 
 
 def layouts(functions: Sequence[Function]) -> list[str]:
-    """Where entry (i, j) of each kind of matrix lies in a flat array."""
+    """Return the index of entry (i, j) of each kind of matrix in its flat array."""
     outputs = (f.outputs[0] for f in functions)
     return list({f"{x.name}[{x.shape[1]} * i + j]": None for x in outputs if len(x.shape) > 1})
 
 
 def drive_trains(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
-    """Which terms of the robot's drive trains functions include, and which they leave out, as sentences."""
+    """Return sentences on the drive terms that the functions include or omit."""
     rows = _quantities(functions)
     entering = [term for term in TERMS if any(term in row.drive_terms for row in rows)]
     stated = [term for term in entering if np.any(getattr(robot.drives, AMOUNTS[term]))]
@@ -95,12 +95,12 @@ def drive_trains(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
         if terms
     ]
     if left:
-        found.append(f"Of the drive trains that the robot's data state this is left out: {', '.join(left)}.")
+        found.append(f"These terms of the robot's drive trains are omitted: {', '.join(left)}.")
     return found
 
 
 def effort(program: Program) -> str:
-    """The operations of a program in words: the same for all states."""
+    """Describe the number of operations of a program, which is the same for all states."""
     counts = program.counts()
     kinds = sorted(OPERATIONS.values(), key=lambda row: row.name if is_function(row.name) else "")  # functions last
     listed = ", ".join(f"{counts[row.name]} {row.noun}" for row in kinds if counts[row.name] and not row.free)
@@ -108,7 +108,7 @@ def effort(program: Program) -> str:
 
 
 def parameters(robot: Parametric) -> dict[str, str]:
-    """What the parameters are, by their names."""
+    """Map the names of the parameters to descriptions."""
     bodies = [name.partition(":")[2] or robot.origin.bodies[-1] for name in robot.asked if name.startswith("payload")]
     meanings = dict(MEANINGS)
     for k, body in enumerate(bodies):

@@ -1,4 +1,4 @@
-"""Languages: how statements are written in each, and the files around them. One folder each, found by its name."""
+"""The target languages: syntax of statements, and names of files. Each has a folder, found by its name."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,12 +14,12 @@ NAMES = ("c", "cpp", "cuda", "julia", "latex", "matlab", "python", "rust")
 
 
 def digits(x: float, single: bool) -> str:
-    """The shortest decimal number that reads back as x, in the precision; it has a point or an exponent."""
+    """Return the shortest decimal number that reads back as x in the precision, with a point or an exponent."""
     with np.errstate(over="ignore"):
         text = str(np.float32(x)) if single else repr(float(x))
     if not text.strip("-")[0].isdigit():
         raise JounceError(
-            f"the code would hold the number {x!r}, which is none in {'single' if single else 'double'} precision"
+            f"the generated code would contain {x!r}, which overflows {'float32' if single else 'float64'}"
         )
     return text if set(text) & set(".e") else f"{text}.0"
 
@@ -40,7 +40,7 @@ def from_one(port: Port, i: int) -> str:
 
 
 def is_identifier(name: str) -> bool:
-    """Whether a text is a name in every language: ASCII letters, digits and _, a letter first."""
+    """Return whether a string is an identifier in every language: ASCII letters, digits and _, a letter first."""
     return name.isascii() and name.isidentifier() and not name.startswith("_")
 
 
@@ -70,31 +70,31 @@ class Language:
     largest: int = 60_000  # operations of a function: compilers take seconds, and code stays below a megabyte
 
     def check_name(self, name: str, what: str, added: int = 0) -> None:
-        """Raise `JounceError` where a text cannot be a name, or not one to which so many letters are added."""
+        """Raise `JounceError` if a string is not a valid identifier, or not with `added` more characters."""
         if not isinstance(name, str) or not is_identifier(name):
             raise JounceError(
-                f"{what} {quoted(name)} is no name in code; expected ASCII letters, digits and _, a letter first"
+                f"{what} {quoted(name)} is not a valid identifier; expected ASCII letters, digits and _, a letter first"
             )
         if name in self.reserved.split():
-            raise JounceError(f"{what} {name!r} is a reserved word of {self.title}; expected another name")
+            raise JounceError(f"{what} {name!r} is a reserved word of {self.title}; choose another name")
         if (letters := len(name) + added) > self.longest:
             raise JounceError(
-                f"{what} {quoted(name)} makes names of {letters} letters; {self.title} is generated with"
-                f" {self.longest} at most"
+                f"{what} {quoted(name)} makes identifiers of {letters} characters; generated {self.title} allows"
+                f" at most {self.longest}"
             )
 
     def check_prefix(self, name: str, endings: Sequence[str]) -> None:
-        """Raise `JounceError` where a text cannot be the beginning of all names, with each of these endings."""
+        """Raise `JounceError` if a string is not a valid prefix of names with these endings."""
         self.check_name(name, "prefix", max(map(len, endings)))
         if name in self.taken.split():
-            raise JounceError(f"prefix {name!r} is the name of something else in {self.title}; expected another name")
+            raise JounceError(f"prefix {name!r} is already a name in {self.title}; choose another prefix")
 
 
 def language(name: str) -> Language:
-    """The language of a name.
+    """Return the language with a name.
 
     Raises
     ------
-    JounceError : where there is none, with all there are.
+    JounceError : if the name is unknown; the error lists all languages.
     """
     return import_module(f"jounce._codegen.{one_of('language', name, NAMES)}").LANGUAGE

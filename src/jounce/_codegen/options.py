@@ -1,4 +1,4 @@
-"""Options: what code is asked for, every word of it checked before any work is done."""
+"""Options of code generation, all checked before any work is done."""
 
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -8,19 +8,19 @@ from jounce._codegen.function import function_names
 from jounce._codegen.language import NAMES, Language, language
 from jounce._codegen.parametric import Parametric, parametric
 from jounce.arguments.rates import checked_order
-from jounce.arguments.requests import spelled
+from jounce.arguments.requests import parse_computation
 from jounce.dynamics.computation import Computation
 from jounce.errors import JounceError, listed, quoted, several, true_or_false
 from jounce.model.mechanism import Mechanism
 from jounce.robot import Robot
 
-HIGHEST = 4  # order
+HIGHEST_CODE_ORDER = 4  # order
 TRACED = 1500  # bodies times orders squared, up to which a program is traced in seconds
 
 
 @dataclass(frozen=True)
 class Options:
-    """What code is asked for, checked."""
+    """The checked options of code generation."""
 
     robot: Parametric
     language: Language
@@ -40,14 +40,14 @@ def check_options(
     float32: bool,
     prefix: str | None,
 ) -> Options:
-    """What is asked for, or `JounceError`."""
+    """Check the arguments of `codegen`; raise `JounceError` if one is invalid."""
     target = language(lang)
     true_or_false("wrench", wrench, "whether functions take any")
     true_or_false("float32", float32, "whether the code is in single precision")
     if float32 and not target.single:
         others = languages_where(lambda x: x.single)
         raise JounceError(f"{target.title} has no single precision; float32 is for code that runs: {others}")
-    order = checked_order(order, HIGHEST)
+    order = checked_order(order, HIGHEST_CODE_ORDER)
     computations = _computations(robot.mechanism, outputs, order, wrench)
     if robot.mechanism.nb * (order + 1) ** 2 > TRACED:
         raise JounceError(
@@ -64,9 +64,9 @@ def check_options(
 
 
 def _computations(mechanism: Mechanism, outputs: Sequence[str], order: int, wrench: bool) -> list[Computation]:
-    """What outputs ask for, with wrenches where they are taken."""
+    """Return the computations of the outputs, with wrenches if their quantity depends on them."""
     texts = several(outputs)
-    found = [spelled(mechanism, text, order) for text in texts]
+    found = [parse_computation(mechanism, text, order) for text in texts]
     if not found or len(set(found)) != len(found):
         raise JounceError(f"outputs are {quoted(outputs)}; expected one or more different NAME[:BODY[:FRAME]]")
     for asked in found:
@@ -74,20 +74,20 @@ def _computations(mechanism: Mechanism, outputs: Sequence[str], order: int, wren
             frames = f", or {asked.name}:BODY:FRAME with a FRAME of {listed(asked.quantity.frames)}"
             raise JounceError(
                 f"generated code holds {asked.name} of one body: expected {asked.name}:BODY"
-                f"{frames if asked.quantity.frames else ''}; there are: {listed(mechanism.frame_names)}"
+                f"{frames if asked.quantity.frames else ''}; available: {listed(mechanism.frame_names)}"
             )
     if wrench and not any(asked.quantity.wrenches for asked in found):
-        spelled(mechanism, texts[0], order, wrench)  # says which ones do
+        parse_computation(mechanism, texts[0], order, wrench)  # says which ones do
     return [replace(asked, wrench=wrench and asked.quantity.wrenches) for asked in found]
 
 
 def languages_where(fit: Callable[[Language], bool]) -> str:
-    """The languages that something goes into."""
+    """Return the titles of the languages that satisfy a condition."""
     return ", ".join(name for name in NAMES if fit(language(name)))
 
 
 def _prefix(given: str | None, name: str, target: Language) -> str:
-    """The prefix that is given, or the robot's name made one."""
+    """Return the given prefix, or the robot's name turned into an identifier."""
     if given is not None:
         return given
     found = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")

@@ -1,4 +1,4 @@
-"""Parametric robots: which of their data generated code takes at run time, and the mechanism of given values."""
+"""Parametric robots: data that generated code takes at run time, and the mechanism for given values of them."""
 
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -32,9 +32,9 @@ class Parametric:
     def mechanism(self, values: Mapping[str, Array]) -> Mechanism:
         """The mechanism of values, numbers or nodes of a tape: an array for each of the parameters."""
         found = {name: value.item() for name, value in values.items() if name not in self.own}
-        return parametrise(
-            substituted(self.origin, found), self.asked, lambda name, shape: values[name].reshape(shape)
-        )[0]
+        return parametrise(substitute(self.origin, found), self.asked, lambda name, shape: values[name].reshape(shape))[
+            0
+        ]
 
 
 def parametric(mechanism: Mechanism, asked: Sequence[str]) -> Parametric:
@@ -51,7 +51,7 @@ def parametric(mechanism: Mechanism, asked: Sequence[str]) -> Parametric:
     free = symbols(mechanism)
     twice = sorted(set(free) & set(own))
     if twice:
-        raise JounceError(f"parameter {twice[0]!r} is asked for, and a symbol of the robot has that name too")
+        raise JounceError(f"parameter {twice[0]!r} is also the name of a symbol of the robot; rename the symbol")
     shapes: dict[str, Shape] = dict.fromkeys(free, ())
     shapes |= {name: () if value.size == 1 else value.shape for name, value in own.items()}
     return Parametric(mechanism, tuple(asked), shapes, own)
@@ -61,12 +61,12 @@ def _check_masses(mechanism: Mechanism) -> None:
     for body, mass in zip(mechanism.bodies, mechanism.M[:, 3, 3], strict=True):
         if _is_sympy(mass) and mass.free_symbols:
             raise JounceError(
-                f"the mass of {body!r} is {mass}; 'masses' is for numbers: symbols are parameters as they are"
+                f"the mass of {body!r} is {mass}; 'masses' applies to numbers; symbols are parameters already"
             )
 
 
 def _without(mechanism: Mechanism, replaced: Container[str]) -> Mechanism:
-    """The mechanism without the data that parameters replace: no symbol in them is asked for in vain."""
+    """Return the mechanism without the data that parameters replace, so that symbols in them need no values."""
     if "gravity" in replaced:
         mechanism = replace(mechanism, gravity=np.zeros(3))
     if "lengths" in replaced:
@@ -79,15 +79,17 @@ def symbols(mechanism: Mechanism) -> list[str]:
     entries = [x for name in DATA if is_symbolic(array := getattr(mechanism, name)) for x in array.flat]
     odd = next((x for x in entries if not isinstance(x, int | float | np.number) and not _is_sympy(x)), None)
     if odd is not None:
-        raise JounceError(f"the robot holds a {type(odd).__name__}; code is generated from numbers and SymPy's symbols")
+        raise JounceError(
+            f"the robot contains a {type(odd).__name__}; code generation supports numbers and SymPy symbols"
+        )
     found = sorted(symbol.name for symbol in {s for x in entries if _is_sympy(x) for s in x.free_symbols})
     twice = next((name for name, after in pairwise(found) if name == after), None)
     if twice is not None:
-        raise JounceError(f"the robot holds two symbols that are named {twice}; expected names of their own")
+        raise JounceError(f"the robot contains two symbols named {twice}; expected distinct names")
     return found
 
 
-def substituted(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
+def substitute(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
     """The mechanism with values in place of SymPy's symbols."""
     if not any(is_symbolic(getattr(mechanism, name)) for name in DATA):
         return mechanism
@@ -106,14 +108,16 @@ def _value(x: Any, values: Mapping[str, Any]) -> Any:
         return values[x.name]
     if x.is_number:
         if not x.is_real:
-            raise JounceError(f"the robot holds {x}; code is generated from real numbers and symbols")
+            raise JounceError(f"the robot contains {x}; code generation supports real numbers and symbols")
         return int(x) if x.is_Integer else float(x)
     name = type(x).__name__
     if name == "Pow" and x.exp.is_Integer and x.exp > 0:
         return _power(_value(x.base, values), int(x.exp))
     inner = [_value(part, values) for part in x.args] if name in _RULES else []
     if not inner:
-        raise JounceError(f"the robot holds {x}; code is generated from sums, products, sines and cosines of symbols")
+        raise JounceError(
+            f"the robot contains {x}; code generation supports sums, products, sines and cosines of symbols"
+        )
     return _RULES[name](inner)
 
 

@@ -31,12 +31,12 @@ class Printed:
 
     @property
     def name(self) -> str:
-        """Of the function, without the prefix."""
+        """The name of the function, without the prefix."""
         return self.function.name
 
     @property
     def computation(self) -> Computation:
-        """What it computes."""
+        """The computation of the function."""
         return self.function.computation
 
     @property
@@ -51,7 +51,7 @@ class Printed:
 
     @property
     def effort(self) -> str:
-        """How many operations it takes, in words."""
+        """A description of its number of operations."""
         return effort(self.function.program)
 
     @cached_property
@@ -61,7 +61,7 @@ class Printed:
 
     @property
     def scratch(self) -> int:
-        """How many scalars of scratch memory its parts share; none where it is whole."""
+        """The number of scalars of scratch memory that its parts share; 0 if it has one part."""
         return self.schedule.scratch
 
     @cached_property

@@ -16,7 +16,7 @@ from jounce._codegen.test_vectors import TOLERANCE, Vectors
 from jounce.program.operations import FUNCTIONS
 
 HERE = Path(__file__).parent
-SUFFIX = ".jinja"
+TEMPLATE_SUFFIX = ".jinja"
 
 
 def names(options: Options) -> list[str]:
@@ -33,8 +33,8 @@ def files(options: Options, functions: Sequence[Function], tests: Sequence[Vecto
         keep_trailing_newline=True,
     )  # fmt: skip
     environment.globals["listed"] = lambda words: " and ".join(", ".join(words).rsplit(", ", 1))
-    environment.filters["wrapped"] = _wrapped
-    environment.filters["packed"] = _packed
+    environment.filters["wrapped"] = _wrap
+    environment.filters["packed"] = _pack
     environment.filters["rows"] = _rows
     context = _context(options, functions, tests)
     by_name = {f.name: f for f in context["functions"]}
@@ -46,21 +46,23 @@ def files(options: Options, functions: Sequence[Function], tests: Sequence[Vecto
 
 
 def _templates(options: Options) -> dict[str, tuple[str, str]]:
-    """By the names of the files that they make the templates, as paths in this package.
+    """Map the names of the generated files to their templates, as paths in this package, and functions.
 
-    One with FUNCTION in its name makes a file for each function, which stands beside the path.
+    A template with FUNCTION in its name makes one file per function.
     """
     folder = options.language.name
     made = {}
-    for path in sorted((HERE / folder).glob(f"[!_]*{SUFFIX}")):
+    for path in sorted((HERE / folder).glob(f"[!_]*{TEMPLATE_SUFFIX}")):
         for function in options.outputs if "FUNCTION" in path.name else ("",):
-            name = path.name.removesuffix(SUFFIX).replace("FUNCTION", function).replace("PREFIX", options.prefix)
+            name = (
+                path.name.removesuffix(TEMPLATE_SUFFIX).replace("FUNCTION", function).replace("PREFIX", options.prefix)
+            )
             made[name] = f"{folder}/{path.name}", function
     return made
 
 
 def _context(options: Options, functions: Sequence[Function], tests: Sequence[Vectors]) -> dict[str, Any]:
-    """What templates are given."""
+    """Return the variables of the templates."""
     mechanism, single = options.robot.origin, options.single
     printed = [Printed(function, options.language, single) for function in functions]
     literal = options.language.literal
@@ -98,7 +100,7 @@ def _elementary(functions: Sequence[Function]) -> list[str]:
     return [kind for kind in FUNCTIONS if kind in ("sin", "cos") or kind in used]
 
 
-def _wrapped(text: str, indent: str = "", width: int = 118) -> str:
+def _wrap(text: str, indent: str = "", width: int = 118) -> str:
     """A sentence in lines, each but the first behind an indent."""
     from textwrap import wrap
 
@@ -111,8 +113,8 @@ def _own(robot: Parametric) -> dict[str, np.ndarray]:
     return robot.own if numbers else {}
 
 
-def _packed(text: str, indent: str = "", end: str = "", width: int = 118) -> str:
-    """What commas separate in lines, each but the first behind an indent, each but the last with an end."""
+def _pack(text: str, indent: str = "", end: str = "", width: int = 118) -> str:
+    """Wrap comma-separated items: all lines but the first are indented, all but the last have a suffix."""
     lines = [""]
     for item in text.strip().split(", "):
         longer = f"{lines[-1]}, {item}" if lines[-1] else item
@@ -125,5 +127,5 @@ def _packed(text: str, indent: str = "", end: str = "", width: int = 118) -> str
 
 
 def _rows(array: np.ndarray) -> Iterator[list[float]]:
-    """An array (states, ...) as flat lists, one a state."""
+    """Return an array (states, ...) as flat lists, one per state."""
     return (np.ravel(state).tolist() for state in array)

@@ -1,8 +1,8 @@
-"""Schedules: a program as statements, in the order in which they are written; cut into parts where there are many.
+"""Schedules: the statements of a program in the order in which they are written, split into parts if there are many.
 
-What is used once stands within the statement that uses it, as long as that stays short. Sines and cosines come first,
-while little else must be kept over their calls; outputs are written last, so that they may lie over inputs. Long
-schedules are cut into parts, functions of their own: what a later part uses is kept in scratch memory.
+A value that is used once is part of the statement that uses it, as long as that stays short. Sines and cosines come
+first, while few values must be saved across their calls; outputs are written last, so that they may overlap inputs.
+Long schedules are split into parts, functions of their own: values used by a later part are kept in scratch memory.
 """
 
 from collections.abc import Container, Mapping, Sequence
@@ -27,12 +27,12 @@ class Schedule:
 
     @property
     def scratch(self) -> int:
-        """How many scalars of scratch memory it takes."""
+        """The number of scalars of scratch memory."""
         return max(self.slots.values(), default=-1) + 1
 
     @cached_property
     def names(self) -> dict[int, str]:
-        """What the statements define: sin1, cos1 of the first angle, t1, t2, ..."""
+        """The names that the statements define: sin1, cos1 of the first angle, t1, t2, ..."""
         steps = self.program.steps
         angles: dict[int, int] = {}
         names: dict[int, str] = {}
@@ -56,7 +56,7 @@ def is_function(kind: str) -> bool:
 
 def schedule(program: Program) -> Schedule:
     """The statements of a program."""
-    stated = _stated(program)
+    stated = _statements(program)
     functions = sorted((i for i in stated if is_function(program.steps[i].kind)), key=lambda i: _angle(program, i))
     order = topological_order([*functions, *stated], lambda i: program.steps[i].operands)
     statements = [i for i in order if i in stated]
@@ -79,13 +79,13 @@ def _by_depth(program: Program, stated: Container[int], statements: Sequence[int
 
 
 def _angle(program: Program, i: int) -> tuple[float, ...]:
-    """What functions are sorted by: of which input they are, others last."""
+    """Return the sort key of functions: the index of their input; other functions come last."""
     (j,) = program.steps[i].operands
     operand = program.steps[j]
     return (operand.value, 0) if operand.kind == "input" else (program.inputs, j)
 
 
-def _stated(program: Program) -> dict[int, None]:
+def _statements(program: Program) -> dict[int, None]:
     """The steps that are statements of their own, in order."""
     uses, steps = program.uses(), program.steps
     sizes: dict[int, int] = {}  # operations in the expression of a step that is not a leaf
@@ -102,7 +102,7 @@ def _stated(program: Program) -> dict[int, None]:
 
 
 def _slots(program: Program, stated: Mapping[int, None], parts: Sequence[tuple[int, ...]]) -> dict[int, int]:
-    """Where in scratch memory the statements that later parts, or the outputs, use are kept; a slot serves many."""
+    """Assign scratch memory slots to the values that later parts or outputs use; slots are reused."""
     part_of = {i: k for k, part in enumerate(parts) for i in part}
     statements = [i for part in parts for i in part]
     reads = [{j for j in _leaves(i, program, stated) if j in stated} for i in statements]

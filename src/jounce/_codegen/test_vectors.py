@@ -1,4 +1,4 @@
-"""Test vectors: states, and what a function has to give for them by the closed form, not by the program printed."""
+"""Test vectors: states and the correct results of a function, by the closed form instead of the generated program."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,10 +10,10 @@ from jounce._codegen.parametric import Parametric
 from jounce.checks.magnitudes import magnitudes, scale
 from jounce.dynamics.computation import Port
 from jounce.model.mechanism import with_extended_precision
-from jounce.robot.generic import computed
+from jounce.robot.generic import compute_by_method
 
-WORK = 100  # bodies times states: the closed form is dense
-MOST = 10  # states
+MOST_BODY_STATES = 100  # bodies times states: the closed form is dense
+MOST_STATES = 10  # states
 STEPS = 1000  # states are whole multiples of 1/STEPS: short to write, the same in every language
 TOLERANCE = {False: 1e-13, True: 2e-4}  # of the test, in double and single precision
 
@@ -29,11 +29,11 @@ class Vectors:
 
     @property
     def count(self) -> int:
-        """How many states there are."""
+        """The number of states."""
         return len(self.inputs["q"])
 
     def scale(self, name: str) -> float:
-        """What errors of an output are relative to, over all states, in three digits: the same on every machine."""
+        """Return the scale of relative errors of an output over all states, to three digits: machine-independent."""
         return float(f"{scale(self.outputs[name], self.magnitudes[name]):.3g}")
 
     def parameter_sets(self) -> Iterator[dict[str, np.ndarray]]:
@@ -51,7 +51,7 @@ def vectors(
     methods = function.computation.quantity.methods
     method = method if method in methods else next(iter(methods))
     rng = np.random.default_rng(0)
-    count = max(1, min(MOST, WORK // robot.origin.nb)) if count is None else count
+    count = max(1, min(MOST_STATES, MOST_BODY_STATES // robot.origin.nb)) if count is None else count
 
     def random(port: Port) -> np.ndarray:
         return rng.integers(-2 * STEPS, 2 * STEPS, (count, *port.shape)) / STEPS
@@ -60,7 +60,7 @@ def vectors(
         return x.astype(np.float32).astype(float) if single else x
 
     inputs = {port.name: given(random(port)) for port in function.inputs}
-    batch = -(-count // MOST) if function.parameters else count  # states that share their parameters
+    batch = -(-count // MOST_STATES) if function.parameters else count  # states that share their parameters
     starts = np.arange(count) // batch * batch
     parameters = {
         port.name: given(_near(robot.own.get(port.name), random(port)))[starts] for port in function.parameters
@@ -70,7 +70,7 @@ def vectors(
         values = {name: np.asarray(x[k].astype(np.longdouble), dtype=object) for name, x in parameters.items()}
         mechanism = with_extended_precision(robot.mechanism(values))
         states = {name: x[k : k + batch].astype(np.longdouble) for name, x in inputs.items()}
-        results.append(computed(function.computation, method, mechanism, list(states.values())))
+        results.append(compute_by_method(function.computation, method, mechanism, list(states.values())))
         sizes.append(magnitudes(mechanism, function.computation, list(states.values())))
     return Vectors(parameters, inputs, _by_name(function, results), _by_name(function, sizes))
 

@@ -1,4 +1,4 @@
-"""What users hold: the quantities of a robot as SymPy expressions, each computed when it is asked for, and kept."""
+"""The public part: the quantities of a robot as SymPy expressions, each computed on first access and kept."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -30,9 +30,9 @@ class Symbolic:
       f_z1, mdot_x1, ...
     * Each quantity that belongs to no body is an attribute named after its symbol, ``S.Q``, ``S.M``, ``S.U``, and so
       are its rates, ``S.Qd``, ``S.Q2d``, ``S.Q3d``, ...: a matrix, a column of a vector, or an expression.
-    * Quantities without wrenches are meant; what wrenches add has ``ext`` in its name: Q is ``S.Q + S.Qext``.
+    * These are the quantities without wrenches; the part of wrenches has ``ext`` in its name: Q is ``S.Q + S.Qext``.
     * Each quantity of bodies is a method: ``J, Jd = S.jacobian("tool0", frame="world", order=1)``.
-    * What is too large for symbolic form raises `JounceError` when it is asked for.
+    * A quantity that is too large for symbolic form raises `JounceError` on access.
     """
 
     name: str
@@ -46,7 +46,7 @@ class Symbolic:
         own = vars(self)  # empty while it is copied or unpickled
         found = re.fullmatch(f"({'|'.join(own['series'])}){SUFFIX}", name) if "series" in own else None
         if found is None:
-            raise AttributeError(str(no_such("member", name, [*own.get("series", ()), *OF_BODIES, "dot"])))
+            raise AttributeError(str(no_such("member", name, [*own.get("series", ()), *OF_BODIES, "dot"], "Symbolic")))
         symbol, suffix = found.groups()
         return self.series[symbol][int((suffix or "0d")[:-1] or 1)]
 
@@ -94,13 +94,13 @@ def symbolic(robot: Robot) -> Symbolic:
     Returns
     -------
     Symbolic
-        ``S.q, S.qd, ..., S.Q, S.Qd, S.Q2d, S.M, ..., S.poses("tool0")``, see there.
+        ``S.q, S.qd, ..., S.Q, S.Qd, S.Q2d, S.M, ..., S.poses("tool0")``, see `Symbolic`.
 
     Raises
     ------
     JounceError
-        If the robot holds what is neither a number nor a real SymPy expression, or a symbol that is named as a
-        coordinate, or SymPy is missing; an expression that is too large says so when it is asked for.
+        If the robot contains anything but numbers and real SymPy expressions, or a symbol with the name of a
+        coordinate, or SymPy is missing. An expression that is too large raises it on access.
 
     References
     ----------
@@ -168,7 +168,7 @@ def _method(row: Quantity) -> Callable[..., Any]:
 
 
 def _frames(row: Quantity) -> str:
-    return f"Of the components: {', '.join(map(repr, row.frames))}." if row.frames else 'Always "body".'
+    return f"The frame of the components: {', '.join(map(repr, row.frames))}." if row.frames else 'Always "body".'
 
 
 def _table() -> str:

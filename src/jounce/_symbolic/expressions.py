@@ -17,14 +17,14 @@ from jounce.errors import at
 from jounce.model.mechanism import DATA, Mechanism, with_exact_integers
 from jounce.spatial.series import Series, rate_name
 
-WORK = 1_000_000  # operations on terms, the limit for one matrix: some seconds, some ten thousand terms
+MOST_OPERATIONS = 1_000_000  # operations on terms, the limit for one matrix: some seconds, some ten thousand terms
 PRINTED = 50  # operations that take as long as to print one term
 FRICTION = "friction"  # the term of the drives that is no trigonometric polynomial
 
 
 @dataclass(frozen=True, eq=False)
 class Expressions:
-    """What expressions are made from: a mechanism, the same in polynomials, and the symbols of its state."""
+    """The sources of expressions: a mechanism, the same in polynomials, and the symbols of its state."""
 
     mechanism: Mechanism
     model: Mechanism
@@ -41,7 +41,7 @@ class Expressions:
         return series
 
     def external(self, row: Quantity, symbol: str) -> Series:
-        """What wrenches add to a quantity: all that is left of it without masses and drives."""
+        """Return the part of wrenches in a quantity: the quantity without masses and drives."""
         massless = replace(self.model, M=zeros_like(self.model.M), acting=())
         state = State(self._column("q"), self._column("W"))
         return self._printed(symbol, lambda: _law(row, massless)(massless, state))
@@ -75,21 +75,21 @@ class Expressions:
         return Printer(self.variables, self.parameters, any(map(has_decimals, data)))
 
     def _friction(self, law: Law) -> Series:
-        """What Coulomb friction adds, in SymPy's own functions."""
+        """Return the part of Coulomb friction, in SymPy functions."""
         mechanism = replace(with_exact_integers(self.mechanism), acting=(FRICTION,))
         q = self.symbols["q"].map(lambda x: np.array(x.tolist(), dtype=object))
         return law(mechanism, State(q)).map(lambda x: _sympy(list(x.flat), x.shape))
 
 
 def expressions(mechanism: Mechanism) -> Expressions:
-    """What the expressions of a mechanism are made from.
+    """Return the sources of the expressions of a mechanism.
 
     Raises
     ------
     JounceError : if the mechanism holds what is neither a number nor a real SymPy expression, or a symbol that is named
         as a coordinate or wrench.
     """
-    variables, symbols = Variables(WORK), state_symbols(mechanism)
+    variables, symbols = Variables(MOST_OPERATIONS), state_symbols(mechanism)
     model = cast_mechanism(mechanism, variables)
     check_names(variables, symbols)
     model = replace(model, acting=tuple(term for term in model.acting if term != FRICTION))

@@ -70,4 +70,6 @@ def check_names(variables: Variables, symbols: Mapping[str, Series]) -> None:
     taken = {str(symbol) for series in symbols.values() for k in range(5) for symbol in series[k]}
     for symbol in variables.expressions:
         if str(symbol) in taken:
-            raise JounceError(f"the robot holds a symbol {symbol}, which is the name of a coordinate or wrench")
+            raise JounceError(
+                f"the robot contains the symbol {symbol}, which is the name of a coordinate or wrench; rename it"
+            )

@@ -1,1 +1,1 @@
-"""What callers give, checked once: rates of the coordinates, joint names, wrenches."""
+"""The arguments of callers, checked once: rates of the coordinates, joint names, wrenches."""

@@ -16,7 +16,7 @@ AXES = ("world", "body")
 
 
 def load_of(force: object, torque: object, order: int, q: Sequence[Array]) -> list[Array]:
-    """The load (torque; force), (..., 1, 6), and its rates up to `order`, from a caller's data at the states `q`."""
+    """Return a caller's load (torque; force), (..., 1, 6), and its rates up to `order`, at the states `q`."""
     if force is None and torque is None:
         raise JounceError("neither force nor torque is given; expected force=, torque= or both")
     torques, forces = _rates(torque, "torque", order, q), _rates(force, "force", order, q)
@@ -25,7 +25,7 @@ def load_of(force: object, torque: object, order: int, q: Sequence[Array]) -> li
 
 
 def place_of(axes: str, point: object, force: object) -> Array:
-    """The point (3,) where a force acts, the link's origin if None; the axes are checked beside it."""
+    """Return the point (3,) where a force acts, the link's origin if None, and check the name of the axes."""
     one_of("frame of a load", axes, AXES)
     p = np.zeros(3, dtype=int) if point is None else asarray(point, "point")
     if p.shape != (3,):
@@ -36,7 +36,7 @@ def place_of(axes: str, point: object, force: object) -> Array:
 
 
 def _rates(given: object, label: str, order: int, q: Sequence[Array]) -> list[Array]:
-    """A vector (..., 3) and its rates: a tuple gives them all, an array alone is constant in its axes."""
+    """Return a vector (..., 3) and its rates: a tuple has all of them, a single array is constant in its axes."""
     rates = rates_in(given)
     if rates is not None and len(rates) != order + 1:
         raise JounceError(f"{label} gives {len(rates)} terms; order {order} takes it and its rates, {order + 1} terms")

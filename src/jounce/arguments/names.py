@@ -1,4 +1,4 @@
-"""Names that callers give: what stands under each, and all that is wrong with them, said at once."""
+"""Match the entries of a state or load by name, and report all naming errors together."""
 
 from collections.abc import Collection, Mapping, Sequence
 from difflib import get_close_matches
@@ -14,10 +14,10 @@ LOCK = "lock= of jounce.load, or Robot.locked, holds joints without a value"
 
 
 def listed_in(given: Any) -> list[Any] | None:
-    """The names under which something stands in what a caller gives, or None where nothing is named.
+    """Return the names of the entries of a caller's data, or None if they have no names.
 
-    Names have mappings and all else that `dict` would take by its keys (data frames and series of pandas), data frames
-    that list their columns (polars, pyarrow), and structured arrays.
+    Named are the entries of mappings and whatever else `dict` accepts by keys (data frames and series of pandas), of
+    data frames that list their columns (polars, pyarrow), and of structured arrays.
     """
     if type(given) in (list, tuple):
         return None  # as most are that are no arrays
@@ -39,16 +39,16 @@ def _names_of(given: Any) -> list[Any] | None:
 
 
 def _unreadable(given: Any, error: Exception) -> JounceError:
-    """The error for whatever a foreign type raises: frames that are lazy, files that are closed."""
+    """Return the error for an exception of a foreign type, such as a lazy frame or a closed file."""
     return JounceError(f"nothing can be read from {type(given).__name__}: {one_line(error)}")
 
 
 def entries(given: Any) -> dict[Any, Any]:
-    """What stands under each of the names that `listed_in` finds."""
+    """Map the names that `listed_in` finds to their entries."""
     names = listed_in(given) or []
     repeated = [quoted(name) for name in dict.fromkeys(names) if names.count(name) > 1]
     if repeated:
-        raise JounceError(f"{listed(repeated)} named more than once; expected every name once")
+        raise JounceError(f"repeated name {listed(repeated)}; expected every name once")
     try:
         return {name: given[name] for name in names}
     except Exception as error:
@@ -56,9 +56,9 @@ def entries(given: Any) -> dict[Any, Any]:
 
 
 def check(given: Collection[Any], expected: Sequence[str], unfit: Mapping[Any, str], asked: str = "") -> None:
-    """Raise `JounceError` where the names given are not those expected: what is missing, what is unknown, what unfit.
+    """Raise `JounceError` if the given names are not the expected ones, with all missing, unknown and unfit names.
 
-    `unfit` says of names that exist but have no place here, why; `asked` says in words what is expected.
+    `unfit` maps existing names that are not allowed here to the reason; `asked` describes the expected names.
     """
     missing = [quoted(name) for name in expected if name not in given]
     absent = [name for name in expected if name not in given]
@@ -70,7 +70,7 @@ def check(given: Collection[Any], expected: Sequence[str], unfit: Mapping[Any, s
 
 
 def followers(mechanism: Mechanism) -> dict[Any, str]:
-    """The joints that are no coordinates, as names without a place in a state, each with what it follows."""
+    """Map the joints that are not coordinates, and so not part of a state, to the joints that they follow."""
     follows: dict[Any, str] = {}
     for joint, row in zip(mechanism.joints, mechanism.G, strict=True):
         if joint not in mechanism.coordinates:

@@ -1,4 +1,4 @@
-"""Rates: the check of the time derivatives q, qd, q2d, ... that a caller gives, or of q, qd, Q, Qd, ..."""
+"""Rates of the coordinates that a caller gives, q, qd, q2d, ... or q, qd, Q, Qd, ..., checked, as arrays."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -11,26 +11,26 @@ from jounce.errors import JounceError, at, listed, quoted
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import rate_name
 
-HIGHEST = 100  # order: beyond it computing takes minutes, and nobody's numbers have the digits
+HIGHEST_ORDER = 100  # order: beyond it computing takes minutes, and nobody's numbers have the digits
 
 
-def checked_order(order: object, highest: int = HIGHEST) -> int:
-    """The order of the highest rate that a caller asks for."""
+def checked_order(order: object, highest: int = HIGHEST_ORDER) -> int:
+    """Return a caller's order, checked."""
     if not isinstance(order, int | np.integer) or isinstance(order, bool) or not 0 <= order <= highest:
         raise JounceError(f"order is {quoted(order)}; expected 0 to {highest}")
     return int(order)
 
 
 def rates_in(given: object) -> tuple[Any, ...] | None:
-    """A quantity and its rates where a caller gives both, as a tuple; None where it is an array, or a tuple of scalars.
+    """Return (value, rate, ...) if a caller gives such a tuple; None for one array or a tuple of scalars.
 
-    Lists are arrays: nested ones mean what the array of the same numbers means.
+    Nested lists are one array.
     """
     return given if isinstance(given, tuple) and not (given and all(map(is_scalar, given))) else None
 
 
 def coordinate_names(count: int) -> tuple[str, ...]:
-    """q, qd, q2d, ..."""
+    """Return q, qd, q2d, ..."""
     return tuple(rate_name("q", k) for k in range(count))
 
 
@@ -40,13 +40,15 @@ def rates_of(
     mechanism: Mechanism,
     named: Callable[[int], Sequence[str]] = coordinate_names,
 ) -> list[Array]:
-    """The coordinates and their rates as arrays (..., n): at least `least` of them, none skipped."""
+    """Return the coordinates and their rates as arrays (..., n): at least `least` of them, none skipped."""
     terms = list(given)
     while len(terms) > least and terms[-1] is None:
         terms.pop()
-    if len(terms) > least + HIGHEST:
+    if len(terms) > least + HIGHEST_ORDER:
         last = named(len(terms))[-1]
-        raise JounceError(f"{last} is given, for order {len(terms) - least}; expected rates for order 0 to {HIGHEST}")
+        raise JounceError(
+            f"{last} is given, for order {len(terms) - least}; expected rates for order 0 to {HIGHEST_ORDER}"
+        )
     tail, labels = (mechanism.n,), named(len(terms))
     return [
         term  # as most are, and some a thousand times a second
@@ -57,11 +59,11 @@ def rates_of(
 
 
 def is_unbatched(q: Sequence[Array]) -> bool:
-    """Whether coordinates and their rates are one state."""
+    """Return whether the coordinates and their rates are one state without batch axes."""
     return all(term.ndim == 1 for term in q)
 
 
-def _skipped(terms: Sequence[Array | None], labels: Sequence[str]) -> JounceError:
+def _skipped_rate(terms: Sequence[Array | None], labels: Sequence[str]) -> JounceError:
     k = next(k for k, term in enumerate(terms) if term is None)
     after = [labels[j] for j in range(k + 1, len(terms)) if terms[j] is not None]
     skipped = f", yet {after[0]} is given" if after else ""
@@ -70,7 +72,7 @@ def _skipped(terms: Sequence[Array | None], labels: Sequence[str]) -> JounceErro
 
 def _column(term: Any, k: int, mechanism: Mechanism, terms: Sequence[Any], labels: Sequence[str]) -> Array:
     if term is None:
-        raise _skipped(terms, labels)
+        raise _skipped_rate(terms, labels)
     label = labels[k]
     if names.listed_in(term) is not None:
         with at(label):
@@ -96,7 +98,7 @@ def _cure(shape: tuple[int, ...], label: str, mechanism: Mechanism) -> str:
 
 
 def _by_name(term: Any, mechanism: Mechanism) -> Array:
-    """The coordinates (...) that stand under the joints' names, broadcast, as an array (..., n)."""
+    """Return an array (..., n) of coordinates (...) given by joint name, broadcast."""
     joints, named = mechanism.coordinates, names.entries(term)
     cure = f"{listed(joints)}; {names.LOCK}" if len(named) < len(joints) else ""
     names.check(named, joints, names.followers(mechanism), cure)

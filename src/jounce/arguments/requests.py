@@ -1,4 +1,4 @@
-"""Requests: which quantity a caller asks for, of which body, in which frame, checked into a `Computation`."""
+"""Requests for a quantity, of a body and in a frame, checked and converted to a `Computation`."""
 
 from functools import lru_cache
 
@@ -14,7 +14,7 @@ from jounce.model.mechanism import DATA, Mechanism
 def computation(
     mechanism: Mechanism, quantity: str, order: int, wrench: bool = False, body: str | None = None, frame: str = "body"
 ) -> Computation:
-    """The computation of what a caller asks for by name.
+    """Return the computation of a quantity by name.
 
     Raises
     ------
@@ -29,11 +29,11 @@ def computation(
     return Computation(quantity, checked_order(order), wrench, body, frame)
 
 
-def spelled(mechanism: Mechanism, text: str, order: int, wrench: bool = False) -> Computation:
-    """The computation that a text asks for, NAME[:BODY[:FRAME]]: ``mass_matrix``, ``jacobian:tool0:world``.
+def parse_computation(mechanism: Mechanism, text: str, order: int, wrench: bool = False) -> Computation:
+    """Parse a computation written as NAME[:BODY[:FRAME]]: ``mass_matrix``, ``jacobian:tool0:world``.
 
-    Names of bodies may hold colons: the end is a frame only where it is one of the quantity's, and the rest a body.
-    Without a body it is that of all bodies, where the quantity belongs to any.
+    Names of bodies may contain colons: the last part is a frame only if the quantity has this frame and the rest is a
+    body. Without a body, the quantity of all bodies is meant.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def spelled(mechanism: Mechanism, text: str, order: int, wrench: bool = False) -
     if colon and frame in row.frames and (body in bodies or rest not in bodies):
         return computation(mechanism, name, order, wrench, body or None, frame)
     if colon and row.of_bodies and body in bodies and rest not in bodies:
-        raise no_such(f"frame of {name}", frame, row.frames)
+        raise no_such("frame", frame, row.frames, name)
     return computation(mechanism, name, order, wrench, rest)
 
 
@@ -65,17 +65,17 @@ def check_invertible(mechanism: Mechanism, quantity: str) -> None:
 
 
 def place(mechanism: Mechanism, quantity: str, body: str | None, frame: str) -> None:
-    """Raise `JounceError` unless a quantity may be asked of a body, or of all, None, in a frame."""
+    """Raise `JounceError` unless the quantity exists for this body (None: all bodies) in this frame."""
     row = QUANTITIES[quantity]
     if body is not None:
         if not row.of_bodies:
             takers = listed(name for name, other in QUANTITIES.items() if other.of_bodies)
-            raise JounceError(f"{quantity} belongs to no body; these do: {takers}")
+            raise JounceError(f"{quantity} takes no body; these do: {takers}")
         mechanism.frame(body)
     one_of("frame", frame, row.frames or ("body",))
 
 
 @lru_cache(maxsize=1024)
 def known(name: str, order: int, wrench: bool, body: str | None = None, frame: str = "body") -> Computation:
-    """A computation of checked arguments, made once."""
+    """Return the computation of checked arguments; equal arguments share one."""
     return Computation(name, order, wrench, body, frame)

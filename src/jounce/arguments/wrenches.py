@@ -1,4 +1,4 @@
-"""Wrenches on the bodies, in whatever form a caller gives them, as arrays (..., nb, 6) in the body frames.
+"""Wrenches of the bodies as a caller gives them, converted to arrays (..., nb, 6) in the body frames.
 
 A wrench W_i = (moment; force) is what body i EXERTS ON its environment, in body-frame components about the origin of
 the body frame: Qext = +J^T W.
@@ -17,7 +17,7 @@ from jounce.spatial.series import rate_name
 
 
 def wrenches_of(mechanism: Mechanism, wrench: object, order: int, q: Sequence[Array]) -> list[Array]:
-    """W and its rates up to `order`, at the states `q`; no arrays where `wrench` is None."""
+    """Return W and its rates up to `order`, at the states `q`; an empty list if `wrench` is None."""
     if wrench is None:
         return []
     given = rates_in(wrench)
@@ -48,7 +48,7 @@ def _on_bodies(mechanism: Mechanism, W: object, label: str, at_one_state: bool) 
 
 
 def _from_names(mechanism: Mechanism, W: Mapping[str, object], label: str, at_one_state: bool) -> Array:
-    """Wrenches by body or merged link, the latter transported to the frame of the body that carries it."""
+    """Return W of all bodies from wrenches by name; those of merged links are transported to the body frame."""
     parts: list[Array] = [np.zeros((mechanism.nb, 6))]
     for name, value in W.items():
         frame, what = mechanism.frame(name), f"{label}[{quoted(name)}]"

@@ -1,4 +1,4 @@
-"""The audit of a robot's data: what no body can have, and what a mistake in a file makes look wrong."""
+"""The audit of a robot's data: physically impossible values, and values that suggest a mistake in a file."""
 
 from jounce.audit.checks import audit
 from jounce.audit.finding import SEVERITIES, Finding

@@ -31,9 +31,9 @@ CHECKS: tuple[Callable[[Mechanism], list[Finding]], ...] = (
 
 
 def audit(mechanism: Mechanism) -> tuple[Finding, ...]:
-    """What is wrong or odd in the data of a mechanism of numbers, errors first; empty where nothing is."""
+    """Check the data of a mechanism of numbers, and return the findings, errors first."""
     if not all(is_numeric(getattr(mechanism, name)) for name in DATA):
-        raise JounceError(f"robot {mechanism.name!r} holds symbols; expected numbers, which is what an audit judges")
+        raise JounceError(f"robot {mechanism.name!r} contains symbols; an audit needs numbers")
     with np.errstate(all="ignore"):  # of numbers near the ends of the doubles, which are not judged
         found = [finding for check in CHECKS for finding in check(mechanism)]
     return tuple(sorted(found, key=lambda finding: list(SEVERITIES).index(finding.severity)))

@@ -1,4 +1,4 @@
-"""Finding: one thing that an audit has to say."""
+"""Finding: one result of an audit."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -6,21 +6,21 @@ from typing import Any
 from jounce.errors import listed
 
 SEVERITIES = {
-    "error": "cannot be, or leaves the mass matrix singular",
-    "warning": "can be, and is more likely a mistake",
+    "error": "physically impossible, or leaves the mass matrix singular",
+    "warning": "possible, but probably a mistake",
     "note": "good to know",
 }
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One thing that an audit found in the data of a robot: where, what, by how much, and what to do about it.
+    """One finding of an audit of a robot's data: where, what, by how much, and what to do about it.
 
     Parameters
     ----------
     severity : str
-        "error": no body can have such data, or they leave the mass matrix singular; "warning": they can be right, and
-        are more likely a mistake; "note": good to know.
+        "error": physically impossible, or a singular mass matrix; "warning": possible, but probably a mistake;
+        "note": for information.
     kind : str
         What was checked, in two or three words: "triangle inequality", "placeholder inertia", "effort limit", ...
     bodies, joints : tuple of str

@@ -1,4 +1,4 @@
-"""Inertias that no distribution of mass has, and those that somebody put in until the real ones would be known."""
+"""Physically inconsistent inertias, and placeholders."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -28,22 +28,25 @@ def _defect(body: str, M: np.ndarray) -> Finding | None:
     error = partial(Finding, severity="error", bodies=(body,))
     mass, largest = float(M[3, 3]), float(np.abs(M[:3, :3]).max())
     if mass < 0:
-        text, advice = f"mass {mass:g} kg is negative", "state the mass of the body; to leave it out, none at all"
+        text, advice = (
+            f"mass {mass:g} kg is negative",
+            "state the mass of the body, or omit the mass of a massless body",
+        )
         return error(kind="negative mass", number=mass, unit="kg", text=text, advice=advice)
     if mass == 0:
-        text, advice = "massless, yet with moments of inertia", "state a mass, or no inertia at all"
+        text, advice = "massless, yet with moments of inertia", "state a mass, or no inertia"
         massless = error(kind="moments without mass", number=largest, unit="kg m^2", text=text, advice=advice)
         return massless if np.any(M) else None
     principal = inertia.principal_moments(M)
     least, slack = float(principal[0]), inertia.triangle_slack(principal)
     if least < -ROUNDING * largest:
         text = f"principal moment {least:.3g} kg m^2 about the COM is negative"
-        advice = "check the signs of the products of inertia, and that all is about the COM, not the link frame"
+        advice = "check the signs of the products of inertia, and that the tensor is about the COM, not the link frame"
         return error(kind="negative moment", number=least, unit="kg m^2", text=text, advice=advice)
     if slack < -ROUNDING * largest:
         share = f"{-100 * slack / float(principal[2]):.2g} % of the largest"
-        text = f"principal moments about the COM break the triangle inequality by {-slack:.3g} kg m^2, {share}"
-        advice = "round less or take the nearest tensor that keeps it; a large break is a wrong axis, sign or order"
+        text = f"principal moments about the COM violate the triangle inequality by {-slack:.3g} kg m^2, {share}"
+        advice = "keep more digits or use the nearest valid tensor; a large violation is a wrong axis, sign or order"
         return error(kind="triangle inequality", number=slack, unit="kg m^2", text=text, advice=advice)
     return None
 
@@ -119,7 +122,7 @@ def _placeholder(
         number=number,
         unit=unit,
         text=f"{text}: a placeholder",
-        advice=f"forces are wrong by what it hides; {_MEASURE}",
+        advice=f"the forces are wrong until it is replaced; {_MEASURE}",
     )
 
 

@@ -60,7 +60,7 @@ def axes(mechanism: Mechanism) -> list[Finding]:
 
 
 def _missing(mechanism: Mechanism, kind: str, driven: list[int], missing: np.ndarray) -> list[Finding]:
-    """A robot without any such limit may mean it so; one with some has forgotten the others."""
+    """Find missing limits: a warning if other joints have one, a note if none has."""
     if not missing.any():
         return []
     everywhere = bool(missing.all())
@@ -87,8 +87,8 @@ def _zero(mechanism: Mechanism, kind: str, driven: list[int], zero: np.ndarray) 
             joints=_names(mechanism, driven, zero),
             number=0.0,
             unit="N m or N" if kind == "effort" else "rad/s or m/s",
-            text=f"{kind} limit 0: the joint could never {'push' if kind == 'effort' else 'move'}",
-            advice=f"state the drive's own in {_UNITS[kind]}, or leave it out where it is unknown",
+            text=f"{kind} limit 0: the joint could never {'exert a force' if kind == 'effort' else 'move'}",
+            advice=f"state that of the drive in {_UNITS[kind]}, or omit it if it is unknown",
         )
     ]
 

@@ -8,7 +8,7 @@ from jounce.model.mechanism import Mechanism, ancestors
 
 
 def massless(mechanism: Mechanism) -> list[Finding]:
-    """Massless bodies that carry mass, which is no harm, and those that carry none."""
+    """Find massless bodies: those that carry mass, which have no effect, and those that carry none."""
     empty = ~mechanism.M.any(axis=(1, 2))
     carries = (ancestors(mechanism)[~empty] > 0).any(axis=0)
     between, tips = np.flatnonzero(empty & carries), np.flatnonzero(empty & ~carries)
@@ -21,8 +21,8 @@ def massless(mechanism: Mechanism) -> list[Finding]:
                 bodies=tuple(mechanism.bodies[i] for i in between),
                 number=0.0,
                 unit="kg",
-                text="massless, and bodies beyond have mass: no harm to forces or mass matrix",
-                advice="right for a frame between the axes of one joint; otherwise state the inertia",
+                text="massless, but carries bodies with mass: no effect on forces or mass matrix",
+                advice="correct for an intermediate frame of a joint with several axes; otherwise state the inertia",
             )
         )
     if tips.size:
@@ -33,8 +33,8 @@ def massless(mechanism: Mechanism) -> list[Finding]:
                 bodies=tuple(mechanism.bodies[i] for i in tips),
                 number=0.0,
                 unit="kg",
-                text="massless, as is all beyond: its joint needs no force of its own",
-                advice="state the inertia, or make the joint a fixed one",
+                text="massless, as is everything it carries: its joint needs no force",
+                advice="state the inertia, or make the joint fixed",
             )
         )
     return found
@@ -54,6 +54,6 @@ def singular(mechanism: Mechanism) -> list[Finding]:
             unit="coordinates",
             text=f"moves no inertia{' together' if len(idle) > mechanism.n - rank else ''}: "
             f"the mass matrix is singular, of rank {rank} for {mechanism.n} coordinates",
-            advice="inverse dynamics holds; for forward dynamics state the inertia beyond, or fix the joint",
+            advice="inverse dynamics is not affected; for forward dynamics state the inertia, or fix the joint",
         )
     ]

@@ -161,13 +161,15 @@ def _reach(mechanism: Mechanism, anchors: Sequence[np.ndarray]) -> list[float]:
 
 
 def gravity(mechanism: Mechanism) -> list[Finding]:
-    """Gravity that is none, of another planet, or of none."""
+    """Find gravity that is zero, of another planet, or of no planet."""
     g = float(np.linalg.norm(mechanism.gravity))
     if EARTH[0] <= g <= EARTH[1]:
         return []
     likely = g == 0 or PLANETS[0] <= g <= PLANETS[1]
     text = "no gravity" if g == 0 else f"gravity is {g:.4g} m/s^2"
-    advice = "right in orbit" if g == 0 else "right on another planet" if likely else "no planet has it"
+    advice = (
+        "correct in orbit" if g == 0 else "correct on another planet" if likely else "not the gravity of any planet"
+    )
     return [
         Finding(
             severity="note" if likely else "warning",

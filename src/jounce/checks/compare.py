@@ -1,4 +1,4 @@
-"""A robot checked at random states: against other libraries at order 0, its own other paths, and differentiation.
+"""Compare a robot's results at random states with other libraries at order 0, other methods, and differentiation.
 
 Errors are norm-wise: the largest difference over the largest entry of all the states, or over the magnitude of what
 is added up where that is larger, as where forces are zero.
@@ -27,7 +27,7 @@ ALLOWED = {"exact": 1e-9, "differences": 1e-6}  # what an error may be; differen
 
 @dataclass(frozen=True)
 class Check:
-    """The worst error of a quantity against another way to it, or why there is none."""
+    """The worst error of a quantity against another way to compute it, or the reason that it is not compared."""
 
     quantity: str
     against: str
@@ -44,7 +44,7 @@ class Check:
 def compare(
     robot: Robot, source: Path | None = None, *, order: int = 2, states: int = 20, seed: int = 0
 ) -> list[Check]:
-    """The checks of a robot, its drives left out; `source` is the file that it was read from, for peers to read too."""
+    """Run the checks of a robot without drive terms; other libraries read its file `source`, if given."""
     rigid, rng = robot.with_drives(False), np.random.default_rng(seed)
     q = rng.uniform(-1, 1, (order + 3, states, robot.n))
     sizes = magnitudes(rigid.mechanism, Computation(FORCES.name, order), [*q])
@@ -72,7 +72,7 @@ def _with_peers(robot: Robot, source: Path | None, q: np.ndarray) -> Iterator[Ch
 
 
 def _with_paths(robot: Robot, q: np.ndarray, sizes: Sequence[np.ndarray]) -> Iterator[Check]:
-    """Every other path, and the recursion with long doubles."""
+    """Compare with every other method, and with the recursion in extended precision."""
     own = _all(robot.inverse_dynamics(*q))
     paths: dict[str, Callable[[], Sequence[np.ndarray]]] = {
         "recursion": lambda: _all(robot.inverse_dynamics(*q, method="recursion")),
@@ -85,17 +85,17 @@ def _with_paths(robot: Robot, q: np.ndarray, sizes: Sequence[np.ndarray]) -> Ite
 
 
 def _with_differences(robot: Robot, q: np.ndarray, sizes: Sequence[np.ndarray]) -> Iterator[Check]:
-    """Each rate against nine-point differences of the one before, along the polynomials that have the rates q."""
+    """Compare each rate with nine-point differences of the lower one, along the polynomials that have the rates q."""
     exact = _all(robot.inverse_dynamics(*q))
     for k in range(1, len(exact)):
         errors = []
         for h in STEPS:
-            along = [_all(robot.inverse_dynamics(*_moved(q, j * h)[: k + 2]))[-1] for j in range(-4, 5)]
+            along = [_all(robot.inverse_dynamics(*_shift(q, j * h)[: k + 2]))[-1] for j in range(-4, 5)]
             errors.append(_error(np.tensordot(STENCIL, along, 1) / h, exact[k], sizes[k]))
         yield Check(rate_name("Q", k), f"differences of {rate_name('Q', k - 1)}", min(errors), ALLOWED["differences"])
 
 
-def _moved(q: np.ndarray, t: float) -> np.ndarray:
+def _shift(q: np.ndarray, t: float) -> np.ndarray:
     """The rates q a time t later."""
     return np.stack([sum(x * t**j / factorial(j) for j, x in enumerate(q[k:])) for k in range(len(q))])
 

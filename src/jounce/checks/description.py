@@ -1,12 +1,12 @@
-"""What a robot is, as plain data: for `jounce info`, in words or JSON."""
+"""The description of a robot as plain data: for `jounce info`, as text or JSON."""
 
-import math
 from typing import Any
 
 import numpy as np
 
 from jounce.audit import audit
 from jounce.model.coordinates import coordinate_units
+from jounce.model.limits import KEYS
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
 
@@ -47,7 +47,7 @@ def _body(mechanism: Mechanism, i: int) -> dict[str, Any]:
         "axis": (X[3:] if kind == "prismatic" else X[:3]).tolist(),
         "pitch": pitch if kind == "helical" else None,
         "follows": _follows(mechanism, i),
-        "limits": {key: _finite(float(array[i])) for key, array in vars(mechanism.limits).items()},
+        "limits": dict.fromkeys(KEYS) | mechanism.limits.stated(i),
         "drive": {key: float(array[i]) for key, array in vars(mechanism.drives).items()},
         "mass": mass,
         "com": (h[:, 0] / mass).tolist() if mass else None,
@@ -62,10 +62,6 @@ def _follows(mechanism: Mechanism, i: int) -> str | None:
     terms = [f"{_factor(row[j])}{mechanism.coordinates[j]}" for j in np.flatnonzero(row)]
     plain = len(terms) == 1 and row.sum() == 1 and offset == 0 and mechanism.joints[i] in mechanism.coordinates
     return None if plain else " + ".join(terms + [f"{offset:g}"] * bool(offset)) or "0"
-
-
-def _finite(x: float) -> float | None:
-    return x if math.isfinite(x) else None
 
 
 def _factor(x: float) -> str:

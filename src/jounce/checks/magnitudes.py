@@ -1,11 +1,11 @@
-"""Magnitudes: the sizes of what is added up in a quantity and its rates, which stay where the quantity itself cancels.
+"""Magnitudes: the sizes of the terms summed in a quantity and its rates, nonzero where the quantity itself cancels.
 
 Rounding errors are in proportion to them: a force that is zero in exact arithmetic comes out as noise of some 1e-16 of
 its magnitude. Magnitudes are roots of sums of squares, the sizes of sums of independent terms: sums of absolute values
 outgrow the results with every body and every order.
 
 No equation is written for them. The laws of the quantities run on arrays of another kind, which hold the square of the
-magnitude of every entry beside its value: sums and differences add squares, products multiply them. Squares of the
+magnitude of every entry along with its value: sums and differences add squares, products multiply them. Squares of the
 entries of a rotation add up to 1 in every row and column, hence magnitudes do not grow from frame to frame.
 """
 
@@ -20,7 +20,7 @@ from jounce._scalars import Array
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import FORCES
 from jounce.model.mechanism import Mechanism
-from jounce.robot.generic import computed
+from jounce.robot.generic import compute_by_method
 
 METHODS = ("closed_form", "recursion")  # in the body frames as they are given; in those on the joint axes
 
@@ -34,7 +34,7 @@ def magnitudes(mechanism: Mechanism, computation: Computation, arrays: Sequence[
     if computation.quantity.forces:
         return _of_accelerations(mechanism, computation, arrays)
     by_method = [
-        computed(computation, method, mechanism, [_Sized(np.asarray(x, dtype=float)) for x in arrays])
+        compute_by_method(computation, method, mechanism, [_Sized(np.asarray(x, dtype=float)) for x in arrays])
         for method in METHODS
         if method in computation.quantity.methods
     ]
@@ -46,15 +46,15 @@ def _of_accelerations(
 ) -> tuple[np.ndarray, ...]:
     given, W = arrays[: computation.rates], arrays[computation.rates :]
     q = [*given[: computation.quantity.coordinate_inputs(len(given))]]
-    accelerations = computed(computation, "recursion", mechanism, arrays)
+    accelerations = compute_by_method(computation, "recursion", mechanism, arrays)
     forces = magnitudes(mechanism, replace(computation, name=FORCES.name), [*q, *accelerations, *W])
-    (M,) = computed(Computation("mass_matrix", 0), "recursion", mechanism, q[:1])
+    (M,) = compute_by_method(Computation("mass_matrix", 0), "recursion", mechanism, q[:1])
     squares = np.square(np.linalg.inv(M.astype(float)))
     return tuple(np.sqrt((squares @ np.square(Q)[..., None])[..., 0]) for Q in forces)
 
 
 def scale(expected: Array, magnitude: np.ndarray) -> float:
-    """What errors of an array are relative to: its largest entry or magnitude; 1 where nothing is added up at all."""
+    """Return the scale of relative errors of an array: its largest entry or magnitude; 1 if all terms are zero."""
     return float(max(np.abs(expected).max(), magnitude.max())) or 1.0
 
 
@@ -102,40 +102,40 @@ class _Sized:
         return _Sized(-self.value, self.square)
 
     def __add__(self, other: Any) -> "_Sized":
-        y = _sized(other)
+        y = _make_sized(other)
         return _Sized(self.value + y.value, self.square + y.square)
 
     def __sub__(self, other: Any) -> "_Sized":
-        return self + -_sized(other)
+        return self + -_make_sized(other)
 
     def __rsub__(self, other: Any) -> "_Sized":
-        return _sized(other) + -self
+        return _make_sized(other) + -self
 
     def __mul__(self, other: Any) -> "_Sized":
-        y = _sized(other)
+        y = _make_sized(other)
         return _Sized(self.value * y.value, self.square * y.square)
 
     def __matmul__(self, other: Any) -> "_Sized":
-        y = _sized(other)
+        y = _make_sized(other)
         return _Sized(self.value @ y.value, self.square @ y.square)
 
     def __rmatmul__(self, other: Any) -> "_Sized":
-        return _sized(other) @ self
+        return _make_sized(other) @ self
 
     __radd__, __rmul__ = __add__, __mul__
 
 
-def _sized(x: Any) -> _Sized:
+def _make_sized(x: Any) -> _Sized:
     return x if isinstance(x, _Sized) else _Sized(np.asarray(x, dtype=float))
 
 
 def _concatenate(arrays: Sequence[Any], axis: int) -> _Sized:
-    parts = [_sized(x) for x in arrays]
+    parts = [_make_sized(x) for x in arrays]
     return _Sized(np.concatenate([x.value for x in parts], axis), np.concatenate([x.square for x in parts], axis))
 
 
 _NAMESPACE = SimpleNamespace(
-    broadcast_to=lambda x, shape: _sized(x).map(lambda a: np.broadcast_to(a, shape)),
+    broadcast_to=lambda x, shape: _make_sized(x).map(lambda a: np.broadcast_to(a, shape)),
     concatenate=_concatenate,
     zeros_like=lambda x: x.map(np.zeros_like),
     sin=lambda x: _Sized(np.sin(x.value)),

@@ -1,4 +1,4 @@
-"""The command `jounce`: one verb a file; what jounce raises becomes one line and exit code 2."""
+"""The command `jounce`, one subcommand per module; an error of jounce becomes one line and exit code 2."""
 
 import errno
 import sys
@@ -10,6 +10,7 @@ import click
 
 from jounce import JounceError, __version__
 from jounce.cli.cache import cache
+from jounce.cli.check import check
 from jounce.cli.codegen import codegen
 from jounce.cli.compare import compare
 from jounce.cli.convert import convert
@@ -20,6 +21,7 @@ from jounce.cli.output import styled
 from jounce.cli.plot import plot
 from jounce.cli.robots import robots
 from jounce.cli.run import run
+from jounce.cli.slowdown import slowdown
 from jounce.errors import escaped, one_line
 
 EPILOG = """\b
@@ -28,9 +30,9 @@ Example:
   jounce plot forces.csv -o forces.png
 
 \b
-Completion of verbs, options, robots, motions, in the start-up file of bash:
+Shell completion: for bash, add this line to its start-up file,
   eval "$(_JOUNCE_COMPLETE=bash_source jounce)"
-of zsh and fish: the same with zsh_source, fish_source.
+For zsh and fish, use zsh_source and fish_source instead.
 """
 
 
@@ -76,7 +78,7 @@ class _Verbs(click.Group):
             except JounceError as error:
                 raise _Refusal(str(error)) from error
             except MemoryError as error:
-                raise _Refusal(f"not enough memory: {one_line(error) or 'fewer states need less'}") from error
+                raise _Refusal(f"out of memory: {one_line(error) or 'use fewer states'}") from error
             except OSError as error:  # of the terminal, or a full disk behind it; click sees to a closed pipe
                 if error.errno == errno.EPIPE:
                     raise
@@ -89,5 +91,5 @@ def main() -> None:
     """Higher-order inverse dynamics: a robot and a motion in, drive forces and their exact time derivatives out."""
 
 
-for verb in (run, motion, plot, info, robots, compare, convert, codegen, demo, cache):
+for verb in (run, motion, check, slowdown, plot, info, robots, compare, convert, codegen, demo, cache):
     main.add_command(verb)

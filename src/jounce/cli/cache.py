@@ -10,18 +10,17 @@ Example:
   jounce cache --clear
 
 \b
-Kernels that are missing are compiled again. JOUNCE_CACHE_DIR in the
-environment names another folder, JOUNCE_CACHE_SIZE the MiB that all kernels
-together may take, 256 if it is not set: the least recently used are removed
-first.
+Missing kernels are recompiled. The environment variable JOUNCE_CACHE_DIR
+selects another folder; JOUNCE_CACHE_SIZE limits the size of all kernels in
+MiB (default: 256): the least recently used are removed first.
 """
 
 
-@click.command(epilog=EPILOG, short_help="The compiled kernels on disk.")
-@click.option("--clear", is_flag=True, help="Remove them; other files in the folder stay.")
+@click.command(epilog=EPILOG, short_help="Show or clear the compiled kernels on disk.")
+@click.option("--clear", is_flag=True, help="Remove all kernels; other files in the folder are kept.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def cache(clear: bool, as_json: bool) -> None:
-    """Show where compiled kernels are kept, how many and how large they are; or remove them."""
+    """Show the folder, number and size of the compiled kernels, or remove them."""
     from jounce.native import cache as kernels
 
     sizes = kernels.clear() if clear else [path.stat().st_size for path in kernels.entries()]
@@ -39,5 +38,5 @@ def cache(clear: bool, as_json: bool) -> None:
 def _in_words(summary: dict[str, object]) -> str:
     found = f"kernels {'removed' if summary['cleared'] else 'kept'}: {summary['kernels']}, {summary['bytes']} bytes"
     found += "" if summary["cleared"] else f" of at most {summary['limit']}"
-    unused = "" if summary["private"] else "\nnot used: the folder is not yours alone"
+    unused = "" if summary["private"] else "\nnot used: others may write into the folder; make it private (mode 0700)"
     return f"{summary['folder']}\n{found}{unused}"

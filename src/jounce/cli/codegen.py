@@ -18,13 +18,13 @@ Example:
   make -C iiwa14-c test
 
 \b
-Outputs, each with its rates; the first if none is named:
+Outputs, each with its rates (default: the first):
 {outputs}
 BODY is a body or a merged link; FRAME is {frames},
-the first if left out.
+default the first.
 
 \b
-Parameters of the functions at run time: gravity, masses, lengths, payload,
+Run-time parameters of the functions: gravity, masses, lengths, payload,
   payload:BODY.
 """
 
@@ -47,19 +47,27 @@ def _names(_: click.Context, __: click.Parameter, given: str | None) -> list[str
     return given if given is None else [name.strip() for name in given.split(",") if name.strip()]
 
 
-@click.command(cls=_Codegen, short_help="Source code in another language, with tests.")
+@click.command(cls=_Codegen, short_help="Generate source code in another language, with tests.")
 @on_robot
-@click.option("--lang", required=True, help="c, cpp, cuda, julia, latex, matlab, python or rust.")
+@click.option("--lang", required=True, help="Language: c, cpp, cuda, julia, latex, matlab, python or rust.")
 @click.option("--order", default=2, show_default=True, help="Highest time derivative, up to 4: 2 gives Q, Qd, Q2d.")
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Folder to write, new or empty.")
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Output folder, new or empty.")
 @click.option(
     "--outputs", callback=_names, metavar="NAMES",
-    help="What to compute, separated by commas: NAME, NAME:BODY or NAME:BODY:FRAME; the forces Q if left out.",
+    help="Comma-separated quantities to compute: NAME, NAME:BODY or NAME:BODY:FRAME (default: the forces Q).",
 )  # fmt: skip
-@click.option("--wrench", is_flag=True, help="Take wrenches on the bodies where they enter.")
-@click.option("--parameters", default="", callback=_names, metavar="NAMES", help="What to take at run time.")
+@click.option(
+    "--wrench", is_flag=True, help="Add the wrenches on the bodies to the inputs of the quantities that depend on them."
+)
+@click.option(
+    "--parameters",
+    default="",
+    callback=_names,
+    metavar="NAMES",
+    help="Comma-separated data of the robot that become run-time parameters.",
+)
 @click.option("--float32", is_flag=True, help="Single precision.")
-@click.option("--prefix", help="Of all names in the code; the robot's name if left out.")
+@click.option("--prefix", help="Prefix of all names in the code (default: the robot's name).")
 @click.option("--force", is_flag=True, help="Replace what an earlier run generated there; other files stay.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def codegen(
@@ -75,7 +83,7 @@ def codegen(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Write the equations of ROBOT, a file or a bundled name, as source code with a test of its own."""
+    """Generate source code, with tests, of the equations of ROBOT: a file or the name of a bundled robot."""
     from jounce._codegen import generate
 
     made = generate.codegen(

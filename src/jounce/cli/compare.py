@@ -1,4 +1,4 @@
-"""`jounce compare`: a robot checked against other libraries, its own other paths, and differentiation."""
+"""`jounce compare`: a robot's results compared with other libraries, other methods, and differentiation."""
 
 from typing import Any
 
@@ -13,24 +13,24 @@ Example:
   jounce compare iiwa14
 
 \b
-At random states. Pinocchio and MuJoCo, where they are installed, know forces,
-gravity and mass matrix; a file that they can read themselves they read, else
-they are given our data. Rates are compared with those of other paths, and
-with nine-point differences at the best step. Drives are left out.
-The exit code is 1 where an error is larger than rounding, or differences, can
-explain.
+All comparisons are at random states. Forces, gravity forces and the mass
+matrix are compared with Pinocchio and MuJoCo if they are installed; each
+reads the robot file itself if it can, and otherwise gets jounce's data. Rates
+are compared with those of the other methods and with nine-point differences
+at the best step. Drive terms are left out. The exit code is 1 if an error
+exceeds its tolerance for rounding or differentiation.
 """
 
 
-@click.command(epilog=EPILOG, short_help="Check a robot against other libraries and paths.")
+@click.command(epilog=EPILOG, short_help="Check a robot against other libraries and methods.")
 @on_robot_without_drives
 @click.option("--order", default=2, show_default=True, type=click.IntRange(0, 6), help="Highest time derivative of Q.")
 @click.option("--states", default=20, show_default=True, type=click.IntRange(1, 10_000), help="How many.")
-@click.option("--seed", default=0, show_default=True, type=click.IntRange(0), help="Of the random states.")
+@click.option("--seed", default=0, show_default=True, type=click.IntRange(0), help="Seed of the random states.")
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
 @click.pass_context
 def compare(ctx: click.Context, robot: Asked, order: int, states: int, seed: int, as_json: bool) -> None:
-    """Compare ROBOT, a file or a bundled name, with other ways to the same numbers; print the worst errors."""
+    """Compare the results for ROBOT, a file or the name of a bundled robot, with other libraries and methods."""
     from jounce.checks.compare import compare as checks_of
 
     arm, path = robot.load(), robot.path

@@ -1,4 +1,4 @@
-"""`jounce convert`: a robot from any file that jounce reads into one of its own format."""
+"""`jounce convert`: a robot from any file that jounce reads, written in jounce's own format."""
 
 from pathlib import Path
 from typing import Any
@@ -14,25 +14,26 @@ Example:
   jounce convert iiwa14 -o arm.yaml
 
 \b
-OUT holds names, tree, screws, inertias, limits, drives, frames and gravity,
-in SI units. Nothing is lost: what is read from it is the same to the last
-bit. Which drives act is no part of it: say --drives where you use it.
+OUT contains names, tree, screws, inertias, limits, drives, frames and
+gravity in SI units, without loss: reading it gives the same numbers to the
+last bit. It does not record which drive terms act: select them with --drives
+when you use it.
 """
 
 
-@click.command(epilog=EPILOG, short_help="A robot as a YAML or JSON file.")
+@click.command(epilog=EPILOG, short_help="Convert a robot to a YAML or JSON file.")
 @on_robot_without_drives
 @click.option(
     "-o", "--output", required=True, type=click.Path(path_type=Path), help="File to write: .yaml, .yml or .json."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def convert(robot: Asked, output: Path, as_json: bool) -> None:
-    """Write ROBOT, a file or the name of a bundled one, as a YAML or JSON file for people to edit."""
+    """Write ROBOT, a file or the name of a bundled robot, as a YAML or JSON file that can be edited."""
     from jounce.io.saving import check_writable, save
 
     check_writable(output)
     if output.resolve() == robot.path.resolve():
-        raise JounceError(f"{output}: is the robot itself; expected another file to write into")
+        raise JounceError(f"{output}: the output file is the input file; choose another path")
     arm = robot.load()
     save(arm, output)
     m = arm.mechanism

@@ -19,21 +19,25 @@ Example:
 """
 
 
-@click.command(epilog=EPILOG, short_help="The example of the paper, end to end, with pictures.")
+@click.command(epilog=EPILOG, short_help="Run the example of the paper, with pictures.")
 @click.option(
     "-o", "--output", default=Path("jounce-demo"), show_default=True, type=click.Path(path_type=Path),
-    help="Folder to write into; made where it is missing.",
+    help="Output folder; created if it does not exist.",
 )  # fmt: skip
 @click.option(
-    "--states", default=10_000, show_default=True, type=click.IntRange(100, 1_000_000), help="Evaluations, over 5 s."
+    "--states",
+    default=10_000,
+    show_default=True,
+    type=click.IntRange(100, 1_000_000),
+    help="Number of states over the 5 s.",
 )
 @click.option(
     "--format", "formats", multiple=True, default=FORMATS, show_default=True,
-    type=click.Choice(FORMATS), help="Of the pictures; may be given several times.",
+    type=click.Choice(FORMATS), help="Format of the pictures; may be repeated.",
 )  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> None:
-    """Run the paper's example: the KUKA iiwa along cosines, with and without a wrench at its end.
+    """Run the paper's example: the KUKA iiwa along a motion of cosines, with and without a wrench at its end.
 
     Writes the forces and their rates as tables, and pictures: q, Q, Qd and Q2d with numerical differentiation laid
     over, the error of differentiation over its step, both robots of the paper, and the curves of its published code.
@@ -90,7 +94,7 @@ def _peaks(found: "Example") -> list[float]:
 
 
 def _differences(alone: "Example", errors: "Sequence[StepErrors]") -> dict[str, list[float | None]]:
-    """By way of differentiating: the largest difference to Qd and Q2d, as a share of the largest value."""
+    """Map each differentiation scheme to its largest error of Qd and Q2d, relative to the largest value."""
     found: dict[str, list[float | None]] = {
         f"central over the samples, h = {alone.t[1]:.2g} s": list(alone.differences())
     }

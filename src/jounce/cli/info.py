@@ -10,6 +10,7 @@ from jounce.cli.output import straight_columns, tell
 from jounce.errors import shortened
 
 WIDTH = 100  # columns of a terminal
+COMMON = ("position", "velocity", "effort")  # limits that most robots have
 EPILOG = """\b
 Example:
   jounce info iiwa14
@@ -18,15 +19,15 @@ Example:
 """
 
 
-@click.command(epilog=EPILOG, short_help="Bodies, joints and masses of a robot, and an audit.")
+@click.command(epilog=EPILOG, short_help="Show bodies, joints and masses of a robot, and audit its data.")
 @on_robot
-@click.option("--strict", is_flag=True, help="Exit with 1 where the audit found errors or warnings.")
+@click.option("--strict", is_flag=True, help="Exit with code 1 if the audit finds errors or warnings.")
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
 def info(robot: Asked, strict: bool, as_json: bool) -> None:
-    """Show the bodies, joints, limits and masses of ROBOT: a file or the name of a bundled one.
+    """Show the bodies, joints, limits and masses of ROBOT: a file or the name of a bundled robot.
 
-    An audit of the data ends it: errors, which no body can have or which leave the mass matrix singular; warnings,
-    which are more likely a mistake than not; and notes, which are good to know.
+    Ends with a data audit: errors (physically impossible data, or a singular mass matrix), warnings (possible, but
+    probably a mistake) and notes.
     """
     from jounce.checks.description import describe
 
@@ -52,9 +53,7 @@ def _in_words(data: dict[str, Any]) -> str:
     coordinates = ", ".join(shortened(c["name"]) for c in data["coordinates"])
     order = wrap(f"q: {coordinates}", width=WIDTH, subsequent_indent="   ")
     lines = [head, *order, "", *straight_columns(rows)]
-    limited = [_limits(body) for body in data["bodies"] if any(x is not None for x in body["limits"].values())]
-    if limited:
-        lines += ["", *straight_columns([("limits", "position", "velocity", "effort"), *limited])]
+    lines += _limits(data["bodies"])
     driven = [_drive(body) for body in data["bodies"] if any(body["drive"][key] for key in AMOUNTS.values())]
     if driven:
         acting = f"in Q: {', '.join(data['acting']) or 'none of these'}"
@@ -105,9 +104,25 @@ def _drive(body: dict[str, Any]) -> tuple[str, ...]:
     return (body["joint"], *(said if stated else "-" for stated, said in cells))
 
 
-def _limits(body: dict[str, Any]) -> tuple[str, ...]:
-    """The limits of a joint as cells of a table; "-" for those not stated."""
-    unit, drive = ("m", "N") if body["type"] == "prismatic" else ("rad", "N m")
-    lower, upper, velocity, effort = (None if x is None else f"{x:.5g}" for x in body["limits"].values())
-    reach = f"{lower or '-inf'} .. {upper or 'inf'} {unit}" if lower or upper else "-"
-    return (body["joint"], reach, f"{velocity} {unit}/s" if velocity else "-", f"{effort} {drive}" if effort else "-")
+def _limits(bodies: list[dict[str, Any]]) -> list[str]:
+    """A table of the limits that are stated of any joint; "-" for those that are not stated of one."""
+    from jounce.model.limits import KINDS
+
+    rows = {body["joint"]: {kind: _limit(body, kind) for kind in KINDS} for body in bodies}
+    shown = [kind for kind in KINDS if kind in COMMON or any(row[kind] != "-" for row in rows.values())]
+    limited = [(joint, *(row[kind] for kind in shown)) for joint, row in rows.items() if set(row.values()) != {"-"}]
+    heads = ("limits", *(kind.replace("_", " ") for kind in shown))
+    return ["", *straight_columns([heads, *limited])] if limited else []
+
+
+def _limit(body: dict[str, Any], kind: str) -> str:
+    """The limit of a joint as a cell of a table."""
+    from jounce.model.limits import unit_of
+
+    limits = body["limits"]
+    value = [limits["lower"], limits["upper"]] if kind == "position" else limits[kind]
+    if value in (None, [None, None]):
+        return "-"
+    unit = unit_of(kind, "m" if body["type"] == "prismatic" else "rad")
+    ends = zip(value, ("-inf", "inf"), strict=True) if isinstance(value, list) else [(value, "")]
+    return " .. ".join(free if x is None else f"{x:.5g}" for x, free in ends) + f" {unit}"

@@ -1,4 +1,4 @@
-"""`jounce motion`: a motion as a table of q to q4d, to be looked at and run."""
+"""`jounce motion`: a motion as a table of q to q4d, to inspect and to run."""
 
 from pathlib import Path
 from typing import Any
@@ -17,26 +17,27 @@ Example:
   jounce run iiwa14 motion.csv -o forces.csv
 
 \b
-OUT holds t and NAME.q, NAME.qd, ... NAME.q4d; NAME.q_sample, if MOTION is of
-samples; NAME.q_sd, ..., if they have standard deviations; and break, if the
-motion has any: the order of the derivative that jumps since the row before.
+OUT contains t and NAME.q, NAME.qd, ... NAME.q4d; the samples NAME.q_sample
+and the standard deviations NAME.q_sd, ..., if MOTION has them; and, if it has
+breaks, the column break: the order of the derivative that jumps between the
+previous row and this one.
 """
 
 
-@click.command(epilog=EPILOG, short_help="A motion with its rates, q to q4d, as a table.")
+@click.command(epilog=EPILOG, short_help="Write a motion with its rates, q to q4d, as a table.")
 @on_robot_without_drives
 @of_motion
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Table to write: .csv or .npz.")
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Output table: .csv or .npz.")
 @click.option("--order", default=4, show_default=True, type=click.IntRange(0), help="Highest time derivative of q.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def motion(robot: Asked, motion: AskedMotion, output: Path, order: int, as_json: bool) -> None:
-    """Write MOTION of ROBOT with its rates as a table that `jounce run` takes and `jounce plot` draws."""
+    """Write MOTION of ROBOT with its rates as a table that `jounce run` reads and `jounce plot` draws."""
     from jounce.io import tables
     from jounce.io.motions.writing import pieces
 
     tables.check_writable(output)
     if output.resolve() == motion.path.resolve():
-        raise JounceError(f"{output}: is the motion itself; expected another file to write into")
+        raise JounceError(f"{output}: the output file is the input file; choose another path")
     arm = robot.load()
     path = motion.load(arm, max(order - 2, 0))
     with progress("rates") as show:

@@ -1,4 +1,4 @@
-"""Options of commands that read a motion: how its samples become a curve, its columns and units, blends and rows."""
+"""Options of commands that read a motion: the curve of its samples, its columns and units, blends and rows."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,28 +18,28 @@ OPTIONS = (
     click.argument("motion", type=MOTION),
     click.option(
         "--bandwidth", type=float, metavar="HZ",
-        help="Smooth samples up to HZ; default: as far as the motion stands out of the noise.",
+        help="Bandwidth of the smoothing of samples in HZ; default: as far as the motion exceeds the noise.",
     ),
-    click.option("--force", is_flag=True, help="Take samples whose noise drowns the highest rate all the same."),
-    click.option("--degree", type=int, metavar="K", help="Spline of degree 5 or 7 through every sample instead."),
-    click.option("--intervals", type=int, metavar="N", help="Such a spline, by least squares over N intervals."),
-    click.option("--time", metavar="COLUMN", help="Column of times; default: t, else time or timestamp."),
+    click.option("--force", is_flag=True, help="Accept samples even if noise dominates the highest rate."),
+    click.option("--degree", type=int, metavar="K", help="Interpolate samples by a spline of degree 5 or 7 instead."),
+    click.option("--intervals", type=int, metavar="N", help="Least-squares fit of such a spline with N intervals."),
+    click.option("--time", metavar="COLUMN", help="Name of the time column; default: t, time or timestamp."),
     click.option(
         "--columns", metavar="PATTERN",
-        help="Names of the joints' columns, such as 'q_{joint}' or 'q{number}'."
+        help="Pattern of the joints' column names, such as 'q_{joint}' or 'q{number}'."
     ),
     click.option(
         "--torques", metavar="PATTERN",
         help="Names of the columns of measured torques, such as 'tau{number}'; default: tau_JOINT, JOINT.tau, ..."
     ),
-    click.option("--angles", type=click.Choice(["rad", "deg"]), help="Unit of angles and their rates."),
-    click.option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of times."),
-    click.option("--topic", metavar="NAME", help="Topic of a ROS bag, where it has several."),
+    click.option("--angles", type=click.Choice(["rad", "deg"]), help="Unit of angles and their rates in the table."),
+    click.option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of times in the table."),
+    click.option("--topic", metavar="NAME", help="Topic to read from a ROS bag that has several."),
     click.option(
         "--blend", type=float, metavar="S", help="Replace breaks of planned motions by C^4 blends of S seconds."
     ),
     click.option(
-        "--step", type=float, metavar="S", help="Time between rows; default: those of the motion, else 1 ms."
+        "--step", type=float, metavar="S", help="Time between rows in s; default: the motion's own rows, or 1 ms."
     ),
 )  # fmt: skip
 
@@ -54,7 +54,7 @@ class AskedMotion:
     step: float | None
 
     def load(self, robot: "Robot", order: int) -> "Motion":
-        """The motion, with what the rates of forces up to an order take."""
+        """Load the motion, with the rates that forces up to an order need."""
         from jounce.io.motions.loading import load_motion
 
         found = load_motion(self.path, robot, order, **self.options)
@@ -63,7 +63,7 @@ class AskedMotion:
 
 
 def of_motion(verb: Callable[..., None]) -> Callable[..., None]:
-    """The verb with the argument MOTION and its options, which it gets as one `motion`, an `AskedMotion`."""
+    """Add the argument MOTION and its options to a command, which gets them as one `motion`, an `AskedMotion`."""
 
     @wraps(verb)
     def asked(motion: Path, blend: float | None, step: float | None, **others: Any) -> None:

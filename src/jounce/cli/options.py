@@ -1,4 +1,4 @@
-"""What commands are asked about: a file or a bundled name, offered by the shell's completion, and options of robots."""
+"""Arguments and options of robots shared by all commands: a file or a bundled name, with shell completion."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class FileOrName(click.ParamType):  # type: ignore[type-arg] # generic for mypy alone
-    """A path, or one of the names that come with jounce; which of them exists is found out where it is read."""
+    """A path or a bundled name; the reader finds out which of them exists."""
 
     def __init__(self, kind: str, names: Callable[[], Iterable[str]]) -> None:
         self.name, self.names = kind, names
@@ -50,7 +50,7 @@ ALL = "all"  # drives
 
 @dataclass(frozen=True)
 class Asked:
-    """A robot by its path or name, with the options of `jounce.load`; a verb loads it once all else is in order."""
+    """A robot by its path or name, with the options of `jounce.load`; a command loads it after checking all else."""
 
     path: Path
     options: dict[str, Any]
@@ -64,20 +64,38 @@ class Asked:
 
 Decorator = Callable[[Callable[..., None]], Callable[..., None]]
 
-DRIVES = click.option("--drives", metavar="TERMS", help="In Q too: all, or of armature,damping,friction,spring.")
+DRIVES = click.option(
+    "--drives",
+    metavar="TERMS",
+    help="Drive terms to include in Q: all, or a comma-separated list of armature, damping, friction, spring.",
+)
 OPTIONS: tuple[Decorator, ...] = (
     click.argument("robot", type=ROBOT),
-    click.option("--base", metavar="fixed", help="fixed: weld floating, planar, spherical joints at zero."),
-    click.option("--root", metavar="LINK", help="Start at a link: what it carries remains."),
-    click.option("--lock", multiple=True, metavar="JOINT=VALUE", help="Hold a joint, rad or m; may be repeated."),
+    click.option("--base", metavar="fixed", help="fixed: weld floating, planar and spherical joints at zero."),
+    click.option("--root", metavar="LINK", help="Use this link as the base: only the links that it carries are kept."),
+    click.option(
+        "--lock", multiple=True, metavar="JOINT=VALUE", help="Lock a joint at a value in rad or m; may be repeated."
+    ),
     DRIVES,
-    click.option("--gravity", nargs=3, type=float, metavar="X Y Z", help="In m/s^2; the robot's own if left out."),
-    click.option("--xacro-arg", "xacro_args", multiple=True, metavar="NAME=VALUE", help="Of a .xacro file."),
+    click.option(
+        "--gravity",
+        nargs=3,
+        type=float,
+        metavar="X Y Z",
+        help="Gravitational acceleration in m/s^2; default: the robot's own.",
+    ),
+    click.option(
+        "--xacro-arg",
+        "xacro_args",
+        multiple=True,
+        metavar="NAME=VALUE",
+        help="Argument of a .xacro file; may be repeated.",
+    ),
 )
 
 
 def on_robot(verb: Callable[..., None]) -> Callable[..., None]:
-    """The verb with the argument ROBOT and its options, which it gets as one `robot`, an `Asked`."""
+    """Add the argument ROBOT and its options to a command, which gets them as one `robot`, an `Asked`."""
     return _with_options(verb, OPTIONS)
 
 
@@ -100,7 +118,7 @@ def _with_options(verb: Callable[..., None], options: Sequence[Decorator]) -> Ca
         given = {
             "base": base,
             "root": root,
-            "lock": _held(lock) or None,
+            "lock": _lock_values(lock) or None,
             "drives": None if drives is None else drives == ALL or drives.split(","),
             "gravity": gravity,
             "xacro_args": _pairs("--xacro-arg", xacro_args) or None,
@@ -121,13 +139,13 @@ def _pairs(option: str, given: Sequence[str]) -> dict[str, str]:
         if not name:
             raise JounceError(f"{option} {quoted(text)}; expected {'JOINT' if option == '--lock' else 'NAME'}=VALUE")
         if name in found:
-            second = f"{option} {quoted(text)} is a second value of {quoted(name)}"
+            second = f"{option} {quoted(text)} sets {quoted(name)} a second time"
             raise JounceError(f"{second}; the first is {quoted(found[name])}")
         found[name] = value
     return found
 
 
-def _held(given: Sequence[str]) -> dict[str, float]:
+def _lock_values(given: Sequence[str]) -> dict[str, float]:
     from jounce._scalars import finite
 
     numbers = {name: finite(value) for name, value in _pairs("--lock", given).items()}

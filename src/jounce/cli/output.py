@@ -1,4 +1,4 @@
-"""What a command says: in words or as JSON, in straight columns, with a bar for work that takes more than a second."""
+"""The output of a command: text or JSON, aligned columns, and a bar for work that takes more than a second."""
 
 import json
 import os
@@ -16,17 +16,17 @@ PATIENCE = 1.0  # s without a sign of life
 
 
 def styled(text: str, **style: Any) -> str:
-    """A text in a style, for terminals only (click strips it elsewhere), and not where NO_COLOR is set."""
+    """Style a string for terminals (click strips it elsewhere), unless NO_COLOR is set."""
     return text if os.environ.get("NO_COLOR") else click.style(text, **style)
 
 
 def tell(data: Any, in_words: Callable[[Any], str], as_json: bool) -> None:
-    """Print plain data, as JSON or in words."""
+    """Print plain data, as JSON or as text."""
     click.echo(json.dumps(data, indent=2) if as_json else in_words(_readable(data)))
 
 
 def _readable(data: Any) -> Any:
-    """Data whose texts a terminal takes for nothing but texts, wherever they come from."""
+    """Escape control characters in the strings of data, whatever their source."""
     if isinstance(data, dict):
         return {_readable(name): _readable(value) for name, value in data.items()}
     if isinstance(data, list | tuple):
@@ -35,9 +35,9 @@ def _readable(data: Any) -> Any:
 
 
 def straight_columns(rows: list[tuple[str, ...]]) -> list[str]:
-    """Rows of texts as lines, one each, with straight columns, the first of them in bold where the terminal can.
+    """Format rows of strings as lines with aligned columns, the first in bold on terminals.
 
-    Cells are cut, but for the last of a row, which moves no other.
+    Cells are cut, except the last of a row, which shifts no other.
     """
     rows = [(*map(shortened, row[:-1]), escaped(row[-1])) for row in rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
@@ -47,9 +47,9 @@ def straight_columns(rows: list[tuple[str, ...]]) -> list[str]:
 
 @contextmanager
 def progress(label: str) -> Iterator[Callable[[int, int], None]]:
-    """A bar on the terminal, after the first second of work; it shows what the yielded function is told: done, total.
+    """Show a bar on the terminal after the first second of work; the yielded function updates it with (done, total).
 
-    Nothing is shown when nobody watches: piped, or with the error stream in a file.
+    Nothing is shown if the error stream is not a terminal.
     """
     bar = click.progressbar(length=0, label=label, file=sys.stderr)
     seen, start = sys.stderr.isatty(), monotonic()

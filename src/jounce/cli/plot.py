@@ -22,10 +22,10 @@ Examples:
 """
 
 
-@click.command(epilog=EPILOG, short_help="The curves of a table as a picture.")
+@click.command(epilog=EPILOG, short_help="Plot the curves of a table.")
 @click.argument("tables", metavar="TABLE...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path), help="Picture to write: .png, .svg or .pdf."
+    "-o", "--output", required=True, type=click.Path(path_type=Path), help="Output picture: .png, .svg or .pdf."
 )
 @click.option("--robot", type=ROBOT, help="Robot of the tables, for order, units and limits of its joints.")
 @click.option("--base", metavar="fixed", help="fixed: weld floating, planar, spherical joints of the robot at zero.")
@@ -47,8 +47,8 @@ def plot(
 ) -> None:
     """Draw the columns of each TABLE over time: forces that `run` wrote, or a motion that `motion` wrote.
 
-    One row per quantity, one curve per joint. Curves too small to be seen beside the others have a column of their
-    own; so do prismatic joints, which --robot tells from revolute ones. Several tables lie side by side, to the same
+    One row per quantity, one curve per joint. Curves too small to be seen next to the others have their own column; so
+    do prismatic joints, which --robot tells from revolute ones. Several tables are drawn side by side, with the same
     scales.
     """
     from jounce.figures import canvas

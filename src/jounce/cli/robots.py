@@ -1,4 +1,4 @@
-"""`jounce robots`: the robots that come with jounce, and whose numbers they have."""
+"""`jounce robots`: the bundled robots, and the sources of their data."""
 
 import json
 from pathlib import Path
@@ -21,11 +21,11 @@ Example:
 """
 
 
-@click.command(epilog=EPILOG, short_help="The robots that come with jounce.")
+@click.command(epilog=EPILOG, short_help="List the bundled robots.")
 @click.argument("robot", type=ROBOT, required=False)
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
 def robots(robot: Path | None, as_json: bool) -> None:
-    """List the robots that come with jounce, by the names that all verbs take; or show the licence of ROBOT in full."""
+    """List the bundled robots by the names that all commands accept, or show the full licence of ROBOT."""
     from jounce.io.bundled import BUNDLED, notices
 
     if robot is None:

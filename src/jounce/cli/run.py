@@ -1,6 +1,7 @@
 """`jounce run`: the drive forces and their rates along a motion, from table to table."""
 
 from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from jounce.io.columns import Columns
+    from jounce.limits.samples import Sample
     from jounce.motion import Motion
     from jounce.robot import Robot
     from jounce.robot.along import ForceBreak
@@ -30,11 +32,11 @@ Example, the robot and the motion of the paper:
 \b
 MOTION is a table with a column t and, matched by joint name in any order,
   either one column per joint    samples; rates come from a spline
-  or NAME.q, NAME.qd, NAME.q2d,  used as they are; order 2 takes q to q4d,
-     NAME.q3d, NAME.q4d          order 0 q to q2d
-and, if wrenches act, BODY.mx .. BODY.fz: what the body exerts, in its own
-  axes, as samples or with rates BODY.fxd, BODY.fx2d ...
-or a YAML file with analytic terms per joint, whose rates are exact:
+  or NAME.q, NAME.qd, NAME.q2d,  used unchanged; order 2 needs q to q4d,
+     NAME.q3d, NAME.q4d          order 0 needs q to q2d
+and, if wrenches act, BODY.mx .. BODY.fz: the wrench that the body exerts, in
+  its own axes, as samples or with rates BODY.fxd, BODY.fx2d ...
+or a YAML file with analytic terms for each joint, whose rates are exact:
   time: {start: 0, stop: 5, count: 1001}
   joints:
     joint1: {offset: 0.5, cosines: [{amplitude: 1, frequency: 2, phase: 0}]}
@@ -49,13 +51,15 @@ rate of it jumps: the order of what jumps since the row before, else -1.
 """
 
 
-@click.command(epilog=EPILOG, short_help="Q, Qd, Q2d along a motion, from table to table.")
+@click.command(epilog=EPILOG, short_help="Compute Q, Qd, Q2d along a motion and write them as a table.")
 @on_robot
 @of_motion
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Table to write: .csv or .npz.")
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Output table: .csv or .npz.")
 @click.option("--order", default=2, show_default=True, type=click.IntRange(0), help="Highest time derivative of Q.")
-@click.option("--rates", "with_rates", is_flag=True, help="Write q, qd, ... as well.")
-@click.option("--method", default=None, help="kernel (native code, the default), recursion, closed_form or paper.")
+@click.option("--rates", "with_rates", is_flag=True, help="Write q, qd, ... too.")
+@click.option(
+    "--method", default=None, help="Method: kernel (native code, the default), recursion, closed_form or paper."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(
     robot: Asked,
@@ -66,7 +70,7 @@ def run(
     method: str | None,
     as_json: bool,
 ) -> None:
-    """Compute Q, Qd, Q2d along MOTION for ROBOT, a file or the name of a bundled one."""
+    """Compute Q, Qd, Q2d along MOTION for ROBOT, a file or the name of a bundled robot."""
     from jounce.dynamics.quantities import FORCES
     from jounce.io import tables
     from jounce.model.coordinates import coordinate_units
@@ -74,11 +78,11 @@ def run(
 
     tables.check_writable(output)
     if output.resolve() == motion.path.resolve():
-        raise JounceError(f"{output}: is the motion itself; expected another file to write into")
+        raise JounceError(f"{output}: the output file is the input file; choose another path")
     arm = robot.load()
     path = motion.load(arm, order)
     breaks = force_breaks(arm, path, path.times, order, method)
-    peaks, spreads = _write_forces(arm, path, order, method, with_rates, breaks, output)
+    peaks, spreads, worst = _write_forces(arm, path, order, method, with_rates, breaks, output)
     names = FORCES.names(order)
     summary = {
         "robot": arm.name,
@@ -91,6 +95,7 @@ def run(
         "states": len(path.times),
         "t": [float(path.times[0]), float(path.times[-1])],
         "order": order,
+        "broken_limit": _limit(worst, arm.joint_names),
         "breaks": [_break(found, arm.joint_names, names) for found in breaks],
         "peaks": {
             joint: dict(zip(names, largest.tolist(), strict=True))
@@ -116,28 +121,32 @@ def _write_forces(
     with_rates: bool,
     breaks: "Sequence[ForceBreak]",
     output: Path,
-) -> "tuple[np.ndarray, np.ndarray]":
+) -> "tuple[np.ndarray, np.ndarray, Sample | None]":
     """Write the forces and their rates along a motion, each piece when it is computed.
 
-    Returns the largest of them that stand out of their bands, (.., n), and their standard deviations.
+    Returns the largest of them that stand out of their bands, (.., n), their standard deviations, and the worst limit.
     """
     import numpy as np
 
     from jounce.dynamics.quantities import FORCES
     from jounce.io import tables
     from jounce.io.motions.writing import break_marks, measured, named
+    from jounce.limits.samples import worst_sample
+    from jounce.model.coordinates import coordinate_limits
     from jounce.motion.bands import surest_peaks
     from jounce.robot.along import pieces_along
 
-    joints = robot.joint_names
+    joints, limits = robot.joint_names, coordinate_limits(robot.mechanism)
     marks = [(found.t, max(found.order, 0)) for found in breaks]
     peaks: list[tuple[np.ndarray, np.ndarray]] = []  # of each piece, with their deviations
+    samples: list[Sample | None] = []
 
     def pieces() -> "Iterator[Columns]":
         for piece in pieces_along(robot, motion, motion.times, order, method, show):
             forces = np.stack(piece.forces, axis=1)
             spread = np.zeros_like(forces) if piece.deviations is None else np.stack(piece.deviations, axis=1)
             peaks.append(surest_peaks(forces, spread))
+            samples.append(worst_sample(limits, piece.t, piece.rates, piece.forces))
             columns: Columns = {"t": piece.t}
             if with_rates:
                 columns |= named("q", joints, piece.rates, motion.deviations(piece.t, len(piece.rates) - 1))
@@ -146,11 +155,20 @@ def _write_forces(
 
     with progress("inverse dynamics") as show:
         tables.write_pieces(output, pieces())
-    return surest_peaks(*map(np.stack, zip(*peaks, strict=True)))
+    largest, spreads = surest_peaks(*map(np.stack, zip(*peaks, strict=True)))
+    return largest, spreads, max((sample for sample in samples if sample is not None), default=None)
+
+
+def _limit(worst: "Sample | None", joints: Sequence[str]) -> dict[str, Any] | None:
+    """The limit that is broken most at the samples, as plain data."""
+    if worst is None or worst.ratio <= 1:
+        return None
+    ratio = worst.ratio if isfinite(worst.ratio) else None
+    return {"joint": joints[worst.joint], "limit": worst.kind, "t": worst.t, "ratio": ratio}
 
 
 def _break(found: "ForceBreak", joints: Sequence[str], names: Sequence[str]) -> dict[str, Any]:
-    """A break as plain data: which rate of Q jumps and by how much, and which rates of which joints do it."""
+    """Return a break as plain data: the rate of Q that jumps, by how much, and the joints and rates that cause it."""
     from jounce.spatial.series import rate_name
 
     causes = {cause.joint: {"rate": rate_name(cause.symbol, cause.order), "by": cause.jump} for cause in found.causes}
@@ -165,7 +183,7 @@ def _break(found: "ForceBreak", joints: Sequence[str], names: Sequence[str]) -> 
 
 
 def _breaks_in_words(breaks: Sequence[dict[str, Any]]) -> list[str]:
-    """The first breaks, a line each, and how many there are."""
+    """Describe the first breaks, one per line, and the number of all."""
     lines = []
     for found in breaks[:SHOWN]:
         joints: dict[str, list[str]] = {}
@@ -182,6 +200,14 @@ def _breaks_in_words(breaks: Sequence[dict[str, Any]]) -> list[str]:
         if rest > 0
         else lines
     )
+
+
+def _limit_in_words(found: dict[str, Any] | None) -> list[str]:
+    if found is None:
+        return []
+    ratio = "infinitely" if found["ratio"] is None else f"{found['ratio']:.4g} times"
+    came = f"{found['limit'].replace('_', ' ')} of {found['joint']} at t = {found['t']:.6g} s"
+    return [f"limit broken: {came} is {ratio} its limit; jounce check tells of all limits"]
 
 
 def _in_words(summary: dict[str, Any]) -> str:
@@ -203,6 +229,7 @@ def _in_words(summary: dict[str, Any]) -> str:
         summary["source"] + residual,
         *summary["notes"],
         *_breaks_in_words(summary["breaks"]),
+        *_limit_in_words(summary["broken_limit"]),
         f"{', '.join(names)} written to {summary['output']}",
         "",
         *straight_columns(rows),

@@ -48,7 +48,7 @@ class Example:
         return self.motion(t), self.motion.wrench(t)
 
     def differences(self) -> tuple[float, ...]:
-        """How far the differentiated rates are from the exact ones."""
+        """The largest differences of the differentiated rates from the exact ones."""
         return tuple(share(a - b, b) for a, b in zip(self.differentiated, self.forces[1:], strict=True))
 
 
@@ -62,7 +62,7 @@ class StepErrors:
 
 
 def example(name: str, states: int) -> Example:
-    """The paper's robot along `paper` or `paper-wrench`, at so many times over its five seconds."""
+    """Compute the paper's robot along `paper` or `paper-wrench`, at `states` times over its five seconds."""
     robot, terms = Robot(iiwa14()), motions.bundled(name)
     t = np.linspace(terms.t[0], terms.t[-1], states)
     motion = motion_of(terms, robot.mechanism)
@@ -114,12 +114,12 @@ def without_steiner(found: Example) -> tuple[float, ...]:
 
 
 def methods() -> list[Method]:
-    """The paths to the forces that are at hand here."""
+    """Return the methods for the forces that are available here."""
     return [method for method in METHODS if method != "kernel" or available()]
 
 
 def seconds(found: Example) -> Iterator[tuple[str, float, float]]:
-    """By method: the time of an evaluation in the batch of the whole motion, and of one called alone."""
+    """Map methods to the time per state in a batch of the whole motion, and of a single call."""
     whole, alone = found.states(found.t), [found.states(t) for t in found.t[:20]]
     for method in methods():
         start = perf_counter()

@@ -1,1 +1,1 @@
-"""What is computed: the equations of motion in closed form, as the paper prints them, and by recursion."""
+"""The equations of motion: in closed form, as the paper prints them, and by recursion."""

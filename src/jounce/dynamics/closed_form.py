@@ -16,7 +16,7 @@ from jounce.spatial.series import Series, from_rate
 
 @dataclass(frozen=True)
 class ClosedForm:
-    """The equations of motion along q(t); every series is computed as far as it is asked for."""
+    """The equations of motion along q(t); the terms of every series are computed on demand."""
 
     H: Series  # (..., nb, 4, 4) poses of the bodies
     J: Series  # (..., 6nb, n) system Jacobian
@@ -35,7 +35,7 @@ class ClosedForm:
 
 def closed_form(mechanism: Mechanism, q: Series, W: Series | None = None) -> ClosedForm:
     """The equations of motion for coordinates q, columns (..., n, 1), and wrenches W on the bodies, (..., 6nb, 1)."""
-    X, M, G = system.system_X(mechanism), system.system_M(mechanism), system.system_G(mechanism)
+    X, M, g = system.system_X(mechanism), system.system_M(mechanism), system.system_gravity(mechanism)
     C0 = system.poses(mechanism, q[0])
     qd = q.dot
     a = qd.map(lambda v: system.system_a(mechanism, v))  # (a)
@@ -45,7 +45,7 @@ def closed_form(mechanism: Mechanism, q: Series, W: Series | None = None) -> Clo
     V = J @ qd  # (Vsys)
     b = V.map(system.system_b)  # (b)
     U = from_rate(system.system_U(C0), lambda U: -(Aa @ U))  # (eq_U), Udot = -A a U
-    UG = U @ G
+    UG = U @ g
     C = -(M @ Aa) - b.mT @ M  # (Csys)
     JT = J.mT
     gM = JT @ (M @ J)  # (MC)

@@ -1,4 +1,4 @@
-"""Computation: a quantity with its rates up to an order, as asked for, and its signature: the arrays in and out."""
+"""Computation: a request for a quantity with its rates up to an order, and its signature: the arrays in and out."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -38,7 +38,7 @@ class Port:
 
 @dataclass(frozen=True)
 class Signature:
-    """The arrays that a computation takes and returns, in their order."""
+    """The input and output arrays of a computation, in order."""
 
     inputs: tuple[Port, ...]
     outputs: tuple[Port, ...]
@@ -75,7 +75,7 @@ class Computation:
 
     @property
     def rates(self) -> int:
-        """How many of q, qd, ..., or of these and Q, Qd, ..., it takes."""
+        """The number of rates q, qd, ..., or q, qd, Q, Qd, ..., that it takes."""
         return self.quantity.rates + self.order
 
     @property
@@ -88,7 +88,7 @@ class Computation:
         return ":".join(parts)
 
     def keywords(self) -> list[str]:
-        """What `Robot.compile` takes to compile it, as text."""
+        """The arguments of `Robot.compile` that compile it, as strings."""
         named = {"wrench": self.wrench, "body": self.body, "frame": self.frame}
         default = Computation(self.name, self.order)
         others = [f"{key}={value!r}" for key, value in named.items() if value != getattr(default, key)]
@@ -111,7 +111,7 @@ class Computation:
         return tuple(sizes[axis] if isinstance(axis, str) else axis for axis in axes)
 
     def state(self, arrays: Sequence[Array]) -> State:
-        """What a law takes, from arrays q, qd, ..., perhaps Q, Qd, ... (..., n), then W, Wd, ... (..., nb, 6)."""
+        """Build the argument of a law from arrays q, qd, ..., Q, Qd, ... (..., n), then W, Wd, ... (..., nb, 6)."""
         given, W = arrays[: self.rates], [w.reshape((*w.shape[:-2], 6 * w.shape[-2], 1)) for w in arrays[self.rates :]]
         own = self.quantity.coordinate_inputs(self.rates)
         q, Q = columns(given[:own]), columns(given[own:])
@@ -123,7 +123,7 @@ class Computation:
 
 
 def state_ports(n: int, names: Sequence[str], least: int) -> list[Port]:
-    """The ports of q, qd, ..., by name, of which the result itself takes the first `least`."""
+    """Return the ports of q, qd, ... by name; the quantity itself, without rates, takes the first `least`."""
     return [Port(name, (n,), "state", k, max(0, k + 1 - least)) for k, name in enumerate(names)]
 
 

@@ -1,4 +1,4 @@
-"""What the drive trains add to forces, mass and energy, by the laws of `model.drives`, in the coordinates."""
+"""Forces, inertia and energy of the drive trains in the coordinates, by the laws of `model.drives`."""
 
 from collections.abc import Sequence
 
@@ -12,12 +12,12 @@ from jounce.spatial.series import Series
 
 
 def forces(m: Mechanism, q: Series, terms: Sequence[str]) -> Series:
-    """What some terms add to the forces Q, (..., n, 1)."""
+    """Return the contribution of some drive terms to Q, (..., n, 1)."""
     return generalized_forces(m, drives.forces(drives.coefficients(m.drives), terms, joint_variables(m, q)))
 
 
 def armature_matrix(m: Mechanism) -> Array:
-    """What the armature adds to the mass matrix, constant: (n, n)."""
+    """Return the contribution of the armature to the mass matrix, which is constant: (n, n)."""
     return generalized_matrix(m, m.drives.armature[:, None] * np.eye(m.nb, dtype=int))
 
 

@@ -1,7 +1,7 @@
 """Poses and screws of bodies, and of links merged into them, in the three usual frames, with rates.
 
-What a method knows of the bodies themselves comes as functions of the mechanism, the coordinates and a body, None for
-all of them: poses (..., nb, 4, 4) or (..., 4, 4), and columns of screws (..., nb, 6, k) or (..., 6, k) in body frames.
+Each method provides functions of the mechanism, the coordinates and a body (None for all) for the bodies themselves:
+poses (..., nb, 4, 4) or (..., 4, 4), and columns of screws (..., nb, 6, k) or (..., 6, k) in body frames.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Loads ON bodies, in world or body axes and at a point, made into the wrenches W that bodies exert, with rates."""
+"""Wrenches W that bodies exert, with rates, from loads ON bodies in world or body axes and at a point."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from jounce.spatial import lie
 from jounce.spatial.series import Series
 
 
-def exerted(mechanism: Mechanism, q: Series, load: Series, body: str, axes: str, point: Array) -> Series:
+def wrench_of(mechanism: Mechanism, q: Series, load: Series, body: str, axes: str, point: Array) -> Series:
     """W, (..., nb, 6), of a load (torque; force), (..., 6, 1), that acts on a body or merged link at a point of it.
 
     The rates of a load in world axes hold those of the link's rotation.

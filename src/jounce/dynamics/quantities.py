@@ -1,7 +1,7 @@
-"""The quantities of the equations of motion, a row each: all that is known about them. The index of the package.
+"""The table of quantities, one row each, with everything that is known about them. It is the index of the package.
 
-What native code, generated code, CasADi, symbolic form, the command and the documentation know of a quantity is derived
-from its row. To add one takes its mathematics, a row, and a method of `Robot`.
+Native code, generated code, CasADi, symbolic form, the command and the documentation derive what they need from these
+rows. A new quantity takes its mathematics, a row, and a method of `Robot`.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,7 +26,7 @@ _NOTHING = Series.of(())
 
 @dataclass(frozen=True)
 class State:
-    """What laws take: a motion at an instant, with its rates, and of which body something is asked.
+    """The argument of laws: a motion at an instant, with its rates, and the body and frame of the quantity.
 
     Coordinates and forces are columns (..., n, 1), wrenches on the bodies (..., 6nb, 1).
     """
@@ -43,7 +43,7 @@ Law = Callable[[Mechanism, State], Series]
 
 @dataclass(frozen=True)
 class Method:
-    """A law, and how many scalars its working arrays hold for one state of nb bodies."""
+    """A law, the function that computes a quantity, and the number of its working scalars for a state of nb bodies."""
 
     law: Law
     width: Callable[[int], int] = lambda nb: (6 * nb) ** 2  # dense system matrices
@@ -79,7 +79,7 @@ class Quantity:
 
     @property
     def of_bodies(self) -> bool:
-        """Whether it belongs to bodies, of which one may be named."""
+        """Whether it is a quantity of bodies, one of which may be selected."""
         return "nb" in self.shape
 
     def names(self, order: int) -> tuple[str, ...]:
@@ -96,7 +96,7 @@ class Quantity:
         return tuple(rate_name("q", k) if k < own else rate_name("Q", k - own) for k in range(count))
 
     def law(self, method: str, mechanism: Mechanism) -> Law:
-        """The law of a method for a mechanism, with the terms of its drives that act."""
+        """Return the law of a method for a mechanism, with the drive terms that act."""
         rigid, added = self.methods[method].law, self.drive_law
         if added is None or not set(self.drive_terms) & set(mechanism.acting):
             return rigid
@@ -158,7 +158,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="Q = M(q) q2d + C(q, qd) qd + Qgrav(q): generalized forces.",
             tex=r"Q = M(q)\,\ddot{q} + C(q, \dot{q})\,\dot{q} + Q_{\mathrm{grav}}(q)",
             methods={
-                "recursion": Method(lambda m, x: _row(forces.generalized(forces.MOVING, m, x.q, x.W)), _column),
+                "recursion": Method(lambda m, x: _row(forces.rnea(forces.MOVING, m, x.q, x.W)), _column),
                 "closed_form": Method(lambda m, x: _row(dense.closed_form(m, x.q, x.W).Q)),
                 "paper": Method(lambda m, x: _row(Paper(m, x.q, x.W).Q)),
             },
@@ -194,7 +194,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             tex_symbol=r"Q_{\mathrm{grav}}",
             tex=r"Q_{\mathrm{grav}} = \partial U / \partial q",
             methods={
-                "recursion": Method(lambda m, x: _row(forces.generalized(forces.AT_REST, m, x.q)), _column),
+                "recursion": Method(lambda m, x: _row(forces.rnea(forces.AT_REST, m, x.q)), _column),
                 "closed_form": Method(lambda m, x: _row(dense.closed_form(m, x.q).Qgrav)),
                 "paper": Method(lambda m, x: _row(Paper(m, x.q).Qgrav)),
             },

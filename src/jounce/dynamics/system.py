@@ -1,7 +1,7 @@
 """The matrices of Section 2 of the paper at one instant: the system matrices from which every closed form is built.
 
-Sans-serif *system* matrices act on all the bodies at once, 6 rows a body. Written for trees: the predecessor i-1 of the
-paper is ``parent[i]``. Joint variables are ``theta = G q + g``, columns (..., nb, 1).
+Sans-serif *system* matrices act on all the bodies at once, with 6 rows per body. They are written for trees: the
+predecessor i-1 of the paper is ``parent[i]``. Joint variables are ``theta = G q + g``, columns (..., nb, 1).
 """
 
 from functools import lru_cache
@@ -78,8 +78,8 @@ def system_b(V: Array) -> Array:
     return diagonal(ad(V.reshape((*V.shape[:-2], V.shape[-2] // 6, 6))))  # (b)
 
 
-def system_G(mechanism: Mechanism) -> Array:
-    """The column -(0; g) of the gravity forces: (6, 1)."""
+def system_gravity(mechanism: Mechanism) -> Array:
+    """The paper's G: the acceleration screw -(0; g) of the ground that replaces gravity, (6, 1)."""
     return concatenate([0 * mechanism.gravity, -mechanism.gravity], axis=-1)[:, None]  # (eq_U)
 
 

@@ -61,7 +61,7 @@ def check_installed() -> None:
 
 
 def painted(paint: "Callable[[Figure], None]", width: float, height: float) -> "Figure":
-    """A figure of so many inches, painted in jounce's look; no window is opened, no global setting changed."""
+    """Paint a figure of a size in inches in jounce's style; no window is opened, no global setting changed."""
     check_installed()
     import matplotlib
     from matplotlib.figure import Figure
@@ -129,7 +129,7 @@ def _legend(
 def check_format(path: Path) -> None:
     """Raise `JounceError` where no picture of this suffix can be written."""
     if path.suffix.lower().removeprefix(".") not in FORMATS:
-        raise no_such(f"type of picture for {path}:", path.suffix, [f".{name}" for name in FORMATS])
+        raise JounceError(f"{path}: {no_such('type of picture', path.suffix, [f'.{name}' for name in FORMATS])}")
 
 
 def save(figure: "Figure", path: Path) -> None:

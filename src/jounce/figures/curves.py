@@ -24,7 +24,7 @@ MARKS = "osD^vP*X"
 HIDDEN = 0.1  # of the largest value: a curve below this tells nothing in the same axes
 CROWD = 10  # curves that a reader can follow in the same axes
 WIDEST = 6  # columns that crowds are spread over
-TOLD = 0.5  # of the largest value: a band that reaches further than this leaves nothing to be seen beside it
+TOLD = 0.5  # of the largest value: a band that reaches further than this leaves nothing visible next to it
 NEAR = 0.2  # of the span of limits: how close to one a curve comes where it is drawn
 
 
@@ -130,7 +130,7 @@ def columns_of(panels: Sequence[Panel]) -> list[list[str]]:
 
 
 def by_size(panels: Sequence[Panel], names: Sequence[str]) -> list[list[str]]:
-    """Curves in one column, or in two, large and small, where one is hidden beside the largest of its panel."""
+    """Curves in one column, or in two, large and small, if one is hidden by the largest of its panel."""
     small = set()
     for panel in panels:
         peaks = {name: panel.peak(name) for name in names if name in panel.curves}

@@ -1,6 +1,6 @@
 """Drawings of a robot: links, joint axes, body frames and centres of mass, projected on the page.
 
-Bodies whose frames share an origin, as in a spherical wrist, have their frames drawn beside it, on a leader.
+If frames share an origin, as in a spherical wrist, they are drawn next to it, with a leader line.
 """
 
 from dataclasses import dataclass
@@ -118,7 +118,7 @@ def _axis(axes: "Axes", view: View, point: np.ndarray, half: np.ndarray, label: 
 
 
 def _centre_of_mass(axes: "Axes", at: np.ndarray, radius: float, label: str) -> None:
-    """The quartered disc of draughtsmen."""
+    """Draw the usual symbol of a centre of mass, a quartered disc."""
     from matplotlib.patches import Circle, Wedge
 
     axes.add_patch(Circle(tuple(at), radius, facecolor="white", edgecolor=INK, linewidth=0.8, zorder=5))
@@ -128,7 +128,7 @@ def _centre_of_mass(axes: "Axes", at: np.ndarray, radius: float, label: str) -> 
 
 
 def _frame(axes: "Axes", view: View, pose: np.ndarray, size: float, aside: int, label: str) -> None:
-    """The axes of a frame at its origin, or aside of it by so many places."""
+    """Draw the axes of a frame at its origin, or offset from it by a number of places."""
     origin, length = view.of(pose[:3, 3]), 0.1 * size
     if aside:
         place = origin + np.array([(np.sign(aside) * 0.1 + 0.2 * aside) * size, 0])

@@ -7,12 +7,14 @@ import numpy as np
 
 from jounce.errors import JounceError, listed, no_such, quoted, shortened
 from jounce.figures.curves import POINT, Panel, Run
-from jounce.model.coordinates import coordinate_units, leading_joints
+from jounce.model.coordinates import coordinate_limits, coordinate_units
+from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.series import SUFFIX
+from jounce.spatial.series import SUFFIX, rate_name
 
 UNITS = {"q": {"rad": "rad", "m": "m"}, "Q": {"rad": "N m", "m": "N"}}  # by the unit of the joint
-LIMITS = {"qd": "velocity", "Q": "effort"}  # the limits of a robot that hold in either direction
+LIMITS = {rate_name("q", k): kind for k, kind in enumerate(MOTION_KINDS)}
+LIMITS |= {rate_name("Q", k): kind for k, kind in enumerate(EFFORT_KINDS)}
 LARGEST = 1e300  # beyond it matplotlib cannot number an axis
 KINDS = {"_sd": "deviations", "_sample": "points", "_measured": "points"}
 COLUMN = re.compile(
@@ -55,7 +57,7 @@ def run_of(
 def rows_between(
     columns: Mapping[str, np.ndarray], place: str, between: tuple[float, float] | None
 ) -> Mapping[str, np.ndarray]:
-    """The rows of a table between two times, both included; all of them if there are none.
+    """The rows of a table between two times, both included; all of them if no time is given.
 
     Raises
     ------
@@ -85,10 +87,10 @@ def _found(
     if not found:
         cure = f"of samples `jounce motion ROBOT {place} -o OUT` makes a table to be drawn"
         raise JounceError(
-            f"{place}: no columns NAME.Q, NAME.Qd, ... or NAME.q, NAME.qd, ...; it has: {listed(columns)}; {cure}"
+            f"{place}: no columns NAME.Q, NAME.Qd, ... or NAME.q, NAME.qd, ...; available: {listed(columns)}; {cure}"
         )
     if "t" not in columns:
-        raise JounceError(f"{place}: {no_such('column', 't', columns)}")
+        raise JounceError(f"{place}: no column 't'; available: {listed(columns)}")
     return found, beside
 
 
@@ -131,16 +133,11 @@ def _check_sizes(columns: Mapping[str, np.ndarray], shown: Mapping[str, Mapping[
 
 def _limits(mechanism: Mechanism) -> dict[str, dict[str, tuple[float, float]]]:
     """The limits of a robot by quantity and joint."""
-    leading = leading_joints(mechanism)
-
-    def by_joint(lower: np.ndarray, upper: np.ndarray) -> dict[str, tuple[float, float]]:
-        pairs = zip(lower[leading].tolist(), upper[leading].tolist(), strict=True)
-        return dict(zip(mechanism.coordinates, pairs, strict=True))
-
-    stated = mechanism.limits
-    both = {quantity: getattr(stated, name) for quantity, name in LIMITS.items()}
-    return {"q": by_joint(stated.lower, stated.upper)} | {
-        quantity: by_joint(-limit, limit) for quantity, limit in both.items()
+    limits = coordinate_limits(mechanism)
+    return {
+        quantity: dict(zip(mechanism.coordinates, zip(*limits.bounds(kind).tolist(), strict=True), strict=True))
+        for quantity, kind in LIMITS.items()
+        if kind not in limits.without_gravity  # of another force than the table holds
     }
 
 

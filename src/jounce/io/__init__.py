@@ -1,1 +1,1 @@
-"""What comes in and goes out: robots from files and names, tables of motions and forces."""
+"""Input and output: robots from files and names, tables of motions and forces."""

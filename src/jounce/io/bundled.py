@@ -1,7 +1,7 @@
-"""The robots that come with jounce: the paper's as functions of their parameters, others as files.
+"""The bundled robots: the paper's as functions of their parameters, others as files.
 
-A file is ``robots/NAME/robot.yaml``, converted from a URDF without loss: its first lines say which. Its licence is
-beside it.
+A file is ``robots/NAME/robot.yaml``, converted from a URDF without loss: its first lines name the URDF. Its licence is
+in the same folder.
 """
 
 from collections.abc import Callable
@@ -66,7 +66,7 @@ def planar2r(L1: Array = 1, L2: Array = 1, m1: Array = 1, m2: Array = 1, g: Arra
 
 @dataclass(frozen=True)
 class Bundled:
-    """A robot that comes with jounce: what it is, how large, whose numbers it has, and how it is made."""
+    """A bundled robot: description, size, source of its data, and constructor."""
 
     name: str
     kind: str
@@ -97,7 +97,7 @@ def _folder(name: str) -> "Traversable":
 
 
 def notices(name: str) -> dict[str, str]:
-    """The texts that must go with a robot's file, by their names: none for those of the paper, which have no file."""
+    """Return the licence texts of a robot's file by name; none for the paper's robots, which have no file."""
     texts = (_folder(name) / text for text in ("NOTICE", "LICENSE"))
     return {text.name: text.read_text(encoding="utf-8") for text in texts if text.is_file()}
 

@@ -1,4 +1,4 @@
-"""Columns: named arrays of finite numbers, all of one length, and what is refused where they should be."""
+"""Columns: named arrays of finite numbers, all of one length, and their checks."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -11,7 +11,7 @@ Columns = dict[str, np.ndarray]
 Select = Callable[[Sequence[str]], Iterable[str]]  # of the names that a table has, those to be read
 
 
-def flattened(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def flatten(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Arrays (N, k) as k columns NAME[0], NAME[1], ..., and vectors (N, 1), (1, N), as MATLAB has them, as columns."""
     found: dict[str, np.ndarray] = {}
     for name, array in arrays.items():
@@ -24,22 +24,22 @@ def flattened(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     return found
 
 
-def selected(columns: Mapping[str, np.ndarray], select: Select | None) -> dict[str, np.ndarray]:
-    """The columns that are to be read, arrays of several columns flattened; all, as they are, if nothing selects."""
+def select_columns(columns: Mapping[str, np.ndarray], select: Select | None) -> dict[str, np.ndarray]:
+    """Return the selected columns, with arrays of several columns flattened; all columns if `select` is None."""
     if select is None:
         return dict(columns)
-    flat = flattened(columns)
+    flat = flatten(columns)
     return {name: flat[name] for name in select(list(flat))}
 
 
 class CellError(JounceError):
-    """A cell that is no finite number."""
+    """A cell is not a finite number."""
 
 
 def checked(place: object, columns: Mapping[str, np.ndarray]) -> Columns:
-    """Columns as a table has them, of arrays that come from elsewhere."""
+    """Convert a caller's arrays to the columns of a table."""
     if not columns or not max(array.size for array in columns.values()):
-        raise JounceError(f"{place}: nothing in it; expected named columns of numbers")
+        raise JounceError(f"{place}: no columns or no rows; expected named columns of numbers")
     rows = next(iter(columns.values())).shape[:1]
     for name, array in columns.items():
         if array.shape != rows or array.ndim != 1 or array.dtype.kind not in "fiu":
@@ -50,7 +50,7 @@ def checked(place: object, columns: Mapping[str, np.ndarray]) -> Columns:
 
 
 def check_finite(place: object, columns: Mapping[str, np.ndarray], first: int = 0) -> None:
-    """Raise `JounceError` where a column holds what is no number; `first` is the number of the first row."""
+    """Raise `JounceError` if a column contains a value that is not finite; `first` is the number of the first row."""
     for name, array in columns.items():
         bad = np.flatnonzero(~np.isfinite(array))
         if bad.size:
@@ -62,4 +62,4 @@ def check_distinct(place: object, names: Iterable[str]) -> None:
     """Raise `JounceError` where columns have the same name."""
     for name, count in Counter(names).items():
         if count > 1:
-            raise JounceError(f"{place}: column {quoted(name)} stands {count} times; expected once")
+            raise JounceError(f"{place}: column {quoted(name)} occurs {count} times; expected once")

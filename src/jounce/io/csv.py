@@ -1,4 +1,4 @@
-"""CSV tables, read and written some rows at a time: as texts a whole table takes far more memory than as numbers."""
+"""CSV tables, read and written some rows at a time: a whole table takes far more memory as text than as numbers."""
 
 import csv
 import re
@@ -22,10 +22,10 @@ Row = tuple[int, list[str]]  # its line, its cells
 
 
 def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
-    """The table of a file, some rows after the other; at least one row.
+    """Yield the table of a file in pieces of some rows; it has at least one row.
 
-    Cells are separated by what separates the column names: commas, else semicolons, tabs or spaces; where it is not
-    the comma, a comma in a number is its decimal point.
+    The separator is that of the column names: a comma, or else a semicolon, tab or space. If it is not the comma, a
+    comma in a number is the decimal point.
     """
     with opened(path) as content, TextIOWrapper(content, encoding="utf-8-sig", newline="") as file:
         try:
@@ -35,7 +35,7 @@ def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
 
 
 def write(path: Path, pieces: Iterable[Mapping[str, np.ndarray]]) -> None:
-    """Write a table with all digits of its numbers, each piece when it comes."""
+    """Write a table at full precision, piece by piece."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         for number, columns in enumerate(pieces):
@@ -65,7 +65,7 @@ def _pieces(path: Path, file: TextIO, select: Select | None) -> Iterator[Columns
     rows = ((reader.line_num, row) for row in reader if any(map(str.strip, row)))
     first = next(rows, None)
     if first is None:
-        raise JounceError(f"{path}: nothing in it; expected a row of column names and rows of numbers")
+        raise JounceError(f"{path}: the table is empty; expected a row of column names and rows of numbers")
     header = _header(path, [cell.strip() for cell in first[1]], mark)
     wanted = [header.index(name) for name in (header if select is None else select(header))]
     piece = list(islice(rows, _rows(len(header))))
@@ -77,7 +77,7 @@ def _pieces(path: Path, file: TextIO, select: Select | None) -> Iterator[Columns
 
 
 def _separator(line: str) -> str:
-    """What separates the cells: a comma, else a semicolon, a tab or spaces, whichever the names have between them."""
+    """Return the separator of the column names: a comma, or else a semicolon, a tab or spaces."""
     bare = re.sub(r'"[^"]*"', "", line).lstrip("# ").strip()
     return next((mark for mark in SEPARATORS if mark in bare), ",")
 
@@ -105,7 +105,7 @@ def _columns(path: Path, header: Sequence[str], wanted: Sequence[int], piece: Se
 
 
 def _plain(cells: Sequence[str]) -> np.ndarray | None:
-    """Cells as numbers, all at once; None where one might be none by `finite`, which looks at each."""
+    """Convert cells to numbers all at once; None if a cell needs the slower check by `finite`."""
     try:
         numbers = np.array([float(cell) for cell in cells])
     except ValueError:

@@ -1,4 +1,4 @@
-"""Denavit-Hartenberg tables in YAML or JSON: every row says which number is which.
+"""Denavit-Hartenberg tables in YAML or JSON: every row names its parameters.
 
 name: arm
 units: SI                       # m, kg, s
@@ -12,7 +12,8 @@ tool: {position: [0, 0, 0.1], rpy: [0, 180, 0]}
 """
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
+from typing import TypeVar
 
 import numpy as np
 
@@ -22,16 +23,19 @@ from jounce.io.native import parts
 from jounce.model import dh
 from jounce.model.dh import CONVENTIONS, PARAMETERS, TYPES
 from jounce.model.drives import UNDRIVEN
-from jounce.model.mechanism import GRAVITY, UNLIMITED, Mechanism
+from jounce.model.limits import MOTION_KINDS, Stated, limits_of_joints
+from jounce.model.mechanism import GRAVITY, Mechanism
 
 ANGLES = {"rad": 1.0, "deg": math.pi / 180}
-ROW = ("name", "body", "type", "limits", "drive", "inertia")  # keys of a row beside its four parameters
-ANGULAR = ("lower", "upper", "velocity", "rest", "eps")  # what is an angle, or the rate of one, where a joint turns
+ROW = ("name", "body", "type", "limits", "drive", "inertia")  # keys of a row besides its four parameters
+ANGULAR = ("lower", "upper", *MOTION_KINDS[1:], "rest", "eps")  # angles, or rates of them, where a joint turns
+
+Number = TypeVar("Number", float, Stated)
 
 
 def read(robot: Entry, gravity: object = None) -> Mechanism:
     """The mechanism of a file's content, under its own gravity unless another is given."""
-    robot.keys(("units", "angles", "convention", "dh"), ("name", "gravity", "base", "tool"))
+    robot.keys(("units", "angles", "convention", "dh"), ("name", "gravity", "base", "tool", "limits_of"))
     parts.check_units(robot)
     unit, convention = ANGLES[_choice(robot, "angles", ANGLES)], _choice(robot, "convention", CONVENTIONS)
     name, own = robot.get("name", robot.path.stem).text(), robot.get("gravity", list(GRAVITY)).numbers((3,))
@@ -56,14 +60,14 @@ def read(robot: Entry, gravity: object = None) -> Mechanism:
             names=bodies,
             gravity=own if gravity is None else gravity,
             joint_names=joints,
-            limits={key: [one[key] for one in limits] for key in UNLIMITED},
+            limits=limits_of_joints(limits, parts.without_gravity(robot)),
             drives={key: [one[key] for one in drives] for key in UNDRIVEN},
             name=name,
         )
 
 
 def _choice(entry: Entry, key: str, known: Collection[str]) -> str:
-    """The text under a key, one of those known."""
+    """Return the string under a key, one of those known."""
     given = entry.get(key)
     if given.text() not in known:
         raise JounceError(f"{given.place}: {no_such(given.what, given.value, known)}")
@@ -71,7 +75,7 @@ def _choice(entry: Entry, key: str, known: Collection[str]) -> str:
 
 
 def _names(rows: list[Entry], key: str, stem: str) -> list[str]:
-    """What rows are called under a key, by their number where they leave it out; all different."""
+    """Return the names of rows under a key, by default numbered; all are different."""
     names: list[str] = []
     for i, row in enumerate(rows, start=1):
         given = row.get(key, f"{stem}{i}")
@@ -81,7 +85,9 @@ def _names(rows: list[Entry], key: str, stem: str) -> list[str]:
     return names
 
 
-def _in_rad(numbers: dict[str, float], row: Entry, key: str, unit: float) -> dict[str, float]:
+def _in_rad(numbers: Mapping[str, Number], row: Entry, key: str, unit: float) -> dict[str, Number]:
     """Numbers of a joint, those of angles that the row states under a key turned from their unit into rad."""
     stated = row.get(key, {}).value
-    return {name: x * unit if name in ANGULAR and name in stated else x for name, x in numbers.items()}
+    return {
+        name: np.multiply(x, unit).tolist() if name in ANGULAR and name in stated else x for name, x in numbers.items()
+    }

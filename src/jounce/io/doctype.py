@@ -1,7 +1,7 @@
-"""Document types in XML: refused wherever they declare anything, before the file itself is read.
+"""Document types in XML: an error if they declare anything, before the file itself is read.
 
-Entities and default attributes are content that stands elsewhere than where it counts. Readers differ in what they make
-of it, so that one file would be two robots.
+Entities and default attributes define content outside the elements that use it. XML readers treat them differently, so
+that one file could be two robots.
 """
 
 from contextlib import suppress
@@ -15,16 +15,16 @@ class _RootReachedError(Exception):
 
 
 def refuse_declarations(content: bytes, file: object) -> None:
-    """Raise `JounceError` where the document type of an XML file declares anything, there or in another file.
+    """Raise `JounceError` if the document type of an XML file has declarations, in this or another file.
 
-    What is not XML at all is left to the reader that comes next, and so is ``<!DOCTYPE robot>`` alone.
+    A file that is not XML is left to the actual reader; ``<!DOCTYPE robot>`` without declarations is accepted.
     """
     parser = expat.ParserCreate()
 
     def begins(name: str, system: str | None, public: str | None, internal: int) -> None:
         if system or public or internal:
-            what = "the document type has declarations; no entity and no default attribute is ever resolved"
-            raise JounceError(f"{file}:{parser.CurrentLineNumber}: {what}, write out what they stand for")
+            what = "the document type has declarations; entities and default attributes are never resolved"
+            raise JounceError(f"{file}:{parser.CurrentLineNumber}: {what}; write their content instead")
 
     def reached(*_: object) -> None:
         raise _RootReachedError

@@ -1,4 +1,4 @@
-"""Robots in YAML or JSON: parsed once, then read in the format that their keys tell."""
+"""Robots in YAML or JSON: parsed once, then read in the format that their keys identify."""
 
 from collections.abc import Callable
 from difflib import get_close_matches
@@ -26,7 +26,7 @@ def read(path: Path, gravity: object = None) -> Mechanism:
             return reader(robot, gravity)
     for key in keys:
         if get_close_matches(key, FORMATS, n=1):
-            raise JounceError(f"{robot.get(key).place}: {no_such('key in the robot', key, FORMATS)}")
+            raise JounceError(f"{robot.get(key).place}: {no_such('key', key, FORMATS, 'the robot')}")
     formats = ", ".join(f"{key!r} ({words})" for key, (words, _) in FORMATS.items())
     came = listed(keys) or "none"
-    raise JounceError(f"{robot.place}: the robot has no key that tells its format, {formats}; its keys are: {came}")
+    raise JounceError(f"{robot.place}: the robot has no key that identifies its format, {formats}; its keys: {came}")

@@ -1,4 +1,4 @@
-"""Entries of YAML and JSON files: values that know what messages call them and on which line they stand."""
+"""Entries of YAML and JSON files: values with their name in messages and their line."""
 
 import json
 import math
@@ -17,7 +17,7 @@ from jounce.io.files import read_bytes
 
 @dataclass(frozen=True)
 class Entry:
-    """A value in a file; every method checks it and raises a `JounceError` that says where and what it is."""
+    """A value in a file; every method checks it and raises a `JounceError` with its place and name."""
 
     value: Any
     what: str
@@ -27,39 +27,39 @@ class Entry:
 
     @property
     def place(self) -> str:
-        """FILE:LINE, or FILE alone where the line is not known."""
+        """FILE:LINE, or FILE alone if the line is not known."""
         return f"{self.path}" if self.line is None else f"{self.path}:{self.line}"
 
     def error(self, expected: str) -> JounceError:
-        """The refusal of the value."""
+        """Return the error for an invalid value."""
         return JounceError(f"{self.place}: {self.what} is {quoted(self.value)}; expected {expected}")
 
     def refusals(self) -> AbstractContextManager[None]:
-        """Inside, refusals gain the place of this entry."""
+        """Within this context, errors begin with the place of this entry."""
         return at(self.place)
 
     def named(self, what: str) -> "Entry":
-        """The same entry under the name that messages shall use."""
+        """Return the entry with another name for messages."""
         return replace(self, what=what)
 
     def keys(self, needed: Sequence[str], optional: Sequence[str] = ()) -> "Entry":
-        """The entry itself, which has all the keys needed and none but those and the optional ones."""
+        """Check that the entry has all needed keys, and no others except the optional ones; return it."""
         known = [*needed, *optional]
         for key in self._mapping():
             if key not in known:
-                raise JounceError(f"{self.get(key).place}: {no_such(f'key in {self.what}', key, known)}")
+                raise JounceError(f"{self.get(key).place}: {no_such('key', key, known, self.what)}")
         for key in needed:
             self.need(key, needed)
         return self
 
     def need(self, key: str, needed: Sequence[str] = ()) -> "Entry":
-        """What stands under a key that must be there, among all those needed."""
+        """Return the value of a required key; `needed` are all required keys."""
         if key not in self._mapping():
             raise JounceError(f"{self.place}: {self.what} has no {quoted(key)}; expected {listed(needed or [key])}")
         return self.get(key)
 
     def alone(self, key: str, others: Sequence[str]) -> bool:
-        """Whether a key is there that excludes the others."""
+        """Return whether a key is present; raise if one that it excludes is present too."""
         for other in others:
             if key in self._mapping() and other in self.value:
                 both = f"{quoted(key)} and {quoted(other)}"
@@ -67,7 +67,7 @@ class Entry:
         return key in self.value
 
     def get(self, key: Any, default: Any = None) -> "Entry":
-        """What stands under a key, or the default in its place."""
+        """Return the value of a key, or the default."""
         value = self._mapping().get(key, default)
         pairs = self.node.value if self.node is not None and self.node.id == "mapping" else []
         named, node = next(((k, v) for k, v in pairs if k.value == str(key)), (None, None))
@@ -75,14 +75,14 @@ class Entry:
         return Entry(value, f"{shortened(str(key))} of {self.what}", self.path, line, node)
 
     def members(self) -> dict[str, "Entry"]:
-        """What stands under all the keys; a key that YAML takes for a number is a name all the same."""
+        """Return the values of all keys; a key that YAML reads as a number is still a name."""
         found = {str(key): self.get(key) for key in self._mapping()}
         if len(found) < len(self.value):
-            raise self.error("keys that differ as names, which 5 and '5' do not")
+            raise self.error("keys with distinct names; 5 and '5' are the same name")
         return found
 
     def items(self, each: str = "", least: int = 0) -> list["Entry"]:
-        """What stands in a list, called as said, or ``entry 1 of ...`` and so on."""
+        """Return the entries of a list, with the given names or ``entry 1 of ...`` and so on."""
         if not isinstance(self.value, list):
             raise self.error("a list")
         if len(self.value) < least:
@@ -128,14 +128,16 @@ class Entry:
 
 
 def read(path: Path, what: str) -> Entry:
-    """The whole of a YAML file, or of a JSON file where its name ends so; messages call it `what`."""
+    """Read a YAML file, or a JSON file by its suffix; messages call it `what`."""
     content = read_bytes(path)
     kind = "JSON" if path.suffix.lower() == ".json" else "YAML"
     try:
         if kind == "JSON":
             return Entry(json.loads(content, object_pairs_hook=_distinct), what, path)
         return _from_yaml(content, what, path)
-    except Exception as error:  # beside the parsers' own: numbers of 5,000 digits, the 31st of June, 9,999 brackets
+    except (
+        Exception
+    ) as error:  # the parsers raise others too: numbers of 5,000 digits, the 31st of June, 9,999 brackets
         mark = getattr(error, "problem_mark", None)
         line = getattr(error, "lineno", None) if mark is None else mark.line + 1
         said = one_line(getattr(error, "problem", None) or error) or type(error).__name__
@@ -157,5 +159,5 @@ def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
         [(key, _)] = Counter(key for key, _ in pairs).most_common(1)
-        raise ValueError(f"key {quoted(key)} stands twice")
+        raise ValueError(f"key {quoted(key)} occurs twice")
     return found

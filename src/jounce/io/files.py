@@ -1,4 +1,4 @@
-"""Files and the numbers in them, as every reader takes them."""
+"""Checks, reading and writing of files, shared by all readers and writers."""
 
 import os
 import stat
@@ -12,7 +12,7 @@ from jounce.errors import JounceError, one_line, quoted
 
 
 def check_readable(path: Path) -> None:
-    """Raise `JounceError` where there is no file at `path`."""
+    """Raise `JounceError` if there is no file at `path`."""
     try:
         found, is_file = path.exists(), path.is_file()
     except OSError as error:
@@ -29,7 +29,7 @@ def read_bytes(path: Path) -> bytes:
 
 @contextmanager
 def opened(path: Path) -> Iterator[BinaryIO]:
-    """A file to read from; inside, what goes wrong with it is a `JounceError`."""
+    """Open a file for reading; within this context its errors become `JounceError`."""
     check_readable(path)
     try:
         with path.open("rb") as file:
@@ -39,11 +39,11 @@ def opened(path: Path) -> Iterator[BinaryIO]:
 
 
 def check_writable(path: Path) -> None:
-    """Raise `JounceError` where no file could be written to `path`, before any work is done for it."""
+    """Raise `JounceError` if no file can be written to `path`, before any work is done."""
     folder = path.parent
     try:
         if not folder.is_dir():
-            raise JounceError(f"{path}: there is no folder {str(folder)!r} to write into")
+            raise JounceError(f"{path}: no folder {str(folder)!r} to write into")
         if not os.access(folder, os.W_OK):
             raise JounceError(f"{path}: the folder {str(folder)!r} is not writable")
         if path.exists() and not path.is_file():
@@ -53,22 +53,22 @@ def check_writable(path: Path) -> None:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder where it is missing, or raise `JounceError`."""
+    """Create a folder if it is missing; raise `JounceError` if that fails."""
     try:
         path.mkdir(exist_ok=True)
     except FileNotFoundError:
-        raise JounceError(f"{path}: there is no folder {str(path.parent)!r} to make it in") from None
+        raise JounceError(f"{path}: no folder {str(path.parent)!r} to create it in") from None
     except FileExistsError:
         raise JounceError(f"{path}: exists and is not a folder") from None
     except OSError as error:
-        raise JounceError(f"{path}: cannot be made: {error.strerror or error}") from None
+        raise JounceError(f"{path}: cannot be created: {error.strerror or error}") from None
 
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """A path to write to, beside `path`; at the end it is moved there, so that no half of a file is ever seen.
+    """Yield a path to write to, next to `path`, and move it there at the end, so that no partial file is ever seen.
 
-    A file that is replaced passes its mode on, and until then nobody else reads the new one.
+    The new file gets the mode of the file that it replaces; until then only its owner can read it.
     """
     check_writable(path)
     target = path.resolve()
@@ -83,13 +83,13 @@ def written_whole(path: Path) -> Iterator[Path]:
     except OSError as error:
         raise JounceError(f"{path}: cannot be written: {error.strerror or error}") from None
     except UnicodeEncodeError as error:  # half a character in a name
-        raise JounceError(f"{path}: a name cannot be written: {one_line(error)}") from None
+        raise JounceError(f"{path}: cannot write a name: {one_line(error)}") from None
     finally:
         part.unlink(missing_ok=True)
 
 
 def mode_of(path: Path) -> int | None:
-    """The permissions of what is there, or None where nothing is."""
+    """Return the permissions of a path, or None if it does not exist."""
     try:
         return stat.S_IMODE(path.stat().st_mode)
     except FileNotFoundError:
@@ -97,11 +97,11 @@ def mode_of(path: Path) -> int | None:
 
 
 def path_of(given: str | os.PathLike[str]) -> Path:
-    """The path that a caller gives, with the folder that a leading ~ stands for."""
+    """Return a caller's path, with a leading ~ expanded."""
     try:
         path = Path(given).expanduser()
         if b"\0" in os.fsencode(path):
-            raise ValueError("it holds a zero byte")
+            raise ValueError("it contains a zero byte")
     except Exception as error:  # half a character, a home of nobody, and whatever a foreign path raises
         raise JounceError(f"{quoted(given)} is not a path: {one_line(error)}") from None
     return path

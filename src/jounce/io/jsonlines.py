@@ -1,4 +1,4 @@
-"""JSON lines: a table whose rows are objects, one a line; lists in them are columns NAME[0], NAME[1], ..."""
+"""JSON lines: a table whose rows are objects, one per line; lists in them are columns NAME[0], NAME[1], ..."""
 
 import json
 from collections.abc import Iterator
@@ -17,12 +17,12 @@ ROWS = 1 << 12  # in a piece
 
 
 def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
-    """The table of a file, some rows after the other; objects within a row are columns NAME.FIELD."""
+    """Yield the table of a file in pieces of some rows; objects within a row are columns NAME.FIELD."""
     with opened(path) as file:
         rows = ((number, _row(path, number, line)) for number, line in enumerate(file, start=1) if line.strip())
         first = next(rows, None)
         if first is None:
-            raise JounceError(f"{path}: nothing in it; expected objects with a number for each name, one a line")
+            raise JounceError(f"{path}: the table is empty; expected one JSON object per line, a number for each name")
         names = list(first[1] if select is None else select(list(first[1])))
         piece = [first, *islice(rows, ROWS - 1)]
         while piece:
@@ -34,7 +34,7 @@ def _row(path: Path, number: int, line: bytes) -> dict[str, Any]:
     try:
         row = json.loads(line)
         if not isinstance(row, dict):
-            raise ValueError(f"{quoted(row)} is no object")
+            raise ValueError(f"{quoted(row)} is not an object")
         return dict(_flat(row, ""))
     except (ValueError, RecursionError) as error:
         raise JounceError(f"{path}:{number}: not a line of JSON: {one_line(error)}") from None

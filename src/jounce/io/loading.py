@@ -15,7 +15,7 @@ from jounce.errors import JounceError, at, no_such, warn
 from jounce.io.bundled import BUNDLED
 from jounce.io.files import path_of
 from jounce.model import tree
-from jounce.model.drives import chosen
+from jounce.model.drives import select_terms
 from jounce.model.mechanism import Mechanism
 from jounce.robot import Robot
 
@@ -32,34 +32,36 @@ def load(
     xacro_args: Mapping[str, object] | None = None,
     **parameters: Unpack[Planar2R],
 ) -> Robot:
-    """A robot from a URDF or MJCF file, a YAML or JSON file, or a bundled one by its name.
+    """Load a robot from a URDF, MJCF, YAML or JSON file, or a bundled robot by its name.
 
-    YAML and JSON hold jounce's own format, a Denavit-Hartenberg table or skidy's description, told apart by their keys.
+    YAML and JSON files contain jounce's own format, a Denavit-Hartenberg table or skidy's description, identified by
+    their keys.
 
-    Fixed joints merge their links into one body (their names stay usable wherever a body's is); mimic joints are folded
-    into their leaders' coordinates; several root links stand on the ground side by side. Coordinates are in the order
-    of the file, depth first.
+    Links behind fixed joints merge into one body, and their names may be used wherever a body's may; mimic joints
+    follow their leaders' coordinates; several root links are all fixed to the ground. Coordinates are in the order of
+    the file, depth first.
 
     Parameters
     ----------
     source : str or path
         Path of a .urdf, .xacro, .xml (MJCF, by MuJoCo; or a URDF), .yaml, .yml or .json file, or the name of a bundled
-        one: "iiwa14", "planar2r", "panda" and others, which `jounce robots` lists.
+        robot: "iiwa14", "planar2r", "panda" and others, which `jounce robots` lists.
     gravity : (3,), optional
-        In m/s^2; if left out that of the file, (0, 0, -9.81) where it states none, (0, 0, -9.80665) for iiwa14.
+        Gravitational acceleration in m/s^2; by default that of the file, or (0, 0, -9.81) if it states none, or
+        (0, 0, -9.80665) for iiwa14.
     base : str, optional
-        Of a URDF or MJCF file: "fixed" welds floating, planar and spherical joints at zero, which are refused
-        otherwise.
+        "fixed" welds floating, planar and spherical joints of a URDF or MJCF file at zero; otherwise such joints are
+        an error.
     root : str, optional
-        Of a URDF or MJCF file: a link to start at; what it carries remains, and it stands on the ground itself.
+        Link of a URDF or MJCF file that becomes the base, fixed to the ground: only the links that it carries are kept.
     lock : dict, optional
-        Joints to hold still, {name: rad or m}: their bodies merge into those that carry them, see `Robot.locked`.
+        Joints to lock, {name: rad or m}: their bodies merge into those that carry them, see `Robot.locked`.
     drives : bool, str or several, optional
-        Which terms of the drives that the file states enter Q, see `Robot.with_drives`; none if left out.
+        Drive terms of the file to include in Q, see `Robot.with_drives`; by default none.
     xacro_args : dict, optional
-        Of a .xacro file: its arguments.
+        Arguments of a .xacro file.
     **parameters : keywords
-        Of planar2r: L1, L2, m1, m2, g; symbols are values too.
+        Parameters of planar2r: L1, L2, m1, m2, g; numbers or symbols.
 
     Returns
     -------
@@ -68,13 +70,13 @@ def load(
     Raises
     ------
     JounceError
-        Where the file cannot be read, is not a robot, or a parameter is unknown.
+        If the file cannot be read, is not a robot, or a parameter is unknown.
 
     Warns
     -----
     JounceWarning
-        Where bodies of a file have an inertia that no distribution of mass has (`Robot.audit` says more), joints are
-        welded by base, or drives are asked for and none is stated.
+        If bodies of a file have a physically inconsistent inertia (see `Robot.audit`), joints are welded by `base`, or
+        `drives` selects terms that the file does not have.
 
     Examples
     --------
@@ -83,11 +85,11 @@ def load(
     ('joint1', 'joint2')
     """
     if not isinstance(source, str | os.PathLike):
-        raise JounceError(f"a robot is a path or a name, not {type(source).__name__}; names: {', '.join(BUNDLED)}")
+        raise JounceError(f"load() expects a path or a name, got {type(source).__name__}; names: {', '.join(BUNDLED)}")
     path = path_of(source)
     name = os.fspath(source)
     if drives is not None:
-        chosen(drives)
+        select_terms(drives)
     with at(name):
         tree.check_base(base)
     stated = {"gravity": gravity, "base": base, "root": root, "xacro_args": xacro_args}
@@ -105,7 +107,7 @@ def _mechanism(name: str, path: Path, parameters: dict[str, object]) -> Mechanis
     if path.suffix.lower() not in READERS:
         if not path.suffix:
             raise JounceError(f"{no_such('robot', name, BUNDLED)}, or a file of type {', '.join(READERS)}")
-        raise JounceError(f"{path}: unknown type of robot file {path.suffix!r}; there are: {', '.join(READERS)}")
+        raise JounceError(f"{path}: unknown type of robot file {path.suffix!r}; available: {', '.join(READERS)}")
     with np.errstate(all="ignore"):  # what overflows is refused as not finite, or judged by the audit
         mechanism = _call(partial(READERS[path.suffix.lower()], path), parameters, str(path))
         _warn_of_inertias(mechanism, path)
@@ -128,7 +130,7 @@ def _read_xacro(
 ) -> Mechanism:
     from jounce.io import urdf, xacro
 
-    content = xacro.expanded(path, xacro_args)
+    content = xacro.expand(path, xacro_args)
     return urdf.parse(content, f"{path} (expanded)", path.name.partition(".")[0], gravity, base, root)
 
 
@@ -165,7 +167,7 @@ def _call(build: Callable[..., Mechanism], parameters: dict[str, object], what: 
     known = list(inspect.signature(build).parameters)
     for name in parameters:
         if name not in known:
-            raise no_such(f"parameter of {what}", name, [*known, *ALWAYS])
+            raise no_such("parameter", name, [*known, *ALWAYS], what)
     return build(**parameters)
 
 
@@ -176,4 +178,4 @@ def _warn_of_inertias(mechanism: Mechanism, path: Path) -> None:
     if found:
         more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
         count = f"{len(found)} of {mechanism.nb} bodies"
-        warn(f"{path}: {count} have an inertia that no distribution of mass has: {found[0]}{more}")
+        warn(f"{path}: {count} have a physically inconsistent inertia: {found[0]}{more}")

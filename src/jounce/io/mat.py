@@ -1,4 +1,4 @@
-"""MAT tables: the variables of a MATLAB file, those of structs as STRUCT.FIELD."""
+"""MAT tables: the variables of a MATLAB file, with fields of structs as STRUCT.FIELD."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import Any, cast
 import numpy as np
 
 from jounce.errors import JounceError, one_line
-from jounce.io.columns import Columns, Select, checked, flattened, selected
+from jounce.io.columns import Columns, Select, checked, flatten, select_columns
 from jounce.io.files import opened
 
 
@@ -19,13 +19,11 @@ def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
         try:
             content = loadmat(cast(Any, file), simplify_cells=True)
         except NotImplementedError:
-            raise JounceError(
-                f"{path}: a MAT file of version 7.3; expected one that MATLAB wrote by save -v7"
-            ) from None
+            raise JounceError(f"{path}: MAT file of version 7.3; save it in MATLAB with -v7") from None
         except Exception as error:  # damaged files raise whatever their reader stumbles over
             raise JounceError(f"{path}: not a MAT file: {one_line(error) or type(error).__name__}") from None
-    arrays = flattened(dict(_arrays({k: v for k, v in content.items() if not k.startswith("__")}, "")))
-    yield checked(path, selected(arrays, select))
+    arrays = flatten(dict(_arrays({k: v for k, v in content.items() if not k.startswith("__")}, "")))
+    yield checked(path, select_columns(arrays, select))
 
 
 def _arrays(content: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, np.ndarray]]:

@@ -25,11 +25,11 @@ def read(path: Path, gravity: object = None, base: str | None = None, root: str 
         return urdf.read(path, gravity, base, root)
     if element not in MJCF:
         raise JounceError(f"{path}: the root element is <{shortened(str(element))}>; MJCF has <mujoco>, a URDF <robot>")
-    return models.mechanism(compiled(path), gravity, base, root, file=path)
+    return models.mechanism(compile_model(path), gravity, base, root, file=path)
 
 
-def compiled(path: Path) -> Any:
-    """The model that MuJoCo makes of a file; what it refuses or warns of is passed on in one line each."""
+def compile_model(path: Path) -> Any:
+    """Compile a file with MuJoCo, whose errors and warnings are passed on in one line each."""
     try:
         import mujoco
     except ImportError:
@@ -38,7 +38,7 @@ def compiled(path: Path) -> Any:
         try:
             model = mujoco.MjModel.from_xml_path(str(path))
         except Exception as error:  # ValueError, and one of MuJoCo's own that is no child of it
-            raise JounceError(f"{path}: refused by MuJoCo: {one_line(error)}") from None
+            raise JounceError(f"{path}: MuJoCo rejects the file: {one_line(error)}") from None
     for warning in said:
         warn(f"{path}: MuJoCo warns: {one_line(warning)}")
     return model
@@ -46,7 +46,7 @@ def compiled(path: Path) -> Any:
 
 @contextmanager
 def warnings_of(mujoco: Any) -> Iterator[list[str]]:
-    """What MuJoCo warns of meanwhile; else it prints that, and appends it to a MUJOCO_LOG.TXT in the current folder."""
+    """Collect MuJoCo's warnings, which it would print and append to MUJOCO_LOG.TXT in the current folder."""
     said: list[str] = []
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(said.append)
@@ -73,7 +73,7 @@ def without_assets(mujoco: Any) -> Iterator[None]:
 
 
 def _root(path: Path) -> object:
-    """The tag of the root element, before anything is made of the file."""
+    """Return the tag of the root element, before the file is read further."""
     content = read_bytes(path)
     refuse_declarations(content, path)
     parts = etree.iterparse(BytesIO(content), events=("start",), resolve_entities=False, no_network=True)

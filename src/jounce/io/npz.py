@@ -9,7 +9,7 @@ import numpy as np
 
 from jounce.arguments import names
 from jounce.errors import JounceError, one_line, quoted
-from jounce.io.columns import Columns, Select, check_distinct, checked, selected
+from jounce.io.columns import Columns, Select, check_distinct, checked, select_columns
 from jounce.io.files import opened
 
 
@@ -18,7 +18,7 @@ def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
     with opened(path) as file:
         found = _arrays(path, file)
     check_distinct(path, [name for name, _ in found])
-    yield checked(path, selected(dict(found), select))
+    yield checked(path, select_columns(dict(found), select))
 
 
 def write(path: Path, pieces: Iterable[Mapping[str, np.ndarray]]) -> None:

@@ -14,7 +14,7 @@ from jounce.robot import Robot
 def save(robot: Robot, path: str | os.PathLike[str]) -> None:
     """Write a robot into a file of jounce's own format: YAML or JSON.
 
-    Nothing is lost: `jounce.load` gives every array back to the last bit, and names, limits and frames. Which drive
+    The file is lossless: `jounce.load` restores every array to the last bit, and names, limits and frames. Which drive
     terms act is not a part of the data: ``jounce.load(..., drives=True)`` selects them.
 
     Parameters
@@ -22,12 +22,12 @@ def save(robot: Robot, path: str | os.PathLike[str]) -> None:
     robot : Robot
         A robot of numbers.
     path : str or path
-        Of a .yaml, .yml or .json file; one that is there is replaced as a whole.
+        Path of a .yaml, .yml or .json file; an existing file is replaced as a whole.
 
     Raises
     ------
     JounceError
-        Where the robot holds symbols, the name ends otherwise, or the file cannot be written.
+        If the robot contains symbols, the suffix is another, or the file cannot be written.
 
     Examples
     --------
@@ -40,9 +40,9 @@ def save(robot: Robot, path: str | os.PathLike[str]) -> None:
     np.True_
     """
     if not isinstance(robot, Robot):
-        raise JounceError(f"a Robot is saved, not a {type(robot).__name__}; expected one of jounce.load, say")
+        raise JounceError(f"save() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     if not isinstance(path, str | os.PathLike):
-        raise JounceError(f"a robot is saved to a path, not to one of type {type(path).__name__}")
+        raise JounceError(f"save() expects a path, got {type(path).__name__}")
     target = files.path_of(path)
     check_writable(target)
     content = WRITERS[target.suffix.lower()](robot.mechanism)
@@ -54,7 +54,9 @@ WRITERS: dict[str, Callable[[Mechanism], str]] = {".yaml": writing.yaml, ".yml":
 
 
 def check_writable(path: Path) -> None:
-    """Raise `JounceError` where `save` could not write, before any work is done for it."""
+    """Raise `JounceError` if `save` could not write, before any work is done."""
     if path.suffix.lower() not in WRITERS:
-        raise JounceError(f"{path}: no type of robot file to write {path.suffix!r}; there are: {', '.join(WRITERS)}")
+        raise JounceError(
+            f"{path}: unknown type of robot file to write {path.suffix!r}; available: {', '.join(WRITERS)}"
+        )
     files.check_writable(path)

@@ -1,4 +1,4 @@
-"""Tables: named columns of numbers in CSV and NPZ files, every cell checked when read, all digits kept when written."""
+"""Tables: named columns of numbers in CSV and NPZ files, every cell checked when read, written at full precision."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -31,23 +31,23 @@ def read(path: Path, select: Select | None = None) -> Columns:
 
 
 def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
-    """A table in pieces of some rows, one after the other, each checked when its turn comes."""
+    """Yield a table in pieces of some rows, each checked before it is yielded."""
     return _by_suffix(path, READERS)(path, select)
 
 
 def check_writable(path: Path) -> None:
-    """Raise `JounceError` where `write` could not write, before any work is done for it."""
+    """Raise `JounceError` if `write` could not write, before any work is done."""
     _by_suffix(path, WRITERS)
     files.check_writable(path)
 
 
 def write(path: Path, columns: Mapping[str, np.ndarray]) -> None:
-    """Write a table whole: no half of it is ever seen."""
+    """Write a table; a partial file is never seen."""
     write_pieces(path, [columns])
 
 
 def write_pieces(path: Path, pieces: Iterable[Mapping[str, np.ndarray]]) -> None:
-    """Write a table from pieces of some rows, each checked when it comes; no half of the table is ever seen.
+    """Write a table from pieces of some rows, each checked first; a partial file is never seen.
 
     CSV tables hold one piece at a time in memory, NPZ tables all of them.
     """
@@ -74,5 +74,5 @@ def of_rates(t: np.ndarray, names: Sequence[str], symbol: str, rates: Sequence[n
 
 def _by_suffix(path: Path, known: Mapping[str, Handler]) -> Handler:
     if path.suffix.lower() not in known:
-        raise JounceError(f"{path}: unknown type of table {path.suffix!r}; there are: {', '.join(known)}")
+        raise JounceError(f"{path}: unknown type of table {path.suffix!r}; available: {', '.join(known)}")
     return known[path.suffix.lower()]

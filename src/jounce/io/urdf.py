@@ -1,4 +1,4 @@
-"""URDF: what dynamics needs of it, read with lxml; visuals, collisions, meshes and transmissions are never opened."""
+"""URDF: the part that dynamics needs, read by lxml; visuals, collisions, meshes and transmissions are never opened."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +17,7 @@ from jounce.spatial.inertia import inertia_matrix, symmetric
 from jounce.spatial.lie import pose
 
 MOVING = {"revolute": 0, "continuous": 0, "prismatic": 3}  # where in the screw the axis goes
-FREE = ("floating", "planar")
+FREE_JOINTS = ("floating", "planar")
 AXIS = "1 0 0"  # by the format, where a joint states none
 PLACED = ("xyz", "rpy")  # how an <origin> says its pose
 
@@ -51,9 +51,11 @@ def _parsed(content: bytes, file: str) -> etree._Element:
     for element in root.iter(etree.Element, etree.Entity):
         if element.tag is etree.Entity:
             name = shortened(element.text or "")
-            raise JounceError(f"{_at(element, file)}: {name} is an entity, never resolved; write its content")
+            raise JounceError(
+                f"{_at(element, file)}: {name} is an entity, which is never resolved; write its content instead"
+            )
         if element.prefix == "xacro":
-            raise JounceError(f"{_at(element, file)}: xacro macros, which are expanded where a file is called *.xacro")
+            raise JounceError(f"{_at(element, file)}: contains xacro macros; name the file *.xacro to expand them")
     return root
 
 
@@ -71,7 +73,7 @@ def _link(element: etree._Element, file: str) -> tree.Link:
 
 def _joint(element: etree._Element, file: str) -> tree.Joint:
     name, kind = _text(element, "name", file), _text(element, "type", file)
-    kinds = ["fixed", *MOVING, *FREE]
+    kinds = ["fixed", *MOVING, *FREE_JOINTS]
     if kind not in kinds:
         raise JounceError(f"{_at(element, file)}: joint {quoted(name)}: {no_such('joint type', kind, kinds)}")
     return tree.Joint(
@@ -84,7 +86,7 @@ def _joint(element: etree._Element, file: str) -> tree.Joint:
         limits=_limits(element, kind, file) if kind in MOVING else {},
         drive=_drive(element, file) if kind in MOVING else {},
         place=_at(element, file),
-        free=kind if kind in FREE else None,
+        free=kind if kind in FREE_JOINTS else None,
     )
 
 
@@ -110,7 +112,7 @@ def _mimic(element: etree._Element, file: str) -> tree.Mimic | None:
 
 
 def _limits(element: etree._Element, kind: str, file: str) -> dict[str, float]:
-    """What a <limit> states; where it leaves positions out they are 0 by the format, unless the joint turns freely."""
+    """Return the values of a <limit>; missing positions are 0 by the format, except for continuous joints."""
     limit = element.find("limit")
     if limit is None:
         return {}
@@ -119,7 +121,7 @@ def _limits(element: etree._Element, kind: str, file: str) -> dict[str, float]:
 
 
 def _drive(element: etree._Element, file: str) -> dict[str, float]:
-    """What a <dynamics> states."""
+    """Return the values of a <dynamics>."""
     dynamics = element.find("dynamics")
     if dynamics is None:
         return {}
@@ -127,7 +129,7 @@ def _drive(element: etree._Element, file: str) -> dict[str, float]:
 
 
 def _origin(element: etree._Element, file: str) -> np.ndarray:
-    """The pose of an <origin>: the identity where there is none."""
+    """Return the pose of an <origin>, the identity by default."""
     origin = element.find("origin")
     if origin is None:
         return np.eye(4)

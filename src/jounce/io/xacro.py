@@ -30,10 +30,10 @@ class _Arguments(dict[str, str]):
         return super().__getitem__(name)
 
 
-def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
-    """The URDF that a xacro file makes of arguments, those of its <xacro:arg>; packages are looked for above the file.
+def expand(path: Path, arguments: Mapping[str, object]) -> bytes:
+    """Expand a xacro file with arguments for its <xacro:arg>; packages are searched in the folders above the file.
 
-    Unlike all other readers xacro evaluates what the file says: expressions in a subset of Python.
+    Unlike all other readers, xacro evaluates expressions in the file, in a subset of Python.
     """
     refuse_declarations(read_bytes(path), path)
     if not isinstance(arguments, Mapping):
@@ -42,7 +42,7 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
         from xacrodoc import packages  # first: it makes xacro look for packages by it
     except ImportError:
         install = "pip install 'jounce[xacro]'"
-        raise JounceError(f"{path}: xacro is expanded by the package xacrodoc, not installed; {install}") from None
+        raise JounceError(f"{path}: xacro files need the package xacrodoc; install it by: {install}") from None
     import xacro
 
     said, given = StringIO(), _Arguments(arguments)
@@ -54,7 +54,7 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
     except Exception as error:  # of xacro, its parser, or of the expressions in the file
         absent = getattr(error, "exc", None)
         if isinstance(absent, packages.PackageNotFoundError):
-            places = "in the folders above the file, nor in those that ROS_PACKAGE_PATH names"
+            places = "in the folders above the file or in ROS_PACKAGE_PATH"
             raise JounceError(f"{path}: xacro: no package {quoted(absent.args[0])} {places}") from None
         message = one_line(error) or type(error).__name__
         raise JounceError(f"{path}: xacro: {message}") from None
@@ -84,7 +84,7 @@ def _endless_calls_refused(xacro: Any) -> Iterator[None]:
 
     def checked_include(given: Any, name: str | None = None) -> Any:
         if given is None and xacro.filestack.count(name) > 1:
-            raise JounceError(f"{shortened(str(name))} includes itself")
+            raise JounceError(f"{shortened(Path(str(name)).name)} includes itself")
         return include(given, name)
 
     xacro.handle_macro_call, xacro.parse = checked_call, checked_include
@@ -96,7 +96,7 @@ def _endless_calls_refused(xacro: Any) -> Iterator[None]:
 
 @contextmanager
 def _declarations_refused(xacro: Any) -> Iterator[None]:
-    """Inside, xacro includes no file whose document type declares anything: its own parser would resolve it."""
+    """Within this context, xacro includes no file whose document type has declarations: its parser resolves them."""
     parse = xacro.parse
 
     def checked(given: Any, name: str | None = None) -> Any:

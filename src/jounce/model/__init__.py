@@ -1,1 +1,1 @@
-"""What a robot is: the frozen data of its mechanism, and passes from mechanism to mechanism."""
+"""The model of a robot: the frozen data of its mechanism, and transformations of mechanisms."""

@@ -4,11 +4,13 @@ Forces and matrices of the joint variables become those of the coordinates by G^
 three maps take arrays and time series alike.
 """
 
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
 
 from jounce._scalars import Array
+from jounce.model.limits import EFFORT_KINDS, KINDS, MOTION_KINDS, Limits, unlimited
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
@@ -33,7 +35,7 @@ def generalized_matrix(mechanism: Mechanism, M: T) -> T:
 
 
 def leading_joints(mechanism: Mechanism) -> list[int]:
-    """The joint that each coordinate of a mechanism of numbers is: that of its name, else the first that follows it."""
+    """Return for each coordinate the joint with its name, or the first joint that follows it."""
     places = {joint: i for i, joint in enumerate(mechanism.joints)}
     return [
         places[name] if name in places else int(np.flatnonzero(column)[0])
@@ -41,9 +43,47 @@ def leading_joints(mechanism: Mechanism) -> list[int]:
     ]
 
 
+def joint_places(mechanism: Mechanism) -> dict[str, int]:
+    """The joint variable that each name of a joint, or else of a coordinate, belongs to."""
+    leaders = dict(zip(mechanism.coordinates, leading_joints(mechanism), strict=True))
+    return leaders | {joint: i for i, joint in enumerate(mechanism.joints)}
+
+
 def coordinate_units(mechanism: Mechanism) -> list[str]:
     """rad or m: the unit of each coordinate."""
     return ["rad" if np.any(X[:3]) else "m" for X in mechanism.X[leading_joints(mechanism)]]
+
+
+def coordinate_limits(mechanism: Mechanism) -> Limits:
+    """The limits of the n coordinates.
+
+    A joint variable that one coordinate moves bounds the motion of this coordinate, whether it leads or follows; one
+    that several move does not. Effort and power are those of the leading joint: what the others exert adds to Q.
+    """
+    table, leaders = unlimited(mechanism.n).table, leading_joints(mechanism)
+    for i, row in enumerate(mechanism.G):
+        moved = np.flatnonzero(row)
+        if len(moved) != 1:
+            continue
+        [j] = moved
+        for k, kind in enumerate(KINDS):
+            if kind in MOTION_KINDS:
+                offset = float(mechanism.g[i]) if kind == "position" else 0.0
+                lower, upper = sorted((mechanism.limits.table[k, :, i] - offset) / row[j])
+            elif i == leaders[j]:
+                factor = 1.0 if kind == "power" else row[j]
+                lower, upper = sorted(mechanism.limits.table[k, :, i] * factor)
+            else:
+                continue
+            table[k, 0, j], table[k, 1, j] = max(table[k, 0, j], lower), min(table[k, 1, j], upper)
+    return replace(mechanism.limits, table=table)
+
+
+def following_efforts(mechanism: Mechanism) -> list[str]:
+    """The joints whose effort limits bound no coordinate: they follow others, and Q does not tell their share."""
+    limits, leaders = mechanism.limits, leading_joints(mechanism)
+    stated = [any(np.isfinite(limits.bounds(kind)[:, i]).any() for kind in EFFORT_KINDS) for i in range(mechanism.nb)]
+    return [joint for i, joint in enumerate(mechanism.joints) if stated[i] and i not in leaders]
 
 
 def likely_positions(mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:

@@ -55,7 +55,7 @@ def from_dh(
     if tool is None:
         return built
     if TOOL in built.bodies:
-        raise JounceError(f"a body is called {TOOL!r}, as is the frame of tool=; give the body another name")
+        raise JounceError(f"a body is named {TOOL!r} like the frame of tool=; rename the body")
     return replace(built, frames=(Frame(TOOL, built.nb - 1, _pose(tool, "tool")),))
 
 
@@ -110,11 +110,11 @@ def _rows(table: Any, types: Sequence[str] | None) -> list[Row]:
     if types is None:
         kinds = [row.get("type", TYPES[0]) if isinstance(row, Mapping) else TYPES[0] for row in rows]
     elif any(named):
-        raise JounceError("types= goes with rows of numbers; rows of names hold their 'type' themselves")
+        raise JounceError("types= applies to rows of numbers; rows of names have their own 'type'")
     else:
         kinds = [] if isinstance(types, str) else several(types)
     if len(kinds) != len(rows):
-        raise JounceError(f"types is {quoted(types)}; expected {len(rows)} of {', '.join(TYPES)}, one a row")
+        raise JounceError(f"types is {quoted(types)}; expected {len(rows)} of {', '.join(TYPES)}, one per row")
     for i, kind in enumerate(kinds):
         with at(f"joint of table[{i}]"):
             one_of("type", kind, TYPES)
@@ -126,7 +126,7 @@ def _row(row: Any, label: str) -> Array:
     order = ", ".join(PARAMETERS)
     if isinstance(row, Mapping):
         for key in row:
-            one_of(f"key in {label}", key, [*PARAMETERS, "type"])
+            one_of("key", key, [*PARAMETERS, "type"], label)
         for key in PARAMETERS:
             if key not in row:
                 raise JounceError(f"{label} has no {key!r}; expected {order}")

@@ -1,12 +1,12 @@
-"""Drives: what a drive train adds to the forces of a rigid mechanism, by joint variable theta, with exact rates.
+"""Drives: forces of the drive trains, added to those of the rigid mechanism, by joint variable theta, with exact rates.
 
     armature   I theta''                   inertia of the rotor, seen through the gear: it adds to the mass matrix
     damping    d theta'                    viscous
     friction   f tanh(theta' / eps)        Coulomb's, smooth: it reaches 76 % of f at the speed eps, 99.99 % at 5 eps
     spring     k (theta - rest)
 
-A file states them; they are off until a user asks for them, and then enter ``Q = G^T Q_theta``. The rotors turn with
-their joints only: what they do to momentum and bearings as their carriers turn is left out, as is usual.
+Robot files state the parameters; the terms enter ``Q = G^T Q_theta`` only if a user selects them. The rotors turn with
+their joints only: their effect on momentum and bearings as the links that carry them turn is neglected, as is usual.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -21,7 +21,7 @@ from jounce._typing import DriveTerm, Floats
 from jounce.errors import JounceError, listed, one_of, quoted, several, warn
 from jounce.spatial.series import Series, from_rate
 
-Coefficients = Mapping[str, Array]  # columns, one entry a joint
+Coefficients = Mapping[str, Array]  # columns, one entry per joint
 
 EPS = 0.05  # rad/s or m/s: below it friction turns over
 
@@ -75,23 +75,23 @@ AMOUNTS = {term: term for term in TERMS} | {"spring": "stiffness"}  # of the ter
 
 
 def drive_error(**stated: float) -> str | None:
-    """What keeps numbers from being those of a joint variable's drive train, or None."""
+    """Return why numbers are not valid parameters of a drive train, or None if they are."""
     for name, x in stated.items():
         if not np.isfinite(x):
             return f"{name} is {x:g}; expected a finite number"
         if x < 0 and name not in ("stiffness", "rest"):
             return f"{name} is {x:g}; expected 0 or more"
-    return None if stated.get("eps", EPS) > 0 else "eps is 0; expected a speed above 0, over which friction turns over"
+    return None if stated.get("eps", EPS) > 0 else "eps is 0; expected a smoothing velocity of friction above 0"
 
 
 def coefficients(drives: Drives) -> Coefficients:
-    """The numbers of the laws as columns (nb, 1)."""
+    """Return the coefficients of the drive laws as columns (nb, 1)."""
     numbers = vars(drives) | {"slope": 1 / drives.eps}
     return {name: numbers[name][:, None] for name in COEFFICIENTS}
 
 
 def forces(c: Coefficients, terms: Sequence[str], theta: Series) -> Series:
-    """What some terms add to the forces of the joint variables, (..., nb, 1)."""
+    """Return the forces of some drive terms on the joint variables, (..., nb, 1)."""
     return reduce(add, [law(c, theta) for term, law in LAWS.items() if term in terms], theta * 0)
 
 
@@ -99,8 +99,8 @@ def _tanh(x: Series) -> Series:
     return from_rate(tanh(x[0]), lambda y: (-(y * y) + 1) * x.dot)
 
 
-def chosen(terms: object) -> tuple[DriveTerm, ...]:
-    """The terms that a user asks for, in their order: True is all of them, False none, else their names."""
+def select_terms(terms: object) -> tuple[DriveTerm, ...]:
+    """Return the selected drive terms in their order: True selects all, False none, otherwise names."""
     if isinstance(terms, bool):
         return TERMS * terms
     names = {one_of("drive term", name, TERMS) for name in several(terms)}
@@ -109,7 +109,7 @@ def chosen(terms: object) -> tuple[DriveTerm, ...]:
 
 def warn_of_idle(drives: Drives, terms: object, eps: float | None, name: str) -> None:
     """Warn where a user asks for terms that a robot does not state, or for an eps without friction."""
-    asked = chosen(terms)
+    asked = select_terms(terms)
     stated = [term for term in TERMS if np.any(getattr(drives, AMOUNTS[term]))]
     if asked and not set(asked) & set(stated):
         there = f"; it states {listed(stated)}" if stated else ""
@@ -120,9 +120,7 @@ def warn_of_idle(drives: Drives, terms: object, eps: float | None, name: str) ->
 
 
 def with_eps(drives: Drives, eps: float) -> Drives:
-    """The drives with another speed over which friction turns over, of all joints."""
+    """Return the drives with another smoothing velocity of friction for all joints."""
     if not is_finite(eps) or not eps > 0:
-        raise JounceError(
-            f"eps is {quoted(eps)}; expected a speed above 0 in rad/s or m/s, over which friction turns over"
-        )
+        raise JounceError(f"eps is {quoted(eps)}; expected a smoothing velocity of friction above 0, in rad/s or m/s")
     return replace(drives, eps=np.full(drives.eps.shape, float(eps)))

@@ -26,7 +26,7 @@ def equal(a: Any, b: Any) -> bool:
 
 
 def key(mechanism: Mechanism) -> Hashable:
-    """What equal mechanisms have in common and can be hashed: names and tree, no numbers."""
+    """Return the hashable data that equal mechanisms share: names and tree, no numbers."""
     return mechanism.name, mechanism.parent, mechanism.bodies, mechanism.coordinates
 
 

@@ -1,10 +1,10 @@
 """Equivalent mechanisms: passes from mechanism to mechanism that leave the generalized forces as they are.
 
 `align_frames` puts every body frame on its joint axis, z along it; `turn_frames` turns them about it, until x is normal
-to the next axis as Denavit and Hartenberg have it; `slide_origins` slides the origins along the axes until offsets
-vanish; `base_parameters` gives each parent the inertia that a joint does not transmit. After all of them (`minimal`)
-the recursion needs the fewest operations. The Coriolis matrix survives all but the last (`on_axes`): it depends on
-where inertia is, not only on what it does. Body order, coordinates, names and gravity stay.
+to the next axis as in Denavit-Hartenberg frames; `slide_origins` slides the origins along the axes until offsets
+vanish; `base_parameters` reduces the bodies to their base inertial parameters. After all of them (`minimal`) the
+recursion needs the fewest operations. All but the last (`on_axes`) leave the Coriolis matrix as it is: C depends on the
+position of inertia, not only on its effect. Body order, coordinates, names and gravity stay.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ _Z = _I[:, 2:]
 
 
 def reframe(mechanism: Mechanism, T: Sequence[Array]) -> Mechanism:
-    """The same mechanism with the frame of body i placed at the pose T_i in its old frame."""
+    """Return the mechanism with the frame of body i at the pose T_i in its old frame."""
     back = [inverse(t) for t in T]
     ads = [Ad(t) for t in T]
     B = [b @ t if p < 0 else back[p] @ b @ t for b, t, p in zip(mechanism.B, T, mechanism.parent, strict=True)]
@@ -47,7 +47,7 @@ def frame_shifts(old: Mechanism, new: Mechanism) -> Array:
 
 
 def align_frames(mechanism: Mechanism) -> Mechanism:
-    """Every body frame on its joint axis: X_i = (0, 0, 1, 0, 0, h) or, prismatic, (0, 0, 0, 0, 0, 1)."""
+    """Put every body frame on its joint axis: X_i = (0, 0, 1, 0, 0, h) or, prismatic, (0, 0, 0, 0, 0, 1)."""
     placed = [_on_axis(x) for x in mechanism.X]
     new = reframe(mechanism, [T for T, _ in placed])
     return replace(new, B=np.stack([_exact_rotation(B) for B in new.B]), X=np.stack([X for _, X in placed]))
@@ -101,7 +101,7 @@ def _odd_entries(R: Array) -> int:
 
 
 def slide_origins(mechanism: Mechanism) -> Mechanism:
-    """Origins of aligned frames slid along their axes (a prismatic joint's anywhere), so that offsets vanish."""
+    """Slide the origins of aligned frames along their axes (of a prismatic joint anywhere), so that offsets vanish."""
     T: list[Array] = []
     B: list[Array] = []
     for old, X, p in zip(mechanism.B, mechanism.X, mechanism.parent, strict=True):
@@ -126,16 +126,17 @@ def _shortened(offset: Array, axis: Array) -> Array:
 
 
 def base_parameters(mechanism: Mechanism) -> Mechanism:
-    """The inertia of aligned bodies reduced to what their joints feel, the rest given to their parents.
+    """Reduce the inertia of aligned bodies to base inertial parameters; their parents get the rest.
 
-    A revolute joint does not feel m, h_z and P_zz, a helical one P_zz, a prismatic one P. Inertia that reaches the
-    ground is dropped: forces in the drives stay, those in the bearings do not.
+    The force of a revolute joint does not depend on m, h_z and P_zz of its body alone, that of a helical joint on P_zz,
+    that of a prismatic one on P. Inertia that reaches the ground is dropped: drive forces stay the same, bearing forces
+    do not.
     """
     M = list(mechanism.M)
     for i in reversed(range(mechanism.nb)):
         m, h, P = inertia.moments(M[i])
         turns, slides = (not is_zero(x) for x in mechanism.X[i][[2, 5]])
-        of_m = int(turns and not slides)  # 1 where unfelt, 0 where felt
+        of_m = int(turns and not slides)  # 1 where the joint does not transmit m, else 0
         of_h, of_P = _Z * of_m, _Z @ _Z.T if turns else np.ones((3, 3), dtype=int)
         M[i] = inertia.from_moments((1 - of_m) * m, (1 - of_h) * h, (1 - of_P) * P)
         p = mechanism.parent[i]
@@ -146,13 +147,13 @@ def base_parameters(mechanism: Mechanism) -> Mechanism:
 
 @lru_cache(maxsize=64)
 def on_axes(mechanism: Mechanism) -> Mechanism:
-    """The same bodies in the frames with the most zeros in them: aligned and slid."""
+    """Return the same bodies in the frames with the most zeros: aligned, turned and slid."""
     return _as_given(slide_origins(turn_frames(align_frames(mechanism))))
 
 
 @lru_cache(maxsize=64)
 def minimal(mechanism: Mechanism) -> Mechanism:
-    """The equivalent mechanism with the fewest numbers in it: aligned, slid, reduced to base parameters."""
+    """Return the equivalent mechanism with the fewest parameters: aligned, slid, reduced to base parameters."""
     return _as_given(base_parameters(on_axes(mechanism)))
 
 

@@ -1,4 +1,4 @@
-"""Welding: joints held still at a value, their bodies merged into those that carry them."""
+"""Locking: joints are held at a value, and their bodies merge into those that carry them."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -9,7 +9,7 @@ from jounce._scalars import Array, is_finite, is_numeric
 from jounce.errors import JounceError, listed, one_of, quoted, warn
 from jounce.model.coordinates import likely_positions
 from jounce.model.drives import Drives
-from jounce.model.mechanism import Frame, Limits, Mechanism
+from jounce.model.mechanism import Frame, Mechanism
 from jounce.model.screws import exact_inertia, exact_pose
 from jounce.spatial import inertia, lie
 
@@ -18,7 +18,7 @@ TURN = 6.3  # rad: what is less is not taken for degrees
 
 
 def locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
-    """The mechanism with some coordinates held at values, rad or m; joints that follow only these are welded too."""
+    """Return the mechanism with some coordinates locked at values, rad or m; joints that follow only these too."""
     if not isinstance(values, Mapping):
         raise JounceError(f"joints to lock are of type {type(values).__name__}; expected a mapping of names and values")
     if not values:
@@ -72,7 +72,7 @@ def _warn_of_limits(mechanism: Mechanism, still: np.ndarray, theta: np.ndarray) 
 
 
 def _without(mechanism: Mechanism, still: list[bool]) -> Mechanism:
-    """The mechanism without its still joints, each at its constant theta."""
+    """Return the mechanism without its locked joints, each at its constant theta."""
     kept = [i for i, welded in enumerate(still) if not welded]
     places: dict[int, Frame] = {-1: Frame("ground", -1, np.eye(4))}  # where each old body sits
     B: list[Array] = []
@@ -102,7 +102,7 @@ def _without(mechanism: Mechanism, still: list[bool]) -> Mechanism:
         g=mechanism.g[kept],
         bodies=tuple(mechanism.bodies[i] for i in kept),
         joints=tuple(mechanism.joints[i] for i in kept),
-        limits=Limits(**{name: array[kept] for name, array in vars(mechanism.limits).items()}),
+        limits=mechanism.limits.taken(kept),
         drives=Drives(**{name: array[kept] for name, array in vars(mechanism.drives).items()}),
         frames=(*merged, *moved),
     )

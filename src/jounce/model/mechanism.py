@@ -13,49 +13,12 @@ from typing import Any
 import numpy as np
 
 from jounce._scalars import Array, exact_integers, is_numeric, is_symbolic
-from jounce._typing import Floats
 from jounce.errors import one_of
 from jounce.model.drives import Drives
+from jounce.model.limits import Limits
 
 GRAVITY = (0, 0, -9.81)  # m/s^2, unless told otherwise
 DATA = ("B", "X", "M", "gravity", "G", "g")  # the arrays of a mechanism
-UNLIMITED = {"lower": -np.inf, "upper": np.inf, "velocity": np.inf, "effort": np.inf}  # of one joint variable
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Limits:
-    """The limits of the joint variables, infinite where nothing is stated. They do not enter Q.
-
-    Attributes
-    ----------
-    lower, upper : (nb,)
-        Bounds of the joint variable, rad or m.
-    velocity : (nb,)
-        Largest speed in either direction, rad/s or m/s.
-    effort : (nb,)
-        Largest moment or force of either sign, N m or N.
-
-    Examples
-    --------
-    >>> import jounce
-    >>> jounce.load("panda").limits.effort[:2]
-    array([87., 87.])
-    """
-
-    lower: Floats
-    upper: Floats
-    velocity: Floats
-    effort: Floats
-
-
-def limit_error(lower: float, upper: float, velocity: float, effort: float) -> str | None:
-    """What keeps four numbers from being the limits of a joint variable, or None."""
-    if not (-np.inf <= lower <= upper <= np.inf) or lower == np.inf or upper == -np.inf:
-        return f"lower and upper limit are {lower:g} and {upper:g}; expected lower <= upper"
-    for name, x in (("velocity", velocity), ("effort", effort)):
-        if not x >= 0:
-            return f"limit of {name} is {x:g}; expected 0 or more"
-    return None
 
 
 @dataclass(frozen=True)
@@ -133,7 +96,7 @@ class Mechanism:
 
     def __post_init__(self) -> None:
         own = (getattr(self, name) for name in DATA)
-        beside = (*vars(self.limits).values(), *vars(self.drives).values(), *(frame.T for frame in self.frames))
+        beside = (self.limits.table, *vars(self.drives).values(), *(frame.T for frame in self.frames))
         for array in (*own, *beside):
             array.flags.writeable = False
 
@@ -188,17 +151,17 @@ class Mechanism:
 
 @lru_cache(maxsize=64)
 def with_exact_integers(mechanism: Mechanism) -> Mechanism:
-    """The same mechanism to calculate with symbols: whole numbers are integers, so that they leave no 1.0 behind."""
-    return _converted(mechanism, exact_integers)
+    """Convert integer-valued floats to ints, so that symbolic results show L, not 1.0*L."""
+    return _convert(mechanism, exact_integers)
 
 
 @lru_cache(maxsize=64)
 def with_extended_precision(mechanism: Mechanism) -> Mechanism:
-    """The same mechanism to calculate with long doubles: what is derived from its data is not rounded to doubles."""
-    return _converted(mechanism, lambda array: array.astype(np.longdouble))
+    """Convert the data to long doubles, so that quantities derived from them are not rounded to doubles."""
+    return _convert(mechanism, lambda array: array.astype(np.longdouble))
 
 
-def _converted(mechanism: Mechanism, convert: Callable[[Array], Array]) -> Mechanism:
+def _convert(mechanism: Mechanism, convert: Callable[[Array], Array]) -> Mechanism:
     data: dict[str, Any] = {name: convert(getattr(mechanism, name)) for name in DATA}
     frames = tuple(replace(frame, T=convert(frame.T)) for frame in mechanism.frames)
     drives = Drives(**{name: convert(array) for name, array in vars(mechanism.drives).items()})
@@ -206,7 +169,7 @@ def _converted(mechanism: Mechanism, convert: Callable[[Array], Array]) -> Mecha
 
 
 def cast_model(mechanism: Mechanism, arrays: Sequence[Array]) -> Mechanism:
-    """The mechanism with data of the kind that states and wrenches of these scalar types go with."""
+    """Convert the data to the scalar type of states and wrenches."""
     if any(map(is_symbolic, arrays)):
         return with_exact_integers(mechanism)
     if any(is_numeric(x) and x.dtype == np.longdouble for x in arrays):
@@ -223,7 +186,7 @@ def ancestors(mechanism: Mechanism) -> np.ndarray:
 
 
 def path_to(mechanism: Mechanism, body: int) -> list[int]:
-    """The bodies on the way from the ground to a body, itself the last; none for the ground, -1."""
+    """Return the bodies on the path from the ground to a body, the body last; none for the ground, -1."""
     path: list[int] = []
     while body >= 0:
         path.insert(0, body)

@@ -60,7 +60,7 @@ def parametrise(
 
 
 def own_values(mechanism: Mechanism, names: Sequence[str]) -> dict[str, np.ndarray]:
-    """The arrays that `parametrise` asks for, with the values that leave the mechanism as it is."""
+    """Return the arrays that `parametrise` replaces, with the robot's own values."""
     own = {"gravity": mechanism.gravity, "masses": mechanism.M[:, 3, 3], "lengths": mechanism.B[:, :3, 3]}
     payloads = _payloads(mechanism, names)
     nothing = {f"{stem}_{part}": np.zeros(size) for stem in payloads for part, size in PAYLOAD.items()}
@@ -68,7 +68,7 @@ def own_values(mechanism: Mechanism, names: Sequence[str]) -> dict[str, np.ndarr
 
 
 def _payloads(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Frame]:
-    """Where payloads are, by the stem of their symbols' names; `names` are checked."""
+    """Check `names`, and map the stem of each payload's symbols to the frame of the payload."""
     texts = isinstance(names, Sequence) and not isinstance(names, str) and all(isinstance(x, str) for x in names)
     if not texts or len(set(names)) != len(names):
         known = ", ".join(PARAMETERS)
@@ -81,7 +81,7 @@ def _payloads(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Frame]:
         if kind == "payload":
             frame = mechanism.frame(body if colon else _tip(mechanism))
             if frame.body < 0:
-                raise JounceError(f"a payload of {frame.name!r} moves nothing: it is fixed on the ground")
+                raise JounceError(f"a payload on {frame.name!r} has no effect: it is fixed to the ground")
             payloads[f"payload{len(payloads) + 1 if payloads else ''}"] = frame
     return payloads
 
@@ -96,5 +96,5 @@ def _tip(mechanism: Mechanism) -> str:
 
 
 def _of_mass(M: Array, mass: Array) -> Array:
-    """The inertia matrix of a body with another mass, (1, 1)."""
+    """Scale the inertia matrix of a body to another mass, (1, 1)."""
     return M + mass * _POINT if is_zero(M[3, 3]) else mass * exact_integers(M / M[3, 3])

@@ -1,6 +1,6 @@
-"""Mechanisms from screw data, body-fixed or spatial: every array is checked here, at the door, and nowhere else."""
+"""Mechanisms from screw data, body-fixed or spatial: every array is checked here, and nowhere else."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -8,15 +8,8 @@ import numpy as np
 from jounce._scalars import Array, asarray, is_finite, is_numeric, is_symbolic
 from jounce.errors import JounceError, one_line, one_of, quoted, several, shortened
 from jounce.model.drives import UNDRIVEN, Drives, drive_error
-from jounce.model.mechanism import (
-    GRAVITY,
-    UNLIMITED,
-    Limits,
-    Mechanism,
-    limit_error,
-    reference_poses,
-    with_exact_integers,
-)
+from jounce.model.limits import Limits, checked_limits
+from jounce.model.mechanism import GRAVITY, Mechanism, reference_poses, with_exact_integers
 from jounce.spatial import inertia, lie
 
 UNIT_TOLERANCE = 1e-9  # how far a direction or rotation may be from unit length before it is taken for a mistake
@@ -55,8 +48,8 @@ def from_screws(
         bodies=_names(names, nb, "names", "body"),
         joints=coordinates if G is None else _names(None, nb, "joints", "joint"),
         coordinates=coordinates,
-        limits=Limits(**_of_joints(limits, UNLIMITED, limit_error, nb, "limit")),
-        drives=Drives(**_of_joints(drives, UNDRIVEN, drive_error, nb, "drive")),
+        limits=checked_limits(limits, nb),
+        drives=_checked_drives(drives, nb),
         name=_text(name),
     )
     return with_exact_integers(built) if any(map(is_symbolic, data.values())) else built
@@ -85,7 +78,7 @@ def spatial_screws(mechanism: Mechanism) -> tuple[Array, Array]:
 
 
 def _data(x: Array, label: str) -> np.ndarray:
-    """A copy of the caller's array; data are concrete, however a state is traced."""
+    """Return a copy of the caller's array; a robot's data must be concrete, even if states are traced."""
     array = asarray(x, label)
     if is_symbolic(array) and any(
         type(x).__module__.startswith("casadi") and type(x).__name__ == "MX" for x in array.flat
@@ -94,9 +87,9 @@ def _data(x: Array, label: str) -> np.ndarray:
         raise JounceError(f"{label} holds a CasADi MX; a robot's data may be SX: {cure}")
     try:
         return np.array(array if isinstance(array, np.ndarray) else np.asarray(array, dtype=np.float64))
-    except Exception as error:  # a tracer of JAX, say
+    except Exception as error:  # such as a tracer of JAX
         raise JounceError(
-            f"{label} is not concrete: {shortened(one_line(error))}; states may be traced, data not"
+            f"{label} is not concrete: {shortened(one_line(error))}; a state may be traced, the robot's data may not"
         ) from None
 
 
@@ -116,11 +109,11 @@ def _check_shapes(data: Mapping[str, np.ndarray], nb: int) -> None:
             raise JounceError(f"{label}{at} is {array[tuple(at)]}; expected finite numbers")
     for j, column in enumerate(data["G"].T):
         if is_numeric(column) and not column.any():
-            raise JounceError(f"G[:, {j}] is zero; expected a joint that moves with each coordinate")
+            raise JounceError(f"G[:, {j}] is zero; every coordinate must move a joint")
 
 
 def exact_pose(T: np.ndarray, label: str) -> np.ndarray:
-    """A pose, checked, its rotation made orthonormal to the last digit by a Newton step of the polar decomposition."""
+    """Check a pose, and make its rotation orthonormal to rounding by a Newton step of the polar decomposition."""
     if not is_numeric(T):
         return T
     R = T[:3, :3]
@@ -132,7 +125,7 @@ def exact_pose(T: np.ndarray, label: str) -> np.ndarray:
 
 
 def exact_screw(X: np.ndarray, label: str) -> np.ndarray:
-    """A unit screw, checked, its length made 1 to the last digit."""
+    """Check a unit screw, and make its length 1 to rounding."""
     if not is_numeric(X):
         return X
     length = np.linalg.norm(X[:3]) or np.linalg.norm(X[3:])
@@ -142,34 +135,32 @@ def exact_screw(X: np.ndarray, label: str) -> np.ndarray:
 
 
 def exact_inertia(M: np.ndarray, label: str) -> np.ndarray:
-    """An inertia matrix, checked, its form exact: one mass, one first moment, one symmetric tensor."""
+    """Check an inertia matrix, and make its form exact: one mass, one first moment, one symmetric tensor."""
     if not is_numeric(M):
         return M
     error = inertia.form_error(M)
     if error:
         raise JounceError(f"{label} {error}; an inertia matrix is [[Theta, m c~], [-m c~, m I]]")
-    return inertia.formed(M)
+    return inertia.restore_form(M)
 
 
-def _of_joints(
-    given: object, free: Mapping[str, float], error_of: Callable[..., str | None], nb: int, what: str
-) -> dict[str, np.ndarray]:
-    """Numbers of the joint variables by name, as stated or free."""
-    stated = vars(given) if isinstance(given, Limits | Drives) else {} if given is None else given
+def _checked_drives(given: object, nb: int) -> Drives:
+    """The drive trains of nb joint variables: those of another robot, or a mapping of arrays (nb,)."""
+    stated = vars(given) if isinstance(given, Drives) else {} if given is None else given
     if not isinstance(stated, Mapping):
-        raise JounceError(f"{what}s is of type {type(given).__name__}; expected a mapping of {', '.join(free)}")
+        raise JounceError(f"drives is of type {type(given).__name__}; expected a mapping of {', '.join(UNDRIVEN)}")
     for key in stated:
-        one_of(what, key, free)
-    whole = {key: np.full(nb, value) for key, value in free.items()}
+        one_of("drive", key, UNDRIVEN)
+    whole = {key: np.full(nb, value) for key, value in UNDRIVEN.items()}
     arrays = {key: _data(array, key) for key, array in (whole | dict(stated)).items()}
     for key, array in arrays.items():
         if array.shape != (nb,) or not is_numeric(array):
-            raise JounceError(f"{what}s: {key} has shape {array.shape}; expected numbers ({nb},), one a joint")
+            raise JounceError(f"drives: {key} has shape {array.shape}; expected numbers ({nb},), one per joint")
     for i in range(nb):
-        error = error_of(**{key: array[i] for key, array in arrays.items()})
+        error = drive_error(**{key: array[i] for key, array in arrays.items()})
         if error:
-            raise JounceError(f"{what}s of joint {i}: {error}")
-    return {key: array + 0.0 for key, array in arrays.items()}  # no -0.0 among data
+            raise JounceError(f"drives of joint {i}: {error}")
+    return Drives(**{key: array + 0.0 for key, array in arrays.items()})  # no -0.0 among data
 
 
 def _tree(parent: Sequence[int] | None, nb: int) -> tuple[int, ...]:

@@ -1,8 +1,8 @@
-"""Links and joints as robot files and other libraries' models state them, made into a mechanism.
+"""The kinematic tree: a mechanism from links and joints of robot files and of other libraries' models.
 
-Links behind fixed joints merge into the body that carries them: their inertia is added, their names and frames stay
-findable. Bodies are named after the link that their joint moves, in the file's order, depth first. A joint that no one
-screw makes, floating, planar or spherical, can be welded, or left behind by starting at a link that it carries.
+Links behind fixed joints merge into the body that carries them: their inertia is added, their names and frames remain
+usable. Bodies are named after the link that their joint moves, in the file's order, depth first. A joint with more than
+one degree of freedom, floating, planar or spherical, can be welded, or excluded by starting at a link that it carries.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,8 @@ import numpy as np
 
 from jounce.errors import JounceError, at, listed, no_such, quoted, shortened, warn
 from jounce.model.drives import UNDRIVEN, drive_error
-from jounce.model.mechanism import UNLIMITED, Frame, Mechanism, limit_error
+from jounce.model.limits import Stated, limit_error, limits_of_joints
+from jounce.model.mechanism import Frame, Mechanism
 from jounce.model.screws import from_screws
 from jounce.spatial import inertia
 
@@ -46,7 +47,7 @@ class Joint:
     B: np.ndarray
     X: np.ndarray | None  # None where it is fixed or free
     mimic: Mimic | None
-    limits: Mapping[str, float]  # those that the file states of lower, upper, velocity, effort
+    limits: Mapping[str, Stated]  # those that the file states of lower, upper, velocity, effort, ...
     drive: Mapping[str, float]  # and of armature, damping, friction, stiffness, rest
     place: str
     free: str | None = None  # "floating", "planar", "spherical": what makes of it more than one screw does
@@ -65,7 +66,7 @@ def mechanism(
     base: str | None = None,
     root: str | None = None,
 ) -> Mechanism:
-    """The mechanism that links and joints make, or a `JounceError` that says why they make none.
+    """Build the mechanism of links and joints; raise `JounceError` if they are inconsistent.
 
     ``base="fixed"`` welds free joints at their zero pose and warns of it; ``root`` is a link to start at: what it
     carries remains, it stands on the ground itself, and everything else is left out.
@@ -110,7 +111,7 @@ def mechanism(
             gravity=gravity,
             G=G,
             g=g,
-            limits={key: [joint.limits.get(key, free) for joint in movable] for key, free in UNLIMITED.items()},
+            limits=limits_of_joints([joint.limits for joint in movable]),
             drives={key: [joint.drive.get(key, none) for joint in movable] for key, none in UNDRIVEN.items()},
             name=name,
         )
@@ -123,19 +124,19 @@ def _distinct(items: Sequence[Item], kind: str) -> dict[str, Item]:
     for item in items:
         if item.name in found:
             first = found[item.name].place
-            raise JounceError(f"{item.place}: second {kind} named {quoted(item.name)}; the first is at {first}")
+            raise JounceError(f"{item.place}: duplicate {kind} {quoted(item.name)}; the first is at {first}")
         found[item.name] = item
     return found
 
 
 def _check(links: Sequence[Link], joints: Sequence[Joint]) -> None:
-    """Refuse numbers that are none, or none of a joint, by the name and place of what states them."""
+    """Raise `JounceError` if a pose, axis, inertia or limit is not finite or not valid, with its name and place."""
     held = [(link.place, f"inertia of link {quoted(link.name)}", link.M) for link in links]
     for joint in joints:
         law = [] if joint.mimic is None else [joint.mimic.multiplier, joint.mimic.offset]
         for what, numbers in (("pose", joint.B), ("axis", [] if joint.X is None else joint.X), ("mimic", law)):
             held.append((joint.place, f"{what} of joint {quoted(joint.name)}", np.array(numbers)))
-        error = limit_error(**UNLIMITED | dict(joint.limits)) or drive_error(**joint.drive)
+        error = limit_error(**joint.limits) or drive_error(**joint.drive)
         if error:
             raise JounceError(f"{joint.place}: joint {quoted(joint.name)}: {error}")
     for place, what, array in held:
@@ -144,7 +145,7 @@ def _check(links: Sequence[Link], joints: Sequence[Joint]) -> None:
 
 
 def _outward(links: Mapping[str, Link], joints: Sequence[Joint]) -> list[Joint]:
-    """The joints from the roots outward, depth first, in the file's order; a forest is all there may be."""
+    """Return the joints from the roots outward, depth first, in the file's order; raise if they are not a forest."""
     above: dict[str, Joint] = {}
     children: dict[str, list[Joint]] = {link: [] for link in links}
     for joint in joints:
@@ -169,14 +170,14 @@ def _outward(links: Mapping[str, Link], joints: Sequence[Joint]) -> list[Joint]:
         reached = {joint.name for joint in ordered}
         cycle = [joint for joint in joints if joint.name not in reached]
         rootless, names = "" if roots else "no root link: ", listed(joint.name for joint in cycle)
-        raise JounceError(f"{cycle[0].place}: {rootless}joints {names} go round in a cycle; expected a tree")
+        raise JounceError(f"{cycle[0].place}: {rootless}joints {names} form a cycle; expected a tree")
     return ordered
 
 
 def _from(
     root: str, links: Mapping[str, Link], ordered: Sequence[Joint], file: str
 ) -> tuple[dict[str, Link], list[Joint]]:
-    """The links and joints from a link outward, itself the first."""
+    """Return the links and joints from a link outward, the link first."""
     if not isinstance(root, str) or root not in links:
         raise JounceError(f"{file}: {no_such('link', root, links)}")
     carried, kept = {root: links[root]}, []
@@ -197,7 +198,7 @@ def check_base(base: object) -> None:
 
 
 def _weld(ordered: Sequence[Joint], base: str | None, file: str) -> None:
-    """Say of free joints, which have no screw, that they are welded, or refuse them where that is not asked for."""
+    """Warn that free joints, which have no screw, are welded, or raise `JounceError` unless `base` asks for it."""
     with at(file):
         check_base(base)
     free = [joint for joint in ordered if joint.free is not None]
@@ -205,9 +206,9 @@ def _weld(ordered: Sequence[Joint], base: str | None, file: str) -> None:
         return
     if base is None:
         more = f" (and {len(free) - 1} more are free)" if len(free) > 1 else ""
-        ways = "base='fixed', which welds it at its zero pose, or root=, a link to start at"
+        ways = "base='fixed' to weld it at its zero pose, or root= to start at another link"
         raise JounceError(f"{free[0].place}: joint {quoted(free[0].name)} is {free[0].free}{more}; expected {ways}")
-    warn(f"{file}: welded at zero, as base='fixed' asks: {listed(f'{joint.name} ({joint.free})' for joint in free)}")
+    warn(f"{file}: base='fixed' welds at zero: {listed(f'{joint.name} ({joint.free})' for joint in free)}")
 
 
 def _coordinates(
@@ -225,8 +226,8 @@ def _coordinates(
                 raise JounceError(f"{joint.place}: mimic of {quoted(followed[-1])}: {error}")
             if mimic.joint in followed:
                 circle = " -> ".join(map(shortened, [*followed, mimic.joint]))
-                raise JounceError(f"{joint.place}: joints mimic in a circle: {circle}")
-            held = "fixed" if known[mimic.joint].X is None else None if mimic.joint in kept else "left out by root="
+                raise JounceError(f"{joint.place}: joints mimic each other in a cycle: {circle}")
+            held = "fixed" if known[mimic.joint].X is None else None if mimic.joint in kept else "excluded by root="
             if held:
                 both = f"joint {quoted(followed[-1])} mimics {quoted(mimic.joint)}"
                 raise JounceError(f"{joint.place}: {both}, which is {held}")

@@ -1,1 +1,1 @@
-"""Models of other libraries, read by what they hold; the libraries are asked for the meaning of a flag at most."""
+"""Models of other libraries, read from their attributes; the libraries themselves are hardly used."""

@@ -1,4 +1,4 @@
-"""Pinocchio's models, read by what their joints do at zero.
+"""Pinocchio's models, read by evaluating their joints at zero.
 
 A joint has a pose M(q) in its parent's and a motion S(q) in the moved frame. Where its coordinates are angles and
 lengths it is a chain of screws, ``M(q) = M(0) exp(X_1 q_1) ... exp(X_k q_k)``, and the X are the columns of S(0).
@@ -16,7 +16,7 @@ from jounce.model.mechanism import Mechanism
 from jounce.spatial import lie
 from jounce.spatial.inertia import inertia_matrix
 
-FREE = {  # what no chain of screws makes, and its coordinates at zero
+FREE_JOINTS = {  # what no chain of screws makes, and its coordinates at zero
     "JointModelFreeFlyer": ("floating", [0, 0, 0, 0, 0, 0, 1]),
     "JointModelPlanar": ("planar", [0, 0, 1, 0]),
     "JointModelSpherical": ("spherical", [0, 0, 0, 1]),
@@ -30,11 +30,15 @@ def mechanism(model: Any, gravity: object = None, base: str | None = None, root:
     """The mechanism of a `pinocchio.Model`: bodies depth first, coordinates in the order of Pinocchio's v."""
     kind = type(model)
     if kind.__name__ != "Model" or not kind.__module__.startswith("pinocchio.pinocchio_pywrap_default"):
-        raise JounceError(f"a model of type {kind.__module__}.{kind.__name__}; expected a pinocchio.Model of numbers")
+        raise JounceError(
+            f"from_pinocchio() expects a pinocchio.Model of numbers, got {kind.__module__}.{kind.__name__}"
+        )
     called = model.name or "robot"
     what = f"model {called!r}"
     if gravity is None and model.gravity.angular.any():
-        raise JounceError(f"{what}: gravity turns, {model.gravity.angular.tolist()}; expected an acceleration alone")
+        raise JounceError(
+            f"{what}: the gravity field has an angular part, {model.gravity.angular.tolist()}; expected zeros"
+        )
     bodies = _bodies(model)
     links, joints = [tree.Link(bodies[0], MASSLESS, what)], []
     for i, Y in enumerate(model.inertias[1:], start=1):
@@ -45,7 +49,7 @@ def mechanism(model: Any, gravity: object = None, base: str | None = None, root:
             links += [tree.Link(bodies[i], inertia_matrix(Y.mass, Y.lever, Y.inertia), what)]
     for name, frame in _frames(model, bodies).items():
         links.append(tree.Link(name, MASSLESS, what))
-        joints.append(_fixed(f"frame {name}", bodies[frame.parentJoint], name, frame.placement.homogeneous, what))
+        joints.append(_fixed_joint(f"frame {name}", bodies[frame.parentJoint], name, frame.placement.homogeneous, what))
     given = model.gravity.linear if gravity is None else gravity
     built = tree.mechanism(links, joints, given, called, what, base=base, root=root)
     order = [built.coordinates.index(joint.name) for joint in joints if joint.name in built.coordinates]
@@ -53,7 +57,7 @@ def mechanism(model: Any, gravity: object = None, base: str | None = None, root:
 
 
 def _bodies(model: Any) -> list[str]:
-    """What the joints move, by the name of the first body that sits on a joint, else by that of the joint."""
+    """Return the names of the bodies that the joints move: of the first body on a joint, or else of the joint."""
     names = list(model.names)
     for frame in reversed(model.frames):
         if frame.type.name == "BODY" and frame.parentJoint and np.array_equal(frame.placement.homogeneous, np.eye(4)):
@@ -83,8 +87,8 @@ def _chain(model: Any, i: int, bodies: list[str], what: str) -> list[tree.Joint]
         mimic = tree.Mimic(_leader(model, joint.idx_v), follows.scaling, follows.offset)
     elif not X.any() or not _is_chain(model, joint, T, X):
         kind = joint.shortname()
-        free = None if not X.any() else FREE[kind][0] if kind in FREE else kind
-        return [replace(_fixed(model.names[i], parent, child, placement @ T, what), free=free)]
+        free = None if not X.any() else FREE_JOINTS[kind][0] if kind in FREE_JOINTS else kind
+        return [replace(_fixed_joint(model.names[i], parent, child, placement @ T, what), free=free)]
     names = _coordinates(model, i)
     links = [parent, *names[:-1], child]
     return [
@@ -103,7 +107,7 @@ def _chain(model: Any, i: int, bodies: list[str], what: str) -> list[tree.Joint]
     ]
 
 
-def _fixed(name: str, parent: str, child: str, B: np.ndarray, what: str) -> tree.Joint:
+def _fixed_joint(name: str, parent: str, child: str, B: np.ndarray, what: str) -> tree.Joint:
     return tree.Joint(name, parent, child, B, X=None, mimic=None, limits={}, drive={}, place=what)
 
 
@@ -120,21 +124,21 @@ def _leader(model: Any, v: int) -> str:
 
 def _at(model: Any, joint: Any, theta: float) -> tuple[np.ndarray, np.ndarray]:
     """The pose of a joint where all joint variables are theta, and its screws, (k, 6), in the moved frame."""
-    q = np.concatenate([_placed(each, np.full(each.nv, theta)) for each in list(model.joints)[1:] if each.nq])
+    q = np.concatenate([_configuration(each, np.full(each.nv, theta)) for each in list(model.joints)[1:] if each.nq])
     data = joint.createData()
     joint.calc(data, q)
     return data.M.homogeneous, np.reshape(data.S, (6, -1)).T[:, [3, 4, 5, 0, 1, 2]]
 
 
-def _placed(joint: Any, theta: np.ndarray) -> np.ndarray:
+def _configuration(joint: Any, theta: np.ndarray) -> np.ndarray:
     """The coordinates of a joint at its variables: those without bounds are a cosine and a sine; free ones at zero."""
     kind = joint.shortname()
     if kind == "JointModelComposite":
         parts = list(joint.extract().joints)
         cut = np.split(theta, np.cumsum([part.nv for part in parts]))
-        return np.concatenate([_placed(part, x) for part, x in zip(parts, cut[:-1], strict=True)])
-    if kind in FREE:
-        return np.array(FREE[kind][1], dtype=float)
+        return np.concatenate([_configuration(part, x) for part, x in zip(parts, cut[:-1], strict=True)])
+    if kind in FREE_JOINTS:
+        return np.array(FREE_JOINTS[kind][1], dtype=float)
     return np.array([np.cos(theta[0]), np.sin(theta[0])]) if (joint.nq, joint.nv) == (2, 1) else theta
 
 

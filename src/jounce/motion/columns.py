@@ -1,4 +1,4 @@
-"""Which columns of a table are of a motion: times, joints, rates, wrenches, measured torques, each in its unit."""
+"""The columns of a motion in a table: times, joints, rates, wrenches, measured torques, each with its unit."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -53,7 +53,7 @@ class Options:
                 raise JounceError(f"{what} is {quoted(given)}; expected a text")
 
     def refuse(self, place: str, reason: str) -> None:
-        """Raise `JounceError` where something is said of the columns, and there are none for a reason."""
+        """Raise `JounceError` if options for columns are given although the motion has no columns."""
         names = {"time": self.time, "columns": self.pattern, "angles": self.angles, "time_unit": self.time_unit}
         given = [name for name, value in names.items() if value is not None]
         if given:
@@ -79,8 +79,8 @@ class Match:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a user should know: the columns that are none of the motion."""
-        return (f"other columns, left alone: {listed(self.others)}",) if self.others else ()
+        """Notes for the user: the columns that are not part of the motion."""
+        return (f"other columns, ignored: {listed(self.others)}",) if self.others else ()
 
 
 def match(header: Sequence[str], mechanism: Mechanism, options: Options, highest: int) -> Match:
@@ -88,11 +88,11 @@ def match(header: Sequence[str], mechanism: Mechanism, options: Options, highest
 
     Raises
     ------
-    JounceError : where a joint, a rate or the times are missing, a unit is unknown, or samples stand beside rates.
+    JounceError : if a joint, a rate or the times are missing, a unit is unknown, or both samples and rates are given.
     """
     joints = mechanism.coordinates
     if TIME in joints:
-        raise JounceError("a joint is named 't', as the column of times is; give it another name")
+        raise JounceError("a joint is named 't' like the column of times; rename the joint")
     bare = _bare(header, joints)
     sources = {name: source for name, (source, _) in bare.items()}
     sources = _with_time(sources, header, options.time, joints)
@@ -128,7 +128,7 @@ def _bare(header: Sequence[str], joints: Sequence[str]) -> dict[str, tuple[str, 
         name, unit = (source, None) if source in joints else split_unit(source)
         if name in found:
             both = f"{quoted(found[name][0])} and {quoted(source)}"
-            raise JounceError(f"columns {both} are of the same name; expected it once")
+            raise JounceError(f"columns {both} have the same name; expected it once")
         found[name] = source, unit
     return found
 
@@ -200,7 +200,7 @@ def _belongs(name: str, joints: Sequence[str]) -> bool:
 
 
 def _misspelt(name: str, mechanism: Mechanism) -> bool:
-    """Whether a column looks like a rate of a joint or a component of a wrench, and is none."""
+    """Return whether a column looks like a misspelt rate of a joint or component of a wrench."""
     owner, _, suffix = name.rpartition(".")
     owners = {*mechanism.coordinates, *mechanism.bodies, *(frame.name for frame in mechanism.frames)}
     return owner in owners and MISSPELT.fullmatch(suffix) is not None
@@ -208,7 +208,7 @@ def _misspelt(name: str, mechanism: Mechanism) -> bool:
 
 def _check(given: Sequence[str], expected: Sequence[str], sampled: bool, mechanism: Mechanism, highest: int) -> None:
     joints, follows = mechanism.coordinates, names.followers(mechanism)
-    unfit = {} if sampled else {name: "samples beside columns of rates" for name in given if name in joints}
+    unfit = {} if sampled else {name: "both samples and columns of rates" for name in given if name in joints}
     missing = [name for name in expected if name not in given]
     wrong = [name for name in given if not _belongs(name, joints) and _misspelt(name, mechanism)]
     if not missing and not unfit and not wrong:
@@ -224,7 +224,7 @@ def _check(given: Sequence[str], expected: Sequence[str], sampled: bool, mechani
 def _factors(
     sources: Mapping[str, str], units: Mapping[str, str | None], options: Options, mechanism: Mechanism
 ) -> dict[str, float]:
-    """What makes SI units of the columns: as their names state it, else as the caller says."""
+    """Return the factors to SI units of the columns, from their names or from the caller's options."""
     kinds = dict(zip(mechanism.coordinates, coordinate_units(mechanism), strict=True))
     found = {}
     for name, source in sources.items():

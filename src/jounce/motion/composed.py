@@ -17,12 +17,12 @@ class Retimed(OfCurve):
 
     @property
     def start(self) -> float:
-        """Where it begins, s."""
+        """The start time, s."""
         return self.base.start * self.factor + self.offset
 
     @property
     def stop(self) -> float:
-        """Where it ends, s."""
+        """The end time, s."""
         return self.base.stop * self.factor + self.offset
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
@@ -54,12 +54,12 @@ class Chain:
 
     @property
     def start(self) -> float:
-        """Where it begins, s."""
+        """The start time, s."""
         return self.links[0].start
 
     @property
     def stop(self) -> float:
-        """Where it ends, s."""
+        """The end time, s."""
         return self.links[-1].stop
 
     @property

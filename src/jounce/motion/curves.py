@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 COMPONENTS = ("mx", "my", "mz", "fx", "fy", "fz")  # of a wrench, (moment; force), in files
-HIGHEST = 4  # q4d, which Q2d takes: the highest derivative whose jumps are told unasked
+HIGHEST = 4  # q4d, which Q2d takes: the highest derivative whose jumps are reported by default
 RELATIVE = 1e-9  # of the largest value: a smaller difference is no jump
 ROUNDING = 64 * np.finfo(float).eps  # of q, which the k-th derivative of a polynomial over a span h magnifies by h^-k
 
@@ -26,11 +26,11 @@ class Curve(Protocol):
 
     @property
     def start(self) -> float:
-        """Where it begins, s."""
+        """The start time, s."""
 
     @property
     def stop(self) -> float:
-        """Where it ends, s."""
+        """The end time, s."""
 
     @property
     def columns(self) -> int:
@@ -58,12 +58,12 @@ class OfCurve:
 
     @property
     def start(self) -> float:
-        """Where it begins, s."""
+        """The start time, s."""
         return self.base.start
 
     @property
     def stop(self) -> float:
-        """Where it ends, s."""
+        """The end time, s."""
         return self.base.stop
 
     @property
@@ -110,12 +110,12 @@ class Polynomials:
 
     @property
     def start(self) -> float:
-        """Where it begins, s."""
+        """The start time, s."""
         return float(self.x[0])
 
     @property
     def stop(self) -> float:
-        """Where it ends, s."""
+        """The end time, s."""
         return float(self.x[-1])
 
     @property

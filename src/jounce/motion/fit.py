@@ -166,7 +166,7 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
     if smoothed:
         _refuse_holes(times, smoothed.spread.solution.breaks)
     noise = [Noise(float(column.std()), "rest") for column in samples.T]
-    notes = [f"{wild.sum()} rows lie far off those beside them; they are left out"] if wild.any() else []
+    notes = [f"{wild.sum()} rows lie far from their neighbours; they are ignored"] if wild.any() else []
     if smoothed:
         notes += smoothed.notes
         for k, joint in enumerate(np.flatnonzero(moving)):

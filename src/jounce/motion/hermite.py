@@ -19,7 +19,7 @@ NOTICEABLE = 0.01  # share of rounding in a rate from which on a user should hea
 class Hermite:
     """Polynomials between rows at t (N,) of q, qd, ... (N, columns) each: m of them make the degree 2 m - 1.
 
-    `spreads` are their standard deviations, where the rows are none of a plan but of a fit.
+    `spreads` are their standard deviations, if the rows come from a fit and not from a plan.
     """
 
     t: np.ndarray
@@ -28,12 +28,12 @@ class Hermite:
 
     @property
     def start(self) -> float:
-        """Where it begins, s."""
+        """The start time, s."""
         return float(self.t[0])
 
     @property
     def stop(self) -> float:
-        """Where it ends, s."""
+        """The end time, s."""
         return float(self.t[-1])
 
     @property

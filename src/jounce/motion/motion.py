@@ -47,11 +47,11 @@ class Motion:
     Attributes
     ----------
     curve : Curve
-        What computes it: pieces of polynomials, splines, analytic terms, and curves made of curves.
+        The function of time: piecewise polynomials, splines, analytic terms, or compositions of curves.
     joint_names : tuple of str, or None
-        The names of the coordinates, in the order of the last axis; None if they have none and the order of the robot.
+        The names of the coordinates, in the order of the last axis; None if they are in the robot's order.
     source : str
-        How the motion came about, in words.
+        A description of the origin of the motion.
     samples : tuple of arrays, or None
         The times (N,) and coordinates (N, n) that a spline was made of.
     residual : (n,), or None
@@ -59,7 +59,7 @@ class Motion:
     torques : tuple of arrays, or None
         Times (N,) and the torques (N, n) measured then, N m or N; NaN where a joint has none.
     notes : tuple of str
-        What its table holds beside it.
+        What else its table contains, one note each.
 
     Examples
     --------
@@ -129,7 +129,7 @@ class Motion:
         intervals: int | None = None,
         joint_names: Sequence[str] | None = None,
     ) -> "Motion":
-        """Measured samples, smoothed as their noise asks for, with standard deviations of all rates.
+        """Measured samples, smoothed according to their noise, with standard deviations of all rates.
 
         Parameters
         ----------
@@ -441,12 +441,12 @@ class Motion:
 
     @property
     def duration(self) -> float:
-        """How long it lasts, s."""
+        """The duration, s."""
         return self.stop - self.start
 
     @cached_property
     def times(self) -> np.ndarray:
-        """Times (N,) to look at it: those of its samples or of its file, else a grid of about a millisecond."""
+        """Default times (N,) of evaluation: those of its samples or its file, or a grid of about a millisecond."""
         if self.grid is not None:
             return self.grid
         return self._grid(STEP)
@@ -504,7 +504,7 @@ class Motion:
         order : int, optional
             The highest rate: 4 gives q, qd, q2d, q3d, q4d.
         side : {"right", "left"}, optional
-            At a break the rates after it, or those before it.
+            Whether to return the rates after a break or those before it, at the time of a break.
 
         Returns
         -------
@@ -541,7 +541,7 @@ class Motion:
         order : int, optional
             The highest rate.
         side : {"right", "left"}, optional
-            At a break the rates after it, or those before it.
+            Whether to return the rates after a break or those before it, at the time of a break.
 
         Returns
         -------
@@ -726,7 +726,7 @@ class Motion:
         return replace(self, grid=self._grid(float(step)))
 
     def blended(self, time: float, continuity: int = 4) -> "Motion":
-        """The motion with polynomials in place of its breaks, so that no derivative up to an order jumps any more.
+        """Replace the breaks of the motion by polynomials, so that derivatives up to an order are continuous.
 
         Each break of a joint is replaced from half the time before to half the time after; `residual` is the largest
         distance from this motion that comes of it. Wrenches that jump are blended too, up to the order less two.
@@ -778,7 +778,7 @@ class Motion:
         return replace(self, curve=curve, source=source, residual=distance, loads=loads, notes=tuple(notes))
 
     def __add__(self, other: object) -> "Motion":
-        """This motion and then another, shifted to where this one ends; they must meet, and jumps there are breaks."""
+        """Append another motion, shifted to the end of this one; positions must agree, jumps of rates become breaks."""
         if not isinstance(other, Motion):
             return NotImplemented
         if self.joint_names != other.joint_names or self.curve.columns != other.curve.columns:

@@ -34,7 +34,7 @@ class Noise:
         "encoder step", "written digits", "white", "rounding" (of floating-point numbers) or "rest" (the joint does not
         move).
     step : float
-        The step of the encoder or of the digits, 0 where there is none.
+        The step of the encoder or of the digits, otherwise 0.
     """
 
     sigma: float
@@ -150,7 +150,7 @@ def rest_weights(t: np.ndarray, q: np.ndarray, interval: float) -> np.ndarray:
 
 
 def step_of(samples: np.ndarray) -> tuple[float, str]:
-    """The step to which samples are rounded and its kind, of an encoder or of written digits; 0 where there is none."""
+    """The step to which samples are rounded and its kind, of an encoder or of written digits; otherwise 0."""
     some = samples[:: len(samples) // ENOUGH + 1]
     if not _is_irregular(some):
         return 0.0, "written digits"
@@ -182,7 +182,7 @@ def _resolution(samples: np.ndarray) -> float:
 
 
 def _lattice(samples: np.ndarray, tolerance: float) -> float:
-    """The step of which all differences are multiples but for a tolerance; 0 where there is none.
+    """The step of which all differences are multiples up to a tolerance; otherwise 0.
 
     Where a joint passes several steps from sample to sample, what is left of its differences tells the step: Euclid's
     algorithm.

@@ -26,7 +26,7 @@ def from_ruckig(trajectory: Any, joint_names: Any) -> Motion:
         sections, duration = list(trajectory.profiles), float(trajectory.duration)
         starts = [0.0, *map(float, trajectory.intermediate_durations)][: len(sections)]
         columns = [_phases([section[j] for section in sections], starts) for j in range(trajectory.degrees_of_freedom)]
-    except Exception as error:  # whatever an object raises that is none
+    except Exception as error:  # whatever another object raises
         raise _not_from("from_ruckig", "a ruckig.Trajectory that is calculated", trajectory, error) from None
     _check_ends("from_ruckig", duration, columns)
     curve = side_by_side(columns, duration)
@@ -67,7 +67,7 @@ def from_toppra(path: Any, joint_names: Any) -> Motion:
         )
     try:
         x, c = _spline_of(path) if hasattr(path, "cspl") else _retimed_path(path)
-    except Exception as error:  # whatever an object raises that is none
+    except Exception as error:  # whatever another object raises
         expected = (
             "what toppra's compute_trajectory() returns, along a spline or polynomials (sample others at times t and"
             " use Motion.through(t, path(t)))"

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """What is smoothed, of the joints that move.
+    """Samples of the joints that move, as they are smoothed.
 
     Attributes
     ----------
@@ -26,7 +26,7 @@ class Samples:
     span : (float, float)
         The first and the last time of the spline.
     steps : (n,)
-        Steps of encoders or of written digits, 0 where there are none.
+        Steps of encoders or of written digits, otherwise 0.
     drift : (BSpline, (n,)), or None
         Where stamps are in doubt, a spline to take velocities from, and each joint's own variance.
     """
@@ -52,7 +52,7 @@ class Samples:
         return replace(self, t=self.t[rows], q=self.q[rows], weight=self.weight[rows])
 
     def rows(self, cells: int) -> Rows:
-        """The rows of a least-squares problem, compressed to so many cells where the samples are many."""
+        """The rows of a least-squares problem, compressed to a number of cells if there are many samples."""
         rows = few_rows_of(self.t, self.q, self.weight, self.span, cells)
         if self.drift is None:
             return rows

@@ -75,7 +75,7 @@ def found_from(
     if exact and way.bandwidth is None:
         return _by_hand(t, q, Spline(), highest, place, symbol)
     if shortfall and not way.force:
-        cures = "--bandwidth HZ (bandwidth=) smooths them more, --force (force=) takes them all the same"
+        cures = "--bandwidth HZ (bandwidth=) smooths them more, --force (force=) accepts them"
         raise JounceError(f"{place}: {shortfall}; {cures}")
     if jumps := _jumps(t, q, off, fitted, symbol):
         warn(f"{place}: {jumps}")

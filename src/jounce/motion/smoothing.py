@@ -54,7 +54,7 @@ class Setting:
 
 
 def first_fit(samples: Samples) -> tuple[Solution, int]:
-    """The evenly spaced spline of least BIC, and to how many cells samples may be compressed for so many intervals."""
+    """The evenly spaced spline of least BIC, and the number of cells to which samples may be compressed for it."""
     if len(samples.t) < LONG:
         return by_schwarz(samples.rows(CELLS), samples.floor), CELLS
     starts = np.linspace(0, len(samples.t) - PROBE, PROBES).astype(int)
@@ -168,7 +168,7 @@ def _far_alone(left: np.ndarray) -> np.ndarray:
 def rounded(samples: Samples, first: Solution) -> bool:
     """Whether a spline explains samples to their rounding, or needs all breaks there are though they look smooth.
 
-    Most places tell: a kink in exact samples is none of their noise.
+    Most places tell: a kink in exact samples is not noise.
     """
     sigma = np.sqrt(first.energy / len(samples.t))
     exact = sigma < ROUNDING * np.finfo(float).eps * np.abs(samples.q).max(axis=0)

@@ -1,7 +1,7 @@
 """Where a sampled motion is not smooth: jumps of its velocity, acceleration or jerk, told before any force is.
 
-Between samples nothing is known, so this is a judgement: a difference is a jump where it stands out from those beside
-it. A spline through such samples is smooth all the same, and its rates beside the jumps mean nothing.
+Between samples nothing is known, so this is a heuristic: a difference is a jump if it is much larger than those next to
+it. A spline through such samples is smooth nevertheless, and its rates near the jumps are meaningless.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ NAMES = {
     "W": {0: "a wrench", 1: "the rate of a wrench", 2: "the second rate of a wrench"},
 }
 FORCE = {"q": 2, "W": 0}  # order of the derivative of each that Q takes
-STANDS_OUT = 8  # times the differences beside it
+STANDS_OUT = 8  # times the neighbouring differences
 HIGHEST = 2  # the order of Q2d
 FEWEST = 32  # samples, below which nothing can be told
 BEYOND_NOISE = 8  # standard deviations of the samples, which differences of any order seldom exceed

@@ -1,4 +1,4 @@
-"""Splines of sampled motions, through all samples or fitted, and a warning where rounding would drown their rates."""
+"""Splines of sampled motions, through all samples or fitted, with a warning if rounding dominates their rates."""
 
 import warnings
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ NOTICEABLE = 0.01  # share of rounding in a rate from which on a user should hea
 
 @dataclass(frozen=True)
 class Smoothing:
-    """How samples become a curve by default: as `fit` finds them, up to a frequency in Hz where one is given."""
+    """The default way from samples to a curve: smoothing by `fit`, optionally with a bandwidth in Hz."""
 
     bandwidth: float | None = None
     force: bool = False  # whether samples count that cannot carry the highest rate
@@ -29,7 +29,7 @@ class Smoothing:
 
 @dataclass(frozen=True)
 class Spline:
-    """How samples become a curve by hand: through all of them, or by least squares over a number of intervals."""
+    """The manual way from samples to a curve: interpolation, or least squares over a number of intervals."""
 
     degree: int = 7  # q4d is smooth then, and Q2d has no kinks
     intervals: int | None = None  # few of them even out the noise of measured samples
@@ -52,10 +52,10 @@ class Spline:
         return fitted
 
     def check(self, samples: int, place: str) -> None:
-        """Raise `JounceError` where no such spline can be made of so many samples."""
+        """Raise `JounceError` if the number of samples does not suffice for the spline."""
         if not isinstance(self.degree, int) or self.degree not in DEGREES:
-            known = ", ".join(map(str, DEGREES))
-            raise JounceError(f"a spline of degree {quoted(self.degree)} is not offered; there are: {known}")
+            known = " or ".join(map(str, DEGREES))
+            raise JounceError(f"a spline of degree {quoted(self.degree)} is not supported; expected {known}")
         if samples <= self.degree:
             least = f"a spline of degree {self.degree} needs at least {self.degree + 1}"
             raise JounceError(f"{place}: {samples} samples; {least}")
@@ -116,8 +116,8 @@ def curve_of(t: np.ndarray, q: np.ndarray, spline: Spline, place: str, highest: 
 
 
 def way_of(degree: int | None, intervals: int | None, bandwidth: float | None, force: bool) -> Smoothing | Spline:
-    """How samples become a curve, by what a caller says of it."""
-    true_or_false("force", force, "whether samples count whose noise drowns the highest rate")
+    """Return the way from samples to a curve that a caller selects."""
+    true_or_false("force", force, "whether to accept samples whose noise dominates the highest rate")
     check_bandwidth(bandwidth)
     by_hand = degree is not None or intervals is not None
     if by_hand and (bandwidth is not None or force):

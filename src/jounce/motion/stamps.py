@@ -29,7 +29,7 @@ class Scatter:
 
 
 def check(t: object, q: object, names: Sequence[str] | None) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Samples as arrays (N,) and (N, n), and the joints' names; raises `JounceError` where they are none."""
+    """Samples as arrays (N,) and (N, n), and the joints' names; raises `JounceError` if they are invalid."""
     times, samples = (_numbers(x, label) for x, label in ((t, "t"), (q, "q")))
     samples = samples[:, None] if samples.ndim == 1 else samples
     if times.ndim != 1 or samples.ndim != 2 or len(times) != len(samples):

@@ -108,7 +108,7 @@ def _spreads(
 
 
 def _torques(columns: Mapping[str, np.ndarray], found: Match, joints: Sequence[str]) -> np.ndarray | None:
-    """Measured torques (N, n), NaN where a joint has none; None if there are none at all."""
+    """Measured torques (N, n), NaN for joints without them; None if no joint has any."""
     if not found.torques:
         return None
     missing = np.full(len(columns[found.sources[TIME]]), np.nan)

@@ -19,7 +19,7 @@ PER_TIME = re.compile(r"(.+?)\s*/\s*s(?:\^?([2-9])|([²³⁴]))?")
 POWERS = {"²": 2, "³": 3, "⁴": 4}
 INDEX = re.compile(r"\d+")
 
-SPEED = 60.0  # rad/s or m/s, faster than joints without limits are taken to move unasked
+SPEED = 60.0  # rad/s or m/s, joints without limits are assumed to move no faster
 BEYOND = 0.1  # of the range of a joint: how far beyond its limits it may be
 FASTER = 3.0  # times the limit of speed: how fast it may be
 SLOW = 0.5  # s between samples, from which on a unit shorter than the second is suspected
@@ -37,7 +37,7 @@ def split_unit(name: str) -> tuple[str, str | None]:
 
 
 def factor(stated: str | None, said: str | None, kind: str, order: int, column: str) -> float:
-    """What makes SI units of a column of a kind, s, rad, m or load: its name states the unit, or the caller says it."""
+    """Return the factor to SI units of a column of s, rad, m or load; its name or the caller states the unit."""
     if kind == "load":  # of wrenches, N m and N
         if stated is not None and "".join(stated.split()).replace("*", "") not in ("N", "Nm", "N.m", "N·m"):
             raise JounceError(f"column {quoted(column)}: {no_such('unit', stated, ('N', 'N m'))}")

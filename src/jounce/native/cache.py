@@ -1,8 +1,8 @@
 """Compiled kernels on disk, so that the next process need not compile: a private folder of object code.
 
-Object code is run, so the folder is its owner's alone, and what it holds is checked before it is loaded: its owner, its
-key and the hash of its content. Whatever fails a check is taken for missing, and written anew. It grows up to a limit:
-the kernels that were not used for longest make room for new ones.
+Object code is executed, so only its owner may write to the folder, and an entry is verified before it is loaded: its
+owner, its key and the hash of its content. An entry that fails is treated as missing and rewritten. The folder grows up
+to a limit: the least recently used kernels are removed first.
 """
 
 import hashlib
@@ -20,19 +20,19 @@ from jounce.errors import JounceError, quoted
 from jounce.model.mechanism import DATA, Mechanism
 from jounce.native.jit import Target
 
-SUFFIX = ".kernel"
+KERNEL_SUFFIX = ".kernel"
 LIMIT = 256  # MiB
 
 
 def folder() -> Path:
-    """Where compiled kernels are kept: ``$JOUNCE_CACHE_DIR``, else the user's cache folder."""
+    """Return the folder of compiled kernels: ``$JOUNCE_CACHE_DIR``, or the user's cache folder."""
     from platformdirs import user_cache_path
 
     return Path(os.environ.get("JOUNCE_CACHE_DIR") or user_cache_path("jounce"))
 
 
 def limit() -> int:
-    """How many bytes all kernels together may take: ``$JOUNCE_CACHE_SIZE`` in MiB, 256 if it is not set.
+    """Return the limit of the size of all kernels in bytes: ``$JOUNCE_CACHE_SIZE`` in MiB, 256 by default.
 
     Raises
     ------
@@ -71,9 +71,9 @@ def _sources() -> str:
 
 
 def read(name: str) -> bytes | None:
-    """The code under a key, or None where there is none that can be trusted."""
+    """Return the code under a key, or None if there is no trusted entry."""
     try:
-        path = folder() / (name + SUFFIX)
+        path = folder() / (name + KERNEL_SUFFIX)
         content = path.read_bytes() if _private(folder()) and _private(path) else b""
     except OSError:
         return None
@@ -101,7 +101,7 @@ def write(name: str, code: bytes) -> None:
         try:
             part.touch(mode=0o600, exist_ok=False)
             part.write_bytes(content)
-            part.replace(folder() / (name + SUFFIX))
+            part.replace(folder() / (name + KERNEL_SUFFIX))
         finally:
             part.unlink(missing_ok=True)
     except OSError:
@@ -109,8 +109,8 @@ def write(name: str, code: bytes) -> None:
 
 
 def _make_room(most: int, name: str) -> None:
-    """Remove the least recently used kernels until all but that of a name take so many bytes at most."""
-    found = [(entry.stat(), entry.path) for entry in _listed() if entry.name != name + SUFFIX]
+    """Remove the least recently used kernels until all except the named one take at most `most` bytes."""
+    found = [(entry.stat(), entry.path) for entry in _listed() if entry.name != name + KERNEL_SUFFIX]
     total = sum(stats.st_size for stats, _ in found)
     if total <= most:
         return
@@ -130,7 +130,7 @@ def _listed() -> list[os.DirEntry[str]]:
     """The kernels as the folder lists them: thousands are told from links and other files without a look at each."""
     try:
         with os.scandir(folder()) as found:
-            return [x for x in found if x.name.endswith(SUFFIX) and x.is_file(follow_symlinks=False)]
+            return [x for x in found if x.name.endswith(KERNEL_SUFFIX) and x.is_file(follow_symlinks=False)]
     except OSError:
         return []
 
@@ -153,7 +153,7 @@ def clear() -> list[int]:
     JounceError : where others may write into the folder, or a kernel cannot be removed.
     """
     if not private():
-        raise JounceError(f"{folder()}: is not a folder of yours alone; expected one that no others may write into")
+        raise JounceError(f"{folder()}: others may write into the cache folder; make it private (mode 0700)")
     remove_abandoned(folder())
     sizes = []
     for path in entries():

@@ -157,7 +157,7 @@ def _define_state(ir: Writer, signature: Signature, places: Sequence[Sequence[in
 
 
 def _scratch(ir: Writer, signature: Signature) -> tuple[str, str]:
-    """Where results and bodies lie in scratch memory; rows are moved by whole vectors, which reach further."""
+    """Return the offsets of results and bodies in scratch memory; whole-vector moves reach beyond rows."""
     out = ir.at("%in", signature.inputs[-1].end + ir.lanes, ir.V)
     return out, ir.at(out, signature.outputs[-1].end + ir.lanes, ir.V)
 

@@ -15,7 +15,7 @@ PIECE = 4000  # steps in a row: the time that LLVM takes for code without a bran
 
 @dataclass(frozen=True)
 class Block:
-    """What works on one block of states: the text of ``@block(in, out, bodies)``, and where it leaves its results."""
+    """The code for one block of states: the text of ``@block(in, out, bodies)``, and the positions of its results."""
 
     define: Callable[[Writer], None]
     places: Sequence[Sequence[int]]  # by result, the number of the vector of each scalar
@@ -61,7 +61,7 @@ def _define_straight(
 
 def emit_steps(ir: Writer, program: Program, read: Callable[[int], str]) -> Iterator[tuple[int, str]]:
     """Write the steps of a program in their order; each and the name of its value as soon as it is written."""
-    steps, called = program.steps, _called(program)
+    steps, called = program.steps, _vector_calls(program)
     pairs = sorted({(called[i].name, steps[i].operands[0]) for i in called if called[i].result is not None})
     results = ir.let(f"alloca [{2 * max(1, len(pairs))} x {ir.V}], align 64")
     values: dict[int, str] = {}
@@ -91,7 +91,7 @@ def emit_steps(ir: Writer, program: Program, read: Callable[[int], str]) -> Iter
         yield i, value(i)
 
 
-def _called(program: Program) -> dict[int, VectorFunction]:
+def _vector_calls(program: Program) -> dict[int, VectorFunction]:
     """The steps that call functions of vectors, and which."""
     rows = ((i, OPERATIONS[step.kind]) for i, step in enumerate(program.steps) if step.kind not in LEAVES)
     return {i: row.function for i, row in rows if row.function is not None}

@@ -49,7 +49,7 @@ def _block(mechanism: Mechanism, computation: Computation, signature: Signature,
         if mechanism.nb * BODY + steps_of_joints * STEP > patience:
             raise LongCompilationError
         acting = tuple(term for term in mechanism.acting if term in computation.quantity.drive_terms)
-        return loop.looped(mechanism, Sweeps(computation, acting), signature)
+        return loop.emit_loop(mechanism, Sweeps(computation, acting), signature)
     try:
         steps = fuse(program(mechanism, computation, Tape(patience / OPERATION)))
     except TapeFullError:

@@ -1,6 +1,6 @@
 """LLVM IR made into native code for this machine by llvmlite, and that into a generalized ufunc of NumPy.
 
-NumPy then does what it does well: broadcasting, casting, strides, `out`, letting other threads run meanwhile.
+NumPy then does the broadcasting, casting, strides and `out`, and releases the interpreter lock.
 """
 
 import ctypes
@@ -20,7 +20,7 @@ NO_IDENTITY = -1
 
 @dataclass(frozen=True)
 class Target:
-    """What a program is compiled for."""
+    """The processor for which a program is compiled."""
 
     cpu: str
     features: str
@@ -68,7 +68,7 @@ class Code:
     engine: Any
 
     def address(self, name: str) -> int:
-        """Where a function is."""
+        """Return the address of a function."""
         return int(self.engine.get_function_address(name))
 
 

@@ -36,7 +36,7 @@ class Kernel(Generic[Results]):
     """A quantity of one robot with its rates up to an order, as native code. `Robot.compile` makes one.
 
     A kernel takes arrays only, in the order of the robot's joints: methods of `Robot` match names, kernels do not.
-    Results are the same to the last bit at any place in a batch of any size, on any number of threads. Kernels can be
+    Results do not depend, to the last bit, on the place in a batch or on the number of threads. Kernels can be
     pickled; an unpickled one is read from the cache on disk or compiled again.
 
     Examples
@@ -63,7 +63,7 @@ class Kernel(Generic[Results]):
         self._alive = needed
 
     def __reduce__(self) -> tuple[Callable[..., "Kernel"], tuple[Mechanism, Computation]]:
-        return compiled, (self.mechanism, self.computation)
+        return compile_kernel, (self.mechanism, self.computation)
 
     def __repr__(self) -> str:
         asked = self.computation
@@ -82,7 +82,7 @@ class Kernel(Generic[Results]):
             q, qd, ..., as many as the quantity and its order take; W, Wd, ... after them if it was compiled with
             wrenches. float64; batch axes lead and broadcast.
         out : array or tuple of arrays, optional
-            What to write the results into.
+            Arrays to write the results into.
         threads : int, optional
             Number of threads to split the batch among.
 
@@ -93,8 +93,8 @@ class Kernel(Generic[Results]):
         Raises
         ------
         JounceError
-            If the number of arrays, a shape or a dtype is wrong, an array has names or a mask, or a keyword asks for
-            what `Robot.compile` has fixed, as body and frame.
+            If the number of arrays, a shape or a dtype is wrong, an array has names or a mask, or a keyword is given
+            that `Robot.compile` has fixed, such as body and frame.
 
         Examples
         --------
@@ -107,7 +107,7 @@ class Kernel(Generic[Results]):
         if fixed:
             raise self._fixed_at_compile_time(fixed)
         if len(arrays) != self._count:  # NumPy would write into what comes after
-            raise JounceError(f"{self!r} takes {self._count} arrays, not {len(arrays)}")
+            raise JounceError(f"{self!r} expects {self._count} arrays, got {len(arrays)}")
         into = None if out is None else tuple(out) if isinstance(out, (tuple, list)) else (out,)
         for x in arrays if into is None else (*arrays, *into):
             if type(x) is not np.ndarray:
@@ -124,16 +124,16 @@ class Kernel(Generic[Results]):
             raise JounceError(f"{self!r}: {one_line(error)}") from None
 
     def bind(self, *arrays: Floats, out: Floats | Sequence[Floats], **fixed: Never) -> Callable[[], None]:
-        """A function without arguments that computes from these very arrays into `out`, with the lowest latency.
+        """Return a function without arguments that computes from these arrays into `out`, with the lowest latency.
 
-        It reads what the arrays hold when it is called.
+        Each call reads the current contents of the arrays.
 
         Parameters
         ----------
         *arrays : (n,) or (N, n), then (nb, 6) or (N, nb, 6)
             As in a call, all with the same batch axis or with none.
         out : array or tuple of arrays
-            What to write the results into; it shares no memory with the other arrays.
+            Arrays to write the results into; they must not share memory with the other arrays.
 
         Returns
         -------
@@ -142,7 +142,7 @@ class Kernel(Generic[Results]):
         Raises
         ------
         JounceError
-            If an array is not one of float64, a shape is wrong, or `out` is read-only or shares memory.
+            If an array is not of float64, a shape is wrong, or `out` is read-only or shares memory.
 
         Examples
         --------
@@ -158,7 +158,7 @@ class Kernel(Generic[Results]):
             raise self._fixed_at_compile_time(fixed)
         results: list[Any] = list(out) if isinstance(out, tuple | list) else [out]
         self._refuse_names_and_masks(arrays, results)
-        batch = self._bound(arrays, results)
+        batch = self._check_bound(arrays, results)
         everything = [*arrays, *results]
         steps = [array.strides[0] if batch else 0 for array in everything]
         within = [stride for array in everything for stride in array.strides[len(batch) :]]
@@ -174,7 +174,7 @@ class Kernel(Generic[Results]):
         vars(call)["alive"] = self, everything, called, arguments
         return call
 
-    def _bound(self, arrays: Sequence[np.ndarray], out: Sequence[np.ndarray]) -> tuple[int, ...]:
+    def _check_bound(self, arrays: Sequence[np.ndarray], out: Sequence[np.ndarray]) -> tuple[int, ...]:
         """The batch shape of arrays to bind, checked as native code trusts them."""
         taken, given = self.shapes
         if (len(arrays), len(out)) != (len(taken), len(given)):
@@ -249,7 +249,7 @@ class Kernel(Generic[Results]):
 _living: WeakValueDictionary[tuple[Mechanism, Computation], Kernel] = WeakValueDictionary()
 
 
-def compiled(mechanism: Mechanism, computation: Computation, patience: float = inf) -> Kernel:
+def compile_kernel(mechanism: Mechanism, computation: Computation, patience: float = inf) -> Kernel:
     """The kernel of a quantity of a mechanism of numbers: the one there is, else from the cache, else compiled.
 
     Raises

@@ -27,7 +27,7 @@ def define_transposes(ir: Writer) -> None:
                 column = ir.call("llvm.smax.i64", "i64", ends, "0")
                 rows, columns = list(_rows(ir, column)), list(_columns(ir, column, bool(table)))
                 source, target = (columns, rows) if table else (rows, columns)
-                for vector, place in zip(transposed(ir, [ir.load(x) for x in source]), target, strict=True):
+                for vector, place in zip(transpose(ir, [ir.load(x) for x in source]), target, strict=True):
                     ir.store(vector, place)
             ir.do("ret void")
 
@@ -47,7 +47,7 @@ def _columns(ir: Writer, column: str, by_table: bool) -> Iterator[str]:
             yield ir.at(first, j, ir.V)
 
 
-def transposed(ir: Writer, rows: Sequence[str]) -> list[str]:
+def transpose(ir: Writer, rows: Sequence[str]) -> list[str]:
     """Vectors of columns from vectors of rows: blocks off the diagonal exchanged, of ever smaller size."""
     size = ir.lanes
     rows = list(rows)
@@ -71,7 +71,7 @@ def _shuffled(ir: Writer, low: str, high: str, order: Sequence[int]) -> str:
 def define_lanes(ir: Writer) -> None:
     """``@load_lanes`` and ``@store_lanes``: some lanes of a block, between scratch memory and an array of any strides.
 
-    ``(first, scratch, slabs, rows, columns, step, apart, down, across, count)``: a state is so many matrices, one
+    ``(first, scratch, slabs, rows, columns, step, apart, down, across, count)``: a state is `slabs` matrices, one
     step from the state before it; matrices are ``apart``, rows ``down`` and columns ``across`` from each other, in
     bytes. Lanes beyond the count are filled with the last state. A table of vectors comes last where rows are stored.
     """

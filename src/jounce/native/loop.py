@@ -13,7 +13,7 @@ import numpy as np
 
 from jounce.dynamics.computation import Port, Signature
 from jounce.dynamics.recursion.forces import ground, sweep
-from jounce.dynamics.recursion.steps import Motion
+from jounce.dynamics.recursion.steps import BodyMotion
 from jounce.model.equivalent import minimal
 from jounce.model.mechanism import Mechanism
 from jounce.native import plan
@@ -36,7 +36,7 @@ from jounce.native.plan import Layout, motion_slots
 MEMORY = ("constants", "body", "parent", "motion", "carrier")  # what a step reads and writes
 
 
-def looped(mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> Block:
+def emit_loop(mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> Block:
     """The sweeps over the tree for one block of states."""
     places = [range(port.start, port.end) for port in signature.outputs]
     vectors = plan.vectors_of_bodies(sweeps.computation, mechanism.parent)
@@ -81,9 +81,9 @@ class _Memory:
         _joint_variable(self.ir, i, memory[0], self.sweeps.layout, self.chain.n)
         _call(self.ir, "outward", self.kinds, i, memory)
 
-    def load(self, i: str) -> None:
+    def add_wrench(self, i: str) -> None:
         if self.sweeps.computation.wrench:
-            _load(self.ir, i, _memory(self.ir, i, self.sweeps), self.sweeps.layout, self.signature)
+            _add_wrench(self.ir, i, _memory(self.ir, i, self.sweeps), self.sweeps.layout, self.signature)
 
     def hand_on(self, i: str) -> None:
         memory = _memory(self.ir, i, self.sweeps)
@@ -94,7 +94,7 @@ class _Memory:
 
     def collect(self, i: str) -> None:
         ir, body = self.ir, _memory(self.ir, i, self.sweeps)[0]
-        with _followed(ir, i) as (coordinate, factor):  # Q = G^T Q_theta
+        with _loop_over_coordinates(ir, i) as (coordinate, factor):  # Q = G^T Q_theta
             for k, (place,) in enumerate(self.sweeps.layout.places("Q")):
                 Q = ir.at("%out", ir.let(f"add i64 {coordinate}, {k * self.chain.n}"), ir.V)
                 ir.store(ir.op("fma", factor, ir.load(ir.at(body, place, ir.V)), ir.load(Q)), Q)
@@ -105,13 +105,13 @@ def _define_steps(ir: Writer, present: Sequence[str], sweeps: Sweeps) -> None:
         _define_step(ir, f"outward_{kind}", sweeps.outward(kind))
         _define_step(ir, f"inward_{kind}", sweeps.inward(kind))
     if sweeps.computation.wrench:
-        _define_step(ir, "load", sweeps.load())
+        _define_step(ir, "add_wrench", sweeps.add_wrench())
     if sweeps.acting:
         _define_step(ir, "drive", sweeps.drive())
 
 
 def _define_tables(ir: Writer, mechanism: Mechanism, slots: Sequence[int], of_joints: Sequence[int]) -> None:
-    """What distinguishes the joints: `of_joints` are the numbers of their kinds."""
+    """Write the tables of constants of the joints; `of_joints` are the indices of their kinds."""
     G = mechanism.G.astype(float)
     ir.table("kinds", of_joints)
     ir.table("parents", [p + 1 for p in mechanism.parent])
@@ -127,7 +127,7 @@ def _define_tables(ir: Writer, mechanism: Mechanism, slots: Sequence[int], of_jo
 
 
 def _define_sum(ir: Writer) -> None:
-    """``@sum(x, count, total)``: 0 times each of so many vectors, added to a total."""
+    """``@sum(x, count, total)``: add 0 times each of `count` vectors to a total."""
     with ir.function(f"internal {ir.V} @sum(ptr %x, i64 %count, {ir.V} %total)"):
         ir.label("start")
         ir.do("br label %loop")
@@ -143,7 +143,7 @@ def _define_sum(ir: Writer) -> None:
 
 
 def _set_results(ir: Writer, signature: Signature) -> None:
-    """What the forces are added to: 0, or NaN where an input that matters to their order is not finite."""
+    """Initialise the forces: 0, or NaN if an input on which their order depends is not finite."""
 
     def add(total: str, port: Port) -> str:
         return ir.let(f"call {ir.V} @sum(ptr {ir.at('%in', port.start, ir.V)}, i64 {port.size}, {ir.V} {total})")
@@ -153,7 +153,7 @@ def _set_results(ir: Writer, signature: Signature) -> None:
             ir.store(mask, ir.at("%out", j, ir.V))
 
 
-def _set_ground(ir: Writer, sweeps: Sweeps, motion: Motion) -> None:
+def _set_ground(ir: Writer, sweeps: Sweeps, motion: BodyMotion) -> None:
     """The motion of the ground, constant here, and what acts on it: nothing yet, as bodies add to it."""
     for name, _, _ in sweeps.motion.parts:
         for k, places in enumerate(sweeps.motion.places(name)):
@@ -168,7 +168,7 @@ def _joint_variable(ir: Writer, i: str, body: str, layout: Layout, n: int) -> No
     offset = ir.splat(ir.let(f"load double, ptr {ir.at('@offsets', i)}"))
     for k, (place,) in enumerate(layout.places("theta")):
         ir.store(ir.vector(0.0) if k else offset, ir.at(body, place, ir.V))
-    with _followed(ir, i) as (coordinate, factor):
+    with _loop_over_coordinates(ir, i) as (coordinate, factor):
         for k, (place,) in enumerate(layout.places("theta")):
             theta, rate = ir.at(body, place, ir.V), ir.let(f"add i64 {coordinate}, {k * n}")
             ir.store(ir.op("fma", factor, ir.load(ir.at("%in", rate, ir.V)), ir.load(theta)), theta)
@@ -176,7 +176,7 @@ def _joint_variable(ir: Writer, i: str, body: str, layout: Layout, n: int) -> No
     ir.do(f"call void @sincos({ir.V} {ir.load(angle)}, ptr {sine})")  # and the cosine behind it
 
 
-def _load(ir: Writer, i: str, memory: Sequence[str], layout: Layout, signature: Signature) -> None:
+def _add_wrench(ir: Writer, i: str, memory: Sequence[str], layout: Layout, signature: Signature) -> None:
     """The wrench on body i, added to what acts on it."""
     first = ir.let(f"mul i64 {i}, 6")
     for port, places in zip(signature.of_role("wrench"), layout.places("W"), strict=True):
@@ -184,7 +184,7 @@ def _load(ir: Writer, i: str, memory: Sequence[str], layout: Layout, signature: 
             given = ir.at(ir.at("%in", first, ir.V), port.start + j, ir.V)
             ir.store(ir.load(given), ir.at(memory[0], place, ir.V))
     table = ir.at("@carry", ir.let(f"mul i64 {i}, {sum(CARRY.values())}"))
-    ir.do(f"call void @load({_pointers(table, *memory)})")
+    ir.do(f"call void @add_wrench({_pointers(table, *memory)})")
 
 
 def _memory(ir: Writer, i: str, sweeps: Sweeps) -> list[str]:
@@ -198,7 +198,7 @@ def _memory(ir: Writer, i: str, sweeps: Sweeps) -> list[str]:
 
 
 @contextmanager
-def _followed(ir: Writer, i: str) -> Iterator[tuple[str, str]]:
+def _loop_over_coordinates(ir: Writer, i: str) -> Iterator[tuple[str, str]]:
     """A loop over the coordinates that joint i follows, and the factors by which it does."""
     first, last = (ir.let(f"load i64, ptr {ir.at('@entries', j, 'i64')}") for j in (i, ir.let(f"add i64 {i}, 1")))
     with ir.loop(last, first) as entry:

@@ -12,7 +12,7 @@ from jounce._scalars import is_zero
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.recursion.forces import ground
 from jounce.dynamics.recursion.joints import rows
-from jounce.dynamics.recursion.steps import AlignedJoint, Force, Moments, Motion, inward, joint_force
+from jounce.dynamics.recursion.steps import AlignedJoint, BodyMotion, Force, Moments, inward, joint_force
 from jounce.model import drives
 from jounce.model.equivalent import frame_shifts, minimal
 from jounce.model.mechanism import Mechanism
@@ -32,7 +32,7 @@ CARRY = {"R": 9, "r": 3}  # where the joint's frame lies in the body's own, in w
 
 @dataclass(frozen=True)
 class JointStep:
-    """A traced step, and where its inputs and outputs are: in the memory of that name, so many scalars on."""
+    """A traced step, and where its inputs and outputs are: an offset in scalars in the memory of that name."""
 
     program: Program
     reads: tuple[tuple[str, int], ...]
@@ -68,7 +68,7 @@ class _Sheet:
             self.outputs += [(memory, place, x) for place, x in zip(places, np.ravel(values[k]), strict=True)]
 
     def step(self) -> JointStep:
-        """What has been written."""
+        """Return the recorded step."""
         program = fuse(factor(self.tape.program([x for _, _, x in self.outputs])))
         return JointStep(program, tuple(self.reads), tuple((memory, place) for memory, place, _ in self.outputs))
 
@@ -91,13 +91,13 @@ class Sweeps:
         return body_layout(self.computation)
 
     def outward(self, kind: str) -> JointStep:
-        """From the parent's motion to the body's, and what this takes."""
+        """Trace the step from the parent's motion to the body's, with the inertia force."""
         sheet = _Sheet(self)
         joint, moments = _joint(sheet, kind)
         names = list(sweep_of(self.computation).parts)
         parent = [sheet.read("carrier", name) for name in names]
         still = vars(ground(np.zeros(3, dtype=int)))
-        found = sweep_of(self.computation).outward(joint, Motion(**still | dict(zip(names, parent, strict=True))))
+        found = sweep_of(self.computation).outward(joint, BodyMotion(**still | dict(zip(names, parent, strict=True))))
         for name in names:
             sheet.write("motion", name, getattr(found, name))
         force = sweep_of(self.computation).force(moments, found)
@@ -105,8 +105,8 @@ class Sweeps:
         sheet.write("body", "n", force.n)
         return sheet.step()
 
-    def load(self) -> JointStep:
-        """The wrench on a body added to what acts on it."""
+    def add_wrench(self) -> JointStep:
+        """Trace the step that adds the wrench of a body to the force on it."""
         sheet = _Sheet(self)
         T = sheet.constants(CARRY)
         W = Ad(pose(T["R"].reshape(3, 3), T["r"][:, None])).mT @ sheet.read("body", "W")
@@ -115,7 +115,7 @@ class Sweeps:
         return sheet.step()
 
     def inward(self, kind: str) -> JointStep:
-        """From what acts on a body to what its joint feels and what its parent does."""
+        """Trace the step from the force on a body to the joint force and the force on its parent."""
         sheet = _Sheet(self)
         joint, _ = _joint(sheet, kind)
         on, parents = (Force(sheet.read(memory, "f"), sheet.read(memory, "n")) for memory in ("body", "parent"))
@@ -126,7 +126,7 @@ class Sweeps:
         return sheet.step()
 
     def drive(self) -> JointStep:
-        """What a joint's drive train takes, added to what the joint feels."""
+        """Trace the step that adds the drive terms to the joint force."""
         sheet = _Sheet(self)
         added = drives.forces(sheet.constants(DRIVES), self.acting, sheet.read("body", "theta"))
         sheet.write("body", "Q", sheet.read("body", "Q") + added)

@@ -1,4 +1,4 @@
-"""Plans of native code: which of its two forms serves a computation, and the scratch memory that it works in.
+"""Plans of native code: the form (straight line or loop) of a computation, and the size of its scratch memory.
 
 Scratch memory holds a block of states: its inputs, its outputs and, in the loop form, its bodies. Every scalar takes
 one vector, with a lane for each state.
@@ -14,8 +14,8 @@ from jounce.dynamics.computation import Computation, Signature
 from jounce.dynamics.recursion.forces import Sweep
 from jounce.model.mechanism import Mechanism
 
-WORK = 400  # bodies times orders squared, with which operations of forces grow, up to which they need no loop
-HIGHEST = 12  # order, up to which the step of a joint takes no more than 40 KiB of a thread's stack
+STRAIGHT_LIMIT = 400  # bodies times orders squared, with which operations of forces grow, up to which they need no loop
+HIGHEST_NATIVE_ORDER = 12  # order, up to which the step of a joint takes no more than 40 KiB of a thread's stack
 STACK = 2**15  # bytes, up to which a call takes them from the stack of its thread; what needs more has a `Pool`
 SCALARS = {"w": 3, "a": 3, "K": 9}  # of the parts of a motion
 LIMIT = 2**26  # bytes of a call, beyond which there is no native code
@@ -26,13 +26,17 @@ class LongCompilationError(Exception):
 
 
 def is_straight(computation: Computation, nb: int) -> bool:
-    """Whether the code is a straight line, not a loop over the bodies: half as fast, but compiled at once."""
-    return computation.quantity.sweep is None or nb * (computation.order + 1) ** 2 <= WORK
+    """Return whether the code is a straight line; a loop over the bodies is half as fast, but compiles at once."""
+    return computation.quantity.sweep is None or nb * (computation.order + 1) ** 2 <= STRAIGHT_LIMIT
 
 
 def obstacle(computation: Computation) -> str | None:
-    """Why there is no native code for a computation, as the end of a sentence about native code."""
-    return None if computation.order <= HIGHEST else f"goes to order {HIGHEST}, not {computation.order}"
+    """Return why a computation has no native code, as the end of a sentence about native code; None if it has."""
+    return (
+        None
+        if computation.order <= HIGHEST_NATIVE_ORDER
+        else f"supports orders up to {HIGHEST_NATIVE_ORDER}, not {computation.order}"
+    )
 
 
 @dataclass(frozen=True)
@@ -42,7 +46,7 @@ class Layout:
     parts: tuple[tuple[str, int, int], ...]
 
     def places(self, name: str) -> list[range]:
-        """Where the rates of a part lie."""
+        """Return the positions of the rates of a part."""
         starts = accumulate((rates * scalars for _, rates, scalars in self.parts), initial=0)
         for (part, rates, scalars), start in zip(self.parts, starts, strict=False):
             if part == name:
@@ -56,13 +60,13 @@ class Layout:
 
 
 def motion_layout(computation: Computation) -> Layout:
-    """The motion of a body, wanted only until its children have theirs."""
+    """The layout of the motion of a body, which is needed only until its children have theirs."""
     parts = sweep_of(computation).parts.items()
     return Layout(tuple((name, computation.order + 1 + more, SCALARS[name]) for name, more in parts))
 
 
 def body_layout(computation: Computation) -> Layout:
-    """The joint variable of a body, what acts on the body, what its joint feels."""
+    """The layout of the joint variable of a body, the force on the body, and the force of its joint."""
     count = computation.order + 1
     joint = (("theta", computation.rates, 1), ("sine", 1, 1), ("cosine", 1, 1))
     acting = (("f", count, 3), ("n", count, 3), ("Q", count, 1))
@@ -77,8 +81,8 @@ def sweep_of(computation: Computation) -> Sweep:
 
 
 def motion_slots(parent: Sequence[int]) -> list[int]:
-    """Where motions are kept, the ground's first: a slot is free again when the last child has its motion."""
-    last = list(range(-1, len(parent)))  # the last child of each, the ground's first; itself where there is none
+    """Assign slots to motions, the ground's first; a slot is reused after the last child has its motion."""
+    last = list(range(-1, len(parent)))  # the last child of each, the ground's first; itself if it has none
     for i, p in enumerate(parent):
         last[p + 1] = i
     ends = defaultdict(list, {last[0]: [0]})  # slots by the body after which they are free

@@ -1,8 +1,8 @@
-"""The operations of programs, a row each: all that is known about them.
+"""The table of operations of programs, one row each, with everything that is known about them.
 
-What the tape, the passes, native code, generated code and derivatives know of an operation is derived from its row. To
-add one takes a row; a function that processors lack, its LLVM text in `native/functions` and its name in the languages
-that spell it otherwise.
+The tape, the passes, native code, generated code and derivatives derive what they need from these rows. A new operation
+takes a row; a function that processors lack also takes its LLVM text in `native/functions`, and its name in languages
+that spell it differently.
 """
 
 import math
@@ -178,5 +178,5 @@ OPERATIONS: Mapping[str, Operation] = {
     )
 }
 LEAVES = ("input", "constant")  # the kinds of steps that are no operations: they have a number, and no operands
-FREE = (*LEAVES, *(name for name, operation in OPERATIONS.items() if operation.free))  # what costs nothing
+WITHOUT_COST = (*LEAVES, *(name for name, operation in OPERATIONS.items() if operation.free))  # what costs nothing
 FUNCTIONS = tuple(name for name, operation in OPERATIONS.items() if operation.expression is None)  # called by name

@@ -64,7 +64,7 @@ class _Pass:
         taken = {i for step in self.program.steps for i in self._inner(step)}
         for i, step in enumerate(self.program.steps):
             if i not in taken:
-                self.made[i] = self._rebuilt(i, step)
+                self.made[i] = self._rebuild(i, step)
         return self.tape.program([self.made[i] for i in self.program.outputs])
 
     def _inner(self, step: Step) -> list[int]:
@@ -72,7 +72,7 @@ class _Pass:
         apart = {"add": (*SUMS, "mul"), "sub": (*SUMS, "mul"), "mul": ("mul",)}.get(step.kind, ())
         return [i for i in step.operands if self.uses[i] == 1 and self.program.steps[i].kind in apart]
 
-    def _rebuilt(self, i: int, step: Step) -> Node:
+    def _rebuild(self, i: int, step: Step) -> Node:
         match step.kind:
             case "input":
                 return self.tape.write("input", value=step.value)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from jounce.program.operations import FREE, OPERATIONS
+from jounce.program.operations import OPERATIONS, WITHOUT_COST
 
 
 class Step(NamedTuple):
@@ -25,16 +25,16 @@ class Program:
     inputs: int  # how many there are, used or not
 
     def counts(self) -> Counter[str]:
-        """How often each kind of operation occurs."""
+        """The number of operations of each kind."""
         return Counter(step.kind for step in self.steps)
 
     @property
     def operations(self) -> int:
-        """The number of operations on scalars, sines and cosines among them; what is only read or named is free."""
-        return sum(count for kind, count in self.counts().items() if kind not in FREE)
+        """The number of operations on scalars, including sines and cosines; inputs and constants are free."""
+        return sum(count for kind, count in self.counts().items() if kind not in WITHOUT_COST)
 
     def run(self, inputs: Sequence[float]) -> list[float]:
-        """The outputs for given inputs: what native code must agree with."""
+        """Compute the outputs for given inputs: the reference for native code."""
         values: list[float] = []
         for step in self.steps:
             if step.kind == "input":
@@ -46,14 +46,14 @@ class Program:
         return [values[i] for i in self.outputs]
 
     def uses(self) -> Counter[int]:
-        """How often each step is taken, by steps and as an output."""
+        """Return how often each step is used, by other steps and as an output."""
         return Counter([*(i for step in self.steps for i in step.operands), *self.outputs])
 
 
 def prune(steps: Sequence[Any], outputs: Sequence[int], inputs: int) -> Program:
     """The program of those steps, or nodes of a tape, that the outputs need.
 
-    It begins with what the last outputs need, of the tip and the highest rate: fewer values then wait for their use.
+    It begins with the steps that the last outputs need, those of the tip and the highest rate: this keeps fewer values.
     """
     order = list(topological_order(outputs[::-1], lambda i: steps[i].operands))
     place = {old: new for new, old in enumerate(order)}
@@ -62,7 +62,7 @@ def prune(steps: Sequence[Any], outputs: Sequence[int], inputs: int) -> Program:
 
 
 def topological_order(roots: Sequence[int], operands: Callable[[int], Sequence[int]]) -> Iterator[int]:
-    """All that the roots need, operands first, each once: depth first, in the order of the roots."""
+    """Return all nodes that the roots need, operands first, each once: depth first, in the order of the roots."""
     done: set[int] = set()
     stack = list(reversed(roots))
     while stack:

@@ -1,7 +1,7 @@
-"""Tracing: mathematics run on scalars that write down what is done with them.
+"""Tracing: mathematics run on scalars that record the operations on them.
 
-Equal expressions are one node (hash-consing), sums and products have one order, signs stay outside, and what 0, 1 and
--1 make trivial is never written down.
+Equal expressions are one node (hash-consing), sums and products have a canonical order, signs stay outside, and
+operations that are trivial because of 0, 1 or -1 are not recorded.
 """
 
 from collections.abc import Callable, Sequence
@@ -59,7 +59,7 @@ class TapeFullError(Exception):
 class Tape:
     """The steps written so far, each distinct one once, up to a number of them.
 
-    Most of what dense matrices ask for is trivial, times 0 and plus 0: that is looked at first, and quickly.
+    Most operations on dense matrices are trivial, times 0 and plus 0: these are tested first.
     """
 
     def __init__(self, most: float = inf) -> None:
@@ -79,7 +79,7 @@ class Tape:
         return nodes
 
     def write(self, kind: str, *operands: int, value: float = 0.0) -> Node:
-        """The node of a step, written down when it is new."""
+        """Return the node of a step, which is recorded if it is new."""
         key = (kind, operands, value)
         node = self._written.get(key)
         if node is None:
@@ -90,7 +90,7 @@ class Tape:
         return node
 
     def node(self, x: Any) -> Node:
-        """A number as a node; a node is one already."""
+        """Convert a number to a node; a node is returned unchanged."""
         if x.__class__ is Node:
             return x
         node = self._numbers.get(x)
@@ -154,5 +154,5 @@ class Tape:
         return self.write("mul", *((x.i, y.i) if x.i < y.i else (y.i, x.i)))
 
     def program(self, outputs: Sequence[Any]) -> Program:
-        """What the outputs need of the tape."""
+        """Return the program of the outputs: the steps of the tape that they need."""
         return prune(self.nodes, [self.node(x).i for x in outputs], self.inputs)

@@ -1,4 +1,4 @@
-"""Forces along a motion, computed piece by piece: working memory is bounded, and a callback can follow the progress."""
+"""Forces along a motion, computed piece by piece: working memory is bounded, and a callback reports the progress."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -31,10 +31,10 @@ Wrenches = tuple[dict[str, np.ndarray], ...]
 
 
 class ForceBreak(NamedTuple):
-    """Where the forces are not smooth: a rate of Q jumps, and higher rates do not exist there.
+    """A time at which the forces are not smooth: a rate of Q jumps, and higher rates do not exist.
 
-    `order` is that of the rate which jumps (0 is Q), `jump` (n,) by how much; -1 and None where q or qd jumps, so that
-    Q does not exist either. `causes` are the breaks of the motion at this time.
+    `order` is the order of the rate that jumps (0 is Q), `jump` (n,) the size of the jump; they are -1 and None if q or
+    qd jumps, so that Q itself does not exist. `causes` are the breaks of the motion at this time.
     """
 
     t: float
@@ -58,7 +58,7 @@ class Along:
     deviations : tuple of (N, n), or None
         Standard deviations of the forces that follow from those of q, qd, ...; None where these are exact.
     breaks : tuple of ForceBreak
-        Where Q or one of its rates jumps or does not exist: the time, the order, by how much, and the causes.
+        Times at which Q or one of its rates jumps or does not exist, with order, jump and causes.
 
     Examples
     --------
@@ -80,7 +80,7 @@ class Along:
 def forces_along(
     robot: "Robot", motion: object, t: ArrayLike | None, order: object, method: str | None, progress: Progress | None
 ) -> Along:
-    """The forces and their rates at times of a motion, or at its own, checked."""
+    """Compute the forces and their rates at given times of a motion, or at its own times."""
     path, highest = checked_motion(robot.mechanism, motion), checked_order(order)
     q, qd = path(np.linspace(path.start, path.stop, GLANCES), 1)
     warn_of_degrees(q, qd, robot.mechanism, "the motion")
@@ -90,14 +90,14 @@ def forces_along(
     if progress is not None and not callable(progress):
         raise JounceError(f"progress is {quoted(progress)}; expected a function of two numbers, (done, total)")
     parts = list(pieces_along(robot, path, times, highest, method, progress))
-    rates, forces = (_joined([getattr(part, name) for part in parts]) for name in ("rates", "forces"))
-    deviations = None if parts[0].deviations is None else _joined([part.deviations or () for part in parts])
+    rates, forces = (_join([getattr(part, name) for part in parts]) for name in ("rates", "forces"))
+    deviations = None if parts[0].deviations is None else _join([part.deviations or () for part in parts])
     breaks = force_breaks(robot, path, times, highest, method)
     return Along(times, rates, forces, deviations, breaks)
 
 
 def checked_motion(mechanism: Mechanism, motion: object) -> Motion:
-    """A motion of the joints of a robot, in its order."""
+    """Check that a motion is one of the robot's joints, and put it in their order."""
     if not isinstance(motion, Motion):
         came = type(motion).__name__
         raise JounceError(f"forces_along() expects a jounce.Motion, got {came}; jounce.load_motion makes one")
@@ -113,9 +113,9 @@ def pieces_along(
     method: str | None = None,
     progress: Progress | None = None,
 ) -> Iterator[Along]:
-    """The forces along a motion in pieces of some states, without breaks.
+    """Yield the forces along a motion in pieces of some states, without breaks.
 
-    A piece is computed when it is asked for; then `progress` is called with how many states are done, and of how many.
+    After each piece, `progress` is called with the number of states done and the total.
     """
     spread = _spreads(robot, motion, times, order, method)
     for start in range(0, len(times), PIECE):
@@ -130,7 +130,7 @@ def pieces_along(
 def force_breaks(
     robot: "Robot", motion: Motion, times: np.ndarray, order: int, method: str | None = None
 ) -> tuple[ForceBreak, ...]:
-    """Where between the first and the last of some times the forces, up to an order, are not smooth."""
+    """Find the times between the first and the last given time at which the forces up to an order are not smooth."""
     known = [
         (t, tuple(causes))
         for t, causes in groupby(motion.breaks_to(order + FIRST), key=lambda found: found.t)
@@ -178,7 +178,7 @@ def _spreads(
 ) -> Callable[[np.ndarray], Rates] | None:
     """The standard deviations of the forces over time: computed with each rate, of q and of wrenches, off by its own.
 
-    The rates are taken as independent of each other, which overstates by little: the highest ones dominate.
+    The rates are assumed independent, which overestimates slightly: the highest rates dominate.
     """
     smoothed = [body for body, load in motion.loads.items() if load.deviations(times[:1], 0) is not None]
     if motion.deviations(times[:1], 0) is None and not smoothed:
@@ -215,5 +215,5 @@ def _perturbed(
                 yield rates, (*W[:k], moved, *W[k + 1 :]) if W else None
 
 
-def _joined(parts: list[Rates]) -> Rates:
+def _join(parts: list[Rates]) -> Rates:
     return tuple(np.concatenate(terms) for terms in zip(*parts, strict=True))

@@ -13,15 +13,15 @@ from jounce._scalars import FLOAT, Array, is_numeric
 from jounce.arguments import loads, rates, requests, wrenches
 from jounce.dynamics import drive_terms
 from jounce.dynamics.computation import Computation, Port, state_ports
-from jounce.dynamics.loads import exerted
+from jounce.dynamics.loads import wrench_of
 from jounce.dynamics.quantities import FORCES, QUANTITIES, Quantity
 from jounce.errors import JounceError, one_of, quoted, warn
 from jounce.model.mechanism import DATA, Mechanism, cast_model
 from jounce.native import plan
 from jounce.native.jit import host
-from jounce.native.kernel import Kernel, compiled
+from jounce.native.kernel import Kernel, compile_kernel
 from jounce.native.plan import LongCompilationError, obstacle
-from jounce.robot.generic import batch_shape, checked_out, computed, evaluate, is_fit, results_into
+from jounce.robot.generic import batch_shape, checked_out, compute_by_method, evaluate, is_fit, results_into
 from jounce.spatial.series import Series, columns
 
 if TYPE_CHECKING:
@@ -37,8 +37,8 @@ Form = tuple[Any, ...]  # of a call: what it asks for, and the types of what it 
 class Kernels:
     """The native code of one robot, dropped with it.
 
-    `known` holds the kernel of a computation, or why there is none; `ready` what serves plain calls of a form, and how
-    many rates of the coordinates that takes.
+    `known` maps a computation to its kernel, or to the reason that it has none; `ready` maps the form of plain calls to
+    their kernel and the number of rates of the coordinates that it takes.
     """
 
     known: dict[Computation, tuple[Kernel | None, str | None]] = field(default_factory=dict)
@@ -46,7 +46,7 @@ class Kernels:
 
 
 class Call(NamedTuple):
-    """What a method of a robot is called with, checked."""
+    """The checked arguments of a call of a robot's method."""
 
     robot: "Robot"
     computation: Computation
@@ -58,7 +58,7 @@ class Call(NamedTuple):
 
 
 class Backend(NamedTuple):
-    """One way to run calls: `prepare` gives what it runs a call with, or says why it cannot run it."""
+    """One way to run calls: `prepare` returns what `run` needs, or the reason that it cannot run the call."""
 
     prepare: Callable[[Call], tuple[Any, str | None]]
     run: Callable[[Call, Any], Any]
@@ -76,7 +76,7 @@ def compute(
     out: Any = None,
     threads: int = 1,
 ) -> Any:
-    """A quantity along given rates of the coordinates, by the first backend that accepts the call."""
+    """Compute a quantity for given rates of the coordinates with the first backend that accepts the call."""
     terms = wrench if type(wrench) is tuple else () if wrench is None else (wrench,)
     form = (name, body, frame, method, type(threads), threads, *map(type, given), type(wrench), *map(type, terms))
     try:  # the short way, of calls like an earlier one: NumPy itself checks shapes and kinds of numbers
@@ -99,13 +99,13 @@ def compute(
 def _checked_arguments(
     mechanism: Mechanism, name: str, given: Sequence[Any], wrench: Any, body: str | None, frame: str, method: str | None
 ) -> tuple[Computation, list[Array]]:
-    """What a caller asks for, and the arrays that it takes."""
+    """Check the arguments of a call, and return its computation and input arrays."""
     quantity = QUANTITIES[name]
     q = rates.rates_of(given, quantity.rates, mechanism, quantity.input_names)
     order = len(q) - quantity.rates
     W = wrenches.wrenches_of(mechanism, wrench, order, q)
     if method is not None:
-        one_of(f"method for {name}", method, [*quantity.methods, NATIVE])
+        one_of("method", method, [*quantity.methods, NATIVE], name)
     if body is not None or frame != "body":
         requests.place(mechanism, name, body, frame)
     if quantity.forces:
@@ -114,7 +114,7 @@ def _checked_arguments(
 
 
 def _run(call: Call) -> Any:
-    """The results of the first backend that accepts a call."""
+    """Run a call with the first backend that accepts it."""
     reasons = []
     for backend in BACKENDS:
         ready, refusal = backend.prepare(call)
@@ -126,7 +126,7 @@ def _run(call: Call) -> Any:
 
 
 def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str], out: Any) -> Any:
-    """The forces of drive terms along given rates of the coordinates, whether or not they act."""
+    """Compute the forces of drive terms for given rates of the coordinates, whether or not the terms act in Q."""
     q = rates.rates_of(given, FORCES.rates, mechanism)
     model, ports = cast_model(mechanism, q), state_ports(mechanism.n, FORCES.input_names(len(q)), FORCES.rates)
 
@@ -139,7 +139,7 @@ def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str
 def wrench_of_load(
     mechanism: Mechanism, given: Sequence[Any], body: str, force: Any, torque: Any, frame: str, point: Any
 ) -> Any:
-    """The wrenches that bodies exert where a load acts on one of them, along given rates of the coordinates."""
+    """Compute the wrenches W that correspond to a load on a body, for given rates of the coordinates."""
     q = rates.rates_of(given, 1, mechanism)
     place, load = loads.place_of(frame, point, force), loads.load_of(force, torque, len(q) - 1, q)
     model = cast_model(mechanism, [*q, *load])
@@ -148,13 +148,13 @@ def wrench_of_load(
 
     def law(arrays: Sequence[Array]) -> Series:
         terms = Series.of([x.swapaxes(-1, -2) for x in arrays[len(q) :]])
-        return exerted(model, columns(arrays[: len(q)]), terms, body, frame, place)
+        return wrench_of(model, columns(arrays[: len(q)]), terms, body, frame, place)
 
     return results_into(evaluate(law, ports, [*q, *load], len(q) - 1, 6 * model.nb), None)
 
 
 def compile_ahead(robot: "Robot", computation: Computation) -> Kernel:
-    """The kernel that a user asks for, however long it takes to compile."""
+    """Compile a kernel on request, regardless of the compile time."""
     kernel, refusal = _kernel(robot, computation, inf)
     if kernel is None:
         raise JounceError(f"native code {refusal}; use method={_default(computation.quantity)!r}")
@@ -162,18 +162,18 @@ def compile_ahead(robot: "Robot", computation: Computation) -> Kernel:
 
 
 def _default(quantity: Quantity) -> str:
-    """The method that serves all arrays."""
+    """Return the name of the default method, which accepts arrays of any type."""
     return next(iter(quantity.methods))
 
 
 def _prepare_native(call: Call) -> tuple[Kernel | None, str | None]:
-    """The kernel that serves a call; who names native code waits for it."""
+    """Return the kernel for a call; only an explicit method="kernel" waits for a long compilation."""
     if call.method not in (None, NATIVE):
         return None, f"method={call.method!r} is not native code"
     for x in call.arrays:
         if type(x) is not np.ndarray or (x.dtype is not FLOAT and x.dtype != FLOAT):  # unpickled, it is another object
             came = x.dtype if type(x) is np.ndarray else type(x).__name__
-            return None, f"native code takes float64 arrays of NumPy, not {came}"
+            return None, f"native code needs NumPy arrays of float64, got {came}"
     kernel, refusal = _kernel(call.robot, call.computation, PATIENCE if call.method is None else inf)
     if kernel is not None and call.form is not None:
         call.robot._kernels.ready[call.form] = kernel, call.computation.rates
@@ -181,7 +181,7 @@ def _prepare_native(call: Call) -> tuple[Kernel | None, str | None]:
 
 
 def _run_native(call: Call, kernel: Kernel) -> Any:
-    """The results of native code, written straight into `out` where it is given."""
+    """Run native code, which writes directly into `out` if it is given."""
     signature = kernel.signature
     if call.out is not None:
         batch = batch_shape(signature.inputs, call.arrays)
@@ -196,7 +196,7 @@ def _run_native(call: Call, kernel: Kernel) -> Any:
 
 
 def _prepare_generic(call: Call) -> tuple[str, str | None]:
-    """The method that serves a call."""
+    """Return the method for a call."""
     method = call.method or _default(call.computation.quantity)
     if method == NATIVE:
         return method, f"method={NATIVE!r} is not available"
@@ -206,27 +206,27 @@ def _prepare_generic(call: Call) -> tuple[str, str | None]:
 
 
 def _run_generic(call: Call, method: str) -> Any:
-    """The results of a method's law on arrays of any scalar type."""
+    """Run a method on arrays of any scalar type."""
     model = cast_model(call.robot.mechanism, call.arrays)
-    return results_into(computed(call.computation, method, model, call.arrays), call.out)
+    return results_into(compute_by_method(call.computation, method, model, call.arrays), call.out)
 
 
 BACKENDS = (Backend(_prepare_native, _run_native), Backend(_prepare_generic, _run_generic))  # the first that accepts
 
 
 def _kernel(robot: "Robot", computation: Computation, patience: float) -> tuple[Kernel | None, str | None]:
-    """The kernel, or why there is none, as the end of a sentence about native code."""
+    """Return the kernel of a computation, or the reason that there is no kernel."""
     known = robot._kernels.known.get(computation)
     if known is None or (known[0] is None and patience > PATIENCE):
-        known = robot._kernels.known[computation] = _compiled(robot.mechanism, computation, patience)
+        known = robot._kernels.known[computation] = _compile(robot.mechanism, computation, patience)
     return known
 
 
-def _compiled(mechanism: Mechanism, computation: Computation, patience: float) -> tuple[Kernel | None, str | None]:
+def _compile(mechanism: Mechanism, computation: Computation, patience: float) -> tuple[Kernel | None, str | None]:
     if refusal := native_obstacle(mechanism, computation):
         return None, refusal
     try:
-        return compiled(mechanism, computation, patience), None
+        return compile_kernel(mechanism, computation, patience), None
     except LongCompilationError:
         asked = f"native code for {computation.name} of {mechanism.name!r} to order {computation.order}"
         warn(
@@ -237,25 +237,25 @@ def _compiled(mechanism: Mechanism, computation: Computation, patience: float) -
 
 
 def native_obstacle(mechanism: Mechanism, computation: Computation) -> str | None:
-    """Why native code cannot serve a computation, as the end of a sentence about native code."""
+    """Return why native code does not support a computation, as the end of a sentence about native code, or None."""
     if found := obstacle(computation):
         return found
     if not all(is_numeric(getattr(mechanism, data)) for data in DATA):
-        return "is for robots of numbers; this robot holds symbols"
+        return "needs a robot of numbers; this one contains symbols"
     if not available():
         return "needs llvmlite, which cannot be imported"
     size = plan.scratch_size(computation, mechanism, host().lanes)
     if size > plan.LIMIT:
-        return f"works in up to {plan.LIMIT / 2**20:.3g} MiB of scratch memory; this takes {size / 2**20:.3g} MiB"
+        return f"is limited to {plan.LIMIT / 2**20:.3g} MiB of scratch memory; this call needs {size / 2**20:.3g} MiB"
     return None
 
 
 @cache
 def available() -> bool:
-    """Whether llvmlite can be imported; said once where it cannot."""
+    """Return whether llvmlite can be imported; warn once if it cannot."""
     try:
         import llvmlite.binding  # noqa: F401
     except (ImportError, OSError) as error:
-        warn(f"no native code, the recursion serves instead: llvmlite cannot be imported ({error})")
+        warn(f"native code is not available, the recursion is used instead: llvmlite cannot be imported ({error})")
         return False
     return True

@@ -1,4 +1,4 @@
-"""Laws on arrays of any scalar type: long batches are worked in pieces, and results are written into `out`."""
+"""Evaluate methods on arrays of any scalar type: long batches in pieces, results written into `out`."""
 
 from collections.abc import Callable, Sequence
 from itertools import combinations, starmap
@@ -18,7 +18,7 @@ PIECE = 2**20  # bytes that a working array of a piece may take: longer batches 
 
 
 def evaluate(law: Law, ports: Sequence[Port], arrays: Sequence[Array], order: int, width: int) -> tuple[Array, ...]:
-    """The terms 0 .. order of a law, for the whole batch; `width` is the number of scalars that a state works on."""
+    """Return the rates 0 .. order for the whole batch; `width` is the number of working scalars per state."""
     arrays = broadcast(arrays, *_axes(ports))
     batch = arrays[0].shape[:-1]
     size, piece = int(np.prod(batch)), max(1, PIECE // (8 * width))
@@ -30,25 +30,27 @@ def evaluate(law: Law, ports: Sequence[Port], arrays: Sequence[Array], order: in
     return tuple(x.reshape((*batch, *x.shape[1:])) for x in joined)
 
 
-def computed(computation: Computation, method: str, mechanism: Mechanism, arrays: Sequence[Array]) -> tuple[Array, ...]:
-    """A quantity and its rates by a method, of arrays that go with the data of the mechanism."""
+def compute_by_method(
+    computation: Computation, method: str, mechanism: Mechanism, arrays: Sequence[Array]
+) -> tuple[Array, ...]:
+    """Compute a quantity and its rates by a method, from arrays of the scalar type of the mechanism's data."""
     ports = computation.signature(mechanism.n, mechanism.nb).inputs
     width = computation.quantity.methods[method].width(mechanism.nb)
     return evaluate(lambda x: computation.series(method, mechanism, x), ports, arrays, computation.order, width)
 
 
 def batch_shape(ports: Sequence[Port], arrays: Sequence[Array]) -> tuple[int, ...]:
-    """The batch shape of arrays; what does not fit together is refused by the names of the ports."""
+    """Return the batch shape of arrays; raise, with the names of the ports, if they do not broadcast."""
     return batch_of(arrays, *_axes(ports))
 
 
 def _axes(ports: Sequence[Port]) -> tuple[list[int], list[str]]:
-    """How many axes of each array are not batch axes, and the names of the arrays."""
+    """Return the number of axes of each array that are not batch axes, and the names of the arrays."""
     return [len(port.shape) for port in ports], [port.name for port in ports]
 
 
 def results_into(results: tuple[Array, ...], out: Any) -> Any:
-    """A single array for order 0, otherwise a tuple; copied into `out` where it is given."""
+    """Return a single array for order 0, otherwise a tuple; copy into `out` if given."""
     if out is not None:
         arrays = checked_out(out, [result.shape for result in results], np.asarray(results[0]).dtype)
         for result, array in zip(results, arrays, strict=True):
@@ -60,7 +62,7 @@ def results_into(results: tuple[Array, ...], out: Any) -> Any:
 
 
 def checked_out(out: Any, shapes: Sequence[tuple[int, ...]], dtype: np.dtype) -> tuple[np.ndarray, ...]:
-    """The arrays to write results of these shapes into."""
+    """Check `out`, the arrays for results of these shapes."""
     arrays = tuple(out) if isinstance(out, tuple | list) else (out,)
     if len(arrays) != len(shapes):
         raise JounceError(f"out has {len(arrays)} arrays; expected {len(shapes)}, one for each result")
@@ -81,7 +83,7 @@ def checked_out(out: Any, shapes: Sequence[tuple[int, ...]], dtype: np.dtype) ->
 
 
 def is_fit(out: Sequence[Any], shape: tuple[int, ...]) -> bool:
-    """Whether results of a shape may be written into arrays, as far as NumPy itself does not check."""
+    """Return whether arrays can take results of a shape, as far as NumPy itself does not check it."""
     for array in out:
         if type(array) is not np.ndarray or array.shape != shape:
             return False

@@ -1,5 +1,5 @@
-"""The rule of results for type checkers: an array, or with further rates of q a tuple; a protocol for each group of
-methods that take the same arguments.
+"""Overloads for type checkers: a method returns an array, or with further rates of q a tuple. There is one protocol for
+each group of methods with the same arguments.
 
 Up to order 2 the number of results is known. The last overload of each is for higher orders, and for calls whose number
 of rates only the program knows: ``robot.mass_matrix(*rates)``.
@@ -36,7 +36,7 @@ class MethodOf(Protocol[P_co]):
 
 
 def typed(protocol: type[P]) -> Callable[[Callable[..., Any]], MethodOf[P]]:
-    """Give a method the overloads of a protocol; nothing changes when it runs."""
+    """Give a method the overloads of a protocol; nothing changes at run time."""
     return lambda method: method
 
 
@@ -82,7 +82,7 @@ class _Load(TypedDict, total=False):
 
 
 class OfPosition(Protocol[R_co]):
-    """Of q: M, Qgrav, U."""
+    """Methods that take q: M, Qgrav, U."""
 
     @overload
     def __call__(self, q: Named, **options: Unpack[Options]) -> R_co: ...
@@ -97,7 +97,7 @@ class OfPosition(Protocol[R_co]):
 
 
 class PosesOfBodies(Protocol):
-    """Of q and a body."""
+    """Methods that take q and a body."""
 
     @overload
     def __call__(self, q: Named, **options: Unpack[_Body]) -> Array: ...
@@ -112,7 +112,7 @@ class PosesOfBodies(Protocol):
 
 
 class JacobiansOfBodies(Protocol):
-    """Of q, a body and a frame."""
+    """Methods that take q, a body and a frame."""
 
     @overload
     def __call__(self, q: Named, **options: Unpack[_Frame]) -> Array: ...
@@ -127,7 +127,7 @@ class JacobiansOfBodies(Protocol):
 
 
 class OfVelocity(Protocol[R_co]):
-    """Of q and qd: h, p, T."""
+    """Methods that take q and qd: h, p, T."""
 
     @overload
     def __call__(self, q: Named, qd: Named, **options: Unpack[Options]) -> R_co: ...
@@ -144,7 +144,7 @@ class OfVelocity(Protocol[R_co]):
 
 
 class CoriolisMatrix(Protocol):
-    """Of q and qd, in one of two forms."""
+    """The method that takes q and qd, and returns one of two forms."""
 
     @overload
     def __call__(self, q: Named, qd: Named, **options: Unpack[_Form]) -> Array: ...
@@ -161,7 +161,7 @@ class CoriolisMatrix(Protocol):
 
 
 class TwistsOfBodies(Protocol):
-    """Of q, qd, a body and a frame."""
+    """Methods that take q, qd, a body and a frame."""
 
     @overload
     def __call__(self, q: Named, qd: Named, **options: Unpack[_Frame]) -> Array: ...
@@ -178,7 +178,7 @@ class TwistsOfBodies(Protocol):
 
 
 class OfAcceleration(Protocol):
-    """Of q, qd, q2d and wrenches: Q, F."""
+    """Methods that take q, qd, q2d and wrenches: Q, F."""
 
     @overload
     def __call__(self, q: Named, qd: Named, q2d: Named, **options: Unpack[_Wrench]) -> Array: ...
@@ -232,7 +232,7 @@ class OfForces(Protocol):
 
 
 class DriveForces(Protocol):
-    """Of q, qd, q2d and drive terms."""
+    """The method that takes q, qd, q2d and drive terms."""
 
     @overload
     def __call__(self, q: Named, qd: Named, q2d: Named, **options: Unpack[_Terms]) -> Array: ...
@@ -260,7 +260,7 @@ class DriveForces(Protocol):
 
 
 class WrenchOfLoad(Protocol):
-    """Of q and a load."""
+    """The method that takes q and a load."""
 
     @overload
     def __call__(self, q: Named, *, body: str, **options: Unpack[_Load]) -> Array: ...

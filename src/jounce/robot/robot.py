@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from os import PathLike
 from typing import TYPE_CHECKING, Any, Self
 
 from jounce._typing import (
@@ -13,6 +14,7 @@ from jounce._typing import (
     Form,
     Frame,
     JointType,
+    LimitValues,
     LoadFrame,
     Method,
     Named,
@@ -22,11 +24,13 @@ from jounce._typing import (
     Results,
 )
 from jounce.arguments import requests
+from jounce.arguments.limits import with_limits
 from jounce.errors import JounceError, one_of
 from jounce.model import dh, equality, screws
-from jounce.model.drives import Drives, chosen, warn_of_idle, with_eps
+from jounce.model.drives import Drives, select_terms, warn_of_idle, with_eps
+from jounce.model.limits import Limits
 from jounce.model.locking import locked
-from jounce.model.mechanism import GRAVITY, Limits, Mechanism
+from jounce.model.mechanism import GRAVITY, Mechanism
 from jounce.native.kernel import Kernel
 from jounce.robot import dispatch, overloads
 from jounce.robot.dispatch import compute
@@ -34,6 +38,8 @@ from jounce.robot.overloads import typed
 
 if TYPE_CHECKING:
     from jounce.audit import Finding
+    from jounce.limits.check import Check
+    from jounce.limits.slowdown import Slowdown
     from jounce.motion import Motion
     from jounce.robot.along import Along
 
@@ -52,19 +58,19 @@ class Robot:
     * Leading axes are batch axes and broadcast; the coordinate axis is last. Scalars are real and of any type: float
       arrays of NumPy, arrays of JAX, or object arrays of CasADi SX, SymPy or other symbols.
     * A state may name its coordinates: a dict, a data frame or series, or a structured array is matched by joint name.
-      Results are arrays all the same, in the order of `joint_names`.
+      Results are always arrays, in the order of `joint_names`.
     * q is required; each further rate you give returns one more time derivative, up to order 100. With none to spare
       the result is a plain array, otherwise a tuple: the quantity, its rate, ...
-    * Missing values, masked by NumPy or NA of pandas, are NaN, and so is what depends on them.
-    * ``method`` picks the method: "kernel" is native code, the default for float64 arrays of NumPy where it is
-      available; "recursion" is the default otherwise; "closed_form" and "paper" are checks. All agree. The first call
-      that native code serves compiles it, in a fraction of a second, and keeps it on disk for the next process.
-    * ``out`` takes the NumPy array, or the tuple of them, to write the results into; ``threads`` splits a batch among
-      threads of native code.
+    * Missing values (masked by NumPy, or NA of pandas) are NaN, and so are results that depend on them.
+    * ``method`` selects the method: "kernel" is native code, the default for NumPy arrays of float64 if it is
+      available; "recursion" is the default otherwise; "closed_form" and "paper" are independent checks. All agree. The
+      first call compiles native code, in a fraction of a second, and keeps it on disk for later processes.
+    * ``out`` is the NumPy array, or tuple of arrays, to write the results into; ``threads`` is the number of threads
+      among which native code splits a batch.
 
-    Robots are equal where all their data are: names, tree and numbers.
+    Robots are equal if all their data are equal: names, tree and numbers.
 
-    Errors: `JounceError` for a wrong shape, a skipped rate, an unknown name or method, an `out` that does not fit.
+    Errors: `JounceError` for a wrong shape, a skipped rate, an unknown name or method, or an invalid `out`.
 
     Examples
     --------
@@ -122,7 +128,7 @@ class Robot:
 
     @property
     def limits(self) -> Limits:
-        """The limits of the nb joint variables: `lower`, `upper`, `velocity`, `effort`, (nb,) each, SI units.
+        """The limits of the nb joint variables and of their forces, SI units, see `Limits`; `with_limits` sets them.
 
         A limit that is not stated is infinite. Limits do not enter Q.
         """
@@ -180,7 +186,8 @@ class Robot:
         G, g : (nb, n) and (nb,), optional
             Constants of joints that follow others; theta = q by default.
         limits : mapping, optional
-            `lower`, `upper`, `velocity`, `effort` of theta, (nb,) each; infinite where left out.
+            `lower`, `upper`, `velocity`, `effort`, ... of theta, (nb,) each, or (nb, 2) for (lower, upper); infinite
+            where left out, see `Limits`.
         drives : mapping, optional
             `armature`, `damping`, `friction`, `eps`, `stiffness`, `rest` of theta, (nb,) each; zero (eps 0.05) where
             left out, see `with_drives`.
@@ -194,7 +201,7 @@ class Robot:
         Raises
         ------
         JounceError
-            If a shape or name is wrong, a number is not finite, a pose, screw or inertia has not its form, or a body
+            If a shape or name is wrong, a number is not finite, a pose, screw or inertia is invalid, or a body
             comes before its parent.
 
         References
@@ -349,10 +356,10 @@ class Robot:
     def from_pinocchio(
         cls, model: Any, *, gravity: ArrayLike | None = None, base: Base | None = None, root: str | None = None
     ) -> Self:
-        """A robot from a model of Pinocchio: the same Q as ``pinocchio.rnea(model, data, q, v, a)``, by the same names.
+        """A robot from a Pinocchio model, with the Q of ``pinocchio.rnea(model, data, q, v, a)`` and the same names.
 
-        The coordinates are in the order of Pinocchio's v and named after its joints; mimic joints are folded. What
-        differs: a joint without bounds has its angle in q, not a cosine and a sine; joints of several coordinates
+        The coordinates are in the order of Pinocchio's v and named after its joints; mimic joints follow their leader.
+        Differences: a joint without bounds has its angle in q, not a cosine and a sine; joints of several coordinates
         (composite, universal, translation, sphericalZYX) are chains, ``NAME_1``, ``NAME_2``, ...; bodies are in the
         order of joints depth first, which is Pinocchio's own for a URDF. Armature (where it is 0, the rotor's inertia
         times the gear ratio squared), damping and friction become drives, see `with_drives`: Pinocchio's rnea always
@@ -368,7 +375,7 @@ class Robot:
             "fixed" welds free-flyer, planar and spherical joints at zero, with a `JounceWarning`; otherwise they are
             refused.
         root : str, optional
-            A body or frame to start at: what it carries remains, and it stands on the ground itself.
+            A body or frame that becomes the base, fixed to the ground: only the bodies that it carries are kept.
 
         Returns
         -------
@@ -396,12 +403,12 @@ class Robot:
     def from_mujoco(
         cls, model: Any, *, gravity: ArrayLike | None = None, base: Base | None = None, root: str | None = None
     ) -> Self:
-        """A robot from a model of MuJoCo: what `jounce.load` makes of an MJCF file, from a model in memory.
+        """A robot from a MuJoCo model in memory, as `jounce.load` makes one from an MJCF file.
 
         Coordinates are MuJoCo's joint variables (rad, m), in its order; joints that an active equality constraint ties
         linearly to another follow it exactly, and are not coordinates. Bodies without a joint merge into those that
-        carry them, named sites become merged links. Where a body has several joints, those before its last move
-        massless links of their own, named BODY:JOINT. What the model's flags disable is left out.
+        carry them, named sites become merged links. If a body has several joints, all but the last move massless links,
+        named BODY:JOINT. Features that the model's flags disable are ignored.
 
         Parameters
         ----------
@@ -410,8 +417,8 @@ class Robot:
         gravity : (3,), optional
             Gravitational acceleration, m/s^2; that of the model by default.
         base, root : str, optional
-            ``base="fixed"`` welds ball and free joints where the model places their bodies; `root` names a body to
-            start at, which then stands on the ground.
+            ``base="fixed"`` welds ball and free joints at the model's placement; `root` names a body that becomes the
+            base, fixed to the ground.
 
         Returns
         -------
@@ -426,8 +433,8 @@ class Robot:
         Warns
         -----
         JounceWarning
-            For what MuJoCo's inverse dynamics includes and this one leaves out: other equality constraints, tendons,
-            gravity compensation, springs and dampers that are not linear, fluids; and for welded joints.
+            For terms of MuJoCo's inverse dynamics that jounce ignores: other equality constraints, tendons, gravity
+            compensation, nonlinear springs and dampers, fluids; and for welded joints.
 
         Examples
         --------
@@ -477,10 +484,86 @@ class Robot:
         """
         drives = self.drives if eps is None else with_eps(self.drives, eps)
         warn_of_idle(self.drives, terms, eps, self.name)
-        return type(self)(replace(self.mechanism, acting=chosen(terms), drives=drives))
+        return type(self)(replace(self.mechanism, acting=select_terms(terms), drives=drives))
+
+    def with_limits(
+        self,
+        source: "str | PathLike[str] | Limits | None" = None,
+        /,
+        *,
+        lower: LimitValues = None,
+        upper: LimitValues = None,
+        velocity: LimitValues = None,
+        acceleration: LimitValues = None,
+        jerk: LimitValues = None,
+        snap: LimitValues = None,
+        effort: LimitValues = None,
+        effort_rate: LimitValues = None,
+        second_effort_rate: LimitValues = None,
+        power: LimitValues = None,
+        of: str | Mapping[str, str] | None = None,
+    ) -> Self:
+        """The robot with some of its limits replaced: bounds of q to q4d, of Q, Qd, Q2d and of the power qd Q.
+
+        They come from a file, from the published table of an arm, or as numbers, which come last: one number for all
+        coordinates, an array (n,), or a mapping {joint: number}. Except `lower` and `upper`, which bound the position,
+        a limit has two sides where (lower, upper) stands in place of a number, (n, 2) in place of (n,). Infinity takes
+        a limit away. What is left out keeps its limits.
+
+        Parameters
+        ----------
+        source : str, path or Limits, optional
+            A YAML or JSON file of limits, MoveIt's joint_limits.yaml among them; the name of an arm whose limits are
+            published: "panda", "fr3", "ur3e", "ur5", "ur5e", "ur10e", "iiwa7", "iiwa14", "xarm6", "xarm7", for joints
+            with its names behind any prefix; or the limits of a robot with the same joints.
+        lower, upper, velocity, acceleration, jerk, snap : number, array or mapping, optional
+            Bounds of q, qd, q2d, q3d, q4d: rad or m, per s, ...
+        effort, effort_rate, second_effort_rate : number, array or mapping, optional
+            Bounds of Q, Qd, Q2d: N m or N, per s, per s^2.
+        power : number, array or mapping, optional
+            Bound of qd Q, W.
+        of : str or mapping, optional
+            Which force the effort limits given here bound, with its rates: "Q", the default, or "Q - Qgrav"; a mapping
+            {"effort_rate": "Q - Qgrav"} says it of some.
+
+        Returns
+        -------
+        Robot
+
+        Raises
+        ------
+        JounceError
+            If a joint, a kind or the name of an arm is unknown, a file cannot be read, a lower limit is above the upper
+            one, or a number is negative.
+
+        Warns
+        -----
+        JounceWarning
+            If a file of MoveIt states limits of joints that the robot does not have.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("panda").with_limits("panda").limits.jerk[:3]
+        array([7500., 3750., 5000.])
+        >>> robot = jounce.load("iiwa14").with_limits(effort=[320, 320, 176, 176, 110, 40, 40], velocity={"joint1": 2})
+        >>> robot.limits.velocity[:2]
+        array([ 2., inf])
+        """
+        given = {
+            "lower": lower, "upper": upper, "velocity": velocity, "acceleration": acceleration, "jerk": jerk,
+            "snap": snap, "effort": effort, "effort_rate": effort_rate, "second_effort_rate": second_effort_rate,
+            "power": power,
+        }  # fmt: skip
+        from jounce.io.limits.reading import limits_from  # what few programs need
+
+        mechanism = self.mechanism
+        if source is not None:
+            mechanism = replace(mechanism, limits=limits_from(mechanism, source))
+        return type(self)(with_limits(mechanism, given, of))
 
     def locked(self, values: Mapping[str, float]) -> Self:
-        """The robot with some joints held still: their bodies merge into those that carry them.
+        """The robot with some joints locked: their bodies merge into those that carry them.
 
         Parameters
         ----------
@@ -544,10 +627,10 @@ class Robot:
         body: str | None = None,
         frame: Frame = "body",
     ) -> Kernel:
-        """Compile a quantity to native code ahead of its first call.
+        """Compile a quantity to native code before its first call.
 
         Code that takes longer than three seconds to compile is compiled only here and with ``method="kernel"``; the
-        robot's methods use it from then on, in later processes too, since it is kept on disk.
+        robot's methods use it from then on, in later processes too, because it is kept on disk.
 
         Parameters
         ----------
@@ -558,7 +641,7 @@ class Robot:
         wrench : bool, optional
             Whether wrenches W, Wd, ... (..., nb, 6) follow the coordinates' rates in its calls.
         body, frame : str, optional
-            Of poses, twists and Jacobians: which body or merged link, in which frame; all bodies by default.
+            Body or merged link, and frame, of poses, twists and Jacobians; all bodies by default.
 
         Returns
         -------
@@ -727,15 +810,15 @@ class Robot:
         motion : Motion
             From `jounce.load_motion` or a constructor of `Motion`.
         t : (N,), optional
-            At which times, s: any within the motion, in any order; by default ``motion.times``, those of its samples or
-            of its file, or a grid of about a millisecond.
+            Times in s, any within the motion, in any order; by default ``motion.times``: those of its samples or its
+            file, or a grid of about a millisecond.
         order : int, optional
             The highest rate of the forces: 2 gives Q, Qd, Q2d.
         method : str, optional
             See `Robot`.
         progress : callable, optional
-            Called as ``progress(done, total)`` after each piece, with numbers of states. What it raises ends the
-            computation.
+            Called as ``progress(done, total)`` after each piece, with numbers of states. An exception that it raises
+            ends the computation.
 
         Returns
         -------
@@ -761,6 +844,76 @@ class Robot:
         from jounce.robot.along import forces_along  # what few programs need
 
         return forces_along(self, motion, t, order, method, progress)
+
+    def check(self, motion: "Motion") -> "Check":
+        """Check a motion against every limit of the robot, between samples too.
+
+        Between samples quintic polynomials through q, qd, ... and Q, Qd, Q2d find the peaks, which are then evaluated
+        exactly. At a break of the motion both sides are checked; where a lower rate jumps, the value is infinite.
+
+        Parameters
+        ----------
+        motion : Motion
+            As for `forces_along`; with wrenches, these act.
+
+        Returns
+        -------
+        Check
+            `ok`, the `worst` limit, and the `table` of all with worst value, ratio, time, margin and violations.
+
+        Raises
+        ------
+        JounceError
+            If the robot has no limits, the motion is not one of its joints, or a rate that a limit needs is not known.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("planar2r").with_limits(effort=[40, 9], velocity=1)
+        >>> motion = jounce.Motion.trapezoidal([[0, 0], [1, 1]], 0.5, 2.0)
+        >>> found = robot.check(motion)
+        >>> found.ok, found.worst.joint, found.worst.limit, round(found.worst.ratio, 4)
+        (False, 'joint2', 'effort', 1.7567)
+        """
+        from jounce.limits.check import check  # what few programs need
+
+        return check(self, motion)
+
+    def slowdown(self, motion: "Motion") -> "Slowdown":
+        """The largest factor of speed at which a motion keeps every limit, and so does every slower one.
+
+        ``q_c(t) = q(c t)`` takes ``Q_c = S + c V + c^2 D``: static, viscous and inertial forces. Every limit is a
+        polynomial inequality in c at each time; between samples the factor is refined by exact evaluation. Wrenches
+        given over time go with the path. Coulomb friction is no polynomial; with it, factors are tried one by one.
+
+        Parameters
+        ----------
+        motion : Motion
+            As for `forces_along`.
+
+        Returns
+        -------
+        Slowdown
+            The `factor`, what it is `binding` on: (joint, limit, time), the `motion` at this factor, and the `largest`
+            feasible factor at all.
+
+        Raises
+        ------
+        JounceError
+            If no factor helps: a position beyond its limit, a static torque above its limit, a break where a lower
+            rate of a limited quantity jumps; if nothing limits the speed; and as `check` does.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("planar2r").with_limits(effort=[60, 15])
+        >>> slow = robot.slowdown(jounce.Motion.trapezoidal([[0, 0], [1, 1]], 2.0, 10.0))
+        >>> round(slow.factor, 4), slow.binding.joint, slow.binding.limit
+        (0.4159, 'joint2', 'effort')
+        """
+        from jounce.limits.slowdown import slowdown  # what few programs need
+
+        return slowdown(self, motion)
 
     @typed(overloads.OfPosition[Array])
     def mass_matrix(
@@ -861,7 +1014,7 @@ class Robot:
         >>> bool(abs(S + S.T).max() < 1e-13)
         True
         """
-        name = FORMS[one_of("form of the Coriolis matrix", form, FORMS)]
+        name = FORMS[one_of("form", form, FORMS, "coriolis_matrix")]
         return compute(self, name, (q, qd, q2d, q3d, *higher), method=method, out=out, threads=threads)
 
     @typed(overloads.OfPosition[Array])
@@ -950,7 +1103,7 @@ class Robot:
         >>> arm.drive_forces([0, 0], [1, 1], [0, 0])
         array([2., 3.])
         """
-        return dispatch.drive_forces(self.mechanism, (q, qd, q2d, q3d, q4d, *higher), chosen(terms), out)
+        return dispatch.drive_forces(self.mechanism, (q, qd, q2d, q3d, q4d, *higher), select_terms(terms), out)
 
     @typed(overloads.PosesOfBodies)
     def poses(
@@ -1025,8 +1178,8 @@ class Robot:
         body : str, optional
             A body or a link merged into one; all bodies by default.
         frame : str, optional
-            Of the twists (angular; linear): "body" (the paper's body-fixed twist), "world" (world axes, origin of the
-            body frame: the hybrid form) or "spatial" (the paper's spatial twist).
+            Frame of the twists (angular; linear): "body" (the paper's body-fixed twist), "world" (world axes, origin of
+            the body frame: the hybrid form) or "spatial" (the paper's spatial twist).
         method, out, threads : optional
             See `Robot`.
 
@@ -1085,8 +1238,8 @@ class Robot:
         body : str, optional
             A body or a link merged into one; all bodies by default.
         frame : str, optional
-            Of the twists (angular; linear): "body" (the paper's body-fixed twist), "world" (world axes, origin of the
-            body frame: the hybrid form) or "spatial" (the paper's spatial twist).
+            Frame of the twists (angular; linear): "body" (the paper's body-fixed twist), "world" (world axes, origin of
+            the body frame: the hybrid form) or "spatial" (the paper's spatial twist).
         method, out, threads : optional
             See `Robot`.
 
@@ -1308,8 +1461,8 @@ class Robot:
     ) -> Results:
         """The reaction wrench of the ground on the robot, F = (moment; force), and its rates.
 
-        ``F = hd + U^T M U G + U^T W``: the rate of the momentum, less gravity and less the loads -W, about the inertial
-        origin in inertial axes. A mechanism is dynamically balanced where F is constant.
+        ``F = hd + U^T M U G + U^T W``: the rate of the momentum, minus gravity and minus the loads -W, about the
+        inertial origin in inertial axes. A mechanism is dynamically balanced if F is constant.
 
         Parameters
         ----------
@@ -1361,10 +1514,10 @@ class Robot:
         frame: LoadFrame = "world",
         point: ArrayLike | None = None,
     ) -> Results:
-        """The wrenches W, and their rates, of a load that acts ON a body: what `wrench=` of `inverse_dynamics` takes.
+        """The wrenches W, and their rates, of a load that acts ON a body, for `wrench=` of `inverse_dynamics`.
 
-        W is what the body exerts, so it is minus the load, about the body's origin in body axes. A load that is
-        constant in the world has rates in the body frame: each further rate of q returns one more rate of W.
+        W is the wrench that the body exerts, which is minus the load, about the body's origin in body axes. A load that
+        is constant in the world has rates in the body frame: each further rate of q returns one more rate of W.
 
         Parameters
         ----------

@@ -68,8 +68,8 @@ def inertia_matrix(
         R = asarray(rotation, "rotation")
         if R.shape[-2:] != (3, 3):
             raise JounceError(f"rotation has shape {R.shape}; expected (..., 3, 3)")
-        if is_numeric(R) and not np.abs(R.mT @ R - _I).max(initial=0.0) < 1e-9:
-            raise JounceError("rotation is not one: R^T R differs from I")
+        if is_numeric(R) and not (error := np.abs(R.mT @ R - _I).max(initial=0.0)) < 1e-9:
+            raise JounceError(f"rotation is not a rotation matrix: max abs(R^T R - I) = {error:.3g}")
         theta = R @ theta @ R.mT
     m, c, theta = broadcast([m[..., None, None], hat(c), theta], [2, 2, 2], ["mass", "com", "inertia_com"])
     theta = theta - m * (c @ c)  # Steiner, after (eqn_body_fixed_mass_inertia_matrix)
@@ -121,7 +121,7 @@ def shift_inertia(M: Array, C: Array) -> Array:
 
 
 def form_error(M: np.ndarray, tolerance: float = 1e-9) -> str | None:
-    """What keeps a 6x6 matrix from being ``[[Theta, h~], [-h~, m I]]``, or None."""
+    """Return why a 6x6 matrix does not have the form ``[[Theta, h~], [-h~, m I]]``, or None if it has."""
     scale = np.abs(M).max(initial=0.0) * tolerance
     h_hat, mass = M[:3, 3:], M[3, 3]
     if np.abs(M - M.T).max() > scale:
@@ -133,8 +133,8 @@ def form_error(M: np.ndarray, tolerance: float = 1e-9) -> str | None:
     return None
 
 
-def formed(M: np.ndarray) -> np.ndarray:
-    """The matrix of exactly the form ``[[Theta, h~], [-h~, m I]]`` nearest a matrix that has it but for rounding."""
+def restore_form(M: np.ndarray) -> np.ndarray:
+    """Return the nearest matrix of exactly the form ``[[Theta, h~], [-h~, m I]]`` to one that has it up to rounding."""
     h_hat = _mean(M[:3, 3:], M[3:, :3].T)
     return _matrix(M[3, 3], _mean(h_hat, -h_hat.T), _mean(M[:3, :3], M[:3, :3].T))
 
@@ -158,5 +158,5 @@ def second_moments(principal: np.ndarray) -> np.ndarray:
 
 
 def triangle_slack(principal: np.ndarray) -> float:
-    """By how much the two smaller principal moments exceed the largest; no distribution of mass has less than 0."""
+    """Return the sum of the two smaller principal moments minus the largest, which is never negative physically."""
     return float(principal[0] + principal[1] - principal[2])

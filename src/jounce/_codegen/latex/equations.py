@@ -25,7 +25,7 @@ RATES = ("", r"\dot", r"\ddot", r"\dddot", r"\ddddot")
 
 @dataclass(frozen=True, eq=False)
 class Document:
-    """What a document holds: the symbols of the robot's parameters by their names, and its equations in them."""
+    """The content of a document: the symbols of the robot's parameters by name, and the equations in them."""
 
     symbols: dict[str, np.ndarray]
     form: Symbolic
@@ -117,16 +117,16 @@ def _pieces(x: Any) -> Iterator[str]:
         text = sympy.latex(term)
         sums = [factor for factor in sympy.Mul.make_args(term) if factor.is_Add]
         if _width(text) <= WIDEST or len(sums) != 1:
-            yield _signed(text)
+            yield _with_sign(text)
             continue
         front = {1: "", -1: "-"}.get(term / sums[0], sympy.latex(term / sums[0]))
         first, *others, last = _pieces(sums[0])
-        yield f"{_signed(front)} \\bigl({first.removeprefix('+ ')}"
+        yield f"{_with_sign(front)} \\bigl({first.removeprefix('+ ')}"
         yield from others
         yield f"{last}\\bigr)"
 
 
-def _signed(text: str) -> str:
+def _with_sign(text: str) -> str:
     return f"- {text[1:].lstrip()}" if text.startswith("-") else f"+ {text}"
 
 

@@ -1,4 +1,4 @@
-"""MATLAB and GNU Octave: a function a file, of columns, within what MATLAB Coder and Simulink take."""
+"""MATLAB and GNU Octave: one function per file, on columns, in the subset that MATLAB Coder and Simulink support."""
 
 from jounce._codegen.language import Language, from_one
 from jounce.dynamics.computation import Port

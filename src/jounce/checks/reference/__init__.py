@@ -15,7 +15,7 @@ OTHER_JOINTS = "joints differ from those of the file: some were locked, welded o
 
 
 class NotComparableError(JounceError):
-    """A robot that a peer cannot hold; the message says why."""
+    """A robot that another library cannot represent; the message says why."""
 
 
 @dataclass(frozen=True)
@@ -30,14 +30,14 @@ class Peer:
 
 @dataclass(frozen=True)
 class Absence:
-    """Why a library is not among the peers."""
+    """The reason that a library takes no part in the comparison."""
 
     name: str
     reason: str
 
 
 def peers(mechanism: Mechanism, path: Path | None) -> Iterator[Peer | Absence]:
-    """What is installed, reading the file itself where it can; given our data where it cannot, or there is none."""
+    """Return the installed libraries' models: read from the file where possible, otherwise built from the mechanism."""
     from jounce.checks.reference import mujoco, pinocchio
 
     for library in (pinocchio, mujoco):
@@ -48,7 +48,7 @@ def peers(mechanism: Mechanism, path: Path | None) -> Iterator[Peer | Absence]:
 
 
 def _first(name: str, ways: Sequence[Callable[[], Peer]]) -> Iterator[Peer | Absence]:
-    """The first of some ways to a library's model that succeeds, after what kept those before it from doing so."""
+    """Return the first model of a library that can be built, and the reasons that the earlier ways failed."""
     for way in ways:
         try:
             yield way()

@@ -32,10 +32,10 @@ def of_data(mechanism: Mechanism) -> Peer:
     """The model of our data."""
     import mujoco
 
-    return _peer(mujoco, mechanism, _built(mujoco, mechanism), OUR_DATA)
+    return _peer(mujoco, mechanism, _build(mujoco, mechanism), OUR_DATA)
 
 
-def _built(mujoco: Any, mechanism: Mechanism) -> Any:
+def _build(mujoco: Any, mechanism: Mechanism) -> Any:
     chain, spec = on_axes(mechanism), mujoco.MjSpec()
     bodies: list[Any] = []
     for B, X, p, name in zip(chain.B, chain.X, chain.parent, chain.joints, strict=True):

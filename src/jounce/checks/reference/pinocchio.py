@@ -40,10 +40,10 @@ def of_data(mechanism: Mechanism) -> Peer:
     """The model of our data."""
     import pinocchio as pin
 
-    return _peer(pin, mechanism, _built(pin, mechanism), OUR_DATA)
+    return _peer(pin, mechanism, _build(pin, mechanism), OUR_DATA)
 
 
-def _built(pin: Any, mechanism: Mechanism) -> Any:
+def _build(pin: Any, mechanism: Mechanism) -> Any:
     chain, model = on_axes(mechanism), pin.Model()
     model.gravity.linear = chain.gravity
     numbers = {-1: 0}

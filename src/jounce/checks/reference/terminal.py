@@ -1,4 +1,4 @@
-"""What foreign code prints past Python, straight to the standard error output."""
+"""Output that foreign code writes directly to standard error, bypassing Python."""
 
 import os
 from collections.abc import Iterator
@@ -8,7 +8,7 @@ from tempfile import TemporaryFile
 
 @contextmanager
 def errors_caught(said: list[str]) -> Iterator[None]:
-    """Inside, what anything writes to the standard error output is kept from it, and appended to `said` at the end."""
+    """Within this context, output to standard error is captured, and appended to `said` at the end."""
     try:
         before = os.dup(2)
     except OSError:  # closed: nothing to keep it from

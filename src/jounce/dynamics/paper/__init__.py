@@ -1,4 +1,4 @@
-"""Sections 3 and 4 of the paper as printed, corrected: the witness for the product rule of `closed_form`.
+"""Sections 3 and 4 of the paper as printed, corrected: an independent check of the product rule in `closed_form`.
 
 Each line carries the label of its equation in the paper's source; a label on an unnumbered row stands for its equation.
 Dense system matrices: M, A, a, b and C are the sans-serif ones, ``da, d2a`` the time derivatives of a, ``M1, C1`` the

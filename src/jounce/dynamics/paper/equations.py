@@ -33,7 +33,7 @@ class Paper:
 
     @cached_property
     def UG(self) -> Array:
-        return system.system_U(self.poses) @ system.system_G(self.mechanism)  # (eq_U)
+        return system.system_U(self.poses) @ system.system_gravity(self.mechanism)  # (eq_U)
 
     def a(self, k: int = 0) -> Array:
         """The k-th time derivative of a, itself with q^(k+1) in the place of qd."""
@@ -54,10 +54,10 @@ class Paper:
         A, a, da = self.A, self.a(), self.a(1)
         return self.J @ self.q[3] - A @ da @ self.V() - 2 * A @ a @ self.dV() - A @ a @ a @ self.V()
 
-    def _weighted(self, right: Array) -> Series:
+    def _project(self, right: Array) -> Series:
         """J^T M^(k) right, k = 0, 1, 2."""
         M, A, a, JT = self.M, self.A, self.a, self.J.mT
-        return _printed([
+        return _printed_series([
             lambda: JT @ M @ right,
             lambda: JT @ M1(M, A, a()) @ right,
             lambda: JT @ M21(M, A, a(), a(1)) @ right,
@@ -65,12 +65,12 @@ class Paper:
 
     @cached_property
     def gM(self) -> Series:
-        return self._weighted(self.J)  # (MC), (Mdot), (Mddot)
+        return self._project(self.J)  # (MC), (Mdot), (Mddot)
 
     @cached_property
     def gC(self) -> Series:
         M, A, a, b = self.M, self.A, self.a, self.b
-        return _printed([
+        return _printed_series([
             lambda: self.J.mT @ C(M, A, a(), b()) @ self.J,  # (MC)
             lambda: self.J.mT @ C11(M, A, a(), a(1), b(), b(1)) @ self.J,  # (Cdot)
             lambda: self.J.mT @ C21(M, A, a(), a(1), a(2), b(), b(1), b(2)) @ self.J,  # before (C2temp)
@@ -78,14 +78,14 @@ class Paper:
 
     @cached_property
     def Qgrav(self) -> Series:
-        return self._weighted(self.UG)  # after (eq_U), (Qgravdot) and its rate
+        return self._project(self.UG)  # after (eq_U), (Qgravdot) and its rate
 
     @cached_property
     def Qext(self) -> Series:
         if self.W is None:
             return Series.constant(0 * (self.J.mT @ self.UG))
         W, A, a, JT = self.W, self.A, self.a, self.J.mT
-        return _printed([
+        return _printed_series([
             lambda: JT @ W[0],  # (Qext)
             lambda: JT @ (W[1] - (A @ a()).mT @ W[0]),  # (Qextdot)
             lambda: JT @ (
@@ -97,7 +97,7 @@ class Paper:
     @cached_property
     def Q(self) -> Series:
         q, gM, gC, Qgrav, Qext = self.q, self.gM, self.gC, self.Qgrav, self.Qext
-        return _printed([
+        return _printed_series([
             lambda: gM[0] @ q[2] + gC[0] @ q[1] + Qgrav[0] + Qext[0],  # (EOM1)
             lambda: gM[0] @ q[3] + (gM[1] + gC[0]) @ q[2] + gC[1] @ q[1] + Qgrav[1] + Qext[1],  # (EOM1stOrder)
             lambda: (
@@ -107,7 +107,7 @@ class Paper:
         ])  # fmt: skip
 
 
-def _printed(expressions: Sequence[Callable[[], Array]]) -> Series:
+def _printed_series(expressions: Sequence[Callable[[], Array]]) -> Series:
     def term(k: int) -> Array:
         if k >= len(expressions):
             raise JounceError(f"the paper prints time derivatives up to order 2; order {k} needs method='closed_form'")

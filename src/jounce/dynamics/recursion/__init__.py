@@ -1,7 +1,7 @@
 """The equations of motion by sweeps outward and inward over the tree: any order, any scalar type.
 
 `forces` is the recursive Newton-Euler algorithm (RNEA) with rates, `matrices` the composite-rigid-body algorithm (CRBA)
-and its like for the Coriolis matrices, `momenta` has momentum and energy, `bodies` poses, twists and Jacobians. Forces,
-momentum and what belongs to one body take O(n) steps, matrices as many as they have entries. Every function takes
-coordinates as columns (..., n, 1) and returns a series, computed as far as it is asked for.
+and its extension to the Coriolis matrices, `momenta` has momentum and energy, `bodies` poses, twists and Jacobians.
+Forces, momentum and quantities of one body take O(n) operations, matrices O(n^2). Every function takes coordinates as
+columns (..., n, 1) and returns a series, whose terms are computed on demand.
 """

@@ -36,7 +36,7 @@ def jacobians(mechanism: Mechanism, q: Series, body: int | None) -> Series:
 def _outward(
     mechanism: Mechanism, q: Series, body: int | None, ground: Series, step: Callable[[Joint, Series], Series]
 ) -> Series:
-    """What each body gets from its parent, of one body or of all of them side by side."""
+    """Compute a quantity of each body from that of its parent, for one body or for all."""
     bodies = list(range(mechanism.nb)) if body is None else path_to(mechanism, body)
     found = {-1: ground}
     for i, joint in zip(bodies, joints(mechanism, q, bodies), strict=True):

@@ -1,7 +1,7 @@
 """Generalized forces (RNEA with rates): one sweep outward and one inward over the tree, in the frames with most zeros.
 
-The order of steps is written once, in `sweep`. A `Sweep` says what the bodies hand on; a `Tree` keeps the numbers and
-takes the steps: here in time series, in native code in memory, by a loop over the bodies.
+The order of steps is written once, in `sweep`. A `Sweep` specifies what the bodies pass on; a `Tree` stores the numbers
+and performs the steps: here on time series, in native code in memory, by a loop over the bodies.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -15,9 +15,9 @@ from jounce._scalars import Array
 from jounce.dynamics.recursion.joints import batch_zeros, rows
 from jounce.dynamics.recursion.steps import (
     AlignedJoint,
+    BodyMotion,
     Force,
     Moments,
-    Motion,
     aligned_joints,
     inertia_force,
     inward,
@@ -36,14 +36,14 @@ from jounce.spatial.series import Series, joined
 
 @dataclass(frozen=True)
 class Sweep:
-    """What a body's motion consists of, how it follows from its parent's, and the force that it takes.
+    """The parts of a body's motion, their step from parent to body, and the force that the motion requires.
 
-    `parts` are those of `Motion` that are not zero, each with how many more rates it takes than the forces have.
+    `parts` are the nonzero parts of `BodyMotion`; each has the number of rates that it needs in addition to those of Q.
     """
 
     parts: Mapping[str, int]
-    outward: Callable[[AlignedJoint, Motion], Motion]
-    force: Callable[[Moments, Motion], Force] = inertia_force
+    outward: Callable[[AlignedJoint, BodyMotion], BodyMotion]
+    force: Callable[[Moments, BodyMotion], Force] = inertia_force
 
 
 MOVING = Sweep({"w": 1, "a": 0, "K": 0}, outward)
@@ -51,7 +51,7 @@ AT_REST = Sweep({"a": 0}, outward_at_rest)  # under gravity alone
 
 
 class Tree(Protocol):
-    """The bodies of a mechanism, wherever their numbers are kept; a body is known by its number."""
+    """The bodies of a mechanism, independent of where their data are stored; a body is identified by its index."""
 
     def outward(self) -> Iterator[Any]:
         """The bodies, each after its parent."""
@@ -60,10 +60,10 @@ class Tree(Protocol):
         """The bodies, each before its parent."""
 
     def move(self, i: Any) -> None:
-        """Give a body its motion from its parent's, and the force that this takes."""
+        """Compute the motion of a body from its parent's, and the force that the motion requires."""
 
-    def load(self, i: Any) -> None:
-        """Add the wrench that a body exerts to the force on it, where there is one."""
+    def add_wrench(self, i: Any) -> None:
+        """Add the wrench that a body exerts, if any, to the force on it."""
 
     def hand_on(self, i: Any) -> None:
         """Project the force on a body onto its joint, and add it to that on the parent."""
@@ -73,23 +73,23 @@ class Tree(Protocol):
 
 
 def sweep(tree: Tree) -> None:
-    """Outward the motions and the forces that they take, inward the forces of the joints."""
+    """Compute motions and inertia forces outward, then joint forces inward."""
     for i in tree.outward():
         tree.move(i)
-        tree.load(i)
+        tree.add_wrench(i)
     for i in tree.inward():
         tree.hand_on(i)
         tree.collect(i)
 
 
-def ground(gravity: Array) -> Motion:
-    """The motion of the ground: it rises by -g, as if falling bodies were at rest."""
+def ground(gravity: Array) -> BodyMotion:
+    """Return the motion of the ground: it accelerates by -g, which replaces gravity."""
     still_ground = Series.constant(np.zeros((3, 1), dtype=int))
-    return Motion(still_ground, Series.constant(-gravity[:, None]), Series.constant(np.zeros((3, 3), dtype=int)))
+    return BodyMotion(still_ground, Series.constant(-gravity[:, None]), Series.constant(np.zeros((3, 3), dtype=int)))
 
 
-def generalized(kind: Sweep, mechanism: Mechanism, q: Series, W: Series | None = None) -> Series:
-    """The generalized forces (EOM1) of a sweep, (..., n, 1), with wrenches W on the bodies, (..., 6nb, 1)."""
+def rnea(kind: Sweep, mechanism: Mechanism, q: Series, W: Series | None = None) -> Series:
+    """The generalized forces (EOM1), (..., n, 1), by RNEA, with wrenches W on the bodies, (..., 6nb, 1)."""
     tree = _Series(kind, mechanism, minimal(mechanism), q, W)
     sweep(tree)
     return tree.forces()
@@ -98,7 +98,7 @@ def generalized(kind: Sweep, mechanism: Mechanism, q: Series, W: Series | None =
 def base_wrench(mechanism: Mechanism, q: Series, W: Series | None = None) -> Series:
     """The wrench (moment; force) that the bodies pass to the ground, about the inertial origin: (..., 6, 1).
 
-    It takes the inertia that reaches the ground, which forces in the drives do not.
+    It depends on all of the inertia, drive forces on the base parameters only.
     """
     tree = _Series(MOVING, mechanism, on_axes(mechanism), q, W)
     sweep(tree)
@@ -112,7 +112,7 @@ class _Series:
         self.kind, self.chain, self.q = kind, chain, q
         self.joints = aligned_joints(self.chain, q)
         self.wrenches = None if W is None else _wrenches(given, self.chain, W)
-        self.motions: dict[int, Motion] = {-1: ground(self.chain.gravity)}
+        self.motions: dict[int, BodyMotion] = {-1: ground(self.chain.gravity)}
         self.on: dict[int, Force] = {}
         self.Q: dict[int, Series] = {}
 
@@ -126,7 +126,7 @@ class _Series:
         motion = self.motions[i] = self.kind.outward(self.joints[i], self.motions[self.joints[i].parent])
         self.on[i] = self.kind.force(_moments(self.chain)[i], motion)
 
-    def load(self, i: int) -> None:
+    def add_wrench(self, i: int) -> None:
         if self.wrenches is not None:
             self.on[i] = self.on[i] + self.wrenches[i]
 

@@ -1,8 +1,8 @@
-"""Joints in motion: what they carry from body to body, with its rates.
+"""Joints in motion: transport of vectors, twists, wrenches and moments of mass from body to body, with rates.
 
-A joint moves its body by ``exp(X theta)``. Whatever it carries, vectors, twists, wrenches or moments of mass, it takes
-from one frame to the other by a matrix E that obeys ``E' = theta' L E`` with a constant L. Hence carry first, then
-correct: ``y = E x`` has the rate ``y' = E x' + theta' L y``, and rates of E never appear.
+A joint moves its body by ``exp(X theta)``. It transports such quantities from one frame to the other by a matrix E with
+``E' = theta' L E`` and a constant L. Hence ``y = E x`` has the rate ``y' = E x' + theta' L y``: rates are transported
+first and then corrected, and rates of E never appear.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ def transport_form(E: Array, L: Array, rate: Series, x: Series) -> Series:
 
 @dataclass(frozen=True)
 class Placement:
-    """What of a joint does not move: how its body hangs on the parent, and its screw."""
+    """The constants of a joint: its pose in the parent, and its screw."""
 
     parent: int
     G: Array  # (1, n) the coordinates that the joint follows
@@ -56,23 +56,23 @@ class Joint(Placement):
         return self.theta.dot
 
     def twists(self, x: Series) -> Series:
-        """Twists (..., 6, k) that the parent's frame gives, in the body's."""
+        """Transport twists (..., 6, k) from the parent's frame to the body's."""
         return transport(self.A, -self.ad_X, self.rate, self.Ad_B @ x)
 
     def wrenches(self, x: Series) -> Series:
-        """Wrenches (..., 6, k) that the body's frame gives, in the parent's."""
+        """Transport wrenches (..., 6, k) from the body's frame to the parent's."""
         return self.Ad_B.mT @ transport(self.A.mT, -self.ad_X.mT, self.rate, x)
 
     def points(self, x: Series) -> Series:
-        """Points and sums of them (..., 4, k), (m r; m), that the body's frame gives, in the parent's."""
+        """Transport points and weighted sums of points (..., 4, k), (m r; m), from the body's frame to the parent's."""
         return self.B @ transport(self.T, self.X_hat, self.rate, x)
 
     def moments(self, x: Series) -> Series:
-        """Moments of mass (..., 4, 4) about the body's frame, about the parent's."""
+        """Transport moments of mass (..., 4, 4) from the body's frame to the parent's."""
         return self.B @ transport_form(self.T, self.X_hat, self.rate, x) @ self.B.mT
 
     def forms(self, x: Series) -> Series:
-        """Bilinear forms of twists (..., 6, 6) in the body's frame, such as inertia, in the parent's."""
+        """Transport bilinear forms of twists (..., 6, 6), such as inertia, from the body's frame to the parent's."""
         return self.Ad_B.mT @ transport_form(self.A.mT, -self.ad_X.mT, self.rate, x) @ self.Ad_B
 
 
@@ -123,5 +123,5 @@ def rows(columns: Series, first: int, last: int) -> Series:
 
 
 def batch_zeros(q: Series) -> Series:
-    """Zeros (..., 1, 1) in the batch axes of q, for what depends on no coordinate and has none."""
+    """Return zeros (..., 1, 1) with the batch shape of q, to be added to what does not depend on q."""
     return 0 * rows(q, 0, 1)

@@ -1,4 +1,4 @@
-"""Momentum and energy: what every body adds, carried to its joint or to the ground, in frames on the joint axes."""
+"""Momentum and energy: sums over the bodies at their joints or the ground, in frames on the joint axes."""
 
 from collections.abc import Sequence
 from functools import reduce
@@ -22,7 +22,7 @@ def momentum(mechanism: Mechanism, q: Series) -> Series:
 
 
 def generalized_momentum(mechanism: Mechanism, q: Series) -> Series:
-    """p = M qd, (..., n, 1): the momentum of all that each joint carries, projected onto its screw."""
+    """p = M qd, (..., n, 1): the momentum of the bodies that each joint carries, projected onto its screw."""
     tree, V, P = _momenta(on_axes(mechanism), q)
     p = joined([joint.X.mT @ P_i + batch_zeros(q) for joint, P_i in zip(tree, P, strict=True)], axis=-2)
     return generalized_forces(mechanism, evaluate_in_order(p, [*V, *reversed(P)]))
@@ -37,7 +37,7 @@ def kinetic_energy(mechanism: Mechanism, q: Series) -> Series:
 
 
 def potential_energy(mechanism: Mechanism, q: Series) -> Series:
-    """U = -g . (sum of m_i c_i), (..., 1, 1), with the first moments carried to the ground as columns (m c; m)."""
+    """U = -g . (sum of m_i c_i), (..., 1, 1), with the first moments transported to the ground as columns (m c; m)."""
     chain = on_axes(mechanism)
     tree = joints(chain, q)
     own = [Series.constant(concatenate([h, m], axis=-2)) for m, h, _ in map(moments, chain.M)]
@@ -48,7 +48,7 @@ def potential_energy(mechanism: Mechanism, q: Series) -> Series:
 
 
 def _momenta(chain: Mechanism, q: Series) -> tuple[Sequence[Joint], Sequence[Series], Sequence[Series]]:
-    """The joints, the twists of their bodies, and the momenta of all that they carry."""
+    """Return the joints, the twists of their bodies, and the momenta of the bodies that they carry."""
     tree = joints(chain, q)
     V = velocities(tree)
     return tree, V, composites(tree, [M_i @ V_i for M_i, V_i in zip(chain.M, V, strict=True)], Joint.wrenches)

@@ -1,4 +1,4 @@
-"""One joint's step outward and inward, in the K/P form and in frames on the joint axes.
+"""The steps of RNEA for one joint, outward and inward, with moments of mass, in frames on the joint axes.
 
 A point r of body i has the acceleration a_i + K_i r, in body coordinates, with a_i that of the frame's origin and
 ``K = hat(wdot) + hat(w) hat(w)``. With the body's mass m, first moment h and second moments P, all constant in its
@@ -52,8 +52,8 @@ class AlignedJoint:
 
 
 @dataclass(frozen=True)
-class Motion:
-    """How a body moves, in its coordinates."""
+class BodyMotion:
+    """The motion of a body, in body coordinates."""
 
     w: Series  # angular velocity
     a: Series  # acceleration of the frame's origin
@@ -62,7 +62,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Force:
-    """What acts on a body: a force, and the moment about the frame's origin."""
+    """The force that acts on a body, and its moment about the frame's origin."""
 
     f: Series
     n: Series
@@ -71,8 +71,8 @@ class Force:
         return Force(self.f + other.f, self.n + other.n)
 
 
-def outward(joint: AlignedJoint, parent: Motion) -> Motion:
-    """The body's motion from its parent's."""
+def outward(joint: AlignedJoint, parent: BodyMotion) -> BodyMotion:
+    """Return the motion of a body from that of its parent."""
     w = joint.to_body(parent.w)
     if joint.turns:
         w = w + _Z * joint.theta.dot
@@ -81,34 +81,34 @@ def outward(joint: AlignedJoint, parent: Motion) -> Motion:
     a = point_acceleration(joint, parent.a, parent.K)
     if joint.d is not None:
         a = a + (K @ _Z) * joint.d + _Z * joint.d.dot.dot + 2 * (hat_w @ _Z) * joint.d.dot
-    return Motion(w, a, K)
+    return BodyMotion(w, a, K)
 
 
-def outward_at_rest(joint: AlignedJoint, parent: Motion) -> Motion:
-    """The same where nothing moves but the ground, by its acceleration."""
-    return Motion(parent.w, point_acceleration(joint, parent.a, parent.K), parent.K)
+def outward_at_rest(joint: AlignedJoint, parent: BodyMotion) -> BodyMotion:
+    """Return the same for a robot at rest, whose ground accelerates."""
+    return BodyMotion(parent.w, point_acceleration(joint, parent.a, parent.K), parent.K)
 
 
 def point_acceleration(joint: AlignedJoint, a: Series, K: Series) -> Series:
-    """The acceleration that a parent gives to the point of it where the joint begins."""
+    """Return the acceleration of the parent's point at which the joint begins."""
     return joint.to_body(a + K @ joint.r)
 
 
-def inertia_force(moments: Moments, motion: Motion) -> Force:
-    """The force that the acceleration a + K r of a body takes."""
+def inertia_force(moments: Moments, motion: BodyMotion) -> Force:
+    """Return the force that the acceleration a + K r of a body requires."""
     (m, h, P), a, K = moments, motion.a, motion.K
     return Force(a * m + K @ h, _hat(h) @ a + (K @ P).map(lambda T: axial(T)[..., None]))
 
 
 def joint_force(joint: AlignedJoint, force: Force) -> Series:
-    """The generalized force of the joint that balances what acts on its body, (..., 1, 1)."""
+    """Project the force on a body onto its joint: the generalized force (..., 1, 1) that balances it."""
     parts = [rows(force.n, 2, 3)] if joint.turns else []
     parts += [rows(force.f, 2, 3) * joint.pitch] if joint.d is not None else []
     return reduce(add, parts)
 
 
 def inward(joint: AlignedJoint, force: Force) -> Force:
-    """What acts on a body, handed to its parent."""
+    """Transport the force on a body to its parent."""
     n = force.n if joint.d is None else force.n + (_Z_HAT @ force.f) * joint.d
     f = joint.to_parent(force.f)
     return Force(f, joint.to_parent(n) + _hat(joint.r) @ f)

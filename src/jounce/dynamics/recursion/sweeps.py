@@ -20,7 +20,7 @@ def velocities(tree: Sequence[Joint]) -> list[Series]:
 
 
 def composites(tree: Sequence[Joint], own: Sequence[Series], carry: Callable[[Joint, Series], Series]) -> list[Series]:
-    """For each joint the sum of what the bodies that it carries own, seen from its body."""
+    """Composite quantity of the subtree of each joint, such as its inertia, in the joint's body frame."""
     total = list(own)
     for i in reversed(range(len(tree))):
         if (p := tree[i].parent) >= 0:
@@ -30,33 +30,33 @@ def composites(tree: Sequence[Joint], own: Sequence[Series], carry: Callable[[Jo
 
 @dataclass(frozen=True)
 class Columns:
-    """Wrenches at the body of one joint, a column for each joint that it carries."""
+    """Wrenches or momenta in the body frame of one joint, one column for each joint that it carries."""
 
     joints: list[int]
-    W: Series  # (..., 6, len(joints))
+    values: Series  # (..., 6, len(joints))
 
 
 def collect(tree: Sequence[Joint], own: Sequence[Series]) -> list[Columns]:
-    """For each joint the wrenches (..., 6, 1) of the joints that it carries, seen from its body."""
-    at = [([j], [W_j]) for j, W_j in enumerate(own)]
+    """Transport the wrench (..., 6, 1) of each joint inward: for each joint, those of the joints that it carries."""
+    at = [([j], [own_j]) for j, own_j in enumerate(own)]
     columns: list[Columns] = []
     for i in reversed(range(len(tree))):
         members, parts = at[i]
         columns.append(Columns(members, joined(parts, axis=-1)))
         if (p := tree[i].parent) >= 0:
             at[p][0].extend(members)
-            at[p][1].append(tree[i].wrenches(columns[-1].W))
+            at[p][1].append(tree[i].wrenches(columns[-1].values))
     return columns[::-1]
 
 
 def project(screws: Sequence[Series], columns: Sequence[Columns]) -> Series:
-    """``S_i . W_j``, an upper triangle (..., nb, nb), of screws S_i (..., 6, 1) and the wrenches at their bodies."""
+    """Project wrenches onto screws (..., 6, 1): the upper triangle (..., nb, nb) of products S_i . W_j."""
     unit = np.eye(len(columns), dtype=int)
-    return joined([S.mT @ c.W @ unit[c.joints] for S, c in zip(screws, columns, strict=True)], axis=-2)
+    return joined([S.mT @ c.values @ unit[c.joints] for S, c in zip(screws, columns, strict=True)], axis=-2)
 
 
 def evaluate_in_order(result: Series, steps: Iterable[Series]) -> Series:
-    """The same series, the steps to it computed one after the other, so that no call nests deeper than one joint."""
+    """Evaluate the steps to a series one after the other, order by order: this bounds Python's recursion depth."""
     steps = tuple(steps)
 
     def term(k: int) -> Array:

@@ -1,4 +1,4 @@
-"""Motion files: tables, analytic terms, trajectories of ROS, and the motions that come with jounce."""
+"""Motion files: tables, analytic terms, ROS trajectories, and the bundled motions."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,7 +12,7 @@ if TYPE_CHECKING:  # what reads them takes a while to import, and robots need it
     from jounce.motion.columns import Options
     from jounce.motion.spline import Smoothing, Spline
 
-BUNDLED = {"paper": "paper.yaml", "paper-wrench": "paper-wrench.yaml"}  # names of motions, beside files
+BUNDLED = {"paper": "paper.yaml", "paper-wrench": "paper-wrench.yaml"}  # names of bundled motions
 SUFFIXES = (".yaml", ".yml", ".json")
 
 
@@ -50,7 +50,7 @@ def read(
     known = ", ".join([*tables.READERS, *SUFFIXES, *bags.SUFFIXES])
     if not source.suffix:
         raise JounceError(f"{no_such('motion', str(source), BUNDLED)}, or a file of type {known}")
-    raise JounceError(f"{source}: unknown type of motion {source.suffix!r}; there are: {known}, {', '.join(BUNDLED)}")
+    raise JounceError(f"{source}: unknown type of motion {source.suffix!r}; available: {known}, {', '.join(BUNDLED)}")
 
 
 def is_analytic(source: Path) -> bool:
@@ -59,7 +59,7 @@ def is_analytic(source: Path) -> bool:
 
 
 def bundled(name: str) -> "Description":
-    """The analytic terms of a motion that comes with jounce."""
+    """Return the analytic terms of a bundled motion."""
     from importlib.resources import as_file, files
 
     from jounce.io import entries

@@ -1,4 +1,4 @@
-"""Bags of ROS 1 and 2: a JointTrajectory, or the samples of JointState messages, from rosbag2, MCAP and .bag files."""
+"""ROS 1 and 2 bags: a JointTrajectory, or the samples of JointState messages, from rosbag2, MCAP and .bag files."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -24,7 +24,7 @@ TRAJECTORIES = ("trajectory_msgs/msg/JointTrajectory", "moveit_msgs/msg/DisplayT
 
 
 def is_bag(source: Path) -> bool:
-    """Whether a path is a bag: a file of this kind, or a folder as ROS 2 writes it."""
+    """Return whether a path is a bag: a file of such a type, or a folder written by ROS 2."""
     try:
         return source.suffix.lower() in SUFFIXES or (source / "metadata.yaml").is_file()
     except OSError:  # a name longer than the file system takes
@@ -34,16 +34,16 @@ def is_bag(source: Path) -> bool:
 def read(
     source: Path, mechanism: Mechanism, highest: int, way: Smoothing | Spline, options: Options, topic: str | None
 ) -> Motion:
-    """The motion in a bag: of the topic asked for, or of the only one that has any."""
+    """Read the motion in a bag: of the given topic, or of the only topic with a motion."""
     if not source.is_dir():
         check_readable(source)
-    with _opened(source) as bag:
+    with _open_bag(source) as bag:
         topics = {c.topic: c.msgtype for c in bag.connections if c.msgtype in (STATES, *TRAJECTORIES)}
         if topic is not None and topic not in topics:
             raise JounceError(f"{source}: --topic: {no_such('topic', topic, topics)}")
         if topic is None and len(topics) != 1:
             kinds = f"JointTrajectory or JointState in it: {listed(topics) or 'none'}"
-            raise JounceError(f"{source}: topics of type {kinds}; expected one, or the one to read by --topic NAME")
+            raise JounceError(f"{source}: topics of type {kinds}; select one with --topic NAME")
         chosen = topic if topic is not None else next(iter(topics))
         connections = [c for c in bag.connections if c.topic == chosen]
         messages = [bag.deserialize(raw, c.msgtype) for c, _, raw in bag.messages(connections)]
@@ -64,7 +64,7 @@ def read(
 def _columns(messages: list[Any], place: str) -> dict[str, np.ndarray]:
     """t from the stamps, since the first; positions under the names of the joints, efforts as measured torques."""
     if not messages:
-        raise JounceError(f"{place} has no messages; expected samples of joints")
+        raise JounceError(f"{place} has no messages")
     names = list(messages[0].name)
     for number, message in enumerate(messages):
         if list(message.name) != names or len(message.position) != len(names):
@@ -80,7 +80,7 @@ def _columns(messages: list[Any], place: str) -> dict[str, np.ndarray]:
 
 
 @contextmanager
-def _opened(source: Path) -> Iterator[Any]:
+def _open_bag(source: Path) -> Iterator[Any]:
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore

@@ -38,7 +38,7 @@ def load_motion(
     """Load a motion of a robot as a function of time: from a file, by name, or from named columns.
 
     Columns are matched by joint name in any order: ``t`` and either one column per joint (samples; the rates are those
-    of a spline) or ``NAME.q, NAME.qd, NAME.q2d, ...`` (used as they are), and if wrenches act ``BODY.mx .. BODY.fz``.
+    of a spline) or ``NAME.q, NAME.qd, NAME.q2d, ...`` (used unchanged), and if wrenches act ``BODY.mx .. BODY.fz``.
 
     Parameters
     ----------
@@ -48,20 +48,20 @@ def load_motion(
     robot : Robot
         The robot that moves.
     order : int, optional
-        The highest rate of the forces to be computed: 2, for Q2d, takes q to q4d, which the source must have.
+        The highest rate of the forces to be computed: 2, for Q2d, needs q to q4d.
     degree : int, optional
-        Take samples as they are, by a spline of degree 7 (C^6) or 5 (C^4) through all of them; by default they are
-        smoothed, as their noise asks for, and rates have standard deviations.
+        Interpolate samples by a spline of degree 7 (C^6) or 5 (C^4); by default they are smoothed according to their
+        noise, and rates have standard deviations.
     intervals : int, optional
         Fit such a spline by least squares over this number of intervals.
     bandwidth : float, optional
-        The frequency in Hz up to which samples are followed; by default as far as the motion stands out of the noise.
+        Bandwidth of the smoothing in Hz; by default as far as the motion exceeds the noise.
     force : bool, optional
-        Take samples whose noise drowns the highest rate all the same.
+        Accept samples even if noise dominates the highest rate.
     time : str, optional
         The column of times; by default t, else time or timestamp.
     columns : str, optional
-        How the table calls the joints: "q_{joint}", or "q{number}" from 1, "q[{index}]" from 0, in the robot's order.
+        Pattern of the joints' columns: "q_{joint}", or in the robot's order "q{number}" from 1, "q[{index}]" from 0.
     torques : str, optional
         How the table calls measured torques, in the same way: "tau{number}"; by default ``tau_JOINT``, ``JOINT.tau``
         and ``JOINT.effort`` are known.
@@ -75,7 +75,7 @@ def load_motion(
     Returns
     -------
     Motion
-        Frozen: ``motion(t, order)`` gives q, qd, ... at any times.
+        The motion, immutable: ``motion(t, order)`` returns q, qd, ... at any times.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def load_motion(
     (101, 2)
     """
     if not isinstance(robot, Robot):
-        raise JounceError(f"a motion is loaded for a Robot, not for a {type(robot).__name__}; try jounce.load")
+        raise JounceError(f"load_motion() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     from jounce.motion.columns import Options
     from jounce.motion.spline import way_of
 
@@ -113,7 +113,7 @@ def load_motion(
         return tabular.of_arrays(_arrays(source), mechanism, highest, way, options, PLACE)
     if not isinstance(source, str | os.PathLike):
         known = f"a path, one of {', '.join(motions.BUNDLED)}, or named columns"
-        raise JounceError(f"a motion is of type {type(source).__name__}; expected {known}")
+        raise JounceError(f"load_motion() expects {known}, got {type(source).__name__}")
     path = path_of(source)
     return motions.read(path, mechanism, highest, way, options, topic)
 
@@ -123,5 +123,5 @@ def _arrays(source: Any) -> dict[str, Any]:
         columns = names.entries(source)
         odd = [name for name in columns if not isinstance(name, str)]
         if odd:
-            raise JounceError(f"column {quoted(odd[0])} has no text as its name; expected t and names of joints")
+            raise JounceError(f"column {quoted(odd[0])} is not named by a string; expected t and names of joints")
         return columns

@@ -1,4 +1,4 @@
-"""Tables of motions: of all their columns only those are read that are of the motion."""
+"""Tables of motions: only the columns that belong to the motion are read."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -10,7 +10,7 @@ import numpy as np
 from jounce._scalars import asarray
 from jounce.errors import JounceError, at, quoted
 from jounce.io import tables
-from jounce.io.columns import CellError, checked, selected
+from jounce.io.columns import CellError, checked, select_columns
 from jounce.model.mechanism import Mechanism
 from jounce.motion.columns import Match, Options, match
 from jounce.motion.motion import Motion
@@ -19,7 +19,7 @@ from jounce.motion.table import from_columns
 
 
 class Matching:
-    """Selects the columns of a motion when the names of a table are known, and keeps which they are."""
+    """Selects the columns of a motion once the column names of a table are known, and remembers the selection."""
 
     def __init__(self, mechanism: Mechanism, options: Options, highest: int, place: str) -> None:
         self.given = mechanism, options, highest
@@ -44,7 +44,7 @@ def read(path: Path, mechanism: Mechanism, highest: int, way: Smoothing | Spline
 def of_arrays(
     given: Mapping[str, Any], mechanism: Mechanism, highest: int, way: Smoothing | Spline, options: Options, place: str
 ) -> Motion:
-    """The motion of arrays that stand under names; what is no array of numbers may stand among them."""
+    """Return the motion of named arrays; other entries may be anything."""
     matching = Matching(mechanism, options, highest, place)
     arrays, refused = {}, {}
     for name, values in given.items():
@@ -53,7 +53,7 @@ def of_arrays(
         except JounceError as error:
             arrays[name], refused[name] = np.empty(0), error
     with _cures():
-        columns = selected(arrays, matching) if arrays else {}
+        columns = select_columns(arrays, matching) if arrays else {}
         for name in columns:
             if name in refused:
                 raise CellError(f"{place}: {refused[name]}")
@@ -68,10 +68,10 @@ def _motion(columns: Mapping[str, np.ndarray], matching: Matching, highest: int,
 
 @contextmanager
 def _cures() -> Iterator[None]:
-    """Inside, a cell that is no number is refused with what helps."""
+    """Within this context, the error for a cell that is not a number says how to fix it."""
     try:
         yield
     except CellError as error:
         raise JounceError(
-            f"{error}; repair or leave out the row, or choose columns by --time, --columns, --lock JOINT=VALUE"
+            f"{error}; repair or remove the row, or select columns with --time, --columns, --lock JOINT=VALUE"
         ) from None

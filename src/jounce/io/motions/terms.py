@@ -11,7 +11,7 @@ from jounce.motion import Motion
 from jounce.motion.analytic import Cosine, Description, Terms, motion_of
 from jounce.motion.curves import COMPONENTS
 
-MOST = 100_000_000  # states; a slip of the pen asks for more
+MOST_STATES = 100_000_000  # states; a slip of the pen asks for more
 
 
 def read(entry: Entry, mechanism: Mechanism) -> Motion:
@@ -37,10 +37,10 @@ def terms_in(entry: Entry) -> Description:
 def _times(time: Entry) -> np.ndarray:
     time.keys(("stop", "count"), ("start",))
     start, stop, count = time.get("start", 0).number(), time.get("stop").number(), time.get("count").value
-    counts = isinstance(count, int) and not isinstance(count, bool) and 2 <= count <= MOST
+    counts = isinstance(count, int) and not isinstance(count, bool) and 2 <= count <= MOST_STATES
     if not counts or not start < stop or math.isinf(stop - start):
         came = f"time runs from {start:g} to {stop:g} in {quoted(count)} states"
-        raise JounceError(f"{time.place}: {came}; expected stop > start, count 2 to {MOST}")
+        raise JounceError(f"{time.place}: {came}; expected stop > start, count 2 to {MOST_STATES}")
     return np.linspace(start, stop, count)
 
 

@@ -1,4 +1,4 @@
-"""jounce's own robot files, YAML or JSON: all that a mechanism holds, to the last bit, for people to read and write.
+"""jounce's own robot files, YAML or JSON: all data of a mechanism, to the last bit, readable and editable.
 
 name: arm
 units: SI                       # m, kg, s, rad

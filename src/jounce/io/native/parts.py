@@ -1,4 +1,6 @@
-"""What a robot file says of one body: its pose, joint screw, limits and inertia, each in a form for people or exact."""
+"""One body in a robot file: its pose, joint screw, limits and inertia, each in a readable or an exact form."""
+
+import math
 
 import numpy as np
 
@@ -7,7 +9,7 @@ from jounce.io.entries import Entry
 from jounce.io.native import UNITS
 from jounce.io.orientation import direction, from_rpy
 from jounce.model.drives import UNDRIVEN, drive_error
-from jounce.model.mechanism import UNLIMITED, limit_error
+from jounce.model.limits import EFFORT_KINDS, FORCES, KEYS, Stated, limit_error
 from jounce.model.screws import exact_inertia, exact_pose, exact_screw
 from jounce.spatial import lie
 from jounce.spatial.inertia import inertia_matrix, symmetric
@@ -73,14 +75,38 @@ def along(kind: str, axis: np.ndarray, point: np.ndarray, pitch: float) -> np.nd
     return np.concatenate([axis, np.cross(point, axis) + pitch * axis])
 
 
-def limits(joint: Entry) -> dict[str, float]:
-    """The limits of a joint variable, infinite where they are left out."""
-    entry = joint.get("limits", {}).keys((), tuple(UNLIMITED))
-    stated = UNLIMITED | {key: number.number() for key, number in entry.members().items()}
+def limits(joint: Entry) -> dict[str, Stated]:
+    """The limits that are stated of a joint variable: a number for both directions, or [lower, upper]."""
+    return stated_limits(joint, joint.get("limits", {}))
+
+
+def stated_limits(joint: Entry, entry: Entry) -> dict[str, Stated]:
+    """The limits of a joint that stand in an entry, checked."""
+    entry.keys((), KEYS)
+    stated = {key: _bound(key, value) for key, value in entry.members().items()}
     error = limit_error(**stated)
     if error:
         raise JounceError(f"{entry.place}: {joint.what}: {error}")
     return stated
+
+
+def _bound(key: str, entry: Entry) -> Stated:
+    if key in ("lower", "upper") or not isinstance(entry.value, list):
+        return entry.number()
+    open_ends = (-math.inf, math.inf)
+    ends = entry.items()
+    if len(ends) != 2:
+        raise entry.error("a number, or two: [lower, upper]")
+    return tuple(free if end.value is None else end.number() for end, free in zip(ends, open_ends, strict=True))
+
+
+def without_gravity(robot: Entry) -> tuple[str, ...]:
+    """Those effort limits that a robot's `limits_of` says to be of Q - Qgrav."""
+    entry = robot.get("limits_of", {}).keys((), EFFORT_KINDS)
+    for force in entry.members().values():
+        if force.value not in FORCES:
+            raise force.error(" or ".join(FORCES))
+    return tuple(kind for kind in EFFORT_KINDS if entry.value.get(kind) == FORCES[1])
 
 
 def drive(joint: Entry) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""Writing robot files of jounce's own format: the form that people read wherever it reads back to the same bits."""
+"""Writing robot files of jounce's own format: the readable form if it restores the same bits, else the exact one."""
 
 import json
 import math
@@ -12,7 +12,8 @@ from jounce._scalars import is_symbolic
 from jounce.errors import JounceError, quoted
 from jounce.io.native import GROUND, UNITS, parts
 from jounce.model.drives import UNDRIVEN
-from jounce.model.mechanism import DATA, UNLIMITED, Mechanism
+from jounce.model.limits import FORCES
+from jounce.model.mechanism import DATA, Mechanism
 from jounce.spatial.inertia import inertia_matrix, moments, symmetric
 from jounce.spatial.lie import hat
 
@@ -37,7 +38,7 @@ def as_json(mechanism: Mechanism) -> str:
 
 
 def document(mechanism: Mechanism) -> dict[str, Any]:
-    """What a file says of a mechanism of numbers, in plain data."""
+    """Return the content of the file of a mechanism of numbers, as plain data."""
     _check(mechanism)
     names = {-1: GROUND, **dict(enumerate(mechanism.bodies))}
     joints = [_joint(mechanism, i) for i in range(mechanism.nb)]
@@ -49,24 +50,27 @@ def document(mechanism: Mechanism) -> dict[str, Any]:
     ]
     coordinates = {} if free == list(mechanism.coordinates) else {"coordinates": list(mechanism.coordinates)}
     head = {"name": mechanism.name, "units": UNITS, "gravity": _plain(mechanism.gravity), "bodies": bodies}
-    return head | coordinates | ({"frames": frames} if frames else {})
+    of = {"limits_of": dict.fromkeys(mechanism.limits.without_gravity, FORCES[1])}
+    return head | coordinates | ({"frames": frames} if frames else {}) | (of if of["limits_of"] else {})
 
 
 def _check(mechanism: Mechanism) -> None:
     robot = f"robot {quoted(mechanism.name)}"
     symbolic = [name for name in DATA if is_symbolic(getattr(mechanism, name))]
     if symbolic:
-        raise JounceError(f"{robot} holds symbols in {', '.join(symbolic)}; a file holds numbers")
+        raise JounceError(f"{robot} contains symbols in {', '.join(symbolic)}; a robot file needs numbers")
     for name in DATA:
         array = getattr(mechanism, name)
         if np.any(array.astype(float) != array):
-            raise JounceError(f"{name} of {robot} has more digits than a file holds; expected doubles")
+            raise JounceError(f"{name} of {robot} has more digits than a double; a robot file holds doubles")
     if GROUND in mechanism.bodies:
-        raise JounceError(f"a body is called {GROUND!r}, which in a file is what bodies stand on; give it another name")
+        raise JounceError(f"a body is named {GROUND!r}, which denotes the ground in a file; rename the body")
 
 
 def _plain(x: Any) -> Any:
     """The numbers of an array in lists, whole ones as integers."""
+    if x is None:
+        return None
     if np.ndim(x):
         return [_plain(row) for row in x]
     return int(x) if float(x).is_integer() and abs(x) < 1e15 else float(x)
@@ -81,9 +85,9 @@ def _pose(T: np.ndarray) -> dict[str, Any]:
 
 def _joint(mechanism: Mechanism, i: int) -> dict[str, Any]:
     said = {"name": mechanism.joints[i], **_screw(mechanism.X[i])}
-    for what, numbers, free in (("limits", mechanism.limits, UNLIMITED), ("drive", mechanism.drives, UNDRIVEN)):
-        stated = {key: _plain(array[i]) for key, array in vars(numbers).items() if array[i] != free[key]}
-        said |= {what: stated} if stated else {}
+    drives = {key: array[i] for key, array in vars(mechanism.drives).items() if array[i] != UNDRIVEN[key]}
+    for what, stated in (("limits", mechanism.limits.stated(i)), ("drive", drives)):
+        said |= {what: {key: _plain(x) for key, x in stated.items()}} if stated else {}
     row, offset, names = mechanism.G[i], mechanism.g[i], mechanism.coordinates
     if offset or [(names[j], row[j]) for j in np.flatnonzero(row)] != [(mechanism.joints[i], 1)]:
         said["follows"] = {"coordinates": {names[j]: _plain(row[j]) for j in np.flatnonzero(row)}}

@@ -1,6 +1,6 @@
-"""Robots as the generator skidy describes them in YAML or JSON, where every symbol has a number; after skidy 0.0.1.
+"""Robots in the YAML or JSON description of the generator skidy 0.0.1, if every symbol has a number.
 
-What its format means, and where skidy's own reader goes other ways than its words:
+The format, and the places where skidy's own reader interprets a file differently from what it states:
 
 * Twists, screws and wrenches are (angular; linear), gravity is an acceleration: all as here.
 * ``representation: spatial`` (where left out) states absolute poses A_i and screws Y_i in the inertial frame,

@@ -44,11 +44,11 @@ def _value(node: ast.expr, assigned: Mapping[str, float]) -> float:
             if name in CONSTANTS or name in assigned:
                 return CONSTANTS[name] if name in CONSTANTS else assigned[name]
             known = listed(assigned) or "none"
-            raise JounceError(f"a number: nothing is assigned to the symbol {quoted(name)}; assigned are: {known}")
+            raise JounceError(f"a number: the symbol {quoted(name)} has no value; symbols with values: {known}")
         case ast.UnaryOp(op=op, operand=x) if type(op) in OPERATIONS:
             return OPERATIONS[type(op)](_value(x, assigned))
         case ast.BinOp(left=x, op=op, right=y) if type(op) in OPERATIONS:
             return OPERATIONS[type(op)](_value(x, assigned), _value(y, assigned))
         case ast.Call(func=ast.Name(id=name), args=given, keywords=[]) if name in FUNCTIONS:
             return FUNCTIONS[name](*(_value(x, assigned) for x in given))
-    raise JounceError(f"a number: there are + - * / ** and {listed(FUNCTIONS)}")
+    raise JounceError(f"a number: operators are + - * / **, functions {listed(FUNCTIONS)}")

@@ -1,4 +1,4 @@
-"""What skidy says of one body: its joint screw, pose and inertia, each in one of several forms."""
+"""One body in skidy's format: its joint screw, pose and inertia, each in one of several forms."""
 
 import math
 from collections.abc import Callable
@@ -17,12 +17,12 @@ from jounce.spatial.inertia import inertia_matrix, symmetric
 
 Number = Callable[[Entry], float]  # what an entry says, be it an expression
 MOMENTS = ("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
-TYPES = {"revolute": ("vec",), "prismatic": ()}  # of joints, and the keys beside the axis
+TYPES = {"revolute": ("vec",), "prismatic": ()}  # of joints, and the keys besides the axis
 IDENTITY = np.eye(3).tolist()
 
 
 def assigned(robot: Entry) -> Number:
-    """What reads numbers and expressions of the symbols to which the file assigns numbers."""
+    """Return a reader of numbers and of expressions in the symbols to which the file assigns numbers."""
     values = {name: number.number() for name, number in robot.get("assignments", {}).members().items()}
     return partial(_number, values)
 
@@ -86,7 +86,9 @@ def inertia(entry: Entry, number: Number, com_before: bool) -> np.ndarray:
     else:
         entry.keys(("mass", "inertia", "com"), ("frame", "rotation"))
         if com_before and "frame" not in entry.value:
-            raise JounceError(f"{entry.place}: {entry.what} has no 'frame'; skidy takes that of the last body with one")
+            raise JounceError(
+                f"{entry.place}: {entry.what} has no 'frame'; skidy would use that of the last body that has one"
+            )
         frame, mass = entry.get("frame", "body"), number(entry.get("mass"))
         com, theta = entry.get("com").numbers((3,), read=number), _moments(entry.get("inertia"), number)
         if frame.value == "com":
@@ -95,7 +97,7 @@ def inertia(entry: Entry, number: Number, com_before: bool) -> np.ndarray:
                 M = inertia_matrix(mass, com, theta, rotation=R)
         elif frame.value == "body":
             if "rotation" in entry.value:
-                raise JounceError(f"{entry.place}: {entry.what} has a 'rotation', which only goes with frame: com")
+                raise JounceError(f"{entry.place}: {entry.what} has a 'rotation', which requires frame: com")
             h = lie.hat(com) * mass
             M = np.block([[theta, h], [-h, mass * np.eye(3)]])
         else:

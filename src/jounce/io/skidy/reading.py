@@ -1,4 +1,4 @@
-"""Reading skidy's description of a robot: what stands in its lists, and that they agree."""
+"""Reading skidy's description of a robot: its lists, and the check that they agree."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -52,7 +52,7 @@ def read(robot: Entry, gravity: object = None) -> Mechanism:
 def _check_lengths(robot: Entry, lengths: dict[str, int]) -> None:
     if len(set(lengths.values())) > 1:
         came = ", ".join(f"{count} of {key}" for key, count in lengths.items())
-        raise JounceError(f"{robot.place}: the robot has {came}; expected one of each a body")
+        raise JounceError(f"{robot.place}: the robot has {came}; expected one of each per body")
 
 
 def _says_com(inertia: Entry) -> bool:
@@ -66,7 +66,7 @@ def _check_loads(robot: Entry) -> None:
         rows = [row.items() if isinstance(row.value, list) else [row] for row in entry.items()]
         for component in (component for row in rows for component in row):
             if not isinstance(component.value, str) and component.number() != 0:
-                raise component.error("0 or a symbol: loads are given with the motion, as wrench=")
+                raise component.error("0 or a symbol: loads belong to a motion, wrench=")
 
 
 def _parents(robot: Entry, nb: int) -> list[int]:
@@ -77,17 +77,17 @@ def _parents(robot: Entry, nb: int) -> list[int]:
     entry = robot.get("parent")
     parents = [_whole(parent, 0, i) - 1 for i, parent in enumerate(entry.items())]
     if len(parents) != nb:
-        raise entry.error(f"{nb} numbers, one a body")
+        raise entry.error(f"{nb} numbers, one per body")
     if not robot.value.get("support"):
         if parents != chain:
-            raise JounceError(f"{entry.place}: {entry.what} is a tree without 'support', which skidy takes for a chain")
+            raise JounceError(f"{entry.place}: {entry.what} is a tree without 'support', which skidy reads as a chain")
         return parents
     rows = robot.get("support")
     paths: list[list[int]] = []
     for i, p in enumerate(parents):
         paths.append([*(paths[p] if p >= 0 else []), i + 1])
     if rows.value != paths:
-        raise rows.error(f"the bodies from the world to each one by 'parent', {paths!r:.120}")
+        raise rows.error(f"the path from the world to each body according to 'parent', {paths!r:.120}")
     return parents
 
 
@@ -105,7 +105,7 @@ def _joint_names(robot: Entry, nb: int) -> Sequence[str] | None:
     entry = robot.get("q")
     names = [symbol.text() for symbol in entry.items()]
     if len(set(names)) != nb or len(names) != nb or not all(name.isidentifier() for name in names):
-        raise entry.error(f"{nb} different symbols, one a joint")
+        raise entry.error(f"{nb} different symbols, one per joint")
     return names
 
 

@@ -22,7 +22,7 @@ BESIDE = (
     *("jnt_limited", "jnt_range", "jnt_actfrclimited", "jnt_actfrcrange"),
     *("jnt_stiffness", "dof_armature", "dof_damping", "dof_frictionloss"),
     *("eq_type", "eq_obj1id", "eq_obj2id", "eq_active0", "eq_data"),
-    *("actuator_trntype", "actuator_trnid", "actuator_gear"),
+    *("actuator_trntype", "actuator_trnid", "actuator_gear", "actuator_forcelimited", "actuator_forcerange"),
     *("tendon_stiffness", "tendon_damping", "tendon_frictionloss", "nflex"),
 )
 LATER = (  # arrays that MuJoCo 3.3 does not have: nothing where they are missing
@@ -33,7 +33,7 @@ LATER = (  # arrays that MuJoCo 3.3 does not have: nothing where they are missin
 
 @dataclass(frozen=True, eq=False)
 class Arrays:
-    """What a model holds, by MuJoCo's names, and what it calls its parts."""
+    """The arrays of a model by MuJoCo's names, and the names of its parts."""
 
     of: Mapping[str, np.ndarray]
     name: str
@@ -51,13 +51,13 @@ class Arrays:
 
 
 def arrays(model: Any, file: Path | None) -> Arrays:
-    """The arrays of a model, of a file where one is named, or a `JounceError` where it is none or not finite."""
+    """Return the arrays of a model; raise `JounceError`, naming `file`, if it is not a model or not finite."""
     try:
         of = {name: np.asarray(getattr(model, name)) for names in (*NUMBERS.values(), BESIDE) for name in names}
         option, texts = model.opt, bytes(model.names)
     except AttributeError as error:
         came = f"{type(model).__name__}, which has no {error.name!r}"
-        raise JounceError(f"a model of MuJoCo is a mujoco.MjModel, not a {came}") from None
+        raise JounceError(f"from_mujoco() expects a mujoco.MjModel, got {came}") from None
     of |= {name: np.asarray(getattr(model, name, 0.0)) for name in LATER}
     name = _text(texts, 0)
     name = file.stem if file and name == UNNAMED else name
@@ -66,12 +66,12 @@ def arrays(model: Any, file: Path | None) -> Arrays:
         of=of,
         name=name,
         place=f"model {name!r}" if file is None else str(file),
-        bodies=_named(bodies, "body", first=0),
-        joints=_named(joints, "joint", first=1),
+        bodies=_fill_names(bodies, "body", first=0),
+        joints=_fill_names(joints, "joint", first=1),
         sites=tuple(sites),
         gravity=np.array(option.gravity, dtype=float),
         fluid=bool(option.density or option.viscosity),
-        off=_disabled(int(option.disableflags)),
+        off=_disabled_flags(int(option.disableflags)),
     )
     _check(found)
     return found
@@ -88,13 +88,13 @@ def _text(texts: bytes, at: int) -> str:
     return texts[at : texts.index(b"\0", at)].decode(errors="replace")
 
 
-def _named(given: list[str], stem: str, first: int) -> tuple[str, ...]:
+def _fill_names(given: list[str], stem: str, first: int) -> tuple[str, ...]:
     """The names, those that are missing made of a stem and a number."""
     taken = set(given)
     return tuple(name or distinct(f"{stem}{i}", taken) for i, name in enumerate(given, first))
 
 
-def _disabled(flags: int) -> frozenset[str]:
+def _disabled_flags(flags: int) -> frozenset[str]:
     if not flags:
         return frozenset()
     from mujoco import mjtDisableBit  # which bit says what has changed from version to version

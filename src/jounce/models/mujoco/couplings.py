@@ -13,12 +13,12 @@ OF_JOINTS = 2  # MuJoCo's type of equality constraint
 
 
 def active(m: Arrays) -> int:
-    """How many equality constraints there are in force."""
+    """Return the number of active equality constraints."""
     return len(_active(m))
 
 
 def mimics(m: Arrays) -> dict[int, Mimic]:
-    """The joints that follow others, by their indices; what would close a circle, or tie a joint twice, is left out."""
+    """Map joints to those that they follow, by index; those that form a cycle or tie a joint twice are ignored."""
     leaders: dict[int, int] = {}
     found: dict[int, Mimic] = {}
     for k in _active(m):

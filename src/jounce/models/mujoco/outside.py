@@ -1,4 +1,4 @@
-"""What acts in an mjModel and is no part of a tree of rigid bodies and its drives: said in one warning."""
+"""Features of an mjModel that are not part of a tree of rigid bodies and its drives: reported in one warning."""
 
 from typing import Any
 
@@ -10,21 +10,21 @@ from jounce.models.mujoco.joints import AT_A_JOINT
 
 
 def warn_of(m: Arrays, ties: int) -> None:
-    """Warn of what MuJoCo's inverse dynamics has and ours leaves out, `ties` equality constraints among it.
+    """Warn of terms of MuJoCo's inverse dynamics that jounce ignores, including `ties` equality constraints.
 
-    Contacts, limits and the laws of actuators are no such thing: Q is what is asked of them.
+    Contacts, limits and the laws of actuators are not among these terms: Q is the force that they must supply.
     """
     elsewhere = ~np.isin(m.of["actuator_trntype"], AT_A_JOINT)
-    trains = _marked(m, "actuator_armature", "actuator_damping", "actuator_dampingpoly")
+    trains = _nonzero_rows(m, "actuator_armature", "actuator_damping", "actuator_dampingpoly")
     found: dict[str, Any] = {
         "equality constraints": ties,
-        "tendons that pull or resist": _marked(m, "tendon_stiffness", "tendon_damping", "tendon_frictionloss"),
-        "armatures of tendons": _marked(m, "tendon_armature"),
+        "tendons that pull or resist": _nonzero_rows(m, "tendon_stiffness", "tendon_damping", "tendon_frictionloss"),
+        "armatures of tendons": _nonzero_rows(m, "tendon_armature"),
         "drive trains of actuators at no joint": trains & elsewhere,
-        "springs that are not linear": _marked(m, "jnt_stiffnesspoly", "jnt_springyield"),
-        "dampers that are not linear": _marked(m, "dof_dampingpoly"),
-        "dampers of actuators that are not linear": _marked(m, "actuator_dampingpoly") & ~elsewhere,
-        "bodies with gravity compensation": _marked(m, "body_gravcomp"),
+        "springs that are not linear": _nonzero_rows(m, "jnt_stiffnesspoly", "jnt_springyield"),
+        "dampers that are not linear": _nonzero_rows(m, "dof_dampingpoly"),
+        "dampers of actuators that are not linear": _nonzero_rows(m, "actuator_dampingpoly") & ~elsewhere,
+        "bodies with gravity compensation": _nonzero_rows(m, "body_gravcomp"),
         "bodies with a plugin": m.of["body_plugin"] >= 0,
         "flexible bodies": m.of["nflex"],
         "drag and lift of the fluid": m.fluid,
@@ -32,10 +32,10 @@ def warn_of(m: Arrays, ties: int) -> None:
     counted = {what: int(np.sum(which)) for what, which in found.items()}
     said = [f"{what} ({n})" if n > 1 else what for what, n in counted.items() if n]
     if said:
-        warn(f"{m.place}: left out, as no part of a tree of rigid bodies: {', '.join(said)}")
+        warn(f"{m.place}: ignored, since not part of a tree of rigid bodies: {', '.join(said)}")
 
 
-def _marked(m: Arrays, *names: str) -> np.ndarray:
-    """Which rows of arrays, as long as each other where they are there, have an entry other than zero."""
+def _nonzero_rows(m: Arrays, *names: str) -> np.ndarray:
+    """Return which rows of arrays of equal length have a nonzero entry; missing arrays are skipped."""
     there = [m.of[name] for name in names if m.of[name].ndim]
     return np.any([array.any(axis=tuple(range(1, array.ndim))) for array in there], axis=0)

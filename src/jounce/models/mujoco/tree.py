@@ -24,7 +24,7 @@ def mechanism(
     """The mechanism of an mjModel, under its own gravity unless another is given; `file` is what messages call it."""
     m = arrays(model, file)
     if not m.joints:
-        raise JounceError(f"{m.place}: no joint; expected at least one that moves")
+        raise JounceError(f"{m.place}: no joint; expected at least one movable joint")
     mimics = couplings.mimics(m)
     links, between = _bodies(m, mimics)
     outside.warn_of(m, ties=couplings.active(m) - len(mimics))

@@ -12,7 +12,7 @@ namespace planar2r {
 
 using Vector = Eigen::Matrix<double, 2, 1>;
 using Matrix = Eigen::Matrix<double, 2, 2>;
-using Wrenches = Eigen::Matrix<double, 6, 2>; /* a column a body */
+using Wrenches = Eigen::Matrix<double, 6, 2>; /* one column per body */
 
 inline void inverse_dynamics(
     const Vector &q, const Vector &qd, const Vector &q2d, const Vector &q3d, const Vector &q4d, Eigen::Ref<Vector> Q,

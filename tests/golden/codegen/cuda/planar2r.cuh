@@ -12,7 +12,7 @@
  * No memory is allocated, nothing is kept between calls, and the operations are the same for all states.
  * Outputs may lie over inputs.
  *
- * Kernels, with _batch behind their names, take a state a thread, blocks and threads along x, at least count threads.
+ * Kernels, with _batch behind their names, process one state per thread, blocks and threads along x, at least count threads.
  * Their arrays hold entry j of state k at j * count + k, so that neighbouring threads read neighbouring numbers:
  * q has the shape (2, count), row after row.
  */

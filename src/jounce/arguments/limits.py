@@ -1,0 +1,65 @@
+"""Limits that callers give: numbers of all coordinates, arrays, or by joint name."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from jounce._scalars import asarray, is_numeric
+from jounce.errors import JounceError, one_of, quoted
+from jounce.model.coordinates import joint_places, leading_joints
+from jounce.model.limits import EFFORT_KINDS, FORCES, KEYS, Limits, Stated, limits_with
+from jounce.model.mechanism import Mechanism
+
+
+def with_limits(mechanism: Mechanism, given: Mapping[str, object], of: object = None) -> Mechanism:
+    """The mechanism with some limits in place of its own; `of` says which force its effort limits bound."""
+    stated = {one_of("limit", key, KEYS): value for key, value in given.items() if value is not None}
+    changes: dict[int, dict[str, Stated]] = {}
+    for key, value in stated.items():
+        for i, number in _by_joint(mechanism, key, value).items():
+            changes.setdefault(i, {})[key] = number
+    changed = limits_with(mechanism.limits, changes, mechanism.joints)
+    return replace(mechanism, limits=replace(changed, without_gravity=_forces(mechanism.limits, stated, of)))
+
+
+def _by_joint(mechanism: Mechanism, key: str, given: object) -> dict[int, Stated]:
+    """What is given for a kind of limit, by the index of the joint variable."""
+    leaders = leading_joints(mechanism)
+    if isinstance(given, Mapping):
+        places = joint_places(mechanism)
+        return {places[one_of("joint", name, places)]: _number(key, value, name) for name, value in given.items()}
+    numbers = np.asarray(asarray(given, key))
+    pairs = key not in ("lower", "upper")
+    if not is_numeric(numbers) or numbers.shape not in [(), (mechanism.n,), *[(mechanism.n, 2)] * pairs]:
+        more = f", ({mechanism.n}, 2) for (lower, upper)" if pairs else ""
+        raise JounceError(
+            f"{key} has shape {numbers.shape}; expected one number, ({mechanism.n},) one per coordinate{more},"
+            " or a mapping {joint: number}"
+        )
+    numbers = numbers if numbers.ndim else np.full(mechanism.n, numbers)
+    return dict(zip(leaders, numbers.tolist(), strict=True))
+
+
+def _number(key: str, given: object, joint: object) -> Stated:
+    number = np.asarray(asarray(given, key))
+    if not is_numeric(number) or number.shape not in [(), *[(2,)] * (key not in ("lower", "upper"))]:
+        pair = "" if key in ("lower", "upper") else " or two, (lower, upper)"
+        raise JounceError(f"{key} of joint {quoted(joint)} is {quoted(given)}; expected a number{pair}")
+    return number.tolist()
+
+
+def _forces(limits: Limits, stated: Mapping[str, object], of: object) -> tuple[str, ...]:
+    """Those effort limits that bound Q - Qgrav, after a change of some."""
+    efforts = [key for key in stated if key in EFFORT_KINDS]
+    said: Mapping[str, object] = (
+        of if isinstance(of, Mapping) else dict.fromkeys(efforts, FORCES[0] if of is None else of)
+    )
+    if of is not None and not said:
+        raise JounceError(
+            f"of={quoted(of)} says which force effort limits bound; expected one of {', '.join(EFFORT_KINDS)}"
+        )
+    known = {kind: limits.of(kind) for kind in EFFORT_KINDS} | dict.fromkeys(efforts, FORCES[0])
+    for kind, force in said.items():
+        known[one_of("effort limit", kind, EFFORT_KINDS)] = one_of("force of a limit", force, FORCES)
+    return tuple(kind for kind, force in known.items() if force == FORCES[1])

@@ -1,0 +1,134 @@
+"""Limits for a robot, read from a file or from the table of an arm."""
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jounce.errors import JounceError, at, listed, no_such, one_of, quoted, warn
+from jounce.io import entries
+from jounce.io.denavit_hartenberg import ANGLES, ANGULAR
+from jounce.io.entries import Entry
+from jounce.io.files import path_of
+from jounce.io.limits import moveit
+from jounce.io.native import parts
+from jounce.model.coordinates import joint_places
+from jounce.model.limits import EFFORT_KINDS, Limits, Stated, limits_with
+from jounce.model.mechanism import Mechanism
+
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
+
+SUFFIXES = (".yaml", ".yml", ".json")
+OPTIONAL = ("angles", "limits_of", "names", "sources")  # keys of a file
+
+ByJoint = Mapping[str, Mapping[str, Stated]]
+
+
+def table_names() -> list[str]:
+    """The arms whose limits come with jounce."""
+    return sorted(file.name.removesuffix(".yaml") for file in _tables().iterdir())
+
+
+def limits_from(mechanism: Mechanism, source: object) -> Limits:
+    """The limits of a mechanism with those of a file, of an arm by its name, or of another robot in their place."""
+    if isinstance(source, Limits):
+        if source.table.shape != mechanism.limits.table.shape:
+            came = source.table.shape[-1]
+            raise JounceError(f"the limits are of {came} joint variables; this robot has {mechanism.nb}")
+        return source
+    if not isinstance(source, str | os.PathLike):
+        came = f"{type(source).__name__}; arms with limits: {listed(table_names())}"
+        raise JounceError(f"with_limits() expects a file, the name of an arm or jounce.Limits, got {came}")
+    path = path_of(source)
+    if path.suffix.lower() in SUFFIXES:
+        return _from_file(mechanism, entries.read(path, "the limits"))
+    name = os.fspath(source)
+    if name not in table_names():
+        raise JounceError(f"{no_such('limits', name, table_names())}, or a file of type {', '.join(SUFFIXES)}")
+    return _from_table(mechanism, name)
+
+
+def read_table(name: str) -> Entry:
+    """The table of an arm."""
+    from importlib.resources import as_file
+
+    with as_file(_tables() / f"{name}.yaml") as path:
+        return entries.read(path, f"the limits of {name}")
+
+
+def _tables() -> "Traversable":
+    from importlib.resources import files
+
+    return files("jounce.io.limits") / "tables"
+
+
+def _from_file(mechanism: Mechanism, document: Entry) -> Limits:
+    places = joint_places(mechanism)
+    stated = moveit.limits(document)
+    if stated is None:
+        joints = _joints(document, mechanism)
+        for name, entry in document.get("joints").members().items():
+            with at(entry.place):
+                one_of("joint", name, places)
+        return _changed(mechanism, document, joints)
+    others = [name for name in stated if name not in places]
+    if len(others) == len(stated):
+        raise JounceError(f"{document.place}: {no_such('joint', others[0] if others else '', places)}")
+    if others:
+        warn(f"{document.path}: limits of {listed(others)} are left out; this robot has no such joint")
+    return _changed(mechanism, document, {name: joint for name, joint in stated.items() if name in places})
+
+
+def _from_table(mechanism: Mechanism, name: str) -> Limits:
+    """The limits of an arm, for the joints of a robot that have its names behind common prefixes, such as ``left_``."""
+    table = read_table(name)
+    keys, places = list(table.get("joints").members()), joint_places(mechanism)
+    found: dict[str, str] = {}
+    for pattern in (item.text() for item in table.get("names", ["{}"]).items()):
+        own = [pattern.format(key) for key in keys]
+        for joint in places:
+            prefix = joint.removesuffix(own[0])
+            whole = [prefix + other for other in own]
+            if joint.endswith(own[0]) and not prefix[-1:].isalnum() and all(other in places for other in whole):
+                found |= dict(zip(whole, keys, strict=True))
+    if not found:
+        expected = listed([pattern.text().format(keys[0]) for pattern in table.get("names", ["{}"]).items()])
+        raise JounceError(
+            f"limits of {name} are of {len(keys)} joints called {expected}, ..., behind a common prefix;"
+            f" the joints of this robot are: {listed(places)}"
+        )
+    return _changed(mechanism, table, _joints(table, mechanism, found))
+
+
+def _joints(document: Entry, mechanism: Mechanism, keys: Mapping[str, str] | None = None) -> ByJoint:
+    """What a file states of each joint; `keys` are those that it has for the joints of a robot."""
+    document.keys(("units", "joints"), OPTIONAL)
+    parts.check_units(document)
+    unit = ANGLES[one_of("unit of angles", document.get("angles", "rad").text(), ANGLES)]
+    members, places = document.get("joints").members(), joint_places(mechanism)
+    named = {key: key for key in members} if keys is None else keys
+    found: dict[str, dict[str, Stated]] = {}
+    for joint, key in named.items():
+        entry = members[key].named(f"joint {quoted(joint)}")
+        stated = parts.stated_limits(entry, entry)
+        turns = joint in places and mechanism.X[places[joint]][:3].any()
+        found[joint] = {
+            kind: np.multiply(x, unit).tolist() if kind in ANGULAR and turns else x for kind, x in stated.items()
+        }
+    return found
+
+
+def _changed(mechanism: Mechanism, document: Entry, stated: ByJoint) -> Limits:
+    """The limits of a mechanism with those that are stated of some joints in their place."""
+    places = joint_places(mechanism)
+    with at(document.path):
+        changed = limits_with(
+            mechanism.limits, {places[name]: joint for name, joint in stated.items()}, mechanism.joints
+        )
+    efforts = {kind for joint in stated.values() for kind in joint if kind in EFFORT_KINDS}
+    inertial = parts.without_gravity(document) if "limits_of" in document.value else ()
+    kept = [kind for kind in mechanism.limits.without_gravity if kind not in efforts]
+    without: Sequence[str] = [kind for kind in EFFORT_KINDS if kind in inertial or kind in kept]
+    return Limits(changed.table, tuple(without))

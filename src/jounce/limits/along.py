@@ -1,0 +1,28 @@
+"""Ratios to limits at the times of a motion, to be drawn."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jounce.limits.bounded import bounded
+from jounce.limits.pieces import pieces_of
+from jounce.limits.ratios import scale_of
+from jounce.limits.worst import SIGNS
+
+if TYPE_CHECKING:
+    from jounce.motion import Motion
+    from jounce.robot.robot import Robot
+
+
+def ratios_along(robot: "Robot", motion: "Motion") -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Times (N,), those of breaks twice, and the ratios (N, n) by kind; -inf where a coordinate has no such limit."""
+    b = bounded(robot, motion)
+    times: list[np.ndarray] = []
+    found: dict[str, list[np.ndarray]] = {kind: [] for kind in b.kinds}
+    for pieces in pieces_of(b):
+        times.append(np.column_stack([pieces.start, pieces.stop]).ravel())
+        for kind in b.kinds:
+            scale = scale_of(b.limits.bounds(kind), kind)
+            ends = np.stack(pieces.values(kind), axis=1).reshape(-1, robot.n)
+            found[kind].append(np.maximum(*(scale.ratio(ends, sign) for sign in SIGNS)))
+    return np.concatenate(times), {kind: np.concatenate(parts) for kind, parts in found.items()}

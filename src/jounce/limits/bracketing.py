@@ -1,0 +1,67 @@
+"""Factors of speed by direct evaluation, where they enter no polynomial: Coulomb friction is a tanh of the velocity."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from jounce.errors import JounceError
+from jounce.limits.bounded import Bounded
+from jounce.limits.feasible import refuse_static, states_of
+from jounce.limits.pieces import pieces_of
+from jounce.limits.scaling import polynomials
+from jounce.limits.worst import Worst
+
+STEP = 1 / 32  # between factors that are tried: limits broken only between two of them are not noticed
+GROWTH = 1.05  # of factors above 1
+MOST = 1000.0
+EXACT = 1e-13  # of a factor
+HALVINGS = 30  # from the first step down, before the motion is refused
+
+Place = tuple[str, int, float]  # of a limit: kind, joint, time in the given motion
+
+
+def has_friction(b: Bounded) -> bool:
+    """Whether the forces that are limited hold Coulomb friction."""
+    return b.forces and "friction" in b.robot.mechanism.acting and bool(b.robot.drives.friction.any())
+
+
+def bracketed_factor(b: Bounded) -> tuple[float, Place]:
+    """The first of a row of factors that breaks a limit, and between it and the one before the factor that does."""
+    from scipy.optimize import brentq
+
+    t = states_of(b)[0]
+    refuse_static(b, polynomials(b, t), t)
+    low, high = 0.0, STEP
+    while worst_at(b, high)[0] <= 1:
+        low, high = high, high + STEP if high < 1 else high * GROWTH
+        if high > MOST:
+            raise JounceError(f"no limit bounds the speed of this motion up to {MOST:g} times its own")
+    for _ in range(HALVINGS):
+        if low:
+            break
+        low, high = (high / 2, high) if worst_at(b, high / 2)[0] <= 1 else (0.0, high / 2)
+    if not low:
+        raise JounceError(f"no factor of speed down to {high:.1g} keeps the limits; with_limits states others")
+    factor = float(brentq(lambda c: worst_at(b, c)[0] - 1, low, high, xtol=EXACT * low, rtol=EXACT))
+    return factor, worst_at(b, factor)[1]
+
+
+def worst_at(b: Bounded, factor: float) -> tuple[float, Place]:
+    """The largest ratio of the motion at a factor of speed, and where it is."""
+    worst = worst_of(b, factor)
+    found = []
+    for kind, sign in worst.value:
+        ratio = worst.scales[kind].ratio(sign * worst.value[kind, sign], sign)
+        j = int(np.argmax(ratio))
+        t = b.motion.start + (worst.t[kind, sign][j] - b.motion.start) * factor
+        found.append((float(ratio[j]), (kind, j, float(t))))
+    return max(found)
+
+
+def worst_of(b: Bounded, factor: float) -> Worst:
+    """The worst values of the motion at a factor of speed."""
+    scaled = replace(b, motion=b.motion.scaled(1 / factor))
+    worst = Worst(scaled)
+    for pieces in pieces_of(scaled):
+        worst.take_worst(pieces)
+    return worst

@@ -1,0 +1,163 @@
+"""Which factors of speed break a limit, at states of a motion: intervals between roots of polynomials in the factor."""
+
+import numpy as np
+
+from jounce.errors import JounceError, quoted
+from jounce.limits.bounded import Bounded
+from jounce.limits.pieces import pieces_of
+from jounce.limits.ratios import Scale, scale_of
+from jounce.limits.scaling import Polynomials, polynomials, positive_roots
+from jounce.limits.worst import ROUNDING, SIGNS
+from jounce.model.coordinates import coordinate_units
+from jounce.model.limits import MOTION_KINDS, unit_of
+
+TINY = 1e-300  # in place of a bound of 0
+NEAR = 0.98  # of a limit: a factor at which samples come as near is looked at between them
+GRID = 128  # factors, among which the nearest approaches are sought
+SUBSET = 400  # states that bound the factor before all are looked at
+
+
+class Feasible:
+    """The states of a motion, as far as added, and the open intervals of factors at which they break limits.
+
+    `start` and `stop` (M,) are the intervals; `kind`, `joint` and `t` (M,) say which limit is broken, and when.
+    """
+
+    def __init__(self, b: Bounded) -> None:
+        self.b = b
+        self.scales: dict[str, Scale] = {kind: scale_of(b.limits.bounds(kind), kind) for kind in b.kinds}
+        self.start = self.stop = self.t = np.empty(0)
+        self.kind = np.empty(0, dtype=str)
+        self.joint = np.empty(0, dtype=int)
+        self.states: list[Polynomials] = []  # polynomials by kind
+        right, left = states_of(b)
+        of_right, of_left = polynomials(b, right), polynomials(b, left, "left")
+        times = np.concatenate([right, left])
+        states = {kind: np.concatenate([c, of_left[kind]], axis=1) for kind, c in of_right.items()}
+        refuse_static(b, states, times)
+        stride = max(1, len(times) // SUBSET)
+        for some in (np.s_[::stride], np.flatnonzero(np.arange(len(times)) % stride)):  # the first bound the others
+            self._take({kind: c[:, some] for kind, c in states.items()}, times[some])
+
+    def add(self, t: np.ndarray) -> None:
+        """Add the states at some times, (N,)."""
+        found = polynomials(self.b, t)
+        refuse_static(self.b, found, t)
+        self._take(found, t)
+
+    def _take(self, states: Polynomials, t: np.ndarray) -> None:
+        self.states.append(states)
+        highest = self.ceiling
+        for kind, c in states.items():
+            if kind == "position":
+                continue
+            for sign in SIGNS:
+                self._add_roots(kind, sign, c, t, highest)
+
+    @property
+    def ceiling(self) -> float:
+        """The smallest factor from which on some state always breaks a limit."""
+        return float(self.start[np.isinf(self.stop)].min(initial=np.inf))
+
+    @property
+    def first(self) -> int:
+        """The interval that begins first."""
+        return int(self.start.argmin())
+
+    @property
+    def factor(self) -> float:
+        """The largest factor below which no state breaks a limit; infinite if none ever does."""
+        return float(self.start.min(initial=np.inf))
+
+    @property
+    def largest(self) -> float:
+        """The largest factor at which no state breaks a limit."""
+        order = np.argsort(self.start)
+        start, stop = self.start[order], self.stop[order]
+        covered = np.maximum.accumulate(stop)
+        gaps = np.flatnonzero(start[1:] >= covered[:-1])
+        return float(start[gaps[-1] + 1] if gaps.size else start[0])
+
+    def near_misses(self, factor: float) -> np.ndarray:
+        """The factors below one at which states come nearest to a limit and recede from it again."""
+        c = np.linspace(0, factor, GRID + 1)
+        found = []
+        for kind in self.b.kinds:
+            if kind in MOTION_KINDS:
+                continue  # which grows with the speed alone
+            for sign in SIGNS:
+                scale = self.scales[kind]
+                highest = np.full((len(c), self.b.robot.n), -np.inf)
+                for state in self.states:
+                    f = state[kind]
+                    most = sum(np.abs(x) * factor**k for k, x in enumerate(f))
+                    rows = np.flatnonzero((scale.ratio(sign * most, sign) > NEAR).any(axis=1))
+                    if rows.size:
+                        values = sum(x[rows] * c[:, None, None] ** k for k, x in enumerate(f))
+                        highest = np.maximum(highest, scale.ratio(values, sign).max(axis=1))
+                inner = (highest[1:-1] >= highest[:-2]) & (highest[1:-1] > highest[2:]) & (highest[1:-1] > NEAR)
+                found.append(c[1:-1][inner.any(axis=1)])
+        return np.unique(np.concatenate(found)) if found else np.empty(0)
+
+    def _add_roots(self, kind: str, sign: int, c: np.ndarray, t: np.ndarray, highest: float) -> None:
+        bound = self.scales[kind].bound(sign)
+        finite = np.flatnonzero(np.isfinite(bound))
+        f = sign * c[:, :, finite]
+        f[0] -= bound[finite]
+        most = min(highest, 1e9)
+        reach = sum(np.abs(x) * most**k for k, x in enumerate(f[1:], start=1))
+        i, j = np.nonzero((reach > -f[0]) & (f[1:] != 0).any(axis=0))
+        if not i.size:
+            return
+        roots = positive_roots(np.minimum(f[:, i, j], np.where(np.arange(len(f)) > 0, np.inf, -TINY)[:, None]))
+        degree = roots.shape[1]
+        starts = roots[:, ::2]
+        stops = np.concatenate([roots[:, 1::2], np.full((len(roots), degree % 2), np.inf)], axis=1)
+        row, column = np.nonzero(np.isfinite(starts))
+        self.start = np.append(self.start, starts[row, column])
+        self.stop = np.append(self.stop, stops[row, column])
+        self.t = np.append(self.t, t[i[row]])
+        self.joint = np.append(self.joint, finite[j[row]])
+        self.kind = np.append(self.kind, np.full(len(row), kind))
+
+
+def refuse_static(b: Bounded, found: Polynomials, t: np.ndarray) -> None:
+    """Raise where a limit is broken that does not depend on the speed: of a position, or of the effort at rest."""
+    for kind in ("position", "effort"):
+        if kind not in found:
+            continue
+        scale, value = scale_of(b.limits.bounds(kind), kind), found[kind][0]
+        for sign in SIGNS:
+            bound = scale.bound(sign)
+            beyond = sign * value - bound - ROUNDING * np.abs(bound - sign * scale.centre)
+            beyond = np.where(np.isfinite(bound), beyond, -np.inf)
+            i, j = np.unravel_index(beyond.argmax(), beyond.shape)
+            if beyond[i, j] > 0:
+                raise _static_error(b, kind, int(j), float(value[i, j]), sign * float(bound[j]), float(t[i]))
+
+
+def _static_error(b: Bounded, kind: str, j: int, value: float, bound: float, t: float) -> JounceError:
+    mechanism = b.robot.mechanism
+    unit = unit_of(kind, coordinate_units(mechanism)[j])
+    joint, when = f"joint {quoted(mechanism.coordinates[j])}", f"at t = {t:.6g} s"
+    if kind == "position":
+        return JounceError(
+            f"{joint} is at {value:.6g} {unit} {when}, beyond its limit of {bound:.6g} {unit};"
+            " slowing down does not help: change the motion or with_limits(lower=..., upper=...)"
+        )
+    of = "" if b.limits.of(kind) == "Q" else " without gravity"
+    return JounceError(
+        f"{joint} cannot hold itself up {when}: it takes {value:.6g} {unit}{of} at rest, and its limit is"
+        f" {bound:.6g} {unit}; slowing down does not help: change the pose, the load or with_limits(effort=...)"
+    )
+
+
+def states_of(b: Bounded) -> tuple[np.ndarray, np.ndarray]:
+    """The times at which a motion is looked at, and those at which it is from the left too: breaks and the end."""
+    starts, stops = [], []
+    for pieces in pieces_of(b):
+        starts.append(pieces.start)
+        stops.append(pieces.stop)
+    right, ends = np.concatenate(starts), np.concatenate(stops)
+    breaks = [found.t for found in b.motion.breaks_to(b.rate_order)]
+    return right, np.append(ends[np.isin(ends, breaks)], ends[-1])

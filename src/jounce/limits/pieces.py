@@ -1,0 +1,137 @@
+"""A motion in short pieces, between whose ends the bounded quantities are interpolated: quintic Hermite polynomials.
+
+Breaks of the motion are ends of pieces, with the rates from either side. A piece whose polynomial misses the exact
+value in its middle is halved until it does not.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+
+from jounce.limits.bounded import DERIVATIVE, SMOOTH, Bounded, Series
+from jounce.motion.hermite import coefficients
+
+TOLERANCE = 1e-5  # of the largest value: a polynomial that misses the middle by more is not trusted
+DEEPEST = 10  # times that a piece is halved
+CLOSE = 1e-9  # of the duration: times closer to a break are that break
+BLOCK = 2000  # pieces worked on at a time
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """Pieces from `start` to `stop` (K,), with the series at both ends, (K, n) each."""
+
+    start: np.ndarray
+    stop: np.ndarray
+    left: Series
+    right: Series
+
+    @property
+    def width(self) -> np.ndarray:
+        """How long they last, (K, 1)."""
+        return (self.stop - self.start)[:, None]
+
+    def taken(self, which: np.ndarray) -> "Pieces":
+        """Some of the pieces."""
+        left, right = (
+            {kind: [x[which] for x in series] for kind, series in side.items()} for side in (self.left, self.right)
+        )
+        return Pieces(self.start[which], self.stop[which], left, right)
+
+    def polynomials(self, kind: str) -> np.ndarray:
+        """Coefficients (degree + 1, K, n), highest power of u = (t - start) / width first, of what a limit bounds."""
+        c = coefficients(self.left[kind], self.right[kind], self.width)
+        for _ in range(DERIVATIVE.get(kind, 0)):
+            c = c[:-1] * np.arange(len(c) - 1, 0, -1)[:, None, None] / self.width
+        return c
+
+    def values(self, kind: str) -> tuple[np.ndarray, np.ndarray]:
+        """What a limit bounds at both ends, (K, n) each."""
+        k = DERIVATIVE.get(kind, 0)
+        return self.left[kind][k], self.right[kind][k]
+
+
+def pieces_of(b: Bounded) -> Iterator[Pieces]:
+    """The pieces of a motion, in the order of time, some at a time."""
+    knots, is_break = knots_of(b)
+    for first in range(0, len(knots) - 1, BLOCK):
+        t, jumps = knots[first : first + BLOCK + 1], is_break[first : first + BLOCK + 1]
+        right = b.series(t)
+        left = b.series(t[jumps], "left") if jumps.any() else {}
+        ends = {kind: [x.copy() for x in series] for kind, series in right.items()}
+        for kind, series in left.items():
+            for whole, part in zip(ends[kind], series, strict=True):
+                whole[jumps] = part
+        starts = {kind: [x[:-1] for x in series] for kind, series in right.items()}
+        stops = {kind: [x[1:] for x in series] for kind, series in ends.items()}
+        yield _halved(b, Pieces(t[:-1], t[1:], starts, stops))
+
+
+def knots_of(b: Bounded) -> tuple[np.ndarray, np.ndarray]:
+    """The times of a motion and of its breaks, and which of them are breaks."""
+    motion, order = b.motion, b.rate_order
+    breaks = [found.t for found in motion.breaks_to(order)]
+    for curve in motion.loads.values():
+        known = curve.highest
+        breaks += [jump.t for jump in curve.jumps(SMOOTH if known is None else min(SMOOTH, known))]
+    jumps = np.unique([t for t in breaks if motion.start < t < motion.stop])
+    every = np.unique([motion.start, *motion.times, motion.stop])
+    if not jumps.size:
+        return every, np.zeros(len(every), dtype=bool)
+    apart = np.abs(every - jumps[np.abs(np.searchsorted(jumps, every)).clip(0, len(jumps) - 1)])
+    before = np.abs(every - jumps[(np.searchsorted(jumps, every) - 1).clip(0)])
+    kept = every[np.minimum(apart, before) > CLOSE * motion.duration]
+    knots = np.unique(np.concatenate([[motion.start], kept, jumps, [motion.stop]]))
+    return knots, np.isin(knots, jumps)
+
+
+def _halved(b: Bounded, pieces: Pieces) -> Pieces:
+    """Every piece in two, and those again that their polynomials do not describe."""
+    scales = {kind: np.maximum(*(np.abs(x).max(axis=0) for x in pieces.values(kind))) for kind in b.kinds}
+    done: list[Pieces] = []
+    for _ in range(DEEPEST):
+        middle = (pieces.start + pieces.stop) / 2
+        exact, wrong = b.series(middle), np.zeros(len(middle), dtype=bool)
+        for kind in b.kinds:
+            c, value = pieces.polynomials(kind), exact[kind][DERIVATIVE.get(kind, 0)]
+            scales[kind] = np.maximum(scales[kind], np.abs(value).max(axis=0))
+            wrong |= (np.abs(_at(c, 0.5) - value) > TOLERANCE * scales[kind]).any(axis=1)
+        first = Pieces(pieces.start, middle, pieces.left, exact)
+        second = Pieces(middle, pieces.stop, exact, pieces.right)
+        done += [first.taken(~wrong), second.taken(~wrong)]
+        pieces = _joined([first.taken(wrong), second.taken(wrong)])
+        if not wrong.any():
+            break
+    return _joined([*done, pieces])
+
+
+def _joined(parts: list[Pieces]) -> Pieces:
+    """Pieces of several lists as one, in the order of time."""
+    order = np.argsort(np.concatenate([part.start for part in parts]), kind="stable")
+    left, right = (
+        {
+            kind: [np.concatenate(x)[order] for x in zip(*(getattr(part, side)[kind] for part in parts), strict=True)]
+            for kind in parts[0].left
+        }
+        for side in ("left", "right")
+    )
+    start, stop = (np.concatenate([getattr(part, name) for part in parts])[order] for name in ("start", "stop"))
+    return Pieces(start, stop, left, right)
+
+
+def _at(c: np.ndarray, u: float) -> np.ndarray:
+    """The values of polynomials at one u."""
+    value = c[0]
+    for coefficient in c[1:]:
+        value = value * u + coefficient
+    return value
+
+
+def hull(c: np.ndarray) -> np.ndarray:
+    """Bernstein coefficients, whose extremes bound the polynomials on their pieces."""
+    degree = len(c) - 1
+    powers = c[::-1]
+    matrix = np.array([[comb(j, k) / comb(degree, k) for k in range(degree + 1)] for j in range(degree + 1)])
+    return np.einsum("jk,k...->j...", matrix, powers)

@@ -1,0 +1,44 @@
+"""Ratios of values to limits: 1 at a bound, whatever its side."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+STILL = 1e-12  # against a bound of 0: less is none
+
+
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """The two bounds (n,) of a kind of limit, and the `centre` from which ratios are measured."""
+
+    lower: np.ndarray
+    upper: np.ndarray
+    centre: np.ndarray
+
+    def bound(self, sign: int) -> np.ndarray:
+        """The upper bound (sign 1), or the negative of the lower one (-1): signed values stay below it."""
+        return self.upper if sign > 0 else -self.lower
+
+    @np.errstate(all="ignore")
+    def ratio(self, value: np.ndarray, sign: int, joint: np.ndarray | None = None) -> np.ndarray:
+        """The ratios of values to the bounds of a sign, of all coordinates or of those given."""
+        bound, centre = sign * self.bound(sign), self.centre
+        if joint is not None:
+            bound, centre = bound[joint], centre[joint]
+        reach, way = bound - centre, value - centre
+        ratio = np.where(reach == 0, np.where(sign * way > STILL, np.inf, 0.0), way / reach)
+        return np.where(np.isinf(bound), -np.inf, ratio)
+
+
+def scale_of(bounds: np.ndarray, kind: str) -> Scale:
+    """The scale of bounds (2, n): from 0 where it lies between them, positions from their middle.
+
+    Where a position has one bound only, ratios are measured from 1 rad or 1 m before it.
+    """
+    lower, upper = bounds
+    with np.errstate(invalid="ignore"):
+        middle = (lower + upper) / 2
+    one = np.where(np.isfinite(upper), upper - 1, np.where(np.isfinite(lower), lower + 1, 0.0))
+    inside = np.where(np.isfinite(lower) & np.isfinite(upper), middle, one)
+    from_zero = (kind != "position") & (lower <= 0) & (upper >= 0)
+    return Scale(lower, upper, np.where(from_zero, 0.0, inside))

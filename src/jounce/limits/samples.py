@@ -1,0 +1,37 @@
+"""The worst limit at samples of a motion whose forces are computed anyway; between them only a check looks."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jounce.limits.ratios import scale_of
+from jounce.limits.worst import SIGNS
+from jounce.model.limits import EFFORT_KINDS, FORCES, MOTION_KINDS, Limits
+
+
+class Sample(NamedTuple):
+    """The largest ratio of a value to its limit: of which kind and coordinate, and when."""
+
+    ratio: float
+    kind: str
+    joint: int
+    t: float
+
+
+def worst_sample(
+    limits: Limits, t: np.ndarray, rates: tuple[np.ndarray, ...], forces: tuple[np.ndarray, ...]
+) -> Sample | None:
+    """The worst of the limits of coordinates that rates q, qd, ... and forces Q, Qd, ..., (N, n) each, tell of."""
+    values = dict(zip(MOTION_KINDS, rates, strict=False)) | {
+        kind: force
+        for kind, force in zip(EFFORT_KINDS, forces, strict=False)
+        if limits.of(kind) == FORCES[0]
+    }  # fmt: skip
+    found = []
+    for kind, value in (values | {"power": rates[1] * forces[0]}).items():
+        if np.isfinite(limits.bounds(kind)).any():
+            scale = scale_of(limits.bounds(kind), kind)
+            ratio = np.maximum(*(scale.ratio(value, sign) for sign in SIGNS))
+            i, j = np.unravel_index(ratio.argmax(), ratio.shape)
+            found.append(Sample(float(ratio[i, j]), kind, int(j), float(t[i])))
+    return max(found, default=None)

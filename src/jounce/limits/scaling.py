@@ -1,0 +1,97 @@
+"""How what limits bound depends on the speed: polynomials in the factor c of q_c(t) = q(c t), at each time of the path.
+
+    Q_c   = S + c V + c^2 D                    S: static (gravity, springs, wrenches), V: viscous, D: inertial
+    Qd_c  = c S' + c^2 V' + c^3 D'             ' along the given motion
+    Q2d_c = c^2 S'' + c^3 V'' + c^4 D''
+
+Wrenches given over time go with the path: W stays, and its k-th rate is multiplied by c^k. The parts are told apart by
+evaluating the inverse dynamics at c = 0, 1, -1, 2, -2.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from jounce.limits.bounded import DERIVATIVE, Bounded, Side, forces_of
+from jounce.model.limits import EFFORT_KINDS, FORCES, MOTION_KINDS
+from jounce.robot.along import FIRST
+from jounce.robot.dispatch import compute
+
+Polynomials = Mapping[str, np.ndarray]  # by kind
+Parts = tuple[np.ndarray, np.ndarray, np.ndarray]  # (N, n) each: of c^0, c^1 and c^2
+
+
+def polynomials(b: Bounded, t: np.ndarray, side: Side = "right") -> Polynomials:
+    """Coefficients (degree + 1, N, n) of what limits bound, lowest power of c first, at times (N,) by kind."""
+    motion_orders = [MOTION_KINDS.index(kind) for kind in b.kinds if kind in MOTION_KINDS]
+    order = max((DERIVATIVE.get(kind, 0) for kind in b.kinds if kind not in MOTION_KINDS), default=0)
+    rates = b.motion(t, max([*motion_orders, (order + FIRST) * b.forces]), side)
+    found = {kind: _monomial(rates[k], k) for k, kind in enumerate(MOTION_KINDS) if kind in b.kinds}
+    if not b.forces:
+        return found
+    parts = _parts(b, rates, t, order, side)
+    for kind in (*EFFORT_KINDS, "power"):
+        if kind in b.kinds:
+            k = DERIVATIVE.get(kind, 0)
+            c = np.concatenate([np.zeros((k, *rates[0].shape)), np.stack(parts[k])])
+            if kind == "power":
+                c = np.concatenate([0 * c[:1], rates[1] * c])
+            elif b.limits.of(kind) == FORCES[1]:
+                c[k] -= _gravity(b, rates, k)
+            found[kind] = c
+    return found
+
+
+def _monomial(rate: np.ndarray, k: int) -> np.ndarray:
+    return np.concatenate([np.zeros((k, *rate.shape)), rate[None]])
+
+
+def _parts(b: Bounded, rates: "tuple[np.ndarray, ...]", t: np.ndarray, order: int, side: Side) -> list[Parts]:
+    """S, V, D and their derivatives along the motion up to an order."""
+    wrench = b.motion.wrench(t, order, side)
+
+    def at(c: float) -> list[np.ndarray]:
+        scaled = tuple(rate * c**k for k, rate in enumerate(rates))
+        W = wrench and tuple({body: w * c**k for body, w in of.items()} for k, of in enumerate(wrench))
+        return forces_of(b.robot, scaled, W, order)
+
+    static, one, back = at(0.0)[0], at(1.0), at(-1.0)
+    two, far_back = (at(2.0), at(-2.0)) if order else ([], [])
+    parts: list[Parts] = []
+    for k in range(order + 1):
+        sign = (-1) ** k  # of the powers that S and D go with
+        V, near = (one[k] - sign * back[k]) / 2, (one[k] + sign * back[k]) / 2
+        D = ((two[k] + sign * far_back[k]) / 2 / 2**k - near) / 3 if k else near - static
+        parts.append((near - D if k else static, V, D))
+    return parts
+
+
+def _gravity(b: Bounded, rates: "tuple[np.ndarray, ...]", k: int) -> np.ndarray:
+    found = compute(b.robot, "gravity_forces", rates[: k + 1])
+    return np.asarray(found[k] if isinstance(found, tuple) else found)
+
+
+def positive_roots(f: np.ndarray) -> np.ndarray:
+    """The positive roots (M, degree) of polynomials f (degree + 1, M), lowest power first, f[0] < 0; then inf.
+
+    They are the inverses of eigenvalues of companion matrices, and one step of Newton's method.
+    """
+    degree, count = len(f) - 1, f.shape[1]
+    companion = np.zeros((count, degree, degree))
+    companion[:, 0, :] = -(f[1:] / f[0]).T
+    companion[:, np.arange(1, degree), np.arange(degree - 1)] = 1
+    z = np.linalg.eigvals(companion)
+    with np.errstate(all="ignore"):
+        real = (np.abs(z.imag) <= 1e-9 * np.abs(z)) & (z.real > 0)
+        c = np.where(real, 1 / z.real, np.inf)
+        value, slope = _value(f, c), _value(f[1:] * np.arange(1, degree + 1)[:, None], c)
+        step = value / slope
+        c = np.where(np.isfinite(step) & (np.abs(step) < 1e-6 * c), c - step, c)
+    return np.sort(c, axis=1)
+
+
+def _value(f: np.ndarray, c: np.ndarray) -> np.ndarray:
+    value = np.zeros_like(c)
+    for coefficient in f[::-1]:
+        value = value * c + coefficient[:, None]
+    return value

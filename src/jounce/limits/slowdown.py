@@ -1,0 +1,144 @@
+"""The largest factor of speed at which a motion keeps every limit."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from jounce.errors import JounceError, quoted
+from jounce.limits.bounded import Bounded, bounded
+from jounce.limits.bracketing import bracketed_factor, has_friction, worst_of
+from jounce.limits.check import breaks_of, notes_of
+from jounce.limits.feasible import Feasible
+from jounce.limits.worst import Worst
+from jounce.motion.motion import Motion
+from jounce.robot.along import ForceBreak
+
+if TYPE_CHECKING:
+    from jounce.robot.robot import Robot
+
+CLOSE = 2e-10  # of a ratio beyond 1: factors are as exact
+ROUNDS = 40  # of refinement between samples; it takes three or four
+LEAST = 1e-9  # a smaller factor comes of a limit of 0
+
+
+class Binding(NamedTuple):
+    """The limit that stops a motion from being faster: of which joint, which kind, and when in the given motion, s."""
+
+    joint: str
+    limit: str
+    t: float
+
+
+@dataclass(frozen=True)
+class Slowdown:
+    """How fast a motion may be. `Robot.slowdown` makes one.
+
+    Attributes
+    ----------
+    factor : float
+        Largest factor of speed such that every smaller one keeps all limits too; above 1 the motion may be faster.
+    binding : Binding
+        The limit that is met exactly at this factor: (joint, limit, t), t in the given motion.
+    motion : Motion
+        The motion at this factor: ``motion.scaled(1 / factor)``.
+    largest : float or None
+        Largest factor at which all limits are kept, larger than `factor` where some between them are not: a torque rate
+        does not grow with speed alone. None where friction acts, and it is not sought.
+    notes : tuple of str
+        Which limits nothing is checked against, in words.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> robot = jounce.load("planar2r").with_limits(effort=[60, 15])
+    >>> motion = jounce.Motion.trapezoidal([[0, 0], [1, 1]], 2.0, 10.0)
+    >>> slow = robot.slowdown(motion)
+    >>> slow.binding.joint, round(slow.factor, 4), round(robot.check(slow.motion).worst.ratio, 9)
+    ('joint2', 0.4159, 1.0)
+    """
+
+    factor: float
+    binding: Binding
+    motion: Motion
+    largest: float | None
+    notes: tuple[str, ...] = ()
+
+
+def slowdown(robot: "Robot", motion: object) -> Slowdown:
+    """The largest factor of speed such that every smaller one keeps all limits too."""
+    b = bounded(robot, motion)
+    breaks = breaks_of(b)
+    notes = notes_of(b, breaks)
+    _refuse_jumps(b, breaks)
+    if has_friction(b):
+        factor, binding = bracketed_factor(b)
+        return Slowdown(factor, _named(b, *binding), b.motion.scaled(1 / factor), None, notes)
+    states = Feasible(b)
+    factor = _first(b, states)
+    i = states.first
+    binding = str(states.kind[i]), int(states.joint[i]), float(states.t[i])
+    largest = _largest(b, states)
+    return Slowdown(factor, _named(b, *binding), b.motion.scaled(1 / factor), max(factor, largest), notes)
+
+
+def _named(b: Bounded, kind: str, joint: int, t: float) -> Binding:
+    return Binding(b.robot.joint_names[joint], kind, t)
+
+
+def _first(b: Bounded, states: Feasible) -> float:
+    """The largest factor below which all are feasible: refined between samples there, and where limits are near."""
+    for _ in range(ROUNDS):
+        factor = _finite(states)
+        near = states.near_misses(factor)
+        beyond = np.unique(np.concatenate([times_beyond(b, at) for at in (*near, factor)]))
+        if not beyond.size:
+            return factor
+        states.add(beyond)
+    return _finite(states)
+
+
+def _largest(b: Bounded, states: Feasible) -> float:
+    """The largest feasible factor, refined between samples."""
+    for _ in range(ROUNDS):
+        beyond = times_beyond(b, states.largest)
+        if states.largest <= states.factor or not beyond.size:
+            break
+        states.add(beyond)
+    return states.largest
+
+
+def _finite(states: Feasible) -> float:
+    factor = states.factor
+    if np.isinf(factor):
+        raise JounceError("no limit bounds the speed of this motion: it does not move, or with_limits must state more")
+    if factor < LEAST:
+        i = states.first
+        joint, kind = states.b.robot.joint_names[states.joint[i]], str(states.kind[i]).replace("_", " ")
+        raise JounceError(f"joint {quoted(joint)} moves at t = {states.t[i]:.6g} s, and its limit of {kind} is 0")
+    return factor
+
+
+def times_beyond(b: Bounded, factor: float) -> np.ndarray:
+    """When, between samples too, the motion at a factor of speed is farthest beyond limits, in the given motion."""
+    worst = worst_of(b, factor)
+    found = [
+        worst.t[kind, sign][worst.scales[kind].ratio(sign * worst.value[kind, sign], sign) > 1 + CLOSE]
+        for kind, sign in worst.value
+    ]
+    return np.asarray(b.motion.start + (np.unique(np.concatenate(found)) - b.motion.start) * factor)
+
+
+def _refuse_jumps(b: Bounded, breaks: Sequence[ForceBreak]) -> None:
+    """Raise where a limit is broken at every speed: a lower rate jumps."""
+    worst = Worst(b)
+    worst.take_jumps(breaks)
+    for (kind, sign), value in worst.value.items():
+        for j in np.flatnonzero(np.isposinf(value)):
+            joint, t = quoted(b.robot.joint_names[j]), worst.t[kind, sign][j]
+            limit = kind.replace("_", " ")
+            raise JounceError(
+                f"break at t = {t:.9g} s: the {limit} of joint {joint} is infinite there at every speed, and it has a"
+                " limit; motion.blended(time) (--blend) replaces breaks"
+            )

@@ -1,0 +1,146 @@
+"""The worst value of every limit along a motion, and when limits are broken, gathered piece by piece."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from jounce.limits.bounded import DERIVATIVE, Bounded
+from jounce.limits.peaks import Peaks, peaks_of, picked, root
+from jounce.limits.pieces import Pieces
+from jounce.limits.ratios import Scale, scale_of
+from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS
+from jounce.robot.along import ForceBreak
+
+ROUNDING = 1e-9  # of the reach of a limit: less beyond it is rounding
+TRUST = 1e-6  # of the largest value: what polynomials between samples are trusted to
+SIGNS = (1, -1)  # of values: against the upper bound, and against the lower one
+
+Span = tuple[float, float]
+
+
+class Worst:
+    """For each kind and sign the largest signed values (n,), their times, and the spans beyond the bounds."""
+
+    def __init__(self, b: Bounded) -> None:
+        self.b = b
+        self.scales: dict[str, Scale] = {kind: scale_of(b.limits.bounds(kind), kind) for kind in b.kinds}
+        sides = [(kind, sign) for kind in b.kinds for sign in SIGNS]
+        n = b.robot.n
+        self.value = {side: np.full(n, -np.inf) for side in sides}
+        self.t = {side: np.full(n, b.motion.start) for side in sides}
+        self.largest = {kind: np.zeros(n) for kind in b.kinds}
+        self.spans: dict[tuple[str, int], list[list[Span]]] = {side: [[] for _ in range(n)] for side in sides}
+
+    def take(self, pieces: Pieces) -> None:
+        """Look at pieces of the motion, which follow those taken before."""
+        peaks = self.take_worst(pieces)
+        self._add_spans(pieces, peaks)
+
+    def take_worst(self, pieces: Pieces) -> Peaks:
+        """Look at pieces of the motion for the worst values alone; returns the peaks between the ends of pieces."""
+        for kind in self.b.kinds:
+            for t, values in zip((pieces.start, pieces.stop), pieces.values(kind), strict=True):
+                self.largest[kind] = np.maximum(self.largest[kind], np.abs(values).max(axis=0))
+                for sign in SIGNS:
+                    at = (sign * values).argmax(axis=0)
+                    self._update(kind, sign, np.arange(values.shape[1]), t[at], (sign * values).max(axis=0))
+        peaks = peaks_of(self.b, pieces, self._floor)
+        for kind, joint, sign, t, value in zip(*peaks, strict=True):
+            self._update(str(kind), int(sign), np.array([joint]), np.array([t]), np.array([sign * value]))
+        return peaks
+
+    def take_jumps(self, breaks: Sequence[ForceBreak]) -> None:
+        """Count jumps of a lower rate as infinite values: of motions, and of forces at their breaks."""
+        names = self.b.robot.joint_names
+        highest = max((MOTION_KINDS.index(kind) for kind in self.b.kinds if kind in MOTION_KINDS), default=0)
+        for found in self.b.motion.breaks_to(highest - 1) if highest else ():
+            j = found.joint if isinstance(found.joint, int) else names.index(found.joint)
+            for kind in MOTION_KINDS[found.order + 1 :]:
+                self._jump(kind, j, found.t, found.jump)
+        for met in breaks:
+            unknown = [-np.ones(len(names)), np.ones(len(names))]  # of forces where q or qd jumps: an impulse
+            for jump in unknown if met.jump is None else [met.jump]:
+                for i in np.flatnonzero(np.abs(jump) > ROUNDING * np.abs(jump).max()):
+                    for kind in (*EFFORT_KINDS, "power"):
+                        if met.order < DERIVATIVE.get(kind, 0):
+                            self._jump(kind, int(i), met.t, float(jump[i]))
+
+    def _jump(self, kind: str, j: int, t: float, jump: float) -> None:
+        """Count a jump of the rate below a kind as an infinite value of it."""
+        sign = 1 if jump > 0 else -1
+        if kind in self.b.kinds and np.isfinite(self.scales[kind].bound(sign)[j]):
+            self._update(kind, sign, np.array([j]), np.array([t]), np.array([np.inf]))
+            self.spans[kind, sign][j].append((t, t))
+
+    def _update(self, kind: str, sign: int, joint: np.ndarray, t: np.ndarray, value: np.ndarray) -> None:
+        better = value > self.value[kind, sign][joint]
+        self.value[kind, sign][joint[better]] = value[better]
+        self.t[kind, sign][joint[better]] = t[better]
+
+    def _tolerant(self, kind: str, sign: int) -> np.ndarray:
+        """The bounds of signed values, with room for rounding."""
+        scale = self.scales[kind]
+        bound = scale.bound(sign)
+        reach = np.abs(bound - sign * scale.centre)
+        return np.where(np.isfinite(bound), bound + ROUNDING * reach, np.inf)
+
+    def _floor(self, kind: str, sign: int) -> np.ndarray:
+        """What a peak must reach to matter: the worst value so far, or the bound."""
+        bound = self.scales[kind].bound(sign)
+        least = np.minimum(self.value[kind, sign], bound) - TRUST * self.largest[kind]
+        return np.where(np.isfinite(bound), least, np.inf)
+
+    def _add_spans(self, pieces: Pieces, peaks: Peaks) -> None:
+        """The spans in which values are beyond their bounds, their ends exact."""
+        crossings = [
+            self._crossing(pieces, peaks, kind, sign, int(j))
+            for (kind, sign), worst in self.value.items()
+            for j in np.flatnonzero(worst > self._tolerant(kind, sign))
+        ]
+        if not crossings:
+            return
+        edges = [crossing.edges for crossing in crossings]
+        counts = [len(edge) for edge in edges]
+        of = np.repeat(np.arange(len(crossings)), counts)
+        kind, joint, sign, bound = (np.array(column)[of] for column in zip(*(c[:4] for c in crossings), strict=True))
+        low, high = np.concatenate(edges).T
+        ends = low.copy()
+        inner = low < high
+
+        def beyond(t: np.ndarray) -> np.ndarray:
+            return sign[inner] * picked(self.b, t, kind[inner], joint[inner], 0) - bound[inner]
+
+        if inner.any():
+            ends[inner] = root(beyond, low[inner], high[inner])
+        for crossing, mine in zip(crossings, np.split(ends, np.cumsum(counts)[:-1]), strict=True):
+            _extend(self.spans[crossing.kind, crossing.sign][crossing.joint], mine.tolist())
+
+    def _crossing(self, pieces: Pieces, peaks: Peaks, kind: str, sign: int, j: int) -> "_Crossing":
+        """Between which times a value passes its bound; where it begins or ends beyond it, and at jumps, that time."""
+        mine = (peaks.kind == kind) & (peaks.joint == j) & (peaks.sign == sign)
+        left, right = pieces.values(kind)
+        t = np.concatenate([pieces.stop, peaks.t[mine], pieces.start])
+        y = np.concatenate([right[:, j], peaks.value[mine], left[:, j]]) * sign
+        order = np.argsort(t, kind="stable")  # at a break what ends there stands before what begins
+        t, beyond = t[order], y[order] > self._tolerant(kind, sign)[j]
+        passes = np.flatnonzero(beyond[1:] != beyond[:-1])
+        first, last = [t[[0, 0]]] * bool(beyond[0]), [t[[-1, -1]]] * bool(beyond[-1])
+        edges = np.array([*first, *np.column_stack([t[passes], t[passes + 1]]), *last]).reshape(-1, 2)
+        return _Crossing(kind, j, sign, float(self.scales[kind].bound(sign)[j]), edges)
+
+
+def _extend(spans: list[Span], ends: list[float]) -> None:
+    """Add the spans between pairs of ends; one that begins where the last one ends continues it."""
+    for start, stop in zip(ends[::2], ends[1::2], strict=True):
+        if spans and spans[-1][1] == start:
+            start = spans.pop()[0]
+        spans.append((start, stop))
+
+
+class _Crossing(NamedTuple):
+    kind: str
+    joint: int
+    sign: int
+    bound: float
+    edges: np.ndarray  # (edges, 2)

@@ -1,0 +1,230 @@
+"""Limits of the joint variables and of their forces: two-sided bounds of nine kinds, infinite where none is stated."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from jounce._scalars import Array, asarray, is_numeric
+from jounce._typing import Floats
+from jounce.errors import JounceError, one_of, quoted
+
+MOTION_KINDS = ("position", "velocity", "acceleration", "jerk", "snap")  # bounds of q, qd, q2d, q3d, q4d
+EFFORT_KINDS = ("effort", "effort_rate", "second_effort_rate")  # bounds of Q, Qd, Q2d
+KINDS = (*MOTION_KINDS, *EFFORT_KINDS, "power")
+KEYS = ("lower", "upper", *KINDS[1:])  # of files and callers: positions have two
+FORCES = ("Q", "Q - Qgrav")  # what an effort limit may bound
+
+_FORCE = {"rad": "N m", "m": "N"}
+
+Stated = float | Sequence[float]  # one number for both directions, or (lower, upper)
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """The limits of the joint variables and of their forces, infinite where none is stated. They do not enter Q.
+
+    They are kept per joint variable. Of joints that follow others, the motion is limited, but the effort is not: what
+    they exert adds to the force of their leader, and only its limit has a meaning.
+
+    Each attribute is the bound in the positive direction; the other one is its negative, unless the limit is two-sided:
+    `bounds` gives both.
+
+    Attributes
+    ----------
+    lower, upper : (nb,)
+        Position, rad or m.
+    velocity, acceleration, jerk, snap : (nb,)
+        Rates of the joint variable: rad/s or m/s, per s, ...
+    effort, effort_rate, second_effort_rate : (nb,)
+        Q, Qd and Q2d: N m or N, per s, per s^2.
+    power : (nb,)
+        Drive power qd Q, W.
+    without_gravity : tuple of str
+        Those of "effort", "effort_rate", "second_effort_rate" that bound Q - Qgrav and its rates instead of Q.
+    table : (9, 2, nb)
+        All of them: for each of the nine kinds the lower and the upper bounds.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> limits = jounce.load("panda").limits
+    >>> limits.effort[:2]
+    array([87., 87.])
+    >>> limits.bounds("effort")[:, 0]
+    array([-87.,  87.])
+    """
+
+    table: Floats
+    without_gravity: tuple[str, ...] = ()
+
+    def bounds(self, kind: str) -> Floats:
+        """The lower and upper bounds (2, nb) of a kind: "position", "velocity", ..., "effort", ..., "power"."""
+        return self.table[KINDS.index(one_of("limit", kind, KINDS))]
+
+    @property
+    def lower(self) -> Floats:
+        """The smallest position, rad or m."""
+        return self.bounds("position")[0]
+
+    @property
+    def upper(self) -> Floats:
+        """The largest position, rad or m."""
+        return self.bounds("position")[1]
+
+    @property
+    def velocity(self) -> Floats:
+        """The largest velocity, rad/s or m/s."""
+        return self.bounds("velocity")[1]
+
+    @property
+    def acceleration(self) -> Floats:
+        """The largest acceleration, rad/s^2 or m/s^2."""
+        return self.bounds("acceleration")[1]
+
+    @property
+    def jerk(self) -> Floats:
+        """The largest jerk, rad/s^3 or m/s^3."""
+        return self.bounds("jerk")[1]
+
+    @property
+    def snap(self) -> Floats:
+        """The largest snap, rad/s^4 or m/s^4."""
+        return self.bounds("snap")[1]
+
+    @property
+    def effort(self) -> Floats:
+        """The largest moment or force, N m or N."""
+        return self.bounds("effort")[1]
+
+    @property
+    def effort_rate(self) -> Floats:
+        """The largest rate of the moment or force, N m/s or N/s."""
+        return self.bounds("effort_rate")[1]
+
+    @property
+    def second_effort_rate(self) -> Floats:
+        """The largest second rate of the moment or force, N m/s^2 or N/s^2."""
+        return self.bounds("second_effort_rate")[1]
+
+    @property
+    def power(self) -> Floats:
+        """The largest drive power, W."""
+        return self.bounds("power")[1]
+
+    def of(self, kind: str) -> str:
+        """Which force an effort limit bounds, with its rates: "Q" or "Q - Qgrav"."""
+        return FORCES[kind in self.without_gravity]
+
+    def stated(self, i: int) -> dict[str, float | list[float | None]]:
+        """The finite limits of joint variable i: a number for both directions, or [lower, upper], None if infinite."""
+        found: dict[str, float | list[float | None]] = {}
+        for key in KEYS:
+            lower, upper = (float(x) for x in self.bounds(_kind(key))[:, i])
+            if key in ("lower", "upper"):
+                end = lower if key == "lower" else upper
+                found |= {key: end} if np.isfinite(end) else {}
+            elif np.isfinite([lower, upper]).any():
+                ends = [x if np.isfinite(x) else None for x in (lower, upper)]
+                found[key] = upper if lower == -upper else ends
+        return found
+
+    def taken(self, joints: Sequence[int]) -> "Limits":
+        """The limits of some of the joint variables."""
+        return replace(self, table=self.table[..., joints])
+
+
+def unlimited(nb: int) -> Limits:
+    """No limits of nb joint variables."""
+    table = np.full((len(KINDS), 2, nb), np.inf)
+    table[:, 0] = -np.inf
+    return Limits(table)
+
+
+def limits_of_joints(stated: Sequence[Mapping[str, Stated]], without_gravity: Sequence[str] = ()) -> Limits:
+    """The limits that are stated of each joint variable, checked where they are read."""
+    table = unlimited(len(stated)).table
+    for i, joint in enumerate(stated):
+        for key, value in joint.items():
+            _set(table[..., i], key, value)
+    return Limits(table + 0.0, tuple(without_gravity))  # no -0.0 among data
+
+
+def limit_error(**stated: Stated) -> str | None:
+    """What keeps numbers from being the limits of a joint variable, or None."""
+    lower, upper = float(stated.get("lower", -np.inf)), float(stated.get("upper", np.inf))  # type: ignore[arg-type]
+    if not (-np.inf <= lower <= upper <= np.inf) or lower == np.inf or upper == -np.inf:
+        return f"lower and upper limit are {lower:g} and {upper:g}; expected lower <= upper"
+    for key, value in stated.items():
+        if key in ("lower", "upper"):
+            continue
+        if np.ndim(value) == 0:
+            if not value >= 0:  # type: ignore[operator]
+                return f"limit of {key} is {value:g}; expected 0 or more"
+        elif key == "effort" and not value[0] <= value[1]:  # type: ignore[index]
+            return f"limits of effort are {value[0]:g} and {value[1]:g}; expected lower <= upper"  # type: ignore[index]
+        elif key != "effort" and not value[0] <= 0 <= value[1]:  # type: ignore[index]
+            return f"limits of {key} are {value[0]:g} and {value[1]:g}; expected lower <= 0 <= upper"  # type: ignore[index]
+    return None
+
+
+def checked_limits(given: object, nb: int) -> Limits:
+    """Limits of nb joint variables: those of another robot, or a mapping of arrays (nb,), two-sided ones (nb, 2)."""
+    if isinstance(given, Limits):
+        if given.table.shape[-1] != nb:
+            raise JounceError(f"limits are of {given.table.shape[-1]} joint variables; expected {nb}")
+        return replace(given, table=given.table.copy())
+    stated = {} if given is None else given
+    if not isinstance(stated, Mapping):
+        raise JounceError(f"limits is of type {type(given).__name__}; expected a mapping of {', '.join(KEYS)}")
+    arrays = {one_of("limit", key, KEYS): _numbers(array, key, nb) for key, array in stated.items()}
+    joints: list[Mapping[str, Any]] = [{key: array[i] for key, array in arrays.items()} for i in range(nb)]
+    for i, joint in enumerate(joints):
+        if error := limit_error(**joint):
+            raise JounceError(f"limits of joint {i}: {error}")
+    return limits_of_joints(joints)
+
+
+def _numbers(array: Array, key: str, nb: int) -> np.ndarray:
+    numbers = np.asarray(asarray(array, key))
+    shapes = [(nb,)] if key in ("lower", "upper") else [(nb,), (nb, 2)]
+    if numbers.shape not in shapes or not is_numeric(numbers):
+        words = " or ".join(map(str, shapes))
+        raise JounceError(f"limits: {key} has shape {numbers.shape}; expected numbers {words}, one per joint")
+    return numbers
+
+
+def limits_with(limits: Limits, changes: Mapping[int, Mapping[str, Stated]], names: Sequence[str]) -> Limits:
+    """The limits with those of some joint variables, by their index, in place of the old ones; `names` are theirs."""
+    table = limits.table.copy()
+    for i, joint in changes.items():
+        for key, value in joint.items():
+            _set(table[..., i], key, value)
+        lower, upper = table[0, :, i]
+        given = {key: value for key, value in joint.items() if key not in ("lower", "upper")}
+        if error := limit_error(lower=lower, upper=upper, **given):
+            raise JounceError(f"joint {quoted(names[i])}: {error}")
+    return replace(limits, table=table + 0.0)
+
+
+def unit_of(kind: str, coordinate: str) -> str:
+    """The unit of a kind of limit of a coordinate in rad or m."""
+    if kind == "power":
+        return "W"
+    base, names = (coordinate, MOTION_KINDS) if kind in MOTION_KINDS else (_FORCE[coordinate], EFFORT_KINDS)
+    order = names.index(kind)
+    return base + (f"/s^{order}" if order > 1 else "/s" * order)
+
+
+def _kind(key: str) -> str:
+    return "position" if key in ("lower", "upper") else key
+
+
+def _set(table: np.ndarray, key: str, value: Stated) -> None:
+    """Write what is stated under a key into a table (9, 2) of one joint variable."""
+    row = table[KINDS.index(_kind(key))]
+    if key in ("lower", "upper"):
+        row[int(key == "upper")] = value
+    else:
+        row[:] = value if np.ndim(value) else (-value, value)  # type: ignore[operator]

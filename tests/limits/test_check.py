@@ -1,0 +1,181 @@
+"""Limits along a motion: nothing between samples is missed, breaks are told, ratios mean the same on both sides."""
+
+import numpy as np
+import pytest
+from files import refusal
+
+import jounce
+
+HOME = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
+ALL = {
+    "effort": 100, "effort_rate": 300, "second_effort_rate": 1e4, "velocity": 1.7, "acceleration": 6, "jerk": 30,
+    "snap": 200, "power": 60, "lower": -2, "upper": 2,
+}  # fmt: skip
+
+
+def fourier(seed, n, duration=2.0, size=0.3):
+    rng = np.random.default_rng(seed)
+    return jounce.Motion.fourier(
+        rng.normal(size=n) * 0.3, *(size * rng.normal(size=(2, 3, n)) / np.arange(1, 4)[:, None]), 2.5, duration
+    )
+
+
+@pytest.fixture(scope="module")
+def panda():
+    return jounce.load("panda", lock={"panda_finger_joint1": 0.0}).with_limits("panda")
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return jounce.load("ur5").with_limits(**ALL, of={"effort_rate": "Q - Qgrav"})
+
+
+def rows(found):
+    return {(row.joint, row.limit): row for row in found.table}
+
+
+def test_coarse_samples_find_what_fine_ones_find(arm):
+    motion = fourier(0, 6)
+    coarse, fine = arm.check(motion.with_step(0.02)), arm.check(motion.with_step(1e-4))
+    for row, other in zip(coarse.table, fine.table, strict=True):
+        assert row.ratio == pytest.approx(other.ratio, rel=1e-7)
+        assert len(row.violations) == len(other.violations)
+        np.testing.assert_allclose(row.violations, other.violations, atol=1e-6)
+
+
+def test_worst_values_are_those_of_a_dense_grid(arm):
+    motion = fourier(1, 6)
+    t = np.linspace(motion.start, motion.stop, 20001)
+    rates = motion(t)
+    Q, Qd, Q2d = arm.inverse_dynamics(*rates)
+    _, Gd = arm.gravity_forces(*rates[:2])
+    dense = {
+        "velocity": rates[1], "acceleration": rates[2], "jerk": rates[3], "snap": rates[4], "effort": Q,
+        "effort_rate": Qd - Gd, "second_effort_rate": Q2d, "power": rates[1] * Q,
+    }  # fmt: skip
+    found = rows(arm.check(motion.with_step(0.02)))
+    for kind, values in dense.items():
+        for joint, column in zip(arm.joint_names, values.T, strict=True):
+            row = found[joint, kind]
+            assert abs(row.value) == pytest.approx(np.abs(column).max(), rel=1e-6)
+            assert abs(row.value) >= np.abs(column).max() * (1 - 1e-12)
+            assert row.ratio == pytest.approx(abs(row.value) / ALL[kind])
+            assert row.margin == pytest.approx(ALL[kind] - abs(row.value))
+            beyond = sum(stop - start for start, stop in row.violations)
+            assert beyond == pytest.approx((np.abs(column) > ALL[kind]).mean() * motion.duration, abs=5e-4)
+
+
+def test_a_violation_planted_between_two_samples_is_found():
+    """A pendulum without gravity: Q = q2d, whose peak is known; samples stand on either side of it."""
+    inertia = jounce.inertia_matrix(1.0, [1, 0, 0], np.zeros((3, 3)))
+    pendulum = jounce.Robot.from_screws([np.eye(4)], [[0, 0, 1, 0, 0, 0]], [inertia], gravity=[0, 0, 0])
+    peak, step = 0.5 + 0.0123456, 0.1
+    w = 2 * np.pi
+    phase = w * (peak - 0.5)
+    motion = jounce.Motion.fourier([0], [[np.cos(phase)]], [[np.sin(phase)]], w, 1.0).with_step(step)
+    samples = motion(motion.times)[2][:, 0]  # -w^2 cos(w t - phase)
+    bound = float(samples.max()) * 1.0001
+    found = pendulum.with_limits(effort=[[-1e3, bound]]).check(motion)
+    assert (found.worst.t, found.worst.value) == pytest.approx((peak, w**2), abs=1e-8)
+    assert not found.ok
+    half = np.arccos(bound / w**2) / w
+    assert found.worst.violations == (pytest.approx((peak - half, peak + half), abs=1e-8),)
+
+
+def test_both_sides_of_a_break_are_checked(panda):
+    """Constant jerk: the torque rate jumps at every change of it, and is largest there."""
+    step, size = 0.1, 5.0
+    jerks = size * np.array([1, -1, 1])
+    q, qd, q2d, c = 0.0, 0.0, 0.0, []
+    for jerk in jerks:
+        c.append([jerk / 6, q2d / 2, qd, q])
+        q, qd, q2d = np.polyval(c[-1], step), np.polyval(np.polyder(c[-1]), step), q2d + jerk * step
+    coefficients = np.array(c).T[:, :, None] * np.eye(7)[0] + np.array([0, 0, 0, 1])[:, None, None] * HOME
+    motion = jounce.Motion.piecewise(step * np.arange(4), coefficients)
+    found = panda.check(motion.with_step(0.05))
+    row = rows(found)["panda_joint1", "effort_rate"]
+    t = np.array([step, 2 * step])
+    either = [
+        np.abs(panda.inverse_dynamics(*motion(t, 3, side))[1] - panda.gravity_forces(*motion(t, 1, side))[1]).max(
+            axis=0
+        )
+        for side in ("left", "right")
+    ]
+    ends = motion([0, 3 * step], 3)
+    outer = np.abs(panda.inverse_dynamics(*ends)[1] - panda.gravity_forces(*ends[:2])[1]).max(axis=0)
+    assert abs(row.value) >= max(np.max(either, axis=0)[0], outer[0]) * (1 - 1e-12)
+    assert len(found.breaks) == 2
+    assert found.notes == ()
+
+
+def test_where_acceleration_jumps_no_torque_rate_is_met(panda):
+    motion = jounce.Motion.trapezoidal([HOME, HOME + 0.3], 0.5, 2.0)
+    found = panda.check(motion)
+    assert found.worst.limit in ("jerk", "effort_rate")
+    assert np.isinf([found.worst.ratio, found.worst.value]).all()
+    assert not found.ok
+    row = rows(found)["panda_joint1", "effort_rate"]
+    assert {span[0] for span in row.violations if span[0] == span[1]} == {met.t for met in found.breaks}
+    [note] = found.notes
+    assert "Q jumps because of panda_joint1" in note
+    assert "no limit of effort rate can be met there; motion.blended" in note
+    assert panda.check(motion.blended(0.05)).notes == ()
+
+
+def test_where_velocity_jumps_no_torque_is_met():
+    corner = jounce.Motion.polynomial([[0, 1], [0, 1]], 1.0) + jounce.Motion.polynomial([[1, 2], [1, 1]], 1.0)
+    for bounds in ([[-999, np.inf]] * 2, [[-np.inf, 999]] * 2):
+        found = jounce.load("planar2r").with_limits(effort=bounds).check(corner)
+        assert (found.worst.ratio, found.worst.t, found.breaks[0].order) == (np.inf, 1.0, -1)
+    found = jounce.load("planar2r").with_limits(acceleration={"joint1": 9}).check(corner)
+    assert (found.worst.value, found.worst.joint, found.breaks) == (np.inf, "joint1", ())
+
+
+def test_two_sided_limits_and_ranges_away_from_zero():
+    robot = jounce.load("planar2r").with_limits(
+        lower=[1, -np.inf], upper=[3, 2.5], effort=[[-50, 10], [-3, 100]], velocity=[[-0.1, 5], [-5, 5]]
+    )
+    motion = jounce.Motion.polynomial([[2.0, -0.2], [0.0, 1.0]], 2.0)
+    found = rows(robot.check(motion))
+    assert found["joint1", "velocity"].bound == -0.1
+    assert found["joint1", "velocity"].ratio == pytest.approx(2)
+    assert found["joint1", "position"].ratio == pytest.approx(0.4)  # 1.6 in 1 .. 3
+    assert found["joint2", "position"].ratio == pytest.approx(0.5)  # 0.5 before its only bound
+    assert found["joint2", "position"].margin == pytest.approx(0.5)
+
+
+def test_wrenches_act_and_measured_motions_have_deviations(arm):
+    q = fourier(2, 6)(np.linspace(0, 2, 401), 0)[0]
+    noisy = q + 1e-4 * np.random.default_rng(0).normal(size=q.shape)
+    measured = jounce.Motion.fit(np.linspace(0, 2, 401), noisy)
+    arm = arm.with_limits(snap=np.inf, second_effort_rate=np.inf)
+    for row in arm.check(measured).table:
+        assert row.deviation is not None
+        assert row.deviation > 0
+    t = np.linspace(0, 2, 9)
+    table = {"t": t, **dict.fromkeys(arm.joint_names, 0 * t), "tool0.fx": -50 * np.sin(t)}
+    loaded = jounce.load_motion(table, arm, 0, degree=5)
+    Q = arm.forces_along(loaded, np.linspace(0, 2, 2001), order=0).forces[0]
+    free = arm.gravity_forces(np.zeros(6))
+    found = rows(arm.check(loaded))
+    assert np.abs(Q - free).max() > 5
+    for joint, column in zip(arm.joint_names, Q.T, strict=True):
+        assert abs(found[joint, "effort"].value) == pytest.approx(np.abs(column).max(), rel=1e-5)
+
+
+def test_a_follower_is_named_where_its_effort_is_not_checked():
+    robot = jounce.load("panda")
+    found = robot.check(jounce.Motion.polynomial(np.array([*HOME, 0.02])[:, None] * [1.0], 1.0))
+    assert [note for note in found.notes if "'panda_finger_joint2'" in note and "follows" in note]
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: jounce.load("iiwa14").check(fourier(0, 7)), ["states no limits", "with_limits('panda')"]),
+        (lambda: jounce.load("ur5").check("motion.csv"), ["expects a jounce.Motion, got str"]),
+        (lambda: jounce.load("ur5").check(fourier(0, 7)), ["7"]),
+    ],
+)
+def test_what_cannot_be_checked_is_refused(call, words):
+    refusal(call, *words)

@@ -1,0 +1,168 @@
+"""The slow-down is the largest factor below which every limit is kept: against brute force, and by its definition."""
+
+import numpy as np
+import pytest
+from files import refusal
+from test_check import HOME, fourier
+
+import jounce
+from jounce.limits.bounded import bounded
+from jounce.limits.scaling import polynomials, positive_roots
+
+
+def pendulum(**limits):
+    """Hangs at -90 degrees, where a slow swing needs gravity's torque and a fast one the opposite: rates cancel."""
+    return jounce.load("planar2r", m2=0.5).locked({"joint2": 0.0}).with_limits(**limits)
+
+
+def driven(**drives):
+    m = jounce.load("planar2r").mechanism
+    return jounce.Robot.from_screws(m.B, m.X, m.M, gravity=m.gravity, drives=drives).with_drives()
+
+
+def swing(seed):
+    rng = np.random.default_rng(seed)
+    frequency, size = rng.uniform(1.5, 2.5), rng.uniform(0.05, 0.2)
+    return jounce.Motion.fourier([-np.pi / 2], [[0.0]], [[size]], frequency, 2 * np.pi / frequency).with_step(0.05)
+
+
+def dense_ratio(robot, motion, kinds, c, t):
+    """The largest ratio of a motion at speeds c, straight from the inverse dynamics at many times."""
+    worst = np.zeros(len(c))
+    rates = motion(t)
+    for i, factor in enumerate(c):
+        scaled = [rate * factor**k for k, rate in enumerate(rates)]
+        Q, Qd, Q2d = robot.inverse_dynamics(*scaled)
+        known = {"velocity": scaled[1], "acceleration": scaled[2], "effort": Q, "effort_rate": Qd}
+        known |= {"second_effort_rate": Q2d, "power": scaled[1] * Q}
+        worst[i] = max((np.abs(known[kind]) / bound).max() for kind, bound in kinds.items())
+    return worst
+
+
+def brute_force(robot, motion, kinds):
+    """The first factor that breaks a limit and the last that breaks none, by a grid and bisection."""
+    t = np.linspace(motion.start, motion.stop, 2001)
+    c = np.linspace(0, 6, 601)[1:]
+    ok = dense_ratio(robot, motion, kinds, c, t) <= 1
+
+    def border(low, high):
+        denser = np.linspace(motion.start, motion.stop, 8001)
+        for _ in range(18):
+            middle = (low + high) / 2
+            feasible = dense_ratio(robot, motion, kinds, [middle], denser)[0] <= 1
+            low, high = (middle, high) if feasible else (low, middle)
+        return low
+
+    first, last = int(np.argmin(ok)), int(np.flatnonzero(ok)[-1])
+    return border(c[first - 1], c[first]), border(c[last], c[last + 1])
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_holes_in_the_feasible_set(seed):
+    motion = swing(seed)
+    t = np.linspace(motion.start, motion.stop, 2001)
+    c = np.linspace(0, 3, 600)[1:]
+    free = pendulum(effort_rate=1.0)
+    rates = dense_ratio(free, motion, {"effort_rate": 1.0}, c, t)
+    peak = rates[np.argmax(rates[1:] < rates[:-1])]  # where gravity's part is largest, before inertia's takes over
+    kinds = {"effort_rate": peak * np.random.default_rng(seed).uniform(0.6, 0.999)}
+    robot = pendulum(**kinds)
+    slow = robot.slowdown(motion)
+    factor, largest = brute_force(robot, motion, kinds)
+    assert slow.largest > 1.01 * slow.factor
+    assert (slow.factor, slow.largest) == pytest.approx((factor, largest), rel=1e-6)
+    assert robot.check(slow.motion).worst.ratio == pytest.approx(1, abs=1e-9)
+    assert robot.check(motion.scaled(1 / slow.largest)).worst.ratio == pytest.approx(1, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_slowdown_is_that_of_brute_force(seed):
+    rng = np.random.default_rng(seed)
+    robot = jounce.load("planar2r" if seed % 2 else "ur5")
+    motion = fourier(seed, robot.n, size=0.1).with_step(0.05)
+    some = {"effort": 120, "effort_rate": 200, "second_effort_rate": 4e3, "velocity": 1, "acceleration": 4, "power": 40}
+    drawn = [kind for kind in some if kind == "effort" or rng.random() < 0.5]
+    kinds = {kind: some[kind] * rng.uniform(0.7, 2) for kind in drawn}
+    robot = robot.with_limits(**some | dict.fromkeys(some, np.inf) | kinds, lower=-9, upper=9)
+    slow = robot.slowdown(motion)
+    factor, largest = brute_force(robot, motion, kinds)
+    assert (slow.factor, slow.largest) == pytest.approx((factor, largest), rel=1e-6)
+    found = robot.check(slow.motion)
+    assert found.ok
+    assert found.worst.ratio == pytest.approx(1, abs=1e-9)
+    assert (found.worst.joint, found.worst.limit) == slow.binding[:2]
+    assert found.worst.t - motion.start == pytest.approx((slow.binding.t - motion.start) / slow.factor, abs=1e-6)
+    assert robot.check(motion.scaled(1 / (1.001 * slow.factor))).worst.ratio > 1
+
+
+def test_scaling_is_that_of_composed_motions():
+    """With wrenches over time, viscous friction, springs and armature: Q, Qd, Q2d at a factor, to rounding."""
+    robot = driven(damping=[0.5, 2], stiffness=[3, 1], rest=[0.1, 0], armature=[0.2, 0.1])
+    robot = robot.with_limits(effort=1, effort_rate=1, second_effort_rate=1, power=1, of={"effort_rate": "Q - Qgrav"})
+    t = np.linspace(0, 2, 21)
+    table = {"t": t, "joint1": np.sin(t), "joint2": np.cos(2 * t), "body2.fx": 3 * np.sin(3 * t), "body2.mz": t**2}
+    motion = jounce.load_motion(table, robot, degree=7)
+    b = bounded(robot, motion)
+    for c in (0.3, 1.0, 1.7):
+        scaled = bounded(robot, motion.scaled(1 / c))
+        exact = scaled.values(scaled.motion.start + (t - motion.start) / c)
+        for kind, coefficients in polynomials(b, t).items():
+            value = sum(x * c**k for k, x in enumerate(coefficients))
+            assert np.abs(value - exact[kind]).max() <= 1e-12 * np.abs(exact[kind]).max()
+
+
+def test_roots_of_polynomials():
+    rng = np.random.default_rng(0)
+    for degree in (1, 2, 3, 4):
+        f = rng.normal(size=(degree + 1, 200))
+        f[0] = -np.abs(f[0])
+        f[-1, :20] = 0
+        for column, found in zip(f.T, positive_roots(f), strict=True):
+            expected = np.roots(column[::-1])
+            expected = np.sort(expected[(np.abs(expected.imag) < 1e-9) & (expected.real > 0)].real)
+            np.testing.assert_allclose(found[np.isfinite(found)], expected, rtol=1e-9)
+
+
+def test_coulomb_friction_is_bracketed():
+    robot = driven(friction=[8, 3]).with_limits(effort=[45, 16])
+    motion = fourier(3, 2, size=0.1).with_step(0.05)
+    slow = robot.slowdown(motion)
+    assert slow.largest is None
+    assert robot.check(slow.motion).worst.ratio == pytest.approx(1, abs=1e-9)
+    for factor in np.linspace(0.1, 0.999, 7):
+        assert robot.check(motion.scaled(1 / (factor * slow.factor))).ok
+    assert not robot.check(motion.scaled(1 / (1.001 * slow.factor))).ok
+
+
+def test_a_motion_may_be_sped_up():
+    robot = jounce.load("panda", lock={"panda_finger_joint1": 0.0}).with_limits("panda")
+    motion = jounce.Motion.polynomial(np.array([HOME, *[0.1 * HOME**0] * 2]).T, 1.0)
+    slow = robot.slowdown(motion)
+    assert slow.factor > 1
+    assert slow.motion.duration == pytest.approx(motion.duration / slow.factor)
+
+
+STILL = jounce.Motion.polynomial([[0.0], [0.5]], 1.0)
+MOVING = jounce.Motion.polynomial([[0.0, 0.3], [0.5, 0.2]], 1.0)
+
+
+@pytest.mark.parametrize(
+    ("limits", "motion", "words"),
+    [
+        ({"effort": [20, 50]}, MOVING, [
+            "joint 'joint1' cannot hold itself up at t = 0 s: it takes 28.", "N m at rest, and its limit is 20 N m",
+            "slowing down does not help",
+        ]),
+        ({"upper": [0.1, 1], "velocity": 1}, MOVING, ["'joint1' is at 0.3 rad at t = 1 s", "limit of 0.1 rad"]),
+        ({"effort": 100}, STILL, ["no limit bounds the speed", "does not move"]),
+        ({"upper": 1}, MOVING, ["no limit bounds the speed"]),
+        ({}, MOVING, ["states no limits"]),
+        ({"velocity": [0, 1]}, MOVING, ["'joint1' moves at t = 0 s, and its limit of velocity is 0"]),
+        ({"effort_rate": 100}, jounce.Motion.trapezoidal([[0, 0], [1, 1]], 1.0, 4.0), [
+            "break at t = 0.25 s: the effort rate of joint 'joint1' is infinite there at every speed",
+            "motion.blended",
+        ]),
+    ],
+)  # fmt: skip
+def test_what_slowing_down_does_not_help_is_refused(limits, motion, words):
+    refusal(lambda: jounce.load("planar2r").with_limits(**limits).slowdown(motion), *words)
