@@ -64,6 +64,14 @@ class Retiming:
         The limits that decide: (joint, limit, start, stop), in the order of time.
     law : TimeLaw
         The time of the given motion as a function of time.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> robot = jounce.load("planar2r").with_limits(velocity=1.0, acceleration=2.0)
+    >>> there = jounce.Motion.polynomial([[0, 0, 3, -2], [0, 0, 1.5, -1]], duration=1.0)
+    >>> bool(robot.retime(there, margin=0.0).duration < robot.slowdown(there).motion.duration)
+    True
     """
 
     motion: Motion
