@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from jounce.io.motions.loading import load_motion
     from jounce.io.saving import save
     from jounce.limits.check import Check, CheckedLimit
+    from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
     from jounce.model.drives import Drives
     from jounce.model.limits import Limits
@@ -35,6 +36,7 @@ __all__ = [
     "Limits",
     "Mechanism",
     "Motion",
+    "Retiming",
     "Robot",
     "Slowdown",
     "__version__",
@@ -57,6 +59,7 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "Limits": "jounce.model.limits",
     "Mechanism": "jounce.model.mechanism",
     "Motion": "jounce.motion",
+    "Retiming": "jounce.limits.retime",
     "Robot": "jounce.robot",
     "Slowdown": "jounce.limits.slowdown",
     "casadi_function": "jounce._casadi",

@@ -191,7 +191,7 @@ def test_the_code_says_what_it_holds_of_drive_trains(lang, robot, holds, left):
     text = re.sub(r"\s[\s/*#%]*", " ", "".join(texts(robot, lang, count=1, order=0).values()))
     held = re.search(r"Q includes these terms of the drive trains: ([^.]*)\.", text)[1]
     assert re.findall("armature|damping|friction|spring", held) == holds
-    without = re.search(r"state this is left out: ([^.]*)\.", text)
+    without = re.search(r"terms of the robot's drive trains are omitted: ([^.]*)\.", text)
     assert (without[1].split(", ") if without else []) == left
 
 

@@ -30,7 +30,7 @@ def test_a_page_leaves_its_pictures(tmp_path):
 
 
 def test_a_command_that_fails_stops_the_build():
-    with pytest.raises(RuntimeError, match="no motion 'MOTION'"):
+    with pytest.raises(RuntimeError, match="unknown motion 'MOTION'"):
         page_pictures.made_by(PAGE)
 
 

@@ -162,7 +162,7 @@ BAD = {
     ),
     "one name twice": (
         TIME + "joints: {1: {}, '1': {}, joint1: {}, joint2: {}}",
-        ["joints is {", "expected keys that differ"],
+        ["joints is {", "expected keys with distinct names"],
     ),
     "one state": (BOTH.replace("count: 5", "count: 1"), ["in 1 states"]),
     "half a state": (BOTH.replace("count: 5", "count: 2.5"), ["in 2.5 states"]),

@@ -191,7 +191,7 @@ def test_forces_at_breaks_jump_as_the_one_sided_forces_do():
 
 REFUSED = {
     "before": (lambda: PIECES(0.4), ["t = 0.40000000000000002 s is outside", "from 0.5 to 2 s"]),
-    "no side": (lambda: PIECES(1.0, 2, "up"), ["no side 'up'", "right, left"]),
+    "no side": (lambda: PIECES(1.0, 2, "up"), ["unknown side 'up'", "right, left"]),
     "pace zero": (lambda: PIECES.scaled(0), ["factor is 0; expected a finite number > 0"]),
     "no shift": (lambda: PIECES.shifted("1"), ["seconds is '1'"]),
     "spline beyond its degree": (lambda: SMOOTH["through samples"](1.0, 8), ["q8d is not known", "it ends at q7d"]),

@@ -185,6 +185,7 @@ CASES: dict[str, Case] = {
     "kind of with_limits": (lambda effort: ROBOT.with_limits(of={"effort": effort}), {"effort": "Q"}),
     "check": (ROBOT.with_limits(effort=99).check, {"motion": SAMPLED}),
     "slowdown": (ROBOT.with_limits(effort=99).slowdown, {"motion": SAMPLED}),
+    "retime": (ROBOT.with_limits(velocity=99, acceleration=99).retime, {"motion": SAMPLED, "margin": 0.01}),
     "locked": (ROBOT.locked, {"values": {"joint1": 0.0}}),
     "joint of locked": (lambda joint1: ROBOT.locked({"joint1": joint1}), {"joint1": 0.0}),
     "audit": (ROBOT.audit, {}),
@@ -281,6 +282,7 @@ def test_every_argument_of_every_public_function_is_attacked():
         "Limits",
         "Mechanism",
         "Motion",
+        "Retiming",
         "Slowdown",
     }  # what calls return, exported for its name
     named = {name for name in jounce.__all__ if not name.startswith("Jounce")} - made

@@ -42,6 +42,13 @@ class CheckedLimit:
         Standard deviation of the ratio, for measured motions.
     violations : tuple of (start, stop)
         When the limit is broken, s.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> robot = jounce.load("planar2r").with_limits(velocity=1.0)
+    >>> robot.check(jounce.Motion.polynomial([[0, 2], [0, 0.5]], duration=1.0)).worst.ratio
+    2.0
     """
 
     joint: str

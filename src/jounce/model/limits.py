@@ -60,7 +60,30 @@ class Limits:
     without_gravity: tuple[str, ...] = ()
 
     def bounds(self, kind: str) -> Floats:
-        """The lower and upper bounds (2, nb) of a kind: "position", "velocity", ..., "effort", ..., "power"."""
+        """The lower and upper bounds of a kind.
+
+        Parameters
+        ----------
+        kind : str
+            "position", "velocity", "acceleration", "jerk", "snap", "effort", "effort_rate", "second_effort_rate" or
+            "power".
+
+        Returns
+        -------
+        (2, nb) array
+            SI units, infinite where nothing is stated.
+
+        Raises
+        ------
+        JounceError
+            If the kind is unknown.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("panda").limits.bounds("effort")[:, 0]
+        array([-87.,  87.])
+        """
         return self.table[KINDS.index(one_of("limit", kind, KINDS))]
 
     @property
@@ -114,11 +137,56 @@ class Limits:
         return self.bounds("power")[1]
 
     def of(self, kind: str) -> str:
-        """Which force an effort limit bounds, with its rates: "Q" or "Q - Qgrav"."""
+        """Which force an effort limit bounds, with its rates.
+
+        Parameters
+        ----------
+        kind : str
+            "effort", "effort_rate" or "second_effort_rate".
+
+        Returns
+        -------
+        str
+            "Q" or "Q - Qgrav".
+
+        Raises
+        ------
+        JounceError
+            If the kind is unknown.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("panda").with_limits("panda").limits.of("effort_rate")
+        'Q - Qgrav'
+        """
+        one_of("effort limit", kind, EFFORT_KINDS)
         return FORCES[kind in self.without_gravity]
 
     def stated(self, i: int) -> dict[str, float | list[float | None]]:
-        """The finite limits of joint variable i: a number for both directions, or [lower, upper], None if infinite."""
+        """The finite limits of one joint variable, as robot files have them.
+
+        Parameters
+        ----------
+        i : int
+            The number of the joint variable.
+
+        Returns
+        -------
+        dict
+            {limit: number for both directions, or [lower, upper], None for an infinite one}.
+
+        Raises
+        ------
+        IndexError
+            If there is no such joint variable.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("panda").limits.stated(0)
+        {'lower': -2.8973, 'upper': 2.8973, 'velocity': 2.175, 'effort': 87.0}
+        """
         found: dict[str, float | list[float | None]] = {}
         for key in KEYS:
             lower, upper = (float(x) for x in self.bounds(_kind(key))[:, i])
@@ -130,8 +198,29 @@ class Limits:
                 found[key] = upper if lower == -upper else ends
         return found
 
-    def taken(self, joints: Sequence[int]) -> "Limits":
-        """The limits of some of the joint variables."""
+    def select(self, joints: Sequence[int]) -> "Limits":
+        """The limits of some of the joint variables.
+
+        Parameters
+        ----------
+        joints : sequence of int
+            Their numbers, in the order of the result.
+
+        Returns
+        -------
+        Limits
+
+        Raises
+        ------
+        IndexError
+            If there is no such joint variable.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("panda").limits.select([6, 0]).effort
+        array([12., 87.])
+        """
         return replace(self, table=self.table[..., joints])
 
 

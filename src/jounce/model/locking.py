@@ -102,7 +102,7 @@ def _without(mechanism: Mechanism, still: list[bool]) -> Mechanism:
         g=mechanism.g[kept],
         bodies=tuple(mechanism.bodies[i] for i in kept),
         joints=tuple(mechanism.joints[i] for i in kept),
-        limits=mechanism.limits.taken(kept),
+        limits=mechanism.limits.select(kept),
         drives=Drives(**{name: array[kept] for name, array in vars(mechanism.drives).items()}),
         frames=(*merged, *moved),
     )

@@ -39,6 +39,7 @@ from jounce.robot.overloads import typed
 if TYPE_CHECKING:
     from jounce.audit import Finding
     from jounce.limits.check import Check
+    from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
     from jounce.motion import Motion
     from jounce.robot.along import Along
@@ -914,6 +915,56 @@ class Robot:
         from jounce.limits.slowdown import slowdown  # what few programs need
 
         return slowdown(self, motion)
+
+    def retime(self, motion: "Motion", margin: float = 0.01) -> "Retiming":
+        """The fastest motion along the path of a motion, within all limits of the robot.
+
+        Every finite limit counts: velocity, acceleration, jerk and snap, Q, Qd and Q2d (or Q - Qgrav with its rates,
+        as the limit says), and power; position limits are those of the path. The wrenches of the motion go with the
+        path. The time law is C^5: the result is as smooth as the motion, up to q5d. It starts and ends at rest where
+        the motion does; where the motion moves at an end, its velocity and acceleration there remain.
+
+        An interior-point method finds the spline x(sigma), the square of the speed along the path, each of its
+        iterates within the limits; rows are added where a limit is exceeded between the points of the path.
+
+        Parameters
+        ----------
+        motion : Motion
+            Of this robot. No rate of q that a limit of it takes may jump below the highest one: a torque rate takes
+            q3d, so that q2d must be continuous; `Motion.blended` makes it so.
+        margin : float, optional
+            Share of each limit that is left.
+
+        Returns
+        -------
+        Retiming
+            Frozen: the `motion`, its `duration` in s, and `binding`: which limit of which joint decides, and when.
+
+        Raises
+        ------
+        JounceError
+            If the path does not move, leaves the position limits, or its static torque exceeds an effort limit; if
+            limits are missing, or a rate that one takes is not continuous; if friction acts and Qd is limited.
+
+        References
+        ----------
+        Bobrow, Dubowsky & Gibson (1985): Time-optimal control of robotic manipulators along specified paths. Verscheure
+        et al. (2009): Time-optimal path tracking for robots, a convex optimization approach.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("ur5").with_limits(effort_rate=500.0)
+        >>> start, way = [0, -1.5, 1, 0, 0.5, 0], [1, 0.5, 0.5, -1, 0.5, 1]
+        >>> rest_to_rest = [[a, 0, 0, 0, 35 * b, -84 * b, 70 * b, -20 * b] for a, b in zip(start, way)]
+        >>> motion = jounce.Motion.polynomial(rest_to_rest, 1.0)  # trips: Qd exceeds its limits
+        >>> faster = robot.retime(motion)
+        >>> round(faster.duration, 2), faster.binding[0].limit
+        (0.54, 'effort_rate')
+        """
+        from jounce.limits.retime import retime  # what few programs need
+
+        return retime(self, motion, margin)
 
     @typed(overloads.OfPosition[Array])
     def mass_matrix(

@@ -1,0 +1,101 @@
+"""`jounce retime`: the fastest motion along a path under all limits of a robot."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from jounce.cli.limits import LIMITS, load
+from jounce.cli.motions import AskedMotion, of_motion
+from jounce.cli.options import Asked, on_robot
+from jounce.cli.output import progress, straight_columns, tell
+from jounce.errors import JounceError, shortened
+
+EPILOG = """\b
+Example:
+  jounce slowdown iiwa14 paper --limits iiwa14 --step 0.02 -o slower.csv
+  jounce retime iiwa14 slower.csv --limits iiwa14 -o fast.csv
+
+\b
+OUT holds t and NAME.q, NAME.qd, ... NAME.q4d, as `jounce motion` writes them.
+"""
+
+
+@click.command(epilog=EPILOG, short_help="The fastest motion along a path, within all limits.")
+@on_robot
+@of_motion
+@LIMITS
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Table to write: .csv or .npz.")
+@click.option("--margin", default=0.01, show_default=True, help="Share of each limit that is left.")
+@click.option(
+    "--picture", type=click.Path(path_type=Path), help="Speed along the path with its limits: .png, .svg or .pdf."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+def retime(
+    robot: Asked,
+    motion: AskedMotion,
+    limits: Path | None,
+    output: Path,
+    margin: float,
+    picture: Path | None,
+    as_json: bool,
+) -> None:
+    """Write the fastest motion of ROBOT along the path of MOTION, from rest to rest, within all limits."""
+    from jounce.figures import canvas
+    from jounce.io import files, tables
+    from jounce.io.motions.writing import pieces
+
+    tables.check_writable(output)
+    if output.resolve() == motion.path.resolve():
+        raise JounceError(f"{output}: is the motion itself; expected another file to write into")
+    if picture is not None:
+        canvas.check_format(picture)
+        files.check_writable(picture)
+        canvas.check_installed()
+    arm, given = load(robot, motion, limits)
+    found = arm.retime(given, margin)
+    fast = found.motion if motion.step is None else found.motion.with_step(motion.step)
+    known = fast.curve.highest
+    order = 4 if known is None else min(4, known)
+    with progress("rates") as show:
+
+        def shown() -> Any:
+            done = 0
+            for piece in pieces(fast, arm.joint_names, order):
+                yield piece
+                done += len(piece["t"])
+                show(done, len(fast.times))
+
+        tables.write_pieces(output, shown())
+    if picture is not None:
+        from jounce.figures.path_speed import over_path
+
+        canvas.save(over_path(arm, given, found), picture)
+    summary = {
+        "robot": arm.name,
+        "motion": str(motion.path),
+        "source": given.source,
+        "margin": margin,
+        "given": given.duration,
+        "duration": found.duration,
+        "binding": [stretch._asdict() for stretch in found.binding],
+        "output": str(output),
+        "picture": None if picture is None else str(picture),
+        "states": len(fast.times),
+    }
+    tell(summary, _in_words, as_json)
+
+
+def _in_words(summary: dict[str, Any]) -> str:
+    rows: list[tuple[str, ...]] = [("decides", "limit", "|from [s]", "|to [s]")]
+    for stretch in summary["binding"]:
+        limit = stretch["limit"].replace("_", " ")
+        rows.append((stretch["joint"], limit, f"{stretch['start']:.4f}", f"{stretch['stop']:.4f}"))
+    along = f"{shortened(summary['robot'])} along {summary['motion']}"
+    pictured = f", drawn to {summary['picture']}" if summary["picture"] else ""
+    return "\n".join([
+        f"{along}: {summary['given']:.6g} s -> {summary['duration']:.6g} s with a margin of {summary['margin']:.3g}",
+        f"{summary['states']} rows written to {summary['output']}{pictured}",
+        "",
+        *straight_columns(rows),
+    ])  # fmt: skip

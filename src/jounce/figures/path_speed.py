@@ -1,0 +1,102 @@
+"""The speed along a path: what limits allow, and what time laws make of it."""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jounce.figures.canvas import COLOURS, PALE, legend_above, painted
+from jounce.limits import pace
+from jounce.limits.path import Path, path_of
+from jounce.limits.problem import FASTEST
+from jounce.limits.rows import rows_of
+from jounce.model.coordinates import coordinate_limits
+from jounce.model.limits import KINDS, unlimited
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from jounce.limits.retime import Retiming
+    from jounce.motion import Motion
+    from jounce.robot import Robot
+
+POINTS = 801  # of the path
+SPEEDS = 400  # that are tried at each point for the curve of efforts and accelerations
+ABOVE = 1.6  # times the largest speed: the height of the axes
+BELOW = 1e-3  # of the largest speed: the lowest that is tried
+STATIC = (pace.ONE, pace.S1, pace.S1_2)  # products without the acceleration along the path
+CURVE: Any = {"linewidth": 1.0, "linestyle": (0, (5, 2))}
+WORDS = {kind: kind.replace("_", " ") for kind in KINDS}
+
+
+def over_path(robot: "Robot", motion: "Motion", found: "Retiming") -> "Figure":
+    """The speed along the path over the distance on it: given, retimed, and the curves of the limits.
+
+    The curve of efforts and accelerations is the maximum velocity curve: above it no acceleration along the path meets
+    all of them. Torque rates have no curve of their own.
+    """
+    sigma = np.linspace(motion.start, motion.stop, POINTS)
+    path = path_of(robot, motion, sigma, 0)
+    unit = np.linalg.norm(path.q[1], axis=1)
+    way = np.concatenate([[0.0], np.cumsum((unit[1:] + unit[:-1]) / 2 * np.diff(sigma))])
+    pace_found = np.sqrt(found.law.x(sigma))
+    speed = unit * pace_found
+    top = ABOVE * float(speed.max())
+    decided = {stretch.limit for stretch in found.binding}
+    colours = {kind: COLOURS[i % len(COLOURS)] for i, kind in enumerate(KINDS)}
+    t = found.law.times(sigma)
+
+    def paint(figure: "Figure") -> None:
+        axes = figure.subplots()
+        axes.plot(way, speed, color=PALE, linewidth=1.5)
+        entries: dict[str, Any] = {"as given": {"color": PALE, "linestyle": ":", "linewidth": 1.2}}
+        axes.plot(way, unit, **entries["as given"])
+        for name, curve in _curves(robot, path, pace_found).items():
+            style = CURVE | {"color": colours["velocity" if name == "velocity limits" else "effort"]}
+            with np.errstate(invalid="ignore"):  # at rest any pace will do
+                height = unit * curve
+            axes.plot(way, np.where(height < 4 * top, height, np.nan), **style)
+            entries[name] = style
+        for stretch in found.binding:
+            inside = (t >= stretch.start) & (t <= stretch.stop)
+            axes.plot(way[inside], speed[inside], color=colours[stretch.limit], linewidth=2.4)
+        entries |= {
+            f"retimed, at {WORDS[k]} limit": {"color": colours[k], "linewidth": 2.4} for k in KINDS if k in decided
+        }
+        axes.set_ylim(0, top)
+        axes.set_xlim(0, way[-1])
+        axes.set_xlabel("distance along the path [rad or m]")
+        axes.set_ylabel("speed along the path [rad/s or m/s]")
+        legend_above(figure, entries)
+
+    return painted(paint, 7.2, 4.0)
+
+
+def _curves(robot: "Robot", path: Path, reached: np.ndarray) -> dict[str, np.ndarray]:
+    """The largest paces (N,) along a path that limits of velocity, and of effort and acceleration, allow."""
+    limits = coordinate_limits(robot.mechanism)
+    drawn = [KINDS.index(kind) for kind in ("velocity", "effort", "acceleration")]
+    table = unlimited(robot.n).table
+    table[drawn] = limits.table[drawn]
+    rows, found = rows_of(path, replace(limits, table=table), 1.0, FASTEST), {}
+    if np.isfinite(limits.bounds("velocity")).any():
+        found["velocity limits"] = rows.factors[:, 0, rows.used == pace.S1_2].ravel() ** -0.5
+    first = [i for i, kind in enumerate(rows.kinds) if kind in ("effort", "acceleration")]
+    if not first:
+        return found
+    factors = np.zeros((len(reached), len(first), len(pace.PRODUCTS)))
+    factors[:, :, rows.used] = rows.factors[:, first]
+    lower, upper = rows.lower[first], rows.upper[first]
+    tries = reached.max() * np.geomspace(BELOW, 10, SPEEDS)
+    powers = tries[:, None] ** np.arange(3)
+    rest = np.einsum("nrk,sk->snr", factors[:, :, STATIC], powers)
+    a = factors[:, :, pace.S2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.stack([(lower - rest) / a, (upper - rest) / a])
+    least = np.where(a == 0, np.where((rest >= lower) & (rest <= upper), -np.inf, np.inf), ends.min(axis=0)).max(axis=2)
+    most = np.where(a == 0, np.inf, ends.max(axis=0)).min(axis=2)
+    possible = np.logical_and.accumulate(least <= most, axis=0)
+    found["effort and acceleration limits"] = np.where(
+        possible.all(axis=0), np.inf, tries[(possible.sum(axis=0) - 1).clip(0)]
+    )
+    return found

@@ -1,0 +1,181 @@
+"""The fastest time law as a spline x(sigma) with limits as rows: an interior-point method whose iterates are feasible.
+
+It minimizes the duration, the integral of x^(-1/2), minus mu times the logarithms of all distances from the bounds, for
+ever smaller mu, by Newton's method on primal and dual variables. The rows at a point take x and its derivatives there,
+so that the Newton matrix has the band of the B-splines: a step costs as much as evaluating the rows.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jounce.errors import JounceError
+from jounce.limits import pace
+from jounce.limits.basis import Basis, Local
+from jounce.limits.rows import Rows
+
+STEPS = 300  # of Newton's method at most
+NEAR = 5.0  # Newton's decrement, in units of mu, from which on mu is made smaller
+SHRINK = 0.1  # of mu
+BACK = 0.99  # of the way to the nearest bound is the longest step
+HALVINGS = 40
+ROOM = 1e-3  # of a bound
+CENTRAL = 10.0  # times the duration is the weight of the bounds there
+SHIFTS = (0.0, 1e-12, 1e-9, 1e-6)  # of the Newton matrix's diagonal, until it is positive definite
+UNEVEN = "retiming fails: the paces of the motion differ by too much; retime its parts, and add the results"
+CENTRE = 3  # steps towards the centre of widened bounds
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """Rows at points of a path, the spline's derivatives there, and which coefficients are free."""
+
+    basis: Basis
+    at: Local
+    rows: Rows
+    free: np.ndarray
+
+    def feasible(self, c: np.ndarray) -> bool:
+        """Whether all rows are within their bounds, and have room to move there."""
+        jet = self.at.jets(c)
+        return bool(jet[0].min() > 0 and self.basis.speeds(c).min() > 0 and self.rows.excess(jet).max() < -ROOM)
+
+
+def within(program: Program, c: np.ndarray) -> np.ndarray | None:
+    """Coefficients whose rows are all within their bounds, from any with x > 0; None where none are found.
+
+    The bounds are widened until they hold, and then drawn in as the centre of what they leave moves.
+    """
+    jet = program.at.jets(c)
+    for _ in range(STEPS):
+        excess = float(program.rows.excess(jet).max())
+        if excess < -ROOM:
+            return c
+        wider = program.rows.relaxed(max(1.05 * excess, 0.0) + 20 * ROOM)
+        relaxed = Program(program.basis, program.at, wider, program.free)
+        mu = CENTRAL * program.basis.duration(c) / wider.factors[:, :, 0].size
+        now = _iterate(relaxed, c, mu)
+        for _ in range(CENTRE):
+            _step(relaxed, now, mu)
+        c, jet = now.c, program.at.jets(now.c)
+        if program.rows.excess(jet).max() > excess - 1e-4 * abs(excess):
+            return None
+    return None
+
+
+@dataclass(eq=False)
+class Iterate:
+    """Coefficients, the distances of the rows from both bounds (N, R), and their multipliers."""
+
+    c: np.ndarray
+    above: np.ndarray
+    below: np.ndarray
+    push_down: np.ndarray
+    push_up: np.ndarray
+
+
+def fastest(program: Program, c: np.ndarray, gap: float, first: float = 1.0) -> np.ndarray:
+    """The coefficients of the fastest x, from feasible ones: at most about a share `gap` of the duration is missed.
+
+    `first` is the share of the duration that the rows may miss in the first problem.
+    """
+    rows, duration = 2 * program.rows.factors[:, :, 0].size, program.basis.duration(c)
+    mu = first * duration / rows
+    now = _iterate(program, c, mu)
+    for _ in range(STEPS):
+        decrement, length = _step(program, now, mu)
+        if length == 0:
+            break
+        if decrement < NEAR and length > 0.5:
+            if mu * rows < gap * program.basis.duration(now.c):
+                break
+            mu *= SHRINK
+    return now.c
+
+
+def _iterate(program: Program, c: np.ndarray, mu: float) -> Iterate:
+    values = program.rows.values(program.at.jets(c))
+    above, below = program.rows.upper - values, values - program.rows.lower
+    return Iterate(c, above, below, mu / above, mu / below)
+
+
+def _step(program: Program, now: Iterate, mu: float) -> tuple[float, float]:
+    """One Newton step; its decrement in units of mu, and its length, 0 where none makes progress."""
+    rows, at, count = program.rows, program.at, program.rows.jet
+    first, second = pace.derivatives(at.jets(now.c))
+    slopes = np.matmul(rows.factors, first[rows.used, :count].transpose(2, 0, 1))  # (N, R, J)
+    stiffness = now.push_down / now.above + now.push_up / now.below
+    outer = np.matmul((stiffness[:, :, None] * slopes).transpose(0, 2, 1), slopes)
+    pushes = np.matmul((now.push_down - now.push_up)[:, None], rows.factors)[:, 0]
+    bent = np.einsum("nk,kijn->nij", pushes, second[rows.used, :count, :count])
+    force = np.matmul((mu / now.above - mu / now.below)[:, None], slopes)[:, 0]
+    slope, curvature = program.basis.duration_derivatives(now.c)
+    gradient = slope + at.collect(force)
+    gradient[~program.free] = 0
+    move = -_solved(program, outer, bent, curvature, gradient)
+    moved = np.matmul(slopes, at.jets(move)[:count].T[:, :, None])[:, :, 0]
+    down = mu / now.above - now.push_down + now.push_down / now.above * moved
+    up = mu / now.below - now.push_up - now.push_up / now.below * moved
+    decrease = float(-gradient @ move)
+    length = min(1.0, BACK / max((moved / now.above).max(), (-moved / now.below).max(), 1e-9))
+    taken = _line_search(program, now, mu, move, length, decrease)
+    dual = min(1.0, BACK / max((-down / now.push_down).max(), (-up / now.push_up).max(), 1e-9))
+    for push, change, distance in ((now.push_down, down, now.above), (now.push_up, up, now.below)):
+        push += dual * change
+        np.clip(push, 1e-10 * mu / distance, 1e10 * mu / distance, out=push)
+    return decrease / mu, taken
+
+
+def _solved(
+    program: Program, outer: np.ndarray, bent: np.ndarray, curvature: np.ndarray, gradient: np.ndarray
+) -> np.ndarray:
+    """The Newton matrix's solution; where it is not positive definite, the bending of the rows is made so."""
+    from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
+
+    def factored(local: np.ndarray, shift: float = 0.0) -> np.ndarray:
+        bands = curvature + program.at.bands(local)
+        bands[-1] *= 1 + shift
+        fixed = ~program.free
+        for k in range(len(bands)):  # the k-th band from below holds the entries (j - k, j)
+            row = bands[len(bands) - 1 - k]
+            row[fixed] = 0
+            row[k:][fixed[: len(row) - k]] = 0
+        bands[-1, fixed] = bands[-1].max()
+        return cholesky_banded(bands)
+
+    try:
+        return cho_solve_banded((factored(outer + bent), False), gradient)
+    except LinAlgError:
+        sizes, axes = np.linalg.eigh(outer + bent)
+    convex = np.matmul(axes * sizes.clip(0)[:, None, :], axes.transpose(0, 2, 1))
+    for shift in SHIFTS:
+        try:
+            return cho_solve_banded((factored(convex, shift), False), gradient)
+        except LinAlgError:  # rounding, where the speeds along the path differ by many powers of ten
+            continue
+    raise JounceError(UNEVEN)
+
+
+def _line_search(program: Program, now: Iterate, mu: float, move: np.ndarray, length: float, decrease: float) -> float:
+    """Move as far as the barrier function falls, and all rows stay within their bounds; how far that is."""
+    floor = 0.1 * (1 - BACK)
+
+    def barrier(c: np.ndarray, above: np.ndarray, below: np.ndarray) -> float:
+        return program.basis.duration(c) - mu * float(np.log(above).sum() + np.log(below).sum())
+
+    before = barrier(now.c, now.above, now.below)
+    for _ in range(HALVINGS):
+        c = now.c + length * move
+        jet = program.at.jets(c)
+        if jet[0].min() > 0 and program.basis.speeds(c).min() > 0:
+            values = program.rows.values(jet)
+            above, below = program.rows.upper - values, values - program.rows.lower
+            if (
+                (above > floor * now.above).all()
+                and (below > floor * now.below).all()
+                and barrier(c, above, below) <= before - 1e-4 * length * decrease + 1e-12 * abs(before)
+            ):
+                now.c, now.above, now.below = c, above, below
+                return length
+        length /= 2
+    return 0.0

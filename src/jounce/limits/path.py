@@ -1,0 +1,125 @@
+"""The forces along a path q(sigma): factors of the time derivatives of sigma, which do not depend on the time law.
+
+    Q   = a s2 + b s1^2 + v s1 + g
+    Qd  = a s3 + (a' + 2b) s1 s2 + b' s1^3 + v s2 + v' s1^2 + g' s1
+    Q2d = a s4 + (2a' + 2b) s1 s3 + (a' + 2b) s2^2 + (a'' + 5b') s1^2 s2 + b'' s1^4
+          + v s3 + 3v' s1 s2 + v'' s1^3 + g'' s1^2 + g' s2
+
+with sk the k-th time derivative of sigma and ' for d/dsigma: a = M q' is the generalized momentum of the path, v what
+damping takes, g what does not depend on speed: gravity, springs, and wrenches, which go with the path.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from jounce.limits import pace
+from jounce.robot.dispatch import compute
+
+if TYPE_CHECKING:
+    from jounce.motion import Motion
+    from jounce.robot import Robot
+
+Terms = dict[int, np.ndarray]  # factors (N, n) by the product of sigma's rates that they multiply
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """The path of a motion at N values of sigma: q and its derivatives by sigma, and the factors of its forces.
+
+    Each is a list of (N, n), the derivatives by sigma in their order; `gravity` is that part of `g` which is Qgrav.
+    """
+
+    q: tuple[np.ndarray, ...]
+    a: list[np.ndarray]
+    b: list[np.ndarray]
+    v: list[np.ndarray]
+    g: list[np.ndarray]
+    gravity: list[np.ndarray]
+
+    def joined(self, other: "Path") -> "Path":
+        """The path at the points of both."""
+        parts = (
+            [np.concatenate(pair) for pair in zip(mine, theirs, strict=True)]
+            for mine, theirs in zip(vars(self).values(), vars(other).values(), strict=True)
+        )
+        q, *others = parts
+        return Path(tuple(q), *others)
+
+    def rate(self, order: int) -> Terms:
+        """The terms of the time derivative of q of an order from 1 to 4."""
+        q = self.q
+        if order == 1:
+            return {pace.S1: q[1]}
+        if order == 2:
+            return {pace.S2: q[1], pace.S1_2: q[2]}
+        if order == 3:
+            return {pace.S3: q[1], pace.S1_S2: 3 * q[2], pace.S1_3: q[3]}
+        return {pace.S4: q[1], pace.S1_S3: 4 * q[2], pace.S2_2: 3 * q[2], pace.S1_2_S2: 6 * q[3], pace.S1_4: q[4]}
+
+    def force(self, order: int, without_gravity: bool = False) -> Terms:
+        """The terms of the time derivative of Q of an order from 0 to 2, or of Q - Qgrav."""
+        a, b, v = self.a, self.b, self.v
+        g = [x - y for x, y in zip(self.g, self.gravity, strict=True)] if without_gravity else self.g
+        if order == 0:
+            return {pace.S2: a[0], pace.S1_2: b[0], pace.S1: v[0], pace.ONE: g[0]}
+        if order == 1:
+            return {
+                pace.S3: a[0],
+                pace.S1_S2: a[1] + 2 * b[0],
+                pace.S1_3: b[1],
+                pace.S2: v[0],
+                pace.S1_2: v[1],
+                pace.S1: g[1],
+            }
+        return {
+            pace.S4: a[0],
+            pace.S1_S3: 2 * (a[1] + b[0]),
+            pace.S2_2: a[1] + 2 * b[0],
+            pace.S1_2_S2: a[2] + 5 * b[1],
+            pace.S1_4: b[2],
+            pace.S3: v[0],
+            pace.S1_S2: 3 * v[1],
+            pace.S1_3: v[2],
+            pace.S1_2: g[2],
+            pace.S2: g[1],
+        }
+
+    def power(self) -> Terms:
+        """The terms of the drive power, Q times qd for each coordinate."""
+        q = self.q[1]
+        return {
+            pace.S1_S2: q * self.a[0],
+            pace.S1_3: q * self.b[0],
+            pace.S1_2: q * self.v[0],
+            pace.S1: q * self.g[0],
+        }
+
+
+def path_of(robot: "Robot", motion: "Motion", sigma: np.ndarray, order: int, left: bool = False) -> Path:
+    """The path of a motion at times sigma (N,), its forces up to an order of time derivatives.
+
+    Inverse dynamics at the speeds 1, -1 and 2 along the path tells apart what does not depend on speed, what is linear
+    in it, and what is quadratic.
+    """
+    side: Literal["left", "right"] = "left" if left else "right"
+    q = motion(sigma, order + 2, side)
+    W = motion.wrench(sigma, order, side)
+
+    def forces(speed: float) -> list[np.ndarray]:
+        rates = [speed**k * rate for k, rate in enumerate(q)]
+        wrench = W and tuple({body: speed**k * w for body, w in rate.items()} for k, rate in enumerate(W))
+        found = compute(robot, "inverse_dynamics", rates, wrench=wrench)
+        return [rate / speed**k for k, rate in enumerate(found if isinstance(found, tuple) else (found,))]
+
+    b, v, g = [], [], []
+    for ahead, back, double in zip(forces(1.0), forces(-1.0), forces(2.0), strict=True):
+        even, odd = (ahead + back) / 2, (ahead - back) / 2
+        b.append((double - 2 * odd - even) / 3)
+        v.append(odd)
+        g.append(even - b[-1])
+    a = compute(robot, "generalized_momentum", q[: order + 2])
+    gravity = compute(robot, "gravity_forces", q[: order + 1])
+    tuples = [x if isinstance(x, tuple) else (x,) for x in (a, gravity)]
+    return Path(q, list(tuples[0]), b, v, g, list(tuples[1]))

@@ -1,0 +1,200 @@
+"""The retiming problem: the path of a motion and the limits of a robot along it, checked."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jounce._typing import DriveTerm
+from jounce.errors import JounceError, listed, quoted
+from jounce.limits.path import Path, path_of
+from jounce.limits.rows import NEEDS, Rows, rows_of
+from jounce.model.coordinates import coordinate_limits, coordinate_units
+from jounce.model.drives import TERMS
+from jounce.model.limits import EFFORT_KINDS, KINDS, Limits
+from jounce.motion import Motion
+
+if TYPE_CHECKING:
+    from jounce.robot import Robot
+
+STILL = 1e-6  # of the largest velocity of a motion: slower is at rest
+SLOWEST, FASTEST = 1e-9, 1e9  # uniform speeds that are tried
+ROUNDING = 1e-9  # of a position, or of the largest value of a rate that jumps
+SUBJECTS = {"effort": "Q", "effort_rate": "Qd", "second_effort_rate": "Q2d"}
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A motion whose path is retimed, and the limits of its coordinates, of which a share is used.
+
+    `order` is that of the rates of Q that the limits take, `moving` whether the motion moves at its start and its end:
+    its velocity and acceleration remain there.
+    """
+
+    robot: "Robot"
+    motion: Motion
+    limits: Limits
+    share: float
+    order: int
+    moving: tuple[bool, bool]
+
+    @cached_property
+    def breaks(self) -> np.ndarray:
+        """Where a rate of q that the limits take jumps."""
+        return np.unique([found.t for found in self.motion.breaks_to(self.order + 2)])
+
+    def points(self, count: int) -> np.ndarray:
+        """Even points of the path, then those of its breaks twice: before and after each."""
+        even = np.linspace(self.motion.start, self.motion.stop, count)
+        return np.concatenate([even, self.breaks, self.breaks])
+
+    def path(self, count: int) -> Path:
+        """The path at `points`."""
+        even = np.linspace(self.motion.start, self.motion.stop, count)
+        path = path_of(self.robot, self.motion, even, self.order)
+        for left in (True, False):
+            if self.breaks.size:
+                path = path.joined(path_of(self.robot, self.motion, self.breaks, self.order, left))
+        return path
+
+    def rows(self, path: Path, fastest: float) -> Rows:
+        """The limits along a path, x below the square of `fastest`."""
+        return rows_of(path, self.limits, self.share, fastest)
+
+    def uniform(self, path: Path) -> float:
+        """The speed of a uniform time law within all limits: of an interval of such speeds the fastest."""
+        rows = self.rows(path, FASTEST)
+        powers = rows.uniform()
+
+        def feasible(speed: float) -> bool:
+            values = np.polynomial.polynomial.polyval(speed, powers)
+            return bool((values < rows.upper).all() and (values > rows.lower).all())
+
+        speed = 1.0
+        while not feasible(speed) and speed > SLOWEST:
+            speed /= 1.1
+        while feasible(1.1 * speed) and speed < FASTEST:
+            speed *= 1.1
+        if speed >= FASTEST or speed <= SLOWEST:
+            raise self.unbounded() if speed >= FASTEST else self._stuck(rows)
+        low, high = speed, 1.1 * speed
+        for _ in range(40):
+            middle = (low + high) / 2
+            low, high = (middle, high) if feasible(middle) else (low, middle)
+        return low
+
+    def unbounded(self) -> JounceError:
+        """The error where no limit keeps a path from being passed at any speed."""
+        velocity = self.limits.bounds("velocity")
+        joints = [quoted(joint) for j, joint in enumerate(self.robot.joint_names) if np.isinf(velocity[:, j]).all()]
+        missing = f"; velocity limits are missing for {listed(joints)}" if joints else ""
+        return JounceError(
+            f"no limit bounds the speed along part of the path{missing}: state one with robot.with_limits(velocity=...)"
+        )
+
+    def _stuck(self, rows: Rows) -> JounceError:
+        values = np.maximum(rows.uniform()[0] - rows.upper, rows.lower - rows.uniform()[0])
+        point, row = np.unravel_index(values.argmax(), values.shape)
+        joint = self.robot.joint_names[rows.joints[point, row]]
+        return JounceError(f"the {rows.kinds[row]} limit of joint {quoted(joint)} leaves no room to move; raise it")
+
+
+def problem_of(robot: "Robot", motion: Motion, share: float) -> Problem:
+    """The problem of a motion of a robot's joints, checked."""
+    limits = coordinate_limits(robot.mechanism)
+    kinds = [kind for kind in KINDS[1:] if np.isfinite(limits.bounds(kind)).any()]
+    _check_zero(robot, motion, limits, kinds)
+    if not kinds:
+        raise JounceError(
+            f"{quoted(robot.name)} has no limit of {', '.join(KINDS[1:3])}, ... or effort;"
+            " state them with robot.with_limits(velocity=..., effort=..., ...)"
+        )
+    highest = max(kinds, key=lambda kind: NEEDS[kind])
+    _check_breaks(motion, NEEDS[highest], highest)
+    robot, limits = _without_friction(robot, limits)
+    return Problem(robot, motion, limits, share, max(0, NEEDS[highest] - 2), _moving(motion))
+
+
+def check_path(problem: Problem, count: int, path: Path) -> None:
+    """Raise `JounceError` where a path does not move, leaves position limits, or rests beyond an effort limit."""
+    if not any(np.any(rate) for rate in path.q[1:2]):
+        raise JounceError("the path does not move: every joint rests all the time; expected a motion of some joint")
+    sigma, names = problem.points(count), problem.robot.joint_names
+    units = coordinate_units(problem.robot.mechanism)
+    lower, upper = problem.limits.bounds("position")
+    slack = ROUNDING * np.maximum(1, np.abs(path.q[0]).max(axis=0))
+    outside = np.argwhere((path.q[0] < lower - slack) | (path.q[0] > upper + slack))
+    if len(outside):
+        i, j = outside[0]
+        raise JounceError(
+            f"joint {quoted(names[j])} leaves its position limits at t = {sigma[i]:g} s:"
+            f" {path.q[0][i, j]:g} {units[j]} is outside of {lower[j]:g} to {upper[j]:g};"
+            " no time law changes that, expected another path"
+        )
+    _check_static(problem, sigma, path)
+
+
+def _check_static(problem: Problem, sigma: np.ndarray, path: Path) -> None:
+    static = path.g[0] - path.gravity[0] * ("effort" in problem.limits.without_gravity)
+    lower, upper = problem.limits.bounds("effort") * problem.share
+    over = np.argwhere((static <= lower) | (static >= upper))
+    if not len(over):
+        return
+    i, j = over[0]
+    unit = "N m" if coordinate_units(problem.robot.mechanism)[j] == "rad" else "N"
+    bound = problem.limits.bounds("effort")[int(static[i, j] > 0), j]
+    share = f" ({problem.share:.0%} of it are used: margin)" if abs(static[i, j]) < abs(bound) else ""
+    raise JounceError(
+        f"joint {quoted(problem.robot.joint_names[j])} holds {static[i, j]:.6g} {unit} at rest at t = {sigma[i]:g} s;"
+        f" its effort limit is {bound:.6g} {unit}{share}, and a slower motion does not help"
+    )
+
+
+def _check_zero(robot: "Robot", motion: Motion, limits: Limits, kinds: Sequence[str]) -> None:
+    """Raise `JounceError` where a joint that moves has a limit of 0."""
+    for kind in kinds:
+        zero = np.flatnonzero((limits.bounds(kind) == 0).all(axis=0)).tolist()
+        for j in zero:
+            if np.ptp(motion(np.linspace(motion.start, motion.stop, 101), 0)[0][:, j]) > 0:
+                raise JounceError(f"the {kind} limit of joint {quoted(robot.joint_names[j])} is 0, and the joint moves")
+
+
+def _moving(motion: Motion) -> tuple[bool, bool]:
+    """Whether a motion moves at its start and at its end."""
+    sigma = np.linspace(motion.start, motion.stop, 101)
+    speed = np.abs(motion(sigma, 1)[1]).max(axis=1)
+    return bool(speed[0] > STILL * speed.max()), bool(speed[-1] > STILL * speed.max())
+
+
+def _check_breaks(motion: Motion, rate: int, kind: str) -> None:
+    """Raise `JounceError` where a rate below that which a limit takes jumps: the limit cannot be met there."""
+    peaks = [np.abs(x).max() for x in motion(np.linspace(motion.start, motion.stop, 101), rate - 1)]
+    real = [found for found in motion.breaks_to(rate - 1) if abs(found.jump) > ROUNDING * peaks[found.order]]
+    if real:
+        first = real[0]
+        subject = SUBJECTS.get(kind, f"the {kind}")
+        raise JounceError(
+            f"derivative {first.order} of joint {quoted(first.joint)} jumps at t = {first.t:g} s, where {subject} of"
+            f" every time law is infinite; retime motion.blended(time, continuity={rate}) to meet {kind} limits"
+        )
+
+
+def _without_friction(robot: "Robot", limits: Limits) -> tuple["Robot", Limits]:
+    """The robot without Coulomb friction, which effort limits then leave room for; it never exceeds its coefficient."""
+    mechanism = robot.mechanism
+    friction = np.abs(mechanism.G).T @ mechanism.drives.friction
+    if "friction" not in mechanism.acting or not friction.any():
+        return robot, limits
+    for kind in (*EFFORT_KINDS[1:], "power"):
+        if np.isfinite(limits.bounds(kind)[:, friction > 0]).any():
+            raise JounceError(
+                f"{kind} limits cannot be met with Coulomb friction, which jumps where a joint turns round; leave it"
+                " out, robot.with_drives(['armature', 'damping', 'spring']), and check the result with it"
+            )
+    others: list[DriveTerm] = [term for term in TERMS if term in mechanism.acting and term != "friction"]
+    table = limits.table.copy()
+    effort = table[KINDS.index("effort")]
+    effort[:] = np.minimum(effort[0] + friction, 0), np.maximum(effort[1] - friction, 0)
+    return robot.with_drives(others), replace(limits, table=table)

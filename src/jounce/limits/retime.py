@@ -1,0 +1,264 @@
+"""The fastest time law along the path of a motion, under all limits of a robot."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import groupby
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from jounce._scalars import is_finite
+from jounce.errors import JounceError, quoted
+from jounce.limits.barrier import UNEVEN, Program, fastest, within
+from jounce.limits.basis import Basis, Local
+from jounce.limits.path import Path
+from jounce.limits.problem import Problem, check_path, problem_of
+from jounce.limits.rows import Rows
+from jounce.motion import Motion
+from jounce.motion.time_law import Paced, TimeLaw
+from jounce.robot.along import checked_motion
+
+if TYPE_CHECKING:
+    from jounce.robot import Robot
+
+INTERVALS = 30  # of the first spline
+MOST_AT_FIRST, MOST_INTERVALS = 480, 1920
+RESOLVED = 0.01  # of the largest velocity, or of the way: by so much two points may be off what is between them
+POINTS = 5  # of the path in each interval
+FINER = 8  # times as many points look for what happens between them
+GAP = 3e-4  # of the duration, between a time law and the fastest of its spline
+AGAIN = 0.03  # such a gap, with which the program begins from a solution of a similar one
+WORTH = 5e-3  # of the duration, which twice as many intervals must save to be tried again
+ROUNDS = 6  # of rows added where a limit is exceeded between the points
+BETWEEN = 1e-3  # of a limit: by so much it may be exceeded between the points before rows are added
+REACHES = (20.0, 400.0, 8000.0)  # times as fast as the fastest uniform one is the highest speed along the path
+UNBOUNDED = 0.01  # of the path, on which nothing but the highest speed decides, is too much
+DECIDES = 0.97  # of a bound from which on it decides
+INSIDE = 0.95  # of the fastest uniform speed: where the program begins
+LEAST, BISECTIONS = 1e-4, 6  # of the way towards coefficients within the limits
+NEARLY = 0.05  # of a bound: points further from it need not be looked at again
+SURE = 8  # times as many points as those of a grid tell that x is above 0
+SHORT = 0.004  # of the duration: shorter stretches are not told
+
+
+class Stretch(NamedTuple):
+    """A part of the motion on which one limit decides the speed: of which joint, which kind, from when to when, s."""
+
+    joint: str
+    limit: str
+    start: float
+    stop: float
+
+
+@dataclass(frozen=True, eq=False)
+class Retiming:
+    """A motion along the same path by the fastest time law. `Robot.retime` makes one.
+
+    Attributes
+    ----------
+    motion : Motion
+        The motion, from the same start time.
+    duration : float
+        How long it lasts, s.
+    binding : tuple of Stretch
+        The limits that decide: (joint, limit, start, stop), in the order of time.
+    law : TimeLaw
+        The time of the given motion as a function of time.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> robot = jounce.load("planar2r").with_limits(velocity=1.0, acceleration=2.0)
+    >>> there = jounce.Motion.polynomial([[0, 0, 3, -2], [0, 0, 1.5, -1]], duration=1.0)
+    >>> bool(robot.retime(there, margin=0.0).duration < robot.slowdown(there).motion.duration)
+    True
+    """
+
+    motion: Motion
+    duration: float
+    binding: tuple[Stretch, ...]
+    law: TimeLaw
+
+    def __repr__(self) -> str:
+        return f"<Retiming to {self.duration:.6g} s, {len(self.binding)} stretches>"
+
+
+def retime(robot: "Robot", motion: object, margin: object = 0.01) -> Retiming:
+    """The fastest motion along the path of a motion, whose limits are taken to a share 1 - margin of themselves."""
+    given = checked_motion(robot.mechanism, motion)
+    if not is_finite(margin) or not 0 <= margin < 1:  # type: ignore[operator]
+        raise JounceError(f"margin is {quoted(margin)}; expected a number from 0 to below 1, 0.01 for 99 % of a limit")
+    problem = problem_of(robot, given, 1 - float(margin))  # type: ignore[arg-type]
+    intervals = _resolving(given)
+    for reach in REACHES:
+        grid, c = _fastest(Grid.of(problem, intervals, reach))
+        if grid.bounded(c):
+            return grid.result(c)
+    raise problem.unbounded()
+
+
+def _resolving(motion: Motion) -> int:
+    """A number of intervals whose finer points follow the velocities of a motion."""
+    intervals = INTERVALS
+    while intervals <= MOST_AT_FIRST:
+        t = np.linspace(motion.start, motion.stop, 2 * FINER * POINTS * intervals + 1)
+        q, speed = motion(t, 1)
+        chord, step = (speed[:-1:2] + speed[2::2]) / 2, 2 * (t[1] - t[0])
+        off = np.abs(speed[1::2] - chord).max()
+        missed = np.abs(q[2::2] - q[:-1:2] - step * (chord + 2 * speed[1::2]) / 3).max()  # by Simpson's rule
+        if off <= RESOLVED * np.abs(speed).max() and missed <= RESOLVED * np.ptp(q, axis=0).max():
+            return intervals
+        intervals *= 2
+    raise JounceError(UNEVEN)
+
+
+def _fastest(grid: "Grid") -> tuple["Grid", np.ndarray]:
+    """The fastest spline, of as many intervals as pay."""
+    inner = grid.inner(np.ones(grid.basis.count))
+    c = grid.solved(inner, inner, 1.0)
+    while grid.basis.intervals < MOST_INTERVALS:
+        finer = Grid.of(grid.problem, 2 * grid.basis.intervals, grid.reach, grid.uniform)
+        inner, coarse = (finer.basis.through(grid.basis.spline(x)) for x in (inner, c))
+        inner = finer.inner(inner)
+        better = finer.solved(coarse, inner, AGAIN)
+        before, after = grid.basis.duration(c), finer.basis.duration(better)
+        if after < before:
+            grid, c = finer, better
+        if after > (1 - WORTH) * before:
+            break
+    if grid.free.all() and grid.basis.duration(c) > grid.problem.motion.duration / grid.uniform:
+        c = np.full(grid.basis.count, grid.uniform**2)
+    return grid, c
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """A problem with splines of some intervals, and its path at points that are FINER than those of the program."""
+
+    problem: Problem
+    basis: Basis
+    count: int
+    path: Path
+    at: Local
+    rows: Rows
+    uniform: float  # the speed of the fastest uniform time law
+    reach: float  # times as fast as this is the highest speed
+
+    @classmethod
+    def of(cls, problem: Problem, intervals: int, reach: float, uniform: float | None = None) -> "Grid":
+        """The grid with a number of intervals; the path is checked where the uniform speed is not known yet."""
+        motion, count = problem.motion, FINER * POINTS * intervals + 1
+        basis, path = Basis(motion.start, motion.stop, intervals), problem.path(count)
+        if uniform is None:
+            check_path(problem, count, path)
+            uniform = 1.0 if any(problem.moving) else problem.uniform(path)
+        rows = problem.rows(path, reach * uniform)
+        return cls(problem, basis, count, path, basis.at(problem.points(count)), rows, uniform, reach)
+
+    @property
+    def free(self) -> np.ndarray:
+        """Which coefficients are free: where an end moves, x = 1 and x' = 0 there."""
+        free = np.ones(self.basis.count, dtype=bool)
+        free[:2], free[-2:] = (not moves for moves in self.problem.moving)
+        return free
+
+    def inner(self, c: np.ndarray) -> np.ndarray:
+        """Coefficients well within all limits: uniform ones, or near to some others where the speed of an end stays."""
+        if self.free.all():
+            return np.full(self.basis.count, (INSIDE * self.uniform) ** 2)
+        program = Program(self.basis, self.at, self.rows, self.free)
+        found = within(program, c)
+        if found is None:
+            raise self._impossible(program, c)
+        return found
+
+    def solved(self, c: np.ndarray, inner: np.ndarray, first: float) -> np.ndarray:
+        """The coefficients of the fastest spline within all limits, between the points too, from some others."""
+        chosen = np.zeros(len(self.rows.factors), dtype=bool)
+        chosen[: self.count : FINER] = chosen[self.count :] = True
+        for _ in range(ROUNDS):
+            program = Program(self.basis, self.at.taken(chosen), self.rows.taken(chosen), self.free)
+            c = fastest(program, drawn(c, inner, program.feasible), GAP, first)
+            peaks = _peaks(self.rows.excess(self.at.jets(c))[: self.count], BETWEEN)
+            if not peaks.size:
+                break
+            chosen[peaks], first = True, AGAIN
+        return self._held(c, inner)
+
+    def _held(self, c: np.ndarray, inner: np.ndarray) -> np.ndarray:
+        """The coefficients, drawn to those well within the limits by what these are exceeded between the points."""
+        near = self.rows.excess(self.at.jets(c)).max(axis=1) > -NEARLY
+        rows, at = self.rows.taken(near), self.at.taken(near)
+        return drawn(c, inner, lambda c: bool(rows.excess(at.jets(c)).max(initial=-1.0) <= 0))
+
+    def _impossible(self, program: Program, c: np.ndarray) -> JounceError:
+        """The error where the speed of the motion at its ends, which remains, leaves no time law within the limits."""
+        excess = program.rows.excess(program.at.jets(c))
+        point, row = np.unravel_index(excess.argmax(), excess.shape)
+        joint = self.problem.robot.joint_names[program.rows.joints[point, row]]
+        ends = [end for end, moves in zip(("start", "end"), self.problem.moving, strict=True) if moves]
+        return JounceError(
+            f"the motion moves at its {' and '.join(ends)}, and no time law keeps the velocity there within the limits"
+            f" (worst: {program.rows.kinds[row]} of joint {quoted(joint)});"
+            " expected a motion from rest to rest, or a slower one: motion.scaled(2)"
+        )
+
+    def bounded(self, c: np.ndarray) -> bool:
+        """Whether the limits decide the speed along nearly all of the path, and not the highest speed."""
+        way = np.abs(self.path.q[1][: self.count]).sum(axis=1)
+        x = self.at.jets(c)[0, : self.count]
+        return bool(way[x > (self.reach * self.uniform) ** 2 / 4].sum() <= UNBOUNDED * way.sum())
+
+    def result(self, c: np.ndarray) -> Retiming:
+        """The motion with x of some coefficients."""
+        given, spline = self.problem.motion, self.basis.spline(c)
+        if spline(np.linspace(given.start, given.stop, SURE * self.count)).min() <= 0:
+            raise JounceError(UNEVEN)
+        law = TimeLaw(spline, given.start, given.stop, given.start)
+        motion = replace(
+            given,
+            curve=Paced(given.curve, law),
+            loads={body: Paced(curve, law) for body, curve in given.loads.items()},
+            source=f"{given.source}, retimed",
+            samples=None,
+            grid=None,
+            torques=None,
+        )
+        return Retiming(motion, motion.duration, self._binding(c, law), law)
+
+    def _binding(self, c: np.ndarray, law: TimeLaw) -> tuple[Stretch, ...]:
+        """The stretches on which a limit decides."""
+        rows, jet = self.rows, self.at.jets(c)
+        near = rows.nearness(jet)[: self.count]
+        row = near.argmax(axis=1)
+        at = np.arange(self.count)
+        joints = np.where(near[at, row] > DECIDES, rows.joints[at, row], -1)
+        t = law.times(self.problem.points(self.count)[: self.count])
+        found = []
+        for (kind, joint), group in groupby(at.tolist(), key=lambda i: (rows.kinds[row[i]], int(joints[i]))):
+            which = list(group)
+            first, last = t[which[0]], t[min(which[-1] + 1, self.count - 1)]
+            if joint >= 0 and last - first > SHORT * (t[-1] - t[0]):
+                found.append(Stretch(self.problem.robot.joint_names[joint], kind, float(first), float(last)))
+        return tuple(found)
+
+
+def drawn(c: np.ndarray, inner: np.ndarray, fits: Callable[[np.ndarray], bool]) -> np.ndarray:
+    """Coefficients that fit, between some and others that do: as little as possible towards the latter."""
+    if fits(c):
+        return c
+    low, high = 0.0, LEAST
+    while high < 1 and not fits(c + high * (inner - c)):
+        low, high = high, 2 * high
+    high = min(high, 1.0)
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2
+        low, high = (low, middle) if fits(c + middle * (inner - c)) else (middle, high)
+    return c + high * (inner - c)
+
+
+def _peaks(excess: np.ndarray, above: float) -> np.ndarray:
+    """The points at which a row (N, R) has a peak above a bound."""
+    inner = np.pad(excess, ((1, 1), (0, 0)), constant_values=-np.inf)
+    peak = (excess > above) & (excess >= inner[:-2]) & (excess >= inner[2:])
+    return np.flatnonzero(peak.any(axis=1))

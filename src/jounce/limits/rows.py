@@ -1,0 +1,136 @@
+"""Limits along a path as rows: sums of products of sigma's rates, each between two bounds at every point."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jounce.limits import pace
+from jounce.limits.path import Path, Terms
+from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, Limits
+
+RATES = {kind: k for k, kind in enumerate(MOTION_KINDS)}  # which rate of q a limit bounds
+FORCES = {kind: k for k, kind in enumerate(EFFORT_KINDS)}  # which rate of Q
+NEEDS = {**RATES, **{kind: k + 2 for kind, k in FORCES.items()}, "power": 2}  # the rates of q that a limit takes
+ONE_SIDED = 1e6  # times the stated bound stands in for the other one, where that is infinite
+HIGHEST_JET = (0, 0, 0, 1, 0, 1, 2, 0, 1, 1, 2, 3)  # of each product, the derivative of x that it takes
+
+
+Part = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, tuple[str, ...]]  # factors, bounds, joints, kinds
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """R quantities at N points of a path: ``lower <= factors . products <= upper``, all in units of their limits.
+
+    Attributes
+    ----------
+    factors : (N, R, K)
+        Of the K products that occur at all.
+    used : (K,)
+        The indices of these products.
+    lower, upper : (R,)
+        The bounds.
+    kinds : (R,)
+        Of each row the kind of the limit.
+    joints : (N, R)
+        Of each row and point the index of the coordinate.
+    """
+
+    factors: np.ndarray
+    used: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    kinds: tuple[str, ...]
+    joints: np.ndarray
+
+    @property
+    def jet(self) -> int:
+        """How many of x, x', x'', x''' the rows take."""
+        return 1 + max((HIGHEST_JET[k] for k in self.used), default=0)
+
+    def values(self, jet: np.ndarray) -> np.ndarray:
+        """The rows (N, R) at jets (4, N)."""
+        return np.matmul(self.factors, pace.products(jet)[self.used].T[:, :, None])[:, :, 0]
+
+    def uniform(self) -> np.ndarray:
+        """The rows as polynomials in the speed of a uniform time law: (5, N, R), the lowest power first."""
+        found = np.zeros((5, *self.factors.shape[:2]))
+        for power, product in enumerate((pace.ONE, pace.S1, pace.S1_2, pace.S1_3, pace.S1_4)):
+            for at in np.flatnonzero(self.used == product):
+                found[power] = self.factors[:, :, at]
+        return found
+
+    def excess(self, jet: np.ndarray) -> np.ndarray:
+        """By how much the rows (N, R) leave their bounds at jets (4, N); negative within, infinite where x <= 0."""
+        possible = jet[0] > 0
+        values = self.values(np.where(possible, jet, 1.0))
+        return np.where(possible[:, None], np.maximum(values - self.upper, self.lower - values), np.inf)
+
+    def taken(self, points: np.ndarray | slice) -> "Rows":
+        """The rows at some of the points."""
+        return replace(self, factors=self.factors[points], joints=self.joints[points])
+
+    def relaxed(self, by: float) -> "Rows":
+        """The rows with wider bounds."""
+        return replace(self, lower=self.lower - by, upper=self.upper + by)
+
+    def nearness(self, jet: np.ndarray) -> np.ndarray:
+        """The rows (N, R) at jets (4, N) as shares of the bounds: 1 on a bound."""
+        values = self.values(jet)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.fmax(values / self.upper, values / self.lower)
+
+
+def rows_of(path: Path, limits: Limits, share: float, fastest: float) -> Rows:
+    """The rows of all finite limits of the coordinates, each taken to a share of itself, at the points of a path.
+
+    The velocity limits are one row, (q' / v)^2 x of the joint that is nearest to its own; x itself stays below the
+    square of `fastest`, so that a rest of the motion does not make it infinite: that is of the joint -1.
+    """
+    found: list[Part] = [_speed(path, limits.bounds("velocity") * share, fastest)]
+    for kind in ("acceleration", "jerk", "snap", *EFFORT_KINDS, "power"):
+        bounds = limits.bounds(kind) * share
+        if np.isfinite(bounds).any():
+            found.append(_rows(kind, _terms(path, kind, limits), bounds))
+    factors = np.concatenate([rows[0] for rows in found], axis=1)
+    used = np.flatnonzero(np.any(factors, axis=(0, 1)))
+    lower, upper = (np.concatenate([rows[k] for rows in found]) for k in (1, 2))
+    joints = np.concatenate([rows[3] for rows in found], axis=1)
+    kinds = tuple(kind for rows in found for kind in rows[4])
+    return Rows(np.ascontiguousarray(factors[:, :, used]), used, lower, upper, kinds, joints)
+
+
+def _terms(path: Path, kind: str, limits: Limits) -> Terms:
+    if kind in RATES:
+        return path.rate(RATES[kind])
+    return path.power() if kind == "power" else path.force(FORCES[kind], kind in limits.without_gravity)
+
+
+def _rows(kind: str, terms: Terms, bounds: np.ndarray) -> Part:
+    [points, n] = next(iter(terms.values())).shape
+    factors = np.zeros((points, n, len(pace.PRODUCTS)))
+    for k, term in terms.items():
+        factors[:, :, k] = term
+    limited = np.flatnonzero(np.isfinite(bounds).any(axis=0) & bounds.any(axis=0))  # a limit of 0: it does not move
+    lower, upper = bounds[:, limited]
+    size = np.where(np.isfinite(upper), upper, 0) - np.where(np.isfinite(lower), lower, 0)
+    scale = np.where(np.isfinite(upper) & np.isfinite(lower), size / 2, size)
+    joints = np.broadcast_to(limited, (points, len(limited)))
+    return (
+        factors[:, limited] / scale[:, None],
+        (lower / scale).clip(-ONE_SIDED),
+        (upper / scale).clip(max=ONE_SIDED),
+        joints,
+        (kind,) * len(limited),
+    )
+
+
+def _speed(path: Path, bounds: np.ndarray, fastest: float) -> Part:
+    rate = path.q[1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where(rate == 0, 0, rate / np.where(rate > 0, bounds[1], bounds[0]))
+    factors = np.zeros((len(rate), 1, len(pace.PRODUCTS)))
+    factors[:, 0, pace.S1_2] = np.maximum(ratio.max(axis=1), 1 / fastest) ** 2
+    joints = np.where(ratio.max(axis=1) * fastest < 1, -1, ratio.argmax(axis=1))
+    one = np.ones(1)
+    return factors, -ONE_SIDED * one, one, joints[:, None], ("velocity",)

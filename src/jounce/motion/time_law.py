@@ -1,0 +1,158 @@
+"""A motion along the same path by another time law: sigma, the time of the given motion, as a function of time."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import comb
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jounce.motion.curves import Jump, OfCurve, jumps_at
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+
+POINTS = 16  # of Gauss and Legendre between two nodes
+SPLITS = 40  # times that an interval is halved at most
+STEPS = 50  # of Newton's method at most
+ROUNDING = 4 * np.finfo(float).eps
+
+
+@dataclass(frozen=True, eq=False)
+class TimeLaw:
+    """sigma(t) with sigma'(t)^2 = x(sigma), from sigma = `first` at t = `start` to sigma = `last`.
+
+    x is a B-spline with values above 0; of degree k it makes sigma C^k.
+    """
+
+    x: "BSpline"
+    first: float
+    last: float
+    start: float
+
+    @property
+    def stop(self) -> float:
+        """The time at which the path ends, s."""
+        return float(self._table[1][-1])
+
+    @property
+    def smooth(self) -> int:
+        """The order of the last derivative of sigma that is continuous."""
+        return int(self.x.k)
+
+    def times(self, sigma: np.ndarray) -> np.ndarray:
+        """The times (N,) at which values sigma (N,) are passed."""
+        nodes, t = self._table
+        i = (np.searchsorted(nodes, sigma, side="right") - 1).clip(0, len(nodes) - 2)
+        return t[i] + self._lasting(nodes[i], sigma)
+
+    def sigma(self, t: np.ndarray) -> np.ndarray:
+        """sigma (N,) at times (N,): the root of ``times(sigma) = t``, by Newton's method."""
+        nodes, known = self._table
+        i = (np.searchsorted(known, t, side="right") - 1).clip(0, len(nodes) - 2)
+        left, right = nodes[i], nodes[i + 1]
+        found = left + (right - left) * ((t - known[i]) / (known[i + 1] - known[i])).clip(0, 1)
+        for _ in range(STEPS):
+            step = (known[i] + self._lasting(left, found) - t) * np.sqrt(self.x(found))
+            better = (found - step).clip(left, right)
+            moved, found = np.abs(better - found), better
+            if (moved <= ROUNDING * (self.last - self.first)).all():
+                break
+        return found
+
+    def rates(self, t: np.ndarray, order: int) -> list[np.ndarray]:
+        """sigma and its derivatives up to an order, (N,) each: sigma'' = x'(sigma) / 2 and its derivatives follow."""
+        sigma = self.sigma(t)
+        rates = [sigma, np.sqrt(self.x(sigma))]
+        slopes = [self.x(sigma, nu=k) / 2 for k in range(1, order)]
+        for k in range(order - 1):
+            row = chain_rule(rates, k)[k]
+            rates.append(sum((f * b for f, b in zip(slopes, row, strict=False)), start=0 * sigma))
+        return rates[: order + 1]
+
+    @cached_property
+    def _table(self) -> tuple[np.ndarray, np.ndarray]:
+        """Values of sigma and their times, so close together that a rule of Gauss and Legendre is exact between."""
+        knots = np.unique(self.x.t)
+        nodes = np.unique([self.first, *knots[(knots > self.first) & (knots < self.last)], self.last])
+        for _ in range(SPLITS):
+            left, right = nodes[:-1], nodes[1:]
+            middle = (left + right) / 2
+            whole, halves = self._lasting(left, right), self._lasting(left, middle) + self._lasting(middle, right)
+            rough = np.abs(whole - halves) > ROUNDING * halves.sum()
+            if not rough.any():
+                break
+            nodes = np.sort(np.concatenate([nodes, middle[rough]]))
+        lasting = self._lasting(nodes[:-1], nodes[1:])
+        return nodes, self.start + np.concatenate([[0.0], np.cumsum(lasting)])
+
+    def _lasting(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """The time from one value of sigma to another: the integral of 1 / sqrt(x)."""
+        u, w = np.polynomial.legendre.leggauss(POINTS)
+        half = (right - left)[:, None] / 2
+        return (half * w / np.sqrt(self.x((left + right)[:, None] / 2 + half * u))).sum(axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Paced(OfCurve):
+    """A curve by another time law: its value at t is that of `base` at sigma(t)."""
+
+    law: TimeLaw
+
+    @property
+    def start(self) -> float:
+        """Where it begins, s."""
+        return self.law.start
+
+    @property
+    def stop(self) -> float:
+        """Where it ends, s."""
+        return self.law.stop
+
+    @property
+    def highest(self) -> int:
+        """The order of the last derivative that is known: the time law has no further ones."""
+        return self.law.smooth if self.base.highest is None else min(self.base.highest, self.law.smooth)
+
+    def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
+        """The values and their derivatives up to `order`, by the chain rule."""
+        law = self.law.rates(t, order)
+        return _composed(chain_rule(law, order), self.base.rates(law[0], order, left))
+
+    def jumps(self, order: int) -> list[Jump]:
+        """Where a derivative up to `order` jumps: where those of `base` do."""
+        at = np.unique([jump.t for jump in self.base.jumps(order)])
+        if not at.size:
+            return []
+        t = self.law.times(at)
+        rows = chain_rule(self.law.rates(t, order), order)
+        # at the breaks themselves: sigma(t) is rounded to either side of them
+        before, after = (_composed(rows, self.base.rates(at, order, left)) for left in (True, False))
+        return jumps_at(t, before, after, np.full(len(t), self.stop - self.start))
+
+    def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
+        """The standard deviations of the values and derivatives, those of `base` taken as independent."""
+        law = self.law.rates(t, order)
+        base = self.base.deviations(law[0], order)
+        if base is None:
+            return None
+        squares = [[b**2 for b in row] for row in chain_rule(law, order)]
+        return [np.sqrt(square) for square in _composed(squares, [rate**2 for rate in base])]
+
+
+def _composed(rows: Sequence[Sequence[np.ndarray]], base: Sequence[np.ndarray]) -> list[np.ndarray]:
+    return [sum((b[:, None] * f for b, f in zip(row, base, strict=False)), start=0 * base[0]) for row in rows]
+
+
+def chain_rule(rates: Sequence[np.ndarray], order: int) -> list[list[np.ndarray]]:
+    """The factors B[n][k] of (f o sigma)^(n) = sum_k f^(k)(sigma) B[n][k]: Bell polynomials of the rates of sigma."""
+    one = np.ones_like(rates[0])
+    rows: list[list[np.ndarray]] = [[one]]
+    for n in range(1, order + 1):
+        row = [0 * one]
+        for k in range(1, n + 1):
+            terms = (comb(n - 1, i) * rates[i + 1] * rows[n - 1 - i][k - 1] for i in range(n - k + 1))
+            row.append(sum(terms, start=0 * one))
+        rows.append(row)
+    return rows

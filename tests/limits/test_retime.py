@@ -1,0 +1,309 @@
+"""Retiming: the algebra of paths, time laws, the fastest one, and what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.interpolate import make_interp_spline
+
+import jounce
+from jounce import JounceError, Motion
+from jounce.limits import pace
+from jounce.limits.path import path_of
+from jounce.limits.problem import problem_of
+from jounce.limits.retime import Grid
+from jounce.motion.time_law import Paced, TimeLaw
+
+PANDA = jounce.load("panda", lock={"panda_finger_joint1": 0.0})
+UR5 = jounce.load("ur5")
+IIWA = jounce.load("iiwa14").with_limits(
+    velocity=np.deg2rad([85, 85, 100, 75, 130, 135, 135]), effort=[320, 320, 176, 176, 110, 40, 40]
+)
+HOME = [0, -0.785, 0, -2.356, 0, 1.571, 0.785]
+LIMITS = {"effort_rate": 1000.0, "acceleration": 15.0, "jerk": 5000.0}
+POWERS = np.array([0, 0, 0, 0, 35, -84, 70, -20.0])  # from rest to rest, C^3 there
+
+
+def rest_to_rest(start, way, duration=2.0, powers=POWERS):
+    c = np.outer(way, powers)
+    c[:, 0] += start
+    return Motion.polynomial(c / duration ** np.arange(len(powers)), duration)
+
+
+def move(robot, seed=0, duration=2.0):
+    rng = np.random.default_rng(seed)
+    middle = np.nan_to_num(robot.limits.bounds("position"), posinf=0, neginf=0).mean(axis=0)
+    start, way = rng.uniform(-0.7, 0.7, (2, robot.n))
+    return rest_to_rest(start + middle, way, duration)
+
+
+def wavy(robot, duration=2.0):
+    """A motion that never rests, with a wrench on the last body."""
+    rng = np.random.default_rng(3)
+    middle = np.nan_to_num(robot.limits.bounds("position"), posinf=0, neginf=0).mean(axis=0)
+    motion, load = (
+        Motion.fourier(offset, *0.3 * rng.normal(size=(2, 2, len(offset))), 1.3, duration)
+        for offset in (middle, np.zeros(6))
+    )
+    return replace(motion, loads={robot.body_names[-1]: load.curve})
+
+
+def law_of(motion, degree=5):
+    s = np.linspace(motion.start, motion.stop, 31)
+    return TimeLaw(make_interp_spline(s, 1.5 + np.sin(3 * s), k=degree), motion.start, motion.stop, 0.3)
+
+
+def by_law(motion, law):
+    loads = {body: Paced(curve, law) for body, curve in motion.loads.items()}
+    return replace(motion, curve=Paced(motion.curve, law), loads=loads)
+
+
+def largest(robot, motion, count):
+    """The largest share of each limit on a fine grid, by itself and not by the library's check."""
+    t = np.linspace(motion.start, motion.stop, count)
+    along, limits = robot.forces_along(motion, t), robot.limits
+    gravity = robot.gravity_forces(*along.rates[:3])
+    forces = {
+        kind: Q - G * (kind in limits.without_gravity)
+        for kind, Q, G in zip(("effort", "effort_rate", "second_effort_rate"), along.forces, gravity, strict=True)
+    }
+    rates = dict(zip(("velocity", "acceleration", "jerk", "snap"), along.rates[1:], strict=True))
+    values = {**forces, **rates, "power": along.forces[0] * along.rates[1]}
+    return {kind: np.abs(value / limits.bounds(kind)[1]).max() for kind, value in values.items()}
+
+
+@pytest.mark.parametrize("robot", [PANDA.with_drives(["damping"]), UR5], ids=["panda, damped", "ur5"])
+def test_path_algebra_gives_the_forces_of_composed_motions(robot):
+    motion = wavy(robot)
+    law = law_of(motion)
+    composed = by_law(motion, law)
+    t = np.linspace(composed.start, composed.stop, 57)
+    sigma = law.sigma(t)
+    path, jet = path_of(robot, motion, sigma, 2), np.stack([law.x(sigma, nu=k) for k in range(4)])
+    along = robot.forces_along(composed, t)
+    gravity = robot.gravity_forces(*along.rates[:3])
+
+    def agrees(terms, expected):
+        found = sum(pace.products(jet)[k][:, None] * term for k, term in terms.items())
+        assert np.linalg.norm(found - expected) < 1e-12 * np.linalg.norm(expected)
+
+    for k, (Q, G) in enumerate(zip(along.forces, gravity, strict=True)):
+        agrees(path.force(k), Q)
+        agrees(path.force(k, without_gravity=True), Q - G)
+    for k in (1, 2, 3, 4):
+        agrees(path.rate(k), along.rates[k])
+    agrees(path.power(), along.forces[0] * along.rates[1])
+
+
+def test_products_have_the_derivatives_that_differences_give():
+    jet, h = np.random.default_rng(0).uniform(0.5, 2, (4, 9)), 1e-6
+    first, second = pace.derivatives(jet)
+    for i, step in enumerate(h * np.eye(4)[:, :, None]):
+        ahead, back = jet + step, jet - step
+        np.testing.assert_allclose(first[:, i], (pace.products(ahead) - pace.products(back)) / (2 * h), atol=1e-8)
+        change = pace.derivatives(ahead)[0] - pace.derivatives(back)[0]
+        np.testing.assert_allclose(second[:, i], change / (2 * h), atol=1e-8)
+
+
+def test_a_time_law_is_the_inverse_of_its_times_and_its_rates_are_derivatives():
+    law = law_of(wavy(UR5))
+    t = np.linspace(law.start, law.stop, 101)
+    np.testing.assert_allclose(law.times(law.sigma(t)), t, rtol=0, atol=1e-14)
+    h = 1e-4
+    inner = t[1:-1]
+    rates, ahead, back = (law.rates(x, 5) for x in (inner, inner + h, inner - h))
+    for k in range(5):
+        np.testing.assert_allclose((ahead[k] - back[k]) / (2 * h), rates[k + 1], rtol=1e-5, atol=1e-5)
+
+
+def test_breaks_and_deviations_go_with_the_path():
+    motion = Motion.trapezoidal([[0.0, 0.0], [1.0, 0.5]], 1.0, 2.0)
+    law = law_of(motion)
+    composed = by_law(motion, law)
+    assert [(found.joint, found.order) for found in composed.breaks] == [(b.joint, b.order) for b in motion.breaks]
+    inside = [found for found in composed.breaks if composed.start < found.t < composed.stop]
+    for found in inside:
+        before, after = composed(found.t - 1e-9, 2)[2], composed(found.t + 1e-9, 2)[2]
+        assert after[found.joint] - before[found.joint] == pytest.approx(found.jump, rel=1e-5)
+    rng = np.random.default_rng(0)
+    t = np.linspace(0, 4, 401)
+    q = np.sin(2 * t)[:, None] * [1.0, 0.5] + 1e-4 * rng.normal(size=(401, 2))
+    fit = Motion.fit(t, q)
+    half = replace(fit, curve=Paced(fit.curve, TimeLaw(make_interp_spline(t, 0 * t + 0.25, k=5), 0.0, 4.0, 0.0)))
+    for found, exact in zip(half.deviations(1.0), fit.scaled(2).deviations(1.0), strict=True):
+        np.testing.assert_allclose(found, exact, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("robot", "limits"),
+    [
+        (PANDA, {"effort_rate": 1000.0, "of": {"effort_rate": "Q - Qgrav"}}),
+        (PANDA, {**LIMITS, "snap": 1e6, "second_effort_rate": 1e5, "power": 60.0}),
+        (UR5, {"effort_rate": 10 * UR5.limits.effort}),
+        (IIWA, LIMITS),
+        (PANDA.with_drives(["damping"]), {}),
+    ],
+    ids=["panda", "panda, all limits", "ur5", "iiwa", "panda, damped"],
+)
+def test_no_limit_is_broken_and_one_decides_nearly_everywhere(robot, limits):
+    robot = robot.with_limits(**limits)
+    motion = move(robot)
+    found = robot.retime(motion)
+    shares = largest(robot, found.motion, 15_001)
+    assert 0.985 < max(shares.values()) < 0.9902, shares
+    assert found.duration == found.motion.duration <= robot.slowdown(motion).motion.duration / 0.98
+    assert found.motion.breaks == ()
+    decided = sum(stretch.stop - stretch.start for stretch in found.binding)
+    assert decided > 0.8 * found.duration
+    for end in (found.motion.start, found.motion.stop):
+        assert all(np.abs(rate).max() < 1e-9 for rate in found.motion(end, 1)[1:])
+    t = np.linspace(found.motion.start, found.motion.stop, 9)
+    sigma = found.law.sigma(t)
+    np.testing.assert_allclose(found.motion(t, 0)[0], motion(sigma, 0)[0], atol=1e-12)
+
+
+@pytest.mark.parametrize("robot", [PANDA, UR5, IIWA], ids=["panda", "ur5", "iiwa"])
+def test_it_is_never_slower_than_the_slowdown(robot):
+    robot = robot.with_limits(effort_rate=1000.0)
+    for seed in range(3):
+        motion = move(robot, seed)
+        slow = robot.slowdown(motion)
+        found = robot.retime(motion, margin=0)
+        assert found.duration <= slow.motion.duration
+        assert robot.check(found.motion).worst.ratio < 1.001
+
+
+def test_a_motion_that_moves_at_both_ends_is_fast_between():
+    robot = jounce.load("planar2r").with_limits(velocity=1.0)
+    motion = Motion.polynomial([[0, 0.5], [0, 0.25]], 2.0)
+    found = robot.retime(motion)
+    assert 1 / 0.99 < found.duration < 1.1 / 0.99
+    np.testing.assert_allclose(found.motion([found.motion.start, found.motion.stop], 1)[1][:, 0], 0.5, rtol=1e-9)
+    assert np.abs(found.motion(found.motion.times, 1)[1]).max() <= 0.99 + 1e-7
+
+
+def test_the_program_finds_what_ipopt_finds():
+    casadi = pytest.importorskip("casadi")
+    from benchmarks.retime import ipopt
+
+    del casadi
+    robot = UR5.with_limits(effort_rate=10 * UR5.limits.effort)
+    grid = Grid.of(problem_of(robot, move(robot), 0.99), 20, 20.0)
+    inner = grid.inner(np.ones(grid.basis.count))
+    c = grid.solved(inner, inner, 1.0)
+    assert grid.basis.duration(c) == pytest.approx(ipopt(grid), rel=2e-3)
+
+
+def test_with_velocity_and_torque_alone_it_is_as_fast_as_toppra():
+    pytest.importorskip("toppra")
+    from benchmarks.retime import on_path, path, toppra
+
+    for robot in (UR5, IIWA):
+        c = path(robot, 1)
+        theirs, _ = toppra(robot, c, 301)
+        assert robot.retime(on_path(c)).duration == pytest.approx(theirs, rel=0.01)
+
+
+def test_end_velocities_remain():
+    robot = UR5.with_limits(effort_rate=500.0)
+    whole = move(robot, 1, 1.5)
+    slow = robot.slowdown(whole).motion.scaled(1.2)
+    half = slow.start + slow.duration / 2
+    times = np.linspace(slow.start, half, 41)
+    part = Motion.through(times, slow(times, 0)[0])
+    found = robot.retime(part)
+    for k, rate in enumerate(part(part.stop, 2)):
+        np.testing.assert_allclose(found.motion(found.motion.stop, 2)[k], rate, rtol=1e-6, atol=1e-6)
+    assert found.duration < part.duration
+    assert max(largest(robot, found.motion, 8001).values()) < 1
+    fast = part.scaled(0.2)
+    with pytest.raises(JounceError, match=r"^the motion moves at its end, and no time law keeps the velocity there"):
+        robot.retime(fast)
+
+
+def test_a_rest_within_a_motion_is_passed_quickly():
+    robot = UR5.with_limits(effort_rate=500.0)
+    there = move(robot, 1)
+    stay = Motion.polynomial(there(there.stop, 0)[0][:, None], 1.0)
+    whole = there + stay
+    assert robot.retime(whole).duration == pytest.approx(robot.retime(there).duration, rel=0.05)
+
+
+def test_the_pace_of_the_given_motion_does_not_matter():
+    robot = UR5.with_limits(effort_rate=500.0)
+    there = move(robot, 1)
+    fast = robot.retime(there).duration
+    for factor in (1e-3, 1e3):
+        assert robot.retime(there.scaled(factor)).duration == pytest.approx(fast, rel=1e-6)
+    end = there(there.stop, 0)[0]
+    back = rest_to_rest(end, there(0.0, 0)[0] - end)
+    both = robot.retime(there.scaled(5) + back)
+    assert both.duration == pytest.approx(fast + robot.retime(back).duration, rel=0.01)
+    there_and_back = there.scaled(1e6) + back
+    with pytest.raises(JounceError, match=r"^retiming fails: the paces of the motion differ by too much"):
+        robot.retime(there_and_back)
+
+
+def test_breaks_that_a_limit_allows():
+    """Pieces of constant jerk: Qd jumps, and its limit holds on both sides."""
+    ruckig = pytest.importorskip("ruckig")
+    given = ruckig.InputParameter(7)
+    given.current_position, given.target_position = HOME, [q + 0.5 for q in HOME]
+    given.max_velocity, given.max_acceleration, given.max_jerk = [2.0] * 7, [10.0] * 7, [5000.0] * 7
+    trajectory = ruckig.Trajectory(7)
+    ruckig.Ruckig(7).calculate(given, trajectory)
+    motion = Motion.from_ruckig(trajectory)
+    robot = PANDA.with_limits(effort_rate=1000.0)
+    found = robot.retime(motion)
+    assert max(largest(robot, found.motion, 20_001)[kind] for kind in ("velocity", "effort", "effort_rate")) < 0.991
+    with pytest.raises(JounceError, match=r"^derivative 3 of joint .* jumps at .*; retime motion.blended\("):
+        robot.with_limits(second_effort_rate=1e5).retime(motion)
+
+
+def test_friction_leaves_room():
+    drives = {"friction": [3.0, 1.0]}
+    planar = jounce.Robot(replace(jounce.load("planar2r").mechanism))
+    mechanism = planar.mechanism
+    robot = jounce.Robot.from_screws(mechanism.B, mechanism.X, mechanism.M, gravity=mechanism.gravity, drives=drives)
+    robot = robot.with_drives(["friction"]).with_limits(effort=[60, 20])
+    motion = rest_to_rest([0.1, 0.2], [1.0, -0.5])
+    found = robot.retime(motion)
+    t = np.linspace(found.motion.start, found.motion.stop, 4001)
+    Q = robot.forces_along(found.motion, t, 0).forces[0]
+    assert 0.8 < np.abs(Q / [60, 20]).max() < 0.991
+    with pytest.raises(JounceError, match=r"^effort_rate limits cannot be met with Coulomb friction"):
+        robot.with_limits(effort_rate=100).retime(motion)
+
+
+@pytest.mark.parametrize(
+    ("robot", "motion", "margin", "message"),
+    [
+        (UR5, rest_to_rest(np.zeros(6), np.zeros(6)), 0.01, "the path does not move: every joint rests all the time"),
+        (PANDA, rest_to_rest(np.zeros(7), np.ones(7)), 0.01, "joint 'panda_joint4' leaves its position limits at t = "),
+        (
+            UR5.with_limits(effort=[150, 20, 150, 28, 28, 28]), move(UR5), 0.01,
+            "joint 'shoulder_lift_joint' holds ",
+        ),
+        (jounce.load("iiwa14"), move(IIWA), 0.01, "'iiwa14' has no limit of velocity, acceleration, ... or effort"),
+        (
+            jounce.load("iiwa14").with_limits(velocity={"joint1": 1.0}), rest_to_rest(np.zeros(7), np.eye(7)[1]), 0.01,
+            "no limit bounds the speed along part of the path; velocity limits are missing for 'joint2'",
+        ),
+        (
+            UR5, Motion.trapezoidal([np.zeros(6), np.ones(6)], 1.0, 2.0).scaled(1) , 1.0,
+            "margin is 1.0; expected a number from 0 to below 1",
+        ),
+        (UR5, move(UR5), "x", "margin is 'x'; expected a number"),
+        (
+            UR5.with_limits(jerk=10.0), Motion.trapezoidal([np.zeros(6), np.ones(6)], 1.0, 2.0), 0.01,
+            "derivative 2 of joint 0 jumps at t = 0.5 s, where the jerk of every time law is infinite;"
+            " retime motion.blended(time, continuity=3) to meet jerk limits",
+        ),
+        (UR5.with_limits(velocity=0.0), move(UR5), 0.01, "the velocity limit of joint 'shoulder_pan_joint' is 0"),
+    ],
+)  # fmt: skip
+def test_refusals(robot, motion, margin, message):
+    with pytest.raises(JounceError) as caught:
+        robot.retime(motion, margin)
+    assert str(caught.value).startswith(message)
+    assert "\n" not in str(caught.value)
