@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from robots import Interpreted, mechanisms, on_its_axis, relative_error
 
 import jounce
-from jounce.checks.reference.pinocchio import _built
+from jounce.checks.reference.pinocchio import _build
 from jounce.model.drives import TERMS, Drives
 from jounce.spatial.linear import Factors, solved
 from jounce.spatial.series import Series
@@ -57,7 +57,7 @@ def test_native_code_undoes_inverse_dynamics(name):
 def test_accelerations_and_jerks_agree_with_pinocchio(name):
     """Jerks by the chain rule on the partial derivatives of its articulated-body algorithm."""
     robot = Interpreted(jounce.load(name))
-    model = _built(pinocchio, robot.robot.mechanism)
+    model = _build(pinocchio, robot.robot.mechanism)
     data, rng = model.createData(), np.random.default_rng(2)
     for q, qd, Q, Qd in rng.uniform(-1, 1, (5, 4, robot.robot.n)):
         q2d, q3d = robot.forward_dynamics(q, qd, Q, Qd)
