@@ -4,7 +4,6 @@ from typing import Any
 
 from jounce.dynamics.quantities import QUANTITIES, Quantity
 from jounce.robot.robot import FORMS, Robot
-from jounce.spatial.series import rate_name
 
 HEAD = ("", "method", "rates", "shape", "unit", "what it is", "options")
 
@@ -30,11 +29,11 @@ def method(quantity: Quantity) -> tuple[str, str]:
 
 def _row(quantity: Quantity) -> tuple[str, ...]:
     name, call = method(quantity)
-    rates = ", ".join(rate_name("q", k) for k in range(quantity.rates))
+    rates = ", ".join(quantity.input_names(quantity.rates))
     shape = ", ".join(["...", *map(str, quantity.shape)])
     options = ["wrench"] * quantity.wrenches + ["body"] * quantity.of_bodies + ["frame"] * bool(quantity.frames)
     return (
-        f"`{quantity.symbol}`",
+        f"`{quantity.names(0)[0]}`",
         f"[`{call}`][jounce.Robot.{name}]",
         f"`{rates}`",
         f"`({shape})`",

@@ -62,6 +62,7 @@ Language: TypeAlias = Literal["c", "cpp", "cuda", "julia", "latex", "matlab", "p
 Method: TypeAlias = Literal["kernel", "recursion", "closed_form", "paper"]
 QuantityName: TypeAlias = Literal[
     "inverse_dynamics",
+    "forward_dynamics",
     "gravity_forces",
     "mass_matrix",
     "coriolis_matrix",

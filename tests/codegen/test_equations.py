@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import sympy
 from files import refusal
-from test_codegen import ALL, PARAMETERS, computed, requested, robot_of, texts
+from test_codegen import ALL, PARAMETERS, computed, in_equations, requested, robot_of, texts
 
 import jounce
 from jounce._codegen.latex.equations import WIDEST, _width, document, tex
 
 CASES = {
-    "symbols": ("symbols", {"order": 2, "outputs": ALL, "wrench": True}),
-    "all": ("planar2r", {"order": 1, "outputs": ALL, "wrench": True, "parameters": PARAMETERS}),
+    "symbols": ("symbols", {"order": 2, "outputs": in_equations(ALL), "wrench": True}),
+    "all": ("planar2r", {"order": 1, "outputs": in_equations(ALL), "wrench": True, "parameters": PARAMETERS}),
     "numbers": ("planar2r", {"order": 4}),
     "mimic": ("mimic", {"order": 0, "wrench": True, "parameters": ("payload:body1", "gravity")}),
 }
@@ -95,6 +95,7 @@ def test_text_is_escaped():
 @pytest.mark.parametrize(
     ("robot", "options", "words"),
     [
+        ("planar2r", {"outputs": ["forward_dynamics"]}, ["forward_dynamics is not written as equations"]),
         ("iiwa14", {"order": 2}, ["takes 2213 operations; LaTeX is generated for up to 1200", "into c, ", "python"]),
         ("iiwa14", {"order": 0, "outputs": ["mass_matrix"]}, ["M of 'iiwa14': too large for symbolic form"]),
         ("planar2r", {"float32": True}, ["LaTeX has no single precision"]),

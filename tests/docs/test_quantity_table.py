@@ -13,7 +13,7 @@ from jounce.dynamics.quantities import QUANTITIES
 def test_every_quantity_has_its_row():
     rows = quantity_table.on_page_markdown("# Quantities\n\n@quantities\n").splitlines()[4:]
     for quantity, row in zip(QUANTITIES.values(), rows, strict=True):
-        assert all(part in row for part in (f"`{quantity.symbol}`", quantity.unit, quantity.caption, quantity.tex))
+        assert all(part in row for part in (f"`{quantity.names(0)[0]}`", quantity.unit, quantity.caption, quantity.tex))
         assert row.count(" | ") == len(quantity_table.HEAD) - 1
 
 
@@ -21,7 +21,7 @@ def test_every_quantity_has_its_row():
 def test_a_quantity_is_computed_by_the_method_that_is_named(quantity):
     name, called = quantity_table.method(quantity)
     parameters = inspect.signature(getattr(jounce.Robot, name)).parameters
-    assert list(parameters)[1 : quantity.rates + 1] == ["q", "qd", "q2d"][: quantity.rates]
+    assert list(parameters)[1 : quantity.rates + 1] == list(quantity.input_names(quantity.rates))
     assert called == name or called == f'{name}(form="skew")'
     for option, taken in (("wrench", quantity.wrenches), ("body", quantity.of_bodies), ("frame", quantity.frames)):
         assert (option in parameters) == bool(taken)

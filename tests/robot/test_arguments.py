@@ -50,7 +50,7 @@ Case = tuple[Callable[..., Any], Mapping[str, Any]]  # a call that works, to spo
 def along(method: Callable[..., Any], /, **keywords: Any) -> Case:
     """A method along a motion, with a rate beyond those that have names where it takes any."""
     parameters = inspect.signature(method).parameters
-    rates = [name for name in parameters if name[0] == "q" or name == "higher"]
+    rates = [name for name in parameters if name[0] in "qQ" or name == "higher"]
     options = {name: value for name, value in OPTIONS.items() if name in parameters}
     return method, dict.fromkeys(rates, (0.1, 0.2)) | options | keywords
 

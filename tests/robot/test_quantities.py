@@ -38,7 +38,13 @@ def expected_shape(quantity, keywords):
 
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 def test_each_further_rate_returns_one_more_time_derivative(quantity, keywords):
-    compute, path = method_of(Interpreted(ROBOT), quantity), harmonic(np.random.default_rng(1), ROBOT.n, 8)
+    compute, motion = method_of(Interpreted(ROBOT), quantity), harmonic(np.random.default_rng(1), ROBOT.n, 8)
+
+    def path(t):
+        """Rates of the coordinates along a motion, or two of them and those of the forces that it takes."""
+        rates = motion(t)
+        return [*rates[:2], *Interpreted(ROBOT).inverse_dynamics(*rates)] if quantity.forces else rates
+
     shape = expected_shape(quantity, keywords)
     plain = compute(*path(0.0)[: quantity.rates], **keywords)
     assert np.shape(plain) == shape
@@ -136,6 +142,9 @@ class _Opaque:
 
     def __mul__(self, other):
         return _Opaque(self.x * float(other))
+
+    def __rtruediv__(self, other):
+        return _Opaque(other / self.x)
 
     def sin(self):
         return _Opaque(np.sin(self.x))

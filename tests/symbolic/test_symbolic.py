@@ -49,7 +49,7 @@ CHAINS = {
 
 def members(S, order=2, bodies=()):
     """(name, member with its rates, the same of a robot of numbers as a function of q and W) of all that S holds."""
-    for quantity in QUANTITIES.values():
+    for quantity in (row for row in QUANTITIES.values() if not row.forces):
         if not quantity.of_bodies:
             yield quantity.name, [getattr(S, name) for name in quantity.names(order)], partial(value, quantity)
         for body in bodies if quantity.of_bodies else ():
@@ -243,7 +243,7 @@ def test_matrices_are_kept_and_frozen():
     assert S.Q2d is S.Q2d
     assert isinstance(S.Q, sympy.ImmutableMatrix)
     assert {"q4d", "Q2d", "Cbar2d", "W2d", "dot"} <= set(dir(S))
-    members = [*(row.symbol for row in QUANTITIES.values() if not row.of_bodies), "Qext", "Fext"]
+    members = [*(row.symbol for row in QUANTITIES.values() if not row.of_bodies and not row.forces), "Qext", "Fext"]
     of_bodies = [row.name for row in QUANTITIES.values() if row.of_bodies]
     everything = ", ".join(["q", "W", *members])
     assert repr(S) == f"<Symbolic 'planar2r': {everything}, and their rates; of bodies: {', '.join(of_bodies)}>"

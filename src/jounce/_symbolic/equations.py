@@ -17,8 +17,8 @@ from jounce.spatial.series import SUFFIX, Series, rate_name
 EXTERNAL = "ext"  # ends the symbol of what wrenches add to a quantity: Qext
 NAMED = 12  # rates of the coordinates that `Symbolic.dot` knows
 OF_BODIES = {row.name: row for row in QUANTITIES.values() if row.of_bodies}
-OF_ROBOT = {row.symbol: row for row in QUANTITIES.values() if not row.of_bodies}
-OF_WRENCHES = {row.symbol + EXTERNAL: row for row in QUANTITIES.values() if row.wrenches}
+OF_ROBOT = {row.symbol: row for row in QUANTITIES.values() if not row.of_bodies and not row.forces}
+OF_WRENCHES = {row.symbol + EXTERNAL: row for row in OF_ROBOT.values() if row.wrenches}
 
 
 @dataclass(frozen=True, eq=False, repr=False)

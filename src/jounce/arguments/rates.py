@@ -1,6 +1,6 @@
-"""Rates of the coordinates that a caller gives, q, qd, q2d, ..., checked and converted to arrays."""
+"""Rates of the coordinates that a caller gives, q, qd, q2d, ... or q, qd, Q, Qd, ..., checked, as arrays."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -29,21 +29,31 @@ def rates_in(given: object) -> tuple[Any, ...] | None:
     return given if isinstance(given, tuple) and not (given and all(map(is_scalar, given))) else None
 
 
-def rates_of(given: Sequence[Any], least: int, mechanism: Mechanism) -> list[Array]:
+def coordinate_names(count: int) -> tuple[str, ...]:
+    """Return q, qd, q2d, ..."""
+    return tuple(rate_name("q", k) for k in range(count))
+
+
+def rates_of(
+    given: Sequence[Any],
+    least: int,
+    mechanism: Mechanism,
+    named: Callable[[int], Sequence[str]] = coordinate_names,
+) -> list[Array]:
     """Return the coordinates and their rates as arrays (..., n): at least `least` of them, none skipped."""
     terms = list(given)
     while len(terms) > least and terms[-1] is None:
         terms.pop()
     if len(terms) > least + HIGHEST_ORDER:
-        last = rate_name("q", len(terms) - 1)
+        last = named(len(terms))[-1]
         raise JounceError(
             f"{last} is given, for order {len(terms) - least}; expected rates for order 0 to {HIGHEST_ORDER}"
         )
-    tail = (mechanism.n,)
+    tail, labels = (mechanism.n,), named(len(terms))
     return [
         term  # as most are, and some a thousand times a second
         if type(term) is np.ndarray and term.dtype is FLOAT and term.shape[-1:] == tail
-        else _column(term, k, mechanism, terms)
+        else _column(term, k, mechanism, terms, labels)
         for k, term in enumerate(terms)
     ]
 
@@ -53,17 +63,17 @@ def is_unbatched(q: Sequence[Array]) -> bool:
     return all(term.ndim == 1 for term in q)
 
 
-def _skipped_rate(terms: Sequence[Array | None]) -> JounceError:
+def _skipped_rate(terms: Sequence[Array | None], labels: Sequence[str]) -> JounceError:
     k = next(k for k, term in enumerate(terms) if term is None)
-    after = [rate_name("q", j) for j in range(k + 1, len(terms)) if terms[j] is not None]
+    after = [labels[j] for j in range(k + 1, len(terms)) if terms[j] is not None]
     skipped = f", yet {after[0]} is given" if after else ""
-    return JounceError(f"{rate_name('q', k)} is None{skipped}; expected every rate up to the last")
+    return JounceError(f"{labels[k]} is None{skipped}; expected every rate up to the last")
 
 
-def _column(term: Any, k: int, mechanism: Mechanism, terms: Sequence[Any]) -> Array:
+def _column(term: Any, k: int, mechanism: Mechanism, terms: Sequence[Any], labels: Sequence[str]) -> Array:
     if term is None:
-        raise _skipped_rate(terms)
-    label = rate_name("q", k)
+        raise _skipped_rate(terms, labels)
+    label = labels[k]
     if names.listed_in(term) is not None:
         with at(label):
             return _by_name(term, mechanism)

@@ -2,11 +2,13 @@
 
 from functools import lru_cache
 
+from jounce._scalars import is_numeric
 from jounce.arguments.rates import checked_order
 from jounce.dynamics.computation import Computation
+from jounce.dynamics.mobility import idle_coordinates
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.errors import JounceError, listed, no_such, one_of, true_or_false
-from jounce.model.mechanism import Mechanism
+from jounce.model.mechanism import DATA, Mechanism
 
 
 def computation(
@@ -23,6 +25,7 @@ def computation(
         takers = listed(name for name, other in QUANTITIES.items() if other.wrenches)
         raise JounceError(f"{quantity} takes no wrenches; these do: {takers}")
     place(mechanism, quantity, body, frame)
+    check_invertible(mechanism, quantity)
     return Computation(quantity, checked_order(order), wrench, body, frame)
 
 
@@ -47,6 +50,18 @@ def parse_computation(mechanism: Mechanism, text: str, order: int, wrench: bool 
     if colon and row.of_bodies and body in bodies and rest not in bodies:
         raise no_such("frame", frame, row.frames, name)
     return computation(mechanism, name, order, wrench, rest)
+
+
+def check_invertible(mechanism: Mechanism, quantity: str) -> None:
+    """Raise `JounceError` if a quantity takes the inverse of a mass matrix that is singular everywhere."""
+    if not QUANTITIES[quantity].forces or not all(is_numeric(getattr(mechanism, data)) for data in DATA):
+        return
+    rank, idle = idle_coordinates(mechanism)
+    if idle:
+        raise JounceError(
+            f"{quantity} of {mechanism.name!r}: the mass matrix is singular, of rank {rank} for {mechanism.n}"
+            f" coordinates, as {listed(idle)} moves no inertia; state one beyond, or lock the joint by lock="
+        )
 
 
 def place(mechanism: Mechanism, quantity: str, body: str | None, frame: str) -> None:

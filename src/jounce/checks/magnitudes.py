@@ -10,6 +10,7 @@ entries of a rotation add up to 1 in every row and column, hence magnitudes do n
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,6 +18,7 @@ import numpy as np
 
 from jounce._scalars import Array
 from jounce.dynamics.computation import Computation
+from jounce.dynamics.quantities import FORCES
 from jounce.model.mechanism import Mechanism
 from jounce.robot.generic import compute_by_method
 
@@ -26,14 +28,29 @@ METHODS = ("closed_form", "recursion")  # in the body frames as they are given; 
 def magnitudes(mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]) -> tuple[np.ndarray, ...]:
     """The magnitudes of the entries of a quantity and of its rates, from q, qd, ..., W, Wd, ....
 
-    The larger ones of two, by the closed form and by the recursion.
+    The larger ones of two, by the closed form and by the recursion. Those of accelerations are what the magnitudes of
+    the forces cause.
     """
+    if computation.quantity.forces:
+        return _of_accelerations(mechanism, computation, arrays)
     by_method = [
         compute_by_method(computation, method, mechanism, [_Sized(np.asarray(x, dtype=float)) for x in arrays])
         for method in METHODS
         if method in computation.quantity.methods
     ]
     return tuple(np.sqrt(np.max([x.square for x in terms], axis=0)) for terms in zip(*by_method, strict=True))
+
+
+def _of_accelerations(
+    mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]
+) -> tuple[np.ndarray, ...]:
+    given, W = arrays[: computation.rates], arrays[computation.rates :]
+    q = [*given[: computation.quantity.coordinate_inputs(len(given))]]
+    accelerations = compute_by_method(computation, "recursion", mechanism, arrays)
+    forces = magnitudes(mechanism, replace(computation, name=FORCES.name), [*q, *accelerations, *W])
+    (M,) = compute_by_method(Computation("mass_matrix", 0), "recursion", mechanism, q[:1])
+    squares = np.square(np.linalg.inv(M.astype(float)))
+    return tuple(np.sqrt((squares @ np.square(Q)[..., None])[..., 0]) for Q in forces)
 
 
 def scale(expected: Array, magnitude: np.ndarray) -> float:

@@ -20,7 +20,7 @@ class Port:
 
     name: str  # q, qd, W, Wd, masses, Q, Qd
     shape: Shape
-    role: str  # "parameter", "coordinate", "wrench" or "result"
+    role: str  # "parameter", "state", "wrench" or "result"
     rate: int = 0  # which time derivative it is
     first_order: int = 0  # of an input, the lowest order of the results that depend on it
     start: int = 0
@@ -75,7 +75,7 @@ class Computation:
 
     @property
     def rates(self) -> int:
-        """The number of rates q, qd, ... that it takes."""
+        """The number of rates q, qd, ..., or q, qd, Q, Qd, ..., that it takes."""
         return self.quantity.rates + self.order
 
     @property
@@ -97,7 +97,7 @@ class Computation:
     def signature(self, n: int, nb: int, parameters: Mapping[str, Shape] | None = None) -> Signature:
         """The ports for a robot of n coordinates and nb bodies, of which some data are parameters."""
         inputs = [Port(name, shape, "parameter") for name, shape in (parameters or {}).items()]
-        inputs += coordinate_ports(n, self.rates, self.quantity.rates)
+        inputs += state_ports(n, self.quantity.input_names(self.rates), self.quantity.rates)
         for k in range(self.order + 1 if self.wrench else 0):
             inputs.append(Port(rate_name("W", k), (nb, 6), "wrench", k, k))
         shape = self.shape(n, nb)
@@ -111,18 +111,20 @@ class Computation:
         return tuple(sizes[axis] if isinstance(axis, str) else axis for axis in axes)
 
     def state(self, arrays: Sequence[Array]) -> State:
-        """Build the argument of a law from arrays q, qd, ... (..., n), then W, Wd, ... (..., nb, 6)."""
-        q, W = arrays[: self.rates], [w.reshape((*w.shape[:-2], 6 * w.shape[-2], 1)) for w in arrays[self.rates :]]
-        return State(columns(q), Series.of(W) if W else None, self.body, self.frame)
+        """Build the argument of a law from arrays q, qd, ..., Q, Qd, ... (..., n), then W, Wd, ... (..., nb, 6)."""
+        given, W = arrays[: self.rates], [w.reshape((*w.shape[:-2], 6 * w.shape[-2], 1)) for w in arrays[self.rates :]]
+        own = self.quantity.coordinate_inputs(self.rates)
+        q, Q = columns(given[:own]), columns(given[own:])
+        return State(q, Series.of(W) if W else None, Q, self.body, self.frame)
 
     def series(self, method: str, mechanism: Mechanism, arrays: Sequence[Array]) -> Series:
         """The quantity by a method, from the arrays of `state`."""
         return self.quantity.law(method, mechanism)(mechanism, self.state(arrays))
 
 
-def coordinate_ports(n: int, count: int, least: int) -> list[Port]:
-    """Return the first `count` ports of q, qd, ...; the quantity itself, without rates, takes the first `least`."""
-    return [Port(rate_name("q", k), (n,), "coordinate", k, max(0, k + 1 - least)) for k in range(count)]
+def state_ports(n: int, names: Sequence[str], least: int) -> list[Port]:
+    """Return the ports of q, qd, ... by name; the quantity itself, without rates, takes the first `least`."""
+    return [Port(name, (n,), "state", k, max(0, k + 1 - least)) for k, name in enumerate(names)]
 
 
 def in_a_row(ports: Sequence[Port]) -> tuple[Port, ...]:

@@ -5,12 +5,12 @@ rows. A new quantity takes its mathematics, a row, and a method of `Robot`.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from jounce._scalars import Array, element
 from jounce.dynamics import closed_form as dense
-from jounce.dynamics import drive_terms, kinematics
+from jounce.dynamics import drive_terms, forward, kinematics
 from jounce.dynamics.paper import Paper
 from jounce.dynamics.recursion import bodies, forces, matrices, momenta
 from jounce.dynamics.recursion.forces import Sweep
@@ -21,15 +21,19 @@ from jounce.spatial.series import Series, rate_name
 Axis = int | str  # "n" coordinates, "nb" bodies
 
 
+_NOTHING = Series.of(())
+
+
 @dataclass(frozen=True)
 class State:
     """The argument of laws: a motion at an instant, with its rates, and the body and frame of the quantity.
 
-    Coordinates are columns (..., n, 1), wrenches on the bodies (..., 6nb, 1).
+    Coordinates and forces are columns (..., n, 1), wrenches on the bodies (..., 6nb, 1).
     """
 
     q: Series
     W: Series | None = None
+    Q: Series = _NOTHING  # generalized forces, where a quantity takes them
     body: str | None = None  # a body or a link merged into one; None: all bodies
     frame: str = "body"  # of twists: "body", "world" or "spatial"
 
@@ -51,7 +55,9 @@ class Quantity:
 
     name: str
     symbol: str  # names of results: Q, Qd, Q2d
+    first_rate: int = 0  # of the symbol, which the quantity itself is: 2 of accelerations
     rates: int  # how many of q, qd, ... the quantity itself takes
+    forces: bool = False  # whether the last of these, and what follows, are generalized forces Q, Qd, ...
     shape: tuple[Axis, ...]  # of one state; the axis "nb" is absent where one body is named
     methods: Mapping[str, Method]
     unit: str
@@ -78,7 +84,16 @@ class Quantity:
 
     def names(self, order: int) -> tuple[str, ...]:
         """The names of the quantity and its rates."""
-        return tuple(rate_name(self.symbol, k) for k in range(order + 1))
+        return tuple(rate_name(self.symbol, self.first_rate + k) for k in range(order + 1))
+
+    def coordinate_inputs(self, count: int) -> int:
+        """How many of its first inputs are q, qd, ...; the others are forces."""
+        return min(count, self.rates - 1) if self.forces else count
+
+    def input_names(self, count: int) -> tuple[str, ...]:
+        """The names of its first inputs: q, qd, q2d, ..., or q, qd, Q, Qd, ..."""
+        own = self.coordinate_inputs(count)
+        return tuple(rate_name("q", k) if k < own else rate_name("Q", k - own) for k in range(count))
 
     def law(self, method: str, mechanism: Mechanism) -> Law:
         """Return the law of a method for a mechanism, with the drive terms that act."""
@@ -115,6 +130,12 @@ def _scalar(column: Series) -> Series:
     return column.map(lambda T: T[..., 0, 0])
 
 
+def _forward(m: Mechanism, x: State) -> Series:
+    """Forward dynamics by the recursions of other rows, with the terms of the drives that act."""
+    M, inverse = QUANTITIES["mass_matrix"].law("recursion", m)(m, x)[0], FORCES.law("recursion", m)
+    return forward.from_inverse(M, lambda q: inverse(m, replace(x, q=q)).map(lambda Q: Q[..., None]), x.q, x.Q)
+
+
 def _screws(m: Mechanism, x: State, poses: kinematics.OfBodies, screws: kinematics.OfBodies) -> Series:
     return kinematics.screws(m, x.q, x.body, x.frame, poses, screws)
 
@@ -140,6 +161,25 @@ QUANTITIES: Mapping[str, Quantity] = {
                 "recursion": Method(lambda m, x: _row(forces.rnea(forces.MOVING, m, x.q, x.W)), _column),
                 "closed_form": Method(lambda m, x: _row(dense.closed_form(m, x.q, x.W).Q)),
                 "paper": Method(lambda m, x: _row(Paper(m, x.q, x.W).Q)),
+            },
+        ),
+        Quantity(
+            name="forward_dynamics",
+            symbol="q",
+            first_rate=2,
+            rates=3,
+            forces=True,
+            shape=("n",),
+            wrench_term="-M^-1 J^T W",
+            wrench_tex="-M^{-1} J^T W",
+            drive_terms=TERMS,
+            unit="rad/s^2 or, for coordinates in m, m/s^2",
+            caption="accelerations of the coordinates",
+            meaning="q2d = M^-1 (Q - C qd - Qgrav): the accelerations that generalized forces Q cause.",
+            tex=r"\ddot{q} = M^{-1} \left(Q - C(q, \dot{q})\,\dot{q} - Q_{\mathrm{grav}}(q)\right)",
+            methods={
+                "recursion": Method(lambda m, x: _row(_forward(m, x)), _columns),
+                "closed_form": Method(lambda m, x: _row(forward.dense(m, x.q, x.Q, x.W))),
             },
         ),
         Quantity(

@@ -12,7 +12,7 @@ import numpy as np
 from jounce._scalars import FLOAT, Array, is_numeric
 from jounce.arguments import loads, rates, requests, wrenches
 from jounce.dynamics import drive_terms
-from jounce.dynamics.computation import Computation, Port, coordinate_ports
+from jounce.dynamics.computation import Computation, Port, state_ports
 from jounce.dynamics.loads import wrench_of
 from jounce.dynamics.quantities import FORCES, QUANTITIES, Quantity
 from jounce.errors import JounceError, one_of, quoted, warn
@@ -101,13 +101,15 @@ def _checked_arguments(
 ) -> tuple[Computation, list[Array]]:
     """Check the arguments of a call, and return its computation and input arrays."""
     quantity = QUANTITIES[name]
-    q = rates.rates_of(given, quantity.rates, mechanism)
+    q = rates.rates_of(given, quantity.rates, mechanism, quantity.input_names)
     order = len(q) - quantity.rates
     W = wrenches.wrenches_of(mechanism, wrench, order, q)
     if method is not None:
         one_of("method", method, [*quantity.methods, NATIVE], name)
     if body is not None or frame != "body":
         requests.place(mechanism, name, body, frame)
+    if quantity.forces:
+        requests.check_invertible(mechanism, name)
     return requests.known(name, order, bool(W), body, frame), [*q, *W]
 
 
@@ -126,7 +128,7 @@ def _run(call: Call) -> Any:
 def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str], out: Any) -> Any:
     """Compute the forces of drive terms for given rates of the coordinates, whether or not the terms act in Q."""
     q = rates.rates_of(given, FORCES.rates, mechanism)
-    model, ports = cast_model(mechanism, q), coordinate_ports(mechanism.n, len(q), FORCES.rates)
+    model, ports = cast_model(mechanism, q), state_ports(mechanism.n, FORCES.input_names(len(q)), FORCES.rates)
 
     def law(arrays: Sequence[Array]) -> Series:
         return drive_terms.forces(model, columns(arrays), terms).map(lambda Q: Q[..., 0])
@@ -141,7 +143,8 @@ def wrench_of_load(
     q = rates.rates_of(given, 1, mechanism)
     place, load = loads.place_of(frame, point, force), loads.load_of(force, torque, len(q) - 1, q)
     model = cast_model(mechanism, [*q, *load])
-    ports = [*coordinate_ports(model.n, len(q), 1), *(Port(f"load[{k}]", (1, 6), "load", k) for k in range(len(load)))]
+    names = FORCES.input_names(len(q))
+    ports = [*state_ports(model.n, names, 1), *(Port(f"load[{k}]", (1, 6), "load", k) for k in range(len(load)))]
 
     def law(arrays: Sequence[Array]) -> Series:
         terms = Series.of([x.swapaxes(-1, -2) for x in arrays[len(q) :]])

@@ -205,6 +205,32 @@ class OfAcceleration(Protocol):
     ) -> tuple[Array, ...]: ...
 
 
+class OfForces(Protocol):
+    """Of q, qd, forces Q and wrenches: q2d."""
+
+    @overload
+    def __call__(self, q: Named, qd: Named, Q: Named, **options: Unpack[_Wrench]) -> Array: ...
+    @overload
+    def __call__(self, q: Named, qd: Named, Q: Named, Qd: Named, **options: Unpack[_Wrench]) -> tuple[Array, Array]: ...
+    @overload
+    def __call__(
+        self, q: Named, qd: Named, Q: Named, Qd: Named, Q2d: Named, **options: Unpack[_Wrench]
+    ) -> tuple[Array, Array, Array]: ...
+    @overload
+    def __call__(
+        self,
+        q: Named,
+        qd: Named,
+        Q: Named,
+        Qd: Named,
+        Q2d: Named,
+        Q3d: Named,
+        /,
+        *higher: Named,
+        **options: Unpack[_Wrench],
+    ) -> tuple[Array, ...]: ...
+
+
 class DriveForces(Protocol):
     """The method that takes q, qd, q2d and drive terms."""
 

@@ -728,6 +728,70 @@ class Robot:
         rates = (q, qd, q2d, q3d, q4d, *higher)
         return compute(self, "inverse_dynamics", rates, wrench=wrench, method=method, out=out, threads=threads)
 
+    @typed(overloads.OfForces)
+    def forward_dynamics(
+        self,
+        q: Named,
+        qd: Named,
+        Q: Named,
+        Qd: Named | None = None,
+        Q2d: Named | None = None,
+        *higher: Named,
+        wrench: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> Results:
+        """Accelerations q2d from generalized forces, with as many rates as Q has.
+
+        ``q2d = M^-1 (Q - C qd - Qgrav - Qext)``: the inverse of `inverse_dynamics`, of every order. Drive terms that
+        act are subtracted from Q; armature that acts is in M.
+
+        Parameters
+        ----------
+        q, qd : (..., n)
+            Coordinates and velocities: rad or m, and per s.
+        Q : (..., n)
+            Generalized forces: N m, or N for coordinates in m.
+        Qd, Q2d, *higher : (..., n), optional
+            Their time derivatives; each returns one more rate of q2d.
+        wrench : (..., nb, 6), dict or tuple, optional
+            What the bodies EXERT ON their environment, (moment; force) in body frames, alone or as a tuple with its
+            rates, (W, Wd, ...), as many as Q has; by body name as a dict.
+        method : {"kernel", "recursion", "closed_form"}, optional
+            See `Robot`.
+        out : array or tuple of arrays, optional
+            Written into and returned: (..., n) each.
+        threads : int, optional
+            Threads of native code that split the batch.
+
+        Returns
+        -------
+        q2d, q3d, ... : (..., n)
+            Accelerations and their rates: rad/s^2 or m/s^2, and per s.
+
+        Raises
+        ------
+        JounceError
+            If a shape or name does not fit, a rate is skipped, or the mass matrix is singular.
+
+        References
+        ----------
+        Müller & Kumar (EOM1); R. Featherstone, Rigid Body Dynamics Algorithms, 6.3, for the factors of M.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> robot = jounce.load("iiwa14")
+        >>> q, qd, q2d, q3d = np.ones((4, 7))
+        >>> Q, Qd = robot.inverse_dynamics(q, qd, q2d, q3d)
+        >>> np.round(robot.forward_dynamics(q, qd, Q, Qd), 9) + 0.0
+        array([[1., 1., 1., 1., 1., 1., 1.],
+               [1., 1., 1., 1., 1., 1., 1.]])
+        """
+        rates = (q, qd, Q, Qd, Q2d, *higher)
+        return compute(self, "forward_dynamics", rates, wrench=wrench, method=method, out=out, threads=threads)
+
     def forces_along(
         self,
         motion: "Motion",

@@ -40,6 +40,8 @@ class Document:
         """The equations of each output of a function: the lines of every entry."""
         asked = function.computation
         row, series = asked.quantity, self.form.series
+        if row.forces:
+            raise JounceError(f"{row.name} is not written as equations, as it solves some; expected another quantity")
         if row.of_bodies:
             found = self.form.of_bodies(row.name, asked.body, asked.frame)
         else:
