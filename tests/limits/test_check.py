@@ -152,6 +152,8 @@ def test_wrenches_act_and_measured_motions_have_deviations(arm):
     for row in arm.check(measured).table:
         assert row.deviation is not None
         assert row.deviation > 0
+    (note,) = arm.check(measured).notes
+    assert note.startswith("looked at from t = 0.")
     t = np.linspace(0, 2, 9)
     table = {"t": t, **dict.fromkeys(arm.joint_names, 0 * t), "tool0.fx": -50 * np.sin(t)}
     loaded = jounce.load_motion(table, arm, 0, degree=5)
@@ -179,3 +181,17 @@ def test_a_follower_is_named_where_its_effort_is_not_checked():
 )
 def test_what_cannot_be_checked_is_refused(call, words):
     refusal(call, *words)
+
+
+def test_the_uncertain_ends_of_a_measured_motion_break_no_limit():
+    """Jerks of a fit are off by powers of ten there; between them they are those of the motion."""
+    t = np.arange(0, 10, 0.004)
+    q = np.column_stack([0.8 * np.sin(0.9 * t), 0.5 * np.cos(1.3 * t)])
+    robot = jounce.load("planar2r").with_limits(jerk=2)
+    noisy = q + np.random.default_rng(0).normal(0, 2e-3, q.shape)
+    exact, found = (robot.check(motion) for motion in (jounce.Motion.through(t, q), jounce.Motion.fit(t, noisy)))
+    assert exact.ok
+    assert found.ok
+    assert found.worst.ratio == pytest.approx(exact.worst.ratio, rel=0.05)
+    slow = [robot.slowdown(motion).factor for motion in (jounce.Motion.through(t, q), jounce.Motion.fit(t, noisy))]
+    assert slow[1] == pytest.approx(slow[0], rel=0.02)

@@ -256,7 +256,7 @@ def test_breaks_that_a_limit_allows():
     robot = PANDA.with_limits(effort_rate=1000.0)
     found = robot.retime(motion)
     assert max(largest(robot, found.motion, 20_001)[kind] for kind in ("velocity", "effort", "effort_rate")) < 0.991
-    with pytest.raises(JounceError, match=r"^derivative 3 of joint .* jumps at .*; retime motion.blended\("):
+    with pytest.raises(JounceError, match=r"^q3d of joint .* jumps at .*; retime motion.blended\("):
         robot.with_limits(second_effort_rate=1e5).retime(motion)
 
 
@@ -296,7 +296,7 @@ def test_friction_leaves_room():
         (UR5, move(UR5), "x", "margin is 'x'; expected a number"),
         (
             UR5.with_limits(jerk=10.0), Motion.trapezoidal([np.zeros(6), np.ones(6)], 1.0, 2.0), 0.01,
-            "derivative 2 of joint 0 jumps at t = 0.5 s, where the jerk of every time law is infinite;"
+            "q2d of joint 'shoulder_pan_joint' jumps at t = 0.5 s, where the jerk of every time law is infinite;"
             " retime motion.blended(time, continuity=3) to meet jerk limits",
         ),
         (UR5.with_limits(velocity=0.0), move(UR5), 0.01, "the velocity limit of joint 'shoulder_pan_joint' is 0"),

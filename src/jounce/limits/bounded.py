@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -18,6 +19,8 @@ from jounce.robot.dispatch import compute
 if TYPE_CHECKING:
     from jounce.robot.robot import Robot
 
+UNCERTAIN = 10.0  # times the median standard deviation of a rate: beyond, at the ends of a fit, it says nothing
+LOOKED_AT = 2000  # times of a motion at which deviations are compared
 SMOOTH = 2  # derivatives that are used where they are known: a quintic between samples has two at each end
 
 Side = Literal["right", "left"]
@@ -39,6 +42,17 @@ class Bounded:
     def forces(self) -> bool:
         """Whether any limit bounds forces or power."""
         return any(kind not in MOTION_KINDS for kind in self.kinds)
+
+    @cached_property
+    def window(self) -> tuple[float, float]:
+        """The times between which the motion is looked at: of measured ones without their uncertain ends."""
+        motion = self.motion
+        t = motion.times[:: max(1, len(motion.times) // LOOKED_AT)]
+        deviations = motion.deviations(t, self.rate_order)
+        if deviations is None:
+            return motion.start, motion.stop
+        known = np.flatnonzero((deviations[-1] <= UNCERTAIN * np.median(deviations[-1], axis=0)).all(axis=1))
+        return (float(t[known[0]]), float(t[known[-1]])) if known.size > 1 else (motion.start, motion.stop)
 
     @property
     def force_order(self) -> int:

@@ -75,7 +75,7 @@ class CheckedLimit:
         return f"{self.limit.replace('_', ' ')}{of} of {self.joint}: {numbers} {when}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Check:
     """Every limit of a robot along a motion. `Robot.check` makes one.
 
@@ -102,6 +102,10 @@ class Check:
     table: tuple[CheckedLimit, ...]
     breaks: tuple[ForceBreak, ...] = ()
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        broken = sum(not row.ok for row in self.table)
+        return f"<Check: {broken} of {len(self.table)} limits broken; worst: {self.worst}>"
 
     @property
     def ok(self) -> bool:
@@ -195,6 +199,11 @@ def notes_of(b: Bounded, breaks: tuple[ForceBreak, ...]) -> tuple[str, ...]:
         limits = " and ".join(kind.replace("_", " ") for kind in rates if DERIVATIVE[kind] > first.order)
         came = f"break at t = {first.t:.9g} s{more}: {jumps} jumps because of {names}"
         notes.append(f"{came}; no limit of {limits} can be met there; motion.blended (--blend) replaces breaks")
+    if b.window != (b.motion.start, b.motion.stop):
+        start, stop = b.window
+        notes.append(
+            f"looked at from t = {start:.6g} to {stop:.6g} s: rates of the samples are uncertain at their ends"
+        )
     for joint in following_efforts(b.robot.mechanism):
         notes.append(f"effort limits of joint {quoted(joint)} are not checked: it follows another, which Q belongs to")
     return tuple(notes)

@@ -70,20 +70,20 @@ def pieces_of(b: Bounded) -> Iterator[Pieces]:
 
 
 def knots_of(b: Bounded) -> tuple[np.ndarray, np.ndarray]:
-    """The times of a motion and of its breaks, and which of them are breaks."""
-    motion, order = b.motion, b.rate_order
+    """The times of a motion, without uncertain ends, and of its breaks, and which of them are breaks."""
+    motion, order, (start, stop) = b.motion, b.rate_order, b.window
     breaks = [found.t for found in motion.breaks_to(order)]
     for curve in motion.loads.values():
         known = curve.highest
         breaks += [jump.t for jump in curve.jumps(SMOOTH if known is None else min(SMOOTH, known))]
-    jumps = np.unique([t for t in breaks if motion.start < t < motion.stop])
-    every = np.unique([motion.start, *motion.times, motion.stop])
+    jumps = np.unique([t for t in breaks if start < t < stop])
+    every = np.unique([start, *motion.times[(motion.times > start) & (motion.times < stop)], stop])
     if not jumps.size:
         return every, np.zeros(len(every), dtype=bool)
     apart = np.abs(every - jumps[np.abs(np.searchsorted(jumps, every)).clip(0, len(jumps) - 1)])
     before = np.abs(every - jumps[(np.searchsorted(jumps, every) - 1).clip(0)])
     kept = every[np.minimum(apart, before) > CLOSE * motion.duration]
-    knots = np.unique(np.concatenate([[motion.start], kept, jumps, [motion.stop]]))
+    knots = np.unique(np.concatenate([[start], kept, jumps, [stop]]))
     return knots, np.isin(knots, jumps)
 
 

@@ -15,6 +15,7 @@ from jounce.model.coordinates import coordinate_limits, coordinate_units
 from jounce.model.drives import TERMS
 from jounce.model.limits import EFFORT_KINDS, KINDS, Limits
 from jounce.motion import Motion
+from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:
     from jounce.robot import Robot
@@ -109,10 +110,10 @@ def problem_of(robot: "Robot", motion: Motion, share: float) -> Problem:
     if not kinds:
         raise JounceError(
             f"{quoted(robot.name)} has no limit of {', '.join(KINDS[1:3])}, ... or effort;"
-            " state them with robot.with_limits(velocity=..., effort=..., ...)"
+            " state them with robot.with_limits(velocity=..., effort=..., ...) (--limits)"
         )
     highest = max(kinds, key=lambda kind: NEEDS[kind])
-    _check_breaks(motion, NEEDS[highest], highest)
+    _check_breaks(motion, robot.joint_names, NEEDS[highest], highest)
     robot, limits = _without_friction(robot, limits)
     return Problem(robot, motion, limits, share, max(0, NEEDS[highest] - 2), _moving(motion))
 
@@ -168,16 +169,18 @@ def _moving(motion: Motion) -> tuple[bool, bool]:
     return bool(speed[0] > STILL * speed.max()), bool(speed[-1] > STILL * speed.max())
 
 
-def _check_breaks(motion: Motion, rate: int, kind: str) -> None:
+def _check_breaks(motion: Motion, names: Sequence[str], rate: int, kind: str) -> None:
     """Raise `JounceError` where a rate below that which a limit takes jumps: the limit cannot be met there."""
     peaks = [np.abs(x).max() for x in motion(np.linspace(motion.start, motion.stop, 101), rate - 1)]
     real = [found for found in motion.breaks_to(rate - 1) if abs(found.jump) > ROUNDING * peaks[found.order]]
     if real:
         first = real[0]
+        joint = first.joint if isinstance(first.joint, str) else names[first.joint]
         subject = SUBJECTS.get(kind, f"the {kind}")
         raise JounceError(
-            f"derivative {first.order} of joint {quoted(first.joint)} jumps at t = {first.t:g} s, where {subject} of"
-            f" every time law is infinite; retime motion.blended(time, continuity={rate}) to meet {kind} limits"
+            f"{rate_name('q', first.order)} of joint {quoted(joint)} jumps at t = {first.t:g} s, where {subject}"
+            f" of every time law is infinite; retime motion.blended(time, continuity={rate}) (--blend) to meet {kind}"
+            " limits"
         )
 
 

@@ -21,7 +21,7 @@ _FORCE = {"rad": "N m", "m": "N"}
 Stated = float | Sequence[float]  # one number for both directions, or (lower, upper)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Limits:
     """The limits of the joint variables and of their forces, infinite where none is stated. They do not enter Q.
 
@@ -58,6 +58,10 @@ class Limits:
 
     table: Floats
     without_gravity: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        stated = [kind for kind in KINDS if np.isfinite(self.bounds(kind)).any()]
+        return f"<Limits of {self.table.shape[-1]} joint variables: {', '.join(stated) or 'none stated'}>"
 
     def bounds(self, kind: str) -> Floats:
         """The lower and upper bounds of a kind.
