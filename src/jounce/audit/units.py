@@ -15,7 +15,7 @@ from jounce.audit.inertias import is_point
 from jounce.model.mechanism import Mechanism, reference_poses
 from jounce.spatial import inertia
 
-OSMIUM, WATER, AIR = 22600.0, 1000.0, 1.2  # kg/m^3: the densest there is; most links are near; lighter is none
+OSMIUM, WATER, AIR = 22600.0, 1000.0, 1.2  # kg/m^3: the densest there is; most links are near; lighter is no link
 SMALLEST, LARGEST = 0.005, 50.0  # m between the joints of a robot
 FAR = 3.0  # sizes of the robot from its joint to a COM
 APART = 1000.0  # factor from the median mass

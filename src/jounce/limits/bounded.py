@@ -10,7 +10,7 @@ import numpy as np
 from jounce.dynamics.quantities import FORCES
 from jounce.errors import JounceError
 from jounce.model.coordinates import coordinate_limits
-from jounce.model.limits import EFFORT_KINDS, KINDS, MOTION_KINDS, Limits
+from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, Limits
 from jounce.model.limits import FORCES as BOUND_FORCES
 from jounce.motion.motion import Motion
 from jounce.robot.along import FIRST, checked_motion
@@ -97,17 +97,15 @@ class Bounded:
 def bounded(robot: "Robot", motion: object) -> Bounded:
     """A robot along a motion, checked, with the limits of its coordinates; a robot without any is refused."""
     path, limits = checked_motion(robot.mechanism, motion), coordinate_limits(robot.mechanism)
-    kinds = tuple(kind for kind in KINDS if np.isfinite(limits.bounds(kind)).any())
-    if not kinds:
+    if not limits.kinds:
         ways = "robot.with_limits(effort=..., velocity=...) or robot.with_limits('panda') states some"
         raise JounceError(f"robot {robot.name!r} states no limits; {ways} (--limits)")
-    return Bounded(robot, path, limits, kinds)
+    return Bounded(robot, path, limits, limits.kinds)
 
 
 def order_needed(robot: "Robot") -> int:
     """The highest rate of Q that a motion must carry for the limits of a robot: q to q2d for 0, q to q4d for 2."""
-    limits = coordinate_limits(robot.mechanism)
-    kinds = [kind for kind in KINDS if np.isfinite(limits.bounds(kind)).any()]
+    kinds = coordinate_limits(robot.mechanism).kinds
     motion = [MOTION_KINDS.index(kind) - FIRST for kind in kinds if kind in MOTION_KINDS]
     return max([0, *motion, *(DERIVATIVE[kind] for kind in kinds if kind in DERIVATIVE)])
 

@@ -105,7 +105,7 @@ class Problem:
 def problem_of(robot: "Robot", motion: Motion, share: float) -> Problem:
     """The problem of a motion of a robot's joints, checked."""
     limits = coordinate_limits(robot.mechanism)
-    kinds = [kind for kind in KINDS[1:] if np.isfinite(limits.bounds(kind)).any()]
+    kinds = [kind for kind in limits.kinds if kind != "position"]
     _check_zero(robot, motion, limits, kinds)
     if not kinds:
         raise JounceError(

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-STILL = 1e-12  # against a bound of 0: less is none
+STILL = 1e-12  # against a bound of 0: less counts as 0
 
 
 @dataclass(frozen=True, eq=False)

@@ -60,8 +60,12 @@ class Limits:
     without_gravity: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        stated = [kind for kind in KINDS if np.isfinite(self.bounds(kind)).any()]
-        return f"<Limits of {self.table.shape[-1]} joint variables: {', '.join(stated) or 'none stated'}>"
+        return f"<Limits of {self.table.shape[-1]} joint variables: {', '.join(self.kinds) or 'none stated'}>"
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The kinds that bound any joint variable."""
+        return tuple(kind for kind in KINDS if np.isfinite(self.bounds(kind)).any())
 
     def bounds(self, kind: str) -> Floats:
         """The lower and upper bounds of a kind.
