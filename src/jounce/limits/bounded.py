@@ -1,6 +1,6 @@
 """What limits bound, along a motion: q to q4d, Q to Q2d, Q - Qgrav and the power, with derivatives, at any times."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
@@ -113,6 +113,18 @@ def order_needed(robot: "Robot") -> int:
 def forces_of(robot: "Robot", rates: "tuple[np.ndarray, ...]", wrench: object, order: int) -> list[np.ndarray]:
     """Q and its rates up to an order."""
     return _tuple(compute(robot, FORCES.name, rates[: order + FIRST + 1], wrench=wrench))
+
+
+def forces_at_speed(
+    robot: "Robot",
+    rates: "tuple[np.ndarray, ...]",
+    wrench: "Sequence[Mapping[str, np.ndarray]] | None",
+    c: float,
+    order: int,
+) -> list[np.ndarray]:
+    """Q and its rates up to an order at c times the speed; wrenches over time go with the path."""
+    W = wrench and tuple({body: w * c**k for body, w in of.items()} for k, of in enumerate(wrench))
+    return forces_of(robot, tuple(rate * c**k for k, rate in enumerate(rates)), W, order)
 
 
 def power(rates: "tuple[np.ndarray, ...]", Q: list[np.ndarray]) -> list[np.ndarray]:

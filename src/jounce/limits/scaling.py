@@ -12,7 +12,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from jounce.limits.bounded import DERIVATIVE, Bounded, Side, forces_of
+from jounce.limits.bounded import DERIVATIVE, Bounded, Side, forces_at_speed
 from jounce.model.limits import EFFORT_KINDS, FORCES, MOTION_KINDS
 from jounce.robot.along import FIRST
 from jounce.robot.dispatch import compute
@@ -51,9 +51,7 @@ def _parts(b: Bounded, rates: "tuple[np.ndarray, ...]", t: np.ndarray, order: in
     wrench = b.motion.wrench(t, order, side)
 
     def at(c: float) -> list[np.ndarray]:
-        scaled = tuple(rate * c**k for k, rate in enumerate(rates))
-        W = wrench and tuple({body: w * c**k for body, w in of.items()} for k, of in enumerate(wrench))
-        return forces_of(b.robot, scaled, W, order)
+        return forces_at_speed(b.robot, rates, wrench, c, order)
 
     static, one, back = at(0.0)[0], at(1.0), at(-1.0)
     two, far_back = (at(2.0), at(-2.0)) if order else ([], [])
