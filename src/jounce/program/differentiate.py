@@ -10,6 +10,7 @@ Weights and directions are nodes or numbers; what is multiplied by the number 0 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import inf
 from typing import Any
 
 from jounce.program.operations import OPERATIONS
@@ -85,23 +86,25 @@ def tangents(evaluation: Evaluation, directions: Sequence[Any]) -> list[Node]:
     return [made[i] for i in evaluation.program.outputs]
 
 
-def vjp(program: Program, parameters: int = 0) -> Program:
+def vjp(program: Program, parameters: int = 0, most: float = inf) -> Program:
     """The vector-Jacobian product: after the inputs it takes a weight for each output, and gives J^T weights.
 
-    The first inputs, as many as are `parameters`, are constants: there is no derivative by them.
+    The first inputs, as many as are `parameters`, are constants: there is no derivative by them. The tape holds up to
+    `most` steps.
     """
-    tape = Tape()
+    tape = Tape(most)
     evaluation = evaluate(program, tape, [*tape.variables(program.inputs)])
     gradient = adjoints(evaluation, [*tape.variables(len(program.outputs))])
     return factor(tape.program(gradient[parameters:]))
 
 
-def jvp(program: Program, parameters: int = 0) -> Program:
+def jvp(program: Program, parameters: int = 0, most: float = inf) -> Program:
     """The Jacobian-vector product: after the inputs it takes a direction for each, and gives J directions.
 
-    The first inputs, as many as are `parameters`, are constants and have no direction.
+    The first inputs, as many as are `parameters`, are constants and have no direction. The tape holds up to `most`
+    steps.
     """
-    tape = Tape()
+    tape = Tape(most)
     evaluation = evaluate(program, tape, [*tape.variables(program.inputs)])
     directions = [*[0] * parameters, *tape.variables(program.inputs - parameters)]
     return factor(tape.program(tangents(evaluation, directions)))
