@@ -33,7 +33,7 @@ PAGE = """<p>{{ head }}</p>
 {% endfor %}</tbody></table>{% endif %}
 {% for note in notes %}<p>{{ note }}</p>
 {% endfor %}{{ picture | safe }}"""
-SHOWN = 12  # rows of a check: those nearest to their limits
+SHOWN = 12  # rows of a table: of a check those nearest to their limits
 DRAWN = 12  # bodies of a robot whose frames a drawing can name
 POINTS = 400  # of a curve
 
@@ -94,9 +94,11 @@ def slowdown(slow: "Slowdown") -> str:
 
 def retiming(faster: "Retiming") -> str:
     """The duration of a retimed motion, the limits that decide it, and the motion."""
-    rows = [(s.joint, s.limit.replace("_", " "), f"{s.start:.4g}", f"{s.stop:.4g}") for s in faster.binding]
+    rows = [(s.joint, s.limit.replace("_", " "), f"{s.start:.4g}", f"{s.stop:.4g}") for s in faster.binding[:SHOWN]]
+    left = len(faster.binding) - len(rows)
+    notes = [f"and {left} more stretches"] if left else []
     names = ("joint", "limit that decides", "from t [s]", "to t [s]")
-    return _page(repr(faster)[1:-1], names, rows, picture=motion(faster.motion))
+    return _page(repr(faster)[1:-1], names, rows, notes, picture=motion(faster.motion))
 
 
 def _checked(row: "CheckedLimit") -> tuple[str, ...]:
