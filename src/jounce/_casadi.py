@@ -95,7 +95,7 @@ def casadi_function(
     mechanism, _ = parametrise(robot.mechanism, parameters, lambda name, shape: arrays[name])
     state = [arrays[port.name] for port in ports if port.role != "parameter"]
     method = next(iter(computation.quantity.methods))
-    results = [_matrix(x) for x in computation.series(method, mechanism, state).upto(order)]
+    results = [_matrix(x) for x in computation.series(method, mechanism, state).upto(computation.count - 1)]
     names = [port.name for port in signature.outputs]
     all_results = casadi.veccat(*results)
     idle = [name for name in shapes if not casadi.depends_on(all_results, inputs[name])]

@@ -63,6 +63,8 @@ Method: TypeAlias = Literal["kernel", "recursion", "closed_form", "paper"]
 QuantityName: TypeAlias = Literal[
     "inverse_dynamics",
     "forward_dynamics",
+    "inverse_dynamics_partials",
+    "forward_dynamics_partials",
     "gravity_forces",
     "mass_matrix",
     "coriolis_matrix",

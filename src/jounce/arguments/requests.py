@@ -26,7 +26,9 @@ def computation(
         raise JounceError(f"{quantity} takes no wrenches; these do: {takers}")
     place(mechanism, quantity, body, frame)
     check_invertible(mechanism, quantity)
-    return Computation(quantity, checked_order(order), wrench, body, frame)
+    order = checked_order(order)
+    check_rates(quantity, order)
+    return Computation(quantity, order, wrench, body, frame)
 
 
 def parse_computation(mechanism: Mechanism, text: str, order: int, wrench: bool = False) -> Computation:
@@ -50,6 +52,14 @@ def parse_computation(mechanism: Mechanism, text: str, order: int, wrench: bool 
     if colon and row.of_bodies and body in bodies and rest not in bodies:
         raise no_such("frame", frame, row.frames, name)
     return computation(mechanism, name, order, wrench, rest)
+
+
+def check_rates(quantity: str, order: int) -> None:
+    """Raise `JounceError` if rates are asked for of a quantity that has none."""
+    row = QUANTITIES[quantity]
+    if row.results and order:
+        inputs = ", ".join(row.input_names(row.rates))
+        raise JounceError(f"{quantity} has no rates, asked for is order {order}; expected {inputs} alone, order=0")
 
 
 def check_invertible(mechanism: Mechanism, quantity: str) -> None:

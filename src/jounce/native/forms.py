@@ -39,7 +39,7 @@ def program(mechanism: Mechanism, computation: Computation, tape: Tape | None = 
     """
     tape = Tape() if tape is None else tape
     arrays = [tape.variables(*port.shape) for port in computation.signature(mechanism.n, mechanism.nb).inputs]
-    results = computation.series("recursion", with_exact_integers(mechanism), arrays).upto(computation.order)
+    results = computation.series("recursion", with_exact_integers(mechanism), arrays).upto(computation.count - 1)
     return factor(tape.program([x for result in results for x in np.ravel(result)]))
 
 
