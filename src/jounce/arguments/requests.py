@@ -35,7 +35,8 @@ def parse_computation(mechanism: Mechanism, text: str, order: int, wrench: bool 
     """Parse a computation written as NAME[:BODY[:FRAME]]: ``mass_matrix``, ``jacobian:tool0:world``.
 
     Names of bodies may contain colons: the last part is a frame only if the quantity has this frame and the rest is a
-    body. Without a body, the quantity of all bodies is meant.
+    body. Without a body, the quantity of all bodies is meant. The order is that of all outputs of a call: a quantity
+    without rates has order 0.
 
     Raises
     ------
@@ -44,7 +45,7 @@ def parse_computation(mechanism: Mechanism, text: str, order: int, wrench: bool 
     name, asked, rest = text.partition(":") if isinstance(text, str) else (text, "", "")
     row = QUANTITIES[one_of("quantity", name, QUANTITIES)]
     if not asked:
-        return computation(mechanism, name, order, wrench)
+        return computation(mechanism, name, row.highest(order), wrench)
     bodies = mechanism.frame_names
     body, colon, frame = rest.rpartition(":")
     if colon and frame in row.frames and (body in bodies or rest not in bodies):
@@ -57,7 +58,7 @@ def parse_computation(mechanism: Mechanism, text: str, order: int, wrench: bool 
 def check_rates(quantity: str, order: int) -> None:
     """Raise `JounceError` if rates are asked for of a quantity that has none."""
     row = QUANTITIES[quantity]
-    if row.results and order:
+    if order > row.highest(order):
         inputs = ", ".join(row.input_names(row.rates))
         raise JounceError(f"{quantity} has no rates, asked for is order {order}; expected {inputs} alone, order=0")
 

@@ -87,6 +87,10 @@ class Quantity:
         """The names of the quantity and its rates, or of its results."""
         return self.results or tuple(rate_name(self.symbol, self.first_rate + k) for k in range(order + 1))
 
+    def highest(self, order: int) -> int:
+        """The highest order up to this one that the quantity has."""
+        return 0 if self.results else order
+
     def coordinate_inputs(self, count: int) -> int:
         """How many of its first inputs are q, qd, ...; the others are forces."""
         return min(count, self.rates - 1) if self.forces else count

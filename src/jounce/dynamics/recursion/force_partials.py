@@ -82,7 +82,8 @@ def _projected(chain: Mechanism, q: Series, carried: Sequence[_Carried], before:
     """Transport the wrenches of the joints inward, and project them onto the screws."""
     tree = [x.joint for x in carried]
     momenta, reactions, changes = (
-        collect(tree, [wrench(x) for x in carried]) for wrench in (_Carried.momentum, _Carried.reaction, _Carried.change)
+        collect(tree, [wrench(x) for x in carried])
+        for wrench in (_Carried.momentum, _Carried.reaction, _Carried.change)
     )
     S, S_rate, A = [Series.constant(x.joint.X) for x in carried], [x.S_rate for x in carried], [x.A for x in carried]
     M, by_rate = project(S, momenta), project(S_rate, momenta) * 2 + project(S, reactions)
