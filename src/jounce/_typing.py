@@ -58,8 +58,9 @@ Frame: TypeAlias = Literal["body", "world", "spatial"]
 LimitValues: TypeAlias = ArrayLike | Mapping[str, ArrayLike] | None
 LoadFrame: TypeAlias = Literal["world", "body"]
 JointType: TypeAlias = Literal["revolute", "prismatic"]
-Language: TypeAlias = Literal["c", "cpp", "cuda", "julia", "latex", "matlab", "python", "rust"]
+Language: TypeAlias = Literal["c", "cpp", "cuda", "javascript", "julia", "latex", "matlab", "python", "rust"]
 Method: TypeAlias = Literal["kernel", "recursion", "closed_form", "paper"]
+Product: TypeAlias = Literal["vjp", "jvp"]
 QuantityName: TypeAlias = Literal[
     "inverse_dynamics",
     "forward_dynamics",

@@ -54,9 +54,9 @@ def test_each_further_rate_returns_one_more_time_derivative(quantity, keywords):
         assert isinstance(results, tuple)
         assert [x.shape for x in results] == expected_shapes(quantity, keywords, order)
         close(results[0], plain, 1e-13)
-        moved = lambda t, count=quantity.rates + order - 1: tupled(compute(*path(t)[:count], **keywords))  # noqa: E731
-        rate = rate_of(quantity, np.asarray(results[-2]), np.asarray(results[-1]))
-        close(differentiated(lambda t: moved(t)[-1]), rate, 1e-7)
+        rate = rate_of(quantity, *map(np.asarray, results[-2:]))
+        last = lambda t, count=quantity.rates + order - 1: tupled(compute(*path(t)[:count], **keywords))[-1]  # noqa: E731
+        close(differentiated(last), rate, 1e-7)
 
 
 @pytest.mark.parametrize("method", ["recursion", "closed_form", "paper", NATIVE])

@@ -18,7 +18,7 @@ PIECE = 2**20  # bytes that a working array of a piece may take: longer batches 
 
 
 def evaluate(law: Law, ports: Sequence[Port], arrays: Sequence[Array], count: int, width: int) -> tuple[Array, ...]:
-    """Return the first `count` terms of a law for the whole batch; `width` is the number of working scalars per state."""
+    """Return the first terms of a law for the whole batch; `width` is the number of working scalars per state."""
     arrays = broadcast(arrays, *_axes(ports))
     batch = arrays[0].shape[:-1]
     size, piece = int(np.prod(batch)), max(1, PIECE // (8 * width))

@@ -234,6 +234,7 @@ class OfForces(Protocol):
 class ForwardPartials(Protocol):
     """The method that takes q, qd, forces Q and wrenches, and returns dq2d/dq, dq2d/dqd and M^-1."""
 
+    @overload
     def __call__(self, q: Named, qd: Named, Q: Named, **options: Unpack[_Wrench]) -> tuple[Array, Array, Array]: ...
 
 

@@ -14,7 +14,7 @@ Singh, Russell, Wensing, "Efficient Analytical Derivatives of Rigid-Body Dynamic
 IEEE Robotics and Automation Letters 7(2), 2022.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,7 +27,7 @@ from jounce.model.equivalent import frame_shifts, minimal
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.inertia import moment_matrix
 from jounce.spatial.lie import Ad, ad, cowedge, wedge
-from jounce.spatial.series import Series, joined
+from jounce.spatial.series import Series
 
 Partials = tuple[Series, Series, Series]  # K, D, M: by q, qd and q2d
 
