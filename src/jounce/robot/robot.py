@@ -103,6 +103,11 @@ class Robot:
     def __repr__(self) -> str:
         return f"<Robot {self.name!r}: {self.n} coordinates, {self.mechanism.nb} bodies>"
 
+    def _repr_html_(self) -> str:
+        from jounce.figures import displays
+
+        return displays.robot(self)
+
     @property
     def name(self) -> str:
         """The robot's name."""
