@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from jounce._scalars import Array, element
 from jounce.dynamics import closed_form as dense
 from jounce.dynamics import drive_terms, forward, kinematics, partials
@@ -113,7 +115,7 @@ class Quantity:
 
 def _array(total: Any) -> Array:
     """A sum of arrays without axes as an array again: NumPy makes a scalar of it."""
-    return element(total, "a sum")
+    return np.asarray(total) if isinstance(total, np.ndarray | np.generic) else element(total, "a sum")
 
 
 def _column(nb: int) -> int:
