@@ -81,7 +81,8 @@ def check_invertible(mechanism: Mechanism, quantity: str) -> None:
     if idle:
         raise JounceError(
             f"{quantity} of {mechanism.name!r}: the mass matrix is singular, of rank {rank} for {mechanism.n}"
-            f" coordinates, as {listed(idle)} moves no inertia; state one beyond, or lock the joint by lock="
+            f" coordinates: {listed(idle)} can move without moving inertia; give their bodies inertia, or hold them by"
+            " lock= of jounce.load, or Robot.locked"
         )
 
 

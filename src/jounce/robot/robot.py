@@ -783,11 +783,13 @@ class Robot:
         Raises
         ------
         JounceError
-            If a shape or name does not fit, a rate is skipped, or the mass matrix is singular.
+            If a shape or name does not fit, a rate is skipped, or the mass matrix is singular at all positions.
+            Where it is singular at one, results are infinite or NaN, with NumPy's warning.
 
         References
         ----------
-        Müller & Kumar (EOM1); R. Featherstone, Rigid Body Dynamics Algorithms, 6.3, for the factors of M.
+        Müller & Kumar (EOM1); R. Featherstone, Rigid Body Dynamics Algorithms, 6.3 for the factors of M, 7.3 for the
+        articulated bodies that robots with long branches take.
 
         Examples
         --------
