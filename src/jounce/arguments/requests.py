@@ -32,6 +32,7 @@ def computation(
         raise JounceError(f"{quantity} takes no wrenches; these do: {takers}")
     place(mechanism, quantity, body, frame)
     check_invertible(mechanism, quantity)
+    check_elastic(mechanism, quantity)
     order = checked_order(order)
     check_rates(quantity, order)
     if product is not None:
@@ -83,6 +84,14 @@ def check_invertible(mechanism: Mechanism, quantity: str) -> None:
             f"{quantity} of {mechanism.name!r}: the mass matrix is singular, of rank {rank} for {mechanism.n}"
             f" coordinates: {listed(idle)} can move without moving inertia; give their bodies inertia, or hold them by"
             " lock= of jounce.load, or Robot.locked"
+        )
+
+
+def check_elastic(mechanism: Mechanism, quantity: str) -> None:
+    """Raise `JounceError` if a quantity is one of elastic joints and the robot has none."""
+    if QUANTITIES[quantity].elastic and mechanism.elasticity is None:
+        raise JounceError(
+            f"{quantity} of {mechanism.name!r}: its joints are rigid; robot.elastic(stiffness) makes them elastic"
         )
 
 
