@@ -1,5 +1,5 @@
 """Reports: one self-contained page about a robot along a motion."""
 
-from jounce._report.report import Report, report
+from jounce._report.page import Report, report
 
 __all__ = ["Report", "report"]

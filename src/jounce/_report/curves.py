@@ -18,11 +18,6 @@ HEIGHT, FOOT = 165, 60  # px of a chart, and of what is above and below all of t
 RED = "#b00020"
 LINE_WIDTH = 1.6
 KEPT, BROKEN = {"symbol": "circle-open", "size": 8}, {"symbol": "x", "size": 9, "color": RED}  # worst values
-    "position": "position",
-    "effort": "force",
-    "effort_rate": "force rate",
-    "second_effort_rate": "second force rate",
-}
 
 
 class Chart(NamedTuple):
@@ -44,7 +39,7 @@ def figure(s: Subject) -> dict[str, Any]:
         for j in chart.joints:
             base = {"xaxis": "x", "yaxis": axis, "meta": j, "hoverinfo": "none", "showlegend": False}
             traces += [base | trace for trace in _traces(s, chart.quantity, j, most)]
-    return {"data": traces, "layout": _layout(s, charts, ranges), "ranges": ranges}
+    return {"data": traces, "layout": _layout(s, charts, list(ranges)), "ranges": ranges}
 
 
 def charts_of(s: Subject) -> list[Chart]:
@@ -145,14 +140,11 @@ def _range(s: Subject, quantity: Quantity, j: int) -> tuple[float, float]:
     return low, high
 
 
-def padded(lowest: float, highest: float) -> list[float]:
-    """A range with a margin; of a constant, one around it."""
-    margin = 0.06 * (highest - lowest) or 0.1 * abs(highest) or 1.0
-    return [lowest - margin, highest + margin]
-
-
-def _layout(s: Subject, charts: list[Chart], ranges: dict[str, dict[int, tuple[float, float]]]) -> dict[str, Any]:
+def _layout(s: Subject, charts: list[Chart], axes: list[str]) -> dict[str, Any]:
+    """The charts above each other; the page sets the ranges of their axes, by the joints that are drawn."""
     count, grid = len(charts), {"gridcolor": "#e6e6e6", "zeroline": False, "linecolor": INK, "ticks": "outside"}
+    time = {"title": {"text": "t [s]"}, "range": [s.motion.start, s.motion.stop]}
+    time_axis = grid | time | {"anchor": "y" if count == 1 else f"y{count}"}
     layout: dict[str, Any] = {
         "height": HEIGHT * count + FOOT,
         "margin": {"l": 52, "r": 12, "t": 8, "b": 44},
@@ -162,13 +154,12 @@ def _layout(s: Subject, charts: list[Chart], ranges: dict[str, dict[int, tuple[f
         "plot_bgcolor": "rgba(0,0,0,0)",
         "hovermode": "x",
         "dragmode": "zoom",
-        "xaxis": grid | {"title": {"text": "t [s]"}, "anchor": "y" if count == 1 else f"y{count}", "range": [s.motion.start, s.motion.stop]},
+        "xaxis": time_axis,
         "shapes": [_upright(t) for t in break_times(s)[:SHOWN_BREAKS]],
     }  # fmt: skip
-    for i, (chart, (axis, of)) in enumerate(zip(charts, ranges.items(), strict=True)):
-        lowest, highest = (f(ends) for f, ends in zip((min, max), zip(*of.values(), strict=True), strict=True))
+    for i, (chart, axis) in enumerate(zip(charts, axes, strict=True)):
         top = 1 - i / count
-        layout[axis] = grid | {"domain": [top - 0.88 / count, top - 0.13 / count], "range": padded(lowest, highest)}
+        layout[axis] = grid | {"domain": [top - 0.88 / count, top - 0.13 / count]}
         layout["annotations"].append({
             "text": f"<b>{chart.quantity.symbol}</b> [{powers(chart.unit)}]", "showarrow": False,
             "xref": "paper", "x": 0, "xanchor": "left", "yref": "paper", "y": top - 0.12 / count, "yanchor": "bottom",

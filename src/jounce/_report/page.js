@@ -68,7 +68,19 @@ document.addEventListener("cursor", ({detail: frame}) => cells.forEach((row, j) 
 const charts = panelData("curves"), joints = all("[data-joint]");
 const [curves, line] = ["curves", "line"].map(id => document.getElementById(id));
 const OPTIONS = {responsive: true, displayModeBar: false};
+const drawnJoints = () => joints.filter(box => box.checked).map(box => +box.dataset.joint);
+
+function axisRanges() { // of each chart, with a margin
+  return Object.entries(charts.ranges).flatMap(([axis, ranges]) => {
+    const drawn = drawnJoints().filter(j => j in ranges).map(j => ranges[j]);
+    const low = Math.min(...drawn.map(range => range[0])), high = Math.max(...drawn.map(range => range[1]));
+    const margin = 0.06 * (high - low) || 0.1 * Math.abs(high) || 1;
+    return drawn.length ? [[axis + ".range", [low - margin, high + margin]]] : [];
+  });
+}
+
 if (matchMedia("(pointer: coarse)").matches) charts.layout.dragmode = false; // fingers scroll the page
+for (const [key, range] of axisRanges()) charts.layout[key.split(".")[0]].range = range;
 Plotly.newPlot(curves, charts.data, charts.layout, OPTIONS);
 curves.on("plotly_click", event => { stop(); moveTo(frameAt(event.points[0].x)); });
 
@@ -81,18 +93,8 @@ function placeLine() {
 document.addEventListener("cursor", placeLine);
 curves.on("plotly_relayout", placeLine);
 
-function showJoints() {
-  const shown = joints.filter(box => box.checked).map(box => +box.dataset.joint), layout = {};
-  for (const [axis, ranges] of Object.entries(charts.ranges)) {
-    const mine = shown.filter(j => j in ranges).map(j => ranges[j]);
-    if (!mine.length) continue;
-    const low = Math.min(...mine.map(range => range[0])), high = Math.max(...mine.map(range => range[1]));
-    const margin = 0.06 * (high - low) || 0.1 * Math.abs(high) || 1;
-    layout[axis + ".range"] = [low - margin, high + margin];
-  }
-  Plotly.update(curves, {visible: charts.data.map(trace => shown.includes(trace.meta))}, layout);
-}
-joints.forEach(box => box.addEventListener("change", showJoints));
+joints.forEach(box => box.addEventListener("change", () =>
+  Plotly.update(curves, {visible: charts.data.map(trace => drawnJoints().includes(trace.meta))}, Object.fromEntries(axisRanges()))));
 
 all("[data-span]").forEach(button => button.addEventListener("click", () => {
   const [first, last] = [times[0], times[times.length - 1]], width = (last - first) * button.dataset.span;

@@ -35,7 +35,7 @@ server for anything.
 def report(robot: Asked, motion: AskedMotion, limits: Path | None, output: Path, order: int, as_json: bool) -> None:
     """Make a page about MOTION of ROBOT: the robot that moves, q to q4d, Q, Qd, Q2d, limits, slow-down factor."""
     from jounce import _report
-    from jounce._report.report import check_installed, check_writable
+    from jounce._report.page import check_installed, check_writable
 
     check_writable(output)
     if output.resolve() == motion.path.resolve():
