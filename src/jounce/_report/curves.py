@@ -5,14 +5,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jounce._report.packing import packed
+from jounce._report.packing import packed, packed_times
 from jounce._report.subject import Quantity, Subject
 from jounce.figures.canvas import INK, line_style
 from jounce.figures.curves import NEAR, TOLD, drawn_points
 from jounce.limits.check import CheckedLimit
 from jounce.motion.bands import COVERS
 
-POINTS, LEAST_POINTS, ALL_POINTS = 1200, 300, 120_000  # of a curve, and of all together
+POINTS, LEAST_POINTS, ALL_POINTS = 1000, 300, 100_000  # of a curve, and of all together
 SHOWN_BREAKS = 200  # as lines
 HEIGHT, FOOT = 165, 60  # px of a chart, and of what is above and below all of them
 RED = "#b00020"
@@ -66,7 +66,7 @@ def _traces(s: Subject, quantity: Quantity, j: int, most: int) -> Iterator[dict[
     ends = np.searchsorted(s.t, np.reshape(found.violations if found else (), (-1, 2)))
     drawn = drawn_points(values, most)
     at = np.union1d(drawn, ends) if len(ends) < most else drawn
-    t = packed(s.t[at])
+    t = packed_times(s.t[at])
     if np.isfinite(quantity.bounds[:, j]).any():
         yield _limits(s, quantity.bounds[:, j], style["color"])
     if quantity.deviations is not None:
@@ -97,7 +97,7 @@ def _band(s: Subject, quantity: Quantity, j: int, colour: str) -> dict[str, Any]
     """The band of 95 % about an uncertain curve."""
     lower, upper = _edges(s, quantity, j)
     t = s.t[s.frames]
-    outline = {"x": packed(np.concatenate([t, t[::-1]])), "y": packed(np.concatenate([upper, lower[::-1]]), "f4")}
+    outline = {"x": packed_times(np.concatenate([t, t[::-1]])), "y": packed(np.concatenate([upper, lower[::-1]]), "f4")}
     return outline | {"mode": "none", "fill": "toself", "fillcolor": colour, "opacity": 0.25}
 
 
@@ -115,7 +115,7 @@ def _measured(s: Subject, j: int, most: int, colour: str) -> Iterator[dict[str, 
     at = known[drawn_points(torques[known, j], most)] if known.size else known
     marker = {"color": colour, "size": 3, "opacity": 0.35}
     if at.size:
-        yield {"mode": "markers", "x": packed(t[at]), "y": packed(torques[at, j], "f4"), "marker": marker}
+        yield {"mode": "markers", "x": packed_times(t[at]), "y": packed(torques[at, j], "f4"), "marker": marker}
 
 
 def _checked(s: Subject, quantity: Quantity, j: int) -> CheckedLimit | None:

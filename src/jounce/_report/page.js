@@ -67,7 +67,7 @@ document.addEventListener("cursor", ({detail: frame}) => cells.forEach((row, j) 
 
 const charts = panelData("curves"), joints = all("[data-joint]");
 const [curves, line] = ["curves", "line"].map(id => document.getElementById(id));
-const OPTIONS = {responsive: true, displayModeBar: false};
+const OPTIONS = {responsive: true, displayModeBar: false}, {height} = charts.layout;
 const drawnJoints = () => joints.filter(box => box.checked).map(box => +box.dataset.joint);
 
 function axisRanges() { // of each chart, with a margin
@@ -101,8 +101,8 @@ all("[data-span]").forEach(button => button.addEventListener("click", () => {
   const left = Math.max(first, Math.min(last - width, times[cursor] - width / 2));
   Plotly.relayout(curves, {"xaxis.range": [left, left + width]});
 }));
-addEventListener("beforeprint", () => Plotly.relayout(curves, {width: 680, height: Math.min(charts.layout.height, 960)}));
-addEventListener("afterprint", () => Plotly.relayout(curves, {width: null, autosize: true, height: charts.layout.height}));
+addEventListener("beforeprint", () => Plotly.relayout(curves, {width: 680, height: Math.min(height, 960)}));
+addEventListener("afterprint", () => Plotly.relayout(curves, {width: null, autosize: true, height}));
 
 // The robot: C_i = C_p B_i exp(X_i theta_i) with theta = G q + g; a pose is the three rows of (R r)
 
@@ -151,24 +151,27 @@ function drawRobot(q) {
   Plotly.restyle(drawing, {x: [x], y: [y], z: [z]}, [0]);
 }
 
-const [x, y, z] = points(stateAt(0).q), third = triangles.length / 3;
-const [i, j, k] = [0, 1, 2].map(side => triangles.slice(side * third, side * third + third));
-const body = {type: "mesh3d", x, y, z, i, j, k, facecolor: robot.colours, flatshading: true, hoverinfo: "skip",
-  lighting: {ambient: 0.65, diffuse: 0.7, specular: 0.1}};
-const ends = robot.ends.map(packed => {
-  const end = array(packed), of = axis => end.filter((_, k) => k % 3 === axis);
-  return {type: "scatter3d", mode: "lines", x: of(0), y: of(1), z: of(2), line: {color: "#777777", width: 2}, hoverinfo: "skip"};
-});
-const axis = (name, range) => ({title: {text: `${name} [m]`}, range, autorange: false, gridcolor: "#d8d8d8", showbackground: false, showspikes: false});
-const [sx, sy, sz] = robot.space;
-Plotly.newPlot(drawing, [body, ...ends], {
-  margin: {l: 0, r: 0, t: 0, b: 0}, paper_bgcolor: "rgba(0,0,0,0)", showlegend: false, font: {color: "#222222", size: 11},
-  scene: {aspectmode: "data", xaxis: axis("x", sx), yaxis: axis("y", sy), zaxis: axis("z", sz), camera: {eye: {x: 1.2, y: -1.2, z: 0.6}, center: {x: 0, y: 0, z: -0.1}}},
-}, OPTIONS);
+function robotFigure() {
+  const [x, y, z] = points(stateAt(0).q), third = triangles.length / 3;
+  const [i, j, k] = [0, 1, 2].map(side => triangles.slice(side * third, side * third + third));
+  const lighting = {ambient: 0.65, diffuse: 0.7, specular: 0.1}, shading = {flatshading: true, lighting, hoverinfo: "skip"};
+  const ends = robot.ends.map(packed => {
+    const end = array(packed), [x, y, z] = [0, 1, 2].map(side => end.filter((_, k) => k % 3 === side));
+    return {type: "scatter3d", mode: "lines", x, y, z, line: {color: "#777777", width: 2}, hoverinfo: "skip"};
+  });
+  const look = {autorange: false, gridcolor: "#d8d8d8", showbackground: false, showspikes: false};
+  const [xaxis, yaxis, zaxis] = ["x", "y", "z"].map((name, side) => ({title: {text: name + " [m]"}, range: robot.space[side], ...look}));
+  const camera = {eye: {x: 1.2, y: -1.2, z: 0.6}, center: {x: 0, y: 0, z: -0.1}};
+  return [[{type: "mesh3d", x, y, z, i, j, k, facecolor: robot.colours, ...shading}, ...ends], {
+    margin: {l: 0, r: 0, t: 0, b: 0}, paper_bgcolor: "rgba(0,0,0,0)", showlegend: false, font: {color: "#222222", size: 11},
+    scene: {aspectmode: "data", xaxis, yaxis, zaxis, camera},
+  }];
+}
+Plotly.newPlot(drawing, ...robotFigure(), OPTIONS);
 document.addEventListener("cursor", ({detail: frame}) => drawRobot(stateAt(frame).q));
 
 all("[data-turn], [data-closer]").forEach(button => button.addEventListener("click", () => {
-  const {x, y, z} = drawing._fullLayout.scene.camera.eye, factor = +(button.dataset.closer || 1);
+  const {x, y, z} = drawing.layout.scene.camera.eye, factor = +(button.dataset.closer || 1);
   const turn = (button.dataset.turn || 0) * Math.PI / 180, s = Math.sin(turn), c = Math.cos(turn);
   Plotly.relayout(drawing, {"scene.camera.eye": {x: factor * (c * x - s * y), y: factor * (s * x + c * y), z: factor * z}});
 }));
