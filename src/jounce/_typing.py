@@ -60,6 +60,7 @@ LoadFrame: TypeAlias = Literal["world", "body"]
 JointType: TypeAlias = Literal["revolute", "prismatic"]
 Language: TypeAlias = Literal["c", "cpp", "cuda", "javascript", "julia", "latex", "matlab", "python", "rust"]
 Method: TypeAlias = Literal["kernel", "recursion", "closed_form", "paper"]
+Product: TypeAlias = Literal["vjp", "jvp"]
 QuantityName: TypeAlias = Literal[
     "inverse_dynamics",
     "forward_dynamics",

@@ -42,6 +42,11 @@ class Symbolic:
     def __repr__(self) -> str:
         return f"<Symbolic {self.name!r}: {', '.join(self.series)}, and their rates; of bodies: {', '.join(OF_BODIES)}>"
 
+    def _repr_markdown_(self) -> str:
+        rows = [f"| `S.{row.symbol}` | {row.caption} | ${row.tex}$ |" for row in OF_ROBOT.values()]
+        rows += [f"| `S.{row.name}(body)` | {row.caption} | ${row.tex}$ |" for row in OF_BODIES.values()]
+        return "\n".join(["| expression | quantity | formula |", "| --- | --- | --- |", *rows])
+
     def __getattr__(self, name: str) -> Any:
         own = vars(self)  # empty while it is copied or unpickled
         found = re.fullmatch(f"({'|'.join(own['series'])}){SUFFIX}", name) if "series" in own else None

@@ -12,10 +12,11 @@ from jounce._scalars import Array, element
 from jounce.dynamics import closed_form as dense
 from jounce.dynamics import drive_terms, forward, kinematics
 from jounce.dynamics.paper import Paper
-from jounce.dynamics.recursion import bodies, forces, matrices, momenta
+from jounce.dynamics.recursion import articulated, bodies, forces, matrices, momenta
 from jounce.dynamics.recursion.forces import Sweep
 from jounce.model.drives import TERMS
 from jounce.model.mechanism import Mechanism
+from jounce.spatial.linear import Factors
 from jounce.spatial.series import Series, rate_name
 
 Axis = int | str  # "n" coordinates, "nb" bodies
@@ -132,7 +133,11 @@ def _scalar(column: Series) -> Series:
 
 def _forward(m: Mechanism, x: State) -> Series:
     """Forward dynamics by the recursions of other rows, with the terms of the drives that act."""
-    M, inverse = QUANTITIES["mass_matrix"].law("recursion", m)(m, x)[0], FORCES.law("recursion", m)
+    inverse = FORCES.law("recursion", m)
+    if articulated.has_deep_branches(m):
+        M: forward.Solver = articulated.ArticulatedBodies.of(m, x.q[0])
+    else:
+        M = Factors.of(QUANTITIES["mass_matrix"].law("recursion", m)(m, x)[0])
     return forward.from_inverse(M, lambda q: inverse(m, replace(x, q=q)).map(lambda Q: Q[..., None]), x.q, x.Q)
 
 

@@ -20,7 +20,7 @@ from jounce.model.mechanism import DATA, Mechanism, cast_model
 from jounce.native import plan
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel, compile_kernel
-from jounce.native.plan import LongCompilationError, obstacle
+from jounce.native.plan import PATIENCE, LongCompilationError, obstacle
 from jounce.robot.generic import batch_shape, checked_out, compute_by_method, evaluate, is_fit, results_into
 from jounce.spatial.series import Series, columns
 
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from jounce.robot.robot import Robot
 
 NATIVE = "kernel"  # the method that is native code
-PATIENCE = 3.0  # seconds that a call may take to compile native code that nobody asked for
 
 Form = tuple[Any, ...]  # of a call: what it asks for, and the types of what it gives
 
@@ -157,7 +156,8 @@ def compile_ahead(robot: "Robot", computation: Computation) -> Kernel:
     """Compile a kernel on request, regardless of the compile time."""
     kernel, refusal = _kernel(robot, computation, inf)
     if kernel is None:
-        raise JounceError(f"native code {refusal}; use method={_default(computation.quantity)!r}")
+        cure = "choose a lower order" if computation.product else f"use method={_default(computation.quantity)!r}"
+        raise JounceError(f"native code {refusal}; {cure}")
     return kernel
 
 

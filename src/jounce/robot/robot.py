@@ -19,6 +19,7 @@ from jounce._typing import (
     Method,
     Named,
     Out,
+    Product,
     QuantityName,
     Rates,
     Results,
@@ -101,6 +102,11 @@ class Robot:
 
     def __repr__(self) -> str:
         return f"<Robot {self.name!r}: {self.n} coordinates, {self.mechanism.nb} bodies>"
+
+    def _repr_html_(self) -> str:
+        from jounce.figures import displays
+
+        return displays.robot(self)
 
     @property
     def name(self) -> str:
@@ -627,6 +633,7 @@ class Robot:
         *,
         body: str | None = None,
         frame: Frame = "body",
+        product: Product | None = None,
     ) -> Kernel:
         """Compile a quantity to native code before its first call.
 
@@ -643,6 +650,9 @@ class Robot:
             Whether wrenches W, Wd, ... (..., nb, 6) follow the coordinates' rates in its calls.
         body, frame : str, optional
             Body or merged link, and frame, of poses, twists and Jacobians; all bodies by default.
+        product : {"vjp", "jvp"}, optional
+            Products of the derivatives by all inputs instead of the values: the kernel that `Kernel.vjp` or
+            `Kernel.jvp` compiles at its first call, which takes the weights or directions after the other arrays.
 
         Returns
         -------
@@ -668,7 +678,7 @@ class Robot:
         >>> bool((out[2] == Q2d).all())
         True
         """
-        asked = requests.computation(self.mechanism, quantity, order, wrench, body, frame)
+        asked = requests.computation(self.mechanism, quantity, order, wrench, body, frame, product)
         return dispatch.compile_ahead(self, asked)
 
     @typed(overloads.OfAcceleration)
