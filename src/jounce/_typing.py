@@ -66,6 +66,8 @@ Product: TypeAlias = Literal["vjp", "jvp"]
 QuantityName: TypeAlias = Literal[
     "inverse_dynamics",
     "forward_dynamics",
+    "inverse_dynamics_partials",
+    "forward_dynamics_partials",
     "gravity_forces",
     "mass_matrix",
     "coriolis_matrix",
