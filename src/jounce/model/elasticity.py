@@ -60,9 +60,52 @@ class Elasticity:
         return {name: getattr(self, name) for name in ARRAYS}
 
     def map(self, convert: Callable[[Array], Array]) -> "Elasticity":
-        """The same springs and motors with other numbers."""
+        """The same springs and motors with other numbers.
+
+        Parameters
+        ----------
+        convert : callable
+            Applied to each array.
+
+        Returns
+        -------
+        Elasticity
+
+        Raises
+        ------
+        Exception
+            What `convert` raises.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> elasticity = jounce.load("planar2r").elastic([800, 600], rotor=0.1).elasticity
+        >>> elasticity.map(lambda x: 2 * x).rotor
+        array([0.2, 0.2])
+        """
         return replace(self, **{name: convert(array) for name, array in self.arrays.items()})
 
     def select(self, coordinates: Sequence[int]) -> "Elasticity":
-        """The springs and motors of some coordinates, by index."""
+        """The springs and motors of some coordinates.
+
+        Parameters
+        ----------
+        coordinates : sequence of int
+            Their indices.
+
+        Returns
+        -------
+        Elasticity
+
+        Raises
+        ------
+        IndexError
+            If there is no such coordinate.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("planar2r").elastic([800, 600], rotor=0.1).elasticity.select([1]).stiffness
+        array([600.])
+        """
         return self.map(lambda array: array[list(coordinates)])
