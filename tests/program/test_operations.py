@@ -76,7 +76,7 @@ def test_partial_derivatives_are_those_of_the_value(name):
 
 def nested(x, y, z):
     """A node that every operation which is not fused leads to, by more than one way."""
-    return (x * y - z).sin() / (y + (x - z).cos() * 3) - (-x * z).tanh() + 1 / (2 + z * z)
+    return (x * y - z).sin() / (y + (x - z).cos() * 3) - (-x * z).tanh() + 1 / (2 + z * z) - (y * z).exp()
 
 
 def test_tangents_and_adjoints_on_a_tape_are_exact():
@@ -195,7 +195,13 @@ def test_nodes_have_the_functions_of_the_table_and_no_others():
         _scalars._elementwise("arctan")(np.array([x]))
 
 
-SCALAR_FUNCTIONS = {"inv": _scalars.reciprocal, "sin": _scalars.sin, "cos": _scalars.cos, "tanh": _scalars.tanh}
+SCALAR_FUNCTIONS = {
+    "inv": _scalars.reciprocal,
+    "sin": _scalars.sin,
+    "cos": _scalars.cos,
+    "tanh": _scalars.tanh,
+    "exp": _scalars.exp,
+}
 
 
 def traced(function, x):
