@@ -1,4 +1,4 @@
-"""Sine, cosine, tanh and exp of native code against mpmath: every finite angle, in every lane, on vectors of any length."""
+"""Functions of native code against mpmath: every finite angle, in every lane, on vectors of any length."""
 
 import warnings
 

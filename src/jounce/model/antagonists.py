@@ -19,8 +19,9 @@ from jounce.model.springs import Spring, force_along
 from jounce.spatial.series import Series, from_rate
 
 FIRST_STEP = 1e-3  # rad or m, of a search for a difference, doubled from step to step
-DOUBLINGS = 24
+DOUBLINGS = 16
 HALVINGS, ROUNDS = 6, 8  # of a bracket, each round followed by an attempt with Newton's method
+PRECISE = 30  # halvings, for the least stiffness
 POLISHING = 6  # its steps
 ROUNDING = 1e-13
 MARGIN = 1e-9  # by which a stiffness must be above the least, where its rates are infinite
@@ -141,7 +142,7 @@ def _below(springs: AntagonisticSprings, curve: Curve, S: np.ndarray, known: np.
 
     near, far = _bracket(curve, passed, start, way, known)
     if not (curve(far).S < S)[known].all():
-        near, far = _halve(curve, passed, near, far, ROUNDS * HALVINGS)
+        near, far = _halve(curve, passed, near, far, PRECISE)
     return np.where(np.isnan(curve(far).S), near, far)
 
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
 DEGREE = 5  # of the spline through a table: its force has four continuous derivatives
+NODES = 40  # of the quadrature for the energy of a function
 FUNCTIONS = "+ - * / **, and the functions sin, cos, tanh, exp, sinh, cosh of NumPy"
 
 
@@ -37,6 +38,9 @@ class Spring(Protocol):
 
     def derivatives(self, deflection: Array) -> Series:
         """phi, phi', phi'', ... at deflections of any shape."""
+
+    def energy(self, deflection: Array) -> Array:
+        """The energy of the spring, J: zero at rest."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +82,11 @@ class CubicSpring:
         d, square = deflection, deflection * deflection
         terms = ((self.k + self.k3 * square) * d, self.k + 3 * self.k3 * square, 6 * self.k3 * d, 6 * self.k3 + 0 * d)
         return Series(lambda j: terms[j] if j < len(terms) else 0 * d)
+
+    def energy(self, deflection: Array) -> Array:
+        """The energy of the spring, J: zero at rest."""
+        square = deflection * deflection
+        return (self.k / 2 + self.k3 / 4 * square) * square
 
 
 @dataclass(frozen=True)
@@ -153,6 +162,12 @@ class SpringFunction:
         moving = Series(lambda j: units[j] if j < 2 else np.zeros_like(deflection))
         return evaluate(self.program, [moving])[0]
 
+    def energy(self, deflection: Array) -> Array:
+        """The energy of the spring, J: zero at rest, by Gauss-Legendre quadrature."""
+        points, weights = np.polynomial.legendre.leggauss(NODES)
+        force = self.derivatives(deflection[..., None] * (points + 1) / 2)[0]
+        return deflection / 2 * (force @ weights)
+
 
 @dataclass(frozen=True)
 class SpringTable:
@@ -191,7 +206,7 @@ class SpringTable:
             if (fall := np.flatnonzero(np.diff(column) <= 0)).size:
                 i = int(fall[0])
                 raise JounceError(
-                    f"{name} of a spring table does not rise from row {i} to {i + 1} ({column[i]:g}, {column[i + 1]:g});"
+                    f"spring table: {name} does not rise from row {i} ({column[i]:g}) to {i + 1} ({column[i + 1]:g});"
                     " expected a monotone table"
                 )
             object.__setattr__(self, name, tuple(column.tolist()))
@@ -224,6 +239,11 @@ class SpringTable:
             raise JounceError("a spring given by a table needs NumPy arrays of floats; use CubicSpring for symbols")
         splines = _splines(self)
         return Series(lambda j: splines[j](deflection) if j <= DEGREE else np.zeros_like(deflection))
+
+    def energy(self, deflection: Array) -> Array:
+        """The energy of the spring, J: zero at rest, or at the end of the table that is nearest to it."""
+        work = _splines(self)[0].antiderivative()
+        return work(deflection) - work(np.clip(0.0, *self.range))
 
 
 @lru_cache(maxsize=64)
