@@ -13,7 +13,7 @@ from jounce.spatial.series import Series
 K0, A = 40.0, 3.0
 SINH = SpringFunction.of(lambda d: K0 * np.sinh(A * d) / A)
 ROW = np.linspace(-1, 1, 81)
-TABLE = SpringTable(ROW, SINH.derivatives(ROW)[0])
+TABLE = SpringTable(ROW, SINH._derivatives(ROW)[0])
 PAIRS = {
     "sinh": AntagonisticSprings(SINH, SINH),
     "cubic": AntagonisticSprings(CubicSpring(40.0, 100.0), CubicSpring(40.0, 100.0)),

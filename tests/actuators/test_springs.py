@@ -38,7 +38,7 @@ def deflection_rates(t, order):
 def test_derivatives_are_those_of_the_law(name):
     spring, law = LAWS[name]
     d = np.array([-0.41, 0.0, 0.13, 0.5])
-    found = spring.derivatives(d)
+    found = spring._derivatives(d)
     with mpmath.workdps(40):
         for k in range(6):
             expected = [float(mpmath.diff(law, mpmath.mpf(x), k)) for x in d.tolist()]
@@ -69,7 +69,7 @@ def test_deflections_undo_forces_with_their_rates(name):
 def test_deflections_of_any_size_are_found(force):
     for spring in (CUBIC, LAWS["sinh"][0]):
         d = deflection(spring, np.array([force]))
-        np.testing.assert_allclose(spring.derivatives(d)[0], [force], rtol=1e-13)
+        np.testing.assert_allclose(spring._derivatives(d)[0], [force], rtol=1e-13)
 
 
 def test_cubic_springs_have_the_same_steps_for_every_scalar_type():
@@ -88,9 +88,9 @@ def test_a_table_is_the_function_that_it_samples():
     d = np.linspace(-0.45, 0.45, 500)
     errors = []
     for rows in (ROW, ROW[::2]):
-        table = SpringTable(rows, law.derivatives(rows)[0])
-        np.testing.assert_allclose(table.derivatives(rows)[0], law.derivatives(rows)[0], rtol=1e-13, atol=1e-12)
-        errors.append([np.abs(table.derivatives(d)[k] - law.derivatives(d)[k]).max() for k in range(5)])
+        table = SpringTable(rows, law._derivatives(rows)[0])
+        np.testing.assert_allclose(table._derivatives(rows)[0], law._derivatives(rows)[0], rtol=1e-13, atol=1e-12)
+        errors.append([np.abs(table._derivatives(d)[k] - law._derivatives(d)[k]).max() for k in range(5)])
     assert (np.array(errors[0]) < [1e-12, 1e-9, 1e-6, 1e-3, 1]).all()
     assert (np.log2(np.array(errors[1]) / errors[0]) > [5.5, 4.5, 3.5, 2.5, 1.5]).all()
     known = deflections.of_spring(law, force_along(law, deflection_rates(d, 3)))
@@ -99,20 +99,20 @@ def test_a_table_is_the_function_that_it_samples():
 
 
 def test_the_fourth_derivative_of_a_table_is_continuous():
-    table = SpringTable(ROW, LAWS["sinh"][0].derivatives(ROW)[0])
+    table = SpringTable(ROW, LAWS["sinh"][0]._derivatives(ROW)[0])
     knots = ROW[5:-5]
     for k in range(5):
-        before, after = (table.derivatives(knots + side * 1e-12)[k] for side in (-1, 1))
+        before, after = (table._derivatives(knots + side * 1e-12)[k] for side in (-1, 1))
         np.testing.assert_allclose(before, after, rtol=1e-7, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", [*LAWS, "table"])
 def test_energies_are_the_work_of_forces(name):
-    spring = SpringTable(ROW, CUBIC.derivatives(ROW)[0]) if name == "table" else LAWS[name][0]
+    spring = SpringTable(ROW, CUBIC._derivatives(ROW)[0]) if name == "table" else LAWS[name][0]
     d = np.array([-0.4, 0.0, 0.25])
     points, weights = np.polynomial.legendre.leggauss(60)
-    expected = [(spring.derivatives(x / 2 * (points + 1))[0] * weights).sum() * x / 2 for x in d]
-    np.testing.assert_allclose(spring.energy(d), expected, rtol=1e-10, atol=1e-14)
+    expected = [(spring._derivatives(x / 2 * (points + 1))[0] * weights).sum() * x / 2 for x in d]
+    np.testing.assert_allclose(spring._energy(d), expected, rtol=1e-10, atol=1e-14)
 
 
 @pytest.mark.parametrize("spring", [CUBIC, LAWS["sinh"][0], SpringTable(ROW, ROW)])
@@ -138,12 +138,12 @@ FUNCTION = r"^a spring function may use \+ - \* / \*\*, and the functions sin, .
         (lambda: SpringFunction.of(lambda: 1), FUNCTION),
         (
             lambda: SpringTable([0, 1, 2, 3, 4, 3], range(6)),
-            r"^spring table: deflection does not rise from row 4 \(4\)",
+            r"^spring table: deflections do not rise from row 4 \(4\)",
         ),
-        (lambda: SpringTable(range(6), [0, 1, 2, 3, 3, 4]), r"force does not rise .*; expected a monotone table$"),
+        (lambda: SpringTable(range(6), [0, 1, 2, 3, 3, 4]), r"forces do not rise .*; expected a monotone table$"),
         (lambda: SpringTable(range(5), range(5)), r"^a spring table has 5 deflections and 5 forces; expected as many"),
         (lambda: SpringTable(range(6), range(7)), r"^a spring table has 6 deflections and 7 forces"),
-        (lambda: SpringTable([[1]], [1]), r"^deflection of a spring table has shape \(1, 1\); expected finite numbers"),
+        (lambda: SpringTable([[1]], [1]), r"^spring table: deflections have shape \(1, 1\); expected finite numbers"),
         (
             lambda: SpringTable(range(6), [0, 1, 1.01, 1.02, 50, 51]),
             r"^the spline through a spring table is not monotone: its force falls at the deflection",
@@ -158,7 +158,7 @@ def test_what_is_no_spring_is_refused(make, said):
 @pytest.mark.parametrize(
     ("spring", "Q"),
     [
-        (SpringTable(ROW, CUBIC.derivatives(ROW)[0]), 5e3),
+        (SpringTable(ROW, CUBIC._derivatives(ROW)[0]), 5e3),
         (CubicSpring(5.0, -1.0), 4.31),
         (SpringFunction.of(lambda d: 3 * np.tanh(d)), -3.1),
     ],

@@ -27,7 +27,7 @@ def integrals(z: np.ndarray, count: int) -> np.ndarray:
     The recursion ``z I_j + j I_(j - 1) = 1`` is stable downward where j > z, and upward where j < z.
     """
     down, few = np.zeros_like(z), np.minimum(z, count)
-    low = []
+    low: list[np.ndarray] = []
     for j in reversed(range(TERMS)):
         down = (1 - few * down) / (j + 1)  # I_j from I_(j + 1)
         low.insert(0, down)
@@ -64,7 +64,7 @@ def nonlinear(spring: Spring, D: float, t: np.ndarray, Q: Sampled, start: float)
     for step, force in zip(h[:, 0] / D, forces, strict=True):
         stages = np.full(len(nodes), found[-1])
         for _ in range(NEWTON):
-            phi = spring.derivatives(stages)
+            phi = spring._derivatives(stages)
             residual = stages - found[-1] - step * A @ (force - phi[0])
             change = np.linalg.solve(np.eye(len(nodes)) + step * A * phi[1], residual)
             stages = stages - change

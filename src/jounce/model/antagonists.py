@@ -120,14 +120,14 @@ def _setting(springs: AntagonisticSprings, Q: np.ndarray, e: np.ndarray) -> _Set
     """The setting that carries Q with the difference e: the mean deflection is the root of a rising function."""
 
     def slope(mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        one, two = springs.first.derivatives(mean + e / 2), springs.second.derivatives(mean - e / 2)
+        one, two = springs.first._derivatives(mean + e / 2), springs.second._derivatives(mean - e / 2)
         return one[0] + two[0], one[1] + two[1]
 
     (low1, high1), (low2, high2) = springs.first.range, springs.second.range
     bounds = np.maximum(low1 - e / 2, low2 + e / 2), np.minimum(high1 - e / 2, high2 + e / 2)
     mean = rising_root(slope, np.where(bounds[0] < bounds[1], Q, np.nan), bounds)
     d = mean + e / 2, mean - e / 2
-    one, two = springs.first.derivatives(d[0]), springs.second.derivatives(d[1])
+    one, two = springs.first._derivatives(d[0]), springs.second._derivatives(d[1])
     return _Setting(d, one[1] + two[1], np.sign(one[2] * two[1] - two[2] * one[1]))
 
 
@@ -179,7 +179,7 @@ def _polish(
 ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
     """Newton's method for both equations, and what it leaves of the stiffness."""
     for _ in range(POLISHING):
-        one, two = springs.first.derivatives(d[0]), springs.second.derivatives(d[1])
+        one, two = springs.first._derivatives(d[0]), springs.second._derivatives(d[1])
         force, stiffness = Q - one[0] - two[0], S - one[1] - two[1]
         inverse = 1 / (one[1] * two[2] - two[1] * one[2])
         d = (

@@ -57,7 +57,7 @@ def _cubic(spring: CubicSpring, force: Array) -> Array:
 
 def _numeric(spring: Spring, force: np.ndarray) -> np.ndarray:
     def slope(d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        found = spring.derivatives(d)
+        found = spring._derivatives(d)
         return found[0], found[1]
 
     found = rising_root(slope, force, spring.range)

@@ -4,11 +4,12 @@ A spring gives phi, phi', phi'', ..., the derivatives by the deflection, at any 
 follows from them: the force of a moving spring with its rates, and the rates of a deflection that carries a force.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from math import inf
-from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -28,23 +29,33 @@ NODES = 40  # of the quadrature for the energy of a function
 FUNCTIONS = "+ - * / **, and the functions sin, cos, tanh, exp, sinh, cosh of NumPy"
 
 
-@runtime_checkable
-class Spring(Protocol):
+class Spring(ABC):
     """A force that rises with the deflection, over an interval of deflections."""
 
     @property
+    @abstractmethod
     def range(self) -> tuple[float, float]:
         """The least and the largest deflection, rad or m."""
 
-    def derivatives(self, deflection: Array) -> Series:
+    def force(self, deflection: ArrayLike) -> Array:
+        """The force phi at deflections of any shape: N m, or N."""
+        return self._derivatives(np.asarray(deflection, dtype=float))[0]
+
+    def stiffness(self, deflection: ArrayLike) -> Array:
+        """The stiffness phi' at deflections of any shape: N m/rad, or N/m."""
+        return self._derivatives(np.asarray(deflection, dtype=float))[1]
+
+    @abstractmethod
+    def _derivatives(self, deflection: Array) -> Series:
         """phi, phi', phi'', ... at deflections of any shape."""
 
-    def energy(self, deflection: Array) -> Array:
+    @abstractmethod
+    def _energy(self, deflection: Array) -> Array:
         """The energy of the spring, J: zero at rest."""
 
 
 @dataclass(frozen=True)
-class CubicSpring:
+class CubicSpring(Spring):
     """A spring that stiffens or softens: phi = k delta + k3 delta^3.
 
     Parameters
@@ -77,20 +88,20 @@ class CubicSpring:
         end = (-self.k / (3 * self.k3)) ** 0.5 if self.k3 < 0 else inf
         return -end, end
 
-    def derivatives(self, deflection: Array) -> Series:
+    def _derivatives(self, deflection: Array) -> Series:
         """phi, phi', phi'', ... at deflections of any shape."""
         d, square = deflection, deflection * deflection
         terms = ((self.k + self.k3 * square) * d, self.k + 3 * self.k3 * square, 6 * self.k3 * d, 6 * self.k3 + 0 * d)
         return Series(lambda j: terms[j] if j < len(terms) else 0 * d)
 
-    def energy(self, deflection: Array) -> Array:
+    def _energy(self, deflection: Array) -> Array:
         """The energy of the spring, J: zero at rest."""
         square = deflection * deflection
         return (self.k / 2 + self.k3 / 4 * square) * square
 
 
 @dataclass(frozen=True)
-class SpringFunction:
+class SpringFunction(Spring):
     """A spring given by a function, recorded as a program: `SpringFunction.of` makes one of a Python function.
 
     Attributes
@@ -102,7 +113,7 @@ class SpringFunction:
     --------
     >>> import jounce, numpy as np
     >>> spring = jounce.SpringFunction.of(lambda delta: 300 * np.sinh(2 * delta) / 2)
-    >>> round(float(spring.derivatives(np.array(0.0))[1]), 9)
+    >>> round(float(spring.stiffness(0.0)), 9)
     300.0
     """
 
@@ -144,7 +155,7 @@ class SpringFunction:
                 f"a spring function may use {FUNCTIONS}; it raised: {why}; give a table instead"
             ) from None
         with np.errstate(all="ignore"):
-            stiffness = spring.derivatives(np.zeros(()))[1]
+            stiffness = spring._derivatives(np.zeros(()))[1]
         if not stiffness > 0:
             raise JounceError(f"a spring function has stiffness {stiffness:g} at rest; expected a force that rises")
         return spring
@@ -154,7 +165,7 @@ class SpringFunction:
         """The least and the largest deflection, rad or m: not bounded."""
         return -inf, inf
 
-    def derivatives(self, deflection: Array) -> Series:
+    def _derivatives(self, deflection: Array) -> Series:
         """phi, phi', phi'', ... at deflections of any shape."""
         if not is_numeric(deflection):
             raise JounceError("a spring given by a function needs NumPy arrays of floats; use CubicSpring for symbols")
@@ -162,22 +173,22 @@ class SpringFunction:
         moving = Series(lambda j: units[j] if j < 2 else np.zeros_like(deflection))
         return evaluate(self.program, [moving])[0]
 
-    def energy(self, deflection: Array) -> Array:
+    def _energy(self, deflection: Array) -> Array:
         """The energy of the spring, J: zero at rest, by Gauss-Legendre quadrature."""
         points, weights = np.polynomial.legendre.leggauss(NODES)
-        force = self.derivatives(deflection[..., None] * (points + 1) / 2)[0]
+        force = self._derivatives(deflection[..., None] * (points + 1) / 2)[0]
         return deflection / 2 * (force @ weights)
 
 
 @dataclass(frozen=True)
-class SpringTable:
+class SpringTable(Spring):
     """A spring given by measured pairs: the spline of degree 5 through them, with four continuous derivatives.
 
     Parameters
     ----------
-    deflection : (N,)
+    deflections : (N,)
         Deflections, rad or m, rising; at least 6.
-    force : (N,)
+    forces : (N,)
         The forces that they take, N m or N, rising.
 
     Raises
@@ -190,29 +201,29 @@ class SpringTable:
     >>> import jounce, numpy as np
     >>> deflection = np.linspace(-0.1, 0.1, 21)
     >>> spring = jounce.SpringTable(deflection, 500 * deflection + 2e4 * deflection**3)
-    >>> round(float(spring.derivatives(np.array(0.05))[0]), 6)
+    >>> round(float(spring.force(0.05)), 6)
     27.5
     """
 
-    deflection: tuple[float, ...]
-    force: tuple[float, ...]
+    deflections: tuple[float, ...]
+    forces: tuple[float, ...]
 
-    def __init__(self, deflection: ArrayLike, force: ArrayLike) -> None:
-        columns = {"deflection": deflection, "force": force}
+    def __init__(self, deflections: ArrayLike, forces: ArrayLike) -> None:
+        columns = {"deflections": deflections, "forces": forces}
         for name, given in columns.items():
             column = np.asarray(given, dtype=float)
             if column.ndim != 1 or not np.isfinite(column).all():
-                raise JounceError(f"{name} of a spring table has shape {column.shape}; expected finite numbers (N,)")
+                raise JounceError(f"spring table: {name} have shape {column.shape}; expected finite numbers (N,)")
             if (fall := np.flatnonzero(np.diff(column) <= 0)).size:
                 i = int(fall[0])
                 raise JounceError(
-                    f"spring table: {name} does not rise from row {i} ({column[i]:g}) to {i + 1} ({column[i + 1]:g});"
+                    f"spring table: {name} do not rise from row {i} ({column[i]:g}) to {i + 1} ({column[i + 1]:g});"
                     " expected a monotone table"
                 )
             object.__setattr__(self, name, tuple(column.tolist()))
-        if not len(self.deflection) == len(self.force) > DEGREE:
+        if not len(self.deflections) == len(self.forces) > DEGREE:
             raise JounceError(
-                f"a spring table has {len(self.deflection)} deflections and {len(self.force)} forces; expected as many"
+                f"a spring table has {len(self.deflections)} deflections and {len(self.forces)} forces; expected as many"
                 f" of both, {DEGREE + 1} or more"
             )
         self._check_rise()
@@ -231,16 +242,16 @@ class SpringTable:
     @property
     def range(self) -> tuple[float, float]:
         """The least and the largest deflection, rad or m: the ends of the table."""
-        return self.deflection[0], self.deflection[-1]
+        return self.deflections[0], self.deflections[-1]
 
-    def derivatives(self, deflection: Array) -> Series:
+    def _derivatives(self, deflection: Array) -> Series:
         """phi, phi', phi'', ... at deflections of any shape."""
         if not is_numeric(deflection):
             raise JounceError("a spring given by a table needs NumPy arrays of floats; use CubicSpring for symbols")
         splines = _splines(self)
         return Series(lambda j: splines[j](deflection) if j <= DEGREE else np.zeros_like(deflection))
 
-    def energy(self, deflection: Array) -> Array:
+    def _energy(self, deflection: Array) -> Array:
         """The energy of the spring, J: zero at rest, or at the end of the table that is nearest to it."""
         work = _splines(self)[0].antiderivative()
         return work(deflection) - work(np.clip(0.0, *self.range))
@@ -251,13 +262,13 @@ def _splines(spring: SpringTable) -> "list[PPoly]":
     """The spline through a table, and its derivatives."""
     from scipy.interpolate import PPoly, make_interp_spline
 
-    spline = PPoly.from_spline(make_interp_spline(spring.deflection, spring.force, k=DEGREE))
+    spline = PPoly.from_spline(make_interp_spline(spring.deflections, spring.forces, k=DEGREE).tck)
     return [spline.derivative(j) for j in range(DEGREE + 1)]
 
 
 def force_along(spring: Spring, deflection: Series, derivative: int = 0) -> Series:
     """phi, or one of its derivatives, of a deflection that moves: (phi^(j))' = phi^(j + 1) delta'."""
-    known = spring.derivatives(deflection[0])
+    known = spring._derivatives(deflection[0])
     rows: dict[int, Series] = {}
 
     def row(j: int) -> Series:
