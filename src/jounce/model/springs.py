@@ -223,8 +223,8 @@ class SpringTable(Spring):
             object.__setattr__(self, name, tuple(column.tolist()))
         if not len(self.deflections) == len(self.forces) > DEGREE:
             raise JounceError(
-                f"a spring table has {len(self.deflections)} deflections and {len(self.forces)} forces; expected as many"
-                f" of both, {DEGREE + 1} or more"
+                f"a spring table has {len(self.deflections)} deflections and {len(self.forces)} forces; expected as"
+                f" many of both, {DEGREE + 1} or more"
             )
         self._check_rise()
 
