@@ -7,7 +7,7 @@ from itertools import accumulate
 from math import prod
 
 from jounce._scalars import Array
-from jounce.dynamics.quantities import QUANTITIES, Quantity, State
+from jounce.dynamics.quantities import Quantity, State, row_of
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series, columns, rate_name
 
@@ -52,7 +52,8 @@ class Signature:
 class Computation:
     """A quantity with its rates up to an order, with wrenches on the bodies or without, of one body or of all.
 
-    `body` is None for all bodies, and for quantities that do not belong to bodies.
+    `body` is None for all bodies, and for quantities that do not belong to bodies. `more_rates` are those that springs
+    and motors of the robot take in addition.
     """
 
     name: str
@@ -60,10 +61,11 @@ class Computation:
     wrench: bool = False
     body: str | None = None
     frame: str = "body"
+    more_rates: int = 0
 
     @cached_property
     def _hash(self) -> int:
-        return hash((self.name, self.order, self.wrench, self.body, self.frame))
+        return hash((self.name, self.order, self.wrench, self.body, self.frame, self.more_rates))
 
     def __hash__(self) -> int:  # computed once: every call of a robot's method looks its kernel up
         return self._hash
@@ -71,7 +73,7 @@ class Computation:
     @property
     def quantity(self) -> Quantity:
         """The row of the quantity."""
-        return QUANTITIES[self.name]
+        return row_of(self.name, self.more_rates)
 
     @property
     def rates(self) -> int:

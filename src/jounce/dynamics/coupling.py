@@ -15,12 +15,14 @@ from operator import add
 
 import numpy as np
 
-from jounce._scalars import Array, exact_integers, is_symbolic
+from jounce._scalars import Array
 from jounce.dynamics.recursion import bodies
 from jounce.dynamics.recursion.joints import rows
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import hat, rotation
 from jounce.spatial.series import Series
+
+GROUND = "world"  # as a carrier
 
 
 @dataclass(frozen=True)
@@ -28,25 +30,25 @@ class Rotor:
     """A rotor on its carrier."""
 
     coordinate: int
-    body: int  # of the carrier; -1 is the ground
+    body: int  # of the carrier
     momentum: Array  # (3, 1), J r a in the axes of the carrier's body: of the spin, per theta'
 
 
 def rotors(m: Mechanism) -> list[Rotor]:
-    """The rotors of a mechanism with elastic joints whose motors have carriers."""
-    found = []
-    for j, motor in enumerate(m.elasticity.motors if m.elasticity else ()):
-        if motor is not None and motor.body is not None:
+    """The rotors of a mechanism that bodies carry; those on the ground have no effect on links."""
+    found, e = [], m.elasticity
+    for j, motor in enumerate(e.motors if e else ()):
+        if e and motor is not None and motor.body is not None and motor.body != GROUND:
             frame = m.frame(motor.body)
             axis = rotation(frame.T) @ np.array(motor.axis)[:, None]
-            found.append(Rotor(j, frame.body, axis * (motor.gear * motor.inertia)))
-    return found
+            found.append(Rotor(j, frame.body, axis * (e.rotor[j] / motor.gear)))
+    return [rotor for rotor in found if rotor.body >= 0]
 
 
 def reaction_wrenches(m: Mechanism, q: Series, theta: Series) -> Series:
     """The moments of spinning rotors on their carriers, as wrenches that the bodies exert, (..., 6nb, 1)."""
     V = bodies.twists(m, q, None)
-    total = [_moment(m, rotor, V, theta) for rotor in rotors(m) if rotor.body >= 0]
+    total = [_moment(m, rotor, V, theta) for rotor in rotors(m)]
     return reduce(add, total, 0 * V.map(lambda V: V.reshape((*V.shape[:-3], 6 * m.nb, 1))))
 
 
@@ -55,7 +57,7 @@ def _moment(m: Mechanism, rotor: Rotor, V: Series, theta: Series) -> Series:
     spin = rows(theta, rotor.coordinate, rotor.coordinate + 1).dot
     place = np.zeros((6 * m.nb, 3), dtype=int)
     place[6 * rotor.body : 6 * rotor.body + 3] = np.eye(3, dtype=int)
-    H = _typed(rotor.momentum, q=w[0])
+    H = rotor.momentum
     return place @ (H * spin.dot - hat(H[:, 0]) @ w * spin)
 
 
@@ -64,10 +66,8 @@ def motor_reactions(m: Mechanism, q: Series) -> Series:
     V = bodies.twists(m, q, None)
     total = 0 * q
     for rotor in rotors(m):
-        if rotor.body >= 0:
-            H = _typed(rotor.momentum, q=q[0])
-            unit = np.eye(m.n, dtype=int)[:, rotor.coordinate : rotor.coordinate + 1]
-            total = total + unit @ (H.mT @ _angular_velocity(V, rotor.body).dot)
+        unit = np.eye(m.n, dtype=int)[:, rotor.coordinate : rotor.coordinate + 1]
+        total = total + unit @ (rotor.momentum.mT @ _angular_velocity(V, rotor.body).dot)
     return total
 
 
@@ -76,17 +76,11 @@ def spin_energy(m: Mechanism, q: Series, theta: Series) -> Series:
     V = bodies.twists(m, q, None)
     total = 0 * rows(q, 0, 1)
     for rotor in rotors(m):
-        if rotor.body >= 0:
-            spin = rows(theta, rotor.coordinate, rotor.coordinate + 1).dot
-            total = total + rotor.momentum.mT @ _angular_velocity(V, rotor.body) * spin
+        spin = rows(theta, rotor.coordinate, rotor.coordinate + 1).dot
+        total = total + rotor.momentum.mT @ _angular_velocity(V, rotor.body) * spin
     return total
 
 
 def _angular_velocity(V: Series, body: int) -> Series:
     """(..., 3, 1) of the twists of all bodies, (..., nb, 6, 1)."""
     return V.map(lambda V: V[..., body, :3, :])
-
-
-def _typed(x: Array, q: Array) -> Array:
-    """A constant in the scalar type of a state: whole numbers stay whole among symbols."""
-    return exact_integers(x) if is_symbolic(q) else x

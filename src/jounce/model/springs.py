@@ -266,6 +266,20 @@ def _splines(spring: SpringTable) -> "list[PPoly]":
     return [spline.derivative(j) for j in range(DEGREE + 1)]
 
 
+@dataclass(frozen=True)
+class DampedSpring:
+    """A spring with a damper D in parallel, N m s or N s/m, and the number of terms of its series at one instant."""
+
+    spring: Spring
+    damping: float
+    terms: int
+
+    @property
+    def time_constant(self) -> float:
+        """D / K at rest, s."""
+        return self.damping / float(self.spring.stiffness(0.0))
+
+
 def force_along(spring: Spring, deflection: Series, derivative: int = 0) -> Series:
     """phi, or one of its derivatives, of a deflection that moves: (phi^(j))' = phi^(j + 1) delta'."""
     known = spring._derivatives(deflection[0])

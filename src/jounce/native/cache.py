@@ -53,7 +53,11 @@ def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
     digest.update(repr((mechanism.parent, mechanism.acting)).encode())
     arrays = {name: getattr(mechanism, name) for name in DATA} | (vars(mechanism.drives) if mechanism.acting else {})
     if mechanism.elasticity and computation.quantity.elastic:
-        arrays |= {f"elastic {name}": array for name, array in mechanism.elasticity.arrays.items()}
+        e = mechanism.elasticity
+        arrays |= {f"elastic {name}": array for name, array in e.arrays.items()}
+        digest.update(repr((e.springs, e.motors, e.level)).encode())
+        carriers = [mechanism.frame(motor.body) for motor in e.motors if motor is not None and motor.body is not None]
+        arrays |= {f"carrier {i} on {frame.body}": frame.T for i, frame in enumerate(carriers)}
     if computation.body is not None:
         frame = mechanism.frame(computation.body)
         arrays |= {f"frame on {frame.body}": frame.T}
