@@ -9,7 +9,7 @@ model, in which rotors turn about their own axes only:
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from jounce.model.motors import Motor
 from jounce.model.springs import DampedSpring, Spring
 
 Law: TypeAlias = Spring | DampedSpring | AntagonisticSprings
+SpringLaw: TypeAlias = Spring | AntagonisticSprings | Callable[[Any], Any]  # as callers give it
 ARRAYS = ("stiffness", "rotor", "viscous", "friction", "eps")  # the numbers, one per coordinate
 
 

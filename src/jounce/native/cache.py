@@ -15,6 +15,7 @@ from pathlib import Path
 
 from jounce._parts import part_in, remove_abandoned
 from jounce._scalars import finite
+from jounce.dynamics import coupling
 from jounce.dynamics.computation import Computation
 from jounce.errors import JounceError, quoted
 from jounce.model.mechanism import DATA, Mechanism
@@ -55,9 +56,8 @@ def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
     if mechanism.elasticity and computation.quantity.elastic:
         e = mechanism.elasticity
         arrays |= {f"elastic {name}": array for name, array in e.arrays.items()}
-        digest.update(repr((e.springs, e.motors, e.level)).encode())
-        carriers = [mechanism.frame(motor.body) for motor in e.motors if motor is not None and motor.body is not None]
-        arrays |= {f"carrier {i} on {frame.body}": frame.T for i, frame in enumerate(carriers)}
+        digest.update(repr((e.springs, e.level)).encode())
+        arrays |= {f"rotor {x.coordinate} on {x.body}": x.momentum for x in coupling.rotors(mechanism)}
     if computation.body is not None:
         frame = mechanism.frame(computation.body)
         arrays |= {f"frame on {frame.body}": frame.T}
