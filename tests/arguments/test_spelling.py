@@ -1,4 +1,4 @@
-"""Texts that ask for quantities, NAME[.PRODUCT][:BODY[:FRAME]]: they are read as they are written, and refused in one line."""
+"""Texts that ask for quantities, NAME[.PRODUCT][:BODY[:FRAME]]: read as they are written, and refused in one line."""
 
 from dataclasses import replace
 
