@@ -8,7 +8,9 @@ if TYPE_CHECKING:
 
     from jounce._casadi import casadi_function
     from jounce._codegen import codegen
+    from jounce._report import Report, report
     from jounce._symbolic import symbolic
+    from jounce.actuators.elastic import ElasticAlong, ElasticRobot
     from jounce.errors import JounceError, JounceWarning
     from jounce.io.loading import load
     from jounce.io.motions.loading import load_motion
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
     from jounce.model.drives import Drives
+    from jounce.model.elasticity import Elasticity
     from jounce.model.limits import Limits
     from jounce.model.mechanism import Mechanism
     from jounce.motion import Motion
@@ -30,12 +33,16 @@ __all__ = [
     "Check",
     "CheckedLimit",
     "Drives",
+    "ElasticAlong",
+    "ElasticRobot",
+    "Elasticity",
     "JounceError",
     "JounceWarning",
     "Kernel",
     "Limits",
     "Mechanism",
     "Motion",
+    "Report",
     "Retiming",
     "Robot",
     "Slowdown",
@@ -45,6 +52,7 @@ __all__ = [
     "inertia_matrix",
     "load",
     "load_motion",
+    "report",
     "save",
     "symbolic",
 ]
@@ -53,12 +61,16 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "Check": "jounce.limits.check",
     "CheckedLimit": "jounce.limits.check",
     "Drives": "jounce.model.drives",
+    "ElasticAlong": "jounce.actuators.elastic",
+    "ElasticRobot": "jounce.actuators.elastic",
+    "Elasticity": "jounce.model.elasticity",
     "JounceError": "jounce.errors",
     "JounceWarning": "jounce.errors",
     "Kernel": "jounce.native.kernel",
     "Limits": "jounce.model.limits",
     "Mechanism": "jounce.model.mechanism",
     "Motion": "jounce.motion",
+    "Report": "jounce._report",
     "Retiming": "jounce.limits.retime",
     "Robot": "jounce.robot",
     "Slowdown": "jounce.limits.slowdown",
@@ -67,6 +79,7 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "inertia_matrix": "jounce.spatial.inertia",
     "load": "jounce.io.loading",
     "load_motion": "jounce.io.motions.loading",
+    "report": "jounce._report",
     "save": "jounce.io.saving",
     "symbolic": "jounce._symbolic",
 }

@@ -78,7 +78,9 @@ def test_it_undoes_inverse_dynamics_of_long_chains():
 @settings(max_examples=40)
 def test_articulated_bodies_agree_with_factors(drawn, armature):
     m, rng = driven(*drawn).robot.mechanism, drawn[1]
-    m = replace(m, acting=("armature",) if armature else ("damping",), G=np.eye(m.nb), coordinates=m.joints)  # each joint on its own
+    m = replace(
+        m, acting=("armature",) if armature else ("damping",), G=np.eye(m.nb), coordinates=m.joints
+    )  # each joint on its own
     q, b = rng.uniform(-1, 1, (2, 3, m.nb, 1)), rng.uniform(-1, 1, (3, m.nb, 2))
     M = jounce.Robot(m).mass_matrix(q[0, ..., 0], method="recursion")
     found, expected = ArticulatedBodies.of(m, q[0]).solve(b), Factors.of(M).solve(b)
@@ -157,6 +159,13 @@ def test_a_singular_mass_matrix_is_refused_by_the_names_of_its_joints():
     assert np.isfinite(robot.inverse_dynamics([0.1], [0.2], [0.3])).all()
     refusal(lambda: robot.forward_dynamics([0.1], [0.2], [0.3]), "mass matrix", "singular", *m.coordinates)
     refusal(lambda: robot.compile("forward_dynamics"), "mass matrix", "singular", *m.coordinates)
+
+
+def test_symbolic_form_names_the_quantities_to_solve_with():
+    robot = jounce.load("planar2r")
+    with pytest.raises(AttributeError, match=r"forward_dynamics has no symbolic form, .* mass_matrix"):
+        jounce.symbolic(robot).forward_dynamics  # noqa: B018
+    refusal(lambda: jounce.codegen(robot, "latex", outputs=["forward_dynamics"]), "forward_dynamics", "mass_matrix")
 
 
 def test_forces_are_named_where_they_are_wrong():

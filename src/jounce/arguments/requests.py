@@ -32,16 +32,20 @@ def computation(
         raise JounceError(f"{quantity} takes no wrenches; these do: {takers}")
     place(mechanism, quantity, body, frame)
     check_invertible(mechanism, quantity)
+    check_elastic(mechanism, quantity)
+    order = checked_order(order)
+    check_rates(quantity, order)
     if product is not None:
         one_of("product", product, PRODUCTS)
-    return Computation(quantity, checked_order(order), wrench, body, frame, product)
+    return Computation(quantity, order, wrench, body, frame, product)
 
 
 def parse_computation(mechanism: Mechanism, text: str, order: int, wrench: bool = False) -> Computation:
     """Parse a computation written as NAME[.PRODUCT][:BODY[:FRAME]]: ``mass_matrix.vjp``, ``jacobian:tool0:world``.
 
     Names of bodies may contain colons: the last part is a frame only if the quantity has this frame and the rest is a
-    body. Without a body, the quantity of all bodies is meant.
+    body. Without a body, the quantity of all bodies is meant. The order is that of all outputs of a call: a quantity
+    without rates has order 0.
 
     Raises
     ------
@@ -52,7 +56,7 @@ def parse_computation(mechanism: Mechanism, text: str, order: int, wrench: bool 
     product = end if dot else None
     row = QUANTITIES[one_of("quantity", name, QUANTITIES)]
     if not asked:
-        return computation(mechanism, name, order, wrench, product=product)
+        return computation(mechanism, name, row.highest(order), wrench, product=product)
     bodies = mechanism.frame_names
     body, colon, frame = rest.rpartition(":")
     if colon and frame in row.frames and (body in bodies or rest not in bodies):
@@ -60,6 +64,14 @@ def parse_computation(mechanism: Mechanism, text: str, order: int, wrench: bool 
     if colon and row.of_bodies and body in bodies and rest not in bodies:
         raise no_such("frame", frame, row.frames, name)
     return computation(mechanism, name, order, wrench, rest, product=product)
+
+
+def check_rates(quantity: str, order: int) -> None:
+    """Raise `JounceError` if rates are asked for of a quantity that has none."""
+    row = QUANTITIES[quantity]
+    if order > row.highest(order):
+        inputs = ", ".join(row.input_names(row.rates))
+        raise JounceError(f"{quantity} has no rates, asked for is order {order}; expected {inputs} alone, order=0")
 
 
 def check_invertible(mechanism: Mechanism, quantity: str) -> None:
@@ -70,7 +82,16 @@ def check_invertible(mechanism: Mechanism, quantity: str) -> None:
     if idle:
         raise JounceError(
             f"{quantity} of {mechanism.name!r}: the mass matrix is singular, of rank {rank} for {mechanism.n}"
-            f" coordinates, as {listed(idle)} moves no inertia; state one beyond, or lock the joint by lock="
+            f" coordinates: {listed(idle)} can move without moving inertia; give their bodies inertia, or hold them by"
+            " lock= of jounce.load, or Robot.locked"
+        )
+
+
+def check_elastic(mechanism: Mechanism, quantity: str) -> None:
+    """Raise `JounceError` if a quantity is one of elastic joints and the robot has none."""
+    if QUANTITIES[quantity].elastic and mechanism.elasticity is None:
+        raise JounceError(
+            f"{quantity} of {mechanism.name!r}: its joints are rigid; robot.elastic(stiffness) makes them elastic"
         )
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from jounce.dynamics.computation import Port, Signature
-from jounce.errors import JounceError, quoted
+from jounce.errors import JounceError
 
 
 def arguments(caller: str, signature: Signature, arrays: Any, others: Any) -> list[Any]:

@@ -84,7 +84,7 @@ def compute(
         if out is None:
             return kernel.ufunc(*arrays)
         into = tuple(out) if type(out) in (tuple, list) else (out,)
-        if is_fit(into, arrays[0].shape[:-1] + kernel.shapes[1][0]):
+        if is_fit(into, arrays[0].shape[:-1], kernel.shapes[1]):
             return kernel.ufunc(*arrays, out=into)
     except (FloatingPointError, Warning):  # where np.errstate or a filter asks for it
         raise
@@ -102,11 +102,13 @@ def _checked_arguments(
     quantity = QUANTITIES[name]
     q = rates.rates_of(given, quantity.rates, mechanism, quantity.input_names)
     order = len(q) - quantity.rates
-    W = wrenches.wrenches_of(mechanism, wrench, order, q)
+    requests.check_rates(name, order)
+    W = wrenches.wrenches_of(mechanism, wrench, order, q, quantity.wrench_rates)
     if method is not None:
         one_of("method", method, [*quantity.methods, NATIVE], name)
     if body is not None or frame != "body":
         requests.place(mechanism, name, body, frame)
+    requests.check_elastic(mechanism, name)
     if quantity.forces:
         requests.check_invertible(mechanism, name)
     return requests.known(name, order, bool(W), body, frame), [*q, *W]
@@ -132,7 +134,7 @@ def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str
     def law(arrays: Sequence[Array]) -> Series:
         return drive_terms.forces(model, columns(arrays), terms).map(lambda Q: Q[..., 0])
 
-    return results_into(evaluate(law, ports, q, len(q) - FORCES.rates, 4 * model.nb), out)
+    return results_into(evaluate(law, ports, q, len(q) - FORCES.rates + 1, 4 * model.nb), out)
 
 
 def wrench_of_load(
@@ -149,7 +151,7 @@ def wrench_of_load(
         terms = Series.of([x.swapaxes(-1, -2) for x in arrays[len(q) :]])
         return wrench_of(model, columns(arrays[: len(q)]), terms, body, frame, place)
 
-    return results_into(evaluate(law, ports, [*q, *load], len(q) - 1, 6 * model.nb), None)
+    return results_into(evaluate(law, ports, [*q, *load], len(q), 6 * model.nb), None)
 
 
 def compile_ahead(robot: "Robot", computation: Computation) -> Kernel:
