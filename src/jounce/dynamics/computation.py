@@ -7,7 +7,7 @@ from itertools import accumulate
 from math import prod
 
 from jounce._scalars import Array
-from jounce.dynamics.quantities import QUANTITIES, Quantity, State
+from jounce.dynamics.quantities import Quantity, State, row_of
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series, columns, rate_name
 
@@ -54,7 +54,7 @@ class Computation:
     """A quantity with its rates up to an order, with wrenches on the bodies or without, of one body or of all.
 
     `body` is None for all bodies, and for quantities that do not belong to bodies. `product` is one of `PRODUCTS`,
-    to be computed instead, or None.
+    to be computed instead, or None. `more_rates` are those that springs and motors of the robot take in addition.
     """
 
     name: str
@@ -63,10 +63,11 @@ class Computation:
     body: str | None = None
     frame: str = "body"
     product: str | None = None
+    more_rates: int = 0
 
     @cached_property
     def _hash(self) -> int:
-        return hash((self.name, self.order, self.wrench, self.body, self.frame, self.product))
+        return hash((self.name, self.order, self.wrench, self.body, self.frame, self.product, self.more_rates))
 
     def __hash__(self) -> int:  # computed once: every call of a robot's method looks its kernel up
         return self._hash
@@ -74,12 +75,17 @@ class Computation:
     @property
     def quantity(self) -> Quantity:
         """The row of the quantity."""
-        return QUANTITIES[self.name]
+        return row_of(self.name, self.more_rates)
 
     @property
     def rates(self) -> int:
         """The number of rates q, qd, ..., or q, qd, Q, Qd, ..., that it takes."""
         return self.quantity.rates + self.order
+
+    @property
+    def count(self) -> int:
+        """The number of results: the quantity and its rates, or the several results that it has."""
+        return len(self.quantity.names(self.order))
 
     @property
     def spelling(self) -> str:
@@ -102,17 +108,19 @@ class Computation:
         """The ports for a robot of n coordinates and nb bodies, of which some data are parameters."""
         inputs = [Port(name, shape, "parameter") for name, shape in (parameters or {}).items()]
         inputs += state_ports(n, self.quantity.input_names(self.rates), self.quantity.rates)
-        for k in range(self.order + 1 if self.wrench else 0):
-            inputs.append(Port(rate_name("W", k), (nb, 6), "wrench", k, k))
-        shape = self.shape(n, nb)
-        outputs = [Port(name, shape, "result", k) for k, name in enumerate(self.quantity.names(self.order))]
+        own = self.quantity.wrench_rates
+        for k in range(own + self.order if self.wrench else 0):
+            inputs.append(Port(rate_name("W", k), (nb, 6), "wrench", k, max(0, k + 1 - own)))
+        rates = [0] * self.count if self.quantity.results else range(self.count)
+        names = self.quantity.names(self.order)
+        outputs = [Port(name, self.shape(n, nb, k), "result", k) for k, name in zip(rates, names, strict=True)]
         if self.product:
             inputs, outputs = _ports_of_product(self.product, inputs, outputs)
         return Signature(in_a_row(inputs), in_a_row(outputs))
 
-    def shape(self, n: int, nb: int) -> Shape:
-        """The shape of a result for one state."""
-        sizes = {"n": n, "nb": nb}
+    def shape(self, n: int, nb: int, k: int = 0) -> Shape:
+        """The shape of the k-th rate for one state."""
+        sizes = {"n": n, "nb": nb, "rates": self.quantity.rates + k}
         axes = (axis for axis in self.quantity.shape if axis != "nb" or self.body is None)
         return tuple(sizes[axis] if isinstance(axis, str) else axis for axis in axes)
 
@@ -124,7 +132,7 @@ class Computation:
         return State(q, Series.of(W) if W else None, Q, self.body, self.frame)
 
     def series(self, method: str, mechanism: Mechanism, arrays: Sequence[Array]) -> Series:
-        """The quantity by a method, from the arrays of `state`."""
+        """The quantity by a method, from the arrays of `state`; its terms are the results."""
         return self.quantity.law(method, mechanism)(mechanism, self.state(arrays))
 
 

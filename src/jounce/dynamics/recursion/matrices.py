@@ -19,10 +19,8 @@ the joint axes, because of the zeros there.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from jounce.dynamics.recursion.joints import Joint, batch_zeros, joints
-from jounce.dynamics.recursion.sweeps import Columns, collect, composites, evaluate_in_order, project, velocities
+from jounce.dynamics.recursion.sweeps import Columns, above, collect, composites, evaluate_in_order, project, velocities
 from jounce.model.coordinates import generalized_matrix
 from jounce.model.equivalent import minimal, on_axes
 from jounce.model.mechanism import Mechanism
@@ -45,7 +43,7 @@ def mass_matrix(mechanism: Mechanism, q: Series) -> Series:
     """gM, the generalized mass matrix (MC): (..., n, n)."""
     bodies = _composites(minimal(mechanism), q)
     M = project(_screws(bodies), bodies.momenta)  # its upper triangle
-    return evaluate_in_order(_to_coordinates(bodies, q, M + _above(M).mT), [*bodies.Pi[::-1], *_sweep(bodies.momenta)])
+    return evaluate_in_order(_to_coordinates(bodies, q, M + above(M).mT), [*bodies.Pi[::-1], *_sweep(bodies.momenta)])
 
 
 def coriolis_matrix(mechanism: Mechanism, q: Series) -> Series:
@@ -60,7 +58,7 @@ def coriolis_matrix(mechanism: Mechanism, q: Series) -> Series:
         project(_screw_rates(bodies, V), bodies.momenta),
         project(_screws(bodies), changes),
     )
-    C = M.dot - Phi + _above(Phi + Psi).mT
+    C = M.dot - Phi + above(Phi + Psi).mT
     return evaluate_in_order(_to_coordinates(bodies, q, C), [*_dynamic(bodies, V), *_sweep(changes)])
 
 
@@ -76,7 +74,7 @@ def skew_coriolis_matrix(mechanism: Mechanism, q: Series) -> Series:
         project(_screw_rates(bodies, V), bodies.momenta),
         project(_screws(bodies), wrenches),
     )
-    Cbar = M.dot - (Phi + Chi) + _above(Phi + Chi).mT
+    Cbar = M.dot - (Phi + Chi) + above(Phi + Chi).mT
     return evaluate_in_order(_to_coordinates(bodies, q, Cbar), [*_dynamic(bodies, V), *Y[::-1], *_sweep(wrenches)])
 
 
@@ -102,11 +100,6 @@ def _screw_rates(bodies: _Composites, V: Sequence[Series]) -> list[Series]:
 
 def _to_coordinates(bodies: _Composites, q: Series, matrix: Series) -> Series:
     return generalized_matrix(bodies.chain, matrix + batch_zeros(q))
-
-
-def _above(triangle: Series) -> Series:
-    """The entries above the diagonal."""
-    return triangle.map(lambda entries: entries * np.tri(entries.shape[-1], k=-1, dtype=int).T)
 
 
 def _sweep(columns: Sequence[Columns]) -> list[Series]:
