@@ -19,6 +19,7 @@ from jounce.cli.info import info
 from jounce.cli.motion import motion
 from jounce.cli.output import styled
 from jounce.cli.plot import plot
+from jounce.cli.report import report
 from jounce.cli.retime import retime
 from jounce.cli.robots import robots
 from jounce.cli.run import run
@@ -92,5 +93,5 @@ def main() -> None:
     """Higher-order inverse dynamics: a robot and a motion in, drive forces and their exact time derivatives out."""
 
 
-for verb in (run, motion, check, slowdown, retime, plot, info, robots, compare, convert, codegen, demo, cache):
+for verb in (run, motion, check, slowdown, retime, plot, report, info, robots, compare, convert, codegen, demo, cache):
     main.add_command(verb)
