@@ -165,7 +165,7 @@ def test_hostile_names_stay_text():
     assert len(page.xpath("//script")) == len(parsed(harmless)[0].xpath("//script"))
     shown = [label.text_content().strip() for label in page.xpath("//table[@id='values']//label")]
     assert shown == [*HOSTILE[:2], r"{{ 7 * 7 }}<!--\u202e\n"]
-    assert len(page.xpath("//img")) == 1
+    assert page.xpath("//img") == []
     assert "hacked" not in json.dumps(data)
     assert words(page, "//h1") == HOSTILE[0]
 
