@@ -56,13 +56,19 @@ DriveTerms: TypeAlias = bool | DriveTerm | Iterable[DriveTerm]
 Form: TypeAlias = Literal["paper", "skew"]
 Frame: TypeAlias = Literal["body", "world", "spatial"]
 LimitValues: TypeAlias = ArrayLike | Mapping[str, ArrayLike] | None
+Stated: TypeAlias = ArrayLike | Mapping[str, ArrayLike]  # of all coordinates, or by joint
+Coupling: TypeAlias = Literal["spong"] | int
+MotorQuantity: TypeAlias = Literal["motor_positions", "motor_torques"]
 LoadFrame: TypeAlias = Literal["world", "body"]
 JointType: TypeAlias = Literal["revolute", "prismatic"]
-Language: TypeAlias = Literal["c", "cpp", "cuda", "julia", "latex", "matlab", "python", "rust"]
+Language: TypeAlias = Literal["c", "cpp", "cuda", "javascript", "julia", "latex", "matlab", "python", "rust"]
 Method: TypeAlias = Literal["kernel", "recursion", "closed_form", "paper"]
+Product: TypeAlias = Literal["vjp", "jvp"]
 QuantityName: TypeAlias = Literal[
     "inverse_dynamics",
     "forward_dynamics",
+    "inverse_dynamics_partials",
+    "forward_dynamics_partials",
     "gravity_forces",
     "mass_matrix",
     "coriolis_matrix",
@@ -75,6 +81,8 @@ QuantityName: TypeAlias = Literal[
     "generalized_momentum",
     "kinetic_energy",
     "potential_energy",
+    "motor_positions",
+    "motor_torques",
 ]
 TimeUnit: TypeAlias = Literal["s", "ms", "us", "ns"]
 

@@ -18,7 +18,7 @@ import sympy
 from click.testing import CliRunner
 from files import refusal
 from robots import GOLDEN, golden, on_its_axis, random_mechanism
-from tools import needs, require
+from tools import NODE, needs, require
 
 import jounce
 from jounce._codegen import generate, header, render, schedule
@@ -38,6 +38,7 @@ LANGUAGES = {  # the tools that a language takes, and what its Makefile is told
     "c": (["make", "gcc"], ["CC=gcc", f"CFLAGS={STRICT}"]),
     "cpp": (["make", "g++"], ["CXX=g++", f"CXXFLAGS={STRICT_CXX[0]}", "EIGEN="]),
     "cuda": (["make", "g++"], ["NVCC=", "CXX=g++", f"CXXFLAGS={STRICT_CXX[1]}"]),
+    "javascript": (["make", NODE], [f"NODE={NODE}"]),
     "julia": (["make", "julia"], []),
     "latex": (["make", "pdflatex"], []),
     "matlab": (["make", "octave-cli"], []),
@@ -84,9 +85,9 @@ ROBOTS = {
 
 
 def every(body):
-    """The spelling of every quantity, those of bodies of one, in every frame."""
+    """The spelling of every quantity of rigid robots, those of bodies of one, in every frame."""
     found = []
-    for row in QUANTITIES.values():
+    for row in (row for row in QUANTITIES.values() if not row.elastic):
         places = [f":{body}:{frame}" for frame in row.frames] or [f":{body}" if row.of_bodies else ""]
         found += [row.name + place for place in places]
     return tuple(found)
@@ -98,6 +99,7 @@ def in_equations(spelled):
 
 
 ALL, PARAMETERS = every("body2"), ("gravity", "masses", "lengths", "payload", "payload:body1")
+PRODUCTS = ("inverse_dynamics.vjp", "inverse_dynamics.jvp", "forward_dynamics.vjp", "base_wrench.jvp")
 PROGRAMS = [lang for lang in LANGUAGES if lang != "latex"]
 CASES = {  # the robot, what is asked for, how many states, and in which languages: in all what differs between them
     "iiwa14, order 0": ("iiwa14", {"order": 0, "outputs": ("inverse_dynamics", "mass_matrix")}, 100, "cpp python"),
@@ -116,6 +118,7 @@ CASES = {  # the robot, what is asked for, how many states, and in which languag
     "mixed5": ("mixed5", {"order": 2, "wrench": True}, 100, "c rust"),
     "driven": ("driven", {"order": 2, "outputs": ("inverse_dynamics", "mass_matrix")}, 100, "all"),
     "driven, single": ("driven", {"order": 1, "float32": True}, 100, "all"),
+    "products": ("planar2r", {"order": 1, "wrench": True, "outputs": PRODUCTS, "parameters": ("payload",)}, 9, "c"),
     "mimic": ("mimic", {"order": 0, "wrench": True, "outputs": ALL}, 10, "c matlab python"),
 }  # fmt: skip
 languages = pytest.mark.parametrize("lang", LANGUAGES)
@@ -176,6 +179,7 @@ def test_every_language_is_tested():
         for name, (*_, where) in CASES.items()
         for lang in PROGRAMS
         if where == "all" or lang in where.split()
+        if language(lang).single or not CASES[name][1].get("float32")
     ],
 )
 def test_agrees_with_the_recursion(name, lang, tmp_path):
@@ -469,6 +473,7 @@ def test_texts_are_tidy_and_marked(lang):
         ({"prefix": "j1", "lang": "cpp"}, ["prefix 'j1' is already a name in C++"]),
         ({"prefix": "typing", "lang": "python"}, ["prefix 'typing' is already a name in Python"]),
         ({"prefix": "check", "lang": "matlab"}, ["prefix 'check' is already a name in MATLAB"]),
+        ({"prefix": "process", "lang": "javascript"}, ["prefix 'process' is already a name in JavaScript"]),
         ({"prefix": "Hd", "lang": "julia"}, ["prefix 'Hd' is already a name in Julia"]),
         (
             {"prefix": "a" * 47, "lang": "matlab"},
@@ -486,8 +491,13 @@ def test_texts_are_tidy_and_marked(lang):
         ({"outputs": ["jacobian:link8:world"]}, ["unknown body 'link8'; did you mean 'link"]),
         ({"outputs": ["jacobian:link7:wold"]}, ["jacobian has no frame 'wold'; did you mean 'world'?"]),
         ({"outputs": ["momentum:link7"]}, ["momentum takes no body; these do: poses"]),
-        ({"outputs": ["poses:link7", "poses:link7"]}, ["expected one or more different NAME[:BODY[:FRAME]]"]),
-        ({"outputs": ["twists:link7", "twists:link7:body"]}, ["expected one or more different NAME[:BODY"]),
+        ({"outputs": ["poses:link7", "poses:link7"]}, ["expected one or more different NAME[.PRODUCT][:BODY"]),
+        ({"outputs": ["inverse_dynamics.hvp"]}, ["unknown product 'hvp'", "vjp, jvp"]),
+        (
+            {"outputs": ["mass_matrix.vjp"]},
+            ["code of vjp is generated for vectors: inverse_dynamics", "not for mass_matrix"],
+        ),
+        ({"outputs": ["twists:link7", "twists:link7:body"]}, ["expected one or more different NAME[.PRODUCT]"]),
         (
             {"outputs": ["poses:link7"], "wrench": True},
             ["poses takes no wrenches; these do: inverse_dynamics, forward_"],
@@ -501,6 +511,7 @@ def test_texts_are_tidy_and_marked(lang):
             {"lang": "latex", "float32": True},
             ["LaTeX has no single precision", "c, cpp, cuda, julia, matlab, python, rust"],
         ),
+        ({"lang": "javascript", "float32": True}, ["JavaScript has no single precision; float32 works with c, cpp, "]),
         ({"lang": "latex"}, ["2213 operations; LaTeX is generated for up to 1200; larger robots go into c, cpp, "]),
     ],
     ids=lambda x: str(x) if isinstance(x, dict) else "",
@@ -613,7 +624,7 @@ def test_symbols_may_have_any_name(lang, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("lang", "prefix"), [(x, y) for x in ("c", "cpp", "python", "rust") for y in ("q", "k", "main_")]
+    ("lang", "prefix"), [(x, y) for x in ("c", "cpp", "javascript", "python", "rust") for y in ("q", "k", "main_")]
 )
 def test_prefixes_may_be_names_of_arguments(lang, prefix, tmp_path):
     made = jounce.codegen(robot_of("planar2r"), lang, 0, tmp_path / "arm", prefix=prefix)

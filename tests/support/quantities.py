@@ -3,13 +3,17 @@
 from dataclasses import replace
 
 import numpy as np
-from robots import random_mechanism, random_pose
+from robots import Interpreted, random_mechanism, random_pose, springs
 
 import jounce
+from jounce.actuators.elastic import ElasticRobot
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.model.mechanism import Frame
 
-FACADE = {"skew_coriolis_matrix": ("coriolis_matrix", {"form": "skew"})}  # where a method is not named as its quantity
+FACADE = {  # where a method is not named as its quantity
+    "skew_coriolis_matrix": ("coriolis_matrix", {"form": "skew"}),
+    "motor_torques": ("inverse_dynamics", {}),
+}
 
 
 def requests():
@@ -25,6 +29,28 @@ def ids(asked):
     return [":".join([quantity.name, *keywords.values()]) for quantity, keywords in asked]
 
 
+def rate_of(quantity, below, above):
+    """The time derivative of a result, from it and from the next one.
+
+    Partial derivatives of the next rate are those of the rate, and have one more: d(dx/dt)/dq^(j) = d/dt (dx/dq^(j)) +
+    dx/dq^(j - 1).
+    """
+    if "rates" not in quantity.shape:
+        return above
+    np.testing.assert_array_equal(above[-1], below[-1])
+    return above[:-1] - np.concatenate([0 * below[:1], below[:-1]])
+
+
+def affordable(quantity, order, partials=0):
+    """The order to which a test asks for a quantity: partial derivatives are large, and take long to compile."""
+    return min(partials, quantity.highest(order)) if "rates" in quantity.shape else quantity.highest(order)
+
+
+def tupled(x):
+    """The results of a quantity, of which one alone is an array."""
+    return x if isinstance(x, tuple) else (x,)
+
+
 REQUESTS = list(requests())
 IDS = ids(REQUESTS)
 
@@ -32,11 +58,20 @@ IDS = ids(REQUESTS)
 def method_of(robot, quantity):
     """The method of a robot that computes a quantity."""
     name, form = FACADE.get(quantity.name, (quantity.name, {}))
+    if quantity.elastic:
+        robot, form = _elastic(robot)
     return lambda *rates, **keywords: getattr(robot, name)(*rates, **form, **keywords)
 
 
+def _elastic(robot):
+    """A robot as one with elastic joints, and the keywords by which an interpreted one is computed."""
+    if isinstance(robot, Interpreted):
+        return ElasticRobot(robot.robot), {"method": "recursion"}
+    return ElasticRobot(robot), {}
+
+
 def branched():
-    """A forest with all kinds of joints, one of which follows another, drives, and links merged into bodies."""
+    """A forest with all kinds of joints, one of which follows another, drives, springs, and merged links."""
     rng = np.random.default_rng(5)
     kinds = ["revolute", "helical", "prismatic", "revolute", "revolute"]
     m = random_mechanism(rng, [-1, 0, 1, 0, -1], kinds, [1, 2, 3, 1, 0.5], mimic=True)
@@ -44,4 +79,5 @@ def branched():
     data = {"gravity": m.gravity, "G": m.G, "g": m.g, "drives": drives}
     robot = jounce.Robot.from_screws(m.B, m.X, m.M, m.parent, **data)
     frames = (Frame("tool", 3, random_pose(rng)), Frame("stand", -1, random_pose(rng)))
-    return jounce.Robot(replace(robot.mechanism, frames=frames)).with_drives(eps=0.5)
+    driven = robot.with_drives(eps=0.5).mechanism
+    return jounce.Robot(replace(driven, frames=frames, elasticity=springs(driven.n)))

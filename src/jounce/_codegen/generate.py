@@ -53,15 +53,17 @@ def codegen(
     robot : Robot
         A robot of numbers, or of SymPy symbols, which become parameters with their names.
     lang : str
-        The language: "c" (C99), "cpp" (C++11, and overloads for Eigen), "cuda", "julia", "latex" (a document),
-        "matlab" (and GNU Octave), "python" (NumPy), "rust" (no_std).
+        The language: "c" (C99), "cpp" (C++11, and overloads for Eigen), "cuda", "javascript" (ES module), "julia",
+        "latex" (a document), "matlab" (and GNU Octave), "python" (NumPy), "rust" (no_std).
     order : int
         The highest time derivative: 2 gives Q, Qd, Q2d.
     directory : str or path
         The output folder, new or empty; by default PREFIX-LANG in the working directory.
     outputs : sequence of str
         Quantities, each with its rates: the names of methods of `Robot`, "skew_coriolis_matrix" for the form "skew".
-        A quantity of bodies needs a body and may have a frame: "poses:tool0", "jacobian:tool0:world".
+        A quantity of bodies needs a body and may have a frame: "poses:tool0", "jacobian:tool0:world". Of quantities
+        that are vectors, "inverse_dynamics.vjp" and "inverse_dynamics.jvp" are what `Kernel.vjp` and `Kernel.jvp`
+        compute.
     wrench : bool
         Whether the functions take wrenches W, Wd, ..., (nb, 6), if their quantity depends on them.
     parameters : sequence of str

@@ -10,6 +10,7 @@ from jounce._typing import (
     ArrayLike,
     Base,
     Convention,
+    Coupling,
     DriveTerms,
     Form,
     Frame,
@@ -19,13 +20,15 @@ from jounce._typing import (
     Method,
     Named,
     Out,
+    Product,
     QuantityName,
     Rates,
     Results,
+    Stated,
 )
 from jounce.arguments import requests
 from jounce.arguments.limits import with_limits
-from jounce.errors import JounceError, one_of
+from jounce.errors import JounceError, listed, one_of
 from jounce.model import dh, equality, screws
 from jounce.model.drives import Drives, select_terms, warn_of_idle, with_eps
 from jounce.model.limits import Limits
@@ -37,10 +40,13 @@ from jounce.robot.dispatch import compute
 from jounce.robot.overloads import typed
 
 if TYPE_CHECKING:
+    from jounce.actuators.elastic import ElasticRobot
     from jounce.audit import Finding
     from jounce.limits.check import Check
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
+    from jounce.model.elasticity import SpringLaw
+    from jounce.model.motors import Motor
     from jounce.motion import Motion
     from jounce.robot.along import Along
 
@@ -101,6 +107,11 @@ class Robot:
 
     def __repr__(self) -> str:
         return f"<Robot {self.name!r}: {self.n} coordinates, {self.mechanism.nb} bodies>"
+
+    def _repr_html_(self) -> str:
+        from jounce.figures import displays
+
+        return displays.robot(self)
 
     @property
     def name(self) -> str:
@@ -469,7 +480,8 @@ class Robot:
         Raises
         ------
         JounceError
-            If a term is unknown, or `eps` is not a positive number.
+            If a term is unknown, `eps` is not a positive number, or a term of the motors is selected for a robot with
+            elastic joints.
 
         Warns
         -----
@@ -483,6 +495,11 @@ class Robot:
         >>> arm.mechanism.acting
         ('damping',)
         """
+        if self.mechanism.elasticity is not None and (moved := set(select_terms(terms)) - {"spring"}):
+            raise JounceError(
+                f"{self.name} has elastic joints: {listed(sorted(moved))} would act on the links, not on the motors;"
+                " select drive terms before elastic()"
+            )
         drives = self.drives if eps is None else with_eps(self.drives, eps)
         warn_of_idle(self.drives, terms, eps, self.name)
         return type(self)(replace(self.mechanism, acting=select_terms(terms), drives=drives))
@@ -627,6 +644,7 @@ class Robot:
         *,
         body: str | None = None,
         frame: Frame = "body",
+        product: Product | None = None,
     ) -> Kernel:
         """Compile a quantity to native code before its first call.
 
@@ -643,6 +661,9 @@ class Robot:
             Whether wrenches W, Wd, ... (..., nb, 6) follow the coordinates' rates in its calls.
         body, frame : str, optional
             Body or merged link, and frame, of poses, twists and Jacobians; all bodies by default.
+        product : {"vjp", "jvp"}, optional
+            Products of the derivatives by all inputs instead of the values: the kernel that `Kernel.vjp` or
+            `Kernel.jvp` compiles at its first call, which takes the weights or directions after the other arrays.
 
         Returns
         -------
@@ -668,7 +689,7 @@ class Robot:
         >>> bool((out[2] == Q2d).all())
         True
         """
-        asked = requests.computation(self.mechanism, quantity, order, wrench, body, frame)
+        asked = requests.computation(self.mechanism, quantity, order, wrench, body, frame, product)
         return dispatch.compile_ahead(self, asked)
 
     @typed(overloads.OfAcceleration)
@@ -773,11 +794,13 @@ class Robot:
         Raises
         ------
         JounceError
-            If a shape or name does not fit, a rate is skipped, or the mass matrix is singular.
+            If a shape or name does not fit, a rate is skipped, or the mass matrix is singular at all positions.
+            Where it is singular at one, results are infinite or NaN, with NumPy's warning.
 
         References
         ----------
-        Müller & Kumar (EOM1); R. Featherstone, Rigid Body Dynamics Algorithms, 6.3, for the factors of M.
+        Müller & Kumar (EOM1); R. Featherstone, Rigid Body Dynamics Algorithms, 6.3 for the factors of M, 7.3 for the
+        articulated bodies that robots with long branches take.
 
         Examples
         --------
@@ -791,6 +814,134 @@ class Robot:
         """
         rates = (q, qd, Q, Qd, Q2d, *higher)
         return compute(self, "forward_dynamics", rates, wrench=wrench, method=method, out=out, threads=threads)
+
+    @typed(overloads.OfAcceleration)
+    def inverse_dynamics_partials(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named | None = None,
+        q4d: Named | None = None,
+        *higher: Named,
+        wrench: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> Results:
+        """The partial derivatives P of the generalized forces by q, qd and q2d, and those of the forces' rates.
+
+        ``P[j] = dQ/dq^(j)``, in the order q, qd, q2d; ``Pd[j] = dQd/dq^(j)``, j = 0 .. 3; ``P2d[j] = dQ2d/dq^(j)``,
+        j = 0 .. 4. P[2] is the mass matrix. Drive terms that act contribute.
+
+        Parameters
+        ----------
+        q, qd, q2d : (..., n)
+            Coordinates, velocities and accelerations: rad or m, per s, per s^2.
+        q3d, q4d, *higher : (..., n), optional
+            Further rates, each for the partial derivatives of one more rate of Q.
+        wrench : (..., nb, 6) or dict, or a tuple of them, optional
+            What the bodies EXERT ON their environment, as in `inverse_dynamics`. Its components in the body frames are
+            held constant: the wrench turns with the body as q changes. Of a wrench that keeps its direction in space,
+            those components depend on q, and the derivative has one more term.
+        method : {"kernel", "recursion", "closed_form"}, optional
+            See `Robot`.
+        out : array or tuple of arrays, optional
+            Written into and returned.
+        threads : int, optional
+            Threads of native code that split the batch.
+
+        Returns
+        -------
+        P : (..., 3, n, n), or tuple of P, Pd, P2d, ...: (..., 3, n, n), (..., 4, n, n), (..., 5, n, n), ...
+            Row i, column k: the derivative of force i by coordinate k, in units of Q over those of q, qd, q2d, ....
+
+        Raises
+        ------
+        JounceError
+            If an array has a wrong shape, a rate is skipped, or `wrench` has fewer rates than Q.
+
+        References
+        ----------
+        Singh, Russell, Wensing, "Efficient Analytical Derivatives of Rigid-Body Dynamics Using Spatial Vector Algebra",
+        IEEE Robotics and Automation Letters 7(2), 2022, for P.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> robot = jounce.load("planar2r")
+        >>> P, Pd = robot.inverse_dynamics_partials([0, 0], [1, 0], [0, 0], [0, 0])
+        >>> P.shape, Pd.shape
+        ((3, 2, 2), (4, 2, 2))
+        >>> bool(np.allclose(P[2], robot.mass_matrix([0, 0])))
+        True
+        """
+        rates = (q, qd, q2d, q3d, q4d, *higher)
+        name = "inverse_dynamics_partials"
+        return compute(self, name, rates, wrench=wrench, method=method, out=out, threads=threads)
+
+    @typed(overloads.ForwardPartials)
+    def forward_dynamics_partials(
+        self,
+        q: Named,
+        qd: Named,
+        Q: Named,
+        *rates: Named,
+        wrench: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> Results:
+        """The partial derivatives of the accelerations q2d by q, qd and Q, which linearise `forward_dynamics`.
+
+        ``dq2d/dq = -M^-1 dQ/dq``, ``dq2d/dqd = -M^-1 dQ/dqd``, with the derivatives of `inverse_dynamics_partials` at
+        the accelerations that Q causes, and ``dq2d/dQ = M^-1``.
+
+        Parameters
+        ----------
+        q, qd : (..., n)
+            Coordinates and velocities: rad or m, and per s.
+        Q : (..., n)
+            Generalized forces: N m, or N for coordinates in m.
+        *rates : (..., n)
+            Not accepted: the result has no time derivatives.
+        wrench : (..., nb, 6) or dict, optional
+            What the bodies EXERT ON their environment, held constant in the body frames, as in
+            `inverse_dynamics_partials`.
+        method : {"kernel", "recursion", "closed_form"}, optional
+            See `Robot`.
+        out : tuple of three arrays, optional
+            Written into and returned: (..., n, n) each.
+        threads : int, optional
+            Threads of native code that split the batch.
+
+        Returns
+        -------
+        dq, dqd, Minv : (..., n, n)
+            dq2d/dq, dq2d/dqd and the inverse of the mass matrix. Row i, column k: the derivative of acceleration i by
+            coordinate, velocity or force k.
+
+        Raises
+        ------
+        JounceError
+            If a shape or name does not fit, rates of Q are given, or the mass matrix is singular.
+
+        References
+        ----------
+        Carpentier, Mansard, "Analytical Derivatives of Rigid Body Dynamics Algorithms", Robotics: Science and Systems
+        2018, for the relation of the two.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> robot = jounce.load("iiwa14")
+        >>> dq, dqd, Minv = robot.forward_dynamics_partials(np.ones(7), np.zeros(7), np.zeros(7))
+        >>> bool(np.allclose(Minv @ robot.mass_matrix(np.ones(7)), np.eye(7)))
+        True
+        """
+        given = (q, qd, Q, *rates)
+        name = "forward_dynamics_partials"
+        return compute(self, name, given, wrench=wrench, method=method, out=out, threads=threads)
 
     def forces_along(
         self,
@@ -965,6 +1116,79 @@ class Robot:
         from jounce.limits.retime import retime  # what few programs need
 
         return retime(self, motion, margin)
+
+    def elastic(
+        self, stiffness: Stated | None = None, rotor: Stated | None = None, damping: Stated | None = None,
+        spring: "SpringLaw | Mapping[str, SpringLaw] | None" = None, coupling: Coupling = "spong",
+        motors: "Motor | Mapping[str, Motor] | None" = None, *, damping_terms: int = 4,
+    ) -> "ElasticRobot":  # fmt: skip
+        """The robot with elastic joints: each link hangs on its motor by a spring.
+
+        The motor positions theta are those seen from the links, rotor angles over gear ratios. Spong's model:
+        ``K (theta - q) = Q``, ``B theta2d + F_m(thetad) + K (theta - q) = tau`` with motor torques tau and the forces Q
+        of the links alone. Drive terms that act in Q move to the motors: armature is rotor inertia and counts once,
+        damping and friction are F_m; springs of the file are parallel to the joints, and stay in Q.
+
+        Parameters
+        ----------
+        stiffness : number, (n,) or mapping
+            Stiffness K of the springs, N m/rad or N/m: one number for all coordinates, an array, or {joint: number}.
+            Infinity is a rigid joint, as is a joint that a mapping leaves out.
+        rotor : number, (n,) or mapping, optional
+            Inertia B of the rotors as seen from the links, kg m^2 or kg: their own times the gear ratio squared. By
+            default, and for a joint that a mapping leaves out, the armature of the file, whether or not it acts.
+        damping : number, (n,) or mapping, optional
+            Damping D of dampers parallel to the springs, N m s/rad or N s/m: ``phi(delta) + D delta' = Q`` with the
+            deflection delta = theta - q. `ElasticRobot.along` integrates it; at one instant it is a series.
+        spring : spring or mapping, optional
+            Springs that are not linear, one for all joints or {joint: spring}: `CubicSpring`, `SpringTable`, a function
+            of the deflection as `SpringFunction.of` takes it, or `AntagonisticSprings` with two motors.
+        coupling : "spong" or int, optional
+            "spong": rotors turn about their own axes only, their motion with the links that carry them is neglected. A
+            level 0, 1, ... holds it, for motors that state the bodies that carry them. Each level takes two more rates
+            of q; level n - 1 is exact for a chain of n joints whose rotors are carried by links before their joints.
+        motors : Motor or mapping, optional
+            The motors, one for all joints or {joint: motor}: gears, inertias and carriers of rotors, friction, and the
+            electrical side.
+        damping_terms : int, optional
+            Number of terms of the series of dampers at one instant; each after the first takes one more rate of q.
+
+        Returns
+        -------
+        ElasticRobot
+
+        Raises
+        ------
+        JounceError
+            If a stiffness or rotor is zero, negative or NaN, a joint is unknown, an elastic joint has no rotor, or
+            rotors are coupled and one has no carrier.
+
+        Warns
+        -----
+        JounceWarning
+            If terms that acted in Q act on the motors now.
+
+        References
+        ----------
+        M. W. Spong, Modeling and control of elastic joint robots, J. Dyn. Sys. Meas. Control 109 (1987). A. De Luca,
+        W. Book, Robots with flexible elements, Springer Handbook of Robotics, 2nd ed. (2016), 11.1.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic(stiffness=[800, 600], rotor={"joint1": 0.2, "joint2": 0.1})
+        >>> arm.motor_positions([0, 0], [0, 0], [0, 0]).round(6)
+        array([0.036788, 0.01635 ])
+        """
+        from jounce.actuators.elastic import ElasticRobot  # what few programs need
+        from jounce.actuators.stated import Stated as StatedElasticity
+        from jounce.actuators.stated import with_elasticity
+
+        stated = StatedElasticity(
+            stiffness=stiffness, rotor=rotor, damping=damping, spring=spring, coupling=coupling, motors=motors,
+            damping_terms=damping_terms,
+        )  # fmt: skip
+        return ElasticRobot(type(self)(with_elasticity(self.mechanism, stated)))
 
     @typed(overloads.OfPosition[Array])
     def mass_matrix(
