@@ -78,7 +78,9 @@ def test_it_undoes_inverse_dynamics_of_long_chains():
 @settings(max_examples=40)
 def test_articulated_bodies_agree_with_factors(drawn, armature):
     m, rng = driven(*drawn).robot.mechanism, drawn[1]
-    m = replace(m, acting=("armature",) if armature else ("damping",), G=np.eye(m.nb), coordinates=m.joints)  # each joint on its own
+    m = replace(
+        m, acting=("armature",) if armature else ("damping",), G=np.eye(m.nb), coordinates=m.joints
+    )  # each joint on its own
     q, b = rng.uniform(-1, 1, (2, 3, m.nb, 1)), rng.uniform(-1, 1, (3, m.nb, 2))
     M = jounce.Robot(m).mass_matrix(q[0, ..., 0], method="recursion")
     found, expected = ArticulatedBodies.of(m, q[0]).solve(b), Factors.of(M).solve(b)

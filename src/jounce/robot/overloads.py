@@ -232,10 +232,10 @@ class OfForces(Protocol):
 
 
 class ForwardPartials(Protocol):
-    """The method that takes q, qd, forces Q and wrenches, and returns dq2d/dq, dq2d/dqd and M^-1."""
+    """The method that takes q, qd, forces Q and wrenches, and returns three matrices."""
 
-    @overload
-    def __call__(self, q: Named, qd: Named, Q: Named, **options: Unpack[_Wrench]) -> tuple[Array, Array, Array]: ...
+    def __call__(self, q: Named, qd: Named, Q: Named, **options: Unpack[_Wrench]) -> tuple[Array, Array, Array]:
+        """Return dq2d/dq, dq2d/dqd and M^-1."""
 
 
 class DriveForces(Protocol):
