@@ -113,6 +113,7 @@ def _mesh(visual: Visual, file: Path) -> Any:
     """The triangles of a visual, or in words why it cannot be drawn."""
     import trimesh
 
+    mesh: Any
     match visual.kind:
         case "box":
             mesh = trimesh.creation.box(visual.size)
