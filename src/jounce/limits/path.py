@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from jounce.dynamics.quantities import FORCES
 from jounce.limits import pace
 from jounce.limits.bounded import at_speed
 from jounce.robot.dispatch import compute
