@@ -17,6 +17,7 @@ from jounce.cli.convert import convert
 from jounce.cli.demo import demo
 from jounce.cli.info import info
 from jounce.cli.motion import motion
+from jounce.cli.motors import motors
 from jounce.cli.output import styled
 from jounce.cli.plot import plot
 from jounce.cli.retime import retime
@@ -92,5 +93,5 @@ def main() -> None:
     """Higher-order inverse dynamics: a robot and a motion in, drive forces and their exact time derivatives out."""
 
 
-for verb in (run, motion, check, slowdown, retime, plot, info, robots, compare, convert, codegen, demo, cache):
+for verb in (run, motion, motors, check, slowdown, retime, plot, info, robots, compare, convert, codegen, demo, cache):
     main.add_command(verb)
