@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from jounce._casadi import casadi_function
     from jounce._codegen import codegen
     from jounce._symbolic import symbolic
+    from jounce.actuators.elastic import ElasticAlong, ElasticRobot
     from jounce.errors import JounceError, JounceWarning
     from jounce.io.loading import load
     from jounce.io.motions.loading import load_motion
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
     from jounce.model.drives import Drives
+    from jounce.model.elasticity import Elasticity
     from jounce.model.limits import Limits
     from jounce.model.mechanism import Mechanism
     from jounce.motion import Motion
@@ -30,6 +32,9 @@ __all__ = [
     "Check",
     "CheckedLimit",
     "Drives",
+    "ElasticAlong",
+    "ElasticRobot",
+    "Elasticity",
     "JounceError",
     "JounceWarning",
     "Kernel",
@@ -53,6 +58,9 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "Check": "jounce.limits.check",
     "CheckedLimit": "jounce.limits.check",
     "Drives": "jounce.model.drives",
+    "ElasticAlong": "jounce.actuators.elastic",
+    "ElasticRobot": "jounce.actuators.elastic",
+    "Elasticity": "jounce.model.elasticity",
     "JounceError": "jounce.errors",
     "JounceWarning": "jounce.errors",
     "Kernel": "jounce.native.kernel",

@@ -84,9 +84,9 @@ ROBOTS = {
 
 
 def every(body):
-    """The spelling of every quantity, those of bodies of one, in every frame."""
+    """The spelling of every quantity of rigid robots, those of bodies of one, in every frame."""
     found = []
-    for row in QUANTITIES.values():
+    for row in (row for row in QUANTITIES.values() if not row.elastic):
         places = [f":{body}:{frame}" for frame in row.frames] or [f":{body}" if row.of_bodies else ""]
         found += [row.name + place for place in places]
     return tuple(found)

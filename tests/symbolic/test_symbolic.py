@@ -49,7 +49,8 @@ CHAINS = {
 
 def members(S, order=2, bodies=()):
     """(name, member with its rates, the same of a robot of numbers as a function of q and W) of all that S holds."""
-    for quantity in (row for row in QUANTITIES.values() if not row.forces):
+    own = (row for row in QUANTITIES.values() if not row.forces and (not row.elastic or "theta" in dir(S)))
+    for quantity in own:
         if not quantity.of_bodies:
             yield quantity.name, [getattr(S, name) for name in quantity.names(order)], partial(value, quantity)
         for body in bodies if quantity.of_bodies else ():
@@ -57,7 +58,7 @@ def members(S, order=2, bodies=()):
                 named = {"body": body, "frame": frame} if quantity.frames else {"body": body}
                 terms = getattr(S, quantity.name)(order=order, **named)
                 yield f"{quantity.name}:{body}:{frame}", terms, partial(value, quantity, **named)
-        if quantity.wrenches:
+        if quantity.wrenches and not quantity.elastic:
             terms = [getattr(S, rate_name(f"{quantity.symbol}ext", k)) for k in range(order + 1)]
             yield f"{quantity.name} of wrenches", terms, partial(external, quantity)
 
@@ -243,7 +244,8 @@ def test_matrices_are_kept_and_frozen():
     assert S.Q2d is S.Q2d
     assert isinstance(S.Q, sympy.ImmutableMatrix)
     assert {"q4d", "Q2d", "Cbar2d", "W2d", "dot"} <= set(dir(S))
-    members = [*(row.symbol for row in QUANTITIES.values() if not row.of_bodies and not row.forces), "Qext", "Fext"]
+    rigid = [row for row in QUANTITIES.values() if not row.of_bodies and not row.forces and not row.elastic]
+    members = [*(row.symbol for row in rigid), "Qext", "Fext"]
     of_bodies = [row.name for row in QUANTITIES.values() if row.of_bodies]
     everything = ", ".join(["q", "W", *members])
     assert repr(S) == f"<Symbolic 'planar2r': {everything}, and their rates; of bodies: {', '.join(of_bodies)}>"

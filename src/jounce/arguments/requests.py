@@ -26,6 +26,7 @@ def computation(
         raise JounceError(f"{quantity} takes no wrenches; these do: {takers}")
     place(mechanism, quantity, body, frame)
     check_invertible(mechanism, quantity)
+    check_elastic(mechanism, quantity)
     return Computation(quantity, checked_order(order), wrench, body, frame)
 
 
@@ -61,6 +62,14 @@ def check_invertible(mechanism: Mechanism, quantity: str) -> None:
         raise JounceError(
             f"{quantity} of {mechanism.name!r}: the mass matrix is singular, of rank {rank} for {mechanism.n}"
             f" coordinates, as {listed(idle)} moves no inertia; state one beyond, or lock the joint by lock="
+        )
+
+
+def check_elastic(mechanism: Mechanism, quantity: str) -> None:
+    """Raise `JounceError` if a quantity is one of elastic joints and the robot has none."""
+    if QUANTITIES[quantity].elastic and mechanism.elasticity is None:
+        raise JounceError(
+            f"{quantity} of {mechanism.name!r}: its joints are rigid; robot.elastic(stiffness) makes them elastic"
         )
 
 

@@ -98,8 +98,9 @@ class Computation:
         """The ports for a robot of n coordinates and nb bodies, of which some data are parameters."""
         inputs = [Port(name, shape, "parameter") for name, shape in (parameters or {}).items()]
         inputs += state_ports(n, self.quantity.input_names(self.rates), self.quantity.rates)
-        for k in range(self.order + 1 if self.wrench else 0):
-            inputs.append(Port(rate_name("W", k), (nb, 6), "wrench", k, k))
+        own = self.quantity.wrench_rates
+        for k in range(own + self.order if self.wrench else 0):
+            inputs.append(Port(rate_name("W", k), (nb, 6), "wrench", k, max(0, k + 1 - own)))
         shape = self.shape(n, nb)
         outputs = [Port(name, shape, "result", k) for k, name in enumerate(self.quantity.names(self.order))]
         return Signature(in_a_row(inputs), in_a_row(outputs))

@@ -10,7 +10,7 @@ from typing import Any
 
 from jounce._scalars import Array, element
 from jounce.dynamics import closed_form as dense
-from jounce.dynamics import drive_terms, forward, kinematics
+from jounce.dynamics import drive_terms, elastic, forward, kinematics
 from jounce.dynamics.paper import Paper
 from jounce.dynamics.recursion import bodies, forces, matrices, momenta
 from jounce.dynamics.recursion.forces import Sweep
@@ -67,6 +67,8 @@ class Quantity:
     tex_symbol: str = ""  # where it is not printed as it is named; one index at most, in braces
     wrench_term: str = ""  # what wrenches on the bodies add to it, a noun phrase; empty where they do not enter
     wrench_tex: str = ""
+    wrench_rates: int = 1  # how many of W, Wd, ... the quantity itself takes, where they enter
+    elastic: bool = False  # whether it is one of robots with elastic joints only
     drive_terms: tuple[str, ...] = ()  # which of those that act enter
     drive_law: Law | None = None  # what they add
     frames: tuple[str, ...] = ()  # in which its components may be given, the default first
@@ -134,6 +136,16 @@ def _forward(m: Mechanism, x: State) -> Series:
     """Forward dynamics by the recursions of other rows, with the terms of the drives that act."""
     M, inverse = QUANTITIES["mass_matrix"].law("recursion", m)(m, x)[0], FORCES.law("recursion", m)
     return forward.from_inverse(M, lambda q: inverse(m, replace(x, q=q)).map(lambda Q: Q[..., None]), x.q, x.Q)
+
+
+def _of_motors(law: Callable[[Mechanism, Series, Series], Series], method: str) -> Law:
+    """A law of elastic joints, with the forces on the links by a method."""
+
+    def motors(m: Mechanism, x: State) -> Series:
+        Q = FORCES.law(method, m)(m, x)
+        return _row(law(m, x.q, Q.map(lambda Q: Q[..., None])))
+
+    return motors
 
 
 def _screws(m: Mechanism, x: State, poses: kinematics.OfBodies, screws: kinematics.OfBodies) -> Series:
@@ -368,6 +380,45 @@ QUANTITIES: Mapping[str, Quantity] = {
             methods={
                 "recursion": Method(lambda m, x: _scalar(momenta.potential_energy(m, x.q)), _column),
                 "closed_form": Method(lambda m, x: _scalar(dense.closed_form(m, x.q).U)),
+            },
+        ),
+        Quantity(
+            name="motor_positions",
+            symbol="theta",
+            rates=3,
+            shape=("n",),
+            wrench_term="K^-1 J^T W",
+            wrench_tex=r"K^{-1} J^T W",
+            drive_terms=TERMS,
+            elastic=True,
+            unit="rad or, for coordinates in m, m",
+            caption="motor positions",
+            meaning="theta = q + K^-1 Q: positions of the motors behind elastic joints.",
+            tex_symbol=r"\theta",
+            tex=r"\theta = q + K^{-1} Q",
+            methods={
+                "recursion": Method(_of_motors(elastic.motor_positions, "recursion"), _column),
+                "closed_form": Method(_of_motors(elastic.motor_positions, "closed_form")),
+            },
+        ),
+        Quantity(
+            name="motor_torques",
+            symbol="tau",
+            rates=5,
+            shape=("n",),
+            wrench_term="J^T W + B K^-1 (J^T W)2d",
+            wrench_tex=r"J^T W + B K^{-1} \tfrac{d^2}{dt^2}(J^T W)",
+            wrench_rates=3,
+            drive_terms=TERMS,
+            elastic=True,
+            unit="N m or, for coordinates in m, N",
+            caption="motor torques",
+            meaning="tau = Q + B theta2d + F_m(thetad): torques of the motors behind elastic joints.",
+            tex_symbol=r"\tau",
+            tex=r"\tau = Q + B\,\ddot{\theta} + F_m(\dot{\theta})",
+            methods={
+                "recursion": Method(_of_motors(elastic.motor_torques, "recursion"), _column),
+                "closed_form": Method(_of_motors(elastic.motor_torques, "closed_form")),
             },
         ),
     )

@@ -52,6 +52,8 @@ def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
     digest = hashlib.sha256(f"{computation} {target} llvmlite {llvmlite.__version__} {_sources()}".encode())
     digest.update(repr((mechanism.parent, mechanism.acting)).encode())
     arrays = {name: getattr(mechanism, name) for name in DATA} | (vars(mechanism.drives) if mechanism.acting else {})
+    if mechanism.elasticity and computation.quantity.elastic:
+        arrays |= {f"elastic {name}": array for name, array in mechanism.elasticity.arrays.items()}
     if computation.body is not None:
         frame = mechanism.frame(computation.body)
         arrays |= {f"frame on {frame.body}": frame.T}

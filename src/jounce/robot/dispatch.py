@@ -103,11 +103,12 @@ def _checked_arguments(
     quantity = QUANTITIES[name]
     q = rates.rates_of(given, quantity.rates, mechanism, quantity.input_names)
     order = len(q) - quantity.rates
-    W = wrenches.wrenches_of(mechanism, wrench, order, q)
+    W = wrenches.wrenches_of(mechanism, wrench, order, q, quantity.wrench_rates)
     if method is not None:
         one_of("method", method, [*quantity.methods, NATIVE], name)
     if body is not None or frame != "body":
         requests.place(mechanism, name, body, frame)
+    requests.check_elastic(mechanism, name)
     if quantity.forces:
         requests.check_invertible(mechanism, name)
     return requests.known(name, order, bool(W), body, frame), [*q, *W]

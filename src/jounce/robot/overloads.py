@@ -205,6 +205,33 @@ class OfAcceleration(Protocol):
     ) -> tuple[Array, ...]: ...
 
 
+class OfSnap(Protocol):
+    """Methods that take q to q4d and wrenches: motor torques."""
+
+    @overload
+    def __call__(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, q4d: Named, **options: Unpack[_Wrench]
+    ) -> Array: ...
+    @overload
+    def __call__(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, q4d: Named, q5d: Named, **options: Unpack[_Wrench]
+    ) -> tuple[Array, Array]: ...
+    @overload
+    def __call__(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        q5d: Named,
+        q6d: Named,
+        /,
+        *higher: Named,
+        **options: Unpack[_Wrench],
+    ) -> tuple[Array, ...]: ...
+
+
 class OfForces(Protocol):
     """Of q, qd, forces Q and wrenches: q2d."""
 

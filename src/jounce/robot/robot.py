@@ -22,10 +22,11 @@ from jounce._typing import (
     QuantityName,
     Rates,
     Results,
+    Stated,
 )
 from jounce.arguments import requests
 from jounce.arguments.limits import with_limits
-from jounce.errors import JounceError, one_of
+from jounce.errors import JounceError, listed, one_of, quoted
 from jounce.model import dh, equality, screws
 from jounce.model.drives import Drives, select_terms, warn_of_idle, with_eps
 from jounce.model.limits import Limits
@@ -37,6 +38,7 @@ from jounce.robot.dispatch import compute
 from jounce.robot.overloads import typed
 
 if TYPE_CHECKING:
+    from jounce.actuators.elastic import ElasticRobot
     from jounce.audit import Finding
     from jounce.limits.check import Check
     from jounce.limits.retime import Retiming
@@ -469,7 +471,8 @@ class Robot:
         Raises
         ------
         JounceError
-            If a term is unknown, or `eps` is not a positive number.
+            If a term is unknown, `eps` is not a positive number, or a term of the motors is selected for a robot with
+            elastic joints.
 
         Warns
         -----
@@ -483,6 +486,11 @@ class Robot:
         >>> arm.mechanism.acting
         ('damping',)
         """
+        if self.mechanism.elasticity is not None and (moved := set(select_terms(terms)) - {"spring"}):
+            raise JounceError(
+                f"{self.name} has elastic joints: {listed(sorted(moved))} would act on the links, not on the motors;"
+                " select drive terms before elastic()"
+            )
         drives = self.drives if eps is None else with_eps(self.drives, eps)
         warn_of_idle(self.drives, terms, eps, self.name)
         return type(self)(replace(self.mechanism, acting=select_terms(terms), drives=drives))
@@ -976,6 +984,65 @@ class Robot:
         from jounce.limits.retime import retime  # what few programs need
 
         return retime(self, motion, margin)
+
+    def elastic(
+        self, stiffness: Stated, rotor: Stated | None = None, damping: None = None, spring: None = None,
+        coupling: str = "spong", motors: None = None,
+    ) -> "ElasticRobot":  # fmt: skip
+        """The robot with elastic joints: each link hangs on its motor by a spring.
+
+        The motor positions theta are those seen from the links, rotor angles over gear ratios. Spong's model:
+        ``K (theta - q) = Q``, ``B theta2d + F_m(thetad) + K (theta - q) = tau`` with motor torques tau and the forces Q
+        of the links alone. Drive terms that act in Q move to the motors: armature is rotor inertia and counts once,
+        damping and friction are F_m; springs of the file are parallel to the joints, and stay in Q.
+
+        Parameters
+        ----------
+        stiffness : number, (n,) or mapping
+            Stiffness K of the springs, N m/rad or N/m: one number for all coordinates, an array, or {joint: number}.
+            Infinity is a rigid joint, as is a joint that a mapping leaves out.
+        rotor : number, (n,) or mapping, optional
+            Inertia B of the rotors as seen from the links, kg m^2 or kg: their own times the gear ratio squared. By
+            default, and for a joint that a mapping leaves out, the armature of the file, whether or not it acts.
+        damping, spring, motors : None
+            Reserved.
+        coupling : str, optional
+            "spong": rotors turn about their own axes only, their motion with the links that carry them is neglected.
+
+        Returns
+        -------
+        ElasticRobot
+
+        Raises
+        ------
+        JounceError
+            If a stiffness or rotor is zero, negative or NaN, a joint is unknown, or an elastic joint has no rotor.
+
+        Warns
+        -----
+        JounceWarning
+            If terms that acted in Q act on the motors now.
+
+        References
+        ----------
+        M. W. Spong, Modeling and control of elastic joint robots, J. Dyn. Sys. Meas. Control 109 (1987). A. De Luca,
+        W. Book, Robots with flexible elements, Springer Handbook of Robotics, 2nd ed. (2016), 11.1.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic(stiffness=[800, 600], rotor={"joint1": 0.2, "joint2": 0.1})
+        >>> arm.motor_positions([0, 0], [0, 0], [0, 0]).round(6)
+        array([0.036788, 0.01635 ])
+        """
+        from jounce.actuators.elastic import ElasticRobot  # what few programs need
+        from jounce.actuators.stated import with_elasticity
+
+        for name, given in {"damping": damping, "spring": spring, "motors": motors}.items():
+            if given is not None:
+                raise JounceError(f"{name} is {quoted(given)}; expected None: springs are linear, without dampers")
+        one_of("coupling", coupling, ["spong"])
+        return ElasticRobot(type(self)(with_elasticity(self.mechanism, stiffness, rotor)))
 
     @typed(overloads.OfPosition[Array])
     def mass_matrix(

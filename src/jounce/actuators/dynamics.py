@@ -1,0 +1,129 @@
+"""Motion of motors and links from motor torques, and the torques that linearise it; the forces of springs couple both.
+
+A rigid joint is one with its motor: its rotor counts in the mass matrix of the links, and the motor torque, less the
+friction of the motor, acts on the link. theta and thetad of such a joint are not read: q and qd are.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from jounce._scalars import Array, broadcast, reciprocal
+from jounce.arguments.rates import rates_of
+from jounce.arguments.wrenches import wrenches_of
+from jounce.dynamics import elastic
+from jounce.errors import JounceError, listed
+from jounce.model.elasticity import Elasticity
+from jounce.model.mechanism import Mechanism, cast_model
+from jounce.robot.dispatch import compute
+from jounce.spatial.series import columns
+
+if TYPE_CHECKING:
+    from jounce.robot.robot import Robot
+
+STATE = ("q", "qd", "theta", "thetad")
+
+
+class Accelerations(NamedTuple):
+    """Accelerations of the links and of the motors, (..., n) each."""
+
+    q2d: Array
+    theta2d: Array
+
+
+class Energy(NamedTuple):
+    """The energies of a robot with elastic joints, (...) each, in J."""
+
+    kinetic: Array  # of the links
+    rotors: Array
+    potential: Array  # of gravity, and of springs that are parallel to the joints
+    springs: Array  # between motors and links
+
+    @property
+    def total(self) -> Array:
+        """Their sum."""
+        return self.kinetic + self.rotors + self.potential + self.springs
+
+
+def elasticity_of(mechanism: Mechanism) -> Elasticity:
+    """The springs and motors of a mechanism that has some."""
+    assert mechanism.elasticity is not None, mechanism.name
+    return mechanism.elasticity
+
+
+def with_rigid_rotors(mechanism: Mechanism) -> Mechanism:
+    """The mechanism whose mass matrix holds the rotors of rigid joints: as armature that acts, there is no other."""
+    e = elasticity_of(mechanism)
+    armature = np.zeros(mechanism.nb)
+    for j in np.flatnonzero(e.is_rigid & (e.rotor > 0)):
+        alone = np.flatnonzero((mechanism.G[:, j] != 0) & (np.count_nonzero(mechanism.G, axis=1) == 1))
+        if not alone.size:
+            raise JounceError(
+                f"rigid joint {mechanism.coordinates[j]!r} moves no joint alone, so that its rotor is no armature;"
+                " state a finite stiffness"
+            )
+        armature[alone[0]] = e.rotor[j] / mechanism.G[alone[0], j] ** 2
+    acting = (*mechanism.acting, *["armature"] * bool(armature.any()))
+    return replace(mechanism, drives=replace(mechanism.drives, armature=armature), acting=acting)
+
+
+def accelerations(plant: "Robot", given: Sequence[Any], wrench: Any, method: str | None) -> Accelerations:
+    """q2d and theta2d from q, qd, theta, thetad, tau; the mass matrix of `plant` holds the rotors of rigid joints."""
+    m, (q, qd, theta, thetad, tau) = _checked(plant.mechanism, given, "tau")
+    e = elasticity_of(m)
+    rigid = elasticity_of(plant.mechanism).is_rigid * 1
+    force = _spring_force(m, q, theta)[0]
+    drive = tau - _friction(m, theta, thetad + rigid * (qd - thetad))
+    q2d = compute(plant, "forward_dynamics", (q, qd, force + rigid * drive), wrench=wrench, method=method)
+    free = reciprocal(e.rotor + rigid) * (1 - rigid)  # a rigid joint may have no rotor
+    theta2d = free * (drive - force) + rigid * q2d
+    return Accelerations(q2d, theta2d)
+
+
+def linearizing_torques(robot: "Robot", given: Sequence[Any], wrench: Any, method: str | None) -> Array:
+    """The motor torques that make q4d what is given, in the state q, qd, theta, thetad."""
+    m, (q, qd, theta, thetad, v) = _checked(robot.mechanism, given, "q4d")
+    rigid = elasticity_of(robot.mechanism).is_rigid
+    if rigid.any():
+        joints = listed(name for name, held in zip(m.coordinates, rigid, strict=True) if held)
+        raise JounceError(
+            f"feedback_linearization() needs elastic joints, yet {joints} are rigid: q4d is no input of theirs;"
+            " robot.elastic(stiffness) states finite stiffnesses"
+        )
+    W = tuple(wrenches_of(m, wrench, 0, [q], 3)) or None
+    Q = _spring_force(m, q, theta, qd, thetad)
+    q2d, q3d = compute(robot, "forward_dynamics", (q, qd, Q[0], Q[1]), wrench=W and W[:2], method=method)
+    return compute(robot, "motor_torques", (q, qd, q2d, q3d, v), wrench=W, method=method)
+
+
+def energy(robot: "Robot", given: Sequence[Any]) -> Energy:
+    """The energies in a state q, qd, theta, thetad."""
+    m, (q, qd, theta, thetad) = _checked(robot.mechanism, given)
+    rigid = elasticity_of(robot.mechanism).is_rigid * 1
+    v, delta = thetad + rigid * (qd - thetad), (theta - q)[..., None]
+    return Energy(
+        compute(robot, "kinetic_energy", (q, qd)),
+        (elasticity_of(m).rotor * v * v).sum(-1) * 0.5,
+        compute(robot, "potential_energy", (q,)),
+        elastic.spring_energy(m, delta)[..., 0, 0],
+    )
+
+
+def _checked(mechanism: Mechanism, given: Sequence[Any], *last: str) -> tuple[Mechanism, list[Array]]:
+    """The mechanism and a state in the scalar type of the state, arrays (..., n) with the same batch axes."""
+    labels = (*STATE, *last)
+    arrays = rates_of(given, len(labels), mechanism, lambda count: labels[:count])
+    return cast_model(mechanism, arrays), broadcast(arrays, [1] * len(arrays), labels)
+
+
+def _spring_force(m: Mechanism, q: Array, theta: Array, *rates: Array) -> list[Array]:
+    """phi(theta - q), and its rate for given qd and thetad."""
+    ends = [(q, theta), *[rates] * bool(rates)]
+    force = elastic.spring_force(m, columns([b - a for a, b in ends]))
+    return [x[..., 0] for x in force.upto(len(ends) - 1)]
+
+
+def _friction(m: Mechanism, theta: Array, thetad: Array) -> Array:
+    return elastic.motor_friction(m, columns([theta, thetad]))[0][..., 0]

@@ -1,0 +1,68 @@
+"""Elasticity: motors behind springs, by coordinate. The robot's links hang on the motors only through the springs.
+
+theta is the position of a motor seen from its link: the angle of the rotor over the gear ratio. A spring that is
+deflected by delta = theta - q exerts phi(delta) on the link; Q is the force of the links' inverse dynamics. Spong's
+model, in which rotors turn about their own axes only:
+
+    phi(delta) = Q(q, qd, q2d),    B theta'' + F_m(theta') + phi(delta) = tau,    F_m(v) = d_m v + f tanh(v / eps)
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jounce._scalars import Array
+from jounce._typing import Floats
+
+ARRAYS = ("stiffness", "rotor", "viscous", "friction", "eps")  # the numbers, one per coordinate
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Elasticity:
+    """The springs and motors of a robot with elastic joints, one per coordinate. `Robot.elastic` makes and checks it.
+
+    Attributes
+    ----------
+    stiffness : (n,)
+        Stiffness of the spring between motor and link, N m/rad or N/m; infinite for a rigid joint.
+    rotor : (n,)
+        Inertia of the rotor seen from the link, kg m^2 or kg: its own times the gear ratio squared.
+    viscous : (n,)
+        Viscous damping of the motor, N m s or N s/m.
+    friction : (n,)
+        Coulomb friction of the motor, N m or N.
+    eps : (n,)
+        Smoothing velocity of the friction, rad/s or m/s.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> arm = jounce.load("planar2r").elastic([800.0, 600.0], rotor=0.1)
+    >>> arm.robot.mechanism.elasticity.stiffness
+    array([800., 600.])
+    """
+
+    stiffness: Floats
+    rotor: Floats
+    viscous: Floats
+    friction: Floats
+    eps: Floats
+
+    @property
+    def is_rigid(self) -> Array:
+        """Whether the joint of each coordinate is rigid, (n,)."""
+        return self.stiffness == np.inf
+
+    @property
+    def arrays(self) -> Mapping[str, Array]:
+        """The numbers by name."""
+        return {name: getattr(self, name) for name in ARRAYS}
+
+    def map(self, convert: Callable[[Array], Array]) -> "Elasticity":
+        """The same springs and motors with other numbers."""
+        return replace(self, **{name: convert(array) for name, array in self.arrays.items()})
+
+    def select(self, coordinates: Sequence[int]) -> "Elasticity":
+        """The springs and motors of some coordinates, by index."""
+        return self.map(lambda array: array[list(coordinates)])
