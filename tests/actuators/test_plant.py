@@ -48,7 +48,7 @@ def motion(robot):
 
 
 def drift(links, motion, theta, torques, force):
-    """How far the links leave their motion, when each motor is driven by its torques over T; `force` is the springs'."""
+    """How far the links leave their motion when motors are driven by torques over T; springs exert `force`."""
     tau = make_interp_spline(T, torques, k=9)
     n, motors = len(HOME), torques.shape[1] // len(HOME)
 

@@ -18,7 +18,8 @@ def arm(friction=0.0, **limits):
     m = jounce.load("planar2r").mechanism
     drives = {"damping": [0.3, 0.2], "friction": [friction, friction]}
     robot = jounce.Robot.from_screws(m.B, m.X, m.M, m.parent, gravity=m.gravity, drives=drives).with_drives()
-    return robot.elastic(STIFFNESS, rotor=ROTOR).with_limits(**limits)
+    with pytest.warns(jounce.JounceWarning, match="on the motors"):
+        return robot.elastic(STIFFNESS, rotor=ROTOR).with_limits(**limits)
 
 
 def motors(elastic, rates):
@@ -33,13 +34,13 @@ def test_worst_values_are_those_of_a_dense_grid():
     found = rows(elastic.check(MOTION))
     t = np.linspace(MOTION.start, MOTION.stop, 20001)
     for kind, values in motors(elastic, MOTION(t)).items():
-        for joint, column in zip(elastic.joint_names, values.T, strict=True):
+        for joint, column in zip(elastic.robot.joint_names, values.T, strict=True):
             row = found[joint, kind]
             assert abs(row.value) == pytest.approx(np.abs(column).max(), rel=1e-6)
             assert row.ratio == pytest.approx(abs(row.value) / bounds[kind])
             beyond = sum(stop - start for start, stop in row.violations)
             assert beyond == pytest.approx((np.abs(column) > bounds[kind]).mean() * MOTION.duration, abs=5e-4)
-    assert [found[elastic.joint_names[0], kind].unit for kind in bounds] == ["rad", "rad/s", "N m"]
+    assert [found[elastic.robot.joint_names[0], kind].unit for kind in bounds] == ["rad", "rad/s", "N m"]
 
 
 def test_motors_are_polynomials_of_the_speed():
@@ -89,7 +90,11 @@ def test_rigid_joints_have_no_limits_of_motors():
 
 def test_a_file_keeps_them(tmp_path):
     robot = jounce.load("planar2r").with_limits(
-        motor_position=[[-1, 2], [0.5, 3]], motor_velocity=3, motor_torque=4, motor_current={"joint1": 5}, motor_voltage=6
+        motor_position=[[-1, 2], [0.5, 3]],
+        motor_velocity=3,
+        motor_torque=4,
+        motor_current={"joint1": 5},
+        motor_voltage=6,
     )
     jounce.save(robot, tmp_path / "arm.yaml")
     assert np.array_equal(jounce.load(tmp_path / "arm.yaml").limits.table, robot.limits.table)

@@ -20,7 +20,7 @@ def with_elasticity(mechanism: Mechanism, stiffness: object, rotor: object) -> M
     e = mechanism.elasticity or _of_drives(mechanism)
     e = replace(
         e,
-        stiffness=_per_coordinate(mechanism, "stiffness", stiffness, np.full(mechanism.n, np.inf)),
+        stiffness=_stiffness(mechanism, stiffness),
         rotor=e.rotor if rotor is None else _per_coordinate(mechanism, "rotor", rotor, e.rotor),
     )
     _check(mechanism, e, rotor)
@@ -28,6 +28,17 @@ def with_elasticity(mechanism: Mechanism, stiffness: object, rotor: object) -> M
     if moved:
         warn(f"{mechanism.name}: {listed(moved)} no longer acts in Q, but on the motors of the elastic joints")
     return replace(mechanism, elasticity=e, acting=tuple(term for term in mechanism.acting if term not in ON_MOTORS))
+
+
+def _stiffness(mechanism: Mechanism, given: object) -> np.ndarray:
+    """The stiffnesses (n,) that a caller gives, or those of the robot's file."""
+    if given is not None:
+        return _per_coordinate(mechanism, "stiffness", given, np.full(mechanism.n, np.inf))
+    if mechanism.elasticity is None:
+        raise JounceError(
+            f"{mechanism.name!r} states no stiffness of its joints; robot.elastic(stiffness) does (--stiffness)"
+        )
+    return mechanism.elasticity.stiffness
 
 
 def _per_coordinate(mechanism: Mechanism, what: str, given: object, others: np.ndarray) -> np.ndarray:

@@ -49,11 +49,15 @@ Damping and friction that --drives selects act on the motors.
 @on_robot
 @of_motion
 @click.option(
-    "--stiffness", multiple=True, metavar="[JOINT=]K",
+    "--stiffness",
+    multiple=True,
+    metavar="[JOINT=]K",
     help="Stiffness of the springs in N m/rad or N/m: of all joints, or of one; may be repeated. Default: the file's.",
 )
 @click.option(
-    "--rotor", multiple=True, metavar="[JOINT=]B",
+    "--rotor",
+    multiple=True,
+    metavar="[JOINT=]B",
     help="Inertia of the rotors seen from the links in kg m^2 or kg: of all joints, or of one; may be repeated.",
 )
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Output table: .csv or .npz.")
@@ -168,9 +172,10 @@ def _in_words(summary: dict[str, Any]) -> str:
             spread = summary["deviations"][joint][name]
             cells.append(f"{value:.6g}" + (f" ± {float(f'{spread:.2g}'):g}" if spread else "") + f" {units[name]}")
         rows.append((joint, *cells))
+    along = f"{shortened(summary['robot'])} along {summary['motion']}"
     residual = "" if summary["residual"] is None else f", largest residual {summary['residual']:.2g}"
     return "\n".join([
-        f"{shortened(summary['robot'])} along {summary['motion']}: {summary['states']} states, t = {first:g} .. {last:g} s",
+        f"{along}: {summary['states']} states, t = {first:g} .. {last:g} s",
         summary["source"] + residual,
         *summary["notes"],
         *breaks_in_words(summary["breaks"]),

@@ -66,10 +66,10 @@ def planar2r(L1: Array = 1, L2: Array = 1, m1: Array = 1, m2: Array = 1, g: Arra
     return from_screws(B, [[0, 0, 1, 0, 0, 0]] * 2, M, gravity=[0, -element(g, "g"), 0], name="planar2r")
 
 
-# A Panda as a series elastic arm. The inertias of its rotors, seen from the links, are those of the FR3 that Franka gave
-# to the developers of Drake: manipulation/models/franka_description/README.md of
-# https://github.com/RobotLocomotion/drake. Franka publishes no stiffness of its joints: those here are INVENTED, soft as
-# those of series elastic actuators, so that the springs show.
+# A Panda as a series elastic arm. The inertias of its rotors, seen from the links, are those of the FR3, which
+# Franka gave to the developers of Drake: manipulation/models/franka_description/README.md of
+# https://github.com/RobotLocomotion/drake. No stiffness of its joints is published: those here are INVENTED, as soft
+# as those of series elastic actuators.
 PANDA_ROTORS = (0.605721456, 0.605721456, 0.462474144, 0.462474144, 0.205544064, 0.205544064, 0.205544064)  # kg m^2
 PANDA_STIFFNESS = (1000.0, 1000.0, 1000.0, 1000.0, 400.0, 400.0, 400.0)  # N m/rad, invented
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from jounce.dynamics.quantities import FORCES, QUANTITIES
-from jounce.errors import JounceError
+from jounce.errors import JounceError, listed
 from jounce.model.coordinates import coordinate_limits
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, MOTOR_KINDS, Limits
 from jounce.model.limits import FORCES as BOUND_FORCES
@@ -127,10 +127,11 @@ def bounded(robot: "Robot", motion: object) -> Bounded:
     path, limits = checked_motion(robot.mechanism, motion), coordinate_limits(robot.mechanism)
     kinds = known_kinds(robot, limits)
     if not kinds:
-        ways = "robot.with_limits(effort=..., velocity=...) or robot.with_limits('panda') states some"
         if limits.kinds:
-            ways = f"that of {limits.kinds[0]} is of elastic joints, which robot.elastic(stiffness) makes"
-        raise JounceError(f"robot {robot.name!r} states no limits{' of rigid joints' * bool(limits.kinds)}; {ways} (--limits)")
+            came = f"robot {robot.name!r} states no limits of rigid joints, only {listed(limits.kinds)}"
+            raise JounceError(f"{came}; robot.elastic(stiffness) makes its joints elastic")
+        ways = "robot.with_limits(effort=..., velocity=...) or robot.with_limits('panda') states some"
+        raise JounceError(f"robot {robot.name!r} states no limits; {ways} (--limits)")
     return Bounded(robot, path, limits, kinds)
 
 

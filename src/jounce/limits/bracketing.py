@@ -1,4 +1,4 @@
-"""Factors of speed by direct evaluation, where they enter no polynomial, as in Coulomb friction, a tanh of the velocity."""
+"""Factors of speed by direct evaluation, where they enter no polynomial: Coulomb friction is a tanh of a velocity."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ Place = tuple[str, int, float]  # of a limit: kind, joint, time in the given mot
 
 
 def is_polynomial(b: Bounded) -> bool:
-    """Whether what is limited is polynomial in the factor: no forces hold Coulomb friction, nor do torques of motors."""
+    """Whether what is limited is a polynomial of the factor: neither links nor motors have Coulomb friction."""
     mechanism = b.robot.mechanism
     if b.forces and "friction" in mechanism.acting and mechanism.drives.friction.any():
         return False

@@ -5,8 +5,8 @@
     Q2d_c = c^2 S'' + c^3 V'' + c^4 D''
 
 Wrenches given over time go with the path: W stays, and its k-th rate is multiplied by c^k. The parts are told apart by
-evaluating the inverse dynamics at c = 0, 1, -1, 2, -2. Positions, velocities and torques of motors behind linear springs
-are polynomials of degree 2, 3 and 4, which as many values and one more determine.
+evaluating the inverse dynamics at c = 0, 1, -1, 2, -2. Positions, velocities and torques of motors behind linear
+springs are polynomials of degree 2, 3 and 4, which as many values and one more determine.
 """
 
 from collections.abc import Mapping

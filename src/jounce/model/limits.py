@@ -31,7 +31,9 @@ Stated = float | Sequence[float]  # one number for both directions, or (lower, u
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Limits:
-    """The limits of the joint variables, their forces and their motors, infinite where none is stated. They do not enter Q.
+    """The limits of the joint variables, their forces and their motors, infinite where none is stated.
+
+    They do not enter Q.
 
     They are kept per joint variable. Of joints that follow others, the motion is limited, but the effort is not: what
     they exert adds to the force of their leader, and only its limit has a meaning.

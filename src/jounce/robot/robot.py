@@ -986,7 +986,7 @@ class Robot:
         return retime(self, motion, margin)
 
     def elastic(
-        self, stiffness: Stated, rotor: Stated | None = None, damping: None = None, spring: None = None,
+        self, stiffness: Stated | None = None, rotor: Stated | None = None, damping: None = None, spring: None = None,
         coupling: str = "spong", motors: None = None,
     ) -> "ElasticRobot":  # fmt: skip
         """The robot with elastic joints: each link hangs on its motor by a spring.
@@ -998,9 +998,9 @@ class Robot:
 
         Parameters
         ----------
-        stiffness : number, (n,) or mapping
+        stiffness : number, (n,) or mapping, optional
             Stiffness K of the springs, N m/rad or N/m: one number for all coordinates, an array, or {joint: number}.
-            Infinity is a rigid joint, as is a joint that a mapping leaves out.
+            Infinity is a rigid joint, as is a joint that a mapping leaves out. By default those of the robot's file.
         rotor : number, (n,) or mapping, optional
             Inertia B of the rotors as seen from the links, kg m^2 or kg: their own times the gear ratio squared. By
             default, and for a joint that a mapping leaves out, the armature of the file, whether or not it acts.

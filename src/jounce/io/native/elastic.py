@@ -21,7 +21,11 @@ from jounce.model.elasticity import ARRAYS
 from jounce.model.mechanism import Mechanism
 
 SECTION = "elastic"
-MOTOR = {"viscous": 0.0, "friction": 0.0, "eps": EPS}  # keys of a motor's friction, and what is meant if they are left out
+MOTOR = {
+    "viscous": 0.0,
+    "friction": 0.0,
+    "eps": EPS,
+}  # keys of a motor's friction, and what is meant if they are left out
 
 
 def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
@@ -41,7 +45,8 @@ def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
         elastic = with_elasticity(mechanism, found["stiffness"], found["rotor"] or None)
     assert elastic.elasticity is not None
     motors = {
-        key: np.array([found[key].get(name, default) for name in mechanism.coordinates]) for key, default in MOTOR.items()
+        key: np.array([found[key].get(name, default) for name in mechanism.coordinates])
+        for key, default in MOTOR.items()
     }
     return replace(elastic, elasticity=replace(elastic.elasticity, **motors))
 
