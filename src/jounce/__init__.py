@@ -8,6 +8,7 @@ if TYPE_CHECKING:
 
     from jounce._casadi import casadi_function
     from jounce._codegen import codegen
+    from jounce._report import Report, report
     from jounce._symbolic import symbolic
     from jounce.actuators.elastic import ElasticAlong, ElasticRobot
     from jounce.errors import JounceError, JounceWarning
@@ -41,6 +42,7 @@ __all__ = [
     "Limits",
     "Mechanism",
     "Motion",
+    "Report",
     "Retiming",
     "Robot",
     "Slowdown",
@@ -50,6 +52,7 @@ __all__ = [
     "inertia_matrix",
     "load",
     "load_motion",
+    "report",
     "save",
     "symbolic",
 ]
@@ -67,6 +70,7 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "Limits": "jounce.model.limits",
     "Mechanism": "jounce.model.mechanism",
     "Motion": "jounce.motion",
+    "Report": "jounce._report",
     "Retiming": "jounce.limits.retime",
     "Robot": "jounce.robot",
     "Slowdown": "jounce.limits.slowdown",
@@ -75,6 +79,7 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "inertia_matrix": "jounce.spatial.inertia",
     "load": "jounce.io.loading",
     "load_motion": "jounce.io.motions.loading",
+    "report": "jounce._report",
     "save": "jounce.io.saving",
     "symbolic": "jounce._symbolic",
 }

@@ -59,7 +59,7 @@ def casadi_function(
     casadi.Function
         Named after the quantity, body and frame. Inputs q, qd, q2d, ... (n), then W, Wd, ... and the parameters;
         outputs the quantity and its rates under the names of its symbol, Q, Qd, Q2d, ...: columns of vectors, 1 x 1 of
-        scalars.
+        scalars. The matrices of partial derivatives P stand one below the other, (3 n, n), those of Pd are (4 n, n).
 
     Raises
     ------
@@ -95,7 +95,7 @@ def casadi_function(
     mechanism, _ = parametrise(robot.mechanism, parameters, lambda name, shape: arrays[name])
     state = [arrays[port.name] for port in ports if port.role != "parameter"]
     method = next(iter(computation.quantity.methods))
-    results = [_matrix(x) for x in computation.series(method, mechanism, state).upto(order)]
+    results = [_matrix(x) for x in computation.series(method, mechanism, state).upto(computation.count - 1)]
     names = [port.name for port in signature.outputs]
     all_results = casadi.veccat(*results)
     idle = [name for name in shapes if not casadi.depends_on(all_results, inputs[name])]
@@ -105,10 +105,10 @@ def casadi_function(
 
 
 def _matrix(array: np.ndarray) -> "casadi.SX":
-    """The CasADi matrix of an object array: a column of a vector, 1 x 1 of a scalar."""
+    """The CasADi matrix of an object array: a column of a vector, 1 x 1 of a scalar, several matrices in one column."""
     import casadi
 
-    rows = array.reshape((*array.shape, 1, 1)[:2])
+    rows = array.reshape((-1, array.shape[-1]) if array.ndim > 2 else (*array.shape, 1, 1)[:2])
     return casadi.SX(casadi.vertcat(*(casadi.horzcat(*row) for row in rows)))
 
 
@@ -128,9 +128,9 @@ def _check(robot: Robot) -> None:
 
 
 def _check_axes(computation: Computation, mechanism: Mechanism) -> None:
-    """Raise `JounceError` if the result has more axes than a matrix of CasADi."""
+    """Raise `JounceError` if the result has more axes than a matrix of CasADi, since it is of all bodies."""
     shape = computation.shape(mechanism.n, mechanism.nb)
-    if len(shape) > 2:
+    if computation.quantity.of_bodies and len(shape) > 2:
         raise JounceError(
             f"{computation.name} of all bodies: a CasADi matrix has 2 axes, not {len(shape)};"
             f" body= selects one of: {listed(mechanism.bodies)}"

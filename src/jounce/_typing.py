@@ -60,11 +60,14 @@ Stated: TypeAlias = ArrayLike | Mapping[str, ArrayLike]  # of all coordinates, o
 MotorQuantity: TypeAlias = Literal["motor_positions", "motor_torques"]
 LoadFrame: TypeAlias = Literal["world", "body"]
 JointType: TypeAlias = Literal["revolute", "prismatic"]
-Language: TypeAlias = Literal["c", "cpp", "cuda", "julia", "latex", "matlab", "python", "rust"]
+Language: TypeAlias = Literal["c", "cpp", "cuda", "javascript", "julia", "latex", "matlab", "python", "rust"]
 Method: TypeAlias = Literal["kernel", "recursion", "closed_form", "paper"]
+Product: TypeAlias = Literal["vjp", "jvp"]
 QuantityName: TypeAlias = Literal[
     "inverse_dynamics",
     "forward_dynamics",
+    "inverse_dynamics_partials",
+    "forward_dynamics_partials",
     "gravity_forces",
     "mass_matrix",
     "coriolis_matrix",

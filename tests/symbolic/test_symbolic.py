@@ -1,5 +1,6 @@
 """The quantities as SymPy expressions: those of the paper, those of the numeric methods, and what they look like."""
 
+import math
 import time
 from dataclasses import replace
 from functools import partial
@@ -68,26 +69,40 @@ def entries(x):
 
 
 def value(quantity, robot, q, W, **keywords):
-    return method_of(robot, quantity)(*q[: quantity.rates + len(W) - 1], **keywords)
+    found = method_of(robot, quantity)(*q[: quantity.rates + len(W) - 1], method="closed_form", **keywords)
+    return found if isinstance(found, tuple) else (found,)
 
 
 def external(quantity, robot, q, W):
-    rates = q[: quantity.rates + len(W) - 1]
-    compute = partial(method_of(robot, quantity), *rates, method="closed_form")
-    return [x - y for x, y in zip(compute(wrench=tuple(W)), compute(), strict=True)]
+    loaded, free = (value(quantity, robot, q, W, wrench=w) for w in (tuple(W), None))
+    return [x - y for x, y in zip(loaded, free, strict=True)]
 
 
 def equal(S, robot, values=(), parameters=(), order=2, bodies=()):
     """Every member of S, with its rates, has the values of a robot of numbers."""
     rng = np.random.default_rng(0)
     q, W = rng.uniform(-2, 2, (order + 3, robot.n)), rng.uniform(-2, 2, (order + 1, robot.mechanism.nb, 6))
-    symbols = [[*S.q, *S.qd, *S.q2d, *S.q3d, *S.q4d][: q.size], [*S.W, *S.Wd, *S.W2d][: W.size], parameters]
+    given = [*zip([*S.q, *S.qd, *S.q2d, *S.q3d, *S.q4d], q.ravel(), strict=False)]
+    given += [*zip([*S.W, *S.Wd, *S.W2d], W.ravel(), strict=False), *zip(parameters, values, strict=True)]
+    known = {symbol: float(number) for symbol, number in given}
     for name, terms, numbers in members(S, order, bodies):
-        found = sympy.lambdify(symbols, [entries(term) for term in terms], "numpy")(q.ravel(), W.ravel(), values)
+        found = [[evaluated(x, known) for x in entries(term)] for term in terms]
         expected = numbers(robot, q, W)
-        scale = max(np.abs(reference).max() for reference in expected)  # some rates are zero but for rounding
+        scale = max(1e-3, *(np.abs(reference).max() for reference in expected))  # some are zero but for rounding
         for x, reference in zip(found, expected, strict=True):
             assert np.abs(np.reshape(x, np.shape(reference)) - reference).max() <= 1e-12 * scale, name
+
+
+RULES = {"Add": sum, "Mul": math.prod, "Pow": lambda x: x[0] ** x[1]}
+FUNCTIONS = {name: getattr(math, name) for name in ("sin", "cos", "tanh", "cosh", "log")}
+
+
+def evaluated(x, known):
+    """The value of an expression; `known` takes those of its parts, of which most stand in many places."""
+    if x not in known:
+        name, parts = type(x).__name__, [evaluated(part, known) for part in x.args]
+        known[x] = FUNCTIONS[name](*parts) if name in FUNCTIONS else RULES[name](parts) if parts else float(x)
+    return known[x]
 
 
 def test_the_planar_2r_is_the_papers():
@@ -136,7 +151,7 @@ def test_symbols_print_as_the_paper_writes_them():
     assert r"\cos{\left(q_{1} + q_{2} \right)}" in sympy.latex(S.Q)
 
 
-@pytest.mark.parametrize(("name", "order"), [("planar3r", 1), ("spatial3r", 2), ("wrist3r", 1)])
+@pytest.mark.parametrize(("name", "order"), [("planar3r", 1), ("spatial3r", 2), ("wrist3r", 0)])
 def test_chains_of_three_joints_have_the_values_of_numbers(name, order):
     robot = CHAINS[name]()
     S = jounce.symbolic(robot)

@@ -53,8 +53,8 @@ def codegen(
     robot : Robot
         A robot of numbers, or of SymPy symbols, which become parameters with their names.
     lang : str
-        The language: "c" (C99), "cpp" (C++11, and overloads for Eigen), "cuda", "julia", "latex" (a document),
-        "matlab" (and GNU Octave), "python" (NumPy), "rust" (no_std).
+        The language: "c" (C99), "cpp" (C++11, and overloads for Eigen), "cuda", "javascript" (ES module), "julia",
+        "latex" (a document), "matlab" (and GNU Octave), "python" (NumPy), "rust" (no_std).
     order : int
         The highest time derivative: 2 gives Q, Qd, Q2d.
     directory : str or path

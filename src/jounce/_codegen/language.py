@@ -10,7 +10,7 @@ import numpy as np
 from jounce.dynamics.computation import Port
 from jounce.errors import JounceError, one_of, quoted
 
-NAMES = ("c", "cpp", "cuda", "julia", "latex", "matlab", "python", "rust")
+NAMES = ("c", "cpp", "cuda", "javascript", "julia", "latex", "matlab", "python", "rust")
 
 
 def digits(x: float, single: bool) -> str:

@@ -46,7 +46,7 @@ def check_options(
     true_or_false("float32", float32, "whether the code is in single precision")
     if float32 and not target.single:
         others = languages_where(lambda x: x.single)
-        raise JounceError(f"{target.title} has no single precision; float32 is for code that runs: {others}")
+        raise JounceError(f"{target.title} has no single precision; float32 works with {others}")
     order = checked_order(order, HIGHEST_CODE_ORDER)
     computations = _computations(robot.mechanism, outputs, order, wrench)
     if robot.mechanism.nb * (order + 1) ** 2 > TRACED:

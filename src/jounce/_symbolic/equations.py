@@ -43,9 +43,16 @@ class Symbolic:
     def __repr__(self) -> str:
         return f"<Symbolic {self.name!r}: {', '.join(self.series)}, and their rates; of bodies: {', '.join(OF_BODIES)}>"
 
+    def _repr_markdown_(self) -> str:
+        rows = [f"| `S.{row.symbol}` | {row.caption} | ${row.tex}$ |" for row in OF_ROBOT.values()]
+        rows += [f"| `S.{row.name}(body)` | {row.caption} | ${row.tex}$ |" for row in OF_BODIES.values()]
+        return "\n".join(["| expression | quantity | formula |", "| --- | --- | --- |", *rows])
+
     def __getattr__(self, name: str) -> Any:
         own = vars(self)  # empty while it is copied or unpickled
         found = re.fullmatch(f"({'|'.join(own['series'])}){SUFFIX}", name) if "series" in own else None
+        if name in QUANTITIES and QUANTITIES[name].forces:
+            raise AttributeError(quotient(QUANTITIES[name]))
         if found is None:
             raise AttributeError(str(no_such("member", name, [*own.get("series", ()), *OF_BODIES, "dot"], "Symbolic")))
         symbol, suffix = found.groups()
@@ -78,6 +85,14 @@ class Symbolic:
                     if symbol in present:
                         total = total + sympy.diff(x, symbol) * rate
         return total
+
+
+def quotient(row: Quantity) -> str:
+    """Return why a quantity that takes forces has no symbolic form, and what has one in its place."""
+    return (
+        f"{row.name} has no symbolic form, as it divides by expressions; mass_matrix and inverse_dynamics have one:"
+        " solve M q2d = Q - (Q where q2d = 0)"
+    )
 
 
 def symbolic(robot: Robot) -> Symbolic:

@@ -4,7 +4,7 @@ from functools import lru_cache
 
 from jounce._scalars import is_numeric
 from jounce.arguments.rates import checked_order
-from jounce.dynamics.computation import Computation
+from jounce.dynamics.computation import PRODUCTS, Computation
 from jounce.dynamics.mobility import idle_coordinates
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.errors import JounceError, listed, no_such, one_of, true_or_false
@@ -12,9 +12,15 @@ from jounce.model.mechanism import DATA, Mechanism
 
 
 def computation(
-    mechanism: Mechanism, quantity: str, order: int, wrench: bool = False, body: str | None = None, frame: str = "body"
+    mechanism: Mechanism,
+    quantity: str,
+    order: int,
+    wrench: bool = False,
+    body: str | None = None,
+    frame: str = "body",
+    product: str | None = None,
 ) -> Computation:
-    """Return the computation of a quantity by name.
+    """Return the computation of a quantity by name, or of a product of its derivatives.
 
     Raises
     ------
@@ -27,30 +33,45 @@ def computation(
     place(mechanism, quantity, body, frame)
     check_invertible(mechanism, quantity)
     check_elastic(mechanism, quantity)
-    return Computation(quantity, checked_order(order), wrench, body, frame)
+    order = checked_order(order)
+    check_rates(quantity, order)
+    if product is not None:
+        one_of("product", product, PRODUCTS)
+    return Computation(quantity, order, wrench, body, frame, product)
 
 
 def parse_computation(mechanism: Mechanism, text: str, order: int, wrench: bool = False) -> Computation:
-    """Parse a computation written as NAME[:BODY[:FRAME]]: ``mass_matrix``, ``jacobian:tool0:world``.
+    """Parse a computation written as NAME[.PRODUCT][:BODY[:FRAME]]: ``mass_matrix.vjp``, ``jacobian:tool0:world``.
 
     Names of bodies may contain colons: the last part is a frame only if the quantity has this frame and the rest is a
-    body. Without a body, the quantity of all bodies is meant.
+    body. Without a body, the quantity of all bodies is meant. The order is that of all outputs of a call: a quantity
+    without rates has order 0.
 
     Raises
     ------
     JounceError : if a name is unknown, or as `computation`.
     """
-    name, asked, rest = text.partition(":") if isinstance(text, str) else (text, "", "")
+    full, asked, rest = text.partition(":") if isinstance(text, str) else (text, "", "")
+    name, dot, end = full.partition(".") if isinstance(text, str) else (text, "", "")
+    product = end if dot else None
     row = QUANTITIES[one_of("quantity", name, QUANTITIES)]
     if not asked:
-        return computation(mechanism, name, order, wrench)
+        return computation(mechanism, name, row.highest(order), wrench, product=product)
     bodies = mechanism.frame_names
     body, colon, frame = rest.rpartition(":")
     if colon and frame in row.frames and (body in bodies or rest not in bodies):
-        return computation(mechanism, name, order, wrench, body or None, frame)
+        return computation(mechanism, name, order, wrench, body or None, frame, product)
     if colon and row.of_bodies and body in bodies and rest not in bodies:
         raise no_such("frame", frame, row.frames, name)
-    return computation(mechanism, name, order, wrench, rest)
+    return computation(mechanism, name, order, wrench, rest, product=product)
+
+
+def check_rates(quantity: str, order: int) -> None:
+    """Raise `JounceError` if rates are asked for of a quantity that has none."""
+    row = QUANTITIES[quantity]
+    if order > row.highest(order):
+        inputs = ", ".join(row.input_names(row.rates))
+        raise JounceError(f"{quantity} has no rates, asked for is order {order}; expected {inputs} alone, order=0")
 
 
 def check_invertible(mechanism: Mechanism, quantity: str) -> None:
@@ -61,7 +82,8 @@ def check_invertible(mechanism: Mechanism, quantity: str) -> None:
     if idle:
         raise JounceError(
             f"{quantity} of {mechanism.name!r}: the mass matrix is singular, of rank {rank} for {mechanism.n}"
-            f" coordinates, as {listed(idle)} moves no inertia; state one beyond, or lock the joint by lock="
+            f" coordinates: {listed(idle)} can move without moving inertia; give their bodies inertia, or hold them by"
+            " lock= of jounce.load, or Robot.locked"
         )
 
 

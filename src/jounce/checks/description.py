@@ -6,7 +6,7 @@ import numpy as np
 
 from jounce.audit import audit
 from jounce.model.coordinates import coordinate_units
-from jounce.model.limits import KEYS
+from jounce.model.limits import KEYS, unit_of
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
 
@@ -76,3 +76,14 @@ def _follows(mechanism: Mechanism, i: int) -> str | None:
 
 def _factor(x: float) -> str:
     return {1.0: "", -1.0: "-"}.get(x, f"{x:g} ")
+
+
+def limit_in_words(body: dict[str, Any], kind: str) -> str:
+    """The limit of the joint of a described body with its unit, "-" where it is not stated."""
+    limits = body["limits"]
+    value = [limits["lower"], limits["upper"]] if kind == "position" else limits[kind]
+    if value in (None, [None, None]):
+        return "-"
+    unit = unit_of(kind, "m" if body["type"] == "prismatic" else "rad")
+    ends = zip(value, ("-inf", "inf"), strict=True) if isinstance(value, list) else [(value, "")]
+    return " .. ".join(free if x is None else f"{x:.5g}" for x, free in ends) + f" {unit}"

@@ -31,6 +31,8 @@ def magnitudes(mechanism: Mechanism, computation: Computation, arrays: Sequence[
     The larger ones of two, by the closed form and by the recursion. Those of accelerations are what the magnitudes of
     the forces cause.
     """
+    if computation.quantity.results:
+        return _of_forward_partials(mechanism, computation, arrays)
     if computation.quantity.forces:
         return _of_accelerations(mechanism, computation, arrays)
     by_method = [
@@ -48,9 +50,25 @@ def _of_accelerations(
     q = [*given[: computation.quantity.coordinate_inputs(len(given))]]
     accelerations = compute_by_method(computation, "recursion", mechanism, arrays)
     forces = magnitudes(mechanism, replace(computation, name=FORCES.name), [*q, *accelerations, *W])
-    (M,) = compute_by_method(Computation("mass_matrix", 0), "recursion", mechanism, q[:1])
-    squares = np.square(np.linalg.inv(M.astype(float)))
+    squares = _inverse_squared(mechanism, q[0])
     return tuple(np.sqrt((squares @ np.square(Q)[..., None])[..., 0]) for Q in forces)
+
+
+def _of_forward_partials(
+    mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]
+) -> tuple[np.ndarray, ...]:
+    q, qd, _, *W = arrays
+    (q2d,) = compute_by_method(replace(computation, name="forward_dynamics"), "recursion", mechanism, arrays)
+    (P,) = magnitudes(mechanism, replace(computation, name="inverse_dynamics_partials"), [q, qd, q2d, *W])
+    squares = _inverse_squared(mechanism, q)[..., None, :, :]
+    by = squares @ np.square(P)
+    return tuple(np.sqrt(x) for x in (by[..., 0, :, :], by[..., 1, :, :], (by[..., 2:, :, :] @ squares)[..., 0, :, :]))
+
+
+def _inverse_squared(mechanism: Mechanism, q: Array) -> np.ndarray:
+    """The squares of the entries of M^-1."""
+    (M,) = compute_by_method(Computation("mass_matrix", 0), "recursion", mechanism, [q])
+    return np.square(np.linalg.inv(M.astype(float)))
 
 
 def scale(expected: Array, magnitude: np.ndarray) -> float:

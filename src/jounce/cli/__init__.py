@@ -20,6 +20,7 @@ from jounce.cli.motion import motion
 from jounce.cli.motors import motors
 from jounce.cli.output import styled
 from jounce.cli.plot import plot
+from jounce.cli.report import report
 from jounce.cli.retime import retime
 from jounce.cli.robots import robots
 from jounce.cli.run import run
@@ -93,5 +94,9 @@ def main() -> None:
     """Higher-order inverse dynamics: a robot and a motion in, drive forces and their exact time derivatives out."""
 
 
-for verb in (run, motion, motors, check, slowdown, retime, plot, info, robots, compare, convert, codegen, demo, cache):
+VERBS = (
+    run, motion, motors, check, slowdown, retime, plot, report, info, robots, compare, convert, codegen, demo, cache,
+)  # fmt: skip
+
+for verb in VERBS:
     main.add_command(verb)

@@ -49,7 +49,7 @@ def _names(_: click.Context, __: click.Parameter, given: str | None) -> list[str
 
 @click.command(cls=_Codegen, short_help="Generate source code in another language, with tests.")
 @on_robot
-@click.option("--lang", required=True, help="Language: c, cpp, cuda, julia, latex, matlab, python or rust.")
+@click.option("--lang", required=True, help="Language: c, cpp, cuda, javascript, julia, latex, matlab, python or rust.")
 @click.option("--order", default=2, show_default=True, help="Highest time derivative, up to 4: 2 gives Q, Qd, Q2d.")
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Output folder, new or empty.")
 @click.option(

@@ -125,23 +125,11 @@ def _elastic(data: dict[str, Any]) -> list[str]:
 
 def _limits(bodies: list[dict[str, Any]]) -> list[str]:
     """A table of the limits that are stated of any joint; "-" for those that are not stated of one."""
+    from jounce.checks.description import limit_in_words
     from jounce.model.limits import KINDS
 
-    rows = {body["joint"]: {kind: _limit(body, kind) for kind in KINDS} for body in bodies}
+    rows = {body["joint"]: {kind: limit_in_words(body, kind) for kind in KINDS} for body in bodies}
     shown = [kind for kind in KINDS if kind in COMMON or any(row[kind] != "-" for row in rows.values())]
     limited = [(joint, *(row[kind] for kind in shown)) for joint, row in rows.items() if set(row.values()) != {"-"}]
     heads = ("limits", *(kind.replace("_", " ") for kind in shown))
     return ["", *straight_columns([heads, *limited])] if limited else []
-
-
-def _limit(body: dict[str, Any], kind: str) -> str:
-    """The limit of a joint as a cell of a table."""
-    from jounce.model.limits import unit_of
-
-    limits = body["limits"]
-    value = [limits["lower"], limits["upper"]] if kind == "position" else limits[kind]
-    if value in (None, [None, None]):
-        return "-"
-    unit = unit_of(kind, "m" if body["type"] == "prismatic" else "rad")
-    ends = zip(value, ("-inf", "inf"), strict=True) if isinstance(value, list) else [(value, "")]
-    return " .. ".join(free if x is None else f"{x:.5g}" for x, free in ends) + f" {unit}"

@@ -9,6 +9,7 @@ import numpy as np
 
 from jounce._scalars import Array
 from jounce.dynamics import system
+from jounce.model.coordinates import generalized_matrix
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import wedge
 from jounce.spatial.series import Series, from_rate
@@ -31,6 +32,8 @@ class ClosedForm:
     F: Series  # (..., 6, 1) wrench that the ground exerts on the mechanism, about the inertial origin
     p: Series  # (..., n, 1) generalized momentum
     U: Series  # (..., 1, 1) potential energy
+    gK: Series  # (..., n, n) dQ/dq
+    gD: Series  # (..., n, n) dQ/dqd
 
 
 def closed_form(mechanism: Mechanism, q: Series, W: Series | None = None) -> ClosedForm:
@@ -62,7 +65,17 @@ def closed_form(mechanism: Mechanism, q: Series, W: Series | None = None) -> Clo
     p = gM @ qd
     power = qd.mT @ Qgrav
     U = from_rate(system.potential_energy(mechanism, C0), lambda _: power)
-    return ClosedForm(H=H, J=J, V=V, gM=gM, gC=gC, gCbar=gCbar, Qgrav=Qgrav, Qext=Qext, Q=Q, h=h, F=F, p=p, U=U)
+    wrench = (M @ V).dot - b.mT @ (M @ V) + M @ UG  # f of every body
+    wrench = wrench if W is None else wrench + W
+    J1 = J.dot + b @ J  # rates of the screws in space, (S')
+    J2 = J1.dot + b @ J1 + UG.map(system.system_b) @ J  # (A)
+    B = -(b.mT @ M) - M @ b + (M @ V).map(system.system_moved)  # (B)
+    S = A @ system.system_S(mechanism)
+    turned = S.mT @ wrench.map(system.system_moved) @ S
+    gK = JT @ (M @ J2 + B @ J1) + generalized_matrix(mechanism, turned * np.tri(mechanism.nb, k=-1, dtype=int).T)  # (K)
+    gD = JT @ (2 * (M @ J1) + B @ J)  # (D)
+    parts = {"H": H, "J": J, "V": V, "gM": gM, "gC": gC, "gCbar": gCbar, "Qgrav": Qgrav, "Qext": Qext, "Q": Q, "h": h}
+    return ClosedForm(**parts, F=F, p=p, U=U, gK=gK, gD=gD)
 
 
 def by_body(x: Series) -> Series:

@@ -12,6 +12,7 @@ from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series, columns, rate_name
 
 Shape = tuple[int, ...]
+PRODUCTS = {"vjp": "vector-Jacobian products", "jvp": "Jacobian-vector products"}  # of the derivatives by all inputs
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,7 @@ class Port:
 
     name: str  # q, qd, W, Wd, masses, Q, Qd
     shape: Shape
-    role: str  # "parameter", "state", "wrench" or "result"
+    role: str  # "parameter", "state", "wrench", "weight", "direction" or "result"
     rate: int = 0  # which time derivative it is
     first_order: int = 0  # of an input, the lowest order of the results that depend on it
     start: int = 0
@@ -52,7 +53,8 @@ class Signature:
 class Computation:
     """A quantity with its rates up to an order, with wrenches on the bodies or without, of one body or of all.
 
-    `body` is None for all bodies, and for quantities that do not belong to bodies.
+    `body` is None for all bodies, and for quantities that do not belong to bodies. `product` is one of `PRODUCTS`,
+    to be computed instead, or None.
     """
 
     name: str
@@ -60,10 +62,11 @@ class Computation:
     wrench: bool = False
     body: str | None = None
     frame: str = "body"
+    product: str | None = None
 
     @cached_property
     def _hash(self) -> int:
-        return hash((self.name, self.order, self.wrench, self.body, self.frame))
+        return hash((self.name, self.order, self.wrench, self.body, self.frame, self.product))
 
     def __hash__(self) -> int:  # computed once: every call of a robot's method looks its kernel up
         return self._hash
@@ -79,17 +82,23 @@ class Computation:
         return self.quantity.rates + self.order
 
     @property
+    def count(self) -> int:
+        """The number of results: the quantity and its rates, or the several results that it has."""
+        return len(self.quantity.names(self.order))
+
+    @property
     def spelling(self) -> str:
-        """The quantity, its body and its frame as one text, NAME[:BODY[:FRAME]]; `arguments.requests` reads it."""
-        parts = [self.name] if self.body is None else [self.name, self.body]
+        """The quantity, its body and its frame as one text, as `arguments.requests` reads it."""
+        name = f"{self.name}.{self.product}" if self.product else self.name
+        parts = [name] if self.body is None else [name, self.body]
         misread = self.body is not None and self.body.rpartition(":")[2] in self.quantity.frames
         if self.frame != "body" or misread:  # the end of such a name would be read as the frame
-            parts = [self.name, self.body or "", self.frame]
+            parts = [name, self.body or "", self.frame]
         return ":".join(parts)
 
     def keywords(self) -> list[str]:
         """The arguments of `Robot.compile` that compile it, as strings."""
-        named = {"wrench": self.wrench, "body": self.body, "frame": self.frame}
+        named = {"wrench": self.wrench, "body": self.body, "frame": self.frame, "product": self.product}
         default = Computation(self.name, self.order)
         others = [f"{key}={value!r}" for key, value in named.items() if value != getattr(default, key)]
         return [repr(self.name), f"order={self.order}", *others]
@@ -101,13 +110,16 @@ class Computation:
         own = self.quantity.wrench_rates
         for k in range(own + self.order if self.wrench else 0):
             inputs.append(Port(rate_name("W", k), (nb, 6), "wrench", k, max(0, k + 1 - own)))
-        shape = self.shape(n, nb)
-        outputs = [Port(name, shape, "result", k) for k, name in enumerate(self.quantity.names(self.order))]
+        rates = [0] * self.count if self.quantity.results else range(self.count)
+        names = self.quantity.names(self.order)
+        outputs = [Port(name, self.shape(n, nb, k), "result", k) for k, name in zip(rates, names, strict=True)]
+        if self.product:
+            inputs, outputs = _ports_of_product(self.product, inputs, outputs)
         return Signature(in_a_row(inputs), in_a_row(outputs))
 
-    def shape(self, n: int, nb: int) -> Shape:
-        """The shape of a result for one state."""
-        sizes = {"n": n, "nb": nb}
+    def shape(self, n: int, nb: int, k: int = 0) -> Shape:
+        """The shape of the k-th rate for one state."""
+        sizes = {"n": n, "nb": nb, "rates": self.quantity.rates + k}
         axes = (axis for axis in self.quantity.shape if axis != "nb" or self.body is None)
         return tuple(sizes[axis] if isinstance(axis, str) else axis for axis in axes)
 
@@ -119,13 +131,24 @@ class Computation:
         return State(q, Series.of(W) if W else None, Q, self.body, self.frame)
 
     def series(self, method: str, mechanism: Mechanism, arrays: Sequence[Array]) -> Series:
-        """The quantity by a method, from the arrays of `state`."""
+        """The quantity by a method, from the arrays of `state`; its terms are the results."""
         return self.quantity.law(method, mechanism)(mechanism, self.state(arrays))
 
 
 def state_ports(n: int, names: Sequence[str], least: int) -> list[Port]:
     """Return the ports of q, qd, ... by name; the quantity itself, without rates, takes the first `least`."""
     return [Port(name, (n,), "state", k, max(0, k + 1 - least)) for k, name in enumerate(names)]
+
+
+def _ports_of_product(product: str, inputs: list[Port], results: list[Port]) -> tuple[list[Port], list[Port]]:
+    """The ports of a product: weights wQ, ... of the results and gradients gq, ..., or tangents dq, ... and dQ, ..."""
+    given = [port for port in inputs if port.role != "parameter"]
+    if product == "vjp":  # the gradient by any input contains all results
+        weights = [replace(port, name=f"w{port.name}", role="weight") for port in results]
+        gradients = [replace(port, name=f"g{port.name}", role="result") for port in given]
+        return [replace(port, first_order=0) for port in inputs] + weights, gradients
+    directions = [replace(port, name=f"d{port.name}", role="direction") for port in given]
+    return inputs + directions, [replace(port, name=f"d{port.name}") for port in results]
 
 
 def in_a_row(ports: Sequence[Port]) -> tuple[Port, ...]:

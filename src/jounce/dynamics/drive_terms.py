@@ -16,6 +16,13 @@ def forces(m: Mechanism, q: Series, terms: Sequence[str]) -> Series:
     return generalized_forces(m, drives.forces(drives.coefficients(m.drives), terms, joint_variables(m, q)))
 
 
+def partials(m: Mechanism, q: Series, terms: Sequence[str]) -> tuple[Series, Series, Series]:
+    """Return the contributions of some drive terms to dQ/dq, dQ/dqd and dQ/dq2d, (..., n, n) each."""
+    by_joint = drives.partials(drives.coefficients(m.drives), terms, joint_variables(m, q))
+    K, D, M = (generalized_matrix(m, x * np.eye(m.nb, dtype=int)) for x in by_joint)
+    return K, D, M
+
+
 def armature_matrix(m: Mechanism) -> Array:
     """Return the contribution of the armature to the mass matrix, which is constant: (n, n)."""
     return generalized_matrix(m, m.drives.armature[:, None] * np.eye(m.nb, dtype=int))

@@ -5,12 +5,13 @@ for its own terms.
 """
 
 from collections.abc import Callable
+from typing import Protocol
 
 from jounce._scalars import Array, zeros_like
 from jounce.dynamics import drive_terms
 from jounce.dynamics.closed_form import closed_form
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.linear import Factors, solved
+from jounce.spatial.linear import solved
 from jounce.spatial.series import Series
 
 
@@ -25,16 +26,23 @@ def dense(m: Mechanism, q: Series, Q: Series, W: Series | None = None) -> Series
     return q2d
 
 
-def from_inverse(M: Array, inverse: Callable[[Series], Series], q: Series, Q: Series) -> Series:
+class Solver(Protocol):
+    """The mass matrix at one position, ready to solve equations."""
+
+    def solve(self, b: Array) -> Array:
+        """X of M X = b, both (..., n, m)."""
+
+
+def from_inverse(M: Solver, inverse: Callable[[Series], Series], q: Series, Q: Series) -> Series:
     """q^(k+2) = M^-1 (Q^(k) - the k-th rate of inverse dynamics where q^(k+2) = 0): no rate of M is needed.
 
     Forces are affine in their highest rate of q, with the factor M.
     """
-    factors, known = Factors.of(M), [q[0], q[1]]
+    known = [q[0], q[1]]
 
     def term(k: int) -> Array:
         bias = inverse(Series.of([*known, zeros_like(q[0])]))[k]
-        known.append(factors.solve(Q[k] - bias))
+        known.append(M.solve(Q[k] - bias))
         return known[-1]
 
     return Series(term)

@@ -8,17 +8,20 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from jounce._scalars import Array, element
 from jounce.dynamics import closed_form as dense
-from jounce.dynamics import drive_terms, elastic, forward, kinematics
+from jounce.dynamics import drive_terms, elastic, forward, kinematics, partials
 from jounce.dynamics.paper import Paper
-from jounce.dynamics.recursion import bodies, forces, matrices, momenta
+from jounce.dynamics.recursion import articulated, bodies, force_partials, forces, matrices, momenta
 from jounce.dynamics.recursion.forces import Sweep
 from jounce.model.drives import TERMS
 from jounce.model.mechanism import Mechanism
+from jounce.spatial.linear import Factors
 from jounce.spatial.series import Series, rate_name
 
-Axis = int | str  # "n" coordinates, "nb" bodies
+Axis = int | str  # "n" coordinates, "nb" bodies, "rates" q, qd, ..., as many as the quantity or its rate takes
 
 
 _NOTHING = Series.of(())
@@ -71,6 +74,7 @@ class Quantity:
     elastic: bool = False  # whether it is one of robots with elastic joints only
     drive_terms: tuple[str, ...] = ()  # which of those that act enter
     drive_law: Law | None = None  # what they add
+    results: tuple[str, ...] = ()  # of a quantity of several results, which has no rates: the terms of its law
     frames: tuple[str, ...] = ()  # in which its components may be given, the default first
     sweep: Sweep | None = None  # of the recursion, where its steps are those of forces
 
@@ -85,8 +89,12 @@ class Quantity:
         return "nb" in self.shape
 
     def names(self, order: int) -> tuple[str, ...]:
-        """The names of the quantity and its rates."""
-        return tuple(rate_name(self.symbol, self.first_rate + k) for k in range(order + 1))
+        """The names of the quantity and its rates, or of its results."""
+        return self.results or tuple(rate_name(self.symbol, self.first_rate + k) for k in range(order + 1))
+
+    def highest(self, order: int) -> int:
+        """The highest order up to this one that the quantity has."""
+        return 0 if self.results else order
 
     def coordinate_inputs(self, count: int) -> int:
         """How many of its first inputs are q, qd, ...; the others are forces."""
@@ -109,7 +117,7 @@ class Quantity:
 
 def _array(total: Any) -> Array:
     """A sum of arrays without axes as an array again: NumPy makes a scalar of it."""
-    return element(total, "a sum")
+    return np.asarray(total) if isinstance(total, np.ndarray | np.generic) else element(total, "a sum")
 
 
 def _column(nb: int) -> int:
@@ -134,8 +142,23 @@ def _scalar(column: Series) -> Series:
 
 def _forward(m: Mechanism, x: State) -> Series:
     """Forward dynamics by the recursions of other rows, with the terms of the drives that act."""
-    M, inverse = QUANTITIES["mass_matrix"].law("recursion", m)(m, x)[0], FORCES.law("recursion", m)
+    inverse = FORCES.law("recursion", m)
+    if articulated.has_deep_branches(m):
+        M: forward.Solver = articulated.ArticulatedBodies.of(m, x.q[0])
+    else:
+        M = Factors.of(QUANTITIES["mass_matrix"].law("recursion", m)(m, x)[0])
     return forward.from_inverse(M, lambda q: inverse(m, replace(x, q=q)).map(lambda Q: Q[..., None]), x.q, x.Q)
+
+
+def _dense_partials(x: dense.ClosedForm) -> Series:
+    return partials.of_all_rates(x.gK, x.gD, x.gM)
+
+
+def _forward_partials(m: Mechanism, x: State, method: str) -> Series:
+    """Partial derivatives of the accelerations from those of the forces, by a method of other rows."""
+    q2d = QUANTITIES["forward_dynamics"].law(method, m)(m, x)[0][..., None]
+    P = QUANTITIES["inverse_dynamics_partials"].law(method, m)(m, replace(x, q=Series.of([x.q[0], x.q[1], q2d])))
+    return Series.of(partials.of_accelerations(P[0]))
 
 
 def _of_motors(law: Callable[[Mechanism, Series, Series], Series], method: str) -> Law:
@@ -192,6 +215,45 @@ QUANTITIES: Mapping[str, Quantity] = {
             methods={
                 "recursion": Method(lambda m, x: _row(_forward(m, x)), _columns),
                 "closed_form": Method(lambda m, x: _row(forward.dense(m, x.q, x.Q, x.W))),
+            },
+        ),
+        Quantity(
+            name="inverse_dynamics_partials",
+            symbol="P",
+            rates=3,
+            shape=("rates", "n", "n"),
+            wrench_term="d(J^T W)/dq, of wrenches W fixed in the bodies",
+            wrench_tex=r"\partial (J^T W) / \partial q^{(j)}",
+            drive_terms=TERMS,
+            drive_law=lambda m, x: partials.of_all_rates(*drive_terms.partials(m, x.q, m.acting)),
+            unit="that of Q over that of q, qd, q2d",
+            caption="partial derivatives of the generalized forces",
+            meaning="P[j] = dQ/dq^(j): the partial derivatives of the generalized forces by q, qd and q2d.",
+            tex=r"P_j = \partial Q / \partial q^{(j)}",
+            methods={
+                "recursion": Method(
+                    lambda m, x: partials.of_all_rates(*force_partials.partials(m, x.q, x.W)), _columns
+                ),
+                "closed_form": Method(lambda m, x: _dense_partials(dense.closed_form(m, x.q, x.W))),
+            },
+        ),
+        Quantity(
+            name="forward_dynamics_partials",
+            symbol="dq",
+            results=("dq", "dqd", "Minv"),
+            rates=3,
+            forces=True,
+            shape=("n", "n"),
+            wrench_term="-M^-1 d(J^T W)/dq, of wrenches W fixed in the bodies",
+            wrench_tex=r"\partial (-M^{-1} J^T W) / \partial q",
+            drive_terms=TERMS,
+            unit="that of q2d over that of q, qd, Q",
+            caption="partial derivatives of the accelerations",
+            meaning="dq = dq2d/dq, dqd = dq2d/dqd, Minv = dq2d/dQ = M^-1: the partial derivatives of forward dynamics.",
+            tex=r"\partial \ddot{q} / \partial (q, \dot{q}, Q)",
+            methods={
+                "recursion": Method(lambda m, x: _forward_partials(m, x, "recursion"), _columns),
+                "closed_form": Method(lambda m, x: _forward_partials(m, x, "closed_form")),
             },
         ),
         Quantity(

@@ -53,7 +53,13 @@ def _blocks(C: Array, pattern: np.ndarray) -> Array:
 @lru_cache(maxsize=64)
 def system_X(mechanism: Mechanism) -> Array:
     """X, the joint screws along the diagonal, times G: (6nb, n), so that V = A X qd."""
-    return diagonal(mechanism.X[:, :, None]) @ mechanism.G  # (Ab)
+    return system_S(mechanism) @ mechanism.G  # (Ab)
+
+
+@lru_cache(maxsize=64)
+def system_S(mechanism: Mechanism) -> Array:
+    """The joint screws along the diagonal: (6nb, nb)."""
+    return diagonal(mechanism.X[:, :, None])
 
 
 @lru_cache(maxsize=64)
@@ -76,6 +82,12 @@ def system_a(mechanism: Mechanism, qd: Array) -> Array:
 def system_b(V: Array) -> Array:
     """b = diag(ad(V_i)), linear in V: (..., 6nb, 1) to (..., 6nb, 6nb)."""
     return diagonal(ad(V.reshape((*V.shape[:-2], V.shape[-2] // 6, 6))))  # (b)
+
+
+def system_moved(W: Array) -> Array:
+    """The blocks that map a screw x to -ad(x)^T W_i, the rate of a wrench W_i that moves along x: (..., 6nb, 6nb)."""
+    by_body = W.reshape((*W.shape[:-2], W.shape[-2] // 6, 1, 6, 1))
+    return diagonal(-(ad(np.eye(6, dtype=int)).mT @ by_body)[..., 0].mT)
 
 
 def system_gravity(mechanism: Mechanism) -> Array:

@@ -1,6 +1,7 @@
 """The canvas of all pictures: one look, axes told apart in colour and in grey, files written whole."""
 
 from collections.abc import Callable, Mapping
+from io import BytesIO
 from pathlib import Path
 from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any
@@ -138,8 +139,19 @@ def save(figure: "Figure", path: Path) -> None:
 
     check_format(path)
     kind = path.suffix.lower().removeprefix(".")
-    undated = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[kind]
+    undated = {"png": {}, "pdf": {"CreationDate": None}}
     with matplotlib.rc_context(LOOK), files.written_whole(path) as part:
-        figure.savefig(part, format=kind, metadata=undated)
         if kind == "svg":
-            part.write_bytes(part.read_bytes().replace(b"</style>", DARK + b"</style>", 1))
+            part.write_bytes(svg(figure))
+        else:
+            figure.savefig(part, format=kind, metadata=undated[kind])
+
+
+def svg(figure: "Figure") -> bytes:
+    """A figure as SVG that turns dark on dark pages."""
+    import matplotlib
+
+    content = BytesIO()
+    with matplotlib.rc_context(LOOK):
+        figure.savefig(content, format="svg", metadata={"Date": None})
+    return content.getvalue().replace(b"</style>", DARK + b"</style>", 1)

@@ -139,14 +139,14 @@ def by_size(panels: Sequence[Panel], names: Sequence[str]) -> list[list[str]]:
     return [column for column in columns if column]
 
 
-def drawn_points(values: np.ndarray) -> np.ndarray:
+def drawn_points(values: np.ndarray, most: int = MOST_POINTS) -> np.ndarray:
     """The indices of the samples that a page shows: of many the ends, in each short piece the first and the extremes.
 
     Extremes alone would make a ring of a cloud of dots.
     """
-    if len(values) <= MOST_POINTS:
+    if len(values) <= most:
         return np.arange(len(values))
-    starts = np.linspace(0, len(values), MOST_POINTS // 3, endpoint=False).astype(int)
+    starts = np.linspace(0, len(values), most // 3, endpoint=False).astype(int)
     extremes = [
         start + at for start, piece in zip(starts, np.split(values, starts[1:]), strict=True)
         for at in (0, piece.argmin(), piece.argmax())

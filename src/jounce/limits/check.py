@@ -107,6 +107,11 @@ class Check:
         broken = sum(not row.ok for row in self.table)
         return f"<Check: {broken} of {len(self.table)} limits broken; worst: {self.worst}>"
 
+    def _repr_html_(self) -> str:
+        from jounce.figures import displays
+
+        return displays.check(self)
+
     @property
     def ok(self) -> bool:
         """Whether the motion keeps every limit."""

@@ -82,6 +82,11 @@ class Retiming:
     def __repr__(self) -> str:
         return f"<Retiming to {self.duration:.6g} s, {len(self.binding)} stretches>"
 
+    def _repr_html_(self) -> str:
+        from jounce.figures import displays
+
+        return displays.retiming(self)
+
 
 def retime(robot: "Robot", motion: object, margin: object = 0.01) -> Retiming:
     """The fastest motion along the path of a motion, whose limits are taken to a share 1 - margin of themselves."""

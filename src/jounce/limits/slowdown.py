@@ -30,8 +30,11 @@ class Binding(NamedTuple):
     limit: str
     t: float
 
+    def __str__(self) -> str:
+        return f"{self.limit.replace('_', ' ')} of {self.joint} at t = {self.t:.6g} s"
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False)
 class Slowdown:
     """How fast a motion may be. `Robot.slowdown` makes one.
 
@@ -64,6 +67,14 @@ class Slowdown:
     motion: Motion
     largest: float | None
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<Slowdown by a factor of speed {self.factor:.6g}: {self.binding!s}>"
+
+    def _repr_html_(self) -> str:
+        from jounce.figures import displays
+
+        return displays.slowdown(self)
 
 
 def slowdown(robot: "Robot", motion: object) -> Slowdown:

@@ -70,6 +70,12 @@ LAWS: dict[DriveTerm, Callable[[Coefficients, Series], Series]] = {
     "friction": lambda c, theta: c["friction"] * _tanh(c["slope"] * theta.dot),
     "spring": lambda c, theta: c["stiffness"] * (theta - c["rest"]),
 }
+PARTIALS: dict[DriveTerm, tuple[int, Callable[[Coefficients, Series], Series]]] = {  # by which rate of theta, and it
+    "armature": (2, lambda c, theta: Series.constant(c["armature"])),
+    "damping": (1, lambda c, theta: Series.constant(c["damping"])),
+    "friction": (1, lambda c, theta: c["friction"] * (c["slope"] * _over_cosh_squared(c["slope"] * theta.dot))),
+    "spring": (0, lambda c, theta: Series.constant(c["stiffness"])),
+}
 TERMS = tuple(LAWS)
 AMOUNTS = {term: term for term in TERMS} | {"spring": "stiffness"}  # of the terms: where all are zero, none is stated
 
@@ -95,8 +101,23 @@ def forces(c: Coefficients, terms: Sequence[str], theta: Series) -> Series:
     return reduce(add, [law(c, theta) for term, law in LAWS.items() if term in terms], theta * 0)
 
 
+def partials(c: Coefficients, terms: Sequence[str], theta: Series) -> tuple[Series, Series, Series]:
+    """The partial derivatives of `forces` by theta and its first two rates, (..., nb, 1) each."""
+    found = [theta * 0] * 3
+    for term, (rate, law) in PARTIALS.items():
+        if term in terms:
+            found[rate] = found[rate] + law(c, theta)
+    return found[0], found[1], found[2]
+
+
 def _tanh(x: Series) -> Series:
     return from_rate(tanh(x[0]), lambda y: (-(y * y) + 1) * x.dot)
+
+
+def _over_cosh_squared(x: Series) -> Series:
+    """1 / cosh(x)^2, the derivative of tanh."""
+    y = _tanh(x)
+    return -(y * y) + 1
 
 
 def select_terms(terms: object) -> tuple[DriveTerm, ...]:

@@ -429,6 +429,11 @@ class Motion:
         joints = "" if self.joint_names is None else f" of {len(self.joint_names)} joints"
         return f"<Motion{joints}, t = {self.start:g} .. {self.stop:g} s: {self.source}>"
 
+    def _repr_html_(self) -> str:
+        from jounce.figures import displays
+
+        return displays.motion(self)
+
     @property
     def start(self) -> float:
         """The time at which it begins, s."""

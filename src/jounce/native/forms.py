@@ -1,5 +1,6 @@
 """The two forms of native code: operations in a straight line, or for larger robots the steps of a joint in a loop."""
 
+from dataclasses import replace
 from math import inf
 
 import numpy as np
@@ -11,10 +12,12 @@ from jounce.native.emit import Block
 from jounce.native.jit import Target
 from jounce.native.loop_steps import Sweeps, kinds
 from jounce.native.plan import LongCompilationError, is_straight
+from jounce.program.differentiate import jvp, vjp
 from jounce.program.passes import factor, fuse
 from jounce.program.program import Program
 from jounce.program.trace import Tape, TapeFullError
 
+PRODUCTS = {"vjp": vjp, "jvp": jvp}  # programs from that of the values
 # What compiling takes, in seconds, as measured on one core of a Zen 4:
 OPERATION = 55e-6  # for a step of the trace of a straight line
 BODY = 1.2e-3  # for a body in the tables of the loop form
@@ -38,9 +41,11 @@ def program(mechanism: Mechanism, computation: Computation, tape: Tape | None = 
     Where the mechanism holds nodes of a tape, that tape is written on, and the inputs follow those on it.
     """
     tape = Tape() if tape is None else tape
-    arrays = [tape.variables(*port.shape) for port in computation.signature(mechanism.n, mechanism.nb).inputs]
-    results = computation.series("recursion", with_exact_integers(mechanism), arrays).upto(computation.order)
-    return factor(tape.program([x for result in results for x in np.ravel(result)]))
+    parameters, values = tape.inputs, replace(computation, product=None)
+    arrays = [tape.variables(*port.shape) for port in values.signature(mechanism.n, mechanism.nb).inputs]
+    results = values.series("recursion", with_exact_integers(mechanism), arrays).upto(values.count - 1)
+    traced = factor(tape.program([x for result in results for x in np.ravel(result)]))
+    return PRODUCTS[computation.product](traced, parameters, tape.most) if computation.product else traced
 
 
 def _block(mechanism: Mechanism, computation: Computation, signature: Signature, patience: float) -> Block:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from contextvars import copy_context
+from dataclasses import replace
 from functools import partial
 from math import inf
 from typing import TYPE_CHECKING, Any, Generic, Never
@@ -13,12 +14,12 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from jounce._scalars import is_masked
-from jounce._typing import ArrayLike, Floats
+from jounce._typing import ArrayLike, Floats, Product
 from jounce.arguments import names
 from jounce.dynamics.computation import Computation
 from jounce.errors import JounceError, one_line, quoted, warn
 from jounce.model.mechanism import Mechanism
-from jounce.native import cache, jit, plan
+from jounce.native import cache, jit, plan, products
 from jounce.native.jit import host, ufunc
 from jounce.native.pool import Pool
 
@@ -60,6 +61,7 @@ class Kernel(Generic[Results]):
         self.shapes = tuple([p.shape for p in ports] for ports in (self.signature.inputs, self.signature.outputs))
         self.ufunc, needed = ufunc(self._code.address("states"), self.signature, computation.name, pool)
         self._count = len(self.signature.inputs)
+        self._products: dict[str, Kernel] = {}
         self._alive = needed
 
     def __reduce__(self) -> tuple[Callable[..., "Kernel"], tuple[Mechanism, Computation]]:
@@ -69,7 +71,8 @@ class Kernel(Generic[Results]):
         asked = self.computation
         of = f" of {asked.body!r} in frame {asked.frame!r}" if asked.body is not None else ""
         loaded = ", with wrenches" if asked.wrench else ""
-        return f"<Kernel: {asked.name}{of} of {self.mechanism.name!r} to order {asked.order}{loaded}>"
+        product = f"{asked.product} of " if asked.product else ""
+        return f"<Kernel: {product}{asked.name}{of} of {self.mechanism.name!r} to order {asked.order}{loaded}>"
 
     def __call__(
         self, *arrays: ArrayLike, out: Floats | Sequence[Floats] | None = None, threads: int = 1, **fixed: Never
@@ -121,6 +124,7 @@ class Kernel(Generic[Results]):
             raise
         except Exception as error:  # of NumPy, or whatever a foreign type raises in its conversion
             self._refuse_names_and_masks(arrays, into or ())
+            self._refuse_shapes(arrays)
             raise JounceError(f"{self!r}: {one_line(error)}") from None
 
     def bind(self, *arrays: Floats, out: Floats | Sequence[Floats], **fixed: Never) -> Callable[[], None]:
@@ -174,6 +178,139 @@ class Kernel(Generic[Results]):
         vars(call)["alive"] = self, everything, called, arguments
         return call
 
+    def vjp(
+        self,
+        arrays: Sequence[ArrayLike],
+        weights: ArrayLike | Sequence[ArrayLike | None],
+        *,
+        out: Floats | Sequence[Floats] | None = None,
+        threads: int = 1,
+    ) -> tuple[Floats, ...]:
+        """Compute a vector-Jacobian product: the gradients, by all inputs, of a weighted sum of all results.
+
+        ``gx = sum_y (dy/dx)^T wy`` over the results y, such as Q, Qd, Q2d, for every input x, such as q, qd, q2d. This
+        is the gradient of a cost c(Q, Qd, Q2d) where the weights are its derivatives by Q, Qd and Q2d. It is exact,
+        and takes about 2.5 times the operations of the results. Native code of it is compiled at the first call and
+        kept on disk.
+
+        Parameters
+        ----------
+        arrays : tuple of arrays, each (..., n), then (..., nb, 6)
+            What a call of the kernel takes: q, qd, ..., W, Wd, ...
+        weights : array or tuple of arrays, each of the shape of a result
+            wQ, wQd, ..., one for each result; None is zero. Where the kernel returns one array, an array.
+        out : tuple of arrays, optional
+            Arrays to write the gradients into.
+        threads : int, optional
+            Number of threads to split the batch among.
+
+        Returns
+        -------
+        tuple of arrays
+            gq, gqd, ..., gW, ..., one for each input, in its unit under that of the weighted sum. Batch axes
+            broadcast: there is a gradient for each state, also by an input that all states share.
+
+        Raises
+        ------
+        JounceError
+            If the number of arrays or weights, a shape or a dtype is wrong, an array has names or a mask, the kernel is
+            one of products itself, or compiling takes longer than three seconds, which `Robot.compile` is for.
+
+        References
+        ----------
+        .. [1] A. Griewank, A. Walther, *Evaluating Derivatives*, 2nd ed., SIAM 2008, chapter 3.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> kernel = jounce.load("planar2r").compile(order=1)
+        >>> q, qd, q2d, q3d = np.ones((4, 2))
+        >>> Q, Qd = kernel(q, qd, q2d, q3d)
+        >>> gq, gqd, gq2d, gq3d = kernel.vjp((q, qd, q2d, q3d), (None, 2 * Qd))  # of the cost |Qd|^2
+        >>> h = np.array([1e-6, 0])
+        >>> higher, lower = (np.sum(kernel(x, qd, q2d, q3d)[1] ** 2) for x in (q + h, q - h))
+        >>> bool(np.isclose(gq[0], (higher - lower) / 2e-6))
+        True
+        """
+        kernel, given = self._product("vjp", arrays, weights)
+        gradients = kernel(*given, out=out, threads=threads)
+        return gradients if isinstance(gradients, tuple) else (gradients,)
+
+    def jvp(
+        self,
+        arrays: Sequence[ArrayLike],
+        directions: Sequence[ArrayLike | None],
+        *,
+        out: Floats | Sequence[Floats] | None = None,
+        threads: int = 1,
+    ) -> Results:
+        """Compute a Jacobian-vector product: the derivatives of all results along one direction of all inputs.
+
+        ``dy = sum_x (dy/dx) dx`` over the inputs x, such as q, qd, q2d, for every result y, such as Q, Qd, Q2d. Native
+        code of it is compiled at the first call and kept on disk.
+
+        Parameters
+        ----------
+        arrays : tuple of arrays, each (..., n), then (..., nb, 6)
+            What a call of the kernel takes: q, qd, ..., W, Wd, ...
+        directions : tuple of arrays, each of the shape of an input
+            dq, dqd, ..., dW, ..., one for each input; None is zero.
+        out : array or tuple of arrays, optional
+            Arrays to write the tangents into.
+        threads : int, optional
+            Number of threads to split the batch among.
+
+        Returns
+        -------
+        array, or for orders above 0 a tuple of arrays
+            dQ, dQd, ..., one for each result, as a call of the kernel returns them.
+
+        Raises
+        ------
+        JounceError
+            As of `vjp`.
+
+        References
+        ----------
+        .. [1] A. Griewank, A. Walther, *Evaluating Derivatives*, 2nd ed., SIAM 2008, chapter 3.
+
+        Examples
+        --------
+        Along the rates themselves, the tangent of Q is its time derivative:
+
+        >>> import jounce, numpy as np
+        >>> kernel = jounce.load("planar2r").compile(order=1)
+        >>> q, qd, q2d, q3d = np.random.default_rng(0).normal(size=(4, 2))
+        >>> Q, Qd = kernel(q, qd, q2d, q3d)
+        >>> dQ, dQd = kernel.jvp((q, qd, q2d, q3d), (qd, q2d, q3d, None))
+        >>> bool(np.allclose(dQ, Qd))
+        True
+        """
+        kernel, given = self._product("jvp", arrays, directions)
+        result: Results = kernel(*given, out=out, threads=threads)
+        return result
+
+    def _product(self, name: Product, arrays: Any, others: Any) -> tuple["Kernel", list[Any]]:
+        """The kernel of a product of the derivatives, and all arrays that it takes."""
+        kernel = self._products.get(name)
+        if kernel is None:
+            kernel = self._products[name] = self._compile_product(name)
+        return kernel, products.arguments(f"{name} of {self!r}", kernel.signature, arrays, others)
+
+    def _compile_product(self, name: Product) -> "Kernel":
+        if self.computation.product:
+            raise JounceError(f"{self!r} has no {name}: it computes derivatives itself; compile the values for theirs")
+        asked = replace(self.computation, product=name)
+        if refusal := plan.obstacle(asked):
+            raise JounceError(f"{name} of {self!r}: native code {refusal}; choose a lower order")
+        try:
+            return compile_kernel(self.mechanism, asked, plan.PATIENCE)
+        except plan.LongCompilationError:
+            raise JounceError(
+                f"{name} of {self!r} takes longer than {plan.PATIENCE:g} s to compile;"
+                f" robot.compile({', '.join(asked.keywords())}) compiles it once"
+            ) from None
+
     def _check_bound(self, arrays: Sequence[np.ndarray], out: Sequence[np.ndarray]) -> tuple[int, ...]:
         """The batch shape of arrays to bind, checked as native code trusts them."""
         taken, given = self.shapes
@@ -213,6 +350,15 @@ class Kernel(Generic[Results]):
             if is_masked(list(out)):
                 raise JounceError(f"{self!r} writes into arrays without masks; numpy.empty(shape) is one")
 
+    def _refuse_shapes(self, arrays: Sequence[Any]) -> None:
+        """Name the array whose shape does not fit; what is ragged, NumPy says."""
+        for port, x in zip(self.signature.inputs, arrays, strict=True):
+            with suppress(ValueError, RecursionError):
+                shape = np.shape(x)
+                if shape[max(0, len(shape) - len(port.shape)) :] != port.shape:
+                    expected = ", ".join(map(str, ("...", *port.shape)))
+                    raise JounceError(f"{self!r}: {port.name} has shape {shape}; expected ({expected})")
+
     def _fixed_at_compile_time(self, asked: Mapping[str, Any]) -> JounceError:
         own, other = ", ".join(self.computation.keywords()), ", ".join(f"{k}={quoted(x)}" for k, x in asked.items())
         return JounceError(f"robot.compile({own}) fixed what {self!r} computes; compile another one with {other}")
@@ -224,8 +370,8 @@ class Kernel(Generic[Results]):
         taken, given = self.shapes
         inputs = [np.asarray(array) for array in arrays]
         both = list(zip(inputs, taken, strict=True))
-        fits = all(x.shape[-len(shape) :] == shape for x, shape in both)
-        batch = np.broadcast_shapes(*(x.shape[: -len(shape)] for x, shape in both)) if fits else ()
+        fits = all(x.shape[x.ndim - len(shape) :] == shape for x, shape in both)
+        batch = np.broadcast_shapes(*(x.shape[: x.ndim - len(shape)] for x, shape in both)) if fits else ()
         if fits and not batch and threads > 1:
             warn(f"threads={threads} has no effect on one state: it splits the first axis of a batch")
         shapes = [(*batch, *shape) for shape in given]

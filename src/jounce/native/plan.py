@@ -19,6 +19,8 @@ HIGHEST_NATIVE_ORDER = 12  # order, up to which the step of a joint takes no mor
 STACK = 2**15  # bytes, up to which a call takes them from the stack of its thread; what needs more has a `Pool`
 SCALARS = {"w": 3, "a": 3, "K": 9}  # of the parts of a motion
 LIMIT = 2**26  # bytes of a call, beyond which there is no native code
+HIGHEST_PRODUCT_ORDER = 10  # order, up to which products take no more than the 64 arrays of NumPy's functions
+PATIENCE = 3.0  # seconds that a call may take to compile native code that nobody asked for
 
 
 class LongCompilationError(Exception):
@@ -27,16 +29,14 @@ class LongCompilationError(Exception):
 
 def is_straight(computation: Computation, nb: int) -> bool:
     """Return whether the code is a straight line; a loop over the bodies is half as fast, but compiles at once."""
-    return computation.quantity.sweep is None or nb * (computation.order + 1) ** 2 <= STRAIGHT_LIMIT
+    looped = computation.quantity.sweep is not None and not computation.product
+    return not looped or nb * (computation.order + 1) ** 2 <= STRAIGHT_LIMIT
 
 
 def obstacle(computation: Computation) -> str | None:
     """Return why a computation has no native code, as the end of a sentence about native code; None if it has."""
-    return (
-        None
-        if computation.order <= HIGHEST_NATIVE_ORDER
-        else f"supports orders up to {HIGHEST_NATIVE_ORDER}, not {computation.order}"
-    )
+    highest = HIGHEST_PRODUCT_ORDER if computation.product else HIGHEST_NATIVE_ORDER
+    return None if computation.order <= highest else f"supports orders up to {highest}, not {computation.order}"
 
 
 @dataclass(frozen=True)

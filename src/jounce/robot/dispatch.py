@@ -20,7 +20,7 @@ from jounce.model.mechanism import DATA, Mechanism, cast_model
 from jounce.native import plan
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel, compile_kernel
-from jounce.native.plan import LongCompilationError, obstacle
+from jounce.native.plan import PATIENCE, LongCompilationError, obstacle
 from jounce.robot.generic import batch_shape, checked_out, compute_by_method, evaluate, is_fit, results_into
 from jounce.spatial.series import Series, columns
 
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from jounce.robot.robot import Robot
 
 NATIVE = "kernel"  # the method that is native code
-PATIENCE = 3.0  # seconds that a call may take to compile native code that nobody asked for
 
 Form = tuple[Any, ...]  # of a call: what it asks for, and the types of what it gives
 
@@ -85,7 +84,7 @@ def compute(
         if out is None:
             return kernel.ufunc(*arrays)
         into = tuple(out) if type(out) in (tuple, list) else (out,)
-        if is_fit(into, arrays[0].shape[:-1] + kernel.shapes[1][0]):
+        if is_fit(into, arrays[0].shape[:-1], kernel.shapes[1]):
             return kernel.ufunc(*arrays, out=into)
     except (FloatingPointError, Warning):  # where np.errstate or a filter asks for it
         raise
@@ -103,6 +102,7 @@ def _checked_arguments(
     quantity = QUANTITIES[name]
     q = rates.rates_of(given, quantity.rates, mechanism, quantity.input_names)
     order = len(q) - quantity.rates
+    requests.check_rates(name, order)
     W = wrenches.wrenches_of(mechanism, wrench, order, q, quantity.wrench_rates)
     if method is not None:
         one_of("method", method, [*quantity.methods, NATIVE], name)
@@ -134,7 +134,7 @@ def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str
     def law(arrays: Sequence[Array]) -> Series:
         return drive_terms.forces(model, columns(arrays), terms).map(lambda Q: Q[..., 0])
 
-    return results_into(evaluate(law, ports, q, len(q) - FORCES.rates, 4 * model.nb), out)
+    return results_into(evaluate(law, ports, q, len(q) - FORCES.rates + 1, 4 * model.nb), out)
 
 
 def wrench_of_load(
@@ -151,14 +151,15 @@ def wrench_of_load(
         terms = Series.of([x.swapaxes(-1, -2) for x in arrays[len(q) :]])
         return wrench_of(model, columns(arrays[: len(q)]), terms, body, frame, place)
 
-    return results_into(evaluate(law, ports, [*q, *load], len(q) - 1, 6 * model.nb), None)
+    return results_into(evaluate(law, ports, [*q, *load], len(q), 6 * model.nb), None)
 
 
 def compile_ahead(robot: "Robot", computation: Computation) -> Kernel:
     """Compile a kernel on request, regardless of the compile time."""
     kernel, refusal = _kernel(robot, computation, inf)
     if kernel is None:
-        raise JounceError(f"native code {refusal}; use method={_default(computation.quantity)!r}")
+        cure = "choose a lower order" if computation.product else f"use method={_default(computation.quantity)!r}"
+        raise JounceError(f"native code {refusal}; {cure}")
     return kernel
 
 

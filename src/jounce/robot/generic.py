@@ -17,15 +17,15 @@ Law = Callable[[Sequence[Array]], Series]  # from the arrays of the ports to a q
 PIECE = 2**20  # bytes that a working array of a piece may take: longer batches are cut, to stay near the cache
 
 
-def evaluate(law: Law, ports: Sequence[Port], arrays: Sequence[Array], order: int, width: int) -> tuple[Array, ...]:
-    """Return the rates 0 .. order for the whole batch; `width` is the number of working scalars per state."""
+def evaluate(law: Law, ports: Sequence[Port], arrays: Sequence[Array], count: int, width: int) -> tuple[Array, ...]:
+    """Return the first terms of a law for the whole batch; `width` is the number of working scalars per state."""
     arrays = broadcast(arrays, *_axes(ports))
     batch = arrays[0].shape[:-1]
     size, piece = int(np.prod(batch)), max(1, PIECE // (8 * width))
     if size <= piece or not all(is_numeric(x) for x in arrays):
-        return law(arrays).upto(order)
+        return law(arrays).upto(count - 1)
     flat = [x.reshape((size, *x.shape[len(batch) :])) for x in arrays]
-    pieces = [law([x[i : i + piece] for x in flat]).upto(order) for i in range(0, size, piece)]
+    pieces = [law([x[i : i + piece] for x in flat]).upto(count - 1) for i in range(0, size, piece)]
     joined = (np.concatenate(terms) for terms in zip(*pieces, strict=True))
     return tuple(x.reshape((*batch, *x.shape[1:])) for x in joined)
 
@@ -36,7 +36,7 @@ def compute_by_method(
     """Compute a quantity and its rates by a method, from arrays of the scalar type of the mechanism's data."""
     ports = computation.signature(mechanism.n, mechanism.nb).inputs
     width = computation.quantity.methods[method].width(mechanism.nb)
-    return evaluate(lambda x: computation.series(method, mechanism, x), ports, arrays, computation.order, width)
+    return evaluate(lambda x: computation.series(method, mechanism, x), ports, arrays, computation.count, width)
 
 
 def batch_shape(ports: Sequence[Port], arrays: Sequence[Array]) -> tuple[int, ...]:
@@ -82,9 +82,11 @@ def checked_out(out: Any, shapes: Sequence[tuple[int, ...]], dtype: np.dtype) ->
     return arrays
 
 
-def is_fit(out: Sequence[Any], shape: tuple[int, ...]) -> bool:
-    """Return whether arrays can take results of a shape, as far as NumPy itself does not check it."""
-    for array in out:
-        if type(array) is not np.ndarray or array.shape != shape:
+def is_fit(out: Sequence[Any], batch: tuple[int, ...], shapes: Sequence[tuple[int, ...]]) -> bool:
+    """Return whether arrays can take results of shapes, as far as NumPy itself does not check it."""
+    if len(out) != len(shapes):
+        return False
+    for array, shape in zip(out, shapes, strict=True):
+        if type(array) is not np.ndarray or array.shape != batch + shape:
             return False
     return not any(starmap(np.shares_memory, combinations(out, 2)))

@@ -258,6 +258,12 @@ class OfForces(Protocol):
     ) -> tuple[Array, ...]: ...
 
 
+class ForwardPartials(Protocol):
+    """The method that takes q, qd, forces Q and wrenches, and returns dq2d/dq, dq2d/dqd and M^-1."""
+
+    def __call__(self, q: Named, qd: Named, Q: Named, **options: Unpack[_Wrench]) -> tuple[Array, Array, Array]: ...
+
+
 class DriveForces(Protocol):
     """The method that takes q, qd, q2d and drive terms."""
 

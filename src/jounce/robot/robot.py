@@ -19,6 +19,7 @@ from jounce._typing import (
     Method,
     Named,
     Out,
+    Product,
     QuantityName,
     Rates,
     Results,
@@ -103,6 +104,11 @@ class Robot:
 
     def __repr__(self) -> str:
         return f"<Robot {self.name!r}: {self.n} coordinates, {self.mechanism.nb} bodies>"
+
+    def _repr_html_(self) -> str:
+        from jounce.figures import displays
+
+        return displays.robot(self)
 
     @property
     def name(self) -> str:
@@ -646,6 +652,7 @@ class Robot:
         *,
         body: str | None = None,
         frame: Frame = "body",
+        product: Product | None = None,
     ) -> Kernel:
         """Compile a quantity to native code before its first call.
 
@@ -662,6 +669,9 @@ class Robot:
             Whether wrenches W, Wd, ... (..., nb, 6) follow the coordinates' rates in its calls.
         body, frame : str, optional
             Body or merged link, and frame, of poses, twists and Jacobians; all bodies by default.
+        product : {"vjp", "jvp"}, optional
+            Products of the derivatives by all inputs instead of the values: the kernel that `Kernel.vjp` or
+            `Kernel.jvp` compiles at its first call, which takes the weights or directions after the other arrays.
 
         Returns
         -------
@@ -687,7 +697,7 @@ class Robot:
         >>> bool((out[2] == Q2d).all())
         True
         """
-        asked = requests.computation(self.mechanism, quantity, order, wrench, body, frame)
+        asked = requests.computation(self.mechanism, quantity, order, wrench, body, frame, product)
         return dispatch.compile_ahead(self, asked)
 
     @typed(overloads.OfAcceleration)
@@ -792,11 +802,13 @@ class Robot:
         Raises
         ------
         JounceError
-            If a shape or name does not fit, a rate is skipped, or the mass matrix is singular.
+            If a shape or name does not fit, a rate is skipped, or the mass matrix is singular at all positions.
+            Where it is singular at one, results are infinite or NaN, with NumPy's warning.
 
         References
         ----------
-        Müller & Kumar (EOM1); R. Featherstone, Rigid Body Dynamics Algorithms, 6.3, for the factors of M.
+        Müller & Kumar (EOM1); R. Featherstone, Rigid Body Dynamics Algorithms, 6.3 for the factors of M, 7.3 for the
+        articulated bodies that robots with long branches take.
 
         Examples
         --------
@@ -810,6 +822,134 @@ class Robot:
         """
         rates = (q, qd, Q, Qd, Q2d, *higher)
         return compute(self, "forward_dynamics", rates, wrench=wrench, method=method, out=out, threads=threads)
+
+    @typed(overloads.OfAcceleration)
+    def inverse_dynamics_partials(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named | None = None,
+        q4d: Named | None = None,
+        *higher: Named,
+        wrench: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> Results:
+        """The partial derivatives P of the generalized forces by q, qd and q2d, and those of the forces' rates.
+
+        ``P[j] = dQ/dq^(j)``, in the order q, qd, q2d; ``Pd[j] = dQd/dq^(j)``, j = 0 .. 3; ``P2d[j] = dQ2d/dq^(j)``,
+        j = 0 .. 4. P[2] is the mass matrix. Drive terms that act contribute.
+
+        Parameters
+        ----------
+        q, qd, q2d : (..., n)
+            Coordinates, velocities and accelerations: rad or m, per s, per s^2.
+        q3d, q4d, *higher : (..., n), optional
+            Further rates, each for the partial derivatives of one more rate of Q.
+        wrench : (..., nb, 6) or dict, or a tuple of them, optional
+            What the bodies EXERT ON their environment, as in `inverse_dynamics`. Its components in the body frames are
+            held constant: the wrench turns with the body as q changes. Of a wrench that keeps its direction in space,
+            those components depend on q, and the derivative has one more term.
+        method : {"kernel", "recursion", "closed_form"}, optional
+            See `Robot`.
+        out : array or tuple of arrays, optional
+            Written into and returned.
+        threads : int, optional
+            Threads of native code that split the batch.
+
+        Returns
+        -------
+        P : (..., 3, n, n), or tuple of P, Pd, P2d, ...: (..., 3, n, n), (..., 4, n, n), (..., 5, n, n), ...
+            Row i, column k: the derivative of force i by coordinate k, in units of Q over those of q, qd, q2d, ....
+
+        Raises
+        ------
+        JounceError
+            If an array has a wrong shape, a rate is skipped, or `wrench` has fewer rates than Q.
+
+        References
+        ----------
+        Singh, Russell, Wensing, "Efficient Analytical Derivatives of Rigid-Body Dynamics Using Spatial Vector Algebra",
+        IEEE Robotics and Automation Letters 7(2), 2022, for P.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> robot = jounce.load("planar2r")
+        >>> P, Pd = robot.inverse_dynamics_partials([0, 0], [1, 0], [0, 0], [0, 0])
+        >>> P.shape, Pd.shape
+        ((3, 2, 2), (4, 2, 2))
+        >>> bool(np.allclose(P[2], robot.mass_matrix([0, 0])))
+        True
+        """
+        rates = (q, qd, q2d, q3d, q4d, *higher)
+        name = "inverse_dynamics_partials"
+        return compute(self, name, rates, wrench=wrench, method=method, out=out, threads=threads)
+
+    @typed(overloads.ForwardPartials)
+    def forward_dynamics_partials(
+        self,
+        q: Named,
+        qd: Named,
+        Q: Named,
+        *rates: Named,
+        wrench: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> Results:
+        """The partial derivatives of the accelerations q2d by q, qd and Q, which linearise `forward_dynamics`.
+
+        ``dq2d/dq = -M^-1 dQ/dq``, ``dq2d/dqd = -M^-1 dQ/dqd``, with the derivatives of `inverse_dynamics_partials` at
+        the accelerations that Q causes, and ``dq2d/dQ = M^-1``.
+
+        Parameters
+        ----------
+        q, qd : (..., n)
+            Coordinates and velocities: rad or m, and per s.
+        Q : (..., n)
+            Generalized forces: N m, or N for coordinates in m.
+        *rates : (..., n)
+            Not accepted: the result has no time derivatives.
+        wrench : (..., nb, 6) or dict, optional
+            What the bodies EXERT ON their environment, held constant in the body frames, as in
+            `inverse_dynamics_partials`.
+        method : {"kernel", "recursion", "closed_form"}, optional
+            See `Robot`.
+        out : tuple of three arrays, optional
+            Written into and returned: (..., n, n) each.
+        threads : int, optional
+            Threads of native code that split the batch.
+
+        Returns
+        -------
+        dq, dqd, Minv : (..., n, n)
+            dq2d/dq, dq2d/dqd and the inverse of the mass matrix. Row i, column k: the derivative of acceleration i by
+            coordinate, velocity or force k.
+
+        Raises
+        ------
+        JounceError
+            If a shape or name does not fit, rates of Q are given, or the mass matrix is singular.
+
+        References
+        ----------
+        Carpentier, Mansard, "Analytical Derivatives of Rigid Body Dynamics Algorithms", Robotics: Science and Systems
+        2018, for the relation of the two.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> robot = jounce.load("iiwa14")
+        >>> dq, dqd, Minv = robot.forward_dynamics_partials(np.ones(7), np.zeros(7), np.zeros(7))
+        >>> bool(np.allclose(Minv @ robot.mass_matrix(np.ones(7)), np.eye(7)))
+        True
+        """
+        given = (q, qd, Q, *rates)
+        name = "forward_dynamics_partials"
+        return compute(self, name, given, wrench=wrench, method=method, out=out, threads=threads)
 
     def forces_along(
         self,

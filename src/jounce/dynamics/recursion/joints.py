@@ -15,8 +15,10 @@ from jounce._scalars import Array, exact_integers, is_symbolic
 from jounce.model.coordinates import joint_variables
 from jounce.model.equivalent import split_turn
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.lie import Ad, ad, exp_of, inverse, turn_and_slide, wedge
+from jounce.spatial.lie import Ad, ad, exp_of, inverse, pose, position, rotation, turn_and_slide, wedge
 from jounce.spatial.series import Series, from_rates
+
+_I = np.eye(3, dtype=int)
 
 
 def transport(E: Array, L: Array, rate: Series, x: Series) -> Series:
@@ -29,6 +31,22 @@ def transport_form(E: Array, L: Array, rate: Series, x: Series) -> Series:
     return from_rates(lambda k: E @ x[k] @ E.mT, lambda y: rate * (L @ y + y @ L.mT))
 
 
+def transport_symmetric(E: Array, L: Array, rate: Series, x: Series) -> Series:
+    """y = E x E^T of symmetric x, with E' = rate L E."""
+    return from_rates(lambda k: congruence(E, x[k]), lambda y: rate * (L @ y + y @ L.mT))
+
+
+def congruence(E: Array, x: Array) -> Array:
+    """E x E^T of symmetric x."""
+    return mirrored(E @ x @ E.mT)
+
+
+def mirrored(x: Array) -> Array:
+    """A symmetric matrix, each entry below the diagonal that above: traced, they are one expression, not two."""
+    upper = np.tri(x.shape[-1], dtype=int).T
+    return x * upper + x.mT * (1 - upper)
+
+
 @dataclass(frozen=True)
 class Placement:
     """The constants of a joint: its pose in the parent, and its screw."""
@@ -36,8 +54,11 @@ class Placement:
     parent: int
     G: Array  # (1, n) the coordinates that the joint follows
     B: Array  # (4, 4) pose of the body in its parent's frame at theta = 0, but for the turn that T has then
+    offset: Array  # (4, 4) B is the product of its offset and its turn; one after the other costs less than both
+    turn: Array
+    Ad_offset: Array  # (6, 6) of their inverses
+    Ad_turn: Array
     X: Array  # (6, 1) joint screw in the body frame
-    Ad_B: Array  # Ad(B^-1)
     ad_X: Array
     X_hat: Array  # wedge(X)
 
@@ -57,11 +78,11 @@ class Joint(Placement):
 
     def twists(self, x: Series) -> Series:
         """Transport twists (..., 6, k) from the parent's frame to the body's."""
-        return transport(self.A, -self.ad_X, self.rate, self.Ad_B @ x)
+        return transport(self.A, -self.ad_X, self.rate, self.Ad_turn @ (self.Ad_offset @ x))
 
     def wrenches(self, x: Series) -> Series:
         """Transport wrenches (..., 6, k) from the body's frame to the parent's."""
-        return self.Ad_B.mT @ transport(self.A.mT, -self.ad_X.mT, self.rate, x)
+        return self.Ad_offset.mT @ (self.Ad_turn.mT @ transport(self.A.mT, -self.ad_X.mT, self.rate, x))
 
     def points(self, x: Series) -> Series:
         """Transport points and weighted sums of points (..., 4, k), (m r; m), from the body's frame to the parent's."""
@@ -69,11 +90,18 @@ class Joint(Placement):
 
     def moments(self, x: Series) -> Series:
         """Transport moments of mass (..., 4, 4) from the body's frame to the parent's."""
-        return self.B @ transport_form(self.T, self.X_hat, self.rate, x) @ self.B.mT
+        y = transport_symmetric(self.T, self.X_hat, self.rate, x)
+        return y.map(lambda y: congruence(self.offset, congruence(self.turn, y)))
+
+    def inertias(self, x: Series) -> Series:
+        """Transport symmetric forms of twists (..., 6, 6), as inertia is, from the body's frame to the parent's."""
+        y = transport_symmetric(self.A.mT, -self.ad_X.mT, self.rate, x)
+        return y.map(lambda y: congruence(self.Ad_offset.mT, congruence(self.Ad_turn.mT, y)))
 
     def forms(self, x: Series) -> Series:
-        """Transport bilinear forms of twists (..., 6, 6), such as inertia, from the body's frame to the parent's."""
-        return self.Ad_B.mT @ transport_form(self.A.mT, -self.ad_X.mT, self.rate, x) @ self.Ad_B
+        """Transport bilinear forms of twists (..., 6, 6) from the body's frame to the parent's."""
+        y = self.Ad_turn.mT @ transport_form(self.A.mT, -self.ad_X.mT, self.rate, x) @ self.Ad_turn
+        return self.Ad_offset.mT @ y @ self.Ad_offset
 
 
 @lru_cache(maxsize=64)
@@ -86,7 +114,9 @@ def placed(mechanism: Mechanism) -> tuple[Array, Array]:
 @lru_cache(maxsize=64)
 def _placements(mechanism: Mechanism) -> list[Placement]:
     (B, _), X = placed(mechanism), mechanism.X
-    data = (mechanism.parent, mechanism.G[:, None, :], B, X[..., None], Ad(inverse(B)), ad(X), wedge(X))
+    offset, turn = pose(_I, position(B)), pose(rotation(B), np.zeros((3, 1), dtype=int))
+    ads = Ad(inverse(offset)), Ad(inverse(turn))
+    data = (mechanism.parent, mechanism.G[:, None, :], B, offset, turn, *ads, X[..., None], ad(X), wedge(X))
     return [Placement(*of_joint) for of_joint in zip(*data, strict=True)]
 
 

@@ -55,6 +55,11 @@ def project(screws: Sequence[Series], columns: Sequence[Columns]) -> Series:
     return joined([S.mT @ c.values @ unit[c.joints] for S, c in zip(screws, columns, strict=True)], axis=-2)
 
 
+def above(triangle: Series) -> Series:
+    """The entries above the diagonal."""
+    return triangle.map(lambda entries: entries * np.tri(entries.shape[-1], k=-1, dtype=int).T)
+
+
 def evaluate_in_order(result: Series, steps: Iterable[Series]) -> Series:
     """Evaluate the steps to a series one after the other, order by order: this bounds Python's recursion depth."""
     steps = tuple(steps)

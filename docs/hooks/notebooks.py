@@ -1,0 +1,50 @@
+"""Notebooks as pages: each is run from a clean kernel when the site is built, and its outputs stand in the page."""
+
+import re
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+DOCS = Path(__file__).parents[1]
+FOLDER = DOCS / "notebooks"
+LONGEST = 300  # seconds that a cell may take
+FORMULA = re.compile(r"^\$\\displaystyle (.*)\$$", re.MULTILINE)  # as SymPy displays its expressions
+
+
+def on_files(files: Any, config: Any, **_: Any) -> Any:
+    """The files of the site with a page of each notebook and its pictures; the notebooks themselves are there too."""
+    from mkdocs.structure.files import File
+
+    for path in sorted(FOLDER.glob("*.ipynb")):
+        page, pictures = page_of(path)
+        files.append(File.generated(config, f"notebooks/{path.stem}.md", content=page))
+        for name, content in pictures.items():
+            files.append(File.generated(config, f"notebooks/{name}", content=content))
+    return files
+
+
+def page_of(path: Path) -> tuple[str, dict[str, bytes]]:
+    """A notebook with its outputs as Markdown, and the pictures that it refers to, by name."""
+    from nbconvert import MarkdownExporter
+
+    exporter, folder = MarkdownExporter(), f"{path.stem}_files"
+    page, resources = exporter.from_notebook_node(run(path), {"output_files_dir": folder, "unique_key": path.stem})
+    title, _, rest = FORMULA.sub(r"$$\1$$", page.lstrip()).partition("\n")
+    link = f"[Download this notebook]({path.name}){{ .md-button download='' }}"
+    return f"{title}\n\n{link}\n{rest}", resources["outputs"]
+
+
+def run(path: Path) -> Any:
+    """A notebook with the outputs of its cells, run in an empty folder by a kernel of its own.
+
+    Raises
+    ------
+    nbclient.exceptions.CellExecutionError : where a cell fails, with its traceback.
+    """
+    import nbformat
+    from nbclient import NotebookClient
+
+    notebook = nbformat.read(path, as_version=4)
+    with TemporaryDirectory() as folder:
+        NotebookClient(notebook, timeout=LONGEST, resources={"metadata": {"path": folder}}).execute()
+    return notebook

@@ -1,0 +1,130 @@
+"""Displays in notebooks: tables in HTML, and pictures where matplotlib is installed."""
+
+from base64 import b64encode
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import jinja2
+import numpy as np
+
+from jounce._scalars import is_numeric
+from jounce.checks.description import describe, limit_in_words
+from jounce.errors import JounceError, shortened
+from jounce.figures import canvas
+from jounce.figures.curves import Panel, Run, over_time
+from jounce.figures.drawing import View, draw
+from jounce.figures.labels import place_labels
+from jounce.model.mechanism import DATA
+from jounce.spatial.series import rate_name
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from jounce.limits.check import Check, CheckedLimit
+    from jounce.limits.retime import Retiming
+    from jounce.limits.slowdown import Slowdown
+    from jounce.motion import Motion
+    from jounce.robot import Robot
+
+PAGE = """<p>{{ head }}</p>
+{% if rows %}<table>
+<thead><tr>{% for cell in names %}<th>{{ cell }}</th>{% endfor %}</tr></thead>
+<tbody>{% for row in rows %}<tr>{% for cell in row %}<td>{{ cell }}</td>{% endfor %}</tr>
+{% endfor %}</tbody></table>{% endif %}
+{% for note in notes %}<p>{{ note }}</p>
+{% endfor %}{{ picture | safe }}"""
+SHOWN = 12  # rows of a table: of a check those nearest to their limits
+DRAWN = 12  # bodies of a robot whose frames a drawing can name
+POINTS = 400  # of a curve
+
+
+def robot(robot: "Robot") -> str:
+    """The joints, bodies and limits of a robot, and a drawing of it where all coordinates are 0."""
+    m, head = robot.mechanism, repr(robot)[1:-1]
+    if not all(is_numeric(getattr(m, data)) for data in DATA):
+        return _page(head, ("joint", "body"), list(zip(m.joints, m.bodies, strict=True)))
+    kinds = m.limits.kinds
+    rows = [
+        (
+            *(body[key] for key in ("joint", "type", "name", "parent")),
+            f"{body['mass']:.4g} kg",
+            *(limit_in_words(body, kind) for kind in kinds),
+        )
+        for body in describe(m)["bodies"]
+    ]
+    names = ("joint", "type", "body", "on", "mass", *(kind.replace("_", " ") for kind in kinds))
+
+    def paint(figure: "Figure") -> None:
+        axes = figure.subplots()
+        draw(axes, m, robot.poses(np.zeros(m.n)), View(-55, 18))
+        place_labels(figure, axes)
+
+    drawing = _picture(lambda: canvas.painted(paint, 5, 5)) if m.nb <= DRAWN else ""
+    return _page(head, names, rows, picture=drawing)
+
+
+def motion(motion: "Motion") -> str:
+    """Where the joints of a motion start and end, their largest rates, and q, qd, q2d over time."""
+    t = np.linspace(motion.start, motion.stop, POINTS)
+    rates = motion(t, 2)
+    joints = motion.joint_names or tuple(f"joint {j}" for j in range(1, rates[0].shape[-1] + 1))
+    rows = [
+        (joint, *(f"{x:.5g}" for x in (q[0], q[-1], abs(qd).max(), abs(q2d).max())))
+        for joint, q, qd, q2d in zip(joints, *(rate.T for rate in rates), strict=True)
+    ]
+    panels = [Panel(rate_name("q", k), dict(zip(joints, rate.T, strict=True))) for k, rate in enumerate(rates)]
+    run = Run(t, panels, [found.t for found in motion.breaks])
+    names = ("joint", "start", "end", "largest |qd|", "largest |q2d|")
+    return _page(repr(motion)[1:-1], names, rows, motion.notes, _picture(lambda: over_time([run])))
+
+
+def check(found: "Check") -> str:
+    """The limits that a motion comes nearest to, or breaks."""
+    rows = sorted(found.table, key=lambda row: -row.ratio)[:SHOWN]
+    names = ("", "joint", "limit", "worst", "bound", "unit", "at t [s]", "ratio")
+    left = len(found.table) - len(rows)
+    notes = (*([f"and {left} more limits, all of lower ratios"] if left else []), *found.notes)
+    return _page(repr(found)[1:-1], names, [_checked(row) for row in rows], notes)
+
+
+def slowdown(slow: "Slowdown") -> str:
+    """The factor of speed of a slow-down, the limit that decides it, and the motion."""
+    return _page(repr(slow)[1:-1], notes=slow.notes, picture=motion(slow.motion))
+
+
+def retiming(faster: "Retiming") -> str:
+    """The duration of a retimed motion, the limits that decide it, and the motion."""
+    rows = [(s.joint, s.limit.replace("_", " "), f"{s.start:.4g}", f"{s.stop:.4g}") for s in faster.binding[:SHOWN]]
+    left = len(faster.binding) - len(rows)
+    notes = [f"and {left} more stretches"] if left else []
+    names = ("joint", "limit that decides", "from t [s]", "to t [s]")
+    return _page(repr(faster)[1:-1], names, rows, notes, picture=motion(faster.motion))
+
+
+def _checked(row: "CheckedLimit") -> tuple[str, ...]:
+    spread = f" ± {row.deviation:.2g}" if row.deviation else ""
+    limit = row.limit.replace("_", " ") + (f" of {row.of}" if row.of == "Q - Qgrav" else "")
+    numbers = (f"{row.value:.5g}", f"{row.bound:.5g}", row.unit, f"{row.t:.4f}", f"{row.ratio:.4g}{spread}")
+    return ("kept" if row.ok else "broken", row.joint, limit, *numbers)
+
+
+def _picture(paint: Callable[[], "Figure"]) -> str:
+    """A picture as SVG, or nothing where matplotlib is missing: the table says no less without it."""
+    try:
+        content = canvas.svg(paint())
+    except JounceError:
+        return ""
+    return f'<img alt="picture" src="data:image/svg+xml;base64,{b64encode(content).decode()}">'
+
+
+def _page(
+    head: str,
+    names: Sequence[str] = (),
+    rows: Sequence[Sequence[str]] = (),
+    notes: Sequence[str] = (),
+    picture: str = "",
+) -> str:
+    """A heading, a table, notes and a picture; names are escaped."""
+    cells = [[shortened(cell) for cell in row] for row in rows]
+    template = jinja2.Environment(autoescape=True).from_string(PAGE)
+    return template.render(head=head, names=names, rows=cells, notes=notes, picture=picture)

@@ -1,0 +1,65 @@
+"""Programs for the tests: one of each operation, functions of functions, and exact random expressions."""
+
+import mpmath
+from hypothesis import assume
+from hypothesis import strategies as st
+
+from jounce.program.operations import FUNCTIONS, OPERATIONS
+from jounce.program.program import Step, prune
+from jounce.program.trace import Tape
+
+
+def one_of_each():
+    """A program whose outputs are one of each operation, of the first inputs, none traced away."""
+    steps = [Step("input", value=float(i)) for i in range(3)]
+    steps += [Step(name, tuple(range(operation.arity))) for name, operation in OPERATIONS.items()]
+    return prune(steps, range(3, len(steps)), 3)
+
+
+def exact(name):
+    """The value of an operation on numbers of mpmath."""
+    return getattr(mpmath, name) if name in FUNCTIONS else OPERATIONS[name].value
+
+
+def run_exactly(program, inputs):
+    """The outputs of a program on numbers of mpmath."""
+    values = []
+    for step in program.steps:
+        if step.kind == "input":
+            values.append(inputs[int(step.value)])
+        elif step.kind == "constant":
+            values.append(mpmath.mpf(step.value))
+        else:
+            values.append(exact(step.kind)(*(values[i] for i in step.operands)))
+    return [values[i] for i in program.outputs]
+
+
+def nested(x, y, z):
+    """A node that every operation which is not fused leads to, by more than one way."""
+    return (x * y - z).sin() / (y + (x - z).cos() * 3) - (-x * z).tanh() + 1 / (2 + z * z)
+
+
+@st.composite
+def expressions(draw):
+    """A program of sums and products of three integers and of constants, and the integers."""
+    values = [draw(st.integers(-3, 3)) for _ in range(3)]
+    tape = Tape()
+    made = [*zip(tape.variables(3), values, map(abs, values), strict=True)]
+    for _ in range(draw(st.integers(1, 25))):
+        kind = draw(st.sampled_from(["add", "sub", "mul", "neg", "constant"]))
+        x, a, largest_a = draw(st.sampled_from(made))
+        y, b, largest_b = draw(st.sampled_from(made))
+        match kind:
+            case "constant":
+                c = draw(st.sampled_from([0, 1, -1, 2, -3]))
+                made.append((x * c + y, a * c + b, largest_a * abs(c) + largest_b))
+            case "neg":
+                made.append((-x, -a, largest_a))
+            case "mul":
+                made.append((x * y, a * b, largest_a * largest_b))
+            case _:
+                sign = 1 if kind == "add" else -1
+                made.append((x + y if sign > 0 else x - y, a + sign * b, largest_a + largest_b))
+    assume(max(largest for _, _, largest in made) < 2**50)  # so that doubles hold all of it exactly
+    outputs = draw(st.lists(st.sampled_from(made), min_size=1, max_size=5))
+    return tape.program([node for node, _, _ in outputs]), values, [value for _, value, _ in outputs]
