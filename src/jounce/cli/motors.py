@@ -28,7 +28,6 @@ HIGHEST = 2  # the rate of Q that torques of motors take
 
 EPILOG = """\b
 Example:
-  jounce motors panda_elastic poses.csv -o motors.csv
   jounce motors iiwa14 paper --stiffness 10000 --rotor 0.5 -o motors.csv
 
 \b
