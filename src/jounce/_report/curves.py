@@ -7,8 +7,10 @@ import numpy as np
 
 from jounce._report.packing import packed, packed_times
 from jounce._report.subject import Quantity, Subject
+from jounce.figures.bounds import NEAR
 from jounce.figures.canvas import INK, line_style
-from jounce.figures.curves import NEAR, TOLD, drawn_points
+from jounce.figures.curves import TOLD
+from jounce.figures.panels import drawn_points
 from jounce.limits.check import CheckedLimit
 from jounce.motion.bands import COVERS
 

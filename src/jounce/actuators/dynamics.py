@@ -89,7 +89,7 @@ def linearizing_torques(robot: "Robot", given: Sequence[Any], wrench: Any, metho
     if rigid.any():
         joints = listed(name for name, held in zip(m.coordinates, rigid, strict=True) if held)
         raise JounceError(
-            f"feedback_linearization() needs elastic joints, yet {joints} are rigid: q4d is no input of theirs;"
+            f"feedback_linearization() needs elastic joints, but {joints} {'are' if rigid.sum() > 1 else 'is'} rigid;"
             " robot.elastic(stiffness) states finite stiffnesses"
         )
     W = tuple(wrenches_of(m, wrench, 0, [q], 3)) or None

@@ -261,7 +261,9 @@ class OfForces(Protocol):
 class ForwardPartials(Protocol):
     """The method that takes q, qd, forces Q and wrenches, and returns dq2d/dq, dq2d/dqd and M^-1."""
 
-    def __call__(self, q: Named, qd: Named, Q: Named, **options: Unpack[_Wrench]) -> tuple[Array, Array, Array]: ...
+    def __call__(self, q: Named, qd: Named, Q: Named, **options: Unpack[_Wrench]) -> tuple[Array, Array, Array]:
+        """Compute the three matrices."""
+        ...
 
 
 class DriveForces(Protocol):
