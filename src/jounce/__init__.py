@@ -18,10 +18,13 @@ if TYPE_CHECKING:
     from jounce.limits.check import Check, CheckedLimit
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
+    from jounce.model.antagonists import AntagonisticSprings
     from jounce.model.drives import Drives
     from jounce.model.elasticity import Elasticity
     from jounce.model.limits import Limits
     from jounce.model.mechanism import Mechanism
+    from jounce.model.motors import Motor
+    from jounce.model.springs import CubicSpring, SpringFunction, SpringTable
     from jounce.motion import Motion
     from jounce.native.kernel import Kernel
     from jounce.robot import Robot
@@ -30,8 +33,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Along",
+    "AntagonisticSprings",
     "Check",
     "CheckedLimit",
+    "CubicSpring",
     "Drives",
     "ElasticAlong",
     "ElasticRobot",
@@ -42,10 +47,13 @@ __all__ = [
     "Limits",
     "Mechanism",
     "Motion",
+    "Motor",
     "Report",
     "Retiming",
     "Robot",
     "Slowdown",
+    "SpringFunction",
+    "SpringTable",
     "__version__",
     "casadi_function",
     "codegen",
@@ -58,8 +66,10 @@ __all__ = [
 ]
 _LATER = {  # what is imported when it is first asked for, so that whatever needs little of it starts at once
     "Along": "jounce.robot.along",
+    "AntagonisticSprings": "jounce.model.antagonists",
     "Check": "jounce.limits.check",
     "CheckedLimit": "jounce.limits.check",
+    "CubicSpring": "jounce.model.springs",
     "Drives": "jounce.model.drives",
     "ElasticAlong": "jounce.actuators.elastic",
     "ElasticRobot": "jounce.actuators.elastic",
@@ -71,9 +81,12 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "Mechanism": "jounce.model.mechanism",
     "Motion": "jounce.motion",
     "Report": "jounce._report",
+    "Motor": "jounce.model.motors",
     "Retiming": "jounce.limits.retime",
     "Robot": "jounce.robot",
     "Slowdown": "jounce.limits.slowdown",
+    "SpringFunction": "jounce.model.springs",
+    "SpringTable": "jounce.model.springs",
     "casadi_function": "jounce._casadi",
     "codegen": "jounce._codegen",
     "inertia_matrix": "jounce.spatial.inertia",

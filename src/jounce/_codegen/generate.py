@@ -61,7 +61,9 @@ def codegen(
         The output folder, new or empty; by default PREFIX-LANG in the working directory.
     outputs : sequence of str
         Quantities, each with its rates: the names of methods of `Robot`, "skew_coriolis_matrix" for the form "skew".
-        A quantity of bodies needs a body and may have a frame: "poses:tool0", "jacobian:tool0:world".
+        A quantity of bodies needs a body and may have a frame: "poses:tool0", "jacobian:tool0:world". Of quantities
+        that are vectors, "inverse_dynamics.vjp" and "inverse_dynamics.jvp" are what `Kernel.vjp` and `Kernel.jvp`
+        compute.
     wrench : bool
         Whether the functions take wrenches W, Wd, ..., (nb, 6), if their quantity depends on them.
     parameters : sequence of str

@@ -6,6 +6,7 @@ rows. A new quantity takes its mathematics, a row, and a method of `Robot`.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -161,12 +162,15 @@ def _forward_partials(m: Mechanism, x: State, method: str) -> Series:
     return Series.of(partials.of_accelerations(P[0]))
 
 
-def _of_motors(law: Callable[[Mechanism, Series, Series], Series], method: str) -> Law:
+def _of_motors(law: Callable[[Mechanism, Series, elastic.Forces], Series], method: str) -> Law:
     """A law of elastic joints, with the forces on the links by a method."""
 
     def motors(m: Mechanism, x: State) -> Series:
-        Q = FORCES.law(method, m)(m, x)
-        return _row(law(m, x.q, Q.map(lambda Q: Q[..., None])))
+        def forces(added: Series | None) -> Series:
+            W = x.W if added is None else added if x.W is None else x.W + added
+            return FORCES.law(method, m)(m, replace(x, W=W)).map(lambda Q: Q[..., None])
+
+        return _row(law(m, x.q, forces))
 
     return motors
 
@@ -486,3 +490,10 @@ QUANTITIES: Mapping[str, Quantity] = {
     )
 }
 FORCES = QUANTITIES["inverse_dynamics"]  # the default where a quantity is chosen
+
+
+@lru_cache(maxsize=64)
+def row_of(name: str, more_rates: int = 0) -> Quantity:
+    """The row of a quantity, for a robot whose springs and motors take further rates of the motion."""
+    row = QUANTITIES[name]
+    return replace(row, rates=row.rates + more_rates, wrench_rates=row.wrench_rates + more_rates) if more_rates else row

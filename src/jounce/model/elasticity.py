@@ -9,12 +9,18 @@ model, in which rotors turn about their own axes only:
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from jounce._scalars import Array
 from jounce._typing import Floats
+from jounce.model.antagonists import AntagonisticSprings
+from jounce.model.motors import Motor
+from jounce.model.springs import DampedSpring, Spring
 
+Law: TypeAlias = Spring | DampedSpring | AntagonisticSprings
+SpringLaw: TypeAlias = Spring | AntagonisticSprings | Callable[[Any], Any]  # as callers give it
 ARRAYS = ("stiffness", "rotor", "viscous", "friction", "eps")  # the numbers, one per coordinate
 
 
@@ -34,6 +40,12 @@ class Elasticity:
         Coulomb friction of the motor, N m or N.
     eps : (n,)
         Smoothing velocity of the friction, rad/s or m/s.
+    springs : tuple
+        A spring per coordinate that is not linear or has a damper, None for others; empty if all are linear.
+    motors : tuple of Motor or None
+        The motors as stated, one per coordinate; empty if none is.
+    level : int or None
+        The level of the coupling of rotors and links that carry them; None in Spong's model.
 
     Examples
     --------
@@ -48,6 +60,16 @@ class Elasticity:
     viscous: Floats
     friction: Floats
     eps: Floats
+    springs: tuple[Law | None, ...] = ()
+    motors: tuple[Motor | None, ...] = ()
+    level: int | None = None
+
+    @property
+    def more_rates(self) -> int:
+        """How many further rates of the motion motor positions and torques take, as dampers and couplings need them."""
+        terms = max((law.terms - 1 for law in self.springs if isinstance(law, DampedSpring)), default=0)
+        level = self.level or 0
+        return (level + 1) * terms + 2 * level
 
     @property
     def is_rigid(self) -> Array:
@@ -65,4 +87,6 @@ class Elasticity:
 
     def select(self, coordinates: Sequence[int]) -> "Elasticity":
         """The springs and motors of some coordinates, by index."""
-        return self.map(lambda array: array[list(coordinates)])
+        springs = tuple(self.springs[j] for j in coordinates) if self.springs else ()
+        motors = tuple(self.motors[j] for j in coordinates) if self.motors else ()
+        return replace(self.map(lambda array: array[list(coordinates)]), springs=springs, motors=motors)

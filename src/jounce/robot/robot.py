@@ -10,6 +10,7 @@ from jounce._typing import (
     ArrayLike,
     Base,
     Convention,
+    Coupling,
     DriveTerms,
     Form,
     Frame,
@@ -27,7 +28,7 @@ from jounce._typing import (
 )
 from jounce.arguments import requests
 from jounce.arguments.limits import with_limits
-from jounce.errors import JounceError, listed, one_of, quoted
+from jounce.errors import JounceError, listed, one_of
 from jounce.model import dh, equality, screws
 from jounce.model.drives import Drives, select_terms, warn_of_idle, with_eps
 from jounce.model.limits import Limits
@@ -44,6 +45,8 @@ if TYPE_CHECKING:
     from jounce.limits.check import Check
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
+    from jounce.model.elasticity import SpringLaw
+    from jounce.model.motors import Motor
     from jounce.motion import Motion
     from jounce.robot.along import Along
 
@@ -1126,8 +1129,9 @@ class Robot:
         return retime(self, motion, margin)
 
     def elastic(
-        self, stiffness: Stated | None = None, rotor: Stated | None = None, damping: None = None, spring: None = None,
-        coupling: str = "spong", motors: None = None,
+        self, stiffness: Stated | None = None, rotor: Stated | None = None, damping: Stated | None = None,
+        spring: "SpringLaw | Mapping[str, SpringLaw] | None" = None, coupling: Coupling = "spong",
+        motors: "Motor | Mapping[str, Motor] | None" = None, *, damping_terms: int = 4,
     ) -> "ElasticRobot":  # fmt: skip
         """The robot with elastic joints: each link hangs on its motor by a spring.
 
@@ -1144,10 +1148,21 @@ class Robot:
         rotor : number, (n,) or mapping, optional
             Inertia B of the rotors as seen from the links, kg m^2 or kg: their own times the gear ratio squared. By
             default, and for a joint that a mapping leaves out, the armature of the file, whether or not it acts.
-        damping, spring, motors : None
-            Reserved.
-        coupling : str, optional
-            "spong": rotors turn about their own axes only, their motion with the links that carry them is neglected.
+        damping : number, (n,) or mapping, optional
+            Damping D of dampers parallel to the springs, N m s/rad or N s/m: ``phi(delta) + D delta' = Q`` with the
+            deflection delta = theta - q. `ElasticRobot.along` integrates it; at one instant it is a series.
+        spring : spring or mapping, optional
+            Springs that are not linear, one for all joints or {joint: spring}: `CubicSpring`, `SpringTable`, a function
+            of the deflection as `SpringFunction.of` takes it, or `AntagonisticSprings` with two motors.
+        coupling : "spong" or int, optional
+            "spong": rotors turn about their own axes only, their motion with the links that carry them is neglected. A
+            level 0, 1, ... holds it, for motors that state the bodies that carry them. Each level takes two more rates
+            of q; level n - 1 is exact for a chain of n joints whose rotors are carried by links before their joints.
+        motors : Motor or mapping, optional
+            The motors, one for all joints or {joint: motor}: gears, inertias and carriers of rotors, friction, and the
+            electrical side.
+        damping_terms : int, optional
+            Number of terms of the series of dampers at one instant; each after the first takes one more rate of q.
 
         Returns
         -------
@@ -1156,7 +1171,8 @@ class Robot:
         Raises
         ------
         JounceError
-            If a stiffness or rotor is zero, negative or NaN, a joint is unknown, or an elastic joint has no rotor.
+            If a stiffness or rotor is zero, negative or NaN, a joint is unknown, an elastic joint has no rotor, or
+            rotors are coupled and one has no carrier.
 
         Warns
         -----
@@ -1176,13 +1192,14 @@ class Robot:
         array([0.036788, 0.01635 ])
         """
         from jounce.actuators.elastic import ElasticRobot  # what few programs need
+        from jounce.actuators.stated import Stated as StatedElasticity
         from jounce.actuators.stated import with_elasticity
 
-        for name, given in {"damping": damping, "spring": spring, "motors": motors}.items():
-            if given is not None:
-                raise JounceError(f"{name} is {quoted(given)}; expected None: springs are linear, without dampers")
-        one_of("coupling", coupling, ["spong"])
-        return ElasticRobot(type(self)(with_elasticity(self.mechanism, stiffness, rotor)))
+        stated = StatedElasticity(
+            stiffness=stiffness, rotor=rotor, damping=damping, spring=spring, coupling=coupling, motors=motors,
+            damping_terms=damping_terms,
+        )  # fmt: skip
+        return ElasticRobot(type(self)(with_elasticity(self.mechanism, stated)))
 
     @typed(overloads.OfPosition[Array])
     def mass_matrix(
