@@ -108,7 +108,7 @@ CASES = {  # the robot, what is asked for, how many states, and in which languag
     "iiwa14, order 2": ("iiwa14", {"order": 2}, 100, "all"),
     "iiwa14, order 2, single": ("iiwa14", {"order": 2, "wrench": True, "float32": True}, 100, "all"),
     "elastic, order 1": (
-        "elastic", {"order": 1, "wrench": True, "outputs": ("motor_positions", "motor_torques")}, 20, "c python latex",
+        "elastic", {"order": 1, "wrench": True, "outputs": ("motor_positions", "motor_torques")}, 20, "c python",
     ),
     "panda, order 0": ("panda", {"order": 0}, 100, "julia rust"),
     "panda, order 1": ("panda", {"order": 1, "parameters": ("gravity", "payload:panda_hand_tcp")}, 100, "cpp python"),
