@@ -1,6 +1,6 @@
 """What a report is about: a robot along a motion, with all that its panels draw and list, computed once."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -77,23 +77,26 @@ def subject_of(robot: "Robot", motion: Motion, order: int) -> Subject:
     """Check the motion, and compute it and the forces up to an order at its times and at those that stand out."""
     limits = coordinate_limits(robot.mechanism)
     check = robot.check(motion) if limits.kinds else None
-    worst = [row.t for row in check.table] if check else []
-    ends = [end for row in check.table for span in row.violations for end in span] if check else []
+    rows = check.table if check else ()
+    worst = np.array([row.t for row in rows])
+    ends = np.array([end for row in rows for span in row.violations for end in span])
     breaks = np.array([found.t for found in motion.breaks])
-    before = breaks - BEFORE * motion.duration
-    marks = [worst, ends, breaks, before[before > motion.start]]
-    along = robot.forces_along(motion, np.unique(np.concatenate([motion.times, *marks])), order)
+    before = (breaks - BEFORE * motion.duration).clip(motion.start)
+    along = robot.forces_along(motion, np.unique(np.concatenate([motion.times, worst, ends, breaks, before])), order)
     shown = (order + 1) * 2 + FIRST + len(limits.without_gravity) + 1  # quantities, at most
     count = int(np.clip(SHOWN_VALUES // (shown * robot.n), LEAST_FRAMES, FRAMES))
     even = np.linspace(0, len(along.t) - 1, min(count, len(along.t))).astype(int)
     frames = np.union1d(even, np.searchsorted(along.t, [*worst, *breaks[:count]]))
     quantities = _quantities(robot, motion, along, limits, frames)
-    return Subject(robot, motion, along, limits, quantities, frames, check, _slowdown(robot, motion) if check else None)
+    slowdown = _slowdown(robot, motion, worst) if check else None
+    return Subject(robot, motion, along, limits, quantities, frames, check, slowdown)
 
 
-def _slowdown(robot: "Robot", motion: Motion) -> Slowdown | str:
-    """The slow-down factor, or why there is none."""
-    states = motion if len(motion.times) <= SLOWED else motion.with_step(motion.duration / SLOWED)
+def _slowdown(robot: "Robot", motion: Motion, worst: np.ndarray) -> Slowdown | str:
+    """The slow-down factor, or why there is none; of a long motion from even steps and the times of worst values."""
+    states = motion
+    if len(motion.times) > SLOWED:
+        states = replace(motion, grid=np.union1d(np.linspace(motion.start, motion.stop, SLOWED), worst))
     try:
         return robot.slowdown(states)
     except JounceError as error:

@@ -21,7 +21,7 @@ class Port:
 
     name: str  # q, qd, W, Wd, masses, Q, Qd
     shape: Shape
-    role: str  # "parameter", "state", "wrench", "weight", "direction" or "result"
+    role: str  # "parameter", "state", "wrench", "weight" or "result"
     rate: int = 0  # which time derivative it is
     first_order: int = 0  # of an input, the lowest order of the results that depend on it
     start: int = 0
@@ -148,7 +148,7 @@ def _ports_of_product(product: str, inputs: list[Port], results: list[Port]) -> 
         weights = [replace(port, name=f"w{port.name}", role="weight") for port in results]
         gradients = [replace(port, name=f"g{port.name}", role="result") for port in given]
         return [replace(port, first_order=0) for port in inputs] + weights, gradients
-    directions = [replace(port, name=f"d{port.name}", role="direction") for port in given]
+    directions = [replace(port, name=f"d{port.name}") for port in given]
     return inputs + directions, [replace(port, name=f"d{port.name}") for port in results]
 
 

@@ -295,7 +295,8 @@ class Kernel(Generic[Results]):
         kernel = self._products.get(name)
         if kernel is None:
             kernel = self._products[name] = self._compile_product(name)
-        return kernel, products.arguments(f"{name} of {self!r}", kernel.signature, arrays, others)
+        given = products.arguments(f"{name} of {self!r}", self.signature, kernel.signature, arrays, others)
+        return kernel, given
 
     def _compile_product(self, name: Product) -> "Kernel":
         if self.computation.product:
