@@ -15,7 +15,7 @@ ODD = replace(MECHANISM, bodies=("body1", "base:joint", "body1:world", "world", 
 
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 def test_what_is_spelled_is_read(quantity, keywords):
-    asked = computation(MECHANISM, quantity.name, 2, **keywords)
+    asked = computation(MECHANISM, quantity.name, quantity.highest(2), **keywords)
     assert parse_computation(MECHANISM, asked.spelling, 2) == asked
 
 
