@@ -292,7 +292,7 @@ def changed(text, lines, pattern, change):
     ids=["signs", "numbers", "zeros"],
 )
 def test_any_single_change_of_the_code_fails_the_test_beside_it(robot, lines, pattern, change, least):
-    some = [name for name in ALL if "partials" not in name]  # some of which add zeros up, as the former do
+    some = tuple(name for name in ALL if "partials" not in name)  # some of which add zeros up, as the former do
     outputs = in_equations(some)[:4] if robot == "balanced" else some[:5]
     files = texts(robot, "python", 10, "closed_form", order=1, outputs=outputs, wrench=True)
     text, test = files[f"{robot}.py"], files[f"test_{robot}.py"]
