@@ -5,7 +5,7 @@ from tempfile import TemporaryDirectory
 
 import click
 
-from benchmarks import chains, forces, machine, making, matrices, measure, peaks, quantities, start
+from benchmarks import chains, forces, machine, making, matrices, measure, peaks, products, quantities, start
 from benchmarks.pictures import pictures
 from benchmarks.results import Run, page
 from jounce.figures.canvas import save
@@ -29,6 +29,7 @@ def main(rounds: int, output: Path) -> None:
             *peaks.cases(),
             *found.cases,
             *others.cases,
+            *products.cases(),
             *chains.cases(),
             *matrices.cases(),
             *start.cases(Path(folder)),
@@ -37,7 +38,14 @@ def main(rounds: int, output: Path) -> None:
             times = measure.medians(cases, rounds, lambda: bar.update(1))
     click.echo("making equations", err=True)
     run = Run(
-        times, found, machine.described(), (before, machine.load()), rounds, tuple(making.made()), others.compiled
+        times,
+        found,
+        machine.described(),
+        (before, machine.load()),
+        rounds,
+        tuple(making.made()),
+        others.compiled,
+        products.operations(),
     )
     with written_whole(output / "RESULTS.md") as part:
         part.write_text(page(run), encoding="utf-8")

@@ -22,6 +22,10 @@ which batches beyond the caches need at least."""
 QUANTITIES = """Through the methods of Robot, batches into `out=`; in Pinocchio, called from Python, one state of the
 same quantity, or of the one that takes the same: its Coriolis matrix stands beside both of ours, the rate of its
 centroidal momentum beside the base wrench. Kernels are compiled once into an empty cache, and once read from it."""
+DERIVATIVES = """As above: forward dynamics beside Pinocchio's articulated bodies, partial derivatives beside those of
+its recursions. It has none of their rates: rows with rates stand beside its call without."""
+PRODUCTS = """Products of the derivatives of Q, Qd, Q2d by all inputs, of a batch of 1,000 states, beside the values of
+Q, Qd, Q2d themselves."""
 MADE = """Seconds from the robot's numbers to the equations, once, each in a process that is stopped after {limit:g} s,
 and the operations on scalars that they take, shared subexpressions found by SymPy's cse, or by jounce's own trace."""
 
@@ -37,6 +41,7 @@ class Run:
     rounds: int
     made: Sequence[tuple[str, ...]] = ()  # rows of `making`
     compiled: Mapping[tuple[str, str], quantities.Compiled] = field(default_factory=dict)
+    products: Mapping[tuple[str, str], int] = field(default_factory=dict)  # operations, by robot and product
 
     @property
     def peaks(self) -> dict[str, float]:
@@ -68,6 +73,7 @@ def page(run: Run) -> str:
         *_chains(run),
         *_matrices(run),
         *_quantities(run),
+        *_derivatives(run),
         *_start(run),
         *_small(run),
         *_made(run),
@@ -146,20 +152,43 @@ def _matrices(run: Run) -> Iterator[str]:
 def _quantities(run: Run) -> Iterator[str]:
     yield from ["## Every quantity of an arm and two humanoids", ""]
     yield from paragraph(QUANTITIES)
+    for robot in quantities.FILES:
+        yield from _beside_pinocchio(run, robot, quantities.ROWS)
+
+
+def _derivatives(run: Run) -> Iterator[str]:
+    yield from ["## Forward dynamics and derivatives", ""]
+    yield from paragraph(DERIVATIVES)
+    for robot in quantities.DERIVED:
+        yield from _beside_pinocchio(run, robot, quantities.DERIVATIVES)
+    yield from paragraph(PRODUCTS)
+    rows = []
+    for (robot, product), operations in run.products.items():
+        values = run.products[robot, ""]
+        each, of_values = run.ns("product", robot, product), run.ns("product", robot, "")
+        if product and each is not None and of_values is not None:
+            rows.append((
+                f"{robot}, {product}", f"{values:,}", f"{operations:,}", f"{operations / values:.2f}",
+                figure(of_values), figure(each), f"{each / of_values:.2f}",
+            ))  # fmt: skip
+    head = ("", "operations of the values", "of the product", "share", "values, ns each", "product, ns each", "share")
+    yield from table(head, rows)
+
+
+def _beside_pinocchio(run: Run, robot: str, rows: Sequence[quantities.Row]) -> Iterator[str]:
     head = ("", "operations", "1,000 states, ns each", "Pinocchio's call, ns", "share", "one call, ns", "compiled, s",
             "from the cache, s")  # fmt: skip
-    for robot in quantities.FILES:
-        rows = []
-        for row in quantities.ROWS:
-            each, call, peer = (run.ns("quantity", robot, row.label, kind) for kind in ("batch", "call", "peer"))
-            if each is None or peer is None:
-                continue
-            made = run.compiled[robot, row.label]
-            rows.append((
-                row.label, f"{made.operations:,}", figure(each), figure(peer), f"{each / peer:.2f}", figure(call),
-                figure(made.cold), figure(made.from_cache),
-            ))  # fmt: skip
-        yield from table((robot, *head[1:]), rows)
+    cells = []
+    for row in rows:
+        each, call, peer = (run.ns("quantity", robot, row.label, kind) for kind in ("batch", "call", "peer"))
+        if each is None or peer is None:
+            continue
+        made = run.compiled[robot, row.label]
+        cells.append((
+            row.label, f"{made.operations:,}", figure(each), figure(peer), f"{each / peer:.3f}", figure(call),
+            figure(made.cold), figure(made.from_cache),
+        ))  # fmt: skip
+    yield from table((robot, *head[1:]), cells)
 
 
 def _start(run: Run) -> Iterator[str]:

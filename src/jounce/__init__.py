@@ -8,7 +8,9 @@ if TYPE_CHECKING:
 
     from jounce._casadi import casadi_function
     from jounce._codegen import codegen
+    from jounce._report import Report, report
     from jounce._symbolic import symbolic
+    from jounce.actuators.elastic import ElasticAlong, ElasticRobot
     from jounce.errors import JounceError, JounceWarning
     from jounce.io.loading import load
     from jounce.io.motions.loading import load_motion
@@ -16,9 +18,13 @@ if TYPE_CHECKING:
     from jounce.limits.check import Check, CheckedLimit
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
+    from jounce.model.antagonists import AntagonisticSprings
     from jounce.model.drives import Drives
+    from jounce.model.elasticity import Elasticity
     from jounce.model.limits import Limits
     from jounce.model.mechanism import Mechanism
+    from jounce.model.motors import Motor
+    from jounce.model.springs import CubicSpring, SpringFunction, SpringTable
     from jounce.motion import Motion
     from jounce.native.kernel import Kernel
     from jounce.robot import Robot
@@ -27,46 +33,66 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Along",
+    "AntagonisticSprings",
     "Check",
     "CheckedLimit",
+    "CubicSpring",
     "Drives",
+    "ElasticAlong",
+    "ElasticRobot",
+    "Elasticity",
     "JounceError",
     "JounceWarning",
     "Kernel",
     "Limits",
     "Mechanism",
     "Motion",
+    "Motor",
+    "Report",
     "Retiming",
     "Robot",
     "Slowdown",
+    "SpringFunction",
+    "SpringTable",
     "__version__",
     "casadi_function",
     "codegen",
     "inertia_matrix",
     "load",
     "load_motion",
+    "report",
     "save",
     "symbolic",
 ]
 _LATER = {  # what is imported when it is first asked for, so that whatever needs little of it starts at once
     "Along": "jounce.robot.along",
+    "AntagonisticSprings": "jounce.model.antagonists",
     "Check": "jounce.limits.check",
     "CheckedLimit": "jounce.limits.check",
+    "CubicSpring": "jounce.model.springs",
     "Drives": "jounce.model.drives",
+    "ElasticAlong": "jounce.actuators.elastic",
+    "ElasticRobot": "jounce.actuators.elastic",
+    "Elasticity": "jounce.model.elasticity",
     "JounceError": "jounce.errors",
     "JounceWarning": "jounce.errors",
     "Kernel": "jounce.native.kernel",
     "Limits": "jounce.model.limits",
     "Mechanism": "jounce.model.mechanism",
     "Motion": "jounce.motion",
+    "Report": "jounce._report",
+    "Motor": "jounce.model.motors",
     "Retiming": "jounce.limits.retime",
     "Robot": "jounce.robot",
     "Slowdown": "jounce.limits.slowdown",
+    "SpringFunction": "jounce.model.springs",
+    "SpringTable": "jounce.model.springs",
     "casadi_function": "jounce._casadi",
     "codegen": "jounce._codegen",
     "inertia_matrix": "jounce.spatial.inertia",
     "load": "jounce.io.loading",
     "load_motion": "jounce.io.motions.loading",
+    "report": "jounce._report",
     "save": "jounce.io.saving",
     "symbolic": "jounce._symbolic",
 }

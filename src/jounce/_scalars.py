@@ -202,6 +202,8 @@ def _elementwise(name: str) -> Callable[[Array], Array]:
                 return getattr(math, name)(s)
             except ValueError:  # of infinity: NaN, as in arrays of floats
                 return math.nan
+            except OverflowError:
+                return math.inf
         if not hasattr(s, name):
             raise JounceError(f"scalars of type {type(s).__name__} have no method {name}(), which is required")
         return getattr(s, name)()
@@ -220,6 +222,7 @@ def _elementwise(name: str) -> Callable[[Array], Array]:
 sin = _elementwise("sin")
 cos = _elementwise("cos")
 tanh = _elementwise("tanh")
+exp = _elementwise("exp")
 
 
 def reciprocal(x: Array) -> Array:

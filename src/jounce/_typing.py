@@ -56,6 +56,9 @@ DriveTerms: TypeAlias = bool | DriveTerm | Iterable[DriveTerm]
 Form: TypeAlias = Literal["paper", "skew"]
 Frame: TypeAlias = Literal["body", "world", "spatial"]
 LimitValues: TypeAlias = ArrayLike | Mapping[str, ArrayLike] | None
+Stated: TypeAlias = ArrayLike | Mapping[str, ArrayLike]  # of all coordinates, or by joint
+Coupling: TypeAlias = Literal["spong"] | int
+MotorQuantity: TypeAlias = Literal["motor_positions", "motor_torques"]
 LoadFrame: TypeAlias = Literal["world", "body"]
 JointType: TypeAlias = Literal["revolute", "prismatic"]
 Language: TypeAlias = Literal["c", "cpp", "cuda", "javascript", "julia", "latex", "matlab", "python", "rust"]
@@ -78,6 +81,8 @@ QuantityName: TypeAlias = Literal[
     "generalized_momentum",
     "kinetic_energy",
     "potential_energy",
+    "motor_positions",
+    "motor_torques",
 ]
 TimeUnit: TypeAlias = Literal["s", "ms", "us", "ns"]
 

@@ -1,4 +1,4 @@
-"""Texts that ask for quantities, NAME[:BODY[:FRAME]]: they are read as they are written, and refused in one line."""
+"""Texts that ask for quantities, NAME[.PRODUCT][:BODY[:FRAME]]: read as they are written, and refused in one line."""
 
 from dataclasses import replace
 
@@ -15,8 +15,9 @@ ODD = replace(MECHANISM, bodies=("body1", "base:joint", "body1:world", "world", 
 
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 def test_what_is_spelled_is_read(quantity, keywords):
-    asked = computation(MECHANISM, quantity.name, quantity.highest(2), **keywords)
-    assert parse_computation(MECHANISM, asked.spelling, 2) == asked
+    for product in (None, "vjp"):
+        asked = computation(MECHANISM, quantity.name, quantity.highest(2), **keywords, product=product)
+        assert parse_computation(MECHANISM, asked.spelling, 2) == asked
 
 
 @pytest.mark.parametrize("body", [None, *ODD.frame_names])

@@ -115,7 +115,7 @@ def test_tables():
     assert all(len(line) <= 120 for line in paragraph("word " * 100)[0].splitlines())
 
 
-@pytest.mark.parametrize("row", quantities.ROWS[::4], ids=lambda row: row.label)
+@pytest.mark.parametrize("row", [*quantities.ROWS[::4], quantities.DERIVATIVES[0]], ids=lambda row: row.label)
 def test_quantities_are_compared_with_the_closed_form_before_they_are_measured(row, monkeypatch):
     robot = jounce.load("iiwa14")
     batch, call = quantities._cases("iiwa", robot, row, robot.body_names[-1])

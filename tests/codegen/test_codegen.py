@@ -85,9 +85,9 @@ ROBOTS = {
 
 
 def every(body):
-    """The spelling of every quantity, those of bodies of one, in every frame."""
+    """The spelling of every quantity of rigid robots, those of bodies of one, in every frame."""
     found = []
-    for row in QUANTITIES.values():
+    for row in (row for row in QUANTITIES.values() if not row.elastic):
         places = [f":{body}:{frame}" for frame in row.frames] or [f":{body}" if row.of_bodies else ""]
         found += [row.name + place for place in places]
     return tuple(found)
@@ -99,6 +99,7 @@ def in_equations(spelled):
 
 
 ALL, PARAMETERS = every("body2"), ("gravity", "masses", "lengths", "payload", "payload:body1")
+PRODUCTS = ("inverse_dynamics.vjp", "inverse_dynamics.jvp", "forward_dynamics.vjp", "base_wrench.jvp")
 PROGRAMS = [lang for lang in LANGUAGES if lang != "latex"]
 CASES = {  # the robot, what is asked for, how many states, and in which languages: in all what differs between them
     "iiwa14, order 0": ("iiwa14", {"order": 0, "outputs": ("inverse_dynamics", "mass_matrix")}, 100, "cpp python"),
@@ -117,6 +118,7 @@ CASES = {  # the robot, what is asked for, how many states, and in which languag
     "mixed5": ("mixed5", {"order": 2, "wrench": True}, 100, "c rust"),
     "driven": ("driven", {"order": 2, "outputs": ("inverse_dynamics", "mass_matrix")}, 100, "all"),
     "driven, single": ("driven", {"order": 1, "float32": True}, 100, "all"),
+    "products": ("planar2r", {"order": 1, "wrench": True, "outputs": PRODUCTS, "parameters": ("payload",)}, 9, "c"),
     "mimic": ("mimic", {"order": 0, "wrench": True, "outputs": ALL}, 10, "c matlab python"),
 }  # fmt: skip
 languages = pytest.mark.parametrize("lang", LANGUAGES)
@@ -490,8 +492,13 @@ def test_texts_are_tidy_and_marked(lang):
         ({"outputs": ["jacobian:link8:world"]}, ["unknown body 'link8'; did you mean 'link"]),
         ({"outputs": ["jacobian:link7:wold"]}, ["jacobian has no frame 'wold'; did you mean 'world'?"]),
         ({"outputs": ["momentum:link7"]}, ["momentum takes no body; these do: poses"]),
-        ({"outputs": ["poses:link7", "poses:link7"]}, ["expected one or more different NAME[:BODY[:FRAME]]"]),
-        ({"outputs": ["twists:link7", "twists:link7:body"]}, ["expected one or more different NAME[:BODY"]),
+        ({"outputs": ["poses:link7", "poses:link7"]}, ["expected one or more different NAME[.PRODUCT][:BODY"]),
+        ({"outputs": ["inverse_dynamics.hvp"]}, ["unknown product 'hvp'", "vjp, jvp"]),
+        (
+            {"outputs": ["mass_matrix.vjp"]},
+            ["code of vjp is generated for vectors: inverse_dynamics", "not for mass_matrix"],
+        ),
+        ({"outputs": ["twists:link7", "twists:link7:body"]}, ["expected one or more different NAME[.PRODUCT]"]),
         (
             {"outputs": ["poses:link7"], "wrench": True},
             ["poses takes no wrenches; these do: inverse_dynamics, forward_"],

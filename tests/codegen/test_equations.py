@@ -97,6 +97,7 @@ def test_text_is_escaped():
 @pytest.mark.parametrize(
     ("robot", "options", "words"),
     [
+        ("planar2r", {"outputs": ["gravity_forces.vjp"]}, ["gravity_forces.vjp is not written as equations"]),
         ("planar2r", {"outputs": ["forward_dynamics"]}, ["forward_dynamics is not written as equations"]),
         ("iiwa14", {"order": 2}, ["takes 2213 operations; LaTeX is generated for up to 1200", "into c, ", "python"]),
         ("iiwa14", {"order": 0, "outputs": ["mass_matrix"]}, ["M of 'iiwa14': too large for symbolic form"]),

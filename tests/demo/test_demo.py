@@ -108,7 +108,7 @@ def test_plot_counts_the_joints_of_all_panels(tmp_path):
     assert result.stdout.startswith("Q, Qd of 2 joints, 1 state, drawn")
 
 
-def test_plot_takes_units_from_a_robot_and_lays_tables_side_by_side(tmp_path, monkeypatch):
+def test_plot_takes_units_from_a_robot_and_lays_tables_over_each_other(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("f.csv", "g.csv"):
         tables.write(tmp_path / name, {"t": np.arange(2.0), "joint2.Q": np.ones(2), "joint1.Q": np.ones(2)})
@@ -117,6 +117,20 @@ def test_plot_takes_units_from_a_robot_and_lays_tables_side_by_side(tmp_path, mo
     summary = json.loads(drawn.stdout)
     assert (summary["tables"], summary["states"]) == (["f.csv", "g.csv"], [2, 2])
     assert summary["panels"] == {"Q": ["joint1", "joint2"]}  # in the order of the robot
+    assert summary["exceeded"] == {}
+    assert call("plot", "f.csv", "g.csv", "-o", "q.svg", "--side-by-side").exit_code == 0
+    apart, over = ((tmp_path / name).read_text().count('id="axes_') for name in ("q.svg", "p.svg"))
+    assert (apart, over) == (2, 2)
+
+
+def test_plot_says_what_is_beyond_a_limit_and_draws_pages_of_journals(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    tables.write(tmp_path / "f.csv", {"t": np.arange(9.0), "panda_joint1.Q": 30 * np.arange(9.0)})
+    call_plot = ("plot", "f.csv", "-o", "p.svg", "--robot", "panda")
+    assert call(*call_plot, "--width", "90").stdout.splitlines()[1:] == ["beyond a limit: Q of panda_joint1"]
+    assert 'width="255.118' in (tmp_path / "p.svg").read_text()
+    refused = call(*call_plot, "--width", "wide")
+    assert (refused.exit_code, refused.stderr) == (2, "Error: --width 'wide'; expected column, page or 30 to 500 mm\n")
 
 
 def write_motion(folder):

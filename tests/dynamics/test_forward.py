@@ -161,6 +161,13 @@ def test_a_singular_mass_matrix_is_refused_by_the_names_of_its_joints():
     refusal(lambda: robot.compile("forward_dynamics"), "mass matrix", "singular", *m.coordinates)
 
 
+def test_symbolic_form_names_the_quantities_to_solve_with():
+    robot = jounce.load("planar2r")
+    with pytest.raises(AttributeError, match=r"forward_dynamics has no symbolic form, .* mass_matrix"):
+        jounce.symbolic(robot).forward_dynamics  # noqa: B018
+    refusal(lambda: jounce.codegen(robot, "latex", outputs=["forward_dynamics"]), "forward_dynamics", "mass_matrix")
+
+
 def test_forces_are_named_where_they_are_wrong():
     robot = jounce.load("planar2r")
     refusal(lambda: robot.forward_dynamics([0, 0], [0, 0], [0, 0, 0]), "Q has shape (3,)")

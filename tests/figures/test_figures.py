@@ -15,9 +15,12 @@ from robots import mechanisms
 import jounce
 from jounce.demo.gallery import portrait
 from jounce.figures import canvas
-from jounce.figures.curves import CROWD, MOST_POINTS, Panel, Run, columns_of, drawn_points, over_time
+from jounce.figures.bounds import MARK, PALE, beyond
+from jounce.figures.curves import laid_over, over_time
 from jounce.figures.drawing import View, skeleton
+from jounce.figures.grid import COLUMN, INCH, PAGE, width_of
 from jounce.figures.labels import LABEL, outline_points
+from jounce.figures.panels import CROWD, MOST_POINTS, Panel, Run, columns_of, drawn_points
 from jounce.figures.schematic import schematic
 from jounce.figures.table import rows_between, run_of
 from jounce.io import tables
@@ -30,8 +33,8 @@ CURVES = {f"joint{j}": np.sin((j + 1) * T) for j in range(7)}
 
 
 def shown(axes):
-    """The lines with many points: the curves, without rings and legend entries."""
-    return [line for line in axes.get_lines() if len(line.get_xdata()) > 100]
+    """The lines with many points: the curves, without rings, marks and legend entries."""
+    return [line for line in axes.get_lines() if len(line.get_xdata()) > 100 and line.get_color() != MARK["color"]]
 
 
 def legend(figure):
@@ -353,7 +356,7 @@ def panda_table(t=T, scale=1.0):
 def test_a_robot_tells_order_units_and_limits_of_its_joints():
     mechanism, columns = panda_table()
     figure = over_time([run_of(columns, "f.csv", mechanism=mechanism)])
-    assert legend(figure) == [*mechanism.coordinates, "limit"]
+    assert legend(figure) == [*mechanism.coordinates, "limit", "beyond its limit"]
     q_arm, q_finger, Q_arm, Q_finger = figure.axes
     labels = [axes.get_ylabel() for axes in figure.axes]
     assert labels == ["q [rad]", "q [m]", "Q [N m]", "Q [N]"]
@@ -376,6 +379,83 @@ def test_limits_are_drawn_where_curves_come_near_or_exceed_them():
     drawn = [line for axes in figure.axes for line in axes.get_lines() if len(line.get_xdata()) == 2]
     a, d, e = (canvas.line_style(i)["color"] for i in (0, 3, 4))
     assert {(line.get_color(), line.get_ydata()[0]) for line in drawn} == {(a, -1.2), (d, 0.1), (e, 3.0)}
+
+
+def bands(axes):
+    """The edges of the bands of limits, from the limit outwards."""
+    return [(patch.get_y(), np.sign(patch.get_height())) for patch in axes.patches if patch.get_alpha() == PALE]
+
+
+def test_a_joint_alone_in_its_axes_has_bands_beyond_its_limits_that_leave_the_scale_alone():
+    q = {"a": np.sin(9 * T)}
+    [axes] = over_time([Run(T, [Panel("q", q, limits={"a": (-1.1, 1.05)})])]).axes
+    assert bands(axes) == [(-1.1, -1), (1.05, 1)]
+    assert -1.3 < axes.get_ylim()[0] < axes.get_ylim()[1] < 1.3
+    [axes] = over_time([Run(T, [Panel("q", q | {"b": T}, limits={"a": (-1.1, 1.05)})])]).axes
+    assert bands(axes) == []  # the other curve may well be there
+
+
+@pytest.mark.parametrize("draw", [over_time, laid_over])
+def test_what_is_beyond_a_limit_is_marked_sample_by_sample(draw):
+    panel = Panel("Q", {"a": 2 * np.sin(9 * T), "b": T}, limits={"a": (-np.inf, 1.5), "b": (0.0, 2.0)})
+    lines = [line for axes in draw([Run(T, [panel])]).axes for line in axes.get_lines()]
+    [mark] = [line for line in lines if line.get_color() == MARK["color"]]
+    outside = 2 * np.sin(9 * T) > 1.5
+    np.testing.assert_array_equal(mark.get_ydata(), np.where(outside, 2 * np.sin(9 * T), np.nan))
+    np.testing.assert_array_equal(beyond(panel, "a"), outside)
+    assert not beyond(panel, "b").any()  # on the limit is not beyond it
+
+
+def test_a_single_sample_beyond_a_limit_is_seen_among_many():
+    t = np.linspace(0, 1, 10 * MOST_POINTS)
+    Q = np.zeros(len(t))
+    Q[7777] = 9
+    [axes] = over_time([Run(t, [Panel("Q", {"a": Q}, limits={"a": (-1, 1)})])]).axes
+    [mark] = [line for line in axes.get_lines() if line.get_color() == MARK["color"]]
+    assert (mark.get_xdata()[np.isfinite(mark.get_ydata())] == t[7777]).all()
+    assert mark.get_marker() == "o"
+
+
+def test_runs_laid_over_each_other_are_curves_in_the_axes_of_each_joint():
+    """Told apart in colour and in grey; a limit of the joint is drawn once."""
+    limits = {"a": (-1.0, 2.1)}
+    first = Run(T, [Panel("Q", {"a": T, "b": 0.01 * T}, limits=limits), Panel("Qd", {"a": T})], title="first.csv")
+    second = Run(2 * T, [Panel("Q", {"b": 3 * T, "a": T / 2}, limits=limits)], [0.5], title="second.csv")
+    figure = laid_over([first, second])
+    assert [axes.get_title() for axes in figure.axes] == ["a", "b"] * 2
+    styles = [canvas.line_style(i)["color"] for i in range(2)]
+    assert [[line.get_color() for line in shown(axes)] for axes in figure.axes] == [styles, styles, styles[:1], []]
+    np.testing.assert_array_equal(shown(figure.axes[1])[1].get_xdata(), 2 * T)
+    assert bands(figure.axes[0]) == [(2.1, 1)]
+    assert legend(figure) == ["first.csv", "second.csv", "limit", "break"]
+
+
+@pytest.mark.parametrize(("draw", "width", "columns"), [(over_time, PAGE, 3), (laid_over, COLUMN, 1)])
+def test_a_page_of_a_journal_has_its_width_its_letters_and_columns_that_can_be_read(tmp_path, draw, width, columns):
+    names = ("a", "b", "c", "d")
+    units = {"joint_units": dict(zip(names, ("rad", "m", "s", "kg"), strict=True)), "units": {"rad": "N m"}}
+    runs = [Run(T, [Panel("Q", dict.fromkeys(names, T), **units)])]
+    figure = draw(runs, width=width / INCH)
+    canvas.save(figure, tmp_path / "a.svg", canvas.PRINT)
+    root = etree.parse(tmp_path / "a.svg").getroot()
+    assert float(root.get("width").removesuffix("pt")) == pytest.approx(width * 72 / INCH, abs=0.1)
+    assert len({round(axes.get_position().x0, 2) for axes in figure.axes}) == columns
+    last = [max(figure.axes, key=lambda axes: (axes.get_position().x0 == x, -axes.get_position().y0))
+            for x in {axes.get_position().x0 for axes in figure.axes}]  # fmt: skip
+    assert [axes.get_xlabel() for axes in last] == ["t [s]"] * len(last)
+    for axes in figure.axes:
+        assert axes.get_window_extent().height > 0.5 * figure.dpi
+        assert axes.title.get_fontsize() == 8
+
+
+@pytest.mark.parametrize(("text", "mm"), [("column", 88.9), ("page", 181.9), ("90", 90), ("140.5", 140.5)])
+def test_widths_of_journals(text, mm):
+    assert width_of(text) == pytest.approx(mm / 25.4)
+
+
+@pytest.mark.parametrize("text", ["", "wide", "0", "nan", "inf", "-90", "29", "501", "90mm"])
+def test_other_widths_are_refused(text):
+    refusal(lambda: width_of(text), f"--width {text!r}; expected column, page or 30 to 500 mm")
 
 
 def test_runs_lie_side_by_side_in_the_same_columns_and_to_the_same_scales():

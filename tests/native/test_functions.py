@@ -1,4 +1,4 @@
-"""Sine, cosine and tanh of native code against mpmath: every finite angle, in every lane, on vectors of any length."""
+"""Functions of native code against mpmath: every finite angle, in every lane, on vectors of any length."""
 
 import warnings
 
@@ -97,6 +97,24 @@ def test_the_hyperbolic_tangent_of_native_code_is_within_three_units_in_the_last
         for a, y in zip(numbers, found, strict=True):
             expected = mpmath.tanh(mpmath.mpf(float(a)))
             assert abs(mpmath.mpf(float(y)) - expected) <= 3 * np.spacing(abs(float(expected))), a
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_the_exponential_of_native_code_is_within_two_units_in_the_last_place(way):
+    tape = Tape()
+    (x,) = tape.variables(1)
+    function = native(tape.program([x.exp()]), signature(((1,),), ((1,),), (1,)), way)
+    rng = np.random.default_rng(8)
+    sizes = 10.0 ** np.arange(-300, 1, 10)
+    numbers = np.concatenate([rng.uniform(-745, 709.7, 2000), rng.uniform(-0.4, 0.4, 500), sizes, -sizes])
+    with np.errstate(all="ignore"):
+        found = function(numbers[:, None])[:, 0]
+        ends = function(np.array([np.nan, np.inf, 709.79, -746, -np.inf])[:, None])[:, 0]
+    np.testing.assert_array_equal(ends, [np.nan, np.inf, np.inf, 0, 0])
+    with mpmath.workprec(200):
+        for a, y in zip(numbers, found, strict=True):
+            expected = mpmath.exp(mpmath.mpf(float(a)))
+            assert abs(mpmath.mpf(float(y)) - expected) <= 2 * np.spacing(abs(float(expected))), a
 
 
 @pytest.mark.parametrize("way", WAYS)

@@ -128,7 +128,13 @@ def test_nodes_have_the_functions_of_the_table_and_no_others():
         _scalars._elementwise("arctan")(np.array([x]))
 
 
-SCALAR_FUNCTIONS = {"inv": _scalars.reciprocal, "sin": _scalars.sin, "cos": _scalars.cos, "tanh": _scalars.tanh}
+SCALAR_FUNCTIONS = {
+    "inv": _scalars.reciprocal,
+    "sin": _scalars.sin,
+    "cos": _scalars.cos,
+    "tanh": _scalars.tanh,
+    "exp": _scalars.exp,
+}
 
 
 def traced(function, x):

@@ -22,6 +22,7 @@ URDF = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="
 <joint name="j" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>"""
 MJCF = "<mujoco><worldbody><body name='b'><joint name='j'/><geom size='1'/></body></worldbody></mujoco>"
 ROBOT = jounce.load("planar2r")
+ARM = ROBOT.elastic([800, 600], rotor=0.1)
 KERNEL = ROBOT.compile("gravity_forces", order=0)
 SYMBOLIC = jounce.symbolic(ROBOT)
 B, X, M = (getattr(ROBOT.mechanism, name) for name in "BXM")
@@ -50,7 +51,7 @@ Case = tuple[Callable[..., Any], Mapping[str, Any]]  # a call that works, to spo
 def along(method: Callable[..., Any], /, **keywords: Any) -> Case:
     """A method along a motion, with a rate beyond those that have names where it takes any."""
     parameters = inspect.signature(method).parameters
-    rates = [name for name in parameters if name[0] in "qQ" or name == "higher"]
+    rates = [name for name in parameters if (name[0] in "qQt" and name != "threads") or name == "higher"]
     options = {name: value for name, value in OPTIONS.items() if name in parameters}
     return method, dict.fromkeys(rates, (0.1, 0.2)) | options | keywords
 
@@ -183,6 +184,24 @@ CASES: dict[str, Case] = {
     ),
     "joint of with_limits": (lambda joint1: ROBOT.with_limits(jerk={"joint1": joint1}), {"joint1": (-1, 1)}),
     "kind of with_limits": (lambda effort: ROBOT.with_limits(of={"effort": effort}), {"effort": "Q"}),
+    "elastic": (
+        ROBOT.elastic,
+        {"stiffness": [800, np.inf], "rotor": 0.1, **dict.fromkeys(("damping", "spring", "motors"))}
+        | {"coupling": "spong"},
+    ),
+    "joint of elastic": (
+        lambda K, B: ROBOT.elastic({"joint1": K}, rotor={"joint1": B, "joint2": 0.1}), {"K": 800, "B": 0.1},
+    ),
+    "ElasticRobot": (jounce.ElasticRobot, {"robot": ARM.robot}),
+    **{
+        f"ElasticRobot.{name}": along(getattr(ARM, name))
+        for name in ("motor_positions", "inverse_dynamics")
+    },
+    "ElasticRobot.forward_dynamics": along(ARM.forward_dynamics),
+    "ElasticRobot.feedback_linearization": along(ARM.feedback_linearization),
+    "ElasticRobot.energy": along(ARM.energy),
+    "ElasticRobot.along": (ARM.along, {"motion": SAMPLED, "t": None, "order": 0, "method": "recursion"}),
+    "ElasticRobot.compile": (ARM.compile, {"quantity": "motor_positions", "order": 0, "wrench": False}),
     "check": (ROBOT.with_limits(effort=99).check, {"motion": SAMPLED}),
     "slowdown": (ROBOT.with_limits(effort=99).slowdown, {"motion": SAMPLED}),
     "retime": (ROBOT.with_limits(velocity=99, acceleration=99).retime, {"motion": SAMPLED, "margin": 0.01}),
@@ -278,6 +297,8 @@ def test_every_argument_of_every_public_function_is_attacked():
         "Check",
         "CheckedLimit",
         "Drives",
+        "ElasticAlong",
+        "Elasticity",
         "Kernel",
         "Limits",
         "Mechanism",
@@ -288,7 +309,8 @@ def test_every_argument_of_every_public_function_is_attacked():
     named = {name for name in jounce.__all__ if not name.startswith("Jounce")} - made
     public = {name: getattr(jounce, name) for name in named} | methods
     public |= {f"Motion.{name}": getattr(jounce.Motion, name) for name in dir(jounce.Motion) if name[0] != "_"}
-    for name, function in public.items():
+    of_joints = {f"ElasticRobot.{name}": member for name, member in vars(jounce.ElasticRobot).items() if name[0] != "_"}
+    for name, function in (public | of_joints).items():
         if callable(function) and name not in OBJECTS:
             expected = [
                 p.name

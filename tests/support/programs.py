@@ -36,7 +36,7 @@ def run_exactly(program, inputs):
 
 def nested(x, y, z):
     """A node that every operation which is not fused leads to, by more than one way."""
-    return (x * y - z).sin() / (y + (x - z).cos() * 3) - (-x * z).tanh() + 1 / (2 + z * z)
+    return (x * y - z).sin() / (y + (x - z).cos() * 3) - (-x * z).tanh() + 1 / (2 + z * z) - (y * z).exp()
 
 
 @st.composite

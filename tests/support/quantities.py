@@ -3,13 +3,17 @@
 from dataclasses import replace
 
 import numpy as np
-from robots import random_mechanism, random_pose
+from robots import Interpreted, random_mechanism, random_pose, springs
 
 import jounce
+from jounce.actuators.elastic import ElasticRobot
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.model.mechanism import Frame
 
-FACADE = {"skew_coriolis_matrix": ("coriolis_matrix", {"form": "skew"})}  # where a method is not named as its quantity
+FACADE = {  # where a method is not named as its quantity
+    "skew_coriolis_matrix": ("coriolis_matrix", {"form": "skew"}),
+    "motor_torques": ("inverse_dynamics", {}),
+}
 
 
 def requests():
@@ -54,11 +58,20 @@ IDS = ids(REQUESTS)
 def method_of(robot, quantity):
     """The method of a robot that computes a quantity."""
     name, form = FACADE.get(quantity.name, (quantity.name, {}))
+    if quantity.elastic:
+        robot, form = _elastic(robot)
     return lambda *rates, **keywords: getattr(robot, name)(*rates, **form, **keywords)
 
 
+def _elastic(robot):
+    """A robot as one with elastic joints, and the keywords by which an interpreted one is computed."""
+    if isinstance(robot, Interpreted):
+        return ElasticRobot(robot.robot), {"method": "recursion"}
+    return ElasticRobot(robot), {}
+
+
 def branched():
-    """A forest with all kinds of joints, one of which follows another, drives, and links merged into bodies."""
+    """A forest with all kinds of joints, one of which follows another, drives, springs, and merged links."""
     rng = np.random.default_rng(5)
     kinds = ["revolute", "helical", "prismatic", "revolute", "revolute"]
     m = random_mechanism(rng, [-1, 0, 1, 0, -1], kinds, [1, 2, 3, 1, 0.5], mimic=True)
@@ -66,4 +79,5 @@ def branched():
     data = {"gravity": m.gravity, "G": m.G, "g": m.g, "drives": drives}
     robot = jounce.Robot.from_screws(m.B, m.X, m.M, m.parent, **data)
     frames = (Frame("tool", 3, random_pose(rng)), Frame("stand", -1, random_pose(rng)))
-    return jounce.Robot(replace(robot.mechanism, frames=frames)).with_drives(eps=0.5)
+    driven = robot.with_drives(eps=0.5).mechanism
+    return jounce.Robot(replace(driven, frames=frames, elasticity=springs(driven.n)))

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 import jounce
 from jounce.dynamics.quantities import QUANTITIES
+from jounce.model.elasticity import Elasticity
 from jounce.model.mechanism import DATA, Frame, Mechanism
 from jounce.model.screws import from_screws
 from jounce.spatial import lie
@@ -103,6 +104,15 @@ def random_mechanism(
         gravity=rng.normal(size=3) * 6,
         G=G,
         g=g,
+    )
+
+
+def springs(n: int) -> Elasticity:
+    """Springs and motors for n coordinates, some of them without friction; the second joint is rigid."""
+    k = np.arange(n)
+    stiffness = np.where(k == 1, np.inf, 5000.0 + 100 * k)
+    return Elasticity(
+        stiffness=stiffness, rotor=0.3 + 0.1 * k, viscous=0.2 * k, friction=0.5 * (k > 1), eps=np.full(n, 0.5)
     )
 
 

@@ -54,14 +54,14 @@ def trace(robot: Parametric, name: str, computation: Computation) -> Function:
 
 
 def function_names(computations: Iterable[Computation]) -> list[str]:
-    """Return the names of functions: jacobian_tool0_world, without the frame "body".
+    """Return the names of functions: inverse_dynamics_vjp, jacobian_tool0_world, without the frame "body".
 
     Characters of body names that are not ASCII letters or digits become _. Names that are then equal, also if case is
     ignored as in some file systems, are numbered.
     """
     names: list[str] = []
     for asked in computations:
-        parts = [asked.name, asked.body or "", asked.frame if asked.frame != "body" else ""]
+        parts = [asked.name, asked.product or "", asked.body or "", asked.frame if asked.frame != "body" else ""]
         stem = name = re.sub(r"[\W_]+", "_", "_".join(parts), flags=re.ASCII).strip("_")
         taken, number = {known.casefold() for known in names}, 2
         while name.casefold() in taken:

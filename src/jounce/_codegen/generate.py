@@ -61,7 +61,9 @@ def codegen(
         The output folder, new or empty; by default PREFIX-LANG in the working directory.
     outputs : sequence of str
         Quantities, each with its rates: the names of methods of `Robot`, "skew_coriolis_matrix" for the form "skew".
-        A quantity of bodies needs a body and may have a frame: "poses:tool0", "jacobian:tool0:world".
+        A quantity of bodies needs a body and may have a frame: "poses:tool0", "jacobian:tool0:world". Of quantities
+        that are vectors, "inverse_dynamics.vjp" and "inverse_dynamics.jvp" are what `Kernel.vjp` and `Kernel.jvp`
+        compute.
     wrench : bool
         Whether the functions take wrenches W, Wd, ..., (nb, 6), if their quantity depends on them.
     parameters : sequence of str
@@ -110,6 +112,14 @@ def codegen(
     files = render.files(options, functions, tests)
     folders.write_folder(folder, files, header.MARK, force)
     return Generated(folder, tuple(sorted(files)), {f"{options.prefix}_{f.name}": f.operations for f in functions})
+
+
+def code(robot: Robot, lang: Language, template: str, order: int, outputs: Sequence[str], wrench: bool) -> str:
+    """The code of a robot as one text, by the template of a language, without tests."""
+    from jounce._codegen import render
+
+    options = check_options(robot, lang, order, outputs, wrench, (), False, None)
+    return render.code(options, functions_of(options), template)
 
 
 def functions_of(options: Options) -> list[Function]:

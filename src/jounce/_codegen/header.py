@@ -49,6 +49,7 @@ def conventions(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
         added = f" Wrenches W add {row.wrench_term}." if row.name in loaded else ""
         found.append(f"{row.meaning}{added} Unit: {row.unit}.")
     found += [f"{name}: {place}." for name, place in places(robot, functions).items()]
+    found += [f"{f.name}: {OF_PRODUCTS[f.computation.product]}." for f in functions if f.computation.product]
     found += drive_trains(robot, functions)
     if loaded:
         found.append(
@@ -117,6 +118,10 @@ def parameters(robot: Parametric) -> dict[str, str]:
     return {name: meanings.get(name, "a symbol of the robot") for name in robot.shapes}
 
 
+OF_PRODUCTS = {
+    "vjp": "gradients, gq by q and so on, of the sum of all results times their weights, wQ of Q and so on",
+    "jvp": "tangents, dQ of Q and so on, along a direction of all inputs, dq of q and so on",
+}
 OF_DRIVES = {  # theta is the angle of a joint, or its path
     "armature": "armature (I theta2d)",
     "damping": "damping (d thetad)",

@@ -10,6 +10,7 @@ from jounce._codegen.parametric import Parametric, parametric
 from jounce.arguments.rates import checked_order
 from jounce.arguments.requests import parse_computation
 from jounce.dynamics.computation import Computation
+from jounce.dynamics.quantities import QUANTITIES
 from jounce.errors import JounceError, listed, quoted, several, true_or_false
 from jounce.model.mechanism import Mechanism
 from jounce.robot import Robot
@@ -48,7 +49,7 @@ def check_options(
         others = languages_where(lambda x: x.single)
         raise JounceError(f"{target.title} has no single precision; float32 works with {others}")
     order = checked_order(order, HIGHEST_CODE_ORDER)
-    computations = _computations(robot.mechanism, outputs, order, wrench)
+    computations = _computations(robot.mechanism, target, outputs, order, wrench)
     if robot.mechanism.nb * (order + 1) ** 2 > TRACED:
         raise JounceError(
             f"{robot.name} has {robot.mechanism.nb} bodies; code of order {order} is generated for at most"
@@ -63,13 +64,19 @@ def check_options(
     return Options(found, target, order, dict(zip(names, computations, strict=True)), float32, begins)
 
 
-def _computations(mechanism: Mechanism, outputs: Sequence[str], order: int, wrench: bool) -> list[Computation]:
+def _computations(
+    mechanism: Mechanism, target: Language, outputs: Sequence[str], order: int, wrench: bool
+) -> list[Computation]:
     """Return the computations of the outputs, with wrenches if their quantity depends on them."""
     texts = several(outputs)
     found = [parse_computation(mechanism, text, order) for text in texts]
     if not found or len(set(found)) != len(found):
-        raise JounceError(f"outputs are {quoted(outputs)}; expected one or more different NAME[:BODY[:FRAME]]")
+        raise JounceError(
+            f"outputs are {quoted(outputs)}; expected one or more different NAME[.PRODUCT][:BODY[:FRAME]]"
+        )
     for asked in found:
+        if asked.product:
+            _check_product(asked, target)
         if asked.quantity.of_bodies and asked.body is None:
             frames = f", or {asked.name}:BODY:FRAME with a FRAME of {listed(asked.quantity.frames)}"
             raise JounceError(
@@ -79,6 +86,15 @@ def _computations(mechanism: Mechanism, outputs: Sequence[str], order: int, wren
     if wrench and not any(asked.quantity.wrenches for asked in found):
         parse_computation(mechanism, texts[0], order, wrench)  # says which ones do
     return [replace(asked, wrench=wrench and asked.quantity.wrenches) for asked in found]
+
+
+def _check_product(asked: Computation, target: Language) -> None:
+    """Raise `JounceError` for products that are not generated."""
+    if target.name == "latex":
+        raise JounceError(f"{asked.spelling} is not written as equations; expected a quantity, or another language")
+    if len(asked.quantity.shape) != 1:
+        vectors = listed(row.name for row in QUANTITIES.values() if len(row.shape) == 1)
+        raise JounceError(f"code of {asked.product} is generated for vectors: {vectors}; not for {asked.name}")
 
 
 def languages_where(fit: Callable[[Language], bool]) -> str:

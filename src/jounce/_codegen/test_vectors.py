@@ -7,6 +7,7 @@ import numpy as np
 
 from jounce._codegen.function import Function
 from jounce._codegen.parametric import Parametric
+from jounce.checks.derivatives import product, product_magnitudes
 from jounce.checks.magnitudes import magnitudes, scale
 from jounce.dynamics.computation import Port
 from jounce.model.mechanism import with_extended_precision
@@ -70,8 +71,11 @@ def vectors(
         values = {name: np.asarray(x[k].astype(np.longdouble), dtype=object) for name, x in parameters.items()}
         mechanism = with_extended_precision(robot.mechanism(values))
         states = {name: x[k : k + batch].astype(np.longdouble) for name, x in inputs.items()}
-        results.append(compute_by_method(function.computation, method, mechanism, list(states.values())))
-        sizes.append(magnitudes(mechanism, function.computation, list(states.values())))
+        compute, size = (
+            (product, product_magnitudes) if function.computation.product else (compute_by_method, magnitudes)
+        )
+        results.append(compute(function.computation, method, mechanism, list(states.values())))
+        sizes.append(size(mechanism, function.computation, list(states.values())))
     return Vectors(parameters, inputs, _by_name(function, results), _by_name(function, sizes))
 
 

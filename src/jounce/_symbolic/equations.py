@@ -18,7 +18,7 @@ EXTERNAL = "ext"  # ends the symbol of what wrenches add to a quantity: Qext
 NAMED = 12  # rates of the coordinates that `Symbolic.dot` knows
 OF_BODIES = {row.name: row for row in QUANTITIES.values() if row.of_bodies}
 OF_ROBOT = {row.symbol: row for row in QUANTITIES.values() if not row.of_bodies and not row.forces}
-OF_WRENCHES = {row.symbol + EXTERNAL: row for row in OF_ROBOT.values() if row.wrenches}
+OF_WRENCHES = {row.symbol + EXTERNAL: row for row in OF_ROBOT.values() if row.wrenches and not row.elastic}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -31,6 +31,7 @@ class Symbolic:
     * Each quantity that belongs to no body is an attribute named after its symbol, ``S.Q``, ``S.M``, ``S.U``, and so
       are its rates, ``S.Qd``, ``S.Q2d``, ``S.Q3d``, ...: a matrix, a column of a vector, or an expression.
     * These are the quantities without wrenches; the part of wrenches has ``ext`` in its name: Q is ``S.Q + S.Qext``.
+    * ``S.theta`` and ``S.tau`` are members only of robots with elastic joints, ``robot.elastic(...).robot``.
     * Each quantity of bodies is a method: ``J, Jd = S.jacobian("tool0", frame="world", order=1)``.
     * A quantity that is too large for symbolic form raises `JounceError` on access.
     """
@@ -50,6 +51,8 @@ class Symbolic:
     def __getattr__(self, name: str) -> Any:
         own = vars(self)  # empty while it is copied or unpickled
         found = re.fullmatch(f"({'|'.join(own['series'])}){SUFFIX}", name) if "series" in own else None
+        if name in QUANTITIES and QUANTITIES[name].forces:
+            raise AttributeError(quotient(QUANTITIES[name]))
         if found is None:
             raise AttributeError(str(no_such("member", name, [*own.get("series", ()), *OF_BODIES, "dot"], "Symbolic")))
         symbol, suffix = found.groups()
@@ -82,6 +85,14 @@ class Symbolic:
                     if symbol in present:
                         total = total + sympy.diff(x, symbol) * rate
         return total
+
+
+def quotient(row: Quantity) -> str:
+    """Return why a quantity that takes forces has no symbolic form, and what has one in its place."""
+    return (
+        f"{row.name} has no symbolic form, as it divides by expressions; mass_matrix and inverse_dynamics have one:"
+        " solve M q2d = Q - (Q where q2d = 0)"
+    )
 
 
 def symbolic(robot: Robot) -> Symbolic:
@@ -132,7 +143,8 @@ def symbolic(robot: Robot) -> Symbolic:
     if not isinstance(robot, Robot):
         raise JounceError(f"symbolic() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     found = expressions(robot.mechanism)
-    series = {symbol: found.quantity(row) for symbol, row in OF_ROBOT.items()}
+    rigid = robot.mechanism.elasticity is None
+    series = {symbol: found.quantity(row) for symbol, row in OF_ROBOT.items() if not (row.elastic and rigid)}
     series |= {symbol: found.external(row, symbol) for symbol, row in OF_WRENCHES.items()}
 
     @cache

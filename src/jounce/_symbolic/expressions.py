@@ -72,6 +72,8 @@ class Expressions:
         data = [getattr(m, label) for label in DATA] + [m.frame(body).T for body in [body] if body is not None]
         if m.acting:
             data += [m.drives.armature, m.drives.damping, m.drives.stiffness, m.drives.rest]
+        if (e := m.elasticity) is not None:
+            data += [e.stiffness[~e.is_rigid], e.rotor, e.viscous]
         return Printer(self.variables, self.parameters, any(map(has_decimals, data)))
 
     def _friction(self, law: Law) -> Series:

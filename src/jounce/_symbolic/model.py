@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from math import isinf
 from typing import Any
 
 import numpy as np
@@ -22,13 +23,15 @@ def cast_mechanism(mechanism: Mechanism, variables: Variables) -> Mechanism:
         result = np.empty(array.shape, dtype=object)
         for index, x in zip(np.ndindex(*array.shape), array.ravel().tolist(), strict=True):
             with at(f"{what}{list(index)} of {mechanism.name!r}"):
-                result[index] = polynomial(x, variables)
+                rigid = isinstance(x, float) and isinf(x)  # a stiffness, of which only the reciprocal enters
+                result[index] = x if rigid else polynomial(x, variables)
         return result
 
     data: dict[str, Any] = {label: cast(getattr(mechanism, label), label) for label in DATA}
     drives = Drives(**{label: cast(array, label) for label, array in vars(mechanism.drives).items()})
     frames = tuple(replace(frame, T=cast(frame.T, f"pose of {frame.name!r}")) for frame in mechanism.frames)
-    return replace(mechanism, drives=drives, frames=frames, **data)
+    elasticity = mechanism.elasticity and mechanism.elasticity.map(lambda array: cast(array, "elastic joints"))
+    return replace(mechanism, drives=drives, frames=frames, elasticity=elasticity, **data)
 
 
 def has_decimals(array: Array) -> bool:

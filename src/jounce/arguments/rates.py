@@ -49,6 +49,11 @@ def rates_of(
         raise JounceError(
             f"{last} is given, for order {len(terms) - least}; expected rates for order 0 to {HIGHEST_ORDER}"
         )
+    if len(terms) < least:  # where springs and motors of a robot take more rates than its methods name
+        have, lacking = named(len(terms))[-1], named(least)[-1]
+        raise JounceError(
+            f"{have} is the last rate given; the springs and motors of {mechanism.name!r} take {lacking} too"
+        )
     tail, labels = (mechanism.n,), named(len(terms))
     return [
         term  # as most are, and some a thousand times a second

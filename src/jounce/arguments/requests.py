@@ -8,6 +8,7 @@ from jounce.dynamics.computation import PRODUCTS, Computation
 from jounce.dynamics.mobility import idle_coordinates
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.errors import JounceError, listed, no_such, one_of, true_or_false
+from jounce.model.antagonists import AntagonisticSprings
 from jounce.model.mechanism import DATA, Mechanism
 
 
@@ -32,11 +33,12 @@ def computation(
         raise JounceError(f"{quantity} takes no wrenches; these do: {takers}")
     place(mechanism, quantity, body, frame)
     check_invertible(mechanism, quantity)
+    check_elastic(mechanism, quantity)
     order = checked_order(order)
     check_rates(quantity, order)
     if product is not None:
         one_of("product", product, PRODUCTS)
-    return Computation(quantity, order, wrench, body, frame, product)
+    return Computation(quantity, order, wrench, body, frame, product, more_rates(mechanism, quantity))
 
 
 def parse_computation(mechanism: Mechanism, text: str, order: int, wrench: bool = False) -> Computation:
@@ -81,8 +83,29 @@ def check_invertible(mechanism: Mechanism, quantity: str) -> None:
     if idle:
         raise JounceError(
             f"{quantity} of {mechanism.name!r}: the mass matrix is singular, of rank {rank} for {mechanism.n}"
-            f" coordinates, as {listed(idle)} moves no inertia; state one beyond, or lock the joint by lock="
+            f" coordinates: {listed(idle)} can move without moving inertia; give their bodies inertia, or hold them by"
+            " lock= of jounce.load, or Robot.locked"
         )
+
+
+def check_elastic(mechanism: Mechanism, quantity: str) -> None:
+    """Raise `JounceError` if a quantity is one of elastic joints and the robot has none, or two motors on one."""
+    if not QUANTITIES[quantity].elastic:
+        return
+    if mechanism.elasticity is None:
+        raise JounceError(
+            f"{quantity} of {mechanism.name!r}: its joints are rigid; robot.elastic(stiffness) makes them elastic"
+        )
+    if any(isinstance(law, AntagonisticSprings) for law in mechanism.elasticity.springs):
+        raise JounceError(
+            f"{quantity} of {mechanism.name!r}: joints with two motors take a stiffness; use ElasticRobot's methods"
+        )
+
+
+def more_rates(mechanism: Mechanism, quantity: str) -> int:
+    """How many rates of the motion a quantity takes in addition to those of its row."""
+    row, e = QUANTITIES[quantity], mechanism.elasticity
+    return e.more_rates if e is not None and row.elastic else 0
 
 
 def place(mechanism: Mechanism, quantity: str, body: str | None, frame: str) -> None:
@@ -97,6 +120,8 @@ def place(mechanism: Mechanism, quantity: str, body: str | None, frame: str) -> 
 
 
 @lru_cache(maxsize=1024)
-def known(name: str, order: int, wrench: bool, body: str | None = None, frame: str = "body") -> Computation:
+def known(
+    name: str, order: int, wrench: bool, body: str | None = None, frame: str = "body", more_rates: int = 0
+) -> Computation:
     """Return the computation of checked arguments; equal arguments share one."""
-    return Computation(name, order, wrench, body, frame)
+    return Computation(name, order, wrench, body, frame, more_rates=more_rates)

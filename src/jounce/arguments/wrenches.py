@@ -16,15 +16,19 @@ from jounce.spatial.lie import Ad, inverse
 from jounce.spatial.series import rate_name
 
 
-def wrenches_of(mechanism: Mechanism, wrench: object, order: int, q: Sequence[Array]) -> list[Array]:
-    """Return W and its rates up to `order`, at the states `q`; an empty list if `wrench` is None."""
+def wrenches_of(mechanism: Mechanism, wrench: object, order: int, q: Sequence[Array], least: int = 1) -> list[Array]:
+    """Return W and its rates for a quantity to an order, at the states `q`; an empty list if `wrench` is None.
+
+    The quantity itself takes the first `least` of W, Wd, ...; each of its rates takes one more.
+    """
     if wrench is None:
         return []
     given = rates_in(wrench)
     terms = (wrench,) if given is None else given
-    if len(terms) != order + 1:
+    count = least + order
+    if len(terms) != count:
         have = "W alone" if given is None else _rates(len(given)) or "nothing"
-        takes = f"a tuple ({_rates(order + 1)})" if order else "W alone"
+        takes = f"a tuple ({_rates(count)})" if count > 1 else "W alone"
         raise JounceError(f"wrench gives {have}; order {order} takes {takes}; a list is one array")
     at_one_state = is_unbatched(q)
     return [_on_bodies(mechanism, W, rate_name("W", k), at_one_state) for k, W in enumerate(terms)]

@@ -159,4 +159,5 @@ _NAMESPACE = SimpleNamespace(
     sin=lambda x: _Sized(np.sin(x.value)),
     cos=lambda x: _Sized(np.cos(x.value)),
     tanh=lambda x: _Sized(np.tanh(x.value)),
+    exp=lambda x: _Sized(np.exp(x.value)),
 )

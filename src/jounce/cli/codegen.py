@@ -21,7 +21,8 @@ Example:
 Outputs, each with its rates (default: the first):
 {outputs}
 BODY is a body or a merged link; FRAME is {frames},
-default the first.
+default the first. NAME.vjp and NAME.jvp of vectors are products of the
+derivatives by all inputs with weights or a direction.
 
 \b
 Run-time parameters of the functions: gravity, masses, lengths, payload,

@@ -29,13 +29,13 @@ LIMITS = click.option(
 )
 
 
-def load(robot: Asked, motion: AskedMotion, limits: Path | None) -> "tuple[Robot, Motion]":
-    """The robot with its limits, and the motion with the rates that they need."""
+def load(robot: Asked, motion: AskedMotion, limits: Path | None, order: int = 0) -> "tuple[Robot, Motion]":
+    """The robot with its limits, and the motion with the rates that they and forces up to an order need."""
     from jounce.limits.bounded import order_needed
 
     arm = robot.load()
     arm = arm if limits is None else arm.with_limits(limits)
-    return arm, motion.load(arm, order_needed(arm))
+    return arm, motion.load(arm, max(order, order_needed(arm)))
 
 
 def spans_in_words(spans: "list[list[float]]", most: int = 2) -> str:

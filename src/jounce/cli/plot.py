@@ -3,13 +3,16 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from jounce.cli.options import ROBOT, Asked
 from jounce.cli.output import tell
-from jounce.errors import JounceError
+from jounce.errors import JounceError, listed
+
+if TYPE_CHECKING:
+    from jounce.figures.panels import Run
 
 EPILOG = """\b
 Examples:
@@ -18,7 +21,7 @@ Examples:
   jounce plot forces.csv -o wrist.png --joint joint7 --quantity Q2d
   jounce plot forces.csv -o start.png --between 0 0.5
   jounce run iiwa14 paper-wrench -o loaded.csv
-  jounce plot forces.csv loaded.csv -o both.pdf --quantity Q
+  jounce plot forces.csv loaded.csv -o both.pdf --quantity Q --width page
 """
 
 
@@ -34,6 +37,12 @@ Examples:
     "--quantity", "quantities", multiple=True, metavar="Q", help="Draw this quantity only: Q, Qd, q, ...; repeatable."
 )
 @click.option("--between", type=float, nargs=2, metavar="S S", help="Draw the rows between these times only.")
+@click.option("--side-by-side", is_flag=True, help="Draw several tables next to each other instead of over each other.")
+@click.option(
+    "--width",
+    metavar="column|page|MM",
+    help="Exact width of the picture: a column (88.9 mm) or page (181.9 mm) of the IEEE's journals, or a number of mm.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print what was drawn as JSON.")
 def plot(
     tables: Sequence[Path],
@@ -43,21 +52,25 @@ def plot(
     joints: Sequence[str],
     quantities: Sequence[str],
     between: tuple[float, float] | None,
+    side_by_side: bool,
+    width: str | None,
     as_json: bool,
 ) -> None:
     """Draw the columns of each TABLE over time: forces that `run` wrote, or a motion that `motion` wrote.
 
     One row per quantity, one curve per joint. Curves too small to be seen next to the others have their own column; so
-    do prismatic joints, which --robot tells from revolute ones. Several tables are drawn side by side, with the same
-    scales.
+    do prismatic joints, which --robot tells from revolute ones. --robot also marks what is beyond a limit. Several
+    tables are laid over each other, in axes of their own for each joint.
     """
     from jounce.figures import canvas
-    from jounce.figures.curves import over_time
+    from jounce.figures.curves import laid_over, over_time
+    from jounce.figures.grid import width_of
     from jounce.figures.table import rows_between, run_of
     from jounce.io import files
     from jounce.io.motions import is_analytic
     from jounce.io.tables import read
 
+    inches = None if width is None else width_of(width)
     canvas.check_format(output)
     files.check_writable(output)
     canvas.check_installed()
@@ -71,22 +84,34 @@ def plot(
             for table in tables]  # fmt: skip
     if len(runs) == 1:
         runs = [replace(runs[0], title="")]
-    canvas.save(over_time(runs), output)
+    apart = side_by_side or len(runs) == 1
+    figure = over_time(runs, width=inches) if apart else laid_over(runs, inches)
+    canvas.save(figure, output, canvas.LOOK if inches is None else canvas.PRINT)
+    tell({"tables": [str(table) for table in tables], "output": str(output), **_summary(runs)}, _in_words, as_json)
+
+
+def _summary(runs: "Sequence[Run]") -> dict[str, Any]:
+    """What is drawn of runs, and what is beyond a limit."""
+    from jounce.figures.bounds import beyond
+
     shown: dict[str, dict[str, None]] = {}  # the joints of each panel, in order
+    exceeded: dict[str, dict[str, None]] = {}  # those of their joints that are beyond a limit
     for run in runs:
         for panel in run.panels:
             shown.setdefault(panel.label, {}).update(dict.fromkeys(panel.curves))
-    summary = {
-        "tables": [str(table) for table in tables],
-        "output": str(output),
+            if names := [name for name in panel.curves if beyond(panel, name).any()]:
+                exceeded.setdefault(panel.label, {}).update(dict.fromkeys(names))
+    return {
         "states": [len(run.t) for run in runs],
         "panels": {label: list(names) for label, names in shown.items()},
+        "exceeded": {label: list(names) for label, names in exceeded.items()},
     }
-    tell(summary, _in_words, as_json)
 
 
 def _in_words(summary: dict[str, Any]) -> str:
     shown = ", ".join(summary["panels"])
     count = len({joint for joints in summary["panels"].values() for joint in joints})
     states = " and ".join(f"{states} state{'s' * (states > 1)}" for states in summary["states"])
-    return f"{shown} of {count} joint{'s' * (count > 1)}, {states}, drawn to {summary['output']}"
+    line = f"{shown} of {count} joint{'s' * (count > 1)}, {states}, drawn to {summary['output']}"
+    beyond = [f"{label} of {listed(names)}" for label, names in summary["exceeded"].items()]
+    return "\n".join([line, *(f"beyond a limit: {text}" for text in beyond)])

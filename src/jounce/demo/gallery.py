@@ -7,9 +7,10 @@ import numpy as np
 
 from jounce.demo.example import Example, Forces, StepErrors, published
 from jounce.figures.canvas import INK, legend_above, letter, line_style, painted
-from jounce.figures.curves import Panel, Run, columns_of, over_time
+from jounce.figures.curves import over_time
 from jounce.figures.drawing import View, draw
 from jounce.figures.labels import place_labels
+from jounce.figures.panels import Panel, Run, columns_of
 from jounce.figures.schematic import schematic
 from jounce.robot import Robot
 

@@ -65,15 +65,16 @@ def closed_form(mechanism: Mechanism, q: Series, W: Series | None = None) -> Clo
     p = gM @ qd
     power = qd.mT @ Qgrav
     U = from_rate(system.potential_energy(mechanism, C0), lambda _: power)
-    wrench = (M @ V).dot - b.mT @ (M @ V) + M @ UG  # f of every body
-    wrench = wrench if W is None else wrench + W
-    J1 = J.dot + b @ J  # rates of the screws in space, (S')
-    J2 = J1.dot + b @ J1 + UG.map(system.system_b) @ J  # (A)
-    B = -(b.mT @ M) - M @ b + (M @ V).map(system.system_moved)  # (B)
+    P = M @ V
+    J1 = J.dot + b @ J  # rates of the screws in space, which move the bodies
+    J2 = J1.dot + b @ J1 + UG.map(system.system_b) @ J  # relative to free fall
+    B = -(b.mT @ M) - M @ b + P.map(system.system_moved)
+    wrench = P.dot - b.mT @ P + M @ UG
     S = A @ system.system_S(mechanism)
-    turned = S.mT @ wrench.map(system.system_moved) @ S
-    gK = JT @ (M @ J2 + B @ J1) + generalized_matrix(mechanism, turned * np.tri(mechanism.nb, k=-1, dtype=int).T)  # (K)
-    gD = JT @ (2 * (M @ J1) + B @ J)  # (D)
+    turned = S.mT @ (wrench if W is None else wrench + W).map(system.system_moved) @ S
+    outer = turned * np.tri(mechanism.nb, k=-1, dtype=int).T  # joints carry wrenches along that lie further out
+    gK = JT @ (M @ J2 + B @ J1) + generalized_matrix(mechanism, outer)
+    gD = JT @ (2 * (M @ J1) + B @ J)
     parts = {"H": H, "J": J, "V": V, "gM": gM, "gC": gC, "gCbar": gCbar, "Qgrav": Qgrav, "Qext": Qext, "Q": Q, "h": h}
     return ClosedForm(**parts, F=F, p=p, U=U, gK=gK, gD=gD)
 

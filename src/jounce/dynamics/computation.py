@@ -7,7 +7,7 @@ from itertools import accumulate
 from math import prod
 
 from jounce._scalars import Array
-from jounce.dynamics.quantities import QUANTITIES, Quantity, State
+from jounce.dynamics.quantities import Quantity, State, row_of
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series, columns, rate_name
 
@@ -21,7 +21,7 @@ class Port:
 
     name: str  # q, qd, W, Wd, masses, Q, Qd
     shape: Shape
-    role: str  # "parameter", "state", "wrench", "weight", "direction" or "result"
+    role: str  # "parameter", "state", "wrench", "weight" or "result"
     rate: int = 0  # which time derivative it is
     first_order: int = 0  # of an input, the lowest order of the results that depend on it
     start: int = 0
@@ -59,7 +59,7 @@ class Computation:
     """A quantity with its rates up to an order, with wrenches on the bodies or without, of one body or of all.
 
     `body` is None for all bodies, and for quantities that do not belong to bodies. `product` is one of `PRODUCTS`,
-    to be computed instead, or None.
+    to be computed instead, or None. `more_rates` are those that springs and motors of the robot take in addition.
     """
 
     name: str
@@ -68,10 +68,11 @@ class Computation:
     body: str | None = None
     frame: str = "body"
     product: str | None = None
+    more_rates: int = 0
 
     @cached_property
     def _hash(self) -> int:
-        return hash((self.name, self.order, self.wrench, self.body, self.frame, self.product))
+        return hash((self.name, self.order, self.wrench, self.body, self.frame, self.product, self.more_rates))
 
     def __hash__(self) -> int:  # computed once: every call of a robot's method looks its kernel up
         return self._hash
@@ -79,7 +80,7 @@ class Computation:
     @property
     def quantity(self) -> Quantity:
         """The row of the quantity."""
-        return QUANTITIES[self.name]
+        return row_of(self.name, self.more_rates)
 
     @property
     def rates(self) -> int:
@@ -112,8 +113,9 @@ class Computation:
         """The ports for a robot of n coordinates and nb bodies, of which some data are parameters."""
         inputs = [Port(name, shape, "parameter") for name, shape in (parameters or {}).items()]
         inputs += state_ports(n, self.quantity.input_names(self.rates), self.quantity.rates)
-        for k in range(self.order + 1 if self.wrench else 0):
-            inputs.append(Port(rate_name("W", k), (nb, 6), "wrench", k, k))
+        own = self.quantity.wrench_rates
+        for k in range(own + self.order if self.wrench else 0):
+            inputs.append(Port(rate_name("W", k), (nb, 6), "wrench", k, max(0, k + 1 - own)))
         rates = [0] * self.count if self.quantity.results else range(self.count)
         names = self.quantity.names(self.order)
         outputs = [Port(name, self.shape(n, nb, k), "result", k) for k, name in zip(rates, names, strict=True)]
@@ -151,7 +153,7 @@ def _ports_of_product(product: str, inputs: list[Port], results: list[Port]) -> 
         weights = [replace(port, name=f"w{port.name}", role="weight") for port in results]
         gradients = [replace(port, name=f"g{port.name}", role="result") for port in given]
         return [replace(port, first_order=0) for port in inputs] + weights, gradients
-    directions = [replace(port, name=f"d{port.name}", role="direction") for port in given]
+    directions = [replace(port, name=f"d{port.name}") for port in given]
     return inputs + directions, [replace(port, name=f"d{port.name}") for port in results]
 
 

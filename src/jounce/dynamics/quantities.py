@@ -6,11 +6,14 @@ rows. A new quantity takes its mathematics, a row, and a method of `Robot`.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
+
+import numpy as np
 
 from jounce._scalars import Array, element
 from jounce.dynamics import closed_form as dense
-from jounce.dynamics import drive_terms, forward, kinematics, partials
+from jounce.dynamics import drive_terms, elastic, forward, kinematics, partials
 from jounce.dynamics.paper import Paper
 from jounce.dynamics.recursion import articulated, bodies, force_partials, forces, matrices, momenta
 from jounce.dynamics.recursion.forces import Sweep
@@ -68,6 +71,8 @@ class Quantity:
     tex_symbol: str = ""  # where it is not printed as it is named; one index at most, in braces
     wrench_term: str = ""  # what wrenches on the bodies add to it, a noun phrase; empty where they do not enter
     wrench_tex: str = ""
+    wrench_rates: int = 1  # how many of W, Wd, ... the quantity itself takes, where they enter
+    elastic: bool = False  # whether it is one of robots with elastic joints only
     drive_terms: tuple[str, ...] = ()  # which of those that act enter
     drive_law: Law | None = None  # what they add
     results: tuple[str, ...] = ()  # of a quantity of several results, which has no rates: the terms of its law
@@ -113,7 +118,7 @@ class Quantity:
 
 def _array(total: Any) -> Array:
     """A sum of arrays without axes as an array again: NumPy makes a scalar of it."""
-    return element(total, "a sum")
+    return np.asarray(total) if isinstance(total, np.ndarray | np.generic) else element(total, "a sum")
 
 
 def _column(nb: int) -> int:
@@ -155,6 +160,19 @@ def _forward_partials(m: Mechanism, x: State, method: str) -> Series:
     q2d = QUANTITIES["forward_dynamics"].law(method, m)(m, x)[0][..., None]
     P = QUANTITIES["inverse_dynamics_partials"].law(method, m)(m, replace(x, q=Series.of([x.q[0], x.q[1], q2d])))
     return Series.of(partials.of_accelerations(P[0]))
+
+
+def _of_motors(law: Callable[[Mechanism, Series, elastic.Forces], Series], method: str) -> Law:
+    """A law of elastic joints, with the forces on the links by a method."""
+
+    def motors(m: Mechanism, x: State) -> Series:
+        def forces(added: Series | None) -> Series:
+            W = x.W if added is None else added if x.W is None else x.W + added
+            return FORCES.law(method, m)(m, replace(x, W=W)).map(lambda Q: Q[..., None])
+
+        return _row(law(m, x.q, forces))
+
+    return motors
 
 
 def _screws(m: Mechanism, x: State, poses: kinematics.OfBodies, screws: kinematics.OfBodies) -> Series:
@@ -430,6 +448,52 @@ QUANTITIES: Mapping[str, Quantity] = {
                 "closed_form": Method(lambda m, x: _scalar(dense.closed_form(m, x.q).U)),
             },
         ),
+        Quantity(
+            name="motor_positions",
+            symbol="theta",
+            rates=3,
+            shape=("n",),
+            wrench_term="K^-1 J^T W",
+            wrench_tex=r"K^{-1} J^T W",
+            drive_terms=TERMS,
+            elastic=True,
+            unit="rad or, for coordinates in m, m",
+            caption="motor positions",
+            meaning="theta = q + K^-1 Q: positions of the motors behind elastic joints.",
+            tex_symbol=r"\theta",
+            tex=r"\theta = q + K^{-1} Q",
+            methods={
+                "recursion": Method(_of_motors(elastic.motor_positions, "recursion"), _column),
+                "closed_form": Method(_of_motors(elastic.motor_positions, "closed_form")),
+            },
+        ),
+        Quantity(
+            name="motor_torques",
+            symbol="tau",
+            rates=5,
+            shape=("n",),
+            wrench_term="J^T W + B K^-1 (J^T W)2d",
+            wrench_tex=r"J^T W + B K^{-1} \tfrac{d^2}{dt^2}(J^T W)",
+            wrench_rates=3,
+            drive_terms=TERMS,
+            elastic=True,
+            unit="N m or, for coordinates in m, N",
+            caption="motor torques",
+            meaning="tau = Q + B theta2d + F_m(thetad): torques of the motors behind elastic joints.",
+            tex_symbol=r"\tau",
+            tex=r"\tau = Q + B\,\ddot{\theta} + F_m(\dot{\theta})",
+            methods={
+                "recursion": Method(_of_motors(elastic.motor_torques, "recursion"), _column),
+                "closed_form": Method(_of_motors(elastic.motor_torques, "closed_form")),
+            },
+        ),
     )
 }
 FORCES = QUANTITIES["inverse_dynamics"]  # the default where a quantity is chosen
+
+
+@lru_cache(maxsize=64)
+def row_of(name: str, more_rates: int = 0) -> Quantity:
+    """The row of a quantity, for a robot whose springs and motors take further rates of the motion."""
+    row = QUANTITIES[name]
+    return replace(row, rates=row.rates + more_rates, wrench_rates=row.wrench_rates + more_rates) if more_rates else row

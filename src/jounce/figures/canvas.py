@@ -45,6 +45,15 @@ LOOK: Any = {
     "savefig.pad_inches": 0.08,
     "svg.hashsalt": "jounce",  # the same figure gives the same file
     "svg.fonttype": "path",
+    "pdf.fonttype": 42,  # TrueType: journals refuse Type 3
+}
+# A page of a journal: its width is exact, its letters are those of captions.
+PRINT: Any = LOOK | {
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "lines.linewidth": 1,
+    "savefig.bbox": "standard",
+    "savefig.dpi": 600,
 }
 FORMATS = ("png", "svg", "pdf")
 # On a dark page an SVG is dark: light and dark change places, hues stay. A page that sets its scheme by `color-scheme`
@@ -61,13 +70,13 @@ def check_installed() -> None:
         raise JounceError("pictures need matplotlib; install it by: pip install 'jounce[figures]'") from None
 
 
-def painted(paint: "Callable[[Figure], None]", width: float, height: float) -> "Figure":
+def painted(paint: "Callable[[Figure], None]", width: float, height: float, look: Any = LOOK) -> "Figure":
     """Paint a figure of a size in inches in jounce's style; no window is opened, no global setting changed."""
     check_installed()
     import matplotlib
     from matplotlib.figure import Figure
 
-    with matplotlib.rc_context(LOOK):
+    with matplotlib.rc_context(look):
         figure = Figure(figsize=(width, height), layout="constrained")
         paint(figure)
         return figure
@@ -133,25 +142,25 @@ def check_format(path: Path) -> None:
         raise JounceError(f"{path}: {no_such('type of picture', path.suffix, [f'.{name}' for name in FORMATS])}")
 
 
-def save(figure: "Figure", path: Path) -> None:
+def save(figure: "Figure", path: Path, look: Any = LOOK) -> None:
     """Write a figure whole, as PNG, SVG or PDF by its suffix; the same figure gives the same file."""
     import matplotlib
 
     check_format(path)
     kind = path.suffix.lower().removeprefix(".")
     undated = {"png": {}, "pdf": {"CreationDate": None}}
-    with matplotlib.rc_context(LOOK), files.written_whole(path) as part:
+    with matplotlib.rc_context(look), files.written_whole(path) as part:
         if kind == "svg":
-            part.write_bytes(svg(figure))
+            part.write_bytes(svg(figure, look))
         else:
             figure.savefig(part, format=kind, metadata=undated[kind])
 
 
-def svg(figure: "Figure") -> bytes:
+def svg(figure: "Figure", look: Any = LOOK) -> bytes:
     """A figure as SVG that turns dark on dark pages."""
     import matplotlib
 
     content = BytesIO()
-    with matplotlib.rc_context(LOOK):
+    with matplotlib.rc_context(look):
         figure.savefig(content, format="svg", metadata={"Date": None})
     return content.getvalue().replace(b"</style>", DARK + b"</style>", 1)

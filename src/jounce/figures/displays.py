@@ -11,9 +11,10 @@ from jounce._scalars import is_numeric
 from jounce.checks.description import describe, limit_in_words
 from jounce.errors import JounceError, shortened
 from jounce.figures import canvas
-from jounce.figures.curves import Panel, Run, over_time
+from jounce.figures.curves import over_time
 from jounce.figures.drawing import View, draw
 from jounce.figures.labels import place_labels
+from jounce.figures.panels import Panel, Run
 from jounce.model.mechanism import DATA
 from jounce.spatial.series import rate_name
 

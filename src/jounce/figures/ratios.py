@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.figures.canvas import legend_above, line_style, painted
-from jounce.figures.curves import drawn_points
+from jounce.figures.panels import drawn_points
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from jounce.errors import JounceError, listed, no_such, quoted, shortened
-from jounce.figures.curves import POINT, Panel, Run
+from jounce.figures.curves import POINT
+from jounce.figures.panels import Panel, Run
 from jounce.model.coordinates import coordinate_limits, coordinate_units
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS
 from jounce.model.mechanism import Mechanism

@@ -38,7 +38,8 @@ def locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
     with np.errstate(all="ignore"):  # what overflows is refused
         g = mechanism.g + mechanism.G[:, places] @ np.array([*map(float, values.values())])
         names = tuple(mechanism.coordinates[j] for j in free)
-        held = replace(mechanism, G=mechanism.G[:, free], g=g, coordinates=names)
+        elasticity = mechanism.elasticity and mechanism.elasticity.select(free)
+        held = replace(mechanism, G=mechanism.G[:, free], g=g, coordinates=names, elasticity=elasticity)
         still = [not row.any() for row in held.G]
         welded = _without(held, still)
     if is_numeric(g) and is_numeric(mechanism.X):

@@ -15,6 +15,7 @@ import numpy as np
 from jounce._scalars import Array, exact_integers, is_numeric, is_symbolic
 from jounce.errors import one_of
 from jounce.model.drives import Drives
+from jounce.model.elasticity import Elasticity
 from jounce.model.limits import Limits
 
 GRAVITY = (0, 0, -9.81)  # m/s^2, unless told otherwise
@@ -61,6 +62,8 @@ class Mechanism:
         The drive trains as stated.
     acting : tuple of str
         Those terms of the drives that enter Q.
+    elasticity : Elasticity, or None
+        The springs between motors and links; None if all joints are rigid.
     frames : tuple of Frame
         The frames of links that are merged into bodies: `name`, `body` (its index, -1 for the ground), `T` (4, 4), the
         pose in the frame of the body.
@@ -90,6 +93,7 @@ class Mechanism:
     limits: Limits
     drives: Drives
     acting: tuple[str, ...] = ()
+    elasticity: Elasticity | None = None
     frames: tuple[Frame, ...] = ()
     name: str = "robot"
     default_axes: tuple[str, ...] = field(default=(), compare=False)
@@ -97,7 +101,8 @@ class Mechanism:
     def __post_init__(self) -> None:
         own = (getattr(self, name) for name in DATA)
         beside = (self.limits.table, *vars(self.drives).values(), *(frame.T for frame in self.frames))
-        for array in (*own, *beside):
+        elastic = self.elasticity.arrays.values() if self.elasticity else ()
+        for array in (*own, *beside, *elastic):
             array.flags.writeable = False
 
     def __setstate__(self, state: dict[str, Any]) -> None:  # a copy or an unpickled one is as frozen as any
@@ -165,7 +170,8 @@ def _convert(mechanism: Mechanism, convert: Callable[[Array], Array]) -> Mechani
     data: dict[str, Any] = {name: convert(getattr(mechanism, name)) for name in DATA}
     frames = tuple(replace(frame, T=convert(frame.T)) for frame in mechanism.frames)
     drives = Drives(**{name: convert(array) for name, array in vars(mechanism.drives).items()})
-    return replace(mechanism, frames=frames, drives=drives, **data)
+    elasticity = mechanism.elasticity and mechanism.elasticity.map(convert)
+    return replace(mechanism, frames=frames, drives=drives, elasticity=elasticity, **data)
 
 
 def cast_model(mechanism: Mechanism, arrays: Sequence[Array]) -> Mechanism:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from jounce._parts import part_in, remove_abandoned
 from jounce._scalars import finite
+from jounce.dynamics import coupling
 from jounce.dynamics.computation import Computation
 from jounce.errors import JounceError, quoted
 from jounce.model.mechanism import DATA, Mechanism
@@ -52,6 +53,11 @@ def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
     digest = hashlib.sha256(f"{computation} {target} llvmlite {llvmlite.__version__} {_sources()}".encode())
     digest.update(repr((mechanism.parent, mechanism.acting)).encode())
     arrays = {name: getattr(mechanism, name) for name in DATA} | (vars(mechanism.drives) if mechanism.acting else {})
+    if mechanism.elasticity and computation.quantity.elastic:
+        e = mechanism.elasticity
+        arrays |= {f"elastic {name}": array for name, array in e.arrays.items()}
+        digest.update(repr((e.springs, e.level)).encode())
+        arrays |= {f"rotor {x.coordinate} on {x.body}": x.momentum for x in coupling.rotors(mechanism)}
     if computation.body is not None:
         frame = mechanism.frame(computation.body)
         arrays |= {f"frame on {frame.body}": frame.T}

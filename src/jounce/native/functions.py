@@ -1,4 +1,4 @@
-"""Functions of vectors, in LLVM IR: sine and cosine within two units in the last place, tanh within three.
+"""Functions of vectors, in LLVM IR: sine, cosine and exp within two units in the last place, tanh within three.
 
 Angles may be any finite numbers. They are reduced by the nearest multiple of pi/2, in three parts of which the first
 two are so short that their multiples are exact up to `LARGE` (Cody and Waite), and the third so small that it does not
@@ -8,7 +8,8 @@ makes NaN of inf and NaN. They hold 0 meanwhile, so that nothing overflows and n
 ``tanh |x| = -e / (2 + e)`` with ``e = exp(-2 |x|) - 1``. The exponent is ``k ln 2 + r``, ln 2 in two parts of which the
 first is so short that its multiples are exact; a polynomial does exp(r) - 1, its Taylor coefficients, as |r| < 0.35.
 Beyond 20 the tangent is 1 to the last bit: larger numbers, and NaN, are taken for 20, so that nothing overflows; NaN is
-put back in the end.
+put back in the end. ``exp x = 2^k exp(r)`` likewise, with 2^k in two factors, so that results grow to infinity and fall
+to zero by way of the denormal numbers.
 """
 
 from math import factorial, inf
@@ -30,6 +31,7 @@ C = (
 MAGIC = 1.5 * 2.0**52  # added to a number, it leaves the nearest integer in the last bits
 SIGN = -(2**63)
 LAST = 20.0  # beyond which tanh is 1
+LEAST, MOST = -746.0, 710.0  # beyond which exp is 0, or infinite
 LN2 = (0.6931471803691238, 1.9082149292705877e-10)  # of 33 and 53 bits
 TAYLOR = [1 / factorial(k) for k in range(2, 15)]  # of (exp(r) - 1 - r) / r^2
 
@@ -96,14 +98,8 @@ def define_tanh(ir: Writer) -> None:
         beyond = ir.let(f"icmp sgt {ir.I} {size}, {ir.integers(bits(LAST))}")  # or not a number
         capped = ir.let(f"select {ir.B} {beyond}, {ir.I} {ir.integers(bits(LAST))}, {ir.I} {size}")
         twice = ir.op("mul", ir.let(f"bitcast {ir.I} {capped} to {ir.V}"), ir.vector(-2.0))
-        scaled = ir.op("fma", twice, ir.vector(1.4426950408889634), ir.vector(MAGIC))  # 1 / ln 2
-        k = ir.op("sub", scaled, ir.vector(MAGIC))
-        r = twice
-        for part in LN2:
-            r = ir.op("fnma", k, ir.vector(part), r)
-        rest = ir.op("fma", ir.op("mul", r, r), ir.horner(TAYLOR, r), r)
-        exponent = ir.let(f"shl {ir.I} {ir.let(f'bitcast {ir.V} {scaled} to {ir.I}')}, {ir.integers(52)}")
-        power = ir.let(f"bitcast {ir.I} {ir.let(f'add {ir.I} {exponent}, {ir.integers(bits(1.0))}')} to {ir.V}")
+        k, rest = _split_exponent(ir, twice)
+        power = _power_of_two(ir, k)
         e = ir.op("fma", power, rest, ir.op("sub", power, ir.vector(1.0)))  # 2^k (exp(r) - 1) + (2^k - 1)
         value = ir.let(f"fdiv {ir.V} {ir.op('neg', e)}, {ir.op('add', e, ir.vector(2.0))}")
         signed = ir.let(f"or {ir.I} {ir.let(f'bitcast {ir.V} {value} to {ir.I}')}, {sign}")
@@ -112,4 +108,41 @@ def define_tanh(ir: Writer) -> None:
         ir.do(f"ret {ir.V} {ir.let(f'bitcast {ir.I} {result} to {ir.V}')}")
 
 
-DEFINITIONS = {"sincos": define_sincos, "tanh": define_tanh}  # by the names under which native code calls them
+def define_exp(ir: Writer) -> None:
+    """``@exp(x)``."""
+    with ir.function(f"internal {ir.V} @exp({ir.V} %x)"):
+        high = ir.let(f"fcmp ugt {ir.V} %x, {ir.vector(MOST)}")  # or not a number
+        x = ir.let(f"select {ir.B} {high}, {ir.V} {ir.vector(MOST)}, {ir.V} %x")
+        low = ir.let(f"fcmp olt {ir.V} {x}, {ir.vector(LEAST)}")
+        k, rest = _split_exponent(ir, ir.let(f"select {ir.B} {low}, {ir.V} {ir.vector(LEAST)}, {ir.V} {x}"))
+        k = ir.let(f"sub {ir.I} {k}, {ir.integers(bits(MAGIC))}")
+        half = ir.let(f"ashr {ir.I} {k}, {ir.integers(1)}")
+        value = ir.op("add", rest, ir.vector(1.0))
+        for part in (half, ir.let(f"sub {ir.I} {k}, {half}")):
+            value = ir.op("mul", value, _power_of_two(ir, part))
+        number = ir.let(f"fcmp ord {ir.V} %x, %x")
+        ir.do(f"ret {ir.V} {ir.let(f'select {ir.B} {number}, {ir.V} {value}, {ir.V} %x')}")
+
+
+def _split_exponent(ir: Writer, x: str) -> tuple[str, str]:
+    """The integers k, in the last bits of others, and exp(r) - 1, of exp x = 2^k exp(r)."""
+    scaled = ir.op("fma", x, ir.vector(1.4426950408889634), ir.vector(MAGIC))  # 1 / ln 2
+    k = ir.op("sub", scaled, ir.vector(MAGIC))
+    r = x
+    for part in LN2:
+        r = ir.op("fnma", k, ir.vector(part), r)
+    rest = ir.op("fma", ir.op("mul", r, r), ir.horner(TAYLOR, r), r)
+    return ir.let(f"bitcast {ir.V} {scaled} to {ir.I}"), rest
+
+
+def _power_of_two(ir: Writer, k: str) -> str:
+    """2^k of integers k, exponents of normal numbers."""
+    exponent = ir.let(f"shl {ir.I} {k}, {ir.integers(52)}")
+    return ir.let(f"bitcast {ir.I} {ir.let(f'add {ir.I} {exponent}, {ir.integers(bits(1.0))}')} to {ir.V}")
+
+
+DEFINITIONS = {
+    "sincos": define_sincos,
+    "tanh": define_tanh,
+    "exp": define_exp,
+}  # by the names under which native code calls them

@@ -224,11 +224,11 @@ class Kernel(Generic[Results]):
         --------
         >>> import jounce, numpy as np
         >>> kernel = jounce.load("planar2r").compile(order=1)
-        >>> state = np.ones((4, 2))
-        >>> Q, Qd = kernel(*state)
-        >>> gq, gqd, gq2d, gq3d = kernel.vjp(state, (None, 2 * Qd))  # of the cost |Qd|^2
+        >>> q, qd, q2d, q3d = np.ones((4, 2))
+        >>> Q, Qd = kernel(q, qd, q2d, q3d)
+        >>> gq, gqd, gq2d, gq3d = kernel.vjp((q, qd, q2d, q3d), (None, 2 * Qd))  # of the cost |Qd|^2
         >>> h = np.array([1e-6, 0])
-        >>> higher, lower = (np.sum(kernel(state[0] + s * h, *state[1:])[1] ** 2) for s in (1, -1))
+        >>> higher, lower = (np.sum(kernel(x, qd, q2d, q3d)[1] ** 2) for x in (q + h, q - h))
         >>> bool(np.isclose(gq[0], (higher - lower) / 2e-6))
         True
         """
@@ -295,7 +295,8 @@ class Kernel(Generic[Results]):
         kernel = self._products.get(name)
         if kernel is None:
             kernel = self._products[name] = self._compile_product(name)
-        return kernel, products.arguments(f"{name} of {self!r}", kernel.signature, arrays, others)
+        given = products.arguments(f"{name} of {self!r}", self.signature, kernel.signature, arrays, others)
+        return kernel, given
 
     def _compile_product(self, name: Product) -> "Kernel":
         if self.computation.product:

@@ -6,27 +6,22 @@ from typing import Any
 import numpy as np
 
 from jounce.dynamics.computation import Port, Signature
-from jounce.errors import JounceError, quoted
+from jounce.errors import JounceError
 
 
-def arguments(caller: str, signature: Signature, arrays: Any, others: Any) -> list[Any]:
-    """Return the arrays of a state, then its weights or directions, as the signature of a product lists them.
+def arguments(caller: str, values: Signature, product: Signature, arrays: Any, others: Any) -> list[Any]:
+    """Return the arrays of a state, then its weights or directions, as the signature of the product lists them.
 
     Raises
     ------
     JounceError : if one of both is not a tuple of as many arrays as the signature has.
     """
-    count = sum(port.role not in ("weight", "direction") for port in signature.inputs)
-    state, rest = signature.inputs[:count], signature.inputs[count:]
+    rest = product.inputs[len(values.inputs) :]
     if len(rest) == 1 and type(others) not in (tuple, list):
         others = (others,)
-    return [
-        *_checked(caller, "arrays", state, arrays),
-        *(
-            np.zeros(port.shape) if x is None else x
-            for port, x in zip(rest, _checked(caller, f"{rest[0].role}s", rest, others), strict=True)
-        ),
-    ]
+    state = _checked(caller, "arrays", values.inputs, arrays)
+    given = _checked(caller, "weights" if rest[0].role == "weight" else "directions", rest, others)
+    return [*state, *(np.zeros(port.shape) if x is None else x for port, x in zip(rest, given, strict=True))]
 
 
 def _checked(caller: str, what: str, ports: Sequence[Port], given: Any) -> Sequence[Any]:

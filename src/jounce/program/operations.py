@@ -70,6 +70,14 @@ def _reciprocal(x: float) -> float:
     return 1 / x if x else math.copysign(math.inf, x)
 
 
+def _exponential(x: float) -> float:
+    """exp x, infinite where it overflows; Python raises an error there."""
+    try:
+        return math.exp(x)
+    except OverflowError:
+        return math.inf
+
+
 OPERATIONS: Mapping[str, Operation] = {
     operation.name: operation
     for operation in (
@@ -144,6 +152,14 @@ OPERATIONS: Mapping[str, Operation] = {
             value=math.tanh,
             partials=lambda x: (1 - x.tanh() * x.tanh(),),
             function=VectorFunction("tanh"),
+        ),
+        Operation(
+            name="exp",
+            noun="exp",
+            arity=1,
+            value=_exponential,
+            partials=lambda x: (x.exp(),),
+            function=VectorFunction("exp"),
         ),
         Operation(
             name="fma",

@@ -5,7 +5,9 @@ operations that are trivial because of 0, 1 or -1 are not recorded.
 """
 
 from collections.abc import Callable, Sequence
+from functools import reduce
 from math import inf
+from operator import mul
 from typing import Any
 
 import numpy as np
@@ -44,6 +46,21 @@ class Node:
 
     def __rtruediv__(self, other: Any) -> "Node":
         return self.tape.node(other) / self
+
+    def __pow__(self, exponent: int) -> "Node":
+        if not isinstance(exponent, int | np.integer):
+            return NotImplemented
+        power = reduce(mul, [self] * abs(int(exponent)), self.tape.node(1))
+        return power if exponent >= 0 else 1 / power
+
+    def sinh(self) -> "Node":
+        """tanh cosh, which keeps its digits near 0."""
+        return self.tanh() * self.cosh()
+
+    def cosh(self) -> "Node":
+        """The mean of exp x and exp -x."""
+        e = self.exp()
+        return (e + 1 / e) * 0.5
 
     def __getattr__(self, name: str) -> Callable[[], "Node"]:
         """The functions of one operand as NumPy's object arrays ask for them: x.sin()."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from jounce._typing import ArrayLike
 from jounce.arguments.rates import checked_order
-from jounce.dynamics.quantities import FORCES
+from jounce.dynamics.quantities import FORCES, Quantity
 from jounce.errors import JounceError, at, quoted
 from jounce.model.mechanism import Mechanism
 from jounce.motion.matching import matched
@@ -78,9 +78,18 @@ class Along:
 
 
 def forces_along(
-    robot: "Robot", motion: object, t: ArrayLike | None, order: object, method: str | None, progress: Progress | None
+    robot: "Robot",
+    motion: object,
+    t: ArrayLike | None,
+    order: object,
+    method: str | None,
+    progress: Progress | None,
+    row: Quantity = FORCES,
 ) -> Along:
-    """Compute the forces and their rates at given times of a motion, or at its own times."""
+    """Compute the forces and their rates at given times of a motion, or at its own times.
+
+    `row` may be another quantity (n,) that takes as many rates of q or more, such as motor torques.
+    """
     path, highest = checked_motion(robot.mechanism, motion), checked_order(order)
     q, qd = path(np.linspace(path.start, path.stop, GLANCES), 1)
     warn_of_degrees(q, qd, robot.mechanism, "the motion")
@@ -89,10 +98,10 @@ def forces_along(
         raise JounceError(f"t is {quoted(t)}; expected an array (N,) of times in s, or None for those of the motion")
     if progress is not None and not callable(progress):
         raise JounceError(f"progress is {quoted(progress)}; expected a function of two numbers, (done, total)")
-    parts = list(pieces_along(robot, path, times, highest, method, progress))
+    parts = list(pieces_along(robot, path, times, highest, method, progress, row))
     rates, forces = (_join([getattr(part, name) for part in parts]) for name in ("rates", "forces"))
     deviations = None if parts[0].deviations is None else _join([part.deviations or () for part in parts])
-    breaks = force_breaks(robot, path, times, highest, method)
+    breaks = force_breaks(robot, path, times, highest, method, row)
     return Along(times, rates, forces, deviations, breaks)
 
 
@@ -112,37 +121,38 @@ def pieces_along(
     order: int,
     method: str | None = None,
     progress: Progress | None = None,
+    row: Quantity = FORCES,
 ) -> Iterator[Along]:
     """Yield the forces along a motion in pieces of some states, without breaks.
 
     After each piece, `progress` is called with the number of states done and the total.
     """
-    spread = _spreads(robot, motion, times, order, method)
+    spread = _spreads(robot, motion, times, order, method, row)
     for start in range(0, len(times), PIECE):
         t = times[start : start + PIECE]
-        rates = motion(t, order + FIRST)
-        forces = _forces(robot, motion, t, rates, order, method)
+        rates = motion(t, order + row.rates - 1)
+        forces = _forces(robot, motion, t, rates, order, method, row)
         if progress is not None:
             progress(start + len(t), len(times))
         yield Along(t, rates, forces, spread and spread(t))
 
 
 def force_breaks(
-    robot: "Robot", motion: Motion, times: np.ndarray, order: int, method: str | None = None
+    robot: "Robot", motion: Motion, times: np.ndarray, order: int, method: str | None = None, row: Quantity = FORCES
 ) -> tuple[ForceBreak, ...]:
     """Find the times between the first and the last given time at which the forces up to an order are not smooth."""
     known = [
         (t, tuple(causes))
-        for t, causes in groupby(motion.breaks_to(order + FIRST), key=lambda found: found.t)
+        for t, causes in groupby(motion.breaks_to(order + row.rates - 1), key=lambda found: found.t)
         if times.min() <= t <= times.max()
     ]
-    taken = {"q": FIRST, "W": 0}  # the order of each that Q itself takes
+    taken = {"q": row.rates - 1, "W": row.wrench_rates - 1}  # the order of each that the quantity itself takes
     lowest = np.array([min(cause.order - taken[cause.symbol] for cause in causes) for _, causes in known], dtype=int)
     t = np.array([t for t, _ in known])
     jumps = np.zeros((order + 1, len(t), robot.n))
     for start in range(0, len(t), PIECE):
         part = slice(start, start + PIECE)
-        before, after = (_one_sided(robot, motion, t[part], order, side, method) for side in ("left", "right"))
+        before, after = (_one_sided(robot, motion, t[part], order, side, method, row) for side in ("left", "right"))
         jumps[:, part] = np.subtract(after, before)
     return tuple(
         ForceBreak(time, max(int(k), -1), jumps[k, i] if k >= 0 else None, causes)
@@ -151,9 +161,15 @@ def force_breaks(
 
 
 def _one_sided(
-    robot: "Robot", motion: Motion, t: np.ndarray, order: int, side: Literal["left", "right"], method: str | None
+    robot: "Robot",
+    motion: Motion,
+    t: np.ndarray,
+    order: int,
+    side: Literal["left", "right"],
+    method: str | None,
+    row: Quantity,
 ) -> Rates:
-    return _forces(robot, motion, t, motion(t, order + FIRST, side), order, method, side)
+    return _forces(robot, motion, t, motion(t, order + row.rates - 1, side), order, method, row, side)
 
 
 def _forces(
@@ -163,36 +179,38 @@ def _forces(
     rates: Rates,
     order: int,
     method: str | None,
+    row: Quantity,
     side: Literal["left", "right"] = "right",
 ) -> Rates:
-    return _computed(robot, rates, motion.wrench(t, order, side), method)
+    return _computed(robot, rates, motion.wrench(t, order + row.wrench_rates - 1, side), method, row)
 
 
-def _computed(robot: "Robot", rates: Rates, W: Wrenches | None, method: str | None) -> Rates:
-    forces = compute(robot, FORCES.name, rates, wrench=W, method=method)
+def _computed(robot: "Robot", rates: Rates, W: Wrenches | None, method: str | None, row: Quantity) -> Rates:
+    forces = compute(robot, row.name, rates, wrench=W, method=method)
     return forces if isinstance(forces, tuple) else (forces,)
 
 
 def _spreads(
-    robot: "Robot", motion: Motion, times: np.ndarray, order: int, method: str | None
+    robot: "Robot", motion: Motion, times: np.ndarray, order: int, method: str | None, row: Quantity
 ) -> Callable[[np.ndarray], Rates] | None:
     """The standard deviations of the forces over time: computed with each rate, of q and of wrenches, off by its own.
 
     The rates are assumed independent, which overestimates slightly: the highest rates dominate.
     """
+    highest, of_wrench = order + row.rates - 1, order + row.wrench_rates - 1
     smoothed = [body for body, load in motion.loads.items() if load.deviations(times[:1], 0) is not None]
     if motion.deviations(times[:1], 0) is None and not smoothed:
         return None
     every = np.unique(times)
-    count = max(2, PERTURBED // ((robot.n + 6 * len(smoothed)) * (order + FIRST + 1)))
+    count = max(2, PERTURBED // ((robot.n + 6 * len(smoothed)) * (highest + 1)))
     t = every[np.unique(np.linspace(0, len(every) - 1, min(count, len(every))).astype(int))]
     total = np.zeros((order + 1, len(t), robot.n))
     for start in range(0, len(t), PIECE):
         part = t[start : start + PIECE]
-        rates, W = motion(part, order + FIRST), motion.wrench(part, order)
-        true = np.array(_computed(robot, rates, W, method))
-        for other in _perturbed(motion, part, rates, W, order):
-            total[:, start : start + PIECE] += (np.array(_computed(robot, *other, method)) - true) ** 2
+        rates, W = motion(part, highest), motion.wrench(part, of_wrench)
+        true = np.array(_computed(robot, rates, W, method, row))
+        for other in _perturbed(motion, part, rates, W, highest, of_wrench):
+            total[:, start : start + PIECE] += (np.array(_computed(robot, *other, method, row)) - true) ** 2
     known = np.sqrt(total)
 
     def interpolated(times: np.ndarray) -> Rates:
@@ -202,13 +220,13 @@ def _spreads(
 
 
 def _perturbed(
-    motion: Motion, t: np.ndarray, rates: Rates, W: Wrenches | None, order: int
+    motion: Motion, t: np.ndarray, rates: Rates, W: Wrenches | None, highest: int, of_wrench: int
 ) -> Iterator[tuple[Rates, Wrenches | None]]:
     """The rates and wrenches at times with each of their entries off by its standard deviation, one after the other."""
-    for k, off in enumerate(motion.deviations(t, order + FIRST) or ()):
+    for k, off in enumerate(motion.deviations(t, highest) or ()):
         for j in range(off.shape[1]):
             yield (*rates[:k], rates[k] + off * (np.arange(off.shape[1]) == j), *rates[k + 1 :]), W
-    for k, by_body in enumerate(motion.wrench_deviations(t, order) if W else ()):
+    for k, by_body in enumerate(motion.wrench_deviations(t, of_wrench) if W else ()):
         for body, off in by_body.items():
             for j in np.flatnonzero(off.any(axis=0)).tolist():
                 moved = W[k] | {body: W[k][body] + off * (np.arange(6) == j)} if W else {}

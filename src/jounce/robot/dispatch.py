@@ -11,10 +11,10 @@ import numpy as np
 
 from jounce._scalars import FLOAT, Array, is_numeric
 from jounce.arguments import loads, rates, requests, wrenches
-from jounce.dynamics import drive_terms
+from jounce.dynamics import drive_terms, elastic
 from jounce.dynamics.computation import Computation, Port, state_ports
 from jounce.dynamics.loads import wrench_of
-from jounce.dynamics.quantities import FORCES, QUANTITIES, Quantity
+from jounce.dynamics.quantities import FORCES, Quantity, row_of
 from jounce.errors import JounceError, one_of, quoted, warn
 from jounce.model.mechanism import DATA, Mechanism, cast_model
 from jounce.native import plan
@@ -99,18 +99,20 @@ def _checked_arguments(
     mechanism: Mechanism, name: str, given: Sequence[Any], wrench: Any, body: str | None, frame: str, method: str | None
 ) -> tuple[Computation, list[Array]]:
     """Check the arguments of a call, and return its computation and input arrays."""
-    quantity = QUANTITIES[name]
+    more = requests.more_rates(mechanism, name)
+    quantity = row_of(name, more)
     q = rates.rates_of(given, quantity.rates, mechanism, quantity.input_names)
     order = len(q) - quantity.rates
     requests.check_rates(name, order)
-    W = wrenches.wrenches_of(mechanism, wrench, order, q)
+    W = wrenches.wrenches_of(mechanism, wrench, order, q, quantity.wrench_rates)
     if method is not None:
         one_of("method", method, [*quantity.methods, NATIVE], name)
     if body is not None or frame != "body":
         requests.place(mechanism, name, body, frame)
+    requests.check_elastic(mechanism, name)
     if quantity.forces:
         requests.check_invertible(mechanism, name)
-    return requests.known(name, order, bool(W), body, frame), [*q, *W]
+    return requests.known(name, order, bool(W), body, frame, more), [*q, *W]
 
 
 def _run(call: Call) -> Any:
@@ -245,6 +247,8 @@ def native_obstacle(mechanism: Mechanism, computation: Computation) -> str | Non
         return "needs a robot of numbers; this one contains symbols"
     if not available():
         return "needs llvmlite, which cannot be imported"
+    if computation.quantity.elastic and (found := elastic.native_obstacle(mechanism)):
+        return found
     size = plan.scratch_size(computation, mechanism, host().lanes)
     if size > plan.LIMIT:
         return f"is limited to {plan.LIMIT / 2**20:.3g} MiB of scratch memory; this call needs {size / 2**20:.3g} MiB"

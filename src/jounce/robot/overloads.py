@@ -56,6 +56,10 @@ class _Wrench(Options, total=False):
     wrench: Rates | None
 
 
+class _Motors(_Wrench, total=False):
+    stiffness: Rates | None
+
+
 class _Place(TypedDict, total=False):
     body: str | None
     frame: Frame
@@ -202,6 +206,61 @@ class OfAcceleration(Protocol):
         /,
         *higher: Named,
         **options: Unpack[_Wrench],
+    ) -> tuple[Array, ...]: ...
+
+
+class OfMotorPositions(Protocol):
+    """Methods that take q, qd, q2d, wrenches and stiffnesses: motor positions."""
+
+    @overload
+    def __call__(self, q: Named, qd: Named, q2d: Named, **options: Unpack[_Motors]) -> Array: ...
+    @overload
+    def __call__(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, **options: Unpack[_Motors]
+    ) -> tuple[Array, Array]: ...
+    @overload
+    def __call__(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, q4d: Named, **options: Unpack[_Motors]
+    ) -> tuple[Array, Array, Array]: ...
+    @overload
+    def __call__(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        q5d: Named,
+        /,
+        *higher: Named,
+        **options: Unpack[_Motors],
+    ) -> tuple[Array, ...]: ...
+
+
+class OfSnap(Protocol):
+    """Methods that take q to q4d and wrenches: motor torques."""
+
+    @overload
+    def __call__(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, q4d: Named, **options: Unpack[_Motors]
+    ) -> Array: ...
+    @overload
+    def __call__(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, q4d: Named, q5d: Named, **options: Unpack[_Motors]
+    ) -> tuple[Array, Array]: ...
+    @overload
+    def __call__(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        q5d: Named,
+        q6d: Named,
+        /,
+        *higher: Named,
+        **options: Unpack[_Motors],
     ) -> tuple[Array, ...]: ...
 
 

@@ -10,6 +10,7 @@ from jounce._typing import (
     ArrayLike,
     Base,
     Convention,
+    Coupling,
     DriveTerms,
     Form,
     Frame,
@@ -23,10 +24,11 @@ from jounce._typing import (
     QuantityName,
     Rates,
     Results,
+    Stated,
 )
 from jounce.arguments import requests
 from jounce.arguments.limits import with_limits
-from jounce.errors import JounceError, one_of
+from jounce.errors import JounceError, listed, one_of
 from jounce.model import dh, equality, screws
 from jounce.model.drives import Drives, select_terms, warn_of_idle, with_eps
 from jounce.model.limits import Limits
@@ -38,10 +40,13 @@ from jounce.robot.dispatch import compute
 from jounce.robot.overloads import typed
 
 if TYPE_CHECKING:
+    from jounce.actuators.elastic import ElasticRobot
     from jounce.audit import Finding
     from jounce.limits.check import Check
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
+    from jounce.model.elasticity import SpringLaw
+    from jounce.model.motors import Motor
     from jounce.motion import Motion
     from jounce.robot.along import Along
 
@@ -475,7 +480,8 @@ class Robot:
         Raises
         ------
         JounceError
-            If a term is unknown, or `eps` is not a positive number.
+            If a term is unknown, `eps` is not a positive number, or a term of the motors is selected for a robot with
+            elastic joints.
 
         Warns
         -----
@@ -489,6 +495,11 @@ class Robot:
         >>> arm.mechanism.acting
         ('damping',)
         """
+        if self.mechanism.elasticity is not None and (moved := set(select_terms(terms)) - {"spring"}):
+            raise JounceError(
+                f"{self.name} has elastic joints: {listed(sorted(moved))} would act on the links, not on the motors;"
+                " select drive terms before elastic()"
+            )
         drives = self.drives if eps is None else with_eps(self.drives, eps)
         warn_of_idle(self.drives, terms, eps, self.name)
         return type(self)(replace(self.mechanism, acting=select_terms(terms), drives=drives))
@@ -783,11 +794,13 @@ class Robot:
         Raises
         ------
         JounceError
-            If a shape or name does not fit, a rate is skipped, or the mass matrix is singular.
+            If a shape or name does not fit, a rate is skipped, or the mass matrix is singular at all positions.
+            Where it is singular at one, results are infinite or NaN, with NumPy's warning.
 
         References
         ----------
-        Müller & Kumar (EOM1); R. Featherstone, Rigid Body Dynamics Algorithms, 6.3, for the factors of M.
+        Müller & Kumar (EOM1); R. Featherstone, Rigid Body Dynamics Algorithms, 6.3 for the factors of M, 7.3 for the
+        articulated bodies that robots with long branches take.
 
         Examples
         --------
@@ -1103,6 +1116,79 @@ class Robot:
         from jounce.limits.retime import retime  # what few programs need
 
         return retime(self, motion, margin)
+
+    def elastic(
+        self, stiffness: Stated | None = None, rotor: Stated | None = None, damping: Stated | None = None,
+        spring: "SpringLaw | Mapping[str, SpringLaw] | None" = None, coupling: Coupling = "spong",
+        motors: "Motor | Mapping[str, Motor] | None" = None, *, damping_terms: int = 4,
+    ) -> "ElasticRobot":  # fmt: skip
+        """The robot with elastic joints: each link hangs on its motor by a spring.
+
+        The motor positions theta are those seen from the links, rotor angles over gear ratios. Spong's model:
+        ``K (theta - q) = Q``, ``B theta2d + F_m(thetad) + K (theta - q) = tau`` with motor torques tau and the forces Q
+        of the links alone. Drive terms that act in Q move to the motors: armature is rotor inertia and counts once,
+        damping and friction are F_m; springs of the file are parallel to the joints, and stay in Q.
+
+        Parameters
+        ----------
+        stiffness : number, (n,) or mapping
+            Stiffness K of the springs, N m/rad or N/m: one number for all coordinates, an array, or {joint: number}.
+            Infinity is a rigid joint, as is a joint that a mapping leaves out.
+        rotor : number, (n,) or mapping, optional
+            Inertia B of the rotors as seen from the links, kg m^2 or kg: their own times the gear ratio squared. By
+            default, and for a joint that a mapping leaves out, the armature of the file, whether or not it acts.
+        damping : number, (n,) or mapping, optional
+            Damping D of dampers parallel to the springs, N m s/rad or N s/m: ``phi(delta) + D delta' = Q`` with the
+            deflection delta = theta - q. `ElasticRobot.along` integrates it; at one instant it is a series.
+        spring : spring or mapping, optional
+            Springs that are not linear, one for all joints or {joint: spring}: `CubicSpring`, `SpringTable`, a function
+            of the deflection as `SpringFunction.of` takes it, or `AntagonisticSprings` with two motors.
+        coupling : "spong" or int, optional
+            "spong": rotors turn about their own axes only, their motion with the links that carry them is neglected. A
+            level 0, 1, ... holds it, for motors that state the bodies that carry them. Each level takes two more rates
+            of q; level n - 1 is exact for a chain of n joints whose rotors are carried by links before their joints.
+        motors : Motor or mapping, optional
+            The motors, one for all joints or {joint: motor}: gears, inertias and carriers of rotors, friction, and the
+            electrical side.
+        damping_terms : int, optional
+            Number of terms of the series of dampers at one instant; each after the first takes one more rate of q.
+
+        Returns
+        -------
+        ElasticRobot
+
+        Raises
+        ------
+        JounceError
+            If a stiffness or rotor is zero, negative or NaN, a joint is unknown, an elastic joint has no rotor, or
+            rotors are coupled and one has no carrier.
+
+        Warns
+        -----
+        JounceWarning
+            If terms that acted in Q act on the motors now.
+
+        References
+        ----------
+        M. W. Spong, Modeling and control of elastic joint robots, J. Dyn. Sys. Meas. Control 109 (1987). A. De Luca,
+        W. Book, Robots with flexible elements, Springer Handbook of Robotics, 2nd ed. (2016), 11.1.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic(stiffness=[800, 600], rotor={"joint1": 0.2, "joint2": 0.1})
+        >>> arm.motor_positions([0, 0], [0, 0], [0, 0]).round(6)
+        array([0.036788, 0.01635 ])
+        """
+        from jounce.actuators.elastic import ElasticRobot  # what few programs need
+        from jounce.actuators.stated import Stated as StatedElasticity
+        from jounce.actuators.stated import with_elasticity
+
+        stated = StatedElasticity(
+            stiffness=stiffness, rotor=rotor, damping=damping, spring=spring, coupling=coupling, motors=motors,
+            damping_terms=damping_terms,
+        )  # fmt: skip
+        return ElasticRobot(type(self)(with_elasticity(self.mechanism, stated)))
 
     @typed(overloads.OfPosition[Array])
     def mass_matrix(

@@ -11,7 +11,7 @@ from jounce._codegen.function import Function
 from jounce._codegen.header import printable
 from jounce._codegen.parametric import Parametric
 from jounce._symbolic import Symbolic, symbolic
-from jounce._symbolic.equations import EXTERNAL
+from jounce._symbolic.equations import EXTERNAL, quotient
 from jounce.dynamics.computation import Computation, Port
 from jounce.errors import JounceError
 from jounce.robot import Robot
@@ -41,7 +41,7 @@ class Document:
         asked = function.computation
         row, series = asked.quantity, self.form.series
         if row.forces:
-            raise JounceError(f"{row.name} is not written as equations, as it solves some; expected another quantity")
+            raise JounceError(quotient(row))
         if row.of_bodies:
             found = self.form.of_bodies(row.name, asked.body, asked.frame)
         else:

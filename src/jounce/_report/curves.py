@@ -1,0 +1,184 @@
+"""The curves of a report as a figure of plotly: one chart per quantity and unit, one curve per joint, one time axis."""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jounce._report.packing import packed, packed_times
+from jounce._report.subject import Quantity, Subject
+from jounce.figures.bounds import NEAR
+from jounce.figures.canvas import INK, line_style
+from jounce.figures.curves import TOLD
+from jounce.figures.panels import drawn_points
+from jounce.limits.check import CheckedLimit
+from jounce.motion.bands import COVERS
+
+POINTS, LEAST_POINTS, ALL_POINTS = 1000, 300, 100_000  # of a curve, and of all together
+SHOWN_BREAKS = 200  # as lines
+HEIGHT, FOOT = 165, 60  # px of a chart, and of what is above and below all of them
+RED = "#b00020"
+LINE_WIDTH = 1.6
+KEPT, BROKEN = {"symbol": "circle-open", "size": 8}, {"symbol": "x", "size": 9, "color": RED}  # worst values
+
+
+class Chart(NamedTuple):
+    """A quantity of the coordinates of one unit."""
+
+    quantity: Quantity
+    unit: str
+    joints: list[int]
+
+
+def figure(s: Subject) -> dict[str, Any]:
+    """`data` and `layout` of plotly, and the `ranges` (joint: lowest, highest) of the vertical axis of each chart."""
+    charts = charts_of(s)
+    most = int(np.clip(ALL_POINTS // sum(len(chart.joints) for chart in charts), LEAST_POINTS, POINTS))
+    traces, ranges = [], {}
+    for i, chart in enumerate(charts):
+        axis = "y" if i == 0 else f"y{i + 1}"
+        ranges[axis.replace("y", "yaxis")] = {j: _range(s, chart.quantity, j) for j in chart.joints}
+        for j in chart.joints:
+            base = {"xaxis": "x", "yaxis": axis, "meta": j, "hoverinfo": "none", "showlegend": False}
+            traces += [base | trace for trace in _traces(s, chart.quantity, j, most)]
+    return {"data": traces, "layout": _layout(s, charts, list(ranges)), "ranges": ranges}
+
+
+def charts_of(s: Subject) -> list[Chart]:
+    """The charts from above."""
+    return [
+        Chart(quantity, unit, [j for j, own in enumerate(quantity.units) if own == unit])
+        for quantity in s.quantities
+        for unit in dict.fromkeys(quantity.units)
+    ]
+
+
+def joint_style(j: int) -> dict[str, str]:
+    """Colour and dashes of the curves of a joint; the dashes as plotly and SVG write them."""
+    style = line_style(j)
+    dashes = style["linestyle"]
+    lengths = () if dashes == "solid" else dashes[1]
+    return {"color": style["color"], "dash": ",".join(f"{LINE_WIDTH * x:g}px" for x in lengths) or "solid"}
+
+
+def _traces(s: Subject, quantity: Quantity, j: int, most: int) -> Iterator[dict[str, Any]]:
+    """Limits, the band of deviations, stretches beyond a limit, the curve, and the worst value of a joint."""
+    values, style = quantity.values[:, j], joint_style(j)
+    found = _checked(s, quantity, j)
+    ends = np.searchsorted(s.t, np.reshape(found.violations if found else (), (-1, 2)))
+    drawn = drawn_points(values, most)
+    at = np.union1d(drawn, ends) if len(ends) < most else drawn
+    t = packed_times(s.t[at])
+    if np.isfinite(quantity.bounds[:, j]).any():
+        yield _limits(s, quantity.bounds[:, j], style["color"])
+    if quantity.deviations is not None:
+        yield _band(s, quantity, j, style["color"])
+    if quantity.symbol == "Q" and s.motion.torques is not None:
+        yield from _measured(s, j, most, style["color"])
+    if len(ends):
+        beyond = np.full(len(values), np.nan)
+        for start, stop in ends:
+            beyond[start : stop + 1] = values[start : stop + 1]
+        line = {"color": RED, "width": 7}
+        yield {"mode": "lines", "x": t, "y": packed(beyond[at], "f4"), "line": line, "opacity": 0.45}
+    yield {"mode": "lines", "x": t, "y": packed(values[at], "f4"), "line": {"width": LINE_WIDTH, **style}}
+    if found and np.isfinite(found.value):
+        marker = KEPT | {"color": style["color"]} if found.ok else BROKEN
+        yield {"mode": "markers", "x": [found.t], "y": [found.value], "marker": marker}
+
+
+def _limits(s: Subject, bounds: np.ndarray, colour: str) -> dict[str, Any]:
+    """The limits of a joint as lines across."""
+    stated = bounds[np.isfinite(bounds)].tolist()
+    times = [s.motion.start, s.motion.stop, None] * len(stated)
+    line = {"color": colour, "width": 1, "dash": "dot"}
+    return {"mode": "lines", "x": times, "y": [y for bound in stated for y in (bound, bound, None)], "line": line}
+
+
+def _band(s: Subject, quantity: Quantity, j: int, colour: str) -> dict[str, Any]:
+    """The band of 95 % about an uncertain curve."""
+    lower, upper = _edges(s, quantity, j)
+    t = s.t[s.frames]
+    outline = {"x": packed_times(np.concatenate([t, t[::-1]])), "y": packed(np.concatenate([upper, lower[::-1]]), "f4")}
+    return outline | {"mode": "none", "fill": "toself", "fillcolor": colour, "opacity": 0.25}
+
+
+def _edges(s: Subject, quantity: Quantity, j: int) -> tuple[np.ndarray, np.ndarray]:
+    assert quantity.deviations is not None
+    values, reach = quantity.values[s.frames, j], COVERS * quantity.deviations[:, j]
+    return values - reach, values + reach
+
+
+def _measured(s: Subject, j: int, most: int, colour: str) -> Iterator[dict[str, Any]]:
+    """The torques that the log of a motion holds, as dots."""
+    assert s.motion.torques is not None
+    t, torques = s.motion.torques
+    known = np.flatnonzero(np.isfinite(torques[:, j]))
+    at = known[drawn_points(torques[known, j], most)] if known.size else known
+    marker = {"color": colour, "size": 3, "opacity": 0.35}
+    if at.size:
+        yield {"mode": "markers", "x": packed_times(t[at]), "y": packed(torques[at, j], "f4"), "marker": marker}
+
+
+def _checked(s: Subject, quantity: Quantity, j: int) -> CheckedLimit | None:
+    rows = s.check.table if s.check and quantity.bounded else ()
+    joint = s.robot.joint_names[j]
+    return next((row for row in rows if row.joint == joint and row.limit == quantity.kind), None)
+
+
+def _range(s: Subject, quantity: Quantity, j: int) -> tuple[float, float]:
+    """What a chart of a joint shows: its values where they are known, and limits that they come near to."""
+    values = quantity.values[:, j]
+    if quantity.deviations is not None:
+        lower, upper = _edges(s, quantity, j)
+        sure = upper - lower <= 2 * TOLD * np.abs(values).max()
+        values = np.concatenate([lower[sure], upper[sure]]) if sure.any() else values
+    low, high = float(values.min()), float(values.max())
+    lower_bound, upper_bound = quantity.bounds[:, j].tolist()
+    span = upper_bound - lower_bound
+    for bound, room in ((lower_bound, low - lower_bound), (upper_bound, upper_bound - high)):
+        if room <= NEAR * (span if np.isfinite(span) else 2 * abs(bound)) and np.isfinite(bound):
+            low, high = min(low, bound), max(high, bound)
+    return low, high
+
+
+def _layout(s: Subject, charts: list[Chart], axes: list[str]) -> dict[str, Any]:
+    """The charts above each other; the page sets the ranges of their axes, by the joints that are drawn."""
+    count, grid = len(charts), {"gridcolor": "#e6e6e6", "zeroline": False, "linecolor": INK, "ticks": "outside"}
+    time = {"title": {"text": "t [s]"}, "range": [s.motion.start, s.motion.stop]}
+    time_axis = grid | time | {"anchor": "y" if count == 1 else f"y{count}"}
+    layout: dict[str, Any] = {
+        "height": HEIGHT * count + FOOT,
+        "margin": {"l": 52, "r": 12, "t": 8, "b": 44},
+        "annotations": [],
+        "font": {"color": INK, "family": "system-ui, sans-serif", "size": 12},
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)",
+        "hovermode": "x",
+        "dragmode": "zoom",
+        "xaxis": time_axis,
+        "shapes": [_upright(t) for t in break_times(s)[:SHOWN_BREAKS]],
+    }  # fmt: skip
+    for i, (chart, axis) in enumerate(zip(charts, axes, strict=True)):
+        top = 1 - i / count
+        layout[axis] = grid | {"domain": [top - 0.88 / count, top - 0.13 / count]}
+        layout["annotations"].append({
+            "text": f"<b>{chart.quantity.symbol}</b> [{powers(chart.unit)}]", "showarrow": False,
+            "xref": "paper", "x": 0, "xanchor": "left", "yref": "paper", "y": top - 0.12 / count, "yanchor": "bottom",
+        })  # fmt: skip
+    return layout
+
+
+def break_times(s: Subject) -> list[float]:
+    """When a derivative of the motion jumps."""
+    return sorted({found.t for found in s.motion.breaks})
+
+
+def powers(unit: str) -> str:
+    """A unit with raised powers."""
+    return unit.replace("^2", "²").replace("^3", "³").replace("^4", "⁴")
+
+
+def _upright(t: float) -> dict[str, Any]:
+    line = {"color": "#777777", "width": 1, "dash": "dot"}
+    return {"type": "line", "xref": "x", "yref": "paper", "x0": t, "x1": t, "y0": 0, "y1": 1, "line": line}

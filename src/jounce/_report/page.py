@@ -1,0 +1,199 @@
+"""`report`: a page about a robot along a motion, in one file."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jounce._report.curves import powers
+from jounce._report.packing import packed
+from jounce._report.panels import PANELS
+from jounce._report.subject import HIGHEST, Subject, subject_of
+from jounce.errors import JounceError, escaped, quoted
+from jounce.io import files
+from jounce.limits.check import Check
+from jounce.limits.slowdown import Slowdown
+from jounce.motion.motion import Motion
+from jounce.robot.along import FIRST, checked_motion
+from jounce.robot.robot import Robot
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+HERE = Path(__file__).parent
+SUFFIXES = (".html", ".htm")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Report:
+    """A page about a robot along a motion. `jounce.report` makes one.
+
+    Attributes
+    ----------
+    html : str
+        The page: one file without links to others, which any browser opens from disk.
+    check : Check or None
+        Every limit along the motion; None where the robot states none.
+    slowdown : Slowdown or None
+        The largest factor of speed that keeps every limit; None where there is none, and the page says why.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> robot = jounce.load("planar2r").with_limits(velocity=1.0)
+    >>> jounce.report(robot, jounce.Motion.polynomial([[0, 2], [0, 0.5]], duration=1.0)).check.worst.ratio
+    2.0
+    """
+
+    html: str
+    check: Check | None
+    slowdown: Slowdown | None
+
+    def __repr__(self) -> str:
+        return f"<Report: {len(self.html) / 1e6:.1f} MB of HTML; save(path) writes it>"
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the page into a file.
+
+        Parameters
+        ----------
+        path : str or path
+            Path of an .html file; an existing file is replaced as a whole.
+
+        Raises
+        ------
+        JounceError
+            If the suffix is another, or the file cannot be written.
+
+        Examples
+        --------
+        >>> import pathlib, tempfile, jounce
+        >>> report = jounce.report(jounce.load("planar2r"), jounce.Motion.polynomial([[0, 2], [0, 0.5]], duration=1.0))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     report.save(pathlib.Path(folder, "report.html"))
+        ...     pathlib.Path(folder, "report.html").read_text(encoding="utf-8")[:15]
+        '<!doctype html>'
+        """
+        if not isinstance(path, str | os.PathLike):
+            raise JounceError(f"save() expects a path, got {type(path).__name__}")
+        target = files.path_of(path)
+        check_writable(target)
+        with files.written_whole(target) as part:
+            part.write_text(self.html, encoding="utf-8", newline="\n")
+
+
+def report(robot: Robot, motion: Motion, order: int | None = None) -> Report:
+    """A page about a robot along a motion: the moving robot, its curves, its limits, in one file.
+
+    Parameters
+    ----------
+    robot : Robot
+        A robot of numbers; limits that it states are checked.
+    motion : Motion
+        A motion of its joints.
+    order : int, optional
+        The highest rate of Q on the page: 0, 1 or 2; by default 2, or as high as the rates of the motion are known.
+
+    Returns
+    -------
+    Report
+        With the page as `html`, and `save(path)`.
+
+    Raises
+    ------
+    JounceError
+        If the motion is of other joints, a rate is not known or overflows, or plotly is not installed.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> robot = jounce.load("planar2r").with_limits(effort=[60, 15])
+    >>> motion = jounce.Motion.trapezoidal([[0, 0], [1, 1]], 2.0, 10.0)
+    >>> page = jounce.report(robot, motion)
+    >>> page.check.ok, round(page.slowdown.factor, 4)
+    (False, 0.4159)
+    """
+    check_installed()
+    if not isinstance(robot, Robot):
+        raise JounceError(f"report() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
+    if not isinstance(motion, Motion):
+        raise JounceError(f"report() expects a jounce.Motion, got {type(motion).__name__}; try jounce.load_motion")
+    subject = subject_of(robot, checked_motion(robot.mechanism, motion), _order(motion, order))
+    slowdown = subject.slowdown if isinstance(subject.slowdown, Slowdown) else None
+    return Report(_page(subject), subject.check, slowdown)
+
+
+def check_installed() -> None:
+    """Raise `JounceError` where plotly is missing, which draws the page."""
+    try:
+        import plotly.offline  # noqa: F401
+    except ModuleNotFoundError:
+        raise JounceError("reports need plotly; install it by: pip install 'jounce[report]'") from None
+
+
+def check_writable(path: Path) -> None:
+    """Raise `JounceError` if `Report.save` could not write, before any work is done."""
+    if path.suffix.lower() not in SUFFIXES:
+        raise JounceError(f"{path}: unknown type of page {path.suffix!r}; available: {', '.join(SUFFIXES)}")
+    files.check_writable(path)
+
+
+def _order(motion: Motion, order: int | None) -> int:
+    known = motion.curve.highest
+    if order is None:
+        return HIGHEST if known is None else max(0, min(HIGHEST, known - FIRST))
+    if isinstance(order, bool) or order not in range(HIGHEST + 1):
+        raise JounceError(f"order is {quoted(order)}; expected 0, 1 or 2: the highest rate of Q on the page")
+    return order
+
+
+def _page(s: Subject) -> str:
+    from markupsafe import Markup
+    from plotly.offline import get_plotlyjs
+
+    panels = [found for make in PANELS if (found := make(s)) is not None]
+    own = [(panel.code, HERE / "panels" / f"{panel.name}.js") for panel in panels]
+    scripts = [_read("page.js"), *(code + path.read_text(encoding="utf-8") for code, path in own if path.exists())]
+    return _environment().get_template("page.html.jinja").render(
+        robot=s.robot,
+        subject=s,
+        panels=panels,
+        frames=_frames(s),
+        style=Markup(_read("page.css")),
+        library=Markup(get_plotlyjs()),
+        scripts=list(map(Markup, scripts)),
+    )  # fmt: skip
+
+
+def _read(name: str) -> str:
+    return (HERE / name).read_text(encoding="utf-8")
+
+
+def _frames(s: Subject) -> dict[str, Any]:
+    """Where the cursor can stand: times, and all values there, with their bounds (2, n)."""
+    return {
+        "n": s.robot.n,
+        "t": packed(s.t[s.frames]),
+        "values": [packed(x.values[s.frames]) for x in s.quantities],
+        "bounds": [[[y if np.isfinite(y) else None for y in row] for row in x.bounds.tolist()] for x in s.quantities],
+    }
+
+
+def _environment() -> "Environment":
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    from markupsafe import Markup
+
+    def printable(x: Any) -> Any:
+        """Names from files with control and direction characters escaped."""
+        return escaped(x) if isinstance(x, str) and not isinstance(x, Markup) else x
+
+    environment = Environment(
+        loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, finalize=printable,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    environment.policies["json.dumps_kwargs"] = {"allow_nan": False}
+    environment.filters["powers"] = powers
+    environment.filters["number"] = lambda x: "∞" if np.isinf(x) else f"{x:.5g}"
+    return environment

@@ -1,0 +1,150 @@
+"""The panels of a report, in their order: what the template part of each gets, and what its script gets."""
+
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from jounce._report.curves import SHOWN_BREAKS, break_times, figure, joint_style, powers
+from jounce._report.drawing import drawing
+from jounce._report.sliders import sliders_code, sliders_data
+from jounce._report.subject import SLOWED, Subject
+from jounce._version import __version__
+from jounce.model.coordinates import leading_joints
+from jounce.model.limits import FORCES
+from jounce.spatial.series import rate_name
+
+LISTED_BREAKS = 30
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A part of the page: the template part ``panels/NAME.html.jinja``, with a title and a place.
+
+    `content` is what the template part gets; `data` is what its script gets, by ``panelData("NAME")``, as JSON: that of
+    page.js, or one of its own, ``panels/NAME.js``.
+    """
+
+    name: str
+    title: str
+    place: str  # "side", "wide" or "below"
+    content: Mapping[str, Any]
+    data: Mapping[str, Any] = field(default_factory=dict)
+    code: str = ""  # JavaScript that is made for this robot, before the script of the panel
+
+
+def robot(s: Subject) -> Panel:
+    """The robot that moves."""
+    return Panel("robot", "Robot", "side", {}, drawing(s))
+
+
+def values(s: Subject) -> Panel:
+    """The values under the cursor, and which joints are drawn."""
+    charts = [{"symbol": x.symbol, "units": list(dict.fromkeys(map(powers, x.units)))} for x in s.quantities]
+    joints = [joint_style(j) | {"name": joint} for j, joint in enumerate(s.robot.joint_names)]
+    return Panel("values", "Values at the cursor", "side", {"quantities": charts, "joints": joints})
+
+
+def curves(s: Subject) -> Panel:
+    """The curves over time."""
+    shown = {
+        "symbols": [x.symbol for x in s.quantities],
+        "uncertain": any(x.deviations is not None for x in s.quantities),
+        "measured": s.motion.torques is not None,
+        "breaks": bool(s.motion.breaks),
+        "checked": s.check is not None,
+    }
+    return Panel("curves", "Curves", "wide", shown, figure(s))
+
+
+def sliders(s: Subject) -> Panel:
+    """Joints that the reader moves, and an end that is pulled: what holds the robot at rest there."""
+    data = sliders_data(s)
+    joints = [joint_style(j) | {"name": joint} for j, joint in enumerate(s.robot.joint_names)]
+    content = {"joints": joints, "ends": data["ends"], "first": data["first"], "force": data["force"]}
+    return Panel("sliders", "Forces at rest", "wide", content, data, sliders_code(s.robot))
+
+
+def limits(s: Subject) -> Panel:
+    """The worst ratio of every limit, and the slow-down factor."""
+    rows = sorted(s.check.table, key=lambda row: -row.ratio) if s.check else []
+    table = [{"row": row, "words": row.limit.replace("_", " "), "frame": s.frame(row.t)} for row in rows]
+    slowed = {"states": SLOWED} if len(s.motion.times) > SLOWED else {}
+    content = {"table": table, "check": s.check, "slowdown": s.slowdown, "duration": s.motion.duration, **slowed}
+    return Panel("limits", "Limits", "below", content)
+
+
+def motion(s: Subject) -> Panel:
+    """Where the motion comes from, how uncertain it is, and where it is not smooth."""
+    m = s.motion
+    names = s.robot.joint_names
+    breaks = [
+        {
+            "frame": s.frame(found.t),
+            "t": found.t,
+            "joint": names[found.joint] if isinstance(found.joint, int) else found.joint,
+            "what": rate_name(found.symbol, found.order),
+            "jump": found.jump,
+        }
+        for found in m.breaks[:LISTED_BREAKS]
+    ]
+    uncertain = [
+        {"symbol": x.symbol, "units": x.units, "deviations": np.median(x.deviations, axis=0).tolist()}
+        for x in s.quantities
+        if x.deviations is not None
+    ]
+    content = {
+        "motion": m,
+        "states": len(m.times),
+        "residual": None if m.residual is None else float(np.max(m.residual)),
+        "breaks": breaks,
+        "all_breaks": len(m.breaks),
+        "drawn_breaks": min(SHOWN_BREAKS, len(break_times(s))),
+        "uncertain": uncertain,
+        "joints": names,
+    }
+    return Panel("motion", "Motion", "below", content)
+
+
+def robot_data(s: Subject) -> Panel:
+    """The joints of the robot and the bodies that they move."""
+    m = s.robot.mechanism
+    masses = np.asarray(m.M[:, 3, 3], dtype=float)
+    leads = set(leading_joints(m))
+    joints = [
+        {
+            "name": m.joints[i],
+            "type": "prismatic" if not X[:3].any() else "helical" if abs(X[:3] @ X[3:]) > 1e-12 else "revolute",
+            "parent": "ground" if m.parent[i] < 0 else m.bodies[m.parent[i]],
+            "body": m.bodies[i],
+            "mass": masses[i],
+            "follows": i not in leads,
+        }
+        for i, X in enumerate(np.asarray(m.X, dtype=float))
+    ]
+    content = {"robot": s.robot, "joints": joints, "mass": masses.sum(), "gravity": np.asarray(m.gravity).tolist()}
+    return Panel("robot_data", "Robot data", "below", content)
+
+
+def conventions(s: Subject) -> Panel:
+    """Units, signs and versions."""
+    from plotly.offline import get_plotlyjs_version
+
+    versions = {
+        "jounce": __version__, "Python": platform.python_version(), "NumPy": np.__version__,
+        "plotly.js": get_plotlyjs_version(),
+    }  # fmt: skip
+    content = {
+        "acting": s.robot.mechanism.acting,
+        "loads": list(s.motion.loads),
+        "inertial": FORCES[1] if s.limits.without_gravity else None,
+        "states": len(s.motion.times),
+        "frames": len(s.frames),
+        "versions": versions,
+    }
+    return Panel("conventions", "Conventions and versions", "below", content)
+
+
+PANELS = (robot, values, curves, sliders, limits, motion, robot_data, conventions)

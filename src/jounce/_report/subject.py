@@ -1,0 +1,139 @@
+"""What a report is about: a robot along a motion, with all that its panels draw and list, computed once."""
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jounce.errors import JounceError
+from jounce.limits.check import Check
+from jounce.limits.slowdown import Slowdown
+from jounce.model.coordinates import coordinate_limits, coordinate_units
+from jounce.model.limits import EFFORT_KINDS, FORCES, MOTION_KINDS, Limits, unit_of
+from jounce.motion.motion import Motion
+from jounce.robot.along import FIRST, Along
+from jounce.spatial.series import rate_name
+
+if TYPE_CHECKING:
+    from jounce.robot.robot import Robot
+
+HIGHEST = 2  # rate of Q that is drawn
+FRAMES, LEAST_FRAMES = 1000, 200  # times at which the cursor can stand, before those of worst values and breaks
+SHOWN_VALUES = 60_000  # under the cursor, of all frames together: they are exact, so that they are most of the page
+SLOWED = 10_000  # states by which the slow-down factor of a longer motion is found; between them it looks closer
+BEFORE = 1e-9  # of the duration: how long before a break its left side is drawn
+NAMES = {kind: rate_name("q", k) for k, kind in enumerate(MOTION_KINDS)}
+NAMES |= {kind: rate_name("Q", k) for k, kind in enumerate(EFFORT_KINDS)} | {"power": "P"}
+
+
+@dataclass(frozen=True, eq=False)
+class Quantity:
+    """A quantity along the motion: its symbol, the kind of limit that it is named after, and whether limits bound it.
+
+    `values` are (N, n), `bounds` (2, n), infinite where none is stated; `deviations` (K, n) are those of the frames, or
+    None. `units` are of each coordinate.
+    """
+
+    symbol: str
+    kind: str
+    units: tuple[str, ...]
+    values: np.ndarray
+    bounds: np.ndarray
+    deviations: np.ndarray | None = None
+
+    @property
+    def bounded(self) -> bool:
+        """Whether any limit bounds it."""
+        return bool(np.isfinite(self.bounds).any())
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A robot along a motion; `frames` are the indices (K,) of those of the times `t` at which the cursor can stand.
+
+    `check` is None where the robot states no limits; `slowdown` is then None too, or the reason why there is no factor.
+    """
+
+    robot: "Robot"
+    motion: Motion
+    along: Along
+    limits: Limits
+    quantities: tuple[Quantity, ...]
+    frames: np.ndarray
+    check: Check | None
+    slowdown: Slowdown | str | None
+
+    @property
+    def t(self) -> np.ndarray:
+        """The times, those of the worst values and both sides of breaks among them."""
+        return self.along.t
+
+    def frame(self, t: float) -> int:
+        """The frame that is nearest to a time."""
+        return int(np.abs(self.t[self.frames] - t).argmin())
+
+
+def subject_of(robot: "Robot", motion: Motion, order: int) -> Subject:
+    """Check the motion, and compute it and the forces up to an order at its times and at those that stand out."""
+    limits = coordinate_limits(robot.mechanism)
+    check = robot.check(motion) if limits.kinds else None
+    rows = check.table if check else ()
+    worst = np.array([row.t for row in rows])
+    ends = np.array([end for row in rows for span in row.violations for end in span])
+    breaks = np.array([found.t for found in motion.breaks])
+    before = (breaks - BEFORE * motion.duration).clip(motion.start)
+    along = robot.forces_along(motion, np.unique(np.concatenate([motion.times, worst, ends, breaks, before])), order)
+    shown = (order + 1) * 2 + FIRST + len(limits.without_gravity) + 1  # quantities, at most
+    count = int(np.clip(SHOWN_VALUES // (shown * robot.n), LEAST_FRAMES, FRAMES))
+    even = np.linspace(0, len(along.t) - 1, min(count, len(along.t))).astype(int)
+    frames = np.union1d(even, np.searchsorted(along.t, [*worst, *breaks[:count]]))
+    quantities = _quantities(robot, motion, along, limits, frames)
+    slowdown = _slowdown(robot, motion, worst) if check else None
+    return Subject(robot, motion, along, limits, quantities, frames, check, slowdown)
+
+
+def _slowdown(robot: "Robot", motion: Motion, worst: np.ndarray) -> Slowdown | str:
+    """The slow-down factor, or why there is none; of a long motion from even steps and the times of worst values."""
+    states = motion
+    if len(motion.times) > SLOWED:
+        states = replace(motion, grid=np.union1d(np.linspace(motion.start, motion.stop, SLOWED), worst))
+    try:
+        return robot.slowdown(states)
+    except JounceError as error:
+        return str(error)
+
+
+def _quantities(
+    robot: "Robot", motion: Motion, along: Along, limits: Limits, frames: np.ndarray
+) -> tuple[Quantity, ...]:
+    """The rates, the forces, and what else limits bound: forces without gravity, and the power."""
+    rates, forces = along.rates, along.forces
+    spread = motion.deviations(along.t[frames], len(rates) - 1)
+    values = dict(zip(MOTION_KINDS, rates, strict=False)) | dict(zip(EFFORT_KINDS, forces, strict=False))
+    deviations = dict(zip(MOTION_KINDS, spread or (), strict=False))
+    deviations |= {
+        kind: rate[frames] for kind, rate in zip(EFFORT_KINDS, along.deviations or (), strict=False)
+    }  # fmt: skip
+    free = np.full((2, robot.n), [[-np.inf], [np.inf]])
+    units = coordinate_units(robot.mechanism)
+
+    def quantity(kind: str, values: np.ndarray, symbol: str, bounds: np.ndarray) -> Quantity:
+        return Quantity(
+            symbol, kind, tuple(unit_of(kind, unit) for unit in units), values, bounds, deviations.get(kind)
+        )
+
+    found = [
+        quantity(kind, value, NAMES[kind], free if kind in limits.without_gravity else limits.bounds(kind))
+        for kind, value in values.items()
+    ]
+    inertial = [kind for kind in limits.without_gravity if kind in limits.kinds and kind in values]
+    if inertial:
+        found_gravity = robot.gravity_forces(*rates[: len(forces)])
+        gravity = found_gravity if isinstance(found_gravity, tuple) else (found_gravity,)
+        for kind in inertial:
+            k = EFFORT_KINDS.index(kind)
+            symbol = " - ".join(rate_name(name, k) for name in FORCES[1].split(" - "))
+            found.append(quantity(kind, forces[k] - gravity[k], symbol, limits.bounds(kind)))
+    if "power" in limits.kinds:
+        found.append(quantity("power", rates[1] * forces[0], NAMES["power"], limits.bounds("power")))
+    return tuple(found)

@@ -1,0 +1,1 @@
+"""Actuators: motors that move the links through springs."""

@@ -1,0 +1,257 @@
+"""The springs and motors of a robot from what a caller states and from the drive trains of its file, checked."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from jounce._scalars import asarray, is_numeric
+from jounce.dynamics.coupling import GROUND
+from jounce.errors import JounceError, at, listed, one_of, quoted, warn
+from jounce.model.antagonists import AntagonisticSprings
+from jounce.model.coordinates import coordinate_units
+from jounce.model.drives import EPS
+from jounce.model.elasticity import Elasticity, Law
+from jounce.model.mechanism import Mechanism
+from jounce.model.motors import Motor
+from jounce.model.springs import CubicSpring, DampedSpring, Spring, SpringFunction
+
+ON_MOTORS = ("armature", "damping", "friction")  # terms of the drives that act on the motors of elastic joints
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stated:
+    """What a caller states of the springs and motors of a robot, unchecked: the arguments of `Robot.elastic`."""
+
+    stiffness: object
+    rotor: object = None
+    damping: object = None
+    spring: object = None
+    coupling: object = "spong"
+    motors: object = None
+    damping_terms: object = 4
+
+
+def with_elasticity(mechanism: Mechanism, stated: Stated) -> Mechanism:
+    """Return the mechanism with springs between motors and links: terms of the drives that act on motors leave Q."""
+    e = mechanism.elasticity or _of_drives(mechanism)
+    springs, motors = _springs(mechanism, stated.spring), _motors(mechanism, stated.motors, e)
+    e = replace(
+        e,
+        stiffness=_stiffness(mechanism, stated, springs),
+        rotor=e.rotor if stated.rotor is None else _per_coordinate(mechanism, "rotor", stated.rotor, e.rotor),
+        springs=springs if any(springs) else (),
+        motors=motors if any(motors) else (),
+        level=_level(stated.coupling),
+    )
+    e = _with_motors(mechanism, e, stated.rotor)
+    _check(mechanism, e, stated.rotor)
+    e = _with_dampers(mechanism, e, stated)
+    _check_carriers(mechanism, e)
+    moved = [term for term in mechanism.acting if term in ON_MOTORS]
+    if moved:
+        warn(f"{mechanism.name}: {listed(moved)} no longer acts in Q, but on the motors of the elastic joints")
+    return replace(mechanism, elasticity=e, acting=tuple(term for term in mechanism.acting if term not in ON_MOTORS))
+
+
+def _springs(mechanism: Mechanism, given: object) -> tuple[Spring | AntagonisticSprings | None, ...]:
+    """The springs that are not linear, one per coordinate or None."""
+    joints = mechanism.coordinates
+    by_joint = given if isinstance(given, Mapping) else dict.fromkeys(joints, given)
+    for name in by_joint:
+        one_of("joint", name, joints)
+    return tuple(_spring(name, by_joint.get(name)) for name in joints)
+
+
+def _spring(joint: str, given: object) -> Spring | AntagonisticSprings | None:
+    if given is None or isinstance(given, Spring | AntagonisticSprings):
+        return given
+    if callable(given):
+        with at(f"joint {quoted(joint)}"):
+            return SpringFunction.of(given)
+    raise JounceError(
+        f"spring of joint {quoted(joint)} is {quoted(given)}; expected a CubicSpring, a SpringTable,"
+        " AntagonisticSprings or a function of the deflection"
+    )
+
+
+def _motors(mechanism: Mechanism, given: object, e: Elasticity) -> tuple[Motor | None, ...]:
+    """The motors, one per coordinate or None."""
+    joints = mechanism.coordinates
+    if given is None:
+        return e.motors or (None,) * len(joints)
+    by_joint: Mapping[Any, Any] = given if isinstance(given, Mapping) else dict.fromkeys(joints, given)
+    for name, motor in by_joint.items():
+        one_of("joint", name, joints)
+        if not isinstance(motor, Motor):
+            raise JounceError(f"motor of joint {quoted(name)} is {quoted(motor)}; expected a jounce.Motor")
+        if motor.body not in (None, GROUND):
+            with at(f"motor of joint {quoted(name)}"):
+                mechanism.frame(motor.body)
+    return tuple(by_joint.get(name) for name in joints)
+
+
+def _stiffness(mechanism: Mechanism, stated: Stated, springs: Sequence[object]) -> np.ndarray:
+    """The stiffnesses (n,), those of other springs at rest; without any, joints are rigid."""
+    given: Any = {} if stated.stiffness is None else stated.stiffness
+    if stated.stiffness is None and not any(springs):
+        raise JounceError("elastic() needs a stiffness, or springs by spring=; infinity is a rigid joint")
+    numbers = _per_coordinate(mechanism, "stiffness", given, np.full(mechanism.n, np.inf))
+    for j, (name, spring) in enumerate(zip(mechanism.coordinates, springs, strict=True)):
+        if spring is None:
+            continue
+        if (name in given) if isinstance(given, Mapping) else np.ndim(given) and not np.isnan(numbers[j]):
+            raise JounceError(
+                f"joint {quoted(name)} has a stiffness and a spring; expected one of them: leave it out of a mapping,"
+                " or put NaN into an array"
+            )
+        parts = (spring.first, spring.second) if isinstance(spring, AntagonisticSprings) else (spring,)
+        numbers[j] = sum(float(part.stiffness(np.clip(0.0, *part.range))) for part in parts if isinstance(part, Spring))
+    return numbers
+
+
+def _level(coupling: object) -> int | None:
+    if isinstance(coupling, str) and coupling == "spong":
+        return None
+    if isinstance(coupling, int) and not isinstance(coupling, bool) and coupling >= 0:
+        return coupling
+    raise JounceError(f"coupling is {quoted(coupling)}; expected 'spong', or the level of carried rotors: 0, 1, 2, ...")
+
+
+def _with_motors(mechanism: Mechanism, e: Elasticity, rotor: object) -> Elasticity:
+    """Inertia, damping and friction of motors that state them, seen through their gears."""
+    found = {name: array.copy() for name, array in e.arrays.items()}
+    for j, (name, motor) in enumerate(zip(mechanism.coordinates, e.motors, strict=False)):
+        if motor is None:
+            continue
+        if motor.reflected_inertia is not None:
+            if rotor is not None and (not isinstance(rotor, Mapping) or name in rotor):
+                raise JounceError(
+                    f"joint {quoted(name)} has the inertia of its rotor by rotor= and by its motor; state one of them"
+                )
+            found["rotor"][j] = motor.reflected_inertia
+        found["viscous"][j] += motor.gear**2 * motor.damping
+        found["friction"][j] += abs(motor.gear) * motor.friction
+    return replace(e, **found)
+
+
+def _with_dampers(mechanism: Mechanism, e: Elasticity, stated: Stated) -> Elasticity:
+    """Springs with the dampers that are parallel to them."""
+    if stated.damping is None:
+        return e
+    terms = stated.damping_terms
+    if not isinstance(terms, int) or isinstance(terms, bool) or terms < 1:
+        raise JounceError(f"damping_terms is {quoted(terms)}; expected a whole number, 1 or more")
+    damping = _per_coordinate(mechanism, "damping", stated.damping, np.zeros(mechanism.n))
+    springs: list[Law | None] = list(e.springs or (None,) * mechanism.n)
+    for j, (name, D) in enumerate(zip(mechanism.coordinates, damping.tolist(), strict=True)):
+        if not 0 <= D < np.inf:
+            raise JounceError(f"damping of joint {quoted(name)} is {D:g}; expected 0 or more, N m s/rad or N s/m")
+        if not D:
+            continue
+        spring = springs[j] if springs[j] or e.is_rigid[j] else CubicSpring(float(e.stiffness[j]))
+        if not isinstance(spring, Spring):
+            kind = "is rigid" if spring is None else "has two motors"
+            raise JounceError(f"joint {quoted(name)} {kind}; expected no damper parallel to its spring")
+        springs[j] = DampedSpring(spring, D, terms)
+    return replace(e, springs=tuple(springs) if any(springs) else ())
+
+
+def _check_carriers(mechanism: Mechanism, e: Elasticity) -> None:
+    """Raise `JounceError` if rotors and links are coupled and a motor has no carrier, or another coupling."""
+    if e.level is None:
+        return
+    motors = e.motors or (None,) * mechanism.n
+    lost = [name for name, x in zip(mechanism.coordinates, motors, strict=True) if x is None or x.body is None]
+    if lost:
+        raise JounceError(
+            f"coupling={e.level} needs the body that carries each rotor; {listed(lost)} have none:"
+            " motors={joint: jounce.Motor(gear=..., inertia=..., body=..., axis=...)}, 'world' for the ground"
+        )
+    if e.is_rigid.any():
+        held = listed(name for name, rigid in zip(mechanism.coordinates, e.is_rigid, strict=True) if rigid)
+        raise JounceError(f"coupling={e.level} needs elastic joints; {held} have no finite stiffness")
+    if e.pairs:
+        raise JounceError(f"coupling={e.level} is not available for joints with two motors; use coupling='spong'")
+
+
+def _per_coordinate(mechanism: Mechanism, what: str, given: object, others: np.ndarray) -> np.ndarray:
+    """One number for all coordinates, (n,), or {joint: number} with `others` for those left out: (n,)."""
+    joints = mechanism.coordinates
+    if isinstance(given, Mapping):
+        numbers = others.copy()
+        for name, value in given.items():
+            place = joints.index(one_of("joint", name, joints))
+            number = np.asarray(asarray(value, f"{what} of joint {quoted(name)}"))
+            if not is_numeric(number) or number.shape != ():
+                raise JounceError(f"{what} of joint {quoted(name)} is {quoted(value)}; expected a number")
+            numbers[place] = number
+        return numbers
+    array = np.asarray(asarray(given, what))
+    if not is_numeric(array) or array.shape not in [(), (len(joints),)]:
+        raise JounceError(
+            f"{what} has shape {array.shape}; expected one number, ({len(joints)},) one per coordinate,"
+            " or a mapping {joint: number}"
+        )
+    return np.array(np.broadcast_to(array, (len(joints),)), dtype=float)
+
+
+def _check(mechanism: Mechanism, e: Elasticity, rotor: object) -> None:
+    """Raise `JounceError` unless stiffnesses and rotors are positive; a rigid joint may go without a rotor."""
+    for name, unit, K, B in zip(mechanism.coordinates, coordinate_units(mechanism), e.stiffness, e.rotor, strict=True):
+        joint, rad = f"joint {quoted(name)}", unit == "rad"
+        if not K > 0:
+            expected = f"a positive number, {'N m/rad' if rad else 'N/m'}, or infinity for a rigid joint"
+            raise JounceError(f"stiffness of {joint} is {K:g}; expected {expected}")
+        if B == 0 and np.isinf(K):
+            continue
+        if B == 0 and rotor is None:
+            raise JounceError(
+                f"{joint} has no armature to take as the inertia of its rotor; robot.elastic(stiffness, rotor=...)"
+                f" states it, in {'kg m^2' if rad else 'kg'} as seen from the link"
+            )
+        if not 0 < B < np.inf:
+            expected = f"a positive number, {'kg m^2' if rad else 'kg'} as seen from the link"
+            raise JounceError(f"rotor of {joint} is {B:g}; expected {expected}")
+
+
+def _of_drives(mechanism: Mechanism) -> Elasticity:
+    """Rigid joints with the armature of the drive trains as rotors, and the damping and friction that act."""
+    n, drives = mechanism.n, mechanism.drives
+    return Elasticity(
+        stiffness=np.full(n, np.inf),
+        rotor=_on_coordinates(mechanism, "armature", mechanism.G**2),
+        viscous=_on_coordinates(mechanism, "damping", mechanism.G**2 * ("damping" in mechanism.acting)),
+        friction=_on_coordinates(mechanism, "friction", np.abs(mechanism.G) * ("friction" in mechanism.acting)),
+        eps=_eps(mechanism) if "friction" in mechanism.acting and drives.friction.any() else np.full(n, EPS),
+    )
+
+
+def _on_coordinates(mechanism: Mechanism, term: str, weights: np.ndarray) -> np.ndarray:
+    """The sums (n,) of a parameter of the joint variables; those that follow several coordinates have none."""
+    amounts = getattr(mechanism.drives, term)
+    for i, row in enumerate(weights):
+        if amounts[i] and np.count_nonzero(row) > 1:
+            leaders = listed(mechanism.coordinates[j] for j in np.flatnonzero(row))
+            raise JounceError(
+                f"joint {quoted(mechanism.joints[i])} has {term} and follows {leaders}; expected one motor per"
+                f" coordinate, with no {term} on a joint that follows several"
+            )
+    return np.asarray(weights.T @ amounts)
+
+
+def _eps(mechanism: Mechanism) -> np.ndarray:
+    """The smoothing velocities (n,) of the friction of the coordinates: one for all joints that follow the same."""
+    found = np.full(mechanism.n, EPS)
+    for j, name in enumerate(mechanism.coordinates):
+        rubbing = np.flatnonzero(mechanism.G[:, j] * mechanism.drives.friction)
+        speeds = mechanism.drives.eps[rubbing] / np.abs(mechanism.G[rubbing, j])
+        if speeds.size and np.ptp(speeds) > 1e-12 * speeds.max():
+            joints = listed(mechanism.joints[i] for i in rubbing)
+            raise JounceError(
+                f"the friction of {joints} turns over at different speeds of coordinate {quoted(name)}, from"
+                f" {speeds.min():g} to {speeds.max():g}; expected one, as a motor has"
+            )
+        found[j] = speeds.mean() if speeds.size else EPS
+    return found

@@ -1,0 +1,61 @@
+"""Products of derivatives by the complex step, as an independent check of those by accumulation on programs.
+
+``f(x + i h d) = f(x) + i h J d + ...``: no difference is taken, so that a tiny h gives all digits.
+
+[1] W. Squire, G. Trapp, Using complex variables to estimate derivatives of real functions, SIAM Review 40 (1998).
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from jounce.checks.magnitudes import magnitudes
+from jounce.dynamics.computation import Computation
+from jounce.model.mechanism import Mechanism
+from jounce.robot.generic import compute_by_method
+
+STEP = 1e-100
+
+
+def product(
+    computation: Computation, method: str, mechanism: Mechanism, arrays: Sequence[np.ndarray]
+) -> list[np.ndarray]:
+    """The gradients or tangents of a quantity by a method, for arrays with the same batch axes."""
+    values = replace(computation, product=None)
+    ports = values.signature(mechanism.n, mechanism.nb).inputs
+    x, others = arrays[: len(ports)], arrays[len(ports) :]
+
+    def along(directions: Sequence[np.ndarray]) -> list[np.ndarray]:
+        moved = [a + 1j * STEP * d for a, d in zip(x, directions, strict=True)]
+        return [y.imag / STEP for y in compute_by_method(values, method, mechanism, moved)]
+
+    if computation.product == "jvp":
+        return along(others)
+    batch = x[0].shape[:-1]
+    gradients = []
+    for port, a in zip(ports, x, strict=True):
+        units = np.eye(port.size).reshape(port.size, *[1] * len(batch), *port.shape)  # a direction for each scalar
+        tangents = along([units if a is other else np.zeros_like(other) for other in x])
+        sums = [(dy * w).reshape(port.size, *batch, -1).sum(axis=-1) for dy, w in zip(tangents, others, strict=True)]
+        gradients.append(np.moveaxis(sum(sums), 0, -1).reshape(a.shape))
+    return gradients
+
+
+def product_magnitudes(
+    mechanism: Mechanism, computation: Computation, arrays: Sequence[np.ndarray]
+) -> list[np.ndarray]:
+    """The magnitudes of gradients or tangents: those of the results, as derivatives are of the size of their terms."""
+    values = replace(computation, product=None)
+    ports = values.signature(mechanism.n, mechanism.nb).inputs
+    x, others = arrays[: len(ports)], arrays[len(ports) :]
+    sizes = magnitudes(mechanism, values, x)
+    if computation.product == "jvp":
+        return [*sizes]
+    batch = x[0].shape[:-1]
+    squares = [np.square(size * w).reshape(*batch, -1).sum(axis=-1) for size, w in zip(sizes, others, strict=True)]
+    total = np.sqrt(sum(squares).astype(float))
+    return [
+        np.broadcast_to(total.reshape(*batch, *[1] * len(port.shape)), a.shape)
+        for port, a in zip(ports, x, strict=True)
+    ]

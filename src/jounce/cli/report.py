@@ -1,0 +1,69 @@
+"""`jounce report`: a page about a robot along a motion."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from jounce.cli.limits import LIMITS, load
+from jounce.cli.motions import AskedMotion, of_motion
+from jounce.cli.options import Asked, on_robot
+from jounce.cli.output import tell
+from jounce.errors import JounceError, shortened
+
+EPILOG = """\b
+Example:
+  jounce report iiwa14 paper --limits iiwa14 --step 0.01 -o report.html
+
+\b
+PAGE is one file of about 6 MB that any browser opens from disk; it asks no
+server for anything.
+"""
+
+
+@click.command(epilog=EPILOG, short_help="A page with the moving robot, its curves and limits.")
+@on_robot
+@of_motion
+@LIMITS
+@click.option(
+    "-o", "--output", metavar="PAGE", required=True, type=click.Path(path_type=Path), help="Output page: .html."
+)
+@click.option(
+    "--order", default=2, show_default=True, type=click.IntRange(0, 2), help="Highest time derivative of Q on the page."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print a summary of the page as JSON.")
+def report(robot: Asked, motion: AskedMotion, limits: Path | None, output: Path, order: int, as_json: bool) -> None:
+    """Make a page about MOTION of ROBOT: the robot that moves, q to q4d, Q, Qd, Q2d, limits, slow-down factor."""
+    from jounce import _report
+    from jounce._report.page import check_installed, check_writable
+
+    check_writable(output)
+    if output.resolve() == motion.path.resolve():
+        raise JounceError(f"{output}: the output file is the motion itself; choose another path")
+    check_installed()
+    arm, path = load(robot, motion, limits, order)
+    page = _report.report(arm, path, order)
+    page.save(output)
+    worst = page.check and page.check.worst
+    summary = {
+        "robot": arm.name,
+        "motion": str(motion.path),
+        "states": len(path.times),
+        "order": order,
+        "output": str(output),
+        "bytes": output.stat().st_size,
+        "ok": page.check and page.check.ok,
+        "worst": worst and str(worst),
+        "factor": page.slowdown and page.slowdown.factor,
+        "notes": list(path.notes),
+    }
+    tell(summary, _in_words, as_json)
+
+
+def _in_words(summary: dict[str, Any]) -> str:
+    verdicts = {None: "states no limits", True: "every limit is kept", False: "limits are broken"}
+    head = f"{shortened(summary['robot'])} along {summary['motion']}, {summary['states']} states"
+    worst = [f"worst: {summary['worst']}"] if summary["worst"] else []
+    factor = [f"slow-down factor: {summary['factor']:.6g}"] if summary["factor"] else []
+    written = f"page of {summary['bytes'] / 1e6:.1f} MB written to {summary['output']}"
+    return "\n".join([f"{head}: {verdicts[summary['ok']]}", *worst, *factor, *summary["notes"], written])

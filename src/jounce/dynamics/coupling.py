@@ -1,0 +1,86 @@
+"""Rotors carried by links: their gyroscopic and inertia moments on the links, and the links' effect on them.
+
+The rotor of motor j spins about the axis a_j of its carrier, a body p, at the speed r theta' against it; theta is the
+position seen from the link, r the gear ratio, J the inertia about the axis. Mass and moments of the rotor at rest
+belong to the carrier. The spin adds the moment
+
+    n_j = d/dt (J r theta' a_j) = J r (theta'' a_j + theta' w_p x a_j)
+
+to what moves the carrier, and the carrier's angular acceleration adds r J a_j . w_p' to the motor's torque.
+"""
+
+from dataclasses import dataclass
+from functools import reduce
+from operator import add
+
+import numpy as np
+
+from jounce._scalars import Array
+from jounce.dynamics.recursion import bodies
+from jounce.dynamics.recursion.joints import rows
+from jounce.model.mechanism import Mechanism
+from jounce.spatial.lie import hat, rotation
+from jounce.spatial.series import Series
+
+GROUND = "world"  # as a carrier
+
+
+@dataclass(frozen=True)
+class Rotor:
+    """A rotor on its carrier."""
+
+    coordinate: int
+    body: int  # of the carrier
+    momentum: Array  # (3, 1), J r a in the axes of the carrier's body: of the spin, per theta'
+
+
+def rotors(m: Mechanism) -> list[Rotor]:
+    """The rotors of a mechanism that bodies carry; those on the ground have no effect on links."""
+    found, e = [], m.elasticity
+    for j, motor in enumerate(e.motors if e else ()):
+        if e and motor is not None and motor.body is not None and motor.body != GROUND:
+            frame = m.frame(motor.body)
+            axis = rotation(frame.T) @ np.array(motor.axis)[:, None]
+            found.append(Rotor(j, frame.body, axis * (e.rotor[j] / motor.gear)))
+    return [rotor for rotor in found if rotor.body >= 0]
+
+
+def reaction_wrenches(m: Mechanism, q: Series, theta: Series) -> Series:
+    """The moments of spinning rotors on their carriers, as wrenches that the bodies exert, (..., 6nb, 1)."""
+    V = bodies.twists(m, q, None)
+    total = [_moment(m, rotor, V, theta) for rotor in rotors(m)]
+    return reduce(add, total, 0 * V.map(lambda V: V.reshape((*V.shape[:-3], 6 * m.nb, 1))))
+
+
+def _moment(m: Mechanism, rotor: Rotor, V: Series, theta: Series) -> Series:
+    w = _angular_velocity(V, rotor.body)
+    spin = rows(theta, rotor.coordinate, rotor.coordinate + 1).dot
+    place = np.zeros((6 * m.nb, 3), dtype=int)
+    place[6 * rotor.body : 6 * rotor.body + 3] = np.eye(3, dtype=int)
+    H = rotor.momentum
+    return place @ (H * spin.dot - hat(H[:, 0]) @ w * spin)
+
+
+def motor_reactions(m: Mechanism, q: Series) -> Series:
+    """r J a . w_p', the torque that a motor takes because its carrier turns faster and faster: (..., n, 1)."""
+    V = bodies.twists(m, q, None)
+    total = 0 * q
+    for rotor in rotors(m):
+        unit = np.eye(m.n, dtype=int)[:, rotor.coordinate : rotor.coordinate + 1]
+        total = total + unit @ (rotor.momentum.mT @ _angular_velocity(V, rotor.body).dot)
+    return total
+
+
+def spin_energy(m: Mechanism, q: Series, theta: Series) -> Series:
+    """The kinetic energy that couples rotors and carriers, J r theta' a . w_p: (..., 1, 1)."""
+    V = bodies.twists(m, q, None)
+    total = 0 * rows(q, 0, 1)
+    for rotor in rotors(m):
+        spin = rows(theta, rotor.coordinate, rotor.coordinate + 1).dot
+        total = total + rotor.momentum.mT @ _angular_velocity(V, rotor.body) * spin
+    return total
+
+
+def _angular_velocity(V: Series, body: int) -> Series:
+    """(..., 3, 1) of the twists of all bodies, (..., nb, 6, 1)."""
+    return V.map(lambda V: V[..., body, :3, :])

@@ -1,0 +1,64 @@
+"""Deflections of elastic joints over series: of springs that are not linear, and of springs with a damper.
+
+A spring phi alone has ``delta' = Q' / phi'(delta)``. With a damper D parallel to it, ``phi(delta) + D delta' = Q``,
+the deflection is a state with the time constant D / phi'. At one instant it is an asymptotic series, the fixed point
+``delta = phi^-1(Q - D delta')``, of which each term takes one more rate of Q. Of a linear spring the terms are
+``(-D / K)^k Q^(k) / K``. The first of them fall if the motion is slow compared with the time constant.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from jounce._scalars import Array, is_numeric, reciprocal
+from jounce.errors import JounceError
+from jounce.model.inversion import deflection
+from jounce.model.springs import CubicSpring, Spring, force_along
+from jounce.spatial.series import Series, from_rate
+
+NEGLIGIBLE = 1e-13  # of a deflection: smaller terms of its series are rounding
+
+
+def of_spring(spring: Spring, Q: Series) -> Series:
+    """delta with phi(delta) = Q."""
+    if isinstance(spring, CubicSpring) and spring.k3 == 0:
+        return Q * (1 / spring.k)
+    return from_rate(deflection(spring, Q[0]), lambda delta: Q.dot * inverse(force_along(spring, delta, 1)))
+
+
+def of_damped_spring(spring: Spring, damping: float, Q: Series, terms: int) -> list[Series]:
+    """The sums of 1, 2, ... `terms` terms of delta with phi(delta) + D delta' = Q."""
+    sums = [of_spring(spring, Q)]
+    while len(sums) < terms:
+        sums.append(of_spring(spring, Q - sums[-1].dot * damping))
+    return sums
+
+
+def of_moving_damper(spring: Spring, damping: float, Q: Series, delta: Array) -> Series:
+    """The rates of a deflection that is known, from delta' = (Q - phi(delta)) / D."""
+    return from_rate(delta, lambda delta: (Q - force_along(spring, delta)) * (1 / damping))
+
+
+def inverse(x: Series) -> Series:
+    """1 / x."""
+    return from_rate(reciprocal(x[0]), lambda y: -(y * y * x.dot))
+
+
+def last_term(sums: Sequence[Series], time_constant: float) -> Array:
+    """The last term of a series, an estimate of its error.
+
+    Raises
+    ------
+    JounceError : where the last term is no smaller than the terms before, over the batch.
+    """
+    values = [x[0] for x in sums]
+    terms = [values[0], *(b - a for a, b in pairwise(values))]
+    if len(terms) > 1 and all(map(is_numeric, terms)):
+        sizes = [float(np.nanmax(np.abs(term), initial=0.0)) for term in terms]
+        if sizes[-1] >= max(sizes[1:-1] or sizes[:1]) and sizes[-1] > NEGLIGIBLE * sizes[0]:
+            raise JounceError(
+                f"the series of the damper does not converge: term {len(terms)} is {sizes[-1]:.2g}, not below the one"
+                f" before; the time constant D/K is {time_constant:.3g} s; use along(motion), which is exact"
+            )
+    return np.abs(terms[-1]) if is_numeric(terms[-1]) else terms[-1]

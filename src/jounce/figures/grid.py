@@ -1,0 +1,74 @@
+"""The grid of axes on a page: as many columns as it is wide enough for, the labels of scales once in each row."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from jounce.errors import JounceError, quoted
+from jounce.figures.canvas import letter
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+INCH = 25.4  # mm
+COLUMN, PAGE = 88.9, 181.9  # mm, of the journals of the IEEE; those of Elsevier have 90 and 190
+NARROWEST, LEAST, MOST = 2.1, 30.0, 500.0  # inches of a column of axes; mm of a page
+
+
+def width_of(text: str) -> float:
+    """The width in inches that "column", "page" or a number of mm means.
+
+    Raises
+    ------
+    JounceError : where it means none, or one on which nothing can be read.
+    """
+    try:
+        found = {"column": COLUMN, "page": PAGE}.get(text) or float(text)
+    except ValueError:
+        found = 0.0
+    if not LEAST <= found <= MOST:
+        raise JounceError(f"--width {quoted(text)}; expected column, page or {LEAST:g} to {MOST:g} mm")
+    return found / INCH
+
+
+def page_size(
+    columns: int, alike: int, cells: int, labels: int, width: float | None
+) -> tuple[tuple[float, float], int]:
+    """The size in inches of a page of axes, and its columns: fewer where its width is given, if it can be a multiple
+    of the number of axes that are `alike`.
+    """
+    if width is None:
+        size = 3 + (4.2 if columns < 3 else 3.2) * columns, 0.7 + 2.2 * labels * -(-cells // columns)
+        return size, columns
+    columns = max(1, min(columns, int(width / NARROWEST)))
+    columns = max(columns - columns % alike, 1)
+    row = min(2.2, max(1.2, 0.55 * width / columns))
+    return (width, 0.5 + row * labels * -(-cells // columns)), columns
+
+
+def places(figure: "Figure", cells: int, columns: int, labels: int) -> "Sequence[Sequence[Axes]]":
+    """The axes of every cell, label by label, in a grid with a common time axis."""
+    rows = -(-cells // columns)
+    grid = figure.subplots(labels * rows, columns, sharex=True, squeeze=False)
+    for axes in grid[-1]:
+        axes.set_xlabel("t [s]")
+    found = [list(grid[k * rows : (k + 1) * rows].flat) for k in range(labels)]
+    for k, of_label in enumerate(found):
+        for at in range(cells, rows * columns):
+            of_label[at].remove()
+            if k == labels - 1 and rows > 1:  # what stands above is now the last of its column
+                above = of_label[at - columns]
+                above.tick_params(labelbottom=True)
+                above.set_xlabel("t [s]")
+    return [of_label[:cells] for of_label in found]
+
+
+def leave_out_labels(places: "Sequence[Sequence[Axes]]", columns: int) -> None:
+    """Label scales once in each row of one unit, and give each of several axes a letter."""
+    for of_label in places:
+        for i in range(len(of_label) - 1, 0, -1):
+            if i % columns and of_label[i - 1].get_ylabel() == of_label[i].get_ylabel():
+                of_label[i].set_ylabel("")
+    every = [axes for of_label in places for axes in of_label]
+    for i, axes in enumerate(every if len(every) > 1 else []):
+        axes.set_title(f"({letter(i)})", loc="left")

@@ -1,0 +1,189 @@
+"""Two springs with a motor each on one joint: the force and the stiffness of the joint decide both deflections.
+
+    phi1(d1) + phi2(d2) = Q,   phi1'(d1) + phi2'(d2) = S
+
+Along the curve of one force, which the difference e = d1 - d2 runs through, springs that stiffen have a least
+stiffness. Beyond it two settings reach each stiffness; the one with the larger e is taken.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from jounce._scalars import is_numeric, reciprocal
+from jounce.errors import JounceError
+from jounce.model.inversion import UnreachableError, rising_root
+from jounce.model.springs import Spring, force_along
+from jounce.spatial.series import Series, from_rate
+
+FIRST_STEP = 1e-3  # rad or m, of a search for a difference, doubled from step to step
+DOUBLINGS = 16
+HALVINGS, ROUNDS = 6, 8  # of a bracket, each round followed by an attempt with Newton's method
+PRECISE = 30  # halvings, for the least stiffness
+POLISHING = 6  # its steps
+ROUNDING = 1e-13
+MARGIN = 1e-9  # by which a stiffness must be above the least, where its rates are infinite
+
+
+@dataclass(frozen=True)
+class AntagonisticSprings:
+    """Two springs of one joint, each with a motor of its own: a joint of variable stiffness.
+
+    Both act on the joint in its own direction, ``Q = phi1(theta1 - q) + phi2(theta2 - q)``, and at least one of them
+    changes its stiffness with its deflection. A wanted stiffness S goes with each state. Motor 1 is the one that is
+    wound up further.
+
+    Parameters
+    ----------
+    first, second : CubicSpring, SpringFunction or SpringTable
+        The springs of the two motors.
+
+    Examples
+    --------
+    >>> import jounce, numpy as np
+    >>> tendon = jounce.SpringFunction.of(lambda delta: 40 * np.sinh(3 * delta) / 3)
+    >>> springs = jounce.AntagonisticSprings(tendon, tendon)
+    """
+
+    first: Spring
+    second: Spring
+
+
+@dataclass(frozen=True)
+class _Setting:
+    """Deflections of both springs that carry a force, the stiffness S that they make, and the sign of dS/de."""
+
+    d: tuple[np.ndarray, np.ndarray]
+    S: np.ndarray
+    rise: np.ndarray
+
+
+Curve = Callable[[np.ndarray], _Setting]  # the settings that carry a force, over e
+
+
+def deflections(springs: AntagonisticSprings, Q: np.ndarray, S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The deflections of both springs for a force and a stiffness, arrays of floats of one shape.
+
+    Raises
+    ------
+    UnreachableError : where no setting carries the force, or has the stiffness.
+    """
+    if not (is_numeric(Q) and is_numeric(S)):
+        raise JounceError("two springs of one joint need NumPy arrays of floats")
+    Q, S = np.broadcast_arrays(np.asarray(Q), np.asarray(S))
+    known = np.isfinite(Q) & np.isfinite(S)
+
+    def curve(e: np.ndarray) -> _Setting:
+        return _setting(springs, Q, e)
+
+    def check(reached: np.ndarray, bound: np.ndarray, word: str) -> None:
+        if (lost := known & ~reached).any():
+            i = int(np.flatnonzero(lost)[0])
+            reason = f"it is {word} {bound.flat[i]:g}" if bound.flat[i] > 0 else "no setting carries this force"
+            raise UnreachableError(f"no setting has stiffness {S.flat[i]:g} at force {Q.flat[i]:g}; {reason}", i)
+
+    with np.errstate(all="ignore"):
+        low = _below(springs, curve, S, known)
+        least = curve(low).S
+        check(least * (1 + MARGIN) < S, least, "above")
+        near, far = _bracket(curve, lambda x: ~(x.S < S), low, 1.0, known)
+        for _ in range(ROUNDS):
+            near, far = _halve(curve, lambda x: ~(x.S < S), near, far, HALVINGS)
+            (d1, d2), off = _polish(springs, Q, S, curve(near).d)
+            found = (off <= ROUNDING * S) & (d1 - d2 > low)
+            if found[known].all():
+                break
+        check(found, curve(near).S, "below")
+    return np.where(known, d1, np.nan), np.where(known, d2, np.nan)
+
+
+def deflection_series(springs: AntagonisticSprings, Q: Series, S: Series) -> tuple[Series, Series]:
+    """The deflections of both springs with their rates, by the inverse of the Jacobian of (Q, S)."""
+    d1, d2 = deflections(springs, Q[0], S[0])
+
+    @cache
+    def rates() -> tuple[Series, Series]:
+        p1, c1 = (force_along(springs.first, first, j) for j in (1, 2))
+        p2, c2 = (force_along(springs.second, second, j) for j in (1, 2))
+        det = p1 * c2 - p2 * c1
+        inverse = from_rate(reciprocal(det[0]), lambda y: -(y * y * det.dot))
+        return (c2 * Q.dot - p2 * S.dot) * inverse, (p1 * S.dot - c1 * Q.dot) * inverse
+
+    first = from_rate(d1, lambda _: rates()[0])
+    second = from_rate(d2, lambda _: rates()[1])
+    return first, second
+
+
+def _setting(springs: AntagonisticSprings, Q: np.ndarray, e: np.ndarray) -> _Setting:
+    """The setting that carries Q with the difference e: the mean deflection is the root of a rising function."""
+
+    def slope(mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        one, two = springs.first._derivatives(mean + e / 2), springs.second._derivatives(mean - e / 2)
+        return one[0] + two[0], one[1] + two[1]
+
+    (low1, high1), (low2, high2) = springs.first.range, springs.second.range
+    bounds = np.maximum(low1 - e / 2, low2 + e / 2), np.minimum(high1 - e / 2, high2 + e / 2)
+    mean = rising_root(slope, np.where(bounds[0] < bounds[1], Q, np.nan), bounds)
+    d = mean + e / 2, mean - e / 2
+    one, two = springs.first._derivatives(d[0]), springs.second._derivatives(d[1])
+    return _Setting(d, one[1] + two[1], np.sign(one[2] * two[1] - two[2] * one[1]))
+
+
+def _below(springs: AntagonisticSprings, curve: Curve, S: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Differences e with less than a stiffness, or else with the least."""
+    (low1, high1), (low2, high2) = springs.first.range, springs.second.range
+    start = np.full(S.shape, 0.0 if low1 - high2 < 0 < high1 - low2 else (low1 - high2 + high1 - low2) / 2)
+    way = -curve(start).rise
+
+    def passed(x: _Setting) -> np.ndarray:
+        return ~(x.rise * way < 0) | (x.S < S)
+
+    near, far = _bracket(curve, passed, start, way, known)
+    if not (curve(far).S < S)[known].all():
+        near, far = _halve(curve, passed, near, far, PRECISE)
+    return np.where(np.isnan(curve(far).S), near, far)
+
+
+def _bracket(
+    curve: Curve,
+    passed: Callable[[_Setting], np.ndarray],
+    start: np.ndarray,
+    way: np.ndarray | float,
+    known: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Two differences on the way from a start: the condition holds at the second, if anywhere, and not at the first."""
+    near = far = start
+    for k in range(DOUBLINGS):
+        going = known & ~passed(curve(far))
+        if not going.any():
+            break
+        near, far = np.where(going, far, near), np.where(going, start + way * FIRST_STEP * 2**k, far)
+    return near, far
+
+
+def _halve(
+    curve: Curve, passed: Callable[[_Setting], np.ndarray], near: np.ndarray, far: np.ndarray, times: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """A bracket of `_bracket`, halved."""
+    for _ in range(times):
+        middle = (near + far) / 2
+        beyond = passed(curve(middle))
+        near, far = np.where(beyond, near, middle), np.where(beyond, middle, far)
+    return near, far
+
+
+def _polish(
+    springs: AntagonisticSprings, Q: np.ndarray, S: np.ndarray, d: tuple[np.ndarray, np.ndarray]
+) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+    """Newton's method for both equations, and what it leaves of the stiffness."""
+    for _ in range(POLISHING):
+        one, two = springs.first._derivatives(d[0]), springs.second._derivatives(d[1])
+        force, stiffness = Q - one[0] - two[0], S - one[1] - two[1]
+        inverse = 1 / (one[1] * two[2] - two[1] * one[2])
+        d = (
+            d[0] + (two[2] * force - two[1] * stiffness) * inverse,
+            d[1] + (one[1] * stiffness - one[2] * force) * inverse,
+        )
+    return d, np.abs(stiffness)

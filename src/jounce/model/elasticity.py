@@ -1,0 +1,125 @@
+"""Elasticity: motors behind springs, by coordinate. The robot's links hang on the motors only through the springs.
+
+theta is the position of a motor seen from its link: the angle of the rotor over the gear ratio. A spring that is
+deflected by delta = theta - q exerts phi(delta) on the link; Q is the force of the links' inverse dynamics. Spong's
+model, in which rotors turn about their own axes only:
+
+    phi(delta) = Q(q, qd, q2d),    B theta'' + F_m(theta') + phi(delta) = tau,    F_m(v) = d_m v + f tanh(v / eps)
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from jounce._scalars import Array
+from jounce._typing import Floats
+from jounce.model.antagonists import AntagonisticSprings
+from jounce.model.motors import Motor
+from jounce.model.springs import DampedSpring, Spring
+
+Law: TypeAlias = Spring | DampedSpring | AntagonisticSprings
+SpringLaw: TypeAlias = Spring | AntagonisticSprings | Callable[[Any], Any]  # as callers give it
+ARRAYS = ("stiffness", "rotor", "viscous", "friction", "eps")  # the numbers, one per coordinate
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Elasticity:
+    """The springs and motors of a robot with elastic joints, one per coordinate. `Robot.elastic` makes and checks it.
+
+    Attributes
+    ----------
+    stiffness : (n,)
+        Stiffness of the spring between motor and link, N m/rad or N/m; infinite for a rigid joint.
+    rotor : (n,)
+        Inertia of the rotor seen from the link, kg m^2 or kg: its own times the gear ratio squared.
+    viscous : (n,)
+        Viscous damping of the motor, N m s or N s/m.
+    friction : (n,)
+        Coulomb friction of the motor, N m or N.
+    eps : (n,)
+        Smoothing velocity of the friction, rad/s or m/s.
+    springs : tuple
+        A spring per coordinate that is not linear or has a damper, None for others; empty if all are linear.
+    motors : tuple of Motor or None
+        The motors as stated, one per coordinate; empty if none is.
+    level : int or None
+        The level of the coupling of rotors and links that carry them; None in Spong's model.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> arm = jounce.load("planar2r").elastic([800.0, 600.0], rotor=0.1)
+    >>> arm.robot.mechanism.elasticity.stiffness
+    array([800., 600.])
+    """
+
+    stiffness: Floats
+    rotor: Floats
+    viscous: Floats
+    friction: Floats
+    eps: Floats
+    springs: tuple[Law | None, ...] = ()
+    motors: tuple[Motor | None, ...] = ()
+    level: int | None = None
+
+    @property
+    def more_rates(self) -> int:
+        """How many further rates of the motion motor positions and torques take, as dampers and couplings need them."""
+        terms = max((law.terms - 1 for law in self.springs if isinstance(law, DampedSpring)), default=0)
+        level = self.level or 0
+        return (level + 1) * terms + 2 * level
+
+    @property
+    def is_rigid(self) -> Array:
+        """Whether the joint of each coordinate is rigid, (n,)."""
+        return self.stiffness == np.inf
+
+    @cached_property
+    def joints_of_motors(self) -> list[int]:
+        """The coordinate of each motor: a joint with two springs has two."""
+        laws = self.springs or (None,) * len(self.stiffness)
+        return [j for j, law in enumerate(laws) for _ in range(1 + isinstance(law, AntagonisticSprings))]
+
+    @cached_property
+    def laws(self) -> list[Spring | DampedSpring | None]:
+        """The spring of each motor, None if it is linear without a damper; empty if all are."""
+        pairs = [(law.first, law.second) if isinstance(law, AntagonisticSprings) else (law,) for law in self.springs]
+        return [law for pair in pairs for law in pair]
+
+    @property
+    def pairs(self) -> list[int]:
+        """The coordinates with two motors."""
+        return [j for j, law in enumerate(self.springs) if isinstance(law, AntagonisticSprings)]
+
+    @property
+    def dampers(self) -> list[int]:
+        """The coordinates whose springs have dampers."""
+        return [j for j, law in enumerate(self.springs) if isinstance(law, DampedSpring)]
+
+    def motor_names(self, joints: Sequence[str]) -> tuple[str, ...]:
+        """A name per motor: that of its joint, with _1 and _2 where a joint has two."""
+        pairs = [(f"{name}_1", f"{name}_2") if j in self.pairs else (name,) for j, name in enumerate(joints)]
+        return tuple(name for pair in pairs for name in pair)
+
+    @property
+    def of_motors(self) -> "Elasticity":
+        """Its arrays with an entry per motor."""
+        return self.select(self.joints_of_motors) if self.pairs else self
+
+    @property
+    def arrays(self) -> Mapping[str, Array]:
+        """The numbers by name."""
+        return {name: getattr(self, name) for name in ARRAYS}
+
+    def map(self, convert: Callable[[Array], Array]) -> "Elasticity":
+        """The same springs and motors with other numbers."""
+        return replace(self, **{name: convert(array) for name, array in self.arrays.items()})
+
+    def select(self, coordinates: Sequence[int]) -> "Elasticity":
+        """The springs and motors of some coordinates, by index."""
+        springs = tuple(self.springs[j] for j in coordinates) if self.springs else ()
+        motors = tuple(self.motors[j] for j in coordinates) if self.motors else ()
+        return replace(self.map(lambda array: array[list(coordinates)]), springs=springs, motors=motors)

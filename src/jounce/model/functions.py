@@ -1,0 +1,47 @@
+"""Programs evaluated on time series: the rates of any function that is recorded on a tape."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from jounce._scalars import cos, exp, reciprocal, sin, tanh
+from jounce.program.program import Program
+from jounce.spatial.series import Series, from_rate
+
+
+def _sine(x: Series) -> Series:
+    S = from_rate(sin(x[0]), lambda _: C * x.dot)
+    C = from_rate(cos(x[0]), lambda _: -(S * x.dot))
+    return S
+
+
+def _cosine(x: Series) -> Series:
+    S = from_rate(sin(x[0]), lambda _: C * x.dot)
+    C = from_rate(cos(x[0]), lambda _: -(S * x.dot))
+    return C
+
+
+RULES: Mapping[str, Callable[..., Series]] = {
+    "mul": lambda x, y: x * y,
+    "add": lambda x, y: x + y,
+    "sub": lambda x, y: x - y,
+    "neg": lambda x: -x,
+    "inv": lambda x: from_rate(reciprocal(x[0]), lambda y: -(y * y * x.dot)),
+    "sin": _sine,
+    "cos": _cosine,
+    "tanh": lambda x: from_rate(tanh(x[0]), lambda y: (-(y * y) + 1) * x.dot),
+    "exp": lambda x: from_rate(exp(x[0]), lambda y: y * x.dot),
+}
+
+
+def evaluate(program: Program, inputs: Sequence[Series]) -> list[Series]:
+    """The outputs of a program of inputs that vary in time, with their rates."""
+    values: list[Series] = []
+    for step in program.steps:
+        if step.kind == "input":
+            values.append(inputs[int(step.value)])
+        elif step.kind == "constant":
+            values.append(Series.constant(np.asarray(step.value)))
+        else:
+            values.append(RULES[step.kind](*(values[i] for i in step.operands)))
+    return [values[i] for i in program.outputs]

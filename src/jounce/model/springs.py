@@ -1,0 +1,297 @@
+"""Springs of elastic joints: the force phi over the deflection, linear or not, as frozen data.
+
+A spring gives phi, phi', phi'', ..., the derivatives by the deflection, at any deflection and to any order. All else
+follows from them: the force of a moving spring with its rates, and the rates of a deflection that carries a force.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from math import inf
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from jounce._scalars import Array, is_finite, is_numeric
+from jounce._typing import ArrayLike
+from jounce.errors import JounceError, one_line, quoted
+from jounce.model.functions import evaluate
+from jounce.program.program import Program
+from jounce.program.trace import Tape
+from jounce.spatial.series import Series
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
+
+DEGREE = 5  # of the spline through a table: its force has four continuous derivatives
+NODES = 40  # of the quadrature for the energy of a function
+FUNCTIONS = "+ - * / **, and the functions sin, cos, tanh, exp, sinh, cosh of NumPy"
+
+
+class Spring(ABC):
+    """A force that rises with the deflection, over an interval of deflections."""
+
+    @property
+    @abstractmethod
+    def range(self) -> tuple[float, float]:
+        """The least and the largest deflection, rad or m."""
+
+    def force(self, deflection: ArrayLike) -> Array:
+        """The force phi at deflections of any shape: N m, or N."""
+        return self._derivatives(np.asarray(deflection, dtype=float))[0]
+
+    def stiffness(self, deflection: ArrayLike) -> Array:
+        """The stiffness phi' at deflections of any shape: N m/rad, or N/m."""
+        return self._derivatives(np.asarray(deflection, dtype=float))[1]
+
+    @abstractmethod
+    def _derivatives(self, deflection: Array) -> Series:
+        """phi, phi', phi'', ... at deflections of any shape."""
+
+    @abstractmethod
+    def _energy(self, deflection: Array) -> Array:
+        """The energy of the spring, J: zero at rest."""
+
+
+@dataclass(frozen=True)
+class CubicSpring(Spring):
+    """A spring that stiffens or softens: phi = k delta + k3 delta^3.
+
+    Parameters
+    ----------
+    k : float
+        The stiffness at rest, N m/rad or N/m, positive.
+    k3 : float, optional
+        The cubic coefficient, N m/rad^3 or N/m^3. A negative one softens the spring, which ends where the stiffness is
+        zero.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> arm = jounce.load("planar2r").elastic(spring=jounce.CubicSpring(500.0, 2e4), rotor=0.1)
+    """
+
+    k: float
+    k3: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (is_finite(self.k) and self.k > 0 and is_finite(self.k3)):
+            raise JounceError(
+                f"CubicSpring(k={quoted(self.k)}, k3={quoted(self.k3)}): expected a stiffness k above 0, in N m/rad or"
+                " N/m, and a finite k3"
+            )
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """The least and the largest deflection, rad or m: infinite, unless the spring softens."""
+        end = (-self.k / (3 * self.k3)) ** 0.5 if self.k3 < 0 else inf
+        return -end, end
+
+    def _derivatives(self, deflection: Array) -> Series:
+        """phi, phi', phi'', ... at deflections of any shape."""
+        d, square = deflection, deflection * deflection
+        terms = ((self.k + self.k3 * square) * d, self.k + 3 * self.k3 * square, 6 * self.k3 * d, 6 * self.k3 + 0 * d)
+        return Series(lambda j: terms[j] if j < len(terms) else 0 * d)
+
+    def _energy(self, deflection: Array) -> Array:
+        """The energy of the spring, J: zero at rest."""
+        square = deflection * deflection
+        return (self.k / 2 + self.k3 / 4 * square) * square
+
+
+@dataclass(frozen=True)
+class SpringFunction(Spring):
+    """A spring given by a function, recorded as a program: `SpringFunction.of` makes one of a Python function.
+
+    Attributes
+    ----------
+    program : Program
+        The operations that lead from the deflection to the force.
+
+    Examples
+    --------
+    >>> import jounce, numpy as np
+    >>> spring = jounce.SpringFunction.of(lambda delta: 300 * np.sinh(2 * delta) / 2)
+    >>> round(float(spring.stiffness(0.0)), 9)
+    300.0
+    """
+
+    program: Program
+
+    @classmethod
+    def of(cls, function: Callable[[Any], Any]) -> Self:
+        """A spring whose force is a function of the deflection.
+
+        Parameters
+        ----------
+        function : callable
+            It takes the deflection, rad or m, and returns the force phi, N m or N. It is called once, with a symbol:
+            it may use + - * / **, and sin, cos, tanh, exp, sinh, cosh of NumPy, and no comparisons.
+
+        Returns
+        -------
+        SpringFunction
+
+        Raises
+        ------
+        JounceError
+            If the function uses anything else, or its force does not rise at rest.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> spring = jounce.SpringFunction.of(lambda delta: 300 * delta + 2e3 * delta**3)
+        """
+        tape = Tape()
+        try:
+            force = function(tape.variables(1)[0])
+            spring = cls(tape.program([force]))
+        except JounceError:
+            raise
+        except Exception as error:  # whatever a caller's function, or NumPy on a symbol, raises
+            why = one_line(error)
+            raise JounceError(
+                f"a spring function may use {FUNCTIONS}; it raised: {why}; give a table instead"
+            ) from None
+        with np.errstate(all="ignore"):
+            stiffness = spring._derivatives(np.zeros(()))[1]
+        if not stiffness > 0:
+            raise JounceError(f"a spring function has stiffness {stiffness:g} at rest; expected a force that rises")
+        return spring
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """The least and the largest deflection, rad or m: not bounded."""
+        return -inf, inf
+
+    def _derivatives(self, deflection: Array) -> Series:
+        """phi, phi', phi'', ... at deflections of any shape."""
+        if not is_numeric(deflection):
+            raise JounceError("a spring given by a function needs NumPy arrays of floats; use CubicSpring for symbols")
+        units = (deflection, np.ones_like(deflection))
+        moving = Series(lambda j: units[j] if j < 2 else np.zeros_like(deflection))
+        return evaluate(self.program, [moving])[0]
+
+    def _energy(self, deflection: Array) -> Array:
+        """The energy of the spring, J: zero at rest, by Gauss-Legendre quadrature."""
+        points, weights = np.polynomial.legendre.leggauss(NODES)
+        force = self._derivatives(deflection[..., None] * (points + 1) / 2)[0]
+        return deflection / 2 * (force @ weights)
+
+
+@dataclass(frozen=True)
+class SpringTable(Spring):
+    """A spring given by measured pairs: the spline of degree 5 through them, with four continuous derivatives.
+
+    Parameters
+    ----------
+    deflections : (N,)
+        Deflections, rad or m, rising; at least 6.
+    forces : (N,)
+        The forces that they take, N m or N, rising.
+
+    Raises
+    ------
+    JounceError
+        If either does not rise, or the spline through them does not.
+
+    Examples
+    --------
+    >>> import jounce, numpy as np
+    >>> deflection = np.linspace(-0.1, 0.1, 21)
+    >>> spring = jounce.SpringTable(deflection, 500 * deflection + 2e4 * deflection**3)
+    >>> round(float(spring.force(0.05)), 6)
+    27.5
+    """
+
+    deflections: tuple[float, ...]
+    forces: tuple[float, ...]
+
+    def __init__(self, deflections: ArrayLike, forces: ArrayLike) -> None:
+        columns = {"deflections": deflections, "forces": forces}
+        for name, given in columns.items():
+            column = np.asarray(given, dtype=float)
+            if column.ndim != 1 or not np.isfinite(column).all():
+                raise JounceError(f"spring table: {name} have shape {column.shape}; expected finite numbers (N,)")
+            if (fall := np.flatnonzero(np.diff(column) <= 0)).size:
+                i = int(fall[0])
+                raise JounceError(
+                    f"spring table: {name} do not rise from row {i} ({column[i]:g}) to {i + 1} ({column[i + 1]:g});"
+                    " expected a monotone table"
+                )
+            object.__setattr__(self, name, tuple(column.tolist()))
+        if not len(self.deflections) == len(self.forces) > DEGREE:
+            raise JounceError(
+                f"a spring table has {len(self.deflections)} deflections and {len(self.forces)} forces; expected as"
+                f" many of both, {DEGREE + 1} or more"
+            )
+        self._check_rise()
+
+    def _check_rise(self) -> None:
+        stiffness = _splines(self)[1]
+        turning = stiffness.derivative().roots(extrapolate=False)
+        points = np.concatenate([stiffness.x, turning[np.isfinite(turning)]])
+        lowest = points[np.argmin(stiffness(points))]
+        if not stiffness(lowest) > 0:
+            raise JounceError(
+                f"the spline through a spring table is not monotone: its force falls at the deflection {lowest:g};"
+                " expected more or smoother rows"
+            )
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """The least and the largest deflection, rad or m: the ends of the table."""
+        return self.deflections[0], self.deflections[-1]
+
+    def _derivatives(self, deflection: Array) -> Series:
+        """phi, phi', phi'', ... at deflections of any shape."""
+        if not is_numeric(deflection):
+            raise JounceError("a spring given by a table needs NumPy arrays of floats; use CubicSpring for symbols")
+        splines = _splines(self)
+        return Series(lambda j: splines[j](deflection) if j <= DEGREE else np.zeros_like(deflection))
+
+    def _energy(self, deflection: Array) -> Array:
+        """The energy of the spring, J: zero at rest, or at the end of the table that is nearest to it."""
+        work = _splines(self)[0].antiderivative()
+        return work(deflection) - work(np.clip(0.0, *self.range))
+
+
+@lru_cache(maxsize=64)
+def _splines(spring: SpringTable) -> "list[PPoly]":
+    """The spline through a table, and its derivatives."""
+    from scipy.interpolate import PPoly, make_interp_spline
+
+    spline = PPoly.from_spline(make_interp_spline(spring.deflections, spring.forces, k=DEGREE).tck)
+    return [spline.derivative(j) for j in range(DEGREE + 1)]
+
+
+@dataclass(frozen=True)
+class DampedSpring:
+    """A spring with a damper D in parallel, N m s or N s/m, and the number of terms of its series at one instant."""
+
+    spring: Spring
+    damping: float
+    terms: int
+
+    @property
+    def time_constant(self) -> float:
+        """D / K at rest, s."""
+        return self.damping / float(self.spring.stiffness(0.0))
+
+
+def force_along(spring: Spring, deflection: Series, derivative: int = 0) -> Series:
+    """phi, or one of its derivatives, of a deflection that moves: (phi^(j))' = phi^(j + 1) delta'."""
+    known = spring._derivatives(deflection[0])
+    rows: dict[int, Series] = {}
+
+    def row(j: int) -> Series:
+        if j not in rows:
+            rows[j] = Series(lambda k: change(j)[k - 1] if k else known[j])
+        return rows[j]
+
+    @cache
+    def change(j: int) -> Series:
+        return row(j + 1) * deflection.dot
+
+    return row(derivative)

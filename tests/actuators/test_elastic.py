@@ -1,0 +1,295 @@
+"""Elastic joints: the equations of Spong's model, their inverse, what they control, and what is refused."""
+
+import pickle
+
+import jax
+import numpy as np
+import pytest
+import sympy
+from files import refusal
+from robots import differentiated, golden, harmonic
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+import casadi
+import jounce
+from jounce.dynamics.computation import Computation
+from jounce.native import cache
+from jounce.native.forms import program
+from jounce.native.jit import host
+
+PART = jounce.load("planar2r", L1=0.6, L2=0.4, m1=2.0, m2=1.5).mechanism
+DRIVES = {"armature": [0.3, 0.2], "damping": [0.4, 0.1], "friction": [0.5, 0.3], "stiffness": [3.0, 2.0]}
+DRIVEN = jounce.Robot.from_screws(PART.B, PART.X, PART.M, PART.parent, gravity=PART.gravity, drives=DRIVES)
+K, B = np.array([80.0, 60.0]), np.array(DRIVES["armature"])
+
+
+def elastic(robot, *arguments, **keywords):
+    """The elastic joints of a robot whose acting drives move to the motors, which is said."""
+    with pytest.warns(jounce.JounceWarning, match="no longer acts in Q, but on the motors"):
+        return robot.elastic(*arguments, **keywords)
+
+
+def close(x, y, tolerance=1e-12):
+    np.testing.assert_allclose(np.asarray(x, dtype=float), np.asarray(y, dtype=float), rtol=tolerance, atol=tolerance)
+
+
+@pytest.fixture(scope="module")
+def arm():
+    """Two elastic joints with damping and friction on the motors, and springs of the file on the links."""
+    return elastic(DRIVEN.with_drives(), K)
+
+
+@pytest.fixture(scope="module")
+def mixed():
+    """Five joints of all kinds, the second and the fourth rigid, one of them without a rotor."""
+    stiffness = [900.0, np.inf, 4000.0, np.inf, 700.0]
+    return jounce.Robot(golden("mixed5")[0]).elastic(stiffness, rotor=[0.2, 0.3, 0.8, 0.0, 0.1])
+
+
+def states(arm, count, batch=(4,), seed=0):
+    return list(np.random.default_rng(seed).uniform(-1, 1, (count, *batch, arm.robot.n)))
+
+
+def test_the_2r_obeys_lagranges_equations():
+    t = sympy.Symbol("t")
+    q, theta = ([sympy.Function(f"{x}{i}")(t) for i in (1, 2)] for x in ("q", "theta"))
+    x1 = 0.6 * sympy.Matrix([sympy.cos(q[0]), sympy.sin(q[0])])
+    x2 = x1 + 0.4 * sympy.Matrix([sympy.cos(q[0] + q[1]), sympy.sin(q[0] + q[1])])
+    kinetic = (2.0 * x1.diff(t).dot(x1.diff(t)) + 1.5 * x2.diff(t).dot(x2.diff(t))) / 2
+    rotors = sum(b * x.diff(t) ** 2 for b, x in zip(B, theta, strict=True)) / 2
+    springs = sum(k * (y - x) ** 2 for k, x, y in zip(K, q, theta, strict=True)) / 2
+    L = kinetic + rotors - 9.81 * (2.0 * x1[1] + 1.5 * x2[1]) - springs
+    links, motors = ([L.diff(x.diff(t)).diff(t) - L.diff(x) for x in part] for part in (q, theta))
+    path = dict(zip(q, [sympy.cos(3 * t) / 2, sympy.sin(2 * t + 1)], strict=True))
+    solved = [(-x.subs(y, 0) / x.diff(y)).subs(path).doit() for x, y in zip(links, theta, strict=True)]
+    positions = dict(zip(theta, solved, strict=True))  # those at which nothing but the springs acts on the links
+    torques = [x.subs({**path, **positions}).doit() for x in motors]
+    torques = [x + c * y.diff(t) for x, y, c in zip(torques, solved, DRIVES["damping"], strict=True)]
+    rates = [[x.diff(t, k) for x in path.values()] for k in range(5)]
+    arm = elastic(DRIVEN.with_drives("damping"), K)
+    for at in (0.3, 1.1):
+        state = np.array([[x.subs(t, at) for x in rate] for rate in rates], dtype=float)
+        found = [*arm.motor_positions(*state[:3]), *arm.inverse_dynamics(*state)]
+        close(found, [x.evalf(subs={t: at}) for x in (*solved, *torques)])
+
+
+def test_rates_are_derivatives_with_loads_too(arm):
+    motion = harmonic(np.random.default_rng(2), 2, 7)
+    load = lambda t: [np.full((2, 6), 3.0**k * np.cos(3 * t + k * np.pi / 2)) for k in range(5)]  # noqa: E731
+    found = arm.inverse_dynamics(*motion(0.0)[:7], wrench=tuple(load(0.0)))
+    for k in (0, 1):
+        before = lambda t, k=k: arm.inverse_dynamics(*motion(t)[:7], wrench=tuple(load(t)))[k]  # noqa: E731
+        close(differentiated(before), found[k + 1], 1e-7)
+
+
+@pytest.mark.parametrize("name", ["arm", "mixed"])
+def test_forward_dynamics_inverts_inverse_dynamics(name, request):
+    arm = request.getfixturevalue(name)
+    q, way = states(arm, 5), {"method": "recursion"}
+    W = tuple(np.random.default_rng(1).uniform(-1, 1, (3, 4, arm.robot.mechanism.nb, 6)))
+    theta, thetad, theta2d = arm.motor_positions(*q, wrench=W, **way)
+    tau = arm.inverse_dynamics(*q, wrench=W, **way)
+    found = arm.forward_dynamics(*q[:2], theta, thetad, tau, wrench=W[0], **way)
+    close(found.q2d, q[2], 1e-11)
+    close(found.theta2d, theta2d, 1e-10)
+    rigid = arm.elasticity.is_rigid
+    unread = [np.where(rigid, 7.0, x) for x in (theta, thetad)]
+    close(arm.forward_dynamics(*q[:2], *unread, tau, wrench=W[0], **way), found)
+    out = np.empty((4, arm.robot.n)), np.empty((4, arm.robot.n))
+    assert arm.forward_dynamics(*q[:2], theta, thetad, tau, wrench=W[0], out=out, **way).q2d is out[0]
+    close(out, found, 0)
+
+
+def test_the_torques_of_stiff_springs_reach_those_of_a_rigid_robot_as_1_over_k():
+    q, rigid, way = states(DRIVEN.elastic(1.0), 5), DRIVEN.with_drives("armature"), {"method": "recursion"}
+    Q, _, Q2d = DRIVEN.inverse_dynamics(*q, **way)
+    expected = rigid.inverse_dynamics(*q[:3], **way)
+    for k in (1e2, 1e4, 1e6):
+        tau = DRIVEN.elastic(k).inverse_dynamics(*q, **way)
+        close((tau - expected) * k, B * Q2d, 1e-8)
+        close((DRIVEN.elastic(k).motor_positions(*q[:3], **way) - q[0]) * k, Q, 1e-8)
+    stiff = DRIVEN.elastic(np.inf)
+    close(stiff.inverse_dynamics(*q, **way), expected)
+    close(stiff.motor_positions(*q, **way), q[:3], 0)
+    found = stiff.forward_dynamics(q[0], q[1], q[0], q[1], expected, **way)
+    close(found, [rigid.forward_dynamics(*q[:2], expected, **way)] * 2)
+    close(found.q2d, q[2])
+
+
+def test_energy_is_what_motors_give_and_friction_takes(arm):
+    """Of links, rotors, springs and gravity, over two seconds, by quadrature of the power."""
+    motion = harmonic(np.random.default_rng(4), 2, 4)
+    nodes, weights = np.polynomial.legendre.leggauss(80)
+    q = [np.stack(x) for x in zip(*(motion(1 + node) for node in [-1, *nodes, 1]), strict=True)]
+    theta, thetad, _ = arm.motor_positions(*q, method="recursion")
+    e = arm.elasticity
+    lost = e.viscous * thetad + e.friction * np.tanh(thetad / e.eps)
+    total = arm.energy(q[0], q[1], theta, thetad).total
+    power = (thetad * (arm.inverse_dynamics(*q, method="recursion") - lost)).sum(-1)
+    tolerance = 1e-10 * np.ptp(total)
+    assert abs(weights @ power[1:-1] - (total[-1] - total[0])) < tolerance
+    assert abs(weights @ (thetad * lost).sum(-1)[1:-1]) > 1e3 * tolerance
+
+
+def test_the_error_of_the_linearised_loop_obeys_the_equation_that_was_placed(arm):
+    """(d/dt + p)^4 e = 0, from a state off the motion."""
+    p, motion = 6.0, harmonic(np.random.default_rng(6), 2, 4)
+    arm = DRIVEN.elastic(K)
+    gains = np.array([p**4, 4 * p**3, 6 * p**2, 4 * p])
+
+    def errors(t, x):
+        """q to q3d less those of the motion, from the state."""
+        q, qd, theta, thetad = x.reshape(4, 2)
+        rates = q, qd, *arm.robot.forward_dynamics(q, qd, K * (theta - q), K * (thetad - qd))
+        return np.array(rates) - motion(t)[:4]
+
+    def rate(t, x):
+        q, qd, theta, thetad = x.reshape(4, 2)
+        tau = arm.feedback_linearization(q, qd, theta, thetad, motion(t)[4] - gains @ errors(t, x))
+        q2d, theta2d = arm.forward_dynamics(q, qd, theta, thetad, tau)
+        return np.concatenate([qd, q2d, thetad, theta2d])
+
+    off = [a + b for a, b in zip(motion(0.0), [[0.1, -0.05], [0.2, 0.3], [0.5, -1.0], [2.0, 1.0]], strict=False)]
+    theta, thetad = arm.motor_positions(*off)
+    start = np.concatenate([off[0], off[1], theta, thetad])
+    found = solve_ivp(rate, (0, 1), start, "DOP853", [0.0, 0.4, 1.0], rtol=1e-12, atol=1e-13)
+    companion = np.vstack([np.eye(4)[1:], -gains])
+    for t, x in zip(found.t, found.y.T, strict=True):
+        close(errors(t, x), expm(companion * t) @ errors(0.0, start), 1e-9)
+
+
+def test_forward_dynamics_and_feedback_take_every_scalar_type(arm, mixed):
+    one = jounce.ElasticRobot(arm.robot.locked({"joint2": 0.3}))
+    for a, names in ((one, "forward_dynamics feedback_linearization"), (mixed, "forward_dynamics")):
+        x = states(a, 5, ())
+        for call in (getattr(a, name) for name in names.split()):
+            expected = np.asarray(call(*x, method="recursion"))
+            exact = np.asarray(call(*(v.astype(np.longdouble) for v in x)))
+            assert exact.dtype == np.longdouble
+            close(exact, expected)
+            symbols = [casadi.SX.sym("x", a.robot.n) for _ in x]
+            found = casadi.vertcat(*np.ravel(call(*symbols)))
+            close(casadi.Function("f", symbols, [found])(*x).full().ravel(), expected.ravel())
+    x = states(one, 5, ())
+    with jax.enable_x64(True):
+        close(jax.jit(one.forward_dynamics)(*x), one.forward_dynamics(*x))
+        close(jax.jit(one.energy)(*x[:4]), one.energy(*x[:4]))
+
+
+def test_elastic_joints_start_from_the_drives_of_a_file():
+    """Armature counts once; what acted moves to the motors; what did not act stays away."""
+    plain, acting = DRIVEN.elastic(K), elastic(DRIVEN.with_drives(), K)
+    close(plain.elasticity.rotor, B)
+    assert not plain.elasticity.viscous.any()
+    close(acting.elasticity.viscous, DRIVES["damping"])
+    close(acting.elasticity.friction, DRIVES["friction"])
+    assert acting.robot.mechanism.acting == ("spring",)
+    close(acting.elasticity.rotor, B)
+    again = acting.robot.elastic({"joint1": 90.0}, rotor={"joint2": 0.7})
+    close(again.elasticity.stiffness, [90.0, np.inf])
+    close(again.elasticity.rotor, [0.3, 0.7])
+    close(again.elasticity.viscous, DRIVES["damping"])
+    refusal(acting.robot.with_drives, "damping, friction would act on the links", "select drive terms before elastic()")
+    assert acting.robot.with_drives("spring").mechanism.elasticity is acting.elasticity
+
+
+def test_joints_that_follow_one_coordinate_add_up():
+    G, drives = [[1.0], [-0.5]], DRIVES | {"eps": [0.2, 0.1]}
+    robot = jounce.Robot.from_screws(PART.B, PART.X, PART.M, PART.parent, G=G, drives=drives).with_drives()
+    e = elastic(robot, 50.0).elasticity
+    for x, expected in ((e.rotor, 0.35), (e.viscous, 0.425), (e.friction, 0.65), (e.eps, 0.2)):
+        close(x, [expected])
+    uneven = robot.with_drives(eps=0.1)
+    refusal(lambda: uneven.elastic(50.0), "friction of joint1, joint2 turns over at different speeds")
+
+
+def test_locked_joints_take_their_springs_away_and_copies_keep_them(arm):
+    left = arm.robot.locked({"joint1": 0.3}).mechanism.elasticity
+    close(left.stiffness, K[1:])
+    assert pickle.loads(pickle.dumps(arm)) == arm != DRIVEN.elastic(K)
+    assert hash(arm) == hash(pickle.loads(pickle.dumps(arm)))
+    with pytest.raises(ValueError, match="read-only"):
+        arm.elasticity.stiffness[0] = 1.0
+
+
+def test_native_code_is_that_of_the_springs_it_was_compiled_for(arm):
+    other = DRIVEN.with_drives("spring").elastic(2 * K).robot.mechanism
+    for name, same in (("motor_torques", False), ("motor_positions", False), ("inverse_dynamics", True)):
+        keys = {cache.key(m, Computation(name, 0), host()) for m in (arm.robot.mechanism, other)}
+        assert (len(keys) == 1) is same
+    q = states(arm, 6)
+    kernel = arm.compile(order=1)
+    close(kernel(*q), arm.inverse_dynamics(*q, method="recursion"))
+    assert arm.compile("motor_positions").signature.outputs[0].name == "theta"
+
+
+def test_torques_take_hardly_more_operations_than_forces_to_order_2():
+    robot = jounce.load("panda")
+    forces = len(program(robot.mechanism, Computation("inverse_dynamics", 2)).steps)
+    torques = len(program(robot.elastic(1e4, rotor=0.5).robot.mechanism, Computation("motor_torques", 0)).steps)
+    assert torques < 1.05 * forces
+
+
+def test_torques_along_a_motion_jump_where_snap_does():
+    arm, coefficients = DRIVEN.elastic(K), np.zeros((5, 2, 2))
+    coefficients[0, 1] = [1.0, 2.0]  # (t - 0.5)^4 from 0.5 on
+    motion = jounce.Motion.piecewise([0, 0.5, 1], coefficients)
+    found = arm.along(motion, [0.2, 0.8], order=1)
+    assert [len(x) for x in (found.rates, found.positions, found.torques)] == [6, 4, 2]
+    close(found.torques, arm.inverse_dynamics(*found.rates))
+    close(found.positions, arm.motor_positions(*found.rates))
+    [jump] = found.breaks
+    assert (jump.t, jump.order, found.deviations) == (0.5, 0, None)
+    close(jump.jump, B / K * (DRIVEN.mass_matrix([0.0, 0.0]) @ [24.0, 48.0]))
+
+
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"stiffness": [80, 0]}, "stiffness of joint 'joint2' is 0; expected a positive number, N m/rad, or infinity"),
+        ({"stiffness": {"joint1": -5}}, "stiffness of joint 'joint1' is -5; expected a positive number, N m/rad"),
+        ({"stiffness": NAN}, "stiffness of joint 'joint1' is nan; expected"),
+        (
+            {"stiffness": [1, 2, 3]},
+            "stiffness has shape (3,); expected one number, (2,) one per coordinate",
+        ),
+        ({"stiffness": {"joint3": 1}}, "unknown joint 'joint3'; did you mean 'joint2'? available: joint1, joint2"),
+        ({"stiffness": {"joint1": [1, 2]}}, "stiffness of joint 'joint1' is [1, 2]; expected a number"),
+        ({"rotor": 0}, "rotor of joint 'joint1' is 0; expected a positive number, kg m^2 as seen from the link"),
+        ({"rotor": {"joint2": -1}}, "rotor of joint 'joint2' is -1; expected"),
+        ({"rotor": [1, NAN]}, "rotor of joint 'joint2' is nan; expected"),
+        ({"rotor": np.inf}, "rotor of joint 'joint1' is inf; expected"),
+        ({"coupling": "level 9"}, "coupling is 'level 9'; expected 'spong'"),
+    ],
+)
+def test_refusals_of_springs_and_rotors(given, words):
+    refusal(lambda: DRIVEN.elastic(**{"stiffness": K} | given), words)
+
+
+def test_other_refusals(arm):
+    two, rigid = [0.1, 0.2], jounce.load("planar2r")
+    missing = "joint 'joint1' has no armature to take as the inertia of its rotor; robot.elastic(stiffness, rotor=...)"
+    refusal(lambda: rigid.elastic(K), missing)
+    refusal(lambda: rigid.compile("motor_torques", 0), "its joints are rigid; robot.elastic(stiffness) makes them")
+    refusal(
+        lambda: jounce.codegen(rigid, "c", outputs=["motor_torques"]), "its joints are rigid; robot.elastic(stiffness)"
+    )
+    refusal(lambda: jounce.ElasticRobot(rigid), "its joints are rigid; robot.elastic(stiffness) makes them elastic")
+    refusal(lambda: arm.inverse_dynamics(two, two, two, two, None), "q4d is None; expected every rate up to the last")
+    refusal(lambda: arm.forward_dynamics(two, two, None, two, two), "theta is None, yet thetad is given")
+    refusal(lambda: arm.inverse_dynamics(*[two] * 5, wrench=np.zeros((2, 6))), "order 0 takes a tuple (W, Wd, W2d)")
+    half = DRIVEN.elastic({"joint1": 80})
+    refusal(lambda: half.feedback_linearization(*[two] * 5), "needs elastic joints, but joint2 is rigid")
+
+
+def test_symbols_are_the_equations_of_the_model():
+    S = jounce.symbolic(jounce.load("planar2r", g=10).elastic([80, np.inf], rotor=3).robot)
+    assert sympy.expand(S.theta[0] - S.q[0] - S.Q[0] / 80) == 0
+    assert S.theta[1] == S.q[1]
+    assert sympy.expand(S.tau[0] - S.Q[0] - 3 * (S.q2d[0] + S.Q2d[0] / 80)) == 0
+    assert sympy.expand(S.tau[1] - S.Q[1] - 3 * S.q2d[1]) == 0
+    assert sympy.expand(S.dot(S.tau)[1] - S.taud[1]) == 0

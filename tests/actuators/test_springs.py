@@ -1,0 +1,180 @@
+"""Springs: laws, tables and their inverses, and forces and deflections that move."""
+
+import pickle
+
+import mpmath
+import numpy as np
+import pytest
+import sympy
+
+from jounce.dynamics import deflections
+from jounce.errors import JounceError
+from jounce.model.inversion import UnreachableError, deflection
+from jounce.model.springs import CubicSpring, SpringFunction, SpringTable, force_along
+from jounce.spatial.series import Series
+
+CUBIC = CubicSpring(500.0, 2e4)
+ROW = np.linspace(-0.6, 0.6, 121)
+LAWS = {
+    "cubic": (CUBIC, lambda d: 500 * d + 2e4 * d**3),
+    "softening": (CubicSpring(500.0, -100.0), lambda d: 500 * d - 100 * d**3),
+    "function": (SpringFunction.of(lambda d: 500 * d + 2e4 * d**3), lambda d: 500 * d + 2e4 * d**3),
+    "sinh": (SpringFunction.of(lambda d: 300 * np.sinh(2 * d) / 2), lambda d: 150 * mpmath.sinh(2 * d)),
+    "quotient": (SpringFunction.of(lambda d: 90 * d / (4 - d * d)), lambda d: 90 * d / (4 - d * d)),
+    "waves": (
+        SpringFunction.of(lambda d: 90 * d + np.sin(5 * d) - np.cos(3 * d) + np.tanh(d) + np.exp(-d) + np.cosh(d)),
+        lambda d: 90 * d + mpmath.sin(5 * d) - mpmath.cos(3 * d) + mpmath.tanh(d) + mpmath.exp(-d) + mpmath.cosh(d),
+    ),
+}
+laws = pytest.mark.parametrize("name", LAWS)
+
+
+def deflection_rates(t, order):
+    """d = 0.3 sin(t + 0.2) and its rates."""
+    return Series.of([0.3 * np.sin(t + 0.2 + k * np.pi / 2) for k in range(order + 1)])
+
+
+@laws
+def test_derivatives_are_those_of_the_law(name):
+    spring, law = LAWS[name]
+    d = np.array([-0.41, 0.0, 0.13, 0.5])
+    found = spring._derivatives(d)
+    with mpmath.workdps(40):
+        for k in range(6):
+            expected = [float(mpmath.diff(law, mpmath.mpf(x), k)) for x in d.tolist()]
+            np.testing.assert_allclose(found[k], expected, rtol=1e-13, atol=1e-11)
+
+
+@laws
+def test_forces_of_a_moving_spring_have_their_rates(name):
+    spring, law = LAWS[name]
+    t = 0.4
+    found = np.ravel(force_along(spring, deflection_rates(np.array([t]), 4)).upto(4))
+    with mpmath.workdps(40):
+        expected = [float(mpmath.diff(lambda t: law(mpmath.mpf("0.3") * mpmath.sin(t + 0.2)), t, k)) for k in range(5)]
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+@laws
+def test_deflections_undo_forces_with_their_rates(name):
+    spring, _ = LAWS[name]
+    t = np.linspace(0, 6, 50)
+    given = deflection_rates(t, 4)
+    found = deflections.of_spring(spring, force_along(spring, given))
+    for k in range(5):
+        np.testing.assert_allclose(found[k], given[k], atol=1e-13 * 10**k)
+
+
+@pytest.mark.parametrize("force", [0.0, 1e-300, -1e-12, 3.0, -1e4, 1e7])
+def test_deflections_of_any_size_are_found(force):
+    for spring in (CUBIC, LAWS["sinh"][0]):
+        d = deflection(spring, np.array([force]))
+        np.testing.assert_allclose(spring._derivatives(d)[0], [force], rtol=1e-13)
+
+
+def test_cubic_springs_have_the_same_steps_for_every_scalar_type():
+    Q = np.geomspace(1e-6, 4e4, 60) * CUBIC.k * (CUBIC.k / CUBIC.k3) ** 0.5
+    expected = deflection(CUBIC, Q)
+    found = deflection(CUBIC, np.array([sympy.Float(x, 25) for x in Q.tolist()], dtype=object))
+    np.testing.assert_allclose(found.astype(float), expected, rtol=1e-14)
+    np.testing.assert_array_equal(
+        deflection(CubicSpring(4.0), np.array([sympy.Symbol("Q")])), [sympy.Symbol("Q") * 0.25]
+    )
+
+
+def test_a_table_is_the_function_that_it_samples():
+    """With the error of a spline of degree five: h^(6 - k) in derivative k."""
+    law = LAWS["sinh"][0]
+    d = np.linspace(-0.45, 0.45, 500)
+    errors = []
+    for rows in (ROW, ROW[::2]):
+        table = SpringTable(rows, law._derivatives(rows)[0])
+        np.testing.assert_allclose(table._derivatives(rows)[0], law._derivatives(rows)[0], rtol=1e-13, atol=1e-12)
+        errors.append([np.abs(table._derivatives(d)[k] - law._derivatives(d)[k]).max() for k in range(5)])
+    assert (np.array(errors[0]) < [1e-12, 1e-9, 1e-6, 1e-3, 1]).all()
+    assert (np.log2(np.array(errors[1]) / errors[0]) > [5.5, 4.5, 3.5, 2.5, 1.5]).all()
+    known = deflections.of_spring(law, force_along(law, deflection_rates(d, 3)))
+    found = deflections.of_spring(table, force_along(law, deflection_rates(d, 3)))
+    np.testing.assert_allclose(found[2], known[2], atol=1e-6)
+
+
+def test_the_fourth_derivative_of_a_table_is_continuous():
+    table = SpringTable(ROW, LAWS["sinh"][0]._derivatives(ROW)[0])
+    knots = ROW[5:-5]
+    for k in range(5):
+        before, after = (table._derivatives(knots + side * 1e-12)[k] for side in (-1, 1))
+        np.testing.assert_allclose(before, after, rtol=1e-7, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", [*LAWS, "table"])
+def test_energies_are_the_work_of_forces(name):
+    spring = SpringTable(ROW, CUBIC._derivatives(ROW)[0]) if name == "table" else LAWS[name][0]
+    d = np.array([-0.4, 0.0, 0.25])
+    points, weights = np.polynomial.legendre.leggauss(60)
+    expected = [(spring._derivatives(x / 2 * (points + 1))[0] * weights).sum() * x / 2 for x in d]
+    np.testing.assert_allclose(spring._energy(d), expected, rtol=1e-10, atol=1e-14)
+
+
+@pytest.mark.parametrize("spring", [CUBIC, LAWS["sinh"][0], SpringTable(ROW, ROW)])
+def test_springs_are_data(spring):
+    again = pickle.loads(pickle.dumps(spring))
+    assert again == spring
+    assert hash(again) == hash(spring)
+
+
+FUNCTION = r"^a spring function may use \+ - \* / \*\*, and the functions sin, .*; give a table instead$"
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: CubicSpring(0.0), r"^CubicSpring\(k=0.0, k3=0.0\): expected a stiffness k above 0"),
+        (lambda: CubicSpring(np.nan), r"^CubicSpring\(k=nan"),
+        (lambda: CubicSpring(1.0, np.inf), r"expected a stiffness k above 0, in N m/rad or N/m, and a finite k3$"),
+        (lambda: SpringFunction.of(lambda d: -d), r"^a spring function has stiffness -1 at rest; expected a force"),
+        (lambda: SpringFunction.of(lambda d: np.arctan(d)), FUNCTION),
+        (lambda: SpringFunction.of(lambda d: d if d > 0 else 2 * d), FUNCTION),
+        (lambda: SpringFunction.of(lambda d: d**1.5), FUNCTION),
+        (lambda: SpringFunction.of(lambda: 1), FUNCTION),
+        (
+            lambda: SpringTable([0, 1, 2, 3, 4, 3], range(6)),
+            r"^spring table: deflections do not rise from row 4 \(4\)",
+        ),
+        (lambda: SpringTable(range(6), [0, 1, 2, 3, 3, 4]), r"forces do not rise .*; expected a monotone table$"),
+        (lambda: SpringTable(range(5), range(5)), r"^a spring table has 5 deflections and 5 forces; expected as many"),
+        (lambda: SpringTable(range(6), range(7)), r"^a spring table has 6 deflections and 7 forces"),
+        (lambda: SpringTable([[1]], [1]), r"^spring table: deflections have shape \(1, 1\); expected finite numbers"),
+        (
+            lambda: SpringTable(range(6), [0, 1, 1.01, 1.02, 50, 51]),
+            r"^the spline through a spring table is not monotone: its force falls at the deflection",
+        ),
+    ],
+)
+def test_what_is_no_spring_is_refused(make, said):
+    with pytest.raises(JounceError, match=said):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("spring", "Q"),
+    [
+        (SpringTable(ROW, CUBIC._derivatives(ROW)[0]), 5e3),
+        (CubicSpring(5.0, -1.0), 4.31),
+        (SpringFunction.of(lambda d: 3 * np.tanh(d)), -3.1),
+    ],
+)
+def test_forces_that_a_spring_cannot_carry_are_refused(spring, Q):
+    with pytest.raises(UnreachableError, match=rf"^no deflection of the spring carries {Q:g}; it carries -") as error:
+        deflection(spring, np.array([1.0, 2.0, Q, np.nan]))
+    assert error.value.state == 2
+
+
+def test_forces_that_are_not_known_have_no_deflection():
+    for spring in (CUBIC, SpringTable(ROW, ROW)):
+        assert np.isnan(deflection(spring, np.array([np.nan, 0.1]))).tolist() == [True, False]
+
+
+@pytest.mark.parametrize("spring", [SpringTable(ROW, ROW), LAWS["sinh"][0], CubicSpring(1.0, -1.0)])
+def test_springs_that_need_numbers_say_so(spring):
+    with pytest.raises(JounceError, match=r"needs NumPy arrays of floats; springs for symbols are linear or CubicSpr"):
+        deflection(spring, np.array([sympy.Symbol("Q")]))

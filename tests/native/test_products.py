@@ -1,0 +1,214 @@
+"""Products of derivatives in native code: exact, transposes of each other, and called as kernels are."""
+
+import pickle
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+from quantities import REQUESTS, branched, ids
+
+import jounce
+from jounce.checks.derivatives import product
+from jounce.dynamics.computation import PRODUCTS, Computation
+from jounce.dynamics.quantities import QUANTITIES
+from jounce.errors import JounceError, JounceWarning
+from jounce.native import forms, jit, plan
+from jounce.native import kernel as module
+from jounce.program.differentiate import jvp, vjp
+
+ROBOT = branched()  # with a mimic joint and drives
+TWO = jounce.load("planar2r")
+ALL = [asked for asked in REQUESTS if asked[1].get("body") in (None, "tool") and asked[1].get("frame") != "spatial"]
+
+
+def of_product(quantity, order, name, wrench=False, **keywords):
+    return replace(Computation(quantity, order, wrench, **keywords), product=name)
+
+
+def arrays_of(ports, batch=(), seed=0):
+    rng = np.random.default_rng(seed)
+    return [rng.uniform(-2, 2, (*batch, *port.shape)) for port in ports]
+
+
+def inner(x, y):
+    return sum(np.sum(a * b) for a, b in zip(x, y, strict=True))
+
+
+def close(found, expected, tolerance=1e-12):
+    for x, y in zip(found, expected, strict=True):
+        assert x.shape == y.shape
+        assert np.abs(x - y).max() <= tolerance * (1 + np.abs(y).max())
+
+
+@pytest.mark.parametrize(("quantity", "keywords"), ALL, ids=ids(ALL))
+def test_products_of_every_quantity_are_those_of_the_complex_step(quantity, keywords):
+    m, wrench = ROBOT.mechanism, quantity.wrenches
+    values = forms.program(m, Computation(quantity.name, 1, wrench, **keywords))
+    for name, differentiate in (("vjp", vjp), ("jvp", jvp)):
+        asked = of_product(quantity.name, 1, name, wrench, **keywords)
+        given = arrays_of(asked.signature(m.n, m.nb).inputs)
+        expected = product(asked, "closed_form" if "closed_form" in quantity.methods else "recursion", m, given)
+        found = differentiate(values).run([float(x) for array in given for x in array.flat])
+        ports = asked.signature(m.n, m.nb).outputs
+        close([np.reshape(found[p.start : p.end], p.shape) for p in ports], expected, 1e-11)
+
+
+@pytest.mark.parametrize("name", PRODUCTS)
+def test_the_arrays_of_products_have_names_of_their_own(name):
+    for quantity in QUANTITIES.values():
+        signature = of_product(quantity.name, 3, name, quantity.wrenches).signature(4, 5)
+        names = [port.name for port in (*signature.inputs, *signature.outputs)]
+        assert len(set(names)) == len(names)
+        highest = of_product(quantity.name, plan.HIGHEST_PRODUCT_ORDER, name, quantity.wrenches).signature(4, 5)
+        assert len(highest.inputs) + len(highest.outputs) <= 64  # which NumPy's functions can take
+
+
+@pytest.fixture(scope="module")
+def kernel():
+    return ROBOT.compile(order=1, wrench=True)
+
+
+@pytest.fixture(scope="module")
+def given(kernel):
+    batch = (6,)
+    x = arrays_of(kernel.signature.inputs, batch)
+    return x, arrays_of(kernel.signature.inputs, batch, 1), arrays_of(kernel.signature.outputs, batch, 2)
+
+
+def test_native_products_are_transposes_of_each_other_and_those_of_the_complex_step(kernel, given):
+    x, directions, weights = given
+    gradients, tangents = kernel.vjp(x, weights), kernel.jvp(x, directions)
+    assert [g.shape for g in gradients] == [a.shape for a in x]
+    assert abs(inner(gradients, directions) - inner(tangents, weights)) < 1e-12 * abs(inner(gradients, directions))
+    m = ROBOT.mechanism
+    close(gradients, product(replace(kernel.computation, product="vjp"), "closed_form", m, [*x, *weights]))
+    close(tangents, product(replace(kernel.computation, product="jvp"), "closed_form", m, [*x, *directions]))
+
+
+@pytest.mark.parametrize(("name", "order", "wrench"), [("inverse_dynamics", 0, True), ("gravity_forces", 1, False)])
+def test_products_agree_with_jax(name, order, wrench):
+    kernel = TWO.compile(name, order, wrench)
+    x, directions = (tuple(arrays_of(kernel.signature.inputs, (3,), seed)) for seed in (0, 1))
+    weights = tuple(arrays_of(kernel.signature.outputs, (3,), 2))
+    forces = getattr(TWO, name)
+    law = (lambda *q: forces(*q[:3], wrench=q[3])) if wrench else forces
+    results = weights if order else weights[0]
+    with jax.enable_x64(True):
+        both = jax.jit(lambda x, w, d: (jax.vjp(law, *x)[1](w), jax.jvp(law, x, d)[1]))
+        expected, tangents = both(x, results, directions)
+    close(kernel.vjp(x, results), [np.asarray(y) for y in expected])
+    along = kernel.jvp(x, directions)
+    close(along if order else [along], [np.asarray(y) for y in (tangents if order else [tangents])])
+
+
+def test_batches_threads_and_out_change_no_bit(kernel, given):
+    x, directions, weights = given
+    gradients, tangents = kernel.vjp(x, weights), kernel.jvp(x, directions)
+    later = [a[1:] for a in x], [w[1:] for w in weights]
+    for found in (kernel.vjp(x, weights, threads=2), kernel.vjp(*later)):
+        for a, b in zip(found, gradients, strict=True):
+            np.testing.assert_array_equal(a, b[-len(a) :])
+    out = tuple(np.full(g.shape, np.nan) for g in gradients)
+    assert kernel.vjp(x, weights, out=out)[0] is out[0]
+    np.testing.assert_array_equal(out[-1], gradients[-1])
+    out = [np.full(t.shape, np.nan) for t in tangents]
+    kernel.jvp(x, directions, out=out, threads=2)
+    np.testing.assert_array_equal(out, tangents)
+    shared = kernel.vjp([a[0] for a in x], weights)  # a gradient for each weight, none of them added up
+    np.testing.assert_array_equal(shared[0], kernel.vjp([np.broadcast_to(a[0], a.shape) for a in x], weights)[0])
+
+
+def test_none_is_zero(kernel, given):
+    x, directions, weights = given
+    for a, b in zip(kernel.vjp(x, (None, weights[1])), kernel.vjp(x, [0 * weights[0], weights[1]]), strict=True):
+        np.testing.assert_array_equal(a, b)
+    first = [directions[0], *[None] * 5]
+    for a, b in zip(
+        kernel.jvp(x, first), kernel.jvp(x, [directions[0], *(0 * d for d in directions[1:])]), strict=True
+    ):
+        np.testing.assert_array_equal(a, b)
+    assert not np.any(kernel.vjp(x, (None, None))[0])
+
+
+def test_products_are_kernels_kept_on_disk_and_pickled(kernel, given, monkeypatch):
+    x, _, weights = given
+    gradients = kernel.vjp(x, weights)
+    monkeypatch.setattr(jit, "assemble", None)  # nothing is compiled any more
+    monkeypatch.setattr(module, "_living", {})
+    direct = pickle.loads(pickle.dumps(ROBOT.compile(order=1, wrench=True, product="vjp")))
+    assert repr(direct) == f"<Kernel: vjp of inverse_dynamics of {ROBOT.name!r} to order 1, with wrenches>"
+    out = tuple(np.empty(g.shape) for g in gradients)
+    direct.bind(*x, *weights, out=out)()
+    for a, b, c in zip(direct(*x, *weights), gradients, out, strict=True):
+        np.testing.assert_array_equal(a, b)
+        np.testing.assert_array_equal(a, c)
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(kernel)).vjp(x, weights)[0], gradients[0])
+
+
+def test_what_is_not_finite_makes_nan_of_what_depends_on_it(kernel, given):
+    x, directions, weights = given
+    bad = [*directions[:3], np.full_like(directions[3], np.inf), *directions[4:]]  # of q3d, on which Q does not depend
+    with np.errstate(invalid="ignore"):
+        dQ, dQd = kernel.jvp(x, bad)
+        gradients = kernel.vjp(x, (weights[0], np.nan * weights[1]))
+    assert np.isfinite(dQ).all()
+    assert np.isnan(dQd).all()
+    assert all(np.isnan(g).all() for g in gradients)
+
+
+def test_scalars_and_single_results_take_and_give_arrays():
+    kernel = TWO.compile("kinetic_energy", order=0)
+    q, qd, d = np.random.default_rng(0).normal(size=(3, 4, 2))
+    gq, gqd = kernel.vjp((q, qd), np.ones(4))
+    np.testing.assert_allclose(gqd, TWO.generalized_momentum(q, qd), rtol=1e-13)
+    with pytest.warns(JounceWarning, match="no effect on one state"):
+        np.testing.assert_array_equal(kernel.vjp((q[0], qd[0]), (1.0,), threads=2)[1], gqd[0])
+    np.testing.assert_array_equal(kernel.vjp((q, qd), np.ones(4), threads=2), [gq, gqd])
+    np.testing.assert_allclose(kernel.jvp((q, qd), (None, d)), np.sum(gqd * d, axis=-1), rtol=1e-13)
+
+
+ONES = [np.ones((5, 2))] * 4
+REFUSED = {
+    "few weights": (lambda k: k.vjp(ONES, [1.0]), r"^vjp of <.*>: there are 1 weights; expected a tuple of 2: wQ"),
+    "few directions": (lambda k: k.jvp(ONES, ONES[1:]), r": there are 3 directions; expected a tuple of 4: dq, dqd, "),
+    "one array": (lambda k: k.vjp(np.ones((4, 2)), ONES[2:]), r": arrays are of type ndarray; expected a tuple of 4"),
+    "a shape": (lambda k: k.vjp(ONES, (ONES[0], np.ones(3))), r": wQd has shape \(3,\); expected \(\.\.\., 2\)$"),
+    "batches": (lambda k: k.vjp(ONES, (ONES[0], np.ones((3, 2)))), r"broadcast"),
+    "a dtype": (lambda k: k.jvp(ONES, [1j * ONES[0], None, None, None]), r"not supported for the input types"),
+    "names": (lambda k: k.vjp(ONES, ({"a": 1, "b": 2}, None)), r"takes arrays without names"),
+    "a mask": (lambda k: k.vjp([np.ma.masked_equal(ONES[0], 2), *ONES[1:]], (None, None)), r"without masks"),
+    "no state": (lambda k: k.vjp([None, *ONES[1:]], (None, None)), r": q has shape \(\); expected"),
+    "no number of threads": (lambda k: k.vjp(ONES, (None, None), threads=0), r"^threads = 0"),
+    "out of another number": (lambda k: k.vjp(ONES, (None, None), out=(np.ones(2),)), r"exactly one entry"),
+    "second derivatives": (lambda k: TWO.compile(order=1, product="vjp").jvp(ONES, ONES), r"has no jvp: it computes"),
+    "another product": (lambda k: TWO.compile(product="hessian"), r"^unknown product 'hessian'; available: vjp, jvp$"),
+    "the order": (lambda k: TWO.compile(order=12, product="vjp"), r"^native code supports orders up to 10, not 12"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_does_not_fit_is_refused_in_one_line(case):
+    call, match = REFUSED[case]
+    with pytest.raises(JounceError, match=match) as caught:
+        call(TWO.compile(order=1))
+    assert "\n" not in str(caught.value)
+
+
+def test_what_takes_long_to_compile_waits_for_compile(monkeypatch, tmp_path):
+    monkeypatch.setenv("JOUNCE_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(plan, "PATIENCE", 0.001)
+    robot = jounce.load("ur5", gravity=(0, 0, 1))
+    kernel = robot.compile("gravity_forces", order=0)
+    q = np.ones(6)
+    asked = r"robot\.compile\('gravity_forces', order=0, product='vjp'\)"
+    with pytest.raises(JounceError, match=rf"takes longer than 0\.001 s to compile; {asked} compiles it once$"):
+        kernel.vjp((q,), q)
+    compiled = robot.compile("gravity_forces", order=0, product="vjp")
+    np.testing.assert_array_equal(kernel.vjp((q,), q)[0], compiled(q, q))
+
+
+def test_robots_of_the_loop_form_have_products_in_a_straight_line():
+    asked = Computation("inverse_dynamics", 9)
+    assert not plan.is_straight(asked, 5)
+    assert plan.is_straight(replace(asked, product="vjp"), 5)

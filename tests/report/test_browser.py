@@ -1,0 +1,230 @@
+"""Reports in Chromium: cursor, player, joints, keyboard, and what axe finds."""
+
+import json
+import re
+import shutil
+
+import numpy as np
+import pytest
+
+import jounce
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium or google-chrome in the path")
+WAIT = 60_000  # ms, on machines that draw without a graphics card
+NAMES = ("turn", "</script><script>hacked = 1</script>", "<b>screw</b>")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with playwright.sync_playwright() as p:
+        browser = p.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def subject():
+    """A tree with every type of joint, one of which follows another, and a motion that breaks limits."""
+    M = jounce.inertia_matrix(1.0, [0.1, 0, 0.2], np.eye(3) / 50)
+    B = np.tile(np.eye(4), (5, 1, 1))
+    B[1:, :3, 3] = [[0, 0, 0.4], [0.3, 0, 0], [0, 0.2, 0.1], [0, -0.2, 0.1]]
+    X = [[0, 0, 1, 0, 0, 0], [0, 0.6, 0.8, 0, 0, 0], [0, 0, 0, 1, 0, 0], [1, 0, 0, 0.05, 0, 0], [0, 1, 0, 0, 0, 0.1]]
+    G = [[1, 0, 0], [0.5, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 2]]
+    limits = {"velocity": [0.4] * 5, "effort": [5.0] * 5}
+    robot = jounce.Robot.from_screws(
+        B, X, [M] * 5, [-1, 0, 1, 2, 1], G=G, g=[0.1, 0, 0, 0.2, 0], joint_names=NAMES, limits=limits, name="tree"
+    )
+    return robot, jounce.Motion.polynomial([[0, 0.5, 0.2, 0], [0.1, -0.1, 0.1, 0], [0, 0, 1.0, -0.5]], 1.5)
+
+
+@pytest.fixture(scope="module")
+def report(subject):
+    return jounce.report(*subject, 0)
+
+
+@pytest.fixture(scope="module")
+def page(browser, report, tmp_path_factory):
+    """The report, opened from disk; what it logs and asks for is gathered in `page.wrong`."""
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    report.save(path)
+    page = browser.new_page(viewport={"width": 1000, "height": 500})
+    page.set_default_timeout(WAIT)
+    page.wrong = []
+    page.on("console", lambda message: page.wrong.append(message.text) if message.type == "error" else None)
+    page.on("pageerror", lambda error: page.wrong.append(str(error)))
+    page.on("request", lambda asked: page.wrong.append(asked.url) if not asked.url.startswith(OWN) else None)
+    page.goto(path.as_uri())
+    shown(page)
+    return page
+
+
+OWN = ("file:", "data:", "blob:")
+
+
+def shown(page):
+    playwright.expect(page.locator("#clock")).to_contain_text("t =", timeout=WAIT)
+
+
+def clock(page):
+    return float(page.locator("#clock").text_content().split()[2])
+
+
+def cursor(page):
+    return int(page.locator("#time").input_value())
+
+
+def data(report, name):
+    return json.loads(re.search(rf'id="{name}-data">(.*?)</script>', report.html)[1])
+
+
+def test_a_page_works_without_errors_or_network(page, report, subject):
+    _values_under_the_cursor_are_those_of_the_table(page, report, subject[0])
+    _the_keyboard_moves_cursor_line_and_robot(page)
+    _the_robot_stands_where_the_library_says(page, report, subject[0])
+    _play_runs_and_pauses(page)
+    _joints_are_switched_off_and_on(page)
+    _zoom_keeps_the_line_at_the_cursor(page)
+    _sliders_show_what_holds_the_robot_at_rest(page, report, subject[0])
+    assert page.evaluate("window.hacked") is None
+    assert page.wrong == []
+
+
+def _values_under_the_cursor_are_those_of_the_table(page, report, robot):
+    heads = [text.split("\n")[0] for text in page.locator("#values thead th").all_inner_texts()]
+    worst = sorted(report.check.table, key=lambda row: -row.ratio)
+    assert not worst[0].ok
+    symbols = {"velocity": "qd", "effort": "Q"}
+    for k, row in enumerate(worst[:3]):
+        page.locator("#limits tbody tr").nth(k).get_by_role("button").click()
+        assert clock(page) == pytest.approx(row.t, abs=6e-5)
+        cell = page.locator("#values tbody tr").nth(robot.joint_names.index(row.joint)).locator("td")
+        cell = cell.nth(heads.index(symbols[row.limit]) - 1)
+        value = page.locator("#limits tbody tr").nth(k).locator("td").nth(3).text_content()
+        assert float(cell.text_content()) == float(value)
+        assert ("beyond" in (cell.get_attribute("class") or "")) == (not row.ok)
+
+
+def _the_keyboard_moves_cursor_line_and_robot(page):
+    page.evaluate("moveTo(10)")
+    page.locator("#time").focus()
+    before = page.locator("#line").bounding_box()["x"], page.evaluate("[...document.getElementById('robot').data[0].x]")
+    page.keyboard.press("ArrowRight")
+    page.keyboard.press("PageUp")
+    assert cursor(page) > 11
+    assert page.locator("#line").bounding_box()["x"] > before[0]
+    assert page.evaluate("[...document.getElementById('robot').data[0].x]") != before[1]
+
+
+def _the_robot_stands_where_the_library_says(page, report, robot):
+    q = np.array([0.3, -0.2, 0.7])
+    found = np.array(page.evaluate(f"pose({q.tolist()}).map(C => [...C])")).reshape(-1, 3, 4)
+    np.testing.assert_allclose(found, robot.poses(q)[:, :3], atol=1e-14)
+
+
+def _play_runs_and_pauses(page):
+    page.evaluate("moveTo(0)")
+    page.locator("#speed").select_option("0.1")
+    page.get_by_role("button", name="Play").click()
+    page.wait_for_timeout(300)
+    page.get_by_role("button", name="Pause").click()
+    stopped = cursor(page)
+    assert 0 < stopped < int(page.locator("#time").get_attribute("max"))
+    page.wait_for_timeout(100)
+    assert cursor(page) == stopped
+
+
+def _joints_are_switched_off_and_on(page):
+    drawn = "document.getElementById('curves').data.filter(trace => trace.visible !== false).length"
+    every = page.evaluate(drawn)
+    box = page.get_by_role("checkbox").first
+    box.uncheck()
+    assert 0 < page.evaluate(drawn) < every
+    box.check()
+    assert page.evaluate(drawn) == every
+
+
+def _zoom_keeps_the_line_at_the_cursor(page):
+    page.get_by_role("button", name="Zoom to the cursor").click()
+    left, right = page.evaluate("document.getElementById('curves').layout.xaxis.range")
+    assert right - left == pytest.approx(0.375)
+    page.get_by_role("button", name="Whole motion").click()
+    assert page.evaluate("document.getElementById('curves').layout.xaxis.range") == [0, 1.5]
+
+
+def _sliders_show_what_holds_the_robot_at_rest(page, report, robot):
+    q, pull, end = np.array([0.3, -0.2, 0.7]), np.array([3.0, -4.0, 5.0]), {"body": 3, "point": [0.1, 0.2, -0.3]}
+    found = page.evaluate(f"atRest(Float64Array.from({q.tolist()}), {pull.tolist()}, {json.dumps(end)})")
+    Q, gravity, pulled = (np.array(found[name]) for name in ("Q", "gravity", "pulled"))
+    _assert_pull(robot, q, pull, end, Q, gravity, pulled)
+
+    page.get_by_role("button", name="Play").click()
+    for inputs, numbers in (("data-slider", q), ("data-pull", pull)):
+        for j, x in enumerate(numbers):
+            page.locator(f"[{inputs}='{j}']").evaluate(
+                f"(e) => {{ e.value = {x}; e.dispatchEvent(new Event('input')); }}"
+            )
+    page.locator("#end").select_option(label=robot.body_names[2])
+    assert page.get_by_role("button", name="Play").is_visible()  # no longer Pause
+    rows = [row.locator("td.number").all_text_contents() for row in page.locator("#rest tbody tr").all()]
+    shown = np.array([[float(cell.split()[0]) for cell in row] for row in rows]).T
+    end = {"body": 2, "point": [0, 0, 0]}
+    np.testing.assert_allclose(shown[0], q, rtol=1e-4)
+    _assert_pull(robot, q, pull, end, shown[3], shown[1], shown[2], rtol=1e-4)
+    beyond = [bool(row.locator("td.beyond").count()) for row in page.locator("#rest tbody tr").all()]
+    assert beyond == (np.abs(shown[3]) > 5).tolist()
+    assert any(beyond)
+    arrow = page.evaluate("(({x, y, z}) => [x, y, z])(document.getElementById('robot').data.at(-1))")
+    start, stop = np.array(arrow).T
+    np.testing.assert_allclose(start, robot.poses(q)[2, :3, 3], atol=1e-12)
+    np.testing.assert_allclose(np.cross(stop - start, pull), 0, atol=1e-12)
+    assert (stop - start) @ pull > 0
+
+    page.get_by_role("button", name="Release").click()
+    assert page.locator("#pull").text_content() == "(0, 0, 0) N"
+    page.evaluate("moveTo(7)")
+    moved = [float(slider.input_value()) for slider in page.locator("[data-slider]").all()]
+    assert moved == list(page.evaluate("[...stateAt(7).q]"))
+
+
+def _assert_pull(robot, q, pull, end, Q, gravity, pulled, rtol=1e-12):
+    """What the page says is what the library computes for a load on a point of a body."""
+    W = np.zeros((5, 6))
+    own = robot.poses(q)[end["body"], :3, :3].T @ pull
+    W[end["body"]] = -np.concatenate([np.cross(end["point"], own), own])
+    rest, G = np.zeros(3), robot.gravity_forces(q)
+    expected = robot.inverse_dynamics(q, rest, rest, wrench=W)
+    np.testing.assert_allclose(gravity, G, rtol, 1e-12)
+    np.testing.assert_allclose(Q, expected, rtol, 1e-12)
+    np.testing.assert_allclose(pulled, expected - G, rtol, 1e-12)
+
+
+def test_axe_finds_no_fault(page):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed")
+    for scheme, options in (("light", {}), ("dark", {"runOnly": ["color-contrast"]})):
+        page.emulate_media(color_scheme=scheme)
+        found = axe.Axe().run(page, options=options | {"resultTypes": ["violations"]})
+        assert [(fault["id"], fault["help"]) for fault in found.response["violations"]] == [], scheme
+
+
+def test_it_fits_a_phone_and_paper(page):
+    page.set_viewport_size({"width": 390, "height": 800})
+    fits = "document.documentElement.scrollWidth <= document.documentElement.clientWidth"
+    playwright.expect(page.locator("body")).to_have_js_property("scrollWidth", 390)
+    assert page.evaluate(fits)
+    page.emulate_media(media="print")
+    assert not page.locator("#play").is_visible()
+    kept = "document.querySelector('#robot canvas').toDataURL().length"
+    assert page.evaluate(kept) > 4000  # what WebGL does not keep is blank on paper
+    page.emulate_media(media="screen")
+
+
+def test_reduced_motion_is_respected(page):
+    """A picture per second in place of a moving one."""
+    page.emulate_media(reduced_motion="reduce")
+    page.evaluate("moveTo(0)")
+    page.get_by_role("button", name="Play").click()
+    page.wait_for_timeout(300)
+    assert cursor(page) == 0
+    page.get_by_role("button", name="Pause").click()

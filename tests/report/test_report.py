@@ -1,0 +1,222 @@
+"""Reports as files: what stands in them, how large they are, and what is refused."""
+
+import doctest
+import json
+import re
+import sys
+from base64 import b64decode
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from files import refusal
+from lxml import html
+
+import jounce
+from jounce._report.curves import POINTS
+from jounce.cli import main
+
+ROOT = Path(__file__).parents[2]
+HOME = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
+LARGEST = 8e6  # bytes
+HOSTILE = ["</script><script>hacked=1</script>", '"><img src=x onerror=hacked=1>', "{{ 7 * 7 }}<!--\u202e\n"]
+
+
+def parsed(report):
+    """The page, and what its scripts read, by name."""
+    page = html.document_fromstring(report.html)
+    data = page.xpath("//script[@type='application/json']")
+    return page, {script.get("id").removesuffix("-data"): json.loads(script.text) for script in data}
+
+
+def decoded(packed):
+    return np.frombuffer(b64decode(packed["bdata"]), dtype="<" + packed["dtype"])
+
+
+def words(page, path):
+    [found] = page.xpath(path)
+    return " ".join(found.text_content().split())
+
+
+def panel(name):
+    return f"//section[@id='{name}-panel']"
+
+
+@pytest.fixture(scope="module")
+def panda():
+    return jounce.load("panda", lock={"panda_finger_joint1": 0.0}).with_limits("panda")
+
+
+@pytest.fixture(scope="module")
+def planar():
+    return jounce.load("planar2r").with_limits(velocity=1.0)
+
+
+def swing(n=2, duration=1.0):
+    return jounce.Motion.polynomial(np.tile([0, 0.5, 0.1], (n, 1)), duration)
+
+
+def test_a_tripping_motion_and_the_retimed_one_have_opposite_verdicts(panda, record_property):
+    tripping = jounce.Motion.trapezoidal([HOME, HOME + 0.4], 2.0, 7.0).blended(0.02).with_step(0.01)
+    retimed = panda.retime(tripping).motion
+    for motion, kind in ((tripping, "broken"), (retimed, "kept")):
+        report = jounce.report(panda, motion, 1)
+        page, _ = parsed(report)
+        assert page.xpath(f"//*[@class='verdict {kind}']")
+        assert report.check.ok == (kind == "kept")
+        assert len(report.html.encode()) < LARGEST
+        rows = page.xpath("//table[@id='limits']/tbody/tr")
+        assert len(rows) == len(report.check.table)
+        ratios = [float(row[2].text_content().replace("∞", "inf").split()[0]) for row in rows]
+        assert ratios == sorted(ratios, reverse=True)
+        assert ratios[0] == pytest.approx(report.check.worst.ratio, rel=1e-4)
+        assert len(page.xpath("//tr[@class='broken']")) == sum(not row.ok for row in report.check.table)
+        assert words(page, "//*[@id='factor']") == f"{report.slowdown.factor:.5g}"
+        record_property("megabytes", len(report.html) / 1e6)
+
+
+def test_the_report_of_the_tutorials_log_is_small_and_has_bands_and_dots(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "docs/tutorials/from-a-log-to-torques.md").read_text(encoding="utf-8")
+    names = {}
+    for example in doctest.DocTestParser().get_examples(
+        "".join(re.findall(r"^```python\n(.*?)^```$", page, re.M | re.S))
+    ):
+        exec(example.source, names)
+        if "motion" in names:
+            break
+    report = jounce.report(names["robot"], names["motion"])
+    assert len(report.html.encode()) < LARGEST
+    page, data = parsed(report)
+    looks = [(trace["mode"], trace.get("fill")) for trace in data["curves"]["data"]]
+    assert looks.count(("none", "toself")) == 7 * 8
+    assert looks.count(("markers", None)) >= 7
+    assert "95 % probability" in words(page, panel("curves"))
+    assert "time stamps scatter" in words(page, panel("motion"))
+    assert len(page.xpath("//caption[contains(., 'Standard deviations')]")) == 1
+
+
+def test_a_spike_of_one_sample_among_a_hundred_thousand_is_drawn_and_is_the_worst(planar):
+    bump = np.zeros((11, 3, 2))  # of the first joint, narrower than five samples, continuous to its fourth derivative
+    bump[:6, 1, 0] = [-1, 5, -10, 10, -5, 1]
+    width = 2.0**-11  # s: a power of two, so that polynomials meet exactly
+    bump *= 0.5 * width ** -np.arange(10, -1.0, -1)[:, None, None]
+    motion = jounce.Motion.piecewise([0, 5.5, 5.5 + width, 10], bump).with_step(1e-4)
+    report = jounce.report(planar, motion)
+    assert len(report.html.encode()) < LARGEST
+    _, data = parsed(report)
+    of = [trace for trace in data["curves"]["data"] if (trace["yaxis"], trace["meta"]) == ("y2", 0)]
+    curves = [decoded(trace["y"]) for trace in of if isinstance(trace["y"], dict)]
+    assert max(map(len, curves)) < 2 * POINTS
+    assert [np.nanmax(curve) for curve in curves] == pytest.approx([report.check.worst.value] * 2, rel=1e-6)
+    assert 5.5 < report.check.worst.t < 5.5 + width
+    assert np.abs(decoded(data["frames"]["t"]) - report.check.worst.t).min() < 1e-12
+
+
+def test_a_robot_without_limits_says_so_and_draws_none():
+    report = jounce.report(jounce.load("planar2r"), swing())
+    page, data = parsed(report)
+    assert "states none, so that nothing is checked" in words(page, "//p[@class='verdict']")
+    assert "states no limits" in words(page, panel("limits"))
+    assert not page.xpath("//table[@id='limits']")
+    assert (report.check, report.slowdown) == (None, None)
+    assert {trace["mode"] for trace in data["curves"]["data"]} == {"lines"}
+    assert len(data["curves"]["data"]) == 2 * 8
+
+
+def test_breaks_are_listed_and_drawn_from_both_sides(planar):
+    motion = jounce.Motion.trapezoidal([[0, 0], [1, 1]], 0.9, 2.0)
+    page, data = parsed(jounce.report(planar, motion))
+    assert len(page.xpath(panel("motion") + "//tbody/tr")) == len(motion.breaks) == 4
+    assert [shape["x0"] for shape in data["curves"]["layout"]["shapes"]] == sorted({found.t for found in motion.breaks})
+    [q2d] = [trace for trace in data["curves"]["data"] if (trace["yaxis"], trace["meta"]) == ("y3", 0)]
+    t, y = decoded(q2d["x"]), decoded(q2d["y"])
+    at = np.flatnonzero(np.abs(t - motion.breaks[0].t) < 1e-6)
+    assert y[at].tolist() == pytest.approx([2.0, 0.0])
+
+
+def test_there_is_a_reason_where_there_is_no_factor():
+    robot = jounce.load("planar2r").with_limits(acceleration=1.0, jerk=1.0)
+    report = jounce.report(robot, jounce.Motion.trapezoidal([[0, 0], [1, 1]], 0.9, 2.0))
+    assert report.slowdown is None
+    assert "no slow-down factor: break at t = 0.45 s" in words(parsed(report)[0], panel("limits"))
+
+
+def test_order_0_draws_Q_alone_and_needs_no_higher_rate(planar):
+    t = np.linspace(0, 1, 101)
+    rates = {f"joint{j}.{name}": np.sin(t + k * np.pi / 2) for j in (1, 2) for k, name in enumerate(("q", "qd", "q2d"))}
+    motion = jounce.load_motion({"t": t, **rates}, planar, 0)
+    heads = [
+        cell.text.strip() for cell in parsed(jounce.report(planar, motion))[0].xpath("//table[@id='values']/thead//th")
+    ]
+    assert heads == ["joint", "q", "qd", "q2d", "Q"]
+    assert "q4d is not known" in refusal(lambda: jounce.report(planar, motion, 2))
+
+
+def test_hostile_names_stay_text():
+    M = jounce.inertia_matrix(1.0, [0, 0, 0.1], np.eye(3) / 100)
+    names = {"names": [f"body {name}" for name in HOSTILE], "joint_names": HOSTILE, "name": HOSTILE[0]}
+    X = [[0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 1, 0, 0, 0, 0]]
+    robot = jounce.Robot.from_screws([np.eye(4)] * 3, X, [M] * 3, limits={"velocity": [0.1] * 3}, **names)
+    report = jounce.report(robot, swing(3))
+    page, data = parsed(report)
+    harmless = jounce.report(jounce.load("planar2r"), swing())
+    assert len(page.xpath("//script")) == len(parsed(harmless)[0].xpath("//script"))
+    shown = [label.text_content().strip() for label in page.xpath("//table[@id='values']//label")]
+    assert shown == [*HOSTILE[:2], r"{{ 7 * 7 }}<!--\u202e\n"]
+    assert page.xpath("//img") == []
+    assert "hacked" not in json.dumps(data)
+    assert words(page, "//h1") == HOSTILE[0]
+
+
+def test_a_page_links_to_nothing():
+    page, _ = parsed(jounce.report(jounce.load("planar2r"), swing()))
+    assert page.xpath("//@href | //@src") == []
+    assert "default-src 'none'" in page.xpath("//meta[@http-equiv]/@content")[0]
+
+
+def test_bad_input_is_one_line_and_leaves_files_as_they_were(planar, tmp_path, monkeypatch):
+    other = jounce.Motion.polynomial([[0.0], [1.0]], 1.0, joint_names=["a", "b"])
+    assert "unknown 'a', 'b'" in refusal(lambda: jounce.report(planar, other))
+    refusal(lambda: jounce.report("planar2r", swing()), "report() expects a jounce.Robot, got str; try jounce.load")
+    refusal(lambda: jounce.report(planar, "paper"), "report() expects a jounce.Motion, got str; try jounce.load_motion")
+    refusal(lambda: jounce.report(planar, swing(), 3), "order is 3; expected 0, 1 or 2")
+    report = jounce.report(planar, swing())
+    assert "no folder" in refusal(lambda: report.save(tmp_path / "none" / "r.html"))
+    assert "available: .html, .htm" in refusal(lambda: report.save(tmp_path / "r.pdf"))
+    refusal(lambda: report.save(3), "save() expects a path, got int")
+    old = tmp_path / "r.html"
+    old.write_text("old")
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+        assert "No space left on device" in refusal(lambda: report.save(old))
+    assert [path.name for path in tmp_path.iterdir()] == ["r.html"]
+    assert old.read_text() == "old"
+
+
+def test_without_plotly_the_extra_is_named(planar, monkeypatch):
+    monkeypatch.setitem(sys.modules, "plotly", None)
+    monkeypatch.setitem(sys.modules, "plotly.offline", None)
+    assert refusal(lambda: jounce.report(planar, swing())).endswith("pip install 'jounce[report]'")
+
+
+def test_the_command_writes_the_page_and_tells_of_it(tmp_path):
+    motion, page = tmp_path / "motion.yaml", tmp_path / "report.html"
+    motion.write_text(
+        "time: {start: 0, stop: 1, count: 101}\njoints: {joint1: {polynomial: [0, 2]}, joint2: {offset: 1}}"
+    )
+    limits = tmp_path / "limits.yaml"
+    limits.write_text("units: {angle: rad, length: m}\njoints: {joint1: {velocity: 1}}")
+    asked = ["report", "planar2r", str(motion), "-o", str(page), "--limits", str(limits)]
+    result = CliRunner().invoke(main, [*asked, "--json"])
+    assert result.exit_code == 0, result.output
+    summary = json.loads(result.output)
+    assert (summary["ok"], summary["states"], summary["bytes"]) == (False, 101, page.stat().st_size)
+    assert summary["factor"] == pytest.approx(0.5)
+    assert page.read_text(encoding="utf-8").startswith("<!doctype html>")
+    result = CliRunner().invoke(main, asked)
+    assert result.output.splitlines()[0].endswith("101 states: limits are broken")
+    asked[4] = str(tmp_path / "no" / "r.html")
+    result = CliRunner().invoke(main, asked)
+    assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
