@@ -151,6 +151,12 @@ function drawRobot(q) {
   Plotly.restyle(drawing, {x: [x], y: [y], z: [z]}, [0]);
 }
 
+// Browsers print what a canvas of WebGL keeps, and it keeps nothing unless asked to.
+const getContext = HTMLCanvasElement.prototype.getContext;
+HTMLCanvasElement.prototype.getContext = function (type, options) {
+  return getContext.call(this, type, type.startsWith("webgl") ? {...options, preserveDrawingBuffer: true} : options);
+};
+
 function robotFigure() {
   const [x, y, z] = points(stateAt(0).q), third = triangles.length / 3;
   const [i, j, k] = [0, 1, 2].map(side => triangles.slice(side * third, side * third + third));
@@ -175,16 +181,5 @@ all("[data-turn], [data-closer]").forEach(button => button.addEventListener("cli
   const turn = (button.dataset.turn || 0) * Math.PI / 180, s = Math.sin(turn), c = Math.cos(turn);
   Plotly.relayout(drawing, {"scene.camera.eye": {x: factor * (c * x - s * y), y: factor * (s * x + c * y), z: factor * z}});
 }));
-
-// Browsers print no WebGL: a picture is printed in its place.
-let pictured = 0;
-const keepPicture = () => {
-  clearTimeout(pictured);
-  pictured = setTimeout(async () => {
-    document.getElementById("picture").src = await Plotly.toImage(drawing, {format: "png", width: 560, height: 380});
-  }, 400);
-};
-document.addEventListener("cursor", keepPicture);
-drawing.on("plotly_relayout", keepPicture);
 
 moveTo(0);
