@@ -93,7 +93,7 @@ def subject_of(robot: "Robot", motion: Motion, order: int) -> Subject:
 
 
 def _slowdown(robot: "Robot", motion: Motion, worst: np.ndarray) -> Slowdown | str:
-    """The slow-down factor, or why it does not exist; of a long motion from even steps and the times of worst values."""
+    """The slow-down factor, or why it does not exist; of long motions by even steps and the times of worst values."""
     states = motion
     if len(motion.times) > SLOWED:
         states = replace(motion, grid=np.union1d(np.linspace(motion.start, motion.stop, SLOWED), worst))
