@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 DOCS = Path(__file__).parents[1]
-PAGES = ["tutorials/from-a-log-to-torques.md"]
+PAGES = ["tutorials/from-a-log-to-torques.md", "howto/minimum-torque-change.md"]
 BLOCK = re.compile(r"^```(python|console)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 COMMAND = re.compile(r"^\$ jounce ((?:.*\\\n)*.+)$", re.MULTILINE)
 
@@ -41,7 +41,8 @@ def made_by(page: str) -> dict[str, bytes]:
                 result = CliRunner().invoke(main, shlex.split(words.replace("\\\n", "")))
                 if result.exit_code:
                     raise RuntimeError(f"jounce {words}: {result.output}")
-        return {path.name: path.read_bytes() for path in Path(os.curdir).glob("*.png")}
+        drawn = sorted([*Path(os.curdir).glob("*.png"), *Path(os.curdir).glob("*.svg")])
+        return {path.name: path.read_bytes() for path in drawn}
 
 
 def _run(session: str, names: dict[str, Any]) -> None:

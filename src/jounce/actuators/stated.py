@@ -169,7 +169,10 @@ def _check_carriers(mechanism: Mechanism, e: Elasticity) -> None:
             f"coupling={e.level} needs the body that carries each rotor; {listed(lost)} have none:"
             " motors={joint: jounce.Motor(gear=..., inertia=..., body=..., axis=...)}, 'world' for the ground"
         )
-    if any(isinstance(law, AntagonisticSprings) for law in e.springs):
+    if e.is_rigid.any():
+        held = listed(name for name, rigid in zip(mechanism.coordinates, e.is_rigid, strict=True) if rigid)
+        raise JounceError(f"coupling={e.level} needs elastic joints; {held} have no finite stiffness")
+    if e.pairs:
         raise JounceError(f"coupling={e.level} is not available for joints with two motors; use coupling='spong'")
 
 
