@@ -49,7 +49,7 @@ CHAINS = {
 
 
 def members(S, highest=2, bodies=(), partials=0):
-    """(quantity, member with its rates, the same of a robot of numbers as a function of q and W) of all that S holds."""
+    """(quantity, member with its rates, the same of a robot of numbers, a function of q and W) of all that S holds."""
     own = [row for row in QUANTITIES.values() if not row.forces and (not row.elastic or "theta" in dir(S))]
     for quantity in own:
         order = affordable(quantity, highest, partials)

@@ -115,11 +115,54 @@ class Elasticity:
         return {name: getattr(self, name) for name in ARRAYS}
 
     def map(self, convert: Callable[[Array], Array]) -> "Elasticity":
-        """The same springs and motors with other numbers."""
+        """The same springs and motors with other numbers.
+
+        Parameters
+        ----------
+        convert : callable
+            Applied to each array.
+
+        Returns
+        -------
+        Elasticity
+
+        Raises
+        ------
+        Exception
+            What `convert` raises.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> elasticity = jounce.load("planar2r").elastic([800, 600], rotor=0.1).elasticity
+        >>> elasticity.map(lambda x: 2 * x).rotor
+        array([0.2, 0.2])
+        """
         return replace(self, **{name: convert(array) for name, array in self.arrays.items()})
 
     def select(self, coordinates: Sequence[int]) -> "Elasticity":
-        """The springs and motors of some coordinates, by index."""
+        """The springs and motors of some coordinates.
+
+        Parameters
+        ----------
+        coordinates : sequence of int
+            Their indices.
+
+        Returns
+        -------
+        Elasticity
+
+        Raises
+        ------
+        IndexError
+            If there is no such coordinate.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("planar2r").elastic([800, 600], rotor=0.1).elasticity.select([1]).stiffness
+        array([600.])
+        """
         springs = tuple(self.springs[j] for j in coordinates) if self.springs else ()
         motors = tuple(self.motors[j] for j in coordinates) if self.motors else ()
         return replace(self.map(lambda array: array[list(coordinates)]), springs=springs, motors=motors)
