@@ -263,7 +263,7 @@ NAN = float("nan")
         ({"rotor": {"joint2": -1}}, "rotor of joint 'joint2' is -1; expected"),
         ({"rotor": [1, NAN]}, "rotor of joint 'joint2' is nan; expected"),
         ({"rotor": np.inf}, "rotor of joint 'joint1' is inf; expected"),
-        ({"coupling": "level 9"}, "unknown coupling 'level 9'"),
+        ({"coupling": "level 9"}, "coupling is 'level 9'; expected 'spong'"),
     ],
 )
 def test_refusals_of_springs_and_rotors(given, words):

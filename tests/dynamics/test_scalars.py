@@ -183,12 +183,12 @@ QUANTITIES = {  # laws with the rates of q that their values take
     ("quantities", "operations"),
     [
         ("Q", (574, 1272, 2328)),
-        ("M", (389, 861, 1645)),
-        ("C", (1423, 3240, 6085)),
-        ("Cbar", (2194, 4899, 8861)),
-        ("M C", (1448, 3244, 6089)),
-        ("M C G", (1550, 3493, 6575)),
-        ("h", (429, 958, 1687)),
+        ("M", (334, 737, 1424)),
+        ("C", (1289, 2990, 5665)),
+        ("Cbar", (2070, 4678, 8498)),
+        ("M C", (1314, 2994, 5669)),
+        ("M C G", (1416, 3243, 6155)),
+        ("h", (411, 918, 1617)),
     ],
 )
 def test_the_iiwa_takes_no_more_operations_than_measured(quantities, operations):

@@ -60,7 +60,8 @@ def test_the_arrays_of_products_have_names_of_their_own(name):
         signature = of_product(quantity.name, 3, name, quantity.wrenches).signature(4, 5)
         names = [port.name for port in (*signature.inputs, *signature.outputs)]
         assert len(set(names)) == len(names)
-        highest = of_product(quantity.name, plan.HIGHEST_PRODUCT_ORDER, name, quantity.wrenches).signature(4, 5)
+        order = plan.highest_order(of_product(quantity.name, 0, name))
+        highest = of_product(quantity.name, order, name, quantity.wrenches).signature(4, 5)
         assert len(highest.inputs) + len(highest.outputs) <= 64  # which NumPy's functions can take
 
 

@@ -33,9 +33,15 @@ def is_straight(computation: Computation, nb: int) -> bool:
     return not looped or nb * (computation.order + 1) ** 2 <= STRAIGHT_LIMIT
 
 
+def highest_order(computation: Computation) -> int:
+    """Return the highest order with native code: motor torques have the arrays of forces two orders higher."""
+    highest = HIGHEST_PRODUCT_ORDER if computation.product else HIGHEST_NATIVE_ORDER
+    return highest + 1 - computation.quantity.wrench_rates
+
+
 def obstacle(computation: Computation) -> str | None:
     """Return why a computation has no native code, as the end of a sentence about native code; None if it has."""
-    highest = HIGHEST_PRODUCT_ORDER if computation.product else HIGHEST_NATIVE_ORDER
+    highest = highest_order(computation)
     return None if computation.order <= highest else f"supports orders up to {highest}, not {computation.order}"
 
 

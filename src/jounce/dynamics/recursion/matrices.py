@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from jounce.dynamics.recursion.joints import Joint, batch_zeros, joints
 from jounce.dynamics.recursion.sweeps import Columns, above, collect, composites, evaluate_in_order, project, velocities
 from jounce.model.coordinates import generalized_matrix
-from jounce.model.equivalent import minimal, on_axes
+from jounce.model.equivalent import on_axes
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.inertia import moment_matrix
 from jounce.spatial.lie import ad, cowedge, wedge
@@ -41,14 +41,14 @@ class _Composites:
 
 def mass_matrix(mechanism: Mechanism, q: Series) -> Series:
     """gM, the generalized mass matrix (MC): (..., n, n)."""
-    bodies = _composites(minimal(mechanism), q)
+    bodies = _composites(mechanism, q)
     M = project(_screws(bodies), bodies.momenta)  # its upper triangle
     return evaluate_in_order(_to_coordinates(bodies, q, M + above(M).mT), [*bodies.Pi[::-1], *_sweep(bodies.momenta)])
 
 
 def coriolis_matrix(mechanism: Mechanism, q: Series) -> Series:
     """gC, the generalized Coriolis matrix (MC) of the paper's (Csys): (..., n, n)."""
-    bodies = _composites(on_axes(mechanism), q)
+    bodies = _composites(mechanism, q)
     V = velocities(bodies.tree)
     flows = [V_i.map(lambda v: wedge(v[..., 0])) @ Pi for V_i, Pi in zip(V, bodies.Pi, strict=True)]
     rates = [Pi.dot + flow + flow.mT for Pi, flow in zip(bodies.Pi, flows, strict=True)]  # in space
@@ -64,7 +64,7 @@ def coriolis_matrix(mechanism: Mechanism, q: Series) -> Series:
 
 def skew_coriolis_matrix(mechanism: Mechanism, q: Series) -> Series:
     """gCbar, the generalized Coriolis matrix (Cbar) for which gM' - 2 gCbar is skew: (..., n, n)."""
-    bodies = _composites(on_axes(mechanism), q)
+    bodies = _composites(mechanism, q)
     V = velocities(bodies.tree)
     b = [V_i.map(lambda v: ad(v[..., 0])) for V_i in V]  # (b)
     Y = composites(bodies.tree, [-(b_i.mT @ M_i) for b_i, M_i in zip(b, bodies.chain.M, strict=True)], Joint.forms)
@@ -78,7 +78,8 @@ def skew_coriolis_matrix(mechanism: Mechanism, q: Series) -> Series:
     return evaluate_in_order(_to_coordinates(bodies, q, Cbar), [*_dynamic(bodies, V), *Y[::-1], *_sweep(wrenches)])
 
 
-def _composites(chain: Mechanism, q: Series) -> _Composites:
+def _composites(mechanism: Mechanism, q: Series) -> _Composites:
+    chain = on_axes(mechanism)
     tree = joints(chain, q)
     Pi = composites(tree, [Series.constant(Pi_i) for Pi_i in moment_matrix(chain.M)], Joint.moments)
     return _Composites(chain, tree, Pi, collect(tree, _momenta(tree, Pi)))
