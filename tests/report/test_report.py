@@ -226,7 +226,7 @@ def test_the_command_writes_the_page_and_tells_of_it(tmp_path):
         "time: {start: 0, stop: 1, count: 101}\njoints: {joint1: {polynomial: [0, 2]}, joint2: {offset: 1}}"
     )
     limits = tmp_path / "limits.yaml"
-    limits.write_text("units: {angle: rad, length: m}\njoints: {joint1: {velocity: 1}}")
+    limits.write_text("units: SI\njoints: {joint1: {velocity: 1}}")
     asked = ["report", "planar2r", str(motion), "-o", str(page), "--limits", str(limits)]
     result = CliRunner().invoke(main, [*asked, "--json"])
     assert result.exit_code == 0, result.output
