@@ -86,6 +86,7 @@ def test_a_page_works_without_errors_or_network(page, report, subject):
     _play_runs_and_pauses(page)
     _joints_are_switched_off_and_on(page)
     _zoom_keeps_the_line_at_the_cursor(page)
+    _sliders_show_what_holds_the_robot_at_rest(page, report, subject[0])
     assert page.evaluate("window.hacked") is None
     assert page.wrong == []
 
@@ -150,6 +151,53 @@ def _zoom_keeps_the_line_at_the_cursor(page):
     assert right - left == pytest.approx(0.375)
     page.get_by_role("button", name="Whole motion").click()
     assert page.evaluate("document.getElementById('curves').layout.xaxis.range") == [0, 1.5]
+
+
+def _sliders_show_what_holds_the_robot_at_rest(page, report, robot):
+    q, pull, end = np.array([0.3, -0.2, 0.7]), np.array([3.0, -4.0, 5.0]), {"body": 3, "point": [0.1, 0.2, -0.3]}
+    found = page.evaluate(f"atRest(Float64Array.from({q.tolist()}), {pull.tolist()}, {json.dumps(end)})")
+    Q, gravity, pulled = (np.array(found[name]) for name in ("Q", "gravity", "pulled"))
+    _assert_pull(robot, q, pull, end, Q, gravity, pulled)
+
+    page.get_by_role("button", name="Play").click()
+    for inputs, numbers in (("data-slider", q), ("data-pull", pull)):
+        for j, x in enumerate(numbers):
+            page.locator(f"[{inputs}='{j}']").evaluate(
+                f"(e) => {{ e.value = {x}; e.dispatchEvent(new Event('input')); }}"
+            )
+    page.locator("#end").select_option(label=robot.body_names[2])
+    assert page.get_by_role("button", name="Play").is_visible()  # no longer Pause
+    rows = [row.locator("td.number").all_text_contents() for row in page.locator("#rest tbody tr").all()]
+    shown = np.array([[float(cell.split()[0]) for cell in row] for row in rows]).T
+    end = {"body": 2, "point": [0, 0, 0]}
+    np.testing.assert_allclose(shown[0], q, rtol=1e-4)
+    _assert_pull(robot, q, pull, end, shown[3], shown[1], shown[2], rtol=1e-4)
+    beyond = [bool(row.locator("td.beyond").count()) for row in page.locator("#rest tbody tr").all()]
+    assert beyond == (np.abs(shown[3]) > 5).tolist()
+    assert any(beyond)
+    arrow = page.evaluate("(({x, y, z}) => [x, y, z])(document.getElementById('robot').data.at(-1))")
+    start, stop = np.array(arrow).T
+    np.testing.assert_allclose(start, robot.poses(q)[2, :3, 3], atol=1e-12)
+    np.testing.assert_allclose(np.cross(stop - start, pull), 0, atol=1e-12)
+    assert (stop - start) @ pull > 0
+
+    page.get_by_role("button", name="Release").click()
+    assert page.locator("#pull").text_content() == "(0, 0, 0) N"
+    page.evaluate("moveTo(7)")
+    moved = [float(slider.input_value()) for slider in page.locator("[data-slider]").all()]
+    assert moved == list(page.evaluate("[...stateAt(7).q]"))
+
+
+def _assert_pull(robot, q, pull, end, Q, gravity, pulled, rtol=1e-12):
+    """What the page says is what the library computes for a load on a point of a body."""
+    W = np.zeros((5, 6))
+    own = robot.poses(q)[end["body"], :3, :3].T @ pull
+    W[end["body"]] = -np.concatenate([np.cross(end["point"], own), own])
+    rest, G = np.zeros(3), robot.gravity_forces(q)
+    expected = robot.inverse_dynamics(q, rest, rest, wrench=W)
+    np.testing.assert_allclose(gravity, G, rtol, 1e-12)
+    np.testing.assert_allclose(Q, expected, rtol, 1e-12)
+    np.testing.assert_allclose(pulled, expected - G, rtol, 1e-12)
 
 
 def test_axe_finds_no_fault(page):

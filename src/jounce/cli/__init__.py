@@ -25,6 +25,7 @@ from jounce.cli.retime import retime
 from jounce.cli.robots import robots
 from jounce.cli.run import run
 from jounce.cli.slowdown import slowdown
+from jounce.cli.view import view
 from jounce.errors import escaped, one_line
 
 EPILOG = """\b
@@ -95,8 +96,8 @@ def main() -> None:
 
 
 VERBS = (
-    run, motion, motors, check, slowdown, retime, plot, report, info, robots, compare, convert, codegen, demo, cache,
+    run, motion, motors, check, slowdown, retime, plot, report, view, info, robots, compare, convert, codegen, demo,
+    cache,
 )  # fmt: skip
-
 for verb in VERBS:
     main.add_command(verb)

@@ -291,11 +291,10 @@ class OfForces(Protocol):
 
 
 class ForwardPartials(Protocol):
-    """The method that takes q, qd, forces Q and wrenches, and returns dq2d/dq, dq2d/dqd and M^-1."""
+    """The method that takes q, qd, forces Q and wrenches, and returns three matrices."""
 
     def __call__(self, q: Named, qd: Named, Q: Named, **options: Unpack[_Wrench]) -> tuple[Array, Array, Array]:
-        """Compute the three matrices."""
-        ...
+        """Return dq2d/dq, dq2d/dqd and M^-1."""
 
 
 class DriveForces(Protocol):
