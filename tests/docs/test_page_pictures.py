@@ -11,8 +11,8 @@ PAGE = """A page.
 Traceback (most recent call last):
     ...
 ZeroDivisionError: division by zero
->>> for name in "ab":
-...     _ = Path(f"{name}.png").write_bytes(name.encode())
+>>> for name in ("a.png", "b.svg", "c.csv"):
+...     _ = Path(name).write_bytes(name.encode())
 
 ```
 
@@ -26,7 +26,7 @@ $ jounce run planar2r \\
 def test_a_page_leaves_its_pictures(tmp_path):
     motion = tmp_path / "motion.yaml"
     motion.write_text("time: {start: 0, stop: 1, count: 3}\njoints: {joint1: {offset: 1}, joint2: {offset: 1}}")
-    assert page_pictures.made_by(PAGE.replace("MOTION", str(motion))) == {"a.png": b"a", "b.png": b"b"}
+    assert page_pictures.made_by(PAGE.replace("MOTION", str(motion))) == {"a.png": b"a.png", "b.svg": b"b.svg"}
 
 
 def test_a_command_that_fails_stops_the_build():

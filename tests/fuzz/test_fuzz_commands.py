@@ -58,14 +58,14 @@ LINES = {
     ),
 }  # fmt: skip
 EXAMPLES = {
-    "info": 450,
-    "convert": 200,
-    "motion": 60,
-    "run": 300,
-    "plot": 80,
-    "codegen": 100,
-    "compare": 50,
-    "others": 150,
+    "info": 220,
+    "convert": 100,
+    "motion": 30,
+    "run": 150,
+    "plot": 40,
+    "codegen": 50,
+    "compare": 25,
+    "others": 80,
 }
 OLD = ("out.csv", "out.npz", "out.yaml", "out.json", "out.svg")
 FILES = dict(file for files in (*ROBOTS.values(), *MOTIONS.values()) for file in files)

@@ -12,9 +12,9 @@ from fuzz.originals import MOTIONS, ROBOTS
 
 PLANAR = jounce.load("planar2r")
 RANDOM = st.randoms(note_method_calls=False, use_true_random=False)
-EXAMPLES = {  # of a round: of a few seconds each
-    "urdf": 1200, "mjcf": 1200, "xacro": 1200, "own": 300, "dh": 550, "skidy": 250,
-    "csv": 1500, "npz": 1000, "terms": 150,
+EXAMPLES = {  # of a round: of a second or two each; `make fuzz` makes many
+    "urdf": 600, "mjcf": 600, "xacro": 600, "own": 150, "dh": 280, "skidy": 130,
+    "csv": 750, "npz": 500, "terms": 80,
 }  # fmt: skip
 pytestmark = pytest.mark.filterwarnings("ignore::jounce.JounceWarning")
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import sympy
 from planar2r import printed
-from quantities import QUANTITIES, method_of
+from quantities import QUANTITIES, affordable, method_of, rate_of, tupled
 from robots import golden, random_pose
 from sympy import cos, sin
 
@@ -48,33 +48,35 @@ CHAINS = {
 }
 
 
-def members(S, order=2, bodies=()):
-    """(name, member with its rates, the same of a robot of numbers as a function of q and W) of all that S holds."""
-    own = (row for row in QUANTITIES.values() if not row.forces and (not row.elastic or "theta" in dir(S)))
+def members(S, highest=2, bodies=(), partials=0):
+    """(quantity, member with its rates, the same of a robot of numbers, a function of q and W) of all that S holds."""
+    own = [row for row in QUANTITIES.values() if not row.forces and (not row.elastic or "theta" in dir(S))]
     for quantity in own:
+        order = affordable(quantity, highest, partials)
         if not quantity.of_bodies:
-            yield quantity.name, [getattr(S, name) for name in quantity.names(order)], partial(value, quantity)
+            yield quantity, [getattr(S, name) for name in quantity.names(order)], partial(value, quantity, order)
         for body in bodies if quantity.of_bodies else ():
             for frame in quantity.frames or ("body",):
                 named = {"body": body, "frame": frame} if quantity.frames else {"body": body}
                 terms = getattr(S, quantity.name)(order=order, **named)
-                yield f"{quantity.name}:{body}:{frame}", terms, partial(value, quantity, **named)
+                yield quantity, terms, partial(value, quantity, order, **named)
         if quantity.wrenches and not quantity.elastic:
             terms = [getattr(S, rate_name(f"{quantity.symbol}ext", k)) for k in range(order + 1)]
-            yield f"{quantity.name} of wrenches", terms, partial(external, quantity)
+            yield quantity, terms, partial(external, quantity, order)
 
 
 def entries(x):
+    if isinstance(x, sympy.NDimArray):
+        return list(x.reshape(len(x)))
     return list(x) if isinstance(x, sympy.MatrixBase) else [x]
 
 
-def value(quantity, robot, q, W, **keywords):
-    found = method_of(robot, quantity)(*q[: quantity.rates + len(W) - 1], method="closed_form", **keywords)
-    return found if isinstance(found, tuple) else (found,)
+def value(quantity, order, robot, q, W, **keywords):
+    return tupled(method_of(robot, quantity)(*q[: quantity.rates + order], method="closed_form", **keywords))
 
 
-def external(quantity, robot, q, W):
-    loaded, free = (value(quantity, robot, q, W, wrench=w) for w in (tuple(W), None))
+def external(quantity, order, robot, q, W):
+    loaded, free = (value(quantity, order, robot, q, W, wrench=w) for w in (tuple(W[: order + 1]), None))
     return [x - y for x, y in zip(loaded, free, strict=True)]
 
 
@@ -85,12 +87,12 @@ def equal(S, robot, values=(), parameters=(), order=2, bodies=()):
     given = [*zip([*S.q, *S.qd, *S.q2d, *S.q3d, *S.q4d], q.ravel(), strict=False)]
     given += [*zip([*S.W, *S.Wd, *S.W2d], W.ravel(), strict=False), *zip(parameters, values, strict=True)]
     known = {symbol: float(number) for symbol, number in given}
-    for name, terms, numbers in members(S, order, bodies):
+    for quantity, terms, numbers in members(S, order, bodies):
         found = [[evaluated(x, known) for x in entries(term)] for term in terms]
         expected = numbers(robot, q, W)
         scale = max(1e-3, *(np.abs(reference).max() for reference in expected))  # some are zero but for rounding
         for x, reference in zip(found, expected, strict=True):
-            assert np.abs(np.reshape(x, np.shape(reference)) - reference).max() <= 1e-12 * scale, name
+            assert np.abs(np.reshape(x, np.shape(reference)) - reference).max() <= 1e-12 * scale, quantity.name
 
 
 RULES = {"Add": sum, "Mul": math.prod, "Pow": lambda x: x[0] ** x[1]}
@@ -236,9 +238,12 @@ def test_a_joint_direction_may_be_a_symbol():
 
 def test_each_rate_is_the_derivative_of_the_one_below():
     S = jounce.symbolic(planar2r())
-    for name, terms, _ in members(S, 2, ("body2",)):
-        for term, rate in pairwise(terms):
-            assert all(sympy.expand(x) == 0 for x in entries(S.dot(term) - rate)), name
+    for quantity, terms, _ in members(S, 2, ("body2",), partials=1):
+        for below, above in pairwise(terms):
+            found = rate_of(quantity, np.array(below), np.array(above))
+            assert all(sympy.expand(x - y) == 0 for x, y in zip(entries(S.dot(below)), found.flat, strict=True)), (
+                quantity
+            )
 
 
 def test_identities_of_the_matrices():
@@ -260,7 +265,8 @@ def test_matrices_are_kept_and_frozen():
     assert isinstance(S.Q, sympy.ImmutableMatrix)
     assert {"q4d", "Q2d", "Cbar2d", "W2d", "dot"} <= set(dir(S))
     rigid = [row for row in QUANTITIES.values() if not row.of_bodies and not row.forces and not row.elastic]
-    members = [*(row.symbol for row in rigid), "Qext", "Fext"]
+    members = [row.symbol for row in rigid]
+    members += [f"{row.symbol}ext" for row in rigid if row.wrenches]
     of_bodies = [row.name for row in QUANTITIES.values() if row.of_bodies]
     everything = ", ".join(["q", "W", *members])
     assert repr(S) == f"<Symbolic 'planar2r': {everything}, and their rates; of bodies: {', '.join(of_bodies)}>"

@@ -114,6 +114,14 @@ def codegen(
     return Generated(folder, tuple(sorted(files)), {f"{options.prefix}_{f.name}": f.operations for f in functions})
 
 
+def code(robot: Robot, lang: Language, template: str, order: int, outputs: Sequence[str], wrench: bool) -> str:
+    """The code of a robot as one text, by the template of a language, without tests."""
+    from jounce._codegen import render
+
+    options = check_options(robot, lang, order, outputs, wrench, (), False, None)
+    return render.code(options, functions_of(options), template)
+
+
 def functions_of(options: Options) -> list[Function]:
     """The functions of what is asked for, or `JounceError` where one is too large."""
     functions = []

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from jounce._codegen.printer import Printed
 from jounce._codegen.test_vectors import TOLERANCE, Vectors
 from jounce.program.operations import FUNCTIONS
 
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
 HERE = Path(__file__).parent
 TEMPLATE_SUFFIX = ".jinja"
 
@@ -26,6 +29,23 @@ def names(options: Options) -> list[str]:
 
 def files(options: Options, functions: Sequence[Function], tests: Sequence[Vectors]) -> dict[str, str]:
     """The files by name, from functions and the test vectors of each; a template that comes out empty makes no file."""
+    environment, context = _environment(), _context(options, functions, tests)
+    by_name = {f.name: f for f in context["functions"]}
+    made = {
+        name: environment.get_template(path).render(context, function=by_name.get(function))
+        for name, (path, function) in _templates(options).items()
+    }
+    return {name: text for name, text in made.items() if text.strip()}
+
+
+def code(options: Options, functions: Sequence[Function], template: str) -> str:
+    """What a template of the language makes of functions without test vectors."""
+    path = f"{options.language.name}/{template}{TEMPLATE_SUFFIX}"
+    tests = [Vectors({}, {}, {}, {}) for _ in functions]
+    return _environment().get_template(path).render(_context(options, functions, tests))
+
+
+def _environment() -> "Environment":
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
@@ -36,13 +56,7 @@ def files(options: Options, functions: Sequence[Function], tests: Sequence[Vecto
     environment.filters["wrapped"] = _wrap
     environment.filters["packed"] = _pack
     environment.filters["rows"] = _rows
-    context = _context(options, functions, tests)
-    by_name = {f.name: f for f in context["functions"]}
-    made = {
-        name: environment.get_template(path).render(context, function=by_name.get(function))
-        for name, (path, function) in _templates(options).items()
-    }
-    return {name: text for name, text in made.items() if text.strip()}
+    return environment
 
 
 def _templates(options: Options) -> dict[str, tuple[str, str]]:

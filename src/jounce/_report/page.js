@@ -151,6 +151,12 @@ function drawRobot(q) {
   Plotly.restyle(drawing, {x: [x], y: [y], z: [z]}, [0]);
 }
 
+// Browsers print what a canvas of WebGL keeps, and it keeps nothing unless asked to.
+const getContext = HTMLCanvasElement.prototype.getContext;
+HTMLCanvasElement.prototype.getContext = function (type, options) {
+  return getContext.call(this, type, type.startsWith("webgl") ? {...options, preserveDrawingBuffer: true} : options);
+};
+
 function robotFigure() {
   const [x, y, z] = points(stateAt(0).q), third = triangles.length / 3;
   const [i, j, k] = [0, 1, 2].map(side => triangles.slice(side * third, side * third + third));
@@ -161,7 +167,7 @@ function robotFigure() {
   });
   const look = {autorange: false, gridcolor: "#d8d8d8", showbackground: false, showspikes: false};
   const [xaxis, yaxis, zaxis] = ["x", "y", "z"].map((name, side) => ({title: {text: name + " [m]"}, range: robot.space[side], ...look}));
-  const camera = {eye: {x: 1.2, y: -1.2, z: 0.6}, center: {x: 0, y: 0, z: -0.1}};
+  const camera = {eye: {x: 1.35, y: -1.35, z: 0.6}, center: {x: 0, y: 0, z: -0.06}};
   return [[{type: "mesh3d", x, y, z, i, j, k, facecolor: robot.colours, ...shading}, ...ends], {
     margin: {l: 0, r: 0, t: 0, b: 0}, paper_bgcolor: "rgba(0,0,0,0)", showlegend: false, font: {color: "#222222", size: 11},
     scene: {aspectmode: "data", xaxis, yaxis, zaxis, camera},
@@ -175,16 +181,5 @@ all("[data-turn], [data-closer]").forEach(button => button.addEventListener("cli
   const turn = (button.dataset.turn || 0) * Math.PI / 180, s = Math.sin(turn), c = Math.cos(turn);
   Plotly.relayout(drawing, {"scene.camera.eye": {x: factor * (c * x - s * y), y: factor * (s * x + c * y), z: factor * z}});
 }));
-
-// Browsers print no WebGL: a picture is printed in its place.
-let pictured = 0;
-const keepPicture = () => {
-  clearTimeout(pictured);
-  pictured = setTimeout(async () => {
-    document.getElementById("picture").src = await Plotly.toImage(drawing, {format: "png", width: 560, height: 380});
-  }, 400);
-};
-document.addEventListener("cursor", keepPicture);
-drawing.on("plotly_relayout", keepPicture);
 
 moveTo(0);

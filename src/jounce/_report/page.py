@@ -37,7 +37,7 @@ class Report:
     check : Check or None
         Every limit along the motion; None where the robot states none.
     slowdown : Slowdown or None
-        The largest factor of speed that keeps every limit; None where there is none, and the page says why.
+        The largest factor of speed that keeps every limit; None where no factor does, and the page says why.
 
     Examples
     --------
@@ -154,16 +154,21 @@ def _page(s: Subject) -> str:
     from plotly.offline import get_plotlyjs
 
     panels = [found for make in PANELS if (found := make(s)) is not None]
-    scripts = [HERE / "page.js", *(path for panel in panels if (path := HERE / "panels" / f"{panel.name}.js").exists())]
+    own = [(panel.code, HERE / "panels" / f"{panel.name}.js") for panel in panels]
+    scripts = [_read("page.js"), *(code + path.read_text(encoding="utf-8") for code, path in own if path.exists())]
     return _environment().get_template("page.html.jinja").render(
         robot=s.robot,
         subject=s,
         panels=panels,
         frames=_frames(s),
-        style=Markup((HERE / "page.css").read_text(encoding="utf-8")),
+        style=Markup(_read("page.css")),
         library=Markup(get_plotlyjs()),
-        scripts=[Markup(path.read_text(encoding="utf-8")) for path in scripts],
+        scripts=list(map(Markup, scripts)),
     )  # fmt: skip
+
+
+def _read(name: str) -> str:
+    return (HERE / name).read_text(encoding="utf-8")
 
 
 def _frames(s: Subject) -> dict[str, Any]:

@@ -17,8 +17,8 @@ from jounce.motion.hermite import between, coefficients
 TERMS = 60  # of the recursion for the integrals, from the last one down
 STAGES = 5  # of the Runge-Kutta method, which has the order 9
 NEWTON, ROUNDING = 20, 1e-15  # its iterations, and the change that ends them, relative
-Sampled = Callable[[np.ndarray], tuple[Sequence[np.ndarray], Sequence[np.ndarray]]]
-"""From times (N,) to Q, Qd, Q2d (N, n) just before and just after them."""
+Sides = tuple[Sequence[np.ndarray], Sequence[np.ndarray]]  # Q, Qd, Q2d (N, n) just before and just after times
+Sampled = Callable[[np.ndarray], Sides]
 
 
 def integrals(z: np.ndarray, count: int) -> np.ndarray:
@@ -40,9 +40,9 @@ def integrals(z: np.ndarray, count: int) -> np.ndarray:
     return np.where(z < count, np.stack(low[:count]), np.stack(high))
 
 
-def linear(K: np.ndarray, D: np.ndarray, t: np.ndarray, Q: Sampled, start: np.ndarray) -> np.ndarray:
+def linear(K: np.ndarray, D: np.ndarray, t: np.ndarray, Q: Sides, start: np.ndarray) -> np.ndarray:
     """Deflections (N, n) of linear springs K (n,) with dampers D (n,) at times t (N,), from those at the first."""
-    before, after = Q(t)
+    before, after = Q
     h = np.diff(t)[:, None]
     c = coefficients([rate[:-1] for rate in after], [rate[1:] for rate in before], h)[::-1]
     z = K * h / D
@@ -53,10 +53,10 @@ def linear(K: np.ndarray, D: np.ndarray, t: np.ndarray, Q: Sampled, start: np.nd
     return np.stack(found)
 
 
-def nonlinear(spring: Spring, D: float, t: np.ndarray, Q: Sampled, start: float) -> np.ndarray:
+def nonlinear(spring: Spring, D: float, t: np.ndarray, Q: Sides, start: float) -> np.ndarray:
     """Deflections (N,) of one spring with a damper at times t (N,); Q is that of its joint, (N, 1)."""
     nodes, A = _radau()
-    before, after = Q(t)
+    before, after = Q
     h = np.diff(t)[:, None]
     ends = [rate[:-1] for rate in after], [rate[1:] for rate in before]
     forces = np.hstack([between(*ends, h, np.full_like(h, u), 0)[0] for u in nodes])

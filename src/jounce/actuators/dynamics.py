@@ -11,12 +11,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from jounce._scalars import Array, broadcast, reciprocal
+from jounce.actuators.carried import carried_accelerations
 from jounce.arguments.rates import rates_of
 from jounce.arguments.wrenches import wrenches_of
-from jounce.dynamics import elastic
-from jounce.errors import JounceError, listed
-from jounce.model.elasticity import Elasticity
+from jounce.dynamics import coupling, elastic, stretch
+from jounce.dynamics.stretch import elasticity_of
+from jounce.errors import JounceError, listed, quoted
+from jounce.model.antagonists import AntagonisticSprings
 from jounce.model.mechanism import Mechanism, cast_model
+from jounce.model.springs import DampedSpring
 from jounce.robot.dispatch import compute
 from jounce.spatial.series import columns
 
@@ -47,12 +50,6 @@ class Energy(NamedTuple):
         return self.kinetic + self.rotors + self.potential + self.springs
 
 
-def elasticity_of(mechanism: Mechanism) -> Elasticity:
-    """The springs and motors of a mechanism that has some."""
-    assert mechanism.elasticity is not None, mechanism.name
-    return mechanism.elasticity
-
-
 def with_rigid_rotors(mechanism: Mechanism) -> Mechanism:
     """The mechanism whose mass matrix holds the rotors of rigid joints: as armature that acts, there is no other."""
     e = elasticity_of(mechanism)
@@ -61,7 +58,7 @@ def with_rigid_rotors(mechanism: Mechanism) -> Mechanism:
         alone = np.flatnonzero((mechanism.G[:, j] != 0) & (np.count_nonzero(mechanism.G, axis=1) == 1))
         if not alone.size:
             raise JounceError(
-                f"rigid joint {mechanism.coordinates[j]!r} moves no joint alone, so that its rotor is no armature;"
+                f"rigid joint {quoted(mechanism.coordinates[j])} moves no joint alone, which its rotor takes;"
                 " state a finite stiffness"
             )
         armature[alone[0]] = e.rotor[j] / mechanism.G[alone[0], j] ** 2
@@ -72,18 +69,23 @@ def with_rigid_rotors(mechanism: Mechanism) -> Mechanism:
 def accelerations(plant: "Robot", given: Sequence[Any], wrench: Any, method: str | None) -> Accelerations:
     """q2d and theta2d from q, qd, theta, thetad, tau; the mass matrix of `plant` holds the rotors of rigid joints."""
     m, (q, qd, theta, thetad, tau) = _checked(plant.mechanism, given, "tau")
-    e = elasticity_of(m)
-    rigid = elasticity_of(plant.mechanism).is_rigid * 1
-    force = _spring_force(m, q, theta)[0]
-    drive = tau - _friction(m, theta, thetad + rigid * (qd - thetad))
-    q2d = compute(plant, "forward_dynamics", (q, qd, force + rigid * drive), wrench=wrench, method=method)
+    e, joints = elasticity_of(m).of_motors, elasticity_of(m).joints_of_motors
+    rigid = elasticity_of(plant.mechanism).of_motors.is_rigid * 1
+    force = _spring_force(m, q, theta, qd, thetad)[0]
+    drive = tau - _friction(m, theta, thetad + rigid * (qd[..., joints] - thetad))
+    Q = stretch.on_joints(m, (force + rigid * drive)[..., None])[..., 0]
+    if e.level is not None and e.motors:
+        W = wrenches_of(m, wrench, 0, [q])
+        return Accelerations(*carried_accelerations(m, [q, qd, theta, thetad], force, drive - force, W))
+    q2d = compute(plant, "forward_dynamics", (q, qd, Q), wrench=wrench, method=method)
     free = reciprocal(e.rotor + rigid) * (1 - rigid)  # a rigid joint may have no rotor
-    theta2d = free * (drive - force) + rigid * q2d
+    theta2d = free * (drive - force) + rigid * q2d[..., joints]
     return Accelerations(q2d, theta2d)
 
 
 def linearizing_torques(robot: "Robot", given: Sequence[Any], wrench: Any, method: str | None) -> Array:
     """The motor torques that make q4d what is given, in the state q, qd, theta, thetad."""
+    _check_linearizable(robot.mechanism)
     m, (q, qd, theta, thetad, v) = _checked(robot.mechanism, given, "q4d")
     rigid = elasticity_of(robot.mechanism).is_rigid
     if rigid.any():
@@ -98,31 +100,62 @@ def linearizing_torques(robot: "Robot", given: Sequence[Any], wrench: Any, metho
     return compute(robot, "motor_torques", (q, qd, q2d, q3d, v), wrench=W, method=method)
 
 
+def damping_error(robot: "Robot", given: Sequence[Any], wrench: Any) -> Array:
+    """The last term of the series of dampers, by which motor positions with one term less differ."""
+    e = elasticity_of(robot.mechanism)
+    if not e.dampers:
+        raise JounceError(f"{robot.name}: no joint has a damper; robot.elastic(..., damping=...) states one")
+    laws = [replace(law, terms=law.terms - 1) if isinstance(law, DampedSpring) else law for law in e.springs]
+    fewer = type(robot)(replace(robot.mechanism, elasticity=replace(e, springs=tuple(laws))))
+    both = [compute(x, "motor_positions", given, wrench=wrench) for x in (robot, fewer)]
+    theta, other = (x[0] if isinstance(x, tuple) else x for x in both)
+    return abs(theta - other)
+
+
+def _check_linearizable(mechanism: Mechanism) -> None:
+    """Raise `JounceError` if tau does not decide q4d alone, by static feedback."""
+    e = elasticity_of(mechanism)
+    found = [law for law in e.springs if isinstance(law, DampedSpring | AntagonisticSprings)]
+    reason = f"coupling={e.level}" if e.level is not None else "dampers, or joints with two motors" if found else None
+    if reason:
+        raise JounceError(
+            f"feedback_linearization() is not available with {reason}; use coupling='spong' and springs without dampers"
+        )
+
+
 def energy(robot: "Robot", given: Sequence[Any]) -> Energy:
     """The energies in a state q, qd, theta, thetad."""
     m, (q, qd, theta, thetad) = _checked(robot.mechanism, given)
-    rigid = elasticity_of(robot.mechanism).is_rigid * 1
-    v, delta = thetad + rigid * (qd - thetad), (theta - q)[..., None]
+    e, joints = elasticity_of(m), elasticity_of(m).joints_of_motors
+    rigid = elasticity_of(robot.mechanism).of_motors.is_rigid * 1
+    v, delta = thetad + rigid * (qd[..., joints] - thetad), (theta - q[..., joints])[..., None]
+    rotors = (e.of_motors.rotor * v * v).sum(-1) * 0.5
+    if e.level is not None:
+        rotors = rotors + coupling.spin_energy(m, columns([q, qd]), columns([theta, thetad]))[0][..., 0, 0]
     return Energy(
         compute(robot, "kinetic_energy", (q, qd)),
-        (elasticity_of(m).rotor * v * v).sum(-1) * 0.5,
+        rotors,
         compute(robot, "potential_energy", (q,)),
-        elastic.spring_energy(m, delta)[..., 0, 0],
+        stretch.spring_energy(m, delta)[..., 0, 0],
     )
 
 
 def _checked(mechanism: Mechanism, given: Sequence[Any], *last: str) -> tuple[Mechanism, list[Array]]:
-    """The mechanism and a state in the scalar type of the state, arrays (..., n) with the same batch axes."""
-    labels = (*STATE, *last)
-    arrays = rates_of(given, len(labels), mechanism, lambda count: labels[:count])
+    """The mechanism and a state in the scalar type of the state, one array each, with the same batch axes."""
+    e, labels = elasticity_of(mechanism), (*STATE, *last)
+    motors = replace(mechanism, coordinates=e.motor_names(mechanism.coordinates)) if e.pairs else mechanism
+    links = rates_of(given[:2], 2, mechanism, lambda count: labels[:count])
+    arrays = [*links, *rates_of(given[2:], len(labels) - 2, motors, lambda count: labels[2 : 2 + count])]
     return cast_model(mechanism, arrays), broadcast(arrays, [1] * len(arrays), labels)
 
 
-def _spring_force(m: Mechanism, q: Array, theta: Array, *rates: Array) -> list[Array]:
-    """phi(theta - q), and its rate for given qd and thetad."""
-    ends = [(q, theta), *[rates] * bool(rates)]
-    force = elastic.spring_force(m, columns([b - a for a, b in ends]))
-    return [x[..., 0] for x in force.upto(len(ends) - 1)]
+def _spring_force(m: Mechanism, q: Array, theta: Array, qd: Array, thetad: Array) -> list[Array]:
+    """phi(theta - q), and its rate, where there is no damper."""
+    joints = elasticity_of(m).joints_of_motors
+    delta = columns([theta - q[..., joints], thetad - qd[..., joints]])
+    force = stretch.spring_force(m, delta)
+    damped = any(isinstance(law, DampedSpring) for law in elasticity_of(m).springs)
+    return [x[..., 0] for x in force.upto(0 if damped else 1)]
 
 
 def _friction(m: Mechanism, theta: Array, thetad: Array) -> Array:

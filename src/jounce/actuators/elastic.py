@@ -1,18 +1,23 @@
 """ElasticRobot: a robot whose links hang on its motors by springs. The conventions are those of `Robot`."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from os import PathLike
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce._typing import ArrayLike, Method, MotorQuantity, Named, Out, Rates, Results
-from jounce.actuators import dynamics
-from jounce.actuators.dynamics import Accelerations, Energy, elasticity_of
-from jounce.dynamics.quantities import QUANTITIES
+from jounce._typing import Array, ArrayLike, Method, MotorQuantity, Named, Out, Rates, Results
+from jounce.actuators import dynamics, electrical, variable
+from jounce.actuators.dynamics import Accelerations, Energy
+from jounce.actuators.integrated import integrated_along
+from jounce.arguments.rates import checked_order
+from jounce.dynamics.quantities import QUANTITIES, row_of
+from jounce.dynamics.stretch import elasticity_of
 from jounce.errors import JounceError
 from jounce.model.elasticity import Elasticity
+from jounce.model.inversion import UnreachableError
 from jounce.motion.motion import Motion
 from jounce.native.kernel import Kernel
 from jounce.robot import overloads
@@ -22,6 +27,12 @@ from jounce.robot.generic import results_into
 from jounce.robot.overloads import typed
 from jounce.robot.robot import Robot
 
+if TYPE_CHECKING:
+    from jounce.limits.check import Check
+    from jounce.limits.slowdown import Slowdown
+    from jounce.model.limits import Limits
+
+Electrical = tuple[np.ndarray, ...] | None
 POSITIONS, TORQUES = QUANTITIES["motor_positions"], QUANTITIES["motor_torques"]
 
 
@@ -39,6 +50,9 @@ class ElasticAlong:
         Motor positions theta, thetad, theta2d, ... seen from the links: rad or m, per s, ...
     torques : tuple of (N, n)
         Motor torques tau, taud, ...: N m, or N for coordinates in m, per s, ...; a tuple for order 0 too.
+    currents, voltages : tuple of (N, n), or None
+        Currents i, id, ... in A and voltages u, ud, ... in V, per s, ..., NaN for motors without a torque constant;
+        None if no motor has one. Voltages take a rate of tau more than currents, unless there is no inductance.
     deviations : tuple of (N, n), or None
         Standard deviations of the torques that follow from those of q, qd, ...; None where these are exact.
     breaks : tuple of ForceBreak
@@ -58,6 +72,8 @@ class ElasticAlong:
     rates: tuple[np.ndarray, ...]
     positions: tuple[np.ndarray, ...]
     torques: tuple[np.ndarray, ...]
+    currents: Electrical = None
+    voltages: Electrical = None
     deviations: tuple[np.ndarray, ...] | None = None
     breaks: tuple[ForceBreak, ...] = ()
 
@@ -107,7 +123,7 @@ class ElasticRobot:
     def _plant(self) -> Robot:
         return Robot(dynamics.with_rigid_rotors(self.robot.mechanism))
 
-    @typed(overloads.OfAcceleration)
+    @typed(overloads.OfMotorPositions)
     def motor_positions(
         self,
         q: Named,
@@ -117,6 +133,7 @@ class ElasticRobot:
         q4d: Named | None = None,
         *higher: Named,
         wrench: Rates | None = None,
+        stiffness: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
@@ -133,6 +150,8 @@ class ElasticRobot:
             Further rates, each for one more time derivative of theta.
         wrench : (..., nb, 6) or dict, or a tuple of them, optional
             As in `Robot.inverse_dynamics`, with as many rates as theta.
+        stiffness : (..., k) or mapping, or a tuple of them, optional
+            The stiffness S of the k joints with two motors, in their order or by name, with as many rates as theta.
         method, out, threads : optional
             See `Robot`.
 
@@ -155,6 +174,8 @@ class ElasticRobot:
         (array([0.036788, 0.01635 ]), array([1., 0.]))
         """
         rates = (q, qd, q2d, q3d, q4d, *higher)
+        if self.elasticity.pairs or stiffness is not None:
+            return variable.compute(self.robot, POSITIONS.name, rates, stiffness, wrench, method, out)
         return compute(self.robot, POSITIONS.name, rates, wrench=wrench, method=method, out=out, threads=threads)
 
     @typed(overloads.OfSnap)
@@ -167,6 +188,7 @@ class ElasticRobot:
         q4d: Named,
         *higher: Named,
         wrench: Rates | None = None,
+        stiffness: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
@@ -183,6 +205,8 @@ class ElasticRobot:
             Further rates, each for one more time derivative of tau.
         wrench : tuple of (..., nb, 6) or dict, optional
             As in `Robot.inverse_dynamics`, with two more rates than tau: (W, Wd, W2d) for tau.
+        stiffness : tuple of (..., k) or mapping, optional
+            The stiffness of the k joints with two motors, with two more rates than tau: (S, Sd, S2d) for tau.
         method, out, threads : optional
             See `Robot`.
 
@@ -209,6 +233,8 @@ class ElasticRobot:
         (array([36.524312, 12.908362]), array([0., 0.]))
         """
         rates = (q, qd, q2d, q3d, q4d, *higher)
+        if self.elasticity.pairs or stiffness is not None:
+            return variable.compute(self.robot, TORQUES.name, rates, stiffness, wrench, method, out)
         return compute(self.robot, TORQUES.name, rates, wrench=wrench, method=method, out=out, threads=threads)
 
     def forward_dynamics(
@@ -322,12 +348,123 @@ class ElasticRobot:
         tau = dynamics.linearizing_torques(self.robot, (q, qd, theta, thetad, q4d), wrench, method)
         return results_into((tau,), out)
 
+    def damping_error(self, *rates: Named, wrench: Rates | None = None) -> Array:
+        """An estimate of the error of motor positions that dampers leave at one instant: the last term of their series.
+
+        Parameters
+        ----------
+        *rates : (..., n)
+            q, qd, q2d, ..., as `motor_positions` takes them.
+        wrench : optional
+            See `motor_positions`.
+
+        Returns
+        -------
+        error : (..., n)
+            In rad or m; zero at joints without a damper.
+
+        Raises
+        ------
+        JounceError
+            If no joint has a damper, or the terms of the series do not fall.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1, damping=2.0, damping_terms=2)
+        >>> arm.damping_error([0, 0], [1, 0], [0, 0], [0, 0]).round(9)
+        array([0., 0.])
+        """
+        return dynamics.damping_error(self.robot, rates, wrench)
+
+    def currents(self, *rates: Named, wrench: Rates | None = None, stiffness: Rates | None = None) -> Results:
+        """The currents i of the motors for a motion of the links, and their rates.
+
+        ``i = tau / (r k)`` with the gear ratio r and the torque constant k.
+
+        Parameters
+        ----------
+        *rates : (..., n)
+            q, qd, q2d, q3d, q4d, and more for rates of i, as in `inverse_dynamics`.
+        wrench, stiffness : optional
+            See `inverse_dynamics`.
+
+        Returns
+        -------
+        i : (..., n), or tuple of (..., n)
+            In A, per s, ...; NaN for motors that state no torque constant.
+
+        Raises
+        ------
+        JounceError
+            As in `inverse_dynamics`, or if no motor states its torque constant.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> motor = jounce.Motor(gear=100, inertia=1e-5, constant=0.05, resistance=0.5)
+        >>> arm = jounce.load("planar2r").elastic(800, motors=motor)
+        >>> arm.currents(*[[0, 0]] * 5)
+        array([5.886, 1.962])
+        """
+        tau = self.inverse_dynamics(*rates, wrench=wrench, stiffness=stiffness)
+        return results_into(electrical.currents(self.elasticity, tau if isinstance(tau, tuple) else (tau,)), None)
+
+    def voltages(self, *rates: Named, wrench: Rates | None = None, stiffness: Rates | None = None) -> Results:
+        """The voltages u of the motors for a motion of the links, and their rates.
+
+        ``u = R i + L di/dt + k r thetad`` takes the rate of the motor torque and thus q5d, unless no motor has an
+        inductance.
+
+        Parameters
+        ----------
+        *rates : (..., n)
+            q, qd, q2d, q3d, q4d, q5d, and more for rates of u, as in `inverse_dynamics`.
+        wrench, stiffness : optional
+            See `inverse_dynamics`; with the rates that taud takes.
+
+        Returns
+        -------
+        u : (..., n), or tuple of (..., n)
+            In V, per s, ...; NaN for motors that state no torque constant or no resistance.
+
+        Raises
+        ------
+        JounceError
+            As in `inverse_dynamics`, or if no motor states constant and resistance, or a rate is missing.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> motor = jounce.Motor(gear=100, inertia=1e-5, constant=0.05, resistance=0.5, inductance=1e-3)
+        >>> arm = jounce.load("planar2r").elastic(800, motors=motor)
+        >>> arm.voltages(*[[0, 0]] * 6)
+        array([2.943, 0.981])
+        """
+        tau = self.inverse_dynamics(*rates, wrench=wrench, stiffness=stiffness)
+        torques = tau if isinstance(tau, tuple) else (tau,)
+        positions = self._positions_with(torques, rates, wrench, stiffness)
+        found = electrical.voltages(self.elasticity, positions, torques)
+        if not found:
+            raise JounceError(f"voltages of {self.robot.name!r} take the rate of tau, hence one rate of q more")
+        return results_into(found, None)
+
+    def _positions_with(
+        self, torques: Sequence[Array], rates: Sequence[Named], wrench: Rates | None, stiffness: Rates | None
+    ) -> tuple[Array, ...]:
+        """theta, thetad, ... with one rate more than the torques."""
+        fewer = len(rates) - (TORQUES.rates - POSITIONS.rates) + 1  # tau to order r, theta to order r + 1
+        terms = [x[: len(torques) + 1] if isinstance(x, tuple) else x for x in (wrench, stiffness)]
+        found: Any = self.motor_positions(*rates[:fewer], wrench=terms[0], stiffness=terms[1])
+        return tuple(found)
+
     def along(
         self,
         motion: Motion,
         t: ArrayLike | None = None,
         order: int = 0,
         *,
+        stiffness: Rates | None = None,
         method: Method | None = None,
         progress: Callable[[int, int], object] | None = None,
     ) -> ElasticAlong:
@@ -341,6 +478,8 @@ class ElasticRobot:
             Times in s, any within the motion; by default ``motion.times``.
         order : int, optional
             The highest rate of the torques: 1 gives tau and taud.
+        stiffness : (N, k) or mapping, or a tuple of them, optional
+            The stiffness S of the k joints with two motors: constant, or a tuple (S, Sd, S2d, ...) at the times.
         method, progress : optional
             As in `Robot.forces_along`.
 
@@ -348,12 +487,13 @@ class ElasticRobot:
         -------
         ElasticAlong
             Frozen: the times `t`, the `rates` q, qd, ..., the `positions` theta, thetad, theta2d, ... and the `torques`
-            tau, ..., tuples of (N, n); `deviations` and `breaks` of the torques.
+            tau, ..., tuples of (N, m); `currents`, `voltages`; `deviations` and `breaks` of the torques.
 
         Raises
         ------
         JounceError
-            If the motion has too few rates for the order or is not this robot's, or a time is outside of it.
+            If the motion has too few rates for the order or is not this robot's, a time is outside of it, or springs
+            cannot carry a force or have a stiffness, with the joint, the time and the bound.
 
         Examples
         --------
@@ -363,12 +503,100 @@ class ElasticRobot:
         >>> tau.shape
         (10000, 7)
         """
-        torques = forces_along(self.robot, motion, t, order, method, progress, TORQUES)
-        highest = len(torques.rates) - POSITIONS.rates
-        positions = forces_along(self.robot, motion, torques.t, highest, method, None, POSITIONS)
-        return ElasticAlong(
-            torques.t, torques.rates, positions.forces, torques.forces, torques.deviations, torques.breaks
-        )
+        e, options = self.elasticity, (method, progress)
+        if (e.dampers and e.level is None) or e.pairs:
+            links, theta, tau = integrated_along(self.robot, motion, t, checked_order(order), stiffness, *options)
+            return ElasticAlong(
+                links.t, links.rates, theta, tau, *electrical.outputs(e, theta, tau), breaks=links.breaks
+            )
+        try:
+            rows = [row_of(row.name, e.more_rates) for row in (POSITIONS, TORQUES)]
+            found = forces_along(self.robot, motion, t, order, *options, rows[1])
+            highest = len(found.rates) - rows[0].rates
+            theta = forces_along(self.robot, motion, found.t, highest, method, None, rows[0]).forces
+        except UnreachableError:
+            integrated_along(self.robot, motion, t, checked_order(order), None, *options)  # which tells the time
+            raise
+        outputs = electrical.outputs(e, theta, found.forces)
+        return ElasticAlong(found.t, found.rates, theta, found.forces, *outputs, found.deviations, found.breaks)
+
+    def with_limits(self, source: "str | PathLike[str] | Limits | None" = None, /, **limits: Any) -> "ElasticRobot":
+        """The robot with some of its limits replaced, of motors too; see `Robot.with_limits`.
+
+        Parameters
+        ----------
+        source, **limits : optional
+            As in `Robot.with_limits`: ``motor_velocity=2.0``, ``motor_torque={"joint1": 80}``, ...
+
+        Returns
+        -------
+        ElasticRobot
+
+        Raises
+        ------
+        JounceError
+            As in `Robot.with_limits`.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1).with_limits(motor_torque=40)
+        >>> arm.robot.limits.motor_torque
+        array([40., 40.])
+        """
+        return ElasticRobot(self.robot.with_limits(source, **limits))
+
+    def check(self, motion: Motion) -> "Check":
+        """Every limit along a motion of the links, those of motors among them; see `Robot.check`.
+
+        Parameters
+        ----------
+        motion : Motion
+            The motion; a limit of motor torques takes q4d.
+
+        Returns
+        -------
+        Check
+
+        Raises
+        ------
+        JounceError
+            As in `Robot.check`.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1).with_limits(motor_torque=40)
+        >>> arm.check(jounce.Motion.fourier([0, 0], [[0.1, 0.2]], [[0, 0]], 2.0, 3.0)).ok
+        True
+        """
+        return self.robot.check(motion)
+
+    def slowdown(self, motion: Motion) -> "Slowdown":
+        """The largest factor of speed at which a motion keeps all limits, those of motors too; see `Robot.slowdown`.
+
+        Parameters
+        ----------
+        motion : Motion
+            The motion.
+
+        Returns
+        -------
+        Slowdown
+
+        Raises
+        ------
+        JounceError
+            As in `Robot.slowdown`, and if a motor cannot keep its limit at rest.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1).with_limits(motor_velocity=0.2)
+        >>> arm.slowdown(jounce.Motion.fourier([0, 0], [[0.1, 0.2]], [[0, 0]], 2.0, 3.0)).binding.limit
+        'motor_velocity'
+        """
+        return self.robot.slowdown(motion)
 
     def energy(self, q: Named, qd: Named, theta: Named, thetad: Named) -> Energy:
         """The energies of links, rotors and springs.

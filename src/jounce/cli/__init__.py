@@ -17,6 +17,7 @@ from jounce.cli.convert import convert
 from jounce.cli.demo import demo
 from jounce.cli.info import info
 from jounce.cli.motion import motion
+from jounce.cli.motors import motors
 from jounce.cli.output import styled
 from jounce.cli.plot import plot
 from jounce.cli.report import report
@@ -24,6 +25,7 @@ from jounce.cli.retime import retime
 from jounce.cli.robots import robots
 from jounce.cli.run import run
 from jounce.cli.slowdown import slowdown
+from jounce.cli.view import view
 from jounce.errors import escaped, one_line
 
 EPILOG = """\b
@@ -93,5 +95,9 @@ def main() -> None:
     """Higher-order inverse dynamics: a robot and a motion in, drive forces and their exact time derivatives out."""
 
 
-for verb in (run, motion, check, slowdown, retime, plot, report, info, robots, compare, convert, codegen, demo, cache):
+VERBS = (
+    run, motion, motors, check, slowdown, retime, plot, report, view, info, robots, compare, convert, codegen, demo,
+    cache,
+)  # fmt: skip
+for verb in VERBS:
     main.add_command(verb)

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jounce.cli.options import MOTION
+from jounce.errors import JounceError
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
     from jounce.robot import Robot
 
 OPTIONS = (
-    click.argument("motion", type=MOTION),
     click.option(
         "--bandwidth", type=float, metavar="HZ",
         help="Bandwidth of the smoothing of samples in HZ; default: as far as the motion exceeds the noise.",
@@ -42,6 +42,9 @@ OPTIONS = (
         "--step", type=float, metavar="S", help="Time between rows in s; default: the motion's own rows, or 1 ms."
     ),
 )  # fmt: skip
+NAMES = (  # of the options of `jounce.load_motion`
+    "degree", "intervals", "bandwidth", "force", "time", "columns", "torques", "angles", "time_unit", "topic",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -64,23 +67,24 @@ class AskedMotion:
 
 def of_motion(verb: Callable[..., None]) -> Callable[..., None]:
     """Add the argument MOTION and its options to a command, which gets them as one `motion`, an `AskedMotion`."""
+    return click.argument("motion", type=MOTION)(_with_options(verb))
 
+
+def of_optional_motion(verb: Callable[..., None]) -> Callable[..., None]:
+    """`of_motion` of a command that does without a motion too: it gets None then."""
+    return click.argument("motion", type=MOTION, required=False)(_with_options(verb))
+
+
+def _with_options(verb: Callable[..., None]) -> Callable[..., None]:
     @wraps(verb)
-    def asked(motion: Path, blend: float | None, step: float | None, **others: Any) -> None:
-        names = (
-            "degree",
-            "intervals",
-            "bandwidth",
-            "force",
-            "time",
-            "columns",
-            "torques",
-            "angles",
-            "time_unit",
-            "topic",
-        )
-        options = {name: others.pop(name) for name in names}
-        verb(motion=AskedMotion(motion, options, blend, step), **others)
+    def asked(motion: Path | None, blend: float | None, step: float | None, **others: Any) -> None:
+        options = {name: others.pop(name) for name in NAMES}
+        if motion is None:
+            if given := [name for name, value in {**options, "blend": blend, "step": step}.items() if value]:
+                raise JounceError(f"--{given[0].replace('_', '-')} needs a MOTION")
+            verb(motion=None, **others)
+        else:
+            verb(motion=AskedMotion(motion, options, blend, step), **others)
 
     for option in reversed(OPTIONS):
         asked = option(asked)

@@ -1,4 +1,4 @@
-"""URDF: the part that dynamics needs, read by lxml; visuals, collisions, meshes and transmissions are never opened."""
+"""URDF: the part that dynamics needs, read by lxml; collisions and transmissions are never opened."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -29,7 +29,7 @@ def read(path: Path, gravity: object = None, base: str | None = None, root: str 
 
 def parse(content: bytes, file: str, name: str, gravity: object, base: str | None, root: str | None) -> Mechanism:
     """The mechanism of a URDF's text; messages call it `file`, and a robot without a name is called `name`."""
-    robot = _parsed(content, file)
+    robot = parse_xml(content, file)
     links = [_link(element, file) for element in robot.iterchildren("link")]
     joints = [_joint(element, file) for element in robot.iterchildren("joint")]
     given = GRAVITY if gravity is None else gravity
@@ -38,7 +38,8 @@ def parse(content: bytes, file: str, name: str, gravity: object, base: str | Non
     return replace(built, default_axes=tuple(joint for joint in built.joints if joint in without))
 
 
-def _parsed(content: bytes, file: str) -> etree._Element:
+def parse_xml(content: bytes, file: str) -> etree._Element:
+    """The root of a URDF's text; messages call it `file`."""
     # nothing is resolved and nothing is fetched: a robot file is data, never a program
     refuse_declarations(content, file)
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, remove_comments=True)
@@ -63,10 +64,10 @@ def _link(element: etree._Element, file: str) -> tree.Link:
     name, inertial = _text(element, "name", file), element.find("inertial")
     if inertial is None:
         return tree.Link(name, np.zeros((6, 6)), _at(element, file))
-    mass = _numbers(_child(inertial, "mass", file), "value", 1, file)[0]
+    mass = read_numbers(_child(inertial, "mass", file), "value", 1, file)[0]
     tensor = _child(inertial, "inertia", file)
-    six = [_numbers(tensor, "i" + axes, 1, file)[0] for axes in ("xx", "xy", "xz", "yy", "yz", "zz")]
-    C = _origin(inertial, file)
+    six = [read_numbers(tensor, "i" + axes, 1, file)[0] for axes in ("xx", "xy", "xz", "yy", "yz", "zz")]
+    C = origin_pose(inertial, file)
     theta = symmetric(np.array(six))
     return tree.Link(name, inertia_matrix(mass, C[:3, 3], theta, rotation=C[:3, :3]), _at(element, file))
 
@@ -80,7 +81,7 @@ def _joint(element: etree._Element, file: str) -> tree.Joint:
         name=name,
         parent=_text(_child(element, "parent", file), "link", file),
         child=_text(_child(element, "child", file), "link", file),
-        B=_origin(element, file),
+        B=origin_pose(element, file),
         X=_screw(element, kind, file) if kind in MOVING else None,
         mimic=_mimic(element, file) if kind in MOVING else None,
         limits=_limits(element, kind, file) if kind in MOVING else {},
@@ -92,7 +93,7 @@ def _joint(element: etree._Element, file: str) -> tree.Joint:
 
 def _screw(element: etree._Element, kind: str, file: str) -> np.ndarray:
     stated = element.find("axis")
-    numbers = np.array(AXIS.split(), dtype=float) if stated is None else _numbers(stated, "xyz", 3, file)
+    numbers = np.array(AXIS.split(), dtype=float) if stated is None else read_numbers(stated, "xyz", 3, file)
     axis = direction(numbers)
     if axis is None:
         name = quoted(element.get("name"))
@@ -106,8 +107,8 @@ def _mimic(element: etree._Element, file: str) -> tree.Mimic | None:
     mimic = element.find("mimic")
     if mimic is None:
         return None
-    multiplier = _numbers(mimic, "multiplier", 1, file, default="1")[0]
-    offset = _numbers(mimic, "offset", 1, file, default="0")[0]
+    multiplier = read_numbers(mimic, "multiplier", 1, file, default="1")[0]
+    offset = read_numbers(mimic, "offset", 1, file, default="0")[0]
     return tree.Mimic(_text(mimic, "joint", file), multiplier, offset)
 
 
@@ -117,7 +118,7 @@ def _limits(element: etree._Element, kind: str, file: str) -> dict[str, float]:
     if limit is None:
         return {}
     keys = [*(("lower", "upper") if kind != "continuous" else ()), *({"velocity", "effort"} & set(limit.attrib))]
-    return {key: float(_numbers(limit, key, 1, file, default="0")[0]) for key in keys}
+    return {key: float(read_numbers(limit, key, 1, file, default="0")[0]) for key in keys}
 
 
 def _drive(element: etree._Element, file: str) -> dict[str, float]:
@@ -125,10 +126,10 @@ def _drive(element: etree._Element, file: str) -> dict[str, float]:
     dynamics = element.find("dynamics")
     if dynamics is None:
         return {}
-    return {key: float(_numbers(dynamics, key, 1, file, default="0")[0]) for key in ("damping", "friction")}
+    return {key: float(read_numbers(dynamics, key, 1, file, default="0")[0]) for key in ("damping", "friction")}
 
 
-def _origin(element: etree._Element, file: str) -> np.ndarray:
+def origin_pose(element: etree._Element, file: str) -> np.ndarray:
     """Return the pose of an <origin>, the identity by default."""
     origin = element.find("origin")
     if origin is None:
@@ -136,8 +137,8 @@ def _origin(element: etree._Element, file: str) -> np.ndarray:
     for key in origin.attrib:  # a quaternion, or a frame that the pose is given in, must not be lost in silence
         if key not in PLACED:
             raise JounceError(f"{_at(origin, file)}: {no_such('attribute of <origin>', key, PLACED)}")
-    R = from_rpy(_numbers(origin, "rpy", 3, file, default="0 0 0"), _at(origin, file))
-    return pose(R, _numbers(origin, "xyz", 3, file, default="0 0 0")[:, None])
+    R = from_rpy(read_numbers(origin, "rpy", 3, file, default="0 0 0"), _at(origin, file))
+    return pose(R, read_numbers(origin, "xyz", 3, file, default="0 0 0")[:, None])
 
 
 def _child(element: etree._Element, tag: str, file: str) -> etree._Element:
@@ -155,7 +156,10 @@ def _text(element: etree._Element, attribute: str, file: str) -> str:
     return text
 
 
-def _numbers(element: etree._Element, attribute: str, count: int, file: str, default: str | None = None) -> np.ndarray:
+def read_numbers(
+    element: etree._Element, attribute: str, count: int, file: str, default: str | None = None
+) -> np.ndarray:
+    """The finite numbers of an attribute, as many as are expected."""
     text, expected = element.get(attribute, default), f"expected {count} finite number{'s' * (count > 1)}"
     if text is None:
         raise JounceError(f"{_at(element, file)}: <{element.tag}> has no {attribute}=; {expected}")

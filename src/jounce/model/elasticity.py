@@ -9,6 +9,7 @@ model, in which rotors turn about their own axes only:
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -67,7 +68,7 @@ class Elasticity:
     @property
     def more_rates(self) -> int:
         """How many further rates of the motion motor positions and torques take, as dampers and couplings need them."""
-        terms = max((law.terms - 1 for law in self.springs if isinstance(law, DampedSpring)), default=0)
+        terms = max([0, *(law.terms - 1 for law in self.springs if isinstance(law, DampedSpring))])
         level = self.level or 0
         return (level + 1) * terms + 2 * level
 
@@ -76,17 +77,92 @@ class Elasticity:
         """Whether the joint of each coordinate is rigid, (n,)."""
         return self.stiffness == np.inf
 
+    @cached_property
+    def joints_of_motors(self) -> list[int]:
+        """The coordinate of each motor: a joint with two springs has two."""
+        laws = self.springs or (None,) * len(self.stiffness)
+        return [j for j, law in enumerate(laws) for _ in range(1 + isinstance(law, AntagonisticSprings))]
+
+    @cached_property
+    def laws(self) -> list[Spring | DampedSpring | None]:
+        """The spring of each motor, None if it is linear without a damper; empty if all are."""
+        pairs = [(law.first, law.second) if isinstance(law, AntagonisticSprings) else (law,) for law in self.springs]
+        return [law for pair in pairs for law in pair]
+
+    @property
+    def pairs(self) -> list[int]:
+        """The coordinates with two motors."""
+        return [j for j, law in enumerate(self.springs) if isinstance(law, AntagonisticSprings)]
+
+    @property
+    def dampers(self) -> list[int]:
+        """The coordinates whose springs have dampers."""
+        return [j for j, law in enumerate(self.springs) if isinstance(law, DampedSpring)]
+
+    def motor_names(self, joints: Sequence[str]) -> tuple[str, ...]:
+        """A name per motor: that of its joint, with _1 and _2 where a joint has two."""
+        pairs = [(f"{name}_1", f"{name}_2") if j in self.pairs else (name,) for j, name in enumerate(joints)]
+        return tuple(name for pair in pairs for name in pair)
+
+    @property
+    def of_motors(self) -> "Elasticity":
+        """Its arrays with an entry per motor."""
+        return self.select(self.joints_of_motors) if self.pairs else self
+
     @property
     def arrays(self) -> Mapping[str, Array]:
         """The numbers by name."""
         return {name: getattr(self, name) for name in ARRAYS}
 
     def map(self, convert: Callable[[Array], Array]) -> "Elasticity":
-        """The same springs and motors with other numbers."""
+        """The same springs and motors with other numbers.
+
+        Parameters
+        ----------
+        convert : callable
+            Applied to each array.
+
+        Returns
+        -------
+        Elasticity
+
+        Raises
+        ------
+        Exception
+            What `convert` raises.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> elasticity = jounce.load("planar2r").elastic([800, 600], rotor=0.1).elasticity
+        >>> elasticity.map(lambda x: 2 * x).rotor
+        array([0.2, 0.2])
+        """
         return replace(self, **{name: convert(array) for name, array in self.arrays.items()})
 
     def select(self, coordinates: Sequence[int]) -> "Elasticity":
-        """The springs and motors of some coordinates, by index."""
+        """The springs and motors of some coordinates.
+
+        Parameters
+        ----------
+        coordinates : sequence of int
+            Their indices.
+
+        Returns
+        -------
+        Elasticity
+
+        Raises
+        ------
+        IndexError
+            If there is no such coordinate.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("planar2r").elastic([800, 600], rotor=0.1).elasticity.select([1]).stiffness
+        array([600.])
+        """
         springs = tuple(self.springs[j] for j in coordinates) if self.springs else ()
         motors = tuple(self.motors[j] for j in coordinates) if self.motors else ()
         return replace(self.map(lambda array: array[list(coordinates)]), springs=springs, motors=motors)

@@ -56,6 +56,10 @@ class _Wrench(Options, total=False):
     wrench: Rates | None
 
 
+class _Motors(_Wrench, total=False):
+    stiffness: Rates | None
+
+
 class _Place(TypedDict, total=False):
     body: str | None
     frame: Frame
@@ -205,16 +209,44 @@ class OfAcceleration(Protocol):
     ) -> tuple[Array, ...]: ...
 
 
+class OfMotorPositions(Protocol):
+    """Methods that take q, qd, q2d, wrenches and stiffnesses: motor positions."""
+
+    @overload
+    def __call__(self, q: Named, qd: Named, q2d: Named, **options: Unpack[_Motors]) -> Array: ...
+    @overload
+    def __call__(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, **options: Unpack[_Motors]
+    ) -> tuple[Array, Array]: ...
+    @overload
+    def __call__(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, q4d: Named, **options: Unpack[_Motors]
+    ) -> tuple[Array, Array, Array]: ...
+    @overload
+    def __call__(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        q5d: Named,
+        /,
+        *higher: Named,
+        **options: Unpack[_Motors],
+    ) -> tuple[Array, ...]: ...
+
+
 class OfSnap(Protocol):
     """Methods that take q to q4d and wrenches: motor torques."""
 
     @overload
     def __call__(
-        self, q: Named, qd: Named, q2d: Named, q3d: Named, q4d: Named, **options: Unpack[_Wrench]
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, q4d: Named, **options: Unpack[_Motors]
     ) -> Array: ...
     @overload
     def __call__(
-        self, q: Named, qd: Named, q2d: Named, q3d: Named, q4d: Named, q5d: Named, **options: Unpack[_Wrench]
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, q4d: Named, q5d: Named, **options: Unpack[_Motors]
     ) -> tuple[Array, Array]: ...
     @overload
     def __call__(
@@ -228,7 +260,7 @@ class OfSnap(Protocol):
         q6d: Named,
         /,
         *higher: Named,
-        **options: Unpack[_Wrench],
+        **options: Unpack[_Motors],
     ) -> tuple[Array, ...]: ...
 
 
@@ -259,11 +291,10 @@ class OfForces(Protocol):
 
 
 class ForwardPartials(Protocol):
-    """The method that takes q, qd, forces Q and wrenches, and returns dq2d/dq, dq2d/dqd and M^-1."""
+    """The method that takes q, qd, forces Q and wrenches, and returns three matrices."""
 
     def __call__(self, q: Named, qd: Named, Q: Named, **options: Unpack[_Wrench]) -> tuple[Array, Array, Array]:
-        """Compute the three matrices."""
-        ...
+        """Return dq2d/dq, dq2d/dqd and M^-1."""
 
 
 class DriveForces(Protocol):

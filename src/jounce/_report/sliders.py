@@ -1,0 +1,72 @@
+"""Sliders that compute on the page: generated JavaScript of the forces of a robot that rests and is pulled."""
+
+import re
+from typing import Any
+
+import numpy as np
+
+from jounce._codegen import generate
+from jounce._report.drawing import GROUND, tips
+from jounce._report.subject import Subject
+from jounce.model.coordinates import coordinate_units
+from jounce.model.limits import unit_of
+from jounce.model.mechanism import Mechanism
+from jounce.robot.robot import Robot
+
+FREE = {"rad": np.pi, "m": 0.5}  # how far a joint without limits goes either way
+FORCES = (10.0, 20.0, 50.0)  # N, times powers of ten: the largest pull, at least the weight
+COMMENT = re.compile(r"^(//| ?\*|/\*\*).*\n", re.MULTILINE)
+
+
+def sliders_code(robot: Robot) -> str:
+    """JavaScript that defines `forcesAtRest`: of coordinates, and wrenches that the bodies exert.
+
+    Comments, which hold names of the file, are left out: no name of a file is ever part of a script.
+    """
+    outputs = ("inverse_dynamics", "gravity_forces")
+    code = generate.code(robot, "javascript", "PREFIX.mjs", 0, outputs, wrench=True)
+    functions = COMMENT.sub("", code).replace("export function", "function")
+    return f"const forcesAtRest = (() => {{\n{functions}return {{{', '.join(outputs)}}};\n}})();\n"
+
+
+def sliders_data(s: Subject) -> dict[str, Any]:
+    """The stretches of the joints, the points that may be pulled, and the bounds of Q."""
+    m, q = s.robot.mechanism, s.along.rates[0]
+    units = coordinate_units(m)
+    free = np.array([FREE[unit] for unit in units])
+    lower, upper = s.limits.bounds("position")
+    ends = _ends(m)
+    return {
+        "lower": np.minimum(np.where(np.isfinite(lower), lower, -free), q.min(axis=0)).tolist(),
+        "upper": np.maximum(np.where(np.isfinite(upper), upper, free), q.max(axis=0)).tolist(),
+        "units": [unit_of("effort", unit) for unit in units],
+        "effort": [[x if np.isfinite(x) else None for x in row] for row in s.limits.bounds("effort").tolist()],
+        "inertial": "effort" in s.limits.without_gravity,
+        "ends": ends,
+        "first": _first(m, ends),
+        "force": _largest_force(m),
+    }
+
+
+def end_names(m: Mechanism) -> list[str]:
+    """The names of the points that may be pulled: bodies, and links merged into them."""
+    return [*m.bodies, *(frame.name for frame in m.frames if frame.body != GROUND)]
+
+
+def _ends(m: Mechanism) -> list[dict[str, Any]]:
+    """The points that may be pulled: the origins of those that `end_names` lists, each in the frame of its body."""
+    frames = [m.frame(name) for name in end_names(m)]
+    return [{"body": frame.body, "point": np.asarray(frame.T[:3, 3], dtype=float).tolist()} for frame in frames]
+
+
+def _first(m: Mechanism, ends: list[dict[str, Any]]) -> int:
+    """The end that is pulled at first: the one that is nearest to the last outermost point."""
+    body, point = tips(m)[-1] if tips(m) else (m.nb - 1, np.zeros(3))
+    of_body = [k for k, end in enumerate(ends) if end["body"] == body]
+    return min(of_body, key=lambda k: float(np.linalg.norm(point - ends[k]["point"])))
+
+
+def _largest_force(m: Mechanism) -> float:
+    weight = float(np.asarray(m.M[:, 3, 3], dtype=float).sum()) * 9.81
+    power = 10.0 ** max(0, np.floor(np.log10(max(weight, FORCES[0]))) - 1)
+    return float(next((x * power for x in FORCES if x * power >= weight), 100 * power))

@@ -1,0 +1,156 @@
+"""The scene of the live view: a robot's bodies, which move with their frames, and arrows of forces and moments."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jounce._report.drawing import GROUND, parts_of
+from jounce._view.track import Track
+from jounce.errors import JounceError, listed, one_line, quoted
+from jounce.figures.drawing import skeleton
+from jounce.io.visuals import Visual, mesh_file, read_visuals
+from jounce.robot import Robot
+
+if TYPE_CHECKING:
+    import viser
+
+GREY, FORCE, MOMENT = (185, 189, 196), (213, 94, 0), (0, 114, 178)
+LENGTH = 0.35  # of the robot's size: the longest arrow
+LEAST_SIZE = 1e-3  # m
+NONE = np.zeros((1, 2, 3))  # an arrow that is not seen
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """The handles of what moves: the frames of the bodies, and arrows by what they show."""
+
+    robot: Robot
+    size: float
+    bodies: Sequence[Any]
+    frames: Sequence[Any]
+    arrows: Mapping[str, Any]
+    largest: Mapping[str, float]  # force and moment, of the longest arrow
+    notes: Sequence[str]  # on meshes that are not drawn
+
+
+def draw_scene(server: "viser.ViserServer", robot: Robot, file: Path, along: Track | None) -> Scene:
+    """Draw a robot as its file shows it; links without shapes there are drawn from their joints and frames."""
+    m = robot.mechanism
+    size = max(skeleton(m, np.asarray(robot.poses(np.zeros(robot.n)))).size, LEAST_SIZE)
+    server.scene.add_grid("/grid", width=4 * size, height=4 * size, cell_size=size / 5, section_size=size)
+    bodies, frames = [], []
+    for i in range(m.nb):
+        bodies.append(server.scene.add_frame(f"/body{i}", show_axes=False))
+        name, long, thick = f"/body{i}/frame", 0.12 * size, 0.005 * size
+        frames.append(server.scene.add_frame(name, axes_length=long, axes_radius=thick, visible=False))
+    seen, notes = _draw_visuals(server, robot, file)
+    for k, part in enumerate(parts_of(m, size)):
+        if part.body not in seen:
+            colour = np.frombuffer(bytes.fromhex(part.colour.removeprefix("#")), np.uint8)
+            server.scene.add_mesh_simple(f"{_body(part.body)}/part{k}", part.vertices, part.triangles, color=colour)
+    shape: Any = {"shaft_radius": 0.01 * size, "head_radius": 0.025 * size, "head_length": 0.05 * size}
+    colours = {"base force": FORCE, "base moment": MOMENT}
+    colours |= {f"load {k}": FORCE for k in range(len(along.wrenches) if along is not None else 0)}
+    arrows = {name: server.scene.add_arrows(f"/{name}", NONE, colour, **shape) for name, colour in colours.items()}
+    return Scene(robot, size, bodies, frames, arrows, _largest(robot, along), notes)
+
+
+def show(scene: Scene, now: Track) -> None:
+    """Move the robot to a state, and draw the forces and moments of it."""
+    m = scene.robot.mechanism
+    poses = np.asarray(scene.robot.poses(now.q))
+    for body, C in zip(scene.bodies, poses, strict=True):
+        body.wxyz, body.position = _quaternion(C[:3, :3]), C[:3, 3]
+    vectors = {"base moment": (np.zeros(3), now.F[:3]), "base force": (np.zeros(3), now.F[3:])}
+    for k, (name, W) in enumerate(now.wrenches.items()):
+        frame = m.frame(name)
+        C = (poses[frame.body] if frame.body != GROUND else np.eye(4)) @ np.asarray(frame.T, dtype=float)
+        vectors[f"load {k}"] = C[:3, 3], -C[:3, :3] @ W[3:]  # on the body
+    for name, (start, vector) in vectors.items():
+        scale = LENGTH * scene.size / scene.largest["moment" if name == "base moment" else "force"]
+        scene.arrows[name].points = np.array([[start, start + scale * vector]])
+
+
+def _largest(robot: Robot, along: Track | None) -> dict[str, float]:
+    """The largest force and moment that arrows show: along a motion, and the weight."""
+    m = robot.mechanism
+    weight = float(m.M[:, 3, 3].sum() * np.linalg.norm(np.asarray(m.gravity, dtype=float)))
+    F = np.zeros((1, 6)) if along is None else along.F
+    loads = [np.zeros((1, 6))] if along is None else [np.zeros((1, 6)), *along.wrenches.values()]
+    forces = [np.linalg.norm(W[:, 3:], axis=1).max() for W in (F, *loads)]
+    size = max(skeleton(m, np.asarray(robot.poses(np.zeros(robot.n)))).size, LEAST_SIZE)
+    moment = float(np.linalg.norm(F[:, :3], axis=1).max())
+    return {"force": max(weight, *forces) or 1.0, "moment": max(moment, weight * size / 4) or 1.0}
+
+
+def _draw_visuals(server: "viser.ViserServer", robot: Robot, file: Path) -> tuple[set[int], list[str]]:
+    """Draw the visuals of a robot file; the bodies that they show, and what could not be drawn."""
+    seen: set[int] = set()
+    missed = []
+    for k, visual in enumerate(_visuals(robot, file)):
+        frame = robot.mechanism.frame(visual.link)
+        mesh = _mesh(visual, file)
+        if isinstance(mesh, str):
+            missed.append(mesh)
+            continue
+        C = np.asarray(frame.T, dtype=float) @ visual.T
+        place = {"wxyz": _quaternion(C[:3, :3]), "position": C[:3, 3]}
+        server.scene.add_mesh_trimesh(f"{_body(frame.body)}/visual{k}", mesh, **place)
+        seen.add(frame.body)
+    return seen, [f"not drawn: {listed(dict.fromkeys(missed))}"] if missed else []
+
+
+def _visuals(robot: Robot, file: Path) -> Iterable[Visual]:
+    """The visuals of links that the robot has: `--root` may have left some out."""
+    known = {*robot.body_names, *(frame.name for frame in robot.mechanism.frames)}
+    return (visual for visual in read_visuals(file) if visual.link in known)
+
+
+def _mesh(visual: Visual, file: Path) -> Any:
+    """The triangles of a visual, or in words why it cannot be drawn."""
+    import trimesh
+
+    mesh: Any
+    match visual.kind:
+        case "box":
+            mesh = trimesh.creation.box(visual.size)
+        case "cylinder":
+            mesh = trimesh.creation.cylinder(*visual.size)
+        case "sphere":
+            mesh = trimesh.creation.icosphere(3, *visual.size)
+        case _:
+            path = mesh_file(visual.mesh, file)
+            if path is None:
+                return f"{quoted(visual.mesh)} (no such file)"
+            try:
+                mesh = trimesh.load(path, force="mesh")
+            except Exception as error:  # readers of meshes raise anything
+                return f"{quoted(visual.mesh)} ({one_line(str(error))})"
+            if not len(mesh.faces):
+                return f"{quoted(visual.mesh)} (no triangles)"
+            mesh.apply_transform(np.diag([*visual.size, 1]))
+            return mesh
+    mesh.visual.face_colors = GREY
+    return mesh
+
+
+def _body(i: int) -> str:
+    return "/ground" if i == GROUND else f"/body{i}"
+
+
+def _quaternion(R: np.ndarray) -> np.ndarray:
+    """The unit quaternion (w, x, y, z) of a rotation."""
+    from scipy.spatial.transform import Rotation
+
+    return np.roll(Rotation.from_matrix(R).as_quat(), 1)
+
+
+def check_installed() -> None:
+    """Raise `JounceError` where viser, which serves the view, is missing."""
+    try:
+        import viser  # noqa: F401
+    except ModuleNotFoundError:
+        raise JounceError("the live view needs viser; install it by: pip install 'jounce[view]'") from None

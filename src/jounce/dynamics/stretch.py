@@ -1,0 +1,135 @@
+"""The springs of a robot: deflections from the forces that they carry, forces and energy from deflections.
+
+Forces of links are columns (..., n, 1); deflections and forces of springs have a row per motor, (..., m, 1). Joints
+with two springs have two motors, all others one.
+"""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import reduce
+from operator import add
+
+import numpy as np
+
+from jounce._scalars import Array, is_numeric, reciprocal
+from jounce.dynamics import deflections
+from jounce.dynamics.recursion.joints import rows
+from jounce.errors import JounceError, quoted
+from jounce.model import antagonists
+from jounce.model.antagonists import AntagonisticSprings
+from jounce.model.elasticity import Elasticity, Law
+from jounce.model.inversion import UnreachableError
+from jounce.model.mechanism import Mechanism
+from jounce.model.springs import DampedSpring, Spring, force_along
+from jounce.spatial.series import Series, joined
+
+Pull = tuple[Series, Series]  # the deflection of a spring, and its force
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What decides deflections together with the forces, by coordinate."""
+
+    deflections: Mapping[int, Array] = field(default_factory=dict)  # of damped springs, (..., 1, 1), where integrated
+    stiffness: Mapping[int, Series] = field(default_factory=dict)  # of joints with two motors, (..., 1, 1)
+
+
+NOTHING = Setting()
+
+
+def elasticity_of(m: Mechanism) -> Elasticity:
+    """The springs and motors of a mechanism that has some: requests are refused for others."""
+    assert m.elasticity is not None, m.name
+    return m.elasticity
+
+
+def at_motors(m: Mechanism, q: Series) -> Series:
+    """Columns of coordinates with a row per motor."""
+    e = elasticity_of(m)
+    return q.map(lambda q: q[..., e.joints_of_motors, :]) if e.pairs else q
+
+
+def stretch(m: Mechanism, Q: Series, setting: Setting = NOTHING) -> Pull:
+    """The deflections of the springs that carry Q, and their forces, one row per motor."""
+    e = elasticity_of(m)
+    linear = reciprocal(e.stiffness)[:, None] * Q
+    if not e.springs:
+        return linear, Q
+    pulls: list[Pull] = []
+    for j, law in enumerate(e.springs):
+        if law is None:
+            pulls.append((rows(linear, j, j + 1), rows(Q, j, j + 1)))
+        else:
+            with _of_joint(m, j):
+                pulls += _pulls(law, rows(Q, j, j + 1), setting.deflections.get(j), setting.stiffness.get(j))
+    delta, phi = (joined([pull[k] for pull in pulls], axis=-2) for k in (0, 1))
+    return delta, phi
+
+
+def _pulls(law: Law, Q: Series, known: Array | None, stiffness: Series | None) -> list[Pull]:
+    if isinstance(law, AntagonisticSprings):
+        assert stiffness is not None, law  # requests are refused without
+        both = antagonists.deflection_series(law, Q, stiffness)
+        return [(d, force_along(spring, d)) for spring, d in zip((law.first, law.second), both, strict=True)]
+    if isinstance(law, Spring):
+        return [(deflections.of_spring(law, Q), Q)]
+    if known is not None:
+        return [(deflections.of_moving_damper(law.spring, law.damping, Q, known), Q)]
+    if not is_numeric(Q[0]):
+        raise JounceError("a spring with a damper needs NumPy arrays of floats, on which its series is checked")
+    sums = deflections.of_damped_spring(law.spring, law.damping, Q, law.terms)
+    deflections.check_series(sums, law.time_constant)
+    return [(sums[-1], Q)]
+
+
+@contextmanager
+def _of_joint(m: Mechanism, j: int) -> Iterator[None]:
+    """Within this context, errors begin with the name of a joint; those of one state keep its number."""
+    joint = f"joint {quoted(m.coordinates[j])}"
+    try:
+        yield
+    except UnreachableError as error:
+        raise UnreachableError(f"{joint}: {error}", error.state) from None
+    except JounceError as error:
+        raise JounceError(f"{joint}: {error}") from None
+
+
+def spring_force(m: Mechanism, delta: Series) -> Series:
+    """phi(delta) + D delta' of springs and dampers, one row per motor; zero at rigid joints, whose force is unknown."""
+    e = elasticity_of(m)
+    linear = _linear_stiffness(e) * delta
+    parts = [
+        rows(linear, i, i + 1) if law is None else _force(law, rows(delta, i, i + 1)) for i, law in enumerate(e.laws)
+    ]
+    return joined(parts, axis=-2) if e.springs else linear
+
+
+def _force(law: Spring | DampedSpring, delta: Series) -> Series:
+    if isinstance(law, Spring):
+        return force_along(law, delta)
+    return force_along(law.spring, delta) + delta.dot * law.damping
+
+
+def on_joints(m: Mechanism, phi: Array) -> Array:
+    """The forces on the links of those of springs, (..., m, 1) to (..., n, 1)."""
+    e = elasticity_of(m)
+    return np.eye(m.n, dtype=int)[:, e.joints_of_motors] @ phi if e.pairs else phi
+
+
+def spring_energy(m: Mechanism, delta: Array) -> Array:
+    """The energy of the springs, (..., 1, 1)."""
+    e = elasticity_of(m)
+    linear = _linear_stiffness(e) * delta * delta * 0.5
+    energies = [linear[..., i : i + 1, :] for i in range(delta.shape[-2])]
+    for i, law in enumerate(e.laws):
+        if law is not None:
+            spring = law if isinstance(law, Spring) else law.spring
+            energies[i] = spring._energy(delta[..., i : i + 1, :])
+    return reduce(add, energies)
+
+
+def _linear_stiffness(e: Elasticity) -> Array:
+    """A column of stiffnesses, one per motor, 0 at rigid joints."""
+    e = e.of_motors
+    return np.where(e.is_rigid, 0, e.stiffness)[:, None]

@@ -1,0 +1,78 @@
+"""The shapes by which a URDF shows its links: boxes, cylinders, spheres and meshes."""
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from lxml import etree
+
+from jounce.io.files import read_bytes
+from jounce.io.urdf import origin_pose, parse_xml, read_numbers
+
+SHAPES = {"box": ("size", 3), "cylinder": ("radius length", 1), "sphere": ("radius", 1)}  # attributes, numbers of each
+PACKAGES = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH")  # environment variables
+
+
+@dataclass(frozen=True, eq=False)
+class Visual:
+    """A shape that is fixed on a link, `T` its pose in the frame of the link.
+
+    `size` holds the sides of a box, the radius and length of a cylinder, the radius of a sphere, m, or the scale of a
+    mesh; a cylinder lies along z.
+    """
+
+    link: str
+    T: np.ndarray
+    kind: str
+    size: np.ndarray
+    mesh: str = ""
+
+
+def read_visuals(path: Path) -> list[Visual]:
+    """The visuals of a URDF; robot files of other types give an empty list.
+
+    Raises
+    ------
+    JounceError : where the file cannot be read, or a number is wrong.
+    """
+    if path.suffix.lower() != ".urdf":
+        return []
+    robot = parse_xml(read_bytes(path), str(path))
+    links = [link for link in robot.iterchildren("link") if link.get("name")]
+    return [found for link in links for visual in link.iterchildren("visual") for found in _read(visual, link, path)]
+
+
+def _read(visual: etree._Element, link: etree._Element, path: Path) -> Iterator[Visual]:
+    T, name, file = origin_pose(visual, str(path)), str(link.get("name")), str(path)
+    for shape in visual.iterfind("geometry/*"):
+        if shape.tag == "mesh":
+            scale = read_numbers(shape, "scale", 3, file, default="1 1 1")
+            yield Visual(name, T, "mesh", scale, shape.get("filename", ""))
+        elif shape.tag in SHAPES:
+            attributes, count = SHAPES[shape.tag]
+            size = [read_numbers(shape, attribute, count, file) for attribute in attributes.split()]
+            yield Visual(name, T, shape.tag, np.concatenate(size))
+
+
+def mesh_file(uri: str, robot_file: Path) -> Path | None:
+    """The file that a mesh of a robot file names; None if it does not exist.
+
+    A path is relative to the robot file. A package is searched among the folders above the robot file, and those that
+    ROS names in the environment.
+    """
+    scheme, _, rest = uri.partition("://")
+    if not rest:
+        candidates = [robot_file.parent / uri]
+    elif scheme == "file":
+        candidates = [Path(rest)]
+    else:
+        package, _, inside = rest.partition("/")
+        above = list(robot_file.resolve().parents)
+        stated = [Path(p) for name in PACKAGES for p in os.environ.get(name, "").split(os.pathsep) if p]
+        roots = [*above, *stated, *(root / "share" for root in stated)]
+        candidates = [root / package / inside for root in roots] + [
+            root / inside for root in above if root.name == package
+        ]
+    return next((path for path in candidates if path.is_file()), None)

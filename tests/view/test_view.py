@@ -1,0 +1,236 @@
+"""The live view shows what jounce computes: poses, Q and wrenches, along a motion and where sliders say."""
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from urllib.request import urlopen
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from files import BODY, joint, link, origin, refusal, robot_file
+from scipy.spatial.transform import Rotation
+
+import jounce
+from jounce._view import controls, scene, viewer
+from jounce._view.track import STATES, at_rest, track
+from jounce.cli import main
+from jounce.io.visuals import mesh_file, read_visuals
+
+trimesh = pytest.importorskip("trimesh")
+ARM = jounce.load("planar2r").with_limits(effort=[25.0, np.inf], lower=[-1.95, -np.inf], upper=[1.95, np.inf])
+MOTION = """
+time: {start: 1, stop: 3, count: 9000}
+joints:
+  joint1: {cosines: [{amplitude: 2, frequency: 3}]}
+  joint2: {cosines: [{amplitude: 1, frequency: 5}]}
+wrenches:
+  body2: {fx: {offset: 3}, fy: {offset: -4}, mz: {offset: 1}}
+"""
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("motion") / "motion.yaml"
+    path.write_text(MOTION)
+    return path
+
+
+@pytest.fixture(scope="module")
+def motion(file):
+    return jounce.load_motion(file, ARM)
+
+
+@pytest.fixture(scope="module")
+def along(motion):
+    return track(ARM, motion)
+
+
+@pytest.fixture(scope="module")
+def served(along):
+    with viewer.serving(ARM, Path("planar2r"), along, 0) as found:
+        yield found
+
+
+def shown_poses(served):
+    found = np.tile(np.eye(4), (2, 1, 1))
+    for C, body in zip(found, served.scene.bodies, strict=True):
+        C[:3, :3], C[:3, 3] = Rotation.from_quat(np.roll(body.wxyz, -1)).as_matrix(), body.position
+    return found
+
+
+def shown_force(served, name):
+    """Where an arrow begins, and its force or moment."""
+    [[start, end]] = served.scene.arrows[name].points
+    kind = "moment" if name == "base moment" else "force"
+    return start, (end - start) / (scene.LENGTH * served.scene.size) * served.scene.largest[kind]
+
+
+def test_the_page_is_served_to_this_machine(served):
+    assert served.address.startswith("http://127.0.0.1:")
+    with urlopen(served.address, timeout=20) as page:
+        assert b"<!doctype html>" in page.read()[:100].lower()
+
+
+@pytest.mark.parametrize("t", [1.0, 1.7, 3.0])
+def test_at_a_time_of_the_motion_all_is_shown(served, along, motion, t):
+    served.time.value = 2.0
+    served.time.value = t
+    now = along.at(t)
+    assert abs(now.t - t) < 2 / STATES
+    q, qd, q2d = motion(float(now.t), 2)
+    W = motion.wrench(float(now.t), 0)[0]
+    C, Q, F = ARM.poses(q), ARM.inverse_dynamics(q, qd, q2d, wrench=W), ARM.base_wrench(q, qd, q2d, wrench=W)
+    np.testing.assert_allclose([slider.value for slider in served.joints], q, atol=1e-12)
+    np.testing.assert_allclose(shown_poses(served), C, atol=1e-12)
+    for name, start, force in (
+        ("base moment", np.zeros(3), F[:3]),
+        ("base force", np.zeros(3), F[3:]),
+        ("load 0", C[1, :3, 3], -C[1, :3, :3] @ [3, -4, 0]),  # on the body
+    ):
+        np.testing.assert_allclose(shown_force(served, name), [start, force], atol=1e-4)  # single precision
+    for j, name in enumerate(ARM.joint_names):
+        assert f"<td>{name}</td><td>{Q[j]:.4g} N m" in served.table.content
+    assert served.table.content.count("beyond its limit") == (abs(Q[0]) > 25)
+
+
+def test_where_sliders_are_the_robot_rests(served):
+    served.playing.value = True
+    served.joints[0].value = 0.5
+    served.joints[1].value = -0.25
+    assert not served.playing.value
+    q = np.array([0.5, -0.25])
+    now = at_rest(ARM, q)
+    np.testing.assert_allclose(now.Q, ARM.gravity_forces(q), atol=1e-12)
+    np.testing.assert_allclose(shown_poses(served), ARM.poses(q), atol=1e-12)
+    np.testing.assert_allclose(shown_force(served, "base force")[1], [0, 2 * 9.81, 0], atol=1e-4)
+    assert f"{now.Q[0]:.4g} N m" in served.table.content
+
+
+def test_a_motion_plays_at_its_speed_and_begins_again(served):
+    served.time.value, served.speed.value, served.playing.value = 2.0, 0.5, True
+    served.tick(0.3, 100.0)
+    assert served.time.value == pytest.approx(2.15)
+    assert served.plot.data[-1].argmax() == np.abs(served.plot.data[0] - 2.15).argmin()
+    served.tick(5.0, 100.1)
+    assert served.time.value == 1.0
+    served.playing.value = False
+    served.tick(0.3, 100.2)
+    assert served.time.value == 1.0
+
+
+def test_sliders_reach_all_limits_and_all_of_the_motion(served):
+    first, second = ((slider.min, slider.max) for slider in served.joints)
+    assert first == pytest.approx((-2, 2), abs=1e-3)  # the motion leaves the limits of 1.95 rad
+    assert second == (-np.pi, np.pi)
+
+
+def test_the_curves_are_those_of_the_forces(along):
+    times, *Q, mark = controls.curves_of(along, 1.3)
+    assert len(times) <= controls.POINTS + 3
+    assert (np.diff(times) > 0).all()
+    np.testing.assert_allclose(Q, [np.interp(times, along.t, of_joint) for of_joint in along.Q.T])
+    assert times[mark > along.Q.min()] == [1.3]
+
+
+MESH = '<visual>{}<geometry><mesh filename="{}" scale="2 1 0.5"/></geometry></visual>'
+SHAPES = (
+    f'<visual>{origin((0.1, 0, 0), (0, 0, 0.5))}<geometry><box size="0.1 0.2 0.3"/></geometry></visual>'
+    '<visual><geometry><cylinder radius="0.05" length="0.4"/></geometry></visual>'
+    '<visual><geometry><sphere radius="0.07"/></geometry></visual>'
+)
+
+
+@pytest.fixture
+def shapes(tmp_path):
+    folder = tmp_path / "arm_description" / "urdf"
+    folder.mkdir(parents=True)
+    (folder.parent / "meshes").mkdir()
+    trimesh.creation.box((1, 1, 1)).export(folder.parent / "meshes" / "box.stl")
+    (folder / "odd.stl").write_bytes(b"solid nothing")
+    files = ("package://arm_description/meshes/box.stl", "no.stl", "odd.stl", "../meshes/box.stl")
+    meshes = [MESH.format("", name) for name in files]
+    links = [
+        link("base", inner=SHAPES), link("arm", BODY, meshes[0]), link("hand", BODY, meshes[1]),
+        link("tool", BODY, meshes[2]), link("tip", inner=MESH.format(origin((0, 0, 1)), files[3])),
+    ]  # fmt: skip
+    joints = [joint("a", "base", "arm"), joint("b", "arm", "hand"), joint("c", "hand", "tool")]
+    return robot_file(folder, *links, *joints, joint("d", "arm", "tip", "fixed"))
+
+
+def test_shapes_of_a_file_are_drawn_where_it_says(shapes):
+    robot = jounce.load(shapes)
+    with viewer.serving(robot, shapes, None, 0) as served:
+        names = set(served.server.scene._handle_from_node_name)
+        [note] = served.scene.notes
+    drawn = {name for name in names if "visual" in name}
+    assert {name.rpartition("/visual")[0] for name in drawn} == {"/ground", "/body0"}
+    assert len(drawn) == 5
+    assert {name.rpartition("/part")[0] for name in names if "/part" in name} == {"/body1", "/body2"}  # the others'
+    assert "'no.stl' (no such file)" in note
+    assert "'odd.stl' (" in note
+    tip = read_visuals(shapes)[-1]
+    assert (tip.link, tip.kind, tip.T[2, 3], tip.size.tolist()) == ("tip", "mesh", 1, [2, 1, 0.5])
+    assert scene._mesh(tip, shapes).extents.tolist() == [2, 1, 0.5]
+
+
+def test_meshes_are_found_by_path_and_by_package(shapes, tmp_path, monkeypatch):
+    box = shapes.parent.parent / "meshes" / "box.stl"
+    found = [box.as_uri().replace("%20", " "), "../meshes/box.stl", "package://arm_description/meshes/box.stl"]
+    assert all(mesh_file(uri, shapes).samefile(box) for uri in found)
+    assert mesh_file("package://arm_description/meshes/box.stl", tmp_path.parent / "elsewhere.urdf") is None
+    for name, folder in (("ROS_PACKAGE_PATH", tmp_path), ("AMENT_PREFIX_PATH", tmp_path / "install")):
+        (tmp_path / "install").mkdir(exist_ok=True)
+        (tmp_path / "install" / "share").exists() or (tmp_path / "install" / "share").symlink_to(tmp_path)
+        monkeypatch.setenv(name, f"/no/such{os.pathsep}{folder}")
+        assert mesh_file("package://arm_description/meshes/box.stl", Path("/elsewhere.urdf")).samefile(box)
+        monkeypatch.delenv(name)
+    assert mesh_file("", shapes) is None
+
+
+def test_names_of_a_file_are_text_on_the_page(tmp_path):
+    name = "<b onclick='x()'>\u202e"
+    robot = jounce.Robot.from_screws([np.eye(4)], [[0, 0, 1, 0, 0, 0]], [np.eye(6)], joint_names=[name], name=name)
+    table = controls.table_of(robot, at_rest(robot, np.zeros(1)))
+    assert "&lt;b onclick=" in table
+    assert "<b " not in table
+    assert "\u202e" not in table
+
+
+def test_the_command_serves_until_it_is_interrupted(file, tmp_path):
+    command = [sys.executable, "-m", "jounce", "view", "planar2r", str(file), "--port", "0"]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "PYTHONUNBUFFERED": "1"},
+    )  # fmt: skip
+    try:
+        address = re.search(r"planar2r is shown at (http://127.0.0.1:\d+); Ctrl-C ends it", process.stdout.readline())
+        assert address, process.stderr.read()
+        with urlopen(address[1], timeout=20) as page:
+            assert page.status == 200
+        process.send_signal(signal.SIGINT)
+        output, errors = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert (process.returncode, output, errors) == (0, "ended\n", "")
+
+
+def call(*words):
+    result = CliRunner().invoke(main, ["view", *map(str, words)])
+    assert result.exit_code == 2
+    return result.stderr
+
+
+def test_refusals(file, monkeypatch):
+    assert "joint3" in call("iiwa14", file)
+    assert call("planar2r", "--step", "0.1") == "Error: --step needs a MOTION\n"
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        port = other.getsockname()[1]
+        assert f"port {port} cannot be used: " in call("planar2r", "--port", port)
+    monkeypatch.setitem(sys.modules, "viser", None)
+    refusal(scene.check_installed, "the live view needs viser", "pip install 'jounce[view]'")
