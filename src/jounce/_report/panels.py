@@ -140,6 +140,7 @@ def conventions(s: Subject) -> Panel:
         "acting": s.robot.mechanism.acting,
         "loads": list(s.motion.loads),
         "inertial": FORCES[1] if s.limits.without_gravity else None,
+        "elastic": s.robot.mechanism.elasticity,
         "states": len(s.motion.times),
         "frames": len(s.frames),
         "versions": versions,
