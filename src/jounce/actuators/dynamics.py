@@ -16,7 +16,7 @@ from jounce.arguments.rates import rates_of
 from jounce.arguments.wrenches import wrenches_of
 from jounce.dynamics import coupling, elastic, stretch
 from jounce.dynamics.stretch import elasticity_of
-from jounce.errors import JounceError, listed
+from jounce.errors import JounceError, listed, quoted
 from jounce.model.antagonists import AntagonisticSprings
 from jounce.model.mechanism import Mechanism, cast_model
 from jounce.model.springs import DampedSpring
@@ -58,7 +58,7 @@ def with_rigid_rotors(mechanism: Mechanism) -> Mechanism:
         alone = np.flatnonzero((mechanism.G[:, j] != 0) & (np.count_nonzero(mechanism.G, axis=1) == 1))
         if not alone.size:
             raise JounceError(
-                f"rigid joint {mechanism.coordinates[j]!r} moves no joint alone, so that its rotor is no armature;"
+                f"rigid joint {quoted(mechanism.coordinates[j])} moves no joint alone, which its rotor takes;"
                 " state a finite stiffness"
             )
         armature[alone[0]] = e.rotor[j] / mechanism.G[alone[0], j] ** 2
@@ -85,8 +85,8 @@ def accelerations(plant: "Robot", given: Sequence[Any], wrench: Any, method: str
 
 def linearizing_torques(robot: "Robot", given: Sequence[Any], wrench: Any, method: str | None) -> Array:
     """The motor torques that make q4d what is given, in the state q, qd, theta, thetad."""
-    m, (q, qd, theta, thetad, v) = _checked(robot.mechanism, given, "q4d")
     _check_linearizable(robot.mechanism)
+    m, (q, qd, theta, thetad, v) = _checked(robot.mechanism, given, "q4d")
     rigid = elasticity_of(robot.mechanism).is_rigid
     if rigid.any():
         joints = listed(name for name, held in zip(m.coordinates, rigid, strict=True) if held)
@@ -98,6 +98,18 @@ def linearizing_torques(robot: "Robot", given: Sequence[Any], wrench: Any, metho
     Q = _spring_force(m, q, theta, qd, thetad)
     q2d, q3d = compute(robot, "forward_dynamics", (q, qd, Q[0], Q[1]), wrench=W and W[:2], method=method)
     return compute(robot, "motor_torques", (q, qd, q2d, q3d, v), wrench=W, method=method)
+
+
+def damping_error(robot: "Robot", given: Sequence[Any], wrench: Any) -> Array:
+    """The last term of the series of dampers, by which motor positions with one term less differ."""
+    e = elasticity_of(robot.mechanism)
+    if not e.dampers:
+        raise JounceError(f"{robot.name}: no joint has a damper; robot.elastic(..., damping=...) states one")
+    laws = [replace(law, terms=law.terms - 1) if isinstance(law, DampedSpring) else law for law in e.springs]
+    fewer = type(robot)(replace(robot.mechanism, elasticity=replace(e, springs=tuple(laws))))
+    both = [compute(x, "motor_positions", given, wrench=wrench) for x in (robot, fewer)]
+    theta, other = (x[0] if isinstance(x, tuple) else x for x in both)
+    return abs(theta - other)
 
 
 def _check_linearizable(mechanism: Mechanism) -> None:

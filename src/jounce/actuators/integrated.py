@@ -115,9 +115,9 @@ def _settled(robot: "Robot", motion: Motion, laws: dict[int, DampedSpring], meth
     for j, law in laws.items():
         sums = deflections.of_damped_spring(law.spring, law.damping, rows(Q, j, j + 1), len(rates))
         try:
-            deflections.last_term(sums, law.time_constant)
+            deflections.check_series(sums, law.time_constant)
         except JounceError:
-            sums = sums[:1]  # the spring alone
+            sums = sums[:2]  # the spring alone
         found.append(sums[-1][0][0, 0, 0])
     return np.array(found)
 

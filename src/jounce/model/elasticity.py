@@ -68,7 +68,7 @@ class Elasticity:
     @property
     def more_rates(self) -> int:
         """How many further rates of the motion motor positions and torques take, as dampers and couplings need them."""
-        terms = max((law.terms - 1 for law in self.springs if isinstance(law, DampedSpring)), default=0)
+        terms = max([0, *(law.terms - 1 for law in self.springs if isinstance(law, DampedSpring))])
         level = self.level or 0
         return (level + 1) * terms + 2 * level
 
