@@ -15,6 +15,8 @@ from lxml import html
 
 import jounce
 from jounce._report.curves import POINTS
+from jounce._report.sliders import end_names, sliders_code, sliders_data
+from jounce._report.subject import subject_of
 from jounce.cli import main
 
 ROOT = Path(__file__).parents[2]
@@ -41,6 +43,23 @@ def words(page, path):
 
 def panel(name):
     return f"//section[@id='{name}-panel']"
+
+
+def test_an_end_of_the_robot_is_pulled_and_no_name_of_a_file_is_code(panda):
+    m = panda.mechanism
+    data = sliders_data(subject_of(panda, jounce.Motion.polynomial([[x, 0.1] for x in HOME], 1.0), 0))
+    assert end_names(m) == [*panda.body_names, *(frame.name for frame in m.frames if frame.body >= 0)]
+    assert len(end_names(m)) == len(data["ends"])
+    assert end_names(m)[data["first"]] == "panda_hand_tcp"
+    tool = data["ends"][data["first"]]
+    np.testing.assert_allclose(tool["point"], m.frame("panda_hand_tcp").T[:3, 3])
+    assert data["force"] == 200  # N, at least the weight
+    assert (np.array(data["lower"]) <= HOME).all()
+    assert (np.array(data["upper"]) >= HOME + 0.1).all()
+    code = sliders_code(panda)
+    assert "panda" not in code
+    assert "//" not in code
+    assert "*/" not in code
 
 
 @pytest.fixture(scope="module")
@@ -207,7 +226,7 @@ def test_the_command_writes_the_page_and_tells_of_it(tmp_path):
         "time: {start: 0, stop: 1, count: 101}\njoints: {joint1: {polynomial: [0, 2]}, joint2: {offset: 1}}"
     )
     limits = tmp_path / "limits.yaml"
-    limits.write_text("units: {angle: rad, length: m}\njoints: {joint1: {velocity: 1}}")
+    limits.write_text("units: SI\njoints: {joint1: {velocity: 1}}")
     asked = ["report", "planar2r", str(motion), "-o", str(page), "--limits", str(limits)]
     result = CliRunner().invoke(main, [*asked, "--json"])
     assert result.exit_code == 0, result.output

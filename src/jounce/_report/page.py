@@ -37,7 +37,7 @@ class Report:
     check : Check or None
         Every limit along the motion; None where the robot states none.
     slowdown : Slowdown or None
-        The largest factor of speed that keeps every limit; None where there is none, and the page says why.
+        The largest factor of speed that keeps every limit; None where no factor does, and the page says why.
 
     Examples
     --------

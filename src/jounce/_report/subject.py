@@ -51,7 +51,7 @@ class Quantity:
 class Subject:
     """A robot along a motion; `frames` are the indices (K,) of those of the times `t` at which the cursor can stand.
 
-    `check` is None where the robot states no limits; `slowdown` is then None too, or the reason why there is no factor.
+    `check` is None where the robot states no limits; `slowdown` is then None too, or the reason why no factor exists.
     """
 
     robot: "Robot"
@@ -93,7 +93,7 @@ def subject_of(robot: "Robot", motion: Motion, order: int) -> Subject:
 
 
 def _slowdown(robot: "Robot", motion: Motion, worst: np.ndarray) -> Slowdown | str:
-    """The slow-down factor, or why there is none; of a long motion from even steps and the times of worst values."""
+    """The slow-down factor, or why it does not exist; of long motions by even steps and the times of worst values."""
     states = motion
     if len(motion.times) > SLOWED:
         states = replace(motion, grid=np.union1d(np.linspace(motion.start, motion.stop, SLOWED), worst))

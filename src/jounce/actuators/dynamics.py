@@ -16,7 +16,7 @@ from jounce.arguments.rates import rates_of
 from jounce.arguments.wrenches import wrenches_of
 from jounce.dynamics import coupling, elastic, stretch
 from jounce.dynamics.stretch import elasticity_of
-from jounce.errors import JounceError, listed
+from jounce.errors import JounceError, listed, quoted
 from jounce.model.antagonists import AntagonisticSprings
 from jounce.model.mechanism import Mechanism, cast_model
 from jounce.model.springs import DampedSpring
@@ -58,7 +58,7 @@ def with_rigid_rotors(mechanism: Mechanism) -> Mechanism:
         alone = np.flatnonzero((mechanism.G[:, j] != 0) & (np.count_nonzero(mechanism.G, axis=1) == 1))
         if not alone.size:
             raise JounceError(
-                f"rigid joint {mechanism.coordinates[j]!r} moves no joint alone, so that its rotor is no armature;"
+                f"rigid joint {quoted(mechanism.coordinates[j])} moves no joint alone, which its rotor takes;"
                 " state a finite stiffness"
             )
         armature[alone[0]] = e.rotor[j] / mechanism.G[alone[0], j] ** 2
