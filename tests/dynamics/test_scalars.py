@@ -99,7 +99,7 @@ def test_casadi_symbols(name, method):
 
 
 def vanishes(expression, paths):
-    """Whether a polynomial in rates of paths, their sines and cosines is zero: with sin^2 reduced, its form is unique."""
+    """Whether a polynomial in rates of paths, their sines and cosines is zero; with sin^2 reduced it has one form."""
     names, circles = {}, []
     for p in paths:
         s, c = names[sympy.sin(p)], names[sympy.cos(p)] = sympy.symbols(f"s_{p.func} c_{p.func}")
