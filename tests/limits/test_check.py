@@ -5,6 +5,8 @@ import pytest
 from files import refusal
 
 import jounce
+from jounce.limits.bounded import bounded
+from jounce.limits.pieces import pieces_of
 
 HOME = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
 ALL = {
@@ -195,3 +197,13 @@ def test_the_uncertain_ends_of_a_measured_motion_break_no_limit():
     assert found.worst.ratio == pytest.approx(exact.worst.ratio, rel=0.05)
     slow = [robot.slowdown(motion).factor for motion in (jounce.Motion.through(t, q), jounce.Motion.fit(t, noisy))]
     assert slow[1] == pytest.approx(slow[0], rel=0.02)
+
+
+def test_stamps_since_1970_are_checked_as_those_since_the_start():
+    """They are rounded to parts of a microsecond, which no piece may be halved for."""
+    t = np.arange(0, 0.3, 0.001)
+    q = np.stack([np.sin(9 * t), np.cos(80 * t) / 50], axis=1)
+    robot = jounce.load("planar2r").with_limits(velocity=3, effort_rate=2000)
+    found = [bounded(robot, jounce.Motion.fit(start + t, q)) for start in (0, 1.7e9)]
+    counts = [sum(len(pieces.start) for pieces in pieces_of(b)) for b in found]
+    assert counts[1] <= 1.05 * counts[0]

@@ -94,10 +94,12 @@ def _halved(b: Bounded, pieces: Pieces) -> Pieces:
     for _ in range(DEEPEST):
         middle = (pieces.start + pieces.stop) / 2
         exact, wrong = b.series(middle), np.zeros(len(middle), dtype=bool)
+        u = (middle - pieces.start)[:, None] / pieces.width  # not 1/2 where stamps since 1970 are rounded
         for kind in b.kinds:
             c, value = pieces.polynomials(kind), exact[kind][DERIVATIVE.get(kind, 0)]
             scales[kind] = np.maximum(scales[kind], np.abs(value).max(axis=0))
-            wrong |= (np.abs(_at(c, 0.5) - value) > TOLERANCE * scales[kind]).any(axis=1)
+            wrong |= (np.abs(_at(c, u) - value) > TOLERANCE * scales[kind]).any(axis=1)
+        wrong &= (pieces.start < middle) & (middle < pieces.stop)
         first = Pieces(pieces.start, middle, pieces.left, exact)
         second = Pieces(middle, pieces.stop, exact, pieces.right)
         done += [first.taken(~wrong), second.taken(~wrong)]
@@ -121,8 +123,8 @@ def _joined(parts: list[Pieces]) -> Pieces:
     return Pieces(start, stop, left, right)
 
 
-def _at(c: np.ndarray, u: float) -> np.ndarray:
-    """The values of polynomials at one u."""
+def _at(c: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """The values of polynomials at a u of each piece, (K, 1)."""
     value = c[0]
     for coefficient in c[1:]:
         value = value * u + coefficient
