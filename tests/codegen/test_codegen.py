@@ -298,7 +298,8 @@ def changed(text, lines, pattern, change):
     ids=["signs", "numbers", "zeros"],
 )
 def test_any_single_change_of_the_code_fails_the_test_beside_it(robot, lines, pattern, change, least):
-    outputs = in_equations(ALL)[:4] if robot == "balanced" else ALL[:5]  # the former add zeros up
+    some = tuple(name for name in ALL if "partials" not in name)  # some of which add zeros up, as the former do
+    outputs = in_equations(some)[:4] if robot == "balanced" else some[:5]
     files = texts(robot, "python", 10, "closed_form", order=1, outputs=outputs, wrench=True)
     text, test = files[f"{robot}.py"], files[f"test_{robot}.py"]
     assert passes_in_python(text, test)
@@ -312,7 +313,7 @@ def test_any_single_change_of_the_code_fails_the_test_beside_it(robot, lines, pa
 def test_long_programs_are_cut_into_parts_that_share_scratch_memory(lang, tmp_path, monkeypatch):
     monkeypatch.setattr(schedule, "WHOLE", 50)
     monkeypatch.setattr(schedule, "PART", 30)
-    files = texts("mimic", lang, order=1, outputs=ALL[:3], wrench=True, parameters=("payload:body3",))
+    files = texts("mimic", lang, order=1, outputs=ALL[:4], wrench=True, parameters=("payload:body3",))
     assert any("part5" in text for text in files.values())
     passed, output = passes(written(tmp_path, files), lang)
     assert passed, output
