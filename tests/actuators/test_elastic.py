@@ -1,6 +1,7 @@
 """Elastic joints: the equations of Spong's model, their inverse, what they control, and what is refused."""
 
 import pickle
+from dataclasses import replace
 
 import jax
 import numpy as np
@@ -42,9 +43,10 @@ def arm():
 
 @pytest.fixture(scope="module")
 def mixed():
-    """Five joints of all kinds, the second and the fourth rigid, one of them without a rotor."""
-    stiffness = [900.0, np.inf, 4000.0, np.inf, 700.0]
-    return jounce.Robot(golden("mixed5")[0]).elastic(stiffness, rotor=[0.2, 0.3, 0.8, 0.0, 0.1])
+    """Five joints of all kinds with damped motors, the second and the fourth rigid, one of them without a rotor."""
+    stiffness, m = [900.0, np.inf, 4000.0, np.inf, 700.0], golden("mixed5")[0]
+    damped = jounce.Robot(replace(m, drives=replace(m.drives, damping=np.full(5, 0.4)))).with_drives("damping")
+    return elastic(damped, stiffness, rotor=[0.2, 0.3, 0.8, 0.0, 0.1])
 
 
 def states(arm, count, batch=(4,), seed=0):
@@ -61,17 +63,19 @@ def test_the_2r_obeys_lagranges_equations():
     springs = sum(k * (y - x) ** 2 for k, x, y in zip(K, q, theta, strict=True)) / 2
     L = kinetic + rotors - 9.81 * (2.0 * x1[1] + 1.5 * x2[1]) - springs
     links, motors = ([L.diff(x.diff(t)).diff(t) - L.diff(x) for x in part] for part in (q, theta))
+    # motors stand where nothing but the springs acts on the links
     path = dict(zip(q, [sympy.cos(3 * t) / 2, sympy.sin(2 * t + 1)], strict=True))
     solved = [(-x.subs(y, 0) / x.diff(y)).subs(path).doit() for x, y in zip(links, theta, strict=True)]
-    positions = dict(zip(theta, solved, strict=True))  # those at which nothing but the springs acts on the links
-    torques = [x.subs({**path, **positions}).doit() for x in motors]
-    torques = [x + c * y.diff(t) for x, y, c in zip(torques, solved, DRIVES["damping"], strict=True)]
-    rates = [[x.diff(t, k) for x in path.values()] for k in range(5)]
     arm = elastic(DRIVEN.with_drives("damping"), K)
     for at in (0.3, 1.1):
-        state = np.array([[x.subs(t, at) for x in rate] for rate in rates], dtype=float)
-        found = [*arm.motor_positions(*state[:3]), *arm.inverse_dynamics(*state)]
-        close(found, [x.evalf(subs={t: at}) for x in (*solved, *torques)])
+        state, moved = (
+            np.array([[x.diff(t, k).evalf(subs={t: at}) for x in rates] for k in range(count)], dtype=float)
+            for rates, count in ((path.values(), 5), (solved, 3))
+        )
+        here = {**dict(zip(q, state[0], strict=True)), **dict(zip(theta, moved[0], strict=True))}
+        torques = [x.subs(y.diff(t, 2), a).subs(here) for x, y, a in zip(motors, theta, moved[2], strict=True)]
+        close(arm.motor_positions(*state), moved)
+        close(arm.inverse_dynamics(*state), np.array(torques, dtype=float) + DRIVES["damping"] * moved[1])
 
 
 def test_rates_are_derivatives_with_loads_too(arm):
@@ -96,6 +100,7 @@ def test_forward_dynamics_inverts_inverse_dynamics(name, request):
     rigid = arm.elasticity.is_rigid
     unread = [np.where(rigid, 7.0, x) for x in (theta, thetad)]
     close(arm.forward_dynamics(*q[:2], *unread, tau, wrench=W[0], **way), found)
+    close(arm.energy(*q[:2], *unread), arm.energy(*q[:2], theta, thetad))
     out = np.empty((4, arm.robot.n)), np.empty((4, arm.robot.n))
     assert arm.forward_dynamics(*q[:2], theta, thetad, tau, wrench=W[0], out=out, **way).q2d is out[0]
     close(out, found, 0)

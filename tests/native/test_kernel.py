@@ -20,6 +20,7 @@ from robots import (
     random_state,
     rates_of,
     relative_error,
+    springs,
 )
 
 import jounce
@@ -141,7 +142,8 @@ def tree():
     data = {"gravity": m.gravity, "G": m.G, "g": m.g, "drives": drives}
     robot = jounce.Robot.from_screws(m.B, m.X, m.M, m.parent, **data)
     frames = (Frame("tool", nb - 1, random_pose(rng)), Frame("stand", -1, random_pose(rng)))
-    return jounce.Robot(replace(robot.mechanism, frames=frames)).with_drives(eps=0.5)
+    driven = robot.with_drives(eps=0.5).mechanism
+    return jounce.Robot(replace(driven, frames=frames, elasticity=springs(driven.n)))
 
 
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
@@ -150,7 +152,8 @@ def test_every_quantity_agrees_with_the_recursion(quantity, keywords):
     q = [rng.uniform(-2, 2, (11, robot.n)) for _ in range(order + quantity.rates)]
     options = {**keywords}
     if quantity.wrenches:
-        options["wrench"] = tuple(rng.uniform(-3, 3, (11, robot.mechanism.nb, 6)) for _ in range(order + 1))
+        count = quantity.wrench_rates + order
+        options["wrench"] = tuple(rng.uniform(-3, 3, (11, robot.mechanism.nb, 6)) for _ in range(count))
     law = method_of(robot, quantity)
     found, expected = law(*q, **options, method="kernel"), law(*q, **options, method="recursion")
     size = max(abs(y).max() for y in tupled(expected))  # a rate may be zero in exact arithmetic

@@ -22,13 +22,13 @@ def states(count, *batch):
 
 
 def wrenches(*batch):
-    return tuple(np.random.default_rng(1).uniform(-2, 2, (2, *batch, NB, 6)))
+    return tuple(np.random.default_rng(1).uniform(-2, 2, (4, *batch, NB, 6)))
 
 
 def serve_once(robot):
     """A robot that has served a call of every form that is called below."""
     robot.inverse_dynamics(*states(4))
-    robot.inverse_dynamics(*states(4), wrench=wrenches())
+    robot.inverse_dynamics(*states(4), wrench=wrenches()[:2])
     robot.jacobian(*states(1), body="body3")
     robot.gravity_forces(*states(1))
     return robot
@@ -41,7 +41,7 @@ SERVED = serve_once(branched())
 def test_what_was_served_once_is_not_checked_at_length_again(quantity, keywords, monkeypatch):
     order = affordable(quantity, 1)
     compute, q = method_of(ROBOT, quantity), states(quantity.rates + order, 3)
-    options = keywords | ({"wrench": wrenches(3)[: order + 1]} if quantity.wrenches else {})
+    options = keywords | ({"wrench": wrenches(3)[: quantity.wrench_rates + order]} if quantity.wrenches else {})
     expected = tupled(compute(*q, **options, method="kernel"))
     assert tupled(compute(*q, **options))[0].shape == expected[0].shape
     monkeypatch.setattr(dispatch, "_checked_arguments", None)
