@@ -103,7 +103,7 @@ def test_feedback_linearisation_of_springs_that_are_not_linear():
     np.testing.assert_allclose(found, arm.inverse_dynamics(*q, **SLOW), rtol=1e-10)
 
 
-DAMPED = {"linear": {"stiffness": K}, "cubic": {"spring": CUBIC}, "table": {"spring": SPRINGS["table"]}}
+DAMPED = {"linear": {"stiffness": K}, "cubic": {"spring": CUBIC}}
 damped = pytest.mark.parametrize("name", DAMPED)
 
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from jounce.dynamics.quantities import FORCES, QUANTITIES
+from jounce.arguments.requests import more_rates
+from jounce.dynamics.quantities import FORCES, Quantity, row_of
 from jounce.errors import JounceError, listed
 from jounce.model.coordinates import coordinate_limits
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, MOTOR_KINDS, Limits
@@ -60,7 +61,7 @@ class Bounded:
                 needed[row] = max(needed.get(row, 0), DERIVATIVE.get(kind, 0))
         known = self.motion.curve.highest
         return {
-            row: SMOOTH if known is None else max(least, min(SMOOTH, known - QUANTITIES[row].rates + 1))
+            row: SMOOTH if known is None else max(least, min(SMOOTH, known - row_of_robot(self.robot, row).rates + 1))
             for row, least in needed.items()
         }
 
@@ -78,7 +79,7 @@ class Bounded:
     @property
     def force_order(self) -> int:
         """The highest rate of Q that is used."""
-        return max(order + QUANTITIES[row].rates - FORCES.rates for row, order in self.orders.items())
+        return max(order + row_of_robot(self.robot, row).rates - FORCES.rates for row, order in self.orders.items())
 
     @property
     def rate_order(self) -> int:
@@ -102,7 +103,9 @@ class Bounded:
     def _quantity(self, row: str, rates: Rates, t: np.ndarray, side: Side) -> list[np.ndarray]:
         """One of the quantities that are used, with its rates."""
         order = self.orders[row]
-        return at_speed(self.robot, row, rates, self.motion.wrench(t, wrench_order(row, order), side), 1.0, order)
+        return at_speed(
+            self.robot, row, rates, self.motion.wrench(t, wrench_order(self.robot, row, order), side), 1.0, order
+        )
 
     def _efforts(self, Q: list[np.ndarray], rates: Rates) -> dict[str, list[np.ndarray]]:
         """What limits of efforts and of the power bound, of Q with its rates."""
@@ -145,26 +148,32 @@ def quantity_of(kind: str) -> str:
     return MOTORS[kind][0] if kind in MOTORS else FORCES.name
 
 
-def rate_of_forces(kind: str) -> int:
+def row_of_robot(robot: "Robot", name: str) -> Quantity:
+    """The row of a quantity, with the rates that springs and motors of the robot take."""
+    return row_of(name, more_rates(robot.mechanism, name))
+
+
+def rate_of_forces(robot: "Robot", kind: str) -> int:
     """The highest rate of Q that enters what a kind of limit of forces, of the power or of motors bounds."""
-    return QUANTITIES[quantity_of(kind)].rates - FORCES.rates + DERIVATIVE.get(kind, 0)
+    return row_of_robot(robot, quantity_of(kind)).rates - FORCES.rates + DERIVATIVE.get(kind, 0)
 
 
 def order_needed(robot: "Robot") -> int:
     """The highest rate of Q that a motion must carry for the limits of a robot: q to q2d for 0, q to q4d for 2."""
     kinds = known_kinds(robot, coordinate_limits(robot.mechanism))
-    return max([0, *(MOTION_KINDS.index(k) - FIRST if k in MOTION_KINDS else rate_of_forces(k) for k in kinds)])
+    orders = [MOTION_KINDS.index(k) - FIRST if k in MOTION_KINDS else rate_of_forces(robot, k) for k in kinds]
+    return max([0, *orders])
 
 
-def wrench_order(row: str, order: int) -> int:
+def wrench_order(robot: "Robot", row: str, order: int) -> int:
     """The highest rate of wrenches that a quantity takes for its rates up to an order."""
-    return order + QUANTITIES[row].wrench_rates - 1
+    return order + row_of_robot(robot, row).wrench_rates - 1
 
 
 def at_speed(robot: "Robot", row: str, rates: Rates, wrench: Wrenches, c: float, order: int) -> list[np.ndarray]:
     """A quantity and its rates up to an order at c times the speed; wrenches over time go with the path."""
     W = wrench and tuple({body: w * c**k for body, w in of.items()} for k, of in enumerate(wrench))
-    scaled = tuple(rate * c**k for k, rate in enumerate(rates[: order + QUANTITIES[row].rates]))
+    scaled = tuple(rate * c**k for k, rate in enumerate(rates[: order + row_of_robot(robot, row).rates]))
     return _tuple(compute(robot, row, scaled, wrench=W))
 
 

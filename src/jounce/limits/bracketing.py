@@ -1,4 +1,4 @@
-"""Factors of speed by direct evaluation, where they enter no polynomial: Coulomb friction is a tanh of a velocity."""
+"""Factors of speed by direct evaluation, where they enter no polynomial: Coulomb friction, other springs."""
 
 from dataclasses import replace
 
@@ -22,12 +22,12 @@ Place = tuple[str, int, float]  # of a limit: kind, joint, time in the given mot
 
 
 def is_polynomial(b: Bounded) -> bool:
-    """Whether what is limited is a polynomial of the factor: neither links nor motors have Coulomb friction."""
+    """Whether what is limited is a polynomial of the factor: there is no Coulomb friction, and springs are linear."""
     mechanism = b.robot.mechanism
     if b.forces and "friction" in mechanism.acting and mechanism.drives.friction.any():
         return False
     motors = mechanism.elasticity if set(b.kinds) & set(MOTOR_KINDS) else None
-    return motors is None or not motors.friction.any()
+    return motors is None or not (motors.friction.any() or any(motors.springs))
 
 
 def bracketed_factor(b: Bounded) -> tuple[float, Place]:
