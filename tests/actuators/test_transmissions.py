@@ -71,7 +71,7 @@ def test_plants_follow_the_torques_of_springs_of_every_kind(name):
         np.testing.assert_allclose(tau, reference[0], atol=1e-8)
 
 
-def test_native_code_has_cubic_springs_and_linear_ones_beside_others():
+def test_native_code_has_cubic_springs_and_linear_ones_beside_others(tmp_path):
     arm, q = ROBOT.elastic({"joint2": K}, spring={"joint1": CUBIC}, rotor=0.1), waves(np.linspace(0, 1, 9), 5)
     for found, expected in zip(
         arm.inverse_dynamics(*q, method="kernel"), arm.inverse_dynamics(*q, **SLOW), strict=True
@@ -82,8 +82,26 @@ def test_native_code_has_cubic_springs_and_linear_ones_beside_others():
     other = ROBOT.elastic(spring=SPRINGS["function"], rotor=0.1)
     said = "supports springs that are linear or stiffen cubically; that of joint 'joint1' is another"
     refusal(lambda: other.inverse_dynamics(*q, method="kernel"), said)
-    refusal(lambda: jounce.codegen(other.robot, "c", 0, outputs=["motor_torques"]), "needs NumPy arrays of floats")
+    refusal(
+        lambda: jounce.codegen(other.robot, "c", 0, tmp_path / "c", outputs=["motor_torques"]),
+        "needs NumPy arrays of floats",
+    )
     assert pickle.loads(pickle.dumps(other)) == other
+
+
+def test_limits_of_motors_hold_springs_and_couplings_of_every_kind():
+    """`check` finds the largest velocity, and `slowdown` the factor at which it is the limit."""
+    motors = {
+        name: Motor(gear=50, inertia=4e-5, body=body) for name, body in (("joint1", "world"), ("joint2", "body1"))
+    }
+    motion = smooth_step()
+    for arm in (ROBOT.elastic(spring=CUBIC, rotor=0.1), ROBOT.elastic(K, coupling=1, motors=motors)):
+        limited = arm.with_limits(motor_velocity=1.0)
+        thetad = arm.along(motion, np.linspace(0, 1, 1001)).positions[1]
+        np.testing.assert_allclose(limited.check(motion).worst.ratio, np.abs(thetad).max(), rtol=1e-4)
+        slow = limited.slowdown(motion)
+        thetad = arm.along(slow.motion, np.linspace(0, slow.motion.stop, 1001)).positions[1]
+        np.testing.assert_allclose(np.abs(thetad).max(), 1.0, rtol=1e-4)
 
 
 @springs
