@@ -14,16 +14,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from jounce.dynamics.quantities import FORCES
-from jounce.limits.bounded import (
-    DERIVATIVE,
-    MOTORS,
-    Bounded,
-    Side,
-    at_speed,
-    rate_of_forces,
-    row_of_robot,
-    wrench_order,
-)
+from jounce.limits.bounded import DERIVATIVE, MOTORS, Bounded, Side, at_speed, quantities_of, rate_of_forces
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS
 from jounce.model.limits import FORCES as BOUND_FORCES
 from jounce.robot.along import FIRST
@@ -80,10 +71,13 @@ def _parts(b: Bounded, rates: "tuple[np.ndarray, ...]", t: np.ndarray, order: in
 
 def _of_motors(b: Bounded, kind: str, rates: "tuple[np.ndarray, ...]", t: np.ndarray, side: Side) -> np.ndarray:
     """The polynomial of a motor, from its values at c = 0, 1, -1, 2, -2, ..."""
-    row, k = MOTORS[kind]
-    wrench = b.motion.wrench(t, wrench_order(b.robot, row, k), side)
-    c = [(-1) ** (i + 1) * ((i + 1) // 2) for i in range(row_of_robot(b.robot, row).rates + k)]
-    values = [at_speed(b.robot, row, rates, wrench, float(x), k)[k] for x in c]
+    orders = quantities_of(b.robot, kind)
+    count = max(b.row(name).rates + order for name, order in orders.items())
+    c = [(-1) ** (i + 1) * ((i + 1) // 2) for i in range(count)]
+    values = []
+    for speed in c:
+        known = {name: b.quantity(name, order, rates, t, side, float(speed)) for name, order in orders.items()}
+        values.append(b.of_motor(kind, known)[DERIVATIVE.get(kind, 0)])
     return np.tensordot(np.linalg.inv(np.vander(c, increasing=True)), np.stack(values), axes=1)
 
 
