@@ -71,7 +71,7 @@ def test_plants_follow_the_torques_of_springs_of_every_kind(name):
         np.testing.assert_allclose(tau, reference[0], atol=1e-8)
 
 
-def test_native_code_has_cubic_springs_and_linear_ones_beside_others():
+def test_native_code_has_cubic_springs_and_linear_ones_beside_others(tmp_path):
     arm, q = ROBOT.elastic({"joint2": K}, spring={"joint1": CUBIC}, rotor=0.1), waves(np.linspace(0, 1, 9), 5)
     for found, expected in zip(
         arm.inverse_dynamics(*q, method="kernel"), arm.inverse_dynamics(*q, **SLOW), strict=True
@@ -82,8 +82,27 @@ def test_native_code_has_cubic_springs_and_linear_ones_beside_others():
     other = ROBOT.elastic(spring=SPRINGS["function"], rotor=0.1)
     said = "supports springs that are linear or stiffen cubically; that of joint 'joint1' is another"
     refusal(lambda: other.inverse_dynamics(*q, method="kernel"), said)
-    refusal(lambda: jounce.codegen(other.robot, "c", 0, outputs=["motor_torques"]), "needs NumPy arrays of floats")
+    refusal(
+        lambda: jounce.codegen(other.robot, "c", 0, tmp_path / "c", outputs=["motor_torques"]),
+        "needs NumPy arrays of floats",
+    )
     assert pickle.loads(pickle.dumps(other)) == other
+
+
+def test_limits_of_motors_hold_springs_and_couplings_of_every_kind():
+    """`check` finds the largest velocity, and `slowdown` the factor at which it is the limit."""
+    motors = {
+        name: Motor(gear=50, inertia=4e-5, body=body) for name, body in (("joint1", "world"), ("joint2", "body1"))
+    }
+    motion = smooth_step()
+    coupled = ROBOT.elastic(K, coupling=1, motors=motors)
+    for arm in (ROBOT.elastic(spring=CUBIC, rotor=0.1), coupled):
+        thetad = arm.along(motion, np.linspace(0, 1, 501)).positions[1]
+        found = arm.with_limits(motor_velocity=1.0).check(motion).worst
+        np.testing.assert_allclose(found.ratio, np.abs(thetad).max(), rtol=1e-4)
+    slow = coupled.with_limits(motor_velocity=1.0).slowdown(motion)
+    thetad = coupled.along(slow.motion, np.linspace(0, slow.motion.stop, 501)).positions[1]
+    np.testing.assert_allclose(np.abs(thetad).max(), 1.0, rtol=1e-4)
 
 
 @springs
@@ -103,12 +122,12 @@ def test_feedback_linearisation_of_springs_that_are_not_linear():
     np.testing.assert_allclose(found, arm.inverse_dynamics(*q, **SLOW), rtol=1e-10)
 
 
-DAMPED = {"linear": {"stiffness": K}, "cubic": {"spring": CUBIC}, "table": {"spring": SPRINGS["table"]}}
+DAMPED = {"linear": {"stiffness": K}, "cubic": {"spring": CUBIC}}
 damped = pytest.mark.parametrize("name", DAMPED)
 
 
 @damped
-@pytest.mark.parametrize("D", [0.05, 4.0, 60.0])
+@pytest.mark.parametrize("D", [0.05, 60.0])
 def test_plants_with_dampers_follow_the_torques_along_a_motion(name, D):
     """tau takes q3d only; energy is taken up by the dampers: D delta'^2."""
     arm, times = ROBOT.elastic(rotor=0.1, damping=D, **DAMPED[name]), np.linspace(0, 1, 9)
@@ -232,13 +251,13 @@ def test_energy_of_two_motors(variable):
 
 
 def test_two_motors_along_a_motion(variable):
-    t = np.linspace(0, 1, 6)
+    t = np.linspace(0, 1, 3)
     along = variable.along(smooth_step(), t, 1, stiffness=stiffness(t, 3))
     expected = variable.inverse_dynamics(*smooth_step()(t, 5), stiffness=stiffness(t, 3))
     for found, known in zip(along.torques, expected, strict=True):
         np.testing.assert_allclose(found, known, rtol=1e-11, atol=1e-10)
     constant = variable.along(smooth_step(), t, stiffness={"joint1": 700.0})
-    zeros = np.zeros((6, 1))
+    zeros = np.zeros((3, 1))
     expected = variable.inverse_dynamics(*smooth_step()(t, 4), stiffness=(zeros + 700, zeros, zeros))
     np.testing.assert_allclose(constant.torques[0], expected, rtol=1e-11, atol=1e-10)
 
