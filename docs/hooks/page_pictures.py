@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 DOCS = Path(__file__).parents[1]
-PAGES = ["tutorials/from-a-log-to-torques.md", "howto/minimum-torque-change.md"]
+PAGES = ["tutorials/from-a-log-to-torques.md", "tutorials/elastic-panda.md", "howto/minimum-torque-change.md"]
 BLOCK = re.compile(r"^```(python|console)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 COMMAND = re.compile(r"^\$ jounce ((?:.*\\\n)*.+)$", re.MULTILINE)
 
@@ -34,6 +34,7 @@ def made_by(page: str) -> dict[str, bytes]:
 
     names: dict[str, Any] = {"__name__": "__main__"}
     with TemporaryDirectory() as folder, chdir(folder), warnings.catch_warnings(action="ignore"):
+        Path("examples").symlink_to(DOCS.parent / "examples")
         for language, text in BLOCK.findall(page):
             if language == "python":
                 _run(text, names)

@@ -17,7 +17,7 @@ import pytest
 import sympy
 from click.testing import CliRunner
 from files import refusal
-from robots import GOLDEN, golden, on_its_axis, random_mechanism
+from robots import GOLDEN, golden, on_its_axis, random_mechanism, springs
 from tools import NODE, needs, require
 
 import jounce
@@ -65,6 +65,7 @@ ROBOTS = {
     "symbols": lambda: jounce.load("planar2r", **SYMBOLS),
     "mixed5": lambda: jounce.Robot(golden("mixed5")[0]),
     "driven": lambda: driven(True),
+    "elastic": lambda: jounce.Robot(replace(driven(True).mechanism, elasticity=springs(2))),
     "damped": lambda: driven(["damping"]),
     "balanced": on_its_axis,
     "counter": lambda: counter_rotating(),
@@ -106,6 +107,9 @@ CASES = {  # the robot, what is asked for, how many states, and in which languag
     "iiwa14, order 1": ("iiwa14", {"order": 1, "wrench": True}, 100, "c cuda"),
     "iiwa14, order 2": ("iiwa14", {"order": 2}, 100, "all"),
     "iiwa14, order 2, single": ("iiwa14", {"order": 2, "wrench": True, "float32": True}, 100, "all"),
+    "elastic, order 1": (
+        "elastic", {"order": 1, "wrench": True, "outputs": ("motor_positions", "motor_torques")}, 20, "c python",
+    ),
     "panda, order 0": ("panda", {"order": 0}, 100, "julia rust"),
     "panda, order 1": ("panda", {"order": 1, "parameters": ("gravity", "payload:panda_hand_tcp")}, 100, "cpp python"),
     "panda, order 2": ("panda", {"order": 2, "wrench": True}, 100, "c rust"),

@@ -104,7 +104,7 @@ def test_the_verb_lists_them():
 
 def test_the_verb_lists_them_as_json():
     listed = json.loads(call("--json").stdout)
-    keys = ("name", "kind", "n", "nb", "mass", "licence", "source", "urdf")
+    keys = ("name", "kind", "n", "nb", "mass", "licence", "source", "urdf", "like")
     assert listed == [{key: getattr(robot, key) for key in keys} for robot in BUNDLED.values()]
 
 

@@ -15,6 +15,8 @@ from lxml import html
 
 import jounce
 from jounce._report.curves import POINTS
+from jounce._report.sliders import end_names, sliders_code, sliders_data
+from jounce._report.subject import subject_of
 from jounce.cli import main
 
 ROOT = Path(__file__).parents[2]
@@ -41,6 +43,23 @@ def words(page, path):
 
 def panel(name):
     return f"//section[@id='{name}-panel']"
+
+
+def test_an_end_of_the_robot_is_pulled_and_no_name_of_a_file_is_code(panda):
+    m = panda.mechanism
+    data = sliders_data(subject_of(panda, jounce.Motion.polynomial([[x, 0.1] for x in HOME], 1.0), 0))
+    assert end_names(m) == [*panda.body_names, *(frame.name for frame in m.frames if frame.body >= 0)]
+    assert len(end_names(m)) == len(data["ends"])
+    assert end_names(m)[data["first"]] == "panda_hand_tcp"
+    tool = data["ends"][data["first"]]
+    np.testing.assert_allclose(tool["point"], m.frame("panda_hand_tcp").T[:3, 3])
+    assert data["force"] == 200  # N, at least the weight
+    assert (np.array(data["lower"]) <= HOME).all()
+    assert (np.array(data["upper"]) >= HOME + 0.1).all()
+    code = sliders_code(panda)
+    assert "panda" not in code
+    assert "//" not in code
+    assert "*/" not in code
 
 
 @pytest.fixture(scope="module")
@@ -154,19 +173,34 @@ def test_order_0_draws_Q_alone_and_needs_no_higher_rate(planar):
     assert "q4d is not known" in refusal(lambda: jounce.report(planar, motion, 2))
 
 
+def test_elastic_joints_show_their_motors(planar):
+    arm = planar.elastic([800, 600], rotor=0.1).with_limits(motor_torque=[20.0, 20.0])
+    motion = swing()
+    report = jounce.report(arm, motion)
+    page, data = parsed(report)
+    heads = [cell.text.strip() for cell in page.xpath("//table[@id='values']/thead//th")]
+    assert heads[-3:] == ["theta", "thetad", "tau"]
+    t = decoded(data["frames"]["t"])
+    found = [decoded(values).reshape(-1, 2) for values in data["frames"]["values"]]
+    np.testing.assert_allclose(found[heads.index("tau") - 1], arm.inverse_dynamics(*motion(t)), rtol=1e-12)
+    assert not report.check.ok
+    assert page.xpath("//tr[@class='broken']/td[.='motor torque']")
+    assert "tau the motor torques" in words(page, panel("conventions"))
+
+
 def test_hostile_names_stay_text():
     M = jounce.inertia_matrix(1.0, [0, 0, 0.1], np.eye(3) / 100)
     names = {"names": [f"body {name}" for name in HOSTILE], "joint_names": HOSTILE, "name": HOSTILE[0]}
     X = [[0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 1, 0, 0, 0, 0]]
     robot = jounce.Robot.from_screws([np.eye(4)] * 3, X, [M] * 3, limits={"velocity": [0.1] * 3}, **names)
     report = jounce.report(robot, swing(3))
-    page, data = parsed(report)
+    page, _ = parsed(report)
     harmless = jounce.report(jounce.load("planar2r"), swing())
     assert len(page.xpath("//script")) == len(parsed(harmless)[0].xpath("//script"))
     shown = [label.text_content().strip() for label in page.xpath("//table[@id='values']//label")]
     assert shown == [*HOSTILE[:2], r"{{ 7 * 7 }}<!--\u202e\n"]
     assert page.xpath("//img") == []
-    assert "hacked" not in json.dumps(data)
+    assert "<script>hacked" not in report.html
     assert words(page, "//h1") == HOSTILE[0]
 
 
@@ -207,7 +241,7 @@ def test_the_command_writes_the_page_and_tells_of_it(tmp_path):
         "time: {start: 0, stop: 1, count: 101}\njoints: {joint1: {polynomial: [0, 2]}, joint2: {offset: 1}}"
     )
     limits = tmp_path / "limits.yaml"
-    limits.write_text("units: {angle: rad, length: m}\njoints: {joint1: {velocity: 1}}")
+    limits.write_text("units: SI\njoints: {joint1: {velocity: 1}}")
     asked = ["report", "planar2r", str(motion), "-o", str(page), "--limits", str(limits)]
     result = CliRunner().invoke(main, [*asked, "--json"])
     assert result.exit_code == 0, result.output

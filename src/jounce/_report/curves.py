@@ -15,6 +15,7 @@ from jounce.limits.check import CheckedLimit
 from jounce.motion.bands import COVERS
 
 POINTS, LEAST_POINTS, ALL_POINTS = 1000, 300, 100_000  # of a curve, and of all together
+BAND_POINTS = 400  # of each edge
 SHOWN_BREAKS = 200  # as lines
 HEIGHT, FOOT = 165, 60  # px of a chart, and of what is above and below all of them
 RED = "#b00020"
@@ -97,8 +98,8 @@ def _limits(s: Subject, bounds: np.ndarray, colour: str) -> dict[str, Any]:
 
 def _band(s: Subject, quantity: Quantity, j: int, colour: str) -> dict[str, Any]:
     """The band of 95 % about an uncertain curve."""
-    lower, upper = _edges(s, quantity, j)
-    t = s.t[s.frames]
+    at = np.linspace(0, len(s.frames) - 1, min(len(s.frames), BAND_POINTS)).astype(int)
+    t, (lower, upper) = s.t[s.frames[at]], (edge[at] for edge in _edges(s, quantity, j))
     outline = {"x": packed_times(np.concatenate([t, t[::-1]])), "y": packed(np.concatenate([upper, lower[::-1]]), "f4")}
     return outline | {"mode": "none", "fill": "toself", "fillcolor": colour, "opacity": 0.25}
 

@@ -167,7 +167,7 @@ function robotFigure() {
   });
   const look = {autorange: false, gridcolor: "#d8d8d8", showbackground: false, showspikes: false};
   const [xaxis, yaxis, zaxis] = ["x", "y", "z"].map((name, side) => ({title: {text: name + " [m]"}, range: robot.space[side], ...look}));
-  const camera = {eye: {x: 1.2, y: -1.2, z: 0.6}, center: {x: 0, y: 0, z: -0.1}};
+  const camera = {eye: {x: 1.35, y: -1.35, z: 0.6}, center: {x: 0, y: 0, z: -0.06}};
   return [[{type: "mesh3d", x, y, z, i, j, k, facecolor: robot.colours, ...shading}, ...ends], {
     margin: {l: 0, r: 0, t: 0, b: 0}, paper_bgcolor: "rgba(0,0,0,0)", showlegend: false, font: {color: "#222222", size: 11},
     scene: {aspectmode: "data", xaxis, yaxis, zaxis, camera},

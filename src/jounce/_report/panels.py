@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from jounce._report.curves import SHOWN_BREAKS, break_times, figure, joint_style, powers
+from jounce._report.curves import figure, joint_style, powers
 from jounce._report.drawing import drawing
-from jounce._report.sliders import sliders_code, sliders_data
+from jounce._report.sliders import end_names, sliders_code, sliders_data
 from jounce._report.subject import SLOWED, Subject
 from jounce._version import __version__
 from jounce.model.coordinates import leading_joints
@@ -17,6 +17,7 @@ from jounce.model.limits import FORCES
 from jounce.spatial.series import rate_name
 
 LISTED_BREAKS = 30
+MOST_BODIES = 100  # of a robot whose sliders compute: code of some 200 kB
 
 
 @dataclass(frozen=True)
@@ -59,11 +60,13 @@ def curves(s: Subject) -> Panel:
     return Panel("curves", "Curves", "wide", shown, figure(s))
 
 
-def sliders(s: Subject) -> Panel:
+def sliders(s: Subject) -> Panel | None:
     """Joints that the reader moves, and an end that is pulled: what holds the robot at rest there."""
+    if s.robot.mechanism.nb > MOST_BODIES:
+        return None
     data = sliders_data(s)
     joints = [joint_style(j) | {"name": joint} for j, joint in enumerate(s.robot.joint_names)]
-    content = {"joints": joints, "ends": data["ends"], "first": data["first"], "force": data["force"]}
+    content = {"joints": joints, "ends": end_names(s.robot.mechanism), "first": data["first"], "force": data["force"]}
     return Panel("sliders", "Forces at rest", "wide", content, data, sliders_code(s.robot))
 
 
@@ -101,7 +104,6 @@ def motion(s: Subject) -> Panel:
         "residual": None if m.residual is None else float(np.max(m.residual)),
         "breaks": breaks,
         "all_breaks": len(m.breaks),
-        "drawn_breaks": min(SHOWN_BREAKS, len(break_times(s))),
         "uncertain": uncertain,
         "joints": names,
     }
@@ -140,6 +142,7 @@ def conventions(s: Subject) -> Panel:
         "acting": s.robot.mechanism.acting,
         "loads": list(s.motion.loads),
         "inertial": FORCES[1] if s.limits.without_gravity else None,
+        "elastic": s.robot.mechanism.elasticity,
         "states": len(s.motion.times),
         "frames": len(s.frames),
         "versions": versions,

@@ -8,7 +8,6 @@ import numpy as np
 from jounce._codegen import generate
 from jounce._report.drawing import GROUND, tips
 from jounce._report.subject import Subject
-from jounce.errors import escaped
 from jounce.model.coordinates import coordinate_units
 from jounce.model.limits import unit_of
 from jounce.model.mechanism import Mechanism
@@ -49,15 +48,15 @@ def sliders_data(s: Subject) -> dict[str, Any]:
     }
 
 
+def end_names(m: Mechanism) -> list[str]:
+    """The names of the points that may be pulled: bodies, and links merged into them."""
+    return [*m.bodies, *(frame.name for frame in m.frames if frame.body != GROUND)]
+
+
 def _ends(m: Mechanism) -> list[dict[str, Any]]:
-    """The points that may be pulled: origins of bodies and of links merged into them, each in the frame of its body."""
-    bodies = [{"name": escaped(name), "body": i, "point": [0.0, 0.0, 0.0]} for i, name in enumerate(m.bodies)]
-    links = [
-        {"name": escaped(frame.name), "body": frame.body, "point": np.asarray(frame.T[:3, 3], dtype=float).tolist()}
-        for frame in m.frames
-        if frame.body != GROUND
-    ]
-    return bodies + links
+    """The points that may be pulled: the origins of those that `end_names` lists, each in the frame of its body."""
+    frames = [m.frame(name) for name in end_names(m)]
+    return [{"body": frame.body, "point": np.asarray(frame.T[:3, 3], dtype=float).tolist()} for frame in frames]
 
 
 def _first(m: Mechanism, ends: list[dict[str, Any]]) -> int:

@@ -3,7 +3,8 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from os import PathLike
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +26,11 @@ from jounce.robot.dispatch import compute
 from jounce.robot.generic import results_into
 from jounce.robot.overloads import typed
 from jounce.robot.robot import Robot
+
+if TYPE_CHECKING:
+    from jounce.limits.check import Check
+    from jounce.limits.slowdown import Slowdown
+    from jounce.model.limits import Limits
 
 Electrical = tuple[np.ndarray, ...] | None
 POSITIONS, TORQUES = QUANTITIES["motor_positions"], QUANTITIES["motor_torques"]
@@ -342,6 +348,35 @@ class ElasticRobot:
         tau = dynamics.linearizing_torques(self.robot, (q, qd, theta, thetad, q4d), wrench, method)
         return results_into((tau,), out)
 
+    def damping_error(self, *rates: Named, wrench: Rates | None = None) -> Array:
+        """An estimate of the error of motor positions that dampers leave at one instant: the last term of their series.
+
+        Parameters
+        ----------
+        *rates : (..., n)
+            q, qd, q2d, ..., as `motor_positions` takes them.
+        wrench : optional
+            See `motor_positions`.
+
+        Returns
+        -------
+        error : (..., n)
+            In rad or m; zero at joints without a damper.
+
+        Raises
+        ------
+        JounceError
+            If no joint has a damper, or the terms of the series do not fall.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1, damping=2.0, damping_terms=2)
+        >>> arm.damping_error([0, 0], [1, 0], [0, 0], [0, 0]).round(9)
+        array([0., 0.])
+        """
+        return dynamics.damping_error(self.robot, rates, wrench)
+
     def currents(self, *rates: Named, wrench: Rates | None = None, stiffness: Rates | None = None) -> Results:
         """The currents i of the motors for a motion of the links, and their rates.
 
@@ -484,6 +519,84 @@ class ElasticRobot:
             raise
         outputs = electrical.outputs(e, theta, found.forces)
         return ElasticAlong(found.t, found.rates, theta, found.forces, *outputs, found.deviations, found.breaks)
+
+    def with_limits(self, source: "str | PathLike[str] | Limits | None" = None, /, **limits: Any) -> "ElasticRobot":
+        """The robot with some of its limits replaced, of motors too; see `Robot.with_limits`.
+
+        Parameters
+        ----------
+        source, **limits : optional
+            As in `Robot.with_limits`: ``motor_velocity=2.0``, ``motor_torque={"joint1": 80}``, ...
+
+        Returns
+        -------
+        ElasticRobot
+
+        Raises
+        ------
+        JounceError
+            As in `Robot.with_limits`.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1).with_limits(motor_torque=40)
+        >>> arm.robot.limits.motor_torque
+        array([40., 40.])
+        """
+        return ElasticRobot(self.robot.with_limits(source, **limits))
+
+    def check(self, motion: Motion) -> "Check":
+        """Every limit along a motion of the links, those of motors among them; see `Robot.check`.
+
+        Parameters
+        ----------
+        motion : Motion
+            The motion; a limit of motor torques takes q4d.
+
+        Returns
+        -------
+        Check
+
+        Raises
+        ------
+        JounceError
+            As in `Robot.check`.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1).with_limits(motor_torque=40)
+        >>> arm.check(jounce.Motion.fourier([0, 0], [[0.1, 0.2]], [[0, 0]], 2.0, 3.0)).ok
+        True
+        """
+        return self.robot.check(motion)
+
+    def slowdown(self, motion: Motion) -> "Slowdown":
+        """The largest factor of speed at which a motion keeps all limits, those of motors too; see `Robot.slowdown`.
+
+        Parameters
+        ----------
+        motion : Motion
+            The motion.
+
+        Returns
+        -------
+        Slowdown
+
+        Raises
+        ------
+        JounceError
+            As in `Robot.slowdown`, and if a motor cannot keep its limit at rest.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1).with_limits(motor_velocity=0.2)
+        >>> arm.slowdown(jounce.Motion.fourier([0, 0], [[0.1, 0.2]], [[0, 0]], 2.0, 3.0)).binding.limit
+        'motor_velocity'
+        """
+        return self.robot.slowdown(motion)
 
     def energy(self, q: Named, qd: Named, theta: Named, thetad: Named) -> Energy:
         """The energies of links, rotors and springs.

@@ -15,7 +15,7 @@ from jounce.model.drives import EPS
 from jounce.model.elasticity import Elasticity, Law
 from jounce.model.mechanism import Mechanism
 from jounce.model.motors import Motor
-from jounce.model.springs import CubicSpring, DampedSpring, Spring, SpringFunction
+from jounce.model.springs import CubicSpring, DampedSpring, Spring, spring_of
 
 ON_MOTORS = ("armature", "damping", "friction")  # terms of the drives that act on the motors of elastic joints
 
@@ -24,7 +24,7 @@ ON_MOTORS = ("armature", "damping", "friction")  # terms of the drives that act 
 class Stated:
     """What a caller states of the springs and motors of a robot, unchecked: the arguments of `Robot.elastic`."""
 
-    stiffness: object
+    stiffness: object = None
     rotor: object = None
     damping: object = None
     spring: object = None
@@ -33,19 +33,27 @@ class Stated:
     damping_terms: object = 4
 
 
+NOTHING = tuple(vars(Stated()).values())
+
+
 def with_elasticity(mechanism: Mechanism, stated: Stated) -> Mechanism:
     """Return the mechanism with springs between motors and links: terms of the drives that act on motors leave Q."""
     e = mechanism.elasticity or _of_drives(mechanism)
-    springs, motors = _springs(mechanism, stated.spring), _motors(mechanism, stated.motors, e)
+    if mechanism.elasticity and all(x is y for x, y in zip(vars(stated).values(), NOTHING, strict=True)):
+        return mechanism  # its own springs and motors stay
+    kept = mechanism.elasticity is not None and stated.stiffness is None and stated.spring is None
+    springs = e.springs if kept else _springs(mechanism, stated.spring)
+    motors = _motors(mechanism, stated.motors, e)
     e = replace(
         e,
-        stiffness=_stiffness(mechanism, stated, springs),
+        stiffness=e.stiffness if kept else _stiffness(mechanism, stated, springs),
         rotor=e.rotor if stated.rotor is None else _per_coordinate(mechanism, "rotor", stated.rotor, e.rotor),
         springs=springs if any(springs) else (),
         motors=motors if any(motors) else (),
         level=_level(stated.coupling),
     )
-    e = _with_motors(mechanism, e, stated.rotor)
+    if stated.motors is not None:
+        e = _with_motors(mechanism, e, stated.rotor)
     _check(mechanism, e, stated.rotor)
     e = _with_dampers(mechanism, e, stated)
     _check_carriers(mechanism, e)
@@ -61,19 +69,8 @@ def _springs(mechanism: Mechanism, given: object) -> tuple[Spring | Antagonistic
     by_joint = given if isinstance(given, Mapping) else dict.fromkeys(joints, given)
     for name in by_joint:
         one_of("joint", name, joints)
-    return tuple(_spring(name, by_joint.get(name)) for name in joints)
-
-
-def _spring(joint: str, given: object) -> Spring | AntagonisticSprings | None:
-    if given is None or isinstance(given, Spring | AntagonisticSprings):
-        return given
-    if callable(given):
-        with at(f"joint {quoted(joint)}"):
-            return SpringFunction.of(given)
-    raise JounceError(
-        f"spring of joint {quoted(joint)} is {quoted(given)}; expected a CubicSpring, a SpringTable,"
-        " AntagonisticSprings or a function of the deflection"
-    )
+    stated = [(f"spring of joint {quoted(name)}", by_joint.get(name)) for name in joints]
+    return tuple(x if x is None or isinstance(x, AntagonisticSprings) else spring_of(x, label) for label, x in stated)
 
 
 def _motors(mechanism: Mechanism, given: object, e: Elasticity) -> tuple[Motor | None, ...]:
@@ -96,7 +93,10 @@ def _stiffness(mechanism: Mechanism, stated: Stated, springs: Sequence[object]) 
     """The stiffnesses (n,), those of other springs at rest; without any, joints are rigid."""
     given: Any = {} if stated.stiffness is None else stated.stiffness
     if stated.stiffness is None and not any(springs):
-        raise JounceError("elastic() needs a stiffness, or springs by spring=; infinity is a rigid joint")
+        raise JounceError(
+            f"{mechanism.name!r} states no stiffness of its joints; robot.elastic(stiffness) does (--stiffness), or"
+            " spring=; infinity is a rigid joint"
+        )
     numbers = _per_coordinate(mechanism, "stiffness", given, np.full(mechanism.n, np.inf))
     for j, (name, spring) in enumerate(zip(mechanism.coordinates, springs, strict=True)):
         if spring is None:

@@ -24,11 +24,21 @@ def describe(mechanism: Mechanism) -> dict[str, Any]:
             for name, unit in zip(mechanism.coordinates, coordinate_units(mechanism), strict=True)
         ],
         "acting": list(mechanism.acting),
+        "elastic": None if mechanism.elasticity is None else _elastic(mechanism),
         "bodies": [_body(mechanism, i) for i in range(mechanism.nb)],
         "merged_links": {
             frame.name: "ground" if frame.body < 0 else mechanism.bodies[frame.body] for frame in mechanism.frames
         },
         "findings": [finding.as_data() for finding in audit(mechanism)],
+    }
+
+
+def _elastic(mechanism: Mechanism) -> dict[str, dict[str, float | None]]:
+    """The springs and motors of each coordinate; None for the infinite stiffness of a rigid joint."""
+    arrays = mechanism.elasticity.arrays if mechanism.elasticity else {}
+    return {
+        name: {key: float(array[j]) if np.isfinite(array[j]) else None for key, array in arrays.items()}
+        for j, name in enumerate(mechanism.coordinates)
     }
 
 

@@ -17,6 +17,7 @@ from jounce.cli.convert import convert
 from jounce.cli.demo import demo
 from jounce.cli.info import info
 from jounce.cli.motion import motion
+from jounce.cli.motors import motors
 from jounce.cli.output import styled
 from jounce.cli.plot import plot
 from jounce.cli.report import report
@@ -95,7 +96,8 @@ def main() -> None:
 
 
 VERBS = (
-    run, motion, check, slowdown, retime, plot, report, view, info, robots, compare, convert, codegen, demo, cache,
+    run, motion, motors, check, slowdown, retime, plot, report, view, info, robots, compare, convert, codegen, demo,
+    cache,
 )  # fmt: skip
 for verb in VERBS:
     main.add_command(verb)

@@ -58,6 +58,7 @@ def _in_words(data: dict[str, Any]) -> str:
     if driven:
         acting = f"in Q: {', '.join(data['acting']) or 'none of these'}"
         lines += ["", *straight_columns([("drive", "armature", "damping", "friction", "spring"), *driven]), acting]
+    lines += _elastic(data)
     follows = [f"{shortened(body['joint'])} = {body['follows']}" for body in data["bodies"] if body["follows"]]
     if follows:
         lines += ["", *follows]
@@ -102,6 +103,24 @@ def _drive(body: dict[str, Any]) -> tuple[str, ...]:
         (d["stiffness"], f"{d['stiffness']:.5g} {force}/{unit} from {d['rest']:.5g} {unit}"),
     )
     return (body["joint"], *(said if stated else "-" for stated, said in cells))
+
+
+def _elastic(data: dict[str, Any]) -> list[str]:
+    """A table of the springs and motors of elastic joints."""
+    if data["elastic"] is None:
+        return []
+    rows: list[tuple[str, ...]] = [("elastic", "stiffness", "rotor", "viscous", "friction")]
+    for coordinate in data["coordinates"]:
+        e = data["elastic"][coordinate["name"]]
+        unit, force, inertia = ("m", "N", "kg") if coordinate["unit"] == "m" else ("rad", "N m", "kg m^2")
+        rows.append((
+            coordinate["name"],
+            "rigid" if e["stiffness"] is None else f"{e['stiffness']:.5g} {force}/{unit}",
+            f"{e['rotor']:.5g} {inertia}",
+            f"{e['viscous']:.5g} {force} s/{unit}" if e["viscous"] else "-",
+            f"{e['friction']:.5g} {force} over {e['eps']:.5g} {unit}/s" if e["friction"] else "-",
+        ))  # fmt: skip
+    return ["", *straight_columns(rows)]
 
 
 def _limits(bodies: list[dict[str, Any]]) -> list[str]:

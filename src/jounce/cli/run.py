@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from jounce.cli.breaks import break_data, breaks_in_words
 from jounce.cli.motions import AskedMotion, of_motion
 from jounce.cli.options import Asked, on_robot
 from jounce.cli.output import progress, straight_columns, tell
-from jounce.errors import JounceError, listed, shortened
+from jounce.errors import JounceError, shortened
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
     from jounce.motion import Motion
     from jounce.robot import Robot
     from jounce.robot.along import ForceBreak
-
-SHOWN = 4  # breaks in words
 
 EPILOG = """\b
 Example, the robot and the motion of the paper:
@@ -96,7 +95,7 @@ def run(
         "t": [float(path.times[0]), float(path.times[-1])],
         "order": order,
         "broken_limit": _limit(worst, arm.joint_names),
-        "breaks": [_break(found, arm.joint_names, names) for found in breaks],
+        "breaks": [break_data(found, arm.joint_names, names) for found in breaks],
         "peaks": {
             joint: dict(zip(names, largest.tolist(), strict=True))
             for joint, largest in zip(arm.joint_names, peaks.T, strict=True)
@@ -167,41 +166,6 @@ def _limit(worst: "Sample | None", joints: Sequence[str]) -> dict[str, Any] | No
     return {"joint": joints[worst.joint], "limit": worst.kind, "t": worst.t, "ratio": ratio}
 
 
-def _break(found: "ForceBreak", joints: Sequence[str], names: Sequence[str]) -> dict[str, Any]:
-    """Return a break as plain data: the rate of Q that jumps, by how much, and the joints and rates that cause it."""
-    from jounce.spatial.series import rate_name
-
-    causes = {cause.joint: {"rate": rate_name(cause.symbol, cause.order), "by": cause.jump} for cause in found.causes}
-    jump = None if found.jump is None else dict(zip(joints, found.jump.tolist(), strict=True))
-    return {
-        "t": found.t,
-        "jumps": names[found.order] if found.order >= 0 else None,
-        "by": jump,
-        "missing": list(names[found.order + 1 :]),
-        "causes": causes,
-    }
-
-
-def _breaks_in_words(breaks: Sequence[dict[str, Any]]) -> list[str]:
-    """Describe the first breaks, one per line, and the number of all."""
-    lines = []
-    for found in breaks[:SHOWN]:
-        joints: dict[str, list[str]] = {}
-        for joint, cause in found["causes"].items():
-            joints.setdefault(cause["rate"], []).append(joint)
-        causes = " and ".join(f"{rate} of {listed(names)}" for rate, names in joints.items())
-        missing = found["missing"]
-        then = [f"{found['jumps']} jumps"] if found["jumps"] else []
-        then += [f"{', '.join(missing)} do{'es' * (len(missing) == 1)} not exist"] if missing else []
-        lines.append(f"break at t = {found['t']:.9g} s: {causes} jumps; {', '.join(then)}")
-    rest = len(breaks) - SHOWN
-    return (
-        [*lines, f"and {rest} more break{'s' * (rest > 1)}; --json lists them, --blend replaces them"]
-        if rest > 0
-        else lines
-    )
-
-
 def _limit_in_words(found: dict[str, Any] | None) -> list[str]:
     if found is None:
         return []
@@ -228,7 +192,7 @@ def _in_words(summary: dict[str, Any]) -> str:
         f"{along}: {summary['states']} states, t = {first:g} .. {last:g} s",
         summary["source"] + residual,
         *summary["notes"],
-        *_breaks_in_words(summary["breaks"]),
+        *breaks_in_words(summary["breaks"]),
         *_limit_in_words(summary["broken_limit"]),
         f"{', '.join(names)} written to {summary['output']}",
         "",

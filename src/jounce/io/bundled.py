@@ -5,16 +5,18 @@ in the same folder.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jounce._scalars import Array, element
+from jounce.actuators.stated import Stated, with_elasticity
 from jounce.errors import JounceError
 from jounce.io import entries
 from jounce.io.native import reading
+from jounce.model.locking import locked
 from jounce.model.mechanism import Mechanism
 from jounce.model.screws import from_screws
 from jounce.spatial.inertia import inertia_matrix, symmetric
@@ -64,6 +66,21 @@ def planar2r(L1: Array = 1, L2: Array = 1, m1: Array = 1, m2: Array = 1, g: Arra
     return from_screws(B, [[0, 0, 1, 0, 0, 0]] * 2, M, gravity=[0, -element(g, "g"), 0], name="planar2r")
 
 
+# A Panda as a series elastic arm. The inertias of its rotors, seen from the links, are those of the FR3, which
+# Franka gave to the developers of Drake: manipulation/models/franka_description/README.md of
+# https://github.com/RobotLocomotion/drake. No stiffness of its joints is published: those here are INVENTED, as soft
+# as those of series elastic actuators.
+PANDA_ROTORS = (0.605721456, 0.605721456, 0.462474144, 0.462474144, 0.205544064, 0.205544064, 0.205544064)  # kg m^2
+PANDA_STIFFNESS = (1000.0, 1000.0, 1000.0, 1000.0, 400.0, 400.0, 400.0)  # N m/rad, invented
+
+
+def panda_elastic(gravity: object = None) -> Mechanism:
+    """The Panda with closed fingers and elastic joints."""
+    arm = locked(_read("panda", gravity), {"panda_finger_joint1": 0.0})
+    stated = Stated(stiffness=PANDA_STIFFNESS, rotor=PANDA_ROTORS)
+    return replace(with_elasticity(arm, stated), name="panda_elastic")
+
+
 @dataclass(frozen=True)
 class Bundled:
     """A bundled robot: description, size, source of its data, and constructor."""
@@ -77,6 +94,7 @@ class Bundled:
     source: str
     build: Callable[..., Mechanism]
     urdf: str | None = None  # what its file was converted from, in example-robot-data
+    like: str | None = None  # the bundled robot from whose file it is made
 
 
 def _of_file(name: str, kind: str, size: tuple[int, int, float], licence: str, project: str, urdf: str) -> Bundled:
@@ -98,7 +116,7 @@ def _folder(name: str) -> "Traversable":
 
 def notices(name: str) -> dict[str, str]:
     """Return the licence texts of a robot's file by name; none for the paper's robots, which have no file."""
-    texts = (_folder(name) / text for text in ("NOTICE", "LICENSE"))
+    texts = (_folder(BUNDLED[name].like or name) / text for text in ("NOTICE", "LICENSE"))
     return {text.name: text.read_text(encoding="utf-8") for text in texts if text.is_file()}
 
 
@@ -113,6 +131,10 @@ BUNDLED: dict[str, Bundled] = {
         _of_file(
             "panda", "arm with gripper, Franka Panda", (8, 9, 16.822132), _APACHE,
             "frankaemika/franka_ros", "panda_description/urdf/panda.urdf",
+        ),
+        Bundled(
+            "panda_elastic", "Panda, elastic joints of invented stiffness", 7, 7, 16.822132, _APACHE,
+            "https://github.com/frankaemika/franka_ros", panda_elastic, like="panda",
         ),
         _of_file(
             "ur5", "arm, Universal Robots UR5", (6, 6, 16.9939), _BSD,

@@ -1,4 +1,4 @@
-"""What limits bound, along a motion: q to q4d, Q to Q2d, Q - Qgrav and the power, with derivatives, at any times."""
+"""What limits bound along a motion: q to q4d, Q to Q2d, Q - Qgrav, power and motors, with derivatives, at any times."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from jounce.dynamics.quantities import FORCES
-from jounce.errors import JounceError
+from jounce.actuators import electrical
+from jounce.arguments.requests import more_rates
+from jounce.dynamics.quantities import FORCES, Quantity, row_of
+from jounce.errors import JounceError, listed, quoted
 from jounce.model.coordinates import coordinate_limits
-from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, Limits
+from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, MOTOR_KINDS, Limits
 from jounce.model.limits import FORCES as BOUND_FORCES
 from jounce.motion.motion import Motion
 from jounce.robot.along import FIRST, checked_motion
@@ -24,9 +26,19 @@ LOOKED_AT = 2000  # times of a motion at which deviations are compared
 SMOOTH = 2  # derivatives that are used where they are known: a quintic between samples has two at each end
 
 Side = Literal["right", "left"]
+Rates = tuple[np.ndarray, ...]
+Wrenches = Sequence[Mapping[str, np.ndarray]] | None
 Series = Mapping[str, list[np.ndarray]]  # by kind: a quantity and its derivatives, (N, n) each
-# A rate of Q is a derivative of the series of Q: kind -> which
-DERIVATIVE = {kind: k for k, kind in enumerate(EFFORT_KINDS)}
+POSITIONS, TORQUES = "motor_positions", "motor_torques"
+MOTORS: Mapping[str, Mapping[str, int]] = {  # of limits of motors: the quantities that each takes, to which rate
+    "motor_position": {POSITIONS: 0},
+    "motor_velocity": {POSITIONS: 1},
+    "motor_torque": {TORQUES: 0},
+    "motor_current": {TORQUES: 0},
+    "motor_voltage": {POSITIONS: 1, TORQUES: 0},
+}
+# A rate of Q is a derivative of the series of Q, and so are motor velocities of positions: kind -> which
+DERIVATIVE = {kind: k for k, kind in enumerate(EFFORT_KINDS)} | {"motor_velocity": 1}
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +52,25 @@ class Bounded:
 
     @property
     def forces(self) -> bool:
-        """Whether any limit bounds forces or power."""
+        """Whether any limit bounds forces, power or motors."""
         return any(kind not in MOTION_KINDS for kind in self.kinds)
+
+    @cached_property
+    def orders(self) -> Mapping[str, int]:
+        """The quantities that are used, and of each the highest rate: the second where the motion knows enough."""
+        needed: dict[str, int] = {}
+        for kind in self.kinds:
+            for name, order in quantities_of(self.robot, kind).items():
+                needed[name] = max(needed.get(name, 0), order)
+        known = self.motion.curve.highest
+        return {
+            name: SMOOTH if known is None else max(least, min(SMOOTH, known - self.row(name).rates + 1))
+            for name, least in needed.items()
+        }
+
+    def row(self, name: str) -> Quantity:
+        """The row of a quantity, for the springs and motors of the robot."""
+        return _row(self.robot, name)
 
     @cached_property
     def window(self) -> tuple[float, float]:
@@ -56,10 +85,8 @@ class Bounded:
 
     @property
     def force_order(self) -> int:
-        """The highest rate of Q that is used: the second where the motion knows q4d, at least what is bounded."""
-        known = self.motion.curve.highest
-        needed = max((DERIVATIVE.get(kind, 0) for kind in self.kinds if kind not in MOTION_KINDS), default=0)
-        return SMOOTH if known is None else max(needed, min(SMOOTH, known - FIRST))
+        """The highest rate of Q that is used."""
+        return max(order + self.row(name).rates - FORCES.rates for name, order in self.orders.items())
 
     @property
     def rate_order(self) -> int:
@@ -76,11 +103,32 @@ class Bounded:
         found = {kind: list(rates[k : k + SMOOTH + 1]) for k, kind in enumerate(MOTION_KINDS) if kind in self.kinds}
         if not self.forces:
             return found
-        order = self.force_order
-        Q = forces_of(self.robot, rates, self.motion.wrench(t, order, side), order)
-        inertial = Q
+        values = {name: self.quantity(name, order, rates, t, side) for name, order in self.orders.items()}
+        found |= {kind: self.of_motor(kind, values) for kind in MOTORS if kind in self.kinds}
+        return found | (self._efforts(values[FORCES.name], rates) if FORCES.name in values else {})
+
+    def quantity(
+        self, name: str, order: int, rates: Rates, t: np.ndarray, side: Side, speed: float = 1.0
+    ) -> list[np.ndarray]:
+        """A quantity and its rates up to an order, at a factor of speed; `rates` are those of the motion."""
+        wrench = self.motion.wrench(t, order + self.row(name).wrench_rates - 1, side)
+        return at_speed(self.robot, name, rates, wrench, speed, order)
+
+    def of_motor(self, kind: str, values: Mapping[str, list[np.ndarray]]) -> list[np.ndarray]:
+        """What a limit of motors bounds, with rates, of positions and torques; 0 for motors without data."""
+        e = self.robot.mechanism.elasticity
+        assert e is not None  # else `known_kinds` has no limits of motors
+        if kind == "motor_current":
+            return [np.nan_to_num(x) for x in electrical.currents(e, values[TORQUES])]
+        if kind == "motor_voltage":
+            return [np.nan_to_num(x) for x in electrical.voltages(e, values[POSITIONS], values[TORQUES])]
+        return values[next(iter(MOTORS[kind]))]
+
+    def _efforts(self, Q: list[np.ndarray], rates: Rates) -> dict[str, list[np.ndarray]]:
+        """What limits of efforts and of the power bound, of Q with its rates."""
+        inertial, found = Q, {}
         if any(self.limits.of(kind) == BOUND_FORCES[1] for kind in self.kinds if kind in EFFORT_KINDS):
-            G = _tuple(compute(self.robot, "gravity_forces", rates[: order + 1]))
+            G = _tuple(compute(self.robot, "gravity_forces", rates[: len(Q)]))
             inertial = [x - g for x, g in zip(Q, G, strict=True)]
         for kind in EFFORT_KINDS:
             if kind in self.kinds:
@@ -97,37 +145,71 @@ class Bounded:
 def bounded(robot: "Robot", motion: object) -> Bounded:
     """A robot along a motion, checked, with the limits of its coordinates; a robot without any is refused."""
     path, limits = checked_motion(robot.mechanism, motion), coordinate_limits(robot.mechanism)
-    if not limits.kinds:
+    kinds = known_kinds(robot, limits)
+    if not kinds:
+        if limits.kinds:
+            came = f"robot {robot.name!r} states no limits of rigid joints, only {listed(limits.kinds)}"
+            raise JounceError(f"{came}; robot.elastic(stiffness) makes its joints elastic")
         ways = "robot.with_limits(effort=..., velocity=...) or robot.with_limits('panda') states some"
         raise JounceError(f"robot {robot.name!r} states no limits; {ways} (--limits)")
-    return Bounded(robot, path, limits, limits.kinds)
+    _check_data(robot, limits, kinds)
+    return Bounded(robot, path, limits, kinds)
+
+
+def _check_data(robot: "Robot", limits: Limits, kinds: Sequence[str]) -> None:
+    """Raise `JounceError` where currents or voltages of a motor are limited that states no data for them."""
+    e = robot.mechanism.elasticity
+    for kind, needed in {"motor_current": ["constant"], "motor_voltage": ["constant", "resistance"]}.items():
+        bounded = np.isfinite(limits.bounds(kind)).any(axis=0) & (kind in kinds)
+        for j in np.flatnonzero(bounded).tolist():
+            motor = e.motors[j] if e and e.motors else None
+            if lacking := [name for name in needed if motor is None or getattr(motor, name) is None]:
+                raise JounceError(
+                    f"joint {quoted(robot.joint_names[j])} has a limit of {kind}, and its motor states no"
+                    f" {' and no '.join(lacking)}; robot.elastic(motors={{joint: jounce.Motor(...)}}) states it"
+                )
+
+
+def known_kinds(robot: "Robot", limits: Limits) -> tuple[str, ...]:
+    """The kinds of limits that a motion of a robot is held against: those of motors where its joints are elastic."""
+    return tuple(kind for kind in limits.kinds if kind not in MOTOR_KINDS or robot.mechanism.elasticity is not None)
+
+
+def quantities_of(robot: "Robot", kind: str) -> Mapping[str, int]:
+    """The quantities that a kind of limit takes, and the highest rate of each; none of a limit of the motion."""
+    if kind in MOTION_KINDS:
+        return {}
+    if kind not in MOTORS:
+        return {FORCES.name: DERIVATIVE.get(kind, 0)}
+    motors = robot.mechanism.elasticity.motors if robot.mechanism.elasticity else ()
+    inductive = any(motor and motor.inductance for motor in motors)
+    return {**MOTORS[kind]} | ({TORQUES: 1} if kind == "motor_voltage" and inductive else {})
+
+
+def rate_of_forces(robot: "Robot", kind: str) -> int:
+    """The highest rate of Q that enters what a kind of limit of forces, of the power or of motors bounds."""
+    rows = quantities_of(robot, kind)
+    return max(_row(robot, name).rates - FORCES.rates + order for name, order in rows.items())
+
+
+def _row(robot: "Robot", name: str) -> Quantity:
+    return row_of(name, more_rates(robot.mechanism, name))
 
 
 def order_needed(robot: "Robot") -> int:
     """The highest rate of Q that a motion must carry for the limits of a robot: q to q2d for 0, q to q4d for 2."""
-    kinds = coordinate_limits(robot.mechanism).kinds
-    motion = [MOTION_KINDS.index(kind) - FIRST for kind in kinds if kind in MOTION_KINDS]
-    return max([0, *motion, *(DERIVATIVE[kind] for kind in kinds if kind in DERIVATIVE)])
+    kinds = known_kinds(robot, coordinate_limits(robot.mechanism))
+    return max([0, *(MOTION_KINDS.index(k) - FIRST if k in MOTION_KINDS else rate_of_forces(robot, k) for k in kinds)])
 
 
-def forces_of(robot: "Robot", rates: "tuple[np.ndarray, ...]", wrench: object, order: int) -> list[np.ndarray]:
-    """Q and its rates up to an order."""
-    return _tuple(compute(robot, FORCES.name, rates[: order + FIRST + 1], wrench=wrench))
-
-
-def forces_at_speed(
-    robot: "Robot",
-    rates: "tuple[np.ndarray, ...]",
-    wrench: "Sequence[Mapping[str, np.ndarray]] | None",
-    c: float,
-    order: int,
-) -> list[np.ndarray]:
-    """Q and its rates up to an order at c times the speed; wrenches over time go with the path."""
+def at_speed(robot: "Robot", name: str, rates: Rates, wrench: Wrenches, c: float, order: int) -> list[np.ndarray]:
+    """A quantity and its rates up to an order at c times the speed; wrenches over time go with the path."""
     W = wrench and tuple({body: w * c**k for body, w in of.items()} for k, of in enumerate(wrench))
-    return forces_of(robot, tuple(rate * c**k for k, rate in enumerate(rates)), W, order)
+    scaled = tuple(rate * c**k for k, rate in enumerate(rates[: order + _row(robot, name).rates]))
+    return _tuple(compute(robot, name, scaled, wrench=W))
 
 
-def power(rates: "tuple[np.ndarray, ...]", Q: list[np.ndarray]) -> list[np.ndarray]:
+def power(rates: Rates, Q: list[np.ndarray]) -> list[np.ndarray]:
     """Qd Q with as many derivatives as Q has, by the product rule; `rates` are qd, q2d, ..."""
     binomial = ([1], [1, 1], [1, 2, 1])
     return [sum(c * rates[k - j] * Q[j] for j, c in enumerate(binomial[k])) for k in range(len(Q))]

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.errors import listed, quoted
-from jounce.limits.bounded import DERIVATIVE, Bounded, bounded
+from jounce.limits.bounded import DERIVATIVE, Bounded, bounded, rate_of_forces
 from jounce.limits.pieces import pieces_of
 from jounce.limits.worst import ROUNDING, Worst
 from jounce.model.coordinates import coordinate_units, following_efforts
-from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, unit_of
+from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, MOTOR_KINDS, unit_of
 from jounce.robot.along import ForceBreak, force_breaks, forces_along
 from jounce.spatial.series import rate_name
 
@@ -181,6 +181,9 @@ def _with_deviations(b: Bounded, worst: Worst, rows: list[CheckedLimit]) -> tupl
         j = b.robot.joint_names.index(row.joint)
         if row.limit in MOTION_KINDS:
             deviation = motion[MOTION_KINDS.index(row.limit)][i, j]
+        elif row.limit in MOTOR_KINDS:
+            found.append(row)
+            continue
         elif row.limit == "power" and along is not None:
             deviation = np.hypot(rates[1][i, j] * spread[0][i, j], along.forces[0][i, j] * motion[1][i, j])
         else:
@@ -193,15 +196,15 @@ def _with_deviations(b: Bounded, worst: Worst, rows: list[CheckedLimit]) -> tupl
 def notes_of(b: Bounded, breaks: tuple[ForceBreak, ...]) -> tuple[str, ...]:
     """What the motion cannot meet because it is not smooth, and which limits nothing is checked against."""
     notes = []
-    rates = [kind for kind in b.kinds if DERIVATIVE.get(kind, 0) > 0]
-    missed = [found for found in breaks if found.order < max((DERIVATIVE[kind] for kind in rates), default=0)]
+    orders = {kind: rate_of_forces(b.robot, kind) for kind in b.kinds if kind not in MOTION_KINDS}
+    missed = [found for found in breaks if found.order < max(orders.values(), default=0)]
     if missed:
         first = missed[0]
         joints = b.robot.joint_names
         names = listed([joints[j] if isinstance(j := cause.joint, int) else j for cause in first.causes])
         more = f" (and at {len(missed) - 1} more times)" if len(missed) > 1 else ""
         jumps = rate_name("Q", max(first.order, 0)) if first.order >= 0 else "qd"
-        limits = " and ".join(kind.replace("_", " ") for kind in rates if DERIVATIVE[kind] > first.order)
+        limits = " and ".join(kind.replace("_", " ") for kind, k in orders.items() if k > max(first.order, 0))
         came = f"break at t = {first.t:.9g} s{more}: {jumps} jumps because of {names}"
         notes.append(f"{came}; no limit of {limits} can be met there; motion.blended (--blend) replaces breaks")
     if b.window != (b.motion.start, b.motion.stop):
@@ -209,6 +212,8 @@ def notes_of(b: Bounded, breaks: tuple[ForceBreak, ...]) -> tuple[str, ...]:
         notes.append(
             f"looked at from t = {start:.6g} to {stop:.6g} s: rates of the samples are uncertain at their ends"
         )
+    if idle := [kind.replace("_", " ") for kind in b.limits.kinds if kind not in b.kinds]:
+        notes.append(f"limits of {listed(idle)} are not checked: the joints are rigid; see robot.elastic(stiffness)")
     for joint in following_efforts(b.robot.mechanism):
         notes.append(f"effort limits of joint {quoted(joint)} are not checked: it follows another, which Q belongs to")
     return tuple(notes)

@@ -9,7 +9,7 @@ from jounce.limits.ratios import Scale, scale_of
 from jounce.limits.scaling import Polynomials, polynomials, positive_roots
 from jounce.limits.worst import ROUNDING, SIGNS
 from jounce.model.coordinates import coordinate_units
-from jounce.model.limits import MOTION_KINDS, unit_of
+from jounce.model.limits import MOTION_KINDS, MOTOR_KINDS, unit_of
 
 TINY = 1e-300  # in place of a bound of 0
 NEAR = 0.98  # of a limit: a factor at which samples come as near is looked at between them
@@ -122,8 +122,8 @@ class Feasible:
 
 
 def refuse_static(b: Bounded, found: Polynomials, t: np.ndarray) -> None:
-    """Raise where a limit is broken that does not depend on the speed: of a position, or of the effort at rest."""
-    for kind in ("position", "effort"):
+    """Raise where a limit is broken at every speed: of a position, or of the effort or a motor at rest."""
+    for kind in ("position", "effort", *MOTOR_KINDS):
         if kind not in found:
             continue
         scale, value = scale_of(b.limits.bounds(kind), kind), found[kind][0]
@@ -144,6 +144,12 @@ def _static_error(b: Bounded, kind: str, j: int, value: float, bound: float, t: 
         return JounceError(
             f"{joint} is at {value:.6g} {unit} {when}, beyond its limit of {bound:.6g} {unit};"
             " slowing down does not help: change the motion or with_limits(lower=..., upper=...)"
+        )
+    if kind in MOTOR_KINDS:
+        what, option = kind.removeprefix("motor_"), f"with_limits({kind}=...)"
+        return JounceError(
+            f"the motor of {joint} has a {what} of {value:.6g} {unit} at rest {when}, beyond its limit of {bound:.6g}"
+            f" {unit}; slowing down does not help: change the pose, the load or {option}"
         )
     of = "" if b.limits.of(kind) == "Q" else " without gravity"
     return JounceError(

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from jounce.dynamics.quantities import FORCES
 from jounce.limits import pace
-from jounce.limits.bounded import forces_at_speed
+from jounce.limits.bounded import at_speed
 from jounce.robot.dispatch import compute
 
 if TYPE_CHECKING:
@@ -109,7 +110,7 @@ def path_of(robot: "Robot", motion: "Motion", sigma: np.ndarray, order: int, lef
     W = motion.wrench(sigma, order, side)
 
     def forces(speed: float) -> list[np.ndarray]:
-        return [rate / speed**k for k, rate in enumerate(forces_at_speed(robot, q, W, speed, order))]
+        return [rate / speed**k for k, rate in enumerate(at_speed(robot, FORCES.name, q, W, speed, order))]
 
     b, v, g = [], [], []
     for ahead, back, double in zip(forces(1.0), forces(-1.0), forces(2.0), strict=True):

@@ -9,11 +9,12 @@ import numpy as np
 
 from jounce._typing import DriveTerm
 from jounce.errors import JounceError, listed, quoted
+from jounce.limits.bounded import known_kinds
 from jounce.limits.path import Path, path_of
 from jounce.limits.rows import NEEDS, Rows, rows_of
 from jounce.model.coordinates import coordinate_limits, coordinate_units
 from jounce.model.drives import TERMS
-from jounce.model.limits import EFFORT_KINDS, KINDS, Limits
+from jounce.model.limits import EFFORT_KINDS, KINDS, MOTOR_KINDS, Limits
 from jounce.motion import Motion
 from jounce.spatial.series import rate_name
 
@@ -105,7 +106,12 @@ class Problem:
 def problem_of(robot: "Robot", motion: Motion, share: float) -> Problem:
     """The problem of a motion of a robot's joints, checked."""
     limits = coordinate_limits(robot.mechanism)
-    kinds = [kind for kind in limits.kinds if kind != "position"]
+    kinds = [kind for kind in known_kinds(robot, limits) if kind != "position"]
+    if motors := [kind for kind in kinds if kind in MOTOR_KINDS]:
+        raise JounceError(
+            f"retime does not know limits of motors ({listed(motors)}); take them away,"
+            f" robot.with_limits({motors[0]}=float('inf')), and check the result with them: robot.slowdown keeps them"
+        )
     _check_zero(robot, motion, limits, kinds)
     if not kinds:
         raise JounceError(

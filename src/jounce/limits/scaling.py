@@ -5,15 +5,18 @@
     Q2d_c = c^2 S'' + c^3 V'' + c^4 D''
 
 Wrenches given over time go with the path: W stays, and its k-th rate is multiplied by c^k. The parts are told apart by
-evaluating the inverse dynamics at c = 0, 1, -1, 2, -2.
+evaluating the inverse dynamics at c = 0, 1, -1, 2, -2. Positions, velocities and torques of motors behind linear
+springs are polynomials of degree 2, 3 and 4, which as many values and one more determine.
 """
 
 from collections.abc import Mapping
 
 import numpy as np
 
-from jounce.limits.bounded import DERIVATIVE, Bounded, Side, forces_at_speed
-from jounce.model.limits import EFFORT_KINDS, FORCES, MOTION_KINDS
+from jounce.dynamics.quantities import FORCES
+from jounce.limits.bounded import DERIVATIVE, MOTORS, Bounded, Side, at_speed, quantities_of, rate_of_forces
+from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS
+from jounce.model.limits import FORCES as BOUND_FORCES
 from jounce.robot.along import FIRST
 from jounce.robot.dispatch import compute
 
@@ -24,11 +27,13 @@ Parts = tuple[np.ndarray, np.ndarray, np.ndarray]  # (N, n) each: of c^0, c^1 an
 def polynomials(b: Bounded, t: np.ndarray, side: Side = "right") -> Polynomials:
     """Coefficients (degree + 1, N, n) of what limits bound, lowest power of c first, at times (N,) by kind."""
     motion_orders = [MOTION_KINDS.index(kind) for kind in b.kinds if kind in MOTION_KINDS]
-    order = max((DERIVATIVE.get(kind, 0) for kind in b.kinds if kind not in MOTION_KINDS), default=0)
+    order = max((rate_of_forces(b.robot, kind) for kind in b.kinds if kind not in MOTION_KINDS), default=0)
     rates = b.motion(t, max([*motion_orders, (order + FIRST) * b.forces]), side)
     found = {kind: _monomial(rates[k], k) for k, kind in enumerate(MOTION_KINDS) if kind in b.kinds}
-    if not b.forces:
+    found |= {kind: _of_motors(b, kind, rates, t, side) for kind in MOTORS if kind in b.kinds}
+    if FORCES.name not in b.orders:
         return found
+    order = max(DERIVATIVE.get(kind, 0) for kind in b.kinds if kind in EFFORT_KINDS or kind == "power")
     parts = _parts(b, rates, t, order, side)
     for kind in (*EFFORT_KINDS, "power"):
         if kind in b.kinds:
@@ -36,7 +41,7 @@ def polynomials(b: Bounded, t: np.ndarray, side: Side = "right") -> Polynomials:
             c = np.concatenate([np.zeros((k, *rates[0].shape)), np.stack(parts[k])])
             if kind == "power":
                 c = np.concatenate([0 * c[:1], rates[1] * c])
-            elif b.limits.of(kind) == FORCES[1]:
+            elif b.limits.of(kind) == BOUND_FORCES[1]:
                 c[k] -= _gravity(b, rates, k)
             found[kind] = c
     return found
@@ -51,7 +56,7 @@ def _parts(b: Bounded, rates: "tuple[np.ndarray, ...]", t: np.ndarray, order: in
     wrench = b.motion.wrench(t, order, side)
 
     def at(c: float) -> list[np.ndarray]:
-        return forces_at_speed(b.robot, rates, wrench, c, order)
+        return at_speed(b.robot, FORCES.name, rates, wrench, c, order)
 
     static, one, back = at(0.0)[0], at(1.0), at(-1.0)
     two, far_back = (at(2.0), at(-2.0)) if order else ([], [])
@@ -62,6 +67,18 @@ def _parts(b: Bounded, rates: "tuple[np.ndarray, ...]", t: np.ndarray, order: in
         D = ((two[k] + sign * far_back[k]) / 2 / 2**k - near) / 3 if k else near - static
         parts.append((near - D if k else static, V, D))
     return parts
+
+
+def _of_motors(b: Bounded, kind: str, rates: "tuple[np.ndarray, ...]", t: np.ndarray, side: Side) -> np.ndarray:
+    """The polynomial of a motor, from its values at c = 0, 1, -1, 2, -2, ..."""
+    orders = quantities_of(b.robot, kind)
+    count = max(b.row(name).rates + order for name, order in orders.items())
+    c = [(-1) ** (i + 1) * ((i + 1) // 2) for i in range(count)]
+    values = []
+    for speed in c:
+        known = {name: b.quantity(name, order, rates, t, side, float(speed)) for name, order in orders.items()}
+        values.append(b.of_motor(kind, known)[DERIVATIVE.get(kind, 0)])
+    return np.tensordot(np.linalg.inv(np.vander(c, increasing=True)), np.stack(values), axes=1)
 
 
 def _gravity(b: Bounded, rates: "tuple[np.ndarray, ...]", k: int) -> np.ndarray:

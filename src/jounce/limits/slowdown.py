@@ -8,7 +8,7 @@ import numpy as np
 
 from jounce.errors import JounceError, quoted
 from jounce.limits.bounded import Bounded, bounded
-from jounce.limits.bracketing import bracketed_factor, has_friction, worst_of
+from jounce.limits.bracketing import bracketed_factor, is_polynomial, worst_of
 from jounce.limits.check import breaks_of, notes_of
 from jounce.limits.feasible import Feasible
 from jounce.limits.worst import Worst
@@ -83,7 +83,7 @@ def slowdown(robot: "Robot", motion: object) -> Slowdown:
     breaks = breaks_of(b)
     notes = notes_of(b, breaks)
     _refuse_jumps(b, breaks)
-    if has_friction(b):
+    if not is_polynomial(b):
         factor, binding = bracketed_factor(b)
         return Slowdown(factor, _named(b, *binding), b.motion.scaled(1 / factor), None, notes)
     states = Feasible(b)

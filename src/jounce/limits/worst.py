@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jounce.limits.bounded import DERIVATIVE, Bounded
+from jounce.limits.bounded import Bounded, rate_of_forces
 from jounce.limits.peaks import Peaks, peaks_of, picked, root
 from jounce.limits.pieces import Pieces
 from jounce.limits.ratios import Scale, scale_of
-from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS
+from jounce.model.limits import MOTION_KINDS
 from jounce.robot.along import ForceBreak
 
 ROUNDING = 1e-9  # of the reach of a limit: less beyond it is rounding
@@ -62,8 +62,8 @@ class Worst:
             unknown = [-np.ones(len(names)), np.ones(len(names))]  # of forces where q or qd jumps: an impulse
             for jump in unknown if met.jump is None else [met.jump]:
                 for i in np.flatnonzero(np.abs(jump) > ROUNDING * np.abs(jump).max()):
-                    for kind in (*EFFORT_KINDS, "power"):
-                        if met.order < DERIVATIVE.get(kind, 0):
+                    for kind in self.b.kinds:
+                        if kind not in MOTION_KINDS and met.order < rate_of_forces(self.b.robot, kind):
                             self._jump(kind, int(i), met.t, float(jump[i]))
 
     def _jump(self, kind: str, j: int, t: float, jump: float) -> None:

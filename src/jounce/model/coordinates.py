@@ -58,7 +58,7 @@ def coordinate_limits(mechanism: Mechanism) -> Limits:
     """The limits of the n coordinates.
 
     A joint variable that one coordinate moves bounds the motion of this coordinate, whether it leads or follows; one
-    that several move does not. Effort and power are those of the leading joint: what the others exert adds to Q.
+    that several move does not. Effort, power and motor are those of the leading joint: what the others exert adds to Q.
     """
     table, leaders = unlimited(mechanism.n).table, leading_joints(mechanism)
     for i, row in enumerate(mechanism.G):
@@ -71,7 +71,7 @@ def coordinate_limits(mechanism: Mechanism) -> Limits:
                 offset = float(mechanism.g[i]) if kind == "position" else 0.0
                 lower, upper = sorted((mechanism.limits.table[k, :, i] - offset) / row[j])
             elif i == leaders[j]:
-                factor = 1.0 if kind == "power" else row[j]
+                factor = row[j] if kind in EFFORT_KINDS else 1.0
                 lower, upper = sorted(mechanism.limits.table[k, :, i] * factor)
             else:
                 continue

@@ -68,7 +68,7 @@ class Elasticity:
     @property
     def more_rates(self) -> int:
         """How many further rates of the motion motor positions and torques take, as dampers and couplings need them."""
-        terms = max((law.terms - 1 for law in self.springs if isinstance(law, DampedSpring)), default=0)
+        terms = max([0, *(law.terms - 1 for law in self.springs if isinstance(law, DampedSpring))])
         level = self.level or 0
         return (level + 1) * terms + 2 * level
 
@@ -99,11 +99,6 @@ class Elasticity:
         """The coordinates whose springs have dampers."""
         return [j for j, law in enumerate(self.springs) if isinstance(law, DampedSpring)]
 
-    def motor_names(self, joints: Sequence[str]) -> tuple[str, ...]:
-        """A name per motor: that of its joint, with _1 and _2 where a joint has two."""
-        pairs = [(f"{name}_1", f"{name}_2") if j in self.pairs else (name,) for j, name in enumerate(joints)]
-        return tuple(name for pair in pairs for name in pair)
-
     @property
     def of_motors(self) -> "Elasticity":
         """Its arrays with an entry per motor."""
@@ -115,11 +110,60 @@ class Elasticity:
         return {name: getattr(self, name) for name in ARRAYS}
 
     def map(self, convert: Callable[[Array], Array]) -> "Elasticity":
-        """The same springs and motors with other numbers."""
+        """The same springs and motors with other numbers.
+
+        Parameters
+        ----------
+        convert : callable
+            Applied to each array.
+
+        Returns
+        -------
+        Elasticity
+
+        Raises
+        ------
+        Exception
+            What `convert` raises.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> elasticity = jounce.load("planar2r").elastic([800, 600], rotor=0.1).elasticity
+        >>> elasticity.map(lambda x: 2 * x).rotor
+        array([0.2, 0.2])
+        """
         return replace(self, **{name: convert(array) for name, array in self.arrays.items()})
 
     def select(self, coordinates: Sequence[int]) -> "Elasticity":
-        """The springs and motors of some coordinates, by index."""
+        """The springs and motors of some coordinates.
+
+        Parameters
+        ----------
+        coordinates : sequence of int
+            Their indices.
+
+        Returns
+        -------
+        Elasticity
+
+        Raises
+        ------
+        IndexError
+            If there is no such coordinate.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("planar2r").elastic([800, 600], rotor=0.1).elasticity.select([1]).stiffness
+        array([600.])
+        """
         springs = tuple(self.springs[j] for j in coordinates) if self.springs else ()
         motors = tuple(self.motors[j] for j in coordinates) if self.motors else ()
         return replace(self.map(lambda array: array[list(coordinates)]), springs=springs, motors=motors)
+
+
+def motor_names(e: Elasticity, joints: Sequence[str]) -> tuple[str, ...]:
+    """A name per motor: that of its joint, with _1 and _2 where a joint has two."""
+    pairs = [(f"{name}_1", f"{name}_2") if j in e.pairs else (name,) for j, name in enumerate(joints)]
+    return tuple(name for pair in pairs for name in pair)

@@ -1,4 +1,4 @@
-"""Limits of the joint variables and of their forces: two-sided bounds of nine kinds, infinite where none is stated."""
+"""Limits of the joint variables, their forces and their motors: two-sided bounds, infinite where none is stated."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,8 +12,16 @@ from jounce.errors import JounceError, one_of, quoted
 
 MOTION_KINDS = ("position", "velocity", "acceleration", "jerk", "snap")  # bounds of q, qd, q2d, q3d, q4d
 EFFORT_KINDS = ("effort", "effort_rate", "second_effort_rate")  # bounds of Q, Qd, Q2d
-KINDS = (*MOTION_KINDS, *EFFORT_KINDS, "power")
+MOTOR_KINDS = {  # of motors behind elastic joints, seen from the links, with the unit of joints in rad and in m
+    "motor_position": ("rad", "m"),
+    "motor_velocity": ("rad/s", "m/s"),
+    "motor_torque": ("N m", "N"),
+    "motor_current": ("A", "A"),
+    "motor_voltage": ("V", "V"),
+}
+KINDS = (*MOTION_KINDS, *EFFORT_KINDS, "power", *MOTOR_KINDS)
 KEYS = ("lower", "upper", *KINDS[1:])  # of files and callers: positions have two
+ONE_SIDED = ("effort", "motor_position", "motor_torque")  # whose two bounds may have the same sign
 FORCES = ("Q", "Q - Qgrav")  # what an effort limit may bound
 
 _FORCE = {"rad": "N m", "m": "N"}
@@ -23,7 +31,9 @@ Stated = float | Sequence[float]  # one number for both directions, or (lower, u
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Limits:
-    """The limits of the joint variables and of their forces, infinite where none is stated. They do not enter Q.
+    """The limits of the joint variables, their forces and their motors, infinite where none is stated.
+
+    They do not enter Q.
 
     They are kept per joint variable. Of joints that follow others, the motion is limited, but the effort is not: what
     they exert adds to the force of their leader, and only its limit has a meaning.
@@ -41,10 +51,14 @@ class Limits:
         Q, Qd and Q2d: N m or N, per s, per s^2.
     power : (nb,)
         Drive power qd Q, W.
+    motor_position, motor_velocity, motor_torque : (nb,)
+        The motor behind an elastic joint, seen from the link: rad or m, per s, N m or N.
+    motor_current, motor_voltage : (nb,)
+        The same motor: A and V.
     without_gravity : tuple of str
         Those of "effort", "effort_rate", "second_effort_rate" that bound Q - Qgrav and its rates instead of Q.
-    table : (9, 2, nb)
-        All of them: for each of the nine kinds the lower and the upper bounds.
+    table : (14, 2, nb)
+        All of them: for each of the fourteen kinds the lower and the upper bounds.
 
     Examples
     --------
@@ -73,8 +87,8 @@ class Limits:
         Parameters
         ----------
         kind : str
-            "position", "velocity", "acceleration", "jerk", "snap", "effort", "effort_rate", "second_effort_rate" or
-            "power".
+            "position", "velocity", "acceleration", "jerk", "snap", "effort", "effort_rate", "second_effort_rate",
+            "power", "motor_position", "motor_velocity", "motor_torque", "motor_current" or "motor_voltage".
 
         Returns
         -------
@@ -143,6 +157,31 @@ class Limits:
     def power(self) -> Floats:
         """The largest drive power, W."""
         return self.bounds("power")[1]
+
+    @property
+    def motor_position(self) -> Floats:
+        """The largest position of the motor, rad or m."""
+        return self.bounds("motor_position")[1]
+
+    @property
+    def motor_velocity(self) -> Floats:
+        """The largest velocity of the motor, rad/s or m/s."""
+        return self.bounds("motor_velocity")[1]
+
+    @property
+    def motor_torque(self) -> Floats:
+        """The largest torque of the motor, N m or N."""
+        return self.bounds("motor_torque")[1]
+
+    @property
+    def motor_current(self) -> Floats:
+        """The largest current of the motor, A."""
+        return self.bounds("motor_current")[1]
+
+    @property
+    def motor_voltage(self) -> Floats:
+        """The largest voltage of the motor, V."""
+        return self.bounds("motor_voltage")[1]
 
     def of(self, kind: str) -> str:
         """Which force an effort limit bounds, with its rates.
@@ -259,9 +298,9 @@ def limit_error(**stated: Stated) -> str | None:
         if np.ndim(value) == 0:
             if not value >= 0:  # type: ignore[operator]
                 return f"limit of {key} is {value:g}; expected 0 or more"
-        elif key == "effort" and not value[0] <= value[1]:  # type: ignore[index]
-            return f"limits of effort are {value[0]:g} and {value[1]:g}; expected lower <= upper"  # type: ignore[index]
-        elif key != "effort" and not value[0] <= 0 <= value[1]:  # type: ignore[index]
+        elif key in ONE_SIDED and not value[0] <= value[1]:  # type: ignore[index]
+            return f"limits of {key} are {value[0]:g} and {value[1]:g}; expected lower <= upper"  # type: ignore[index]
+        elif key not in ONE_SIDED and not value[0] <= 0 <= value[1]:  # type: ignore[index]
             return f"limits of {key} are {value[0]:g} and {value[1]:g}; expected lower <= 0 <= upper"  # type: ignore[index]
     return None
 
@@ -309,6 +348,8 @@ def unit_of(kind: str, coordinate: str) -> str:
     """The unit of a kind of limit of a coordinate in rad or m."""
     if kind == "power":
         return "W"
+    if kind in MOTOR_KINDS:
+        return MOTOR_KINDS[kind][coordinate == "m"]
     base, names = (coordinate, MOTION_KINDS) if kind in MOTION_KINDS else (_FORCE[coordinate], EFFORT_KINDS)
     order = names.index(kind)
     return base + (f"/s^{order}" if order > 1 else "/s" * order)
@@ -319,7 +360,7 @@ def _kind(key: str) -> str:
 
 
 def _set(table: np.ndarray, key: str, value: Stated) -> None:
-    """Write what is stated under a key into a table (9, 2) of one joint variable."""
+    """Write what is stated under a key into a table (kinds, 2) of one joint variable."""
     row = table[KINDS.index(_kind(key))]
     if key in ("lower", "upper"):
         row[int(key == "upper")] = value

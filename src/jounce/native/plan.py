@@ -19,7 +19,7 @@ HIGHEST_NATIVE_ORDER = 12  # order, up to which the step of a joint takes no mor
 STACK = 2**15  # bytes, up to which a call takes them from the stack of its thread; what needs more has a `Pool`
 SCALARS = {"w": 3, "a": 3, "K": 9}  # of the parts of a motion
 LIMIT = 2**26  # bytes of a call, beyond which there is no native code
-HIGHEST_PRODUCT_ORDER = 10  # order, up to which products take no more than the 64 arrays of NumPy's functions
+HIGHEST_PRODUCT_ORDER = 9  # order, up to which products take no more than the 64 arrays of NumPy's functions
 PATIENCE = 3.0  # seconds that a call may take to compile native code that nobody asked for
 
 
@@ -33,9 +33,15 @@ def is_straight(computation: Computation, nb: int) -> bool:
     return not looped or nb * (computation.order + 1) ** 2 <= STRAIGHT_LIMIT
 
 
+def highest_order(computation: Computation) -> int:
+    """Return the highest order with native code: motor torques have the arrays of forces two orders higher."""
+    highest = HIGHEST_PRODUCT_ORDER if computation.product else HIGHEST_NATIVE_ORDER
+    return highest + 1 - computation.quantity.wrench_rates
+
+
 def obstacle(computation: Computation) -> str | None:
     """Return why a computation has no native code, as the end of a sentence about native code; None if it has."""
-    highest = HIGHEST_PRODUCT_ORDER if computation.product else HIGHEST_NATIVE_ORDER
+    highest = highest_order(computation)
     return None if computation.order <= highest else f"supports orders up to {highest}, not {computation.order}"
 
 

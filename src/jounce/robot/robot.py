@@ -519,9 +519,14 @@ class Robot:
         effort_rate: LimitValues = None,
         second_effort_rate: LimitValues = None,
         power: LimitValues = None,
+        motor_position: LimitValues = None,
+        motor_velocity: LimitValues = None,
+        motor_torque: LimitValues = None,
+        motor_current: LimitValues = None,
+        motor_voltage: LimitValues = None,
         of: str | Mapping[str, str] | None = None,
     ) -> Self:
-        """The robot with some of its limits replaced: bounds of q to q4d, of Q, Qd, Q2d and of the power qd Q.
+        """The robot with some of its limits replaced: of q to q4d, of Q, Qd, Q2d, of the power qd Q, and of motors.
 
         They come from a file, from the published table of an arm, or as numbers, which come last: one number for all
         coordinates, an array (n,), or a mapping {joint: number}. Except `lower` and `upper`, which bound the position,
@@ -540,6 +545,11 @@ class Robot:
             Bounds of Q, Qd, Q2d: N m or N, per s, per s^2.
         power : number, array or mapping, optional
             Bound of qd Q, W.
+        motor_position, motor_velocity, motor_torque : number, array or mapping, optional
+            Bounds of theta, thetad and tau of motors behind elastic joints, seen from the links: rad or m, per s, N m
+            or N.
+        motor_current, motor_voltage : number, array or mapping, optional
+            Bounds of the currents and voltages of these motors, A and V.
         of : str or mapping, optional
             Which force the effort limits given here bound, with its rates: "Q", the default, or "Q - Qgrav"; a mapping
             {"effort_rate": "Q - Qgrav"} says it of some.
@@ -571,7 +581,8 @@ class Robot:
         given = {
             "lower": lower, "upper": upper, "velocity": velocity, "acceleration": acceleration, "jerk": jerk,
             "snap": snap, "effort": effort, "effort_rate": effort_rate, "second_effort_rate": second_effort_rate,
-            "power": power,
+            "power": power, "motor_position": motor_position, "motor_velocity": motor_velocity,
+            "motor_torque": motor_torque, "motor_current": motor_current, "motor_voltage": motor_voltage,
         }  # fmt: skip
         from jounce.io.limits.reading import limits_from  # what few programs need
 
@@ -1131,9 +1142,9 @@ class Robot:
 
         Parameters
         ----------
-        stiffness : number, (n,) or mapping
+        stiffness : number, (n,) or mapping, optional
             Stiffness K of the springs, N m/rad or N/m: one number for all coordinates, an array, or {joint: number}.
-            Infinity is a rigid joint, as is a joint that a mapping leaves out.
+            Infinity is a rigid joint, as is a joint that a mapping leaves out. By default those of the robot's file.
         rotor : number, (n,) or mapping, optional
             Inertia B of the rotors as seen from the links, kg m^2 or kg: their own times the gear ratio squared. By
             default, and for a joint that a mapping leaves out, the armature of the file, whether or not it acts.

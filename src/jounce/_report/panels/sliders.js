@@ -29,7 +29,7 @@ function compute() {
   const q = Float64Array.from(sliders, slider => +slider.value), pull = pulls.map(slider => +slider.value), at = ends[end.value];
   const {Q, gravity, pulled: share} = atRest(q, pull, at);
   rows.forEach((cells, j) => {
-    [q[j], gravity[j], share[j], Q[j]].forEach((x, k) => { cells[k].textContent = +x.toPrecision(5) + (k ? " " + units[j] : ""); });
+    [q[j], gravity[j], share[j], Q[j]].forEach((x, k) => { cells[k].textContent = +(+x.toFixed(9)).toPrecision(5) + (k ? " " + units[j] : ""); });
     const bounded = inertial ? Q[j] - gravity[j] : Q[j], [least, most] = effort.map(bound => bound[j]);
     cells[3].classList.toggle("beyond", least !== null && bounded < least || most !== null && bounded > most);
   });

@@ -7,7 +7,7 @@ import numpy as np
 
 from jounce.errors import JounceError, at, no_such, quoted
 from jounce.io.entries import Entry
-from jounce.io.native import GROUND, parts
+from jounce.io.native import GROUND, elastic, parts
 from jounce.model.drives import UNDRIVEN
 from jounce.model.limits import limits_of_joints
 from jounce.model.mechanism import GRAVITY, Frame, Mechanism
@@ -18,7 +18,7 @@ Index = Mapping[str, int]  # names and their places in a row
 
 def read(robot: Entry, gravity: object = None) -> Mechanism:
     """The mechanism of a file's content, under its own gravity unless another is given."""
-    robot.keys(("units", "bodies"), ("name", "gravity", "coordinates", "frames", "limits_of"))
+    robot.keys(("units", "bodies"), ("name", "gravity", "coordinates", "frames", "limits_of", elastic.SECTION))
     parts.check_units(robot)
     own = robot.get("gravity", list(GRAVITY)).numbers((3,))
     listed = robot.get("bodies").items(least=1)
@@ -33,7 +33,7 @@ def read(robot: Entry, gravity: object = None) -> Mechanism:
         raise bodies[names[GROUND]].get("name").error("another name: it denotes the ground")
     built = _build(robot, bodies, joints, names, own if gravity is None else gravity)
     placed = (Frame(f.get("name").value, _carrier(f.get("body"), names), parts.pose(f)) for f in frames)
-    return replace(built, joints=tuple(_distinct_names(joints)), frames=tuple(placed))
+    return elastic.read(robot, replace(built, joints=tuple(_distinct_names(joints)), frames=tuple(placed)))
 
 
 def _build(robot: Entry, bodies: Sequence[Entry], joints: Sequence[Entry], names: Index, gravity: object) -> Mechanism:

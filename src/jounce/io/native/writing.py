@@ -10,7 +10,7 @@ import numpy as np
 
 from jounce._scalars import is_symbolic
 from jounce.errors import JounceError, quoted
-from jounce.io.native import GROUND, UNITS, parts
+from jounce.io.native import GROUND, UNITS, elastic, parts
 from jounce.model.drives import UNDRIVEN
 from jounce.model.limits import FORCES
 from jounce.model.mechanism import DATA, Mechanism
@@ -51,7 +51,8 @@ def document(mechanism: Mechanism) -> dict[str, Any]:
     coordinates = {} if free == list(mechanism.coordinates) else {"coordinates": list(mechanism.coordinates)}
     head = {"name": mechanism.name, "units": UNITS, "gravity": _plain(mechanism.gravity), "bodies": bodies}
     of = {"limits_of": dict.fromkeys(mechanism.limits.without_gravity, FORCES[1])}
-    return head | coordinates | ({"frames": frames} if frames else {}) | (of if of["limits_of"] else {})
+    end = {"frames": frames} if frames else {}
+    return head | coordinates | end | (of if of["limits_of"] else {}) | elastic.section(mechanism)
 
 
 def _check(mechanism: Mechanism) -> None:

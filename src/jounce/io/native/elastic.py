@@ -1,0 +1,172 @@
+"""The section `elastic` of a robot file: springs between motors and links, and the motors, by coordinate.
+
+elastic:
+  coupling: spong                       # or the level of carried rotors: 0, 1, ...
+  joints:
+    joint1: {stiffness: 1000, rotor: 0.6, damping: 0.4}           # N m/rad, kg m^2, N m s/rad, seen from the link
+    joint2: {spring: {k: 300, k3: 2000}, rotor: 0.5, viscous: 0.2, friction: 0.4, eps: 0.05}
+    joint3: {spring: {deflections: [-0.1, ..., 0.1], forces: [-40, ..., 40]}, motor: {gear: 100, inertia: 5e-5}}
+
+A joint that it does not name is rigid.
+"""
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+
+from jounce.actuators.stated import Stated, with_elasticity
+from jounce.errors import JounceError, at, no_such, quoted
+from jounce.io.entries import Entry
+from jounce.model.antagonists import AntagonisticSprings
+from jounce.model.drives import EPS
+from jounce.model.elasticity import Elasticity, Law
+from jounce.model.mechanism import Mechanism
+from jounce.model.motors import Motor
+from jounce.model.springs import CubicSpring, DampedSpring, Spring, SpringTable
+
+SECTION = "elastic"
+FRICTION = {"viscous": 0.0, "friction": 0.0, "eps": EPS}  # keys of a motor's friction, and their defaults
+TERMS = Stated().damping_terms
+SPRINGS: tuple[tuple[type[CubicSpring | SpringTable], tuple[str, ...]], ...] = (
+    (CubicSpring, ("k", "k3")),
+    (SpringTable, ("deflections", "forces")),
+)
+
+
+def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
+    """The mechanism with the springs and motors of a file, if it states any."""
+    if SECTION not in robot.value:
+        return mechanism
+    section = robot.get(SECTION).keys(("joints",), ("coupling", "damping_terms"))
+    found: dict[str, dict[str, Any]] = {key: {} for key in KEYS}
+    for name, entry in section.get("joints").members().items():
+        if name not in mechanism.coordinates:
+            raise JounceError(f"{entry.place}: {no_such('coordinate', name, mechanism.coordinates, section.what)}")
+        for key, value in entry.keys((), tuple(KEYS)).members().items():
+            found[key][name] = KEYS[key](value)
+    stated = {key: found[key] or None for key in ("stiffness", "rotor", "damping", "spring")}
+    with at(section.place):
+        elastic = with_elasticity(
+            mechanism,
+            Stated(
+                **{**stated, "stiffness": found["stiffness"]},
+                motors=found["motor"] or None,
+                coupling=section.get("coupling", "spong").value,
+                damping_terms=section.get("damping_terms", TERMS).value,
+            ),
+        )
+    e = elastic.elasticity
+    assert e is not None
+    own: dict[str, Any] = {
+        key: np.array([found[key].get(name, x) for name, x in zip(mechanism.coordinates, e.arrays[key], strict=True)])
+        for key in FRICTION
+    }
+    return replace(elastic, elasticity=replace(e, **own))
+
+
+def _not_negative(entry: Entry) -> float:
+    if (number := entry.number()) < 0:
+        raise entry.error("0 or more")
+    return number
+
+
+def _eps(entry: Entry) -> float:
+    if (number := entry.number()) <= 0:
+        raise entry.error("a smoothing velocity of friction above 0")
+    return number
+
+
+def _spring(entry: Entry) -> Spring | AntagonisticSprings:
+    """A spring by its coefficients or its table; a list of two springs has a motor each."""
+    if isinstance(entry.value, list):
+        if len(items := entry.items()) != 2:
+            raise entry.error("a spring, or two with a motor each")
+        return AntagonisticSprings(*map(_one_spring, items))
+    return _one_spring(entry)
+
+
+def _one_spring(entry: Entry) -> Spring:
+    members = entry.keys((), tuple(key for _, keys in SPRINGS for key in keys)).members()
+    if "k" in members or "k3" in members:
+        numbers = {key: x.number() for key, x in entry.keys(("k",), ("k3",)).members().items()}
+        with entry.refusals():
+            return CubicSpring(**numbers)
+    entry.keys(("deflections", "forces"))
+    columns = [[x.number() for x in members[key].items()] for key in ("deflections", "forces")]
+    with entry.refusals():
+        return SpringTable(*columns)
+
+
+def _motor(entry: Entry) -> Motor:
+    given = entry.keys((), tuple(field.name for field in fields(Motor))).members()
+    read: dict[str, Callable[[Entry], Any]] = {"body": Entry.text, "axis": lambda x: tuple(x.numbers((3,)).tolist())}
+    numbers = {key: read.get(key, Entry.number)(x) for key, x in given.items()}
+    with entry.refusals():
+        return Motor(**numbers)
+
+
+KEYS: dict[str, Callable[[Entry], Any]] = {
+    "stiffness": Entry.number,
+    "spring": _spring,
+    "damping": _not_negative,
+    "rotor": Entry.number,
+    "viscous": _not_negative,
+    "friction": _not_negative,
+    "eps": _eps,
+    "motor": _motor,
+}
+
+
+def section(mechanism: Mechanism) -> dict[str, Any]:
+    """Return the section of a mechanism, as plain data; empty if its joints are rigid."""
+    e = mechanism.elasticity
+    if e is None:
+        return {}
+    terms = max((law.terms for law in e.springs if isinstance(law, DampedSpring)), default=TERMS)
+    head: dict[str, Any] = {} if e.level is None else {"coupling": e.level}
+    head |= {} if terms == TERMS else {"damping_terms": terms}
+    joints = {name: _joint(e, j, name) for j, name in enumerate(mechanism.coordinates)}
+    return {SECTION: head | {"joints": {name: said for name, said in joints.items() if said}}}
+
+
+def _joint(e: Elasticity, j: int, name: str) -> dict[str, Any]:
+    """What the section says of a coordinate; nothing of a rigid joint without a rotor."""
+    motor = e.motors[j] if e.motors else None
+    said = _law(e.springs[j] if e.springs else None, float(e.stiffness[j]), name)
+    if e.rotor[j] and (motor is None or motor.inertia is None):
+        said["rotor"] = float(e.rotor[j])
+    known = dict(FRICTION)
+    if motor is not None:
+        known |= {"viscous": motor.damping * motor.gear**2, "friction": motor.friction * abs(motor.gear)}
+    said |= {key: float(e.arrays[key][j]) for key, x in known.items() if e.arrays[key][j] != x}
+    return said if motor is None else said | {"motor": _motor_data(motor)}
+
+
+def _motor_data(motor: Motor) -> dict[str, Any]:
+    plain = vars(Motor())
+    stated = {key: x for key, x in vars(motor).items() if x != plain[key]}
+    return {key: list(x) if key == "axis" else x for key, x in stated.items()}
+
+
+def _law(law: Law | None, stiffness: float, name: str) -> dict[str, Any]:
+    """The spring and the damper of a joint."""
+    if law is None:
+        return {} if np.isinf(stiffness) else {"stiffness": stiffness}
+    if isinstance(law, DampedSpring):
+        plain = isinstance(law.spring, CubicSpring) and law.spring.k3 == 0
+        return _law(None if plain else law.spring, stiffness, name) | {"damping": law.damping}
+    if isinstance(law, AntagonisticSprings):
+        return {"spring": [_numbers(spring, name) for spring in (law.first, law.second)]}
+    return {"spring": _numbers(law, name)}
+
+
+def _numbers(spring: Spring, name: str) -> dict[str, Any]:
+    for kind, keys in SPRINGS:
+        if isinstance(spring, kind):
+            found = {key: getattr(spring, key) for key in keys}
+            return {key: list(x) if isinstance(x, tuple) else x for key, x in found.items()}
+    raise JounceError(
+        f"the spring of joint {quoted(name)} is a function, which a file cannot hold; save a jounce.SpringTable of it"
+    )

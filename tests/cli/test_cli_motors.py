@@ -1,0 +1,96 @@
+"""`jounce motors`: what the motors of elastic joints do along a motion, as a table."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import jounce
+from jounce.cli import main
+from jounce.io import tables
+
+STIFFNESS, ROTOR = {"joint1": 300.0, "joint2": 200.0}, 0.3
+OPTIONS = ("--stiffness", "300", "--stiffness", "joint2=200", "--rotor", "0.3")
+
+
+def call(*words):
+    return CliRunner().invoke(main, ["motors", *map(str, words)])
+
+
+@pytest.fixture
+def motion(tmp_path):
+    path = tmp_path / "swing.yaml"
+    swing = "{offset: 0.1, cosines: [{amplitude: 0.5, frequency: 3, phase: 0}]}"
+    path.write_text(f"time: {{start: 0, stop: 2, count: 41}}\njoints:\n  joint1: {swing}\n  joint2: {swing}\n")
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz"])
+def test_it_writes_what_the_library_computes(tmp_path, motion, suffix):
+    out = tmp_path / f"motors{suffix}"
+    result = call("planar2r", motion, *OPTIONS, "-o", out, "--json")
+    assert result.exit_code == 0, result.output
+    summary = json.loads(result.stdout)
+    robot = jounce.load("planar2r")
+    along = robot.elastic(STIFFNESS, rotor=ROTOR).along(jounce.load_motion(motion, robot))
+    found = tables.read(out)
+    columns = [f"{joint}.{name}" for joint in robot.joint_names for name in ("theta", "thetad", "tau")]
+    assert set(found) == {"t", *columns}
+    for j, joint in enumerate(robot.joint_names):
+        for name, column in zip(("theta", "thetad", "tau"), (*along.positions[:2], *along.torques), strict=True):
+            np.testing.assert_allclose(found[f"{joint}.{name}"], column[:, j], rtol=0, atol=1e-12 * abs(column).max())
+            assert summary["peaks"][joint][name] == pytest.approx(abs(column[:, j]).max())
+    assert (summary["units"], summary["states"], summary["breaks"]) == ({"joint1": "rad", "joint2": "rad"}, 41, [])
+
+
+def test_a_measured_motion_brings_its_deviations(tmp_path):
+    t = np.arange(2001) / 1000
+    rng = np.random.default_rng(1)
+    q = 0.4 * np.sin(np.outer(t, [2.0, 3.0])) + rng.normal(0, 1e-5, (len(t), 2))
+    np.savetxt(tmp_path / "log.csv", np.c_[t, q], "%.17g", ",", header="t,joint1,joint2", comments="")
+    result = call("planar2r", tmp_path / "log.csv", *OPTIONS, "-o", tmp_path / "motors.csv")
+    assert result.exit_code == 0, result.output
+    found = tables.read(tmp_path / "motors.csv")
+    smooth = 0.4 * np.stack([w**k * np.sin(w * t + k * np.pi / 2) for k in range(5) for w in (2.0, 3.0)])
+    exact = jounce.load("planar2r").elastic(STIFFNESS, rotor=ROTOR).inverse_dynamics(*smooth.reshape(5, 2, -1).mT)
+    middle = slice(500, 1500)
+    for j in (0, 1):
+        error = np.abs(found[f"joint{j + 1}.tau"] - exact[:, j])[middle]
+        assert (error < 3 * found[f"joint{j + 1}.tau_sd"][middle]).mean() > 0.9
+    assert "±" in result.stdout
+
+
+def test_currents_and_voltages_follow_from_the_data_of_motors(tmp_path, motion):
+    motors = {"joint1": jounce.Motor(gear=50, inertia=1e-4, resistance=0.5, inductance=1e-3, constant=0.05)}
+    arm = jounce.load("planar2r").elastic(STIFFNESS, rotor={"joint2": 0.3}, motors=motors)
+    jounce.save(arm.robot, tmp_path / "arm.yaml")
+    result = call(tmp_path / "arm.yaml", motion, "-o", tmp_path / "motors.csv")
+    assert result.exit_code == 0, result.output
+    found, along = tables.read(tmp_path / "motors.csv"), arm.along(jounce.load_motion(motion, arm.robot), order=1)
+    np.testing.assert_allclose(found["joint1.i"], along.currents[0][:, 0], rtol=1e-12)
+    np.testing.assert_allclose(found["joint1.u"], along.voltages[0][:, 0], rtol=1e-9)
+    assert not {"joint2.i", "joint2.u"} & set(found)
+    assert " A " in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ((), "states no stiffness of its joints; robot.elastic(stiffness) does (--stiffness)"),
+        (("--stiffness", "300"), "joint 'joint1' has no armature"),
+        (("--stiffness", "0", "--rotor", "1"), "stiffness of joint 'joint1' is 0"),
+        (("--stiffness", "-3", "--rotor", "1"), "stiffness of joint 'joint1' is -3"),
+        (("--stiffness", "soft", "--rotor", "1"), "--stiffness 'soft'; expected a number, or JOINT=NUMBER"),
+        (("--stiffness", "nan", "--rotor", "1"), "--stiffness 'nan'; expected a number"),
+        (("--stiffness", "300", "--rotor", "joint3=1"), "unknown joint 'joint3'"),
+        (("--stiffness", "300", "--stiffness", "200", "--rotor", "1"), "is the second for all joints"),
+        (("--rotor", "joint1=1", "--rotor", "joint1=1"), "is the second for 'joint1'"),
+    ],
+)
+def test_mistakes_are_refused_in_one_line(tmp_path, motion, words, said):
+    result = call("planar2r", motion, *words, "-o", tmp_path / "motors.csv")
+    assert result.exit_code == 2
+    assert said in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+    assert not (tmp_path / "motors.csv").exists()
