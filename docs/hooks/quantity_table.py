@@ -34,10 +34,11 @@ def method(quantity: Quantity) -> tuple[type, str, str]:
 def _row(quantity: Quantity) -> tuple[str, ...]:
     owner, name, call = method(quantity)
     rates = ", ".join(quantity.input_names(quantity.rates))
-    shape = ", ".join(["...", *map(str, quantity.shape)])
+    axes = [f"{quantity.rates} + k" if axis == "rates" else str(axis) for axis in quantity.shape]
+    shape = ", ".join(["...", *axes])
     options = ["wrench"] * quantity.wrenches + ["body"] * quantity.of_bodies + ["frame"] * bool(quantity.frames)
     return (
-        f"`{quantity.names(0)[0]}`",
+        ", ".join(f"`{name}`" for name in quantity.names(0)),
         f"[`{call}`][jounce.{owner.__name__}.{name}]",
         f"`{rates}`",
         f"`({shape})`",

@@ -166,7 +166,7 @@ def test_a_wrench_that_keeps_its_direction_in_space_has_one_more_term():
     assert relative_error(K + turning, whole) < 1e-7
 
 
-@pytest.mark.parametrize(("name", "order", "most"), [("iiwa14", 0, 3144), ("iiwa14", 2, 13548), ("g1", 0, 21265)])
+@pytest.mark.parametrize(("name", "order", "most"), [("iiwa14", 0, 2987), ("iiwa14", 2, 13358), ("g1", 0, 20177)])
 def test_they_take_few_operations(name, order, most):
     assert program(jounce.load(name).mechanism, Computation("inverse_dynamics_partials", order)).operations <= most
 
@@ -187,7 +187,8 @@ def test_bad_input_is_named():
     refusal(lambda: robot.inverse_dynamics_partials(*zeros[:3], None, zeros[3]), "q3d is None, yet q4d is given")
     refusal(lambda: robot.forward_dynamics_partials(*zeros[:2], [0, 0, 0]), "Q has shape (3,)", "joint1, joint2")
     words = ("forward_dynamics_partials has no rates", "order 1", "expected q, qd, Q alone, order=0")
-    refusal(lambda: robot.forward_dynamics_partials(*zeros), *words)
+    with pytest.raises(TypeError, match="positional arguments"):
+        robot.forward_dynamics_partials(*zeros)
     refusal(lambda: robot.compile("forward_dynamics_partials", order=1), *words)
     refusal(lambda: robot.inverse_dynamics_partials(*zeros, wrench=np.zeros((2, 6))), "wrench gives W alone")
     out = tuple(np.empty((2, 2)) for _ in range(2))

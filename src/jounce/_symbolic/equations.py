@@ -198,8 +198,8 @@ def _table() -> str:
 
 
 def _shape(row: Quantity) -> str:
-    axes = [str(axis) for axis in row.shape if axis != "nb"]
-    return " x ".join([*axes, "1"][:2]) if axes else "1"
+    axes = [str(row.rates if axis == "rates" else axis) for axis in row.shape if axis != "nb"]
+    return " x ".join(axes if len(axes) > 1 else [*axes, "1"])
 
 
 for _row in OF_BODIES.values():

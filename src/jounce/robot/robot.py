@@ -897,7 +897,7 @@ class Robot:
         q: Named,
         qd: Named,
         Q: Named,
-        *rates: Named,
+        *,
         wrench: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -914,8 +914,6 @@ class Robot:
             Coordinates and velocities: rad or m, and per s.
         Q : (..., n)
             Generalized forces: N m, or N for coordinates in m.
-        *rates : (..., n)
-            Not accepted: the result has no time derivatives.
         wrench : (..., nb, 6) or dict, optional
             What the bodies EXERT ON their environment, held constant in the body frames, as in
             `inverse_dynamics_partials`.
@@ -935,7 +933,7 @@ class Robot:
         Raises
         ------
         JounceError
-            If a shape or name does not fit, rates of Q are given, or the mass matrix is singular.
+            If a shape or name does not fit, or the mass matrix is singular.
 
         References
         ----------
@@ -950,7 +948,7 @@ class Robot:
         >>> bool(np.allclose(Minv @ robot.mass_matrix(np.ones(7)), np.eye(7)))
         True
         """
-        given = (q, qd, Q, *rates)
+        given = (q, qd, Q)
         name = "forward_dynamics_partials"
         return compute(self, name, given, wrench=wrench, method=method, out=out, threads=threads)
 
