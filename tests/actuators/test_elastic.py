@@ -224,6 +224,13 @@ def test_native_code_is_that_of_the_springs_it_was_compiled_for(arm):
     assert arm.compile("motor_positions").signature.outputs[0].name == "theta"
 
 
+def test_the_head_of_generated_code_states_springs_and_motors(tmp_path):
+    jounce.codegen(DRIVEN.elastic([80, np.inf]).robot, "c", 0, tmp_path / "c", outputs=["motor_torques"])
+    head = (tmp_path / "c" / "robot.h").read_text()
+    assert "By coordinate: stiffness K 80 inf; rotor inertia B 0.3 0.2." in head
+    assert "These terms of the robot's drive trains are omitted: damping, friction, spring." in head  # not the armature
+
+
 def test_torques_take_hardly_more_operations_than_forces_to_order_2():
     robot = jounce.load("panda")
     forces = len(program(robot.mechanism, Computation("inverse_dynamics", 2)).steps)

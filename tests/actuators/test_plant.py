@@ -47,27 +47,52 @@ def motion(robot):
     return jounce.Motion.polynomial(c, duration=1.0, joint_names=robot.joint_names)
 
 
-def drift(links, motion, theta, torques, force):
-    """How far the links leave their motion when motors are driven by torques over T; springs exert `force`."""
-    tau = make_interp_spline(T, torques, k=9)
-    n, motors = len(HOME), torques.shape[1] // len(HOME)
+def drift(links, motion, theta, torques, force, rotor=ROTOR):
+    """How far the links leave their motion when motors are driven by torques over T; springs exert `force`.
+
+    Motors are in rows (m, n): two of them where two springs pull at each joint.
+    """
+    tau, n, m = make_interp_spline(T, torques, k=9), len(HOME), len(theta)
 
     def rate(t, x):
-        q, qd, theta, thetad = np.split(x, [n, 2 * n, (2 + motors) * n])
-        carried = force(theta.reshape(motors, n) - q, thetad.reshape(motors, n) - qd)
-        theta2d = (tau(t).reshape(motors, n) - carried) / ROTOR
+        q, qd, theta, thetad = np.split(x, [n, 2 * n, (2 + m) * n])
+        carried = force(theta.reshape(m, n) - q, thetad.reshape(m, n) - qd)
+        theta2d = (tau(t) - carried) / rotor
         return np.concatenate([qd, links(q, qd, carried.sum(axis=0)), thetad, theta2d.ravel()])
 
-    start = np.concatenate([HOME, np.zeros(n), theta, np.zeros(motors * n)])
+    start = np.concatenate([HOME, np.zeros(n), theta.ravel(), np.zeros(m * n)])
     found = solve_ivp(rate, (0, 1), start, method="DOP853", rtol=1e-10, atol=1e-11, t_eval=T)
     return np.abs(found.y[:n].T - motion(T, 0)[0]).max()
 
 
 def test_links_on_linear_springs_follow(robot, links, motion):
-    arm = robot.elastic(STIFFNESS, rotor=ROTOR)
-    rates = motion(T, 4)
-    theta = arm.motor_positions(*(rate[0] for rate in rates[:3]))
-    tau = arm.inverse_dynamics(*rates)
+    along = robot.elastic(STIFFNESS, rotor=ROTOR).along(motion, T)
+    theta, tau = along.positions[0][:1], along.torques[0][:, None]
     assert drift(links, motion, theta, tau, lambda d, _: STIFFNESS * d) < 1e-10
-    without = robot.inverse_dynamics(*rates[:3]) + ROTOR * rates[2]
-    assert drift(links, motion, theta, without, lambda d, _: STIFFNESS * d) > 1e-4  # the test can tell
+    without = robot.inverse_dynamics(*along.rates[:3]) + ROTOR * along.rates[2]
+    assert drift(links, motion, theta, without[:, None], lambda d, _: STIFFNESS * d) > 1e-4  # the test can tell
+
+
+def test_links_on_cubic_springs_follow(robot, links, motion):
+    along = robot.elastic(spring=jounce.CubicSpring(3e3, 1e7), rotor=ROTOR).along(motion, T)
+    theta, tau = along.positions[0][:1], along.torques[0][:, None]
+    assert drift(links, motion, theta, tau, lambda d, _: 3e3 * d + 1e7 * d**3) < 1e-10
+
+
+def test_links_on_damped_springs_follow(robot, links, motion):
+    damping = STIFFNESS / 500
+    along = robot.elastic(STIFFNESS, rotor=ROTOR, damping=damping).along(motion, T)
+    theta, tau = along.positions[0][:1], along.torques[0][:, None]
+    assert drift(links, motion, theta, tau, lambda d, rate: STIFFNESS * d + damping * rate) < 1e-10
+
+
+def test_links_on_springs_of_two_motors_follow_while_their_stiffness_changes(robot, links, motion):
+    """The stiffness rises from rest to rest by a half, while the arm moves."""
+    k, k3 = 1e3, 1e6
+    tendon = jounce.CubicSpring(k, k3)
+    rise = [rate[:, :1] * np.ones(7) for rate in motion(T, 2)]  # of joint 1, from 0 to 1
+    wanted = (8e3 + 4e3 * rise[0], 4e3 * rise[1], 4e3 * rise[2])
+    arm = robot.elastic(spring=jounce.AntagonisticSprings(tendon, tendon), rotor=0.2)
+    along = arm.along(motion, T, stiffness=wanted)
+    pairs = [x.reshape(-1, 7, 2).swapaxes(1, 2) for x in (along.positions[0], along.torques[0])]
+    assert drift(links, motion, pairs[0][0], pairs[1], lambda d, _: k * d + k3 * d**3, rotor=0.2) < 1e-10

@@ -76,7 +76,9 @@ def test_the_equations_that_are_printed_are_right(case):
                     known |= dict(zip(words, x.flat, strict=True))
                 found = {name.strip(): eval(right, known) for *left, right in equations for name in left}
                 for index in np.ndindex(array.shape):
-                    below = "grav" * array.name.startswith("Qgrav") + "".join(str(i + 1) for i in index)
+                    row, *rest = index or (0,)  # of the matrices of P, which stand one below the other
+                    places = (*divmod(row, array.shape[-1]), *rest) if array.name.startswith("P") else index
+                    below = "grav" * array.name.startswith("Qgrav") + "".join(str(i + 1) for i in places)
                     name = "_".join([array.name.replace("Qgrav", "Q"), below]).rstrip("_")
                     error = found[name] - expected.outputs[array.name][(k, *index)]
                     assert abs(error) <= 1e-12 * expected.scale(array.name)

@@ -11,7 +11,10 @@ from jounce.program.program import Program
 
 @dataclass(frozen=True)
 class Function:
-    """A computation as a program; the scalars of all inputs, parameters first, are numbered as in the signature."""
+    """A computation as a program; the scalars of all inputs, parameters first, are numbered as in the signature.
+
+    Several matrices stand one below the other, since not all languages have arrays of three axes.
+    """
 
     name: str  # without the prefix
     computation: Computation
@@ -45,7 +48,7 @@ def trace(robot: Parametric, name: str, computation: Computation) -> Function:
     from jounce.program.trace import Tape
 
     tape = Tape()
-    signature = computation.signature(robot.origin.n, robot.origin.nb, robot.shapes)
+    signature = computation.signature(robot.origin.n, robot.origin.nb, robot.shapes).as_matrices()
     values = {port.name: tape.variables(*port.shape) for port in signature.of_role("parameter")}
     return Function(name, computation, signature, program(robot.mechanism(values), computation, tape))
 

@@ -50,6 +50,7 @@ def conventions(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
         found.append(f"{row.meaning}{added} Unit: {row.unit}.")
     found += [f"{name}: {place}." for name, place in places(robot, functions).items()]
     found += [f"{f.name}: {OF_PRODUCTS[f.computation.product]}." for f in functions if f.computation.product]
+    found += elastic_joints(robot, functions)
     found += drive_trains(robot, functions)
     if loaded:
         found.append(
@@ -83,13 +84,35 @@ def layouts(functions: Sequence[Function]) -> list[str]:
     return list({f"{x.name}[{x.shape[1]} * i + j]": None for x in outputs if len(x.shape) > 1})
 
 
+def elastic_joints(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
+    """Return sentences on the springs and motors of elastic joints, for functions that depend on them."""
+    if robot.elasticity is None or not any(row.elastic for row in _quantities(functions)):
+        return []
+    numbers = ((what, robot.elasticity.arrays[name]) for name, what in OF_MOTORS.items())
+    stated = [f"{what} {' '.join(f'{x:g}' for x in array)}" for what, array in numbers if np.any(array != 0)]
+    found = [f"Motors are seen from the links, behind the gears. By coordinate: {'; '.join(stated)}."]
+    others = [name for name, law in zip(robot.coordinates, robot.elasticity.springs, strict=False) if law is not None]
+    if others:
+        named = ", ".join(map(printable, others))
+        found.append(f"K is the stiffness at rest where springs are not linear or have dampers: {named}.")
+    return found
+
+
+def _terms_of_motors(robot: Mechanism) -> list[str]:
+    """Return the drive terms that motor torques hold as those of the motors."""
+    e = robot.elasticity
+    numbers = {} if e is None else {"armature": e.rotor, "damping": e.viscous, "friction": e.friction}
+    return [term for term, array in numbers.items() if np.any(array != 0)]
+
+
 def drive_trains(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
     """Return sentences on the drive terms that the functions include or omit."""
     rows = _quantities(functions)
     entering = [term for term in TERMS if any(term in row.drive_terms for row in rows)]
     stated = [term for term in entering if np.any(getattr(robot.drives, AMOUNTS[term]))]
     included = [(row.symbol, [x for x in stated if x in robot.acting and x in row.drive_terms]) for row in rows]
-    left = [term for term in stated if term not in robot.acting]
+    on_motors = _terms_of_motors(robot) if all(row.elastic for row in rows) else ()
+    left = [term for term in stated if term not in robot.acting and term not in on_motors]
     found = [
         f"{symbol} includes these terms of the drive trains: {', '.join(OF_DRIVES[term] for term in terms)}."
         for symbol, terms in included
@@ -121,6 +144,12 @@ def parameters(robot: Parametric) -> dict[str, str]:
 OF_PRODUCTS = {
     "vjp": "gradients, gq by q and so on, of the sum of all results times their weights, wQ of Q and so on",
     "jvp": "tangents, dQ of Q and so on, along a direction of all inputs, dq of q and so on",
+}
+OF_MOTORS = {
+    "stiffness": "stiffness K",
+    "rotor": "rotor inertia B",
+    "viscous": "viscous damping of F_m",
+    "friction": "Coulomb friction of F_m",
 }
 OF_DRIVES = {  # theta is the angle of a joint, or its path
     "armature": "armature (I theta2d)",

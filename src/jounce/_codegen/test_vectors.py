@@ -90,4 +90,4 @@ def _near(own: np.ndarray | None, random: np.ndarray) -> np.ndarray:
 def _by_name(function: Function, results: Sequence[Sequence[np.ndarray]]) -> dict[str, np.ndarray]:
     """The outputs by name, of one group of states after the other."""
     arrays = [np.concatenate(terms).astype(float) for terms in zip(*results, strict=True)]
-    return dict(zip((port.name for port in function.outputs), arrays, strict=True))
+    return {x.name: array.reshape((-1, *x.shape)) for x, array in zip(function.outputs, arrays, strict=True)}

@@ -16,8 +16,9 @@ from jounce.arguments.rates import rates_of
 from jounce.arguments.wrenches import wrenches_of
 from jounce.dynamics import coupling, elastic, stretch
 from jounce.dynamics.stretch import elasticity_of
-from jounce.errors import JounceError, listed
+from jounce.errors import JounceError, listed, quoted
 from jounce.model.antagonists import AntagonisticSprings
+from jounce.model.elasticity import motor_names
 from jounce.model.mechanism import Mechanism, cast_model
 from jounce.model.springs import DampedSpring
 from jounce.robot.dispatch import compute
@@ -58,7 +59,7 @@ def with_rigid_rotors(mechanism: Mechanism) -> Mechanism:
         alone = np.flatnonzero((mechanism.G[:, j] != 0) & (np.count_nonzero(mechanism.G, axis=1) == 1))
         if not alone.size:
             raise JounceError(
-                f"rigid joint {mechanism.coordinates[j]!r} moves no joint alone, so that its rotor is no armature;"
+                f"rigid joint {quoted(mechanism.coordinates[j])} moves no joint alone, which its rotor takes;"
                 " state a finite stiffness"
             )
         armature[alone[0]] = e.rotor[j] / mechanism.G[alone[0], j] ** 2
@@ -85,8 +86,8 @@ def accelerations(plant: "Robot", given: Sequence[Any], wrench: Any, method: str
 
 def linearizing_torques(robot: "Robot", given: Sequence[Any], wrench: Any, method: str | None) -> Array:
     """The motor torques that make q4d what is given, in the state q, qd, theta, thetad."""
-    m, (q, qd, theta, thetad, v) = _checked(robot.mechanism, given, "q4d")
     _check_linearizable(robot.mechanism)
+    m, (q, qd, theta, thetad, v) = _checked(robot.mechanism, given, "q4d")
     rigid = elasticity_of(robot.mechanism).is_rigid
     if rigid.any():
         joints = listed(name for name, held in zip(m.coordinates, rigid, strict=True) if held)
@@ -98,6 +99,18 @@ def linearizing_torques(robot: "Robot", given: Sequence[Any], wrench: Any, metho
     Q = _spring_force(m, q, theta, qd, thetad)
     q2d, q3d = compute(robot, "forward_dynamics", (q, qd, Q[0], Q[1]), wrench=W and W[:2], method=method)
     return compute(robot, "motor_torques", (q, qd, q2d, q3d, v), wrench=W, method=method)
+
+
+def damping_error(robot: "Robot", given: Sequence[Any], wrench: Any) -> Array:
+    """The last term of the series of dampers, by which motor positions with one term less differ."""
+    e = elasticity_of(robot.mechanism)
+    if not e.dampers:
+        raise JounceError(f"{robot.name}: no joint has a damper; robot.elastic(..., damping=...) states one")
+    laws = [replace(law, terms=law.terms - 1) if isinstance(law, DampedSpring) else law for law in e.springs]
+    fewer = type(robot)(replace(robot.mechanism, elasticity=replace(e, springs=tuple(laws))))
+    both = [compute(x, "motor_positions", given, wrench=wrench) for x in (robot, fewer)]
+    theta, other = (x[0] if isinstance(x, tuple) else x for x in both)
+    return abs(theta - other)
 
 
 def _check_linearizable(mechanism: Mechanism) -> None:
@@ -131,7 +144,7 @@ def energy(robot: "Robot", given: Sequence[Any]) -> Energy:
 def _checked(mechanism: Mechanism, given: Sequence[Any], *last: str) -> tuple[Mechanism, list[Array]]:
     """The mechanism and a state in the scalar type of the state, one array each, with the same batch axes."""
     e, labels = elasticity_of(mechanism), (*STATE, *last)
-    motors = replace(mechanism, coordinates=e.motor_names(mechanism.coordinates)) if e.pairs else mechanism
+    motors = replace(mechanism, coordinates=motor_names(e, mechanism.coordinates)) if e.pairs else mechanism
     links = rates_of(given[:2], 2, mechanism, lambda count: labels[:count])
     arrays = [*links, *rates_of(given[2:], len(labels) - 2, motors, lambda count: labels[2 : 2 + count])]
     return cast_model(mechanism, arrays), broadcast(arrays, [1] * len(arrays), labels)

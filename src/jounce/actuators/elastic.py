@@ -348,6 +348,35 @@ class ElasticRobot:
         tau = dynamics.linearizing_torques(self.robot, (q, qd, theta, thetad, q4d), wrench, method)
         return results_into((tau,), out)
 
+    def damping_error(self, *rates: Named, wrench: Rates | None = None) -> Array:
+        """An estimate of the error of motor positions that dampers leave at one instant: the last term of their series.
+
+        Parameters
+        ----------
+        *rates : (..., n)
+            q, qd, q2d, ..., as `motor_positions` takes them.
+        wrench : optional
+            See `motor_positions`.
+
+        Returns
+        -------
+        error : (..., n)
+            In rad or m; zero at joints without a damper.
+
+        Raises
+        ------
+        JounceError
+            If no joint has a damper, or the terms of the series do not fall.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1, damping=2.0, damping_terms=2)
+        >>> arm.damping_error([0, 0], [1, 0], [0, 0], [0, 0]).round(9)
+        array([0., 0.])
+        """
+        return dynamics.damping_error(self.robot, rates, wrench)
+
     def currents(self, *rates: Named, wrench: Rates | None = None, stiffness: Rates | None = None) -> Results:
         """The currents i of the motors for a motion of the links, and their rates.
 

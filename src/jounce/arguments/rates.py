@@ -50,7 +50,8 @@ def rates_of(
             f"{last} is given, for order {len(terms) - least}; expected rates for order 0 to {HIGHEST_ORDER}"
         )
     if len(terms) < least:  # where springs and motors of a robot take more rates than its methods name
-        have, lacking = named(len(terms))[-1], named(least)[-1]
+        count = max([1, *(k + 1 for k, term in enumerate(terms) if term is not None)])
+        have, lacking = named(count)[-1], named(least)[-1]
         raise JounceError(
             f"{have} is the last rate given; the springs and motors of {mechanism.name!r} take {lacking} too"
         )

@@ -9,7 +9,6 @@ import numpy as np
 
 from jounce._scalars import Array
 from jounce.dynamics import system
-from jounce.model.coordinates import generalized_matrix
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import wedge
 from jounce.spatial.series import Series, from_rate
@@ -20,8 +19,11 @@ class ClosedForm:
     """The equations of motion along q(t); the terms of every series are computed on demand."""
 
     H: Series  # (..., nb, 4, 4) poses of the bodies
+    A: Series  # (..., 6nb, 6nb)
     J: Series  # (..., 6nb, n) system Jacobian
     V: Series  # (..., 6nb, 1) system twist, body-fixed
+    b: Series  # (..., 6nb, 6nb)
+    UG: Series  # (..., 6nb, 1) acceleration of the ground that replaces gravity, seen from the bodies
     gM: Series  # (..., n, n) generalized mass matrix
     gC: Series  # (..., n, n) generalized Coriolis matrix of the paper
     gCbar: Series  # (..., n, n) the one for which gM' - 2 gCbar is skew
@@ -32,8 +34,6 @@ class ClosedForm:
     F: Series  # (..., 6, 1) wrench that the ground exerts on the mechanism, about the inertial origin
     p: Series  # (..., n, 1) generalized momentum
     U: Series  # (..., 1, 1) potential energy
-    gK: Series  # (..., n, n) dQ/dq
-    gD: Series  # (..., n, n) dQ/dqd
 
 
 def closed_form(mechanism: Mechanism, q: Series, W: Series | None = None) -> ClosedForm:
@@ -65,17 +65,8 @@ def closed_form(mechanism: Mechanism, q: Series, W: Series | None = None) -> Clo
     p = gM @ qd
     power = qd.mT @ Qgrav
     U = from_rate(system.potential_energy(mechanism, C0), lambda _: power)
-    wrench = (M @ V).dot - b.mT @ (M @ V) + M @ UG  # f of every body
-    wrench = wrench if W is None else wrench + W
-    J1 = J.dot + b @ J  # rates of the screws in space, (S')
-    J2 = J1.dot + b @ J1 + UG.map(system.system_b) @ J  # (A)
-    B = -(b.mT @ M) - M @ b + (M @ V).map(system.system_moved)  # (B)
-    S = A @ system.system_S(mechanism)
-    turned = S.mT @ wrench.map(system.system_moved) @ S
-    gK = JT @ (M @ J2 + B @ J1) + generalized_matrix(mechanism, turned * np.tri(mechanism.nb, k=-1, dtype=int).T)  # (K)
-    gD = JT @ (2 * (M @ J1) + B @ J)  # (D)
-    parts = {"H": H, "J": J, "V": V, "gM": gM, "gC": gC, "gCbar": gCbar, "Qgrav": Qgrav, "Qext": Qext, "Q": Q, "h": h}
-    return ClosedForm(**parts, F=F, p=p, U=U, gK=gK, gD=gD)
+    motion = {"H": H, "A": A, "J": J, "V": V, "b": b, "UG": UG, "h": h, "p": p, "U": U}
+    return ClosedForm(**motion, gM=gM, gC=gC, gCbar=gCbar, Qgrav=Qgrav, Qext=Qext, Q=Q, F=F)
 
 
 def by_body(x: Series) -> Series:

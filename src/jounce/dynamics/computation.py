@@ -44,6 +44,11 @@ class Signature:
     inputs: tuple[Port, ...]
     outputs: tuple[Port, ...]
 
+    def as_matrices(self) -> "Signature":
+        """The same results in two axes at most: several matrices stand one below the other, (3 n, n)."""
+        outputs = [replace(x, shape=(prod(x.shape[:-1]), *x.shape[-1:])) if x.shape[2:] else x for x in self.outputs]
+        return replace(self, outputs=tuple(outputs))
+
     def of_role(self, role: str) -> tuple[Port, ...]:
         """The inputs of a role."""
         return tuple(port for port in self.inputs if port.role == role)

@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from jounce._scalars import Array, is_numeric, reciprocal
+from jounce._scalars import Array, reciprocal
 from jounce.errors import JounceError
 from jounce.model.inversion import deflection
 from jounce.model.springs import CubicSpring, Spring, force_along
@@ -28,11 +28,11 @@ def of_spring(spring: Spring, Q: Series) -> Series:
 
 
 def of_damped_spring(spring: Spring, damping: float, Q: Series, terms: int) -> list[Series]:
-    """The sums of 1, 2, ... `terms` terms of delta with phi(delta) + D delta' = Q."""
-    sums = [of_spring(spring, Q)]
-    while len(sums) < terms:
+    """The sums of 0, 1, ... `terms` terms of delta with phi(delta) + D delta' = Q."""
+    sums = [Q * 0, of_spring(spring, Q)]
+    while len(sums) <= terms:
         sums.append(of_spring(spring, Q - sums[-1].dot * damping))
-    return sums
+    return sums[: terms + 1]
 
 
 def of_moving_damper(spring: Spring, damping: float, Q: Series, delta: Array) -> Series:
@@ -45,20 +45,11 @@ def inverse(x: Series) -> Series:
     return from_rate(reciprocal(x[0]), lambda y: -(y * y * x.dot))
 
 
-def last_term(sums: Sequence[Series], time_constant: float) -> Array:
-    """The last term of a series, an estimate of its error.
-
-    Raises
-    ------
-    JounceError : where the last term is no smaller than the terms before, over the batch.
-    """
-    values = [x[0] for x in sums]
-    terms = [values[0], *(b - a for a, b in pairwise(values))]
-    if len(terms) > 1 and all(map(is_numeric, terms)):
-        sizes = [float(np.nanmax(np.abs(term), initial=0.0)) for term in terms]
-        if sizes[-1] >= max(sizes[1:-1] or sizes[:1]) and sizes[-1] > NEGLIGIBLE * sizes[0]:
-            raise JounceError(
-                f"the series of the damper does not converge: term {len(terms)} is {sizes[-1]:.2g}, not below the one"
-                f" before; the time constant D/K is {time_constant:.3g} s; use along(motion), which is exact"
-            )
-    return np.abs(terms[-1]) if is_numeric(terms[-1]) else terms[-1]
+def check_series(sums: Sequence[Series], time_constant: float) -> None:
+    """Raise `JounceError` if the last term of a series is no smaller than the terms before, over the batch."""
+    sizes = [float(np.nanmax(np.abs(b[0] - a[0]), initial=0.0)) for a, b in pairwise(sums)]
+    if len(sizes) > 1 and sizes[-1] >= max(sizes[1:-1] or sizes[:1]) and sizes[-1] > NEGLIGIBLE * sizes[0]:
+        raise JounceError(
+            f"the series of the damper does not converge: term {len(sizes)} is {sizes[-1]:.2g}, not below the one"
+            f" before; the time constant D/K is {time_constant:.3g} s; use along(motion), which is exact"
+        )

@@ -14,8 +14,33 @@ from operator import add
 import numpy as np
 
 from jounce._scalars import Array, concatenate
+from jounce.dynamics import system
+from jounce.dynamics.closed_form import closed_form
+from jounce.model.coordinates import generalized_matrix
+from jounce.model.mechanism import Mechanism
 from jounce.spatial.linear import Factors
 from jounce.spatial.series import Series
+
+
+def dense(m: Mechanism, q: Series, W: Series | None = None) -> tuple[Series, Series, Series]:
+    """K, D and M by the closed form, (..., n, n) each, with wrenches W on the bodies, (..., 6nb, 1), fixed in them.
+
+    A velocity dq of the coordinates displaces the bodies by J dq. Seen from them, it changes their twists by the rate
+    of J dq in space, and hence their forces. It turns the forces with the bodies: where joint j lies outward of joint
+    i, they have turned seen from the screw S_i.
+    """
+    x, M = closed_form(m, q, W), system.system_M(m)
+    J, b, P = x.J, x.b, M @ x.V
+    J1 = J.dot + b @ J  # rates of the screws in space
+    J2 = J1.dot + b @ J1 + x.UG.map(system.system_b) @ J  # relative to free fall
+    B = -(b.mT @ M) - M @ b + P.map(system.system_moved)
+    force = P.dot - b.mT @ P + M @ x.UG
+    S = x.A @ system.system_S(m)
+    turned = S.mT @ (force if W is None else force + W).map(system.system_moved) @ S
+    outward = turned * np.tri(m.nb, k=-1, dtype=int).T
+    K = J.mT @ (M @ J2 + B @ J1) + generalized_matrix(m, outward)
+    D = J.mT @ (2 * (M @ J1) + B @ J)
+    return K, D, x.gM
 
 
 def of_all_rates(K: Series, D: Series, M: Series) -> Series:

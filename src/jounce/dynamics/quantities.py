@@ -151,10 +151,6 @@ def _forward(m: Mechanism, x: State) -> Series:
     return forward.from_inverse(M, lambda q: inverse(m, replace(x, q=q)).map(lambda Q: Q[..., None]), x.q, x.Q)
 
 
-def _dense_partials(x: dense.ClosedForm) -> Series:
-    return partials.of_all_rates(x.gK, x.gD, x.gM)
-
-
 def _forward_partials(m: Mechanism, x: State, method: str) -> Series:
     """Partial derivatives of the accelerations from those of the forces, by a method of other rows."""
     q2d = QUANTITIES["forward_dynamics"].law(method, m)(m, x)[0][..., None]
@@ -238,7 +234,7 @@ QUANTITIES: Mapping[str, Quantity] = {
                 "recursion": Method(
                     lambda m, x: partials.of_all_rates(*force_partials.partials(m, x.q, x.W)), _columns
                 ),
-                "closed_form": Method(lambda m, x: _dense_partials(dense.closed_form(m, x.q, x.W))),
+                "closed_form": Method(lambda m, x: partials.of_all_rates(*partials.dense(m, x.q, x.W))),
             },
         ),
         Quantity(
@@ -472,7 +468,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             symbol="tau",
             rates=5,
             shape=("n",),
-            wrench_term="J^T W + B K^-1 (J^T W)2d",
+            wrench_term="J^T W, and B K^-1 times its second derivative",
             wrench_tex=r"J^T W + B K^{-1} \tfrac{d^2}{dt^2}(J^T W)",
             wrench_rates=3,
             drive_terms=TERMS,

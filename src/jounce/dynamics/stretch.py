@@ -79,7 +79,7 @@ def _pulls(law: Law, Q: Series, known: Array | None, stiffness: Series | None) -
     if not is_numeric(Q[0]):
         raise JounceError("a spring with a damper needs NumPy arrays of floats, on which its series is checked")
     sums = deflections.of_damped_spring(law.spring, law.damping, Q, law.terms)
-    deflections.last_term(sums, law.time_constant)
+    deflections.check_series(sums, law.time_constant)
     return [(sums[-1], Q)]
 
 

@@ -19,7 +19,7 @@ HIGHEST_NATIVE_ORDER = 12  # order, up to which the step of a joint takes no mor
 STACK = 2**15  # bytes, up to which a call takes them from the stack of its thread; what needs more has a `Pool`
 SCALARS = {"w": 3, "a": 3, "K": 9}  # of the parts of a motion
 LIMIT = 2**26  # bytes of a call, beyond which there is no native code
-HIGHEST_PRODUCT_ORDER = 10  # order, up to which products take no more than the 64 arrays of NumPy's functions
+HIGHEST_PRODUCT_ORDER = 9  # order, up to which products take no more than the 64 arrays of NumPy's functions
 PATIENCE = 3.0  # seconds that a call may take to compile native code that nobody asked for
 
 

@@ -92,8 +92,10 @@ def formula(asked: Computation) -> str:
 
 def _entries(matrix: Any, symbol: str, port: Port) -> Iterator[list[str]]:
     """The entries of a matrix, each in lines; such that are equal together."""
+    from sympy import NDimArray
+
     alike: dict[Any, list[str]] = {}
-    for index in np.ndindex(*port.shape):
+    for index in np.ndindex(*(matrix.shape if isinstance(matrix, NDimArray) else port.shape)):
         entry = matrix if not index else matrix[index] if len(index) > 1 else matrix[index[0]]
         alike.setdefault(entry, []).append(_symbol(symbol, port.rate, index))
     for entry, names in alike.items():
