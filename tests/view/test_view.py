@@ -29,7 +29,7 @@ joints:
   joint1: {cosines: [{amplitude: 2, frequency: 3}]}
   joint2: {cosines: [{amplitude: 1, frequency: 5}]}
 wrenches:
-  body2: {fx: {offset: 3}, fy: {offset: -4}, mz: {offset: 1}}
+  body2: {fx: {offset: 3, cosines: [{amplitude: 1, frequency: 4}]}, fy: {offset: -4}, mz: {offset: 1}}
 """
 
 
@@ -90,7 +90,7 @@ def test_at_a_time_of_the_motion_all_is_shown(served, along, motion, t):
     for name, start, force in (
         ("base moment", np.zeros(3), F[:3]),
         ("base force", np.zeros(3), F[3:]),
-        ("load 0", C[1, :3, 3], -C[1, :3, :3] @ [3, -4, 0]),  # on the body
+        ("load 0", C[1, :3, 3], -C[1, :3, :3] @ W["body2"][3:]),  # on the body
     ):
         np.testing.assert_allclose(shown_force(served, name), [start, force], atol=1e-4)  # single precision
     for j, name in enumerate(ARM.joint_names):
