@@ -94,12 +94,12 @@ def _halved(b: Bounded, pieces: Pieces) -> Pieces:
     for _ in range(DEEPEST):
         middle = (pieces.start + pieces.stop) / 2
         exact, wrong = b.series(middle), np.zeros(len(middle), dtype=bool)
-        u = (middle - pieces.start)[:, None] / pieces.width  # not 1/2 where stamps since 1970 are rounded
+        u = (middle - pieces.start)[:, None] / pieces.width
+        rounded = 16 * np.spacing(np.abs(middle))[:, None] / pieces.width  # much where stamps are those since 1970
         for kind in b.kinds:
             c, value = pieces.polynomials(kind), exact[kind][DERIVATIVE.get(kind, 0)]
             scales[kind] = np.maximum(scales[kind], np.abs(value).max(axis=0))
-            wrong |= (np.abs(_at(c, u) - value) > TOLERANCE * scales[kind]).any(axis=1)
-        wrong &= (pieces.start < middle) & (middle < pieces.stop)
+            wrong |= (np.abs(_at(c, u) - value) > (TOLERANCE + rounded) * scales[kind]).any(axis=1)
         first = Pieces(pieces.start, middle, pieces.left, exact)
         second = Pieces(middle, pieces.stop, exact, pieces.right)
         done += [first.taken(~wrong), second.taken(~wrong)]

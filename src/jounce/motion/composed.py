@@ -5,25 +5,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jounce._typing import ArrayLike
 from jounce.motion.curves import Curve, Jump, OfCurve, jumps_at
 
 
 @dataclass(frozen=True, eq=False)
 class Retimed(OfCurve):
-    """A curve at another pace: its value at t is that of `base` at (t - offset) / factor."""
+    """A curve at another pace: its value at t is that of `base` at origin + (t - place) / factor.
+
+    The differences are short where the times are stamps since 1970, whose products would lose digits.
+    """
 
     factor: float
-    offset: float
+    origin: float
+    place: float
 
     @property
     def start(self) -> float:
         """The start time, s."""
-        return self.base.start * self.factor + self.offset
+        return float(self.outer(self.base.start))
 
     @property
     def stop(self) -> float:
         """The end time, s."""
-        return self.base.stop * self.factor + self.offset
+        return float(self.outer(self.base.stop))
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
         """The values and their derivatives up to `order`."""
@@ -33,7 +38,7 @@ class Retimed(OfCurve):
     def jumps(self, order: int) -> list[Jump]:
         """Where a derivative up to `order` jumps."""
         return [
-            Jump(jump.t * self.factor + self.offset, jump.column, jump.order, jump.size / self.factor**jump.order)
+            Jump(float(self.outer(jump.t)), jump.column, jump.order, jump.size / self.factor**jump.order)
             for jump in self.base.jumps(order)
         ]
 
@@ -42,8 +47,12 @@ class Retimed(OfCurve):
         found = self.base.deviations(self._inner(t), order)
         return None if found is None else [rate / self.factor**k for k, rate in enumerate(found)]
 
+    def outer(self, t: ArrayLike) -> np.ndarray:
+        """The times at which the curve is where `base` is at t."""
+        return self.place + (np.asarray(t) - self.origin) * self.factor
+
     def _inner(self, t: np.ndarray) -> np.ndarray:
-        return ((t - self.offset) / self.factor).clip(self.base.start, self.base.stop)
+        return (self.origin + (t - self.place) / self.factor).clip(self.base.start, self.base.stop)
 
 
 @dataclass(frozen=True, eq=False)

@@ -670,7 +670,7 @@ class Motion:
         if not is_finite(factor) or not factor > 0:
             raise JounceError(f"factor is {quoted(factor)}; expected a finite number > 0, 2 for half the speed")
         number = float(factor)
-        return self._retimed(number, self.start * (1 - number), f"{self.source}, {number:g} times as long")
+        return self._retimed(number, self.start, f"{self.source}, {number:g} times as long")
 
     def shifted(self, seconds: float) -> "Motion":
         """The same motion, later by some seconds.
@@ -697,7 +697,7 @@ class Motion:
         """
         if not is_finite(seconds):
             raise JounceError(f"seconds is {quoted(seconds)}; expected a finite number")
-        return self._retimed(1.0, float(seconds), self.source)
+        return self._retimed(1.0, self.start + float(seconds), self.source)
 
     def with_step(self, step: float) -> "Motion":
         """The same motion, with other `times`: from start to end in even steps.
@@ -843,18 +843,17 @@ class Motion:
         count = min(max(int(np.ceil(self.duration / step * (1 - 1e-12))), 1), MOST)
         return np.linspace(self.start, self.stop, count + 1)
 
-    def _retimed(self, factor: float, offset: float, source: str) -> "Motion":
-        def moved(t: np.ndarray) -> np.ndarray:
-            return t * factor + offset
-
+    def _retimed(self, factor: float, place: float, source: str) -> "Motion":
+        """The motion at another pace, its start at a time `place`."""
+        curve = Retimed(self.curve, factor, self.start, place)
         return replace(
             self,
-            curve=Retimed(self.curve, factor, offset),
-            loads={body: Retimed(curve, factor, offset) for body, curve in self.loads.items()},
+            curve=curve,
+            loads={body: Retimed(load, factor, self.start, place) for body, load in self.loads.items()},
             source=source,
-            samples=self.samples and (moved(self.samples[0]), self.samples[1]),
-            grid=None if self.grid is None else moved(self.grid),
-            torques=self.torques and (moved(self.torques[0]), self.torques[1]),
+            samples=self.samples and (curve.outer(self.samples[0]), self.samples[1]),
+            grid=None if self.grid is None else curve.outer(self.grid),
+            torques=self.torques and (curve.outer(self.torques[0]), self.torques[1]),
         )
 
     def _check_known(self, curve: Curve, order: int, symbol: str, source: str) -> None:
