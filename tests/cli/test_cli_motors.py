@@ -61,6 +61,19 @@ def test_a_measured_motion_brings_its_deviations(tmp_path):
     assert "±" in result.stdout
 
 
+def test_currents_and_voltages_follow_from_the_data_of_motors(tmp_path, motion):
+    motors = {"joint1": jounce.Motor(gear=50, inertia=1e-4, resistance=0.5, inductance=1e-3, constant=0.05)}
+    arm = jounce.load("planar2r").elastic(STIFFNESS, rotor={"joint2": 0.3}, motors=motors)
+    jounce.save(arm.robot, tmp_path / "arm.yaml")
+    result = call(tmp_path / "arm.yaml", motion, "-o", tmp_path / "motors.csv")
+    assert result.exit_code == 0, result.output
+    found, along = tables.read(tmp_path / "motors.csv"), arm.along(jounce.load_motion(motion, arm.robot), order=1)
+    np.testing.assert_allclose(found["joint1.i"], along.currents[0][:, 0], rtol=1e-12)
+    np.testing.assert_allclose(found["joint1.u"], along.voltages[0][:, 0], rtol=1e-9)
+    assert not {"joint2.i", "joint2.u"} & set(found)
+    assert " A " in result.stdout
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -99,3 +99,29 @@ def test_a_file_keeps_them(tmp_path):
     jounce.save(robot, tmp_path / "arm.yaml")
     assert np.array_equal(jounce.load(tmp_path / "arm.yaml").limits.table, robot.limits.table)
     assert jounce.load(tmp_path / "arm.yaml").limits.motor_current.tolist() == [5, np.inf]
+
+
+@pytest.mark.parametrize("inductance", [0.0, 2e-3])
+def test_currents_and_voltages_are_limits_too(inductance):
+    motor = jounce.Motor(gear=-50, inertia=1e-4, resistance=0.5, inductance=inductance, constant=0.05)
+    robot = jounce.load("planar2r").elastic(STIFFNESS, motors=motor).with_limits(motor_current=20, motor_voltage=9)
+    found = rows(robot.check(MOTION))
+    along = robot.along(MOTION, np.linspace(MOTION.start, MOTION.stop, 4001), order=1)
+    for kind, values in (("motor_current", along.currents), ("motor_voltage", along.voltages)):
+        for joint, column in zip(robot.robot.joint_names, values[0].T, strict=True):
+            assert abs(found[joint, kind].value) == pytest.approx(np.abs(column).max(), rel=1e-5)
+    slow = robot.slowdown(MOTION)
+    assert robot.check(slow.motion).worst.ratio == pytest.approx(1, abs=1e-8)
+    refusal(
+        lambda: arm().robot.with_limits(motor_voltage={"joint2": 9}).check(MOTION),
+        "joint 'joint2' has a limit of motor_voltage",
+        "no constant and no resistance",
+    )
+
+
+def test_springs_that_bend_and_dampers_are_bounded_as_well():
+    motion = fourier(3, 2, duration=0.4).with_step(0.2)
+    for options in ({"spring": jounce.CubicSpring(300.0, 2e4)}, {"stiffness": 300.0, "damping": 0.6}):
+        robot = jounce.load("planar2r").elastic(rotor=ROTOR, **options).with_limits(motor_torque=45)
+        slow = robot.slowdown(motion)
+        assert robot.check(slow.motion).worst.ratio == pytest.approx(1, abs=1e-7)

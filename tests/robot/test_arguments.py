@@ -43,7 +43,11 @@ BROKEN = jounce.Motion.piecewise([0, 0.5, 1], [[[1], [2]], [[0], [0.5]]])
 READ = {"lock": None, "drives": False, "gravity": None}
 PART = {"base": None, "root": None}
 OPTIONS = {"wrench": None, "body": "body1", "frame": "world", "form": "skew"}
-OPTIONS |= {"method": "recursion", "out": None, "threads": 1}
+OPTIONS |= {"method": "recursion", "out": None, "threads": 1, "stiffness": None}
+
+MOTOR = jounce.Motor(gear=9.0, inertia=1e-3, body="body1", resistance=1.0, constant=1.0)
+WINDING = ROBOT.elastic(80, motors=MOTOR)
+DAMPED = ROBOT.elastic(800, 0.1, damping=1.0, damping_terms=2)
 
 Case = tuple[Callable[..., Any], Mapping[str, Any]]  # a call that works, to spoil one argument at a time
 
@@ -187,8 +191,25 @@ CASES: dict[str, Case] = {
     "elastic": (
         ROBOT.elastic,
         {"stiffness": [800, np.inf], "rotor": 0.1, **dict.fromkeys(("damping", "spring", "motors"))}
-        | {"coupling": "spong"},
+        | {"coupling": "spong", "damping_terms": 4},
     ),
+    "springs of elastic": (
+        lambda spring, D: ROBOT.elastic({"joint2": 80}, 0.1, {"joint1": D}, spring={"joint1": spring}),
+        {"spring": jounce.CubicSpring(800.0), "D": 1.0},
+    ),
+    "coupling of elastic": (
+        lambda motor, coupling: ROBOT.elastic(80, motors={"joint1": MOTOR, "joint2": motor}, coupling=coupling),
+        {"motor": MOTOR, "coupling": 1},
+    ),
+    "CubicSpring": (jounce.CubicSpring, {"k": 800.0, "k3": 2e4}),
+    "SpringTable": (jounce.SpringTable, {"deflections": SAMPLES, "forces": 9 * SAMPLES}),
+    "SpringFunction": (
+        lambda function, program: jounce.SpringFunction.of(function), {"function": lambda d: 9 * d, "program": None}
+    ),
+    "AntagonisticSprings": (
+        jounce.AntagonisticSprings, dict.fromkeys(("first", "second"), jounce.CubicSpring(9.0, 9.0))
+    ),
+    "Motor": (jounce.Motor, dict(vars(MOTOR))),
     "joint of elastic": (
         lambda K, B: ROBOT.elastic({"joint1": K}, rotor={"joint1": B, "joint2": 0.1}), {"K": 800, "B": 0.1},
     ),
@@ -200,7 +221,22 @@ CASES: dict[str, Case] = {
     "ElasticRobot.forward_dynamics": along(ARM.forward_dynamics),
     "ElasticRobot.feedback_linearization": along(ARM.feedback_linearization),
     "ElasticRobot.energy": along(ARM.energy),
-    "ElasticRobot.along": (ARM.along, {"motion": SAMPLED, "t": None, "order": 0, "method": "recursion"}),
+    "ElasticRobot.along": (
+        ARM.along, {"motion": SAMPLED, "t": None, "order": 0, "method": "recursion", "stiffness": None}
+    ),
+    **{
+        f"ElasticRobot.{name}": (
+            lambda rates, wrench, stiffness, method=method: method(
+                rates, *np.ones((5, 2)), wrench=wrench, stiffness=stiffness
+            ),
+            {"rates": (0.1, 0.2), "wrench": None, "stiffness": None},
+        )
+        for name, method in {"currents": WINDING.currents, "voltages": WINDING.voltages}.items()
+    },
+    "ElasticRobot.damping_error": (
+        lambda rates, wrench: DAMPED.damping_error(rates, *np.ones((3, 2)), wrench=wrench),
+        {"rates": (0.1, 0.2), "wrench": None},
+    ),
     "ElasticRobot.compile": (ARM.compile, {"quantity": "motor_positions", "order": 0, "wrench": False}),
     "check": (ROBOT.with_limits(effort=99).check, {"motion": SAMPLED}),
     "slowdown": (ROBOT.with_limits(effort=99).slowdown, {"motion": SAMPLED}),

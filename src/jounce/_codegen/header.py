@@ -89,8 +89,13 @@ def elastic_joints(robot: Mechanism, functions: Sequence[Function]) -> list[str]
     if robot.elasticity is None or not any(row.elastic for row in _quantities(functions)):
         return []
     numbers = ((what, robot.elasticity.arrays[name]) for name, what in OF_MOTORS.items())
-    listed = [f"{what} {' '.join(f'{x:g}' for x in array)}" for what, array in numbers if np.any(array != 0)]
-    return [f"Motors are seen from the links, behind the gears. By coordinate: {'; '.join(listed)}."]
+    stated = [f"{what} {' '.join(f'{x:g}' for x in array)}" for what, array in numbers if np.any(array != 0)]
+    found = [f"Motors are seen from the links, behind the gears. By coordinate: {'; '.join(stated)}."]
+    others = [name for name, law in zip(robot.coordinates, robot.elasticity.springs, strict=False) if law is not None]
+    if others:
+        named = ", ".join(map(printable, others))
+        found.append(f"K is the stiffness at rest where springs are not linear or have dampers: {named}.")
+    return found
 
 
 def _terms_of_motors(robot: Mechanism) -> list[str]:

@@ -18,6 +18,7 @@ from jounce.dynamics import coupling, elastic, stretch
 from jounce.dynamics.stretch import elasticity_of
 from jounce.errors import JounceError, listed, quoted
 from jounce.model.antagonists import AntagonisticSprings
+from jounce.model.elasticity import motor_names
 from jounce.model.mechanism import Mechanism, cast_model
 from jounce.model.springs import DampedSpring
 from jounce.robot.dispatch import compute
@@ -143,7 +144,7 @@ def energy(robot: "Robot", given: Sequence[Any]) -> Energy:
 def _checked(mechanism: Mechanism, given: Sequence[Any], *last: str) -> tuple[Mechanism, list[Array]]:
     """The mechanism and a state in the scalar type of the state, one array each, with the same batch axes."""
     e, labels = elasticity_of(mechanism), (*STATE, *last)
-    motors = replace(mechanism, coordinates=e.motor_names(mechanism.coordinates)) if e.pairs else mechanism
+    motors = replace(mechanism, coordinates=motor_names(e, mechanism.coordinates)) if e.pairs else mechanism
     links = rates_of(given[:2], 2, mechanism, lambda count: labels[:count])
     arrays = [*links, *rates_of(given[2:], len(labels) - 2, motors, lambda count: labels[2 : 2 + count])]
     return cast_model(mechanism, arrays), broadcast(arrays, [1] * len(arrays), labels)

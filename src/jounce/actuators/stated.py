@@ -15,7 +15,7 @@ from jounce.model.drives import EPS
 from jounce.model.elasticity import Elasticity, Law
 from jounce.model.mechanism import Mechanism
 from jounce.model.motors import Motor
-from jounce.model.springs import CubicSpring, DampedSpring, Spring, SpringFunction
+from jounce.model.springs import CubicSpring, DampedSpring, Spring, spring_of
 
 ON_MOTORS = ("armature", "damping", "friction")  # terms of the drives that act on the motors of elastic joints
 
@@ -69,19 +69,8 @@ def _springs(mechanism: Mechanism, given: object) -> tuple[Spring | Antagonistic
     by_joint = given if isinstance(given, Mapping) else dict.fromkeys(joints, given)
     for name in by_joint:
         one_of("joint", name, joints)
-    return tuple(_spring(name, by_joint.get(name)) for name in joints)
-
-
-def _spring(joint: str, given: object) -> Spring | AntagonisticSprings | None:
-    if given is None or isinstance(given, Spring | AntagonisticSprings):
-        return given
-    if callable(given):
-        with at(f"joint {quoted(joint)}"):
-            return SpringFunction.of(given)
-    raise JounceError(
-        f"spring of joint {quoted(joint)} is {quoted(given)}; expected a CubicSpring, a SpringTable,"
-        " AntagonisticSprings or a function of the deflection"
-    )
+    stated = [(f"spring of joint {quoted(name)}", by_joint.get(name)) for name in joints]
+    return tuple(x if x is None or isinstance(x, AntagonisticSprings) else spring_of(x, label) for label, x in stated)
 
 
 def _motors(mechanism: Mechanism, given: object, e: Elasticity) -> tuple[Motor | None, ...]:

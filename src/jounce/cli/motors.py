@@ -13,16 +13,11 @@ from jounce.cli.output import progress, straight_columns, tell
 from jounce.errors import JounceError, quoted, shortened
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    import numpy as np
-
-    from jounce.actuators.elastic import ElasticRobot
+    from jounce.actuators.elastic import ElasticAlong, ElasticRobot
     from jounce.io.columns import Columns
     from jounce.motion import Motion
-    from jounce.robot.along import ForceBreak
 
-    Peaks = dict[str, tuple[np.ndarray, np.ndarray]]  # by name: the largest values (n,) and their deviations
+    Peaks = dict[str, dict[str, tuple[float, float]]]  # by motor and symbol: the largest value and its deviation
 
 HIGHEST = 2  # the rate of Q that torques of motors take
 
@@ -32,10 +27,13 @@ Example:
 
 \b
 OUT holds t and, seen from the links,
-  NAME.theta, NAME.thetad  position and velocity of the motor, rad or m, per s
-  NAME.tau                 torque of the motor, N m, or N
-and their standard deviations, NAME.theta_sd, ..., if the motion is smoothed.
-It has a column break, if tau jumps or does not exist, as jounce run has.
+  NAME.theta, NAME.thetad  position and velocity of a motor: rad or m, per s
+  NAME.tau                 its torque: N m, or N
+  NAME.i, NAME.u           its current and voltage, A and V, if the file
+                           states constant, resistance and inductance
+and the standard deviations NAME.tau_sd, if the motion is smoothed. A joint
+with two motors has NAME_1 and NAME_2. OUT has a column break, if tau jumps or
+does not exist, as jounce run has it.
 
 \b
 The motion needs q to q4d. A rotor's inertia is that seen from the link: its
@@ -70,10 +68,9 @@ def motors(
     as_json: bool,
 ) -> None:
     """Compute positions, velocities and torques of the motors of ROBOT, whose joints are elastic, along MOTION."""
-    from jounce.dynamics.quantities import QUANTITIES
     from jounce.io import tables
     from jounce.model.coordinates import coordinate_units
-    from jounce.robot.along import force_breaks
+    from jounce.model.elasticity import motor_names
 
     tables.check_writable(output)
     if output.resolve() == motion.path.resolve():
@@ -82,9 +79,12 @@ def motors(
     arm = links.elastic(
         _by_joint("--stiffness", stiffness, links.joint_names), _by_joint("--rotor", rotor, links.joint_names)
     )
-    path = motion.load(arm.robot, HIGHEST)
-    breaks = force_breaks(arm.robot, path, path.times, 0, None, QUANTITIES["motor_torques"])
-    peaks = _write(arm, path, breaks, output)
+    path, e = motion.load(arm.robot, HIGHEST), arm.elasticity
+    with progress("motors") as show:
+        along = arm.along(path, order=_order(arm, path), progress=show)
+    columns, peaks = _table(along, path, motor_names(e, links.joint_names))
+    tables.write(output, columns)
+    units = [coordinate_units(arm.robot.mechanism)[j] for j in e.joints_of_motors]
     summary = {
         "robot": arm.robot.name,
         "motion": str(motion.path),
@@ -94,12 +94,22 @@ def motors(
         "output": str(output),
         "states": len(path.times),
         "t": [float(path.times[0]), float(path.times[-1])],
-        "breaks": [break_data(found, arm.robot.joint_names, ["tau"]) for found in breaks],
-        "peaks": _by_name(peaks, 0, arm.robot.joint_names),
-        "deviations": _by_name(peaks, 1, arm.robot.joint_names),
-        "units": dict(zip(arm.robot.joint_names, coordinate_units(arm.robot.mechanism), strict=True)),
+        "breaks": [
+            break_data(found, links.joint_names, ["tau", "taud"][: len(along.torques)]) for found in along.breaks
+        ],
+        "peaks": {name: {symbol: x for symbol, (x, _) in found.items()} for name, found in peaks.items()},
+        "deviations": {name: {symbol: x for symbol, (_, x) in found.items()} for name, found in peaks.items()},
+        "units": dict(zip(motor_names(e, links.joint_names), units, strict=True)),
     }
     tell(summary, _in_words, as_json)
+
+
+def _order(arm: "ElasticRobot", motion: "Motion") -> int:
+    """The rate of the torques that voltages take: the first with inductances, if the motion goes as far."""
+    needed = 5 + arm.elasticity.more_rates
+    known = motion.curve.highest
+    inductive = any(motor and motor.inductance for motor in arm.elasticity.motors)
+    return int(inductive and (known is None or known >= needed))
 
 
 def _by_joint(option: str, given: Sequence[str], joints: Sequence[str]) -> dict[str, float] | None:
@@ -122,55 +132,51 @@ def _by_joint(option: str, given: Sequence[str], joints: Sequence[str]) -> dict[
     return (found | named) or None
 
 
-def _write(arm: "ElasticRobot", motion: "Motion", breaks: "Sequence[ForceBreak]", output: Path) -> "Peaks":
-    """Write what the motors do along a motion, each piece when it is computed; the largest values are returned."""
+def _table(along: "ElasticAlong", motion: "Motion", names: Sequence[str]) -> "tuple[Columns, Peaks]":
+    """The columns of what the motors do along a motion, and the largest values with their deviations."""
     import numpy as np
 
-    from jounce.dynamics.quantities import QUANTITIES
-    from jounce.io import tables
     from jounce.io.motions.writing import break_marks, measured, named
     from jounce.motion.bands import surest_peaks
-    from jounce.robot.along import pieces_along
 
-    robot, rows = arm.robot, {"motor_positions": 1, "motor_torques": 0}
-    joints, marks = robot.joint_names, [(found.t, max(found.order, 0)) for found in breaks]
-    peaks: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
-
-    def pieces() -> "Iterator[Columns]":
-        parts = (
-            pieces_along(robot, motion, motion.times, order, None, show, QUANTITIES[name])
-            for name, order in rows.items()
+    found: dict[str, tuple[np.ndarray, ...]] = {"theta": along.positions[:2], "tau": along.torques[:1]}
+    found |= {symbol: x[:1] for symbol, x in (("i", along.currents), ("u", along.voltages)) if x}
+    columns: Columns = {"t": along.t}
+    peaks: Peaks = {name: {} for name in names}
+    for symbol, rates in found.items():
+        spreads = along.deviations[:1] if symbol == "tau" and along.deviations else None
+        stated = [j for j in range(len(names)) if not np.isnan(rates[0][:, j]).any()]
+        columns |= named(
+            symbol,
+            [names[j] for j in stated],
+            [x[:, stated] for x in rates],
+            spreads and [x[:, stated] for x in spreads],
         )
-        for of_rows in zip(*parts, strict=True):
-            t = of_rows[0].t
-            columns: Columns = {"t": t}
-            for (name, order), piece in zip(rows.items(), of_rows, strict=True):
-                columns |= named(QUANTITIES[name].symbol, joints, piece.forces, piece.deviations)
-                spreads = piece.deviations or tuple(map(np.zeros_like, piece.forces))
-                for symbol, values, spread in zip(QUANTITIES[name].names(order), piece.forces, spreads, strict=True):
-                    peaks.setdefault(symbol, []).append(surest_peaks(values, spread))
-            yield columns | measured(motion, joints, t) | break_marks(motion, marks, t)
-
-    with progress("motors") as show:
-        tables.write_pieces(output, pieces())
-    return {symbol: surest_peaks(*map(np.stack, zip(*found, strict=True))) for symbol, found in peaks.items()}
-
-
-def _by_name(peaks: "Peaks", which: int, joints: Sequence[str]) -> dict[str, dict[str, float]]:
-    return {joint: {name: float(pair[which][j]) for name, pair in peaks.items()} for j, joint in enumerate(joints)}
+        for k, values in enumerate(rates):
+            largest, off = surest_peaks(values, spreads[k] if spreads else np.zeros_like(values))
+            for j in stated:
+                peaks[names[j]][symbol + "d" * k] = float(largest[j]), float(off[j])
+    marks = [(b.t, max(b.order, 0)) for b in along.breaks]
+    return columns | measured(motion, names, along.t) | break_marks(motion, marks, along.t), peaks
 
 
 def _in_words(summary: dict[str, Any]) -> str:
     first, last = summary["t"]
-    rows: list[tuple[str, ...]] = [("largest", "theta", "thetad", "tau")]
-    for joint, peaks in summary["peaks"].items():
-        unit = summary["units"][joint]
-        units = {"theta": unit, "thetad": f"{unit}/s", "tau": "N m" if unit == "rad" else "N"}
+    symbols = list(dict.fromkeys(symbol for peaks in summary["peaks"].values() for symbol in peaks))
+    rows: list[tuple[str, ...]] = [("largest", *symbols)]
+    for name, peaks in summary["peaks"].items():
+        unit = summary["units"][name]
+        units = {"theta": unit, "thetad": f"{unit}/s", "tau": "N m" if unit == "rad" else "N", "i": "A", "u": "V"}
         cells = []
-        for name, value in peaks.items():
-            spread = summary["deviations"][joint][name]
-            cells.append(f"{value:.6g}" + (f" ± {float(f'{spread:.2g}'):g}" if spread else "") + f" {units[name]}")
-        rows.append((joint, *cells))
+        for symbol in symbols:
+            spread = summary["deviations"][name].get(symbol)
+            said = (
+                f"{peaks[symbol]:.6g}" + (f" ± {float(f'{spread:.2g}'):g}" if spread else "")
+                if symbol in peaks
+                else "-"
+            )
+            cells.append(f"{said} {units[symbol]}" if symbol in peaks else said)
+        rows.append((name, *cells))
     along = f"{shortened(summary['robot'])} along {summary['motion']}"
     residual = "" if summary["residual"] is None else f", largest residual {summary['residual']:.2g}"
     return "\n".join([

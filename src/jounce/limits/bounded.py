@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from jounce.dynamics.quantities import FORCES, QUANTITIES
-from jounce.errors import JounceError, listed
+from jounce.actuators import electrical
+from jounce.arguments.requests import more_rates
+from jounce.dynamics.quantities import FORCES, Quantity, row_of
+from jounce.errors import JounceError, listed, quoted
 from jounce.model.coordinates import coordinate_limits
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, MOTOR_KINDS, Limits
 from jounce.model.limits import FORCES as BOUND_FORCES
@@ -27,13 +29,16 @@ Side = Literal["right", "left"]
 Rates = tuple[np.ndarray, ...]
 Wrenches = Sequence[Mapping[str, np.ndarray]] | None
 Series = Mapping[str, list[np.ndarray]]  # by kind: a quantity and its derivatives, (N, n) each
-MOTORS = {  # of limits of motors: the quantity that each bounds, or a rate of it
-    "motor_position": ("motor_positions", 0),
-    "motor_velocity": ("motor_positions", 1),
-    "motor_torque": ("motor_torques", 0),
+POSITIONS, TORQUES = "motor_positions", "motor_torques"
+MOTORS: Mapping[str, Mapping[str, int]] = {  # of limits of motors: the quantities that each takes, to which rate
+    "motor_position": {POSITIONS: 0},
+    "motor_velocity": {POSITIONS: 1},
+    "motor_torque": {TORQUES: 0},
+    "motor_current": {TORQUES: 0},
+    "motor_voltage": {POSITIONS: 1, TORQUES: 0},
 }
 # A rate of Q is a derivative of the series of Q, and so are motor velocities of positions: kind -> which
-DERIVATIVE = {kind: k for k, kind in enumerate(EFFORT_KINDS)} | {kind: k for kind, (_, k) in MOTORS.items()}
+DERIVATIVE = {kind: k for k, kind in enumerate(EFFORT_KINDS)} | {"motor_velocity": 1}
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,14 +60,17 @@ class Bounded:
         """The quantities that are used, and of each the highest rate: the second where the motion knows enough."""
         needed: dict[str, int] = {}
         for kind in self.kinds:
-            if kind not in MOTION_KINDS:
-                row = quantity_of(kind)
-                needed[row] = max(needed.get(row, 0), DERIVATIVE.get(kind, 0))
+            for name, order in quantities_of(self.robot, kind).items():
+                needed[name] = max(needed.get(name, 0), order)
         known = self.motion.curve.highest
         return {
-            row: SMOOTH if known is None else max(least, min(SMOOTH, known - QUANTITIES[row].rates + 1))
-            for row, least in needed.items()
+            name: SMOOTH if known is None else max(least, min(SMOOTH, known - self.row(name).rates + 1))
+            for name, least in needed.items()
         }
+
+    def row(self, name: str) -> Quantity:
+        """The row of a quantity, for the springs and motors of the robot."""
+        return _row(self.robot, name)
 
     @cached_property
     def window(self) -> tuple[float, float]:
@@ -78,7 +86,7 @@ class Bounded:
     @property
     def force_order(self) -> int:
         """The highest rate of Q that is used."""
-        return max(order + QUANTITIES[row].rates - FORCES.rates for row, order in self.orders.items())
+        return max(order + self.row(name).rates - FORCES.rates for name, order in self.orders.items())
 
     @property
     def rate_order(self) -> int:
@@ -95,14 +103,26 @@ class Bounded:
         found = {kind: list(rates[k : k + SMOOTH + 1]) for k, kind in enumerate(MOTION_KINDS) if kind in self.kinds}
         if not self.forces:
             return found
-        values = {row: self._quantity(row, rates, t, side) for row in self.orders}
-        found |= {kind: values[row] for kind, (row, _) in MOTORS.items() if kind in self.kinds}
+        values = {name: self.quantity(name, order, rates, t, side) for name, order in self.orders.items()}
+        found |= {kind: self.of_motor(kind, values) for kind in MOTORS if kind in self.kinds}
         return found | (self._efforts(values[FORCES.name], rates) if FORCES.name in values else {})
 
-    def _quantity(self, row: str, rates: Rates, t: np.ndarray, side: Side) -> list[np.ndarray]:
-        """One of the quantities that are used, with its rates."""
-        order = self.orders[row]
-        return at_speed(self.robot, row, rates, self.motion.wrench(t, wrench_order(row, order), side), 1.0, order)
+    def quantity(
+        self, name: str, order: int, rates: Rates, t: np.ndarray, side: Side, speed: float = 1.0
+    ) -> list[np.ndarray]:
+        """A quantity and its rates up to an order, at a factor of speed; `rates` are those of the motion."""
+        wrench = self.motion.wrench(t, order + self.row(name).wrench_rates - 1, side)
+        return at_speed(self.robot, name, rates, wrench, speed, order)
+
+    def of_motor(self, kind: str, values: Mapping[str, list[np.ndarray]]) -> list[np.ndarray]:
+        """What a limit of motors bounds, with rates, of positions and torques; 0 for motors without data."""
+        e = self.robot.mechanism.elasticity
+        assert e is not None  # else `known_kinds` has no limits of motors
+        if kind == "motor_current":
+            return [np.nan_to_num(x) for x in electrical.currents(e, values[TORQUES])]
+        if kind == "motor_voltage":
+            return [np.nan_to_num(x) for x in electrical.voltages(e, values[POSITIONS], values[TORQUES])]
+        return values[next(iter(MOTORS[kind]))]
 
     def _efforts(self, Q: list[np.ndarray], rates: Rates) -> dict[str, list[np.ndarray]]:
         """What limits of efforts and of the power bound, of Q with its rates."""
@@ -132,7 +152,22 @@ def bounded(robot: "Robot", motion: object) -> Bounded:
             raise JounceError(f"{came}; robot.elastic(stiffness) makes its joints elastic")
         ways = "robot.with_limits(effort=..., velocity=...) or robot.with_limits('panda') states some"
         raise JounceError(f"robot {robot.name!r} states no limits; {ways} (--limits)")
+    _check_data(robot, limits, kinds)
     return Bounded(robot, path, limits, kinds)
+
+
+def _check_data(robot: "Robot", limits: Limits, kinds: Sequence[str]) -> None:
+    """Raise `JounceError` where currents or voltages of a motor are limited that states no data for them."""
+    e = robot.mechanism.elasticity
+    for kind, needed in {"motor_current": ["constant"], "motor_voltage": ["constant", "resistance"]}.items():
+        bounded = np.isfinite(limits.bounds(kind)).any(axis=0) & (kind in kinds)
+        for j in np.flatnonzero(bounded).tolist():
+            motor = e.motors[j] if e and e.motors else None
+            if lacking := [name for name in needed if motor is None or getattr(motor, name) is None]:
+                raise JounceError(
+                    f"joint {quoted(robot.joint_names[j])} has a limit of {kind}, and its motor states no"
+                    f" {' and no '.join(lacking)}; robot.elastic(motors={{joint: jounce.Motor(...)}}) states it"
+                )
 
 
 def known_kinds(robot: "Robot", limits: Limits) -> tuple[str, ...]:
@@ -140,32 +175,38 @@ def known_kinds(robot: "Robot", limits: Limits) -> tuple[str, ...]:
     return tuple(kind for kind in limits.kinds if kind not in MOTOR_KINDS or robot.mechanism.elasticity is not None)
 
 
-def quantity_of(kind: str) -> str:
-    """The quantity that a kind of limit of forces, of the power or of motors bounds, or a rate of which."""
-    return MOTORS[kind][0] if kind in MOTORS else FORCES.name
+def quantities_of(robot: "Robot", kind: str) -> Mapping[str, int]:
+    """The quantities that a kind of limit takes, and the highest rate of each; none of a limit of the motion."""
+    if kind in MOTION_KINDS:
+        return {}
+    if kind not in MOTORS:
+        return {FORCES.name: DERIVATIVE.get(kind, 0)}
+    motors = robot.mechanism.elasticity.motors if robot.mechanism.elasticity else ()
+    inductive = any(motor and motor.inductance for motor in motors)
+    return {**MOTORS[kind]} | ({TORQUES: 1} if kind == "motor_voltage" and inductive else {})
 
 
-def rate_of_forces(kind: str) -> int:
+def rate_of_forces(robot: "Robot", kind: str) -> int:
     """The highest rate of Q that enters what a kind of limit of forces, of the power or of motors bounds."""
-    return QUANTITIES[quantity_of(kind)].rates - FORCES.rates + DERIVATIVE.get(kind, 0)
+    rows = quantities_of(robot, kind)
+    return max(_row(robot, name).rates - FORCES.rates + order for name, order in rows.items())
+
+
+def _row(robot: "Robot", name: str) -> Quantity:
+    return row_of(name, more_rates(robot.mechanism, name))
 
 
 def order_needed(robot: "Robot") -> int:
     """The highest rate of Q that a motion must carry for the limits of a robot: q to q2d for 0, q to q4d for 2."""
     kinds = known_kinds(robot, coordinate_limits(robot.mechanism))
-    return max([0, *(MOTION_KINDS.index(k) - FIRST if k in MOTION_KINDS else rate_of_forces(k) for k in kinds)])
+    return max([0, *(MOTION_KINDS.index(k) - FIRST if k in MOTION_KINDS else rate_of_forces(robot, k) for k in kinds)])
 
 
-def wrench_order(row: str, order: int) -> int:
-    """The highest rate of wrenches that a quantity takes for its rates up to an order."""
-    return order + QUANTITIES[row].wrench_rates - 1
-
-
-def at_speed(robot: "Robot", row: str, rates: Rates, wrench: Wrenches, c: float, order: int) -> list[np.ndarray]:
+def at_speed(robot: "Robot", name: str, rates: Rates, wrench: Wrenches, c: float, order: int) -> list[np.ndarray]:
     """A quantity and its rates up to an order at c times the speed; wrenches over time go with the path."""
     W = wrench and tuple({body: w * c**k for body, w in of.items()} for k, of in enumerate(wrench))
-    scaled = tuple(rate * c**k for k, rate in enumerate(rates[: order + QUANTITIES[row].rates]))
-    return _tuple(compute(robot, row, scaled, wrench=W))
+    scaled = tuple(rate * c**k for k, rate in enumerate(rates[: order + _row(robot, name).rates]))
+    return _tuple(compute(robot, name, scaled, wrench=W))
 
 
 def power(rates: Rates, Q: list[np.ndarray]) -> list[np.ndarray]:

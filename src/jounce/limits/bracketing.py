@@ -10,7 +10,9 @@ from jounce.limits.feasible import refuse_static, states_of
 from jounce.limits.pieces import pieces_of
 from jounce.limits.scaling import polynomials
 from jounce.limits.worst import Worst
+from jounce.model.elasticity import Law
 from jounce.model.limits import MOTOR_KINDS
+from jounce.model.springs import CubicSpring, DampedSpring
 
 STEP = 1 / 32  # between factors that are tried: limits broken only between two of them are not noticed
 GROWTH = 1.05  # of factors above 1
@@ -22,12 +24,18 @@ Place = tuple[str, int, float]  # of a limit: kind, joint, time in the given mot
 
 
 def is_polynomial(b: Bounded) -> bool:
-    """Whether what is limited is a polynomial of the factor: neither links nor motors have Coulomb friction."""
+    """Whether what is limited is a polynomial of the factor: no Coulomb friction of links or motors, linear springs."""
     mechanism = b.robot.mechanism
     if b.forces and "friction" in mechanism.acting and mechanism.drives.friction.any():
         return False
     motors = mechanism.elasticity if set(b.kinds) & set(MOTOR_KINDS) else None
-    return motors is None or not motors.friction.any()
+    return motors is None or not (motors.friction.any() or any(map(_bends, motors.springs)))
+
+
+def _bends(law: Law | None) -> bool:
+    """Whether the force of a spring is not in proportion to its deflection."""
+    spring = law.spring if isinstance(law, DampedSpring) else law
+    return spring is not None and not (isinstance(spring, CubicSpring) and spring.k3 == 0)
 
 
 def bracketed_factor(b: Bounded) -> tuple[float, Place]:

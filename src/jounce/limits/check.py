@@ -196,7 +196,7 @@ def _with_deviations(b: Bounded, worst: Worst, rows: list[CheckedLimit]) -> tupl
 def notes_of(b: Bounded, breaks: tuple[ForceBreak, ...]) -> tuple[str, ...]:
     """What the motion cannot meet because it is not smooth, and which limits nothing is checked against."""
     notes = []
-    orders = {kind: rate_of_forces(kind) for kind in b.kinds if kind not in MOTION_KINDS}
+    orders = {kind: rate_of_forces(b.robot, kind) for kind in b.kinds if kind not in MOTION_KINDS}
     missed = [found for found in breaks if found.order < max(orders.values(), default=0)]
     if missed:
         first = missed[0]

@@ -13,8 +13,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from jounce.dynamics.quantities import FORCES, QUANTITIES
-from jounce.limits.bounded import DERIVATIVE, MOTORS, Bounded, Side, at_speed, rate_of_forces, wrench_order
+from jounce.dynamics.quantities import FORCES
+from jounce.limits.bounded import DERIVATIVE, MOTORS, Bounded, Side, at_speed, quantities_of, rate_of_forces
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS
 from jounce.model.limits import FORCES as BOUND_FORCES
 from jounce.robot.along import FIRST
@@ -27,7 +27,7 @@ Parts = tuple[np.ndarray, np.ndarray, np.ndarray]  # (N, n) each: of c^0, c^1 an
 def polynomials(b: Bounded, t: np.ndarray, side: Side = "right") -> Polynomials:
     """Coefficients (degree + 1, N, n) of what limits bound, lowest power of c first, at times (N,) by kind."""
     motion_orders = [MOTION_KINDS.index(kind) for kind in b.kinds if kind in MOTION_KINDS]
-    order = max((rate_of_forces(kind) for kind in b.kinds if kind not in MOTION_KINDS), default=0)
+    order = max((rate_of_forces(b.robot, kind) for kind in b.kinds if kind not in MOTION_KINDS), default=0)
     rates = b.motion(t, max([*motion_orders, (order + FIRST) * b.forces]), side)
     found = {kind: _monomial(rates[k], k) for k, kind in enumerate(MOTION_KINDS) if kind in b.kinds}
     found |= {kind: _of_motors(b, kind, rates, t, side) for kind in MOTORS if kind in b.kinds}
@@ -71,10 +71,13 @@ def _parts(b: Bounded, rates: "tuple[np.ndarray, ...]", t: np.ndarray, order: in
 
 def _of_motors(b: Bounded, kind: str, rates: "tuple[np.ndarray, ...]", t: np.ndarray, side: Side) -> np.ndarray:
     """The polynomial of a motor, from its values at c = 0, 1, -1, 2, -2, ..."""
-    row, k = MOTORS[kind]
-    wrench = b.motion.wrench(t, wrench_order(row, k), side)
-    c = [(-1) ** (i + 1) * ((i + 1) // 2) for i in range(QUANTITIES[row].rates + k)]
-    values = [at_speed(b.robot, row, rates, wrench, float(x), k)[k] for x in c]
+    orders = quantities_of(b.robot, kind)
+    count = max(b.row(name).rates + order for name, order in orders.items())
+    c = [(-1) ** (i + 1) * ((i + 1) // 2) for i in range(count)]
+    values = []
+    for speed in c:
+        known = {name: b.quantity(name, order, rates, t, side, float(speed)) for name, order in orders.items()}
+        values.append(b.of_motor(kind, known)[DERIVATIVE.get(kind, 0)])
     return np.tensordot(np.linalg.inv(np.vander(c, increasing=True)), np.stack(values), axes=1)
 
 

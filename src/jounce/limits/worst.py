@@ -63,7 +63,7 @@ class Worst:
             for jump in unknown if met.jump is None else [met.jump]:
                 for i in np.flatnonzero(np.abs(jump) > ROUNDING * np.abs(jump).max()):
                     for kind in self.b.kinds:
-                        if kind not in MOTION_KINDS and met.order < rate_of_forces(kind):
+                        if kind not in MOTION_KINDS and met.order < rate_of_forces(self.b.robot, kind):
                             self._jump(kind, int(i), met.t, float(jump[i]))
 
     def _jump(self, kind: str, j: int, t: float, jump: float) -> None:

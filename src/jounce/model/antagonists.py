@@ -9,13 +9,14 @@ stiffness. Beyond it two settings reach each stiffness; the one with the larger 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 
 from jounce._scalars import is_numeric, reciprocal
 from jounce.errors import JounceError
 from jounce.model.inversion import UnreachableError, rising_root
-from jounce.model.springs import Spring, force_along
+from jounce.model.springs import Spring, force_along, spring_of
 from jounce.spatial.series import Series, from_rate
 
 FIRST_STEP = 1e-3  # rad or m, of a search for a difference, doubled from step to step
@@ -37,18 +38,28 @@ class AntagonisticSprings:
 
     Parameters
     ----------
-    first, second : CubicSpring, SpringFunction or SpringTable
-        The springs of the two motors.
+    first, second : CubicSpring, SpringTable or function
+        The springs of the two motors; a function is one of the deflection, as `SpringFunction.of` takes it.
+
+    Raises
+    ------
+    JounceError
+        If one of them is no spring.
 
     Examples
     --------
     >>> import jounce, numpy as np
-    >>> tendon = jounce.SpringFunction.of(lambda delta: 40 * np.sinh(3 * delta) / 3)
-    >>> springs = jounce.AntagonisticSprings(tendon, tendon)
+    >>> springs = jounce.AntagonisticSprings(*[lambda delta: 40 * np.sinh(3 * delta) / 3] * 2)
+    >>> round(float(springs.first.stiffness(0.0)), 9)
+    40.0
     """
 
     first: Spring
     second: Spring
+
+    def __init__(self, first: Spring | Callable[[Any], Any], second: Spring | Callable[[Any], Any]) -> None:
+        for name, spring in {"first": first, "second": second}.items():
+            object.__setattr__(self, name, spring_of(spring, f"AntagonisticSprings: {name}"))
 
 
 @dataclass(frozen=True)

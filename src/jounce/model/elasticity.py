@@ -99,11 +99,6 @@ class Elasticity:
         """The coordinates whose springs have dampers."""
         return [j for j, law in enumerate(self.springs) if isinstance(law, DampedSpring)]
 
-    def motor_names(self, joints: Sequence[str]) -> tuple[str, ...]:
-        """A name per motor: that of its joint, with _1 and _2 where a joint has two."""
-        pairs = [(f"{name}_1", f"{name}_2") if j in self.pairs else (name,) for j, name in enumerate(joints)]
-        return tuple(name for pair in pairs for name in pair)
-
     @property
     def of_motors(self) -> "Elasticity":
         """Its arrays with an entry per motor."""
@@ -166,3 +161,9 @@ class Elasticity:
         springs = tuple(self.springs[j] for j in coordinates) if self.springs else ()
         motors = tuple(self.motors[j] for j in coordinates) if self.motors else ()
         return replace(self.map(lambda array: array[list(coordinates)]), springs=springs, motors=motors)
+
+
+def motor_names(e: Elasticity, joints: Sequence[str]) -> tuple[str, ...]:
+    """A name per motor: that of its joint, with _1 and _2 where a joint has two."""
+    pairs = [(f"{name}_1", f"{name}_2") if j in e.pairs else (name,) for j, name in enumerate(joints)]
+    return tuple(name for pair in pairs for name in pair)

@@ -80,7 +80,7 @@ def _extremes(slope: Slope, bounds: tuple[float, float]) -> tuple[float, float]:
 
 @np.errstate(all="ignore")
 def rising_root(slope: Slope, target: np.ndarray, bounds: tuple[np.ndarray | float, np.ndarray | float]) -> np.ndarray:
-    """x with f(x) = target of a rising function, NaN where there is none within bounds."""
+    """x with f(x) = target of a rising function, NaN where no x within bounds has it."""
     low, high, x = _bracket(slope, target, bounds)
     last = before = high - low
     done = lost = np.isnan(low) | np.isnan(target)

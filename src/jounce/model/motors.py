@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce._scalars import is_finite
+from jounce._scalars import asarray, is_finite, is_numeric
 from jounce.errors import JounceError, quoted
 
 POSITIVE = ("inertia", "resistance", "constant")
@@ -73,8 +73,8 @@ class Motor:
                 raise JounceError(f"{name} of a motor is {quoted(x)}; expected a finite number, {least}")
         if self.body is not None and not isinstance(self.body, str):
             raise JounceError(f"body of a motor is {quoted(self.body)}; expected the name of the body that carries it")
-        axis = np.asarray(self.axis, dtype=float)
-        if axis.shape != (3,) or not (np.isfinite(axis).all() and axis.any()):
+        axis = np.asarray(asarray(self.axis, "axis of a motor"))
+        if axis.shape != (3,) or not is_numeric(axis) or not (np.isfinite(axis).all() and axis.any()):
             raise JounceError(f"axis of a motor is {quoted(self.axis)}; expected three finite numbers, not all 0")
         object.__setattr__(self, "axis", tuple((axis / np.linalg.norm(axis)).tolist()))
 

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from jounce._scalars import Array, is_finite, is_numeric
+from jounce._scalars import Array, asarray, is_finite, is_numeric
 from jounce._typing import ArrayLike
-from jounce.errors import JounceError, one_line, quoted
+from jounce.errors import JounceError, at, one_line, quoted
 from jounce.model.functions import evaluate
 from jounce.program.program import Program
 from jounce.program.trace import Tape
@@ -211,8 +211,8 @@ class SpringTable(Spring):
     def __init__(self, deflections: ArrayLike, forces: ArrayLike) -> None:
         columns = {"deflections": deflections, "forces": forces}
         for name, given in columns.items():
-            column = np.asarray(given, dtype=float)
-            if column.ndim != 1 or not np.isfinite(column).all():
+            column = np.asarray(asarray(given, f"spring table: {name}"))
+            if not is_numeric(column) or column.ndim != 1 or not np.isfinite(column).all():
                 raise JounceError(f"spring table: {name} have shape {column.shape}; expected finite numbers (N,)")
             if (fall := np.flatnonzero(np.diff(column) <= 0)).size:
                 i = int(fall[0])
@@ -264,6 +264,18 @@ def _splines(spring: SpringTable) -> "list[PPoly]":
 
     spline = PPoly.from_spline(make_interp_spline(spring.deflections, spring.forces, k=DEGREE).tck)
     return [spline.derivative(j) for j in range(DEGREE + 1)]
+
+
+def spring_of(given: object, label: str) -> Spring:
+    """A spring that a caller gives: as one, or as a function of the deflection."""
+    if isinstance(given, Spring):
+        return given
+    if callable(given):
+        with at(label):
+            return SpringFunction.of(given)
+    raise JounceError(
+        f"{label} is {quoted(given)}; expected a CubicSpring, a SpringTable or a function of the deflection"
+    )
 
 
 @dataclass(frozen=True)
