@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from robots import Interpreted, mechanisms, on_its_axis, random_mechanism, relative_error
 
+import casadi
 import jounce
 from jounce.checks.reference.pinocchio import _build
 from jounce.dynamics.recursion import matrices
@@ -99,6 +100,13 @@ def test_the_way_with_fewer_operations_is_taken(n):
         q, b = tape.variables(n, 1), tape.variables(n, 1)
         counts.append(factor(tape.program(solver(q).solve(b)[:, 0])).operations)
     assert (counts[0] < counts[1]) == has_deep_branches(m)
+
+
+def test_articulated_bodies_take_symbols_as_pitches():
+    h, q = casadi.SX.sym("h"), np.array([[0.3]])
+    robot = jounce.Robot.from_screws([np.eye(4)], np.array([[0, 0, 1, 0, 0, h]], dtype=object), [np.eye(6)])
+    [[x]] = ArticulatedBodies.of(robot.mechanism, q).solve(np.array([[2.0]]))  # of M = 1 + h^2
+    assert float(casadi.Function("x", [h], [x])(3.0)) == pytest.approx(0.2, rel=1e-14)
 
 
 def test_joints_that_follow_others_need_factors():

@@ -44,15 +44,15 @@ def agree(found, expected, tolerance=TOLERANCE):
     ("name", "method"), [("mixed5", "recursion"), ("planar2r", "closed_form"), ("planar2r", "paper")]
 )
 def test_jax_arrays(name, method):
-    robot, q, W = case(name, order=1)
+    robot, q, W = case(name, order=1 if method == "recursion" else 0)  # JAX compiles every operation for every shape
     expected = robot.inverse_dynamics(*q, wrench=tuple(W), method=method)
     found = robot.inverse_dynamics(*map(jnp.asarray, q), wrench=tuple(map(jnp.asarray, W)), method=method)
-    assert all(isinstance(Q, jax.Array) for Q in found)
-    agree(found, expected)
+    assert all(isinstance(Q, jax.Array) for Q in tupled(found))
+    agree(tupled(found), tupled(expected))
 
 
 def test_jax_under_jit_and_vmap():
-    robot, q, W = case("mixed5", order=1)
+    robot, q, W = case("planar2r", order=1)
     rng = np.random.default_rng(0)
     q = [rng.normal(size=(5, robot.n)) for _ in q]
     W = [rng.normal(size=(5, *w.shape)) for w in W]
@@ -64,19 +64,17 @@ def test_jax_under_jit_and_vmap():
     agree(many([jnp.asarray(x) for x in q], [jnp.asarray(w) for w in W]), one(q, W))
 
 
-@pytest.mark.parametrize("order", [0, 1, 2])
-def test_each_order_is_the_exact_derivative_of_the_one_below(order):
+def test_each_order_is_the_exact_derivative_of_the_one_below():
     """d/dt along q(t) by forward differentiation in JAX: rounding is all that is left."""
-    robot, q, _ = case("mixed5", order=order + 1)
+    robot, q, _ = case("mixed5", order=3)
     n = len(q)
 
     def forces(t):
         path = [sum(q[k + j] * t**j / math.factorial(j) for j in range(n - k)) for k in range(n)]
-        Q = robot.inverse_dynamics(*path[: order + 3])
-        return Q if order == 0 else Q[-1]
+        return robot.inverse_dynamics(*path[:5])
 
-    _, rate = jax.jvp(forces, (0.0,), (1.0,))
-    agree([rate], [robot.inverse_dynamics(*q)[-1]], 1e-12)
+    _, rates = jax.jvp(forces, (0.0,), (1.0,))
+    agree(rates, robot.inverse_dynamics(*q)[1:], 1e-12)
 
 
 def symbols_of(robot, make, order=2):
@@ -100,7 +98,7 @@ def test_casadi_symbols(name, method):
 
 
 def vanishes(expression, paths):
-    """Whether a polynomial in rates of paths, their sines and cosines is zero; with sin^2 reduced it has one form."""
+    """Whether a polynomial in rates of paths, their sines and cosines is zero: without sin^2 its form is unique."""
     names, circles = {}, []
     for p in paths:
         s, c = names[sympy.sin(p)], names[sympy.cos(p)] = sympy.symbols(f"s_{p.func} c_{p.func}")
@@ -297,7 +295,8 @@ def sprung():
     """The planar 2R with every kind of drive, so that energy and momentum hold them too."""
     m = jounce.load("planar2r").mechanism
     drives = {name: [0.3, 0.7] for name in ("armature", "damping", "friction", "stiffness", "rest")}
-    return jounce.Robot.from_screws(m.B, m.X, m.M, gravity=m.gravity, drives=drives).with_drives(eps=0.5)
+    driven = jounce.Robot.from_screws(m.B, m.X, m.M, gravity=m.gravity, drives=drives).with_drives(eps=0.5).mechanism
+    return jounce.Robot(replace(driven, elasticity=springs(driven.n)))
 
 
 EVERY = [(quantity, method) for quantity in TABLE.values() for method in quantity.methods]
@@ -310,7 +309,7 @@ def test_every_quantity_by_every_method_of_symbols(quantity, method):
     robot = jounce.Robot(replace(sprung().mechanism, elasticity=springs(2)))
     q = np.random.default_rng(3).uniform(-1, 1, (quantity.rates + order, 2))
     compute = method_of(robot, quantity)
-    symbols = symbols_of(robot, casadi.SX.sym)[: len(q)]
+    symbols = symbols_of(robot, casadi.SX.sym, len(q) - 3)
     entries = [x for result in tupled(compute(*symbols, method=method)) for x in element(result, "it").ravel()]
     values = casadi.Function("f", [casadi.vertcat(*x) for x in symbols], [casadi.vertcat(*entries)])(*q)
     expected = np.concatenate([np.ravel(x) for x in tupled(compute(*q, method=method))])

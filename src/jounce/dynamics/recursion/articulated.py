@@ -94,4 +94,4 @@ def _free_axis(joint: Joint, armature: Array) -> Array:
 
     Along it U / D is 1 and nothing is left of the inertia: both are exact, and zeros cost nothing.
     """
-    return joint.X * int(is_zero(armature) and np.count_nonzero(joint.X) == 1)
+    return joint.X * int(is_zero(armature) and sum(not is_zero(x) for x in joint.X.flat) == 1)
