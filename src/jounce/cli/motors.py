@@ -70,6 +70,7 @@ def motors(
     """Compute positions, velocities and torques of the motors of ROBOT, whose joints are elastic, along MOTION."""
     from jounce.io import tables
     from jounce.model.coordinates import coordinate_units
+    from jounce.model.elasticity import motor_names
 
     tables.check_writable(output)
     if output.resolve() == motion.path.resolve():
@@ -81,7 +82,7 @@ def motors(
     path, e = motion.load(arm.robot, HIGHEST), arm.elasticity
     with progress("motors") as show:
         along = arm.along(path, order=_order(arm, path), progress=show)
-    columns, peaks = _table(along, path, e.motor_names(links.joint_names))
+    columns, peaks = _table(along, path, motor_names(e, links.joint_names))
     tables.write(output, columns)
     units = [coordinate_units(arm.robot.mechanism)[j] for j in e.joints_of_motors]
     summary = {
@@ -98,7 +99,7 @@ def motors(
         ],
         "peaks": {name: {symbol: x for symbol, (x, _) in found.items()} for name, found in peaks.items()},
         "deviations": {name: {symbol: x for symbol, (_, x) in found.items()} for name, found in peaks.items()},
-        "units": dict(zip(e.motor_names(links.joint_names), units, strict=True)),
+        "units": dict(zip(motor_names(e, links.joint_names), units, strict=True)),
     }
     tell(summary, _in_words, as_json)
 
