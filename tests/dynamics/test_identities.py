@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from recursion import inverse_dynamics
-from robots import Interpreted, differentiated, harmonic, loads, mechanisms, random_state, relative_error
+from robots import Interpreted, differentiated_at_once, harmonic, loads, mechanisms, random_state, relative_error
 
 import jounce
 from jounce.dynamics.closed_form import closed_form
@@ -69,6 +69,14 @@ def test_forces_of_every_order_are_reassembled_from_the_matrices(drawn):
     assert relative_error(second, Q[2]) < 1e-12  # (EOM2ndOrder)
 
 
+def potential_energy(mechanism, q):
+    """From the heights of the bodies alone."""
+    C = Interpreted(jounce.Robot(mechanism)).poses(q)
+    moments = np.stack([lie.axial(M[:3, 3:]) / 2 for M in mechanism.M])  # m c
+    heights = np.einsum("...bij,bj->...bi", C[..., :3, :3], moments) + mechanism.M[:, 3, 3, None] * C[..., :3, 3]
+    return -np.sum(heights @ mechanism.gravity, axis=-1)
+
+
 @given(mechanisms())
 def test_power_is_the_rate_of_energy(drawn):
     """d/dt (T + V) = qd^T (Q - Qext), energies from twists and heights alone."""
@@ -77,17 +85,13 @@ def test_power_is_the_rate_of_energy(drawn):
 
     def energy(t):
         q, qd, _ = path(t)
-        V = closed_form(mechanism, columns([q, qd])).V[0].reshape(-1, 6)
-        poses = Interpreted(jounce.Robot(mechanism)).poses(q)
-        m = mechanism.M[:, 3, 3]
-        moments = np.stack([lie.axial(M[:3, 3:]) / 2 for M in mechanism.M])  # m c
-        heights = [C[:3, :3] @ h + m_i * C[:3, 3] for C, h, m_i in zip(poses, moments, m, strict=True)]
-        return 0.5 * np.einsum("bi,bij,bj", V, mechanism.M, V) - np.sum(heights @ mechanism.gravity)
+        V = closed_form(mechanism, columns([q, qd])).V[0].reshape(*q.shape[:-1], -1, 6)
+        return 0.5 * np.einsum("...bi,bij,...bj", V, mechanism.M, V) + potential_energy(mechanism, q)
 
     q = path(0)
     Q = inverse_dynamics(mechanism, columns(q))[0][:, 0]
     power = q[1] @ Q
-    assert abs(differentiated(energy) - power) < 1e-8 * (1 + size(Q))
+    assert abs(differentiated_at_once(energy) - power) < 1e-8 * (1 + size(Q))
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
@@ -98,11 +102,11 @@ def test_each_order_is_the_time_derivative_of_the_one_below(order, drawn):
     w = harmonic(rng, mechanism.nb * 6, order)
 
     def forces(t, k):
-        W = [x.reshape(-1, 6) for x in w(t)]
-        return inverse_dynamics(mechanism, columns(path(t)), loads(W))[k][:, 0]
+        W = [x.reshape(*x.shape[:-1], -1, 6) for x in w(t)]
+        return inverse_dynamics(mechanism, columns(path(t)), loads(W))[k][..., 0]
 
     exact = forces(0, order)
-    assert np.abs(differentiated(lambda t: forces(t, order - 1)) - exact).max() < 1e-8 * (1 + size(exact))
+    assert np.abs(differentiated_at_once(lambda t: forces(t, order - 1)) - exact).max() < 1e-8 * (1 + size(exact))
 
 
 @given(mechanisms(), st.floats(-2, 2))
@@ -170,14 +174,7 @@ def test_a_mimic_joint_equals_its_constraint_eliminated_by_hand(drawn):
 @given(mechanisms())
 def test_gravity_forces_are_the_gradient_of_the_potential_energy(drawn):
     mechanism, rng = drawn
-    q = random_state(rng, mechanism)[0][0]
-    m = mechanism.M[:, 3, 3]
-    moments = np.stack([lie.axial(M[:3, 3:]) / 2 for M in mechanism.M])
-
-    def potential(q):
-        C = Interpreted(jounce.Robot(mechanism)).poses(q)
-        return -np.sum((np.einsum("bij,bj->bi", C[:, :3, :3], moments) + m[:, None] * C[:, :3, 3]) @ mechanism.gravity)
-
-    gradient = [differentiated(lambda t, e=e: potential(q + t * e)) for e in np.eye(mechanism.n)]
+    q, along = random_state(rng, mechanism)[0][0], np.eye(mechanism.n)
+    gradient = differentiated_at_once(lambda t: potential_energy(mechanism, q + np.multiply.outer(t, along)))
     found = Interpreted(jounce.Robot(mechanism)).gravity_forces(q)
     assert np.abs(found - gradient).max() < 1e-9 * (1 + size(found))

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import given
-from robots import Interpreted, differentiated, harmonic, mechanisms, relative_error, with_tool
+from quantities import tupled
+from robots import Interpreted, differentiated_at_once, harmonic, mechanisms, relative_error, with_tool
 
 import jounce
 from jounce.errors import JounceError, JounceWarning
@@ -41,15 +42,15 @@ def test_rates_of_momentum_and_base_wrench(drawn):
     w = harmonic(rng, 6 * mechanism.nb, 3)
 
     def loads(t, order):
-        return tuple(x.reshape(-1, 6) for x in w(t)[: order + 1])
+        return tuple(x.reshape(*x.shape[:-1], -1, 6) for x in w(t)[: order + 1])
 
     h = robot.momentum(*path(0)[:4])
     F = robot.base_wrench(*path(0)[:5], wrench=loads(0, 2))
     for k in (1, 2):
-        below = differentiated(lambda t, k=k: np.atleast_2d(robot.momentum(*path(t)[: k + 1]))[-1])
+        below = differentiated_at_once(lambda t, k=k: tupled(robot.momentum(*path(t)[: k + 1]))[-1])
         close(h[k], below, 1e-8)
-        below = differentiated(
-            lambda t, k=k: np.atleast_2d(robot.base_wrench(*path(t)[: k + 2], wrench=loads(t, k - 1)))[-1]
+        below = differentiated_at_once(
+            lambda t, k=k: tupled(robot.base_wrench(*path(t)[: k + 2], wrench=loads(t, k - 1)))[-1]
         )
         close(F[k], below, 1e-8)
 
@@ -99,19 +100,19 @@ def test_a_load_constant_in_the_world_is_the_gradient_of_its_potential_energy(dr
     f, p = rng.normal(size=(2, 3))
     path = harmonic(rng, robot.n, 4)
 
-    def position(q):
-        return (robot.poses(q, body="tool") @ [*p, 1])[:3]
+    def potential(q):
+        return -(robot.poses(q, body="tool") @ [*p, 1])[..., :3] @ f
 
-    def gradient(t):
-        q = path(t)[0]
-        return np.array([differentiated(lambda s, e=e: -f @ position(q + s * e)) for e in np.eye(robot.n)])
+    def gradient(t):  # along every coordinate
+        q, steps = path(t)[0][..., None, :], (1,) * np.ndim(t) + (robot.n, robot.n)
+        return differentiated_at_once(lambda s: potential(q + np.multiply.outer(s, np.eye(robot.n).reshape(steps))))
 
     W = robot.wrench(*path(0)[:3], body="tool", force=f, point=p)
     with_load = robot.inverse_dynamics(*path(0), wrench=W)
     extra = [Q - Q_0 for Q, Q_0 in zip(with_load, robot.inverse_dynamics(*path(0)), strict=True)]
     scale = 1 + max(np.abs(Q).max() for Q in with_load)
     assert np.abs(extra[0] - gradient(0)).max() < 1e-9 * scale
-    assert np.abs(extra[1] - differentiated(gradient, 0.05)).max() < 1e-7 * scale
+    assert np.abs(extra[1] - differentiated_at_once(gradient, 0.05)).max() < 1e-7 * scale
 
 
 @pytest.mark.parametrize("frame", ["world", "body"])
@@ -123,12 +124,12 @@ def test_rates_of_a_wrench_are_its_time_derivatives(frame, drawn):
 
     def W(t, order):
         rates = load(t)[: order + 1]
-        given = {"force": tuple(x[:3] for x in rates), "torque": tuple(x[3:] for x in rates)}
+        given = {"force": tuple(x[..., :3] for x in rates), "torque": tuple(x[..., 3:] for x in rates)}
         found = robot.wrench(*path(t)[: order + 1], body="tool", frame=frame, point=p, **given)
         return found if order == 0 else found[-1]
 
     for k in (1, 2):
-        close(W(0, k), differentiated(lambda t, k=k: W(t, k - 1)), 1e-8)
+        close(W(0, k), differentiated_at_once(lambda t, k=k: W(t, k - 1)), 1e-8)
 
 
 @given(drawn=mechanisms())

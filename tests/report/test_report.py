@@ -173,19 +173,34 @@ def test_order_0_draws_Q_alone_and_needs_no_higher_rate(planar):
     assert "q4d is not known" in refusal(lambda: jounce.report(planar, motion, 2))
 
 
+def test_elastic_joints_show_their_motors(planar):
+    arm = planar.elastic([800, 600], rotor=0.1).with_limits(motor_torque=[20.0, 20.0])
+    motion = swing()
+    report = jounce.report(arm, motion)
+    page, data = parsed(report)
+    heads = [cell.text.strip() for cell in page.xpath("//table[@id='values']/thead//th")]
+    assert heads[-3:] == ["theta", "thetad", "tau"]
+    t = decoded(data["frames"]["t"])
+    found = [decoded(values).reshape(-1, 2) for values in data["frames"]["values"]]
+    np.testing.assert_allclose(found[heads.index("tau") - 1], arm.inverse_dynamics(*motion(t)), rtol=1e-12)
+    assert not report.check.ok
+    assert page.xpath("//tr[@class='broken']/td[.='motor torque']")
+    assert "tau the motor torques" in words(page, panel("conventions"))
+
+
 def test_hostile_names_stay_text():
     M = jounce.inertia_matrix(1.0, [0, 0, 0.1], np.eye(3) / 100)
     names = {"names": [f"body {name}" for name in HOSTILE], "joint_names": HOSTILE, "name": HOSTILE[0]}
     X = [[0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 1, 0, 0, 0, 0]]
     robot = jounce.Robot.from_screws([np.eye(4)] * 3, X, [M] * 3, limits={"velocity": [0.1] * 3}, **names)
     report = jounce.report(robot, swing(3))
-    page, data = parsed(report)
+    page, _ = parsed(report)
     harmless = jounce.report(jounce.load("planar2r"), swing())
     assert len(page.xpath("//script")) == len(parsed(harmless)[0].xpath("//script"))
     shown = [label.text_content().strip() for label in page.xpath("//table[@id='values']//label")]
     assert shown == [*HOSTILE[:2], r"{{ 7 * 7 }}<!--\u202e\n"]
     assert page.xpath("//img") == []
-    assert "hacked" not in json.dumps(data)
+    assert "<script>hacked" not in report.html
     assert words(page, "//h1") == HOSTILE[0]
 
 

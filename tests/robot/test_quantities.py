@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 from quantities import IDS, REQUESTS, affordable, branched, ids, method_of, rate_of, tupled
-from robots import Interpreted, differentiated, harmonic, relative_error
+from robots import Interpreted, differentiated_at_once, harmonic, relative_error
 
 from jounce.arguments import requests
 from jounce.dynamics.computation import Computation
@@ -56,7 +56,7 @@ def test_each_further_rate_returns_one_more_time_derivative(quantity, keywords):
         close(results[0], plain, 1e-13)
         rate = rate_of(quantity, *map(np.asarray, results[-2:]))
         last = lambda t, count=quantity.rates + order - 1: tupled(compute(*path(t)[:count], **keywords))[-1]  # noqa: E731
-        close(differentiated(last), rate, 1e-7)
+        close(differentiated_at_once(last), rate, 1e-7)
 
 
 @pytest.mark.parametrize("method", ["recursion", "closed_form", "paper", NATIVE])

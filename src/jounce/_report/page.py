@@ -22,6 +22,8 @@ from jounce.robot.robot import Robot
 if TYPE_CHECKING:
     from jinja2 import Environment
 
+    from jounce.actuators.elastic import ElasticRobot
+
 HERE = Path(__file__).parent
 SUFFIXES = (".html", ".htm")
 
@@ -84,13 +86,14 @@ class Report:
             part.write_text(self.html, encoding="utf-8", newline="\n")
 
 
-def report(robot: Robot, motion: Motion, order: int | None = None) -> Report:
+def report(robot: "Robot | ElasticRobot", motion: Motion, order: int | None = None) -> Report:
     """A page about a robot along a motion: the moving robot, its curves, its limits, in one file.
 
     Parameters
     ----------
-    robot : Robot
-        A robot of numbers; limits that it states are checked.
+    robot : Robot or ElasticRobot
+        A robot of numbers; limits that it states are checked. With elastic joints and at order 2, the page shows motor
+        positions, velocities and torques too.
     motion : Motion
         A motion of its joints.
     order : int, optional
@@ -115,7 +118,10 @@ def report(robot: Robot, motion: Motion, order: int | None = None) -> Report:
     >>> page.check.ok, round(page.slowdown.factor, 4)
     (False, 0.4159)
     """
+    from jounce.actuators.elastic import ElasticRobot
+
     check_installed()
+    robot = robot.robot if isinstance(robot, ElasticRobot) else robot
     if not isinstance(robot, Robot):
         raise JounceError(f"report() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     if not isinstance(motion, Motion):

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce._report.curves import SHOWN_BREAKS, break_times, figure, joint_style, powers
+from jounce._report.curves import figure, joint_style, powers
 from jounce._report.drawing import drawing
 from jounce._report.sliders import end_names, sliders_code, sliders_data
 from jounce._report.subject import SLOWED, Subject
@@ -104,7 +104,6 @@ def motion(s: Subject) -> Panel:
         "residual": None if m.residual is None else float(np.max(m.residual)),
         "breaks": breaks,
         "all_breaks": len(m.breaks),
-        "drawn_breaks": min(SHOWN_BREAKS, len(break_times(s))),
         "uncertain": uncertain,
         "joints": names,
     }
@@ -143,6 +142,7 @@ def conventions(s: Subject) -> Panel:
         "acting": s.robot.mechanism.acting,
         "loads": list(s.motion.loads),
         "inertial": FORCES[1] if s.limits.without_gravity else None,
+        "elastic": s.robot.mechanism.elasticity,
         "states": len(s.motion.times),
         "frames": len(s.frames),
         "versions": versions,

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.errors import JounceError
+from jounce.limits.bounded import known_kinds
 from jounce.limits.check import Check
 from jounce.limits.slowdown import Slowdown
 from jounce.model.coordinates import coordinate_limits, coordinate_units
-from jounce.model.limits import EFFORT_KINDS, FORCES, MOTION_KINDS, Limits, unit_of
+from jounce.model.limits import EFFORT_KINDS, FORCES, MOTION_KINDS, MOTOR_KINDS, Limits, unit_of
 from jounce.motion.motion import Motion
 from jounce.robot.along import FIRST, Along
 from jounce.spatial.series import rate_name
@@ -24,6 +25,7 @@ SLOWED = 10_000  # states by which the slow-down factor of a longer motion is fo
 BEFORE = 1e-9  # of the duration: how long before a break its left side is drawn
 NAMES = {kind: rate_name("q", k) for k, kind in enumerate(MOTION_KINDS)}
 NAMES |= {kind: rate_name("Q", k) for k, kind in enumerate(EFFORT_KINDS)} | {"power": "P"}
+NAMES |= dict(zip(MOTOR_KINDS, ("theta", "thetad", "tau", "i", "u"), strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,14 +78,14 @@ class Subject:
 def subject_of(robot: "Robot", motion: Motion, order: int) -> Subject:
     """Check the motion, and compute it and the forces up to an order at its times and at those that stand out."""
     limits = coordinate_limits(robot.mechanism)
-    check = robot.check(motion) if limits.kinds else None
+    check = robot.check(motion) if known_kinds(robot, limits) else None
     rows = check.table if check else ()
     worst = np.array([row.t for row in rows])
     ends = np.array([end for row in rows for span in row.violations for end in span])
     breaks = np.array([found.t for found in motion.breaks])
     before = (breaks - BEFORE * motion.duration).clip(motion.start)
     along = robot.forces_along(motion, np.unique(np.concatenate([motion.times, worst, ends, breaks, before])), order)
-    shown = (order + 1) * 2 + FIRST + len(limits.without_gravity) + 1  # quantities, at most
+    shown = (order + 1) * 2 + FIRST + len(limits.without_gravity) + 1 + len(MOTOR_KINDS)  # quantities, at most
     count = int(np.clip(SHOWN_VALUES // (shown * robot.n), LEAST_FRAMES, FRAMES))
     even = np.linspace(0, len(along.t) - 1, min(count, len(along.t))).astype(int)
     frames = np.union1d(even, np.searchsorted(along.t, [*worst, *breaks[:count]]))
@@ -134,6 +136,24 @@ def _quantities(
             k = EFFORT_KINDS.index(kind)
             symbol = " - ".join(rate_name(name, k) for name in FORCES[1].split(" - "))
             found.append(quantity(kind, forces[k] - gravity[k], symbol, limits.bounds(kind)))
+    if robot.mechanism.elasticity is not None and len(forces) > HIGHEST:
+        motors = _motors(robot, motion, along.t)
+        found += [quantity(kind, value, NAMES[kind], limits.bounds(kind)) for kind, value in motors.items()]
     if "power" in limits.kinds:
         found.append(quantity("power", rates[1] * forces[0], NAMES["power"], limits.bounds("power")))
     return tuple(found)
+
+
+def _motors(robot: "Robot", motion: Motion, t: np.ndarray) -> dict[str, np.ndarray]:
+    """What the motors of elastic joints do, by the kind of its limits; what is not known of all motors is left out.
+
+    Joints with two motors need a stiffness over time, which a report is not given.
+    """
+    from jounce.actuators.elastic import ElasticRobot
+
+    arm = ElasticRobot(robot)
+    if arm.elasticity.pairs:
+        return {}
+    found = arm.along(motion, t)
+    series = (*found.positions[:2], found.torques[0], *(x[0] for x in (found.currents, found.voltages) if x))
+    return {kind: x for kind, x in zip(MOTOR_KINDS, series, strict=False) if np.isfinite(x).all()}

@@ -26,8 +26,8 @@ def dense(m: Mechanism, q: Series, W: Series | None = None) -> tuple[Series, Ser
     """K, D and M by the closed form, (..., n, n) each, with wrenches W on the bodies, (..., 6nb, 1), fixed in them.
 
     A velocity dq of the coordinates displaces the bodies by J dq. Seen from them, it changes their twists by the rate
-    of J dq in space, and hence their forces. It turns the forces with the bodies: where joint j lies outward of joint i,
-    they have turned seen from the screw S_i.
+    of J dq in space, and hence their forces. It turns the forces with the bodies: where joint j lies outward of joint
+    i, they have turned seen from the screw S_i.
     """
     x, M = closed_form(m, q, W), system.system_M(m)
     J, b, P = x.J, x.b, M @ x.V

@@ -3,7 +3,6 @@
 import ctypes
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from contextvars import copy_context
 from dataclasses import replace
 from functools import partial
@@ -13,13 +12,12 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
-from jounce._scalars import is_masked
 from jounce._typing import ArrayLike, Floats, Product
-from jounce.arguments import names
 from jounce.dynamics.computation import Computation
 from jounce.errors import JounceError, one_line, quoted, warn
 from jounce.model.mechanism import Mechanism
-from jounce.native import cache, jit, plan, products
+from jounce.native import cache, jit, plan
+from jounce.native.arguments import bound_batch, of_product, refuse_names_and_masks, refuse_shapes
 from jounce.native.jit import host, ufunc
 from jounce.native.pool import Pool
 
@@ -114,7 +112,7 @@ class Kernel(Generic[Results]):
         into = None if out is None else tuple(out) if isinstance(out, (tuple, list)) else (out,)
         for x in arrays if into is None else (*arrays, *into):
             if type(x) is not np.ndarray:
-                self._refuse_names_and_masks(arrays, into or ())
+                refuse_names_and_masks(repr(self), arrays, into or ())
                 break
         try:
             if type(threads) is not int or threads != 1:
@@ -123,8 +121,8 @@ class Kernel(Generic[Results]):
         except (JounceError, FloatingPointError, Warning):  # the latter where np.errstate or a filter asks for it
             raise
         except Exception as error:  # of NumPy, or whatever a foreign type raises in its conversion
-            self._refuse_names_and_masks(arrays, into or ())
-            self._refuse_shapes(arrays)
+            refuse_names_and_masks(repr(self), arrays, into or ())
+            refuse_shapes(repr(self), self.signature.inputs, arrays)
             raise JounceError(f"{self!r}: {one_line(error)}") from None
 
     def bind(self, *arrays: Floats, out: Floats | Sequence[Floats], **fixed: Never) -> Callable[[], None]:
@@ -161,8 +159,8 @@ class Kernel(Generic[Results]):
         if fixed:
             raise self._fixed_at_compile_time(fixed)
         results: list[Any] = list(out) if isinstance(out, tuple | list) else [out]
-        self._refuse_names_and_masks(arrays, results)
-        batch = self._check_bound(arrays, results)
+        refuse_names_and_masks(repr(self), arrays, results)
+        batch = bound_batch(repr(self), self.signature, arrays, results)
         everything = [*arrays, *results]
         steps = [array.strides[0] if batch else 0 for array in everything]
         within = [stride for array in everything for stride in array.strides[len(batch) :]]
@@ -207,8 +205,9 @@ class Kernel(Generic[Results]):
         Returns
         -------
         tuple of arrays
-            gq, gqd, ..., gW, ..., one for each input, in its unit under that of the weighted sum. Batch axes
-            broadcast: there is a gradient for each state, also by an input that all states share.
+            gq, gqd, ..., gW, ..., one for each input, in the unit of the weighted sum per unit of the input. Batch axes
+            broadcast: there is a gradient for each state, also by an input that all states share. Wrenches are constant
+            in the axes of their bodies while q varies.
 
         Raises
         ------
@@ -268,7 +267,7 @@ class Kernel(Generic[Results]):
         Raises
         ------
         JounceError
-            As of `vjp`.
+            As in `vjp`.
 
         References
         ----------
@@ -295,7 +294,7 @@ class Kernel(Generic[Results]):
         kernel = self._products.get(name)
         if kernel is None:
             kernel = self._products[name] = self._compile_product(name)
-        given = products.arguments(f"{name} of {self!r}", self.signature, kernel.signature, arrays, others)
+        given = of_product(f"{name} of {self!r}", self.signature, kernel.signature, arrays, others)
         return kernel, given
 
     def _compile_product(self, name: Product) -> "Kernel":
@@ -311,54 +310,6 @@ class Kernel(Generic[Results]):
                 f"{name} of {self!r} takes longer than {plan.PATIENCE:g} s to compile;"
                 f" robot.compile({', '.join(asked.keywords())}) compiles it once"
             ) from None
-
-    def _check_bound(self, arrays: Sequence[np.ndarray], out: Sequence[np.ndarray]) -> tuple[int, ...]:
-        """The batch shape of arrays to bind, checked as native code trusts them."""
-        taken, given = self.shapes
-        if (len(arrays), len(out)) != (len(taken), len(given)):
-            raise JounceError(
-                f"{self!r} binds {len(taken)} arrays and {len(given)} to write into, not {len(arrays)} and {len(out)}"
-            )
-        both = list(zip([*arrays, *out], [*taken, *given], strict=True))
-        labels = [*(port.name for port in self.signature.inputs), *(f"out[{k}]" for k in range(len(out)))]
-        for label, (array, shape) in zip(labels, both, strict=True):
-            if not isinstance(array, np.ndarray) or array.dtype != np.float64:
-                came = f"dtype {array.dtype}" if isinstance(array, np.ndarray) else f"type {type(array).__name__}"
-                one = f"numpy.zeros({getattr(array, 'shape', shape)})"
-                raise JounceError(
-                    f"{label} is of {came}, {one} is one to fill: {self!r} binds float64 arrays of NumPy only"
-                )
-        batch = both[0][0].shape[: -len(taken[0])]
-        wrong = [array.shape for array, shape in both if array.shape != (*batch, *shape)]
-        if wrong or len(batch) > 1:
-            expected = ", ".join(str(shape) for shape in (*taken, *given))
-            raise JounceError(
-                f"{self!r} binds arrays {expected}, all with one batch axis or none, not {wrong or batch}"
-            )
-        for k, result in enumerate(out):
-            if not result.flags.writeable or any(np.shares_memory(result, x) for x in [*arrays, *out[:k]]):
-                raise JounceError(f"out[{k}] is read-only or shares memory with another array; expected one of its own")
-        return batch
-
-    def _refuse_names_and_masks(self, arrays: Sequence[Any], out: Sequence[Any]) -> None:
-        if any(names.listed_in(x) is not None for x in (*arrays, *out)):
-            raise JounceError(
-                f"{self!r} takes arrays without names, in the order of its joints; a Robot's methods match names"
-            )
-        with suppress(RecursionError):  # of lists that hold themselves, which NumPy refuses
-            if is_masked(list(arrays)):
-                raise JounceError(f"{self!r} takes arrays without masks; x.astype(float).filled(numpy.nan) is one")
-            if is_masked(list(out)):
-                raise JounceError(f"{self!r} writes into arrays without masks; numpy.empty(shape) is one")
-
-    def _refuse_shapes(self, arrays: Sequence[Any]) -> None:
-        """Name the array whose shape does not fit; what is ragged, NumPy says."""
-        for port, x in zip(self.signature.inputs, arrays, strict=True):
-            with suppress(ValueError, RecursionError):
-                shape = np.shape(x)
-                if shape[max(0, len(shape) - len(port.shape)) :] != port.shape:
-                    expected = ", ".join(map(str, ("...", *port.shape)))
-                    raise JounceError(f"{self!r}: {port.name} has shape {shape}; expected ({expected})")
 
     def _fixed_at_compile_time(self, asked: Mapping[str, Any]) -> JounceError:
         own, other = ", ".join(self.computation.keywords()), ", ".join(f"{k}={quoted(x)}" for k, x in asked.items())

@@ -1,0 +1,86 @@
+"""Arguments of kernels: what does not fit is refused in words, and those of products are put in a row."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from jounce._scalars import is_masked
+from jounce.arguments import names
+from jounce.dynamics.computation import Port, Shape, Signature
+from jounce.errors import JounceError
+
+
+def refuse_names_and_masks(kernel: str, arrays: Sequence[Any], out: Sequence[Any]) -> None:
+    """Raise `JounceError` for arrays with names or masks, both of which NumPy would drop."""
+    if any(names.listed_in(x) is not None for x in (*arrays, *out)):
+        raise JounceError(
+            f"{kernel} takes arrays without names, in the order of its joints; a Robot's methods match names"
+        )
+    with suppress(RecursionError):  # of lists that hold themselves, which NumPy refuses
+        if is_masked(list(arrays)):
+            raise JounceError(f"{kernel} takes arrays without masks; x.astype(float).filled(numpy.nan) is one")
+        if is_masked(list(out)):
+            raise JounceError(f"{kernel} writes into arrays without masks; numpy.empty(shape) is one")
+
+
+def refuse_shapes(kernel: str, ports: Sequence[Port], arrays: Sequence[Any]) -> None:
+    """Raise `JounceError` for the first array whose last axes do not fit; what is ragged, NumPy refuses."""
+    for port, x in zip(ports, arrays, strict=True):
+        with suppress(ValueError, RecursionError):
+            shape = np.shape(x)
+            if shape[max(0, len(shape) - len(port.shape)) :] != port.shape:
+                expected = ", ".join(map(str, ("...", *port.shape)))
+                raise JounceError(f"{kernel}: {port.name} has shape {shape}; expected ({expected})")
+
+
+def bound_batch(kernel: str, signature: Signature, arrays: Sequence[np.ndarray], out: Sequence[np.ndarray]) -> Shape:
+    """Return the batch shape of arrays to bind, checked as native code trusts them."""
+    taken, given = ([port.shape for port in ports] for ports in (signature.inputs, signature.outputs))
+    if (len(arrays), len(out)) != (len(taken), len(given)):
+        raise JounceError(
+            f"{kernel} binds {len(taken)} arrays and {len(given)} to write into, not {len(arrays)} and {len(out)}"
+        )
+    both = list(zip([*arrays, *out], [*taken, *given], strict=True))
+    labels = [*(port.name for port in signature.inputs), *(f"out[{k}]" for k in range(len(out)))]
+    for label, (array, shape) in zip(labels, both, strict=True):
+        if not isinstance(array, np.ndarray) or array.dtype != np.float64:
+            came = f"dtype {array.dtype}" if isinstance(array, np.ndarray) else f"type {type(array).__name__}"
+            one = f"numpy.zeros({getattr(array, 'shape', shape)})"
+            raise JounceError(
+                f"{label} is of {came}, {one} is one to fill: {kernel} binds float64 arrays of NumPy only"
+            )
+    batch: Shape = both[0][0].shape[: -len(taken[0])]
+    wrong = [array.shape for array, shape in both if array.shape != (*batch, *shape)]
+    if wrong or len(batch) > 1:
+        expected = ", ".join(str(shape) for shape in (*taken, *given))
+        raise JounceError(f"{kernel} binds arrays {expected}, all with one batch axis or none, not {wrong or batch}")
+    for k, result in enumerate(out):
+        if not result.flags.writeable or any(np.shares_memory(result, x) for x in [*arrays, *out[:k]]):
+            raise JounceError(f"out[{k}] is read-only or shares memory with another array; expected one of its own")
+    return batch
+
+
+def of_product(caller: str, values: Signature, product: Signature, arrays: Any, others: Any) -> list[Any]:
+    """Return the arrays of a state, then its weights or directions, zeros in place of None.
+
+    Raises
+    ------
+    JounceError : if one of both is not a tuple of as many arrays as the signature of the product lists.
+    """
+    rest = product.inputs[len(values.inputs) :]
+    if len(rest) == 1 and type(others) not in (tuple, list):
+        others = (others,)
+    state = _listed(caller, "arrays", values.inputs, arrays)
+    given = _listed(caller, "weights" if rest[0].role == "weight" else "directions", rest, others)
+    return [*state, *(np.zeros(port.shape) if x is None else x for port, x in zip(rest, given, strict=True))]
+
+
+def _listed(caller: str, what: str, ports: Sequence[Port], given: Any) -> Sequence[Any]:
+    expected = f"expected a tuple of {len(ports)}: {', '.join(port.name for port in ports)}"
+    if type(given) not in (tuple, list):
+        raise JounceError(f"{caller}: {what} are of type {type(given).__name__}; {expected}")
+    if len(given) != len(ports):
+        raise JounceError(f"{caller}: there are {len(given)} {what}; {expected}")
+    return given
