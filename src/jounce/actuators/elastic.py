@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jounce._typing import Array, ArrayLike, Method, MotorQuantity, Named, Out, Rates, Results
-from jounce.actuators import dynamics, electrical, variable
+from jounce.actuators import dynamics, variable
 from jounce.actuators.dynamics import Accelerations, Energy
 from jounce.actuators.integrated import integrated_along
 from jounce.arguments.rates import checked_order
+from jounce.dynamics import electrical
 from jounce.dynamics.quantities import QUANTITIES, row_of
 from jounce.dynamics.stretch import elasticity_of
 from jounce.errors import JounceError

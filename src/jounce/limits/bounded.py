@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from jounce.actuators import electrical
 from jounce.arguments.requests import more_rates
+from jounce.dynamics import electrical
 from jounce.dynamics.quantities import FORCES, Quantity, row_of
 from jounce.errors import JounceError, listed, quoted
 from jounce.model.coordinates import coordinate_limits
