@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.actuators.stated import Stated, with_elasticity
+from jounce.actuators.parameters import ElasticParameters, with_elasticity
 from jounce.errors import JounceError, at, no_such, quoted
 from jounce.io.entries import Entry
 from jounce.model.antagonists import AntagonisticSprings
@@ -28,7 +28,7 @@ from jounce.model.springs import CubicSpring, DampedSpring, Spring, SpringTable
 
 SECTION = "elastic"
 FRICTION = {"viscous": 0.0, "friction": 0.0, "eps": EPS}  # keys of a motor's friction, and their defaults
-TERMS = Stated().damping_terms
+TERMS = ElasticParameters().damping_terms
 SPRINGS: tuple[tuple[type[CubicSpring | SpringTable], tuple[str, ...]], ...] = (
     (CubicSpring, ("k", "k3")),
     (SpringTable, ("deflections", "forces")),
@@ -50,7 +50,7 @@ def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
     with at(section.place):
         elastic = with_elasticity(
             mechanism,
-            Stated(
+            ElasticParameters(
                 **{**stated, "stiffness": found["stiffness"]},
                 motors=found["motor"] or None,
                 coupling=section.get("coupling", "spong").value,
