@@ -10,7 +10,8 @@ if TYPE_CHECKING:
     from jounce._codegen import codegen
     from jounce._report import Report, report
     from jounce._symbolic import symbolic
-    from jounce.actuators.elastic import ElasticAlong, ElasticRobot
+    from jounce.actuators.along import ElasticAlong
+    from jounce.actuators.elastic import ElasticRobot
     from jounce.errors import JounceError, JounceWarning
     from jounce.io.loading import load
     from jounce.io.motions.loading import load_motion
@@ -71,7 +72,7 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "CheckedLimit": "jounce.limits.check",
     "CubicSpring": "jounce.model.springs",
     "Drives": "jounce.model.drives",
-    "ElasticAlong": "jounce.actuators.elastic",
+    "ElasticAlong": "jounce.actuators.along",
     "ElasticRobot": "jounce.actuators.elastic",
     "Elasticity": "jounce.model.elasticity",
     "JounceError": "jounce.errors",

@@ -21,11 +21,11 @@ from jounce.model.springs import Spring, force_along, spring_of
 from jounce.spatial.series import Series, from_rate
 
 FIRST_STEP = 1e-3  # rad or m, of a search for a difference, doubled from step to step
-DOUBLINGS = 16
+DOUBLINGS = 16  # of that step, up to 30 rad or m
 HALVINGS, ROUNDS = 6, 8  # of a bracket, each round followed by an attempt with Newton's method
-PRECISE = 30  # halvings, for the least stiffness
-POLISHING = 6  # its steps
-ROUNDING = 1e-13
+PRECISE = 30  # halvings for the least stiffness: e to 1e-9 of a bracket, and the stiffness there to its square
+POLISHING = 6  # steps of Newton's method, which squares the error of a bracket halved 6 times in each
+ROUNDING = 1e-13  # relative, of a stiffness that both springs add up to
 MARGIN = 1e-9  # by which a stiffness must be above the least, where its rates are infinite
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
 DEGREE = 5  # of the spline through a table: its force has four continuous derivatives
-NODES = 40  # of the quadrature for the energy of a function
+NODES = 40  # of the quadrature for the energy of a function: exact for polynomials of degree 79
 FUNCTIONS = "+ - * / **, and the functions sin, cos, tanh, exp, sinh, cosh of NumPy"
 
 
