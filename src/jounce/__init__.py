@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from jounce.model.limits import Limits
     from jounce.model.mechanism import Mechanism
     from jounce.model.motors import Motor
-    from jounce.model.springs import CubicSpring, SpringFunction, SpringTable
+    from jounce.model.spring_table import SpringTable
+    from jounce.model.springs import CubicSpring, SpringFunction
     from jounce.motion import Motion
     from jounce.native.kernel import Kernel
     from jounce.robot import Robot
@@ -87,7 +88,7 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "Robot": "jounce.robot",
     "Slowdown": "jounce.limits.slowdown",
     "SpringFunction": "jounce.model.springs",
-    "SpringTable": "jounce.model.springs",
+    "SpringTable": "jounce.model.spring_table",
     "casadi_function": "jounce._casadi",
     "codegen": "jounce._codegen",
     "inertia_matrix": "jounce.spatial.inertia",

@@ -24,7 +24,8 @@ from jounce.model.drives import EPS
 from jounce.model.elasticity import Elasticity, Law
 from jounce.model.mechanism import Mechanism
 from jounce.model.motors import Motor
-from jounce.model.springs import CubicSpring, DampedSpring, Spring, SpringTable
+from jounce.model.spring_table import SpringTable
+from jounce.model.springs import CubicSpring, DampedSpring, Spring
 
 SECTION = "elastic"
 FRICTION = {"viscous": 0.0, "friction": 0.0, "eps": EPS}  # keys of a motor's friction, and their defaults
