@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+import sympy
 from files import refusal
 
 import jounce
@@ -270,6 +271,8 @@ def test_what_two_motors_cannot_do_is_refused(variable):
     )
     refusal(lambda: variable.motor_positions(*q[:3], stiffness=[1, 2]), "stiffness has shape (2,); expected (..., 1)")
     refusal(lambda: variable.motor_positions(*q[:3], stiffness={"joint2": 5}), "unknown joint with two motors 'joint2'")
+    symbols = [np.array(sympy.symbols("x y"))] * 5
+    refusal(lambda: variable.inverse_dynamics(*symbols, stiffness=S), "joint 'joint1': two springs of one joint need")
     low = "joint 'joint1': no setting has stiffness 200 at force", "it is above 3"
     refusal(lambda: variable.motor_positions(*q[:3], stiffness=200), *low)
     where = low[0], ", at t = 0.2 s"

@@ -18,7 +18,6 @@ from jounce.dynamics.quantities import QUANTITIES, row_of
 from jounce.dynamics.stretch import elasticity_of
 from jounce.errors import JounceError
 from jounce.model.inversion import UnreachableError
-from jounce.model.springs import DampedSpring
 from jounce.motion.motion import Motion
 from jounce.robot.along import Along, ForceBreak, Progress, forces_along
 from jounce.spatial.series import columns
@@ -109,7 +108,7 @@ def _of_integrals(
 ) -> tuple[Along, Rates, Rates]:
     """The forces of the links along a motion, and the motor positions and torques (N, m) from forces of all times."""
     m, e = robot.mechanism, elasticity_of(robot.mechanism)
-    shift = 1 if e.springs and all(isinstance(law, DampedSpring) for law in e.springs) else 2
+    shift = 1 if len(e.dampers) == m.n else 2
     links = forces_along(robot, motion, t, order + shift, method, progress)
     q, Q = columns(links.rates), columns(links.forces)
     setting = setting_of(m, _stiffness_over_time(robot, stiffness, len(links.t), order + 3))
