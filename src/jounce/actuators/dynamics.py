@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from jounce._scalars import Array, broadcast, reciprocal
-from jounce.actuators.carried import carried_accelerations
+from jounce.actuators.rotors import coupled_accelerations
 from jounce.arguments.rates import rates_of
 from jounce.arguments.wrenches import wrenches_of
 from jounce.dynamics import coupling, elastic, stretch
@@ -77,7 +77,7 @@ def accelerations(plant: "Robot", given: Sequence[Any], wrench: Any, method: str
     Q = stretch.on_joints(m, (force + rigid * drive)[..., None])[..., 0]
     if e.level is not None and e.motors:
         W = wrenches_of(m, wrench, 0, [q])
-        return Accelerations(*carried_accelerations(m, [q, qd, theta, thetad], force, drive - force, W))
+        return Accelerations(*coupled_accelerations(m, [q, qd, theta, thetad], force, drive - force, W))
     q2d = compute(plant, "forward_dynamics", (q, qd, Q), wrench=wrench, method=method)
     free = reciprocal(e.rotor + rigid) * (1 - rigid)  # a rigid joint may have no rotor
     theta2d = free * (drive - force) + rigid * q2d[..., joints]

@@ -13,7 +13,8 @@ from jounce.cli.output import progress, straight_columns, tell
 from jounce.errors import JounceError, quoted, shortened
 
 if TYPE_CHECKING:
-    from jounce.actuators.elastic import ElasticAlong, ElasticRobot
+    from jounce.actuators.along import ElasticAlong
+    from jounce.actuators.elastic import ElasticRobot
     from jounce.io.columns import Columns
     from jounce.motion import Motion
 
