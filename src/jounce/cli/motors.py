@@ -80,9 +80,10 @@ def motors(
         _by_joint("--stiffness", stiffness, links.joint_names), _by_joint("--rotor", rotor, links.joint_names)
     )
     path, e = motion.load(arm.robot, HIGHEST), arm.elasticity
+    names = motor_names(e, links.joint_names)
     with progress("motors") as show:
         along = arm.along(path, order=_order(arm, path), progress=show)
-    columns, peaks = _table(along, path, motor_names(e, links.joint_names))
+    columns, peaks = _table(along, path, names)
     tables.write(output, columns)
     units = [coordinate_units(arm.robot.mechanism)[j] for j in e.joints_of_motors]
     summary = {
@@ -99,7 +100,7 @@ def motors(
         ],
         "peaks": {name: {symbol: x for symbol, (x, _) in found.items()} for name, found in peaks.items()},
         "deviations": {name: {symbol: x for symbol, (_, x) in found.items()} for name, found in peaks.items()},
-        "units": dict(zip(motor_names(e, links.joint_names), units, strict=True)),
+        "units": dict(zip(names, units, strict=True)),
     }
     tell(summary, _in_words, as_json)
 
@@ -167,16 +168,9 @@ def _in_words(summary: dict[str, Any]) -> str:
     for name, peaks in summary["peaks"].items():
         unit = summary["units"][name]
         units = {"theta": unit, "thetad": f"{unit}/s", "tau": "N m" if unit == "rad" else "N", "i": "A", "u": "V"}
-        cells = []
-        for symbol in symbols:
-            spread = summary["deviations"][name].get(symbol)
-            said = (
-                f"{peaks[symbol]:.6g}" + (f" ± {float(f'{spread:.2g}'):g}" if spread else "")
-                if symbol in peaks
-                else "-"
-            )
-            cells.append(f"{said} {units[symbol]}" if symbol in peaks else said)
-        rows.append((name, *cells))
+        spreads = {symbol: f" ± {float(f'{x:.2g}'):g}" for symbol, x in summary["deviations"][name].items() if x}
+        cells = {symbol: f"{x:.6g}{spreads.get(symbol, '')} {units[symbol]}" for symbol, x in peaks.items()}
+        rows.append((name, *(cells.get(symbol, "-") for symbol in symbols)))
     along = f"{shortened(summary['robot'])} along {summary['motion']}"
     residual = "" if summary["residual"] is None else f", largest residual {summary['residual']:.2g}"
     return "\n".join([
