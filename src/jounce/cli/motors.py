@@ -32,8 +32,8 @@ OUT holds t and, seen from the links,
   NAME.i, NAME.u           its current and voltage, A and V, if the file
                            states constant, resistance and inductance
 and the standard deviations NAME.tau_sd, if the motion is smoothed. A joint
-with two motors has NAME_1 and NAME_2. OUT has a column break, if tau jumps or
-does not exist, as jounce run has it.
+with two motors has NAME_1 and NAME_2. A column break marks times at which tau
+jumps or does not exist, as in the output of jounce run.
 
 \b
 The motion needs q to q4d. A rotor's inertia is that seen from the link: its
