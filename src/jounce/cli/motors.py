@@ -9,7 +9,7 @@ import click
 from jounce.cli.breaks import break_data, breaks_in_words
 from jounce.cli.motions import AskedMotion, of_motion
 from jounce.cli.options import Asked, on_robot
-from jounce.cli.output import progress, straight_columns, tell
+from jounce.cli.output import check_distinct, progress, straight_columns, tell
 from jounce.errors import JounceError, quoted, shortened
 
 if TYPE_CHECKING:
@@ -73,8 +73,7 @@ def motors(
     from jounce.model.elasticity import motor_names
 
     tables.check_writable(output)
-    if output.resolve() == motion.path.resolve():
-        raise JounceError(f"{output}: the output file is the input file; choose another path")
+    check_distinct(output, motion.path)
     links = robot.load()
     arm = links.elastic(
         _by_joint("--stiffness", stiffness, links.joint_names), _by_joint("--rotor", rotor, links.joint_names)
