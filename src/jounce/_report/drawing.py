@@ -36,7 +36,7 @@ def drawing(s: Subject) -> dict[str, Any]:
     """What the page draws a robot by: its triangles, the data of its poses, and the space that it sweeps."""
     m, q = s.robot.mechanism, s.along.rates[0][s.frames]
     poses = s.robot.poses(q)
-    size = max(skeleton(m, poses[0]).size, LEAST_SIZE)
+    size = robot_size(m, poses[0])
     parts = parts_of(m, size)
     first = np.cumsum([0, *(len(part.vertices) for part in parts)])
     swept = [
@@ -60,6 +60,11 @@ def drawing(s: Subject) -> dict[str, Any]:
         ],
         "space": np.stack([lowest - MARGIN * size, highest + MARGIN * size], axis=1).tolist(),
     }
+
+
+def robot_size(m: Mechanism, poses: np.ndarray) -> float:
+    """The size of a robot at some poses of its bodies, m; never 0, so that lengths can be shares of it."""
+    return max(skeleton(m, poses).size, LEAST_SIZE)
 
 
 def parts_of(m: Mechanism, size: float) -> list[Part]:

@@ -8,8 +8,8 @@ import click
 from jounce.cli.limits import LIMITS, load
 from jounce.cli.motions import AskedMotion, of_motion
 from jounce.cli.options import Asked, on_robot
-from jounce.cli.output import tell
-from jounce.errors import JounceError, shortened
+from jounce.cli.output import check_distinct, tell
+from jounce.errors import shortened
 
 EPILOG = """\b
 Example:
@@ -38,8 +38,7 @@ def report(robot: Asked, motion: AskedMotion, limits: Path | None, output: Path,
     from jounce._report.page import check_installed, check_writable
 
     check_writable(output)
-    if output.resolve() == motion.path.resolve():
-        raise JounceError(f"{output}: the output file is the motion itself; choose another path")
+    check_distinct(output, motion.path)
     check_installed()
     arm, path = load(robot, motion, limits, order)
     page = _report.report(arm, path, order)
