@@ -195,6 +195,15 @@ def test_the_series_of_dampers_agrees_with_their_integral_to_its_last_term():
     refusal(lambda: slow.feedback_linearization(*state[:2], *state[:2], state[4]), "is not available with dampers")
 
 
+def test_dampers_may_be_replaced_and_taken_away():
+    arm = ROBOT.elastic(K, 0.1, damping=2.0)
+    other = arm.robot.elastic(damping={"joint1": 3.0}).elasticity
+    assert [law.damping for law in other.springs] == [3.0, 2.0]
+    q = smooth_step()(0.3, 4)
+    without = arm.robot.elastic(damping=0).inverse_dynamics(*q, **SLOW)
+    np.testing.assert_allclose(without, ROBOT.elastic(K, 0.1).inverse_dynamics(*q, **SLOW), rtol=1e-12)
+
+
 def test_a_motion_with_a_jump_leaves_deflections_continuous():
     """q2d jumps: the force does, and a damper bears it at once."""
     motion = Motion.piecewise([0, 0.5, 1], [[[0.4, 0.2], [-0.4, 0.3]], [[0, 0], [0.4, 0.2]], [[0, 0], [0.1, 0.05]]])

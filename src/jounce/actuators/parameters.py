@@ -116,7 +116,10 @@ def _level(coupling: object) -> int | None:
         return None
     if isinstance(coupling, int) and not isinstance(coupling, bool) and coupling >= 0:
         return coupling
-    raise JounceError(f"coupling is {quoted(coupling)}; expected 'spong', or the level of carried rotors: 0, 1, 2, ...")
+    raise JounceError(
+        f"coupling is {quoted(coupling)}; expected 'spong', or the level at which rotors and links are coupled:"
+        " 0, 1, 2, ..."
+    )
 
 
 def _with_motors(mechanism: Mechanism, e: Elasticity, rotor: object) -> Elasticity:
@@ -143,14 +146,18 @@ def _with_dampers(mechanism: Mechanism, e: Elasticity, stated: ElasticParameters
     terms = stated.damping_terms
     if not isinstance(terms, int) or isinstance(terms, bool) or terms < 1:
         raise JounceError(f"damping_terms is {quoted(terms)}; expected a whole number, 1 or more")
-    damping = _per_coordinate(mechanism, "damping", stated.damping, np.zeros(mechanism.n))
     springs: list[Law | None] = list(e.springs or (None,) * mechanism.n)
+    present = np.array([law.damping if isinstance(law, DampedSpring) else 0.0 for law in springs])
+    damping = _per_coordinate(mechanism, "damping", stated.damping, present)
     for j, (name, D) in enumerate(zip(mechanism.coordinates, damping.tolist(), strict=True)):
         if not 0 <= D < np.inf:
             raise JounceError(f"damping of joint {quoted(name)} is {D:g}; expected 0 or more, N m s/rad or N s/m")
+        law = springs[j]
+        spring = law.spring if isinstance(law, DampedSpring) else law
         if not D:
+            springs[j] = spring
             continue
-        spring = springs[j] if springs[j] or e.is_rigid[j] else CubicSpring(float(e.stiffness[j]))
+        spring = spring if spring or e.is_rigid[j] else CubicSpring(float(e.stiffness[j]))
         if not isinstance(spring, Spring):
             kind = "is rigid" if spring is None else "has two motors"
             raise JounceError(f"joint {quoted(name)} {kind}; expected no damper parallel to its spring")
