@@ -11,7 +11,7 @@ import numpy as np
 
 from jounce._typing import ArrayLike
 from jounce.actuators import damping
-from jounce.actuators.variable import setting_of, stiffnesses_of
+from jounce.actuators.variable import spring_inputs, stiffnesses_of
 from jounce.arguments.rates import checked_order, rates_in
 from jounce.dynamics import elastic, electrical
 from jounce.dynamics.quantities import QUANTITIES, row_of
@@ -111,11 +111,11 @@ def _of_integrals(
     shift = 1 if len(e.dampers) == m.n else 2
     links = forces_along(robot, motion, t, order + shift, method, progress)
     q, Q = columns(links.rates), columns(links.forces)
-    setting = setting_of(m, _stiffness_over_time(robot, stiffness, len(links.t), order + 3))
+    inputs = spring_inputs(m, _stiffness_over_time(robot, stiffness, len(links.t), order + 3))
     try:
-        setting = replace(setting, deflections=damping.integrate_deflections(robot, motion, links.t, method))
-        theta = elastic.motor_positions(m, q, lambda _: Q, setting)
-        tau = elastic.motor_torques(m, q, lambda _: Q, setting)
+        inputs = replace(inputs, deflections=damping.integrate_deflections(robot, motion, links.t, method))
+        theta = elastic.motor_positions(m, q, lambda _: Q, inputs)
+        tau = elastic.motor_torques(m, q, lambda _: Q, inputs)
         found = [[x[..., 0] for x in series.upto(k)] for series, k in ((theta, order + 2), (tau, order))]
     except UnreachableError as error:
         raise JounceError(f"{error}, at t = {links.t[error.state]:g} s") from None

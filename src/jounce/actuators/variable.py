@@ -11,7 +11,7 @@ from jounce.arguments.wrenches import wrenches_of
 from jounce.dynamics import elastic
 from jounce.dynamics.computation import Port, state_ports
 from jounce.dynamics.quantities import FORCES, State, row_of
-from jounce.dynamics.stretch import Setting, elasticity_of
+from jounce.dynamics.stretch import SpringInputs, elasticity_of
 from jounce.errors import JounceError, listed, one_of
 from jounce.model.mechanism import Mechanism
 from jounce.robot.generic import evaluate, results_into
@@ -44,7 +44,7 @@ def compute(robot: "Robot", name: str, given: Sequence[Any], stiffness: Any, wre
         wrenches = [w.reshape((*w.shape[:-2], 6 * m.nb, 1)) for w in arrays[len(q) : len(q) + len(W)]]
         x = State(columns(arrays[: len(q)]), Series.of(wrenches) if wrenches else None)
         Q = FORCES.law(way, m)(m, x).map(lambda Q: Q[..., None])
-        found = LAWS[name](m, x.q, lambda _: Q, setting_of(m, arrays[len(q) + len(W) :]))
+        found = LAWS[name](m, x.q, lambda _: Q, spring_inputs(m, arrays[len(q) + len(W) :]))
         return found.map(lambda x: x[..., 0])
 
     return results_into(evaluate(law, ports, [*q, *W, *S], order + 1, 36 * m.nb), out)
@@ -63,10 +63,10 @@ def stiffnesses_of(m: Mechanism, given: Any, count: int) -> list[np.ndarray]:
     return [_of_joints(term, names, rate_name("stiffness", k)) for k, term in enumerate(terms[:count])]
 
 
-def setting_of(m: Mechanism, S: Sequence[Array]) -> Setting:
+def spring_inputs(m: Mechanism, S: Sequence[Array]) -> SpringInputs:
     """What decides the deflections together with the forces, from S, Sd, ... (..., k)."""
     pairs = elasticity_of(m).pairs
-    return Setting(stiffness={j: Series.of([s[..., i : i + 1, None] for s in S]) for i, j in enumerate(pairs)})
+    return SpringInputs(stiffness={j: Series.of([s[..., i : i + 1, None] for s in S]) for i, j in enumerate(pairs)})
 
 
 def _of_joints(given: Any, names: Sequence[str], label: str) -> np.ndarray:

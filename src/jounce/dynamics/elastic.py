@@ -10,7 +10,7 @@ import numpy as np
 
 from jounce._scalars import Array, reciprocal
 from jounce.dynamics import coupling
-from jounce.dynamics.stretch import NOTHING, Setting, at_motors, elasticity_of, stretch
+from jounce.dynamics.stretch import NO_INPUTS, SpringInputs, at_motors, elasticity_of, stretch
 from jounce.errors import quoted
 from jounce.model import drives
 from jounce.model.mechanism import Mechanism
@@ -20,19 +20,19 @@ from jounce.spatial.series import Series
 Forces = Callable[[Series | None], Series]  # Q of the links' motion, with further wrenches that the bodies exert
 
 
-def motor_positions(m: Mechanism, q: Series, forces: Forces, setting: Setting = NOTHING) -> Series:
+def motor_positions(m: Mechanism, q: Series, forces: Forces, inputs: SpringInputs = NO_INPUTS) -> Series:
     """theta = q + delta, where the springs exert Q."""
-    return _motion(m, q, forces, setting)[0]
+    return _motion(m, q, forces, inputs)[0]
 
 
-def motor_torques(m: Mechanism, q: Series, forces: Forces, setting: Setting = NOTHING) -> Series:
+def motor_torques(m: Mechanism, q: Series, forces: Forces, inputs: SpringInputs = NO_INPUTS) -> Series:
     """tau = phi + B theta2d + F_m(thetad), phi = Q, and what rotors feel of the links that carry them."""
-    e, (theta, phi) = elasticity_of(m), _motion(m, q, forces, setting)
+    e, (theta, phi) = elasticity_of(m), _motion(m, q, forces, inputs)
     tau = phi + _column(e.of_motors.rotor) * theta.dot.dot + motor_friction(m, theta)
     return tau if e.level is None else tau + coupling.motor_reactions(m, q)
 
 
-def _motion(m: Mechanism, q: Series, forces: Forces, setting: Setting) -> tuple[Series, Series]:
+def _motion(m: Mechanism, q: Series, forces: Forces, inputs: SpringInputs) -> tuple[Series, Series]:
     """The motor positions, and the forces of the springs on the links, one row per motor.
 
     With rotors that links carry, Q holds their moments: at level 0 those of rotors that turn as their joints do, at
@@ -40,11 +40,11 @@ def _motion(m: Mechanism, q: Series, forces: Forces, setting: Setting) -> tuple[
     """
     level = elasticity_of(m).level
     if level is None:
-        delta, phi = stretch(m, forces(None), setting)
+        delta, phi = stretch(m, forces(None), inputs)
         return at_motors(m, q) + delta, phi
     theta = q
     for _ in range(level + 1):
-        delta, phi = stretch(m, forces(coupling.reaction_wrenches(m, q, theta)), setting)
+        delta, phi = stretch(m, forces(coupling.reaction_wrenches(m, q, theta)), inputs)
         theta = q + delta
     return theta, phi
 

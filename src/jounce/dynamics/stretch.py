@@ -28,14 +28,14 @@ Pull = tuple[Series, Series]  # the deflection of a spring, and its force
 
 
 @dataclass(frozen=True)
-class Setting:
-    """What decides deflections together with the forces, by coordinate."""
+class SpringInputs:
+    """What decides the deflections of springs together with their forces, by coordinate."""
 
     deflections: Mapping[int, Array] = field(default_factory=dict)  # of damped springs, (..., 1, 1), where integrated
     stiffness: Mapping[int, Series] = field(default_factory=dict)  # of joints with two motors, (..., 1, 1)
 
 
-NOTHING = Setting()
+NO_INPUTS = SpringInputs()
 
 
 def elasticity_of(m: Mechanism) -> Elasticity:
@@ -50,7 +50,7 @@ def at_motors(m: Mechanism, q: Series) -> Series:
     return q.map(lambda q: q[..., e.joints_of_motors, :]) if e.pairs else q
 
 
-def stretch(m: Mechanism, Q: Series, setting: Setting = NOTHING) -> Pull:
+def stretch(m: Mechanism, Q: Series, inputs: SpringInputs = NO_INPUTS) -> Pull:
     """The deflections of the springs that carry Q, and their forces, one row per motor."""
     e = elasticity_of(m)
     linear = reciprocal(e.stiffness)[:, None] * Q
@@ -62,7 +62,7 @@ def stretch(m: Mechanism, Q: Series, setting: Setting = NOTHING) -> Pull:
             pulls.append((rows(linear, j, j + 1), rows(Q, j, j + 1)))
         else:
             with _of_joint(m, j):
-                pulls += _pulls(law, rows(Q, j, j + 1), setting.deflections.get(j), setting.stiffness.get(j))
+                pulls += _pulls(law, rows(Q, j, j + 1), inputs.deflections.get(j), inputs.stiffness.get(j))
     delta, phi = (joined([pull[k] for pull in pulls], axis=-2) for k in (0, 1))
     return delta, phi
 
