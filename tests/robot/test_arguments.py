@@ -241,12 +241,13 @@ CASES: dict[str, Case] = {
     "check": (ROBOT.with_limits(effort=99).check, {"motion": SAMPLED}),
     "slowdown": (ROBOT.with_limits(effort=99).slowdown, {"motion": SAMPLED}),
     "retime": (ROBOT.with_limits(velocity=99, acceleration=99).retime, {"motion": SAMPLED, "margin": 0.01}),
+    "report": (jounce.report, {"robot": ROBOT, "motion": SAMPLED, "order": 0}),
     "locked": (ROBOT.locked, {"values": {"joint1": 0.0}}),
     "joint of locked": (lambda joint1: ROBOT.locked({"joint1": joint1}), {"joint1": 0.0}),
     "audit": (ROBOT.audit, {}),
     "compile": (
         ROBOT.compile,
-        {"quantity": "jacobian", "order": 0, "wrench": False, "body": "body1", "frame": "world"},
+        {"quantity": "jacobian", "order": 0, "wrench": False, "body": "body1", "frame": "world", "product": None},
     ),
     "kernel": (KERNEL, {"arrays": [0.1, 0.2], "out": None, "threads": 1}),
     "kernel in threads": (KERNEL, {"arrays": np.ones((4, 2)), "out": np.ones((4, 2)), "threads": 2}),
@@ -339,6 +340,7 @@ def test_every_argument_of_every_public_function_is_attacked():
         "Limits",
         "Mechanism",
         "Motion",
+        "Report",
         "Retiming",
         "Slowdown",
     }  # what calls return, exported for its name

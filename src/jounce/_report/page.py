@@ -150,9 +150,9 @@ def _order(motion: Motion, order: int | None) -> int:
     known = motion.curve.highest
     if order is None:
         return HIGHEST if known is None else max(0, min(HIGHEST, known - FIRST))
-    if isinstance(order, bool) or order not in range(HIGHEST + 1):
+    if isinstance(order, bool) or not isinstance(order, int | np.integer) or not 0 <= int(order) <= HIGHEST:
         raise JounceError(f"order is {quoted(order)}; expected 0, 1 or 2: the highest rate of Q on the page")
-    return order
+    return int(order)
 
 
 def _page(s: Subject) -> str:
