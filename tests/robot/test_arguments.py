@@ -241,6 +241,11 @@ CASES: dict[str, Case] = {
     "check": (ROBOT.with_limits(effort=99).check, {"motion": SAMPLED}),
     "slowdown": (ROBOT.with_limits(effort=99).slowdown, {"motion": SAMPLED}),
     "retime": (ROBOT.with_limits(velocity=99, acceleration=99).retime, {"motion": SAMPLED, "margin": 0.01}),
+    "ElasticRobot.with_limits": (ARM.with_limits, {"source": None}),
+    **{
+        f"ElasticRobot.{name}": (getattr(ARM.with_limits(motor_velocity=99), name), {"motion": SAMPLED})
+        for name in ("check", "slowdown")
+    },
     "report": (jounce.report, {"robot": ROBOT, "motion": SAMPLED, "order": 0}),
     "locked": (ROBOT.locked, {"values": {"joint1": 0.0}}),
     "joint of locked": (lambda joint1: ROBOT.locked({"joint1": joint1}), {"joint1": 0.0}),
