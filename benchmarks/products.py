@@ -1,4 +1,4 @@
-"""Products of the derivatives of Q, Qd, Q2d by all their inputs, beside the values themselves."""
+"""Products of the derivatives of Q, Qd, Q2d by all their inputs, next to the values themselves."""
 
 from collections.abc import Iterator
 from dataclasses import replace

@@ -18,9 +18,8 @@ import numpy as np
 from benchmarks.measure import Case, seconds
 from benchmarks.robots import states
 from jounce import JounceError, Robot, load
-from jounce.checks.reference.pinocchio import _build
+from jounce.checks.reference.pinocchio import build_model
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.quantities import QUANTITIES
 from jounce.native import forms
 from jounce.native.kernel import Kernel
 
@@ -86,16 +85,12 @@ ROWS = (
     Row("base_wrench", 0, lambda pin, m, d, x, f: pin.computeCentroidalMomentumTimeVariation(m, d, *x)),
 )  # fmt: skip
 
-DERIVATIVES = tuple(
-    row
-    for row in (
-        Row("forward_dynamics", 0, lambda pin, m, d, x, f: pin.aba(m, d, *x)),
-        Row("forward_dynamics", 2, lambda pin, m, d, x, f: pin.aba(m, d, *x)),
-        Row("inverse_dynamics_partials", 0, lambda pin, m, d, x, f: pin.computeRNEADerivatives(m, d, *x)),
-        Row("forward_dynamics_partials", 0, lambda pin, m, d, x, f: pin.computeABADerivatives(m, d, *x)),
-        Row("inverse_dynamics_partials", 2, lambda pin, m, d, x, f: pin.computeRNEADerivatives(m, d, *x), arms=True),
-    )
-    if row.method in QUANTITIES
+DERIVATIVES = (
+    Row("forward_dynamics", 0, lambda pin, m, d, x, f: pin.aba(m, d, *x)),
+    Row("forward_dynamics", 2, lambda pin, m, d, x, f: pin.aba(m, d, *x)),
+    Row("inverse_dynamics_partials", 0, lambda pin, m, d, x, f: pin.computeRNEADerivatives(m, d, *x)),
+    Row("forward_dynamics_partials", 0, lambda pin, m, d, x, f: pin.computeABADerivatives(m, d, *x)),
+    Row("inverse_dynamics_partials", 2, lambda pin, m, d, x, f: pin.computeRNEADerivatives(m, d, *x), arms=True),
 )
 
 
@@ -186,7 +181,7 @@ def _peer(path: str, robot: Robot, body: str, rows: Sequence[Row]) -> Iterator[C
     """The peer's calls, in the order of the rows; without a file it is given the data of the robot."""
     import pinocchio as pin
 
-    model = pin.buildModelFromUrdf(path) if path else _build(pin, robot.mechanism)
+    model = pin.buildModelFromUrdf(path) if path else build_model(pin, robot.mechanism)
     data, frame = model.createData(), model.getFrameId(body)
     x = tuple(np.random.default_rng(0).uniform(-1, 1, (3, model.nv)))
     for row in rows:

@@ -22,9 +22,9 @@ which batches beyond the caches need at least."""
 QUANTITIES = """Through the methods of Robot, batches into `out=`; in Pinocchio, called from Python, one state of the
 same quantity, or of the one that takes the same: its Coriolis matrix stands beside both of ours, the rate of its
 centroidal momentum beside the base wrench. Kernels are compiled once into an empty cache, and once read from it."""
-DERIVATIVES = """As above: forward dynamics beside Pinocchio's articulated bodies, partial derivatives beside those of
-its recursions. It has none of their rates: rows with rates stand beside its call without."""
-PRODUCTS = """Products of the derivatives of Q, Qd, Q2d by all inputs, of a batch of 1,000 states, beside the values of
+DERIVATIVES = """As above: forward dynamics next to Pinocchio's articulated bodies, partial derivatives next to those of
+its recursions. It computes no rates of them: rows with rates stand next to its call without rates."""
+PRODUCTS = """Products of the derivatives of Q, Qd, Q2d by all inputs, of a batch of 1,000 states, next to the values of
 Q, Qd, Q2d themselves."""
 MADE = """Seconds from the robot's numbers to the equations, once, each in a process that is stopped after {limit:g} s,
 and the operations on scalars that they take, shared subexpressions found by SymPy's cse, or by jounce's own trace."""

@@ -10,7 +10,8 @@ if TYPE_CHECKING:
     from jounce._codegen import codegen
     from jounce._report import Report, report
     from jounce._symbolic import symbolic
-    from jounce.actuators.elastic import ElasticAlong, ElasticRobot
+    from jounce.actuators.along import ElasticAlong
+    from jounce.actuators.elastic import ElasticRobot
     from jounce.errors import JounceError, JounceWarning
     from jounce.io.loading import load
     from jounce.io.motions.loading import load_motion
@@ -24,7 +25,8 @@ if TYPE_CHECKING:
     from jounce.model.limits import Limits
     from jounce.model.mechanism import Mechanism
     from jounce.model.motors import Motor
-    from jounce.model.springs import CubicSpring, SpringFunction, SpringTable
+    from jounce.model.spring_table import SpringTable
+    from jounce.model.springs import CubicSpring, SpringFunction
     from jounce.motion import Motion
     from jounce.native.kernel import Kernel
     from jounce.robot import Robot
@@ -71,7 +73,7 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "CheckedLimit": "jounce.limits.check",
     "CubicSpring": "jounce.model.springs",
     "Drives": "jounce.model.drives",
-    "ElasticAlong": "jounce.actuators.elastic",
+    "ElasticAlong": "jounce.actuators.along",
     "ElasticRobot": "jounce.actuators.elastic",
     "Elasticity": "jounce.model.elasticity",
     "JounceError": "jounce.errors",
@@ -80,13 +82,13 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "Limits": "jounce.model.limits",
     "Mechanism": "jounce.model.mechanism",
     "Motion": "jounce.motion",
-    "Report": "jounce._report",
     "Motor": "jounce.model.motors",
+    "Report": "jounce._report",
     "Retiming": "jounce.limits.retime",
     "Robot": "jounce.robot",
     "Slowdown": "jounce.limits.slowdown",
     "SpringFunction": "jounce.model.springs",
-    "SpringTable": "jounce.model.springs",
+    "SpringTable": "jounce.model.spring_table",
     "casadi_function": "jounce._casadi",
     "codegen": "jounce._codegen",
     "inertia_matrix": "jounce.spatial.inertia",

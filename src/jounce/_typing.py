@@ -56,7 +56,6 @@ DriveTerms: TypeAlias = bool | DriveTerm | Iterable[DriveTerm]
 Form: TypeAlias = Literal["paper", "skew"]
 Frame: TypeAlias = Literal["body", "world", "spatial"]
 LimitValues: TypeAlias = ArrayLike | Mapping[str, ArrayLike] | None
-Stated: TypeAlias = ArrayLike | Mapping[str, ArrayLike]  # of all coordinates, or by joint
 Coupling: TypeAlias = Literal["spong"] | int
 MotorQuantity: TypeAlias = Literal["motor_positions", "motor_torques"]
 LoadFrame: TypeAlias = Literal["world", "body"]

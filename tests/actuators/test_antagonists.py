@@ -7,7 +7,8 @@ import sympy
 from jounce.errors import JounceError
 from jounce.model.antagonists import AntagonisticSprings, deflection_series, deflections
 from jounce.model.inversion import UnreachableError
-from jounce.model.springs import CubicSpring, SpringFunction, SpringTable, force_along
+from jounce.model.spring_table import SpringTable
+from jounce.model.springs import CubicSpring, SpringFunction, force_along
 from jounce.spatial.series import Series
 
 K0, A = 40.0, 3.0

@@ -67,15 +67,14 @@ def test_the_2r_obeys_lagranges_equations():
     path = dict(zip(q, [sympy.cos(3 * t) / 2, sympy.sin(2 * t + 1)], strict=True))
     solved = [(-x.subs(y, 0) / x.diff(y)).subs(path).doit() for x, y in zip(links, theta, strict=True)]
     arm = elastic(DRIVEN.with_drives("damping"), K)
-    for at in (0.3, 1.1):
-        state, moved = (
-            np.array([[x.diff(t, k).evalf(subs={t: at}) for x in rates] for k in range(count)], dtype=float)
-            for rates, count in ((path.values(), 5), (solved, 3))
-        )
-        here = {**dict(zip(q, state[0], strict=True)), **dict(zip(theta, moved[0], strict=True))}
-        torques = [x.subs(y.diff(t, 2), a).subs(here) for x, y, a in zip(motors, theta, moved[2], strict=True)]
-        close(arm.motor_positions(*state), moved)
-        close(arm.inverse_dynamics(*state), np.array(torques, dtype=float) + DRIVES["damping"] * moved[1])
+    state, moved = (
+        np.array([[x.diff(t, k).evalf(subs={t: 0.3}) for x in rates] for k in range(count)], dtype=float)
+        for rates, count in ((path.values(), 5), (solved, 3))
+    )
+    here = {**dict(zip(q, state[0], strict=True)), **dict(zip(theta, moved[0], strict=True))}
+    torques = [x.subs(y.diff(t, 2), a).subs(here) for x, y, a in zip(motors, theta, moved[2], strict=True)]
+    close(arm.motor_positions(*state), moved)
+    close(arm.inverse_dynamics(*state), np.array(torques, dtype=float) + DRIVES["damping"] * moved[1])
 
 
 def test_rates_are_derivatives_with_loads_too(arm):

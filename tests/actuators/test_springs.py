@@ -10,7 +10,8 @@ import sympy
 from jounce.dynamics import deflections
 from jounce.errors import JounceError
 from jounce.model.inversion import UnreachableError, deflection
-from jounce.model.springs import CubicSpring, SpringFunction, SpringTable, force_along
+from jounce.model.spring_table import SpringTable
+from jounce.model.springs import CubicSpring, SpringFunction, force_along
 from jounce.spatial.series import Series
 
 CUBIC = CubicSpring(500.0, 2e4)

@@ -284,6 +284,8 @@ def test_the_example_of_the_help_runs_as_printed(verb, tmp_path, monkeypatch):
     assert examples
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("JOUNCE_CACHE_DIR", str(tmp_path / "kernels"))  # the tester's own is not cleared
+    if verb == ["view"]:  # which would play until it is interrupted
+        monkeypatch.setattr("jounce._view.viewer.run", lambda viewer, stopped: None)
     for words in examples:
         result = call(*words)
         assert (result.exit_code, result.stderr) == (0, ""), result.output

@@ -106,7 +106,9 @@ def test_every_public_name_of_a_robot_has_its_place_in_the_api():
     named = set(re.findall(r"::: jounce\.Robot\.(\w+)", pages))
     public = {name for name in dir(jounce.Robot) if not name.startswith("_")}
     assert listed | named == public
-    assert {f"::: jounce.{name}" for name in jounce.__all__ if name != "__version__"} <= set(pages.splitlines())
+    headed = [line for line in pages.splitlines() if line.startswith("::: ")]
+    assert {f"::: jounce.{name}" for name in jounce.__all__ if name != "__version__"} <= set(headed)
+    assert sorted(headed) == sorted(set(headed))  # a link to a name leads to one place
 
 
 def test_files_that_the_readme_links_to_exist():

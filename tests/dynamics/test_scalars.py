@@ -306,7 +306,7 @@ EVERY = [(quantity, method) for quantity in TABLE.values() for method in quantit
 def test_every_quantity_by_every_method_of_symbols(quantity, method):
     """Springs and armature included; a result without axes is a symbol. Dense products of symbols grow fast."""
     order = affordable(quantity, 2 if method == "recursion" and not quantity.elastic else 0)
-    robot = jounce.Robot(replace(sprung().mechanism, elasticity=springs(2)))
+    robot = sprung()
     q = np.random.default_rng(3).uniform(-1, 1, (quantity.rates + order, 2))
     compute = method_of(robot, quantity)
     symbols = symbols_of(robot, casadi.SX.sym, len(q) - 3)

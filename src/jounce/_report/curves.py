@@ -147,6 +147,7 @@ def _layout(s: Subject, charts: list[Chart], axes: list[str]) -> dict[str, Any]:
     """The charts above each other; the page sets the ranges of their axes, by the joints that are drawn."""
     count, grid = len(charts), {"gridcolor": "#e6e6e6", "zeroline": False, "linecolor": INK, "ticks": "outside"}
     time = {"title": {"text": "t [s]"}, "range": [s.motion.start, s.motion.stop]}
+    breaks = sorted({found.t for found in s.motion.breaks})
     time_axis = grid | time | {"anchor": "y" if count == 1 else f"y{count}"}
     layout: dict[str, Any] = {
         "height": HEIGHT * count + FOOT,
@@ -158,8 +159,8 @@ def _layout(s: Subject, charts: list[Chart], axes: list[str]) -> dict[str, Any]:
         "hovermode": "x",
         "dragmode": "zoom",
         "xaxis": time_axis,
-        "shapes": [_upright(t) for t in break_times(s)[:SHOWN_BREAKS]],
-    }  # fmt: skip
+        "shapes": [_upright(t) for t in breaks[:SHOWN_BREAKS]],
+    }
     for i, (chart, axis) in enumerate(zip(charts, axes, strict=True)):
         top = 1 - i / count
         layout[axis] = grid | {"domain": [top - 0.88 / count, top - 0.13 / count]}
@@ -168,11 +169,6 @@ def _layout(s: Subject, charts: list[Chart], axes: list[str]) -> dict[str, Any]:
             "xref": "paper", "x": 0, "xanchor": "left", "yref": "paper", "y": top - 0.12 / count, "yanchor": "bottom",
         })  # fmt: skip
     return layout
-
-
-def break_times(s: Subject) -> list[float]:
-    """When a derivative of the motion jumps."""
-    return sorted({found.t for found in s.motion.breaks})
 
 
 def powers(unit: str) -> str:

@@ -38,7 +38,7 @@ def drawing(s: Subject) -> dict[str, Any]:
     """What the page draws a robot by: its triangles, the data of its poses, and the space that it sweeps."""
     m, q = s.robot.mechanism, s.along.rates[0][s.frames]
     poses = s.robot.poses(q)
-    size = max(skeleton(m, poses[0]).size, LEAST_SIZE)
+    size = robot_size(m, poses[0])
     shown = {mesh.body for mesh in s.meshes.shapes}
     parts = [part for part in parts_of(m, size) if part.body not in shown]
     parts += [Part(*mesh, _colour(m, mesh.body)) for mesh in s.meshes.shapes]
@@ -78,6 +78,11 @@ def _solid(parts: list[Part]) -> dict[str, Any]:
 def outermost(points: np.ndarray) -> np.ndarray:
     """The points that are farthest in each of some directions: they span nearly the space that all do."""
     return points[np.unique((points @ DIRECTIONS).argmax(axis=0))]
+
+
+def robot_size(m: Mechanism, poses: np.ndarray) -> float:
+    """The size of a robot at some poses of its bodies, m; never 0, so that lengths can be shares of it."""
+    return max(skeleton(m, poses).size, LEAST_SIZE)
 
 
 def parts_of(m: Mechanism, size: float) -> list[Part]:

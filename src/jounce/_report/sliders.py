@@ -8,7 +8,7 @@ import numpy as np
 from jounce._codegen import generate
 from jounce._report.drawing import GROUND, tips
 from jounce._report.subject import Subject
-from jounce.model.coordinates import coordinate_units
+from jounce.model.coordinates import coordinate_limits, coordinate_units
 from jounce.model.limits import unit_of
 from jounce.model.mechanism import Mechanism
 from jounce.robot.robot import Robot
@@ -31,21 +31,26 @@ def sliders_code(robot: Robot) -> str:
 
 def sliders_data(s: Subject) -> dict[str, Any]:
     """The stretches of the joints, the points that may be pulled, and the bounds of Q."""
-    m, q = s.robot.mechanism, s.along.rates[0]
-    units = coordinate_units(m)
-    free = np.array([FREE[unit] for unit in units])
-    lower, upper = s.limits.bounds("position")
-    ends = _ends(m)
+    m, ends = s.robot.mechanism, _ends(s.robot.mechanism)
+    lower, upper = slider_ranges(m, s.along.rates[0])
     return {
-        "lower": np.minimum(np.where(np.isfinite(lower), lower, -free), q.min(axis=0)).tolist(),
-        "upper": np.maximum(np.where(np.isfinite(upper), upper, free), q.max(axis=0)).tolist(),
-        "units": [unit_of("effort", unit) for unit in units],
+        "lower": lower.tolist(),
+        "upper": upper.tolist(),
+        "units": [unit_of("effort", unit) for unit in coordinate_units(m)],
         "effort": [[x if np.isfinite(x) else None for x in row] for row in s.limits.bounds("effort").tolist()],
         "inertial": "effort" in s.limits.without_gravity,
         "ends": ends,
         "first": _first(m, ends),
         "force": _largest_force(m),
     }
+
+
+def slider_ranges(m: Mechanism, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The lowest and the highest coordinates of sliders: the limits, or those of a motion q (N, n) that goes beyond."""
+    bounds = coordinate_limits(m).bounds("position")
+    free = np.array([FREE[unit] for unit in coordinate_units(m)])
+    lower, upper = np.where(np.isfinite(bounds), bounds, [-free, free])
+    return q.min(axis=0, initial=np.inf).clip(max=lower), q.max(axis=0, initial=-np.inf).clip(min=upper)
 
 
 def end_names(m: Mechanism) -> list[str]:

@@ -120,16 +120,13 @@ def _quantities(
     spread = motion.deviations(along.t[frames], len(rates) - 1)
     values = dict(zip(MOTION_KINDS, rates, strict=False)) | dict(zip(EFFORT_KINDS, forces, strict=False))
     deviations = dict(zip(MOTION_KINDS, spread or (), strict=False))
-    deviations |= {
-        kind: rate[frames] for kind, rate in zip(EFFORT_KINDS, along.deviations or (), strict=False)
-    }  # fmt: skip
+    deviations |= {kind: rate[frames] for kind, rate in zip(EFFORT_KINDS, along.deviations or (), strict=False)}
     free = np.full((2, robot.n), [[-np.inf], [np.inf]])
     units = coordinate_units(robot.mechanism)
 
     def quantity(kind: str, values: np.ndarray, symbol: str, bounds: np.ndarray) -> Quantity:
-        return Quantity(
-            symbol, kind, tuple(unit_of(kind, unit) for unit in units), values, bounds, deviations.get(kind)
-        )
+        of_kind = tuple(unit_of(kind, unit) for unit in units)
+        return Quantity(symbol, kind, of_kind, values, bounds, deviations.get(kind))
 
     found = [
         quantity(kind, value, NAMES[kind], free if kind in limits.without_gravity else limits.bounds(kind))

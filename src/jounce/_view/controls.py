@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from jounce._report.sliders import slider_ranges
 from jounce._view.scene import Scene
 from jounce._view.track import Track
 from jounce.errors import escaped, shortened
@@ -12,22 +13,19 @@ from jounce.figures.canvas import COLOURS
 from jounce.model.coordinates import coordinate_limits, coordinate_units
 from jounce.robot import Robot
 
-FREE = {"rad": np.pi, "m": 0.5}  # how far a joint without limits may be moved either way
-POINTS = 400  # of a curve: it is sent anew as time goes by
+POINTS = 400  # of a curve: it is sent again as time goes by
 MARK = 1e-4  # of the duration: how wide the mark of the time is
 
 
 def joint_sliders(gui: Any, robot: Robot, along: Track | None) -> list[Any]:
-    """A slider for each joint: from limit to limit, as far as the motion goes, or a stretch that is easily seen."""
-    bounds = coordinate_limits(robot.mechanism).bounds("position")
+    """A slider for each joint: from limit to limit, and as far as the motion goes."""
+    q = np.zeros((0, robot.n)) if along is None else along.q
+    lowest, highest = slider_ranges(robot.mechanism, q)
+    starts = np.clip(0, lowest, highest) if along is None else q[0]
     found = []
-    for j, unit in enumerate(coordinate_units(robot.mechanism)):
-        lower, upper = np.where(np.isfinite(bounds[:, j]), bounds[:, j], [-FREE[unit], FREE[unit]]).tolist()
-        start = min(max(0.0, lower), upper)
-        if along is not None:
-            start = float(along.q[0, j])
-            lower, upper = min(lower, float(along.q[:, j].min())), max(upper, float(along.q[:, j].max()))
-        label = f"{escaped(shortened(robot.joint_names[j]))} [{unit}]"
+    columns = (robot.joint_names, coordinate_units(robot.mechanism), *(x.tolist() for x in (lowest, highest, starts)))
+    for name, unit, lower, upper, start in zip(*columns, strict=True):
+        label = f"{escaped(shortened(name))} [{unit}]"
         found.append(gui.add_slider(label, lower, upper, max((upper - lower) / 2000, 1e-9), start))
     return found
 

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce._report.drawing import GROUND, parts_of
+from jounce._report.drawing import GROUND, parts_of, robot_size
 from jounce._view.track import Track
 from jounce.errors import JounceError, listed
-from jounce.figures.drawing import skeleton
 from jounce.io.visuals import read_mesh, visuals_of
 from jounce.robot import Robot
 
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
 
 FORCE, MOMENT = (213, 94, 0), (0, 114, 178)
 LENGTH = 0.35  # of the robot's size: the longest arrow
-LEAST_SIZE = 1e-3  # m
 NONE = np.zeros((1, 2, 3))  # an arrow that is not seen
 
 
@@ -39,7 +37,7 @@ class Scene:
 def draw_scene(server: "viser.ViserServer", robot: Robot, file: Path, along: Track | None) -> Scene:
     """Draw a robot as its file shows it; links without shapes there are drawn from their joints and frames."""
     m = robot.mechanism
-    size = max(skeleton(m, np.asarray(robot.poses(np.zeros(robot.n)))).size, LEAST_SIZE)
+    size = robot_size(m, np.asarray(robot.poses(np.zeros(robot.n))))
     server.scene.add_grid("/grid", width=4 * size, height=4 * size, cell_size=size / 5, section_size=size)
     bodies, frames = [], []
     for i in range(m.nb):
@@ -55,7 +53,7 @@ def draw_scene(server: "viser.ViserServer", robot: Robot, file: Path, along: Tra
     colours = {"base force": FORCE, "base moment": MOMENT}
     colours |= {f"load {k}": FORCE for k in range(len(along.wrenches) if along is not None else 0)}
     arrows = {name: server.scene.add_arrows(f"/{name}", NONE, colour, **shape) for name, colour in colours.items()}
-    return Scene(robot, size, bodies, frames, arrows, _largest(robot, along), notes)
+    return Scene(robot, size, bodies, frames, arrows, _largest(robot, along, size), notes)
 
 
 def show(scene: Scene, now: Track) -> None:
@@ -74,14 +72,13 @@ def show(scene: Scene, now: Track) -> None:
         scene.arrows[name].points = np.array([[start, start + scale * vector]])
 
 
-def _largest(robot: Robot, along: Track | None) -> dict[str, float]:
+def _largest(robot: Robot, along: Track | None, size: float) -> dict[str, float]:
     """The largest force and moment that arrows show: along a motion, and the weight."""
     m = robot.mechanism
     weight = float(m.M[:, 3, 3].sum() * np.linalg.norm(np.asarray(m.gravity, dtype=float)))
     F = np.zeros((1, 6)) if along is None else along.F
     loads = [np.zeros((1, 6))] if along is None else [np.zeros((1, 6)), *along.wrenches.values()]
     forces = [np.linalg.norm(W[:, 3:], axis=1).max() for W in (F, *loads)]
-    size = max(skeleton(m, np.asarray(robot.poses(np.zeros(robot.n)))).size, LEAST_SIZE)
     moment = float(np.linalg.norm(F[:, :3], axis=1).max())
     return {"force": max(weight, *forces) or 1.0, "moment": max(moment, weight * size / 4) or 1.0}
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 HOST = "127.0.0.1"  # other machines see nothing
 PORT = 8080  # the first that is tried
-CURVES = 0.2  # s between two of these
+CURVES = 0.2  # s between two updates of the curves
 
 
 @dataclass(eq=False)

@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from jounce._scalars import Array, broadcast, reciprocal
-from jounce.actuators.carried import carried_accelerations
+from jounce.actuators.rotors import coupled_accelerations
 from jounce.arguments.rates import rates_of
 from jounce.arguments.wrenches import wrenches_of
 from jounce.dynamics import coupling, elastic, stretch
 from jounce.dynamics.stretch import elasticity_of
 from jounce.errors import JounceError, listed, quoted
-from jounce.model.antagonists import AntagonisticSprings
 from jounce.model.elasticity import motor_names
 from jounce.model.mechanism import Mechanism, cast_model
 from jounce.model.springs import DampedSpring
@@ -77,7 +76,7 @@ def accelerations(plant: "Robot", given: Sequence[Any], wrench: Any, method: str
     Q = stretch.on_joints(m, (force + rigid * drive)[..., None])[..., 0]
     if e.level is not None and e.motors:
         W = wrenches_of(m, wrench, 0, [q])
-        return Accelerations(*carried_accelerations(m, [q, qd, theta, thetad], force, drive - force, W))
+        return Accelerations(*coupled_accelerations(m, [q, qd, theta, thetad], force, drive - force, W))
     q2d = compute(plant, "forward_dynamics", (q, qd, Q), wrench=wrench, method=method)
     free = reciprocal(e.rotor + rigid) * (1 - rigid)  # a rigid joint may have no rotor
     theta2d = free * (drive - force) + rigid * q2d[..., joints]
@@ -116,9 +115,8 @@ def damping_error(robot: "Robot", given: Sequence[Any], wrench: Any) -> Array:
 def _check_linearizable(mechanism: Mechanism) -> None:
     """Raise `JounceError` if tau does not decide q4d alone, by static feedback."""
     e = elasticity_of(mechanism)
-    found = [law for law in e.springs if isinstance(law, DampedSpring | AntagonisticSprings)]
-    reason = f"coupling={e.level}" if e.level is not None else "dampers, or joints with two motors" if found else None
-    if reason:
+    if e.level is not None or e.dampers or e.pairs:
+        reason = "dampers, or joints with two motors" if e.level is None else f"coupling={e.level}"
         raise JounceError(
             f"feedback_linearization() is not available with {reason}; use coupling='spong' and springs without dampers"
         )
@@ -155,8 +153,7 @@ def _spring_force(m: Mechanism, q: Array, theta: Array, qd: Array, thetad: Array
     joints = elasticity_of(m).joints_of_motors
     delta = columns([theta - q[..., joints], thetad - qd[..., joints]])
     force = stretch.spring_force(m, delta)
-    damped = any(isinstance(law, DampedSpring) for law in elasticity_of(m).springs)
-    return [x[..., 0] for x in force.upto(0 if damped else 1)]
+    return [x[..., 0] for x in force.upto(0 if elasticity_of(m).dampers else 1)]
 
 
 def _friction(m: Mechanism, theta: Array, thetad: Array) -> Array:

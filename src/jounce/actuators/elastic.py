@@ -6,23 +6,18 @@ from functools import cached_property
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from jounce._typing import Array, ArrayLike, Method, MotorQuantity, Named, Out, Rates, Results
 from jounce.actuators import dynamics, variable
+from jounce.actuators.along import ElasticAlong, motors_along
 from jounce.actuators.dynamics import Accelerations, Energy
-from jounce.actuators.integrated import integrated_along
-from jounce.arguments.rates import checked_order
 from jounce.dynamics import electrical
-from jounce.dynamics.quantities import QUANTITIES, row_of
+from jounce.dynamics.quantities import QUANTITIES
 from jounce.dynamics.stretch import elasticity_of
 from jounce.errors import JounceError
 from jounce.model.elasticity import Elasticity
-from jounce.model.inversion import UnreachableError
 from jounce.motion.motion import Motion
 from jounce.native.kernel import Kernel
 from jounce.robot import overloads
-from jounce.robot.along import ForceBreak, forces_along
 from jounce.robot.dispatch import compute
 from jounce.robot.generic import results_into
 from jounce.robot.overloads import typed
@@ -33,50 +28,7 @@ if TYPE_CHECKING:
     from jounce.limits.slowdown import Slowdown
     from jounce.model.limits import Limits
 
-Electrical = tuple[np.ndarray, ...] | None
 POSITIONS, TORQUES = QUANTITIES["motor_positions"], QUANTITIES["motor_torques"]
-
-
-@dataclass(frozen=True, eq=False)
-class ElasticAlong:
-    """Motor positions and torques along a motion, and the states that they belong to. `ElasticRobot.along` makes one.
-
-    Attributes
-    ----------
-    t : (N,)
-        Times in s.
-    rates : tuple of (N, n)
-        q, qd, ..., q4d, ... of the motion: rad or m, per s, ...; at a break those after it.
-    positions : tuple of (N, n)
-        Motor positions theta, thetad, theta2d, ... seen from the links: rad or m, per s, ...
-    torques : tuple of (N, n)
-        Motor torques tau, taud, ...: N m, or N for coordinates in m, per s, ...; a tuple for order 0 too.
-    currents, voltages : tuple of (N, n), or None
-        Currents i, id, ... in A and voltages u, ud, ... in V, per s, ..., NaN for motors without a torque constant;
-        None if no motor has one. Voltages take a rate of tau more than currents, unless there is no inductance.
-    deviations : tuple of (N, n), or None
-        Standard deviations of the torques that follow from those of q, qd, ...; None where these are exact.
-    breaks : tuple of ForceBreak
-        Times at which tau or one of its rates jumps or does not exist, with order, jump and causes.
-
-    Examples
-    --------
-    >>> import jounce
-    >>> arm = jounce.load("iiwa14").elastic(1e4, rotor=0.4)
-    >>> along = arm.along(jounce.load_motion("paper", arm.robot), [0.0, 1.0])
-    >>> theta, thetad, theta2d = along.positions
-    >>> along.torques[0].shape
-    (2, 7)
-    """
-
-    t: np.ndarray
-    rates: tuple[np.ndarray, ...]
-    positions: tuple[np.ndarray, ...]
-    torques: tuple[np.ndarray, ...]
-    currents: Electrical = None
-    voltages: Electrical = None
-    deviations: tuple[np.ndarray, ...] | None = None
-    breaks: tuple[ForceBreak, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -504,22 +456,7 @@ class ElasticRobot:
         >>> tau.shape
         (10000, 7)
         """
-        e, options = self.elasticity, (method, progress)
-        if (e.dampers and e.level is None) or e.pairs:
-            links, theta, tau = integrated_along(self.robot, motion, t, checked_order(order), stiffness, *options)
-            return ElasticAlong(
-                links.t, links.rates, theta, tau, *electrical.outputs(e, theta, tau), breaks=links.breaks
-            )
-        try:
-            rows = [row_of(row.name, e.more_rates) for row in (POSITIONS, TORQUES)]
-            found = forces_along(self.robot, motion, t, order, *options, rows[1])
-            highest = len(found.rates) - rows[0].rates
-            theta = forces_along(self.robot, motion, found.t, highest, method, None, rows[0]).forces
-        except UnreachableError:
-            integrated_along(self.robot, motion, t, checked_order(order), None, *options)  # which tells the time
-            raise
-        outputs = electrical.outputs(e, theta, found.forces)
-        return ElasticAlong(found.t, found.rates, theta, found.forces, *outputs, found.deviations, found.breaks)
+        return motors_along(self.robot, motion, t, order, stiffness, method, progress)
 
     def with_limits(self, source: "str | PathLike[str] | Limits | None" = None, /, **limits: Any) -> "ElasticRobot":
         """The robot with some of its limits replaced, of motors too; see `Robot.with_limits`.

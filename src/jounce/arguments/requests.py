@@ -8,7 +8,6 @@ from jounce.dynamics.computation import PRODUCTS, Computation
 from jounce.dynamics.mobility import idle_coordinates
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.errors import JounceError, listed, no_such, one_of, true_or_false
-from jounce.model.antagonists import AntagonisticSprings
 from jounce.model.mechanism import DATA, Mechanism
 
 
@@ -72,7 +71,7 @@ def check_rates(quantity: str, order: int) -> None:
     row = QUANTITIES[quantity]
     if order > row.highest(order):
         inputs = ", ".join(row.input_names(row.rates))
-        raise JounceError(f"{quantity} has no rates, asked for is order {order}; expected {inputs} alone, order=0")
+        raise JounceError(f"{quantity} has no rates, but order {order} is requested; expected {inputs} alone, order=0")
 
 
 def check_invertible(mechanism: Mechanism, quantity: str) -> None:
@@ -96,7 +95,7 @@ def check_elastic(mechanism: Mechanism, quantity: str) -> None:
         raise JounceError(
             f"{quantity} of {mechanism.name!r}: its joints are rigid; robot.elastic(stiffness) makes them elastic"
         )
-    if any(isinstance(law, AntagonisticSprings) for law in mechanism.elasticity.springs):
+    if mechanism.elasticity.pairs:
         raise JounceError(
             f"{quantity} of {mechanism.name!r}: joints with two motors take a stiffness; use ElasticRobot's methods"
         )

@@ -39,8 +39,6 @@ def breaks_in_words(breaks: Sequence[dict[str, Any]]) -> list[str]:
         then += [f"{', '.join(missing)} do{'es' * (len(missing) == 1)} not exist"] if missing else []
         lines.append(f"break at t = {found['t']:.9g} s: {causes} jumps; {', '.join(then)}")
     rest = len(breaks) - SHOWN
-    return (
-        [*lines, f"and {rest} more break{'s' * (rest > 1)}; --json lists them, --blend replaces them"]
-        if rest > 0
-        else lines
-    )
+    if rest > 0:
+        lines.append(f"and {rest} more break{'s' * (rest > 1)}; --json lists them, --blend replaces them")
+    return lines

@@ -6,8 +6,8 @@ from typing import Any
 import click
 
 from jounce.cli.options import Asked, on_robot_without_drives
-from jounce.cli.output import tell
-from jounce.errors import JounceError, shortened
+from jounce.cli.output import check_distinct, tell
+from jounce.errors import shortened
 
 EPILOG = """\b
 Example:
@@ -32,8 +32,7 @@ def convert(robot: Asked, output: Path, as_json: bool) -> None:
     from jounce.io.saving import check_writable, save
 
     check_writable(output)
-    if output.resolve() == robot.path.resolve():
-        raise JounceError(f"{output}: the output file is the input file; choose another path")
+    check_distinct(output, robot.path)
     arm = robot.load()
     save(arm, output)
     m = arm.mechanism

@@ -7,8 +7,8 @@ import click
 
 from jounce.cli.motions import AskedMotion, of_motion
 from jounce.cli.options import Asked, on_robot_without_drives
-from jounce.cli.output import progress, tell
-from jounce.errors import JounceError, shortened
+from jounce.cli.output import check_distinct, progress, tell
+from jounce.errors import shortened
 
 EPILOG = """\b
 Example:
@@ -36,8 +36,7 @@ def motion(robot: Asked, motion: AskedMotion, output: Path, order: int, as_json:
     from jounce.io.motions.writing import pieces
 
     tables.check_writable(output)
-    if output.resolve() == motion.path.resolve():
-        raise JounceError(f"{output}: the output file is the input file; choose another path")
+    check_distinct(output, motion.path)
     arm = robot.load()
     path = motion.load(arm, max(order - 2, 0))
     with progress("rates") as show:

@@ -9,11 +9,12 @@ import click
 from jounce.cli.breaks import break_data, breaks_in_words
 from jounce.cli.motions import AskedMotion, of_motion
 from jounce.cli.options import Asked, on_robot
-from jounce.cli.output import progress, straight_columns, tell
+from jounce.cli.output import check_distinct, progress, straight_columns, tell
 from jounce.errors import JounceError, quoted, shortened
 
 if TYPE_CHECKING:
-    from jounce.actuators.elastic import ElasticAlong, ElasticRobot
+    from jounce.actuators.along import ElasticAlong
+    from jounce.actuators.elastic import ElasticRobot
     from jounce.io.columns import Columns
     from jounce.motion import Motion
 
@@ -32,8 +33,8 @@ OUT holds t and, seen from the links,
   NAME.i, NAME.u           its current and voltage, A and V, if the file
                            states constant, resistance and inductance
 and the standard deviations NAME.tau_sd, if the motion is smoothed. A joint
-with two motors has NAME_1 and NAME_2. OUT has a column break, if tau jumps or
-does not exist, as jounce run has it.
+with two motors has NAME_1 and NAME_2. A column break marks times at which tau
+jumps or does not exist, as in the output of jounce run.
 
 \b
 The motion needs q to q4d. A rotor's inertia is that seen from the link: its
@@ -73,16 +74,16 @@ def motors(
     from jounce.model.elasticity import motor_names
 
     tables.check_writable(output)
-    if output.resolve() == motion.path.resolve():
-        raise JounceError(f"{output}: the output file is the input file; choose another path")
+    check_distinct(output, motion.path)
     links = robot.load()
     arm = links.elastic(
         _by_joint("--stiffness", stiffness, links.joint_names), _by_joint("--rotor", rotor, links.joint_names)
     )
     path, e = motion.load(arm.robot, HIGHEST), arm.elasticity
+    names = motor_names(e, links.joint_names)
     with progress("motors") as show:
         along = arm.along(path, order=_order(arm, path), progress=show)
-    columns, peaks = _table(along, path, motor_names(e, links.joint_names))
+    columns, peaks = _table(along, path, names)
     tables.write(output, columns)
     units = [coordinate_units(arm.robot.mechanism)[j] for j in e.joints_of_motors]
     summary = {
@@ -99,7 +100,7 @@ def motors(
         ],
         "peaks": {name: {symbol: x for symbol, (x, _) in found.items()} for name, found in peaks.items()},
         "deviations": {name: {symbol: x for symbol, (_, x) in found.items()} for name, found in peaks.items()},
-        "units": dict(zip(motor_names(e, links.joint_names), units, strict=True)),
+        "units": dict(zip(names, units, strict=True)),
     }
     tell(summary, _in_words, as_json)
 
@@ -167,16 +168,9 @@ def _in_words(summary: dict[str, Any]) -> str:
     for name, peaks in summary["peaks"].items():
         unit = summary["units"][name]
         units = {"theta": unit, "thetad": f"{unit}/s", "tau": "N m" if unit == "rad" else "N", "i": "A", "u": "V"}
-        cells = []
-        for symbol in symbols:
-            spread = summary["deviations"][name].get(symbol)
-            said = (
-                f"{peaks[symbol]:.6g}" + (f" ± {float(f'{spread:.2g}'):g}" if spread else "")
-                if symbol in peaks
-                else "-"
-            )
-            cells.append(f"{said} {units[symbol]}" if symbol in peaks else said)
-        rows.append((name, *cells))
+        spreads = {symbol: f" ± {float(f'{x:.2g}'):g}" for symbol, x in summary["deviations"][name].items() if x}
+        cells = {symbol: f"{x:.6g}{spreads.get(symbol, '')} {units[symbol]}" for symbol, x in peaks.items()}
+        rows.append((name, *(cells.get(symbol, "-") for symbol in symbols)))
     along = f"{shortened(summary['robot'])} along {summary['motion']}"
     residual = "" if summary["residual"] is None else f", largest residual {summary['residual']:.2g}"
     return "\n".join([

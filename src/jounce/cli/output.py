@@ -5,12 +5,13 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from time import monotonic
 from typing import Any
 
 import click
 
-from jounce.errors import escaped, shortened
+from jounce.errors import JounceError, escaped, shortened
 
 PATIENCE = 1.0  # s without a sign of life
 
@@ -18,6 +19,12 @@ PATIENCE = 1.0  # s without a sign of life
 def styled(text: str, **style: Any) -> str:
     """Style a string for terminals (click strips it elsewhere), unless NO_COLOR is set."""
     return text if os.environ.get("NO_COLOR") else click.style(text, **style)
+
+
+def check_distinct(output: Path, source: Path) -> None:
+    """Raise `JounceError` if a command would write over the file that it reads."""
+    if output.resolve() == source.resolve():
+        raise JounceError(f"{output}: the output file is the input file; choose another path")
 
 
 def tell(data: Any, in_words: Callable[[Any], str], as_json: bool) -> None:

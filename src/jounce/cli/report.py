@@ -8,8 +8,8 @@ import click
 from jounce.cli.limits import LIMITS, load
 from jounce.cli.motions import AskedMotion, of_motion
 from jounce.cli.options import Asked, on_robot
-from jounce.cli.output import tell
-from jounce.errors import JounceError, shortened
+from jounce.cli.output import check_distinct, tell
+from jounce.errors import shortened
 
 EPILOG = """\b
 Example:
@@ -42,8 +42,7 @@ def report(robot: Asked, motion: AskedMotion, limits: Path | None, output: Path,
     from jounce.io.visuals import SUFFIX
 
     check_writable(output)
-    if output.resolve() == motion.path.resolve():
-        raise JounceError(f"{output}: the output file is the motion itself; choose another path")
+    check_distinct(output, motion.path)
     check_installed()
     arm, path = load(robot, motion, limits, order)
     visuals = robot.path if robot.path.suffix.lower() == SUFFIX else None

@@ -8,8 +8,8 @@ import click
 from jounce.cli.limits import LIMITS, load
 from jounce.cli.motions import AskedMotion, of_motion
 from jounce.cli.options import Asked, on_robot
-from jounce.cli.output import progress, straight_columns, tell
-from jounce.errors import JounceError, shortened
+from jounce.cli.output import check_distinct, progress, straight_columns, tell
+from jounce.errors import shortened
 
 EPILOG = """\b
 Example:
@@ -46,8 +46,7 @@ def retime(
     from jounce.io.motions.writing import pieces
 
     tables.check_writable(output)
-    if output.resolve() == motion.path.resolve():
-        raise JounceError(f"{output}: is the motion itself; expected another file to write into")
+    check_distinct(output, motion.path)
     if picture is not None:
         canvas.check_format(picture)
         files.check_writable(picture)

@@ -10,8 +10,8 @@ import click
 from jounce.cli.breaks import break_data, breaks_in_words
 from jounce.cli.motions import AskedMotion, of_motion
 from jounce.cli.options import Asked, on_robot
-from jounce.cli.output import progress, straight_columns, tell
-from jounce.errors import JounceError, shortened
+from jounce.cli.output import check_distinct, progress, straight_columns, tell
+from jounce.errors import shortened
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -76,8 +76,7 @@ def run(
     from jounce.robot.along import force_breaks
 
     tables.check_writable(output)
-    if output.resolve() == motion.path.resolve():
-        raise JounceError(f"{output}: the output file is the input file; choose another path")
+    check_distinct(output, motion.path)
     arm = robot.load()
     path = motion.load(arm, order)
     breaks = force_breaks(arm, path, path.times, order, method)

@@ -8,8 +8,8 @@ import click
 from jounce.cli.limits import LIMITS, load
 from jounce.cli.motions import AskedMotion, of_motion
 from jounce.cli.options import Asked, on_robot
-from jounce.cli.output import tell
-from jounce.errors import JounceError, shortened
+from jounce.cli.output import check_distinct, tell
+from jounce.errors import shortened
 
 EPILOG = """\b
 Example:
@@ -34,8 +34,7 @@ def slowdown(robot: Asked, motion: AskedMotion, limits: Path | None, output: Pat
 
     if output is not None:
         tables.check_writable(output)
-        if output.resolve() == motion.path.resolve():
-            raise JounceError(f"{output}: is the motion itself; expected another file to write into")
+        check_distinct(output, motion.path)
     arm, path = load(robot, motion, limits)
     slow = arm.slowdown(path)
     if output is not None:

@@ -24,7 +24,7 @@ Ctrl-C ends it. Only browsers on this machine see it.
 @of_optional_motion
 @click.option("--port", type=click.IntRange(0, 65535), help="Port of the server; default: a free one from 8080 on.")
 def view(robot: Asked, motion: AskedMotion | None, port: int | None) -> None:
-    """Show ROBOT in the browser, at rest where sliders of its joints say, or along MOTION.
+    """Show ROBOT in the browser, at rest at the positions of its sliders, or along MOTION.
 
     A URDF is shown by its meshes and shapes, other robots by their joints. Q, its curves along the motion, frames and
     wrenches are shown too.

@@ -11,8 +11,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from jounce._scalars import Array, reciprocal
+from jounce._scalars import Array
 from jounce.errors import JounceError
+from jounce.model.functions import inverse
 from jounce.model.inversion import deflection
 from jounce.model.springs import CubicSpring, Spring, force_along
 from jounce.spatial.series import Series, from_rate
@@ -38,11 +39,6 @@ def of_damped_spring(spring: Spring, damping: float, Q: Series, terms: int) -> l
 def of_moving_damper(spring: Spring, damping: float, Q: Series, delta: Array) -> Series:
     """The rates of a deflection that is known, from delta' = (Q - phi(delta)) / D."""
     return from_rate(delta, lambda delta: (Q - force_along(spring, delta)) * (1 / damping))
-
-
-def inverse(x: Series) -> Series:
-    """1 / x."""
-    return from_rate(reciprocal(x[0]), lambda y: -(y * y * x.dot))
 
 
 def check_series(sums: Sequence[Series], time_constant: float) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce._scalars import Array, element
-from jounce.actuators.stated import Stated, with_elasticity
+from jounce.actuators.parameters import ElasticParameters, with_elasticity
 from jounce.errors import JounceError
 from jounce.io import entries
 from jounce.io.native import reading
@@ -77,7 +77,7 @@ PANDA_STIFFNESS = (1000.0, 1000.0, 1000.0, 1000.0, 400.0, 400.0, 400.0)  # N m/r
 def panda_elastic(gravity: object = None) -> Mechanism:
     """The Panda with closed fingers and elastic joints."""
     arm = locked(_read("panda", gravity), {"panda_finger_joint1": 0.0})
-    stated = Stated(stiffness=PANDA_STIFFNESS, rotor=PANDA_ROTORS)
+    stated = ElasticParameters(stiffness=PANDA_STIFFNESS, rotor=PANDA_ROTORS)
     return replace(with_elasticity(arm, stated), name="panda_elastic")
 
 

@@ -160,8 +160,8 @@ def _check_data(robot: "Robot", limits: Limits, kinds: Sequence[str]) -> None:
     """Raise `JounceError` where currents or voltages of a motor are limited that states no data for them."""
     e = robot.mechanism.elasticity
     for kind, needed in {"motor_current": ["constant"], "motor_voltage": ["constant", "resistance"]}.items():
-        bounded = np.isfinite(limits.bounds(kind)).any(axis=0) & (kind in kinds)
-        for j in np.flatnonzero(bounded).tolist():
+        limited = np.isfinite(limits.bounds(kind)).any(axis=0) & (kind in kinds)
+        for j in np.flatnonzero(limited).tolist():
             motor = e.motors[j] if e and e.motors else None
             if lacking := [name for name in needed if motor is None or getattr(motor, name) is None]:
                 raise JounceError(

@@ -13,18 +13,19 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import is_numeric, reciprocal
+from jounce._scalars import is_numeric
 from jounce.errors import JounceError
+from jounce.model.functions import inverse
 from jounce.model.inversion import UnreachableError, rising_root
 from jounce.model.springs import Spring, force_along, spring_of
 from jounce.spatial.series import Series, from_rate
 
 FIRST_STEP = 1e-3  # rad or m, of a search for a difference, doubled from step to step
-DOUBLINGS = 16
+DOUBLINGS = 16  # of that step, up to 30 rad or m
 HALVINGS, ROUNDS = 6, 8  # of a bracket, each round followed by an attempt with Newton's method
-PRECISE = 30  # halvings, for the least stiffness
-POLISHING = 6  # its steps
-ROUNDING = 1e-13
+PRECISE = 30  # halvings for the least stiffness: e to 1e-9 of a bracket, and the stiffness there to its square
+POLISHING = 6  # steps of Newton's method, which squares the error of a bracket halved 6 times in each
+ROUNDING = 1e-13  # relative, of a stiffness that both springs add up to
 MARGIN = 1e-9  # by which a stiffness must be above the least, where its rates are infinite
 
 
@@ -118,9 +119,8 @@ def deflection_series(springs: AntagonisticSprings, Q: Series, S: Series) -> tup
     def rates() -> tuple[Series, Series]:
         p1, c1 = (force_along(springs.first, first, j) for j in (1, 2))
         p2, c2 = (force_along(springs.second, second, j) for j in (1, 2))
-        det = p1 * c2 - p2 * c1
-        inverse = from_rate(reciprocal(det[0]), lambda y: -(y * y * det.dot))
-        return (c2 * Q.dot - p2 * S.dot) * inverse, (p1 * S.dot - c1 * Q.dot) * inverse
+        factor = inverse(p1 * c2 - p2 * c1)
+        return (c2 * Q.dot - p2 * S.dot) * factor, (p1 * S.dot - c1 * Q.dot) * factor
 
     first = from_rate(d1, lambda _: rates()[0])
     second = from_rate(d2, lambda _: rates()[1])
@@ -192,9 +192,9 @@ def _polish(
     for _ in range(POLISHING):
         one, two = springs.first._derivatives(d[0]), springs.second._derivatives(d[1])
         force, stiffness = Q - one[0] - two[0], S - one[1] - two[1]
-        inverse = 1 / (one[1] * two[2] - two[1] * one[2])
+        factor = 1 / (one[1] * two[2] - two[1] * one[2])
         d = (
-            d[0] + (two[2] * force - two[1] * stiffness) * inverse,
-            d[1] + (one[1] * stiffness - one[2] * force) * inverse,
+            d[0] + (two[2] * force - two[1] * stiffness) * factor,
+            d[1] + (one[1] * stiffness - one[2] * force) * factor,
         )
     return d, np.abs(stiffness)

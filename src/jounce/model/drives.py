@@ -16,10 +16,11 @@ from operator import add
 
 import numpy as np
 
-from jounce._scalars import Array, is_finite, tanh
+from jounce._scalars import Array, is_finite
 from jounce._typing import DriveTerm, Floats
 from jounce.errors import JounceError, listed, one_of, quoted, several, warn
-from jounce.spatial.series import Series, from_rate
+from jounce.model.functions import hyperbolic_tangent
+from jounce.spatial.series import Series
 
 Coefficients = Mapping[str, Array]  # columns, one entry per joint
 
@@ -67,7 +68,7 @@ COEFFICIENTS = ("armature", "damping", "friction", "slope", "stiffness", "rest")
 LAWS: dict[DriveTerm, Callable[[Coefficients, Series], Series]] = {
     "armature": lambda c, theta: c["armature"] * theta.dot.dot,
     "damping": lambda c, theta: c["damping"] * theta.dot,
-    "friction": lambda c, theta: c["friction"] * _tanh(c["slope"] * theta.dot),
+    "friction": lambda c, theta: c["friction"] * hyperbolic_tangent(c["slope"] * theta.dot),
     "spring": lambda c, theta: c["stiffness"] * (theta - c["rest"]),
 }
 PARTIALS: dict[DriveTerm, tuple[int, Callable[[Coefficients, Series], Series]]] = {  # by which rate of theta, and it
@@ -110,13 +111,9 @@ def partials(c: Coefficients, terms: Sequence[str], theta: Series) -> tuple[Seri
     return found[0], found[1], found[2]
 
 
-def _tanh(x: Series) -> Series:
-    return from_rate(tanh(x[0]), lambda y: (-(y * y) + 1) * x.dot)
-
-
 def _over_cosh_squared(x: Series) -> Series:
     """1 / cosh(x)^2, the derivative of tanh."""
-    y = _tanh(x)
+    y = hyperbolic_tangent(x)
     return -(y * y) + 1
 
 

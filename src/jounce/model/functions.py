@@ -1,4 +1,4 @@
-"""Programs evaluated on time series: the rates of any function that is recorded on a tape."""
+"""Functions of quantities that vary in time, with their rates, and those of any program that is recorded on a tape."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -9,16 +9,21 @@ from jounce.program.program import Program
 from jounce.spatial.series import Series, from_rate
 
 
-def _sine(x: Series) -> Series:
+def sine_cosine(x: Series) -> tuple[Series, Series]:
+    """Sine and cosine, each the rate of the other."""
     S = from_rate(sin(x[0]), lambda _: C * x.dot)
     C = from_rate(cos(x[0]), lambda _: -(S * x.dot))
-    return S
+    return S, C
 
 
-def _cosine(x: Series) -> Series:
-    S = from_rate(sin(x[0]), lambda _: C * x.dot)
-    C = from_rate(cos(x[0]), lambda _: -(S * x.dot))
-    return C
+def inverse(x: Series) -> Series:
+    """1 / x, entry by entry."""
+    return from_rate(reciprocal(x[0]), lambda y: -(y * y * x.dot))
+
+
+def hyperbolic_tangent(x: Series) -> Series:
+    """The hyperbolic tangent."""
+    return from_rate(tanh(x[0]), lambda y: (-(y * y) + 1) * x.dot)
 
 
 RULES: Mapping[str, Callable[..., Series]] = {
@@ -26,10 +31,10 @@ RULES: Mapping[str, Callable[..., Series]] = {
     "add": lambda x, y: x + y,
     "sub": lambda x, y: x - y,
     "neg": lambda x: -x,
-    "inv": lambda x: from_rate(reciprocal(x[0]), lambda y: -(y * y * x.dot)),
-    "sin": _sine,
-    "cos": _cosine,
-    "tanh": lambda x: from_rate(tanh(x[0]), lambda y: (-(y * y) + 1) * x.dot),
+    "inv": inverse,
+    "sin": lambda x: sine_cosine(x)[0],
+    "cos": lambda x: sine_cosine(x)[1],
+    "tanh": hyperbolic_tangent,
     "exp": lambda x: from_rate(exp(x[0]), lambda y: y * x.dot),
 }
 

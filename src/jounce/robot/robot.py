@@ -24,7 +24,6 @@ from jounce._typing import (
     QuantityName,
     Rates,
     Results,
-    Stated,
 )
 from jounce.arguments import requests
 from jounce.arguments.limits import with_limits
@@ -1127,7 +1126,7 @@ class Robot:
         return retime(self, motion, margin)
 
     def elastic(
-        self, stiffness: Stated | None = None, rotor: Stated | None = None, damping: Stated | None = None,
+        self, stiffness: Named | None = None, rotor: Named | None = None, damping: Named | None = None,
         spring: "SpringLaw | Mapping[str, SpringLaw] | None" = None, coupling: Coupling = "spong",
         motors: "Motor | Mapping[str, Motor] | None" = None, *, damping_terms: int = 4,
     ) -> "ElasticRobot":  # fmt: skip
@@ -1190,10 +1189,9 @@ class Robot:
         array([0.036788, 0.01635 ])
         """
         from jounce.actuators.elastic import ElasticRobot  # what few programs need
-        from jounce.actuators.stated import Stated as StatedElasticity
-        from jounce.actuators.stated import with_elasticity
+        from jounce.actuators.parameters import ElasticParameters, with_elasticity
 
-        stated = StatedElasticity(
+        stated = ElasticParameters(
             stiffness=stiffness, rotor=rotor, damping=damping, spring=spring, coupling=coupling, motors=motors,
             damping_terms=damping_terms,
         )  # fmt: skip

@@ -40,10 +40,11 @@ def of_data(mechanism: Mechanism) -> Peer:
     """The model of our data."""
     import pinocchio as pin
 
-    return _peer(pin, mechanism, _build(pin, mechanism), OUR_DATA)
+    return _peer(pin, mechanism, build_model(pin, mechanism), OUR_DATA)
 
 
-def _build(pin: Any, mechanism: Mechanism) -> Any:
+def build_model(pin: Any, mechanism: Mechanism) -> Any:
+    """Return the model of a mechanism's data."""
     chain, model = on_axes(mechanism), pin.Model()
     model.gravity.linear = chain.gravity
     numbers = {-1: 0}

@@ -33,7 +33,7 @@ Partials = tuple[Series, Series, Series]  # K, D, M: by q, qd and q2d
 
 
 @dataclass(frozen=True)
-class _Carried:
+class _Subtree:
     """The bodies that a joint carries, and the joint itself, in its body frame; rates are those in space."""
 
     joint: Joint
@@ -67,25 +67,25 @@ def partials(mechanism: Mechanism, q: Series, W: Series | None = None) -> Partia
     Pi = composites(tree, [Series.constant(Pi_i) for Pi_i in moment_matrix(chain.M)], Joint.moments)
     p = composites(tree, [M_i @ V_i for M_i, V_i in zip(chain.M, V, strict=True)], Joint.wrenches)
     loads = None if W is None else composites(tree, _loads(mechanism, chain, W), Joint.wrenches)
-    carried = []
+    subtrees = []
     for i, joint in enumerate(tree):
         flow = V[i].map(_wedge) @ Pi[i]
         F = p[i].dot + _cross(V[i], p[i]) - _wrench(field[i].map(_wedge) @ Pi[i])
         F = F if loads is None else F + loads[i]
         S_rate = -(joint.ad_X @ V[i])
         A = -(joint.ad_X @ accelerations[i]) + V[i].map(_ad) @ S_rate
-        carried.append(_Carried(joint, Pi[i], Pi[i].dot + flow + flow.mT, p[i], F, S_rate, A))
-    return _projected(chain, q, carried, [*V, *field, *Pi[::-1], *p[::-1]])
+        subtrees.append(_Subtree(joint, Pi[i], Pi[i].dot + flow + flow.mT, p[i], F, S_rate, A))
+    return _projected(chain, q, subtrees, [*V, *field, *Pi[::-1], *p[::-1]])
 
 
-def _projected(chain: Mechanism, q: Series, carried: Sequence[_Carried], before: Sequence[Series]) -> Partials:
+def _projected(chain: Mechanism, q: Series, subtrees: Sequence[_Subtree], before: Sequence[Series]) -> Partials:
     """Transport the wrenches of the joints inward, and project them onto the screws."""
-    tree = [x.joint for x in carried]
+    tree = [x.joint for x in subtrees]
     momenta, reactions, changes = (
-        collect(tree, [wrench(x) for x in carried])
-        for wrench in (_Carried.momentum, _Carried.reaction, _Carried.change)
+        collect(tree, [wrench(x) for x in subtrees])
+        for wrench in (_Subtree.momentum, _Subtree.reaction, _Subtree.change)
     )
-    S, S_rate, A = [Series.constant(x.joint.X) for x in carried], [x.S_rate for x in carried], [x.A for x in carried]
+    S, S_rate, A = [Series.constant(x.joint.X) for x in subtrees], [x.S_rate for x in subtrees], [x.A for x in subtrees]
     M, by_rate = project(S, momenta), project(S_rate, momenta) * 2 + project(S, reactions)
     by_place = project(A, momenta) + project(S_rate, reactions)
     K = project(S, changes) + above(by_place).mT

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.actuators.stated import Stated, with_elasticity
+from jounce.actuators.parameters import ElasticParameters, with_elasticity
 from jounce.errors import JounceError, at, no_such, quoted
 from jounce.io.entries import Entry
 from jounce.model.antagonists import AntagonisticSprings
@@ -24,11 +24,12 @@ from jounce.model.drives import EPS
 from jounce.model.elasticity import Elasticity, Law
 from jounce.model.mechanism import Mechanism
 from jounce.model.motors import Motor
-from jounce.model.springs import CubicSpring, DampedSpring, Spring, SpringTable
+from jounce.model.spring_table import SpringTable
+from jounce.model.springs import CubicSpring, DampedSpring, Spring
 
 SECTION = "elastic"
 FRICTION = {"viscous": 0.0, "friction": 0.0, "eps": EPS}  # keys of a motor's friction, and their defaults
-TERMS = Stated().damping_terms
+TERMS = ElasticParameters().damping_terms
 SPRINGS: tuple[tuple[type[CubicSpring | SpringTable], tuple[str, ...]], ...] = (
     (CubicSpring, ("k", "k3")),
     (SpringTable, ("deflections", "forces")),
@@ -50,7 +51,7 @@ def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
     with at(section.place):
         elastic = with_elasticity(
             mechanism,
-            Stated(
+            ElasticParameters(
                 **{**stated, "stiffness": found["stiffness"]},
                 motors=found["motor"] or None,
                 coupling=section.get("coupling", "spong").value,

@@ -1,4 +1,4 @@
-"""The springs and motors of a robot from what a caller states and from the drive trains of its file, checked."""
+"""The springs and motors of a robot from the arguments of `Robot.elastic`, checked."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from jounce._scalars import asarray, is_numeric
+from jounce.actuators.drive_trains import elasticity_of_drives
 from jounce.dynamics.coupling import GROUND
 from jounce.errors import JounceError, at, listed, one_of, quoted, warn
 from jounce.model.antagonists import AntagonisticSprings
 from jounce.model.coordinates import coordinate_units
-from jounce.model.drives import EPS
 from jounce.model.elasticity import Elasticity, Law
 from jounce.model.mechanism import Mechanism
 from jounce.model.motors import Motor
@@ -21,8 +21,8 @@ ON_MOTORS = ("armature", "damping", "friction")  # terms of the drives that act 
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stated:
-    """What a caller states of the springs and motors of a robot, unchecked: the arguments of `Robot.elastic`."""
+class ElasticParameters:
+    """The arguments of `Robot.elastic`, unchecked."""
 
     stiffness: object = None
     rotor: object = None
@@ -33,12 +33,12 @@ class Stated:
     damping_terms: object = 4
 
 
-NOTHING = tuple(vars(Stated()).values())
+NOTHING = tuple(vars(ElasticParameters()).values())
 
 
-def with_elasticity(mechanism: Mechanism, stated: Stated) -> Mechanism:
+def with_elasticity(mechanism: Mechanism, stated: ElasticParameters) -> Mechanism:
     """Return the mechanism with springs between motors and links: terms of the drives that act on motors leave Q."""
-    e = mechanism.elasticity or _of_drives(mechanism)
+    e = mechanism.elasticity or elasticity_of_drives(mechanism)
     if mechanism.elasticity and all(x is y for x, y in zip(vars(stated).values(), NOTHING, strict=True)):
         return mechanism  # its own springs and motors stay
     kept = mechanism.elasticity is not None and stated.stiffness is None and stated.spring is None
@@ -89,7 +89,7 @@ def _motors(mechanism: Mechanism, given: object, e: Elasticity) -> tuple[Motor |
     return tuple(by_joint.get(name) for name in joints)
 
 
-def _stiffness(mechanism: Mechanism, stated: Stated, springs: Sequence[object]) -> np.ndarray:
+def _stiffness(mechanism: Mechanism, stated: ElasticParameters, springs: Sequence[object]) -> np.ndarray:
     """The stiffnesses (n,), those of other springs at rest; without any, joints are rigid."""
     given: Any = {} if stated.stiffness is None else stated.stiffness
     if stated.stiffness is None and not any(springs):
@@ -136,7 +136,7 @@ def _with_motors(mechanism: Mechanism, e: Elasticity, rotor: object) -> Elastici
     return replace(e, **found)
 
 
-def _with_dampers(mechanism: Mechanism, e: Elasticity, stated: Stated) -> Elasticity:
+def _with_dampers(mechanism: Mechanism, e: Elasticity, stated: ElasticParameters) -> Elasticity:
     """Springs with the dampers that are parallel to them."""
     if stated.damping is None:
         return e
@@ -214,44 +214,3 @@ def _check(mechanism: Mechanism, e: Elasticity, rotor: object) -> None:
         if not 0 < B < np.inf:
             expected = f"a positive number, {'kg m^2' if rad else 'kg'} as seen from the link"
             raise JounceError(f"rotor of {joint} is {B:g}; expected {expected}")
-
-
-def _of_drives(mechanism: Mechanism) -> Elasticity:
-    """Rigid joints with the armature of the drive trains as rotors, and the damping and friction that act."""
-    n, drives = mechanism.n, mechanism.drives
-    return Elasticity(
-        stiffness=np.full(n, np.inf),
-        rotor=_on_coordinates(mechanism, "armature", mechanism.G**2),
-        viscous=_on_coordinates(mechanism, "damping", mechanism.G**2 * ("damping" in mechanism.acting)),
-        friction=_on_coordinates(mechanism, "friction", np.abs(mechanism.G) * ("friction" in mechanism.acting)),
-        eps=_eps(mechanism) if "friction" in mechanism.acting and drives.friction.any() else np.full(n, EPS),
-    )
-
-
-def _on_coordinates(mechanism: Mechanism, term: str, weights: np.ndarray) -> np.ndarray:
-    """The sums (n,) of a parameter of the joint variables; those that follow several coordinates have none."""
-    amounts = getattr(mechanism.drives, term)
-    for i, row in enumerate(weights):
-        if amounts[i] and np.count_nonzero(row) > 1:
-            leaders = listed(mechanism.coordinates[j] for j in np.flatnonzero(row))
-            raise JounceError(
-                f"joint {quoted(mechanism.joints[i])} has {term} and follows {leaders}; expected one motor per"
-                f" coordinate, with no {term} on a joint that follows several"
-            )
-    return np.asarray(weights.T @ amounts)
-
-
-def _eps(mechanism: Mechanism) -> np.ndarray:
-    """The smoothing velocities (n,) of the friction of the coordinates: one for all joints that follow the same."""
-    found = np.full(mechanism.n, EPS)
-    for j, name in enumerate(mechanism.coordinates):
-        rubbing = np.flatnonzero(mechanism.G[:, j] * mechanism.drives.friction)
-        speeds = mechanism.drives.eps[rubbing] / np.abs(mechanism.G[rubbing, j])
-        if speeds.size and np.ptp(speeds) > 1e-12 * speeds.max():
-            joints = listed(mechanism.joints[i] for i in rubbing)
-            raise JounceError(
-                f"the friction of {joints} turns over at different speeds of coordinate {quoted(name)}, from"
-                f" {speeds.min():g} to {speeds.max():g}; expected one, as a motor has"
-            )
-        found[j] = speeds.mean() if speeds.size else EPS
-    return found

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
-def carried_accelerations(
+def coupled_accelerations(
     m: Mechanism, state: "Sequence[Array]", force: Array, free: Array, W: "Sequence[Array]"
 ) -> tuple[Array, Array]:
     """q2d and theta2d (..., n) of a state q, qd, theta, thetad.

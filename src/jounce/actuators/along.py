@@ -1,0 +1,141 @@
+"""Motor positions and torques along a motion.
+
+They follow from the state of the links, unless springs have dampers or joints two motors. Deflections of dampers are
+integrated, and tau then takes one rate of Q less than without a damper.
+"""
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jounce._typing import ArrayLike
+from jounce.actuators import damping
+from jounce.actuators.variable import setting_of, stiffnesses_of
+from jounce.arguments.rates import checked_order, rates_in
+from jounce.dynamics import elastic, electrical
+from jounce.dynamics.quantities import QUANTITIES, row_of
+from jounce.dynamics.stretch import elasticity_of
+from jounce.errors import JounceError
+from jounce.model.inversion import UnreachableError
+from jounce.motion.motion import Motion
+from jounce.robot.along import Along, ForceBreak, Progress, forces_along
+from jounce.spatial.series import columns
+
+if TYPE_CHECKING:
+    from jounce.robot.robot import Robot
+
+Rates = tuple[np.ndarray, ...]
+POSITIONS, TORQUES = QUANTITIES["motor_positions"], QUANTITIES["motor_torques"]
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticAlong:
+    """Motor positions and torques along a motion, and the states that they belong to. `ElasticRobot.along` makes one.
+
+    Attributes
+    ----------
+    t : (N,)
+        Times in s.
+    rates : tuple of (N, n)
+        q, qd, ..., q4d, ... of the motion: rad or m, per s, ...; at a break those after it.
+    positions : tuple of (N, n)
+        Motor positions theta, thetad, theta2d, ... seen from the links: rad or m, per s, ...
+    torques : tuple of (N, n)
+        Motor torques tau, taud, ...: N m, or N for coordinates in m, per s, ...; a tuple for order 0 too.
+    currents, voltages : tuple of (N, n), or None
+        Currents i, id, ... in A and voltages u, ud, ... in V, per s, ..., NaN for motors without a torque constant;
+        None if no motor has one. Voltages take a rate of tau more than currents, unless there is no inductance.
+    deviations : tuple of (N, n), or None
+        Standard deviations of the torques that follow from those of q, qd, ...; None where these are exact.
+    breaks : tuple of ForceBreak
+        Times at which tau or one of its rates jumps or does not exist, with order, jump and causes.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> arm = jounce.load("iiwa14").elastic(1e4, rotor=0.4)
+    >>> along = arm.along(jounce.load_motion("paper", arm.robot), [0.0, 1.0])
+    >>> theta, thetad, theta2d = along.positions
+    >>> along.torques[0].shape
+    (2, 7)
+    """
+
+    t: np.ndarray
+    rates: tuple[np.ndarray, ...]
+    positions: tuple[np.ndarray, ...]
+    torques: tuple[np.ndarray, ...]
+    currents: Rates | None = None
+    voltages: Rates | None = None
+    deviations: tuple[np.ndarray, ...] | None = None
+    breaks: tuple[ForceBreak, ...] = ()
+
+
+def motors_along(
+    robot: "Robot",
+    motion: Motion,
+    t: ArrayLike | None,
+    order: int,
+    stiffness: Any,
+    method: str | None,
+    progress: Progress | None,
+) -> ElasticAlong:
+    """Motor positions, and motor torques up to an order, along a motion of a robot with elastic joints."""
+    e, options = elasticity_of(robot.mechanism), (method, progress)
+    if (e.dampers and e.level is None) or e.pairs:
+        links, theta, tau = _of_integrals(robot, motion, t, checked_order(order), stiffness, *options)
+        return ElasticAlong(links.t, links.rates, theta, tau, *electrical.outputs(e, theta, tau), breaks=links.breaks)
+    try:
+        rows = [row_of(row.name, e.more_rates) for row in (POSITIONS, TORQUES)]
+        found = forces_along(robot, motion, t, order, *options, rows[1])
+        highest = len(found.rates) - rows[0].rates
+        theta = forces_along(robot, motion, found.t, highest, method, None, rows[0]).forces
+    except UnreachableError:
+        _of_integrals(robot, motion, t, checked_order(order), None, *options)  # which tells the time
+        raise
+    outputs = electrical.outputs(e, theta, found.forces)
+    return ElasticAlong(found.t, found.rates, theta, found.forces, *outputs, found.deviations, found.breaks)
+
+
+def _of_integrals(
+    robot: "Robot",
+    motion: Motion,
+    t: ArrayLike | None,
+    order: int,
+    stiffness: Any,
+    method: str | None,
+    progress: Progress | None,
+) -> tuple[Along, Rates, Rates]:
+    """The forces of the links along a motion, and the motor positions and torques (N, m) from forces of all times."""
+    m, e = robot.mechanism, elasticity_of(robot.mechanism)
+    shift = 1 if len(e.dampers) == m.n else 2
+    links = forces_along(robot, motion, t, order + shift, method, progress)
+    q, Q = columns(links.rates), columns(links.forces)
+    setting = setting_of(m, _stiffness_over_time(robot, stiffness, len(links.t), order + 3))
+    try:
+        setting = replace(setting, deflections=damping.integrate_deflections(robot, motion, links.t, method))
+        theta = elastic.motor_positions(m, q, lambda _: Q, setting)
+        tau = elastic.motor_torques(m, q, lambda _: Q, setting)
+        found = [[x[..., 0] for x in series.upto(k)] for series, k in ((theta, order + 2), (tau, order))]
+    except UnreachableError as error:
+        raise JounceError(f"{error}, at t = {links.t[error.state]:g} s") from None
+    breaks = tuple(ForceBreak(b.t, max(b.order - shift, -1), None, b.causes) for b in links.breaks)
+    return replace(links, breaks=breaks), tuple(found[0]), tuple(found[1])
+
+
+def _stiffness_over_time(robot: "Robot", given: Any, times: int, count: int) -> list[np.ndarray]:
+    """S, Sd, ... (N, k) at the times; one number, row or mapping alone is constant."""
+    m = robot.mechanism
+    if not elasticity_of(m).pairs:
+        return []
+    if given is not None and rates_in(given) is None:
+        (constant,) = stiffnesses_of(m, given, 1)
+        if constant.ndim == 1:
+            return [np.tile(constant * (k == 0), (times, 1)) for k in range(count)]
+    S = stiffnesses_of(m, given, count)
+    for term in S:
+        if term.shape[:-1] != (times,):
+            raise JounceError(
+                f"stiffness has shape {term.shape}; expected ({times}, {term.shape[-1]}), as many as times"
+            )
+    return S

@@ -1,0 +1,49 @@
+"""Rotors and friction of motors behind elastic joints, from the drive trains of a robot's file."""
+
+import numpy as np
+
+from jounce.errors import JounceError, listed, quoted
+from jounce.model.drives import EPS
+from jounce.model.elasticity import Elasticity
+from jounce.model.mechanism import Mechanism
+
+
+def elasticity_of_drives(mechanism: Mechanism) -> Elasticity:
+    """Rigid joints with the armature of the drive trains as rotors, and the damping and friction that act."""
+    n, drives = mechanism.n, mechanism.drives
+    return Elasticity(
+        stiffness=np.full(n, np.inf),
+        rotor=_on_coordinates(mechanism, "armature", mechanism.G**2),
+        viscous=_on_coordinates(mechanism, "damping", mechanism.G**2 * ("damping" in mechanism.acting)),
+        friction=_on_coordinates(mechanism, "friction", np.abs(mechanism.G) * ("friction" in mechanism.acting)),
+        eps=_eps(mechanism) if "friction" in mechanism.acting and drives.friction.any() else np.full(n, EPS),
+    )
+
+
+def _on_coordinates(mechanism: Mechanism, term: str, weights: np.ndarray) -> np.ndarray:
+    """The sums (n,) of a parameter of the joint variables; those that follow several coordinates have none."""
+    amounts = getattr(mechanism.drives, term)
+    for i, row in enumerate(weights):
+        if amounts[i] and np.count_nonzero(row) > 1:
+            leaders = listed(mechanism.coordinates[j] for j in np.flatnonzero(row))
+            raise JounceError(
+                f"joint {quoted(mechanism.joints[i])} has {term} and follows {leaders}; expected one motor per"
+                f" coordinate, with no {term} on a joint that follows several"
+            )
+    return np.asarray(weights.T @ amounts)
+
+
+def _eps(mechanism: Mechanism) -> np.ndarray:
+    """The smoothing velocities (n,) of the friction of the coordinates: one for all joints that follow the same."""
+    found = np.full(mechanism.n, EPS)
+    for j, name in enumerate(mechanism.coordinates):
+        rubbing = np.flatnonzero(mechanism.G[:, j] * mechanism.drives.friction)
+        speeds = mechanism.drives.eps[rubbing] / np.abs(mechanism.G[rubbing, j])
+        if speeds.size and np.ptp(speeds) > 1e-12 * speeds.max():
+            joints = listed(mechanism.joints[i] for i in rubbing)
+            raise JounceError(
+                f"the friction of {joints} turns over at different speeds of coordinate {quoted(name)}, from"
+                f" {speeds.min():g} to {speeds.max():g}; expected one, as a motor has"
+            )
+        found[j] = speeds.mean() if speeds.size else EPS
+    return found
