@@ -4,14 +4,13 @@ import doctest
 import json
 import re
 import sys
-from base64 import b64decode
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from files import refusal
-from lxml import html
+from pages import LARGEST, decoded, panel, parsed, words
 
 import jounce
 from jounce._report.curves import POINTS
@@ -21,28 +20,7 @@ from jounce.cli import main
 
 ROOT = Path(__file__).parents[2]
 HOME = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
-LARGEST = 8e6  # bytes
 HOSTILE = ["</script><script>hacked=1</script>", '"><img src=x onerror=hacked=1>', "{{ 7 * 7 }}<!--\u202e\n"]
-
-
-def parsed(report):
-    """The page, and what its scripts read, by name."""
-    page = html.document_fromstring(report.html)
-    data = page.xpath("//script[@type='application/json']")
-    return page, {script.get("id").removesuffix("-data"): json.loads(script.text) for script in data}
-
-
-def decoded(packed):
-    return np.frombuffer(b64decode(packed["bdata"]), dtype="<" + packed["dtype"])
-
-
-def words(page, path):
-    [found] = page.xpath(path)
-    return " ".join(found.text_content().split())
-
-
-def panel(name):
-    return f"//section[@id='{name}-panel']"
 
 
 def test_an_end_of_the_robot_is_pulled_and_no_name_of_a_file_is_code(panda):

@@ -19,7 +19,7 @@ import jounce
 from jounce._view import controls, scene, viewer
 from jounce._view.track import STATES, at_rest, track
 from jounce.cli import main
-from jounce.io.visuals import mesh_file, read_visuals
+from jounce.io.visuals import mesh_file, read_mesh, read_visuals
 
 trimesh = pytest.importorskip("trimesh")
 ARM = jounce.load("planar2r").with_limits(effort=[25.0, np.inf], lower=[-1.95, -np.inf], upper=[1.95, np.inf])
@@ -175,7 +175,7 @@ def test_shapes_of_a_file_are_drawn_where_it_says(shapes):
     assert "'odd.stl' (" in note
     tip = read_visuals(shapes)[-1]
     assert (tip.link, tip.kind, tip.T[2, 3], tip.size.tolist()) == ("tip", "mesh", 1, [2, 1, 0.5])
-    assert scene._mesh(tip, shapes).extents.tolist() == [2, 1, 0.5]
+    assert read_mesh(tip, shapes).extents.tolist() == [2, 1, 0.5]
 
 
 def test_meshes_are_found_by_path_and_by_package(shapes, tmp_path, monkeypatch):

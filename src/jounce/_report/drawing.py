@@ -1,8 +1,9 @@
-"""A robot as triangles: links as capsules between joints, joints as short cylinders along their axes.
+"""A robot as triangles: links as meshes or as capsules between joints, joints as short cylinders along their axes.
 
 Each part is given in the frame of its body, so that the page moves it by the pose of the body.
 """
 
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,10 +22,11 @@ LINK_RADIUS, JOINT_RADIUS, JOINT_HEIGHT = 0.032, 0.05, 0.06  # of the robot's si
 LEAST_SIZE = 1e-3  # m
 MARGIN = 0.03  # of the robot's size, around what it sweeps
 GROUND = -1
+DIRECTIONS = np.array(list(product((-1, 0, 1), repeat=3))).T
 
 
 class Part(NamedTuple):
-    """A solid of revolution that moves with a body, `GROUND` for none."""
+    """A solid that moves with a body, `GROUND` for none."""
 
     body: int
     vertices: np.ndarray  # (V, 3)
@@ -37,11 +39,14 @@ def drawing(s: Subject) -> dict[str, Any]:
     m, q = s.robot.mechanism, s.along.rates[0][s.frames]
     poses = s.robot.poses(q)
     size = robot_size(m, poses[0])
-    parts = parts_of(m, size)
-    first = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    shown = {mesh.body for mesh in s.meshes.shapes}
+    parts = [part for part in parts_of(m, size) if part.body not in shown]
+    parts += [Part(*mesh, _colour(m, mesh.body)) for mesh in s.meshes.shapes]
+    colours = dict.fromkeys(part.colour for part in parts)
     swept = [
-        (part.vertices @ poses[:, part.body, :3, :3].mT + poses[:, part.body, None, :3, 3]).reshape(-1, 3)
-        for part in parts if part.body != GROUND
+        outermost(part.vertices) if part.body == GROUND else
+        (outermost(part.vertices) @ poses[:, part.body, :3, :3].mT + poses[:, part.body, None, :3, 3]).reshape(-1, 3)
+        for part in parts
     ]  # fmt: skip
     lowest, highest = (f([f(points, axis=0) for points in swept] + [np.zeros(3)], axis=0) for f in (np.min, np.max))
     return {
@@ -51,15 +56,28 @@ def drawing(s: Subject) -> dict[str, Any]:
         "X": packed(m.X),
         "G": packed(m.G),
         "g": packed(m.g),
-        "vertices": packed(np.concatenate([part.vertices for part in parts]), "f4"),
-        "bodies": [part.body for part in parts for _ in part.vertices],
-        "triangles": packed(np.concatenate([p.triangles + k for p, k in zip(parts, first, strict=False)]).T, "i4"),
-        "colours": [part.colour for part in parts for _ in part.triangles],
+        "solids": [_solid([part for part in parts if part.colour == colour]) for colour in colours],
         "ends": [
             packed(s.robot.poses(q)[:, body, :3, 3] + (poses[:, body, :3, :3] @ point), "f4") for body, point in tips(m)
         ],
         "space": np.stack([lowest - MARGIN * size, highest + MARGIN * size], axis=1).tolist(),
     }
+
+
+def _solid(parts: list[Part]) -> dict[str, Any]:
+    """Parts of one colour as one surface of the page."""
+    first = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    return {
+        "colour": parts[0].colour,
+        "vertices": packed(np.concatenate([part.vertices for part in parts]), "f4"),
+        "bodies": packed(np.repeat([part.body for part in parts], np.diff(first)), "i4"),
+        "triangles": packed(np.concatenate([p.triangles + k for p, k in zip(parts, first, strict=False)]).T, "i4"),
+    }
+
+
+def outermost(points: np.ndarray) -> np.ndarray:
+    """The points that are farthest in each of some directions: they span nearly the space that all do."""
+    return points[np.unique((points @ DIRECTIONS).argmax(axis=0))]
 
 
 def robot_size(m: Mechanism, poses: np.ndarray) -> float:
@@ -79,14 +97,18 @@ def parts_of(m: Mechanism, size: float) -> list[Part]:
     parts += [_capsule(body, centres[body], end, radius, LINK) for body, end in tips(m)]
     turns = m.X[:, :3].any(axis=1)
     axes = np.where(turns[:, None], m.X[:, :3], m.X[:, 3:])
-    leaders = dict(zip(leading_joints(m), range(m.n), strict=True))
     for i, (centre, axis) in enumerate(zip(centres, axes, strict=True)):
-        colour = joint_style(leaders[i])["color"] if i in leaders else LINK
         thick, high = (1.0, 1.0) if turns[i] else (0.7, 2.0)
         half, r = high * JOINT_HEIGHT * size, thick * JOINT_RADIUS * size
         profile = np.array([[0, -half], [r, -half], [r, half], [0, half]])
-        parts.append(_revolved(i, centre, axis, profile, colour))
+        parts.append(_revolved(i, centre, axis, profile, _colour(m, i)))
     return parts
+
+
+def _colour(m: Mechanism, body: int) -> str:
+    """That of the curves of the joint that moves a body."""
+    leaders = leading_joints(m)
+    return joint_style(leaders.index(body))["color"] if body in leaders else LINK
 
 
 def tips(m: Mechanism) -> list[tuple[int, np.ndarray]]:

@@ -107,7 +107,8 @@ addEventListener("afterprint", () => Plotly.relayout(curves, {width: null, autos
 // The robot: C_i = C_p B_i exp(X_i theta_i) with theta = G q + g; a pose is the three rows of (R r)
 
 const robot = panelData("robot"), drawing = document.getElementById("robot");
-const [B, X, G, g, vertices, triangles] = ["B", "X", "G", "g", "vertices", "triangles"].map(name => array(robot[name]));
+const [B, X, G, g] = ["B", "X", "G", "g"].map(name => array(robot[name]));
+const solids = robot.solids.map(solid => Object.fromEntries(["bodies", "vertices", "triangles"].map(name => [name, array(solid[name])])));
 const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0];
 
 function product(a, b) {
@@ -137,18 +138,19 @@ function pose(q) {
   return C;
 }
 
-function points(q) {
-  const C = pose(q), found = [0, 1, 2].map(() => new Float32Array(robot.bodies.length));
-  robot.bodies.forEach((body, v) => {
-    const T = body < 0 ? IDENTITY : C[body], [x, y, z] = vertices.subarray(3 * v, 3 * v + 3);
+function points(C, {bodies, vertices}) {
+  const found = [0, 1, 2].map(() => new Float32Array(bodies.length));
+  bodies.forEach((body, v) => {
+    const T = body < 0 ? IDENTITY : C[body], x = vertices[3 * v], y = vertices[3 * v + 1], z = vertices[3 * v + 2];
     found.forEach((axis, k) => { axis[v] = T[4 * k] * x + T[4 * k + 1] * y + T[4 * k + 2] * z + T[4 * k + 3]; });
   });
   return found;
 }
 
 function drawRobot(q) {
-  const [x, y, z] = points(q);
-  Plotly.restyle(drawing, {x: [x], y: [y], z: [z]}, [0]);
+  const C = pose(q), found = solids.map(solid => points(C, solid));
+  const [x, y, z] = [0, 1, 2].map(side => found.map(axes => axes[side]));
+  Plotly.restyle(drawing, {x, y, z}, found.map((_, trace) => trace));
 }
 
 // Browsers print what a canvas of WebGL keeps, and it keeps nothing unless asked to.
@@ -158,9 +160,13 @@ HTMLCanvasElement.prototype.getContext = function (type, options) {
 };
 
 function robotFigure() {
-  const [x, y, z] = points(stateAt(0).q), third = triangles.length / 3;
-  const [i, j, k] = [0, 1, 2].map(side => triangles.slice(side * third, side * third + third));
-  const lighting = {ambient: 0.65, diffuse: 0.7, specular: 0.1}, shading = {flatshading: true, lighting, hoverinfo: "skip"};
+  const C = pose(stateAt(0).q), lighting = {ambient: 0.65, diffuse: 0.7, specular: 0.1, facenormalsepsilon: 0}; // small triangles have normals too
+  const shading = {flatshading: true, lighting, hoverinfo: "skip"};
+  const surfaces = solids.map((solid, s) => {
+    const [x, y, z] = points(C, solid), {triangles} = solid, third = triangles.length / 3;
+    const [i, j, k] = [0, 1, 2].map(side => triangles.slice(side * third, side * third + third));
+    return {type: "mesh3d", x, y, z, i, j, k, color: robot.solids[s].colour, ...shading};
+  });
   const ends = robot.ends.map(packed => {
     const end = array(packed), [x, y, z] = [0, 1, 2].map(side => end.filter((_, k) => k % 3 === side));
     return {type: "scatter3d", mode: "lines", x, y, z, line: {color: "#777777", width: 2}, hoverinfo: "skip"};
@@ -168,7 +174,7 @@ function robotFigure() {
   const look = {autorange: false, gridcolor: "#d8d8d8", showbackground: false, showspikes: false};
   const [xaxis, yaxis, zaxis] = ["x", "y", "z"].map((name, side) => ({title: {text: name + " [m]"}, range: robot.space[side], ...look}));
   const camera = {eye: {x: 1.35, y: -1.35, z: 0.6}, center: {x: 0, y: 0, z: -0.06}};
-  return [[{type: "mesh3d", x, y, z, i, j, k, facecolor: robot.colours, ...shading}, ...ends], {
+  return [[...surfaces, ...ends], {
     margin: {l: 0, r: 0, t: 0, b: 0}, paper_bgcolor: "rgba(0,0,0,0)", showlegend: false, font: {color: "#222222", size: 11},
     scene: {aspectmode: "data", xaxis, yaxis, zaxis, camera},
   }];

@@ -13,6 +13,7 @@ from jounce._report.panels import PANELS
 from jounce._report.subject import HIGHEST, Subject, subject_of
 from jounce.errors import JounceError, escaped, quoted
 from jounce.io import files
+from jounce.io.visuals import SUFFIX
 from jounce.limits.check import Check
 from jounce.limits.slowdown import Slowdown
 from jounce.motion.motion import Motion
@@ -86,7 +87,12 @@ class Report:
             part.write_text(self.html, encoding="utf-8", newline="\n")
 
 
-def report(robot: "Robot | ElasticRobot", motion: Motion, order: int | None = None) -> Report:
+def report(
+    robot: "Robot | ElasticRobot",
+    motion: Motion,
+    order: int | None = None,
+    visuals: str | os.PathLike[str] | None = None,
+) -> Report:
     """A page about a robot along a motion: the moving robot, its curves, its limits, in one file.
 
     Parameters
@@ -98,6 +104,9 @@ def report(robot: "Robot | ElasticRobot", motion: Motion, order: int | None = No
         A motion of its joints.
     order : int, optional
         The highest rate of Q on the page: 0, 1 or 2; by default 2, or as high as the rates of the motion are known.
+    visuals : str or path, optional
+        A URDF whose visuals show the links: boxes, cylinders, spheres and meshes, which trimesh reads; it is the file
+        of the robot as a rule. Capsules stand for links without any.
 
     Returns
     -------
@@ -107,7 +116,8 @@ def report(robot: "Robot | ElasticRobot", motion: Motion, order: int | None = No
     Raises
     ------
     JounceError
-        If the motion is of other joints, a rate is not known or overflows, or plotly is not installed.
+        If the motion is of other joints, a rate is not known or overflows, `visuals` is not a readable URDF, or plotly
+        is not installed.
 
     Examples
     --------
@@ -126,7 +136,8 @@ def report(robot: "Robot | ElasticRobot", motion: Motion, order: int | None = No
         raise JounceError(f"report() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     if not isinstance(motion, Motion):
         raise JounceError(f"report() expects a jounce.Motion, got {type(motion).__name__}; try jounce.load_motion")
-    subject = subject_of(robot, checked_motion(robot.mechanism, motion), _order(motion, order))
+    file = None if visuals is None else _visuals_file(visuals)
+    subject = subject_of(robot, checked_motion(robot.mechanism, motion), _order(motion, order), file)
     slowdown = subject.slowdown if isinstance(subject.slowdown, Slowdown) else None
     return Report(_page(subject), subject.check, slowdown)
 
@@ -153,6 +164,13 @@ def _order(motion: Motion, order: int | None) -> int:
     if isinstance(order, bool) or not isinstance(order, int | np.integer) or not 0 <= int(order) <= HIGHEST:
         raise JounceError(f"order is {quoted(order)}; expected 0, 1 or 2: the highest rate of Q on the page")
     return int(order)
+
+
+def _visuals_file(given: str | os.PathLike[str]) -> Path:
+    path = files.path_of(given)
+    if path.suffix.lower() != SUFFIX:
+        raise JounceError(f"{path}: visuals are read from {SUFFIX} files; without visuals= the page draws capsules")
+    return path
 
 
 def _page(s: Subject) -> str:

@@ -38,7 +38,7 @@ class Panel:
 
 def robot(s: Subject) -> Panel:
     """The robot that moves."""
-    return Panel("robot", "Robot", "side", {}, drawing(s))
+    return Panel("robot", "Robot", "side", {"meshes": bool(s.meshes.shapes)}, drawing(s))
 
 
 def values(s: Subject) -> Panel:
@@ -127,6 +127,7 @@ def robot_data(s: Subject) -> Panel:
         for i, X in enumerate(np.asarray(m.X, dtype=float))
     ]
     content = {"robot": s.robot, "joints": joints, "mass": masses.sum(), "gravity": np.asarray(m.gravity).tolist()}
+    content["notes"] = s.meshes.notes
     return Panel("robot_data", "Robot data", "below", content)
 
 

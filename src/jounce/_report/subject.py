@@ -1,10 +1,12 @@
 """What a report is about: a robot along a motion, with all that its panels draw and list, computed once."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jounce._report.meshes import Meshes, meshes_of
 from jounce.errors import JounceError
 from jounce.limits.bounded import known_kinds
 from jounce.limits.check import Check
@@ -64,6 +66,7 @@ class Subject:
     frames: np.ndarray
     check: Check | None
     slowdown: Slowdown | str | None
+    meshes: Meshes
 
     @property
     def t(self) -> np.ndarray:
@@ -75,8 +78,11 @@ class Subject:
         return int(np.abs(self.t[self.frames] - t).argmin())
 
 
-def subject_of(robot: "Robot", motion: Motion, order: int) -> Subject:
-    """Check the motion, and compute it and the forces up to an order at its times and at those that stand out."""
+def subject_of(robot: "Robot", motion: Motion, order: int, visuals: Path | None = None) -> Subject:
+    """Check the motion, and compute it and the forces up to an order at its times and at those that stand out.
+
+    The URDF `visuals` shows the links.
+    """
     limits = coordinate_limits(robot.mechanism)
     check = robot.check(motion) if known_kinds(robot, limits) else None
     rows = check.table if check else ()
@@ -91,7 +97,8 @@ def subject_of(robot: "Robot", motion: Motion, order: int) -> Subject:
     frames = np.union1d(even, np.searchsorted(along.t, [*worst, *breaks[:count]]))
     quantities = _quantities(robot, motion, along, limits, frames)
     slowdown = _slowdown(robot, motion, worst) if check else None
-    return Subject(robot, motion, along, limits, quantities, frames, check, slowdown)
+    meshes = Meshes() if visuals is None else meshes_of(robot.mechanism, visuals)
+    return Subject(robot, motion, along, limits, quantities, frames, check, slowdown, meshes)
 
 
 def _slowdown(robot: "Robot", motion: Motion, worst: np.ndarray) -> Slowdown | str:

@@ -1,6 +1,6 @@
 """The scene of the live view: a robot's bodies, which move with their frames, and arrows of forces and moments."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,14 +9,14 @@ import numpy as np
 
 from jounce._report.drawing import GROUND, parts_of, robot_size
 from jounce._view.track import Track
-from jounce.errors import JounceError, listed, one_line, quoted
-from jounce.io.visuals import Visual, mesh_file, read_visuals
+from jounce.errors import JounceError, listed
+from jounce.io.visuals import read_mesh, visuals_of
 from jounce.robot import Robot
 
 if TYPE_CHECKING:
     import viser
 
-GREY, FORCE, MOMENT = (185, 189, 196), (213, 94, 0), (0, 114, 178)
+FORCE, MOMENT = (213, 94, 0), (0, 114, 178)
 LENGTH = 0.35  # of the robot's size: the longest arrow
 NONE = np.zeros((1, 2, 3))  # an arrow that is not seen
 
@@ -87,9 +87,9 @@ def _draw_visuals(server: "viser.ViserServer", robot: Robot, file: Path) -> tupl
     """Draw the visuals of a robot file; the bodies that they show, and what could not be drawn."""
     seen: set[int] = set()
     missed = []
-    for k, visual in enumerate(_visuals(robot, file)):
+    for k, visual in enumerate(visuals_of(robot.mechanism, file)):
         frame = robot.mechanism.frame(visual.link)
-        mesh = _mesh(visual, file)
+        mesh = read_mesh(visual, file)
         if isinstance(mesh, str):
             missed.append(mesh)
             continue
@@ -98,40 +98,6 @@ def _draw_visuals(server: "viser.ViserServer", robot: Robot, file: Path) -> tupl
         server.scene.add_mesh_trimesh(f"{_body(frame.body)}/visual{k}", mesh, **place)
         seen.add(frame.body)
     return seen, [f"not drawn: {listed(dict.fromkeys(missed))}"] if missed else []
-
-
-def _visuals(robot: Robot, file: Path) -> Iterable[Visual]:
-    """The visuals of links that the robot has: `--root` may have left some out."""
-    known = {*robot.body_names, *(frame.name for frame in robot.mechanism.frames)}
-    return (visual for visual in read_visuals(file) if visual.link in known)
-
-
-def _mesh(visual: Visual, file: Path) -> Any:
-    """The triangles of a visual, or in words why it cannot be drawn."""
-    import trimesh
-
-    mesh: Any
-    match visual.kind:
-        case "box":
-            mesh = trimesh.creation.box(visual.size)
-        case "cylinder":
-            mesh = trimesh.creation.cylinder(*visual.size)
-        case "sphere":
-            mesh = trimesh.creation.icosphere(3, *visual.size)
-        case _:
-            path = mesh_file(visual.mesh, file)
-            if path is None:
-                return f"{quoted(visual.mesh)} (no such file)"
-            try:
-                mesh = trimesh.load(path, force="mesh")
-            except Exception as error:  # readers of meshes raise anything
-                return f"{quoted(visual.mesh)} ({one_line(str(error))})"
-            if not len(mesh.faces):
-                return f"{quoted(visual.mesh)} (no triangles)"
-            mesh.apply_transform(np.diag([*visual.size, 1]))
-            return mesh
-    mesh.visual.face_colors = GREY
-    return mesh
 
 
 def _body(i: int) -> str:

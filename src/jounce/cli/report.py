@@ -33,15 +33,20 @@ server for anything.
 )
 @click.option("--json", "as_json", is_flag=True, help="Print a summary of the page as JSON.")
 def report(robot: Asked, motion: AskedMotion, limits: Path | None, output: Path, order: int, as_json: bool) -> None:
-    """Make a page about MOTION of ROBOT: the robot that moves, q to q4d, Q, Qd, Q2d, limits, slow-down factor."""
+    """Make a page about MOTION of ROBOT: the robot that moves, q to q4d, Q, Qd, Q2d, limits, slow-down factor.
+
+    A URDF is shown by its meshes and shapes, other robots by capsules between their joints.
+    """
     from jounce import _report
     from jounce._report.page import check_installed, check_writable
+    from jounce.io.visuals import SUFFIX
 
     check_writable(output)
     check_distinct(output, motion.path)
     check_installed()
     arm, path = load(robot, motion, limits, order)
-    page = _report.report(arm, path, order)
+    visuals = robot.path if robot.path.suffix.lower() == SUFFIX else None
+    page = _report.report(arm, path, order, visuals)
     page.save(output)
     worst = page.check and page.check.worst
     summary = {

@@ -4,14 +4,21 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from lxml import etree
 
+from jounce.errors import one_line, quoted
 from jounce.io.files import read_bytes
 from jounce.io.urdf import origin_pose, parse_xml, read_numbers
 
+if TYPE_CHECKING:
+    from jounce.model.mechanism import Mechanism
+
 SHAPES = {"box": ("size", 3), "cylinder": ("radius length", 1), "sphere": ("radius", 1)}  # attributes, numbers of each
+SUFFIX = ".urdf"
+GREY = (185, 189, 196)
 PACKAGES = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH")  # environment variables
 
 
@@ -37,11 +44,17 @@ def read_visuals(path: Path) -> list[Visual]:
     ------
     JounceError : where the file cannot be read, or a number is wrong.
     """
-    if path.suffix.lower() != ".urdf":
+    if path.suffix.lower() != SUFFIX:
         return []
     robot = parse_xml(read_bytes(path), str(path))
     links = [link for link in robot.iterchildren("link") if link.get("name")]
     return [found for link in links for visual in link.iterchildren("visual") for found in _read(visual, link, path)]
+
+
+def visuals_of(m: "Mechanism", path: Path) -> list[Visual]:
+    """The visuals of links that the robot has: `--root` may have left some out."""
+    known = {*m.bodies, *(frame.name for frame in m.frames)}
+    return [visual for visual in read_visuals(path) if visual.link in known]
 
 
 def _read(visual: etree._Element, link: etree._Element, path: Path) -> Iterator[Visual]:
@@ -76,3 +89,32 @@ def mesh_file(uri: str, robot_file: Path) -> Path | None:
             root / inside for root in above if root.name == package
         ]
     return next((path for path in candidates if path.is_file()), None)
+
+
+def read_mesh(visual: Visual, path: Path) -> Any:
+    """The triangles of a visual, a `trimesh.Trimesh`, or in words why it cannot be drawn."""
+    import trimesh
+
+    mesh: Any
+    match visual.kind:
+        case "box":
+            mesh = trimesh.creation.box(visual.size)
+        case "cylinder":
+            mesh = trimesh.creation.cylinder(*visual.size)
+        case "sphere":
+            mesh = trimesh.creation.icosphere(3, *visual.size)
+        case _:
+            name = quoted(visual.mesh.rpartition("/")[2])  # lists of whole addresses leave no space for reasons
+            found = mesh_file(visual.mesh, path)
+            if found is None:
+                return f"{name} (no such file)"
+            try:
+                mesh = trimesh.load(found, force="mesh")
+            except Exception as error:  # readers of meshes raise anything
+                return f"{name} ({one_line(str(error))})"
+            if not len(mesh.faces):
+                return f"{name} (no triangles)"
+            mesh.apply_transform(np.diag([*visual.size, 1]))
+            return mesh
+    mesh.visual.face_colors = GREY
+    return mesh

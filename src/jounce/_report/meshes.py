@@ -1,0 +1,92 @@
+"""The meshes by which a robot file shows its links, with so few triangles that the page plays."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from jounce.errors import listed
+from jounce.io.visuals import read_mesh, visuals_of
+from jounce.model.mechanism import Mechanism
+
+TRIANGLES = 20_000  # of all meshes together
+FINEST = 1e-4  # of the extent of the meshes: vertices that are nearer to each other are one
+COARSER = 1.1  # the least factor from one grid to the next
+
+
+class Mesh(NamedTuple):
+    """The triangles that show a link, in the frame of its body."""
+
+    body: int
+    vertices: np.ndarray  # (V, 3)
+    triangles: np.ndarray  # (T, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class Meshes:
+    """What a robot file shows of a robot; `notes` are sentences on what it does not, or not as it is."""
+
+    shapes: tuple[Mesh, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def meshes_of(m: Mechanism, path: Path) -> Meshes:
+    """The visuals of a robot file as triangles, `TRIANGLES` at most; none where trimesh, which reads them, is missing.
+
+    Raises
+    ------
+    JounceError : where the robot file cannot be read, or a number is wrong.
+    """
+    visuals = visuals_of(m, path)
+    if not visuals:
+        return Meshes(notes=(f"{path.name} has no visuals of the links; capsules stand for them.",))
+    try:
+        import trimesh  # noqa: F401
+    except ModuleNotFoundError:
+        cure = "trimesh is not installed; install it by: pip install 'jounce[report]'"
+        return Meshes(notes=(f"Capsules stand for the visuals of {path.name}: {cure}.",))
+    shapes, missed = [], []
+    for visual in visuals:
+        found = read_mesh(visual, path)
+        if isinstance(found, str):
+            missed.append(found)
+            continue
+        frame = m.frame(visual.link)
+        C = np.asarray(frame.T, dtype=float) @ visual.T
+        shapes.append(Mesh(frame.body, found.vertices @ C[:3, :3].T + C[:3, 3], np.asarray(found.faces)))
+    notes = []
+    if missed:
+        reasons = listed(dict.fromkeys(missed))
+        notes.append(f"Meshes that cannot be read: {reasons}; capsules stand for links that nothing else shows.")
+    drawn, step = _simplified(shapes)
+    before, after = (sum(len(mesh.triangles) for mesh in some) for some in (shapes, drawn))
+    if before > TRIANGLES:
+        notes.append(f"Meshes of {before:,} triangles are simplified to {after:,}, on a grid of {1000 * step:.2g} mm.")
+    return Meshes(tuple(mesh for mesh in drawn if len(mesh.triangles)), tuple(notes))
+
+
+def _simplified(meshes: list[Mesh]) -> tuple[list[Mesh], float]:
+    """Meshes of `TRIANGLES` at most, and the step of the grid on which their vertices were merged, m."""
+    extent = max((float(np.ptp(mesh.vertices, axis=0).max()) for mesh in meshes), default=0.0)
+    step = FINEST * extent or 1.0
+    while True:
+        drawn = [_clustered(mesh, step) for mesh in meshes]
+        count = sum(len(mesh.triangles) for mesh in drawn)
+        if count <= TRIANGLES:
+            return drawn, step
+        step *= max(COARSER, (count / TRIANGLES) ** 0.5)
+
+
+def _clustered(mesh: Mesh, step: float) -> Mesh:
+    """Merge the vertices in each cell of a grid; triangles that thereby lose a corner or cover another are left out."""
+    cells = np.round((mesh.vertices - mesh.vertices.min(axis=0)) / step).astype(np.int64)
+    keys = cells @ (1 << 21 * np.arange(3))  # at most 1 / FINEST cells along each axis
+    _, merged, count = np.unique(keys, return_inverse=True, return_counts=True)
+    vertices = np.stack([np.bincount(merged, weights=x) for x in mesh.vertices.T], axis=1) / count[:, None]
+    corners = merged[mesh.triangles]
+    ordered = np.sort(corners, axis=1)
+    whole = (np.diff(ordered, axis=1) > 0).all(axis=1)
+    _, first = np.unique(ordered[whole] @ len(count) ** np.arange(3), return_index=True)
+    used, triangles = np.unique(corners[whole][np.sort(first)], return_inverse=True)
+    return Mesh(mesh.body, vertices[used], triangles.reshape(-1, 3))
