@@ -275,7 +275,7 @@ def test_usage_errors(folder, asked, word):
     assert contents(folder) == before
 
 
-@pytest.mark.parametrize("verb", [[], *([verb] for verb in main.commands)], ids=" ".join)
+@pytest.mark.parametrize("verb", [[], *([verb] for verb in main.commands if verb != "demo")], ids=" ".join)
 def test_the_example_of_the_help_runs_as_printed(verb, tmp_path, monkeypatch):
     said = call(*verb, "--help").stdout
     assert max(map(len, said.splitlines())) <= 80

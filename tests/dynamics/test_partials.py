@@ -13,7 +13,7 @@ from robots import Interpreted, mechanisms, on_its_axis, random_mechanism, relat
 
 import casadi
 import jounce
-from jounce.checks.reference.pinocchio import _build
+from jounce.checks.reference.pinocchio import build_model
 from jounce.dynamics.computation import Computation
 from jounce.model.drives import TERMS, Drives
 from jounce.model.mechanism import with_exact_integers
@@ -103,7 +103,7 @@ def test_reverse_accumulation_on_the_traced_forces_gives_the_same():
 @pytest.mark.parametrize("name", ["iiwa14", "ur5", "g1"])
 def test_they_are_those_of_pinocchio(name):
     robot = Interpreted(jounce.load(name))
-    model = _build(pinocchio, robot.robot.mechanism)
+    model = build_model(pinocchio, robot.robot.mechanism)
     data = model.createData()
     q, qd, q2d = np.random.default_rng(2).uniform(-1, 1, (3, robot.robot.n))
     pinocchio.computeRNEADerivatives(model, data, q, qd, q2d)

@@ -58,14 +58,14 @@ LINES = {
     ),
 }  # fmt: skip
 EXAMPLES = {
-    "info": 220,
-    "convert": 100,
-    "motion": 30,
-    "run": 150,
-    "plot": 40,
-    "codegen": 50,
-    "compare": 25,
-    "others": 80,
+    "info": 110,
+    "convert": 50,
+    "motion": 20,
+    "run": 80,
+    "plot": 20,
+    "codegen": 25,
+    "compare": 12,
+    "others": 40,
 }
 OLD = ("out.csv", "out.npz", "out.yaml", "out.json", "out.svg")
 FILES = dict(file for files in (*ROBOTS.values(), *MOTIONS.values()) for file in files)

@@ -246,7 +246,7 @@ CASES: dict[str, Case] = {
         f"ElasticRobot.{name}": (getattr(ARM.with_limits(motor_velocity=99), name), {"motion": SAMPLED})
         for name in ("check", "slowdown")
     },
-    "report": (jounce.report, {"robot": ROBOT, "motion": SAMPLED, "order": 0}),
+    "report": (jounce.report, {"robot": ROBOT, "motion": SAMPLED, "order": 0, "visuals": None}),
     "locked": (ROBOT.locked, {"values": {"joint1": 0.0}}),
     "joint of locked": (lambda joint1: ROBOT.locked({"joint1": joint1}), {"joint1": 0.0}),
     "audit": (ROBOT.audit, {}),

@@ -183,7 +183,7 @@ class ElasticRobot:
         >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
         >>> tau, taud = arm.inverse_dynamics([0, 0], [0, 0], [1, 1], [0, 0], [0, 0], [0, 0])
         >>> tau.round(6), taud.round(6)
-        (array([36.524312, 12.908362]), array([0., 0.]))
+        (array([36.53, 12.91]), array([0., 0.]))
         """
         rates = (q, qd, q2d, q3d, q4d, *higher)
         if self.elasticity.pairs or stiffness is not None:

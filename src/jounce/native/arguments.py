@@ -26,13 +26,15 @@ def refuse_names_and_masks(kernel: str, arrays: Sequence[Any], out: Sequence[Any
 
 
 def refuse_shapes(kernel: str, ports: Sequence[Port], arrays: Sequence[Any]) -> None:
-    """Raise `JounceError` for the first array whose last axes do not fit; what is ragged, NumPy refuses."""
+    """Raise `JounceError` for the first array whose last axes do not fit; what has no shape, NumPy refuses."""
     for port, x in zip(ports, arrays, strict=True):
-        with suppress(ValueError, RecursionError):
-            shape = np.shape(x)
-            if shape[max(0, len(shape) - len(port.shape)) :] != port.shape:
-                expected = ", ".join(map(str, ("...", *port.shape)))
-                raise JounceError(f"{kernel}: {port.name} has shape {shape}; expected ({expected})")
+        try:
+            shape = tuple(np.shape(x))
+        except Exception:  # of ragged lists, or whatever a foreign type raises
+            continue
+        if shape[max(0, len(shape) - len(port.shape)) :] != port.shape:
+            expected = ", ".join(map(str, ("...", *port.shape)))
+            raise JounceError(f"{kernel}: {port.name} has shape {shape}; expected ({expected})")
 
 
 def bound_batch(kernel: str, signature: Signature, arrays: Sequence[np.ndarray], out: Sequence[np.ndarray]) -> Shape:
