@@ -36,8 +36,8 @@ class Part(NamedTuple):
 
 def drawing(s: Subject) -> dict[str, Any]:
     """What the page draws a robot by: its triangles, the data of its poses, and the space that it sweeps."""
-    m, q = s.robot.mechanism, s.along.rates[0][s.frames]
-    poses = s.robot.poses(q)
+    m = s.robot.mechanism
+    poses = s.robot.poses(s.along.rates[0][s.frames])
     size = robot_size(m, poses[0])
     shown = {mesh.body for mesh in s.meshes.shapes}
     parts = [part for part in parts_of(m, size) if part.body not in shown]
@@ -57,9 +57,7 @@ def drawing(s: Subject) -> dict[str, Any]:
         "G": packed(m.G),
         "g": packed(m.g),
         "solids": [_solid([part for part in parts if part.colour == colour]) for colour in colours],
-        "ends": [
-            packed(s.robot.poses(q)[:, body, :3, 3] + (poses[:, body, :3, :3] @ point), "f4") for body, point in tips(m)
-        ],
+        "ends": [packed(poses[:, body, :3, 3] + poses[:, body, :3, :3] @ point, "f4") for body, point in tips(m)],
         "space": np.stack([lowest - MARGIN * size, highest + MARGIN * size], axis=1).tolist(),
     }
 

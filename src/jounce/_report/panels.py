@@ -73,7 +73,7 @@ def sliders(s: Subject) -> Panel | None:
 def limits(s: Subject) -> Panel:
     """The worst ratio of every limit, and the slow-down factor."""
     rows = sorted(s.check.table, key=lambda row: -row.ratio) if s.check else []
-    table = [{"row": row, "words": row.limit.replace("_", " "), "frame": s.frame(row.t)} for row in rows]
+    table = [{"row": row, "frame": s.frame(row.t)} for row in rows]
     slowed = {"states": SLOWED} if len(s.motion.times) > SLOWED else {}
     content = {"table": table, "check": s.check, "slowdown": s.slowdown, "duration": s.motion.duration, **slowed}
     return Panel("limits", "Limits", "below", content)

@@ -15,6 +15,7 @@ from jounce.model.coordinates import coordinate_limits, coordinate_units
 from jounce.model.limits import EFFORT_KINDS, FORCES, MOTION_KINDS, MOTOR_KINDS, Limits, unit_of
 from jounce.motion.motion import Motion
 from jounce.robot.along import FIRST, Along
+from jounce.robot.generic import as_tuple
 from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:
@@ -134,8 +135,7 @@ def _quantities(
     ]
     inertial = [kind for kind in limits.without_gravity if kind in limits.kinds and kind in values]
     if inertial:
-        found_gravity = robot.gravity_forces(*rates[: len(forces)])
-        gravity = found_gravity if isinstance(found_gravity, tuple) else (found_gravity,)
+        gravity = as_tuple(robot.gravity_forces(*rates[: len(forces)]))
         for kind in inertial:
             k = EFFORT_KINDS.index(kind)
             symbol = " - ".join(rate_name(name, k) for name in FORCES[1].split(" - "))

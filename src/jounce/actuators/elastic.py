@@ -19,7 +19,7 @@ from jounce.motion.motion import Motion
 from jounce.native.kernel import Kernel
 from jounce.robot import overloads
 from jounce.robot.dispatch import compute
-from jounce.robot.generic import results_into
+from jounce.robot.generic import as_tuple, results_into
 from jounce.robot.overloads import typed
 from jounce.robot.robot import Robot
 
@@ -361,7 +361,7 @@ class ElasticRobot:
         array([5.886, 1.962])
         """
         tau = self.inverse_dynamics(*rates, wrench=wrench, stiffness=stiffness)
-        return results_into(electrical.currents(self.elasticity, tau if isinstance(tau, tuple) else (tau,)), None)
+        return results_into(electrical.currents(self.elasticity, as_tuple(tau)), None)
 
     def voltages(self, *rates: Named, wrench: Rates | None = None, stiffness: Rates | None = None) -> Results:
         """The voltages u of the motors for a motion of the links, and their rates.
@@ -395,7 +395,7 @@ class ElasticRobot:
         array([2.943, 0.981])
         """
         tau = self.inverse_dynamics(*rates, wrench=wrench, stiffness=stiffness)
-        torques = tau if isinstance(tau, tuple) else (tau,)
+        torques = as_tuple(tau)
         positions = self._positions_with(torques, rates, wrench, stiffness)
         found = electrical.voltages(self.elasticity, positions, torques)
         if not found:

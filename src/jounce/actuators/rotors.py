@@ -20,7 +20,7 @@ from jounce.dynamics.recursion import bodies
 from jounce.dynamics.stretch import elasticity_of
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.linear import Factors
-from jounce.spatial.series import Series, columns
+from jounce.spatial.series import Series, columns, wrench_columns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -36,8 +36,7 @@ def coupled_accelerations(
     q, qd, theta, thetad = state
     still = columns([q, qd, 0 * q])
     moments = coupling.reaction_wrenches(m, still, columns([theta, thetad, 0 * theta]))
-    for w in W:
-        moments = moments + w.reshape((*w.shape[:-2], 6 * m.nb, 1))
+    moments = moments + wrench_columns(W) if W else moments
     bias = FORCES.law("recursion", m)(m, State(still, moments))[0]
     (M,) = QUANTITIES["mass_matrix"].law("recursion", m)(m, State(still)).upto(0)
     S, inverse_B = _spin_forces(m, columns([q])), reciprocal(elasticity_of(m).rotor)

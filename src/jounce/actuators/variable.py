@@ -9,13 +9,13 @@ from jounce._scalars import Array, asarray
 from jounce.arguments.rates import rates_in, rates_of
 from jounce.arguments.wrenches import wrenches_of
 from jounce.dynamics import elastic
-from jounce.dynamics.computation import Port, state_ports
-from jounce.dynamics.quantities import FORCES, State, row_of
+from jounce.dynamics.computation import Computation, Port
+from jounce.dynamics.quantities import FORCES, row_of
 from jounce.dynamics.stretch import SpringInputs, elasticity_of
 from jounce.errors import JounceError, listed, one_of
 from jounce.model.mechanism import Mechanism
 from jounce.robot.generic import evaluate, results_into
-from jounce.spatial.series import Series, columns, rate_name
+from jounce.spatial.series import Series, rate_name
 
 if TYPE_CHECKING:
     from jounce.robot.robot import Robot
@@ -36,13 +36,12 @@ def compute(robot: "Robot", name: str, given: Sequence[Any], stiffness: Any, wre
     order = len(q) - row.rates
     count = row.wrench_rates + order  # as many as of Q
     W, S = wrenches_of(m, wrench, order, q, row.wrench_rates), stiffnesses_of(m, stiffness, count)
-    ports = state_ports(m.n, row.input_names(len(q)), row.rates)
-    ports += [Port(rate_name("W", k), (m.nb, 6), "wrench", k) for k in range(len(W))]
+    asked = Computation(name, order, bool(W), more_rates=e.more_rates)
+    ports = [*asked.signature(m.n, m.nb).inputs]
     ports += [Port(rate_name("stiffness", k), (len(e.pairs),), "state", k) for k in range(len(S))]
 
     def law(arrays: Sequence[Array]) -> Series:
-        wrenches = [w.reshape((*w.shape[:-2], 6 * m.nb, 1)) for w in arrays[len(q) : len(q) + len(W)]]
-        x = State(columns(arrays[: len(q)]), Series.of(wrenches) if wrenches else None)
+        x = asked.state(arrays[: len(q) + len(W)])
         Q = FORCES.law(way, m)(m, x).map(lambda Q: Q[..., None])
         found = LAWS[name](m, x.q, lambda _: Q, spring_inputs(m, arrays[len(q) + len(W) :]))
         return found.map(lambda x: x[..., 0])

@@ -18,6 +18,7 @@ from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import FORCES, QUANTITIES
 from jounce.robot import Robot
 from jounce.robot.dispatch import compute
+from jounce.robot.generic import as_tuple
 from jounce.spatial.series import rate_name
 
 STEPS = 0.2 * 2.0 ** -np.arange(9)  # s, of differences; the best one counts
@@ -73,11 +74,11 @@ def _with_peers(robot: Robot, source: Path | None, q: np.ndarray) -> Iterator[Ch
 
 def _with_paths(robot: Robot, q: np.ndarray, sizes: Sequence[np.ndarray]) -> Iterator[Check]:
     """Compare with every other method, and with the recursion in extended precision."""
-    own = _all(robot.inverse_dynamics(*q))
+    own = as_tuple(robot.inverse_dynamics(*q))
     paths: dict[str, Callable[[], Sequence[np.ndarray]]] = {
-        "recursion": lambda: _all(robot.inverse_dynamics(*q, method="recursion")),
-        "closed form": lambda: _all(robot.inverse_dynamics(*q, method="closed_form")),
-        "long doubles": lambda: _all(robot.inverse_dynamics(*q.astype(np.longdouble), method="recursion")),
+        "recursion": lambda: as_tuple(robot.inverse_dynamics(*q, method="recursion")),
+        "closed form": lambda: as_tuple(robot.inverse_dynamics(*q, method="closed_form")),
+        "long doubles": lambda: as_tuple(robot.inverse_dynamics(*q.astype(np.longdouble), method="recursion")),
     }
     for name, results in paths.items():
         for k, (x, y, size) in enumerate(zip(own, results(), sizes, strict=True)):
@@ -86,11 +87,11 @@ def _with_paths(robot: Robot, q: np.ndarray, sizes: Sequence[np.ndarray]) -> Ite
 
 def _with_differences(robot: Robot, q: np.ndarray, sizes: Sequence[np.ndarray]) -> Iterator[Check]:
     """Compare each rate with nine-point differences of the lower one, along the polynomials that have the rates q."""
-    exact = _all(robot.inverse_dynamics(*q))
+    exact = as_tuple(robot.inverse_dynamics(*q))
     for k in range(1, len(exact)):
         errors = []
         for h in STEPS:
-            along = [_all(robot.inverse_dynamics(*_shift(q, j * h)[: k + 2]))[-1] for j in range(-4, 5)]
+            along = [as_tuple(robot.inverse_dynamics(*_shift(q, j * h)[: k + 2]))[-1] for j in range(-4, 5)]
             errors.append(_error(np.tensordot(STENCIL, along, 1) / h, exact[k], sizes[k]))
         yield Check(rate_name("Q", k), f"differences of {rate_name('Q', k - 1)}", min(errors), ALLOWED["differences"])
 
@@ -98,10 +99,6 @@ def _with_differences(robot: Robot, q: np.ndarray, sizes: Sequence[np.ndarray]) 
 def _shift(q: np.ndarray, t: float) -> np.ndarray:
     """The rates q a time t later."""
     return np.stack([sum(x * t**j / factorial(j) for j, x in enumerate(q[k:])) for k in range(len(q))])
-
-
-def _all(results: Any) -> Sequence[np.ndarray]:
-    return results if isinstance(results, tuple) else (results,)
 
 
 def _error(found: Any, expected: Any, magnitude: np.ndarray) -> float:

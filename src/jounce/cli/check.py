@@ -69,14 +69,15 @@ def _row(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def _in_words(summary: dict[str, Any]) -> str:
+    from jounce.model.limits import in_words
+
     rows = sorted(summary["limits"], key=lambda row: -_number(row["ratio"]))
     cells: list[tuple[str, ...]] = [("limit", "joint", "|worst|", "bound", "unit", "at t", "ratio", "broken at t")]
     for row in rows[:SHOWN]:
-        of = f" of {row['of']}" if row["of"] == "Q - Qgrav" else ""
         value, bound, ratio = (f"{abs(_number(row[key])):.6g}" for key in ("value", "bound", "ratio"))
         deviation = f" +- {row['deviation']:.2g}" if row["deviation"] else ""
         cells.append((
-            row["limit"].replace("_", " ") + of, row["joint"], value, bound, row["unit"], f"{row['t']:.4f}",
+            in_words(row["limit"], row["of"]), row["joint"], value, bound, row["unit"], f"{row['t']:.4f}",
             ratio + deviation, spans_in_words(row["violations"]) or "-",
         ))  # fmt: skip
     broken = sum(_number(row["ratio"]) > 1 + 1e-9 for row in rows)

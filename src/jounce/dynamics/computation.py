@@ -9,7 +9,7 @@ from math import prod
 from jounce._scalars import Array
 from jounce.dynamics.quantities import Quantity, State, row_of
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.series import Series, columns, rate_name
+from jounce.spatial.series import Series, columns, rate_name, wrench_columns
 
 Shape = tuple[int, ...]
 PRODUCTS = {"vjp": "vector-Jacobian products", "jvp": "Jacobian-vector products"}  # of the derivatives by all inputs
@@ -131,10 +131,10 @@ class Computation:
 
     def state(self, arrays: Sequence[Array]) -> State:
         """Build the argument of a law from arrays q, qd, ..., Q, Qd, ... (..., n), then W, Wd, ... (..., nb, 6)."""
-        given, W = arrays[: self.rates], [w.reshape((*w.shape[:-2], 6 * w.shape[-2], 1)) for w in arrays[self.rates :]]
+        given, W = arrays[: self.rates], arrays[self.rates :]
         own = self.quantity.coordinate_inputs(self.rates)
         q, Q = columns(given[:own]), columns(given[own:])
-        return State(q, Series.of(W) if W else None, Q, self.body, self.frame)
+        return State(q, wrench_columns(W) if W else None, Q, self.body, self.frame)
 
     def series(self, method: str, mechanism: Mechanism, arrays: Sequence[Array]) -> Series:
         """The quantity by a method, from the arrays of `state`; its terms are the results."""

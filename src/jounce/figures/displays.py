@@ -104,9 +104,8 @@ def retiming(faster: "Retiming") -> str:
 
 def _checked(row: "CheckedLimit") -> tuple[str, ...]:
     spread = f" ± {row.deviation:.2g}" if row.deviation else ""
-    limit = row.limit.replace("_", " ") + (f" of {row.of}" if row.of == "Q - Qgrav" else "")
     numbers = (f"{row.value:.5g}", f"{row.bound:.5g}", row.unit, f"{row.t:.4f}", f"{row.ratio:.4g}{spread}")
-    return ("kept" if row.ok else "broken", row.joint, limit, *numbers)
+    return ("kept" if row.ok else "broken", row.joint, row.words, *numbers)
 
 
 def _picture(paint: Callable[[], "Figure"]) -> str:

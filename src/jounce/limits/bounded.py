@@ -17,6 +17,7 @@ from jounce.model.limits import FORCES as BOUND_FORCES
 from jounce.motion.motion import Motion
 from jounce.robot.along import FIRST, checked_motion
 from jounce.robot.dispatch import compute
+from jounce.robot.generic import as_tuple
 
 if TYPE_CHECKING:
     from jounce.robot.robot import Robot
@@ -128,7 +129,7 @@ class Bounded:
         """What limits of efforts and of the power bound, of Q with its rates."""
         inertial, found = Q, {}
         if any(self.limits.of(kind) == BOUND_FORCES[1] for kind in self.kinds if kind in EFFORT_KINDS):
-            G = _tuple(compute(self.robot, "gravity_forces", rates[: len(Q)]))
+            G = as_tuple(compute(self.robot, "gravity_forces", rates[: len(Q)]))
             inertial = [x - g for x, g in zip(Q, G, strict=True)]
         for kind in EFFORT_KINDS:
             if kind in self.kinds:
@@ -206,14 +207,10 @@ def at_speed(robot: "Robot", name: str, rates: Rates, wrench: Wrenches, c: float
     """A quantity and its rates up to an order at c times the speed; wrenches over time go with the path."""
     W = wrench and tuple({body: w * c**k for body, w in of.items()} for k, of in enumerate(wrench))
     scaled = tuple(rate * c**k for k, rate in enumerate(rates[: order + _row(robot, name).rates]))
-    return _tuple(compute(robot, name, scaled, wrench=W))
+    return list(as_tuple(compute(robot, name, scaled, wrench=W)))
 
 
 def power(rates: Rates, Q: list[np.ndarray]) -> list[np.ndarray]:
     """Qd Q with as many derivatives as Q has, by the product rule; `rates` are qd, q2d, ..."""
     binomial = ([1], [1, 1], [1, 2, 1])
     return [sum(c * rates[k - j] * Q[j] for j, c in enumerate(binomial[k])) for k in range(len(Q))]
-
-
-def _tuple(found: object) -> list[np.ndarray]:
-    return list(found) if isinstance(found, tuple) else [np.asarray(found)]

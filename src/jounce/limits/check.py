@@ -10,7 +10,7 @@ from jounce.limits.bounded import DERIVATIVE, Bounded, bounded, rate_of_forces
 from jounce.limits.pieces import pieces_of
 from jounce.limits.worst import ROUNDING, Worst
 from jounce.model.coordinates import coordinate_units, following_efforts
-from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, MOTOR_KINDS, unit_of
+from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, MOTOR_KINDS, in_words, unit_of
 from jounce.robot.along import ForceBreak, force_breaks, forces_along
 from jounce.spatial.series import rate_name
 
@@ -67,6 +67,11 @@ class CheckedLimit:
     def ok(self) -> bool:
         """Whether the motion keeps the limit, to rounding."""
         return self.ratio <= 1 + ROUNDING
+
+    @property
+    def words(self) -> str:
+        """The kind of limit in words, and the force that it bounds unless that is Q."""
+        return in_words(self.limit, self.of)
 
     def __str__(self) -> str:
         of = f" of {self.of}" if self.of else ""

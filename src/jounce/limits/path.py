@@ -18,6 +18,7 @@ from jounce.dynamics.quantities import FORCES
 from jounce.limits import pace
 from jounce.limits.bounded import at_speed
 from jounce.robot.dispatch import compute
+from jounce.robot.generic import as_tuple
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
@@ -120,5 +121,5 @@ def path_of(robot: "Robot", motion: "Motion", sigma: np.ndarray, order: int, lef
         g.append(even - b[-1])
     a = compute(robot, "generalized_momentum", q[: order + 2])
     gravity = compute(robot, "gravity_forces", q[: order + 1])
-    tuples = [x if isinstance(x, tuple) else (x,) for x in (a, gravity)]
+    tuples = [as_tuple(x) for x in (a, gravity)]
     return Path(q, list(tuples[0]), b, v, g, list(tuples[1]))

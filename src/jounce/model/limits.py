@@ -355,6 +355,11 @@ def unit_of(kind: str, coordinate: str) -> str:
     return base + (f"/s^{order}" if order > 1 else "/s" * order)
 
 
+def in_words(kind: str, of: str | None) -> str:
+    """A kind of limit in words, and the force that it bounds unless that is Q."""
+    return kind.replace("_", " ") + (f" of {of}" if of == FORCES[1] else "")
+
+
 def _kind(key: str) -> str:
     return "position" if key in ("lower", "upper") else key
 

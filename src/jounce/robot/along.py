@@ -16,6 +16,7 @@ from jounce.motion.matching import matched
 from jounce.motion.motion import Break, Motion
 from jounce.motion.units import warn_of_degrees
 from jounce.robot.dispatch import compute
+from jounce.robot.generic import as_tuple
 
 if TYPE_CHECKING:
     from jounce.robot.robot import Robot
@@ -186,8 +187,7 @@ def _forces(
 
 
 def _computed(robot: "Robot", rates: Rates, W: Wrenches | None, method: str | None, row: Quantity) -> Rates:
-    forces = compute(robot, row.name, rates, wrench=W, method=method)
-    return forces if isinstance(forces, tuple) else (forces,)
+    return as_tuple(compute(robot, row.name, rates, wrench=W, method=method))
 
 
 def _spreads(

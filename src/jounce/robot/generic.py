@@ -61,6 +61,11 @@ def results_into(results: tuple[Array, ...], out: Any) -> Any:
     return results[0] if len(results) == 1 else results
 
 
+def as_tuple(results: Any) -> tuple[Any, ...]:
+    """Return the results of a call, a single one for order 0, as a tuple."""
+    return results if isinstance(results, tuple) else (results,)
+
+
 def checked_out(out: Any, shapes: Sequence[tuple[int, ...]], dtype: np.dtype) -> tuple[np.ndarray, ...]:
     """Check `out`, the arrays for results of these shapes."""
     arrays = tuple(out) if isinstance(out, tuple | list) else (out,)

@@ -147,6 +147,11 @@ def columns(terms: Sequence[Array]) -> Series:
     return Series.of([term[..., None] for term in terms])
 
 
+def wrench_columns(terms: Sequence[Array]) -> Series:
+    """W, Wd, ... of the bodies (..., nb, 6) as a series of columns (..., 6nb, 1)."""
+    return Series.of([term.reshape((*term.shape[:-2], 6 * term.shape[-2], 1)) for term in terms])
+
+
 def diagonal(blocks: Array) -> Array:
     """Blocks (..., m, k, l) along the diagonal of a matrix (..., m k, m l); linear, as `Series.map` needs."""
     *lead, m, k, length = blocks.shape
