@@ -105,7 +105,8 @@ class Robot:
         return hash(equality.key(self.mechanism))
 
     def __repr__(self) -> str:
-        return f"<Robot {self.name!r}: {self.n} coordinates, {self.mechanism.nb} bodies>"
+        floats = ", floating" if self.mechanism.base else ""
+        return f"<Robot {self.name!r}: {self.n} coordinates, {len(self.body_names)} bodies{floats}>"
 
     def _repr_html_(self) -> str:
         from jounce.figures import displays
@@ -123,14 +124,19 @@ class Robot:
         return self.mechanism.n
 
     @property
+    def nv(self) -> int:
+        """The number of velocities: n, or 6 + n if the robot floats, whose base comes first."""
+        return self.mechanism.nv
+
+    @property
     def joint_names(self) -> tuple[str, ...]:
         """The names of the coordinates, in the order of the last axis of q."""
         return self.mechanism.coordinates
 
     @property
     def body_names(self) -> tuple[str, ...]:
-        """The names of the bodies, in the order of the rows of wrenches, poses and Jacobians."""
-        return self.mechanism.bodies
+        """The names of the bodies, in the order of rows of wrenches, poses and Jacobians; a floating base is first."""
+        return self.mechanism.body_names
 
     @property
     def gravity(self) -> Array:
