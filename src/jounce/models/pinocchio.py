@@ -51,7 +51,7 @@ def mechanism(model: Any, gravity: object = None, base: str | None = None, root:
         links.append(tree.Link(name, MASSLESS, what))
         joints.append(_fixed_joint(f"frame {name}", bodies[frame.parentJoint], name, frame.placement.homogeneous, what))
     given = model.gravity.linear if gravity is None else gravity
-    built = tree.mechanism(links, joints, given, called, what, base=base, root=root)
+    built = tree.mechanism(links, joints, given, called, what, base=base, root=root, world=bodies[0])
     order = [built.coordinates.index(joint.name) for joint in joints if joint.name in built.coordinates]
     return replace(built, G=built.G[:, order], coordinates=tuple(built.coordinates[j] for j in order))
 
