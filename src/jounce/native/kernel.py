@@ -51,7 +51,7 @@ class Kernel(Generic[Results]):
 
     def __init__(self, mechanism: Mechanism, computation: Computation, patience: float = inf) -> None:
         self.mechanism, self.computation = mechanism, computation
-        self.signature = computation.signature(mechanism.n, mechanism.nb)
+        self.signature = computation.signature(mechanism)
         self._code = jit.load_object(_code(mechanism, computation, patience), host())
         size = plan.scratch_size(computation, mechanism, host().lanes)
         self._pool = Pool(size) if size > plan.STACK else None
