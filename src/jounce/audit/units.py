@@ -141,12 +141,12 @@ def _anchors(mechanism: Mechanism) -> list[np.ndarray]:
 
 
 def _size(mechanism: Mechanism, anchors: Sequence[np.ndarray]) -> float:
-    """The largest distance between joints at theta = 0, of several trees the largest."""
+    """The largest distance between joints at theta = 0, of several trees on the ground the largest."""
     C = reference_poses(mechanism)
     places = np.stack([C_i[:3, :3] @ x + C_i[:3, 3] for C_i, x in zip(C, anchors, strict=True)])
     roots: list[int] = []
     for i, p in enumerate(mechanism.parent):
-        roots.append(i if p < 0 else roots[p])
+        roots.append(roots[p] if p >= 0 else -1 if mechanism.base else i)
     trees = [places[np.equal(roots, root)] for root in set(roots)]
     size = max(float(np.linalg.norm(tree[:, None] - tree, axis=-1).max()) for tree in trees)
     return size if size > 1e-9 else 0.0  # axes that meet but for rounding

@@ -27,7 +27,7 @@ def mechanism(
         raise JounceError(f"{m.place}: no joint; expected at least one movable joint")
     mimics = couplings.mimics(m)
     links, between = _bodies(m, mimics)
-    outside.warn_of(m, ties=couplings.active(m) - len(mimics))
+    outside.warn_of(m, ties=couplings.active(m) - len(mimics), floats=base == "floating")
     own = m.gravity * m.acts("GRAVITY")
     given = own if gravity is None else gravity
     return tree.mechanism(links, between, given, m.name, m.place, base=base, root=root, world=m.bodies[0])
