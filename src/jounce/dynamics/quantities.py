@@ -153,7 +153,11 @@ def _forward(m: Mechanism, x: State) -> Series:
         M: forward.Solver = articulated.ArticulatedBodies.of(m, x.q[0])
     else:
         M = Factors.of(QUANTITIES["mass_matrix"].law("recursion", m)(m, x)[0])
-    return forward.from_inverse(M, lambda q: inverse(m, replace(x, q=q)).map(lambda Q: Q[..., None]), x.q, x.Q)
+
+    def required(q: Series, base: BaseMotion | None) -> Series:
+        return inverse(m, replace(x, q=q, base=base)).map(lambda Q: Q[..., None])
+
+    return forward.from_inverse(M, required, m, x.q, x.Q, x.base)
 
 
 def _forward_partials(m: Mechanism, x: State, method: str) -> Series:
@@ -227,7 +231,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             tex=r"\ddot{q} = M^{-1} \left(Q - C(q, \dot{q})\,\dot{q} - Q_{\mathrm{grav}}(q)\right)",
             methods={
                 "recursion": Method(lambda m, x: _row(_forward(m, x)), _columns),
-                "closed_form": Method(lambda m, x: _row(forward.dense(m, x.q, x.Q, x.W))),
+                "closed_form": Method(lambda m, x: _row(forward.dense(m, x.q, x.Q, x.W, x.base))),
             },
         ),
         Quantity(
