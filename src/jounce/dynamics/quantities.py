@@ -324,7 +324,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="C(q, qd): the paper's Coriolis matrix; passivity-based control takes Cbar, skew_coriolis_matrix.",
             tex=r"C\,\dot{q} = Q - M\,\ddot{q} - Q_{\mathrm{grav}}",
             methods={
-                "recursion": Method(lambda m, x: matrices.coriolis_matrix(m, x.q), _columns),
+                "recursion": Method(lambda m, x: matrices.coriolis_matrix(m, x.q, x.base), _columns),
                 "closed_form": Method(lambda m, x: _dense(m, x).gC),
                 "paper": Method(lambda m, x: Paper(m, x.q).gC),
             },
@@ -340,7 +340,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             tex_symbol=r"\bar{C}",
             tex=r"(\dot{M} - 2 \bar{C}) + (\dot{M} - 2 \bar{C})^T = 0",
             methods={
-                "recursion": Method(lambda m, x: matrices.skew_coriolis_matrix(m, x.q), _columns),
+                "recursion": Method(lambda m, x: matrices.skew_coriolis_matrix(m, x.q, x.base), _columns),
                 "closed_form": Method(lambda m, x: _dense(m, x).gCbar),
             },
         ),
@@ -399,7 +399,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="h: the momentum (angular; linear) of the bodies about the inertial origin, in inertial axes.",
             tex=r"h = U^T M\,V",
             methods={
-                "recursion": Method(lambda m, x: _row(momenta.momentum(m, x.q)), _column),
+                "recursion": Method(lambda m, x: _row(momenta.momentum(m, x.q, x.base)), _column),
                 "closed_form": Method(lambda m, x: _row(_dense(m, x).h)),
             },
         ),
@@ -431,7 +431,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="p = M qd: the generalized momentum.",
             tex=r"p = M\,\dot{q}",
             methods={
-                "recursion": Method(lambda m, x: _row(momenta.generalized_momentum(m, x.q)), _column),
+                "recursion": Method(lambda m, x: _row(momenta.generalized_momentum(m, x.q, x.base)), _column),
                 "closed_form": Method(lambda m, x: _row(_dense(m, x).p)),
             },
         ),
@@ -447,7 +447,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="T = 1/2 qd . M qd: the kinetic energy.",
             tex=r"T = \tfrac{1}{2}\,\dot{q}^T M\,\dot{q}",
             methods={
-                "recursion": Method(lambda m, x: _scalar(momenta.kinetic_energy(m, x.q)), _column),
+                "recursion": Method(lambda m, x: _scalar(momenta.kinetic_energy(m, x.q, x.base)), _column),
                 "closed_form": Method(lambda m, x: _scalar(_dense(m, x).T)),
             },
         ),
@@ -463,7 +463,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="U(q): the potential energy, zero where all masses are at the height of the inertial origin.",
             tex=r"U = -\sum_i m_i\, g \cdot c_i",
             methods={
-                "recursion": Method(lambda m, x: _scalar(momenta.potential_energy(m, x.q)), _column),
+                "recursion": Method(lambda m, x: _scalar(momenta.potential_energy(m, x.q, x.base)), _column),
                 "closed_form": Method(lambda m, x: _scalar(_dense(m, x).U)),
             },
         ),

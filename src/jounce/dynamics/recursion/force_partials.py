@@ -91,14 +91,14 @@ def _projected(chain: Mechanism, q: Series, subtrees: Sequence[_Subtree], before
     S, S_rate, A = [Series.constant(x.joint.X) for x in subtrees], [x.S_rate for x in subtrees], [x.A for x in subtrees]
     M, by_rate = project(S, momenta), project(S_rate, momenta) * 2 + project(S, reactions)
     by_place = project(A, momenta) + project(S_rate, reactions)
-    K = project(S, changes) + above(by_place).mT
-    D = M.dot * 2 - by_rate + above(by_rate).mT
+    K = project(S, changes) + above(by_place, tree).mT
+    D = M.dot * 2 - by_rate + above(by_rate, tree).mT
     steps = [*before, *(column.values for sweep in (momenta, reactions, changes) for column in reversed(sweep))]
 
     def of_coordinates(matrix: Series) -> Series:
         return evaluate_in_order(generalized_matrix(chain, matrix + batch_zeros(q)), steps)
 
-    return of_coordinates(K), of_coordinates(D), of_coordinates(M + above(M).mT)
+    return of_coordinates(K), of_coordinates(D), of_coordinates(M + above(M, tree).mT)
 
 
 def _gravity(tree: Sequence[Joint], gravity: Array) -> list[Series]:
