@@ -54,6 +54,7 @@ class Method:
 
     law: Law
     width: Callable[[int], int] = lambda nb: (6 * nb) ** 2  # dense system matrices
+    base: bool = True  # whether the base may move
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -220,7 +221,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             methods={
                 "recursion": Method(lambda m, x: _row(forces.rnea(forces.MOVING, m, x.q, x.W, x.base)), _column),
                 "closed_form": Method(lambda m, x: _row(_dense(m, x).Q)),
-                "paper": Method(lambda m, x: _row(Paper(m, x.q, x.W).Q)),
+                "paper": Method(lambda m, x: _row(Paper(m, x.q, x.W).Q), base=False),
             },
         ),
         Quantity(
@@ -293,7 +294,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             methods={
                 "recursion": Method(lambda m, x: _row(forces.rnea(forces.AT_REST, m, x.q, None, x.base)), _column),
                 "closed_form": Method(lambda m, x: _row(_dense(m, x).Qgrav)),
-                "paper": Method(lambda m, x: _row(Paper(m, x.q).Qgrav)),
+                "paper": Method(lambda m, x: _row(Paper(m, x.q).Qgrav), base=False),
             },
         ),
         Quantity(
@@ -311,7 +312,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             methods={
                 "recursion": Method(lambda m, x: matrices.mass_matrix(m, x.q), _columns),
                 "closed_form": Method(lambda m, x: _dense(m, x).gM),
-                "paper": Method(lambda m, x: Paper(m, x.q).gM),
+                "paper": Method(lambda m, x: Paper(m, x.q).gM, base=False),
             },
         ),
         Quantity(
@@ -326,7 +327,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             methods={
                 "recursion": Method(lambda m, x: matrices.coriolis_matrix(m, x.q, x.base), _columns),
                 "closed_form": Method(lambda m, x: _dense(m, x).gC),
-                "paper": Method(lambda m, x: Paper(m, x.q).gC),
+                "paper": Method(lambda m, x: Paper(m, x.q).gC, base=False),
             },
         ),
         Quantity(
