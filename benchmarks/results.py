@@ -26,8 +26,8 @@ DERIVATIVES = """As above: forward dynamics next to Pinocchio's articulated bodi
 its recursions. It computes no rates of them: rows with rates stand next to its call without rates."""
 PRODUCTS = """Products of the derivatives of Q, Qd, Q2d by all inputs, of a batch of 1,000 states, next to the values of
 Q, Qd, Q2d themselves."""
-THREADS = """Q, Qd, Q2d into `out=`, the batch split among threads of one process that are kept between calls, on {cores}
-core(s). The share is of the time of one thread: 1 over the number of threads would be perfect scaling. Large batches
+THREADS = """Q, Qd, Q2d into `out=`, the batch split among threads of one process that are kept between calls; cores:
+{cores}. The share is of the time of one thread: 1 over the number of threads would be perfect scaling. Large batches
 are bound by memory, which all cores share, small ones by the time in which a thread wakes up."""
 MADE = """Seconds from the robot's numbers to the equations, once, each in a process that is stopped after {limit:g} s,
 and the operations on scalars that they take, shared subexpressions found by SymPy's cse, or by jounce's own trace."""

@@ -65,11 +65,7 @@ class Kernel(Generic[Results]):
         return compile_kernel, (self.mechanism, self.computation)
 
     def __repr__(self) -> str:
-        asked = self.computation
-        of = f" of {asked.body!r} in frame {asked.frame!r}" if asked.body is not None else ""
-        loaded = ", with wrenches" if asked.wrench else ""
-        product = f"{asked.product} of " if asked.product else ""
-        return f"<Kernel: {product}{asked.name}{of} of {self.mechanism.name!r} to order {asked.order}{loaded}>"
+        return f"<Kernel: {self.computation.describe(self.mechanism.name)}>"
 
     def __call__(
         self, *arrays: ArrayLike, out: Floats | Sequence[Floats] | None = None, threads: int = 1, **fixed: Never
