@@ -149,6 +149,10 @@ def empty(shape, dtype):
     return np.full(shape, np.nan, dtype).view(ndarray)
 
 
+def ones(shape):
+    return np.ones(shape).view(ndarray)
+
+
 def from_dlpack(x):
     return np.from_dlpack(x).view(ndarray)
 

@@ -83,7 +83,7 @@ def single_step(lengths: Shape, strides: Shape) -> int | None:
 def steps(x: "cupy.ndarray", inner: int) -> tuple[int, int] | None:
     """Return the steps between states and between entries, in numbers, `inner` axes being of entries; or None.
 
-    There are none where a step varies, as between every second row of a matrix, or is no multiple of a number.
+    It is None where a step varies, as between the rows of every other matrix, or is no multiple of the item size.
     """
     cut = x.ndim - inner
     outer = single_step(x.shape[:cut], x.strides[:cut])
