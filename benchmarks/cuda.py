@@ -133,7 +133,7 @@ def page() -> Iterator[str]:
 def _row(name: str, quantity: str, order: int, dtype: str, architecture: str) -> tuple[str, ...]:
     mechanism = load(name).mechanism
     asked = computation(mechanism, quantity, order)
-    signature = asked.signature(mechanism.n, mechanism.nb)
+    signature = asked.signature(mechanism)
     moved = (4 if dtype == "float32" else 8) * (signature.inputs[-1].end + signature.outputs[-1].end)
     found = usage(source(mechanism, asked, dtype == "float32"), architecture)
     click.echo(f"sm_{architecture} {name} {quantity} {order} {dtype}: {found}", err=True)

@@ -42,8 +42,8 @@ def cupy(request):
         yield cupy_on_cpu
 
 
-CASES = {  # arrays of 3, of 18 and more than a tile is wide, of one number; with wrenches; in single precision
-    "forces": ("inverse_dynamics", {"order": 1, "wrench": True}),
+CASES = {  # arrays of few numbers, of one, and wider than a tile; with wrenches and the motion of the base
+    "forces": ("inverse_dynamics", {"order": 1, "wrench": True, "base": True}),
     "matrix": ("mass_matrix", {"order": 0}),
     "poses": ("poses", {"order": 0}),
     "energy": ("kinetic_energy", {"order": 1}),
@@ -165,7 +165,7 @@ def test_a_kernel_launches_one_thread_per_state():
     kernel = object.__new__(jounce.cuda.Kernel)
     robot = jounce.load("planar2r")
     kernel.mechanism, kernel.computation = robot.mechanism, robot.compile("gravity_forces", order=0).computation
-    kernel.signature, kernel.dtype = kernel.computation.signature(2, 2), np.dtype(float)
+    kernel.signature, kernel.dtype = kernel.computation.signature(robot.mechanism), np.dtype(float)
     kernel._function = lambda *call: calls.append(call)
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(sys.modules, "cupy", cupy_on_cpu)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import jounce
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.model.elasticity import Elasticity
-from jounce.model.mechanism import DATA, Frame, Mechanism
+from jounce.model.mechanism import DATA, FloatingBase, Frame, Mechanism
 from jounce.model.screws import from_screws
 from jounce.spatial import lie
 from jounce.spatial.series import Series
@@ -105,6 +105,11 @@ def random_mechanism(
         G=G,
         g=g,
     )
+
+
+def floating(mechanism: Mechanism, rng: np.random.Generator, mass: float = 3.0) -> Mechanism:
+    """The mechanism on a floating base instead of the ground."""
+    return replace(mechanism, base=FloatingBase("base", random_inertia(rng, mass)))
 
 
 def springs(n: int) -> Elasticity:

@@ -25,6 +25,7 @@ def compile(  # noqa: A001  # what Robot.compile is to processors
     body: str | None = None,
     frame: Frame = "body",
     product: Product | None = None,
+    base: bool = False,
     dtype: Any = "float64",
 ) -> Kernel:
     """Compile a quantity and its rates up to an order for a GPU.
@@ -46,6 +47,8 @@ def compile(  # noqa: A001  # what Robot.compile is to processors
         Body or merged link, and frame, of poses, twists and Jacobians; all bodies by default.
     product : {"vjp", "jvp"}, optional
         Products of the derivatives by all inputs instead of the values, see `Robot.compile`.
+    base : bool, optional
+        Whether the motion of the base, C, V, Vd, ..., follows in its calls; it always does if the robot floats.
     dtype : {"float64", "float32"}, optional
         Precision of the arrays and of the computation.
 
@@ -69,7 +72,7 @@ def compile(  # noqa: A001  # what Robot.compile is to processors
     """
     if not isinstance(robot, Robot):
         raise JounceError(f"jounce.cuda.compile() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
-    asked = requests.computation(robot.mechanism, quantity, order, wrench, body, frame, product)
+    asked = requests.computation(robot.mechanism, quantity, order, wrench, body, frame, product, base)
     if not all(is_numeric(getattr(robot.mechanism, data)) for data in DATA):
         raise JounceError("CUDA code needs a robot of numbers; this one contains symbols")
     if asked.quantity.elastic and (refusal := elastic.native_obstacle(robot.mechanism)):

@@ -35,7 +35,7 @@ class Kernel:
 
     def __init__(self, mechanism: Mechanism, computation: Computation, dtype: str) -> None:
         self.mechanism, self.computation, self.dtype = mechanism, computation, np.dtype(dtype)
-        self.signature = computation.signature(mechanism.n, mechanism.nb)
+        self.signature = computation.signature(mechanism)
         require_gpu()
         self._function = compile_source(source(mechanism, computation, dtype == "float32"))
 
@@ -50,11 +50,12 @@ class Kernel:
 
         Parameters
         ----------
-        *arrays : (..., n), then (..., nb, 6)
+        *arrays : (..., n), then (..., nb, 6), then (..., 4, 4) and (..., 6)
             q, qd, ..., as many as the quantity and its order take; W, Wd, ... after them if it was compiled with
-            wrenches. Arrays of CuPy, of JAX on a GPU, or of another library with `__cuda_array_interface__`, of the
-            kernel's dtype; batch axes lead and broadcast. Arrays of any strides are read in place, except where the
-            step from state to state varies: such an array is copied, as is one that shares memory with `out`.
+            wrenches; C, V, Vd, ... if it was compiled with the motion of the base. Arrays of CuPy, of JAX on a GPU, or
+            of another library with `__cuda_array_interface__`, of the kernel's dtype; batch axes lead and broadcast.
+            Arrays of any strides are read in place, except where the step from state to state varies: such an array is
+            copied, as is one that shares memory with `out`.
         out : array or tuple of arrays, optional
             Arrays to write the results into; those of JAX cannot be written into.
 
