@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce._scalars import Array
+from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.recursion.joints import Joint, batch_zeros, joints, rows
 from jounce.dynamics.recursion.sweeps import above, collect, composites, evaluate_in_order, project, velocities
 from jounce.model.coordinates import generalized_matrix
@@ -58,7 +59,7 @@ class _Subtree:
         return _wrench(moved) + _cross(self.S_rate, self.p) - self.joint.ad_X.mT @ self.F
 
 
-def partials(mechanism: Mechanism, q: Series, W: Series | None = None) -> Partials:
+def partials(mechanism: Mechanism, q: Series, W: Series | None = None, base: BaseMotion | None = None) -> Partials:
     """K, D, M of the generalized forces, (..., n, n) each, with wrenches W on the bodies, (..., 6nb, 1)."""
     chain = minimal(mechanism)
     tree = joints(chain, q)
