@@ -12,7 +12,7 @@ from benchmarks.tables import figure, paragraph, share, table
 from robots import relative_error
 
 import jounce
-from benchmarks import bound, cuda, measure, peaks, pictures, quantities, robots
+from benchmarks import bound, cuda, machine, measure, peaks, pictures, quantities, results, robots, threads
 from jounce.program.program import Program, Step
 
 LIGHT = [peer for peer in PEERS if peer.name.startswith("jounce") or "pin.rnea" in peer.name]
@@ -160,3 +160,14 @@ def test_what_a_kernel_takes_of_a_gpu_is_read():
     assert found.threads == 256  # two blocks of 128 threads with 255 registers fit
     with pytest.raises(jounce.JounceError, match=r"^ptxas says nothing of the kernel"):
         cuda.read("")
+
+
+@pytest.mark.parametrize(("cores", "expected"), [(1, [1]), (2, [1, 2]), (6, [1, 2, 4, 6]), (8, [1, 2, 4, 8])])
+def test_scaling_is_measured_on_all_cores(monkeypatch, cores, expected):
+    monkeypatch.setattr(machine, "cores", lambda: cores)
+    assert threads.counts() == expected
+    sizes = [(name, count) for name, batches in threads.ROBOTS.items() for count in batches]
+    times = {("threads", *size, k): 8e-9 / k for size in sizes for k in expected}
+    rows = [line for line in results._threads(Run(times, Gathered(), (), ("", ""), 1)) if line.startswith("| iiwa14")]
+    found = [float(cell) for cell in rows[0].strip("| ").split(" | ")[1:]]
+    assert found == pytest.approx([*(8 / k for k in expected), *(1 / k for k in expected[1:])], rel=1e-2)

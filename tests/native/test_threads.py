@@ -55,7 +55,7 @@ def test_threads_work_at_the_same_time_and_are_kept(batch):
         in_parts(work, batch, 2)
     assert len(idents) == 6
     names = [thread.name for thread in threading.enumerate() if thread.name.startswith("jounce")]
-    assert 1 <= len(names) <= os.cpu_count()
+    assert 1 <= len(names) <= max(1, os.cpu_count() - 1)
     assert idents.count(threading.get_ident()) == 3
 
 
