@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from robots import random_mechanism, relative_error
 
+import casadi
 import jounce
 from jounce.errors import JounceError
 from jounce.native import plan, xla
@@ -100,6 +101,16 @@ def test_derivatives_are_the_products_of_the_kernel():
 
 def arrays_of(given):
     return [np.asarray(x) for x in given]
+
+
+def test_the_gradient_of_a_cost_of_Q2d_is_that_of_casadi():
+    q = states(*[()] * 5)
+    symbols = [casadi.SX.sym("q", 2) for _ in q]
+    *_, Q2d = jounce.casadi_function(ROBOT, order=2)(*symbols)
+    gradient = casadi.gradient(casadi.dot(Q2d, Q2d), casadi.vertcat(*symbols))
+    expected = casadi.Function("gradient", symbols, [gradient])(*q).full().reshape(5, 2)
+    found = jax.jit(jax.grad(lambda q: jnp.sum(ROBOT.inverse_dynamics(*q)[2] ** 2)))(q)
+    assert relative_error(np.array(found), expected) < 1e-13
 
 
 def test_second_derivatives_of_potential_energy_are_those_of_gravity_forces():

@@ -57,7 +57,10 @@ class Call(NamedTuple):
 
 
 class Backend(NamedTuple):
-    """One way to run calls: `prepare` returns what `run` needs, or the reason that it cannot run the call."""
+    """One way to run calls: `prepare` returns what `run` needs, or the reason that it cannot run the call.
+
+    The reason is empty if another backend serves such arrays.
+    """
 
     prepare: Callable[[Call], tuple[Any, str | None]]
     run: Callable[[Call, Any], Any]
@@ -176,7 +179,7 @@ def _prepare_native(call: Call) -> tuple[Kernel | None, str | None]:
     for x in call.arrays:
         if type(x) is not np.ndarray or (x.dtype is not FLOAT and x.dtype != FLOAT):  # unpickled, it is another object
             came = x.dtype if type(x) is np.ndarray else type(x).__name__
-            return None, f"native code needs NumPy arrays of float64, got {came}"
+            return None, "" if is_jax(x) else f"native code needs NumPy arrays of float64, got {came}"
     kernel, refusal = _kernel(call.robot, call.computation, PATIENCE if call.method is None else inf)
     if kernel is not None and call.form is not None:
         call.robot._kernels.ready[call.form] = kernel, call.computation.rates

@@ -55,7 +55,7 @@ class Request:
         return replace(self, computation=replace(self.computation, product=name))
 
     def kernel(self) -> Kernel | None:
-        """Return its native code, None if there is none, however long it takes to compile: XLA takes longer."""
+        """Return its native code, or None if it has none, however long it takes to compile: XLA takes longer."""
         supported = plan.obstacle(self.computation) is None
         return compile_kernel(self.mechanism, self.computation) if supported else None
 
@@ -178,7 +178,7 @@ def _trace_all(*arrays: Array, request: Request) -> tuple[Array, ...]:
 
 
 def _call_kernel(*arrays: Array, request: Request) -> tuple[Array, ...]:
-    """The call of native code; the traced law if there is none."""
+    """The call of native code, or the traced law where there is no native code."""
     kernel = request.kernel()
     if kernel is None:
         return _trace_all(*arrays, request=request)

@@ -68,9 +68,10 @@ class Robot:
     * q is required; each further rate you give returns one more time derivative, up to order 100. With none to spare
       the result is a plain array, otherwise a tuple: the quantity, its rate, ...
     * Missing values (masked by NumPy, or NA of pandas) are NaN, and so are results that depend on them.
-    * ``method`` selects the method: "kernel" is native code, the default for NumPy arrays of float64 if it is
-      available; "recursion" is the default otherwise; "closed_form" and "paper" are independent checks. All agree. The
-      first call compiles native code, in a fraction of a second, and keeps it on disk for later processes.
+    * ``method`` selects the method: "kernel" is native code, the default for NumPy arrays of float64, and for arrays
+      of JAX on the CPU, if it is available; "recursion" is the default otherwise; "closed_form" and "paper" are
+      independent checks. All agree. The first call compiles native code, in a fraction of a second, and keeps it on
+      disk for later processes.
     * ``out`` is the NumPy array, or tuple of arrays, to write the results into; ``threads`` is the number of threads
       among which native code splits a batch.
 
