@@ -7,6 +7,7 @@ from hypothesis import given
 from robots import golden, loads, mechanisms, random_inertia, random_pose, random_screw, random_state
 
 import jounce
+from jounce.dynamics.base import STILL
 from jounce.dynamics.closed_form import closed_form
 from jounce.model import equivalent
 from jounce.model.mechanism import path_to
@@ -53,8 +54,8 @@ def test_jacobians_agree_with_the_closed_form(drawn):
     mechanism, rng = drawn
     q, _ = random_state(rng, mechanism, 3)
     J = closed_form(mechanism, columns(q)).J
-    found = recursion.jacobians(mechanism, columns(q), None)
-    one = recursion.jacobians(mechanism, columns(q), mechanism.nb - 1)
+    found = recursion.jacobians(mechanism, columns(q), STILL, None)
+    one = recursion.jacobians(mechanism, columns(q), STILL, mechanism.nb - 1)
     for k in range(4):
         expected = J[k].reshape(mechanism.nb, 6, mechanism.n)
         equal(found[k], expected)
@@ -85,7 +86,7 @@ def test_base_parameters_change_the_coriolis_matrices_though_not_the_mass_matrix
     equal(C_reduced @ qd, C @ qd)
 
 
-@pytest.mark.parametrize("compute", [*RECURSIONS.values(), lambda m, q: recursion.jacobians(m, q, None)])
+@pytest.mark.parametrize("compute", [*RECURSIONS.values(), lambda m, q: recursion.jacobians(m, q, STILL, None)])
 def test_batches_of_a_single_joint_keep_their_axes(compute):
     """A lone joint's mass matrix and Jacobian depend on no coordinate."""
     mechanism = jounce.load("planar2r").mechanism
@@ -109,8 +110,8 @@ def test_long_chains_do_not_nest_deeply():
     for C in (recursion.coriolis_matrix(chain, q), recursion.skew_coriolis_matrix(chain, q)):
         for k in range(2):
             equal((M @ q.dot.dot + C @ q.dot)[k], Q[k], 1e-10)
-    J = recursion.jacobians(chain, q, nb - 1)
-    assert J[1].shape == recursion.jacobians(chain, q, None)[1][-1].shape
+    J = recursion.jacobians(chain, q, STILL, nb - 1)
+    assert J[1].shape == recursion.jacobians(chain, q, STILL, None)[1][-1].shape
     assert recursion.base_wrench(chain, q)[1].shape == recursion.momentum(chain, q)[1].shape
 
 

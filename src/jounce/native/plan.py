@@ -20,6 +20,7 @@ STACK = 2**15  # bytes, up to which a call takes them from the stack of its thre
 SCALARS = {"w": 3, "a": 3, "K": 9}  # of the parts of a motion
 LIMIT = 2**26  # bytes of a call, beyond which there is no native code
 HIGHEST_PRODUCT_ORDER = 9  # order, up to which products take no more than the 64 arrays of NumPy's functions
+HIGHEST_PRODUCT_ORDER_WITH_BASE = 7  # the same where the motion of the base belongs to them
 PATIENCE = 3.0  # seconds that a call may take to compile native code that nobody asked for
 
 
@@ -29,13 +30,14 @@ class LongCompilationError(Exception):
 
 def is_straight(computation: Computation, nb: int) -> bool:
     """Return whether the code is a straight line; a loop over the bodies is half as fast, but compiles at once."""
-    looped = computation.quantity.sweep is not None and not computation.product
+    looped = computation.quantity.sweep is not None and not computation.product and not computation.base
     return not looped or nb * (computation.order + 1) ** 2 <= STRAIGHT_LIMIT
 
 
 def highest_order(computation: Computation) -> int:
     """Return the highest order with native code: motor torques have the arrays of forces two orders higher."""
-    highest = HIGHEST_PRODUCT_ORDER if computation.product else HIGHEST_NATIVE_ORDER
+    of_product = HIGHEST_PRODUCT_ORDER_WITH_BASE if computation.base else HIGHEST_PRODUCT_ORDER
+    highest = of_product if computation.product else HIGHEST_NATIVE_ORDER
     return highest + 1 - computation.quantity.wrench_rates
 
 
@@ -118,5 +120,5 @@ def call_size(signature: Signature, of_bodies: int, lanes: int) -> int:
 
 def scratch_size(computation: Computation, mechanism: Mechanism, lanes: int) -> int:
     """The bytes of one call of a kernel."""
-    signature = computation.signature(mechanism.n, mechanism.nb)
+    signature = computation.signature(mechanism)
     return call_size(signature, vectors_of_bodies(computation, mechanism.parent), lanes)
