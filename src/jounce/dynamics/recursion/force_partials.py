@@ -144,9 +144,7 @@ def _gravity(tree: Sequence[AnyJoint], gravity: Array) -> list[Series]:
 def _loads(old: Mechanism, chain: Mechanism, W: Series, count: int) -> list[Series]:
     """Wrenches on the frames of `chain` from those on the frames of `old`; none on the ground, of which rows are 0."""
     first = 6 * old.first
-    loads = [
-        Ad_i.mT @ rows(W, first + 6 * i, first + 6 * i + 6) for i, Ad_i in enumerate(Ad(frame_shifts(old, chain)))
-    ]
+    loads = [Ad_i.mT @ rows(W, first + 6 * i, first + 6 * i + 6) for i, Ad_i in enumerate(Ad(frame_shifts(old, chain)))]
     if len(loads) < count:
         loads.insert(0, rows(W, 0, 6) * old.first)
     return loads
