@@ -125,6 +125,14 @@ class Computation:
         others = [f"{key}={value!r}" for key, value in named.items() if value != getattr(default, key)]
         return [repr(self.name), f"order={self.order}", *others]
 
+    def describe(self, robot: str) -> str:
+        """Return what is computed, of a robot with a name, in words."""
+        of = f" of {self.body!r} in frame {self.frame!r}" if self.body is not None else ""
+        loaded = ", with wrenches" if self.wrench else ""
+        loaded += ", with the motion of the base" if self.base else ""
+        product = f"{self.product} of " if self.product else ""
+        return f"{product}{self.name}{of} of {robot!r} to order {self.order}{loaded}"
+
     def signature(self, mechanism: Mechanism, parameters: Mapping[str, Shape] | None = None) -> Signature:
         """The ports for a robot, of which some data are parameters."""
         inputs = [Port(name, shape, "parameter") for name, shape in (parameters or {}).items()]
