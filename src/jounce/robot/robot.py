@@ -74,9 +74,10 @@ class Robot:
       Q the wrench (moment; force) that acts on it, in its axes. For other robots the base is the ground, at rest unless
       given. Where it does not enter, as in the mass matrix, it may be left out.
     * Missing values (masked by NumPy, or NA of pandas) are NaN, and so are results that depend on them.
-    * ``method`` selects the method: "kernel" is native code, the default for NumPy arrays of float64 if it is
-      available; "recursion" is the default otherwise; "closed_form" and "paper" are independent checks. All agree. The
-      first call compiles native code, in a fraction of a second, and keeps it on disk for later processes.
+    * ``method`` selects the method: "kernel" is native code, the default for NumPy arrays of float64, and for arrays
+      of JAX on the CPU, if it is available; "recursion" is the default otherwise; "closed_form" and "paper" are
+      independent checks. All agree. The first call compiles native code, in a fraction of a second, and keeps it on
+      disk for later processes.
     * ``out`` is the NumPy array, or tuple of arrays, to write the results into; ``threads`` is the number of threads
       among which native code splits a batch.
 
@@ -1955,6 +1956,151 @@ class Robot:
         array([5., 3.])
         """
         return compute(self, "momentum", (q, qd, q2d, q3d, *higher), base=base, method=method, out=out, threads=threads)
+
+    @typed(overloads.OfVelocity[Array])
+    def centroidal_momentum(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named | None = None,
+        q3d: Named | None = None,
+        *higher: Named,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> Results:
+        """The momentum hG = (angular; linear) of the robot about its center of mass, and its rates.
+
+        ``hG = (k - c x l; l)`` in inertial axes, with the momentum h = (k; l) and the center of mass c. Its rate
+        is the sum of the weight and of all wrenches on the robot, about the center of mass.
+
+        Parameters
+        ----------
+        q, qd : (..., n)
+            Coordinates and velocities: rad or m, per s.
+        q2d, q3d, *higher : (..., n), optional
+            Further rates, each for one more time derivative.
+        base, method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        hG : (..., 6), or tuple of (..., 6)
+            In kg m^2/s and kg m/s.
+
+        Raises
+        ------
+        JounceError
+            If the masses are 0, an array has a wrong shape, a rate is skipped, or a name is unknown.
+
+        References
+        ----------
+        D. E. Orin, A. Goswami, S.-H. Lee, "Centroidal dynamics of a humanoid robot", Autonomous Robots 35, 2013.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("planar2r").centroidal_momentum([0, 0], [1, 0])[[2, 4]]
+        array([0.5, 3. ])
+        """
+        rates = (q, qd, q2d, q3d, *higher)
+        return compute(self, "centroidal_momentum", rates, base=base, method=method, out=out, threads=threads)
+
+    @typed(overloads.OfPosition[Array])
+    def centroidal_momentum_matrix(
+        self,
+        q: Named,
+        qd: Named | None = None,
+        q2d: Named | None = None,
+        *higher: Named,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> Results:
+        """The centroidal momentum matrix AG and its rates: hG = AG qd.
+
+        If the robot floats, AG has nv = 6 + n columns, those of the twist of its base first; AG' = `AGd` gives the bias
+        ``hGd - AG nud = AGd nu``. For a robot whose ground moves, the momentum of that motion is not part of AG qd.
+
+        Parameters
+        ----------
+        q : (..., n)
+            Coordinates, rad or m.
+        qd, q2d, *higher : (..., n), optional
+            Further rates, each for one more time derivative.
+        base, method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        AG : (..., 6, nv), or tuple of (..., 6, nv)
+            In kg m^2, kg m or kg.
+
+        Raises
+        ------
+        JounceError
+            If the masses are 0, an array has a wrong shape, a rate is skipped, or a name is unknown.
+
+        References
+        ----------
+        D. E. Orin, A. Goswami, S.-H. Lee, "Centroidal dynamics of a humanoid robot", Autonomous Robots 35, 2013.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("planar2r").centroidal_momentum_matrix([0, 0])[[2, 4]]
+        array([[0.5, 0.5],
+               [3. , 1. ]])
+        """
+        rates = (q, qd, q2d, *higher)
+        return compute(self, "centroidal_momentum_matrix", rates, base=base, method=method, out=out, threads=threads)
+
+    @typed(overloads.OfPosition[Array])
+    def center_of_mass(
+        self,
+        q: Named,
+        qd: Named | None = None,
+        q2d: Named | None = None,
+        *higher: Named,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> Results:
+        """The center of mass c of the robot in the inertial frame, and its velocity, acceleration, ...
+
+        ``c = sum of m_i c_i / sum of m_i`` over the bodies that move; links fixed to the ground are not among them.
+
+        Parameters
+        ----------
+        q : (..., n)
+            Coordinates, rad or m.
+        qd, q2d, *higher : (..., n), optional
+            Further rates, each for one more time derivative.
+        base, method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        c : (..., 3), or tuple of (..., 3)
+            In m, m/s, ...
+
+        Raises
+        ------
+        JounceError
+            If the masses are 0, an array has a wrong shape, a rate is skipped, or a name is unknown.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> c, cd = jounce.load("planar2r").center_of_mass([0, 0], [1, 0])
+        >>> c, cd
+        (array([1.5, 0. , 0. ]), array([0. , 1.5, 0. ]))
+        """
+        rates = (q, qd, q2d, *higher)
+        return compute(self, "center_of_mass", rates, base=base, method=method, out=out, threads=threads)
 
     @typed(overloads.OfVelocity[Array])
     def generalized_momentum(
