@@ -54,10 +54,11 @@ class Kernel:
             q, qd, ..., as many as the quantity and its order take; W, Wd, ... after them if it was compiled with
             wrenches; C, V, Vd, ... if it was compiled with the motion of the base. Arrays of CuPy, of JAX on a GPU, or
             of another library with `__cuda_array_interface__`, of the kernel's dtype; batch axes lead and broadcast.
-            Arrays of any strides are read in place, except where the step from state to state varies: such an array is
-            copied, as is one that shares memory with `out`.
+            Arrays are read in place where the step from state to state is the same all over, and so is the step from
+            entry to entry; others are copied, as are those that share memory with `out`.
         out : array or tuple of arrays, optional
-            Arrays to write the results into; those of JAX cannot be written into.
+            Arrays to write the results into, in place where they have steps as above; those of JAX cannot be written
+            into.
 
         Returns
         -------
@@ -80,10 +81,8 @@ class Kernel:
         """
         import cupy
 
-        ports, into = (
-            self.signature.inputs,
-            None if out is None else tuple(out) if type(out) in (tuple, list) else (out,),
-        )
+        ports = self.signature.inputs
+        into = None if out is None else tuple(out) if type(out) in (tuple, list) else (out,)
         if len(arrays) != len(ports):
             raise JounceError(f"{self!r} expects {len(ports)} arrays, got {len(arrays)}")
         refuse_names_and_masks(repr(self), arrays, into or ())
