@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jounce._scalars import is_jax
 from jounce.cuda import arrays as device
 from jounce.cuda.source import THREADS, compile_source, require_gpu, source
 from jounce.dynamics.computation import Computation
@@ -86,7 +87,7 @@ class Kernel:
         if len(arrays) != len(ports):
             raise JounceError(f"{self!r} expects {len(ports)} arrays, got {len(arrays)}")
         refuse_names_and_masks(repr(self), arrays, into or ())
-        if into is not None and any(map(device.of_jax, into)):
+        if into is not None and any(map(is_jax, into)):
             raise JounceError("out holds arrays of JAX, which cannot be written into; leave out= away")
         with _memory(self):
             given = [device.on_gpu(port.name, x) for port, x in zip(ports, arrays, strict=True)]
@@ -96,7 +97,7 @@ class Kernel:
                 found = self._run(given, results)
                 if not all(isinstance(x, cupy.ndarray) for x in (*arrays, *(into or ()))):
                     cupy.cuda.get_current_stream().synchronize()  # others may reuse the memory of theirs at once
-        if into is None and device.of_jax(arrays[0]):
+        if into is None and is_jax(arrays[0]):
             import jax
 
             found = [jax.dlpack.from_dlpack(x) for x in found]
