@@ -7,13 +7,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from robots import random_mechanism, relative_error
+from robots import floating, random_mechanism, random_pose, relative_error
 
 import casadi
 import jounce
 from jounce.errors import JounceError
 from jounce.native import plan, xla
 from jounce.robot import primitive
+from jounce.spatial import lie
 
 ROBOT = jounce.load("planar2r")
 CALL = "custom_call @jounce_"
@@ -119,6 +120,31 @@ def test_second_derivatives_of_potential_energy_are_those_of_gravity_forces():
     stiffness = jax.jacfwd(ROBOT.gravity_forces)(point)
     close(jax.jit(jax.hessian(U))(point), stiffness)
     close(jax.jit(jax.vmap(jax.jacrev(jax.grad(U))))(point[None])[0], stiffness)
+
+
+def test_a_pose_of_the_base_is_differentiated_along_displacements():
+    """The gradient is that of the kernel, the second derivative that of the traced law."""
+    rng = np.random.default_rng(0)
+    robot = jounce.Robot(floating(random_mechanism(rng, [-1], ["revolute"], [1.0]), rng))
+    q, base = [*rng.normal(size=(3, 2, 1))], [random_pose(rng), *rng.normal(size=(2, 2, 6))]
+
+    def moved(d):  # as by the exponential, to the second derivative
+        return base[0] @ (np.eye(4) + lie.wedge(d) + lie.wedge(d) @ lie.wedge(d) / 2)
+
+    def forces(d):
+        return robot.inverse_dynamics(*q, base=(moved(d), *base[1:]))
+
+    def energy(d, method=None):
+        return robot.potential_energy(q[0][0], base=moved(d), method=method)
+
+    at, along = jnp.zeros(6), np.arange(6.0)
+    kernel, both = robot.compile(order=0, base=True), lambda d, t: (jax.jvp(forces, (d,), (t,)), jax.jacrev(forces)(d))
+    (values, tangents), jacobian = jax.jit(both)(at, along)
+    same(values, robot.inverse_dynamics(*q, base=tuple(base)))
+    close(tangents, kernel.jvp((*q, *base), (None, None, None, along, None, None)))
+    close(jnp.sum(jacobian, axis=(0, 1)), kernel.vjp((*q, *base), np.ones((2, 7)))[3].sum(0))
+    second = lambda method: jax.jit(jax.hessian(lambda d: energy(d, method)))(at)  # noqa: E731
+    close(second(None), second("closed_form"))
 
 
 def test_singles_are_doubles_inside():

@@ -28,6 +28,7 @@ from jounce.model.mechanism import Mechanism
 from jounce.native import plan, xla
 from jounce.native.kernel import Kernel, compile_kernel
 from jounce.robot.generic import as_tuple, batch_shape, compute_by_method
+from jounce.spatial.lie import cowedge, wedge
 
 TRANSPOSES = {"jvp": "vjp", "vjp": "jvp"}
 
@@ -48,7 +49,12 @@ class Request:
     @cached_property
     def signature(self) -> Signature:
         """The ports of its arrays."""
-        return self.computation.signature(self.mechanism.n, self.mechanism.nb)
+        return self.computation.signature(self.mechanism)
+
+    @cached_property
+    def state(self) -> tuple[Port, ...]:
+        """The ports of the quantity itself, of which its products take more."""
+        return self.product(None).signature.inputs
 
     def product(self, name: str | None) -> "Request":
         """The request for a product of the derivatives of the same quantity, or for the quantity itself."""
@@ -121,11 +127,13 @@ def _differentiate(
 ) -> tuple[list[Array], list[Array]]:
     """The rule of `jax.jvp`: native along weights and directions, and along the state for the quantity itself."""
     results = quantity_p.bind(*primals, request=request)
-    count = len(request.product(None).signature.inputs)
+    count = len(request.state)
     state, others, along_state, along_others = primals[:count], primals[count:], tangents[:count], tangents[count:]
     terms = []
     if not others:
-        terms.append(_bind_linear(request.product("jvp"), state, along_state))
+        both = zip(request.state, state, along_state, strict=True)
+        directions = [_twist(C, dC) if port.is_pose and type(dC) is not ad.Zero else dC for port, C, dC in both]
+        terms.append(_bind_linear(request.product("jvp"), state, directions))
     elif not all(type(x) is ad.Zero for x in along_others):
         terms.append(_bind_linear(request, state, along_others))
     if others and not all(type(x) is ad.Zero for x in along_state):
@@ -137,11 +145,16 @@ def _differentiate(
 
 def _transpose(cotangents: Sequence[Any], *operands: Any, request: Request) -> list[Array | None]:
     """The rule of reverse accumulation: a product of the derivatives is linear in its weights or directions."""
-    count = len(request.product(None).signature.inputs)
+    count = len(request.state)
     transposed = request.product(TRANSPOSES[str(request.computation.product)])
     found = _bind_linear(transposed, operands[:count], cotangents)
     both = zip(operands[count:], found, strict=True)
     return [None] * count + [_fit(y, x.aval.shape) if ad.is_undefined_primal(x) else None for x, y in both]
+
+
+def _twist(C: Array, dC: Array) -> Array:
+    """The twist d of a displacement dC = C wedge(d) of a pose, by which products differentiate."""
+    return cowedge(C.mT @ dC) * np.array([0.5, 0.5, 0.5, 1, 1, 1], dC.dtype)
 
 
 def _bind_linear(request: Request, state: Sequence[Array], others: Sequence[Any]) -> list[Array]:
@@ -169,11 +182,18 @@ def _trace(*state: Array, others: Sequence[Array], request: Request) -> tuple[Ar
     x, more = arrays[: len(state)], arrays[len(state) :]
     if product is None:
         return law(*x)
-    return jax.jvp(law, x, more)[1] if product == "jvp" else jax.vjp(law, *x)[1](tuple(more))
+
+    def displaced(*d: Array) -> tuple[Array, ...]:
+        both = zip(request.state, x, d, strict=True)
+        return law(*(C + C @ wedge(y) if port.is_pose else y for port, C, y in both))
+
+    both = zip(request.state, x, strict=True)
+    start = [jnp.zeros((*C.shape[:-2], 6), dtype) if port.is_pose else C for port, C in both]
+    return jax.jvp(displaced, start, more)[1] if product == "jvp" else jax.vjp(displaced, *start)[1](tuple(more))
 
 
 def _trace_all(*arrays: Array, request: Request) -> tuple[Array, ...]:
-    count = len(request.product(None).signature.inputs)
+    count = len(request.state)
     return _trace(*arrays[:count], others=arrays[count:], request=request)
 
 
