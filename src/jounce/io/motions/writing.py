@@ -1,15 +1,20 @@
 """Columns of tables made along motions: rates, their standard deviations, samples, breaks, measured torques."""
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from jounce.io.columns import Columns
+from jounce.model.coordinates import coordinate_units
+from jounce.model.elasticity import motor_names
+from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
-from jounce.spatial.series import rate_name
+from jounce.spatial.series import SUFFIX, rate_name
 
 PIECE = 1000  # rows
 DEVIATION, SAMPLE, MEASURED = "_sd", "_sample", "_measured"  # what follows the name of a quantity in a column's
+RATE = re.compile("(q|Q|theta|tau|i|u)" + SUFFIX)  # of the names of quantities that are written
 BREAK = "break"  # the column of breaks: the order of the derivative that jumps since the row before, else -1
 
 
@@ -35,6 +40,26 @@ def named(
         for ending, arrays in (("", rates), (DEVIATION, deviations or ())):
             found |= {f"{name}.{rate_name(symbol, k)}{ending}": rate[:, j] for k, rate in enumerate(arrays)}
     return found
+
+
+def column_units(mechanism: Mechanism, names: Sequence[str]) -> dict[str, str]:
+    """The units of columns of results by name; empty for those that have none."""
+    owners = dict(zip(mechanism.coordinates, coordinate_units(mechanism), strict=True))
+    if (e := mechanism.elasticity) is not None:
+        of_motors = [owners[mechanism.coordinates[j]] for j in e.joints_of_motors]
+        owners |= dict(zip(motor_names(e, mechanism.coordinates), of_motors, strict=True))
+    return {name: "s" if name == "t" else _unit(owners, name) for name in names}
+
+
+def _unit(owners: Mapping[str, str], name: str) -> str:
+    owner, _, symbol = name.removesuffix(DEVIATION).removesuffix(SAMPLE).removesuffix(MEASURED).rpartition(".")
+    rate = RATE.fullmatch(symbol)
+    if owner not in owners or rate is None:
+        return ""
+    force = "N m" if owners[owner] == "rad" else "N"
+    unit = {"q": owners[owner], "theta": owners[owner], "i": "A", "u": "V"}.get(rate[1], force)
+    k = int(rate[2][:-1] or 1) if rate[2] else 0
+    return unit + ("" if k == 0 else "/s" if k == 1 else f"/s^{k}")
 
 
 def measured(motion: Motion, joints: Sequence[str], t: np.ndarray) -> Columns:

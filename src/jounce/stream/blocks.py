@@ -1,0 +1,123 @@
+"""Blocks of results of a part: of its rows as they are, or of whole motions, whose rates follow from samples."""
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from jounce.errors import JounceError, at, quoted
+from jounce.io.columns import Columns
+from jounce.io.spans import format_of
+from jounce.motion import loads
+from jounce.motion.columns import TIME
+from jounce.motion.motion import Motion
+from jounce.motion.spline import Smoothing
+from jounce.motion.table import from_columns
+from jounce.motion.units import check_units
+from jounce.spatial.series import rate_name
+from jounce.stream.outputs import Block, Rates, Wrenches, along, of_rows
+from jounce.stream.plan import Part, Task
+from jounce.stream.records import Skipped
+from jounce.stream.rows import Rows, Run, read
+
+
+class Results(NamedTuple):
+    """Rows of results, and the motions that they belong to."""
+
+    runs: list[Run]
+    block: Block
+
+
+def blocks(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[Results]:
+    """The results of a part."""
+    if task.independent:
+        for number, rows in enumerate(read(task, part, skipped)):
+            states = states_of(task, part, rows, check=number == 0)
+            yield Results(rows.runs, _computed(task, part, rows, states))
+        return
+    for name, motion in motions(task, part, skipped):
+        for block in along(task.job, motion, list(task.match.torques)):
+            yield Results([Run(name, 0, len(block.t))], block)
+
+
+class States(NamedTuple):
+    """Times, rates of q and wrenches with their rates."""
+
+    t: np.ndarray
+    rates: Rates
+    W: Wrenches
+
+
+def states_of(task: Task, part: Part, rows: Rows, check: bool) -> States:
+    """The states in rows that state all rates; with `check`, units of the first motion are looked at."""
+    mechanism, match = task.job.links.mechanism, task.match
+    si = {
+        name: rows.columns[source] if match.factors[name] == 1 else rows.columns[source] * match.factors[name]
+        for name, source in match.sources.items()
+    }
+    joints = mechanism.coordinates
+    orders = range(task.job.highest + 1)
+    rates = tuple(np.stack([si[f"{joint}.{rate_name('q', k)}"] for joint in joints], axis=1) for k in orders)
+    if check:
+        first = slice(0, rows.runs[0].stop)
+        stated = match.angles_stated, match.time_stated
+        check_units(si[TIME][first], rates[0][first], rates[1][first], mechanism, stated, str(part.path))
+    return States(si[TIME], rates, _wrenches(task, part, si, joints))
+
+
+def _wrenches(task: Task, part: Part, si: Mapping[str, np.ndarray], joints: tuple[str, ...]) -> Wrenches:
+    columns = {name: si[name] for name in loads.named(list(si), task.job.links.mechanism)}
+    if not columns:
+        return None
+    rows = np.arange(len(si[TIME]), dtype=float)  # in place of times, which begin again with each motion
+    order = task.job.highest - 2
+    curves, _ = loads.wrenches(rows, columns, task.job.links.mechanism, order, Smoothing(), str(part.path))
+    of_bodies = {body: curve.rates(rows, order) for body, curve in curves.items()}
+    return tuple({body: rates[k] for body, rates in of_bodies.items()} for k in range(order + 1))
+
+
+def _computed(task: Task, part: Part, rows: Rows, states: States) -> Block:
+    """The results of states; all of them are finite numbers."""
+    found = of_rows(task.job, states.rates, states.W)
+    for output in found:
+        for k, values in enumerate(output.rates):
+            if not np.isfinite(values).all():
+                i, j = np.argwhere(~np.isfinite(values))[0]
+                place = format_of(part.path).row(part.path, int(rows.places[i]))
+                came = f"{output.names[j]}.{rate_name(output.symbol, k)} is {values[i, j]}"
+                raise JounceError(f"{place}: {came}; expected a state whose results are finite numbers")
+    return Block(states.t, found, {})
+
+
+def motions(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple[str, Motion]]:
+    """The motions of a part, each with its name, read as a whole."""
+    name, pieces = "", list[Columns]()
+    for rows in read(task, part, skipped):
+        for run in rows.runs:
+            if pieces and run.motion != name:
+                yield from _motion(task, part, name, pieces, skipped)
+                pieces = []
+            name = run.motion
+            pieces.append({column: x[run.start : run.stop] for column, x in rows.columns.items()})
+    if pieces:
+        yield from _motion(task, part, name, pieces, skipped)
+
+
+def _motion(
+    task: Task, part: Part, name: str, pieces: list[Columns], skipped: list[Skipped]
+) -> Iterator[tuple[str, Motion]]:
+    """The motion of samples; one that cannot be had of them is refused, or left out."""
+    job, place = task.job, f"{part.path}: motion {quoted(name)}" if name else str(part.path)
+    columns = {column: np.concatenate([piece[column] for piece in pieces]) for column in pieces[0]}
+    reading = job.reading
+    try:
+        found = from_columns(columns, task.match, job.links.mechanism, job.highest, place, reading.way or Smoothing())
+        with at(place):
+            found = found if reading.blend is None else found.blended(reading.blend, max(4, job.highest))
+            found = found if reading.step is None else found.with_step(reading.step)
+    except JounceError as error:
+        if not reading.skip:
+            raise
+        skipped.append(Skipped(place, "", str(error)))
+        return
+    yield name, found

@@ -1,0 +1,113 @@
+"""Limits along the motions of a part, between rows too, and the worst of all parts."""
+
+from collections.abc import Iterator
+from dataclasses import asdict, replace
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from jounce.errors import JounceError
+from jounce.io.columns import Columns
+from jounce.io.spans import format_of
+from jounce.limits.check import Check
+from jounce.motion.motion import Motion
+from jounce.motion.spline import Smoothing
+from jounce.motion.table import from_columns
+from jounce.stream.blocks import motions
+from jounce.stream.plan import Part, Task
+from jounce.stream.records import Skipped
+from jounce.stream.rows import Rows, Run, read
+from jounce.stream.tally import Aggregate
+
+STRETCH = 2000  # rows that are checked at a time: some of what a check does takes the square of their number
+
+
+def checked_limits(task: Task, part: Part, skipped: list[Skipped]) -> dict[str, Aggregate]:
+    """The limits of the motions of a part. Rows that state all rates are checked up to the first row behind it."""
+    found: dict[str, Aggregate] = {}
+    for name, count, motion in _stretches(task, part, skipped) if task.independent else _wholes(task, part, skipped):
+        add_limits(found, name, _aggregate(task.job.robot.check(motion), motion, count))
+    return found
+
+
+def add_limits(known: dict[str, Aggregate], name: str, more: Aggregate) -> None:
+    """Join the limits of a stretch of a motion to those of the stretches before."""
+    if name not in known:
+        known[name] = more
+        return
+    joined = known[name]
+    joined["rows"] += more["rows"]
+    joined["t"] = [joined["t"][0], more["t"][1]]
+    joined["notes"] = list(dict.fromkeys([*joined["notes"], *more["notes"]]))
+    for i, (row, other) in enumerate(zip(joined["limits"], more["limits"], strict=True)):
+        spans = [*row["violations"]]
+        for start, stop in other["violations"]:
+            if spans and spans[-1][1] == start:
+                start = spans.pop()[0]
+            spans.append([start, stop])
+        worse = other if _ratio(other) > _ratio(row) else row
+        joined["limits"][i] = worse | {"violations": spans}
+
+
+def _ratio(row: dict[str, Any]) -> float:
+    return inf if row["ratio"] is None else row["ratio"]
+
+
+def _aggregate(found: Check, motion: Motion, rows: int) -> Aggregate:
+    limits = [
+        {key: None if isinstance(x, float) and np.isinf(x) else x for key, x in asdict(row).items()}
+        | {"violations": [list(span) for span in row.violations]}
+        for row in found.table
+    ]
+    return {"rows": rows, "t": [motion.start, motion.stop], "limits": limits, "notes": list(found.notes)}
+
+
+def _wholes(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple[str, int, Motion]]:
+    for name, motion in motions(task, part, skipped):
+        yield name, len(motion.times), motion
+
+
+def _stretches(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple[str, int, Motion]]:
+    """Stretches of motions with the number of their rows: each begins with the last row of the one before."""
+    before: tuple[str, Columns] | None = None  # a motion and its last row so far
+    alone = False  # whether that row is the only one
+    for rows, ours in _with_next(task, part, skipped):
+        for run in _cut(rows.runs):
+            columns = {name: x[run.start : run.stop] for name, x in rows.columns.items()}
+            count = run.stop - run.start
+            if before and before[0] == run.motion:
+                columns = {name: np.concatenate([before[1][name], x]) for name, x in columns.items()}
+            elif not ours:
+                break
+            elif alone and before:
+                raise _too_short(part, before[0])
+            alone = len(next(iter(columns.values()))) == 1
+            if not alone:
+                mechanism, highest, place = task.job.links.mechanism, task.job.highest, str(part.path)
+                motion = from_columns(columns, task.match, mechanism, highest, place, Smoothing())
+                yield run.motion, count if ours else 0, motion
+            before = run.motion, {name: x[-1:] for name, x in columns.items()}
+    if alone and before and part.span.start == 0:
+        raise _too_short(part, before[0])
+
+
+def _cut(runs: list[Run]) -> Iterator[Run]:
+    """Runs of at most `STRETCH` rows."""
+    for run in runs:
+        for start in range(run.start, run.stop, STRETCH):
+            yield Run(run.motion, start, min(start + STRETCH, run.stop))
+
+
+def _with_next(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple[Rows, bool]]:
+    """The rows of a part, and the row behind it, if there is one, which is not its own."""
+    for rows in read(task, part, skipped):
+        yield rows, True
+    behind = format_of(part.path).next_row(part.path, part.span.stop)
+    if behind is not None:
+        for rows in read(task, replace(part, span=behind), []):
+            yield rows, False
+
+
+def _too_short(part: Part, motion: str) -> JounceError:
+    return JounceError(f"{part.path}: motion {motion!r} has one row; expected two or more, to check between them")

@@ -1,0 +1,62 @@
+"""Aggregates of motions: rows, times, peaks and root mean squares, gathered chunk by chunk and joined part by part.
+
+Sums are added in the order of the input whatever computes the parts, so that they are the same to the last bit.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from jounce.errors import JounceError, quoted
+from jounce.motion.bands import surest_peaks
+from jounce.spatial.series import rate_name
+from jounce.stream.outputs import Block
+
+Aggregate = dict[str, Any]  # plain data of a motion: rows, t, peaks and squares by quantity and joint
+
+
+def tally(block: Block, rows: slice) -> Aggregate:
+    """The aggregate of rows of one motion; of q and its rates none is wanted."""
+    t = block.t[rows]
+    found: Aggregate = {"rows": len(t), "t": [float(t[0]), float(t[-1])], "peaks": {}, "squares": {}}
+    for output in block.outputs:
+        for k, values in enumerate(rate[rows] for rate in output.rates if output.symbol != "q"):
+            name = rate_name(output.symbol, k)
+            if output.deviations:
+                peak = surest_peaks(values, output.deviations[k][rows])[0]
+            else:
+                peak = np.maximum(values.max(axis=0), -values.min(axis=0))
+            found["peaks"][name] = dict(zip(output.names, peak.tolist(), strict=True))
+            squares = np.einsum("ij,ij->j", values, values)
+            found["squares"][name] = dict(zip(output.names, squares.tolist(), strict=True))
+    return found
+
+
+def add(tallies: dict[str, Aggregate], motion: str, more: Aggregate) -> None:
+    """Join an aggregate of further rows to that of a motion."""
+    if motion not in tallies:
+        tallies[motion] = more
+        return
+    known = tallies[motion]
+    known["rows"] += more["rows"]
+    known["t"] = [known["t"][0], more["t"][1]]
+    for name, peaks in more["peaks"].items():
+        of, squares = known["peaks"][name], known["squares"][name]
+        for joint, peak in peaks.items():
+            of[joint] = max(of[joint], peak)
+            squares[joint] += more["squares"][name][joint]
+
+
+def join(parts: Iterable[Mapping[str, Aggregate]]) -> dict[str, Aggregate]:
+    """The aggregates of all parts, in the order in which motions come first."""
+    tallies: dict[str, Aggregate] = {}
+    for part in parts:
+        for motion, more in part.items():
+            if motion in tallies and more["t"][0] <= tallies[motion]["t"][1]:
+                raise JounceError(
+                    f"motion {quoted(motion)}: t = {more['t'][0]:.17g} follows t = {tallies[motion]['t'][1]:.17g};"
+                    " expected increasing times: sort the rows, or give motions different names"
+                )
+            add(tallies, motion, more)
+    return tallies
