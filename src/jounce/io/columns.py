@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,10 +15,10 @@ Select = Callable[[Sequence[str]], Iterable[str]]  # of the names that a table h
 
 @dataclass(frozen=True)
 class About:
-    """What a table is of: the units of its columns, and plain data; tables of some types keep it."""
+    """What a table is of: the unit of a column by its name, and plain data; tables of some types keep it."""
 
-    units: Mapping[str, str] = field(default_factory=dict)
-    data: Mapping[str, Any] = field(default_factory=dict)
+    unit: Callable[[str], str]
+    data: Mapping[str, Any]
 
 
 def flatten(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from io import TextIOWrapper
 from itertools import chain, islice
 from pathlib import Path
+from shutil import copyfileobj
 from typing import NamedTuple, TextIO
 
 import numpy as np
@@ -70,6 +71,17 @@ def write(path: Path, pieces: Iterable[Mapping[str, np.ndarray]]) -> None:
             for i in range(0, max(map(len, arrays)), size):
                 rows = zip(*(array[i : i + size].tolist() for array in arrays), strict=True)
                 writer.writerows(rows)  # repr of a double: it reads back the same
+
+
+def join(path: Path, parts: Iterable[Path]) -> None:
+    """Write the tables of several files, whose columns are the same, as one."""
+    with path.open("wb") as file:
+        for number, part in enumerate(parts):
+            with opened(part) as content:
+                header = content.readline()
+                if number == 0:
+                    file.write(header)
+                copyfileobj(content, file)
 
 
 def _rows(columns: int) -> int:

@@ -77,9 +77,6 @@ def _described(arrow: Any, schema: Any, about: About | None) -> Any:
     """The schema with the unit of each column, and with what the table is of."""
     if about is None:
         return schema
-    fields = [
-        field.with_metadata({"unit": about.units[field.name]}) if about.units.get(field.name) else field
-        for field in schema
-    ]
-    units = {name: unit for name, unit in about.units.items() if unit and name in schema.names}
+    units = {name: unit for name in schema.names if (unit := about.unit(name))}
+    fields = [field.with_metadata({"unit": units[field.name]}) if field.name in units else field for field in schema]
     return arrow.schema(fields, {NAMESPACE: json.dumps({**about.data, "units": units}).encode()})

@@ -7,7 +7,7 @@ import numpy as np
 
 from jounce.errors import JounceError, at, quoted
 from jounce.io.columns import Columns
-from jounce.io.spans import format_of
+from jounce.io.spans import format_of, place
 from jounce.motion import loads
 from jounce.motion.columns import TIME
 from jounce.motion.motion import Motion
@@ -83,41 +83,44 @@ def _computed(task: Task, part: Part, rows: Rows, states: States) -> Block:
         for k, values in enumerate(output.rates):
             if not np.isfinite(values).all():
                 i, j = np.argwhere(~np.isfinite(values))[0]
-                place = format_of(part.path).row(part.path, int(rows.places[i]))
                 came = f"{output.names[j]}.{rate_name(output.symbol, k)} is {values[i, j]}"
-                raise JounceError(f"{place}: {came}; expected a state whose results are finite numbers")
+                where = place(part.path, int(rows.places[i]))
+                raise JounceError(f"{where}: {came}; expected a state whose results are finite numbers")
     return Block(states.t, found, {})
 
 
 def motions(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple[str, Motion]]:
     """The motions of a part, each with its name, read as a whole."""
-    name, pieces = "", list[Columns]()
+    name, start, pieces = "", part.span.start, list[Columns]()
     for rows in read(task, part, skipped):
         for run in rows.runs:
             if pieces and run.motion != name:
-                yield from _motion(task, part, name, pieces, skipped)
+                yield from _motion(task, part, name, start, pieces, skipped)
                 pieces = []
-            name = run.motion
+            if not pieces:
+                name, start = run.motion, int(rows.places[run.start])
             pieces.append({column: x[run.start : run.stop] for column, x in rows.columns.items()})
     if pieces:
-        yield from _motion(task, part, name, pieces, skipped)
+        yield from _motion(task, part, name, start, pieces, skipped)
 
 
 def _motion(
-    task: Task, part: Part, name: str, pieces: list[Columns], skipped: list[Skipped]
+    task: Task, part: Part, name: str, start: int, pieces: list[Columns], skipped: list[Skipped]
 ) -> Iterator[tuple[str, Motion]]:
-    """The motion of samples; one that cannot be had of them is refused, or left out."""
-    job, place = task.job, f"{part.path}: motion {quoted(name)}" if name else str(part.path)
+    """The motion of samples that begin at a place; one that cannot be had of them is refused, or left out."""
+    job, where = task.job, f"{part.path}: motion {quoted(name)}" if name else str(part.path)
     columns = {column: np.concatenate([piece[column] for piece in pieces]) for column in pieces[0]}
     reading = job.reading
     try:
-        found = from_columns(columns, task.match, job.links.mechanism, job.highest, place, reading.way or Smoothing())
-        with at(place):
+        found = from_columns(columns, task.match, job.links.mechanism, job.highest, where, reading.way or Smoothing())
+        with at(where):
             found = found if reading.blend is None else found.blended(reading.blend, max(4, job.highest))
             found = found if reading.step is None else found.with_step(reading.step)
     except JounceError as error:
         if not reading.skip:
             raise
-        skipped.append(Skipped(place, "", str(error)))
+        table = format_of(part.path)
+        row = table.number(part.path, start, table.first)
+        skipped.append(Skipped(str(part.path), row, "", f"the motion that begins here: {error}"))
         return
     yield name, found

@@ -1,6 +1,6 @@
 """Limits along the motions of a part, between rows too, and the worst of all parts."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, replace
 from math import inf
 from typing import Any
@@ -15,11 +15,13 @@ from jounce.motion.motion import Motion
 from jounce.motion.spline import Smoothing
 from jounce.motion.table import from_columns
 from jounce.stream.blocks import motions
-from jounce.stream.plan import Part, Task
+from jounce.stream.plan import MOTION, Part, Task
 from jounce.stream.records import Skipped
 from jounce.stream.rows import Rows, Run, read
-from jounce.stream.tally import Aggregate
+from jounce.stream.tally import Aggregate, check_order
 
+TEXTS = (MOTION, "joint", "limit", "of", "unit")  # columns of a table of limits
+NUMBERS = ("value", "bound", "ratio", "margin", "t", "deviation")
 STRETCH = 2000  # rows that are checked at a time: some of what a check does takes the square of their number
 
 
@@ -50,8 +52,33 @@ def add_limits(known: dict[str, Aggregate], name: str, more: Aggregate) -> None:
         joined["limits"][i] = worse | {"violations": spans}
 
 
-def _ratio(row: dict[str, Any]) -> float:
-    return inf if row["ratio"] is None else row["ratio"]
+def join_limits(parts: Iterable[Mapping[str, Aggregate]]) -> dict[str, Aggregate]:
+    """The limits of the motions of all parts."""
+    found: dict[str, Aggregate] = {}
+    for part in parts:
+        for motion, more in part.items():
+            check_order(found.get(motion), motion, more)
+            add_limits(found, motion, more)
+    return found
+
+
+def table_of(found: Mapping[str, Aggregate]) -> Columns:
+    """A table with a row per motion and limit; numbers that are infinite are so."""
+    rows = [{MOTION: motion} | row for motion, of in found.items() for row in of["limits"]]
+    texts: Columns = {name: np.array([row[name] or "" for row in rows], dtype=str) for name in TEXTS}
+    numbers: Columns = {
+        name: np.array([np.nan if name == "deviation" and row[name] is None else _number(row[name]) for row in rows])
+        for name in NUMBERS
+    }
+    return texts | numbers
+
+
+def _number(x: float | None) -> float:
+    return inf if x is None else x
+
+
+def _ratio(row: Mapping[str, Any]) -> float:
+    return _number(row["ratio"])
 
 
 def _aggregate(found: Check, motion: Motion, rows: int) -> Aggregate:

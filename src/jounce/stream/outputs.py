@@ -5,12 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jounce._version import __version__
+from jounce.actuators.along import order_of_voltages
 from jounce.actuators.elastic import ElasticRobot
 from jounce.dynamics import electrical
 from jounce.dynamics.quantities import FORCES, row_of
-from jounce.io.columns import About, Columns
-from jounce.io.motions.writing import BREAK, MEASURED, break_marks, column_units, named
+from jounce.io.columns import Columns
+from jounce.io.motions.writing import BREAK, MEASURED, break_marks, named
 from jounce.model.elasticity import motor_names
 from jounce.motion import Motion
 from jounce.robot.along import force_breaks, pieces_along
@@ -59,6 +59,7 @@ def along(job: Job, motion: Motion, torques: Sequence[str]) -> Iterator[Block]:
     """The quantities along a whole motion at its own times, in blocks of rows; `torques` are joints measured."""
     links, order = job.links, job.order
     if isinstance(job.robot, ElasticRobot):
+        order = order_of_voltages(job.robot.elasticity, motion.curve.highest)
         whole = job.robot.along(motion, order=order, method=job.method)  # type: ignore[arg-type] # a text of the user
         marks = [(found.t, max(found.order, 0)) for found in whole.breaks]
         off = whole.deviations or tuple(map(np.zeros_like, whole.torques))
@@ -81,17 +82,6 @@ def columns_of(block: Block) -> Columns:
     for output in block.outputs:
         found |= named(output.symbol, output.names, output.rates, output.deviations)
     return found | block.others
-
-
-def about(job: Job, names: Sequence[str]) -> About:
-    """The metadata of a table of results: robot, joints, order, and the units of its columns."""
-    data = {
-        "version": __version__,
-        "robot": job.links.name,
-        "joints": list(job.links.joint_names),
-        "order": job.order,
-    }
-    return About(column_units(job.links.mechanism, names), data)
 
 
 def _of_motors(arm: ElasticRobot, theta: Rates, tau: Rates, off: Rates | None) -> list[Output]:

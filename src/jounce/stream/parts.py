@@ -9,10 +9,11 @@ import numpy as np
 
 from jounce.errors import JounceWarning
 from jounce.io.columns import Columns
+from jounce.io.motions.writing import about
 from jounce.io.tables import WRITERS
 from jounce.stream.blocks import blocks
 from jounce.stream.limits import checked_limits
-from jounce.stream.outputs import about, columns_of
+from jounce.stream.outputs import columns_of
 from jounce.stream.plan import MOTION, Part, Task
 from jounce.stream.records import Record, Skipped, checksum, keep, rows_path, written
 from jounce.stream.rows import Run
@@ -54,7 +55,7 @@ def _names(runs: list[Run]) -> Columns:
 
 
 def _write(task: Task, part: Part, folder: Path, pieces: Iterator[Columns]) -> str:
-    """Write the rows of a part; returns the checksum of the table, empty where there is none."""
+    """Write the rows of a part; returns the checksum of the table, empty without any rows."""
     form, first = task.job.form, next(pieces, None)
     if form is None:
         for _ in pieces:
@@ -63,5 +64,5 @@ def _write(task: Task, part: Part, folder: Path, pieces: Iterator[Columns]) -> s
     if first is None:
         return ""
     with written(rows_path(folder, part, form)) as path:
-        WRITERS[form](path, chain([first], pieces), about(task.job, list(first)))
+        WRITERS[form](path, chain([first], pieces), about(task.job.links.mechanism, task.job.order))
         return checksum(path)

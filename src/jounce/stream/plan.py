@@ -2,19 +2,24 @@
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from jounce.actuators.along import order_of_voltages
 from jounce.actuators.elastic import ElasticRobot
 from jounce.errors import JounceError, at, listed, quoted
 from jounce.io.spans import FORMATS, format_of
+from jounce.io.spans import place as place_in_words
 from jounce.io.spans.chunk import Span
 from jounce.motion import loads
 from jounce.motion.columns import DEVIATION, Match, match
+from jounce.motion.spline import Smoothing, refuse_way
+from jounce.spatial.series import rate_name
 from jounce.stream.job import Job, digest
 
 MOTION = "motion"  # the column that names the motion of each row
 CELLS = 1 << 23  # of a part: 64 MB of numbers
+LARGE = 1 << 28  # bytes of a table
 COPIES = 12  # of a motion in memory while samples are fitted
 IGNORED = (".", "_")  # what names of files begin with that are no data
 
@@ -70,12 +75,29 @@ def make_plan(job: Job, source: Path, highest: int) -> Plan:
     for path, (other, names) in zip(paths[1:], others, strict=True):
         _check_alike(paths[0], path, first, other, named, names)
     independent = _is_independent(job, first)
+    if independent:
+        refuse_way(job.reading.way or Smoothing(), str(paths[0]), "all rates are in the table")
+        job = _with_voltages(job, first)
     parts: list[Part] = []
     for path in paths:
         stem = None if named else path.stem
         for span in _spans(path, first, independent, named):
             parts.append(_part(job, len(parts), path, span, stem))
     return Plan(Task(job, first, independent, named or source.is_dir()), tuple(parts), (*first.notes, *notes))
+
+
+def is_by_parts(job: Job, source: Path) -> bool:
+    """Whether a table is read by parts without being asked: it holds several motions, or is large and states all rates.
+
+    What cannot be read is left to those who read tables as a whole, and their messages.
+    """
+    if source.suffix.lower() not in FORMATS:
+        return False
+    try:
+        found, named = _match(job, source, job.highest)
+        return named or (_is_independent(job, found) and format_of(source).size(source) > LARGE)
+    except JounceError:
+        return False
 
 
 def _files(source: Path) -> tuple[list[Path], tuple[str, ...]]:
@@ -117,6 +139,15 @@ def _is_independent(job: Job, found: Match) -> bool:
     spread = any(name.endswith(DEVIATION) for name in sources)
     whole = found.sampled or spread or loads.are_sampled(of_wrenches) or reading.blend or reading.step
     return not whole and not (isinstance(job.robot, ElasticRobot) and _has_memory(job.robot))
+
+
+def _with_voltages(job: Job, found: Match) -> Job:
+    """The job with the rate of motor torques that voltages take, if the table states as many rates of q."""
+    if not isinstance(job.robot, ElasticRobot):
+        return job
+    further = job.highest + 1
+    is_known = all(f"{joint}.{rate_name('q', further)}" in found.sources for joint in job.links.joint_names)
+    return replace(job, order=order_of_voltages(job.robot.elasticity, job.highest + is_known))
 
 
 def _has_memory(arm: ElasticRobot) -> bool:
@@ -162,7 +193,7 @@ def runs(path: Path, spans: Sequence[Span]) -> Iterator[Span]:
                     name, start = str(chunk.motions[i]), place
                     if name in seen:
                         raise JounceError(
-                            f"{format_of(path).row(path, place)}: motion {quoted(name)} begins a second time;"
+                            f"{place_in_words(path, place)}: motion {quoted(name)} begins a second time;"
                             " its samples need a fit as a whole: sort the rows by motion"
                         )
                     seen.add(name)
@@ -176,7 +207,7 @@ def _checked(path: Path, span: Span, found: Match) -> Span:
     needed, there = int(cells * columns * 8 * COPIES), _memory()
     if needed > there:
         raise JounceError(
-            f"{format_of(path).row(path, span.start)}: the motion that begins here takes {needed / 1e9:.3g} GB to fit,"
+            f"{place_in_words(path, span.start)}: the motion that begins here takes {needed / 1e9:.3g} GB to fit,"
             f" and there are {there / 1e9:.3g} GB: state its rates in columns NAME.q, NAME.qd, ..., or divide it into"
             " several motions"
         )

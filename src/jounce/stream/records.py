@@ -1,7 +1,6 @@
-"""Records of finished parts: what was computed, and the checksum of the table of rows. Both appear as a whole."""
+"""Records of finished parts: what was computed, with the checksum of the table of rows."""
 
 import json
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
@@ -19,9 +18,13 @@ BLOCK = 1 << 20  # bytes that are read at a time
 
 @dataclass(frozen=True)
 class Skipped:
-    """A row that is left out: its file and place, the column that is wrong and how, and its cells."""
+    """A row that is left out: its file, its number or that of its line, the column that is wrong and how, its cells.
 
-    place: str
+    Of a motion that is left out, or of rows that cannot be read, it is the first row.
+    """
+
+    file: str
+    row: int
     column: str
     problem: str
     cells: Mapping[str, str] = field(default_factory=dict)
@@ -32,7 +35,7 @@ class Record:
     """What was computed of a part.
 
     `aggregates` are plain data by motion, in the order of the input. `checksum` is that of the table of rows, empty
-    where there is none. `notes` are warnings.
+    without any rows. `notes` are warnings.
     """
 
     number: int
@@ -44,9 +47,14 @@ class Record:
     notes: Sequence[str] = ()
 
 
+def rows_folder(folder: Path) -> Path:
+    """The folder of the tables of rows in the work folder."""
+    return folder / "rows"
+
+
 def rows_path(folder: Path, part: Part, form: str) -> Path:
     """The path of the table of rows of a part."""
-    return folder / f"part-{part.number:06d}{form}"
+    return rows_folder(folder) / f"part-{part.number:06d}{form}"
 
 
 def record_path(folder: Path, part: Part) -> Path:
@@ -56,7 +64,7 @@ def record_path(folder: Path, part: Part) -> Path:
 
 @contextmanager
 def written(path: Path) -> Iterator[Path]:
-    """Yield a path in the work folder to write to; the file appears when all is in it."""
+    """Yield a path to write to in the folder of a path; the file appears when all is in it."""
     temporary = part_in(path.parent)
     try:
         yield temporary
@@ -72,26 +80,45 @@ def written(path: Path) -> Iterator[Path]:
 
 def keep(folder: Path, part: Part, record: Record) -> None:
     """Write the record of a part."""
-    data = asdict(record)
     with written(record_path(folder, part)) as path:
-        path.write_text(json.dumps({"digest": digest(data), "record": data}))
+        path.write_text(line_of(record), encoding="utf-8")
 
 
-def find(folder: Path, part: Part, form: str | None, skip: bool) -> Record | None:
-    """The record of a part that was finished by this run or by one before it; None if it has to be computed.
+def line_of(record: Record) -> str:
+    """A record and its digest as a line of JSON."""
+    data = asdict(record)
+    return json.dumps({"digest": digest(data), "record": data})
 
-    A record is valid if its key is that of the part, and the checksums are those of the files.
-    """
+
+def parse(line: str) -> Record | None:
+    """The record in a line of JSON; None if it is damaged."""
     try:
-        kept = json.loads(record_path(folder, part).read_bytes())
+        kept = json.loads(line)
         data = kept["record"]
-        if kept["digest"] != digest(data) or data["key"] != part.key or (data["skipped"] and not skip):
-            return None
-        if form is not None and data["rows"] and checksum(rows_path(folder, part, form)) != data["checksum"]:
+        if kept["digest"] != digest(data):
             return None
         return Record(**data | {"skipped": tuple(Skipped(**row) for row in data["skipped"])})
-    except (OSError, ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError):
         return None
+
+
+def find(folder: Path, part: Part) -> Record | None:
+    """The record of a part in the work folder; None if it is missing, damaged or of another run."""
+    try:
+        record = parse(record_path(folder, part).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError):
+        return None
+    return record if record and record.key == part.key else None
+
+
+def is_valid(record: Record | None, table: Path | None, skip: bool) -> bool:
+    """Whether a part needs no work: the table of its rows is as it was, and no row was left out but by `skip`."""
+    if record is None or (record.skipped and not skip):
+        return False
+    try:
+        return table is None or not record.rows or checksum(table) == record.checksum
+    except OSError:
+        return False
 
 
 def checksum(path: Path) -> str:
@@ -101,11 +128,3 @@ def checksum(path: Path) -> str:
         while block := file.read(BLOCK):
             found.update(block)
     return found.hexdigest()
-
-
-def make_folder(path: Path) -> None:
-    """Make the work folder."""
-    try:
-        path.mkdir(exist_ok=True)
-    except OSError as error:
-        raise JounceError(f"{path}: cannot be created: {os.strerror(error.errno or 0)}") from None

@@ -45,7 +45,8 @@ def read(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[Rows]:
     except JounceError as error:
         if not skip:
             raise
-        skipped.append(Skipped(f"{table.row(part.path, place)} and all rows up to {part.span.stop}", "", str(error)))
+        number = table.number(part.path, place, table.first)
+        skipped.append(Skipped(str(part.path), number, "", f"the rows of this part from here on: {error}"))
 
 
 def _checked(task: Task, part: Part, chunk: Chunk, last: tuple[str, float] | None, skipped: list[Skipped]) -> Rows:
@@ -54,14 +55,18 @@ def _checked(task: Task, part: Part, chunk: Chunk, last: tuple[str, float] | Non
     good = np.ones(len(chunk.places) - 1, dtype=bool)
     good[list(problems)] = False
     problems |= _late(task, part, chunk, good, last)
+    table = format_of(part.path)
+    known = table.first
     for i in sorted(problems):
         column, problem = problems[i]
-        place = format_of(part.path).row(part.path, int(chunk.places[i]))
+        place = int(chunk.places[i])
+        known = place, table.number(part.path, place, known)
         if not task.job.reading.skip:
             came = f"column {quoted(column)} {problem}" if column else problem
-            raise JounceError(f"{place}: {came}; repair or remove the row, or leave bad rows out by --on-error skip")
+            cure = "repair or remove the row, or leave bad rows out by --on-error skip"
+            raise JounceError(f"{table.row(part.path, known[1])}: {came}; {cure}")
         cells = {name: chunk.texts.get((i, name), repr(float(x[i]))) for name, x in chunk.columns.items()}
-        skipped.append(Skipped(place, column, problem, cells))
+        skipped.append(Skipped(str(part.path), known[1], column, problem, cells))
     if not problems:
         return Rows(chunk.columns, _runs(part, chunk.motions, len(good)), chunk.places[:-1])
     good[list(problems)] = False

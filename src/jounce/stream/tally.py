@@ -3,15 +3,17 @@
 Sums are added in the order of the input whatever computes the parts, so that they are the same to the last bit.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from jounce.errors import JounceError, quoted
+from jounce.io.columns import Columns
 from jounce.motion.bands import surest_peaks
 from jounce.spatial.series import rate_name
 from jounce.stream.outputs import Block
+from jounce.stream.plan import MOTION
 
 Aggregate = dict[str, Any]  # plain data of a motion: rows, t, peaks and squares by quantity and joint
 
@@ -53,10 +55,47 @@ def join(parts: Iterable[Mapping[str, Aggregate]]) -> dict[str, Aggregate]:
     tallies: dict[str, Aggregate] = {}
     for part in parts:
         for motion, more in part.items():
-            if motion in tallies and more["t"][0] <= tallies[motion]["t"][1]:
-                raise JounceError(
-                    f"motion {quoted(motion)}: t = {more['t'][0]:.17g} follows t = {tallies[motion]['t'][1]:.17g};"
-                    " expected increasing times: sort the rows, or give motions different names"
-                )
+            check_order(tallies.get(motion), motion, more)
             add(tallies, motion, more)
     return tallies
+
+
+def check_order(known: Aggregate | None, motion: str, more: Aggregate) -> None:
+    """Raise `JounceError` where a motion goes on at a time that it has passed already."""
+    if known and not more["t"][1] > known["t"][1]:
+        raise JounceError(
+            f"motion {quoted(motion)}: t = {more['t'][0]:.17g} follows t = {known['t'][1]:.17g}; expected increasing"
+            " times: sort the rows, or give motions names of their own"
+        )
+
+
+def reduced(tallies: Mapping[str, Aggregate], kinds: Sequence[str]) -> Columns:
+    """A table of aggregates with a row per motion and joint: columns ``Q_peak, Qd_peak, ..., Q_rms, ...``."""
+    motions, joints, rows = list[str](), list[str](), list[int]()
+    quantities: dict[str, object] = {}
+    for motion, found in tallies.items():
+        names = list(dict.fromkeys(joint for peaks in found["peaks"].values() for joint in peaks))
+        quantities |= dict.fromkeys(found["peaks"])
+        motions += [motion] * len(names)
+        joints += names
+        rows += [found["rows"]] * len(names)
+    columns: Columns = {MOTION: np.array(motions), "joint": np.array(joints), "rows": np.array(rows)}
+    for kind in kinds:
+        for name in quantities:
+            columns[f"{name}_{kind}"] = np.array([
+                KINDS[kind](found, name, joint)
+                for found in tallies.values()
+                for joint in dict.fromkeys(joint for peaks in found["peaks"].values() for joint in peaks)
+            ])  # fmt: skip
+    return columns
+
+
+def _peak(found: Aggregate, name: str, joint: str) -> float:
+    return float(found["peaks"][name].get(joint, np.nan))
+
+
+def _rms(found: Aggregate, name: str, joint: str) -> float:
+    return float(np.sqrt(found["squares"][name].get(joint, np.nan) / found["rows"]))
+
+
+KINDS = {"peak": _peak, "rms": _rms}

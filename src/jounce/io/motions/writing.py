@@ -5,11 +5,13 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from jounce.io.columns import Columns
+from jounce._version import __version__
+from jounce.io.columns import About, Columns
 from jounce.model.coordinates import coordinate_units
 from jounce.model.elasticity import motor_names
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
+from jounce.motion.columns import TIME
 from jounce.spatial.series import SUFFIX, rate_name
 
 PIECE = 1000  # rows
@@ -42,16 +44,19 @@ def named(
     return found
 
 
-def column_units(mechanism: Mechanism, names: Sequence[str]) -> dict[str, str]:
-    """The units of columns of results by name; empty for those that have none."""
-    owners = dict(zip(mechanism.coordinates, coordinate_units(mechanism), strict=True))
+def about(mechanism: Mechanism, order: int) -> About:
+    """What a table of results is of: the robot, its joints, the order, and the units of columns."""
+    joints = mechanism.coordinates
+    data = {"version": __version__, "robot": mechanism.name, "joints": list(joints), "order": order}
+    owners = dict(zip(joints, coordinate_units(mechanism), strict=True))
     if (e := mechanism.elasticity) is not None:
-        of_motors = [owners[mechanism.coordinates[j]] for j in e.joints_of_motors]
-        owners |= dict(zip(motor_names(e, mechanism.coordinates), of_motors, strict=True))
-    return {name: "s" if name == "t" else _unit(owners, name) for name in names}
+        of_motors = [owners[joints[j]] for j in e.joints_of_motors]
+        owners |= dict(zip(motor_names(e, joints), of_motors, strict=True))
+    return About(lambda name: "s" if name == TIME else _unit(owners, name), data)
 
 
 def _unit(owners: Mapping[str, str], name: str) -> str:
+    """The unit of a column ``NAME.Qd``; none where it is no quantity of a joint or motor."""
     owner, _, symbol = name.removesuffix(DEVIATION).removesuffix(SAMPLE).removesuffix(MEASURED).rpartition(".")
     rate = RATE.fullmatch(symbol)
     if owner not in owners or rate is None:

@@ -20,15 +20,23 @@ class Format(NamedTuple):
     spans: Callable[[Path, int], list[Span]]  # of a number of cells each, about
     chunks: Callable[[Path, Sequence[str], str | None, Span], Iterator[Chunk]]  # of columns of numbers and one of texts
     next_row: Callable[[Path, int], Span | None]  # the span of the row that begins at a place, if there is one
-    row: Callable[[Path, int], str]  # the place of a row in words
+    number: Callable[[Path, int, tuple[int, int]], int]  # of the row at a place, from a place and number before it
+    row: Callable[[Path, int], str]  # the row of a number, in words
+    first: tuple[int, int] = (0, 0)  # the place of the first row, and its number
 
 
-FORMATS: Mapping[str, Format] = {
-    ".parquet": Format(parquet.names, parquet.size, parquet.spans, parquet.chunks, parquet.next_row, parquet.row),
-    ".csv": Format(csv.names, csv.size, csv.spans, csv.chunks, csv.next_row, csv.row),
-    ".npz": Format(npz.names, npz.size, npz.spans, npz.chunks, npz.next_row, npz.row),
-}
-FORMATS = {**FORMATS, ".tsv": FORMATS[".csv"], ".txt": FORMATS[".csv"]}
+PARQUET = Format(
+    parquet.names, parquet.size, parquet.spans, parquet.chunks, parquet.next_row, parquet.number, parquet.row
+)
+CSV = Format(csv.names, csv.size, csv.spans, csv.chunks, csv.next_row, csv.number, csv.row, csv.FIRST)
+NPZ = Format(npz.names, npz.size, npz.spans, npz.chunks, npz.next_row, npz.number, npz.row)
+FORMATS: Mapping[str, Format] = {".parquet": PARQUET, ".csv": CSV, ".npz": NPZ, ".tsv": CSV, ".txt": CSV}
+
+
+def place(path: Path, at: int) -> str:
+    """A place in a file in words."""
+    form = format_of(path)
+    return form.row(path, form.number(path, at, form.first))
 
 
 def format_of(path: Path) -> Format:

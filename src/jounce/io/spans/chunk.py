@@ -22,7 +22,7 @@ class Span(NamedTuple):
 class Chunk:
     """Some rows of a table.
 
-    `columns` are the columns of numbers, NaN where a cell is not one; `motions` are the cells of the column of texts;
+    `columns` are the columns of numbers, NaN in place of other cells; `motions` are the cells of the column of texts;
     `places` (N + 1,) are the places in the file where the rows begin, and where the last one ends. `texts` are cells
     that are not numbers, by row and column, and `broken` are reasons by row why it has no cells at all.
     """

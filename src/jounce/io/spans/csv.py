@@ -15,6 +15,7 @@ from jounce.io.files import opened
 from jounce.io.spans.chunk import Chunk, Span
 
 BLOCK = 1 << 22  # bytes that are read at a time
+FIRST = 0, 1  # the place of the first line, and its number
 DIGITS = 16  # bytes of a cell, about
 
 
@@ -63,14 +64,19 @@ def next_row(path: Path, place: int) -> Span | None:
     return Span(place, stop) if stop > place else None
 
 
-def row(path: Path, place: int) -> str:
-    """The place of a row in words: the file and the number of its line."""
+def number(path: Path, place: int, known: tuple[int, int]) -> int:
+    """The number of the line that begins at a place; `known` are a place before it and the number of its line."""
+    start, line = known
     with opened(path) as file:
-        line = 1
-        while place > 0:
-            block = file.read(min(BLOCK, place))
-            line, place = line + block.count(b"\n"), place - len(block) if block else 0
-    return f"{path}:{line}"
+        file.seek(start)
+        while start < place and (block := file.read(min(BLOCK, place - start))):
+            start, line = start + len(block), line + block.count(b"\n")
+    return line
+
+
+def row(path: Path, number: int) -> str:
+    """A line in words."""
+    return f"{path}:{number}"
 
 
 def _line_after(file: BinaryIO, place: int) -> int:
@@ -91,7 +97,8 @@ def _chunk(
         reader = csv.reader((decoded[i] for i in kept), delimiter=form.mark, skipinitialspace=True, strict=True)
         rows = list(reader)
     except (UnicodeDecodeError, csv.Error) as error:
-        raise JounceError(f"{row(path, int(places[0]))}: not a CSV table: {one_line(error)}") from None
+        where = row(path, number(path, int(places[0]), FIRST))
+        raise JounceError(f"{where}: not a CSV table: {one_line(error)}") from None
     if not rows:
         return
     broken = {

@@ -19,17 +19,17 @@ LOCAL = 30  # bytes of the fixed part of a member's header, which ends in the le
 
 def names(path: Path) -> list[str]:
     """The names of the columns."""
-    return list(_columns(path))
+    return list(columns_of(path))
 
 
 def size(path: Path) -> int:
     """The bytes of the table in memory."""
-    return sum(column.nbytes for column in _columns(path).values())
+    return sum(column.nbytes for column in columns_of(path).values())
 
 
 def spans(path: Path, cells: int) -> list[Span]:
     """Spans of even numbers of rows."""
-    columns = _columns(path)
+    columns = columns_of(path)
     rows, step = _rows(path, columns), max(1, cells // len(columns))
     return [Span(start, min(start + step, rows)) for start in range(0, rows, step)]
 
@@ -39,7 +39,7 @@ def chunks(path: Path, names: Sequence[str], texts: str | None, span: Span) -> I
     step = rows_of(len(names))
     for start in range(span.start, span.stop, step):
         part = slice(start, min(start + step, span.stop))
-        columns = _columns(path)  # mapped again, so that the pages that were read do not pile up
+        columns = columns_of(path)  # mapped again, so that the pages that were read do not pile up
         for name in names:
             if columns[name].dtype.kind not in "fiu":
                 raise JounceError(f"{path}: column {quoted(name)} holds {columns[name].dtype}; expected numbers")
@@ -52,12 +52,17 @@ def chunks(path: Path, names: Sequence[str], texts: str | None, span: Span) -> I
 
 def next_row(path: Path, place: int) -> Span | None:
     """The span of a row, if there is one."""
-    return Span(place, place + 1) if place < _rows(path, _columns(path)) else None
+    return Span(place, place + 1) if place < _rows(path, columns_of(path)) else None
 
 
-def row(path: Path, place: int) -> str:
-    """The place of a row in words."""
-    return f"{path}: row {place} from 0"
+def number(path: Path, place: int, known: tuple[int, int]) -> int:
+    """The number of the row at a place."""
+    return place
+
+
+def row(path: Path, number: int) -> str:
+    """A row in words."""
+    return f"{path}: row {number} from 0"
 
 
 def _rows(path: Path, columns: Mapping[str, np.ndarray]) -> int:
@@ -69,7 +74,7 @@ def _rows(path: Path, columns: Mapping[str, np.ndarray]) -> int:
     return len(columns[first])
 
 
-def _columns(path: Path) -> dict[str, np.ndarray]:
+def columns_of(path: Path) -> dict[str, np.ndarray]:
     """The columns, mapped from the file: their pages are read when they are used."""
     found: list[tuple[str, np.ndarray]] = []
     with opened(path) as file:

@@ -87,9 +87,14 @@ def next_row(path: Path, place: int) -> Span | None:
         return Span(place, place + 1) if place < file.metadata.num_rows else None
 
 
-def row(path: Path, place: int) -> str:
-    """The place of a row in words."""
-    return f"{path}: row {place} from 0"
+def number(path: Path, place: int, known: tuple[int, int]) -> int:
+    """The number of the row at a place."""
+    return place
+
+
+def row(path: Path, number: int) -> str:
+    """A row in words."""
+    return f"{path}: row {number} from 0"
 
 
 def _batches(file: "ParquetFile", wanted: Sequence[str], span: Span) -> "Iterator[tuple[int, Any]]":
