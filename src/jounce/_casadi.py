@@ -88,7 +88,7 @@ def casadi_function(
     computation = requests.computation(robot.mechanism, quantity, order, wrench, body, frame)
     _check_axes(computation, robot.mechanism)
     shapes = {name: value.shape for name, value in own_values(robot.mechanism, parameters).items()}
-    signature = computation.signature(robot.mechanism.n, robot.mechanism.nb, shapes)
+    signature = computation.signature(robot.mechanism, shapes)
     ports = sorted(signature.inputs, key=lambda port: port.role == "parameter")  # the state first, as in other calls
     inputs = {port.name: casadi.SX.sym(port.name, *port.shape) for port in ports}
     arrays = {port.name: asarray(inputs[port.name]).reshape(port.shape) for port in ports}
@@ -129,7 +129,7 @@ def _check(robot: Robot) -> None:
 
 def _check_axes(computation: Computation, mechanism: Mechanism) -> None:
     """Raise `JounceError` if the result has more axes than a matrix of CasADi, since it is of all bodies."""
-    shape = computation.shape(mechanism.n, mechanism.nb)
+    shape = computation.shape(mechanism)
     if computation.quantity.of_bodies and len(shape) > 2:
         raise JounceError(
             f"{computation.name} of all bodies: a CasADi matrix has 2 axes, not {len(shape)};"

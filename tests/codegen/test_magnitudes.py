@@ -18,7 +18,7 @@ every = pytest.mark.parametrize("quantity", QUANTITIES.values(), ids=list(QUANTI
 
 
 def states(rng, m, asked, count=10):
-    return [rng.uniform(-2, 2, (count, *port.shape)) for port in asked.signature(m.n, m.nb).inputs]
+    return [rng.uniform(-2, 2, (count, *port.shape)) for port in asked.signature(m).inputs]
 
 
 def elastic(m):

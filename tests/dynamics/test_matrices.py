@@ -7,6 +7,7 @@ from hypothesis import given
 from robots import golden, loads, mechanisms, random_inertia, random_pose, random_screw, random_state
 
 import jounce
+from jounce.dynamics.base import STILL
 from jounce.dynamics.closed_form import closed_form
 from jounce.model import equivalent
 from jounce.model.mechanism import path_to
@@ -53,8 +54,8 @@ def test_jacobians_agree_with_the_closed_form(drawn):
     mechanism, rng = drawn
     q, _ = random_state(rng, mechanism, 3)
     J = closed_form(mechanism, columns(q)).J
-    found = recursion.jacobians(mechanism, columns(q), None)
-    one = recursion.jacobians(mechanism, columns(q), mechanism.nb - 1)
+    found = recursion.jacobians(mechanism, columns(q), STILL, None)
+    one = recursion.jacobians(mechanism, columns(q), STILL, mechanism.nb - 1)
     for k in range(4):
         expected = J[k].reshape(mechanism.nb, 6, mechanism.n)
         equal(found[k], expected)

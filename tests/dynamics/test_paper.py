@@ -149,7 +149,7 @@ def test_d_solves_its_differential_equation(paper):
 
 
 def closed_a(paper):
-    return paper.q.dot.map(lambda v: system.system_a(paper.mechanism, v))
+    return paper.q.dot.map(lambda v: system.system_a(system.system_X(paper.mechanism), v))
 
 
 def test_erratum_skew_symmetry_needs_the_arrangement_of_cbar(paper):

@@ -1,11 +1,13 @@
 """Equivalent mechanisms have equal forces, whatever the passes move and however masses differ."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from recursion import inverse_dynamics
-from robots import GOLDEN_NAMES, golden, loads, mechanisms, random_pose, random_state
+from robots import GOLDEN_NAMES, Interpreted, floating, golden, loads, mechanisms, random_pose, random_state
 
 import jounce
 from jounce.dynamics.closed_form import closed_form
@@ -45,6 +47,27 @@ def test_frames_moved_by_any_rigid_transform_leave_the_forces_unchanged(drawn):
     moved = equivalent.reframe(mechanism, T)
     equal_forces(mechanism, moved, rng)
     assert np.abs(equivalent.frame_shifts(mechanism, moved) - T).max() < 1e-13
+
+
+def floating_mass_matrix(mechanism, q):
+    """The sum of J^T M J over all bodies, J their Jacobians from (base, joints): M[3, 3] is the mass of all."""
+    arm = replace(mechanism, base=None)
+    C, J = (getattr(Interpreted(jounce.Robot(arm)), name)(q) for name in ("poses", "jacobian"))
+    of_bodies = [np.hstack([lie.Ad(lie.inverse(C_i)), J_i]) for C_i, J_i in zip(C, J, strict=True)]
+    of_base = np.eye(6, mechanism.nv)
+    return sum(J.T @ M @ J for J, M in zip([of_base, *of_bodies], [mechanism.base.M, *mechanism.M], strict=True))
+
+
+@pytest.mark.parametrize("name", ["base_parameters", "minimal"])
+@given(drawn=mechanisms())
+def test_passes_leave_what_a_floating_base_feels_unchanged(name, drawn):
+    """All of the mass matrix, whose first rows are the inertia of the whole robot: nothing is dropped at the base."""
+    mechanism, rng = drawn
+    given = floating(mechanism, rng)
+    other = PASSES[name](given)
+    q = rng.uniform(-2, 2, given.n)
+    M = floating_mass_matrix(given, q)
+    assert np.abs(floating_mass_matrix(other, q) - M).max() <= 1e-12 * np.abs(M).max()
 
 
 @given(drawn=mechanisms(), seed=st.integers(0, 2**32 - 1))

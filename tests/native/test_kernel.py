@@ -205,7 +205,9 @@ def test_agrees_with_extended_precision_at_large_angles(name, angle):
 def test_agrees_with_the_host_on_other_targets(way):
     robot = forest()
     quantity = Computation("inverse_dynamics", 1, wrench=True)
-    function = assembled(forms.modules(robot.mechanism, quantity, target(way)), quantity.signature(robot.n, 4), way)
+    function = assembled(
+        forms.modules(robot.mechanism, quantity, target(way)), quantity.signature(robot.mechanism), way
+    )
     kernel = robot.compile(order=1, wrench=True)
     for count in (1, 3, 29):
         arrays = states(kernel, count)

@@ -52,10 +52,10 @@ def test_products_of_every_quantity_are_those_of_the_complex_step(quantity, keyw
     values = forms.program(m, Computation(quantity.name, 1, wrench, **keywords))
     for name, differentiate in (("vjp", vjp), ("jvp", jvp)):
         asked = of_product(quantity.name, 1, name, wrench, **keywords)
-        given = arrays_of(asked.signature(m.n, m.nb).inputs)
+        given = arrays_of(asked.signature(m).inputs)
         expected = product(asked, "closed_form" if "closed_form" in quantity.methods else "recursion", m, given)
         found = differentiate(values).run([float(x) for array in given for x in array.flat])
-        ports = asked.signature(m.n, m.nb).outputs
+        ports = asked.signature(m).outputs
         close([np.reshape(found[p.start : p.end], p.shape) for p in ports], expected, 1e-11)
 
 

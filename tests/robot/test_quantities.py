@@ -37,7 +37,7 @@ def close(found, expected, tolerance=1e-12):
 
 def expected_shapes(quantity, keywords, order):
     asked = Computation(quantity.name, order, body=keywords.get("body"))
-    return [port.shape for port in asked.signature(ROBOT.n, ROBOT.mechanism.nb).outputs]
+    return [port.shape for port in asked.signature(ROBOT.mechanism).outputs]
 
 
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)

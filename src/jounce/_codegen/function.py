@@ -48,7 +48,7 @@ def trace(robot: Parametric, name: str, computation: Computation) -> Function:
     from jounce.program.trace import Tape
 
     tape = Tape()
-    signature = computation.signature(robot.origin.n, robot.origin.nb, robot.shapes).as_matrices()
+    signature = computation.signature(robot.origin, robot.shapes).as_matrices()
     values = {port.name: tape.variables(*port.shape) for port in signature.of_role("parameter")}
     return Function(name, computation, signature, program(robot.mechanism(values), computation, tape))
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from jounce._scalars import Array, reciprocal
 from jounce.dynamics import coupling
+from jounce.dynamics.base import STILL
 from jounce.dynamics.quantities import FORCES, QUANTITIES, State
 from jounce.dynamics.recursion import bodies
 from jounce.dynamics.stretch import elasticity_of
@@ -47,6 +48,6 @@ def coupled_accelerations(
 
 def _spin_forces(m: Mechanism, q: Series) -> Array:
     """S (..., n, n): the generalized forces of the momenta of rotors."""
-    J, unit = bodies.jacobians(m, q, None)[0], np.eye(m.n, dtype=int)
+    J, unit = bodies.jacobians(m, q, STILL, None)[0], np.eye(m.n, dtype=int)
     parts = [J[..., x.body, :3, :].mT @ x.momentum @ unit[x.coordinate : x.coordinate + 1] for x in coupling.rotors(m)]
     return reduce(add, parts, 0 * J[..., 0, :1, :] * unit)

@@ -37,7 +37,7 @@ def compute(robot: "Robot", name: str, given: Sequence[Any], stiffness: Any, wre
     count = row.wrench_rates + order  # as many as of Q
     W, S = wrenches_of(m, wrench, order, q, row.wrench_rates), stiffnesses_of(m, stiffness, count)
     asked = Computation(name, order, bool(W), more_rates=e.more_rates)
-    ports = [*asked.signature(m.n, m.nb).inputs]
+    ports = [*asked.signature(m).inputs]
     ports += [Port(rate_name("stiffness", k), (len(e.pairs),), "state", k) for k in range(len(S))]
 
     def law(arrays: Sequence[Array]) -> Series:

@@ -39,8 +39,12 @@ def rates_of(
     least: int,
     mechanism: Mechanism,
     named: Callable[[int], Sequence[str]] = coordinate_names,
+    coordinates: int | None = None,
 ) -> list[Array]:
-    """Return the coordinates and their rates as arrays (..., n): at least `least` of them, none skipped."""
+    """Return the coordinates and their rates as arrays (..., n): at least `least` of them, none skipped.
+
+    Terms from number `coordinates` on are forces (..., nv).
+    """
     terms = list(given)
     while len(terms) > least and terms[-1] is None:
         terms.pop()
@@ -55,11 +59,12 @@ def rates_of(
         raise JounceError(
             f"{have} is the last rate given; the springs and motors of {mechanism.name!r} take {lacking} too"
         )
-    tail, labels = (mechanism.n,), named(len(terms))
+    labels, own = named(len(terms)), len(terms) if coordinates is None else coordinates
+    tails = [(mechanism.n if k < own else mechanism.nv,) for k in range(len(terms))]
     return [
         term  # as most are, and some a thousand times a second
-        if type(term) is np.ndarray and term.dtype is FLOAT and term.shape[-1:] == tail
-        else _column(term, k, mechanism, terms, labels)
+        if type(term) is np.ndarray and term.dtype is FLOAT and term.shape[-1:] == tails[k]
+        else _column(term, k, mechanism, terms, labels, *tails[k])
         for k, term in enumerate(terms)
     ]
 
@@ -76,17 +81,19 @@ def _skipped_rate(terms: Sequence[Array | None], labels: Sequence[str]) -> Jounc
     return JounceError(f"{labels[k]} is None{skipped}; expected every rate up to the last")
 
 
-def _column(term: Any, k: int, mechanism: Mechanism, terms: Sequence[Any], labels: Sequence[str]) -> Array:
+def _column(term: Any, k: int, mechanism: Mechanism, terms: Sequence[Any], labels: Sequence[str], size: int) -> Array:
     if term is None:
         raise _skipped_rate(terms, labels)
     label = labels[k]
-    if names.listed_in(term) is not None:
+    of_base = size > mechanism.n
+    if names.listed_in(term) is not None and not of_base:
         with at(label):
             return _by_name(term, mechanism)
     array, joints = asarray(term, label), mechanism.coordinates
-    if array.ndim == 0 or array.shape[-1] != len(joints):
-        cure = _cure(array.shape, label, mechanism)
-        raise JounceError(f"{label} has shape {array.shape}; expected (..., {len(joints)}): {', '.join(joints)}{cure}")
+    if array.ndim == 0 or array.shape[-1] != size:
+        cure = "" if of_base else _cure(array.shape, label, mechanism)
+        rows = ("moment (3) and force (3) on the base", *joints) if of_base else joints
+        raise JounceError(f"{label} has shape {array.shape}; expected (..., {size}): {', '.join(rows)}{cure}")
     return array
 
 

@@ -19,8 +19,11 @@ def computation(
     body: str | None = None,
     frame: str = "body",
     product: str | None = None,
+    base: bool = False,
 ) -> Computation:
     """Return the computation of a quantity by name, or of a product of its derivatives.
+
+    The motion of the base belongs to the inputs if `base` asks for it, and wherever it enters if the robot floats.
 
     Raises
     ------
@@ -37,7 +40,9 @@ def computation(
     check_rates(quantity, order)
     if product is not None:
         one_of("product", product, PRODUCTS)
-    return Computation(quantity, order, wrench, body, frame, product, more_rates(mechanism, quantity))
+    true_or_false("base", base, "whether the motion of the base is taken")
+    moving = (base or mechanism.base is not None) and takes_base(quantity, frame)
+    return Computation(quantity, order, wrench, body, frame, product, more_rates(mechanism, quantity), moving)
 
 
 def parse_computation(mechanism: Mechanism, text: str, order: int, wrench: bool = False) -> Computation:
@@ -101,6 +106,11 @@ def check_elastic(mechanism: Mechanism, quantity: str) -> None:
         )
 
 
+def takes_base(quantity: str, frame: str) -> bool:
+    """Whether the pose or the twist of the base enters a quantity."""
+    return frame not in QUANTITIES[quantity].without_base
+
+
 def more_rates(mechanism: Mechanism, quantity: str) -> int:
     """How many rates of the motion a quantity takes in addition to those of its row."""
     row, e = QUANTITIES[quantity], mechanism.elasticity
@@ -120,7 +130,13 @@ def place(mechanism: Mechanism, quantity: str, body: str | None, frame: str) -> 
 
 @lru_cache(maxsize=1024)
 def known(
-    name: str, order: int, wrench: bool, body: str | None = None, frame: str = "body", more_rates: int = 0
+    name: str,
+    order: int,
+    wrench: bool,
+    body: str | None = None,
+    frame: str = "body",
+    more_rates: int = 0,
+    base: bool = False,
 ) -> Computation:
     """Return the computation of checked arguments; equal arguments share one."""
-    return Computation(name, order, wrench, body, frame, more_rates=more_rates)
+    return Computation(name, order, wrench, body, frame, more_rates=more_rates, base=base)

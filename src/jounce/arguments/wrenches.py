@@ -44,28 +44,31 @@ def _on_bodies(mechanism: Mechanism, W: object, label: str, at_one_state: bool) 
     if isinstance(W, Mapping):
         return _from_names(mechanism, W, label, at_one_state)
     array = asarray(W, label)
-    if array.ndim < 2 or array.shape[-2:] != (mechanism.nb, 6):
+    nb = len(mechanism.body_names)
+    if array.ndim < 2 or array.shape[-2:] != (nb, 6):
         raise JounceError(
-            f"{label} has shape {array.shape}; expected (..., {mechanism.nb}, 6), or a dict of body names to (..., 6)"
+            f"{label} has shape {array.shape}; expected (..., {nb}, 6), or a dict of body names to (..., 6)"
         )
     return array
 
 
 def _from_names(mechanism: Mechanism, W: Mapping[str, object], label: str, at_one_state: bool) -> Array:
     """Return W of all bodies from wrenches by name; those of merged links are transported to the body frame."""
-    parts: list[Array] = [np.zeros((mechanism.nb, 6))]
+    nb = len(mechanism.body_names)
+    parts: list[Array] = [np.zeros((nb, 6))]
     for name, value in W.items():
         frame, what = mechanism.frame(name), f"{label}[{quoted(name)}]"
         array = asarray(value, what)
         if array.ndim == 0 or array.shape[-1] != 6:
             raise JounceError(f"{what} has shape {array.shape}; expected (..., 6), (moment; force)")
-        if at_one_state and array.shape == (mechanism.nb, 6) != (1, 6):
+        if at_one_state and array.shape == (nb, 6) != (1, 6):
             raise JounceError(
                 f"{what} has shape {array.shape}, as W of all bodies has; expected (6,), or W without names;"
-                f" for {mechanism.nb} wrenches in turn make a batch of the state, q[None]"
+                f" for {nb} wrenches in turn make a batch of the state, q[None]"
             )
-        if frame.body >= 0:  # a wrench between the ground and its environment moves nothing
+        row = frame.body + mechanism.first
+        if row >= 0:  # a wrench between the ground and its environment moves nothing
             T = exact_integers(frame.T) if is_symbolic(array) else frame.T
             local = Ad(inverse(T)).mT @ array[..., None]
-            parts.append(np.eye(mechanism.nb, dtype=int)[frame.body][:, None] * local[..., None, :, 0])
+            parts.append(np.eye(nb, dtype=int)[row][:, None] * local[..., None, :, 0])
     return sum(broadcast(parts, [2] * len(parts), ["bodies", *(f"{label}[{quoted(name)}]" for name in W)]))

@@ -23,7 +23,7 @@ def product(
 ) -> list[np.ndarray]:
     """The gradients or tangents of a quantity by a method, for arrays with the same batch axes."""
     values = replace(computation, product=None)
-    ports = values.signature(mechanism.n, mechanism.nb).inputs
+    ports = values.signature(mechanism).inputs
     x, others = arrays[: len(ports)], arrays[len(ports) :]
 
     def along(directions: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -47,7 +47,7 @@ def product_magnitudes(
 ) -> list[np.ndarray]:
     """The magnitudes of gradients or tangents: those of the results, as derivatives are of the size of their terms."""
     values = replace(computation, product=None)
-    ports = values.signature(mechanism.n, mechanism.nb).inputs
+    ports = values.signature(mechanism).inputs
     x, others = arrays[: len(ports)], arrays[len(ports) :]
     sizes = magnitudes(mechanism, values, x)
     if computation.product == "jvp":

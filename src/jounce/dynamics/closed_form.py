@@ -3,15 +3,17 @@
 The system matrices are dense, 6nb rows: the form to read and to prove with. `recursion` is the form to compute with.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from jounce._scalars import Array
 from jounce.dynamics import system
+from jounce.dynamics.base import STILL, BaseMotion
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import wedge
-from jounce.spatial.series import Series, from_rate
+from jounce.spatial.series import Series, from_rate, joined
 
 
 @dataclass(frozen=True)
@@ -33,21 +35,36 @@ class ClosedForm:
     h: Series  # (..., 6, 1) spatial momentum about the inertial origin
     F: Series  # (..., 6, 1) wrench that the ground exerts on the mechanism, about the inertial origin
     p: Series  # (..., n, 1) generalized momentum
+    T: Series  # (..., 1, 1) kinetic energy
     U: Series  # (..., 1, 1) potential energy
 
 
-def closed_form(mechanism: Mechanism, q: Series, W: Series | None = None) -> ClosedForm:
+def closed_form(mechanism: Mechanism, q: Series, W: Series | None = None, base: BaseMotion | None = None) -> ClosedForm:
     """The equations of motion for coordinates q, columns (..., n, 1), and wrenches W on the bodies, (..., 6nb, 1)."""
-    X, M, g = system.system_X(mechanism), system.system_M(mechanism), system.system_gravity(mechanism)
-    C0 = system.poses(mechanism, q[0])
-    qd = q.dot
-    a = qd.map(lambda v: system.system_a(mechanism, v))  # (a)
-    A = from_rate(system.system_A(mechanism, C0), lambda A: (Aa := A @ a) - Aa @ A)  # (Adot)
+    if base is None and mechanism.base is None:
+        return _closed_form(mechanism, system.of_bodies(mechanism), system.poses(mechanism, q[0]), q.dot, W)
+    moving = base or STILL
+    bodies, C0 = system.with_base(mechanism), system.poses_with_base(mechanism, q[0], moving.pose)
+    velocities = joined([moving.V, q.dot], axis=-2)
+    if mechanism.base:
+        return _closed_form(mechanism, bodies, C0, velocities, W)
+    W = None if W is None else joined([0 * W.map(lambda W: W[..., :6, :]), W], axis=-2)
+    return _without_base(_closed_form(mechanism, bodies, C0, velocities, W), mechanism.n)
+
+
+def _closed_form(m: Mechanism, bodies: system.System, C0: Array, qd: Series, W: Series | None) -> ClosedForm:
+    """The equations of motion for poses C0 and velocities qd, to which the twist of a moving base belongs."""
+    X, M, g = bodies.X, bodies.M, system.system_gravity(m)
+    of_joints = X * (np.arange(X.shape[1]) >= X.shape[1] - m.n)
+    a = qd.map(lambda v: system.system_a(of_joints, v))  # (a)
+    A = from_rate(system.system_A(bodies.carries, C0), lambda A: (Aa := A @ a) - Aa @ A)  # (Adot)
     Aa = A @ a
     J = A @ X  # (JbSys)
     V = J @ qd  # (Vsys)
     b = V.map(system.system_b)  # (b)
-    U = from_rate(system.system_U(C0), lambda U: -(Aa @ U))  # (eq_U), Udot = -A a U
+    U = from_rate(
+        system.system_U(C0), lambda U: -(b @ U)
+    )  # (eq_U); the paper's Udot = -A a U where the base is at rest
     UG = U @ g
     C = -(M @ Aa) - b.mT @ M  # (Csys)
     JT = J.mT
@@ -63,9 +80,10 @@ def closed_form(mechanism: Mechanism, q: Series, W: Series | None = None) -> Clo
     F = F if W is None else F + UT @ W
     H = from_rate(C0, lambda H: H @ by_body(V).map(lambda v: wedge(v[..., 0])))
     p = gM @ qd
+    T = qd.mT @ p * 0.5
     power = qd.mT @ Qgrav
-    U = from_rate(system.potential_energy(mechanism, C0), lambda _: power)
-    motion = {"H": H, "A": A, "J": J, "V": V, "b": b, "UG": UG, "h": h, "p": p, "U": U}
+    U = from_rate(system.potential_energy(bodies.inertias, C0, m.gravity), lambda _: power)
+    motion = {"H": H, "A": A, "J": J, "V": V, "b": b, "UG": UG, "h": h, "p": p, "T": T, "U": U}
     return ClosedForm(**motion, gM=gM, gC=gC, gCbar=gCbar, Qgrav=Qgrav, Qext=Qext, Q=Q, F=F)
 
 
@@ -74,22 +92,35 @@ def by_body(x: Series) -> Series:
     return x.map(lambda a: a.reshape((*a.shape[:-2], a.shape[-2] // 6, 6, a.shape[-1])))
 
 
-def poses(mechanism: Mechanism, q: Series, body: int | None) -> Series:
-    """H of all bodies (..., nb, 4, 4), of one (..., 4, 4), or of the ground, -1."""
-    return _of_body(closed_form(mechanism, q).H, body, ground=np.eye(4, dtype=int))
+def _without_base(x: ClosedForm, n: int) -> ClosedForm:
+    """The bodies and coordinates of a fixed robot, the last n, whose ground is the base."""
+    bodies, own = slice(6, None), slice(-n, None)
+    one, square, both = (..., own, slice(None)), (..., own, own), (..., bodies, bodies)
+    kept: dict[str, Any] = {"gM": square, "gC": square, "gCbar": square, "Qgrav": one, "Qext": one, "Q": one, "p": one}
+    kept |= {"A": both, "b": both, "J": (..., bodies, own), "V": (..., bodies, slice(None))}
+    kept |= {"UG": (..., bodies, slice(None)), "H": (..., slice(1, None), slice(None), slice(None))}
+    return replace(x, **{name: getattr(x, name).map(lambda a, rows=rows: a[rows]) for name, rows in kept.items()})
 
 
-def twists(mechanism: Mechanism, q: Series, body: int | None) -> Series:
-    """V of all bodies (..., nb, 6, 1), of one (..., 6, 1), or of the ground, -1."""
-    return _of_body(by_body(closed_form(mechanism, q).V), body, ground=np.zeros((6, 1), dtype=int))
+def poses(mechanism: Mechanism, q: Series, base: BaseMotion, body: int | None) -> Series:
+    """H of all bodies (..., nb, 4, 4), of one (..., 4, 4), or of the ground or base, -1."""
+    return _of_body(mechanism, closed_form(mechanism, q, None, base).H, body, base.H)
 
 
-def jacobians(mechanism: Mechanism, q: Series, body: int | None) -> Series:
-    """J of all bodies (..., nb, 6, n), of one (..., 6, n), or of the ground, -1."""
-    return _of_body(by_body(closed_form(mechanism, q).J), body, ground=np.zeros((6, mechanism.n), dtype=int))
+def twists(mechanism: Mechanism, q: Series, base: BaseMotion, body: int | None) -> Series:
+    """V of all bodies (..., nb, 6, 1), of one (..., 6, 1), or of the ground or base, -1."""
+    return _of_body(mechanism, by_body(closed_form(mechanism, q, None, base).V), body, base.V)
 
 
-def _of_body(x: Series, body: int | None, ground: Array) -> Series:
+def jacobians(mechanism: Mechanism, q: Series, base: BaseMotion, body: int | None) -> Series:
+    """J of all bodies (..., nb, 6, nv), of one (..., 6, nv), or of the ground or base, -1."""
+    root = Series.constant(np.eye(6, mechanism.nv, dtype=int) * mechanism.first)
+    return _of_body(mechanism, by_body(closed_form(mechanism, q, None, base).J), body, root)
+
+
+def _of_body(mechanism: Mechanism, x: Series, body: int | None, root: Series) -> Series:
     if body is None:
         return x
-    return 0 * x.map(lambda a: a[..., 0, :, :]) + ground if body < 0 else x.map(lambda a: a[..., body, :, :])
+    if body < 0:
+        return 0 * x.map(lambda a: a[..., 0, :, :]) + root
+    return x.map(lambda a: a[..., body + mechanism.first, :, :])

@@ -7,8 +7,10 @@ from itertools import accumulate
 from math import prod
 
 from jounce._scalars import Array
+from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.quantities import Quantity, State, row_of
 from jounce.model.mechanism import Mechanism
+from jounce.spatial.lie import pose, position, rotation
 from jounce.spatial.series import Series, columns, rate_name, wrench_columns
 
 Shape = tuple[int, ...]
@@ -21,7 +23,7 @@ class Port:
 
     name: str  # q, qd, W, Wd, masses, Q, Qd
     shape: Shape
-    role: str  # "parameter", "state", "wrench", "weight" or "result"
+    role: str  # "parameter", "state", "wrench", "base", "weight" or "result"
     rate: int = 0  # which time derivative it is
     first_order: int = 0  # of an input, the lowest order of the results that depend on it
     start: int = 0
@@ -60,6 +62,7 @@ class Computation:
 
     `body` is None for all bodies, and for quantities that do not belong to bodies. `product` is one of `PRODUCTS`,
     to be computed instead, or None. `more_rates` are those that springs and motors of the robot take in addition.
+    `base` is whether the motion of the base is given.
     """
 
     name: str
@@ -69,10 +72,12 @@ class Computation:
     frame: str = "body"
     product: str | None = None
     more_rates: int = 0
+    base: bool = False
 
     @cached_property
     def _hash(self) -> int:
-        return hash((self.name, self.order, self.wrench, self.body, self.frame, self.product, self.more_rates))
+        of_call = (self.name, self.order, self.wrench, self.body, self.frame, self.product, self.more_rates, self.base)
+        return hash(of_call)
 
     def __hash__(self) -> int:  # computed once: every call of a robot's method looks its kernel up
         return self._hash
@@ -105,45 +110,71 @@ class Computation:
     def keywords(self) -> list[str]:
         """The arguments of `Robot.compile` that compile it, as strings."""
         named = {"wrench": self.wrench, "body": self.body, "frame": self.frame, "product": self.product}
+        named |= {"base": self.base}
         default = Computation(self.name, self.order)
         others = [f"{key}={value!r}" for key, value in named.items() if value != getattr(default, key)]
         return [repr(self.name), f"order={self.order}", *others]
 
-    def signature(self, n: int, nb: int, parameters: Mapping[str, Shape] | None = None) -> Signature:
-        """The ports for a robot of n coordinates and nb bodies, of which some data are parameters."""
+    def signature(self, mechanism: Mechanism, parameters: Mapping[str, Shape] | None = None) -> Signature:
+        """The ports for a robot, of which some data are parameters."""
         inputs = [Port(name, shape, "parameter") for name, shape in (parameters or {}).items()]
-        inputs += state_ports(n, self.quantity.input_names(self.rates), self.quantity.rates)
+        inputs += self.state_ports(mechanism)
         own = self.quantity.wrench_rates
         for k in range(own + self.order if self.wrench else 0):
-            inputs.append(Port(rate_name("W", k), (nb, 6), "wrench", k, max(0, k + 1 - own)))
+            of_bodies = (len(mechanism.body_names), 6)
+            inputs.append(Port(rate_name("W", k), of_bodies, "wrench", k, max(0, k + 1 - own)))
+        for k in range(self.base_terms(mechanism)):
+            least = 2 if self.quantity.forces and mechanism.base else self.quantity.rates
+            shape: Shape = (6,) if k else (4, 4)
+            inputs.append(Port(base_name(k), shape, "base", k, max(0, k + 1 - least)))
         rates = [0] * self.count if self.quantity.results else range(self.count)
         names = self.quantity.names(self.order)
-        outputs = [Port(name, self.shape(n, nb, k), "result", k) for k, name in zip(rates, names, strict=True)]
+        outputs = [Port(name, self.shape(mechanism, k), "result", k) for k, name in zip(rates, names, strict=True)]
         if self.product:
             inputs, outputs = _ports_of_product(self.product, inputs, outputs)
         return Signature(in_a_row(inputs), in_a_row(outputs))
 
-    def shape(self, n: int, nb: int, k: int = 0) -> Shape:
+    def state_ports(self, mechanism: Mechanism) -> list[Port]:
+        """The ports of q, qd, ..., and of Q, Qd, ..."""
+        least, own = self.quantity.rates, self.quantity.coordinate_inputs(self.rates)
+        ports = coordinate_ports(mechanism, self.quantity.input_names(self.rates), least)
+        return [replace(port, shape=(mechanism.nv,)) if k >= own else port for k, port in enumerate(ports)]
+
+    def base_terms(self, mechanism: Mechanism) -> int:
+        """The number of terms C, V, Vd, ... of the motion of the base that are given: as many as q has."""
+        if not self.base:
+            return 0
+        return self.quantity.coordinate_inputs(self.rates) if mechanism.base else self.rates
+
+    def shape(self, mechanism: Mechanism, k: int = 0) -> Shape:
         """The shape of the k-th rate for one state."""
-        sizes = {"n": n, "nb": nb, "rates": self.quantity.rates + k}
+        bodies = len(mechanism.body_names)
+        sizes = {"n": mechanism.n, "nv": mechanism.nv, "nb": bodies, "rates": self.quantity.rates + k}
         axes = (axis for axis in self.quantity.shape if axis != "nb" or self.body is None)
         return tuple(sizes[axis] if isinstance(axis, str) else axis for axis in axes)
 
     def state(self, arrays: Sequence[Array]) -> State:
-        """Build the argument of a law from arrays q, qd, ..., Q, Qd, ... (..., n), then W, Wd, ... (..., nb, 6)."""
-        given, W = arrays[: self.rates], arrays[self.rates :]
+        """Build the argument of a law from arrays q, qd, ..., Q, Qd, ..., then W, Wd, ..., then C, V, Vd, ..."""
+        loads = self.rates + (self.quantity.wrench_rates + self.order if self.wrench else 0)
+        given, W, base = arrays[: self.rates], arrays[self.rates : loads], arrays[loads:]
         own = self.quantity.coordinate_inputs(self.rates)
         q, Q = columns(given[:own]), columns(given[own:])
-        return State(q, wrench_columns(W) if W else None, Q, self.body, self.frame)
+        moving = BaseMotion(pose(rotation(base[0]), position(base[0])), columns(base[1:])) if self.base else None
+        return State(q, wrench_columns(W) if W else None, Q, moving, self.body, self.frame)
 
     def series(self, method: str, mechanism: Mechanism, arrays: Sequence[Array]) -> Series:
         """The quantity by a method, from the arrays of `state`; its terms are the results."""
         return self.quantity.law(method, mechanism)(mechanism, self.state(arrays))
 
 
-def state_ports(n: int, names: Sequence[str], least: int) -> list[Port]:
+def coordinate_ports(mechanism: Mechanism, names: Sequence[str], least: int) -> list[Port]:
     """Return the ports of q, qd, ... by name; the quantity itself, without rates, takes the first `least`."""
-    return [Port(name, (n,), "state", k, max(0, k + 1 - least)) for k, name in enumerate(names)]
+    return [Port(name, (mechanism.n,), "state", k, max(0, k + 1 - least)) for k, name in enumerate(names)]
+
+
+def base_name(k: int) -> str:
+    """The name of a term of the motion of the base: its pose, its twist and the rates of it."""
+    return rate_name("base_twist", k - 1) if k else "base_pose"
 
 
 def _ports_of_product(product: str, inputs: list[Port], results: list[Port]) -> tuple[list[Port], list[Port]]:

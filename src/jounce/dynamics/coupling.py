@@ -16,6 +16,7 @@ from operator import add
 import numpy as np
 
 from jounce._scalars import Array
+from jounce.dynamics.base import STILL
 from jounce.dynamics.recursion import bodies
 from jounce.dynamics.recursion.joints import rows
 from jounce.model.mechanism import Mechanism
@@ -47,7 +48,7 @@ def rotors(m: Mechanism) -> list[Rotor]:
 
 def reaction_wrenches(m: Mechanism, q: Series, theta: Series) -> Series:
     """The moments of spinning rotors on their carriers, as wrenches that the bodies exert, (..., 6nb, 1)."""
-    V = bodies.twists(m, q, None)
+    V = bodies.twists(m, q, STILL, None)
     total = [_moment(m, rotor, V, theta) for rotor in rotors(m)]
     return reduce(add, total, 0 * V.map(lambda V: V.reshape((*V.shape[:-3], 6 * m.nb, 1))))
 
@@ -63,7 +64,7 @@ def _moment(m: Mechanism, rotor: Rotor, V: Series, theta: Series) -> Series:
 
 def motor_reactions(m: Mechanism, q: Series) -> Series:
     """r J a . w_p', the torque that a motor takes because its carrier turns faster and faster: (..., n, 1)."""
-    V = bodies.twists(m, q, None)
+    V = bodies.twists(m, q, STILL, None)
     total = 0 * q
     for rotor in rotors(m):
         unit = np.eye(m.n, dtype=int)[:, rotor.coordinate : rotor.coordinate + 1]
@@ -73,7 +74,7 @@ def motor_reactions(m: Mechanism, q: Series) -> Series:
 
 def spin_energy(m: Mechanism, q: Series, theta: Series) -> Series:
     """The kinetic energy that couples rotors and carriers, J r theta' a . w_p: (..., 1, 1)."""
-    V = bodies.twists(m, q, None)
+    V = bodies.twists(m, q, STILL, None)
     total = 0 * rows(q, 0, 1)
     for rotor in rotors(m):
         spin = rows(theta, rotor.coordinate, rotor.coordinate + 1).dot

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jounce._scalars import Array
+from jounce._scalars import Array, concatenate
 from jounce.model import drives
 from jounce.model.coordinates import generalized_forces, generalized_matrix, joint_variables
 from jounce.model.mechanism import Mechanism
@@ -26,6 +26,18 @@ def partials(m: Mechanism, q: Series, terms: Sequence[str]) -> tuple[Series, Ser
 def armature_matrix(m: Mechanism) -> Array:
     """Return the contribution of the armature to the mass matrix, which is constant: (n, n)."""
     return generalized_matrix(m, m.drives.armature[:, None] * np.eye(m.nb, dtype=int))
+
+
+def behind_base(m: Mechanism, x: Series | Array, axes: Sequence[int]) -> Series | Array:
+    """What drives add to a quantity whose axes of velocities begin with those of a floating base: nothing there."""
+    if not m.base:
+        return x
+    if isinstance(x, Series):
+        return x.map(lambda x: behind_base(m, x, axes))
+    for axis in axes:
+        first = (..., slice(0, 1), *[slice(None)] * (-1 - axis))
+        x = concatenate([*[0 * x[first]] * 6, x], axis=axis)
+    return x
 
 
 def spring_energy(m: Mechanism, q: Series) -> Series:

@@ -1,16 +1,18 @@
 """Poses and screws of bodies, and of links merged into them, in the three usual frames, with rates.
 
-Each method provides functions of the mechanism, the coordinates and a body (None for all) for the bodies themselves:
-poses (..., nb, 4, 4) or (..., 4, 4), and columns of screws (..., nb, 6, k) or (..., 6, k) in body frames.
+Each method provides functions of the mechanism, the coordinates, the motion of the base and a body (None for all) for
+the bodies themselves: poses (..., nb, 4, 4) or (..., 4, 4), and columns of screws (..., nb, 6, k) or (..., 6, k) in
+body frames.
 """
 
 from collections.abc import Callable
 
+from jounce.dynamics.base import BaseMotion
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import lie
 from jounce.spatial.series import Series, joined
 
-OfBodies = Callable[[Mechanism, Series, int | None], Series]
+OfBodies = Callable[[Mechanism, Series, BaseMotion, int | None], Series]
 
 FRAMES = {  # of screws: the axes and the origin of their components
     "body": "the axes of the body, about its origin",
@@ -19,22 +21,28 @@ FRAMES = {  # of screws: the axes and the origin of their components
 }
 
 
-def poses(mechanism: Mechanism, q: Series, body: str | None, of_bodies: OfBodies) -> Series:
+def poses(mechanism: Mechanism, q: Series, base: BaseMotion, body: str | None, of_bodies: OfBodies) -> Series:
     """H of all bodies, or of one body or merged link."""
     if body is None:
-        return of_bodies(mechanism, q, None)
+        return of_bodies(mechanism, q, base, None)
     link = mechanism.frame(body)
-    return of_bodies(mechanism, q, link.body) @ link.T
+    return of_bodies(mechanism, q, base, link.body) @ link.T
 
 
 def screws(
-    mechanism: Mechanism, q: Series, body: str | None, frame: str, poses_of: OfBodies, screws_of: OfBodies
+    mechanism: Mechanism,
+    q: Series,
+    base: BaseMotion,
+    body: str | None,
+    frame: str,
+    poses_of: OfBodies,
+    screws_of: OfBodies,
 ) -> Series:
     """Columns of screws, twists or Jacobians, of all bodies or of one body or merged link, in a frame."""
-    Y = screws_of(mechanism, q, None if body is None else mechanism.frame(body).body)
+    Y = screws_of(mechanism, q, base, None if body is None else mechanism.frame(body).body)
     if body is not None:
         Y = lie.Ad(lie.inverse(mechanism.frame(body).T)) @ Y
-    return Y if frame == "body" else _adjoint(poses(mechanism, q, body, poses_of), frame) @ Y
+    return Y if frame == "body" else _adjoint(poses(mechanism, q, base, body, poses_of), frame) @ Y
 
 
 def _adjoint(H: Series, frame: str) -> Series:

@@ -4,6 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from jounce.dynamics.base import STILL
 from jounce.dynamics.recursion import bodies
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import lie
@@ -54,7 +55,7 @@ def _is_regular(mechanism: Mechanism, q: np.ndarray) -> bool:
 
 def _idle(mechanism: Mechanism, q: np.ndarray) -> tuple[int, np.ndarray]:
     """The rank of the mass matrix at q, and which coordinates take part in motions without kinetic energy."""
-    J = bodies.jacobians(mechanism, columns([q]), None)[0]
+    J = bodies.jacobians(mechanism, columns([q]), STILL, None)[0]
     rotors = mechanism.drives.armature * ("armature" in mechanism.acting)
     momenta = (mechanism.M @ J).reshape(-1, mechanism.n)
     gM = J.reshape(momenta.shape).T @ momenta + mechanism.G.T * rotors @ mechanism.G  # (MC)

@@ -14,6 +14,7 @@ import numpy as np
 from jounce._scalars import Array, element
 from jounce.dynamics import closed_form as dense
 from jounce.dynamics import drive_terms, elastic, forward, kinematics, partials
+from jounce.dynamics.base import STILL, BaseMotion
 from jounce.dynamics.paper import Paper
 from jounce.dynamics.recursion import articulated, bodies, force_partials, forces, matrices, momenta
 from jounce.dynamics.recursion.forces import Sweep
@@ -22,7 +23,8 @@ from jounce.model.mechanism import Mechanism
 from jounce.spatial.linear import Factors
 from jounce.spatial.series import Series, rate_name
 
-Axis = int | str  # "n" coordinates, "nb" bodies, "rates" q, qd, ..., as many as the quantity or its rate takes
+# "n" coordinates, "nv" velocities, "nb" bodies, "rates" q, qd, ..., as many as the quantity or its rate takes
+Axis = int | str
 
 
 _NOTHING = Series.of(())
@@ -32,12 +34,13 @@ _NOTHING = Series.of(())
 class State:
     """The argument of laws: a motion at an instant, with its rates, and the body and frame of the quantity.
 
-    Coordinates and forces are columns (..., n, 1), wrenches on the bodies (..., 6nb, 1).
+    Coordinates are columns (..., n, 1), forces (..., nv, 1), wrenches on the bodies (..., 6nb, 1).
     """
 
     q: Series
     W: Series | None = None
     Q: Series = _NOTHING  # generalized forces, where a quantity takes them
+    base: BaseMotion | None = None  # None: the ground of a fixed robot, at rest, or of no effect
     body: str | None = None  # a body or a link merged into one; None: all bodies
     frame: str = "body"  # of twists: "body", "world" or "spatial"
 
@@ -78,6 +81,7 @@ class Quantity:
     results: tuple[str, ...] = ()  # of a quantity of several results, which has no rates: the terms of its law
     frames: tuple[str, ...] = ()  # in which its components may be given, the default first
     sweep: Sweep | None = None  # of the recursion, where its steps are those of forces
+    without_base: tuple[str, ...] = ()  # frames in which neither the pose nor the twist of the base enters
 
     @property
     def wrenches(self) -> bool:
@@ -112,7 +116,8 @@ class Quantity:
         if added is None or not set(self.drive_terms) & set(mechanism.acting):
             return rigid
         if self.shape:
-            return lambda m, x: rigid(m, x) + added(m, x)
+            axes = tuple(self.shape.index(axis) - len(self.shape) for axis in self.shape if axis == "nv")
+            return lambda m, x: rigid(m, x) + drive_terms.behind_base(m, added(m, x), axes)
         return lambda m, x: (rigid(m, x) + added(m, x)).map(_array)
 
 
@@ -164,15 +169,23 @@ def _of_motors(law: Callable[[Mechanism, Series, elastic.Forces], Series], metho
     def motors(m: Mechanism, x: State) -> Series:
         def forces(added: Series | None) -> Series:
             W = x.W if added is None else added if x.W is None else x.W + added
-            return FORCES.law(method, m)(m, replace(x, W=W)).map(lambda Q: Q[..., None])
+            return FORCES.law(method, m)(m, replace(x, W=W)).map(lambda Q: Q[..., -m.n :, None])
 
         return _row(law(m, x.q, forces))
 
     return motors
 
 
+def _poses(m: Mechanism, x: State, poses: kinematics.OfBodies) -> Series:
+    return kinematics.poses(m, x.q, x.base or STILL, x.body, poses)
+
+
 def _screws(m: Mechanism, x: State, poses: kinematics.OfBodies, screws: kinematics.OfBodies) -> Series:
-    return kinematics.screws(m, x.q, x.body, x.frame, poses, screws)
+    return kinematics.screws(m, x.q, x.base or STILL, x.body, x.frame, poses, screws)
+
+
+def _dense(m: Mechanism, x: State) -> dense.ClosedForm:
+    return dense.closed_form(m, x.q, x.W, x.base)
 
 
 QUANTITIES: Mapping[str, Quantity] = {
@@ -182,7 +195,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             name="inverse_dynamics",
             symbol="Q",
             rates=3,
-            shape=("n",),
+            shape=("nv",),
             wrench_term="J^T W",
             wrench_tex="J^T W",
             drive_terms=TERMS,
@@ -193,8 +206,8 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="Q = M(q) q2d + C(q, qd) qd + Qgrav(q): generalized forces.",
             tex=r"Q = M(q)\,\ddot{q} + C(q, \dot{q})\,\dot{q} + Q_{\mathrm{grav}}(q)",
             methods={
-                "recursion": Method(lambda m, x: _row(forces.rnea(forces.MOVING, m, x.q, x.W)), _column),
-                "closed_form": Method(lambda m, x: _row(dense.closed_form(m, x.q, x.W).Q)),
+                "recursion": Method(lambda m, x: _row(forces.rnea(forces.MOVING, m, x.q, x.W, x.base)), _column),
+                "closed_form": Method(lambda m, x: _row(_dense(m, x).Q)),
                 "paper": Method(lambda m, x: _row(Paper(m, x.q, x.W).Q)),
             },
         ),
@@ -204,7 +217,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             first_rate=2,
             rates=3,
             forces=True,
-            shape=("n",),
+            shape=("nv",),
             wrench_term="-M^-1 J^T W",
             wrench_tex="-M^{-1} J^T W",
             drive_terms=TERMS,
@@ -221,7 +234,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             name="inverse_dynamics_partials",
             symbol="P",
             rates=3,
-            shape=("rates", "n", "n"),
+            shape=("rates", "nv", "nv"),
             wrench_term="d(J^T W)/dq, of wrenches W fixed in the bodies",
             wrench_tex=r"\partial (J^T W) / \partial q^{(j)}",
             drive_terms=TERMS,
@@ -243,7 +256,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             results=("dq", "dqd", "Minv"),
             rates=3,
             forces=True,
-            shape=("n", "n"),
+            shape=("nv", "nv"),
             wrench_term="-M^-1 d(J^T W)/dq, of wrenches W fixed in the bodies",
             wrench_tex=r"\partial (-M^{-1} J^T W) / \partial q",
             drive_terms=TERMS,
@@ -260,7 +273,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             name="gravity_forces",
             symbol="Qgrav",
             rates=1,
-            shape=("n",),
+            shape=("nv",),
             sweep=forces.AT_REST,
             unit="N m or, for coordinates in m, N",
             caption="gravity forces",
@@ -268,8 +281,8 @@ QUANTITIES: Mapping[str, Quantity] = {
             tex_symbol=r"Q_{\mathrm{grav}}",
             tex=r"Q_{\mathrm{grav}} = \partial U / \partial q",
             methods={
-                "recursion": Method(lambda m, x: _row(forces.rnea(forces.AT_REST, m, x.q)), _column),
-                "closed_form": Method(lambda m, x: _row(dense.closed_form(m, x.q).Qgrav)),
+                "recursion": Method(lambda m, x: _row(forces.rnea(forces.AT_REST, m, x.q, None, x.base)), _column),
+                "closed_form": Method(lambda m, x: _row(_dense(m, x).Qgrav)),
                 "paper": Method(lambda m, x: _row(Paper(m, x.q).Qgrav)),
             },
         ),
@@ -277,7 +290,8 @@ QUANTITIES: Mapping[str, Quantity] = {
             name="mass_matrix",
             symbol="M",
             rates=1,
-            shape=("n", "n"),
+            shape=("nv", "nv"),
+            without_base=("body",),
             drive_terms=("armature",),
             drive_law=lambda m, x: drive_terms.armature_matrix(m),
             unit="kg m^2, kg m or kg",
@@ -286,7 +300,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             tex=r"T = \tfrac{1}{2}\,\dot{q}^T M\,\dot{q}",
             methods={
                 "recursion": Method(lambda m, x: matrices.mass_matrix(m, x.q), _columns),
-                "closed_form": Method(lambda m, x: dense.closed_form(m, x.q).gM),
+                "closed_form": Method(lambda m, x: _dense(m, x).gM),
                 "paper": Method(lambda m, x: Paper(m, x.q).gM),
             },
         ),
@@ -294,14 +308,14 @@ QUANTITIES: Mapping[str, Quantity] = {
             name="coriolis_matrix",
             symbol="C",
             rates=2,
-            shape=("n", "n"),
+            shape=("nv", "nv"),
             unit="kg m^2/s, kg m/s or kg/s",
             caption="Coriolis matrix of the paper",
             meaning="C(q, qd): the paper's Coriolis matrix; passivity-based control takes Cbar, skew_coriolis_matrix.",
             tex=r"C\,\dot{q} = Q - M\,\ddot{q} - Q_{\mathrm{grav}}",
             methods={
                 "recursion": Method(lambda m, x: matrices.coriolis_matrix(m, x.q), _columns),
-                "closed_form": Method(lambda m, x: dense.closed_form(m, x.q).gC),
+                "closed_form": Method(lambda m, x: _dense(m, x).gC),
                 "paper": Method(lambda m, x: Paper(m, x.q).gC),
             },
         ),
@@ -309,7 +323,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             name="skew_coriolis_matrix",
             symbol="Cbar",
             rates=2,
-            shape=("n", "n"),
+            shape=("nv", "nv"),
             unit="kg m^2/s, kg m/s or kg/s",
             caption="Coriolis matrix for passivity-based control",
             meaning="Cbar(q, qd): the Coriolis matrix for which Md - 2 Cbar is skew-symmetric.",
@@ -317,7 +331,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             tex=r"(\dot{M} - 2 \bar{C}) + (\dot{M} - 2 \bar{C})^T = 0",
             methods={
                 "recursion": Method(lambda m, x: matrices.skew_coriolis_matrix(m, x.q), _columns),
-                "closed_form": Method(lambda m, x: dense.closed_form(m, x.q).gCbar),
+                "closed_form": Method(lambda m, x: _dense(m, x).gCbar),
             },
         ),
         Quantity(
@@ -330,8 +344,8 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="H(q): the pose of the body in the inertial frame, a homogeneous matrix.",
             tex=r"H_i = H_p\,B_i \exp(\hat{X}_i \theta_i)",
             methods={
-                "recursion": Method(lambda m, x: kinematics.poses(m, x.q, x.body, bodies.poses), _columns),
-                "closed_form": Method(lambda m, x: kinematics.poses(m, x.q, x.body, dense.poses)),
+                "recursion": Method(lambda m, x: _poses(m, x, bodies.poses), _columns),
+                "closed_form": Method(lambda m, x: _poses(m, x, dense.poses)),
             },
         ),
         Quantity(
@@ -353,7 +367,8 @@ QUANTITIES: Mapping[str, Quantity] = {
             name="jacobian",
             symbol="J",
             rates=1,
-            shape=("nb", 6, "n"),
+            shape=("nb", 6, "nv"),
+            without_base=("body",),
             frames=tuple(kinematics.FRAMES),
             unit="1 and m",
             caption="Jacobians of the bodies",
@@ -375,7 +390,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             tex=r"h = U^T M\,V",
             methods={
                 "recursion": Method(lambda m, x: _row(momenta.momentum(m, x.q)), _column),
-                "closed_form": Method(lambda m, x: _row(dense.closed_form(m, x.q).h)),
+                "closed_form": Method(lambda m, x: _row(_dense(m, x).h)),
             },
         ),
         Quantity(
@@ -390,15 +405,15 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="F: the wrench (moment; force) of the ground on the robot, in the inertial frame about its origin.",
             tex=r"F = \dot{h} + U^T M\,U G",
             methods={
-                "recursion": Method(lambda m, x: _row(forces.base_wrench(m, x.q, x.W)), _column),
-                "closed_form": Method(lambda m, x: _row(dense.closed_form(m, x.q, x.W).F)),
+                "recursion": Method(lambda m, x: _row(forces.base_wrench(m, x.q, x.W, x.base)), _column),
+                "closed_form": Method(lambda m, x: _row(_dense(m, x).F)),
             },
         ),
         Quantity(
             name="generalized_momentum",
             symbol="p",
             rates=2,
-            shape=("n",),
+            shape=("nv",),
             drive_terms=("armature",),
             drive_law=lambda m, x: _row(drive_terms.armature_matrix(m) @ x.q.dot),
             unit="N m s or, for coordinates in m, N s",
@@ -407,7 +422,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             tex=r"p = M\,\dot{q}",
             methods={
                 "recursion": Method(lambda m, x: _row(momenta.generalized_momentum(m, x.q)), _column),
-                "closed_form": Method(lambda m, x: _row(dense.closed_form(m, x.q).p)),
+                "closed_form": Method(lambda m, x: _row(_dense(m, x).p)),
             },
         ),
         Quantity(
@@ -423,9 +438,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             tex=r"T = \tfrac{1}{2}\,\dot{q}^T M\,\dot{q}",
             methods={
                 "recursion": Method(lambda m, x: _scalar(momenta.kinetic_energy(m, x.q)), _column),
-                "closed_form": Method(
-                    lambda m, x: _scalar(x.q.dot.mT @ (dense.closed_form(m, x.q).gM @ x.q.dot) * 0.5)
-                ),
+                "closed_form": Method(lambda m, x: _scalar(_dense(m, x).T)),
             },
         ),
         Quantity(
@@ -441,7 +454,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             tex=r"U = -\sum_i m_i\, g \cdot c_i",
             methods={
                 "recursion": Method(lambda m, x: _scalar(momenta.potential_energy(m, x.q)), _column),
-                "closed_form": Method(lambda m, x: _scalar(dense.closed_form(m, x.q).U)),
+                "closed_form": Method(lambda m, x: _scalar(_dense(m, x).U)),
             },
         ),
         Quantity(

@@ -2,9 +2,12 @@
 
 Sans-serif *system* matrices act on all the bodies at once, with 6 rows per body. They are written for trees: the
 predecessor i-1 of the paper is ``parent[i]``. Joint variables are ``theta = G q + g``, columns (..., nb, 1).
+
+A base that moves is a body ahead of all others: its six columns of X are the unit matrix, its velocities its twist.
 """
 
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -16,19 +19,59 @@ from jounce.spatial.lie import Ad, ad, exp, inverse
 from jounce.spatial.series import diagonal
 
 
+@dataclass(frozen=True, eq=False)
+class System:
+    """What does not depend on the state: the screws X of the velocities, the inertia matrices, and the tree."""
+
+    X: Array  # (6nb, nv), so that the own twists of the bodies are X qd
+    inertias: Array  # (nb, 6, 6)
+    carries: np.ndarray  # (nb, nb): 1 where body j carries body i or is it
+
+    @cached_property
+    def M(self) -> Array:
+        """The inertia matrices along the diagonal: (6nb, 6nb)."""
+        return diagonal(self.inertias)  # (Msys)
+
+
+@lru_cache(maxsize=64)
+def of_bodies(mechanism: Mechanism) -> System:
+    """The system of the bodies behind joints."""
+    return System(system_X(mechanism), mechanism.M, ancestors(mechanism))
+
+
+@lru_cache(maxsize=64)
+def with_base(mechanism: Mechanism) -> System:
+    """The system with the base ahead of the bodies; that of a fixed robot, the ground, has no inertia."""
+    X, bodies = system_X(mechanism), ancestors(mechanism)
+    M = mechanism.base.M if mechanism.base else np.zeros((6, 6), dtype=int)
+    of_base = np.eye(6 + len(X), 6, dtype=int)
+    below = concatenate([np.zeros((6, mechanism.n), dtype=int), X], axis=-2)
+    carried = np.concatenate([np.ones((len(bodies), 1), dtype=int), bodies], axis=1)
+    carries = np.concatenate([np.eye(1, 1 + len(bodies), dtype=int), carried])
+    return System(concatenate([of_base, below], axis=-1), concatenate([M[None], mechanism.M], axis=-3), carries)
+
+
 def poses(mechanism: Mechanism, q: Array) -> Array:
     """C_i, the pose of every body in the inertial frame: (..., nb, 4, 4)."""
+    return concatenate([C[..., None, :, :] for C in _poses(mechanism, q, np.eye(4, dtype=int))[1:]], axis=-3)
+
+
+def poses_with_base(mechanism: Mechanism, q: Array, base: Array) -> Array:
+    """C_i of the base, which is given, and of every body: (..., nb + 1, 4, 4)."""
+    return concatenate([C[..., None, :, :] for C in _poses(mechanism, q, base)], axis=-3)
+
+
+def _poses(mechanism: Mechanism, q: Array, base: Array) -> list[Array]:
     theta = joint_variables(mechanism, q)
-    C: list[Array] = []
+    C = [base]
     for i, (B, X, p) in enumerate(zip(mechanism.B, mechanism.X, mechanism.parent, strict=True)):
-        step = B @ exp(X, theta[..., i : i + 1, :])
-        C.append(step if p < 0 else C[p] @ step)  # (Ci)
-    return concatenate([c[..., None, :, :] for c in C], axis=-3)
+        C.append(C[p + 1] @ (B @ exp(X, theta[..., i : i + 1, :])))  # (Ci)
+    return C
 
 
-def system_A(mechanism: Mechanism, C: Array) -> Array:
+def system_A(carries: np.ndarray, C: Array) -> Array:
     """A, the blocks Ad(C_ij) for every body j that carries i: (..., 6nb, 6nb)."""
-    return _blocks(C, ancestors(mechanism))  # (Ab)
+    return _blocks(C, carries)  # (Ab)
 
 
 def system_D(mechanism: Mechanism, C: Array) -> Array:
@@ -68,15 +111,9 @@ def system_M(mechanism: Mechanism) -> Array:
     return diagonal(mechanism.M)  # (Msys)
 
 
-@lru_cache(maxsize=64)
-def _joint_ads(mechanism: Mechanism) -> tuple[Array, Array]:
-    return diagonal(ad(mechanism.X)), np.repeat(mechanism.G, 6, axis=0)
-
-
-def system_a(mechanism: Mechanism, qd: Array) -> Array:
+def system_a(X: Array, qd: Array) -> Array:
     """a = diag(thetad_i ad(X_i)), linear in qd: (..., n, 1) to (..., 6nb, 6nb)."""
-    ads, rows = _joint_ads(mechanism)
-    return (rows @ qd) * ads  # (a)
+    return system_b(X @ qd)  # (a)
 
 
 def system_b(V: Array) -> Array:
@@ -95,8 +132,8 @@ def system_gravity(mechanism: Mechanism) -> Array:
     return concatenate([0 * mechanism.gravity, -mechanism.gravity], axis=-1)[:, None]  # (eq_U)
 
 
-def potential_energy(mechanism: Mechanism, C: Array) -> Array:
+def potential_energy(inertias: Array, C: Array, gravity: Array) -> Array:
     """U = -sum of m_i g . c_i, zero at the height of the inertial origin, from the poses: (..., 1, 1)."""
-    m, h, _ = moments(mechanism.M)
+    m, h, _ = moments(inertias)
     weighted = (C @ concatenate([h, m], axis=-2))[..., :3, 0].sum(axis=-2)[..., None, :]  # (..., 1, 3)
-    return -(weighted @ mechanism.gravity[:, None])
+    return -(weighted @ gravity[:, None])

@@ -4,7 +4,8 @@
 to the next axis as in Denavit-Hartenberg frames; `slide_origins` slides the origins along the axes until offsets
 vanish; `base_parameters` reduces the bodies to their base inertial parameters. After all of them (`minimal`) the
 recursion needs the fewest operations. All but the last (`on_axes`) leave the Coriolis matrix as it is: C depends on the
-position of inertia, not only on its effect. Body order, coordinates, names and gravity stay.
+position of inertia, not only on its effect. Body order, coordinates, names, gravity and the frame of a floating base
+stay.
 """
 
 from collections.abc import Sequence
@@ -130,9 +131,9 @@ def base_parameters(mechanism: Mechanism) -> Mechanism:
 
     The force of a revolute joint does not depend on m, h_z and P_zz of its body alone, that of a helical joint on P_zz,
     that of a prismatic one on P. Inertia that reaches the ground is dropped: drive forces stay the same, bearing forces
-    do not.
+    do not. A floating base keeps what reaches it: forces on it stay the same too.
     """
-    M = list(mechanism.M)
+    M, base = list(mechanism.M), mechanism.base
     for i in reversed(range(mechanism.nb)):
         m, h, P = inertia.moments(M[i])
         turns, slides = (not is_zero(x) for x in mechanism.X[i][[2, 5]])
@@ -140,9 +141,12 @@ def base_parameters(mechanism: Mechanism) -> Mechanism:
         of_h, of_P = _Z * of_m, _Z @ _Z.T if turns else np.ones((3, 3), dtype=int)
         M[i] = inertia.from_moments((1 - of_m) * m, (1 - of_h) * h, (1 - of_P) * P)
         p = mechanism.parent[i]
+        rest = inertia.shift_inertia(inertia.from_moments(of_m * m, of_h * h, of_P * P), mechanism.B[i])
         if p >= 0:
-            M[p] = M[p] + inertia.shift_inertia(inertia.from_moments(of_m * m, of_h * h, of_P * P), mechanism.B[i])
-    return replace(mechanism, M=np.stack(M))
+            M[p] = M[p] + rest
+        elif base is not None:
+            base = replace(base, M=base.M + rest)
+    return replace(mechanism, M=np.stack(M), base=base)
 
 
 @lru_cache(maxsize=64)

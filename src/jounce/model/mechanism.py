@@ -31,6 +31,14 @@ class Frame:
     T: Array
 
 
+@dataclass(frozen=True, eq=False)
+class FloatingBase:
+    """The body of a floating robot that moves freely in space: its name, and its inertia matrix (6, 6) in its frame."""
+
+    name: str
+    M: Array
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Mechanism:
     """The data of a robot: a tree or forest of nb bodies, each behind one joint, with n coordinates.
@@ -47,7 +55,7 @@ class Mechanism:
     M : (nb, 6, 6)
         Inertia matrix in the body frame.
     parent : tuple of int
-        Index of each body's parent, smaller than its own; -1 is the ground.
+        Index of each body's parent, smaller than its own; -1 is the ground, or the base if the robot floats.
     gravity : (3,)
         Gravitational acceleration in the inertial frame, m/s^2.
     G, g : (nb, n) and (nb,)
@@ -64,9 +72,11 @@ class Mechanism:
         Those terms of the drives that enter Q.
     elasticity : Elasticity, or None
         The springs between motors and links; None if all joints are rigid.
+    base : FloatingBase, or None
+        The body in the place of the ground, -1, if the robot floats: its `name`, and its inertia matrix `M` (6, 6).
     frames : tuple of Frame
-        The frames of links that are merged into bodies: `name`, `body` (its index, -1 for the ground), `T` (4, 4), the
-        pose in the frame of the body.
+        The frames of links that are merged into bodies: `name`, `body` (its index, -1 for the ground or base), `T`
+        (4, 4), the pose in the frame of the body.
     name : str
         The robot's name.
     default_axes : tuple of str
@@ -94,6 +104,7 @@ class Mechanism:
     drives: Drives
     acting: tuple[str, ...] = ()
     elasticity: Elasticity | None = None
+    base: FloatingBase | None = None
     frames: tuple[Frame, ...] = ()
     name: str = "robot"
     default_axes: tuple[str, ...] = field(default=(), compare=False)
@@ -102,7 +113,8 @@ class Mechanism:
         own = (getattr(self, name) for name in DATA)
         beside = (self.limits.table, *vars(self.drives).values(), *(frame.T for frame in self.frames))
         elastic = self.elasticity.arrays.values() if self.elasticity else ()
-        for array in (*own, *beside, *elastic):
+        base = (self.base.M,) if self.base else ()
+        for array in (*own, *beside, *elastic, *base):
             array.flags.writeable = False
 
     def __setstate__(self, state: dict[str, Any]) -> None:  # a copy or an unpickled one is as frozen as any
@@ -111,7 +123,7 @@ class Mechanism:
 
     @property
     def nb(self) -> int:
-        """The number of bodies."""
+        """The number of bodies behind joints: all but the base of a floating robot."""
         return len(self.parent)
 
     @property
@@ -120,9 +132,29 @@ class Mechanism:
         return len(self.coordinates)
 
     @property
+    def nv(self) -> int:
+        """The number of velocities, n, and 6 more if the robot floats: those of its base, which come first."""
+        return self.n + (6 if self.base else 0)
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        """The names of all bodies, the base of a floating robot first, in the order of rows of wrenches and poses."""
+        return (self.base.name, *self.bodies) if self.base else self.bodies
+
+    @property
+    def inertias(self) -> Array:
+        """The inertia matrices of all bodies, (len(body_names), 6, 6), in the order of `body_names`."""
+        return np.concatenate([self.base.M[None], self.M]) if self.base else self.M
+
+    @property
+    def first(self) -> int:
+        """The row of body 0 among `body_names`: 1 if the robot floats, as row 0 is that of its base."""
+        return 1 if self.base else 0
+
+    @property
     def frame_names(self) -> tuple[str, ...]:
         """The names of the bodies, and of the links merged into them."""
-        return (*self.bodies, *(frame.name for frame in self.frames))
+        return (*self.body_names, *(frame.name for frame in self.frames))
 
     def frame(self, name: str) -> Frame:
         """Where a body, or a link merged into one, sits.
@@ -135,7 +167,8 @@ class Mechanism:
         Returns
         -------
         Frame
-            With its `name`, its `body` (an index, -1 for the ground), and its pose `T` (4, 4) in the frame of the body.
+            With its `name`, its `body` (an index, -1 for the ground or base), and its pose `T` (4, 4) in the frame of
+            the body.
 
         Raises
         ------
@@ -149,8 +182,8 @@ class Mechanism:
         6
         """
         one_of("body", name, self.frame_names)
-        if name in self.bodies:
-            return Frame(name, self.bodies.index(name), np.eye(4, dtype=int))
+        if name in self.body_names:
+            return Frame(name, self.body_names.index(name) - self.first, np.eye(4, dtype=int))
         return next(frame for frame in self.frames if frame.name == name)
 
 
@@ -171,7 +204,8 @@ def _convert(mechanism: Mechanism, convert: Callable[[Array], Array]) -> Mechani
     frames = tuple(replace(frame, T=convert(frame.T)) for frame in mechanism.frames)
     drives = Drives(**{name: convert(array) for name, array in vars(mechanism.drives).items()})
     elasticity = mechanism.elasticity and mechanism.elasticity.map(convert)
-    return replace(mechanism, frames=frames, drives=drives, elasticity=elasticity, **data)
+    base = mechanism.base and replace(mechanism.base, M=convert(mechanism.base.M))
+    return replace(mechanism, frames=frames, drives=drives, elasticity=elasticity, base=base, **data)
 
 
 def cast_model(mechanism: Mechanism, arrays: Sequence[Array]) -> Mechanism:

@@ -53,6 +53,8 @@ def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
     digest = hashlib.sha256(f"{computation} {target} llvmlite {llvmlite.__version__} {_sources()}".encode())
     digest.update(repr((mechanism.parent, mechanism.acting)).encode())
     arrays = {name: getattr(mechanism, name) for name in DATA} | (vars(mechanism.drives) if mechanism.acting else {})
+    if mechanism.base:
+        arrays |= {"base": mechanism.base.M}
     if mechanism.elasticity and computation.quantity.elastic:
         e = mechanism.elasticity
         arrays |= {f"elastic {name}": array for name, array in e.arrays.items()}

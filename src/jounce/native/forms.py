@@ -32,7 +32,7 @@ def modules(mechanism: Mechanism, computation: Computation, target: Target, pati
     ------
     LongCompilationError : where compiling it is likely to take longer than `patience` seconds.
     """
-    signature = computation.signature(mechanism.n, mechanism.nb)
+    signature = computation.signature(mechanism)
     return calls.modules(_block(mechanism, computation, signature, patience), signature, target)
 
 
@@ -43,7 +43,7 @@ def program(mechanism: Mechanism, computation: Computation, tape: Tape | None = 
     """
     tape = Tape() if tape is None else tape
     parameters, values = tape.inputs, replace(computation, product=None)
-    arrays = [tape.variables(*port.shape) for port in values.signature(mechanism.n, mechanism.nb).inputs]
+    arrays = [tape.variables(*port.shape) for port in values.signature(mechanism).inputs]
     results = values.series("recursion", with_exact_integers(mechanism), arrays).upto(values.count - 1)
     traced = factor(tape.program([x for result in results for x in np.ravel(result)]))
     return PRODUCTS[computation.product](traced, parameters, tape.most) if computation.product else traced

@@ -51,7 +51,7 @@ class Kernel(Generic[Results]):
 
     def __init__(self, mechanism: Mechanism, computation: Computation, patience: float = inf) -> None:
         self.mechanism, self.computation = mechanism, computation
-        self.signature = computation.signature(mechanism.n, mechanism.nb)
+        self.signature = computation.signature(mechanism)
         self._code = jit.load_object(_code(mechanism, computation, patience), host())
         size = plan.scratch_size(computation, mechanism, host().lanes)
         self._pool = Pool(size) if size > plan.STACK else None
@@ -69,6 +69,7 @@ class Kernel(Generic[Results]):
         asked = self.computation
         of = f" of {asked.body!r} in frame {asked.frame!r}" if asked.body is not None else ""
         loaded = ", with wrenches" if asked.wrench else ""
+        loaded += ", with the motion of the base" if asked.base else ""
         product = f"{asked.product} of " if asked.product else ""
         return f"<Kernel: {product}{asked.name}{of} of {self.mechanism.name!r} to order {asked.order}{loaded}>"
 
@@ -79,9 +80,9 @@ class Kernel(Generic[Results]):
 
         Parameters
         ----------
-        *arrays : (..., n), then (..., nb, 6)
+        *arrays : (..., n), then (..., nb, 6), then (..., 4, 4) and (..., 6)
             q, qd, ..., as many as the quantity and its order take; W, Wd, ... after them if it was compiled with
-            wrenches. float64; batch axes lead and broadcast.
+            wrenches; C, V, Vd, ... if with the motion of the base. float64; batch axes lead and broadcast.
         out : array or tuple of arrays, optional
             Arrays to write the results into.
         threads : int, optional

@@ -29,7 +29,7 @@ class LongCompilationError(Exception):
 
 def is_straight(computation: Computation, nb: int) -> bool:
     """Return whether the code is a straight line; a loop over the bodies is half as fast, but compiles at once."""
-    looped = computation.quantity.sweep is not None and not computation.product
+    looped = computation.quantity.sweep is not None and not computation.product and not computation.base
     return not looped or nb * (computation.order + 1) ** 2 <= STRAIGHT_LIMIT
 
 
@@ -118,5 +118,5 @@ def call_size(signature: Signature, of_bodies: int, lanes: int) -> int:
 
 def scratch_size(computation: Computation, mechanism: Mechanism, lanes: int) -> int:
     """The bytes of one call of a kernel."""
-    signature = computation.signature(mechanism.n, mechanism.nb)
+    signature = computation.signature(mechanism)
     return call_size(signature, vectors_of_bodies(computation, mechanism.parent), lanes)

@@ -1,7 +1,7 @@
 """Calls of a robot's methods: arguments are checked, and the first backend that accepts a call runs it."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from math import inf
 from types import NoneType
@@ -11,8 +11,10 @@ import numpy as np
 
 from jounce._scalars import FLOAT, Array, is_numeric
 from jounce.arguments import loads, rates, requests, wrenches
+from jounce.arguments.base import base_of, check_pose
 from jounce.dynamics import drive_terms, elastic
-from jounce.dynamics.computation import Computation, Port, state_ports
+from jounce.dynamics.base import STILL
+from jounce.dynamics.computation import Computation, Port, coordinate_ports
 from jounce.dynamics.loads import wrench_of
 from jounce.dynamics.quantities import FORCES, Quantity, row_of
 from jounce.errors import JounceError, one_of, quoted, warn
@@ -69,6 +71,7 @@ def compute(
     given: Sequence[Any],
     *,
     wrench: Any = None,
+    base: Any = None,
     body: str | None = None,
     frame: str = "body",
     method: str | None = None,
@@ -76,11 +79,16 @@ def compute(
     threads: int = 1,
 ) -> Any:
     """Compute a quantity for given rates of the coordinates with the first backend that accepts the call."""
-    terms = wrench if type(wrench) is tuple else () if wrench is None else (wrench,)
+    terms: Sequence[Any] = wrench if type(wrench) is tuple else () if wrench is None else (wrench,)
+    moved: Sequence[Any] = base if type(base) is tuple else () if base is None else (base,)
     form = (name, body, frame, method, type(threads), threads, *map(type, given), type(wrench), *map(type, terms))
+    if moved:
+        form = (*form, type(base), *map(type, moved))
     try:  # the short way, of calls like an earlier one: NumPy itself checks shapes and kinds of numbers
         kernel, count = robot._kernels.ready[form]
-        arrays = (*given[:count], *terms)
+        arrays = (*given[:count], *terms, *moved)
+        if moved:
+            check_pose(moved[0])
         if out is None:
             return kernel.ufunc(*arrays)
         into = tuple(out) if type(out) in (tuple, list) else (out,)
@@ -90,18 +98,26 @@ def compute(
         raise
     except Exception:  # the long way serves all others, and says what is wrong with them
         pass
-    plain = {type(x) for x in (*given, *terms)} <= {np.ndarray, NoneType} and type(threads) is int and threads == 1
-    asked = _checked_arguments(robot.mechanism, name, given, wrench, body, frame, method)
-    return _run(Call(robot, *asked, method, out, threads, form if plain else None))
+    plain = {type(x) for x in (*given, *terms, *moved)} <= {np.ndarray, NoneType} and type(threads) is int
+    asked, given = _checked_arguments(robot.mechanism, name, given, wrench, base, body, frame, method)
+    lasting = plain and threads == 1 and asked.base == bool(moved)
+    return _run(Call(robot, asked, given, method, out, threads, form if lasting else None))
 
 
 def _checked_arguments(
-    mechanism: Mechanism, name: str, given: Sequence[Any], wrench: Any, body: str | None, frame: str, method: str | None
+    mechanism: Mechanism,
+    name: str,
+    given: Sequence[Any],
+    wrench: Any,
+    base: Any,
+    body: str | None,
+    frame: str,
+    method: str | None,
 ) -> tuple[Computation, list[Array]]:
     """Check the arguments of a call, and return its computation and input arrays."""
     more = requests.more_rates(mechanism, name)
     quantity = row_of(name, more)
-    q = rates.rates_of(given, quantity.rates, mechanism, quantity.input_names)
+    q = rates.rates_of(given, quantity.rates, mechanism, quantity.input_names, quantity.coordinate_inputs(len(given)))
     order = len(q) - quantity.rates
     requests.check_rates(name, order)
     W = wrenches.wrenches_of(mechanism, wrench, order, q, quantity.wrench_rates)
@@ -112,7 +128,14 @@ def _checked_arguments(
     requests.check_elastic(mechanism, name)
     if quantity.forces:
         requests.check_invertible(mechanism, name)
-    return requests.known(name, order, bool(W), body, frame, more), [*q, *W]
+    if base is None and not mechanism.base:
+        return requests.known(name, order, bool(W), body, frame, more), [*q, *W]
+    moving = requests.takes_base(name, frame)
+    if base is None and not moving:
+        return requests.known(name, order, bool(W), body, frame, more), [*q, *W]
+    asked = requests.known(name, order, bool(W), body, frame, more, base=True)
+    C = base_of(mechanism, base, asked.base_terms(mechanism), f"{name} of order {order}")
+    return (asked, [*q, *W, *C]) if moving else (replace(asked, base=False), [*q, *W])
 
 
 def _run(call: Call) -> Any:
@@ -130,7 +153,7 @@ def _run(call: Call) -> Any:
 def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str], out: Any) -> Any:
     """Compute the forces of drive terms for given rates of the coordinates, whether or not the terms act in Q."""
     q = rates.rates_of(given, FORCES.rates, mechanism)
-    model, ports = cast_model(mechanism, q), state_ports(mechanism.n, FORCES.input_names(len(q)), FORCES.rates)
+    model, ports = cast_model(mechanism, q), coordinate_ports(mechanism, FORCES.input_names(len(q)), FORCES.rates)
 
     def law(arrays: Sequence[Array]) -> Series:
         return drive_terms.forces(model, columns(arrays), terms).map(lambda Q: Q[..., 0])
@@ -139,20 +162,30 @@ def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str
 
 
 def wrench_of_load(
-    mechanism: Mechanism, given: Sequence[Any], body: str, force: Any, torque: Any, frame: str, point: Any
+    mechanism: Mechanism,
+    given: Sequence[Any],
+    base: Any,
+    body: str,
+    force: Any,
+    torque: Any,
+    frame: str,
+    point: Any,
 ) -> Any:
     """Compute the wrenches W that correspond to a load on a body, for given rates of the coordinates."""
     q = rates.rates_of(given, 1, mechanism)
     place, load = loads.place_of(frame, point, force), loads.load_of(force, torque, len(q) - 1, q)
-    model = cast_model(mechanism, [*q, *load])
-    names = FORCES.input_names(len(q))
-    ports = [*state_ports(model.n, names, 1), *(Port(f"load[{k}]", (1, 6), "load", k) for k in range(len(load)))]
+    moving = base is not None or (mechanism.base is not None and frame == "world")
+    poses = Computation("poses", len(q) - 1, base=moving)
+    C = base_of(mechanism, base, len(q), "wrench") if moving else []
+    model = cast_model(mechanism, [*q, *C, *load])
+    ports = [*poses.signature(model).inputs, *(Port(f"load[{k}]", (1, 6), "load", k) for k in range(len(load)))]
 
     def law(arrays: Sequence[Array]) -> Series:
-        terms = Series.of([x.swapaxes(-1, -2) for x in arrays[len(q) :]])
-        return wrench_of(model, columns(arrays[: len(q)]), terms, body, frame, place)
+        terms = Series.of([x.swapaxes(-1, -2) for x in arrays[-len(q) :]])
+        x = poses.state(arrays[: -len(q)])
+        return wrench_of(model, x.q, x.base or STILL, terms, body, frame, place)
 
-    return results_into(evaluate(law, ports, [*q, *load], len(q), 6 * model.nb), None)
+    return results_into(evaluate(law, ports, [*q, *C, *load], len(q), 6 * model.nb), None)
 
 
 def compile_ahead(robot: "Robot", computation: Computation) -> Kernel:

@@ -34,7 +34,7 @@ def compute_by_method(
     computation: Computation, method: str, mechanism: Mechanism, arrays: Sequence[Array]
 ) -> tuple[Array, ...]:
     """Compute a quantity and its rates by a method, from arrays of the scalar type of the mechanism's data."""
-    ports = computation.signature(mechanism.n, mechanism.nb).inputs
+    ports = computation.signature(mechanism).inputs
     width = computation.quantity.methods[method].width(mechanism.nb)
     return evaluate(lambda x: computation.series(method, mechanism, x), ports, arrays, computation.count, width)
 

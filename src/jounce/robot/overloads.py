@@ -43,6 +43,7 @@ def typed(protocol: type[P]) -> Callable[[Callable[..., Any]], MethodOf[P]]:
 class Options(TypedDict, total=False):
     """Keywords that all quantities share: see `Robot`."""
 
+    base: Rates | None
     method: Method | None
     out: Out
     threads: int
@@ -79,6 +80,7 @@ class _Terms(TypedDict, total=False):
 
 
 class _Load(TypedDict, total=False):
+    base: Rates | None
     force: ArrayLike | None
     torque: ArrayLike | None
     frame: LoadFrame

@@ -67,6 +67,11 @@ class Robot:
       Results are always arrays, in the order of `joint_names`.
     * q is required; each further rate you give returns one more time derivative, up to order 100. With none to spare
       the result is a plain array, otherwise a tuple: the quantity, its rate, ...
+    * ``base=(C, V, Vd, ...)`` is the motion of the base: its pose C (..., 4, 4), base to inertial frame, its twist V
+      (..., 6) in its own axes about its origin, and the rates of these components, as many terms as q has. Robots that
+      float require it: their forces, matrices and Jacobians have nv = 6 + n rows or columns, those of the base first,
+      Q the wrench (moment; force) that acts on it, in its axes. For other robots the base is the ground, at rest unless
+      given. Where it does not enter, as in the mass matrix, it may be left out.
     * Missing values (masked by NumPy, or NA of pandas) are NaN, and so are results that depend on them.
     * ``method`` selects the method: "kernel" is native code, the default for NumPy arrays of float64 if it is
       available; "recursion" is the default otherwise; "closed_form" and "paper" are independent checks. All agree. The
@@ -105,7 +110,8 @@ class Robot:
         return hash(equality.key(self.mechanism))
 
     def __repr__(self) -> str:
-        return f"<Robot {self.name!r}: {self.n} coordinates, {self.mechanism.nb} bodies>"
+        floats = ", floating" if self.mechanism.base else ""
+        return f"<Robot {self.name!r}: {self.n} coordinates, {len(self.body_names)} bodies{floats}>"
 
     def _repr_html_(self) -> str:
         from jounce.figures import displays
@@ -123,14 +129,19 @@ class Robot:
         return self.mechanism.n
 
     @property
+    def nv(self) -> int:
+        """The number of velocities: n, or 6 + n if the robot floats, whose base comes first."""
+        return self.mechanism.nv
+
+    @property
     def joint_names(self) -> tuple[str, ...]:
         """The names of the coordinates, in the order of the last axis of q."""
         return self.mechanism.coordinates
 
     @property
     def body_names(self) -> tuple[str, ...]:
-        """The names of the bodies, in the order of the rows of wrenches, poses and Jacobians."""
-        return self.mechanism.bodies
+        """The names of the bodies, in the order of rows of wrenches, poses and Jacobians; a floating base is first."""
+        return self.mechanism.body_names
 
     @property
     def gravity(self) -> Array:
@@ -169,6 +180,8 @@ class Robot:
         g: ArrayLike | None = None,
         limits: Limits | Mapping[str, ArrayLike] | None = None,
         drives: Drives | Mapping[str, ArrayLike] | None = None,
+        base: ArrayLike | None = None,
+        base_name: str = "base",
         name: str = "robot",
     ) -> Self:
         """A robot from body-fixed data.
@@ -186,8 +199,8 @@ class Robot:
         M : (nb, 6, 6)
             Inertia matrix in the frame of body i, see `inertia_matrix`.
         parent : (nb,), optional
-            Index of the parent body, smaller than i; -1 is the ground, and several bodies may have it. The default is a
-            serial chain.
+            Index of the parent body, smaller than i; -1 is the ground, or the base if the robot floats, and several
+            bodies may have it. The default is a serial chain.
         names : (nb,), optional
             Names of the bodies.
         gravity : (3,), optional
@@ -202,6 +215,10 @@ class Robot:
         drives : mapping, optional
             `armature`, `damping`, `friction`, `eps`, `stiffness`, `rest` of theta, (nb,) each; zero (eps 0.05) where
             left out, see `with_drives`.
+        base : (6, 6), optional
+            Inertia matrix of the base in its own frame, if the robot floats; otherwise the robot stands on the ground.
+        base_name : str, optional
+            Name of the base.
         name : str, optional
             Name of the robot.
 
@@ -228,9 +245,16 @@ class Robot:
         >>> pendulum = jounce.Robot.from_screws([np.eye(4)], [[0, 1, 0, 0, 0, 0]], [M])
         >>> pendulum.inverse_dynamics([np.pi / 2], [0.0], [0.0]).round(6)
         array([9.81])
+
+        The same on a base of 10 kg that floats:
+
+        >>> base = jounce.inertia_matrix(10.0, [0, 0, 0], 0.2 * np.eye(3))
+        >>> jounce.Robot.from_screws([np.eye(4)], [[0, 1, 0, 0, 0, 0]], [M], base=base, base_name="trunk")
+        <Robot 'robot': 1 coordinates, 2 bodies, floating>
         """
         return cls(screws.from_screws(
-            B, X, M, parent, names, gravity, joint_names=joint_names, G=G, g=g, limits=limits, drives=drives, name=name,
+            B, X, M, parent, names, gravity, joint_names=joint_names, G=G, g=g, limits=limits, drives=drives,
+            base=base, base_name=base_name, name=name,
         ))  # fmt: skip
 
     @classmethod
@@ -248,6 +272,8 @@ class Robot:
         g: ArrayLike | None = None,
         limits: Limits | Mapping[str, ArrayLike] | None = None,
         drives: Drives | Mapping[str, ArrayLike] | None = None,
+        base: ArrayLike | None = None,
+        base_name: str = "base",
         name: str = "robot",
     ) -> Self:
         """A robot from spatial data, all in the inertial frame at theta = 0.
@@ -262,8 +288,8 @@ class Robot:
             Joint screws in the inertial frame.
         M : (nb, 6, 6)
             Inertia matrices, in the body frames.
-        parent, names, gravity, joint_names, G, g, limits, drives, name : optional
-            As in `from_screws`.
+        parent, names, gravity, joint_names, G, g, limits, drives, base, base_name, name : optional
+            As in `from_screws`; the frame of a base is the inertial frame at theta = 0.
 
         Returns
         -------
@@ -284,7 +310,7 @@ class Robot:
         """
         return cls(screws.from_spatial_screws(
             A, Y, M, parent, names=names, gravity=gravity,
-            joint_names=joint_names, G=G, g=g, limits=limits, drives=drives, name=name,
+            joint_names=joint_names, G=G, g=g, limits=limits, drives=drives, base=base, base_name=base_name, name=name,
         ))  # fmt: skip
 
     @classmethod
@@ -383,10 +409,11 @@ class Robot:
         gravity : (3,), optional
             Gravitational acceleration, m/s^2; that of the model by default.
         base : str, optional
-            "fixed" welds free-flyer, planar and spherical joints at zero, with a `JounceWarning`; otherwise they are
-            refused.
+            "floating": the body that the free-flyer moves is the base, and floats. "fixed" welds free-flyer, planar and
+            spherical joints at zero, with a `JounceWarning`. By default such joints are refused.
         root : str, optional
-            A body or frame that becomes the base, fixed to the ground: only the bodies that it carries are kept.
+            A body or frame that becomes the base, fixed to the ground or floating: only the bodies that it carries are
+            kept.
 
         Returns
         -------
@@ -428,8 +455,9 @@ class Robot:
         gravity : (3,), optional
             Gravitational acceleration, m/s^2; that of the model by default.
         base, root : str, optional
-            ``base="fixed"`` welds ball and free joints at the model's placement; `root` names a body that becomes the
-            base, fixed to the ground.
+            ``base="floating"``: the body on the free joint is the base, and floats; ``base="fixed"`` welds ball and
+            free joints at the model's placement. `root` names a body that becomes the base, floating or fixed to the
+            ground.
 
         Returns
         -------
@@ -655,6 +683,7 @@ class Robot:
         body: str | None = None,
         frame: Frame = "body",
         product: Product | None = None,
+        base: bool = False,
     ) -> Kernel:
         """Compile a quantity to native code before its first call.
 
@@ -674,6 +703,8 @@ class Robot:
         product : {"vjp", "jvp"}, optional
             Products of the derivatives by all inputs instead of the values: the kernel that `Kernel.vjp` or
             `Kernel.jvp` compiles at its first call, which takes the weights or directions after the other arrays.
+        base : bool, optional
+            Whether the motion of the base, C, V, Vd, ..., follows in its calls; it always does if the robot floats.
 
         Returns
         -------
@@ -699,7 +730,7 @@ class Robot:
         >>> bool((out[2] == Q2d).all())
         True
         """
-        asked = requests.computation(self.mechanism, quantity, order, wrench, body, frame, product)
+        asked = requests.computation(self.mechanism, quantity, order, wrench, body, frame, product, base)
         return dispatch.compile_ahead(self, asked)
 
     @typed(overloads.OfAcceleration)
@@ -712,6 +743,7 @@ class Robot:
         q4d: Named | None = None,
         *higher: Named,
         wrench: Rates | None = None,
+        base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
@@ -731,7 +763,7 @@ class Robot:
             the origin of the body frame. A *tuple* (W, Wd, ...) is W with as many rates as Q has; anything else, nested
             lists included, is W alone. Each is an array (..., nb, 6) or a dict {body or merged link: (..., 6)}. Wd is
             the derivative of those components.
-        method, out, threads : optional
+        base, method, out, threads : optional
             See `Robot`.
 
         Returns
@@ -757,7 +789,9 @@ class Robot:
         (array([29.43,  9.81]), array([0., 0.]))
         """
         rates = (q, qd, q2d, q3d, q4d, *higher)
-        return compute(self, "inverse_dynamics", rates, wrench=wrench, method=method, out=out, threads=threads)
+        return compute(
+            self, "inverse_dynamics", rates, wrench=wrench, base=base, method=method, out=out, threads=threads
+        )
 
     @typed(overloads.OfForces)
     def forward_dynamics(
@@ -769,6 +803,7 @@ class Robot:
         Q2d: Named | None = None,
         *higher: Named,
         wrench: Rates | None = None,
+        base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
@@ -823,7 +858,9 @@ class Robot:
                [1., 1., 1., 1., 1., 1., 1.]])
         """
         rates = (q, qd, Q, Qd, Q2d, *higher)
-        return compute(self, "forward_dynamics", rates, wrench=wrench, method=method, out=out, threads=threads)
+        return compute(
+            self, "forward_dynamics", rates, wrench=wrench, base=base, method=method, out=out, threads=threads
+        )
 
     @typed(overloads.OfAcceleration)
     def inverse_dynamics_partials(
@@ -835,6 +872,7 @@ class Robot:
         q4d: Named | None = None,
         *higher: Named,
         wrench: Rates | None = None,
+        base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
@@ -888,7 +926,7 @@ class Robot:
         """
         rates = (q, qd, q2d, q3d, q4d, *higher)
         name = "inverse_dynamics_partials"
-        return compute(self, name, rates, wrench=wrench, method=method, out=out, threads=threads)
+        return compute(self, name, rates, wrench=wrench, base=base, method=method, out=out, threads=threads)
 
     @typed(overloads.ForwardPartials)
     def forward_dynamics_partials(
@@ -898,6 +936,7 @@ class Robot:
         Q: Named,
         *,
         wrench: Rates | None = None,
+        base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
@@ -949,7 +988,7 @@ class Robot:
         """
         given = (q, qd, Q)
         name = "forward_dynamics_partials"
-        return compute(self, name, given, wrench=wrench, method=method, out=out, threads=threads)
+        return compute(self, name, given, wrench=wrench, base=base, method=method, out=out, threads=threads)
 
     def forces_along(
         self,
@@ -957,6 +996,7 @@ class Robot:
         t: ArrayLike | None = None,
         order: int = 2,
         *,
+        base: Rates | None = None,
         method: Method | None = None,
         progress: Callable[[int, int], object] | None = None,
     ) -> "Along":
@@ -1204,6 +1244,7 @@ class Robot:
         qd: Named | None = None,
         q2d: Named | None = None,
         *higher: Named,
+        base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
@@ -1218,7 +1259,7 @@ class Robot:
             Coordinates, rad or m.
         qd, q2d, *higher : (..., n), optional
             Further rates, each for one more time derivative.
-        method, out, threads : optional
+        base, method, out, threads : optional
             See `Robot`.
 
         Returns
@@ -1243,7 +1284,7 @@ class Robot:
         array([[5., 2.],
                [2., 1.]])
         """
-        return compute(self, "mass_matrix", (q, qd, q2d, *higher), method=method, out=out, threads=threads)
+        return compute(self, "mass_matrix", (q, qd, q2d, *higher), base=base, method=method, out=out, threads=threads)
 
     @typed(overloads.CoriolisMatrix)
     def coriolis_matrix(
@@ -1254,6 +1295,7 @@ class Robot:
         q3d: Named | None = None,
         *higher: Named,
         form: Form = "paper",
+        base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
@@ -1271,7 +1313,7 @@ class Robot:
             Further rates, each for one more time derivative.
         form : str, optional
             "paper" or "skew".
-        method, out, threads : optional
+        base, method, out, threads : optional
             See `Robot`.
 
         Returns
@@ -1297,7 +1339,7 @@ class Robot:
         True
         """
         name = FORMS[one_of("form", form, FORMS, "coriolis_matrix")]
-        return compute(self, name, (q, qd, q2d, q3d, *higher), method=method, out=out, threads=threads)
+        return compute(self, name, (q, qd, q2d, q3d, *higher), base=base, method=method, out=out, threads=threads)
 
     @typed(overloads.OfPosition[Array])
     def gravity_forces(
@@ -1306,6 +1348,7 @@ class Robot:
         qd: Named | None = None,
         q2d: Named | None = None,
         *higher: Named,
+        base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
@@ -1318,7 +1361,7 @@ class Robot:
             Coordinates, rad or m.
         qd, q2d, *higher : (..., n), optional
             Further rates, each for one more time derivative.
-        method, out, threads : optional
+        base, method, out, threads : optional
             See `Robot`.
 
         Returns
@@ -1341,7 +1384,9 @@ class Robot:
         >>> jounce.load("planar2r").gravity_forces([0, 0])
         array([29.43,  9.81])
         """
-        return compute(self, "gravity_forces", (q, qd, q2d, *higher), method=method, out=out, threads=threads)
+        return compute(
+            self, "gravity_forces", (q, qd, q2d, *higher), base=base, method=method, out=out, threads=threads
+        )
 
     @typed(overloads.DriveForces)
     def drive_forces(
@@ -1395,6 +1440,7 @@ class Robot:
         q2d: Named | None = None,
         *higher: Named,
         body: str | None = None,
+        base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
@@ -1411,7 +1457,7 @@ class Robot:
             Further rates, each for one more time derivative.
         body : str, optional
             A body or a link merged into one; all bodies by default.
-        method, out, threads : optional
+        base, method, out, threads : optional
             See `Robot`.
 
         Returns
@@ -1433,7 +1479,9 @@ class Robot:
         >>> jounce.load("planar2r").poses([0, 0])[1, :3, 3]
         array([1., 0., 0.])
         """
-        return compute(self, "poses", (q, qd, q2d, *higher), body=body, method=method, out=out, threads=threads)
+        return compute(
+            self, "poses", (q, qd, q2d, *higher), body=body, base=base, method=method, out=out, threads=threads
+        )
 
     @typed(overloads.TwistsOfBodies)
     def twists(
@@ -1445,6 +1493,7 @@ class Robot:
         *higher: Named,
         body: str | None = None,
         frame: Frame = "body",
+        base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
@@ -1462,7 +1511,7 @@ class Robot:
         frame : str, optional
             Frame of the twists (angular; linear): "body" (the paper's body-fixed twist), "world" (world axes, origin of
             the body frame: the hybrid form) or "spatial" (the paper's spatial twist).
-        method, out, threads : optional
+        base, method, out, threads : optional
             See `Robot`.
 
         Returns
@@ -1491,6 +1540,7 @@ class Robot:
             (q, qd, q2d, q3d, *higher),
             body=body,
             frame=frame,
+            base=base,
             method=method,
             out=out,
             threads=threads,
@@ -1505,6 +1555,7 @@ class Robot:
         *higher: Named,
         body: str | None = None,
         frame: Frame = "body",
+        base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
@@ -1522,7 +1573,7 @@ class Robot:
         frame : str, optional
             Frame of the twists (angular; linear): "body" (the paper's body-fixed twist), "world" (world axes, origin of
             the body frame: the hybrid form) or "spatial" (the paper's spatial twist).
-        method, out, threads : optional
+        base, method, out, threads : optional
             See `Robot`.
 
         Returns
@@ -1551,6 +1602,7 @@ class Robot:
             (q, qd, q2d, *higher),
             body=body,
             frame=frame,
+            base=base,
             method=method,
             out=out,
             threads=threads,
@@ -1564,6 +1616,7 @@ class Robot:
         q2d: Named | None = None,
         q3d: Named | None = None,
         *higher: Named,
+        base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
@@ -1578,7 +1631,7 @@ class Robot:
             Coordinates and velocities: rad or m, per s.
         q2d, q3d, *higher : (..., n), optional
             Further rates, each for one more time derivative.
-        method, out, threads : optional
+        base, method, out, threads : optional
             See `Robot`.
 
         Returns
@@ -1597,7 +1650,7 @@ class Robot:
         >>> jounce.load("planar2r").momentum([0, 0], [1, 0])[[2, 4]]
         array([5., 3.])
         """
-        return compute(self, "momentum", (q, qd, q2d, q3d, *higher), method=method, out=out, threads=threads)
+        return compute(self, "momentum", (q, qd, q2d, q3d, *higher), base=base, method=method, out=out, threads=threads)
 
     @typed(overloads.OfVelocity[Array])
     def generalized_momentum(
@@ -1607,6 +1660,7 @@ class Robot:
         q2d: Named | None = None,
         q3d: Named | None = None,
         *higher: Named,
+        base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
@@ -1619,7 +1673,7 @@ class Robot:
             Coordinates and velocities: rad or m, per s.
         q2d, q3d, *higher : (..., n), optional
             Further rates, each for one more time derivative.
-        method, out, threads : optional
+        base, method, out, threads : optional
             See `Robot`.
 
         Returns
@@ -1639,7 +1693,7 @@ class Robot:
         array([2., 1.])
         """
         return compute(
-            self, "generalized_momentum", (q, qd, q2d, q3d, *higher), method=method, out=out, threads=threads
+            self, "generalized_momentum", (q, qd, q2d, q3d, *higher), base=base, method=method, out=out, threads=threads
         )
 
     @typed(overloads.OfVelocity[Any])
@@ -1650,6 +1704,7 @@ class Robot:
         q2d: Named | None = None,
         q3d: Named | None = None,
         *higher: Named,
+        base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
@@ -1662,7 +1717,7 @@ class Robot:
             Coordinates and velocities: rad or m, per s.
         q2d, q3d, *higher : (..., n), optional
             Further rates, each for one more time derivative.
-        method, out, threads : optional
+        base, method, out, threads : optional
             See `Robot`.
 
         Returns
@@ -1682,7 +1737,7 @@ class Robot:
         np.float64(5.0)
         """
         rates = (q, qd, q2d, q3d, *higher)
-        return compute(self, "kinetic_energy", rates, method=method, out=out, threads=threads)
+        return compute(self, "kinetic_energy", rates, base=base, method=method, out=out, threads=threads)
 
     @typed(overloads.OfPosition[Any])
     def potential_energy(
@@ -1691,6 +1746,7 @@ class Robot:
         qd: Named | None = None,
         q2d: Named | None = None,
         *higher: Named,
+        base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
@@ -1705,7 +1761,7 @@ class Robot:
             Coordinates, rad or m.
         qd, q2d, *higher : (..., n), optional
             Further rates, each for one more time derivative.
-        method, out, threads : optional
+        base, method, out, threads : optional
             See `Robot`.
 
         Returns
@@ -1725,7 +1781,9 @@ class Robot:
         >>> U.round(4), Ud.round(4)
         (np.float64(14.1095), np.float64(25.8273))
         """
-        return compute(self, "potential_energy", (q, qd, q2d, *higher), method=method, out=out, threads=threads)
+        return compute(
+            self, "potential_energy", (q, qd, q2d, *higher), base=base, method=method, out=out, threads=threads
+        )
 
     @typed(overloads.OfAcceleration)
     def base_wrench(
@@ -1737,6 +1795,7 @@ class Robot:
         q4d: Named | None = None,
         *higher: Named,
         wrench: Rates | None = None,
+        base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
@@ -1754,7 +1813,7 @@ class Robot:
             Further rates, each for one more time derivative.
         wrench : optional
             As in `inverse_dynamics`.
-        method, out, threads : optional
+        base, method, out, threads : optional
             See `Robot`.
 
         Returns
@@ -1778,6 +1837,7 @@ class Robot:
             "base_wrench",
             (q, qd, q2d, q3d, q4d, *higher),
             wrench=wrench,
+            base=base,
             method=method,
             out=out,
             threads=threads,
@@ -1795,6 +1855,7 @@ class Robot:
         torque: ArrayLike | None = None,
         frame: LoadFrame = "world",
         point: ArrayLike | None = None,
+        base: Rates | None = None,
     ) -> Results:
         """The wrenches W, and their rates, of a load that acts ON a body, for `wrench=` of `inverse_dynamics`.
 
@@ -1816,6 +1877,8 @@ class Robot:
             The axes of force and torque, "world" or "body" (those of the named link).
         point : (3,), optional
             Where the force acts, in the frame of the link; by default its origin.
+        base : optional
+            The motion of the base, see `Robot`; a load in the axes of the body does not need it.
 
         Returns
         -------
@@ -1835,4 +1898,4 @@ class Robot:
         >>> W, Wd = robot.wrench(q, qd, body="link7", force=(0, 0, -2 * 9.81), point=(0, 0, 0.1))
         >>> Q, Qd = robot.inverse_dynamics(q, qd, [0] * 7, [0] * 7, wrench=(W, Wd))
         """
-        return dispatch.wrench_of_load(self.mechanism, (q, qd, q2d, *higher), body, force, torque, frame, point)
+        return dispatch.wrench_of_load(self.mechanism, (q, qd, q2d, *higher), base, body, force, torque, frame, point)

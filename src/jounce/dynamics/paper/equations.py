@@ -8,7 +8,7 @@ from jounce.dynamics import system
 from jounce.dynamics.paper.section3 import C11, M1, C
 from jounce.dynamics.paper.section4 import C21, M21
 from jounce.errors import JounceError
-from jounce.model.mechanism import Mechanism
+from jounce.model.mechanism import Mechanism, ancestors
 from jounce.spatial.series import Series
 
 
@@ -21,7 +21,7 @@ class Paper:
 
     @cached_property
     def A(self) -> Array:
-        return system.system_A(self.mechanism, self.poses)
+        return system.system_A(ancestors(self.mechanism), self.poses)
 
     @cached_property
     def poses(self) -> Array:
@@ -37,7 +37,7 @@ class Paper:
 
     def a(self, k: int = 0) -> Array:
         """The k-th time derivative of a, itself with q^(k+1) in the place of qd."""
-        return system.system_a(self.mechanism, self.q[k + 1])  # (a)
+        return system.system_a(system.system_X(self.mechanism), self.q[k + 1])  # (a)
 
     def b(self, k: int = 0) -> Array:
         """The k-th time derivative of b."""

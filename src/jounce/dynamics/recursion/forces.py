@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from jounce._scalars import Array
+from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.recursion.joints import batch_zeros, rows
 from jounce.dynamics.recursion.steps import (
     AlignedJoint,
@@ -33,21 +34,36 @@ from jounce.spatial import inertia
 from jounce.spatial.lie import Ad
 from jounce.spatial.series import Series, joined
 
+_STILL = Series.constant(np.zeros((3, 1), dtype=int))
+_UNIFORM = Series.constant(np.zeros((3, 3), dtype=int))
+
+
+def base_motion(gravity: Array, base: BaseMotion) -> BodyMotion:
+    """Return the motion of a base, less the acceleration of gravity."""
+    K = base.hat_w.dot + base.hat_w @ base.hat_w
+    return BodyMotion(base.w, base.v.dot + base.hat_w @ base.v - base.field(gravity), K)
+
+
+def base_at_rest(gravity: Array, base: BaseMotion) -> BodyMotion:
+    """Return the acceleration of a base that replaces gravity."""
+    return BodyMotion(_STILL, -base.field(gravity), _UNIFORM)
+
 
 @dataclass(frozen=True)
 class Sweep:
-    """The parts of a body's motion, their step from parent to body, and the force that the motion requires.
+    """The parts of a body's motion, those of the base, their step from parent to body, and the force that they require.
 
     `parts` are the nonzero parts of `BodyMotion`; each has the number of rates that it needs in addition to those of Q.
     """
 
     parts: Mapping[str, int]
+    base: Callable[[Array, BaseMotion], BodyMotion]
     outward: Callable[[AlignedJoint, BodyMotion], BodyMotion]
     force: Callable[[Moments, BodyMotion], Force] = inertia_force
 
 
-MOVING = Sweep({"w": 1, "a": 0, "K": 0}, outward)
-AT_REST = Sweep({"a": 0}, outward_at_rest)  # under gravity alone
+MOVING = Sweep({"w": 1, "a": 0, "K": 0}, base_motion, outward)
+AT_REST = Sweep({"a": 0}, base_at_rest, outward_at_rest)  # under gravity alone
 
 
 class Tree(Protocol):
@@ -84,37 +100,44 @@ def sweep(tree: Tree) -> None:
 
 def ground(gravity: Array) -> BodyMotion:
     """Return the motion of the ground: it accelerates by -g, which replaces gravity."""
-    still_ground = Series.constant(np.zeros((3, 1), dtype=int))
-    return BodyMotion(still_ground, Series.constant(-gravity[:, None]), Series.constant(np.zeros((3, 3), dtype=int)))
+    return BodyMotion(_STILL, Series.constant(-gravity[:, None]), _UNIFORM)
 
 
-def rnea(kind: Sweep, mechanism: Mechanism, q: Series, W: Series | None = None) -> Series:
-    """The generalized forces (EOM1), (..., n, 1), by RNEA, with wrenches W on the bodies, (..., 6nb, 1)."""
-    tree = _Series(kind, mechanism, minimal(mechanism), q, W)
+def rnea(
+    kind: Sweep, mechanism: Mechanism, q: Series, W: Series | None = None, base: BaseMotion | None = None
+) -> Series:
+    """The generalized forces (EOM1), (..., nv, 1), by RNEA, with wrenches W on the bodies, (..., 6nb, 1)."""
+    tree = _Series(kind, mechanism, minimal(mechanism), q, W, base)
     sweep(tree)
     return tree.forces()
 
 
-def base_wrench(mechanism: Mechanism, q: Series, W: Series | None = None) -> Series:
-    """The wrench (moment; force) that the bodies pass to the ground, about the inertial origin: (..., 6, 1).
+def base_wrench(mechanism: Mechanism, q: Series, W: Series | None = None, base: BaseMotion | None = None) -> Series:
+    """The wrench (moment; force) on the base, in inertial axes about the inertial origin: (..., 6, 1).
 
-    It depends on all of the inertia, drive forces on the base parameters only.
+    It is what the bodies pass to the ground. It depends on all of the inertia, drive forces on base parameters only.
     """
-    tree = _Series(MOVING, mechanism, on_axes(mechanism), q, W)
+    tree = _Series(MOVING, mechanism, on_axes(mechanism), q, W, base)
     sweep(tree)
-    return tree.on_ground()
+    return tree.on_base() if base is None else base.in_space(tree.on_base())
 
 
 class _Series:
     """The tree in time series: motions, forces on the bodies, forces of the joints."""
 
-    def __init__(self, kind: Sweep, given: Mechanism, chain: Mechanism, q: Series, W: Series | None) -> None:
+    def __init__(
+        self, kind: Sweep, given: Mechanism, chain: Mechanism, q: Series, W: Series | None, base: BaseMotion | None
+    ) -> None:
         self.kind, self.chain, self.q = kind, chain, q
         self.joints = aligned_joints(self.chain, q)
         self.wrenches = None if W is None else _wrenches(given, self.chain, W)
-        self.motions: dict[int, BodyMotion] = {-1: ground(self.chain.gravity)}
+        root = ground(self.chain.gravity) if base is None else kind.base(self.chain.gravity, base)
+        self.motions: dict[int, BodyMotion] = {-1: root}
         self.on: dict[int, Force] = {}
         self.Q: dict[int, Series] = {}
+        if chain.base:
+            self.on[-1] = kind.force(inertia.moments(chain.base.M), root)
+            self.add_wrench(-1)
 
     def outward(self) -> Iterator[int]:
         yield from range(self.chain.nb)
@@ -139,12 +162,12 @@ class _Series:
         self.Q[i] = self.Q[i] + batch_zeros(self.q)
 
     def forces(self) -> Series:
-        """G^T Q of the joints."""
-        Q = joined([self.Q[i] for i in range(self.chain.nb)], axis=-2)
-        return generalized_forces(self.chain, self._in_order(Q))
+        """G^T Q of the joints, and before it the wrench on a floating base."""
+        Q = generalized_forces(self.chain, joined([self.Q[i] for i in range(self.chain.nb)], axis=-2))
+        return self._in_order(joined([self.on[-1].n, self.on[-1].f, Q], axis=-2) if self.chain.base else Q)
 
-    def on_ground(self) -> Series:
-        """The moment and the force on the ground."""
+    def on_base(self) -> Series:
+        """The moment and the force on the base, or on the ground."""
         return self._in_order(joined([self.on[-1].n, self.on[-1].f], axis=-2) + batch_zeros(self.q))
 
     def _in_order(self, result: Series) -> Series:
@@ -158,10 +181,9 @@ def _moments(chain: Mechanism) -> list[Moments]:
     return [inertia.moments(M) for M in chain.M]
 
 
-def _wrenches(old: Mechanism, chain: Mechanism, W: Series) -> list[Force]:
+def _wrenches(old: Mechanism, chain: Mechanism, W: Series) -> dict[int, Force]:
     """Forces and moments on the frames of `chain` from wrenches (moment; force) on those of `old`."""
-    loads = []
+    on_frames = {-1: rows(W, 0, 6)} if chain.base else {}
     for i, carry in enumerate(Ad(frame_shifts(old, chain)).mT):
-        W_i = carry @ rows(W, 6 * i, 6 * i + 6)
-        loads.append(Force(f=rows(W_i, 3, 6), n=rows(W_i, 0, 3)))
-    return loads
+        on_frames[i] = carry @ rows(W, 6 * (i + chain.first), 6 * (i + chain.first) + 6)
+    return {i: Force(f=rows(W_i, 3, 6), n=rows(W_i, 0, 3)) for i, W_i in on_frames.items()}
