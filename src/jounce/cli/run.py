@@ -50,11 +50,9 @@ as at the ends of a fit, are no candidates. OUT has a column break, if Q or a
 rate of it jumps: the order of what jumps since the row before, else -1.
 
 \b
-MOTION may be a table of any size whose column motion names the motion of each
-row, or a folder of tables. They are read by parts, in bounded memory, and the
-same command continues a run that was stopped:
-  jounce run iiwa14 logs/ -o forces            a folder of Parquet tables
-  jounce run iiwa14 logs/ -o peaks.csv --reduce peak,rms
+MOTION may be a folder of tables, or one whose column motion names the motion
+of each row, of any size: they are read by parts, in bounded memory, and the
+same command continues a run that was stopped.
 """
 
 

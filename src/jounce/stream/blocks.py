@@ -120,7 +120,7 @@ def _motion(
         if not reading.skip:
             raise
         table = format_of(part.path)
-        row = table.number(part.path, start, table.first)
+        row = table.number(part.path, start, table.FIRST)
         skipped.append(Skipped(str(part.path), row, "", f"the motion that begins here: {error}"))
         return
     yield name, found

@@ -18,7 +18,7 @@ from jounce.stream.blocks import motions
 from jounce.stream.plan import MOTION, Part, Task
 from jounce.stream.records import Skipped
 from jounce.stream.rows import Rows, Run, read
-from jounce.stream.tally import Aggregate, check_order
+from jounce.stream.tally import Aggregate, out_of_order
 
 TEXTS = (MOTION, "joint", "limit", "of", "unit")  # columns of a table of limits
 NUMBERS = ("value", "bound", "ratio", "margin", "t", "deviation")
@@ -52,12 +52,13 @@ def add_limits(known: dict[str, Aggregate], name: str, more: Aggregate) -> None:
         joined["limits"][i] = worse | {"violations": spans}
 
 
-def join_limits(parts: Iterable[Mapping[str, Aggregate]]) -> dict[str, Aggregate]:
+def join_limits(parts: Iterable[tuple[Part, Mapping[str, Aggregate]]]) -> dict[str, Aggregate]:
     """The limits of the motions of all parts."""
     found: dict[str, Aggregate] = {}
-    for part in parts:
-        for motion, more in part.items():
-            check_order(found.get(motion), motion, more)
+    for part, of_part in parts:
+        for motion, more in of_part.items():
+            if motion in found and more["t"][0] < found[motion]["t"][1]:
+                raise out_of_order(part, motion, found[motion], more)
             add_limits(found, motion, more)
     return found
 

@@ -14,7 +14,7 @@ from jounce.io.motions.writing import about
 from jounce.stream import publish
 from jounce.stream.job import Job
 from jounce.stream.limits import join_limits, table_of
-from jounce.stream.plan import Plan, make_plan
+from jounce.stream.plan import Part, Plan, make_plan
 from jounce.stream.records import Record
 from jounce.stream.runner import Runner, Show, here, records, run
 from jounce.stream.tally import Aggregate, join, reduced
@@ -103,12 +103,12 @@ def _summary(plan: Plan, found: Iterable[Record], computed: int) -> Summary:
     notes: dict[str, None] = dict.fromkeys(plan.notes)
     skipped = 0
 
-    def aggregates() -> Iterator[Mapping[str, Aggregate]]:
+    def aggregates() -> Iterator[tuple[Part, Mapping[str, Aggregate]]]:
         nonlocal skipped
-        for record in found:
+        for part, record in zip(plan.parts, found, strict=True):
             notes.update(dict.fromkeys(record.notes))
             skipped += len(record.skipped)
-            yield record.aggregates
+            yield part, record.aggregates
 
     joined = (join_limits if plan.task.job.subject == "limits" else join)(aggregates())
     if not joined:

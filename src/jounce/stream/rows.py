@@ -34,8 +34,8 @@ class Rows(NamedTuple):
 def read(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[Rows]:
     """The good rows of a part, chunk by chunk; bad ones are added to `skipped`."""
     table, skip, place = format_of(part.path), task.job.reading.skip, part.span.start
-    last: tuple[str, float] | None = None  # the motion and time of the row before
     try:
+        last = _row_before(task, part)
         for chunk in table.chunks(part.path, task.match.names, MOTION if part.motion is None else None, part.span):
             place = int(chunk.places[-1])
             rows = _checked(task, part, chunk, last, skipped)
@@ -45,8 +45,20 @@ def read(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[Rows]:
     except JounceError as error:
         if not skip:
             raise
-        number = table.number(part.path, place, table.first)
+        number = table.number(part.path, place, table.FIRST)
         skipped.append(Skipped(str(part.path), number, "", f"the rows of this part from here on: {error}"))
+
+
+def _row_before(task: Task, part: Part) -> tuple[str, float] | None:
+    """The motion and the time of the row before a part, if there is one that may belong to its first motion."""
+    table, time = format_of(part.path), task.match.sources[TIME]
+    span = table.row_before(part.path, part.span.start) if task.independent else None
+    if span is None:
+        return None
+    for chunk in table.chunks(part.path, [time], MOTION if part.motion is None else None, span):
+        motion = part.motion if chunk.motions is None else str(chunk.motions[-1])
+        return motion or "", float(chunk.columns[time][-1])
+    return None
 
 
 def _checked(task: Task, part: Part, chunk: Chunk, last: tuple[str, float] | None, skipped: list[Skipped]) -> Rows:
@@ -56,7 +68,7 @@ def _checked(task: Task, part: Part, chunk: Chunk, last: tuple[str, float] | Non
     good[list(problems)] = False
     problems |= _late(task, part, chunk, good, last)
     table = format_of(part.path)
-    known = table.first
+    known = table.FIRST
     for i in sorted(problems):
         column, problem = problems[i]
         place = int(chunk.places[i])
@@ -100,7 +112,7 @@ def _late(
         t = times[run.start : run.stop]
         before = np.maximum.accumulate(t)[:-1]
         first = last[1] if last and last[0] == run.motion and run.start == 0 else -np.inf
-        latest = np.maximum(np.concatenate([[-np.inf], before]), first)
+        latest = np.fmax(np.concatenate([[-np.inf], before]), first)  # the time before may be missing
         for i in np.flatnonzero(t <= latest).tolist():
             found[int(at[run.start + i])] = name, f"does not increase: {t[i]:.17g} follows {latest[i]:.17g}"
     return found

@@ -10,10 +10,11 @@ import numpy as np
 
 from jounce.errors import JounceError, quoted
 from jounce.io.columns import Columns
+from jounce.io.spans import place
 from jounce.motion.bands import surest_peaks
 from jounce.spatial.series import rate_name
 from jounce.stream.outputs import Block
-from jounce.stream.plan import MOTION
+from jounce.stream.plan import MOTION, Part
 
 Aggregate = dict[str, Any]  # plain data of a motion: rows, t, peaks and squares by quantity and joint
 
@@ -50,23 +51,24 @@ def add(tallies: dict[str, Aggregate], motion: str, more: Aggregate) -> None:
             squares[joint] += more["squares"][name][joint]
 
 
-def join(parts: Iterable[Mapping[str, Aggregate]]) -> dict[str, Aggregate]:
+def join(parts: Iterable[tuple[Part, Mapping[str, Aggregate]]]) -> dict[str, Aggregate]:
     """The aggregates of all parts, in the order in which motions come first."""
     tallies: dict[str, Aggregate] = {}
-    for part in parts:
-        for motion, more in part.items():
-            check_order(tallies.get(motion), motion, more)
+    for part, found in parts:
+        for motion, more in found.items():
+            if motion in tallies and more["t"][0] <= tallies[motion]["t"][1]:
+                raise out_of_order(part, motion, tallies[motion], more)
             add(tallies, motion, more)
     return tallies
 
 
-def check_order(known: Aggregate | None, motion: str, more: Aggregate) -> None:
-    """Raise `JounceError` where a motion goes on at a time that it has passed already."""
-    if known and not more["t"][1] > known["t"][1]:
-        raise JounceError(
-            f"motion {quoted(motion)}: t = {more['t'][0]:.17g} follows t = {known['t'][1]:.17g}; expected increasing"
-            " times: sort the rows, or give motions names of their own"
-        )
+def out_of_order(part: Part, motion: str, known: Aggregate, more: Aggregate) -> JounceError:
+    """The error where a motion goes on in a part at a time that it has passed already."""
+    return JounceError(
+        f"{place(part.path, part.span.start)}: motion {quoted(motion)} goes on at t = {more['t'][0]:.17g}, and its rows"
+        f" before end at t = {known['t'][1]:.17g}; expected increasing times: sort the rows of each motion, and give"
+        " motions names of their own"
+    )
 
 
 def reduced(tallies: Mapping[str, Aggregate], kinds: Sequence[str]) -> Columns:

@@ -3,40 +3,52 @@
 Spans follow each other without gaps, can be read in any order, and take a bounded amount of memory.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Protocol
 
 from jounce.errors import JounceError
 from jounce.io.spans import csv, npz, parquet
 from jounce.io.spans.chunk import Chunk, Span
 
 
-class Format(NamedTuple):
-    """How tables of a type are read by spans."""
+class Format(Protocol):
+    """How tables of a type are read by spans; the modules of this package are such."""
 
-    names: Callable[[Path], list[str]]
-    size: Callable[[Path], int]  # bytes that the numbers take in memory, or the text in the file
-    spans: Callable[[Path, int], list[Span]]  # of a number of cells each, about
-    chunks: Callable[[Path, Sequence[str], str | None, Span], Iterator[Chunk]]  # of columns of numbers and one of texts
-    next_row: Callable[[Path, int], Span | None]  # the span of the row that begins at a place, if there is one
-    number: Callable[[Path, int, tuple[int, int]], int]  # of the row at a place, from a place and number before it
-    row: Callable[[Path, int], str]  # the row of a number, in words
-    first: tuple[int, int] = (0, 0)  # the place of the first row, and its number
+    FIRST: tuple[int, int]  # the place of the first row or line, and its number
+
+    def names(self, path: Path, /) -> list[str]:
+        """The names of the columns."""
+
+    def size(self, path: Path, /) -> int:
+        """The bytes that the numbers take in memory, or the text in the file."""
+
+    def spans(self, path: Path, cells: int, /) -> list[Span]:
+        """The spans of a table, of about a number of cells each."""
+
+    def chunks(self, path: Path, names: Sequence[str], texts: str | None, span: Span, /) -> Iterator[Chunk]:
+        """Some columns of numbers, and one of texts, of the rows of a span."""
+
+    def row_before(self, path: Path, place: int, /) -> Span | None:
+        """The span of the row that ends at a place, if there is one."""
+
+    def next_row(self, path: Path, place: int, /) -> Span | None:
+        """The span of the row that begins at a place, if there is one."""
+
+    def number(self, path: Path, place: int, known: tuple[int, int], /) -> int:
+        """The number of the row at a place; `known` are a place before it and the number of its row."""
+
+    def row(self, path: Path, number: int, /) -> str:
+        """The row of a number in words."""
 
 
-PARQUET = Format(
-    parquet.names, parquet.size, parquet.spans, parquet.chunks, parquet.next_row, parquet.number, parquet.row
-)
-CSV = Format(csv.names, csv.size, csv.spans, csv.chunks, csv.next_row, csv.number, csv.row, csv.FIRST)
-NPZ = Format(npz.names, npz.size, npz.spans, npz.chunks, npz.next_row, npz.number, npz.row)
-FORMATS: Mapping[str, Format] = {".parquet": PARQUET, ".csv": CSV, ".npz": NPZ, ".tsv": CSV, ".txt": CSV}
+FORMATS: Mapping[str, Format] = {".parquet": parquet, ".csv": csv, ".npz": npz, ".tsv": csv, ".txt": csv}
 
 
 def place(path: Path, at: int) -> str:
     """A place in a file in words."""
     form = format_of(path)
-    return form.row(path, form.number(path, at, form.first))
+    return form.row(path, form.number(path, at, form.FIRST))
 
 
 def format_of(path: Path) -> Format:

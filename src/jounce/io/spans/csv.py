@@ -16,6 +16,7 @@ from jounce.io.spans.chunk import Chunk, Span
 
 BLOCK = 1 << 22  # bytes that are read at a time
 FIRST = 0, 1  # the place of the first line, and its number
+LONGEST = 1 << 20  # bytes of a line
 DIGITS = 16  # bytes of a cell, about
 
 
@@ -55,6 +56,18 @@ def chunks(path: Path, names: Sequence[str], texts: str | None, span: Span) -> I
             places = place + np.cumsum([0, *map(len, lines)])
             place = int(places[-1])
             yield from _chunk(path, form, lines, places, names, texts)
+
+
+def row_before(path: Path, place: int) -> Span | None:
+    """The span of the line that ends at a place, if there is one."""
+    first = layout(path).start
+    if place <= first:
+        return None
+    begin = max(first, place - LONGEST)
+    with opened(path) as file:
+        file.seek(begin)
+        text = file.read(place - 1 - begin)
+    return Span(begin + text.rfind(b"\n") + 1, place)
 
 
 def next_row(path: Path, place: int) -> Span | None:

@@ -14,6 +14,7 @@ from jounce.io.columns import check_distinct, flatten
 from jounce.io.files import opened
 from jounce.io.spans.chunk import Chunk, Span, rows_of
 
+FIRST = 0, 0  # the place of the first row, and its number
 LOCAL = 30  # bytes of the fixed part of a member's header, which ends in the lengths of its name and of what follows
 
 
@@ -48,6 +49,11 @@ def chunks(path: Path, names: Sequence[str], texts: str | None, span: Span) -> I
             None if texts is None else columns[texts][part].astype(str),
             np.arange(part.start, part.stop + 1),
         )
+
+
+def row_before(path: Path, place: int) -> Span | None:
+    """The span of the row that ends at a place, if there is one."""
+    return Span(place - 1, place) if place else None
 
 
 def next_row(path: Path, place: int) -> Span | None:

@@ -15,6 +15,8 @@ from jounce.io.spans.chunk import Chunk, Span, rows_of
 if TYPE_CHECKING:
     from pyarrow.parquet import ParquetFile
 
+FIRST = 0, 0  # the place of the first row, and its number
+
 
 def pyarrow(path: object) -> Any:
     """The modules pyarrow and pyarrow.parquet, or the error that says how to install them."""
@@ -79,6 +81,11 @@ def chunks(path: Path, names: Sequence[str], texts: str | None, span: Span) -> I
             columns = {name: _numbers(batch.column(name)) for name in names}
             motions = None if texts is None else _texts(path, batch.column(texts))
             yield Chunk(columns, motions, np.arange(first, first + batch.num_rows + 1))
+
+
+def row_before(path: Path, place: int) -> Span | None:
+    """The span of the row that ends at a place, if there is one."""
+    return Span(place - 1, place) if place else None
 
 
 def next_row(path: Path, place: int) -> Span | None:
