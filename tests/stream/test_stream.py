@@ -197,7 +197,9 @@ def test_limits_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypat
     monkeypatch.setattr("jounce.stream.limits.STRETCH", 7)
     columns = table(90)
     path = write(tmp_path / "states.csv", columns)
-    (tmp_path / "limits.yaml").write_text("joints: {joint1: {velocity: 1.9, effort: 30}, joint2: {velocity: 2.0}}")
+    (tmp_path / "limits.yaml").write_text(
+        "units: SI\njoints: {joint1: {velocity: 1.9, effort: 30}, joint2: {velocity: 2.0}}"
+    )
     limits = ("--limits", tmp_path / "limits.yaml")
     with monkeypatch.context() as patch:
         patch.setattr(plan, "LARGE", 1 << 20)

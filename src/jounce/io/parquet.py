@@ -31,46 +31,50 @@ def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
 
 def write(path: Path, pieces: Iterable[Mapping[str, np.ndarray]], about: About | None = None) -> None:
     """Write a table piece by piece; texts are a dictionary of few values."""
-    arrow, writer = pyarrow(path), None
-    try:
-        for columns in pieces:
-            table = arrow.table({name: _array(arrow, column) for name, column in columns.items()})
-            if writer is None:
-                schema = _described(arrow, table.schema, about)
-                texts = [name for name, column in columns.items() if column.dtype.kind == "U"]
-                writer = arrow.parquet.ParquetWriter(
-                    path, schema, compression="none", use_dictionary=texts, write_statistics=["t", *texts]
-                )
-            writer.write_table(table.cast(schema), GROUP)
-    finally:
-        if writer is not None:
-            writer.close()
+    arrow = pyarrow(path)
+    tables = (arrow.table({name: _array(arrow, column) for name, column in columns.items()}) for columns in pieces)
+    _write_groups(arrow, path, (table.cast(_described(arrow, table.schema, about)) for table in tables))
 
 
 def join(path: Path, parts: Iterable[Path]) -> None:
     """Write the tables of several files, whose columns are the same, as one."""
-    arrow, writer = pyarrow(path), None
-    try:
+
+    def tables() -> Iterator[Any]:
         for part in parts:
             with opened(part) as file:
-                if writer is None:
-                    texts = [field.name for field in file.schema_arrow if arrow.types.is_dictionary(field.type)]
-                    writer = arrow.parquet.ParquetWriter(
-                        path, file.schema_arrow, compression="none", use_dictionary=texts,
-                        write_statistics=["t", *texts],
-                    )  # fmt: skip
                 for i in range(file.num_row_groups):
-                    writer.write_table(file.read_row_group(i), GROUP)
+                    yield file.read_row_group(i)
+
+    _write_groups(pyarrow(path), path, tables())
+
+
+def _write_groups(arrow: Any, path: Path, tables: Iterable[Any]) -> None:
+    """Write tables one below the other, in groups of many rows."""
+    writer, pending = None, list[Any]()
+    try:
+        for table in tables:
+            if writer is None:
+                texts = [field.name for field in table.schema if arrow.types.is_dictionary(field.type)]
+                options = {"compression": "none", "use_dictionary": texts, "write_statistics": ["t", *texts]}
+                writer = arrow.parquet.ParquetWriter(path, table.schema, **options)
+            pending.append(table)
+            if sum(map(len, pending)) >= GROUP:
+                writer.write_table(arrow.concat_tables(pending).unify_dictionaries(), GROUP)
+                pending = []
+        if writer is not None and pending:
+            writer.write_table(arrow.concat_tables(pending).unify_dictionaries(), GROUP)
     finally:
         if writer is not None:
             writer.close()
 
 
 def _array(arrow: Any, column: np.ndarray) -> Any:
-    if column.dtype.kind == "U":
-        values, codes = np.unique(column, return_inverse=True)
-        return arrow.DictionaryArray.from_arrays(arrow.array(codes.astype(np.int32)), arrow.array(values.tolist()))
-    return arrow.array(np.ascontiguousarray(column))
+    if column.dtype.kind != "U":
+        return arrow.array(np.ascontiguousarray(column))
+    firsts = np.flatnonzero(np.concatenate([[True], column[1:] != column[:-1]]))  # of runs of equal texts
+    values, codes = np.unique(column[firsts], return_inverse=True)
+    every = np.repeat(codes.astype(np.int32), np.diff(np.append(firsts, len(column))))
+    return arrow.DictionaryArray.from_arrays(arrow.array(every), arrow.array(values.tolist()))
 
 
 def _described(arrow: Any, schema: Any, about: About | None) -> Any:

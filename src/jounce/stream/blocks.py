@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jounce.dynamics.quantities import FORCES
 from jounce.errors import JounceError, at, quoted
 from jounce.io.columns import Columns
 from jounce.io.spans import format_of, place
@@ -15,10 +16,12 @@ from jounce.motion.spline import Smoothing
 from jounce.motion.table import from_columns
 from jounce.motion.units import check_units
 from jounce.spatial.series import rate_name
-from jounce.stream.outputs import Block, Rates, Wrenches, along, of_rows
+from jounce.stream.outputs import Block, Output, Wrenches, along, of_rows
 from jounce.stream.plan import Part, Task
 from jounce.stream.records import Skipped
 from jounce.stream.rows import Rows, Run, read
+
+GLANCE = 4096  # rows of which the units are looked at
 
 
 class Results(NamedTuple):
@@ -32,61 +35,55 @@ def blocks(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[Results]:
     """The results of a part."""
     if task.independent:
         for number, rows in enumerate(read(task, part, skipped)):
-            states = states_of(task, part, rows, check=number == 0)
-            yield Results(rows.runs, _computed(task, part, rows, states))
+            yield Results(rows.runs, _block(task, part, rows, check=number == 0))
         return
     for name, motion in motions(task, part, skipped):
         for block in along(task.job, motion, list(task.match.torques)):
             yield Results([Run(name, 0, len(block.t))], block)
 
 
-class States(NamedTuple):
-    """Times, rates of q and wrenches with their rates."""
-
-    t: np.ndarray
-    rates: Rates
-    W: Wrenches
-
-
-def states_of(task: Task, part: Part, rows: Rows, check: bool) -> States:
-    """The states in rows that state all rates; with `check`, units of the first motion are looked at."""
-    mechanism, match = task.job.links.mechanism, task.match
+def _block(task: Task, part: Part, rows: Rows, check: bool) -> Block:
+    """The results of rows that state all rates; with `check`, units of the first motion are looked at."""
+    job, match = task.job, task.match
     si = {
         name: rows.columns[source] if match.factors[name] == 1 else rows.columns[source] * match.factors[name]
         for name, source in match.sources.items()
     }
-    joints = mechanism.coordinates
-    orders = range(task.job.highest + 1)
-    rates = tuple(np.stack([si[f"{joint}.{rate_name('q', k)}"] for joint in joints], axis=1) for k in orders)
+    rates = [[si[f"{j}.{rate_name('q', k)}"] for j in job.links.joint_names] for k in range(job.highest + 1)]
     if check:
-        first = slice(0, rows.runs[0].stop)
+        first = slice(0, min(rows.runs[0].stop, GLANCE))
+        q, qd = (np.stack([x[first] for x in columns], axis=1) for columns in rates[:2])
         stated = match.angles_stated, match.time_stated
-        check_units(si[TIME][first], rates[0][first], rates[1][first], mechanism, stated, str(part.path))
-    return States(si[TIME], rates, _wrenches(task, part, si, joints))
+        check_units(si[TIME][first], q, qd, job.links.mechanism, stated, str(part.path))
+    states = tuple(np.stack(columns, axis=1) for columns in rates)
+    outputs = [
+        output._replace(rates=tuple(map(np.asfortranarray, output.rates)))  # by columns, as they are written
+        for output in of_rows(job, states, _wrenches(task, part, si))
+    ]
+    _check_finite(part, rows, outputs)
+    return Block(si[TIME], outputs, {})
 
 
-def _wrenches(task: Task, part: Part, si: Mapping[str, np.ndarray], joints: tuple[str, ...]) -> Wrenches:
+def _wrenches(task: Task, part: Part, si: Mapping[str, np.ndarray]) -> Wrenches:
+    """W, Wd, ... by body, from columns that state all of them."""
     columns = {name: si[name] for name in loads.named(list(si), task.job.links.mechanism)}
     if not columns:
         return None
     rows = np.arange(len(si[TIME]), dtype=float)  # in place of times, which begin again with each motion
-    order = task.job.highest - 2
+    order = task.job.highest - (FORCES.rates - 1)
     curves, _ = loads.wrenches(rows, columns, task.job.links.mechanism, order, Smoothing(), str(part.path))
     of_bodies = {body: curve.rates(rows, order) for body, curve in curves.items()}
     return tuple({body: rates[k] for body, rates in of_bodies.items()} for k in range(order + 1))
 
 
-def _computed(task: Task, part: Part, rows: Rows, states: States) -> Block:
-    """The results of states; all of them are finite numbers."""
-    found = of_rows(task.job, states.rates, states.W)
-    for output in found:
+def _check_finite(part: Part, rows: Rows, outputs: list[Output]) -> None:
+    for output in outputs:
         for k, values in enumerate(output.rates):
             if not np.isfinite(values).all():
                 i, j = np.argwhere(~np.isfinite(values))[0]
                 came = f"{output.names[j]}.{rate_name(output.symbol, k)} is {values[i, j]}"
                 where = place(part.path, int(rows.places[i]))
                 raise JounceError(f"{where}: {came}; expected a state whose results are finite numbers")
-    return Block(states.t, found, {})
 
 
 def motions(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple[str, Motion]]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from jounce.io.columns import Columns
 
-CELLS = 1 << 21  # in a chunk: 16 MB of numbers
+CELLS = 1 << 19  # in a chunk: 4 MB of numbers, which stay in the cache while they are computed
 
 
 class Span(NamedTuple):
