@@ -83,8 +83,11 @@ def _kinds(given: str | None) -> tuple[str, ...]:
 
 def is_asked(stream: AskedStream, motion: AskedMotion, output: Path | None) -> bool:
     """Whether a call is one over parts by its options: of a folder, into a folder, with aggregates, or with `skip`."""
+    from jounce.io.motions.bags import is_bag
+
+    of_folder = motion.path.is_dir() and not is_bag(motion.path)
     into_folder = output is not None and not output.suffix
-    return bool(motion.path.is_dir() or into_folder or stream.reduce or stream.skip)
+    return bool(of_folder or into_folder or stream.reduce or stream.skip)
 
 
 def run_stream(
