@@ -74,9 +74,10 @@ class Robot:
       Q the wrench (moment; force) that acts on it, in its axes. For other robots the base is the ground, at rest unless
       given. Where it does not enter, as in the mass matrix, it may be left out.
     * Missing values (masked by NumPy, or NA of pandas) are NaN, and so are results that depend on them.
-    * ``method`` selects the method: "kernel" is native code, the default for NumPy arrays of float64 if it is
-      available; "recursion" is the default otherwise; "closed_form" and "paper" are independent checks. All agree. The
-      first call compiles native code, in a fraction of a second, and keeps it on disk for later processes.
+    * ``method`` selects the method: "kernel" is native code, the default for NumPy arrays of float64, and for arrays
+      of JAX on the CPU, if it is available; "recursion" is the default otherwise; "closed_form" and "paper" are
+      independent checks. All agree. The first call compiles native code, in a fraction of a second, and keeps it on
+      disk for later processes.
     * ``out`` is the NumPy array, or tuple of arrays, to write the results into; ``threads`` is the number of threads
       among which native code splits a batch.
 
