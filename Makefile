@@ -15,6 +15,8 @@ demo: $(VENV)/installed
 	$(BIN)/jounce demo -o build/demo
 
 # Workers begin with a half each, so that tests of one file share what is traced and compiled, and then steal.
+# Bytecode is kept even where the environment says not to: tests start many processes, each of which would compile all.
+test: export PYTHONDONTWRITEBYTECODE =
 test: $(VENV)/installed-dev
 	$(BIN)/pytest -n auto --dist worksteal
 

@@ -5,7 +5,7 @@ from tempfile import TemporaryDirectory
 
 import click
 
-from benchmarks import chains, forces, machine, making, matrices, measure, peaks, products, quantities, start
+from benchmarks import chains, forces, machine, making, matrices, measure, peaks, products, quantities, start, threads
 from benchmarks.pictures import pictures
 from benchmarks.results import Run, page
 from jounce.figures.canvas import save
@@ -30,6 +30,7 @@ def main(rounds: int, output: Path) -> None:
             *found.cases,
             *others.cases,
             *products.cases(),
+            *threads.cases(),
             *chains.cases(),
             *matrices.cases(),
             *start.cases(Path(folder)),

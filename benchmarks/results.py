@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from benchmarks import bound, chains, forces, making, matrices, measure, quantities, start
+from benchmarks import bound, chains, forces, machine, making, matrices, measure, quantities, start, threads
 from benchmarks.forces import Gathered
 from benchmarks.tables import batch, figure, paragraph, share, table
 from jounce.native.jit import host
@@ -26,6 +26,9 @@ DERIVATIVES = """As above: forward dynamics next to Pinocchio's articulated bodi
 its recursions. It computes no rates of them: rows with rates stand next to its call without rates."""
 PRODUCTS = """Products of the derivatives of Q, Qd, Q2d by all inputs, of a batch of 1,000 states, next to the values of
 Q, Qd, Q2d themselves."""
+THREADS = """Q, Qd, Q2d into `out=`, the batch split among threads of one process that are kept between calls; cores:
+{cores}. The share is of the time of one thread: 1 over the number of threads would be perfect scaling. Large batches
+are bound by memory, which all cores share, small ones by the time in which a thread wakes up."""
 MADE = """Seconds from the robot's numbers to the equations, once, each in a process that is stopped after {limit:g} s,
 and the operations on scalars that they take, shared subexpressions found by SymPy's cse, or by jounce's own trace."""
 
@@ -74,6 +77,7 @@ def page(run: Run) -> str:
         *_matrices(run),
         *_quantities(run),
         *_derivatives(run),
+        *_threads(run),
         *_start(run),
         *_small(run),
         *_made(run),
@@ -189,6 +193,20 @@ def _beside_pinocchio(run: Run, robot: str, rows: Sequence[quantities.Row]) -> I
             figure(made.cold), figure(made.from_cache),
         ))  # fmt: skip
     yield from table((robot, *head[1:]), cells)
+
+
+def _threads(run: Run) -> Iterator[str]:
+    yield from ["## Threads", ""]
+    yield from paragraph(THREADS.format(cores=machine.cores()))
+    rows = []
+    for name, batches in threads.ROBOTS.items():
+        for count in batches:
+            found = [run.ns("threads", name, count, each) for each in threads.counts()]
+            shares = [None if x is None or found[0] is None else x / found[0] for x in found]
+            rows.append((f"{name}, {batch(count)}", *map(figure, found), *map(figure, shares[1:])))
+    several = threads.counts()[1:]
+    head = ("ns per state, threads", *map(str, threads.counts()), *(f"share, {each}" for each in several))
+    yield from table(head, rows)
 
 
 def _start(run: Run) -> Iterator[str]:

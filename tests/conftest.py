@@ -44,9 +44,11 @@ def pytest_report_header(config):
 
 @pytest.fixture(scope="session", autouse=True)
 def _own_cache(tmp_path_factory):
-    """Native code of the tests is compiled by them, and leaves nothing in the user's cache."""
+    """Native code of the tests is compiled by them, once for all workers, and leaves nothing in the user's cache."""
+    own = tmp_path_factory.getbasetemp()
+    shared = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("JOUNCE_CACHE_DIR", str(tmp_path_factory.mktemp("kernels")))
+        patch.setenv("JOUNCE_CACHE_DIR", str(shared / "kernels"))
         yield
 
 

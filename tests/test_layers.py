@@ -29,6 +29,7 @@ LAYERS = (  # from the inside out
     "checks",
     "_symbolic",
     "_codegen",
+    "cuda",
     "_casadi",
     "figures",
     "demo",

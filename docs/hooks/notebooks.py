@@ -40,6 +40,7 @@ def run(path: Path) -> Any:
     Raises
     ------
     nbclient.exceptions.CellExecutionError : where a cell fails, with its traceback.
+    ValueError : where a cell warns, with what it says.
     """
     import nbformat
     from nbclient import NotebookClient
@@ -47,4 +48,7 @@ def run(path: Path) -> Any:
     notebook = nbformat.read(path, as_version=4)
     with TemporaryDirectory() as folder:
         NotebookClient(notebook, timeout=LONGEST, resources={"metadata": {"path": folder}}).execute()
+    for output in (output for cell in notebook.cells for output in cell.get("outputs", ())):
+        if output.output_type == "stream" and output.name == "stderr":
+            raise ValueError(f"{path.name}: {output.text}")
     return notebook

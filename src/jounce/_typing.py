@@ -49,7 +49,7 @@ Results: TypeAlias = Array | tuple[Array, ...]  # a quantity, or a tuple of it a
 Out: TypeAlias = Array | tuple[Array, ...] | list[Array] | None
 
 Angles: TypeAlias = Literal["rad", "deg"]
-Base: TypeAlias = Literal["fixed"]
+Base: TypeAlias = Literal["fixed", "floating"]
 Convention: TypeAlias = Literal["standard", "modified"]
 DriveTerm: TypeAlias = Literal["armature", "damping", "friction", "spring"]
 DriveTerms: TypeAlias = bool | DriveTerm | Iterable[DriveTerm]

@@ -13,7 +13,7 @@ from jounce.errors import JounceError
 
 TOLERANCE = 1e-12
 RATES = ("", "d", "2d", "3d", "4d")
-ROBOT = branched()
+ROBOT = branched((-1, 0, -1))
 
 
 def case(name):

@@ -87,7 +87,7 @@ def test_info_shows_the_order_of_q_and_the_drives(tmp_path):
 
 
 REFUSED = {
-    "base": (["--base", "free"], ["base is 'free'", "'fixed'", "not supported yet"]),
+    "base": (["--base", "free"], ["base is 'free'", "'floating'", "'fixed'"]),
     "root": (["--root", "amr"], ["unknown link 'amr'", "did you mean 'arm'"]),
     "lock without a value": (["--lock", "turn"], ["--lock 'turn'", "JOINT=VALUE"]),
     "lock without a name": (["--lock", "=3"], ["--lock '=3'", "JOINT=VALUE"]),

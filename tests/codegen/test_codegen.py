@@ -111,7 +111,7 @@ CASES = {  # the robot, what is asked for, how many states, and in which languag
         "elastic", {"order": 1, "wrench": True, "outputs": ("motor_positions", "motor_torques")}, 20, "c python",
     ),
     "panda, order 0": ("panda", {"order": 0}, 100, "julia rust"),
-    "panda, order 1": ("panda", {"order": 1, "parameters": ("gravity", "payload:panda_hand_tcp")}, 100, "cpp python"),
+    "panda, order 1": ("panda", {"order": 1, "parameters": ("gravity", "payload:panda_hand_tcp")}, 30, "cpp python"),
     "panda, order 2": ("panda", {"order": 2, "wrench": True}, 100, "c rust"),
     "panda, all": ("panda", {"order": 0, "wrench": True, "outputs": every("panda_hand_tcp")}, 10, "c python"),
     "planar2r, all": ("planar2r", {"order": 2, "wrench": True, "outputs": ALL, "parameters": PARAMETERS}, 10, "all"),

@@ -86,7 +86,7 @@ def test_base_parameters_change_the_coriolis_matrices_though_not_the_mass_matrix
     equal(C_reduced @ qd, C @ qd)
 
 
-@pytest.mark.parametrize("compute", [*RECURSIONS.values(), lambda m, q: recursion.jacobians(m, q, None)])
+@pytest.mark.parametrize("compute", [*RECURSIONS.values(), lambda m, q: recursion.jacobians(m, q, STILL, None)])
 def test_batches_of_a_single_joint_keep_their_axes(compute):
     """A lone joint's mass matrix and Jacobian depend on no coordinate."""
     mechanism = jounce.load("planar2r").mechanism
@@ -110,8 +110,8 @@ def test_long_chains_do_not_nest_deeply():
     for C in (recursion.coriolis_matrix(chain, q), recursion.skew_coriolis_matrix(chain, q)):
         for k in range(2):
             equal((M @ q.dot.dot + C @ q.dot)[k], Q[k], 1e-10)
-    J = recursion.jacobians(chain, q, nb - 1)
-    assert J[1].shape == recursion.jacobians(chain, q, None)[1][-1].shape
+    J = recursion.jacobians(chain, q, STILL, nb - 1)
+    assert J[1].shape == recursion.jacobians(chain, q, STILL, None)[1][-1].shape
     assert recursion.base_wrench(chain, q)[1].shape == recursion.momentum(chain, q)[1].shape
 
 

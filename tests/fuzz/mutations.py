@@ -7,6 +7,7 @@ import json
 import warnings
 from collections.abc import Callable
 from copy import deepcopy
+from functools import lru_cache
 from io import BytesIO
 from random import Random
 from typing import Any
@@ -61,7 +62,7 @@ def text(rng: Random, content: bytes) -> bytes:
     said = content.decode("utf-8", "replace")
     kind = rng.choice(("token", "token", "token", "lines", "insert", "cut", "head", "nest", "encoding"))
     if kind == "token":
-        tokens = _tokens(said)
+        tokens = list(_tokens(said))
         i = rng.randrange(len(tokens))
         tokens[i] = rng.choice((hostile(rng), rng.choice(tokens), ""))
         said = "".join(tokens)
@@ -83,7 +84,8 @@ def text(rng: Random, content: bytes) -> bytes:
     return said.encode("utf-8", "replace")
 
 
-def _tokens(said: str) -> list[str]:
+@lru_cache(maxsize=16)
+def _tokens(said: str) -> tuple[str, ...]:
     """Words, numbers and what lies between, which make up the text."""
     found: list[str] = [""]
     for mark in said:
@@ -92,7 +94,7 @@ def _tokens(said: str) -> list[str]:
             found[-1] += mark
         else:
             found.append(mark)
-    return found
+    return tuple(found)
 
 
 def _rearranged(rng: Random, items: list[Any]) -> list[Any]:
@@ -162,7 +164,7 @@ def _in_place_of_a_number(rng: Random, value: str) -> str:
 def data(rng: Random, content: bytes) -> bytes:
     """Entries of YAML or JSON, at any depth; written as JSON, which YAML is too."""
     try:
-        robot = YAML(typ="safe", pure=True).load(content)
+        robot = deepcopy(_parsed(content))
     except (YAMLError, ValueError, RecursionError):
         return content
     places = _places(robot)
@@ -186,6 +188,11 @@ def data(rng: Random, content: bytes) -> bytes:
         return json.dumps(robot, default=str, ensure_ascii=rng.random() < 0.5).encode("utf-8", "surrogatepass")
     except (RecursionError, TypeError, ValueError):  # of keys that JSON does not have, of a list within itself
         return content
+
+
+@lru_cache(maxsize=16)  # of the originals, most often
+def _parsed(content: bytes) -> Any:
+    return YAML(typ="safe", pure=True).load(content)
 
 
 def _places(value: Any) -> list[tuple[Any, Any]]:

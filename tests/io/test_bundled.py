@@ -1,7 +1,7 @@
 """The robots that come with jounce: files that hold what URDFs held, licence and source beside; `jounce robots`."""
 
 import json
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from importlib import metadata
 from pathlib import Path
 
@@ -58,6 +58,19 @@ def test_their_files_hold_the_urdfs_to_the_last_bit(name):
     assert set(differing) <= {"name"}
 
 
+@pytest.mark.parametrize("name", [name for name, robot in BUNDLED.items() if robot.base])
+def test_robots_with_legs_float_as_their_urdfs_do(name):
+    ours = jounce.load(name, base="floating").mechanism
+    theirs = jounce.load(urdf(name), base="floating").mechanism
+    assert same(replace(theirs, name=name), ours)
+    assert (ours.base.name, ours.nv) == (BUNDLED[name].base, 6 + ours.n)
+
+
+def test_robots_whose_base_has_no_known_inertia_do_not_float():
+    refusal(lambda: jounce.load("panda", base="floating"), "panda cannot float", "g1, anymal, solo12")
+    refusal(lambda: jounce.load("iiwa14", base="floating"), "iiwa14 cannot float", "g1, anymal, solo12")
+
+
 @pytest.mark.parametrize("name", FILES)
 def test_source_and_licence_go_with_the_numbers(name):
     robot, texts = BUNDLED[name], notices(name)
@@ -104,7 +117,7 @@ def test_the_verb_lists_them():
 
 def test_the_verb_lists_them_as_json():
     listed = json.loads(call("--json").stdout)
-    keys = ("name", "kind", "n", "nb", "mass", "licence", "source", "urdf", "like")
+    keys = ("name", "kind", "n", "nb", "mass", "licence", "source", "urdf", "like", "base")
     assert listed == [{key: getattr(robot, key) for key in keys} for robot in BUNDLED.values()]
 
 

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from files import refusal
 from hypothesis import given
 from hypothesis import strategies as st
-from robots import GOLDEN_NAMES, golden, mechanisms, parts, random_inertia, random_pose, with_tool
+from robots import GOLDEN_NAMES, floating, golden, mechanisms, parts, random_inertia, random_pose, with_tool
 from scipy.spatial.transform import Rotation
 
 import jounce
@@ -54,9 +54,9 @@ def test_nothing_is_lost(tmp_path, name, suffix):
 @pytest.mark.parametrize("suffix", [".yaml", ".json"])
 @given(drawn=mechanisms())
 def test_nothing_is_lost_of_any_tree(tmp_path_factory, suffix, drawn):
-    """Helical joints, joints that follow, several roots, links merged into bodies and the ground, limits."""
+    """Helical joints, joints that follow, several roots, links merged into bodies and the ground, limits, a base."""
     robot, rng, _ = with_tool(drawn)
-    m = robot.mechanism
+    m = floating(robot.mechanism, rng) if rng.random() < 0.5 else robot.mechanism
     lower = np.where(rng.random(m.nb) < 0.5, rng.normal(size=m.nb), -np.inf)
     limits = {"lower": lower, "upper": lower + 1e3 * rng.random(m.nb), "effort": rng.random(m.nb) * 1e-8}
     limits["upper"] = np.where(np.isfinite(limits["upper"]), limits["upper"], np.inf)
@@ -275,7 +275,7 @@ def test_convert(tmp_path, suffix):
     assert parts(jounce.load(out)) == parts(jounce.load(PANDA))
     back = tmp_path / "back.yaml"
     summary = json.loads(call("convert", out, "-o", back, "--json").stdout)
-    expected = {"robot": "panda", "source": str(out), "output": str(back), "n": 8, "nb": 9, "frames": 4}
+    expected = {"robot": "panda", "source": str(out), "output": str(back), "n": 8, "nb": 9, "base": None, "frames": 4}
     assert summary == expected
     assert parts(jounce.load(back)) == parts(jounce.load(PANDA))
     assert call("info", out).stdout == call("info", PANDA).stdout

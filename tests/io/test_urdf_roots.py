@@ -78,7 +78,7 @@ REFUSED = {
     "root that carries no joint": (GOOD, {"root": "arm"}, ["no movable joint among 1 link and 0 joints"]),
     "root that is no text": (GOOD, {"root": 3}, ["unknown link 3;"]),
     "locked joints without values": (GOOD, {"lock": ["turn"]}, ["joints to lock are of type list", "mapping"]),
-    "unknown base": (GOOD, {"base": "floating"}, ["base is 'floating'", "'fixed'", "not supported yet"]),
+    "unknown base": (GOOD, {"base": "free"}, ["base is 'free'", "'floating'", "'fixed'"]),
     "mimic of what is left out": (MIMIC, {"root": "body"}, [":10", "'follow' mimics 'hold'", "excluded by root="]),
     "mimic of what is welded": (
         (*hanging("planar"), link("x"), joint("follow", "hand", "x", inner='<mimic joint="hold"/>')),

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.model.mechanism import Mechanism
+from jounce.model.mechanism import FloatingBase, Mechanism
 
 
 @pytest.fixture(scope="module")
 def robot():
-    return jounce.load("panda", lock={"panda_joint4": -1.0})  # with limits, drives and frames
+    arm = jounce.load("panda", lock={"panda_joint4": -1.0}).mechanism  # with limits, drives and frames
+    return jounce.Robot(replace(arm, base=FloatingBase("trunk", np.eye(6))))
 
 
 def changed(x):
@@ -54,6 +55,12 @@ def test_any_difference_counts(robot, name):
     other = replace(robot.mechanism, **{name: changed(getattr(robot.mechanism, name))})
     assert jounce.Robot(other) != robot
     assert robot != jounce.Robot(other)
+
+
+def test_a_robot_that_floats_is_another_than_one_that_stands(robot):
+    trunk = robot.mechanism.base
+    for base in (None, replace(trunk, name="torso"), replace(trunk, M=2 * np.eye(6))):
+        assert jounce.Robot(replace(robot.mechanism, base=base)) != robot
 
 
 def test_robots_of_other_shapes_and_other_things_differ(robot):

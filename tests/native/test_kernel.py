@@ -1,14 +1,11 @@
 """Native code against the recursion, and against itself: the same digits wherever and however a state is given."""
 
-from dataclasses import replace
-from functools import cache
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from natives import WAYS, assembled, target
-from quantities import IDS, REQUESTS, affordable, method_of, tupled
+from quantities import IDS, REQUESTS, affordable, branched, method_of, tupled
 from recursion import inverse_dynamics
 from robots import (
     GOLDEN_NAMES,
@@ -17,17 +14,14 @@ from robots import (
     loads,
     mechanisms,
     random_mechanism,
-    random_pose,
     random_state,
     rates_of,
     relative_error,
-    springs,
 )
 
 import jounce
 from jounce.dynamics.computation import Computation
 from jounce.errors import JounceError
-from jounce.model.mechanism import Frame
 from jounce.native import forms
 from jounce.spatial.series import columns
 
@@ -139,23 +133,9 @@ def test_agrees_with_the_recursion_on_random_mechanisms(drawn, order, loaded, qu
         assert relative_error(x, y) < 1e-13 * (1 + k), k
 
 
-@cache
-def tree():
-    """A forest of all kinds of joints, two of which follow others, with drives."""
-    rng, nb = np.random.default_rng(4), 6
-    kinds = [["revolute", "helical", "prismatic", "revolute"][i % 4] for i in range(nb)]
-    m = random_mechanism(rng, [-1, *(int(rng.integers(-1, i)) for i in range(1, nb))], kinds, [1.0] * nb, mimic=True)
-    drives = {name: rng.uniform(0.1, 1, nb) for name in ("armature", "damping", "friction", "stiffness", "rest")}
-    data = {"gravity": m.gravity, "G": m.G, "g": m.g, "drives": drives}
-    robot = jounce.Robot.from_screws(m.B, m.X, m.M, m.parent, **data)
-    frames = (Frame("tool", nb - 1, random_pose(rng)), Frame("stand", -1, random_pose(rng)))
-    driven = robot.with_drives(eps=0.5).mechanism
-    return jounce.Robot(replace(driven, frames=frames, elasticity=springs(driven.n)))
-
-
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 def test_every_quantity_agrees_with_the_recursion(quantity, keywords):
-    robot, rng, order = tree(), np.random.default_rng(6), affordable(quantity, 1)
+    robot, rng, order = branched(), np.random.default_rng(6), affordable(quantity, 1)
     q = [rng.uniform(-2, 2, (11, robot.n)) for _ in range(order + quantity.rates)]
     options = {**keywords}
     if quantity.wrenches:

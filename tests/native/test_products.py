@@ -59,15 +59,16 @@ def test_products_of_every_quantity_are_those_of_the_complex_step(quantity, keyw
         close([np.reshape(found[p.start : p.end], p.shape) for p in ports], expected, 1e-11)
 
 
+@pytest.mark.parametrize("base", [False, True])
 @pytest.mark.parametrize("name", PRODUCTS)
-def test_the_arrays_of_products_have_names_of_their_own(name):
+def test_the_arrays_of_products_have_names_of_their_own(name, base):
     for quantity in QUANTITIES.values():
-        signature = of_product(quantity.name, 3, name, quantity.wrenches).signature(4, 5)
-        names = [port.name for port in (*signature.inputs, *signature.outputs)]
-        assert len(set(names)) == len(names)
-        order = plan.highest_order(of_product(quantity.name, 0, name))
-        highest = of_product(quantity.name, order, name, quantity.wrenches).signature(4, 5)
-        assert len(highest.inputs) + len(highest.outputs) <= 64  # which NumPy's functions can take
+        asked = of_product(quantity.name, 0, name, quantity.wrenches, base=base)
+        for order in (3, plan.highest_order(asked)):
+            signature = replace(asked, order=order).signature(TWO.mechanism)
+            names = [port.name for port in (*signature.inputs, *signature.outputs)]
+            assert len(set(names)) == len(names)
+            assert len(names) <= 64  # which NumPy's functions can take
 
 
 @pytest.fixture(scope="module")

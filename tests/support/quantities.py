@@ -70,14 +70,14 @@ def _elastic(robot):
     return ElasticRobot(robot), {}
 
 
-def branched():
+def branched(parent=(-1, 0, 1, 0, -1)):
     """A forest with all kinds of joints, one of which follows another, drives, springs, and merged links."""
-    rng = np.random.default_rng(5)
+    rng, nb = np.random.default_rng(5), len(parent)
     kinds = ["revolute", "helical", "prismatic", "revolute", "revolute"]
-    m = random_mechanism(rng, [-1, 0, 1, 0, -1], kinds, [1, 2, 3, 1, 0.5], mimic=True)
-    drives = {name: rng.uniform(0.1, 1, 5) for name in ("armature", "damping", "friction", "stiffness", "rest")}
+    m = random_mechanism(rng, list(parent), kinds[:nb], [1, 2, 3, 1, 0.5][:nb], mimic=True)
+    drives = {name: rng.uniform(0.1, 1, nb) for name in ("armature", "damping", "friction", "stiffness", "rest")}
     data = {"gravity": m.gravity, "G": m.G, "g": m.g, "drives": drives}
     robot = jounce.Robot.from_screws(m.B, m.X, m.M, m.parent, **data)
-    frames = (Frame("tool", 3, random_pose(rng)), Frame("stand", -1, random_pose(rng)))
+    frames = (Frame("tool", nb - 2, random_pose(rng)), Frame("stand", -1, random_pose(rng)))
     driven = robot.with_drives(eps=0.5).mechanism
     return jounce.Robot(replace(driven, frames=frames, elasticity=springs(driven.n)))

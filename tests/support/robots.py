@@ -13,7 +13,7 @@ import jounce
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.model.elasticity import Elasticity
 from jounce.model.mechanism import DATA, FloatingBase, Frame, Mechanism
-from jounce.model.screws import from_screws
+from jounce.model.screws import exact_inertia, from_screws
 from jounce.spatial import lie
 from jounce.spatial.series import Series
 
@@ -50,7 +50,8 @@ def parts(robot: jounce.Robot) -> tuple[Any, dict[str, Any]]:
     """All that a robot is, arrays by their bits."""
     m = robot.mechanism
     arrays = {name: getattr(m, name) for name in DATA} | {"limits": m.limits.table} | {f.name: f.T for f in m.frames}
-    names = (m.name, m.parent, m.bodies, m.joints, m.coordinates, [(f.name, f.body) for f in m.frames])
+    arrays |= {"base": m.base.M} if m.base else {}
+    names = (m.name, m.parent, m.body_names, m.joints, m.coordinates, [(f.name, f.body) for f in m.frames])
     return names, {name: (array.dtype, array.shape, array.tobytes()) for name, array in arrays.items()}
 
 
@@ -109,7 +110,7 @@ def random_mechanism(
 
 def floating(mechanism: Mechanism, rng: np.random.Generator, mass: float = 3.0) -> Mechanism:
     """The mechanism on a floating base instead of the ground."""
-    return replace(mechanism, base=FloatingBase("base", random_inertia(rng, mass)))
+    return replace(mechanism, base=FloatingBase("base", exact_inertia(random_inertia(rng, mass), "M") + 0.0))
 
 
 def springs(n: int) -> Elasticity:

@@ -7,7 +7,7 @@ import jounce
 robot = jounce.load("panda")
 jounce.load("panda", drive=True)  # mistake: drives
 jounce.load("panda", drives="dampings")  # mistake
-jounce.load("g1", base="floating")  # mistake
+jounce.load("g1", base="free")  # mistake
 robot.with_drives(["armature", "viscosity"])  # mistake
 robot.locked(["panda_finger_joint1"])  # mistake: {joint: value}
 robot.total_mass()  # mistake

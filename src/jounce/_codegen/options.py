@@ -50,11 +50,7 @@ def check_options(
         raise JounceError(f"{target.title} has no single precision; float32 works with {others}")
     order = checked_order(order, HIGHEST_CODE_ORDER)
     computations = _computations(robot.mechanism, target, outputs, order, wrench)
-    if robot.mechanism.nb * (order + 1) ** 2 > TRACED:
-        raise JounceError(
-            f"{robot.name} has {robot.mechanism.nb} bodies; code of order {order} is generated for at most"
-            f" {TRACED // (order + 1) ** 2}"
-        )
+    check_size(robot.mechanism, order)
     found = parametric(robot.mechanism, parameters)
     for name in found.shapes:
         target.check_name(name, "parameter", len("params_"))
@@ -62,6 +58,16 @@ def check_options(
     begins = _prefix(prefix, robot.name, target)
     target.check_prefix(begins, [*(f"_{name}" for name in names), *["_parameters"] * bool(found.shapes)])
     return Options(found, target, order, dict(zip(names, computations, strict=True)), float32, begins)
+
+
+def check_size(mechanism: Mechanism, order: int) -> None:
+    """Raise `JounceError` if a robot has too many bodies for code of an order, or the order is too high."""
+    checked_order(order, HIGHEST_CODE_ORDER)
+    if mechanism.nb * (order + 1) ** 2 > TRACED:
+        raise JounceError(
+            f"{mechanism.name} has {mechanism.nb} bodies; code of order {order} is generated for at most"
+            f" {TRACED // (order + 1) ** 2}"
+        )
 
 
 def _computations(

@@ -1,6 +1,7 @@
 """The files of generated code: the templates of a language, filled in."""
 
 from collections.abc import Iterator, Sequence
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -45,6 +46,7 @@ def code(options: Options, functions: Sequence[Function], template: str) -> str:
     return _environment().get_template(path).render(_context(options, functions, tests))
 
 
+@cache  # which keeps the templates compiled
 def _environment() -> "Environment":
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 

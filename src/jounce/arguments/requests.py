@@ -85,10 +85,11 @@ def check_invertible(mechanism: Mechanism, quantity: str) -> None:
         return
     rank, idle = idle_coordinates(mechanism)
     if idle:
+        size = f"{mechanism.nv} velocities" if mechanism.base else f"{mechanism.n} coordinates"
         raise JounceError(
-            f"{quantity} of {mechanism.name!r}: the mass matrix is singular, of rank {rank} for {mechanism.n}"
-            f" coordinates: {listed(idle)} can move without moving inertia; give their bodies inertia, or hold them by"
-            " lock= of jounce.load, or Robot.locked"
+            f"{quantity} of {mechanism.name!r}: the mass matrix is singular, of rank {rank} for {size}:"
+            f" {listed(idle)} can move without moving inertia; give their bodies inertia, or hold them by lock= of"
+            " jounce.load, or Robot.locked"
         )
 
 

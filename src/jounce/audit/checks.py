@@ -32,7 +32,7 @@ CHECKS: tuple[Callable[[Mechanism], list[Finding]], ...] = (
 
 def audit(mechanism: Mechanism) -> tuple[Finding, ...]:
     """Check the data of a mechanism of numbers, and return the findings, errors first."""
-    if not all(is_numeric(getattr(mechanism, name)) for name in DATA):
+    if not all(is_numeric(array) for array in (mechanism.inertias, *(getattr(mechanism, name) for name in DATA))):
         raise JounceError(f"robot {mechanism.name!r} contains symbols; an audit needs numbers")
     with np.errstate(all="ignore"):  # of numbers near the ends of the doubles, which are not judged
         found = [finding for check in CHECKS for finding in check(mechanism)]

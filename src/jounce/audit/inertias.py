@@ -20,7 +20,7 @@ def impossible(mechanism: Mechanism) -> list[Finding]:
     Second moments about the COM that are positive semidefinite are the same as: principal moments non-negative and
     within the triangle inequality.
     """
-    found = [_defect(body, M) for body, M in zip(mechanism.bodies, mechanism.M, strict=True)]
+    found = [_defect(body, M) for body, M in zip(mechanism.body_names, mechanism.inertias, strict=True)]
     return [finding for finding in found if finding is not None]
 
 
@@ -53,15 +53,16 @@ def _defect(body: str, M: np.ndarray) -> Finding | None:
 
 def placeholders(mechanism: Mechanism) -> list[Finding]:
     """Tensors of one round number times the identity, and the same tensor on bodies of different mass."""
-    massive = np.flatnonzero(mechanism.M[:, 3, 3] > 0)
-    moments = np.array([inertia.principal_moments(mechanism.M[i]) for i in massive]).reshape(-1, 3)
+    M = mechanism.inertias
+    massive = np.flatnonzero(M[:, 3, 3] > 0)
+    moments = np.array([inertia.principal_moments(M[i]) for i in massive]).reshape(-1, 3)
     found, left = [], np.ones(len(massive), dtype=bool)
     for i, own in zip(massive, moments, strict=True):
         alike = massive[left & np.isclose(moments, own, rtol=ALIKE, atol=0).all(axis=1)]
-        if i not in alike or is_point(mechanism.M[i]):
+        if i not in alike or is_point(M[i]):
             continue
         left &= ~np.isin(massive, alike)
-        masses = mechanism.M[alike, 3, 3]
+        masses = M[alike, 3, 3]
         if _is_round(own):
             text = f"moments about the COM are {own[0]:.3g} kg m^2 times the identity"
         elif max(masses) > 1.01 * min(masses):
@@ -75,19 +76,21 @@ def placeholders(mechanism: Mechanism) -> list[Finding]:
 
 def unit_masses(mechanism: Mechanism) -> list[Finding]:
     """Masses of exactly 1 kg on most bodies, at least three."""
-    ones = [i for i in range(mechanism.nb) if mechanism.M[i, 3, 3] == 1]
-    if len(ones) < 3 or 2 * len(ones) <= mechanism.nb:
+    masses = mechanism.inertias[:, 3, 3]
+    ones = [i for i, mass in enumerate(masses) if mass == 1]
+    if len(ones) < 3 or 2 * len(ones) <= len(masses):
         return []
-    text = f"mass 1 kg on {len(ones)} of {mechanism.nb} bodies"
+    text = f"mass 1 kg on {len(ones)} of {len(masses)} bodies"
     return [_placeholder(mechanism, ones, 1.0, "kg", text, "mass")]
 
 
 def point_masses(mechanism: Mechanism) -> list[Finding]:
     """Bodies with mass and no moments about their COM."""
-    points = [i for i, M in enumerate(mechanism.M) if M[3, 3] > 0 and is_point(M)]
+    inertias = mechanism.inertias
+    points = [i for i, M in enumerate(inertias) if M[3, 3] > 0 and is_point(M)]
     if not points:
         return []
-    heaviest = float(max(mechanism.M[i, 3, 3] for i in points))
+    heaviest = float(max(inertias[i, 3, 3] for i in points))
     return [
         Finding(
             severity="note",
@@ -127,4 +130,4 @@ def _placeholder(
 
 
 def _names(mechanism: Mechanism, bodies: Sequence[int]) -> tuple[str, ...]:
-    return tuple(mechanism.bodies[i] for i in bodies)
+    return tuple(mechanism.body_names[i] for i in bodies)

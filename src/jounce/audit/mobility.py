@@ -45,15 +45,16 @@ def singular(mechanism: Mechanism) -> list[Finding]:
     rank, idle = idle_coordinates(mechanism)
     if not idle:
         return []
+    unit = "velocities" if mechanism.base else "coordinates"
     return [
         Finding(
             severity="error",
             kind="singular mass matrix",
             joints=idle,
-            number=float(mechanism.n - rank),
-            unit="coordinates",
-            text=f"moves no inertia{' together' if len(idle) > mechanism.n - rank else ''}: "
-            f"the mass matrix is singular, of rank {rank} for {mechanism.n} coordinates",
+            number=float(mechanism.nv - rank),
+            unit=unit,
+            text=f"moves no inertia{' together' if len(idle) > mechanism.nv - rank else ''}: "
+            f"the mass matrix is singular, of rank {rank} for {mechanism.nv} {unit}",
             advice="inverse dynamics is not affected; for forward dynamics state the inertia, or fix the joint",
         )
     ]

@@ -25,7 +25,7 @@ EARTH, PLANETS = (9.7, 9.9), (1.0, 30.0)  # m/s^2
 def densities(mechanism: Mechanism) -> list[Finding]:
     """Bodies that would be denser than osmium or lighter than air: masses or moments off by powers of 1000."""
     dense, thin = {}, {}
-    for i, M in enumerate(mechanism.M):
+    for i, M in enumerate(mechanism.inertias):
         if not M[3, 3] > 0 or is_point(M):
             continue
         principal = inertia.principal_moments(M)
@@ -59,15 +59,16 @@ def _density(
     if not found:
         return []
     i = worst(found, key=found.__getitem__)
-    k = float(np.sqrt(inertia.principal_moments(mechanism.M[i])[2] / mechanism.M[i, 3, 3]))
+    M, names = mechanism.inertias[i], mechanism.body_names
+    k = float(np.sqrt(inertia.principal_moments(M)[2] / M[3, 3]))
     off = f"moments {(WATER / found[i]) ** (2 / 3):.2g} times those of as much water"
-    most = f"; {mechanism.bodies[i]} most" if len(found) > 1 else ""
-    gyration = f"{mechanism.M[i, 3, 3]:.3g} kg with a radius of gyration of {k:.2g} m"
+    most = f"; {names[i]} most" if len(found) > 1 else ""
+    gyration = f"{M[3, 3]:.3g} kg with a radius of gyration of {k:.2g} m"
     return [
         Finding(
             severity="warning",
             kind="density",
-            bodies=tuple(mechanism.bodies[j] for j in found),
+            bodies=tuple(names[j] for j in found),
             number=found[i],
             unit="kg/m^3",
             text=f"moments too {what} for the mass, {like}{most}: {gyration}, {found[i]:.2g} kg/m^3; {off}",
@@ -78,9 +79,9 @@ def _density(
 
 def masses(mechanism: Mechanism) -> list[Finding]:
     """Masses a factor of 1000 and more from the median."""
-    m = mechanism.M[:, 3, 3]
+    m, names = mechanism.inertias[:, 3, 3], mechanism.body_names
     median = float(np.median(m[m > 0])) if np.any(m > 0) else 0.0
-    off = [i for i in range(mechanism.nb) if m[i] > 0 and not 1 / APART < m[i] / median < APART]
+    off = [i for i in range(len(m)) if m[i] > 0 and not 1 / APART < m[i] / median < APART]
     if not off:
         return []
     i = max(off, key=lambda i: abs(np.log(m[i] / median)))
@@ -89,10 +90,10 @@ def masses(mechanism: Mechanism) -> list[Finding]:
         Finding(
             severity="warning",
             kind="mass",
-            bodies=tuple(mechanism.bodies[k] for k in off),
+            bodies=tuple(names[k] for k in off),
             number=float(m[i]),
             unit="kg",
-            text=f"mass {m[i]:.3g} kg{f' of {mechanism.bodies[i]}' if len(off) > 1 else ''} is {ratio}",
+            text=f"mass {m[i]:.3g} kg{f' of {names[i]}' if len(off) > 1 else ''} is {ratio}",
             advice="masses are in kg: 1 g = 1e-3 kg",
         )
     ]
@@ -140,12 +141,12 @@ def _anchors(mechanism: Mechanism) -> list[np.ndarray]:
 
 
 def _size(mechanism: Mechanism, anchors: Sequence[np.ndarray]) -> float:
-    """The largest distance between joints at theta = 0, of several trees the largest."""
+    """The largest distance between joints at theta = 0, of several trees on the ground the largest."""
     C = reference_poses(mechanism)
     places = np.stack([C_i[:3, :3] @ x + C_i[:3, 3] for C_i, x in zip(C, anchors, strict=True)])
     roots: list[int] = []
     for i, p in enumerate(mechanism.parent):
-        roots.append(i if p < 0 else roots[p])
+        roots.append(roots[p] if p >= 0 else -1 if mechanism.base else i)
     trees = [places[np.equal(roots, root)] for root in set(roots)]
     size = max(float(np.linalg.norm(tree[:, None] - tree, axis=-1).max()) for tree in trees)
     return size if size > 1e-9 else 0.0  # axes that meet but for rounding

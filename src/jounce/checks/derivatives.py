@@ -7,6 +7,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import prod
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from jounce.checks.magnitudes import magnitudes
 from jounce.dynamics.computation import Computation
 from jounce.model.mechanism import Mechanism
 from jounce.robot.generic import compute_by_method
+from jounce.spatial.lie import wedge
 
 STEP = 1e-100
 
@@ -27,18 +29,20 @@ def product(
     x, others = arrays[: len(ports)], arrays[len(ports) :]
 
     def along(directions: Sequence[np.ndarray]) -> list[np.ndarray]:
-        moved = [a + 1j * STEP * d for a, d in zip(x, directions, strict=True)]
+        rates = [a @ wedge(d) if port.is_pose else d for port, a, d in zip(ports, x, directions, strict=True)]
+        moved = [a + 1j * STEP * d for a, d in zip(x, rates, strict=True)]
         return [y.imag / STEP for y in compute_by_method(values, method, mechanism, moved)]
 
     if computation.product == "jvp":
         return along(others)
     batch = x[0].shape[:-1]
     gradients = []
-    for port, a in zip(ports, x, strict=True):
-        units = np.eye(port.size).reshape(port.size, *[1] * len(batch), *port.shape)  # a direction for each scalar
-        tangents = along([units if a is other else np.zeros_like(other) for other in x])
-        sums = [(dy * w).reshape(port.size, *batch, -1).sum(axis=-1) for dy, w in zip(tangents, others, strict=True)]
-        gradients.append(np.moveaxis(sum(sums), 0, -1).reshape(a.shape))
+    for port in ports:
+        size = prod(port.displacement)
+        units = np.eye(size).reshape(size, *[1] * len(batch), *port.displacement)  # a direction for each scalar
+        tangents = along([units if port is other else np.zeros(other.displacement) for other in ports])
+        sums = [(dy * w).reshape(size, *batch, -1).sum(axis=-1) for dy, w in zip(tangents, others, strict=True)]
+        gradients.append(np.moveaxis(sum(sums), 0, -1).reshape((*batch, *port.displacement)))
     return gradients
 
 
@@ -56,6 +60,6 @@ def product_magnitudes(
     squares = [np.square(size * w).reshape(*batch, -1).sum(axis=-1) for size, w in zip(sizes, others, strict=True)]
     total = np.sqrt(sum(squares).astype(float))
     return [
-        np.broadcast_to(total.reshape(*batch, *[1] * len(port.shape)), a.shape)
-        for port, a in zip(ports, x, strict=True)
+        np.broadcast_to(total.reshape(*batch, *[1] * len(port.displacement)), (*batch, *port.displacement))
+        for port in ports
     ]

@@ -13,21 +13,24 @@ from jounce.spatial import inertia
 
 def describe(mechanism: Mechanism) -> dict[str, Any]:
     """Names, tree, joints, inertias and findings of a mechanism of numbers, ready for JSON."""
+    base = mechanism.base
+    ground = "ground" if base is None else base.name
     return {
         "name": mechanism.name,
         "n": mechanism.n,
         "nb": mechanism.nb,
         "gravity": mechanism.gravity.tolist(),
-        "mass": float(mechanism.M[:, 3, 3].sum()),
+        "mass": float(mechanism.inertias[:, 3, 3].sum()),
+        "base": None if base is None else {"name": base.name, **_inertia(base.M)},
         "coordinates": [
             {"name": name, "unit": unit}
             for name, unit in zip(mechanism.coordinates, coordinate_units(mechanism), strict=True)
         ],
         "acting": list(mechanism.acting),
         "elastic": None if mechanism.elasticity is None else _elastic(mechanism),
-        "bodies": [_body(mechanism, i) for i in range(mechanism.nb)],
+        "bodies": [_body(mechanism, i, ground) for i in range(mechanism.nb)],
         "merged_links": {
-            frame.name: "ground" if frame.body < 0 else mechanism.bodies[frame.body] for frame in mechanism.frames
+            frame.name: ground if frame.body < 0 else mechanism.bodies[frame.body] for frame in mechanism.frames
         },
         "findings": [finding.as_data() for finding in audit(mechanism)],
     }
@@ -42,16 +45,13 @@ def _elastic(mechanism: Mechanism) -> dict[str, dict[str, float | None]]:
     }
 
 
-def _body(mechanism: Mechanism, i: int) -> dict[str, Any]:
-    p, M, X = mechanism.parent[i], mechanism.M[i], mechanism.X[i]
-    m, h, _ = inertia.moments(M)
-    mass = float(m[0, 0])
-    principal = inertia.principal_moments(M) if mass else None
+def _body(mechanism: Mechanism, i: int, ground: str) -> dict[str, Any]:
+    p, X = mechanism.parent[i], mechanism.X[i]
     pitch = float(X[:3] @ X[3:])
     kind = "prismatic" if not X[:3].any() else "helical" if abs(pitch) > 1e-12 else "revolute"
     return {
         "name": mechanism.bodies[i],
-        "parent": "ground" if p < 0 else mechanism.bodies[p],
+        "parent": ground if p < 0 else mechanism.bodies[p],
         "joint": mechanism.joints[i],
         "type": kind,
         "axis": (X[3:] if kind == "prismatic" else X[:3]).tolist(),
@@ -59,6 +59,15 @@ def _body(mechanism: Mechanism, i: int) -> dict[str, Any]:
         "follows": _follows(mechanism, i),
         "limits": dict.fromkeys(KEYS) | mechanism.limits.stated(i),
         "drive": {key: float(array[i]) for key, array in vars(mechanism.drives).items()},
+        **_inertia(mechanism.M[i]),
+    }
+
+
+def _inertia(M: np.ndarray) -> dict[str, Any]:
+    m, h, _ = inertia.moments(M)
+    mass = float(m[0, 0])
+    principal = inertia.principal_moments(M) if mass else None
+    return {
         "mass": mass,
         "com": (h[:, 0] / mass).tolist() if mass else None,
         "principal_moments": None if principal is None else principal.tolist(),

@@ -12,6 +12,7 @@ from jounce.errors import shortened
 EPILOG = """\b
 Example:
   jounce convert iiwa14 -o arm.yaml
+  jounce convert g1 --base floating -o humanoid.yaml
 
 \b
 OUT contains names, tree, screws, inertias, limits, drives, frames and
@@ -42,11 +43,13 @@ def convert(robot: Asked, output: Path, as_json: bool) -> None:
         "output": str(output),
         "n": m.n,
         "nb": m.nb,
+        "base": m.base and m.base.name,
         "frames": len(m.frames),
     }
     tell(summary, _in_words, as_json)
 
 
 def _in_words(summary: dict[str, Any]) -> str:
-    size = f"{summary['n']} coordinates, {summary['nb']} bodies, {summary['frames']} merged links"
+    floats = f"floating on {shortened(summary['base'])}, " if summary["base"] else ""
+    size = f"{floats}{summary['n']} coordinates, {summary['nb']} bodies, {summary['frames']} merged links"
     return f"{shortened(summary['robot'])}: {size} written to {summary['output']}"

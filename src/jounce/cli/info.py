@@ -41,15 +41,14 @@ def _in_words(data: dict[str, Any]) -> str:
     from jounce.model.drives import AMOUNTS
 
     gravity = " ".join(f"{x:g}" for x in data["gravity"])
-    size = f"{data['n']} coordinates, {data['nb']} bodies, {data['mass']:.6g} kg moving"
-    head = f"{shortened(data['name'])}: {size}, gravity {gravity} m/s^2"
+    base = [data["base"]] if data["base"] else []
+    size = f"{data['n']} coordinates, {len(base) + data['nb']} bodies, {data['mass']:.6g} kg moving"
+    head = f"{shortened(data['name'])}: {size}{', floating' if base else ''}, gravity {gravity} m/s^2"
     rows: list[tuple[str, ...]] = [("joint", "type", "axis", "body", "on", "mass kg", "COM m")]
+    rows += [("-", "floating", "-", body["name"], "-", *_mass(body)) for body in base]
     for body in data["bodies"]:
         kind = body["type"] if body["pitch"] is None else f"{body['type']} {body['pitch']:g} m/rad"
-        rows.append((
-            body["joint"], kind, _vector(body["axis"], ".4g"), body["name"], body["parent"],
-            f"{body['mass']:.5g}", "-" if body["com"] is None else _vector(body["com"], "z.3f"),
-        ))  # fmt: skip
+        rows.append((body["joint"], kind, _vector(body["axis"], ".4g"), body["name"], body["parent"], *_mass(body)))
     coordinates = ", ".join(shortened(c["name"]) for c in data["coordinates"])
     order = wrap(f"q: {coordinates}", width=WIDTH, subsequent_indent="   ")
     lines = [head, *order, "", *straight_columns(rows)]
@@ -65,7 +64,12 @@ def _in_words(data: dict[str, Any]) -> str:
     merged = [f"{shortened(link)} ({shortened(body)})" for link, body in data["merged_links"].items()]
     if merged:
         lines += ["", *wrap(f"merged links: {', '.join(merged)}", width=WIDTH, subsequent_indent="  ")]
-    return "\n".join([*lines, *_moments(data["bodies"]), *_findings(data["findings"])])
+    return "\n".join([*lines, *_moments(base + data["bodies"]), *_findings(data["findings"])])
+
+
+def _mass(body: dict[str, Any]) -> tuple[str, str]:
+    """The mass and COM of a body as cells of a table."""
+    return f"{body['mass']:.5g}", "-" if body["com"] is None else _vector(body["com"], "z.3f")
 
 
 def _moments(bodies: list[dict[str, Any]]) -> list[str]:

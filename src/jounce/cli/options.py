@@ -71,7 +71,7 @@ DRIVES = click.option(
 )
 OPTIONS: tuple[Decorator, ...] = (
     click.argument("robot", type=ROBOT),
-    click.option("--base", metavar="fixed", help="fixed: weld floating, planar and spherical joints at zero."),
+    click.option("--base", metavar="BASE", help="floating: the base moves freely. fixed: weld free joints at zero."),
     click.option("--root", metavar="LINK", help="Use this link as the base: only the links that it carries are kept."),
     click.option(
         "--lock", multiple=True, metavar="JOINT=VALUE", help="Lock a joint at a value in rad or m; may be repeated."

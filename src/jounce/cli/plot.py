@@ -31,7 +31,7 @@ Examples:
     "-o", "--output", required=True, type=click.Path(path_type=Path), help="Output picture: .png, .svg or .pdf."
 )
 @click.option("--robot", type=ROBOT, help="Robot of the tables, for order, units and limits of its joints.")
-@click.option("--base", metavar="fixed", help="fixed: weld floating, planar, spherical joints of the robot at zero.")
+@click.option("--base", metavar="BASE", help="floating: its base moves freely. fixed: weld free joints at zero.")
 @click.option("--joint", "joints", multiple=True, metavar="NAME", help="Draw this joint only; may be repeated.")
 @click.option(
     "--quantity", "quantities", multiple=True, metavar="Q", help="Draw this quantity only: Q, Qd, q, ...; repeatable."

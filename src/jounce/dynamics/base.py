@@ -1,5 +1,6 @@
 """The motion of the base: of a floating robot's own, or of the ground on which a fixed robot stands."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from jounce._scalars import Array
 from jounce.spatial.lie import Ad, ad, hat, inverse, rotation, wedge
-from jounce.spatial.series import Series, from_rate
+from jounce.spatial.series import Series, from_rate, from_rates
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,19 +43,31 @@ class BaseMotion:
         return from_rate(rotation(self.pose).mT @ gravity[:, None], lambda g: -(self.hat_w @ g))
 
     def in_space(self, W: Series) -> Series:
-        """A wrench on the base, (..., 6, 1), in inertial axes about the inertial origin.
-
-        It is rotated with the base: ``(Ad^T W)' = Ad^T (W' - ad(V)^T W)``, so that no rate of Ad is needed.
-        """
+        """Wrenches on the base, (..., 6, k), in inertial axes about the inertial origin: Ad(C^-1)^T W."""
         Ad_T, ads = Ad(inverse(self.pose)).mT, self.V.map(lambda V: ad(V[..., 0]).mT)
-        seen = [W]  # the rates in space, in the axes of the base
+        return _moved(W, Ad_T, lambda W: -(ads @ W))
 
-        def term(k: int) -> Array:
-            while len(seen) <= k:
-                seen.append(seen[-1].dot - ads @ seen[-1])
-            return Ad_T @ seen[k][0]
+    def points(self, x: Series) -> Series:
+        """Points of the base and weighted sums of points, (..., 4, k), (m r; m), in the inertial frame: C x."""
+        hats = self.V.map(lambda V: wedge(V[..., 0]))
+        return _moved(x, self.pose, lambda x: hats @ x)
 
-        return Series(term)
+    def twists(self, X: Series) -> Series:
+        """Twists (..., 6, k) that are seen from the inertial frame, in the axes of the base: Ad(C^-1) X."""
+        Ad_inverse, ads = Ad(inverse(self.pose)), self.V.map(lambda V: ad(V[..., 0]))
+        return from_rates(lambda k: Ad_inverse @ X[k], lambda Y: -(ads @ Y))
+
+
+def _moved(x: Series, E: Array, drift: Callable[[Series], Series]) -> Series:
+    """y = E x of a matrix E that moves with the base: ``y' = E (x' + drift(x))``, so that no rate of E is needed."""
+    seen = [x]  # the rates in space, in the axes of the base
+
+    def term(k: int) -> Array:
+        while len(seen) <= k:
+            seen.append(seen[-1].dot + drift(seen[-1]))
+        return E @ seen[k][0]
+
+    return Series(term)
 
 
 STILL = BaseMotion(np.eye(4, dtype=int), Series.constant(np.zeros((6, 1), dtype=int)))  # at the inertial frame

@@ -32,6 +32,7 @@ class ClosedForm:
     Qgrav: Series  # (..., n, 1)
     Qext: Series  # (..., n, 1), zero without wrenches
     Q: Series  # (..., n, 1) generalized forces
+    bias: Series  # (..., n, 1) those that all accelerations zero require, but for a given one of the ground
     h: Series  # (..., 6, 1) spatial momentum about the inertial origin
     F: Series  # (..., 6, 1) wrench that the ground exerts on the mechanism, about the inertial origin
     p: Series  # (..., n, 1) generalized momentum
@@ -49,11 +50,17 @@ def closed_form(mechanism: Mechanism, q: Series, W: Series | None = None, base: 
     if mechanism.base:
         return _closed_form(mechanism, bodies, C0, velocities, W)
     W = None if W is None else joined([0 * W.map(lambda W: W[..., :6, :]), W], axis=-2)
-    return _without_base(_closed_form(mechanism, bodies, C0, velocities, W), mechanism.n)
+    given = joined([moving.V.dot, 0 * q.dot], axis=-2)
+    return _without_base(_closed_form(mechanism, bodies, C0, velocities, W, given), mechanism.n)
 
 
-def _closed_form(m: Mechanism, bodies: system.System, C0: Array, qd: Series, W: Series | None) -> ClosedForm:
-    """The equations of motion for poses C0 and velocities qd, to which the twist of a moving base belongs."""
+def _closed_form(
+    m: Mechanism, bodies: system.System, C0: Array, qd: Series, W: Series | None, given: Series | None = None
+) -> ClosedForm:
+    """The equations of motion for poses C0 and velocities qd, to which the twist of a moving base belongs.
+
+    Of the accelerations, `bias` takes those that are `given`.
+    """
     X, M, g = bodies.X, bodies.M, system.system_gravity(m)
     of_joints = X * (np.arange(X.shape[1]) >= X.shape[1] - m.n)
     a = qd.map(lambda v: system.system_a(of_joints, v))  # (a)
@@ -73,7 +80,9 @@ def _closed_form(m: Mechanism, bodies: system.System, C0: Array, qd: Series, W: 
     gCbar = JT @ (C + M @ b) @ J  # (Cbar)
     Qgrav = JT @ (M @ UG)
     Qext = 0 * Qgrav if W is None else JT @ W  # (Qext)
-    Q = gM @ qd.dot + gC @ qd + Qgrav + Qext  # (EOM1)
+    forces = gC @ qd + Qgrav + Qext
+    Q = gM @ qd.dot + forces  # (EOM1)
+    bias = forces if given is None else forces + gM @ given
     UT = U.mT
     h = UT @ (M @ V)
     F = h.dot + UT @ (M @ UG)  # Newton and Euler: the momentum changes by the ground, by gravity and by loads -W
@@ -84,7 +93,7 @@ def _closed_form(m: Mechanism, bodies: system.System, C0: Array, qd: Series, W: 
     power = qd.mT @ Qgrav
     U = from_rate(system.potential_energy(bodies.inertias, C0, m.gravity), lambda _: power)
     motion = {"H": H, "A": A, "J": J, "V": V, "b": b, "UG": UG, "h": h, "p": p, "T": T, "U": U}
-    return ClosedForm(**motion, gM=gM, gC=gC, gCbar=gCbar, Qgrav=Qgrav, Qext=Qext, Q=Q, F=F)
+    return ClosedForm(**motion, gM=gM, gC=gC, gCbar=gCbar, Qgrav=Qgrav, Qext=Qext, Q=Q, bias=bias, F=F)
 
 
 def by_body(x: Series) -> Series:
@@ -96,7 +105,7 @@ def _without_base(x: ClosedForm, n: int) -> ClosedForm:
     """The bodies and coordinates of a fixed robot, the last n, whose ground is the base."""
     bodies, own = slice(6, None), slice(-n, None)
     one, square, both = (..., own, slice(None)), (..., own, own), (..., bodies, bodies)
-    kept: dict[str, Any] = {"gM": square, "gC": square, "gCbar": square, "Qgrav": one, "Qext": one, "Q": one, "p": one}
+    kept: dict[str, Any] = {"gM": square, "gC": square, "gCbar": square, "Qgrav": one, "Qext": one, "Q": one, "bias": one, "p": one}
     kept |= {"A": both, "b": both, "J": (..., bodies, own), "V": (..., bodies, slice(None))}
     kept |= {"UG": (..., bodies, slice(None)), "H": (..., slice(1, None), slice(None), slice(None))}
     return replace(x, **{name: getattr(x, name).map(lambda a, rows=rows: a[rows]) for name, rows in kept.items()})

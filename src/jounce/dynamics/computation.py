@@ -38,6 +38,16 @@ class Port:
         """One past the number of the last scalar."""
         return self.start + self.size
 
+    @property
+    def is_pose(self) -> bool:
+        """Whether it is the pose of the base, a matrix of which only displacements by a twist make sense."""
+        return self.role == "base" and self.shape == (4, 4)
+
+    @property
+    def displacement(self) -> Shape:
+        """The shape of derivatives by it: of a pose C, those of C exp(wedge(d)) by a twist d."""
+        return (6,) if self.is_pose else self.shape
+
 
 @dataclass(frozen=True)
 class Signature:
@@ -115,6 +125,14 @@ class Computation:
         others = [f"{key}={value!r}" for key, value in named.items() if value != getattr(default, key)]
         return [repr(self.name), f"order={self.order}", *others]
 
+    def describe(self, robot: str) -> str:
+        """Return what is computed, of a robot with a name, in words."""
+        of = f" of {self.body!r} in frame {self.frame!r}" if self.body is not None else ""
+        loaded = ", with wrenches" if self.wrench else ""
+        loaded += ", with the motion of the base" if self.base else ""
+        product = f"{self.product} of " if self.product else ""
+        return f"{product}{self.name}{of} of {robot!r} to order {self.order}{loaded}"
+
     def signature(self, mechanism: Mechanism, parameters: Mapping[str, Shape] | None = None) -> Signature:
         """The ports for a robot, of which some data are parameters."""
         inputs = [Port(name, shape, "parameter") for name, shape in (parameters or {}).items()]
@@ -179,7 +197,7 @@ def base_name(k: int) -> str:
 
 def _ports_of_product(product: str, inputs: list[Port], results: list[Port]) -> tuple[list[Port], list[Port]]:
     """The ports of a product: weights wQ, ... of the results and gradients gq, ..., or tangents dq, ... and dQ, ..."""
-    given = [port for port in inputs if port.role != "parameter"]
+    given = [replace(port, shape=port.displacement) for port in inputs if port.role != "parameter"]
     if product == "vjp":  # the gradient by any input contains all results
         weights = [replace(port, name=f"w{port.name}", role="weight") for port in results]
         gradients = [replace(port, name=f"g{port.name}", role="result") for port in given]

@@ -5,25 +5,36 @@ for its own terms.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Protocol
 
 from jounce._scalars import Array, zeros_like
 from jounce.dynamics import drive_terms
+from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.closed_form import closed_form
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.linear import solved
 from jounce.spatial.series import Series
 
 
-def dense(m: Mechanism, q: Series, Q: Series, W: Series | None = None) -> Series:
-    """(EOM1) for the accelerations: q2d = M^-1 (Q - C qd - Qgrav - Qext), with all its rates by Leibniz' rule."""
-    moving = Series(lambda k: q[k] if k < 2 else q2d[k - 2])
-    x = closed_form(m, moving, W)
+def dense(m: Mechanism, q: Series, Q: Series, W: Series | None = None, base: BaseMotion | None = None) -> Series:
+    """(EOM1) for the accelerations: q2d = M^-1 (Q - C qd - Qgrav - Qext), with all its rates by Leibniz' rule.
+
+    Those of a floating base, Vd, come first; the motion of the ground of a fixed robot is given.
+    """
+    moving = Series(lambda k: q[k] if k < 2 else found[k - 2][..., -m.n :, :])
+    if m.base and base:
+        V = Series(lambda k: found[k - 1][..., :6, :] if k else V0)
+        V0, base = base.V[0], replace(base, V=V)
+    x = closed_form(m, moving, W, base)
     other = [term for term in m.acting if term != "armature"]
-    M = x.gM + drive_terms.armature_matrix(m) if "armature" in m.acting else x.gM
-    taken = x.gC @ moving.dot + x.Qgrav + x.Qext
-    q2d = solved(M, Q - (taken + drive_terms.forces(m, moving, other) if other else taken))
-    return q2d
+    M, taken = x.gM, x.bias
+    if "armature" in m.acting:
+        M = M + drive_terms.behind_base(m, drive_terms.armature_matrix(m), (-2, -1))
+    if other:
+        taken = taken + drive_terms.behind_base(m, drive_terms.forces(m, moving, other), (-2,))
+    found = solved(M, Q - taken)
+    return found
 
 
 class Solver(Protocol):
@@ -33,16 +44,28 @@ class Solver(Protocol):
         """X of M X = b, both (..., n, m)."""
 
 
-def from_inverse(M: Solver, inverse: Callable[[Series], Series], q: Series, Q: Series) -> Series:
+def from_inverse(
+    M: Solver,
+    inverse: Callable[[Series, BaseMotion | None], Series],
+    m: Mechanism,
+    q: Series,
+    Q: Series,
+    base: BaseMotion | None,
+) -> Series:
     """q^(k+2) = M^-1 (Q^(k) - the k-th rate of inverse dynamics where q^(k+2) = 0): no rate of M is needed.
 
-    Forces are affine in their highest rate of q, with the factor M.
+    Forces are affine in their highest rate of q, with the factor M. So they are in that of the twist of a floating
+    base, V^(k+1), which belongs to the unknowns.
     """
-    known = [q[0], q[1]]
+    known, twists = [q[0], q[1]], [base.V[0]] if m.base and base else []
 
     def term(k: int) -> Array:
-        bias = inverse(Series.of([*known, zeros_like(q[0])]))[k]
-        known.append(M.solve(Q[k] - bias))
-        return known[-1]
+        at_rest = Series.of([*known, zeros_like(q[0])])
+        moving = replace(base, V=Series.of([*twists, zeros_like(twists[0])])) if twists and base else base
+        found = M.solve(Q[k] - inverse(at_rest, moving)[k])
+        known.append(found[..., -m.n :, :])
+        if twists:
+            twists.append(found[..., :6, :])
+        return found
 
     return Series(term)

@@ -16,17 +16,22 @@ SAMPLES = 3  # configurations; where the mass matrix is regular in one, it is in
 
 @lru_cache(maxsize=64)
 def idle_coordinates(mechanism: Mechanism) -> tuple[int, tuple[str, ...]]:
-    """The rank of the mass matrix, and which coordinates take part in motions without kinetic energy, everywhere."""
+    """The rank of the mass matrix, and which coordinates take part in motions without kinetic energy, everywhere.
+
+    Among these a floating base is named once, whatever its motions are.
+    """
     rank, idle = -1, np.zeros(0)
     for k in range(SAMPLES):
         q = np.cos(1.0 + k + 1.7 * np.arange(mechanism.n))
         if _is_regular(mechanism, q):
-            return mechanism.n, ()
+            return mechanism.nv, ()
         trial = _idle(mechanism, q)
         rank, idle = max((rank, idle), trial, key=lambda found: found[0])
-        if rank == mechanism.n:
+        if rank == mechanism.nv:
             return rank, ()
-    return rank, tuple(mechanism.coordinates[j] for j in np.flatnonzero(idle))
+    own = idle[-mechanism.n :]
+    base = (mechanism.base.name,) if mechanism.base and idle[:6].any() else ()
+    return rank, (*base, *(mechanism.coordinates[j] for j in np.flatnonzero(own)))
 
 
 def _is_regular(mechanism: Mechanism, q: np.ndarray) -> bool:
@@ -41,33 +46,49 @@ def _is_regular(mechanism: Mechanism, q: np.ndarray) -> bool:
     theta = q + mechanism.g
     moved = np.stack([lie.exp(X_i, theta[i : i + 1, None]) for i, X_i in enumerate(X)])
     Ad = lie.Ad(lie.inverse(mechanism.B @ moved))
-    articulated = mechanism.M.copy()  # inertia of a body with all beyond it, whose joints are free
+    base = mechanism.base.M if mechanism.base else np.zeros((6, 6))
+    articulated = [*mechanism.M, base]  # inertia of a body with all beyond it, whose joints are free; the base is -1
     for i in reversed(range(nb)):
-        own = articulated[i]
-        momentum = own @ X[i]
-        pivot = X[i] @ momentum + rotors[i]
-        if not pivot > SINGULAR * np.abs(own).max() or not np.isfinite(pivot):
+        left = _freed(articulated[i], X[i], rotors[i], np.abs(articulated[i]).max())
+        if left is None:
             return False
-        if (p := mechanism.parent[i]) >= 0:
-            articulated[p] += Ad[i].T @ (own - np.outer(momentum, momentum / pivot)) @ Ad[i]
+        p = mechanism.parent[i]
+        articulated[p] = articulated[p] + Ad[i].T @ left @ Ad[i]
+    left, largest = articulated[-1], np.abs(articulated[-1]).max()
+    for axis in np.eye(6) if mechanism.base else ():
+        left = _freed(left, axis, 0.0, largest)
+        if left is None:
+            return False
     return True
+
+
+def _freed(inertia: np.ndarray, X: np.ndarray, rotor: float, largest: float) -> np.ndarray | None:
+    """What is left of an inertia where its body moves freely along a screw; None if nothing resists there."""
+    momentum = inertia @ X
+    pivot = X @ momentum + rotor
+    if not pivot > SINGULAR * largest or not np.isfinite(pivot):
+        return None
+    return inertia - np.outer(momentum, momentum / pivot)
 
 
 def _idle(mechanism: Mechanism, q: np.ndarray) -> tuple[int, np.ndarray]:
     """The rank of the mass matrix at q, and which coordinates take part in motions without kinetic energy."""
     J = bodies.jacobians(mechanism, columns([q]), STILL, None)[0]
+    M = np.stack([mechanism.base.M, *mechanism.M]) if mechanism.base else mechanism.M
+    nv = mechanism.nv
     rotors = mechanism.drives.armature * ("armature" in mechanism.acting)
-    momenta = (mechanism.M @ J).reshape(-1, mechanism.n)
-    gM = J.reshape(momenta.shape).T @ momenta + mechanism.G.T * rotors @ mechanism.G  # (MC)
-    most = np.einsum("iaj,iaj,i->j", J, J, np.abs(mechanism.M).max(axis=(1, 2))) + rotors @ mechanism.G**2
+    G = np.concatenate([np.zeros((mechanism.nb, nv - mechanism.n)), mechanism.G], axis=1)
+    momenta = (M @ J).reshape(-1, nv)
+    gM = J.reshape(momenta.shape).T @ momenta + G.T * rotors @ G  # (MC)
+    most = np.einsum("iaj,iaj,i->j", J, J, np.abs(M).max(axis=(1, 2))) + rotors @ G**2
     own = np.abs(np.diag(gM))
     moves = own > SINGULAR * most
     scale = np.sqrt(np.where(moves, own, 1.0))
     scaled = np.where(moves[:, None] & moves, gM / np.outer(scale, scale), 0.0)
     if not np.isfinite(scaled).all():  # overflown: nothing can be said
-        return mechanism.n, np.zeros(mechanism.n, dtype=bool)
-    if (np.abs(np.linalg.eigvalsh(scaled)) > SINGULAR * mechanism.n).all():  # as most are, at a fraction of the cost
-        return mechanism.n, np.zeros(mechanism.n, dtype=bool)
+        return nv, np.zeros(nv, dtype=bool)
+    if (np.abs(np.linalg.eigvalsh(scaled)) > SINGULAR * nv).all():  # as most are, at a fraction of the cost
+        return nv, np.zeros(nv, dtype=bool)
     values, vectors = np.linalg.eigh(scaled)
-    null = np.abs(values) <= SINGULAR * mechanism.n
-    return int(mechanism.n - null.sum()), (np.abs(vectors[:, null]) > 1e-4).any(axis=1)
+    null = np.abs(values) <= SINGULAR * nv
+    return int(nv - null.sum()), (np.abs(vectors[:, null]) > 1e-4).any(axis=1)

@@ -4,57 +4,73 @@ K, D and M are dQ/dq, dQ/dqd and dQ/dq2d along a motion. They and their rates ar
 rates of Q, since a partial derivative and the time derivative d/dt commute but for one term:
 
     d(dx/dt)/dq^(j) = d/dt (dx/dq^(j)) + dx/dq^(j - 1)
+
+A base is displaced by a twist d in its own axes, C exp(wedge(d)). With the components of its twist V held, such a
+displacement changes, d' = -ad(V) d, which adds a term to the derivatives of rates by d: -ad(V) = -a, see `turning`.
 """
 
 from collections.abc import Sequence
-from functools import reduce
-from math import comb
-from operator import add
 
 import numpy as np
 
 from jounce._scalars import Array, concatenate
 from jounce.dynamics import system
+from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.closed_form import closed_form
-from jounce.model.coordinates import generalized_matrix
 from jounce.model.mechanism import Mechanism
+from jounce.spatial.lie import ad
 from jounce.spatial.linear import Factors
 from jounce.spatial.series import Series
 
 
-def dense(m: Mechanism, q: Series, W: Series | None = None) -> tuple[Series, Series, Series]:
-    """K, D and M by the closed form, (..., n, n) each, with wrenches W on the bodies, (..., 6nb, 1), fixed in them.
+def dense(
+    m: Mechanism, q: Series, W: Series | None = None, base: BaseMotion | None = None
+) -> tuple[Series, Series, Series]:
+    """K, D and M by the closed form, (..., nv, nv) each, with wrenches W on the bodies, (..., 6nb, 1), fixed in them.
 
     A displacement dq of the coordinates moves the bodies by J dq. Seen from them, their twists change by the rate of
     J dq in space, and their forces accordingly. Forces turn with the bodies: those that joint j moves have turned as
     seen from the screw of a joint i that carries joint j.
     """
-    x, M = closed_form(m, q, W), system.system_M(m)
-    J, b, P = x.J, x.b, M @ x.V
+    x, bodies = closed_form(m, q, W, base), system.with_base(m) if m.base else system.of_bodies(m)
+    J, b, M = x.J, x.b, bodies.M
+    P = M @ x.V
     J1 = J.dot + b @ J  # rates of the screws in space
     J2 = J1.dot + b @ J1 + x.UG.map(system.system_b) @ J  # relative to free fall
     B = -(b.mT @ M) - M @ b + P.map(system.system_moved)
     force = P.dot - b.mT @ P + M @ x.UG
-    S = x.A @ system.system_S(m)
+    S = x.A @ bodies.S
     turned = S.mT @ (force if W is None else force + W).map(system.system_moved) @ S
-    outward = turned * np.tri(m.nb, k=-1, dtype=int).T
-    K = J.mT @ (M @ J2 + B @ J1) + generalized_matrix(m, outward)
+    owner = np.maximum(np.arange(bodies.S.shape[-1]) - 5 * m.first, 0)  # six screws are those of the base
+    outward = turned * (owner[:, None] < owner)
+    K = J.mT @ (M @ J2 + B @ J1) + bodies.G.T @ outward @ bodies.G
     D = J.mT @ (2 * (M @ J1) + B @ J)
-    return K, D, x.gM
+    if (a := turning(m, base)) is None:
+        return K, D, x.gM
+    D = D - x.gM @ a  # so far, of displacements of the base that are constant, and change the components of its twist
+    return K - D @ a - x.gM @ a.dot, D, x.gM
 
 
-def of_all_rates(K: Series, D: Series, M: Series) -> Series:
-    """P, whose k-th term has the partial derivatives of Q^(k) by q, qd, ..., q^(k+2): (..., 3 + k, n, n).
+def turning(m: Mechanism, base: BaseMotion | None) -> Series | None:
+    """a = diag(ad(V), 0), (..., nv, nv), of a floating base: a displacement d gives its twist the rates d' + ad(V) d."""
+    if not (m.base and base):
+        return None
+    upper, lower = np.eye(m.nv, 6, dtype=int), np.eye(6, m.nv, dtype=int)
+    return upper @ base.V.map(lambda V: ad(V[..., 0])) @ lower
 
-    dQ^(k)/dq^(j) = sum of binom(k, i) d^i/dt^i (dQ/dq^(j - k + i)), where 0 <= j - k + i <= 2.
-    """
-    return Series(lambda k: _stack([_of_rate((K, D, M), k, j) for j in range(k + 3)]))
 
+def of_all_rates(K: Series, D: Series, M: Series, a: Series | None = None) -> Series:
+    """P, whose k-th term has the partial derivatives of Q^(k) by q, qd, ..., q^(k+2): (..., 3 + k, n, n)."""
+    rows = [[K, D, M]]
 
-def _of_rate(partials: Sequence[Series], k: int, j: int) -> Array:
-    """dQ^(k)/dq^(j)."""
-    orders = [k - j + m for m in range(3)]
-    return reduce(add, [comb(k, i) * X[i] for i, X in zip(orders, partials, strict=True) if 0 <= i <= k])
+    def term(k: int) -> Array:
+        while len(rows) <= k:
+            P = rows[-1]
+            first = P[0].dot if a is None else P[0].dot - P[0] @ a
+            rows.append([first, *(P[j].dot + P[j - 1] for j in range(1, len(P))), P[-1]])
+        return _stack([x[0] for x in rows[k]])
+
+    return Series(term)
 
 
 def of_accelerations(P: Array) -> tuple[Array, Array, Array]:

@@ -54,6 +54,7 @@ class Method:
 
     law: Law
     width: Callable[[int], int] = lambda nb: (6 * nb) ** 2  # dense system matrices
+    base: bool = True  # whether the base may move
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,13 +154,25 @@ def _forward(m: Mechanism, x: State) -> Series:
         M: forward.Solver = articulated.ArticulatedBodies.of(m, x.q[0])
     else:
         M = Factors.of(QUANTITIES["mass_matrix"].law("recursion", m)(m, x)[0])
-    return forward.from_inverse(M, lambda q: inverse(m, replace(x, q=q)).map(lambda Q: Q[..., None]), x.q, x.Q)
+
+    def required(q: Series, base: BaseMotion | None) -> Series:
+        return inverse(m, replace(x, q=q, base=base)).map(lambda Q: Q[..., None])
+
+    return forward.from_inverse(M, required, m, x.q, x.Q, x.base)
+
+
+def _of_all_rates(m: Mechanism, x: State, of_forces: Callable[..., tuple[Series, Series, Series]]) -> Series:
+    """Partial derivatives of the forces and their rates, from those of the forces themselves."""
+    return partials.of_all_rates(*of_forces(m, x.q, x.W, x.base), partials.turning(m, x.base))
 
 
 def _forward_partials(m: Mechanism, x: State, method: str) -> Series:
     """Partial derivatives of the accelerations from those of the forces, by a method of other rows."""
-    q2d = QUANTITIES["forward_dynamics"].law(method, m)(m, x)[0][..., None]
-    P = QUANTITIES["inverse_dynamics_partials"].law(method, m)(m, replace(x, q=Series.of([x.q[0], x.q[1], q2d])))
+    found = QUANTITIES["forward_dynamics"].law(method, m)(m, x)[0][..., None]
+    moving = replace(x, q=Series.of([x.q[0], x.q[1], found[..., -m.n :, :]]))
+    if m.base and x.base:
+        moving = replace(moving, base=replace(x.base, V=Series.of([x.base.V[0], found[..., :6, :]])))
+    P = QUANTITIES["inverse_dynamics_partials"].law(method, m)(m, moving)
     return Series.of(partials.of_accelerations(P[0]))
 
 
@@ -208,7 +221,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             methods={
                 "recursion": Method(lambda m, x: _row(forces.rnea(forces.MOVING, m, x.q, x.W, x.base)), _column),
                 "closed_form": Method(lambda m, x: _row(_dense(m, x).Q)),
-                "paper": Method(lambda m, x: _row(Paper(m, x.q, x.W).Q)),
+                "paper": Method(lambda m, x: _row(Paper(m, x.q, x.W).Q), base=False),
             },
         ),
         Quantity(
@@ -227,7 +240,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             tex=r"\ddot{q} = M^{-1} \left(Q - C(q, \dot{q})\,\dot{q} - Q_{\mathrm{grav}}(q)\right)",
             methods={
                 "recursion": Method(lambda m, x: _row(_forward(m, x)), _columns),
-                "closed_form": Method(lambda m, x: _row(forward.dense(m, x.q, x.Q, x.W))),
+                "closed_form": Method(lambda m, x: _row(forward.dense(m, x.q, x.Q, x.W, x.base))),
             },
         ),
         Quantity(
@@ -244,10 +257,8 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="P[j] = dQ/dq^(j): the partial derivatives of the generalized forces by q, qd and q2d.",
             tex=r"P_j = \partial Q / \partial q^{(j)}",
             methods={
-                "recursion": Method(
-                    lambda m, x: partials.of_all_rates(*force_partials.partials(m, x.q, x.W)), _columns
-                ),
-                "closed_form": Method(lambda m, x: partials.of_all_rates(*partials.dense(m, x.q, x.W))),
+                "recursion": Method(lambda m, x: _of_all_rates(m, x, force_partials.partials), _columns),
+                "closed_form": Method(lambda m, x: _of_all_rates(m, x, partials.dense)),
             },
         ),
         Quantity(
@@ -283,7 +294,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             methods={
                 "recursion": Method(lambda m, x: _row(forces.rnea(forces.AT_REST, m, x.q, None, x.base)), _column),
                 "closed_form": Method(lambda m, x: _row(_dense(m, x).Qgrav)),
-                "paper": Method(lambda m, x: _row(Paper(m, x.q).Qgrav)),
+                "paper": Method(lambda m, x: _row(Paper(m, x.q).Qgrav), base=False),
             },
         ),
         Quantity(
@@ -301,7 +312,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             methods={
                 "recursion": Method(lambda m, x: matrices.mass_matrix(m, x.q), _columns),
                 "closed_form": Method(lambda m, x: _dense(m, x).gM),
-                "paper": Method(lambda m, x: Paper(m, x.q).gM),
+                "paper": Method(lambda m, x: Paper(m, x.q).gM, base=False),
             },
         ),
         Quantity(
@@ -314,9 +325,9 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="C(q, qd): the paper's Coriolis matrix; passivity-based control takes Cbar, skew_coriolis_matrix.",
             tex=r"C\,\dot{q} = Q - M\,\ddot{q} - Q_{\mathrm{grav}}",
             methods={
-                "recursion": Method(lambda m, x: matrices.coriolis_matrix(m, x.q), _columns),
+                "recursion": Method(lambda m, x: matrices.coriolis_matrix(m, x.q, x.base), _columns),
                 "closed_form": Method(lambda m, x: _dense(m, x).gC),
-                "paper": Method(lambda m, x: Paper(m, x.q).gC),
+                "paper": Method(lambda m, x: Paper(m, x.q).gC, base=False),
             },
         ),
         Quantity(
@@ -330,7 +341,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             tex_symbol=r"\bar{C}",
             tex=r"(\dot{M} - 2 \bar{C}) + (\dot{M} - 2 \bar{C})^T = 0",
             methods={
-                "recursion": Method(lambda m, x: matrices.skew_coriolis_matrix(m, x.q), _columns),
+                "recursion": Method(lambda m, x: matrices.skew_coriolis_matrix(m, x.q, x.base), _columns),
                 "closed_form": Method(lambda m, x: _dense(m, x).gCbar),
             },
         ),
@@ -389,7 +400,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="h: the momentum (angular; linear) of the bodies about the inertial origin, in inertial axes.",
             tex=r"h = U^T M\,V",
             methods={
-                "recursion": Method(lambda m, x: _row(momenta.momentum(m, x.q)), _column),
+                "recursion": Method(lambda m, x: _row(momenta.momentum(m, x.q, x.base)), _column),
                 "closed_form": Method(lambda m, x: _row(_dense(m, x).h)),
             },
         ),
@@ -421,7 +432,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="p = M qd: the generalized momentum.",
             tex=r"p = M\,\dot{q}",
             methods={
-                "recursion": Method(lambda m, x: _row(momenta.generalized_momentum(m, x.q)), _column),
+                "recursion": Method(lambda m, x: _row(momenta.generalized_momentum(m, x.q, x.base)), _column),
                 "closed_form": Method(lambda m, x: _row(_dense(m, x).p)),
             },
         ),
@@ -437,7 +448,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="T = 1/2 qd . M qd: the kinetic energy.",
             tex=r"T = \tfrac{1}{2}\,\dot{q}^T M\,\dot{q}",
             methods={
-                "recursion": Method(lambda m, x: _scalar(momenta.kinetic_energy(m, x.q)), _column),
+                "recursion": Method(lambda m, x: _scalar(momenta.kinetic_energy(m, x.q, x.base)), _column),
                 "closed_form": Method(lambda m, x: _scalar(_dense(m, x).T)),
             },
         ),
@@ -453,7 +464,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="U(q): the potential energy, zero where all masses are at the height of the inertial origin.",
             tex=r"U = -\sum_i m_i\, g \cdot c_i",
             methods={
-                "recursion": Method(lambda m, x: _scalar(momenta.potential_energy(m, x.q)), _column),
+                "recursion": Method(lambda m, x: _scalar(momenta.potential_energy(m, x.q, x.base)), _column),
                 "closed_form": Method(lambda m, x: _scalar(_dense(m, x).U)),
             },
         ),

@@ -21,11 +21,17 @@ from jounce.spatial.series import diagonal
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """What does not depend on the state: the screws X of the velocities, the inertia matrices, and the tree."""
+    """What does not depend on the state: the screws of the velocities, the inertia matrices, and the tree."""
 
-    X: Array  # (6nb, nv), so that the own twists of the bodies are X qd
+    S: Array  # (6nb, k) the screws of the joint variables, and the six of a base ahead of them
+    G: Array  # (k, nv), so that the own twists of the bodies are S G qd
     inertias: Array  # (nb, 6, 6)
     carries: np.ndarray  # (nb, nb): 1 where body j carries body i or is it
+
+    @cached_property
+    def X(self) -> Array:
+        """The screws of the velocities: (6nb, nv)."""
+        return self.S @ self.G  # (Ab)
 
     @cached_property
     def M(self) -> Array:
@@ -36,19 +42,25 @@ class System:
 @lru_cache(maxsize=64)
 def of_bodies(mechanism: Mechanism) -> System:
     """The system of the bodies behind joints."""
-    return System(system_X(mechanism), mechanism.M, ancestors(mechanism))
+    return System(system_S(mechanism), mechanism.G, mechanism.M, ancestors(mechanism))
 
 
 @lru_cache(maxsize=64)
 def with_base(mechanism: Mechanism) -> System:
     """The system with the base ahead of the bodies; that of a fixed robot, the ground, has no inertia."""
-    X, bodies = system_X(mechanism), ancestors(mechanism)
     M = mechanism.base.M if mechanism.base else np.zeros((6, 6), dtype=int)
-    of_base = np.eye(6 + len(X), 6, dtype=int)
-    below = concatenate([np.zeros((6, mechanism.n), dtype=int), X], axis=-2)
+    S, G = behind_unit(system_S(mechanism)), behind_unit(mechanism.G)
+    bodies = ancestors(mechanism)
     carried = np.concatenate([np.ones((len(bodies), 1), dtype=int), bodies], axis=1)
     carries = np.concatenate([np.eye(1, 1 + len(bodies), dtype=int), carried])
-    return System(concatenate([of_base, below], axis=-1), concatenate([M[None], mechanism.M], axis=-3), carries)
+    return System(S, G, concatenate([M[None], mechanism.M], axis=-3), carries)
+
+
+def behind_unit(x: Array) -> Array:
+    """A matrix (k, m) as the lower right block of another, the upper left of which is the unit matrix of six rows."""
+    k, m = x.shape
+    below = concatenate([np.zeros((6, m), dtype=int), x], axis=-2)
+    return concatenate([np.eye(6 + k, 6, dtype=int), below], axis=-1)
 
 
 def poses(mechanism: Mechanism, q: Array) -> Array:

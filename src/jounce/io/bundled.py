@@ -13,7 +13,7 @@ import numpy as np
 
 from jounce._scalars import Array, element
 from jounce.actuators.parameters import ElasticParameters, with_elasticity
-from jounce.errors import JounceError
+from jounce.errors import JounceError, listed
 from jounce.io import entries
 from jounce.io.native import reading
 from jounce.model.locking import locked
@@ -95,23 +95,39 @@ class Bundled:
     build: Callable[..., Mechanism]
     urdf: str | None = None  # what its file was converted from, in example-robot-data
     like: str | None = None  # the bundled robot from whose file it is made
+    base: str | None = None  # the link that can float
 
 
-def _of_file(name: str, kind: str, size: tuple[int, int, float], licence: str, project: str, urdf: str) -> Bundled:
-    return Bundled(name, kind, *size, licence, f"https://github.com/{project}", partial(_read, name), urdf)
+def _of_file(
+    name: str,
+    kind: str,
+    size: tuple[int, int, float],
+    licence: str,
+    project: str,
+    urdf: str,
+    base: str | None = None,
+) -> Bundled:
+    return Bundled(name, kind, *size, licence, f"https://github.com/{project}", partial(_read, name), urdf, base=base)
 
 
-def _read(name: str, /, gravity: object = None) -> Mechanism:
+def _read(name: str, /, gravity: object = None, base: str = "fixed") -> Mechanism:
     from importlib.resources import as_file
 
     with as_file(_folder(name) / "robot.yaml") as path:
-        return reading.read(entries.read(path, "the robot"), gravity)
+        return reading.read(entries.read(path, "the robot"), gravity, base)
 
 
 def _folder(name: str) -> "Traversable":
     from importlib.resources import files  # slow to import, and the paper's robots do without
 
     return files("jounce.io") / "robots" / name
+
+
+def check_floats(name: str) -> None:
+    """Raise `JounceError` unless the inertia of the base of a bundled robot is known."""
+    if BUNDLED[name].base is None:
+        able = listed(robot.name for robot in BUNDLED.values() if robot.base)
+        raise JounceError(f"{name} cannot float, since the inertia of its base is not known; robots that can: {able}")
 
 
 def notices(name: str) -> dict[str, str]:
@@ -151,14 +167,17 @@ BUNDLED: dict[str, Bundled] = {
         _of_file(
             "g1", "humanoid on its pelvis, Unitree G1", (29, 29, 29.52714202), _BSD,
             "unitreerobotics/unitree_ros", "g1_description/urdf/g1_29dof_rev_1_0.urdf",
+            base="pelvis",
         ),
         _of_file(
             "anymal", "quadruped on its base, ANYmal C", (12, 12, 25.76168), _BSD,
             "ANYbotics/anymal_c_simple_description", "anymal_c_simple_description/urdf/anymal.urdf",
+            base="base",
         ),
         _of_file(
             "solo12", "quadruped on its base, Solo 12", (12, 12, 1.33885188), _BSD,
             "open-dynamic-robot-initiative/robot_properties_solo", "solo_description/robots/solo12.urdf",
+            base="base_link",
         ),
     )
 }  # fmt: skip

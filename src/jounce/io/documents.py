@@ -10,20 +10,35 @@ from jounce.io.entries import Entry
 from jounce.io.native import reading
 from jounce.model.mechanism import Mechanism
 
-FORMATS: dict[str, tuple[str, Callable[[Entry, object], Mechanism]]] = {  # by the key that no other one has
+
+def _standing(read: Callable[[Entry, object], Mechanism]) -> Callable[[Entry, object, str | None], Mechanism]:
+    """The reader of a format that does not state the inertia of a base."""
+
+    def read_standing(robot: Entry, gravity: object, base: str | None) -> Mechanism:
+        if base == "floating":
+            raise JounceError(
+                f"{robot.path}: base='floating' needs the inertia of the base, which this format does not state; "
+                "a URDF or MJCF file states it, or jounce's own format with 'base'"
+            )
+        return read(robot, gravity)
+
+    return read_standing
+
+
+FORMATS: dict[str, tuple[str, Callable[[Entry, object, str | None], Mechanism]]] = {  # by the key that no other one has
     "bodies": ("jounce's own format", reading.read),
-    "dh": ("a Denavit-Hartenberg table", denavit_hartenberg.read),
-    "joint_screw_coord": ("skidy's", skidy.read),
+    "dh": ("a Denavit-Hartenberg table", _standing(denavit_hartenberg.read)),
+    "joint_screw_coord": ("skidy's", _standing(skidy.read)),
 }
 
 
-def read(path: Path, gravity: object = None) -> Mechanism:
-    """The mechanism of a file, under its own gravity unless another is given."""
+def read(path: Path, gravity: object = None, base: str | None = None) -> Mechanism:
+    """The mechanism of a file, under its own gravity unless another is given; only jounce's own format can float."""
     robot = entries.read(path, "the robot")
     keys = list(robot.members())
     for key, (_, reader) in FORMATS.items():
         if key in keys:
-            return reader(robot, gravity)
+            return reader(robot, gravity, base)
     for key in keys:
         if get_close_matches(key, FORMATS, n=1):
             raise JounceError(f"{robot.get(key).place}: {no_such('key', key, FORMATS, 'the robot')}")

@@ -12,7 +12,7 @@ import numpy as np
 from jounce._scalars import is_numeric
 from jounce._typing import ArrayLike, Base, DriveTerms, Planar2R
 from jounce.errors import JounceError, at, no_such, warn
-from jounce.io.bundled import BUNDLED
+from jounce.io.bundled import BUNDLED, check_floats
 from jounce.io.files import path_of
 from jounce.model import tree
 from jounce.model.drives import select_terms
@@ -50,10 +50,14 @@ def load(
         Gravitational acceleration in m/s^2; by default that of the file, or (0, 0, -9.81) if it states none, or
         (0, 0, -9.80665) for iiwa14.
     base : str, optional
-        "fixed" welds floating, planar and spherical joints of a URDF or MJCF file at zero; otherwise such joints are
-        an error.
+        "floating": the root link, or the link that a floating joint carries on the ground, moves freely, and what is
+        fixed to it is part of it; forces, matrices and Jacobians then have 6 + n rows or columns. Bundled robots with
+        legs, URDF and MJCF files can float, and files of jounce's own format that state a base. "fixed": the root
+        stands on the ground, and floating, planar and spherical joints are welded at zero, with a warning. By default
+        such joints are an error, and only a file of jounce's own format that states a base floats.
     root : str, optional
-        Link of a URDF or MJCF file that becomes the base, fixed to the ground: only the links that it carries are kept.
+        Link of a URDF or MJCF file that becomes the base, fixed to the ground or floating: only the links that it
+        carries are kept.
     lock : dict, optional
         Joints to lock, {name: rad or m}: their bodies merge into those that carry them, see `Robot.locked`.
     drives : bool, str or several, optional
@@ -103,6 +107,8 @@ def load(
 
 def _mechanism(name: str, path: Path, parameters: dict[str, object]) -> Mechanism:
     if name in BUNDLED:
+        if parameters.get("base") == "floating":
+            check_floats(name)
         return _call(BUNDLED[name].build, parameters, name)
     if path.suffix.lower() not in READERS:
         if not path.suffix:
@@ -140,10 +146,10 @@ def _read_xml(path: Path, /, gravity: object = None, base: str | None = None, ro
     return mjcf.read(path, gravity, base, root)
 
 
-def _read_document(path: Path, /, gravity: object = None) -> Mechanism:
+def _read_document(path: Path, /, gravity: object = None, base: str | None = None) -> Mechanism:
     from jounce.io import documents
 
-    return documents.read(path, gravity)
+    return documents.read(path, gravity, base)
 
 
 READERS: dict[str, Callable[..., Mechanism]] = {
@@ -174,8 +180,8 @@ def _call(build: Callable[..., Mechanism], parameters: dict[str, object], what: 
 def _warn_of_inertias(mechanism: Mechanism, path: Path) -> None:
     from jounce.audit import impossible
 
-    found = impossible(mechanism) if is_numeric(mechanism.M) else []
+    found = impossible(mechanism) if is_numeric(mechanism.inertias) else []
     if found:
         more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
-        count = f"{len(found)} of {mechanism.nb} bodies"
+        count = f"{len(found)} of {len(mechanism.body_names)} bodies"
         warn(f"{path}: {count} have a physically inconsistent inertia: {found[0]}{more}")

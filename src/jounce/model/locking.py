@@ -44,7 +44,8 @@ def locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
         welded = _without(held, still)
     if is_numeric(g) and is_numeric(mechanism.X):
         _warn_of_limits(mechanism, np.flatnonzero(still), g)
-    for array in (welded.B, welded.M, welded.g, *(frame.T for frame in welded.frames)):
+    base = () if welded.base is None else (welded.base.M,)
+    for array in (welded.B, welded.M, welded.g, *base, *(frame.T for frame in welded.frames)):
         if is_numeric(array) and not np.isfinite(array).all():
             raise JounceError(f"locking {listed(values)} overflows: a pose, inertia or offset is not finite")
     return welded
@@ -78,7 +79,9 @@ def _without(mechanism: Mechanism, still: list[bool]) -> Mechanism:
     places: dict[int, Frame] = {-1: Frame("ground", -1, np.eye(4))}  # where each old body sits
     B: list[Array] = []
     parent: list[int] = []
-    M = np.zeros((len(kept), 6, 6), dtype=mechanism.M.dtype)
+    of_base = np.zeros_like(mechanism.M[0]) if mechanism.base is None else mechanism.base.M
+    M = np.zeros((len(kept) + 1, 6, 6), dtype=np.result_type(mechanism.M, of_base))  # the last is of -1
+    M[-1] = of_base
     for i, p in enumerate(mechanism.parent):
         carrier, name = places[p], mechanism.bodies[i]
         at_zero = carrier.T @ mechanism.B[i]
@@ -89,15 +92,15 @@ def _without(mechanism: Mechanism, still: list[bool]) -> Mechanism:
             places[i] = Frame(name, len(B), np.eye(4, dtype=int))
             B.append(at_zero)
             parent.append(carrier.body)
-        if places[i].body >= 0:
-            M[places[i].body] += inertia.shift_inertia(mechanism.M[i], places[i].T)
+        M[places[i].body] += inertia.shift_inertia(mechanism.M[i], places[i].T)
     merged = [places[i] for i, welded in enumerate(still) if welded]
     moved = [Frame(f.name, places[f.body].body, places[f.body].T @ f.T) for f in mechanism.frames]
+    base = mechanism.base and replace(mechanism.base, M=exact_inertia(M[-1], "base") + 0)
     return replace(
         mechanism,
         B=np.stack([exact_pose(T, "B") for T in B]),  # no rounding of the products, so that a file can hold it
         X=mechanism.X[kept],
-        M=np.stack([exact_inertia(M_i, "M") for M_i in M]) + 0,
+        M=np.stack([exact_inertia(M_i, "M") for M_i in M[:-1]]) + 0,
         parent=tuple(parent),
         G=mechanism.G[kept],
         g=mechanism.g[kept],
@@ -105,5 +108,6 @@ def _without(mechanism: Mechanism, still: list[bool]) -> Mechanism:
         joints=tuple(mechanism.joints[i] for i in kept),
         limits=mechanism.limits.select(kept),
         drives=Drives(**{name: array[kept] for name, array in vars(mechanism.drives).items()}),
+        base=base,
         frames=(*merged, *moved),
     )

@@ -142,6 +142,11 @@ class Mechanism:
         return (self.base.name, *self.bodies) if self.base else self.bodies
 
     @property
+    def inertias(self) -> Array:
+        """The inertia matrices of all bodies, (len(body_names), 6, 6), in the order of `body_names`."""
+        return np.concatenate([self.base.M[None], self.M]) if self.base else self.M
+
+    @property
     def first(self) -> int:
         """The row of body 0 among `body_names`: 1 if the robot floats, as row 0 is that of its base."""
         return 1 if self.base else 0

@@ -9,7 +9,7 @@ from jounce._scalars import Array, asarray, is_finite, is_numeric, is_symbolic
 from jounce.errors import JounceError, one_line, one_of, quoted, several, shortened
 from jounce.model.drives import UNDRIVEN, Drives, drive_error
 from jounce.model.limits import Limits, checked_limits
-from jounce.model.mechanism import GRAVITY, Mechanism, reference_poses, with_exact_integers
+from jounce.model.mechanism import GRAVITY, FloatingBase, Mechanism, reference_poses, with_exact_integers
 from jounce.spatial import inertia, lie
 
 UNIT_TOLERANCE = 1e-9  # how far a direction or rotation may be from unit length before it is taken for a mistake
@@ -29,6 +29,8 @@ def from_screws(
     g: Array | None = None,
     limits: Limits | Mapping[str, Array] | None = None,
     drives: Drives | Mapping[str, Array] | None = None,
+    base: Array | None = None,
+    base_name: str = "base",
     name: str = "robot",
 ) -> Mechanism:
     """A mechanism from body-fixed data, every array checked; see `Robot.from_screws` for what they are."""
@@ -41,18 +43,32 @@ def from_screws(
     for label, exact in (("B", exact_pose), ("X", exact_screw), ("M", exact_inertia)):
         data[label] = np.stack([exact(x, f"{label}[{i}]") for i, x in enumerate(data[label])])
     data |= {label: array + 0.0 for label, array in data.items() if is_numeric(array)}  # no -0.0 among data
+    bodies = _names(names, nb, "names", "body")
     coordinates = _names(joint_names, data["G"].shape[1], "joint_names", "joint" if G is None else "q")
     built = Mechanism(
         **data,
         parent=_tree(parent, nb),
-        bodies=_names(names, nb, "names", "body"),
+        bodies=bodies,
         joints=coordinates if G is None else _names(None, nb, "joints", "joint"),
         coordinates=coordinates,
         limits=checked_limits(limits, nb),
         drives=_checked_drives(drives, nb),
-        name=_text(name),
+        base=None if base is None else _floating_base(base, base_name, bodies),
+        name=_text(name, "name"),
     )
-    return with_exact_integers(built) if any(map(is_symbolic, data.values())) else built
+    symbolic = any(map(is_symbolic, data.values())) or (built.base is not None and is_symbolic(built.base.M))
+    return with_exact_integers(built) if symbolic else built
+
+
+def _floating_base(M: Array, name: str, bodies: Sequence[str]) -> FloatingBase:
+    M = _data(M, "base")
+    if M.shape != (6, 6):
+        raise JounceError(f"base has shape {M.shape}; expected the inertia matrix (6, 6) of the base that floats")
+    _check_finite(M, "base")
+    if _text(name, "base_name") in bodies:
+        raise JounceError(f"base_name is {quoted(name)}, which is the name of a body; expected another")
+    M = exact_inertia(M, "base")
+    return FloatingBase(name, M + 0.0 if is_numeric(M) else M)
 
 
 def from_spatial_screws(A: Array, Y: Array, M: Array, parent: Sequence[int] | None = None, **data: Any) -> Mechanism:
@@ -104,12 +120,16 @@ def _check_shapes(data: Mapping[str, np.ndarray], nb: int) -> None:
         if data[label].shape != shape or 0 in shape:
             raise JounceError(f"{label} has shape {data[label].shape}; expected {shape} for {nb} bodies")
     for label, array in data.items():
-        if is_numeric(array) and not np.all(np.isfinite(array)):
-            at = np.argwhere(~np.isfinite(array))[0].tolist()
-            raise JounceError(f"{label}{at} is {array[tuple(at)]}; expected finite numbers")
+        _check_finite(array, label)
     for j, column in enumerate(data["G"].T):
         if is_numeric(column) and not column.any():
             raise JounceError(f"G[:, {j}] is zero; every coordinate must move a joint")
+
+
+def _check_finite(array: np.ndarray, label: str) -> None:
+    if is_numeric(array) and not np.all(np.isfinite(array)):
+        at = np.argwhere(~np.isfinite(array))[0].tolist()
+        raise JounceError(f"{label}{at} is {array[tuple(at)]}; expected finite numbers")
 
 
 def exact_pose(T: np.ndarray, label: str) -> np.ndarray:
@@ -176,9 +196,9 @@ def _tree(parent: Sequence[int] | None, nb: int) -> tuple[int, ...]:
     return tuple(int(p) for p in numbers)
 
 
-def _text(name: object) -> str:
+def _text(name: object, label: str) -> str:
     if not isinstance(name, str):
-        raise JounceError(f"name is {quoted(name)}; expected a text")
+        raise JounceError(f"{label} is {quoted(name)}; expected a text")
     return name
 
 

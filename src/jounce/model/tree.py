@@ -3,6 +3,9 @@
 Links behind fixed joints merge into the body that carries them: their inertia is added, their names and frames remain
 usable. Bodies are named after the link that their joint moves, in the file's order, depth first. A joint with more than
 one degree of freedom, floating, planar or spherical, can be welded, or excluded by starting at a link that it carries.
+
+Of a floating robot one link is the base: the one that a floating joint carries on the ground, or the only root. Links
+behind fixed joints merge into it too.
 """
 
 from collections.abc import Mapping, Sequence
@@ -53,6 +56,7 @@ class Joint:
     free: str | None = None  # "floating", "planar", "spherical": what makes of it more than one screw does
 
 
+BASES = ("fixed", "floating")
 Item = TypeVar("Item", Link, Joint)
 
 
@@ -65,16 +69,24 @@ def mechanism(
     *,
     base: str | None = None,
     root: str | None = None,
+    world: str | None = None,
 ) -> Mechanism:
     """Build the mechanism of links and joints; raise `JounceError` if they are inconsistent.
 
-    ``base="fixed"`` welds free joints at their zero pose and warns of it; ``root`` is a link to start at: what it
-    carries remains, it stands on the ground itself, and everything else is left out.
+    ``base="fixed"`` welds free joints at their zero pose and warns of it; ``base="floating"`` lets a link float.
+    ``root`` is a link to start at: what it carries remains, it stands on the ground or floats itself, and everything
+    else is left out. ``world`` is the link, if there is one, that is the ground by the format, and never floats.
     """
     by_name = _distinct(links, "link")
     _distinct(joints, "joint")
     _check(links, joints)
     ordered = _outward(by_name, joints)
+    with at(file):
+        check_base(base)
+        if base == "floating":
+            root = floating = _floating_link(by_name, ordered, root, world)
+        else:
+            floating = None
     if root is not None:
         by_name, ordered = _from(root, by_name, ordered, file)
     _weld(ordered, base, file)
@@ -84,7 +96,7 @@ def mechanism(
         stated = f"{len(by_name)} link{'s' * (len(by_name) != 1)} and {len(ordered)} joint{'s' * (len(ordered) != 1)}"
         raise JounceError(f"{file}: no movable joint among {stated}; expected at least one")
 
-    frames = {link: Frame(link, -1, np.eye(4)) for link in by_name}  # the roots stand on the ground
+    frames = {link: Frame(link, -1, np.eye(4)) for link in by_name}  # the roots stand on the ground, or are the base
     parent: list[Frame] = []
     for joint in ordered:
         carrier = frames[joint.parent]
@@ -93,10 +105,11 @@ def mechanism(
         else:
             frames[joint.child] = Frame(joint.child, len(parent), np.eye(4))
             parent.append(carrier)
-    M = np.zeros((len(movable), 6, 6))
+    M = np.zeros((len(movable) + 1, 6, 6))  # the last is of -1, the ground or base
     for link, frame in frames.items():
-        if frame.body >= 0:
-            M[frame.body] += inertia.shift_inertia(by_name[link].M, frame.T)
+        M[frame.body] += inertia.shift_inertia(by_name[link].M, frame.T)
+    if floating is not None and not M[-1].any():
+        warn(f"{file}: base {quoted(floating)} has no inertia, nor has a link fixed to it; root= names another link")
 
     G, g, coordinates = _coordinates(movable, ordered, joints)
     bodies = tuple(joint.child for joint in movable)
@@ -104,7 +117,7 @@ def mechanism(
         built = from_screws(
             np.stack([carrier.T @ joint.B for carrier, joint in zip(parent, movable, strict=True)]),
             np.stack(screws),
-            M,
+            M[:-1],
             [carrier.body for carrier in parent],
             names=bodies,
             joint_names=coordinates,
@@ -113,9 +126,11 @@ def mechanism(
             g=g,
             limits=limits_of_joints([joint.limits for joint in movable]),
             drives={key: [joint.drive.get(key, none) for joint in movable] for key, none in UNDRIVEN.items()},
+            base=None if floating is None else M[-1],
+            base_name=floating or "",
             name=name,
         )
-    merged = tuple(frame for link, frame in frames.items() if link not in bodies)
+    merged = tuple(frame for link, frame in frames.items() if link not in built.body_names)
     return replace(built, joints=tuple(joint.name for joint in movable), frames=merged)
 
 
@@ -177,37 +192,70 @@ def _outward(links: Mapping[str, Link], joints: Sequence[Joint]) -> list[Joint]:
 def _from(
     root: str, links: Mapping[str, Link], ordered: Sequence[Joint], file: str
 ) -> tuple[dict[str, Link], list[Joint]]:
-    """Return the links and joints from a link outward, the link first."""
+    """Return the links and joints from a link outward, in the file's order."""
     if not isinstance(root, str) or root not in links:
         raise JounceError(f"{file}: {no_such('link', root, links)}")
-    carried, kept = {root: links[root]}, []
+    carried, kept = {root}, []
     for joint in ordered:
         if joint.parent in carried:
-            carried[joint.child] = links[joint.child]
+            carried.add(joint.child)
             kept.append(joint)
-    return carried, kept
+    return {name: link for name, link in links.items() if name in carried}, kept
+
+
+def _floating_link(links: Mapping[str, Link], ordered: Sequence[Joint], root: str | None, world: str | None) -> str:
+    """Return the link that floats: that of `root`, of the floating joint on the ground, or the only root link."""
+    if root is None:
+        root = _free_link(links, ordered)
+    if root == world:
+        ground = f"{quoted(world)} is the ground, and no free joint stands on it"
+        raise JounceError(f"base='floating': {ground}; expected root=, the link that floats")
+    return root
+
+
+def _free_link(links: Mapping[str, Link], ordered: Sequence[Joint]) -> str:
+    """Return the link on the only floating joint on the ground, or, if there is no such joint, the only root link."""
+    above = {joint.child for joint in ordered}
+    roots = [link for link in links if link not in above]
+    ground, moving = set(roots), []
+    for joint in ordered:
+        if joint.parent in ground and joint.X is None and joint.free is None:
+            ground.add(joint.child)
+        elif joint.parent in ground:
+            moving.append(joint)
+    floating = [joint.child for joint in moving if joint.free == "floating"]
+    if floating and len(moving) > 1:
+        came = f"{len(moving)} links move on the ground, {listed(joint.child for joint in moving)}"
+        raise JounceError(f"base='floating': {came}; expected root=, the one that floats: {' or '.join(floating)}")
+    if not floating and len(roots) > 1:
+        raise JounceError(
+            f"base='floating': {len(roots)} root links, {listed(roots)}; expected root=, the one that floats"
+        )
+    return floating[0] if floating else roots[0]
 
 
 def check_base(base: object) -> None:
-    """Raise `JounceError` unless a base is left out or fixed."""
-    if base is not None and not (isinstance(base, str) and base == "fixed"):
+    """Raise `JounceError` unless a base is left out, fixed or floating."""
+    if base is not None and not (isinstance(base, str) and base in BASES):
         raise JounceError(
-            f"base is {quoted(base)}; expected 'fixed', which welds free joints, or root=, a link to start at:"
-            " floating bases are not supported yet"
+            f"base is {quoted(base)}; expected 'floating', whose base link moves freely, or 'fixed', which welds free"
+            " joints"
         )
 
 
 def _weld(ordered: Sequence[Joint], base: str | None, file: str) -> None:
     """Warn that free joints, which have no screw, are welded, or raise `JounceError` unless `base` asks for it."""
-    with at(file):
-        check_base(base)
     free = [joint for joint in ordered if joint.free is not None]
     if not free:
         return
-    if base is None:
+    if base != "fixed":
         more = f" (and {len(free) - 1} more are free)" if len(free) > 1 else ""
-        ways = "base='fixed' to weld it at its zero pose, or root= to start at another link"
-        raise JounceError(f"{free[0].place}: joint {quoted(free[0].name)} is {free[0].free}{more}; expected {ways}")
+        floats = "base='floating', " if base is None and free[0].free == "floating" else ""
+        ways = f"{floats}base='fixed' to weld it at its zero pose, or root= to start at another link"
+        behind = ", behind the base that floats" if base else ""
+        raise JounceError(
+            f"{free[0].place}: joint {quoted(free[0].name)} is {free[0].free}{behind}{more}; expected {ways}"
+        )
     warn(f"{file}: base='fixed' welds at zero: {listed(f'{joint.name} ({joint.free})' for joint in free)}")
 
 

@@ -10,14 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from jounce.errors import JounceError
+from jounce.errors import JounceError, warn
 from jounce.model import tree
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import lie
 from jounce.spatial.inertia import inertia_matrix
 
+FREE_FLYER = "JointModelFreeFlyer"
 FREE_JOINTS = {  # what no chain of screws makes, and its coordinates at zero
-    "JointModelFreeFlyer": ("floating", [0, 0, 0, 0, 0, 0, 1]),
+    FREE_FLYER: ("floating", [0, 0, 0, 0, 0, 0, 1]),
     "JointModelPlanar": ("planar", [0, 0, 1, 0]),
     "JointModelSpherical": ("spherical", [0, 0, 0, 1]),
 }
@@ -51,9 +52,15 @@ def mechanism(model: Any, gravity: object = None, base: str | None = None, root:
         links.append(tree.Link(name, MASSLESS, what))
         joints.append(_fixed_joint(f"frame {name}", bodies[frame.parentJoint], name, frame.placement.homogeneous, what))
     given = model.gravity.linear if gravity is None else gravity
-    built = tree.mechanism(links, joints, given, called, what, base=base, root=root)
+    built = tree.mechanism(links, joints, given, called, what, base=base, root=root, world=bodies[0])
+    if built.base is not None and any(model.armature[joint.idx_v : joint.idx_v + 6].any() for joint in _flyers(model)):
+        warn(f"{what}: ignored, since not part of a tree of rigid bodies: armature of the free-flyer")
     order = [built.coordinates.index(joint.name) for joint in joints if joint.name in built.coordinates]
     return replace(built, G=built.G[:, order], coordinates=tuple(built.coordinates[j] for j in order))
+
+
+def _flyers(model: Any) -> list[Any]:
+    return [joint for joint in model.joints if joint.shortname() == FREE_FLYER]
 
 
 def _bodies(model: Any) -> list[str]:

@@ -43,10 +43,14 @@ def program(mechanism: Mechanism, computation: Computation, tape: Tape | None = 
     """
     tape = Tape() if tape is None else tape
     parameters, values = tape.inputs, replace(computation, product=None)
-    arrays = [tape.variables(*port.shape) for port in values.signature(mechanism).inputs]
+    inputs = values.signature(mechanism).inputs
+    arrays = [tape.variables(*port.shape) for port in inputs]
     results = values.series("recursion", with_exact_integers(mechanism), arrays).upto(values.count - 1)
     traced = factor(tape.program([x for result in results for x in np.ravel(result)]))
-    return PRODUCTS[computation.product](traced, parameters, tape.most) if computation.product else traced
+    if computation.product is None:
+        return traced
+    poses = [parameters + port.start for port in inputs if port.is_pose]
+    return PRODUCTS[computation.product](traced, parameters, tape.most, poses)
 
 
 def _block(mechanism: Mechanism, computation: Computation, signature: Signature, patience: float) -> Block:

@@ -2,11 +2,9 @@
 
 import ctypes
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextvars import copy_context
 from dataclasses import replace
 from functools import partial
-from math import inf
+from math import inf, prod
 from typing import TYPE_CHECKING, Any, Generic, Never
 from weakref import WeakValueDictionary
 
@@ -20,6 +18,7 @@ from jounce.native import cache, jit, plan
 from jounce.native.arguments import bound_batch, of_product, refuse_names_and_masks, refuse_shapes
 from jounce.native.jit import host, ufunc
 from jounce.native.pool import Pool
+from jounce.native.threads import Box, in_parts
 
 if TYPE_CHECKING:
     from typing_extensions import TypeVar  # type checkers have it, and know its defaults
@@ -66,12 +65,7 @@ class Kernel(Generic[Results]):
         return compile_kernel, (self.mechanism, self.computation)
 
     def __repr__(self) -> str:
-        asked = self.computation
-        of = f" of {asked.body!r} in frame {asked.frame!r}" if asked.body is not None else ""
-        loaded = ", with wrenches" if asked.wrench else ""
-        loaded += ", with the motion of the base" if asked.base else ""
-        product = f"{asked.product} of " if asked.product else ""
-        return f"<Kernel: {product}{asked.name}{of} of {self.mechanism.name!r} to order {asked.order}{loaded}>"
+        return f"<Kernel: {self.computation.describe(self.mechanism.name)}>"
 
     def __call__(
         self, *arrays: ArrayLike, out: Floats | Sequence[Floats] | None = None, threads: int = 1, **fixed: Never
@@ -317,7 +311,7 @@ class Kernel(Generic[Results]):
         return JounceError(f"robot.compile({own}) fixed what {self!r} computes; compile another one with {other}")
 
     def _split(self, arrays: Sequence[Any], out: Sequence[Any] | None, threads: Any) -> Any:
-        """The batch in as many parts along its first axis as there are threads; what does not fit, NumPy says."""
+        """The batch in as many parts as there are threads, all its axes split; what does not fit, NumPy says."""
         if not isinstance(threads, int | np.integer) or isinstance(threads, bool) or threads < 1:
             raise JounceError(f"threads = {quoted(threads)}; expected how many, 1 or more")
         taken, given = self.shapes
@@ -326,22 +320,18 @@ class Kernel(Generic[Results]):
         fits = all(x.shape[x.ndim - len(shape) :] == shape for x, shape in both)
         batch = np.broadcast_shapes(*(x.shape[: x.ndim - len(shape)] for x, shape in both)) if fits else ()
         if fits and not batch and threads > 1:
-            warn(f"threads={threads} has no effect on one state: it splits the first axis of a batch")
+            warn(f"threads={threads} has no effect on one state: it splits a batch")
         shapes = [(*batch, *shape) for shape in given]
         results = [np.empty(shape) for shape in shapes] if out is None else out
-        if not batch or batch[0] < 2 or [getattr(y, "shape", None) for y in results] != shapes:
+        if prod(batch) < 2 or [getattr(y, "shape", None) for y in results] != shapes:
             return self(*arrays, out=out)
         apart = [x.copy() if any(np.may_share_memory(x, y) for y in results) else x for x in inputs]
         whole = [np.broadcast_to(x, (*batch, *shape)) for x, shape in zip(apart, taken, strict=True)]
-        parts = min(int(threads), batch[0])
-        cuts = [slice(batch[0] * i // parts, batch[0] * (i + 1) // parts) for i in range(parts)]
 
-        def work(part: slice) -> None:
-            self.ufunc(*(x[part] for x in whole), out=tuple(y[part] for y in results))
+        def work(box: Box) -> None:
+            self.ufunc(*(x[box] for x in whole), out=tuple(y[box] for y in results))
 
-        with ThreadPoolExecutor(parts) as pool:  # each in the caller's context, where np.errstate is kept
-            for future in [pool.submit(copy_context().run, work, part) for part in cuts]:
-                future.result()
+        in_parts(work, batch, min(int(threads), prod(batch)))
         return results[0] if len(given) == 1 else tuple(results)
 
 

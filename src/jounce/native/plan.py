@@ -20,6 +20,7 @@ STACK = 2**15  # bytes, up to which a call takes them from the stack of its thre
 SCALARS = {"w": 3, "a": 3, "K": 9}  # of the parts of a motion
 LIMIT = 2**26  # bytes of a call, beyond which there is no native code
 HIGHEST_PRODUCT_ORDER = 9  # order, up to which products take no more than the 64 arrays of NumPy's functions
+HIGHEST_PRODUCT_ORDER_WITH_BASE = 7  # the same where the motion of the base belongs to them
 PATIENCE = 3.0  # seconds that a call may take to compile native code that nobody asked for
 
 
@@ -35,7 +36,8 @@ def is_straight(computation: Computation, nb: int) -> bool:
 
 def highest_order(computation: Computation) -> int:
     """Return the highest order with native code: motor torques have the arrays of forces two orders higher."""
-    highest = HIGHEST_PRODUCT_ORDER if computation.product else HIGHEST_NATIVE_ORDER
+    of_product = HIGHEST_PRODUCT_ORDER_WITH_BASE if computation.base else HIGHEST_PRODUCT_ORDER
+    highest = of_product if computation.product else HIGHEST_NATIVE_ORDER
     return highest + 1 - computation.quantity.wrench_rates
 
 

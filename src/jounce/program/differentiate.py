@@ -13,10 +13,13 @@ from dataclasses import dataclass
 from math import inf
 from typing import Any
 
+import numpy as np
+
 from jounce.program.operations import OPERATIONS
 from jounce.program.passes import factor
 from jounce.program.program import Program, Step
 from jounce.program.trace import Node, Tape
+from jounce.spatial.lie import cowedge, wedge
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,25 +89,33 @@ def tangents(evaluation: Evaluation, directions: Sequence[Any]) -> list[Node]:
     return [made[i] for i in evaluation.program.outputs]
 
 
-def vjp(program: Program, parameters: int = 0, most: float = inf) -> Program:
+def vjp(program: Program, parameters: int = 0, most: float = inf, poses: Sequence[int] = ()) -> Program:
     """The vector-Jacobian product: after the inputs it takes a weight for each output, and gives J^T weights.
 
-    The first inputs, as many as are `parameters`, are constants: there is no derivative by them. The tape holds up to
-    `most` steps.
+    The first inputs, as many as are `parameters`, are constants: there is no derivative by them. Sixteen in a row from
+    each of `poses` on are a pose C: of it, the derivatives are those of C exp(wedge(d)) by the six components of a
+    twist d, at d = 0. The tape holds up to `most` steps.
     """
     tape = Tape(most)
-    evaluation = evaluate(program, tape, [*tape.variables(program.inputs)])
-    gradient = adjoints(evaluation, [*tape.variables(len(program.outputs))])
+    inputs = tape.variables(program.inputs)
+    gradient = adjoints(evaluate(program, tape, [*inputs]), [*tape.variables(len(program.outputs))])
+    for first in sorted(poses, reverse=True):
+        C, G = inputs[first : first + 16].reshape(4, 4), np.reshape(gradient[first : first + 16], (4, 4))
+        gradient[first : first + 16] = cowedge(C.T @ G)
     return factor(tape.program(gradient[parameters:]))
 
 
-def jvp(program: Program, parameters: int = 0, most: float = inf) -> Program:
+def jvp(program: Program, parameters: int = 0, most: float = inf, poses: Sequence[int] = ()) -> Program:
     """The Jacobian-vector product: after the inputs it takes a direction for each, and gives J directions.
 
-    The first inputs, as many as are `parameters`, are constants and have no direction. The tape holds up to `most`
-    steps.
+    The first inputs, as many as are `parameters`, are constants and have no direction. The direction of a pose is a
+    twist, as in `vjp`. The tape holds up to `most` steps.
     """
     tape = Tape(most)
-    evaluation = evaluate(program, tape, [*tape.variables(program.inputs)])
-    directions = [*[0] * parameters, *tape.variables(program.inputs - parameters)]
+    inputs = tape.variables(program.inputs)
+    evaluation = evaluate(program, tape, [*inputs])
+    directions = [*[0] * parameters, *tape.variables(program.inputs - parameters - 10 * len(poses))]
+    for first in sorted(poses):
+        C = inputs[first : first + 16].reshape(4, 4)
+        directions[first : first + 6] = (C @ wedge(np.array(directions[first : first + 6]))).ravel()
     return factor(tape.program(tangents(evaluation, directions)))

@@ -180,6 +180,8 @@ class Robot:
         g: ArrayLike | None = None,
         limits: Limits | Mapping[str, ArrayLike] | None = None,
         drives: Drives | Mapping[str, ArrayLike] | None = None,
+        base: ArrayLike | None = None,
+        base_name: str = "base",
         name: str = "robot",
     ) -> Self:
         """A robot from body-fixed data.
@@ -197,8 +199,8 @@ class Robot:
         M : (nb, 6, 6)
             Inertia matrix in the frame of body i, see `inertia_matrix`.
         parent : (nb,), optional
-            Index of the parent body, smaller than i; -1 is the ground, and several bodies may have it. The default is a
-            serial chain.
+            Index of the parent body, smaller than i; -1 is the ground, or the base if the robot floats, and several
+            bodies may have it. The default is a serial chain.
         names : (nb,), optional
             Names of the bodies.
         gravity : (3,), optional
@@ -213,6 +215,10 @@ class Robot:
         drives : mapping, optional
             `armature`, `damping`, `friction`, `eps`, `stiffness`, `rest` of theta, (nb,) each; zero (eps 0.05) where
             left out, see `with_drives`.
+        base : (6, 6), optional
+            Inertia matrix of the base in its own frame, if the robot floats; otherwise the robot stands on the ground.
+        base_name : str, optional
+            Name of the base.
         name : str, optional
             Name of the robot.
 
@@ -239,9 +245,16 @@ class Robot:
         >>> pendulum = jounce.Robot.from_screws([np.eye(4)], [[0, 1, 0, 0, 0, 0]], [M])
         >>> pendulum.inverse_dynamics([np.pi / 2], [0.0], [0.0]).round(6)
         array([9.81])
+
+        The same on a base of 10 kg that floats:
+
+        >>> base = jounce.inertia_matrix(10.0, [0, 0, 0], 0.2 * np.eye(3))
+        >>> jounce.Robot.from_screws([np.eye(4)], [[0, 1, 0, 0, 0, 0]], [M], base=base, base_name="trunk")
+        <Robot 'robot': 1 coordinates, 2 bodies, floating>
         """
         return cls(screws.from_screws(
-            B, X, M, parent, names, gravity, joint_names=joint_names, G=G, g=g, limits=limits, drives=drives, name=name,
+            B, X, M, parent, names, gravity, joint_names=joint_names, G=G, g=g, limits=limits, drives=drives,
+            base=base, base_name=base_name, name=name,
         ))  # fmt: skip
 
     @classmethod
@@ -259,6 +272,8 @@ class Robot:
         g: ArrayLike | None = None,
         limits: Limits | Mapping[str, ArrayLike] | None = None,
         drives: Drives | Mapping[str, ArrayLike] | None = None,
+        base: ArrayLike | None = None,
+        base_name: str = "base",
         name: str = "robot",
     ) -> Self:
         """A robot from spatial data, all in the inertial frame at theta = 0.
@@ -273,8 +288,8 @@ class Robot:
             Joint screws in the inertial frame.
         M : (nb, 6, 6)
             Inertia matrices, in the body frames.
-        parent, names, gravity, joint_names, G, g, limits, drives, name : optional
-            As in `from_screws`.
+        parent, names, gravity, joint_names, G, g, limits, drives, base, base_name, name : optional
+            As in `from_screws`; the frame of a base is the inertial frame at theta = 0.
 
         Returns
         -------
@@ -295,7 +310,7 @@ class Robot:
         """
         return cls(screws.from_spatial_screws(
             A, Y, M, parent, names=names, gravity=gravity,
-            joint_names=joint_names, G=G, g=g, limits=limits, drives=drives, name=name,
+            joint_names=joint_names, G=G, g=g, limits=limits, drives=drives, base=base, base_name=base_name, name=name,
         ))  # fmt: skip
 
     @classmethod
@@ -394,10 +409,11 @@ class Robot:
         gravity : (3,), optional
             Gravitational acceleration, m/s^2; that of the model by default.
         base : str, optional
-            "fixed" welds free-flyer, planar and spherical joints at zero, with a `JounceWarning`; otherwise they are
-            refused.
+            "floating": the body that the free-flyer moves is the base, and floats. "fixed" welds free-flyer, planar and
+            spherical joints at zero, with a `JounceWarning`. By default such joints are refused.
         root : str, optional
-            A body or frame that becomes the base, fixed to the ground: only the bodies that it carries are kept.
+            A body or frame that becomes the base, fixed to the ground or floating: only the bodies that it carries are
+            kept.
 
         Returns
         -------
@@ -439,8 +455,9 @@ class Robot:
         gravity : (3,), optional
             Gravitational acceleration, m/s^2; that of the model by default.
         base, root : str, optional
-            ``base="fixed"`` welds ball and free joints at the model's placement; `root` names a body that becomes the
-            base, fixed to the ground.
+            ``base="floating"``: the body on the free joint is the base, and floats; ``base="fixed"`` welds ball and
+            free joints at the model's placement. `root` names a body that becomes the base, floating or fixed to the
+            ground.
 
         Returns
         -------

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce._scalars import Array
+from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.recursion.joints import Joint, batch_zeros, joints, rows
 from jounce.dynamics.recursion.sweeps import above, collect, composites, evaluate_in_order, project, velocities
 from jounce.model.coordinates import generalized_matrix
@@ -58,7 +59,9 @@ class _Subtree:
         return _wrench(moved) + _cross(self.S_rate, self.p) - self.joint.ad_X.mT @ self.F
 
 
-def partials(mechanism: Mechanism, q: Series, W: Series | None = None) -> Partials:
+def partials(
+    mechanism: Mechanism, q: Series, W: Series | None = None, base: BaseMotion | None = None
+) -> Partials:
     """K, D, M of the generalized forces, (..., n, n) each, with wrenches W on the bodies, (..., 6nb, 1)."""
     chain = minimal(mechanism)
     tree = joints(chain, q)
@@ -88,14 +91,14 @@ def _projected(chain: Mechanism, q: Series, subtrees: Sequence[_Subtree], before
     S, S_rate, A = [Series.constant(x.joint.X) for x in subtrees], [x.S_rate for x in subtrees], [x.A for x in subtrees]
     M, by_rate = project(S, momenta), project(S_rate, momenta) * 2 + project(S, reactions)
     by_place = project(A, momenta) + project(S_rate, reactions)
-    K = project(S, changes) + above(by_place).mT
-    D = M.dot * 2 - by_rate + above(by_rate).mT
+    K = project(S, changes) + above(by_place, tree).mT
+    D = M.dot * 2 - by_rate + above(by_rate, tree).mT
     steps = [*before, *(column.values for sweep in (momenta, reactions, changes) for column in reversed(sweep))]
 
     def of_coordinates(matrix: Series) -> Series:
         return evaluate_in_order(generalized_matrix(chain, matrix + batch_zeros(q)), steps)
 
-    return of_coordinates(K), of_coordinates(D), of_coordinates(M + above(M).mT)
+    return of_coordinates(K), of_coordinates(D), of_coordinates(M + above(M, tree).mT)
 
 
 def _gravity(tree: Sequence[Joint], gravity: Array) -> list[Series]:

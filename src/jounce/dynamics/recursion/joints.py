@@ -15,7 +15,7 @@ from jounce._scalars import Array, exact_integers, is_symbolic
 from jounce.model.coordinates import joint_variables
 from jounce.model.equivalent import split_turn
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.lie import Ad, ad, exp_of, inverse, pose, position, rotation, turn_and_slide, wedge
+from jounce.spatial.lie import Ad, ad, cowedge, exp_of, inverse, pose, position, rotation, turn_and_slide, wedge
 from jounce.spatial.series import Series, from_rates
 
 _I = np.eye(3, dtype=int)
@@ -76,6 +76,14 @@ class Joint(Placement):
         """The joint's velocity."""
         return self.theta.dot
 
+    def momentum(self, Pi: Series) -> Series:
+        """I S, (..., 6, 1): the momentum that the screw gives moments of mass, (..., 4, 4)."""
+        return momentum(self.X_hat[None], Pi)
+
+    def screw_rate(self, V: Series) -> Series:
+        """S' = ad(V) S, (..., 6, 1): the rate in space of the screw on a body that moves with the twist V."""
+        return -(self.ad_X @ V)
+
     def twists(self, x: Series) -> Series:
         """Transport twists (..., 6, k) from the parent's frame to the body's."""
         return transport(self.A, -self.ad_X, self.rate, self.Ad_turn @ (self.Ad_offset @ x))
@@ -102,6 +110,11 @@ class Joint(Placement):
         """Transport bilinear forms of twists (..., 6, 6) from the body's frame to the parent's."""
         y = self.Ad_turn.mT @ transport_form(self.A.mT, -self.ad_X.mT, self.rate, x) @ self.Ad_turn
         return self.Ad_offset.mT @ y @ self.Ad_offset
+
+
+def momentum(S_hat: Array, Pi: Series) -> Series:
+    """I S, (..., 6, k), of screws as matrices, wedge(S), (k, 4, 4), and moments of mass, (..., 4, 4)."""
+    return Pi.map(lambda Pi: cowedge(S_hat @ Pi[..., None, :, :]).mT)
 
 
 @lru_cache(maxsize=64)

@@ -19,13 +19,14 @@ the joint axes, because of the zeros there.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from jounce.dynamics.recursion.joints import Joint, batch_zeros, joints
+from jounce.dynamics.base import BaseMotion
+from jounce.dynamics.recursion.joints import Joint, batch_zeros
 from jounce.dynamics.recursion.sweeps import Columns, above, collect, composites, evaluate_in_order, project, velocities
-from jounce.model.coordinates import generalized_matrix
+from jounce.dynamics.recursion.tree import KinematicTree, kinematic_tree
 from jounce.model.equivalent import on_axes
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.inertia import moment_matrix
-from jounce.spatial.lie import ad, cowedge, wedge
+from jounce.spatial.lie import ad, wedge
 from jounce.spatial.series import Series
 
 
@@ -33,74 +34,76 @@ from jounce.spatial.series import Series
 class _Composites:
     """The composite inertias of a mechanism, and the momenta that unit joint velocities give them."""
 
-    chain: Mechanism
-    tree: list[Joint]
+    tree: KinematicTree
     Pi: list[Series]  # (..., 4, 4) moments of mass of the bodies that each joint carries
     momenta: list[Columns]  # I_j S_j
 
 
 def mass_matrix(mechanism: Mechanism, q: Series) -> Series:
-    """gM, the generalized mass matrix (MC): (..., n, n)."""
-    bodies = _composites(mechanism, q)
+    """gM, the generalized mass matrix (MC): (..., nv, nv)."""
+    bodies = _composites(mechanism, q, None)
     M = project(_screws(bodies), bodies.momenta)  # its upper triangle
-    return evaluate_in_order(_to_coordinates(bodies, q, M + above(M).mT), [*bodies.Pi[::-1], *_sweep(bodies.momenta)])
+    return _to_coordinates(bodies, q, M + _below(bodies, M), [*bodies.Pi[::-1], *_sweep(bodies.momenta)])
 
 
-def coriolis_matrix(mechanism: Mechanism, q: Series) -> Series:
-    """gC, the generalized Coriolis matrix (MC) of the paper's (Csys): (..., n, n)."""
-    bodies = _composites(mechanism, q)
-    V = velocities(bodies.tree)
+def coriolis_matrix(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+    """gC, the generalized Coriolis matrix (MC) of the paper's (Csys): (..., nv, nv)."""
+    bodies = _composites(mechanism, q, base)
+    V = velocities(bodies.tree.joints)
     flows = [V_i.map(lambda v: wedge(v[..., 0])) @ Pi for V_i, Pi in zip(V, bodies.Pi, strict=True)]
     rates = [Pi.dot + flow + flow.mT for Pi, flow in zip(bodies.Pi, flows, strict=True)]  # in space
-    changes = collect(bodies.tree, _momenta(bodies.tree, rates))  # I_j' S_j
+    changes = collect(bodies.tree.joints, _momenta(bodies.tree, rates))  # I_j' S_j
     M, Phi, Psi = (
         project(_screws(bodies), bodies.momenta),
         project(_screw_rates(bodies, V), bodies.momenta),
         project(_screws(bodies), changes),
     )
-    C = M.dot - Phi + above(Phi + Psi).mT
-    return evaluate_in_order(_to_coordinates(bodies, q, C), [*_dynamic(bodies, V), *_sweep(changes)])
+    C = M.dot - Phi + _below(bodies, Phi + Psi)
+    return _to_coordinates(bodies, q, C, [*_dynamic(bodies, V), *_sweep(changes)])
 
 
-def skew_coriolis_matrix(mechanism: Mechanism, q: Series) -> Series:
-    """gCbar, the generalized Coriolis matrix (Cbar) for which gM' - 2 gCbar is skew: (..., n, n)."""
-    bodies = _composites(mechanism, q)
-    V = velocities(bodies.tree)
+def skew_coriolis_matrix(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+    """gCbar, the generalized Coriolis matrix (Cbar) for which gM' - 2 gCbar is skew: (..., nv, nv)."""
+    bodies = _composites(mechanism, q, base)
+    tree = bodies.tree.joints
+    V = velocities(tree)
     b = [V_i.map(lambda v: ad(v[..., 0])) for V_i in V]  # (b)
-    Y = composites(bodies.tree, [-(b_i.mT @ M_i) for b_i, M_i in zip(b, bodies.chain.M, strict=True)], Joint.forms)
-    wrenches = collect(bodies.tree, [Y_j.mT @ joint.X for Y_j, joint in zip(Y, bodies.tree, strict=True)])
+    Y = composites(tree, [-(b_i.mT @ M_i) for b_i, M_i in zip(b, bodies.tree.M, strict=True)], Joint.forms)
+    wrenches = collect(tree, [Y_j.mT @ joint.X for Y_j, joint in zip(Y, tree, strict=True)])
     M, Phi, Chi = (
         project(_screws(bodies), bodies.momenta),
         project(_screw_rates(bodies, V), bodies.momenta),
         project(_screws(bodies), wrenches),
     )
-    Cbar = M.dot - (Phi + Chi) + above(Phi + Chi).mT
-    return evaluate_in_order(_to_coordinates(bodies, q, Cbar), [*_dynamic(bodies, V), *Y[::-1], *_sweep(wrenches)])
+    Cbar = M.dot - (Phi + Chi) + _below(bodies, Phi + Chi)
+    return _to_coordinates(bodies, q, Cbar, [*_dynamic(bodies, V), *Y[::-1], *_sweep(wrenches)])
 
 
-def _composites(mechanism: Mechanism, q: Series) -> _Composites:
-    chain = on_axes(mechanism)
-    tree = joints(chain, q)
-    Pi = composites(tree, [Series.constant(Pi_i) for Pi_i in moment_matrix(chain.M)], Joint.moments)
-    return _Composites(chain, tree, Pi, collect(tree, _momenta(tree, Pi)))
+def _composites(mechanism: Mechanism, q: Series, base: BaseMotion | None) -> _Composites:
+    tree = kinematic_tree(on_axes(mechanism), q, base)
+    Pi = composites(tree.joints, [Series.constant(Pi_i) for Pi_i in moment_matrix(tree.M)], Joint.moments)
+    return _Composites(tree, Pi, collect(tree.joints, _momenta(tree, Pi)))
 
 
-def _momenta(tree: Sequence[Joint], Pi: Sequence[Series]) -> list[Series]:
+def _momenta(tree: KinematicTree, Pi: Sequence[Series]) -> list[Series]:
     """I_j S_j from the moments of mass, or from their rates."""
-    flows = (joint.X_hat @ Pi_j for joint, Pi_j in zip(tree, Pi, strict=True))
-    return [flow.map(lambda T: cowedge(T)[..., None]) for flow in flows]
+    return [joint.momentum(Pi_j) for joint, Pi_j in zip(tree.joints, Pi, strict=True)]
 
 
 def _screws(bodies: _Composites) -> list[Series]:
-    return [Series.constant(joint.X) for joint in bodies.tree]
+    return [Series.constant(joint.X) for joint in bodies.tree.joints]
 
 
 def _screw_rates(bodies: _Composites, V: Sequence[Series]) -> list[Series]:
-    return [-(joint.ad_X @ V_i) for joint, V_i in zip(bodies.tree, V, strict=True)]  # ad(V) X = -ad(X) V
+    return [joint.screw_rate(V_i) for joint, V_i in zip(bodies.tree.joints, V, strict=True)]
 
 
-def _to_coordinates(bodies: _Composites, q: Series, matrix: Series) -> Series:
-    return generalized_matrix(bodies.chain, matrix + batch_zeros(q))
+def _below(bodies: _Composites, triangle: Series) -> Series:
+    return above(triangle, bodies.tree.joints).mT
+
+
+def _to_coordinates(bodies: _Composites, q: Series, matrix: Series, steps: Sequence[Series]) -> Series:
+    return evaluate_in_order(bodies.tree.generalized_matrix(matrix + batch_zeros(q)), steps)
 
 
 def _sweep(columns: Sequence[Columns]) -> list[Series]:

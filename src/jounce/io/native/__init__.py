@@ -11,7 +11,12 @@ bodies:
     inertia: {mass: 2, com: [0, 0, 0.1], inertia: [0.02, 0, 0, 0.02, 0, 0.01]}
 frames:
   - {name: tool0, body: link1, pose: {position: [0, 0, 0.2]}}
+
+A robot that floats states its base, which is the parent of bodies and frames instead of the ground:
+
+base: {name: trunk, inertia: {mass: 9, com: [0, 0, 0], inertia: [0.1, 0, 0, 0.2, 0, 0.2]}}
 """
 
 GROUND = "ground"  # what roots stand on; no name of a body
+BASE = "base"
 UNITS = "SI"

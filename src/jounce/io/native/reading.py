@@ -7,7 +7,7 @@ import numpy as np
 
 from jounce.errors import JounceError, at, no_such, quoted
 from jounce.io.entries import Entry
-from jounce.io.native import GROUND, elastic, parts
+from jounce.io.native import BASE, GROUND, elastic, parts
 from jounce.model.drives import UNDRIVEN
 from jounce.model.limits import limits_of_joints
 from jounce.model.mechanism import GRAVITY, Frame, Mechanism
@@ -16,9 +16,9 @@ from jounce.model.screws import from_screws
 Index = Mapping[str, int]  # names and their places in a row
 
 
-def read(robot: Entry, gravity: object = None) -> Mechanism:
-    """The mechanism of a file's content, under its own gravity unless another is given."""
-    robot.keys(("units", "bodies"), ("name", "gravity", "coordinates", "frames", "limits_of", elastic.SECTION))
+def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mechanism:
+    """The mechanism of a file's content, under its own gravity unless another is given; ``base="fixed"`` welds it."""
+    robot.keys(("units", "bodies"), ("name", "gravity", BASE, "coordinates", "frames", "limits_of", elastic.SECTION))
     parts.check_units(robot)
     own = robot.get("gravity", list(GRAVITY)).numbers((3,))
     listed = robot.get("bodies").items(least=1)
@@ -27,18 +27,44 @@ def read(robot: Entry, gravity: object = None) -> Mechanism:
     frames = [
         _named_entry("frame", frame.keys(("name", "body"), ("pose",))) for frame in robot.get("frames", []).items()
     ]
+    stated = _base(robot, base)
     names = _distinct_names(bodies)
-    _distinct_names([*bodies, *frames])
+    _distinct_names([*stated, *bodies, *frames])
     if GROUND in names:
         raise bodies[names[GROUND]].get("name").error("another name: it denotes the ground")
-    built = _build(robot, bodies, joints, names, own if gravity is None else gravity)
-    placed = (Frame(f.get("name").value, _carrier(f.get("body"), names), parts.pose(f)) for f in frames)
+    places = {stated[0].get("name").value if stated else GROUND: -1, **names}
+    built = _build(robot, stated, bodies, joints, places, own if gravity is None else gravity)
+    placed = [Frame(f.get("name").value, _carrier(f.get("body"), places), parts.pose(f)) for f in frames]
+    if base == "fixed" and built.base is not None:
+        placed, built = [Frame(built.base.name, -1, np.eye(4)), *placed], replace(built, base=None)
     return elastic.read(robot, replace(built, joints=tuple(_distinct_names(joints)), frames=tuple(placed)))
 
 
-def _build(robot: Entry, bodies: Sequence[Entry], joints: Sequence[Entry], names: Index, gravity: object) -> Mechanism:
+def _base(robot: Entry, base: str | None) -> list[Entry]:
+    """The base that a file states, if it does; raise if it is to float and the file states none."""
+    if BASE not in robot.value:
+        if base == "floating":
+            raise JounceError(
+                f"{robot.place}: {robot.what} stands on the ground; to float it needs {BASE!r}, a name and an inertia,"
+                " as `jounce convert --base floating` writes it"
+            )
+        return []
+    stated = _named_entry(BASE, robot.get(BASE).keys(("name",), ("inertia",)))
+    if stated.get("name").value == GROUND:
+        raise stated.get("name").error("another name: it denotes the ground")
+    return [stated]
+
+
+def _build(
+    robot: Entry,
+    base: Sequence[Entry],
+    bodies: Sequence[Entry],
+    joints: Sequence[Entry],
+    places: Index,
+    gravity: object,
+) -> Mechanism:
     """The mechanism of bodies on joints, but for the names of joints and for frames."""
-    parent = [_carrier(body.get("parent"), names, i) for i, body in enumerate(bodies)]
+    parent = [_carrier(body.get("parent"), places, i) for i, body in enumerate(bodies)]
     name, coordinates = robot.get("name", robot.path.stem).text(), _coordinates(robot, joints)
     G, g = _coupling(joints, coordinates)
     for coordinate, column in zip(coordinates, G.T, strict=True):
@@ -53,13 +79,15 @@ def _build(robot: Entry, bodies: Sequence[Entry], joints: Sequence[Entry], names
             np.stack(X),
             np.stack(M),
             parent,
-            tuple(names),
+            tuple(places)[1:],
             gravity,
             joint_names=tuple(coordinates),
             G=G,
             g=g,
             limits=limits_of_joints(limits, parts.without_gravity(robot)),
             drives={key: [one[key] for one in drives] for key in UNDRIVEN},
+            base=parts.inertia(base[0]) if base else None,
+            base_name=next(iter(places)),
             name=name,
         )
 
@@ -80,16 +108,15 @@ def _distinct_names(named: Sequence[Entry]) -> Index:
     return {name: i for i, name in enumerate(places)}
 
 
-def _carrier(entry: Entry, bodies: Index, before: int | None = None) -> int:
-    """The index of the body that an entry names, which must be one of the first `before`; -1 is the ground."""
+def _carrier(entry: Entry, places: Index, before: int | None = None) -> int:
+    """The index of the body that an entry names, which must be one of the first `before`; -1 is the ground or base."""
     name = entry.text()
-    if name == GROUND:
-        return -1
-    if name not in bodies:
-        raise JounceError(f"{entry.place}: {entry.what}: {no_such('body', name, [GROUND, *bodies])}")
-    if before is not None and bodies[name] >= before:
-        raise entry.error("the ground or a body above")
-    return bodies[name]
+    if name not in places:
+        floats = "" if GROUND in places else "the robot floats: "
+        raise JounceError(f"{entry.place}: {entry.what}: {floats}{no_such('body', name, places)}")
+    if before is not None and places[name] >= before:
+        raise entry.error(f"{'the ground' if GROUND in places else 'the base'} or a body above")
+    return places[name]
 
 
 def _coordinates(robot: Entry, joints: Sequence[Entry]) -> Index:

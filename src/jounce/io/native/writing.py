@@ -10,7 +10,7 @@ import numpy as np
 
 from jounce._scalars import is_symbolic
 from jounce.errors import JounceError, quoted
-from jounce.io.native import GROUND, UNITS, elastic, parts
+from jounce.io.native import BASE, GROUND, UNITS, elastic, parts
 from jounce.model.drives import UNDRIVEN
 from jounce.model.limits import FORCES
 from jounce.model.mechanism import DATA, Mechanism
@@ -40,7 +40,8 @@ def as_json(mechanism: Mechanism) -> str:
 def document(mechanism: Mechanism) -> dict[str, Any]:
     """Return the content of the file of a mechanism of numbers, as plain data."""
     _check(mechanism)
-    names = {-1: GROUND, **dict(enumerate(mechanism.bodies))}
+    base = mechanism.base
+    names = {-1: GROUND if base is None else base.name, **dict(enumerate(mechanism.bodies))}
     joints = [_joint(mechanism, i) for i in range(mechanism.nb)]
     free = [joint["name"] for joint in joints if "follows" not in joint]
     frames = [{"name": f.name, "body": names[f.body], **_pose(f.T)} for f in mechanism.frames]
@@ -49,7 +50,9 @@ def document(mechanism: Mechanism) -> dict[str, Any]:
         for i, (p, B, joint, M) in enumerate(zip(mechanism.parent, mechanism.B, joints, mechanism.M, strict=True))
     ]
     coordinates = {} if free == list(mechanism.coordinates) else {"coordinates": list(mechanism.coordinates)}
-    head = {"name": mechanism.name, "units": UNITS, "gravity": _plain(mechanism.gravity), "bodies": bodies}
+    head: dict[str, Any] = {"name": mechanism.name, "units": UNITS, "gravity": _plain(mechanism.gravity)}
+    head |= {} if base is None else {BASE: {"name": base.name, **_inertia(base.M)}}
+    head |= {"bodies": bodies}
     of = {"limits_of": dict.fromkeys(mechanism.limits.without_gravity, FORCES[1])}
     end = {"frames": frames} if frames else {}
     return head | coordinates | end | (of if of["limits_of"] else {}) | elastic.section(mechanism)
@@ -57,14 +60,16 @@ def document(mechanism: Mechanism) -> dict[str, Any]:
 
 def _check(mechanism: Mechanism) -> None:
     robot = f"robot {quoted(mechanism.name)}"
-    symbolic = [name for name in DATA if is_symbolic(getattr(mechanism, name))]
+    data = {name: getattr(mechanism, name) for name in DATA} | (
+        {} if mechanism.base is None else {BASE: mechanism.base.M}
+    )
+    symbolic = [name for name, array in data.items() if is_symbolic(array)]
     if symbolic:
         raise JounceError(f"{robot} contains symbols in {', '.join(symbolic)}; a robot file needs numbers")
-    for name in DATA:
-        array = getattr(mechanism, name)
+    for name, array in data.items():
         if np.any(array.astype(float) != array):
             raise JounceError(f"{name} of {robot} has more digits than a double; a robot file holds doubles")
-    if GROUND in mechanism.bodies:
+    if GROUND in mechanism.body_names:
         raise JounceError(f"a body is named {GROUND!r}, which denotes the ground in a file; rename the body")
 
 

@@ -10,7 +10,8 @@ from jounce.model.limits import Stated
 from jounce.models.mujoco.arrays import Arrays
 from jounce.spatial import lie
 
-FREE_JOINTS = {0: "floating", 1: "spherical"}  # by MuJoCo's types of joints
+FLOATING = 0  # MuJoCo's types of joints
+FREE_JOINTS = {FLOATING: "floating", 1: "spherical"}
 SLIDE = 2
 AT_A_JOINT = (0, 1)  # transmissions of actuators: in a joint's frame or its parent's, the same for one axis
 

@@ -6,10 +6,10 @@ import numpy as np
 
 from jounce.errors import warn
 from jounce.models.mujoco.arrays import Arrays
-from jounce.models.mujoco.joints import AT_A_JOINT
+from jounce.models.mujoco.joints import AT_A_JOINT, FLOATING
 
 
-def warn_of(m: Arrays, ties: int) -> None:
+def warn_of(m: Arrays, ties: int, floats: bool) -> None:
     """Warn of terms of MuJoCo's inverse dynamics that jounce ignores, including `ties` equality constraints.
 
     Contacts, limits and the laws of actuators are not among these terms: Q is the force that they must supply.
@@ -26,6 +26,7 @@ def warn_of(m: Arrays, ties: int) -> None:
         "dampers of actuators that are not linear": _nonzero_rows(m, "actuator_dampingpoly") & ~elsewhere,
         "bodies with gravity compensation": _nonzero_rows(m, "body_gravcomp"),
         "bodies with a plugin": m.of["body_plugin"] >= 0,
+        "armature, damping, friction and springs of the free joint": floats and _free_drives(m).any(),
         "flexible bodies": m.of["nflex"],
         "drag and lift of the fluid": m.fluid,
     }
@@ -33,6 +34,14 @@ def warn_of(m: Arrays, ties: int) -> None:
     said = [f"{what} ({n})" if n > 1 else what for what, n in counted.items() if n]
     if said:
         warn(f"{m.place}: ignored, since not part of a tree of rigid bodies: {', '.join(said)}")
+
+
+def _free_drives(m: Arrays) -> np.ndarray:
+    """Return the numbers of the drive trains of free joints."""
+    joints = np.flatnonzero(m.of["jnt_type"] == FLOATING)
+    rows = (m.of["jnt_dofadr"][joints, None] + np.arange(6)).ravel()
+    of_dofs = [m.of[f"dof_{name}"][rows] for name in ("armature", "damping", "frictionloss")]
+    return np.concatenate([*of_dofs, m.of["jnt_stiffness"][joints]])
 
 
 def _nonzero_rows(m: Arrays, *names: str) -> np.ndarray:

@@ -27,9 +27,10 @@ def mechanism(
         raise JounceError(f"{m.place}: no joint; expected at least one movable joint")
     mimics = couplings.mimics(m)
     links, between = _bodies(m, mimics)
-    outside.warn_of(m, ties=couplings.active(m) - len(mimics))
+    outside.warn_of(m, ties=couplings.active(m) - len(mimics), floats=base == "floating")
     own = m.gravity * m.acts("GRAVITY")
-    return tree.mechanism(links, between, own if gravity is None else gravity, m.name, m.place, base=base, root=root)
+    given = own if gravity is None else gravity
+    return tree.mechanism(links, between, given, m.name, m.place, base=base, root=root, world=m.bodies[0])
 
 
 def _bodies(m: Arrays, mimics: dict[int, tree.Mimic]) -> tuple[list[tree.Link], list[tree.Joint]]:

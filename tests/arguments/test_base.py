@@ -1,0 +1,86 @@
+"""The motion of the base as callers give it: what is wrong with it is said in one line, on every call."""
+
+import numpy as np
+import pytest
+from robots import floating
+
+import jounce
+from jounce.arguments.base import not_a_pose
+from jounce.dynamics.quantities import QUANTITIES
+from jounce.errors import JounceError
+
+ORIGIN, STILL = np.eye(4), np.zeros(6)
+ZEROS = np.zeros((3, 2))
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return jounce.Robot(floating(jounce.load("planar2r").mechanism, np.random.default_rng(1)))
+
+
+def turned(angle, scale=1.0):
+    C, (c, s) = np.eye(4), (np.cos(angle), np.sin(angle))
+    C[:2, :2] = scale * np.array([[c, -s], [s, c]])
+    return C
+
+
+SLIPS = [
+    (None, r"base is None, yet 'planar2r' floats; inverse_dynamics of order 0 takes base=\(C, V, Vd\): pose"),
+    (ORIGIN, "base gives C alone"),
+    ((ORIGIN, STILL), "base gives 2 terms, up to V; "),
+    ((ORIGIN, STILL, STILL, STILL), "base gives 4 terms, up to V2d; "),
+    ((ORIGIN, None, STILL), "base: V is None; "),
+    ((ORIGIN[:3], STILL, STILL), r"base: C has shape \(3, 4\); expected \(..., 4, 4\)"),
+    ((ORIGIN, STILL, np.zeros(3)), r"base: Vd has shape \(3,\); expected \(..., 6\), \(angular; linear\)"),
+    ((turned(0.3, 1.01), STILL, STILL), "base: C is no pose: .* is missed by 0.02; expected 1e-06 at most"),
+    ((np.diag([1.0, 1, -1, 1]), STILL, STILL), "base: C is no pose: .* is missed by 2;"),
+    ((turned(0.3).T + np.eye(4, k=-3), STILL, STILL), "base: C is no pose: .* is missed by 1;"),
+    ((np.stack([ORIGIN, 2 * ORIGIN]), STILL, STILL), "base: C of sample 1 is no pose: "),
+    (("x", STILL, STILL), "C of base is "),
+]
+
+
+@pytest.mark.parametrize(("base", "message"), SLIPS, ids=[message[:40] for _, message in SLIPS])
+def test_what_is_wrong_with_a_base_is_said(robot, base, message):
+    for _ in range(2):  # before and after a call that is well formed
+        with pytest.raises(JounceError, match=message):
+            robot.inverse_dynamics(*ZEROS, base=base)
+        robot.inverse_dynamics(*ZEROS, base=(ORIGIN, STILL, STILL))
+
+
+def test_distances_from_poses_are_those_of_their_parts():
+    near = turned(0.7) + 1e-9 * np.ones((4, 4))
+    assert 1e-9 < not_a_pose(near) < 1e-8
+    assert not_a_pose(turned(0.7)) < 1e-15
+    assert np.array_equal(not_a_pose(np.stack([ORIGIN, 3 * ORIGIN])) > 1, [False, True])
+
+
+def test_a_base_is_required_where_it_enters(robot):
+    free = {name for name, row in QUANTITIES.items() if "body" in row.without_base}
+    assert {"mass_matrix", "jacobian"} <= free
+    robot.jacobian(ZEROS[0], body="body2")
+    with pytest.raises(JounceError, match="jacobian of order 0 takes base=C"):
+        robot.jacobian(ZEROS[0], body="body2", frame="world")
+    same = robot.jacobian(ZEROS[0], body="body2", base=turned(0.4))
+    assert np.array_equal(same, robot.jacobian(ZEROS[0], body="body2"))
+    with pytest.raises(JounceError, match="is no pose"):
+        robot.jacobian(ZEROS[0], body="body2", base=2 * ORIGIN)
+
+
+@pytest.mark.parametrize("name", [name for name, row in QUANTITIES.items() if "paper" in row.methods])
+def test_the_expansions_of_the_paper_have_no_base_that_moves(robot, name):
+    row = QUANTITIES[name]
+    with pytest.raises(JounceError, match="method='paper' has no base that moves"):
+        getattr(robot, name)(*np.zeros((row.rates, 2)), base=(ORIGIN, *[STILL] * (row.rates - 1)), method="paper")
+
+
+def test_a_fixed_robot_stands_on_a_ground_that_may_move():
+    robot, rng = jounce.load("planar2r"), np.random.default_rng(3)
+    q, qd, q2d = rng.normal(size=(3, 5, 2))
+    lifted = (turned(0.0), np.zeros((5, 6)), np.tile([0, 0, 0, 0, 9.81, 0], (5, 1)))  # its gravity is along -y
+    heavier = robot.inverse_dynamics(q, qd, q2d, base=lifted) - robot.inverse_dynamics(q, qd, q2d)
+    assert np.allclose(heavier, robot.gravity_forces(q), atol=1e-12)
+    assert np.array_equal(
+        robot.inverse_dynamics(q, qd, q2d, base=(ORIGIN, STILL, STILL)).round(12),
+        robot.inverse_dynamics(q, qd, q2d).round(12),
+    )

@@ -1,0 +1,329 @@
+"""`jounce.cuda`: results, layouts, launches, refusals; by a shim on the processor, and on a GPU where there is one."""
+
+import pickle
+import sys
+from types import SimpleNamespace
+
+import cupy_on_cpu
+import numpy as np
+import pytest
+from robots import relative_error
+from tools import obstacle
+
+import jounce
+import jounce.cuda
+from jounce.cuda import arrays as device
+from jounce.cuda.source import THREADS
+from jounce.errors import JounceError
+from jounce.robot.generic import as_tuple
+
+BATCH = 2 * THREADS + 37  # three blocks, the last one not full
+
+
+def gpu():
+    """CuPy where there is a GPU."""
+    cupy = pytest.importorskip("cupy", reason="CuPy is not installed")
+    try:
+        cupy.cuda.runtime.getDeviceCount()
+    except Exception as error:
+        pytest.skip(f"no GPU: {error}")
+    return cupy
+
+
+@pytest.fixture(scope="module", params=["shim", "GPU"])
+def cupy(request):
+    if request.param == "GPU":
+        yield gpu()
+        return
+    if found := obstacle("g++"):
+        pytest.skip(found)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, "cupy", cupy_on_cpu)
+        yield cupy_on_cpu
+
+
+CASES = {  # arrays of few numbers, of one, and wider than a tile; with wrenches and the motion of the base
+    "forces": ("inverse_dynamics", {"order": 1, "wrench": True, "base": True}),
+    "matrix": ("mass_matrix", {"order": 0}),
+    "poses": ("poses", {"order": 0}),
+    "energy": ("kinetic_energy", {"order": 1}),
+    "single": ("inverse_dynamics", {"order": 0, "dtype": "float32"}),
+}
+
+
+@pytest.fixture(scope="module")
+def kernels(cupy):
+    """Kernels by the names of cases, each compiled once."""
+    robot, made = jounce.load("planar2r"), {}
+
+    def kernel(case):
+        if case not in made:
+            quantity, options = CASES[case]
+            made[case] = (
+                jounce.cuda.compile(robot, quantity, **options),
+                robot.compile(quantity, **{key: x for key, x in options.items() if key != "dtype"}),
+            )
+        return made[case]
+
+    return kernel
+
+
+def states(kernel, *batch):
+    rng = np.random.default_rng(0)
+    return [rng.normal(size=(*batch, *port.shape)).astype(kernel.dtype) for port in kernel.signature.inputs]
+
+
+def numbers(x):
+    """The numbers of an array on a GPU."""
+    return x.get() if hasattr(x, "get") else np.asarray(x)
+
+
+def agree(found, expected, dtype):
+    for x, y in zip(as_tuple(found), as_tuple(expected), strict=True):
+        assert (x.shape, x.dtype) == (y.shape, dtype)
+        assert relative_error(numbers(x).astype(float), y) < (1e-13 if dtype == np.float64 else 1e-5)
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("batch", [(BATCH,), (), (1,), (0,), (3, 1, 50)])
+def test_agrees_with_native_code(cupy, kernels, case, batch):
+    kernel, native = kernels(case)
+    arrays = states(kernel, *batch)
+    found = kernel(*map(cupy.asarray, arrays))
+    assert all(isinstance(x, cupy.ndarray) for x in as_tuple(found))
+    agree(found, native(*arrays), kernel.dtype)
+
+
+LAYOUTS = {
+    "states behind one another": lambda x: np.asfortranarray(x),
+    "every other state": lambda x: np.repeat(x, 2, axis=0)[::2],
+    "every other entry": lambda x: np.repeat(x, 2, axis=-1)[..., ::2],
+    "reversed": lambda x: x[::-1].copy()[::-1],
+    "padded rows": lambda x: np.concatenate([x, x], axis=1)[:, : x.shape[1]],
+    "transposed entries": lambda x: x.swapaxes(-1, -2).copy().swapaxes(-1, -2) if x.ndim > 2 else x,
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("case", ["forces", "matrix", "energy"])
+def test_arrays_and_results_may_have_any_layout(cupy, kernels, case, layout):
+    kernel, native = kernels(case)
+    arrays = states(kernel, BATCH)
+    expected = as_tuple(native(*arrays))
+    agree(kernel(*(cupy.asarray(LAYOUTS[layout](x)) for x in arrays)), expected, kernel.dtype)
+    out = [
+        cupy.asarray(LAYOUTS[layout](np.full(x.shape, np.nan)) if x.ndim > 1 else np.zeros(x.shape)) for x in expected
+    ]
+    found = kernel(*map(cupy.asarray, arrays), out=tuple(out))
+    assert all(x is y for x, y in zip(as_tuple(found), out, strict=True))
+    agree(found, expected, kernel.dtype)
+
+
+def test_nothing_is_written_beside_the_results(cupy, kernels):
+    kernel, native = kernels("matrix")
+    [q] = states(kernel, BATCH)
+    for around in (np.full((BATCH + 40, 2, 2), np.nan), np.full((2, 2, BATCH + 40), np.nan).transpose(2, 0, 1)):
+        whole = cupy.asarray(around)
+        kernel(cupy.asarray(q), out=whole[20:-20])
+        assert np.isnan(numbers(whole)[:20]).all()
+        assert np.isnan(numbers(whole)[-20:]).all()
+        assert relative_error(numbers(whole)[20:-20], native(q)) < 1e-13
+
+
+@pytest.mark.parametrize("leads", [[(BATCH,), ()], [(3, 1), (1, 60)], [(1,), (200,)], [(4, 1, 1), (1, 5, 7)]])
+def test_batches_are_broadcast(cupy, kernels, leads):
+    kernel, native = kernels("forces")
+    arrays = [x for k, _ in enumerate(states(kernel)) for x in [states(kernel, *leads[k % 2])[k]]]
+    agree(kernel(*map(cupy.asarray, arrays)), native(*arrays), kernel.dtype)
+
+
+@pytest.mark.parametrize("over", [slice(None), slice(None, None, -1)])
+def test_results_may_lie_over_the_states(cupy, kernels, over):
+    kernel, native = kernels("single")
+    arrays = states(kernel, BATCH)
+    expected = native(*(x.astype(float) for x in arrays))
+    q, *others = map(cupy.asarray, [x.copy() for x in arrays])
+    agree(kernel(q, *others, out=q[over]), expected, kernel.dtype)
+
+
+def test_arrays_that_have_steps_are_read_and_written_in_place(cupy):
+    x = cupy.asarray(np.zeros((4, 5, 6, 7)))
+    assert device.steps(x, 2) == (42, 1)
+    assert device.steps(x[:, :, 0], 1) == (42, 1)
+    assert device.steps(x.transpose(2, 3, 0, 1), 2) == (1, 42)
+    assert device.steps(x[:, ::2, 0], 1) is None
+    assert device.steps(x[1:2, ::2, ::-1], 1) is None
+    assert device.steps(x[1, 2, ::-1], 1) == (-7, 1)
+    assert device.steps(cupy.broadcast_to(x[0, 0, 0], (9, 3, 7)), 1) == (0, 1)
+    assert device.steps(x[0, 0], 0) == (1, 0)
+    assert np.shares_memory(device.addresses(x[1]), device.addresses(x[:2]))
+    assert not np.shares_memory(device.addresses(x[..., ::2]), device.addresses(x[..., 1::2]))
+
+
+def test_a_kernel_launches_one_thread_per_state():
+    calls = []
+    kernel = object.__new__(jounce.cuda.Kernel)
+    robot = jounce.load("planar2r")
+    kernel.mechanism, kernel.computation = robot.mechanism, robot.compile("gravity_forces", order=0).computation
+    kernel.signature, kernel.dtype = kernel.computation.signature(robot.mechanism), np.dtype(float)
+    kernel._function = lambda *call: calls.append(call)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, "cupy", cupy_on_cpu)
+        for count in (1, THREADS, THREADS + 1, 10 * THREADS):
+            kernel(cupy_on_cpu.asarray(np.zeros((count, 2))))
+        kernel(cupy_on_cpu.asarray(np.zeros((0, 2))))
+    assert [(grid, block) for grid, block, _ in calls] == [((k,), (THREADS,)) for k in (1, 1, 2, 10)]
+    for (_, _, (count, q, *q_steps, G, step, apart)), expected in zip(calls, (1, THREADS, THREADS + 1), strict=False):
+        assert (count, q.shape, G.shape) == (expected, (expected, 2), (expected, 2))
+        assert ([*q_steps], step, apart) == ([step, 1], 2 if expected > 1 else 0, 1)
+        assert all(type(x) is np.int64 for x in (count, step, apart))
+
+
+def test_arrays_of_jax_come_back_as_such(cupy, kernels, monkeypatch):
+    jax = pytest.importorskip("jax")
+    kernel, native = kernels("forces")
+    if cupy is cupy_on_cpu:
+        monkeypatch.setattr(device, "_on_one_gpu", lambda name, x: x)
+    elif jax.default_backend() != "gpu":
+        pytest.skip("this JAX has no GPU")
+    arrays = states(kernel, BATCH)
+    with jax.enable_x64(True):
+        found = kernel(*map(jax.numpy.asarray, arrays))
+        assert all(isinstance(x, jax.Array) for x in found)
+        agree(found, native(*arrays), kernel.dtype)
+        with pytest.raises(JounceError, match=r"^out holds arrays of JAX, which cannot be written into; "):
+            kernel(*map(jax.numpy.asarray, arrays), out=found)
+
+
+def test_arrays_of_jax_elsewhere_are_told_apart(cupy, kernels):
+    jax = pytest.importorskip("jax")
+    kernel, _ = kernels("matrix")
+    q = jax.device_put(np.zeros((4, 2), np.float32), jax.devices("cpu")[0])
+    with pytest.raises(JounceError, match=r"^q is an array of JAX on cpu:0; expected one GPU: jax.device_put"):
+        kernel(q)
+    with pytest.raises(JounceError, match=r"^q is traced by a transformation of JAX; expected an array of numbers"):
+        jax.jit(kernel)(q)
+
+
+def test_arrays_of_other_libraries_are_read_in_place(cupy, kernels):
+    kernel, native = kernels("matrix")
+    [q] = states(kernel, 5)
+    own = cupy.asarray(q)
+    data = {"data": (own.data.ptr, False), "shape": q.shape, "strides": None, "typestr": "<f8", "version": 3}
+    agree(kernel(SimpleNamespace(__cuda_array_interface__=data)), native(q), kernel.dtype)
+
+
+@pytest.mark.skipif(bool(obstacle("g++")), reason="no g++")
+def test_kernels_can_be_pickled(cupy, kernels):
+    kernel, native = kernels("matrix")
+    again = pickle.loads(pickle.dumps(kernel))
+    [q] = states(kernel, 3)
+    agree(again(cupy.asarray(q)), native(q), kernel.dtype)
+    assert repr(again) == repr(kernel) == "<cuda.Kernel, float64: mass_matrix of 'planar2r' to order 0>"
+
+
+ONES = np.ones((4, 2))
+REFUSED = {
+    "number": (lambda a: [a(ONES)] * 2, {}, r"expects 1 arrays, got 2$"),
+    "NumPy": (lambda a: [ONES], {}, r"^q is a numpy.ndarray; expected an array on the GPU, which cupy.asarray makes"),
+    "list": (lambda a: [[0, 1]], {}, r"^q is a builtins.list; expected an array on the GPU"),
+    "dtype": (
+        lambda a: [a(ONES.astype("f4"))],
+        {},
+        r"^q has dtype float32, but the kernel computes in float64: x\.ast",
+    ),
+    "shape": (lambda a: [a(ONES[:, :1])], {}, r": q has shape \(4, 1\); expected \(\.\.\., 2\)$"),
+    "out, number": (lambda a: [a(ONES)], {"out": []}, r"^out has 0 arrays; expected 1, one for each result$"),
+    "out, shape": (lambda a: [a(ONES)], {"out": ONES}, r"^out\[0\] has shape \(4, 2\); expected \(4, 2, 2\)$"),
+    "out, dtype": (lambda a: [a(ONES)], {"out": np.ones((4, 2, 2), "f4")}, r"^out\[0\] has dtype float32, but"),
+    "out, broadcast": (
+        lambda a: [a(ONES)],
+        {"out": np.broadcast_to(1.0, (4, 2, 2))},
+        r"^out\[0\] is broadcast, several",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_does_not_fit_is_refused_in_one_line(cupy, kernels, case):
+    arrays, options, match = REFUSED[case]
+    out = {k: cupy.asarray(x) if isinstance(x, np.ndarray) else x for k, x in options.items()}
+    if case == "out, broadcast":
+        out = {"out": cupy.broadcast_to(cupy.asarray(np.ones((4, 2, 1))), (4, 2, 2))}
+    kernel, _ = kernels("matrix")
+    with pytest.raises(JounceError, match=match):
+        kernel(*arrays(cupy.asarray), **out)
+
+
+def test_results_that_share_memory_and_batches_that_differ_are_refused(cupy, kernels):
+    kernel, _ = kernels("forces")
+    arrays = states(kernel, 4)
+    x = cupy.asarray(np.zeros((5, 2)))
+    with pytest.raises(JounceError, match=r"^out\[1\] shares memory with another array of out"):
+        kernel(*map(cupy.asarray, arrays), out=(x[:4], x[1:]))
+    arrays[1] = arrays[1][:3]
+    with pytest.raises(JounceError, match=r"^batch axes do not fit together: q \(4,\), qd \(3,\)"):
+        kernel(*map(cupy.asarray, arrays))
+
+
+@pytest.mark.parametrize(
+    ("error", "match"),
+    [
+        (
+            cupy_on_cpu.OutOfMemoryError("allocating 9,000 bytes"),
+            r"not enough memory on the GPU; use fewer states: alloc",
+        ),
+        (
+            cupy_on_cpu.CUDADriverError("CUDA_ERROR_OUT_OF_MEMORY: out of memory"),
+            r"failed on the GPU: .*; threads keep",
+        ),
+        (cupy_on_cpu.CUDADriverError("CUDA_ERROR_ILLEGAL\nADDRESS"), r"failed on the GPU: CUDA_ERROR_ILLEGAL ADDRESS$"),
+    ],
+)
+def test_errors_of_the_gpu_are_one_line(error, match, monkeypatch):
+    monkeypatch.setitem(sys.modules, "cupy", cupy_on_cpu)
+
+    def fails(*_):
+        raise error
+
+    monkeypatch.setattr(cupy_on_cpu.RawKernel, "compile", lambda self: None)
+    kernel = jounce.cuda.compile(jounce.load("planar2r"), "gravity_forces", order=0)
+    kernel._function = fails
+    with pytest.raises(JounceError, match=match):
+        kernel(cupy_on_cpu.asarray(ONES))
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"dtype": "float16"}, r"^unknown dtype 'float16'; .*available: float64, float32"),
+        ({"dtype": None}, r"^unknown dtype None"),
+        ({"dtype": "f8"}, r"^unknown dtype 'f8'"),
+        ({"quantity": "torque"}, r"^unknown quantity 'torque'"),
+        ({"order": 5}, r"^order is 5; expected 0 to 4$"),
+    ],
+)
+def test_what_cannot_be_compiled_is_refused(options, match, monkeypatch):
+    monkeypatch.setitem(sys.modules, "cupy", cupy_on_cpu)
+    with pytest.raises(JounceError, match=match):
+        jounce.cuda.compile(jounce.load("planar2r"), **options)
+    with pytest.raises(
+        JounceError, match=r"^jounce\.cuda\.compile\(\) expects a jounce\.Robot, got str; try jounce\.load"
+    ):
+        jounce.cuda.compile("planar2r")
+
+
+def test_without_cupy_or_a_gpu_a_call_says_so(monkeypatch):
+    robot = jounce.load("planar2r")
+    monkeypatch.setitem(sys.modules, "cupy", None)
+    with pytest.raises(JounceError, match=r"^jounce\.cuda needs CuPy; install it by: pip install 'jounce\[cuda12\]'"):
+        jounce.cuda.compile(robot)
+
+    def no_driver():
+        raise cupy_on_cpu.CUDARuntimeError("cudaErrorNoDevice:\nno device")
+
+    monkeypatch.setitem(sys.modules, "cupy", cupy_on_cpu)
+    for count, match in ((no_driver, r"CuPy finds none: cudaErrorNoDevice: no device$"), (lambda: 0, "finds none$")):
+        monkeypatch.setattr(cupy_on_cpu.cuda.runtime, "getDeviceCount", count)
+        with pytest.raises(JounceError, match=rf"^jounce\.cuda needs an NVIDIA GPU; .*{match}"):
+            jounce.cuda.compile(robot)
