@@ -52,7 +52,7 @@ def dense(
 
 
 def turning(m: Mechanism, base: BaseMotion | None) -> Series | None:
-    """a = diag(ad(V), 0), (..., nv, nv), of a floating base: a displacement d gives its twist the rates d' + ad(V) d."""
+    """a = diag(ad(V), 0), (..., nv, nv), of a floating base: displaced by d, its twist changes by d' + a d."""
     if not (m.base and base):
         return None
     upper, lower = np.eye(m.nv, 6, dtype=int), np.eye(6, m.nv, dtype=int)

@@ -44,21 +44,27 @@ def of_data(mechanism: Mechanism) -> Peer:
 
 
 def build_model(pin: Any, mechanism: Mechanism) -> Any:
-    """Return the model of a mechanism's data."""
+    """Return the model of a mechanism's data, on a free flyer if it floats."""
     chain, model = on_axes(mechanism), pin.Model()
     model.gravity.linear = chain.gravity
     numbers = {-1: 0}
+    if chain.base:
+        numbers[-1] = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), chain.base.name)
+        model.appendBodyToJoint(numbers[-1], _inertia(pin, chain.base.M), pin.SE3.Identity())
     for i in _depth_first(chain.parent):  # the order that its algorithms rely on
-        B, X, M = chain.B[i], chain.X[i], chain.M[i]
+        B, X = chain.B[i], chain.X[i]
         kind = pin.JointModelPZ() if not X[2] else pin.JointModelHZ(float(X[5])) if X[5] else pin.JointModelRZ()
         placed = pin.SE3(rotation(B).astype(float), position(B)[:, 0].astype(float))
         numbers[i] = model.addJoint(numbers[chain.parent[i]], kind, placed, chain.joints[i])
-        m, h, _ = inertia.moments(M)
-        mass = float(m[0, 0])
-        com = h[:, 0] / mass if mass else np.zeros(3)
-        about = M[:3, :3] + mass * hat(com) @ hat(com)
-        model.appendBodyToJoint(numbers[i], pin.Inertia(mass, com, about), pin.SE3.Identity())
+        model.appendBodyToJoint(numbers[i], _inertia(pin, chain.M[i]), pin.SE3.Identity())
     return model
+
+
+def _inertia(pin: Any, M: np.ndarray) -> Any:
+    m, h, _ = inertia.moments(M)
+    mass = float(m[0, 0])
+    com = h[:, 0] / mass if mass else np.zeros(3)
+    return pin.Inertia(mass, com, M[:3, :3] + mass * hat(com) @ hat(com))
 
 
 def _depth_first(parent: Sequence[int], body: int = -1) -> Iterator[int]:

@@ -84,6 +84,10 @@ class Joint(Placement):
         """S' = ad(V) S, (..., 6, 1): the rate in space of the screw on a body that moves with the twist V."""
         return -(self.ad_X @ V)
 
+    def cross(self, W: Series) -> Series:
+        """S x W, (..., 6, 1): the rate of a wrench W, (..., 6, 1), that moves with the screw."""
+        return -(self.ad_X.mT @ W)
+
     def twists(self, x: Series) -> Series:
         """Transport twists (..., 6, k) from the parent's frame to the body's."""
         return transport(self.A, -self.ad_X, self.rate, self.Ad_turn @ (self.Ad_offset @ x))
