@@ -117,7 +117,7 @@ class Quantity:
         if added is None or not set(self.drive_terms) & set(mechanism.acting):
             return rigid
         if self.shape:
-            axes = tuple(self.shape.index(axis) - len(self.shape) for axis in self.shape if axis == "nv")
+            axes = tuple(k - len(self.shape) for k, axis in enumerate(self.shape) if axis == "nv")
             return lambda m, x: rigid(m, x) + drive_terms.behind_base(m, added(m, x), axes)
         return lambda m, x: (rigid(m, x) + added(m, x)).map(_array)
 

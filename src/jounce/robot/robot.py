@@ -525,7 +525,7 @@ class Robot:
         >>> robot = jounce.Robot.from_pinocchio(model, base="floating")
         >>> state = robot.state_from_pinocchio(pinocchio.neutral(model), model=model)
         >>> state.q.shape, state.base[0].shape
-        ((26,), (4, 4))
+        ((28,), (4, 4))
         """
         from jounce.models import states
 
