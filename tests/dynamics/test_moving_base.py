@@ -100,7 +100,7 @@ def test_matrices_are_those_of_the_forces_and_of_the_momentum(drawn):
 @few
 @given(drawn=moved_mechanisms())
 def test_momentum_changes_by_the_wrench_of_the_ground_and_by_the_weight(drawn):
-    """About the inertial origin and about the center of mass, in which the mass is gathered."""
+    """About the inertial origin and about the centre of mass, in which the mass is gathered."""
     robot, q, base, nu = state(drawn)
     m = robot.mechanism.M[:, 3, 3].sum() + (robot.mechanism.base.M[3, 3] if robot.mechanism.base else 0)
     c, cd = robot.center_of_mass(*q[:2], base=base[:2])
@@ -120,7 +120,7 @@ def test_momentum_changes_by_the_wrench_of_the_ground_and_by_the_weight(drawn):
 @few
 @given(drawn=moved_mechanisms())
 def test_the_choice_of_the_inertial_frame_does_not_matter(drawn):
-    """Pose and gravity are turned together; momenta, energy and center of mass are seen from the new frame."""
+    """Pose and gravity are turned together; momenta, energy and centre of mass are seen from the new frame."""
     mechanism, rng = drawn
     robot, q, base, _ = state(drawn)
     G = random_pose(rng)
@@ -176,7 +176,7 @@ def test_rates_are_time_derivatives_along_motions_of_the_base_in_long_doubles(dr
 
 
 def test_free_fall():
-    """No forces at all: the robot tumbles, its momentum about the center of mass stays, and that point falls."""
+    """No forces at all: the robot tumbles, its momentum about the centre of mass stays, and that point falls."""
     rng = np.random.default_rng(4)
     m = floating(random_mechanism(rng, [-1, 0, -1], ["revolute", "prismatic", "helical"], [1.0, 2.0, 0.5]), rng)
     robot, n, orders = Interpreted(jounce.Robot(m)), m.n, 4
@@ -198,7 +198,7 @@ def test_free_fall():
 
 
 def test_a_rigid_body_that_tumbles_by_eulers_equations_takes_no_force():
-    """At no order, as seen from a frame off its center of mass, and whatever a joint without mass beyond does."""
+    """At no order, as seen from a frame off its centre of mass, and whatever a joint without mass beyond does."""
     rng = np.random.default_rng(1)
     m = floating(random_mechanism(rng, [-1], ["revolute"], [0.0]), rng)
     C, (mass, h, _) = random_pose(rng), moments(m.base.M)
@@ -210,7 +210,7 @@ def test_a_rigid_body_that_tumbles_by_eulers_equations_takes_no_force():
 
     w = from_rate(rng.normal(size=(3, 1)), lambda w: -(np.linalg.inv(inertia) @ cross(w, inertia @ w)))
     field = from_rate(C[:3, :3].T @ m.gravity[:, None], lambda g: -cross(w, g))
-    u = from_rate(rng.normal(size=(3, 1)), lambda u: field - cross(w, u))  # of the center of mass
+    u = from_rate(rng.normal(size=(3, 1)), lambda u: field - cross(w, u))  # of the centre of mass
     V = joined([w, u - cross(w, Series.constant(center))], axis=-2)
     base = (C, *(V[k][:, 0] for k in range(6)))
     Q = Interpreted(jounce.Robot(m)).inverse_dynamics(*rng.normal(size=(7, 1)), base=base)
@@ -233,6 +233,6 @@ def test_centroidal_momentum_far_from_the_origin_keeps_its_digits(far):
 def test_a_robot_without_mass_has_no_center_of_mass():
     robot = jounce.load("planar2r", m1=0, m2=0)
     for name in ("center_of_mass", "centroidal_momentum_matrix"):
-        with pytest.raises(JounceError, match=r"^'planar2r' has no center of mass, as all masses are 0; give"):
+        with pytest.raises(JounceError, match=r"^'planar2r' has no centre of mass, as all masses are 0; give"):
             getattr(robot, name)([0, 0])
     assert robot.mass_matrix([0, 0], method="closed_form").shape == (2, 2)
