@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 from files import GOOD, robot_file
 from hypothesis import given, settings
-from robots import mechanisms, on_its_axis, random_mechanism
+from robots import floating, mechanisms, on_its_axis, random_mechanism
 
 import jounce
 from jounce.checks.compare import compare
@@ -35,6 +35,16 @@ def test_libraries_and_paths_agree_on_random_mechanisms(drawn):
     helical = any(X[:3].any() and abs(X[:3] @ X[3:]) > 1e-12 for X in mechanism.X)
     [*others] = of(checks, "MuJoCo")
     assert ("helical" in others[0].remark) if helical else len(others) == 3
+
+
+def test_libraries_and_paths_agree_on_a_robot_that_floats():
+    rng = np.random.default_rng(5)
+    m = floating(random_mechanism(rng, [-1, 0, 0], ["revolute", "helical", "prismatic"], [1, 2, 3], mimic=True), rng)
+    checks = compare(jounce.Robot(m), states=3, order=1)
+    assert [check for check in checks if not check.passed] == []
+    assert {check.against.split()[0] for check in checks} >= {"Pinocchio", "recursion", "closed", "long", "differences"}
+    assert [check.quantity for check in of(checks, "Pinocchio")] == ["Q", "Qgrav", "M"]
+    assert [check.remark for check in of(checks, "MuJoCo")] == ["robots that float are compared with Pinocchio only"]
 
 
 def test_warnings_of_mujoco_are_passed_on_and_leave_no_log(tmp_path, monkeypatch):

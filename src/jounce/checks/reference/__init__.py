@@ -20,11 +20,14 @@ class NotComparableError(JounceError):
 
 @dataclass(frozen=True)
 class Peer:
-    """A library's model of a mechanism, in its joint variables: theta, theta', theta'' (nb,)."""
+    """A library's model of a mechanism, in its joint variables: theta, theta', theta'' (nb,).
+
+    Where the robot floats, it takes the pose C, the twist V and V' of the base besides; six rows more come first.
+    """
 
     name: str
     source: str  # where the library has the robot's numbers from
-    forces: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]  # (nb,)
+    forces: Callable[..., np.ndarray]  # (nb,) of theta, theta', theta'', and C, V, V'
     mass_matrix: Callable[[np.ndarray], np.ndarray]  # (nb, nb)
 
 

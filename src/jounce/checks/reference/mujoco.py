@@ -23,6 +23,7 @@ def of_file(mechanism: Mechanism, path: Path) -> Peer:
     """The model of an MJCF file."""
     import mujoco
 
+    _check_fixed(mechanism)
     with warnings_of(mujoco), without_assets(mujoco):  # the warnings were passed on when the robot was read
         model = mujoco.MjModel.from_xml_path(str(path))
     return _peer(mujoco, mechanism, model, OWN_READING)
@@ -32,7 +33,13 @@ def of_data(mechanism: Mechanism) -> Peer:
     """The model of our data."""
     import mujoco
 
+    _check_fixed(mechanism)
     return _peer(mujoco, mechanism, _build(mujoco, mechanism), OUR_DATA)
+
+
+def _check_fixed(mechanism: Mechanism) -> None:
+    if mechanism.base:
+        raise NotComparableError("robots that float are compared with Pinocchio only")
 
 
 def _build(mujoco: Any, mechanism: Mechanism) -> Any:

@@ -25,11 +25,13 @@ def of_file(mechanism: Mechanism, path: Path) -> Peer:
     said: list[str] = []
     try:
         with errors_caught(said):
-            model = pin.buildModelFromUrdf(str(path))
+            model = pin.buildModelFromUrdf(str(path), *([pin.JointModelFreeFlyer()] if mechanism.base else []))
     except Exception as error:
         reason = one_line(" ".join(said)) or one_line(error)
         raise NotComparableError(f"refuses the file: {reason}") from error
-    names = {name for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True) if joint.nv}
+    first = 2 if mechanism.base else 1  # behind the universe, and behind the free flyer
+    found = zip(list(model.names)[first:], list(model.joints)[first:], strict=True)
+    names = {name for name, joint in found if joint.nv}
     if names != set(mechanism.joints):
         raise NotComparableError(OTHER_JOINTS)
     model.gravity.linear = mechanism.gravity
@@ -76,15 +78,23 @@ def _depth_first(parent: Sequence[int], body: int = -1) -> Iterator[int]:
 
 def _peer(pin: Any, mechanism: Mechanism, model: Any, source: str) -> Peer:
     data = model.createData()
-    rows = [model.joints[model.getJointId(name)].idx_v for name in mechanism.joints]
+    of_base = [3, 4, 5, 0, 1, 2] if mechanism.base else []  # Pinocchio's twists are (linear; angular)
+    rows = [*of_base, *(model.joints[model.getJointId(name)].idx_v for name in mechanism.joints)]
 
-    def spread(x: np.ndarray) -> np.ndarray:
+    def spread(x: np.ndarray, V: np.ndarray | None = None) -> np.ndarray:
         v = np.zeros(model.nv)
-        v[rows] = x
+        v[rows] = np.concatenate([np.zeros(len(of_base)) if V is None else V, x])
         return v
 
-    def placed(theta: np.ndarray) -> np.ndarray:
-        return pin.integrate(model, pin.neutral(model), spread(theta))
+    def placed(theta: np.ndarray, C: np.ndarray | None = None) -> np.ndarray:
+        q = pin.integrate(model, pin.neutral(model), spread(theta))
+        if C is not None:
+            q[:7] = pin.SE3ToXYZQUAT(pin.SE3(C))
+        return q
+
+    def forces(theta: np.ndarray, rate: np.ndarray, second: np.ndarray, *base: np.ndarray) -> np.ndarray:
+        C, V, Vd = base or (None, None, None)
+        return pin.rnea(model, data, placed(theta, C), spread(rate, V), spread(second, Vd))[rows]
 
     def mass_matrix(theta: np.ndarray) -> np.ndarray:
         upper = np.triu(pin.crba(model, data, placed(theta)))
@@ -93,6 +103,6 @@ def _peer(pin: Any, mechanism: Mechanism, model: Any, source: str) -> Peer:
     return Peer(
         name=f"{NAME} {pin.__version__}",
         source=source,
-        forces=lambda theta, rate, second: pin.rnea(model, data, placed(theta), spread(rate), spread(second))[rows],
+        forces=forces,
         mass_matrix=mass_matrix,
     )
