@@ -372,7 +372,7 @@ def test_the_base_moves_as_its_symbols_say(afloat):
 
 def test_a_fixed_robot_has_no_symbols_of_a_base_that_it_was_not_asked_for():
     S = jounce.symbolic(planar2r())
-    with pytest.raises(AttributeError, match="^Symbolic has no member 'base_pose'"):
+    with pytest.raises(AttributeError, match=r"^Symbolic has no member 'base_pose'"):
         _ = S.base_pose
     with pytest.raises(JounceError, match="R_11, which is the name of a coordinate, wrench or base motion"):
         jounce.symbolic(jounce.load("planar2r", L1=sympy.Symbol("R_11")), base=True)

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from jounce.checks.reference import OTHER_JOINTS, OUR_DATA, OWN_READING, NotComparableError, Peer
+from jounce.checks.reference import OUR_DATA, OWN_READING, Converter, NotComparableError, Peer
 from jounce.checks.reference.terminal import errors_caught
 from jounce.errors import one_line
 from jounce.model.equivalent import on_axes
 from jounce.model.mechanism import Mechanism
+from jounce.models import states
 from jounce.spatial import inertia
 from jounce.spatial.lie import hat, position, rotation
 
@@ -25,15 +26,12 @@ def of_file(mechanism: Mechanism, path: Path) -> Peer:
     said: list[str] = []
     try:
         with errors_caught(said):
-            model = pin.buildModelFromUrdf(str(path), *([pin.JointModelFreeFlyer()] if mechanism.base else []))
+            model = pin.buildModelFromUrdf(str(path))
+            if mechanism.base is not None and not states.of_pinocchio(model).free:
+                model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
     except Exception as error:
         reason = one_line(" ".join(said)) or one_line(error)
         raise NotComparableError(f"refuses the file: {reason}") from error
-    first = 2 if mechanism.base else 1  # behind the universe, and behind the free flyer
-    found = zip(list(model.names)[first:], list(model.joints)[first:], strict=True)
-    names = {name for name, joint in found if joint.nv}
-    if names != set(mechanism.joints):
-        raise NotComparableError(OTHER_JOINTS)
     model.gravity.linear = mechanism.gravity
     return _peer(pin, mechanism, model, OWN_READING)
 
@@ -77,32 +75,15 @@ def _depth_first(parent: Sequence[int], body: int = -1) -> Iterator[int]:
 
 
 def _peer(pin: Any, mechanism: Mechanism, model: Any, source: str) -> Peer:
-    data = model.createData()
-    of_base = [3, 4, 5, 0, 1, 2] if mechanism.base else []  # Pinocchio's twists are (linear; angular)
-    rows = [*of_base, *(model.joints[model.getJointId(name)].idx_v for name in mechanism.joints)]
+    data, convert = model.createData(), Converter.of(mechanism, states.of_pinocchio(model))
 
-    def spread(x: np.ndarray, V: np.ndarray | None = None) -> np.ndarray:
-        v = np.zeros(model.nv)
-        v[rows] = np.concatenate([np.zeros(len(of_base)) if V is None else V, x])
-        return v
+    def forces(theta: Sequence[np.ndarray], base: object) -> np.ndarray:
+        q, v, a = convert.state(theta, base)
+        return convert.forces(pin.rnea(model, data, q, v, a), q)
 
-    def placed(theta: np.ndarray, C: np.ndarray | None = None) -> np.ndarray:
-        q = pin.integrate(model, pin.neutral(model), spread(theta))
-        if C is not None:
-            q[:7] = pin.SE3ToXYZQUAT(pin.SE3(C))
-        return q
+    def mass_matrix(theta: np.ndarray, base: object) -> np.ndarray:
+        [q] = convert.state([theta], base)
+        upper = np.triu(pin.crba(model, data, q))
+        return convert.mass_matrix(upper + np.triu(upper, 1).T, q)
 
-    def forces(theta: np.ndarray, rate: np.ndarray, second: np.ndarray, *base: np.ndarray) -> np.ndarray:
-        C, V, Vd = base or (None, None, None)
-        return pin.rnea(model, data, placed(theta, C), spread(rate, V), spread(second, Vd))[rows]
-
-    def mass_matrix(theta: np.ndarray) -> np.ndarray:
-        upper = np.triu(pin.crba(model, data, placed(theta)))
-        return (upper + np.triu(upper, 1).T)[np.ix_(rows, rows)]
-
-    return Peer(
-        name=f"{NAME} {pin.__version__}",
-        source=source,
-        forces=forces,
-        mass_matrix=mass_matrix,
-    )
+    return Peer(f"{NAME} {pin.__version__}", source, forces, mass_matrix)
