@@ -131,7 +131,7 @@ def _checked_arguments(
             raise JounceError(f"method={method!r} has no base that moves; use method='closed_form'")
     if body is not None or frame != "body":
         requests.place(mechanism, name, body, frame)
-    requests.check_elastic(mechanism, name)
+    requests.check_elastic(mechanism, name, base is not None or mechanism.base is not None)
     if quantity.forces:
         requests.check_invertible(mechanism, name)
     if base is None and not mechanism.base:
