@@ -148,8 +148,8 @@ def test_a_pose_of_the_base_is_differentiated_along_displacements():
 
 
 def test_singles_are_doubles_inside():
-    """Rounded once, at the end, with 64 bits enabled or not."""
-    q = [x.astype(np.float32) for x in states((7,), (7,), ())]
+    """Rounded once, at the end, with 64 bits enabled or not; converted in more than one part."""
+    q = [x.astype(np.float32) for x in states((5003,), (5003,), ())]
     exact = ROBOT.inverse_dynamics(*(x.astype(float) for x in q)).astype(np.float32)
     same(jax.jit(ROBOT.inverse_dynamics)(*q), exact)
     cost = lambda q, *more: ROBOT.inverse_dynamics(q, *more).sum()  # noqa: E731
