@@ -152,6 +152,7 @@ def test_singles_are_doubles_inside():
     q = [x.astype(np.float32) for x in states((5003,), (5003,), ())]
     exact = ROBOT.inverse_dynamics(*(x.astype(float) for x in q)).astype(np.float32)
     same(jax.jit(ROBOT.inverse_dynamics)(*q), exact)
+    same(ROBOT.mass_matrix(jnp.asarray(q[0][:0])), np.zeros((0, 2, 2), np.float32))
     cost = lambda q, *more: ROBOT.inverse_dynamics(q, *more).sum()  # noqa: E731
     with jax.enable_x64(False):
         same(ROBOT.inverse_dynamics(*map(jnp.asarray, q)), exact)
