@@ -1,6 +1,8 @@
 """The primitive of JAX: the numbers of NumPy, one native call under every transformation, exact derivatives."""
 
 import gc
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import jax
@@ -222,6 +224,11 @@ def test_a_jaxlib_that_refuses_the_handler_calls_python_back(monkeypatch):
     single = [x.astype(np.float32) for x in q]
     exact = robot.inverse_dynamics(*(x.astype(float) for x in single)).astype(np.float32)
     same(jax.jit(robot.inverse_dynamics)(*single), exact)
+
+
+def test_jax_is_imported_by_its_users_alone():
+    script = "import jounce, sys; jounce.load('planar2r').gravity_forces([0.0, 0.0]); sys.exit('jax' in sys.modules)"
+    subprocess.run([sys.executable, "-c", script], timeout=60, check=True)
 
 
 def test_other_platforms_get_the_traced_law():
