@@ -74,6 +74,8 @@ def written(path: Path) -> Iterator[Path]:
             f"{path}: cannot be written: {error.strerror or one_line(error)}; finished parts are kept, and the same"
             " command continues after them"
         ) from None
+    except UnicodeEncodeError as error:  # half a character in a name
+        raise JounceError(f"{path}: cannot write a name: {one_line(error)}") from None
     finally:
         temporary.unlink(missing_ok=True)
 
