@@ -47,7 +47,7 @@ CASES = {  # arrays of few numbers, of one, and wider than a tile; with wrenches
     "matrix": ("mass_matrix", {"order": 0}),
     "poses": ("poses", {"order": 0}),
     "energy": ("kinetic_energy", {"order": 1}),
-    "single": ("inverse_dynamics", {"order": 0, "dtype": "float32"}),
+    "single": ("inverse_dynamics", {"order": 0, "dtype": np.float32}),
 }
 
 

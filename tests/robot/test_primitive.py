@@ -242,11 +242,12 @@ def test_what_native_code_does_not_serve_is_traced():
 
 
 def test_what_fits_nothing_is_refused():
-    q = jnp.ones((3, 2))
+    q, kernel = jnp.ones((3, 2)), ROBOT.compile("mass_matrix", order=0)
     same(ROBOT.mass_matrix(q, method="kernel"), ROBOT.mass_matrix(np.ones((3, 2))))
     for call, match in (
         (lambda: ROBOT.mass_matrix(q, threads=2), r"^threads=2 needs native code.* runs on one thread"),
         (lambda: ROBOT.mass_matrix(1j * q, method="kernel"), r"^method='kernel' is not available.* of real numbers"),
+        (lambda: jax.vmap(kernel)(q), r"^<Kernel: .* takes arrays of numbers, .* methods of a Robot take both"),
         (lambda: ROBOT.inverse_dynamics(q, q[:2], q), r"^batch axes do not fit together: q \(3,\), qd \(2,\)"),
     ):
         with pytest.raises(JounceError, match=match):

@@ -352,11 +352,10 @@ def compile_kernel(mechanism: Mechanism, computation: Computation, patience: flo
 def _code(mechanism: Mechanism, computation: Computation, patience: float) -> bytes:
     """Object code, from the cache where it is there."""
     target = host()
-    key = cache.key(mechanism, computation, target)
-    code = cache.read(key)
-    if code is None:
+
+    def make() -> bytes:
         from jounce.native.forms import modules  # what a warm cache spares
 
-        code = jit.assemble(modules(mechanism, computation, target, patience), target)
-        cache.write(key, code)
-    return code
+        return jit.assemble(modules(mechanism, computation, target, patience), target)
+
+    return cache.read_or_make(cache.key(mechanism, computation, target), make)

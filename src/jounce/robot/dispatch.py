@@ -11,7 +11,7 @@ import numpy as np
 
 from jounce._scalars import FLOAT, Array, is_jax, is_numeric
 from jounce.arguments import loads, rates, requests, wrenches
-from jounce.arguments.base import base_of, check_pose
+from jounce.arguments.base import base_of
 from jounce.dynamics import drive_terms, elastic
 from jounce.dynamics.base import STILL
 from jounce.dynamics.computation import Computation, Port, coordinate_ports
@@ -23,6 +23,7 @@ from jounce.native import plan
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel, compile_kernel
 from jounce.native.plan import PATIENCE, LongCompilationError, obstacle
+from jounce.native.poses import are_poses
 from jounce.robot.generic import batch_shape, checked_out, compute_by_method, evaluate, is_fit, results_into
 from jounce.spatial.series import Series, columns
 
@@ -90,8 +91,8 @@ def compute(
     try:  # the short way, of calls like an earlier one: NumPy itself checks shapes and kinds of numbers
         kernel, count = robot._kernels.ready[form]
         arrays = (*given[:count], *terms, *moved)
-        if moved:
-            check_pose(moved[0])
+        if moved and not are_poses(moved[0]):
+            raise LookupError  # NaN, or what `check_pose` refuses
         if out is None:
             return kernel.ufunc(*arrays)
         into = tuple(out) if type(out) in (tuple, list) else (out,)
