@@ -33,9 +33,16 @@ def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
 
 def write(path: Path, pieces: Iterable[Mapping[str, np.ndarray]], about: About | None = None) -> None:
     """Write a table piece by piece; texts are a dictionary of few values."""
-    arrow = pyarrow(path)
-    tables = (arrow.table({name: _array(arrow, column) for name, column in columns.items()}) for columns in pieces)
-    _write_groups(arrow, path, (table.cast(_described(arrow, table.schema, about)) for table in tables))
+    arrow, schema = pyarrow(path), None
+
+    def tables() -> Iterator[Any]:
+        nonlocal schema
+        for columns in pieces:
+            table = arrow.table({name: _array(arrow, column) for name, column in columns.items()})
+            schema = _described(arrow, table.schema, about) if schema is None else schema
+            yield table.cast(schema)
+
+    _write_groups(arrow, path, tables())
 
 
 def join(path: Path, parts: Iterable[Path]) -> None:

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -88,7 +88,7 @@ def keep(folder: Path, part: Part, record: Record) -> None:
 
 def line_of(record: Record) -> str:
     """A record and its digest as a line of JSON."""
-    data = asdict(record)
+    data = vars(record) | {"skipped": [vars(row) for row in record.skipped]}
     return json.dumps({"digest": digest(data), "record": data})
 
 
