@@ -137,7 +137,8 @@ def _is_independent(job: Job, found: Match) -> bool:
     reading, sources = job.reading, list(found.sources)
     of_wrenches = loads.named(sources, job.links.mechanism)
     spread = any(name.endswith(DEVIATION) for name in sources)
-    whole = found.sampled or spread or loads.are_sampled(of_wrenches) or reading.blend or reading.step
+    floating = job.links.mechanism.base is not None  # whose motion is that of its base too
+    whole = found.sampled or spread or floating or loads.are_sampled(of_wrenches) or reading.blend or reading.step
     return not whole and not (isinstance(job.robot, ElasticRobot) and _has_memory(job.robot))
 
 
