@@ -105,7 +105,16 @@ def _without_base(x: ClosedForm, n: int) -> ClosedForm:
     """The bodies and coordinates of a fixed robot, the last n, whose ground is the base."""
     bodies, own = slice(6, None), slice(-n, None)
     one, square, both = (..., own, slice(None)), (..., own, own), (..., bodies, bodies)
-    kept: dict[str, Any] = {"gM": square, "gC": square, "gCbar": square, "Qgrav": one, "Qext": one, "Q": one, "bias": one, "p": one}
+    kept: dict[str, Any] = {
+        "gM": square,
+        "gC": square,
+        "gCbar": square,
+        "Qgrav": one,
+        "Qext": one,
+        "Q": one,
+        "bias": one,
+        "p": one,
+    }
     kept |= {"A": both, "b": both, "J": (..., bodies, own), "V": (..., bodies, slice(None))}
     kept |= {"UG": (..., bodies, slice(None)), "H": (..., slice(1, None), slice(None), slice(None))}
     return replace(x, **{name: getattr(x, name).map(lambda a, rows=rows: a[rows]) for name, rows in kept.items()})

@@ -59,9 +59,7 @@ class _Subtree:
         return _wrench(moved) + _cross(self.S_rate, self.p) - self.joint.ad_X.mT @ self.F
 
 
-def partials(
-    mechanism: Mechanism, q: Series, W: Series | None = None, base: BaseMotion | None = None
-) -> Partials:
+def partials(mechanism: Mechanism, q: Series, W: Series | None = None, base: BaseMotion | None = None) -> Partials:
     """K, D, M of the generalized forces, (..., n, n) each, with wrenches W on the bodies, (..., 6nb, 1)."""
     chain = minimal(mechanism)
     tree = joints(chain, q)
