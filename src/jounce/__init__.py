@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from jounce.model.motors import Motor
     from jounce.model.spring_table import SpringTable
     from jounce.model.springs import CubicSpring, SpringFunction
+    from jounce.models.states import RobotState
     from jounce.motion import Motion
     from jounce.native.kernel import Kernel
     from jounce.robot import Robot
@@ -53,6 +54,7 @@ __all__ = [
     "Report",
     "Retiming",
     "Robot",
+    "RobotState",
     "Slowdown",
     "SpringFunction",
     "SpringTable",
@@ -86,6 +88,7 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "Report": "jounce._report",
     "Retiming": "jounce.limits.retime",
     "Robot": "jounce.robot",
+    "RobotState": "jounce.models.states",
     "Slowdown": "jounce.limits.slowdown",
     "SpringFunction": "jounce.model.springs",
     "SpringTable": "jounce.model.spring_table",

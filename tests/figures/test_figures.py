@@ -231,7 +231,7 @@ def test_joint_points_lie_on_their_axes(drawn):
     """A joint that turns moves no point of its own axis, and its centre of mass goes round it."""
     mechanism, rng = drawn
     robot, q = jounce.Robot(mechanism), rng.normal(size=mechanism.n)
-    bones = skeleton(mechanism, robot.poses(q))
+    bones = skeleton(mechanism, robot.poses(q, method="recursion"))
     for i, X in enumerate(mechanism.X):
         R, r = bones.poses[i, :3, :3], bones.poses[i, :3, 3]
         point = R.T @ (bones.joints[i] - r)

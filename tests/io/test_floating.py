@@ -70,6 +70,7 @@ REFUSED = {
     "planar behind": ((*flying(), link("x"), joint("p", "arm", "x", "planar")), {}, ["'p' is planar, behind the base"]),
     "planar at the root": (flying("planar"), {}, [":8", "'flight' is planar", "base='fixed'"]),
     "unknown root": (flying(), {"root": "trnk"}, ["unknown link 'trnk'", "did you mean 'trunk'"]),
+    "no links": ((), {}, ["no links"]),
     "without joints": (flying(), {"root": "lid"}, ["no movable joint"]),
 }
 

@@ -43,7 +43,7 @@ BROKEN = jounce.Motion.piecewise([0, 0.5, 1], [[[1], [2]], [[0], [0.5]]])
 READ = {"lock": None, "drives": False, "gravity": None}
 PART = {"base": None, "root": None}
 OPTIONS = {"wrench": None, "body": "body1", "frame": "world", "form": "skew"}
-OPTIONS |= {"method": "recursion", "out": None, "threads": 1, "stiffness": None}
+OPTIONS |= {"base": None, "method": "recursion", "out": None, "threads": 1, "stiffness": None}
 
 MOTOR = jounce.Motor(gear=9.0, inertia=1e-3, body="body1", resistance=1.0, constant=1.0)
 WINDING = ROBOT.elastic(80, motors=MOTOR)
@@ -252,7 +252,8 @@ CASES: dict[str, Case] = {
     "audit": (ROBOT.audit, {}),
     "compile": (
         ROBOT.compile,
-        {"quantity": "jacobian", "order": 0, "wrench": False, "body": "body1", "frame": "world", "product": None},
+        {"quantity": "jacobian", "order": 0, "wrench": False, "body": "body1", "frame": "world", "product": None}
+        | {"base": False},
     ),
     "kernel": (KERNEL, {"arrays": [0.1, 0.2], "out": None, "threads": 1}),
     "kernel in threads": (KERNEL, {"arrays": np.ones((4, 2)), "out": np.ones((4, 2)), "threads": 2}),
@@ -264,7 +265,7 @@ CASES: dict[str, Case] = {
         ROBOT.forces_along,
         {
             "motion": SAMPLED,
-            "t": None, "order": 0, "method": "recursion",
+            "t": None, "order": 0, "method": "recursion", "base": None,
         },
     ),
     "drive_forces": along(ROBOT.drive_forces, terms=True),

@@ -12,6 +12,7 @@ from jounce._view.track import Track
 from jounce.errors import JounceError, listed
 from jounce.io.visuals import read_mesh, visuals_of
 from jounce.robot import Robot
+from jounce.spatial import lie
 
 if TYPE_CHECKING:
     import viser
@@ -61,7 +62,7 @@ def show(scene: Scene, now: Track) -> None:
     m = scene.robot.mechanism
     poses = np.asarray(scene.robot.poses(now.q))
     for body, C in zip(scene.bodies, poses, strict=True):
-        body.wxyz, body.position = _quaternion(C[:3, :3]), C[:3, 3]
+        body.wxyz, body.position = lie.to_quaternion(C[:3, :3]), C[:3, 3]
     vectors = {"base moment": (np.zeros(3), now.F[:3]), "base force": (np.zeros(3), now.F[3:])}
     for k, (name, W) in enumerate(now.wrenches.items()):
         frame = m.frame(name)
@@ -94,7 +95,7 @@ def _draw_visuals(server: "viser.ViserServer", robot: Robot, file: Path) -> tupl
             missed.append(mesh)
             continue
         C = np.asarray(frame.T, dtype=float) @ visual.T
-        place = {"wxyz": _quaternion(C[:3, :3]), "position": C[:3, 3]}
+        place = {"wxyz": lie.to_quaternion(C[:3, :3]), "position": C[:3, 3]}
         server.scene.add_mesh_trimesh(f"{_body(frame.body)}/visual{k}", mesh, **place)
         seen.add(frame.body)
     return seen, [f"not drawn: {listed(dict.fromkeys(missed))}"] if missed else []
@@ -102,13 +103,6 @@ def _draw_visuals(server: "viser.ViserServer", robot: Robot, file: Path) -> tupl
 
 def _body(i: int) -> str:
     return "/ground" if i == GROUND else f"/body{i}"
-
-
-def _quaternion(R: np.ndarray) -> np.ndarray:
-    """The unit quaternion (w, x, y, z) of a rotation."""
-    from scipy.spatial.transform import Rotation
-
-    return np.roll(Rotation.from_matrix(R).as_quat(), 1)
 
 
 def check_installed() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from jounce._scalars import Array
 from jounce.dynamics import system
 from jounce.dynamics.base import STILL, BaseMotion
-from jounce.model.mechanism import Mechanism
+from jounce.model.mechanism import Mechanism, reciprocal_mass
 from jounce.spatial.lie import wedge
 from jounce.spatial.series import Series, from_rate, joined
 
@@ -34,6 +34,9 @@ class ClosedForm:
     Q: Series  # (..., n, 1) generalized forces
     bias: Series  # (..., n, 1) those that all accelerations zero require, but for a given one of the ground
     h: Series  # (..., 6, 1) spatial momentum about the inertial origin
+    AG: Series  # (..., 6, n) centroidal momentum matrix
+    hG: Series  # (..., 6, 1) spatial momentum about the center of mass
+    c: Series  # (..., 3, 1) center of mass
     F: Series  # (..., 6, 1) wrench that the ground exerts on the mechanism, about the inertial origin
     p: Series  # (..., n, 1) generalized momentum
     T: Series  # (..., 1, 1) kinetic energy
@@ -88,12 +91,16 @@ def _closed_form(
     F = h.dot + UT @ (M @ UG)  # Newton and Euler: the momentum changes by the ground, by gravity and by loads -W
     F = F if W is None else F + UT @ W
     H = from_rate(C0, lambda H: H @ by_body(V).map(lambda v: wedge(v[..., 0])))
+    c = H.map(lambda H: system.first_moment(bodies.inertias, H) * reciprocal_mass(m))
+    AG, to_center = UT @ (M @ J), c.map(system.to_point)
+    hG, AG = h + to_center @ h, AG + to_center @ AG
     p = gM @ qd
     T = qd.mT @ p * 0.5
     power = qd.mT @ Qgrav
     U = from_rate(system.potential_energy(bodies.inertias, C0, m.gravity), lambda _: power)
-    motion = {"H": H, "A": A, "J": J, "V": V, "b": b, "UG": UG, "h": h, "p": p, "T": T, "U": U}
-    return ClosedForm(**motion, gM=gM, gC=gC, gCbar=gCbar, Qgrav=Qgrav, Qext=Qext, Q=Q, bias=bias, F=F)
+    motion = {"H": H, "A": A, "J": J, "V": V, "b": b, "UG": UG, "T": T, "U": U}
+    momenta = {"h": h, "AG": AG, "hG": hG, "c": c, "p": p}
+    return ClosedForm(**motion, **momenta, gM=gM, gC=gC, gCbar=gCbar, Qgrav=Qgrav, Qext=Qext, Q=Q, bias=bias, F=F)
 
 
 def by_body(x: Series) -> Series:
@@ -105,18 +112,10 @@ def _without_base(x: ClosedForm, n: int) -> ClosedForm:
     """The bodies and coordinates of a fixed robot, the last n, whose ground is the base."""
     bodies, own = slice(6, None), slice(-n, None)
     one, square, both = (..., own, slice(None)), (..., own, own), (..., bodies, bodies)
-    kept: dict[str, Any] = {
-        "gM": square,
-        "gC": square,
-        "gCbar": square,
-        "Qgrav": one,
-        "Qext": one,
-        "Q": one,
-        "bias": one,
-        "p": one,
-    }
+    kept: dict[str, Any] = {"gM": square, "gC": square, "gCbar": square}
+    kept |= {"Qgrav": one, "Qext": one, "Q": one, "bias": one, "p": one}
     kept |= {"A": both, "b": both, "J": (..., bodies, own), "V": (..., bodies, slice(None))}
-    kept |= {"UG": (..., bodies, slice(None)), "H": (..., slice(1, None), slice(None), slice(None))}
+    kept |= {"AG": (..., own), "UG": (..., bodies, slice(None)), "H": (..., slice(1, None), slice(None), slice(None))}
     return replace(x, **{name: getattr(x, name).map(lambda a, rows=rows: a[rows]) for name, rows in kept.items()})
 
 

@@ -144,8 +144,17 @@ def system_gravity(mechanism: Mechanism) -> Array:
     return concatenate([0 * mechanism.gravity, -mechanism.gravity], axis=-1)[:, None]  # (eq_U)
 
 
+def first_moment(inertias: Array, C: Array) -> Array:
+    """The sum of m_i c_i, linear in the poses of the bodies: (..., 3, 1)."""
+    m, h, _ = moments(inertias)
+    return (C @ concatenate([h, m], axis=-2))[..., :3, :].sum(axis=-3)
+
+
+def to_point(r: Array) -> Array:
+    """The matrix that is added to 1 where a wrench about the origin is taken about r instead, linear in r."""
+    return ad(concatenate([0 * r, r], axis=-2)[..., 0]).mT
+
+
 def potential_energy(inertias: Array, C: Array, gravity: Array) -> Array:
     """U = -sum of m_i g . c_i, zero at the height of the inertial origin, from the poses: (..., 1, 1)."""
-    m, h, _ = moments(inertias)
-    weighted = (C @ concatenate([h, m], axis=-2))[..., :3, 0].sum(axis=-2)[..., None, :]  # (..., 1, 3)
-    return -(weighted @ gravity[:, None])
+    return -(gravity @ first_moment(inertias, C))[..., None]

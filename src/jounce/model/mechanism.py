@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import Array, exact_integers, is_numeric, is_symbolic
-from jounce.errors import one_of
+from jounce._scalars import Array, concatenate, exact_integers, is_numeric, is_symbolic, is_zero, reciprocal
+from jounce.errors import JounceError, one_of
 from jounce.model.drives import Drives
 from jounce.model.elasticity import Elasticity
 from jounce.model.limits import Limits
@@ -215,6 +215,21 @@ def cast_model(mechanism: Mechanism, arrays: Sequence[Array]) -> Mechanism:
     if any(is_numeric(x) and x.dtype == np.longdouble for x in arrays):
         return with_extended_precision(mechanism)
     return mechanism
+
+
+@lru_cache(maxsize=64)
+def reciprocal_mass(mechanism: Mechanism) -> Array:
+    """1 / m of the mass m of all bodies that move, a floating base included, (1,).
+
+    Raises
+    ------
+    JounceError : if they have no mass, and hence no center of mass.
+    """
+    of_base = mechanism.base.M[None] if mechanism.base else mechanism.M[:0]
+    mass = concatenate([of_base, mechanism.M], axis=-3)[:, 3:4, 3].sum(axis=0)
+    if is_zero(mass[0]):
+        raise JounceError(f"{mechanism.name!r} has no center of mass, as all masses are 0; give its bodies mass")
+    return reciprocal(mass)
 
 
 def ancestors(mechanism: Mechanism) -> np.ndarray:

@@ -227,6 +227,8 @@ def _free_link(links: Mapping[str, Link], ordered: Sequence[Joint]) -> str:
     if floating and len(moving) > 1:
         came = f"{len(moving)} links move on the ground, {listed(joint.child for joint in moving)}"
         raise JounceError(f"base='floating': {came}; expected root=, the one that floats: {' or '.join(floating)}")
+    if not roots:
+        raise JounceError("base='floating': no links; expected at least one")
     if not floating and len(roots) > 1:
         raise JounceError(
             f"base='floating': {len(roots)} root links, {listed(roots)}; expected root=, the one that floats"

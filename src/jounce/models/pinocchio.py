@@ -29,18 +29,14 @@ UNBOUNDED = np.finfo(float).max  # as Pinocchio says it
 
 def mechanism(model: Any, gravity: object = None, base: str | None = None, root: str | None = None) -> Mechanism:
     """The mechanism of a `pinocchio.Model`: bodies depth first, coordinates in the order of Pinocchio's v."""
-    kind = type(model)
-    if kind.__name__ != "Model" or not kind.__module__.startswith("pinocchio.pinocchio_pywrap_default"):
-        raise JounceError(
-            f"from_pinocchio() expects a pinocchio.Model of numbers, got {kind.__module__}.{kind.__name__}"
-        )
+    check_model(model, "from_pinocchio()")
     called = model.name or "robot"
     what = f"model {called!r}"
     if gravity is None and model.gravity.angular.any():
         raise JounceError(
             f"{what}: the gravity field has an angular part, {model.gravity.angular.tolist()}; expected zeros"
         )
-    bodies = _bodies(model)
+    bodies = moved_bodies(model)
     links, joints = [tree.Link(bodies[0], MASSLESS, what)], []
     for i, Y in enumerate(model.inertias[1:], start=1):
         chain = _chain(model, i, bodies, what)
@@ -59,11 +55,18 @@ def mechanism(model: Any, gravity: object = None, base: str | None = None, root:
     return replace(built, G=built.G[:, order], coordinates=tuple(built.coordinates[j] for j in order))
 
 
+def check_model(model: Any, what: str) -> None:
+    """Raise `JounceError` unless an argument is a `pinocchio.Model` of numbers."""
+    kind = type(model)
+    if kind.__name__ != "Model" or not kind.__module__.startswith("pinocchio.pinocchio_pywrap_default"):
+        raise JounceError(f"{what} expects a pinocchio.Model of numbers, got {kind.__module__}.{kind.__name__}")
+
+
 def _flyers(model: Any) -> list[Any]:
     return [joint for joint in model.joints if joint.shortname() == FREE_FLYER]
 
 
-def _bodies(model: Any) -> list[str]:
+def moved_bodies(model: Any) -> list[str]:
     """Return the names of the bodies that the joints move: of the first body on a joint, or else of the joint."""
     names = list(model.names)
     for frame in reversed(model.frames):
@@ -96,7 +99,7 @@ def _chain(model: Any, i: int, bodies: list[str], what: str) -> list[tree.Joint]
         kind = joint.shortname()
         free = None if not X.any() else FREE_JOINTS[kind][0] if kind in FREE_JOINTS else kind
         return [replace(_fixed_joint(model.names[i], parent, child, placement @ T, what), free=free)]
-    names = _coordinates(model, i)
+    names = coordinate_names(model, i)
     links = [parent, *names[:-1], child]
     return [
         tree.Joint(
@@ -118,7 +121,7 @@ def _fixed_joint(name: str, parent: str, child: str, B: np.ndarray, what: str) -
     return tree.Joint(name, parent, child, B, X=None, mimic=None, limits={}, drive={}, place=what)
 
 
-def _coordinates(model: Any, i: int) -> list[str]:
+def coordinate_names(model: Any, i: int) -> list[str]:
     """The names of a joint's coordinates: its own, numbered where there are several."""
     count, name = model.joints[i].nv, model.names[i]
     return [name] if count < 2 else [f"{name}_{k + 1}" for k in range(count)]
@@ -126,7 +129,7 @@ def _coordinates(model: Any, i: int) -> list[str]:
 
 def _leader(model: Any, v: int) -> str:
     """The name of the coordinate at a place in v."""
-    return [name for i, joint in enumerate(model.joints) if i and joint.nv for name in _coordinates(model, i)][v]
+    return [name for i, joint in enumerate(model.joints) if i and joint.nv for name in coordinate_names(model, i)][v]
 
 
 def _at(model: Any, joint: Any, theta: float) -> tuple[np.ndarray, np.ndarray]:

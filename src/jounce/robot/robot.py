@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from jounce.limits.slowdown import Slowdown
     from jounce.model.elasticity import SpringLaw
     from jounce.model.motors import Motor
+    from jounce.models.states import RobotState
     from jounce.motion import Motion
     from jounce.robot.along import Along
 
@@ -486,6 +487,309 @@ class Robot:
         from jounce.models import mujoco  # what few programs need
 
         return cls(mujoco.mechanism(model, gravity, base, root))
+
+    def state_from_pinocchio(
+        self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None, *, model: Any
+    ) -> "RobotState":
+        """The state of the robot from q, v, a of a Pinocchio model: joints by name, the base in jounce's conventions.
+
+        Pinocchio has the quaternion of a free-flyer as (x, y, z, w), its velocity as (linear; angular) in the axes of
+        the body, and in a the rates of these components: ``V = (v[3:6]; v[:3])``, ``Vd = (a[3:6]; a[:3])``. Joints that
+        turn freely have a cosine and a sine in q; here they are angles from -pi to pi.
+
+        Parameters
+        ----------
+        q : (..., nq)
+            Configuration of the model; quaternions of unit norm within 1e-6.
+        v, a : (..., nv), optional
+            Velocity and acceleration.
+        model : pinocchio.Model
+            The model whose vectors they are: its order of joints may differ from that of the robot.
+
+        Returns
+        -------
+        RobotState
+            To use as ``robot.inverse_dynamics(*state.rates, base=state.base)``.
+
+        Raises
+        ------
+        JounceError
+            If a shape is wrong, a quaternion is not of unit norm, a joint of the robot is not in the model, or another
+            joint of the model moves its bodies, such as one that is locked.
+
+        Examples
+        --------
+        >>> import jounce, pinocchio
+        >>> model = pinocchio.buildSampleModelHumanoid()
+        >>> robot = jounce.Robot.from_pinocchio(model, base="floating")
+        >>> state = robot.state_from_pinocchio(pinocchio.neutral(model), model=model)
+        >>> state.q.shape, state.base[0].shape
+        ((26,), (4, 4))
+        """
+        from jounce.models import states
+
+        return states.state_from(self.mechanism, states.of_pinocchio(model), (q, v, a), ("q", "v", "a"))
+
+    def state_to_pinocchio(
+        self, q: Named, qd: Named | None = None, q2d: Named | None = None, *, model: Any, base: Rates | None = None
+    ) -> tuple[Array, ...]:
+        """The vectors q, v, a of a Pinocchio model, the inverse of `state_from_pinocchio`.
+
+        Parameters
+        ----------
+        q, qd, q2d : (..., n)
+            Coordinates, and optionally velocities and accelerations.
+        model : pinocchio.Model
+            The model whose vectors they become.
+        base : tuple, optional
+            C, V, Vd of the base of a robot that floats, as many as there are of q, qd and q2d.
+
+        Returns
+        -------
+        tuple of arrays
+            q (..., nq), and v, a (..., nv) if qd and q2d are given. Of the two quaternions of a pose it is that with
+            w >= 0; joints of the model that move none of the robot's bodies are at rest in their neutral position.
+
+        Raises
+        ------
+        JounceError
+            If a shape is wrong, the pose is not a pose, or the joints of the model are not those of the robot.
+
+        Examples
+        --------
+        >>> import jounce, pinocchio
+        >>> model = pinocchio.buildSampleModelManipulator()
+        >>> robot = jounce.Robot.from_pinocchio(model)
+        >>> q, v = robot.state_to_pinocchio([0.1] * 6, [0.2] * 6, model=model)
+        >>> bool((q == 0.1).all())
+        True
+        """
+        from jounce.models import states
+
+        return states.state_to(self.mechanism, states.of_pinocchio(model), (q, qd, q2d), base)
+
+    def forces_from_pinocchio(self, tau: ArrayLike, *, model: Any) -> Array:
+        """The generalized forces Q of the robot from tau of a Pinocchio model, such as that of its rnea.
+
+        The wrench on a base that floats is (force; moment) there, (moment; force) here, both in the axes of the base.
+
+        Parameters
+        ----------
+        tau : (..., nv)
+            Generalized forces of the model.
+        model : pinocchio.Model
+            The model whose forces they are.
+
+        Returns
+        -------
+        Q : (..., nv)
+            The wrench on the base first if the robot floats; forces of joints that follow others are added to these.
+
+        Raises
+        ------
+        JounceError
+            If a shape is wrong, or the joints of the model are not those of the robot.
+
+        Examples
+        --------
+        >>> import jounce, pinocchio
+        >>> model = pinocchio.buildSampleModelManipulator()
+        >>> robot = jounce.Robot.from_pinocchio(model)
+        >>> q = pinocchio.neutral(model)
+        >>> tau = pinocchio.computeGeneralizedGravity(model, model.createData(), q)
+        >>> Q = robot.forces_from_pinocchio(tau, model=model)
+        >>> bool(abs(Q - robot.gravity_forces([0.0] * 6)).max() < 1e-12)
+        True
+        """
+        from jounce.models import states
+
+        return states.forces_from(self.mechanism, states.of_pinocchio(model), tau, "tau")
+
+    def forces_to_pinocchio(self, Q: ArrayLike, *, model: Any) -> Array:
+        """The generalized forces tau of a Pinocchio model, the inverse of `forces_from_pinocchio`.
+
+        Parameters
+        ----------
+        Q : (..., nv)
+            Generalized forces of the robot, the wrench on its base first if it floats.
+        model : pinocchio.Model
+            The model whose forces they become.
+
+        Returns
+        -------
+        tau : (..., nv)
+            Zero at joints that follow others, and at those that the robot does not have.
+
+        Raises
+        ------
+        JounceError
+            If a shape is wrong, or the joints of the model are not those of the robot.
+
+        Examples
+        --------
+        >>> import jounce, pinocchio
+        >>> model = pinocchio.buildSampleModelManipulator()
+        >>> robot = jounce.Robot.from_pinocchio(model)
+        >>> robot.forces_to_pinocchio([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], model=model)
+        array([1., 2., 3., 4., 5., 6.])
+        """
+        from jounce.models import states
+
+        return states.forces_to(self.mechanism, states.of_pinocchio(model), Q)
+
+    def state_from_mujoco(
+        self, qpos: ArrayLike, qvel: ArrayLike | None = None, qacc: ArrayLike | None = None, *, model: Any
+    ) -> "RobotState":
+        """The state of the robot from qpos, qvel, qacc of MuJoCo: joints by name, the base in jounce's conventions.
+
+        MuJoCo has the quaternion of a free joint as (w, x, y, z), its linear velocity in world axes, its angular
+        velocity in the axes of the body, and in qacc the rates of these components: with the rotation R of the base,
+        ``V = (qvel[3:6]; R^T qvel[:3])`` and ``Vd = (qacc[3:6]; R^T qacc[:3] - qvel[3:6] x R^T qvel[:3])``.
+
+        Parameters
+        ----------
+        qpos : (..., nq)
+            Positions; quaternions of unit norm within 1e-6.
+        qvel, qacc : (..., nv), optional
+            Velocities and accelerations.
+        model : mujoco.MjModel
+            The model whose vectors they are. Joints that move none of the robot's bodies are ignored.
+
+        Returns
+        -------
+        RobotState
+            To use as ``robot.inverse_dynamics(*state.rates, base=state.base)``.
+
+        Raises
+        ------
+        JounceError
+            If a shape is wrong, a quaternion is not of unit norm, a joint of the robot is not in the model, another
+            joint of the model moves its bodies, or a joint is not where those that it follows place it, within 0.01.
+
+        Examples
+        --------
+        >>> import jounce, mujoco
+        >>> arm = "<body name='arm'><joint name='tilt'/><geom size='.1'/></body>"
+        >>> xml = f"<body name='trunk'><freejoint/><geom size='.2'/>{arm}</body>"
+        >>> model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{xml}</worldbody></mujoco>")
+        >>> robot = jounce.Robot.from_mujoco(model, base="floating")
+        >>> data = mujoco.MjData(model)
+        >>> state = robot.state_from_mujoco(data.qpos, data.qvel, data.qacc, model=model)
+        >>> [x.shape for x in (*state.rates, *state.base)]
+        [(1,), (1,), (1,), (4, 4), (6,), (6,)]
+        """
+        from jounce.models import states
+
+        given = (qpos, qvel, qacc)
+        return states.state_from(self.mechanism, states.of_mujoco(model), given, ("qpos", "qvel", "qacc"))
+
+    def state_to_mujoco(
+        self, q: Named, qd: Named | None = None, q2d: Named | None = None, *, model: Any, base: Rates | None = None
+    ) -> tuple[Array, ...]:
+        """The vectors qpos, qvel, qacc of a MuJoCo model, the inverse of `state_from_mujoco`.
+
+        Parameters
+        ----------
+        q, qd, q2d : (..., n)
+            Coordinates, and optionally velocities and accelerations.
+        model : mujoco.MjModel
+            The model whose vectors they become.
+        base : tuple, optional
+            C, V, Vd of the base of a robot that floats, as many as there are of q, qd and q2d.
+
+        Returns
+        -------
+        tuple of arrays
+            qpos (..., nq), and qvel, qacc (..., nv) if qd and q2d are given. Of the two quaternions of a pose it is
+            that with w >= 0; joints that move none of the robot's bodies are at rest at qpos0.
+
+        Raises
+        ------
+        JounceError
+            If a shape is wrong, the pose is not a pose, or the joints of the model are not those of the robot.
+
+        Examples
+        --------
+        >>> import jounce, mujoco
+        >>> arm = "<body name='arm'><joint name='tilt'/><geom size='.1'/></body>"
+        >>> model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{arm}</worldbody></mujoco>")
+        >>> jounce.Robot.from_mujoco(model).state_to_mujoco([0.4], [2.0], model=model)
+        (array([0.4]), array([2.]))
+        """
+        from jounce.models import states
+
+        return states.state_to(self.mechanism, states.of_mujoco(model), (q, qd, q2d), base)
+
+    def forces_from_mujoco(self, qfrc: ArrayLike, qpos: ArrayLike | None = None, *, model: Any) -> Array:
+        """The generalized forces Q of the robot from those of MuJoCo, such as its qfrc_inverse.
+
+        The wrench on a free joint is the force in world axes, then the moment in the axes of the body, about its
+        origin; here (moment; force), both in the axes of the base.
+
+        Parameters
+        ----------
+        qfrc : (..., nv)
+            Generalized forces of the model.
+        qpos : (..., nq), optional
+            Positions of the model, needed if the robot floats.
+        model : mujoco.MjModel
+            The model whose forces they are.
+
+        Returns
+        -------
+        Q : (..., nv)
+            The wrench on the base first if the robot floats; forces of joints that follow others are added to these.
+
+        Raises
+        ------
+        JounceError
+            If a shape is wrong, qpos is missing, or the joints of the model are not those of the robot.
+
+        Examples
+        --------
+        >>> import jounce, mujoco
+        >>> arm = "<body name='arm'><joint name='tilt'/><geom size='.1'/></body>"
+        >>> model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{arm}</worldbody></mujoco>")
+        >>> jounce.Robot.from_mujoco(model).forces_from_mujoco([3.0], model=model)
+        array([3.])
+        """
+        from jounce.models import states
+
+        return states.forces_from(self.mechanism, states.of_mujoco(model), qfrc, "qfrc", qpos)
+
+    def forces_to_mujoco(self, Q: ArrayLike, *, model: Any, base: Rates | None = None) -> Array:
+        """The generalized forces of a MuJoCo model, the inverse of `forces_from_mujoco`.
+
+        Parameters
+        ----------
+        Q : (..., nv)
+            Generalized forces of the robot, the wrench on its base first if it floats.
+        model : mujoco.MjModel
+            The model whose forces they become.
+        base : (..., 4, 4), optional
+            Pose of the base, needed if the robot floats.
+
+        Returns
+        -------
+        qfrc : (..., nv)
+            Zero at joints that follow others, and at those that the robot does not have.
+
+        Raises
+        ------
+        JounceError
+            If a shape is wrong, the pose is missing, or the joints of the model are not those of the robot.
+
+        Examples
+        --------
+        >>> import jounce, mujoco
+        >>> arm = "<body name='arm'><joint name='tilt'/><geom size='.1'/></body>"
+        >>> model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{arm}</worldbody></mujoco>")
+        >>> jounce.Robot.from_mujoco(model).forces_to_mujoco([3.0], model=model)
+        array([3.])
+        """
+        from jounce.models import states
+
+        return states.forces_to(self.mechanism, states.of_mujoco(model), Q, base)
 
     def with_drives(self, terms: DriveTerms = True, eps: float | None = None) -> Self:
         """The robot whose inverse dynamics includes the selected drive terms: armature, damping, friction, spring.
@@ -1651,6 +1955,151 @@ class Robot:
         array([5., 3.])
         """
         return compute(self, "momentum", (q, qd, q2d, q3d, *higher), base=base, method=method, out=out, threads=threads)
+
+    @typed(overloads.OfVelocity[Array])
+    def centroidal_momentum(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named | None = None,
+        q3d: Named | None = None,
+        *higher: Named,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> Results:
+        """The momentum hG = (angular; linear) of the robot about its center of mass, and its rates.
+
+        ``hG = (k - c x l; l)`` in inertial axes, with the momentum h = (k; l) and the center of mass c. Its rate
+        is the sum of the weight and of all wrenches on the robot, about the center of mass.
+
+        Parameters
+        ----------
+        q, qd : (..., n)
+            Coordinates and velocities: rad or m, per s.
+        q2d, q3d, *higher : (..., n), optional
+            Further rates, each for one more time derivative.
+        base, method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        hG : (..., 6), or tuple of (..., 6)
+            In kg m^2/s and kg m/s.
+
+        Raises
+        ------
+        JounceError
+            If the masses are 0, an array has a wrong shape, a rate is skipped, or a name is unknown.
+
+        References
+        ----------
+        D. E. Orin, A. Goswami, S.-H. Lee, "Centroidal dynamics of a humanoid robot", Autonomous Robots 35, 2013.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("planar2r").centroidal_momentum([0, 0], [1, 0])[[2, 4]]
+        array([0.5, 3. ])
+        """
+        rates = (q, qd, q2d, q3d, *higher)
+        return compute(self, "centroidal_momentum", rates, base=base, method=method, out=out, threads=threads)
+
+    @typed(overloads.OfPosition[Array])
+    def centroidal_momentum_matrix(
+        self,
+        q: Named,
+        qd: Named | None = None,
+        q2d: Named | None = None,
+        *higher: Named,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> Results:
+        """The centroidal momentum matrix AG and its rates: hG = AG qd.
+
+        If the robot floats, AG has nv = 6 + n columns, those of the twist of its base first; AG' = `AGd` gives the bias
+        ``hGd - AG nud = AGd nu``. For a robot whose ground moves, the momentum of that motion is not part of AG qd.
+
+        Parameters
+        ----------
+        q : (..., n)
+            Coordinates, rad or m.
+        qd, q2d, *higher : (..., n), optional
+            Further rates, each for one more time derivative.
+        base, method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        AG : (..., 6, nv), or tuple of (..., 6, nv)
+            In kg m^2, kg m or kg.
+
+        Raises
+        ------
+        JounceError
+            If the masses are 0, an array has a wrong shape, a rate is skipped, or a name is unknown.
+
+        References
+        ----------
+        D. E. Orin, A. Goswami, S.-H. Lee, "Centroidal dynamics of a humanoid robot", Autonomous Robots 35, 2013.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("planar2r").centroidal_momentum_matrix([0, 0])[[2, 4]]
+        array([[0.5, 0.5],
+               [3. , 1. ]])
+        """
+        rates = (q, qd, q2d, *higher)
+        return compute(self, "centroidal_momentum_matrix", rates, base=base, method=method, out=out, threads=threads)
+
+    @typed(overloads.OfPosition[Array])
+    def center_of_mass(
+        self,
+        q: Named,
+        qd: Named | None = None,
+        q2d: Named | None = None,
+        *higher: Named,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> Results:
+        """The center of mass c of the robot in the inertial frame, and its velocity, acceleration, ...
+
+        ``c = sum of m_i c_i / sum of m_i`` over the bodies that move; links fixed to the ground are not among them.
+
+        Parameters
+        ----------
+        q : (..., n)
+            Coordinates, rad or m.
+        qd, q2d, *higher : (..., n), optional
+            Further rates, each for one more time derivative.
+        base, method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        c : (..., 3), or tuple of (..., 3)
+            In m, m/s, ...
+
+        Raises
+        ------
+        JounceError
+            If the masses are 0, an array has a wrong shape, a rate is skipped, or a name is unknown.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> c, cd = jounce.load("planar2r").center_of_mass([0, 0], [1, 0])
+        >>> c, cd
+        (array([1.5, 0. , 0. ]), array([0. , 1.5, 0. ]))
+        """
+        rates = (q, qd, q2d, *higher)
+        return compute(self, "center_of_mass", rates, base=base, method=method, out=out, threads=threads)
 
     @typed(overloads.OfVelocity[Array])
     def generalized_momentum(

@@ -53,8 +53,27 @@ def pose(R: Array, r: Array) -> Array:
 
 def from_quaternion(Q: Array) -> Array:
     """The 3x3 matrix of a quaternion (w, x, y, z): a rotation where its length is 1, else that times its square."""
-    w, v = Q[0], hat(Q[1:])
-    return Q @ Q * np.eye(3) + 2 * w * v + 2 * v @ v
+    w, v = Q[..., :1, None], hat(Q[..., 1:])
+    return (Q[..., None, :] @ Q[..., None]) * np.eye(3) + 2 * w * v + 2 * v @ v
+
+
+def to_quaternion(R: np.ndarray) -> np.ndarray:
+    """The unit quaternion (w, x, y, z) of a rotation of numbers, with w >= 0: (..., 3, 3) to (..., 4)."""
+    x, y, z = np.moveaxis(np.diagonal(R, axis1=-2, axis2=-1), -1, 0)
+    turned, sums = R.mT - R, R.mT + R  # all of Q Q^T, times 4, is in them
+    wx, wy, wz = turned[..., 1, 2], turned[..., 2, 0], turned[..., 0, 1]
+    xy, xz, yz = sums[..., 0, 1], sums[..., 0, 2], sums[..., 1, 2]
+    rows = [
+        [1 + x + y + z, wx, wy, wz],
+        [wx, 1 + x - y - z, xy, xz],
+        [wy, xy, 1 - x + y - z, yz],
+        [wz, xz, yz, 1 - x - y + z],
+    ]
+    products = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    largest = np.argmax(np.diagonal(products, axis1=-2, axis2=-1), axis=-1)[..., None, None]
+    Q = np.take_along_axis(products, largest, axis=-2)[..., 0, :]
+    Q = Q / np.linalg.norm(Q, axis=-1, keepdims=True)
+    return np.where(Q[..., :1] < 0, -Q, Q)
 
 
 def rotation(C: Array) -> Array:

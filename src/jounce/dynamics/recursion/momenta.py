@@ -1,26 +1,60 @@
-"""Momentum and energy: sums over the bodies at their joints or the ground, in frames on the joint axes."""
+"""Momenta, energies and center of mass: sums over the bodies at joints or ground, in frames on the joint axes."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import reduce
 from operator import add
 
+import numpy as np
+
 from jounce._scalars import concatenate
 from jounce.dynamics.base import BaseMotion
-from jounce.dynamics.recursion.joints import Joint, batch_zeros
-from jounce.dynamics.recursion.sweeps import composites, evaluate_in_order, velocities
+from jounce.dynamics.recursion.joints import Joint, batch_zeros, rows
+from jounce.dynamics.recursion.sweeps import collect, composites, evaluate_in_order, velocities
 from jounce.dynamics.recursion.tree import KinematicTree, kinematic_tree
 from jounce.model.equivalent import on_axes
-from jounce.model.mechanism import Mechanism
-from jounce.spatial.inertia import moments
+from jounce.model.mechanism import Mechanism, reciprocal_mass
+from jounce.spatial.inertia import moment_matrix, moments
+from jounce.spatial.lie import hat, pose, position, rotation
 from jounce.spatial.series import Series, joined
 
 
 def momentum(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
     """h, about the inertial origin, in inertial axes: (..., 6, 1)."""
-    tree = kinematic_tree(on_axes(mechanism), q, base)
-    V, P = _momenta(tree)
-    roots = [joint.wrenches(P_i) for joint, P_i in zip(tree.joints, P, strict=True) if joint.parent < 0]
-    return evaluate_in_order(reduce(add, roots) + batch_zeros(q), [*V, *reversed(P)])
+    return _momentum(kinematic_tree(on_axes(mechanism), q, base), q)
+
+
+def centroidal_momentum(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+    """hG, about the center of mass, in inertial axes: (..., 6, 1)."""
+    tree = kinematic_tree(on_axes(mechanism), q, _at_origin(base))
+    return about_center(_momentum(tree, q), _center_of_mass(mechanism, tree, q))
+
+
+def centroidal_momentum_matrix(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+    """AG, the momenta about the center of mass of unit velocities, in inertial axes: (..., 6, nv)."""
+    tree = kinematic_tree(on_axes(mechanism), q, _at_origin(base))
+    Pi = composites(tree.joints, [Series.constant(Pi_i) for Pi_i in moment_matrix(tree.M)], Joint.moments)
+    columns = collect(tree.joints, [joint.momentum(Pi_j) for joint, Pi_j in zip(tree.joints, Pi, strict=True)])
+    unit = np.eye(len(tree.G), dtype=int)
+    roots = [
+        joint.wrenches(c.values) @ unit[c.screws]
+        for joint, c in zip(tree.joints, columns, strict=True)
+        if joint.parent < 0
+    ]
+    steps = [*reversed(Pi), *(c.values for c in reversed(columns))]
+    A = evaluate_in_order((reduce(add, roots) + batch_zeros(q)) @ tree.G, steps)
+    return about_center(A, _center_of_mass(mechanism, tree, q))
+
+
+def center_of_mass(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+    """c = sum of m_i c_i / m, in the inertial frame: (..., 3, 1)."""
+    return _center_of_mass(mechanism, kinematic_tree(on_axes(mechanism), q, base), q)
+
+
+def about_center(h: Series, c: Series) -> Series:
+    """Momenta (..., 6, k) about a center of mass c, (..., 3, 1), from those about the origin."""
+    linear = rows(h, 3, 6)
+    return joined([rows(h, 0, 3) - c.map(lambda c: hat(c[..., 0])) @ linear, linear], axis=-2)
 
 
 def generalized_momentum(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
@@ -45,12 +79,27 @@ def potential_energy(mechanism: Mechanism, q: Series, base: BaseMotion | None = 
     return up @ _first_moment(kinematic_tree(on_axes(mechanism), q, base), q)
 
 
+def _at_origin(base: BaseMotion | None) -> BaseMotion | None:
+    """The motion of a base seen from the place where it is, so that no digits are lost far away from the origin."""
+    return base and replace(base, pose=pose(rotation(base.pose), 0 * position(base.pose)))
+
+
+def _center_of_mass(mechanism: Mechanism, tree: KinematicTree, q: Series) -> Series:
+    return rows(_first_moment(tree, q), 0, 3) * reciprocal_mass(mechanism)
+
+
 def _first_moment(tree: KinematicTree, q: Series) -> Series:
     """The sum of (m c; m) over the bodies, (..., 4, 1), transported inward to the inertial frame."""
     own = [Series.constant(concatenate([h, m], axis=-2)) for m, h, _ in map(moments, tree.M)]
     h = composites(tree.joints, own, Joint.points)
     roots = [joint.points(h_i) for joint, h_i in zip(tree.joints, h, strict=True) if joint.parent < 0]
     return evaluate_in_order(reduce(add, roots) + batch_zeros(q), reversed(h))
+
+
+def _momentum(tree: KinematicTree, q: Series) -> Series:
+    V, P = _momenta(tree)
+    roots = [joint.wrenches(P_i) for joint, P_i in zip(tree.joints, P, strict=True) if joint.parent < 0]
+    return evaluate_in_order(reduce(add, roots) + batch_zeros(q), [*V, *reversed(P)])
 
 
 def _momenta(tree: KinematicTree) -> tuple[Sequence[Series], Sequence[Series]]:

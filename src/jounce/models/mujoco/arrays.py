@@ -50,14 +50,14 @@ class Arrays:
         return self.off.isdisjoint(flags)
 
 
-def arrays(model: Any, file: Path | None) -> Arrays:
+def arrays(model: Any, file: Path | None, what: str = "from_mujoco()") -> Arrays:
     """Return the arrays of a model; raise `JounceError`, naming `file`, if it is not a model or not finite."""
     try:
         of = {name: np.asarray(getattr(model, name)) for names in (*NUMBERS.values(), BESIDE) for name in names}
         option, texts = model.opt, bytes(model.names)
     except AttributeError as error:
         came = f"{type(model).__name__}, which has no {error.name!r}"
-        raise JounceError(f"from_mujoco() expects a mujoco.MjModel, got {came}") from None
+        raise JounceError(f"{what} expects a mujoco.MjModel, got {came}") from None
     of |= {name: np.asarray(getattr(model, name, 0.0)) for name in LATER}
     name = _text(texts, 0)
     name = file.stem if file and name == UNNAMED else name

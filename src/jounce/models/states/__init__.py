@@ -1,0 +1,13 @@
+"""Whole states and forces of other libraries: joints by name, and the base of a robot that floats in their conventions.
+
+| | quaternion | linear velocity of the base | angular | acceleration |
+|---|---|---|---|---|
+| Pinocchio | x, y, z, w | base axes | base axes | rates of the components of v |
+| MuJoCo | w, x, y, z | world axes | base axes | rates of the components of qvel |
+"""
+
+from jounce.models.states.conversion import RobotState, forces_from, forces_to, state_from, state_to
+from jounce.models.states.mujoco import layout as of_mujoco
+from jounce.models.states.pinocchio import layout as of_pinocchio
+
+__all__ = ["RobotState", "forces_from", "forces_to", "of_mujoco", "of_pinocchio", "state_from", "state_to"]
