@@ -6,6 +6,7 @@ import numpy as np
 
 from jounce.io.columns import Columns
 from jounce.motion import Motion
+from jounce.motion.base import NAMES
 from jounce.spatial.series import rate_name
 
 PIECE = 1000  # rows
@@ -15,12 +16,12 @@ BREAK = "break"  # the column of breaks: the order of the derivative that jumps 
 
 def pieces(motion: Motion, joints: Sequence[str], order: int) -> Iterator[Columns]:
     """A motion at its times as ``NAME.q, NAME.qd, ...``, piece by piece, a table that is read as a motion again."""
-    breaks = [(found.t, found.order) for found in motion.breaks_to(order) if found.symbol == "q"]
+    breaks = [(found.t, found.order) for found in motion.breaks_to(order) if found.symbol != "W"]
     for start in range(0, len(motion.times), PIECE):
         part = slice(start, start + PIECE)
         t = motion.times[part]
         columns: Columns = {"t": t}
-        columns |= named("q", joints, motion(t, order), motion.deviations(t, order))
+        columns |= named("q", joints, motion(t, order), motion.deviations(t, order)) | of_base(motion, t, order)
         if motion.samples is not None and len(motion.samples[0]) == len(motion.times):
             columns |= {f"{name}.q{SAMPLE}": motion.samples[1][part, j] for j, name in enumerate(joints)}
         yield columns | measured(motion, joints, t) | break_marks(motion, breaks, t)
@@ -34,6 +35,19 @@ def named(
     for j, name in enumerate(joints):
         for ending, arrays in (("", rates), (DEVIATION, deviations or ())):
             found |= {f"{name}.{rate_name(symbol, k)}{ending}": rate[:, j] for k, rate in enumerate(arrays)}
+    return found
+
+
+def of_base(motion: Motion, t: np.ndarray, order: int) -> Columns:
+    """The columns ``base.x, base.xd, ..., base.qz, ...`` of the base of a motion, as they are read again."""
+    if motion.base_curve is None:
+        return {}
+    found: Columns = {}
+    motion.base(t, order)  # refuses what is not known
+    rates, deviations = motion.base_curve.rates(t, order), motion.base_curve.deviations(t, order)
+    for j, name in enumerate(NAMES):
+        for ending, arrays in (("", rates), (DEVIATION, deviations or ())):
+            found |= {f"{rate_name(name, k)}{ending}": rate[:, j] for k, rate in enumerate(arrays)}
     return found
 
 
