@@ -12,11 +12,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from shutil import which
 from tempfile import TemporaryDirectory
-from time import perf_counter
 
 import click
 
-from benchmarks.tables import figure, paragraph, table
+from benchmarks.tables import paragraph, table
 from jounce import JounceError, load
 from jounce._version import __version__
 from jounce.arguments.requests import computation
@@ -40,9 +39,8 @@ these are the assembler's figures of compiled code, not measurements. Kernels ar
 {threads} threads, one state per thread."""
 EXPLAINED = """Registers, stack and spills are of one thread, in bytes where not said otherwise. The stack is local
 memory: values that do not fit into the registers, and 40 bytes in which the CUDA library reduces very large angles.
-Spills are the bytes of code that stores to it and loads from it, each once per state. Threads are those that the
-registers of a multiprocessor hold at once. Bytes are those of the arrays of a state, which memory has to move at
-least. Seconds are of the processor that compiled it, once; CuPy keeps the code on disk."""
+Spills are the bytes that go there and come back, once per state. Threads are those that the registers of a
+multiprocessor hold at once. Bytes are those of the arrays of a state, which memory has to move at least."""
 USAGE = re.compile(r"(\d+) bytes stack frame, (\d+) bytes spill stores, (\d+) bytes spill loads")
 
 
@@ -56,7 +54,6 @@ class Usage:
     loads: int
     shared: int  # bytes of a block
     code: int  # bytes
-    seconds: tuple[float, float]  # of NVRTC and of ptxas
 
     @property
     def threads(self) -> int:
@@ -78,26 +75,22 @@ def assembler() -> str:
 
 def usage(code: str, architecture: str) -> Usage:
     """Compile CUDA source for an architecture, and read what ptxas says of its kernel."""
-    start = perf_counter()
-    assembly = _assembly(code, architecture)
-    middle = perf_counter()
     with TemporaryDirectory() as folder:
         given, made = Path(folder, "kernel.ptx"), Path(folder, "kernel.cubin")
-        given.write_bytes(assembly)
+        given.write_bytes(_assembly(code, architecture))
         command = [assembler(), "-v", f"-arch=sm_{architecture}", given, "-o", made]
         done = subprocess.run(command, capture_output=True, text=True, check=True)
-        size = made.stat().st_size
-    return read(done.stderr, size, (middle - start, perf_counter() - middle))
+        return read(done.stderr, made.stat().st_size)
 
 
-def read(said: str, code: int = 0, seconds: tuple[float, float] = (0.0, 0.0)) -> Usage:
+def read(said: str, code: int = 0) -> Usage:
     """Read the figures of the kernel `states` in what ``ptxas -v`` says; other functions are part of its own."""
     of_kernel = said.partition("'states'")[2]
     memory, registers = USAGE.search(of_kernel), re.search(r"Used (\d+) registers", of_kernel)
     if memory is None or registers is None:
         raise JounceError(f"ptxas says nothing of the kernel: {said[:200]!r}")
     shared = re.search(r"(\d+) bytes smem", of_kernel)
-    return Usage(int(registers[1]), *map(int, memory.groups()), int(shared[1]) if shared else 0, code, seconds)
+    return Usage(int(registers[1]), *map(int, memory.groups()), int(shared[1]) if shared else 0, code)
 
 
 def _assembly(code: str, architecture: str) -> bytes:
@@ -126,7 +119,7 @@ def page() -> Iterator[str]:
         yield from [f"## sm_{architecture}, {cards}", ""]
         rows = [_row(name, *kernel, architecture) for name in ROBOTS for kernel in KERNELS]
         head = ("kernel", "operations", "bytes", "registers", "stack", "spill stores", "spill loads", "shared, a block",
-                "threads", "code, KiB", "NVRTC, s", "ptxas, s")  # fmt: skip
+                "threads", "code, KiB")  # fmt: skip
         yield from table(head, rows)
 
 
@@ -139,7 +132,7 @@ def _row(name: str, quantity: str, order: int, dtype: str, architecture: str) ->
     click.echo(f"sm_{architecture} {name} {quantity} {order} {dtype}: {found}", err=True)
     counts = (forms.program(mechanism, asked).operations, moved, found.registers, found.stack, found.stores,
               found.loads, found.shared, found.threads, found.code // 1024)  # fmt: skip
-    return f"{name}, {quantity}, order {order}, {dtype}", *(f"{x:,}" for x in counts), *map(figure, found.seconds)
+    return f"{name}, {quantity}, order {order}, {dtype}", *(f"{x:,}" for x in counts)
 
 
 if __name__ == "__main__":

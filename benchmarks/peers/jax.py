@@ -22,7 +22,7 @@ def _build(robot: Robot, order: int) -> Prepared:
     import jax
 
     jax.config.update("jax_enable_x64", True)
-    forces: Callable[..., tuple[Any, ...]] = lambda *rates: (robot.inverse_dynamics(*rates),)  # noqa: E731
+    forces: Callable[..., tuple[Any, ...]] = lambda *rates: (robot.inverse_dynamics(*rates, method="recursion"),)  # noqa: E731
     for _ in range(order):
         forces = _differentiated(forces)
     compiled = jax.jit(jax.vmap(forces))

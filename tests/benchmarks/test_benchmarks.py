@@ -12,7 +12,7 @@ from benchmarks.tables import figure, paragraph, share, table
 from robots import relative_error
 
 import jounce
-from benchmarks import bound, measure, peaks, pictures, quantities, robots
+from benchmarks import bound, cuda, machine, measure, peaks, pictures, quantities, results, robots, threads
 from jounce.program.program import Program, Step
 
 LIGHT = [peer for peer in PEERS if peer.name.startswith("jounce") or "pin.rnea" in peer.name]
@@ -142,3 +142,32 @@ def test_pictures_tell_jounce_from_others_without_colour(monkeypatch):
     assert others
     hollow = [line for line in drawn["orders"].axes[0].get_lines() if line.get_markerfacecolor() == "white"]
     assert len(hollow) == len(others)
+
+
+ASSEMBLED = """\
+ptxas info    : Compiling entry function 'states' for 'sm_90'
+ptxas info    : Function properties for states
+    832 bytes stack frame, 788 bytes spill stores, 812 bytes spill loads
+ptxas info    : Used 255 registers, used 1 barriers, 832 bytes cumulative stack size, 17408 bytes smem
+ptxas info    : Function properties for __internal_trig_reduction_slowpathd
+    0 bytes stack frame, 0 bytes spill stores, 0 bytes spill loads
+"""
+
+
+def test_what_a_kernel_takes_of_a_gpu_is_read():
+    found = cuda.read(ASSEMBLED)
+    assert (found.registers, found.stack, found.stores, found.loads, found.shared) == (255, 832, 788, 812, 17408)
+    assert found.threads == 256  # two blocks of 128 threads with 255 registers fit
+    with pytest.raises(jounce.JounceError, match=r"^ptxas says nothing of the kernel"):
+        cuda.read("")
+
+
+@pytest.mark.parametrize(("cores", "expected"), [(1, [1]), (2, [1, 2]), (6, [1, 2, 4, 6]), (8, [1, 2, 4, 8])])
+def test_scaling_is_measured_on_all_cores(monkeypatch, cores, expected):
+    monkeypatch.setattr(machine, "cores", lambda: cores)
+    assert threads.counts() == expected
+    sizes = [(name, count) for name, batches in threads.ROBOTS.items() for count in batches]
+    times = {("threads", *size, k): 8e-9 / k for size in sizes for k in expected}
+    rows = [line for line in results._threads(Run(times, Gathered(), (), ("", ""), 1)) if line.startswith("| iiwa14")]
+    found = [float(cell) for cell in rows[0].strip("| ").split(" | ")[1:]]
+    assert found == pytest.approx([*(8 / k for k in expected), *(1 / k for k in expected[1:])], rel=1e-2)

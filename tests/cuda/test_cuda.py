@@ -13,7 +13,7 @@ from tools import obstacle
 import jounce
 import jounce.cuda
 from jounce.cuda import arrays as device
-from jounce.cuda.source import THREADS
+from jounce.cuda.source import THREADS, source
 from jounce.errors import JounceError
 from jounce.robot.generic import as_tuple
 
@@ -47,7 +47,7 @@ CASES = {  # arrays of few numbers, of one, and wider than a tile; with wrenches
     "matrix": ("mass_matrix", {"order": 0}),
     "poses": ("poses", {"order": 0}),
     "energy": ("kinetic_energy", {"order": 1}),
-    "single": ("inverse_dynamics", {"order": 0, "dtype": "float32"}),
+    "single": ("inverse_dynamics", {"order": 0, "dtype": np.float32}),
 }
 
 
@@ -327,3 +327,18 @@ def test_without_cupy_or_a_gpu_a_call_says_so(monkeypatch):
         monkeypatch.setattr(cupy_on_cpu.cuda.runtime, "getDeviceCount", count)
         with pytest.raises(JounceError, match=rf"^jounce\.cuda needs an NVIDIA GPU; .*{match}"):
             jounce.cuda.compile(robot)
+
+
+@pytest.mark.parametrize(("quantity", "dtype"), [("inverse_dynamics", "float64"), ("coriolis_matrix", "float32")])
+def test_nvrtc_compiles_without_a_gpu(quantity, dtype):
+    nvrtc = pytest.importorskip("cupy", reason="CuPy is not installed").cuda.nvrtc
+    try:
+        nvrtc.getVersion()
+    except Exception as error:
+        pytest.skip(f"NVRTC is missing: {error}")
+    robot = jounce.load("iiwa14")
+    code = source(robot.mechanism, robot.compile(quantity, order=1).computation, dtype == "float32")
+    program = nvrtc.createProgram(code, "states.cu", (), ())
+    nvrtc.compileProgram(program, ["--gpu-architecture=compute_80", "-std=c++17"])
+    assert not nvrtc.getProgramLog(program).strip("\0\n")  # no warning
+    assert b".entry states(" in bytes(nvrtc.getPTX(program))

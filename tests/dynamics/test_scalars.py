@@ -58,7 +58,7 @@ def test_jax_under_jit_and_vmap():
     W = [rng.normal(size=(5, *w.shape)) for w in W]
 
     def one(q, W):
-        return robot.inverse_dynamics(*q, wrench=tuple(W))
+        return robot.inverse_dynamics(*q, wrench=tuple(W), method="recursion")
 
     many = jax.jit(jax.vmap(one))
     agree(many([jnp.asarray(x) for x in q], [jnp.asarray(w) for w in W]), one(q, W))
@@ -71,7 +71,7 @@ def test_each_order_is_the_exact_derivative_of_the_one_below():
 
     def forces(t):
         path = [sum(q[k + j] * t**j / math.factorial(j) for j in range(n - k)) for k in range(n)]
-        return robot.inverse_dynamics(*path[:5])
+        return robot.inverse_dynamics(*path[:5], method="recursion")
 
     _, rates = jax.jvp(forces, (0.0,), (1.0,))
     agree(rates, robot.inverse_dynamics(*q)[1:], 1e-12)

@@ -15,8 +15,10 @@ PLACED = origin((0.3, -0.2, 0.5), (0.1, 0.7, -0.4))
 LIMIT = '<limit lower="-2" upper="2" effort="1" velocity="1"/>'
 URDF = (  # the joints of Pinocchio are in another order than those of the file
     link("world"), link("trunk", BODY), link("z", BODY), link("b", OTHER), link("eye"), link("a", OTHER),
-    joint("flight", "world", "trunk", "floating", inner=PLACED), joint("leg_z", "trunk", "z", axis="1 0 0", inner=LIMIT),
-    joint("leg_b", "z", "b", "prismatic", inner=PLACED + LIMIT), joint("leg_a", "trunk", "a", "continuous", inner=PLACED),
+    joint("flight", "world", "trunk", "floating", inner=PLACED),
+    joint("leg_z", "trunk", "z", axis="1 0 0", inner=LIMIT),
+    joint("leg_b", "z", "b", "prismatic", inner=PLACED + LIMIT),
+    joint("leg_a", "trunk", "a", "continuous", inner=PLACED),
     joint("glue", "trunk", "eye", "fixed", inner=PLACED),
 )  # fmt: skip
 MJCF = """<mujoco model='m'><option gravity='1 2 -9'/><worldbody>

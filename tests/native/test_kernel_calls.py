@@ -9,7 +9,6 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from threading import Barrier
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 import sympy
@@ -138,7 +137,6 @@ def no_kernel(monkeypatch):
 
 STATES = {
     "long doubles": lambda x: x.astype(np.longdouble),
-    "JAX": jnp.asarray,
     "SymPy": lambda x: np.array([sympy.Float(float(v)) for v in x], dtype=object),
 }
 

@@ -42,7 +42,6 @@ def test_every_state_is_computed_once(batch, parts):
     assert (found == 1).all()
 
 
-@pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="one processor has one thread besides the caller's")
 @pytest.mark.parametrize("batch", [(2,), (1, 2), (1, 1, 2)])
 def test_threads_work_at_the_same_time_and_are_kept(batch):
     both = threading.Barrier(2, timeout=30)
@@ -56,7 +55,7 @@ def test_threads_work_at_the_same_time_and_are_kept(batch):
         in_parts(work, batch, 2)
     assert len(idents) == 6
     names = [thread.name for thread in threading.enumerate() if thread.name.startswith("jounce")]
-    assert 1 <= len(names) <= os.cpu_count()
+    assert 1 <= len(names) <= max(1, os.cpu_count() - 1)
     assert idents.count(threading.get_ident()) == 3
 
 
@@ -109,14 +108,14 @@ def test_batches_split_along_any_axis_have_the_same_digits(threads, leads):
 
 
 FORKED = """
-import os
-import numpy as np
-import jounce
-robot, state = jounce.load("planar2r"), np.ones((3, 64, 2))
-expected = robot.inverse_dynamics(*state, threads=2)
+import os, threading
+from jounce.native.threads import in_parts
+in_parts(lambda box: None, (2,), 2)
 child = os.fork()
 if child == 0:
-    os._exit(0 if (robot.inverse_dynamics(*state, threads=2) == expected).all() else 1)
+    both = threading.Barrier(2, timeout=20)
+    in_parts(lambda box: both.wait(), (2,), 2)  # breaks where the caller does it all
+    os._exit(0)
 raise SystemExit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
 """
 

@@ -135,6 +135,17 @@ def test_jax_traces_every_quantity(quantity, keywords):
         close(x, y)
 
 
+@pytest.mark.parametrize(("quantity", "keywords"), TRACED, ids=ids(TRACED))
+def test_jax_calls_the_same_native_code_of_every_quantity(quantity, keywords):
+    order = affordable(quantity, int(quantity.rates < 3))
+    compute, q = method_of(ROBOT, quantity), states((3,), quantity.rates + order)
+    with jax.enable_x64(True):
+        law = jax.jit(jax.vmap(lambda *q: compute(*q, **keywords)))
+        for x, y in zip(tupled(law(*q)), tupled(compute(*q, **keywords)), strict=True):
+            np.testing.assert_array_equal(x, y)
+        assert law.lower(*q).as_text().count("custom_call @jounce_") == 1
+
+
 class _Opaque:
     """A scalar of which only arithmetic is known: an object array of it is no array of numbers."""
 

@@ -17,6 +17,7 @@ from jounce.dynamics import elastic, electrical
 from jounce.dynamics.quantities import QUANTITIES, row_of
 from jounce.dynamics.stretch import elasticity_of
 from jounce.errors import JounceError
+from jounce.model.elasticity import Elasticity
 from jounce.model.inversion import UnreachableError
 from jounce.motion.motion import Motion
 from jounce.robot.along import Along, ForceBreak, Progress, forces_along
@@ -95,6 +96,12 @@ def motors_along(
         raise
     outputs = electrical.outputs(e, theta, found.forces)
     return ElasticAlong(found.t, found.rates, theta, found.forces, *outputs, found.deviations, found.breaks)
+
+
+def order_of_voltages(e: Elasticity, known: int | None) -> int:
+    """The rate of the torques that voltages take: the first with inductances, if rates of q are known so far."""
+    inductive = any(motor and motor.inductance for motor in e.motors)
+    return int(inductive and (known is None or known >= 5 + e.more_rates))
 
 
 def _of_integrals(

@@ -3,15 +3,19 @@
 from dataclasses import asdict
 from math import isinf
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.limits import LIMITS, load, spans_in_words
+from jounce.cli.limits import LIMITS, load_robot, spans_in_words
 from jounce.cli.motions import AskedMotion, of_motion
 from jounce.cli.options import Asked, on_robot
 from jounce.cli.output import straight_columns, tell
-from jounce.errors import shortened
+from jounce.cli.streaming import AskedStream, head_in_words, is_asked, on_stream_without_reduce, run_stream
+from jounce.errors import JounceError, shortened
+
+if TYPE_CHECKING:
+    from jounce.stream.job import Job
 
 SHOWN = 20  # limits in words
 
@@ -22,6 +26,7 @@ Example:
 
 \b
 Values between samples count. The exit code is 1 where a limit is broken.
+MOTION may be a folder of tables, or a table of many motions.
 """
 
 
@@ -32,9 +37,27 @@ Values between samples count. The exit code is 1 where a limit is broken.
 @click.option(
     "-o", "--picture", type=click.Path(path_type=Path), help="Ratios over time as a picture: .png, .svg or .pdf."
 )
+@click.option(
+    "--table",
+    type=click.Path(path_type=Path),
+    help="Write the limits of every motion as a table: .csv, .npz or .parquet.",
+)
+@on_stream_without_reduce
 @click.option("--json", "as_json", is_flag=True, help="Print every limit as JSON.")
-def check(robot: Asked, motion: AskedMotion, limits: Path | None, picture: Path | None, as_json: bool) -> None:
+def check(
+    robot: Asked,
+    motion: AskedMotion,
+    limits: Path | None,
+    picture: Path | None,
+    table: Path | None,
+    stream: AskedStream,
+    as_json: bool,
+) -> None:
     """Check MOTION of ROBOT against its limits of position, speed, acceleration, torque, torque rate and others."""
+    from jounce.limits.bounded import order_needed
+    from jounce.stream.job import Job
+    from jounce.stream.plan import is_by_parts
+
     if picture is not None:
         from jounce.figures import canvas
         from jounce.io import files
@@ -42,7 +65,14 @@ def check(robot: Asked, motion: AskedMotion, limits: Path | None, picture: Path 
         canvas.check_format(picture)
         files.check_writable(picture)
         canvas.check_installed()
-    arm, path = load(robot, motion, limits)
+    arm = load_robot(robot, limits)
+    job = Job("limits", arm, order_needed(arm), stream.reading(motion), None)
+    if table is not None or is_asked(stream, motion, table) or is_by_parts(job, motion.path):
+        if picture is not None:
+            raise JounceError("-o draws one motion that is read as a whole; --table writes the limits of many")
+        _tell_worst(job, motion, table, stream, as_json)
+        return
+    path = motion.load(arm, job.order)
     found = arm.check(path)
     if picture is not None:
         from jounce.figures.ratios import over_time
@@ -63,6 +93,43 @@ def check(robot: Asked, motion: AskedMotion, limits: Path | None, picture: Path 
         raise SystemExit(1)
 
 
+def _tell_worst(job: "Job", motion: AskedMotion, table: Path | None, stream: AskedStream, as_json: bool) -> None:
+    """Check tables by parts, and print the worst motion for each limit; exit with 1 where a limit is broken."""
+    found, summary = run_stream(job, motion, table, stream, "limits")
+    worst: dict[tuple[str, str], dict[str, Any]] = {}
+    for name, of in found.aggregates.items():
+        for row in of["limits"]:
+            key = row["joint"], row["limit"]
+            if key not in worst or _number(row["ratio"]) > _number(worst[key]["ratio"]):
+                worst[key] = row | {"motion": name}
+    notes = dict.fromkeys(note for of in found.aggregates.values() for note in of["notes"])
+    broken = [name for name, of in found.aggregates.items() if any(_is_broken(row) for row in of["limits"])]
+    summary |= {"notes": [*summary["notes"], *notes], "ok": not broken, "broken": broken, "worst": [*worst.values()]}
+    tell(summary, _worst_in_words, as_json)
+    if broken:
+        raise SystemExit(1)
+
+
+def _is_broken(row: dict[str, Any]) -> bool:
+    return _number(row["ratio"]) > 1 + 1e-9
+
+
+def _worst_in_words(summary: dict[str, Any]) -> str:
+    from jounce.model.limits import in_words
+
+    rows = sorted(summary["worst"], key=lambda row: -_number(row["ratio"]))
+    cells: list[tuple[str, ...]] = [("limit", "joint", "|worst|", "bound", "unit", "ratio", "at t", "motion")]
+    for row in rows[:SHOWN]:
+        value, bound, ratio = (f"{abs(_number(row[key])):.6g}" for key in ("value", "bound", "ratio"))
+        limit = in_words(row["limit"], row["of"])
+        cells.append((limit, row["joint"], value, bound, row["unit"], ratio, f"{row['t']:.4f}", row["motion"] or "-"))
+    count = len(summary["broken"])
+    verdict = f"limits are broken in {count} of {summary['motions']} motions" if count else "every limit is kept"
+    more = [f"and {len(rows) - SHOWN} more; --json lists them"] if len(rows) > SHOWN else []
+    written = [f"limits written to {summary['output']}"] if summary["output"] else []
+    return "\n".join([*head_in_words(summary), verdict, *written, "", *straight_columns(cells), *more])
+
+
 def _row(row: dict[str, Any]) -> dict[str, Any]:
     """A checked limit as plain data; JSON has no infinity."""
     return {key: None if isinstance(x, float) and isinf(x) else x for key, x in row.items()}
@@ -80,7 +147,7 @@ def _in_words(summary: dict[str, Any]) -> str:
             in_words(row["limit"], row["of"]), row["joint"], value, bound, row["unit"], f"{row['t']:.4f}",
             ratio + deviation, spans_in_words(row["violations"]) or "-",
         ))  # fmt: skip
-    broken = sum(_number(row["ratio"]) > 1 + 1e-9 for row in rows)
+    broken = sum(map(_is_broken, rows))
     first, last = summary["t"]
     verdict = "every limit is kept" if summary["ok"] else f"{broken} of {len(rows)} limits broken"
     lines = [f"{shortened(summary['robot'])} along {summary['motion']}, t = {first:g} .. {last:g} s: {verdict}"]

@@ -33,9 +33,14 @@ def load(robot: Asked, motion: AskedMotion, limits: Path | None, order: int = 0)
     """The robot with its limits, and the motion with the rates that they and forces up to an order need."""
     from jounce.limits.bounded import order_needed
 
-    arm = robot.load()
-    arm = arm if limits is None else arm.with_limits(limits)
+    arm = load_robot(robot, limits)
     return arm, motion.load(arm, max(order, order_needed(arm)))
+
+
+def load_robot(robot: Asked, limits: Path | None) -> "Robot":
+    """The robot with its limits."""
+    arm = robot.load()
+    return arm if limits is None else arm.with_limits(limits)
 
 
 def spans_in_words(spans: "list[list[float]]", most: int = 2) -> str:

@@ -10,11 +10,11 @@ from jounce.cli.breaks import break_data, breaks_in_words
 from jounce.cli.motions import AskedMotion, of_motion
 from jounce.cli.options import Asked, on_robot
 from jounce.cli.output import check_distinct, progress, straight_columns, tell
+from jounce.cli.streaming import AskedStream, is_asked, on_stream, tell_results
 from jounce.errors import JounceError, quoted, shortened
 
 if TYPE_CHECKING:
     from jounce.actuators.along import ElasticAlong
-    from jounce.actuators.elastic import ElasticRobot
     from jounce.io.columns import Columns
     from jounce.motion import Motion
 
@@ -58,7 +58,10 @@ Damping and friction that --drives selects act on the motors.
     metavar="[JOINT=]B",
     help="Inertia of the rotors seen from the links in kg m^2 or kg: of all joints, or of one; may be repeated.",
 )
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Output table: .csv or .npz.")
+@click.option(
+    "-o", "--output", required=True, type=click.Path(path_type=Path), help="Output: .csv, .npz, .parquet, or a folder."
+)
+@on_stream
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def motors(
     robot: Asked,
@@ -66,25 +69,37 @@ def motors(
     stiffness: Sequence[str],
     rotor: Sequence[str],
     output: Path,
+    stream: AskedStream,
     as_json: bool,
 ) -> None:
     """Compute positions, velocities and torques of the motors of ROBOT, whose joints are elastic, along MOTION."""
+    from jounce.actuators.along import order_of_voltages
     from jounce.io import tables
+    from jounce.io.motions.writing import about
     from jounce.model.coordinates import coordinate_units
     from jounce.model.elasticity import motor_names
+    from jounce.stream.job import Job
+    from jounce.stream.plan import is_by_parts
+    from jounce.stream.results import form_of
 
-    tables.check_writable(output)
-    check_distinct(output, motion.path)
+    asked = is_asked(stream, motion, output)
+    if not asked:
+        tables.check_writable(output)
+        check_distinct(output, motion.path)
     links = robot.load()
     arm = links.elastic(
         _by_joint("--stiffness", stiffness, links.joint_names), _by_joint("--rotor", rotor, links.joint_names)
     )
+    job = Job("motors", arm, 0, stream.reading(motion), None if stream.reduce else form_of(output))
+    if asked or is_by_parts(job, motion.path):
+        tell_results(job, motion, output, stream, "motors", as_json)
+        return
     path, e = motion.load(arm.robot, HIGHEST), arm.elasticity
     names = motor_names(e, links.joint_names)
     with progress("motors") as show:
-        along = arm.along(path, order=_order(arm, path), progress=show)
+        along = arm.along(path, order=order_of_voltages(arm.elasticity, path.highest), progress=show)
     columns, peaks = _table(along, path, names)
-    tables.write(output, columns)
+    tables.write(output, columns, about(arm.robot.mechanism, HIGHEST))
     units = [coordinate_units(arm.robot.mechanism)[j] for j in e.joints_of_motors]
     summary = {
         "robot": arm.robot.name,
@@ -103,14 +118,6 @@ def motors(
         "units": dict(zip(names, units, strict=True)),
     }
     tell(summary, _in_words, as_json)
-
-
-def _order(arm: "ElasticRobot", motion: "Motion") -> int:
-    """The rate of the torques that voltages take: the first with inductances, if the motion goes as far."""
-    needed = 5 + arm.elasticity.more_rates
-    known = motion.curve.highest
-    inductive = any(motor and motor.inductance for motor in arm.elasticity.motors)
-    return int(inductive and (known is None or known >= needed))
 
 
 def _by_joint(option: str, given: Sequence[str], joints: Sequence[str]) -> dict[str, float] | None:

@@ -53,17 +53,21 @@ def straight_columns(rows: list[tuple[str, ...]]) -> list[str]:
 
 
 @contextmanager
-def progress(label: str) -> Iterator[Callable[[int, int], None]]:
+def progress(label: str) -> Iterator[Callable[..., None]]:
     """Show a bar on the terminal after the first second of work; the yielded function updates it with (done, total).
+
+    The bar shows the time left, and the rate if the number of states that are computed is a third argument.
 
     Nothing is shown if the error stream is not a terminal.
     """
     bar = click.progressbar(length=0, label=label, file=sys.stderr)
     seen, start = sys.stderr.isatty(), monotonic()
 
-    def show(done: int, total: int) -> None:
+    def show(done: int, total: int, states: int | None = None) -> None:
         if seen and monotonic() - start > PATIENCE:
             bar.length = total
+            if states is not None:
+                bar.label = f"{label}, {states / (monotonic() - start):.3g} states/s"
             bar.update(done - bar.pos)
 
     try:

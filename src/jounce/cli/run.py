@@ -11,6 +11,7 @@ from jounce.cli.breaks import break_data, breaks_in_words
 from jounce.cli.motions import AskedMotion, of_motion
 from jounce.cli.options import Asked, on_robot
 from jounce.cli.output import check_distinct, progress, straight_columns, tell
+from jounce.cli.streaming import AskedStream, is_asked, on_stream, tell_results
 from jounce.errors import shortened
 
 if TYPE_CHECKING:
@@ -48,18 +49,26 @@ samples NAME.Q_sd, ... too, their standard deviations. The largest values are
 printed with theirs (±); values that do not stand out of their band of 95 %,
 as at the ends of a fit, are no candidates. OUT has a column break, if Q or a
 rate of it jumps: the order of what jumps since the row before, else -1.
+
+\b
+MOTION may be a folder of tables, or one whose column motion names the motion
+of each row, of any size: they are read by parts, in bounded memory, and the
+same command continues a run that was stopped.
 """
 
 
 @click.command(epilog=EPILOG, short_help="Compute Q, Qd, Q2d along a motion and write them as a table.")
 @on_robot
 @of_motion
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Output table: .csv or .npz.")
+@click.option(
+    "-o", "--output", required=True, type=click.Path(path_type=Path), help="Output: .csv, .npz, .parquet, or a folder."
+)
 @click.option("--order", default=2, show_default=True, type=click.IntRange(0), help="Highest time derivative of Q.")
 @click.option("--rates", "with_rates", is_flag=True, help="Write q, qd, ... too.")
 @click.option(
     "--method", default=None, help="Method: kernel (native code, the default), recursion, closed_form or paper."
 )
+@on_stream
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(
     robot: Asked,
@@ -68,6 +77,7 @@ def run(
     order: int,
     with_rates: bool,
     method: str | None,
+    stream: AskedStream,
     as_json: bool,
 ) -> None:
     """Compute Q, Qd, Q2d along MOTION for ROBOT, a file or the name of a bundled robot."""
@@ -75,10 +85,20 @@ def run(
     from jounce.io import tables
     from jounce.model.coordinates import force_names, force_units
     from jounce.robot.along import force_breaks
+    from jounce.stream.job import Job
+    from jounce.stream.plan import is_by_parts
+    from jounce.stream.results import form_of
 
-    tables.check_writable(output)
-    check_distinct(output, motion.path)
+    asked = is_asked(stream, motion, output)
+    if not asked:
+        tables.check_writable(output)
+        check_distinct(output, motion.path)
     arm = robot.load()
+    form = None if stream.reduce else form_of(output)
+    job = Job("forces", arm, order, stream.reading(motion), form, method, with_rates)
+    if asked or is_by_parts(job, motion.path):
+        tell_results(job, motion, output, stream, "inverse dynamics", as_json)
+        return
     path = motion.load(arm, order)
     breaks = force_breaks(arm, path, path.times, order, method)
     peaks, spreads, worst = _write_forces(arm, path, order, method, with_rates, breaks, output)
@@ -124,7 +144,7 @@ def _write_forces(
 
     from jounce.dynamics.quantities import FORCES
     from jounce.io import tables
-    from jounce.io.motions.writing import break_marks, measured, named, of_base
+    from jounce.io.motions.writing import about, break_marks, measured, named, of_base
     from jounce.limits.samples import worst_sample
     from jounce.model.coordinates import coordinate_limits, force_names
     from jounce.motion.bands import surest_peaks
@@ -149,7 +169,7 @@ def _write_forces(
             yield columns | measured(motion, joints, piece.t) | break_marks(motion, marks, piece.t)
 
     with progress("inverse dynamics") as show:
-        tables.write_pieces(output, pieces())
+        tables.write_pieces(output, pieces(), about(robot.mechanism, order))
     largest, spreads = surest_peaks(*map(np.stack, zip(*peaks, strict=True)))
     return largest, spreads, max((sample for sample in samples if sample is not None), default=None)
 

@@ -1,6 +1,5 @@
 """Arrays on a GPU as kernels take them: an address, the step between states, and that between entries of a state."""
 
-import sys
 from collections.abc import Sequence
 from itertools import pairwise
 from math import prod
@@ -9,17 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jounce._scalars import is_jax
 from jounce.dynamics.computation import Port, Shape
 from jounce.errors import JounceError, one_line
 
 if TYPE_CHECKING:
     import cupy
-
-
-def of_jax(x: object) -> bool:
-    """Return whether an array is one of JAX, be it on a GPU, on the processor or traced."""
-    jax = sys.modules.get("jax")
-    return jax is not None and isinstance(x, jax.Array)
 
 
 def on_gpu(name: str, x: Any) -> "cupy.ndarray":
@@ -35,7 +29,7 @@ def on_gpu(name: str, x: Any) -> "cupy.ndarray":
         return x
     kind = f"{type(x).__module__.partition('.')[0]}.{type(x).__name__}"
     try:
-        if of_jax(x):
+        if is_jax(x):
             return cupy.from_dlpack(_on_one_gpu(name, x))
         if hasattr(x, "__cuda_array_interface__"):
             return cupy.asarray(x)

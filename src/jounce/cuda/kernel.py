@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jounce._scalars import is_jax
 from jounce.cuda import arrays as device
 from jounce.cuda.source import THREADS, compile_source, require_gpu, source
 from jounce.dynamics.computation import Computation
@@ -54,10 +55,11 @@ class Kernel:
             q, qd, ..., as many as the quantity and its order take; W, Wd, ... after them if it was compiled with
             wrenches; C, V, Vd, ... if it was compiled with the motion of the base. Arrays of CuPy, of JAX on a GPU, or
             of another library with `__cuda_array_interface__`, of the kernel's dtype; batch axes lead and broadcast.
-            Arrays of any strides are read in place, except where the step from state to state varies: such an array is
-            copied, as is one that shares memory with `out`.
+            Arrays are read in place where the step from state to state is the same all over, and so is the step from
+            entry to entry; others are copied, as are those that share memory with `out`.
         out : array or tuple of arrays, optional
-            Arrays to write the results into; those of JAX cannot be written into.
+            Arrays to write the results into, in place where they have steps as above; those of JAX cannot be written
+            into.
 
         Returns
         -------
@@ -80,14 +82,12 @@ class Kernel:
         """
         import cupy
 
-        ports, into = (
-            self.signature.inputs,
-            None if out is None else tuple(out) if type(out) in (tuple, list) else (out,),
-        )
+        ports = self.signature.inputs
+        into = None if out is None else tuple(out) if type(out) in (tuple, list) else (out,)
         if len(arrays) != len(ports):
             raise JounceError(f"{self!r} expects {len(ports)} arrays, got {len(arrays)}")
         refuse_names_and_masks(repr(self), arrays, into or ())
-        if into is not None and any(map(device.of_jax, into)):
+        if into is not None and any(map(is_jax, into)):
             raise JounceError("out holds arrays of JAX, which cannot be written into; leave out= away")
         with _memory(self):
             given = [device.on_gpu(port.name, x) for port, x in zip(ports, arrays, strict=True)]
@@ -97,7 +97,7 @@ class Kernel:
                 found = self._run(given, results)
                 if not all(isinstance(x, cupy.ndarray) for x in (*arrays, *(into or ()))):
                     cupy.cuda.get_current_stream().synchronize()  # others may reuse the memory of theirs at once
-        if into is None and device.of_jax(arrays[0]):
+        if into is None and is_jax(arrays[0]):
             import jax
 
             found = [jax.dlpack.from_dlpack(x) for x in found]

@@ -19,7 +19,7 @@ from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.closed_form import closed_form
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import ad
-from jounce.spatial.linear import Factors
+from jounce.spatial.linear import Factors, mirrored
 from jounce.spatial.series import Series
 
 
@@ -52,7 +52,7 @@ def dense(
 
 
 def turning(m: Mechanism, base: BaseMotion | None) -> Series | None:
-    """a = diag(ad(V), 0), (..., nv, nv), of a floating base: a displacement d gives its twist the rates d' + ad(V) d."""
+    """a = diag(ad(V), 0), (..., nv, nv), of a floating base: displaced by d, its twist changes by d' + a d."""
     if not (m.base and base):
         return None
     upper, lower = np.eye(m.nv, 6, dtype=int), np.eye(6, m.nv, dtype=int)
@@ -78,7 +78,7 @@ def of_accelerations(P: Array) -> tuple[Array, Array, Array]:
     K, D, M = (P[..., j, :, :] for j in range(3))
     n = M.shape[-1]
     solution = Factors.of(M).solve(concatenate([-K, -D, np.eye(n, dtype=int)], axis=-1))
-    return solution[..., :n], solution[..., n : 2 * n], solution[..., 2 * n :]
+    return solution[..., :n], solution[..., n : 2 * n], mirrored(solution[..., 2 * n :])
 
 
 def _stack(matrices: Sequence[Array]) -> Array:

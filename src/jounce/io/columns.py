@@ -2,6 +2,8 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -9,6 +11,14 @@ from jounce.errors import JounceError, quoted
 
 Columns = dict[str, np.ndarray]
 Select = Callable[[Sequence[str]], Iterable[str]]  # of the names that a table has, those to be read
+
+
+@dataclass(frozen=True)
+class About:
+    """What a table is of: the unit of a column by its name, and plain data; tables of some types keep it."""
+
+    unit: Callable[[str], str]
+    data: Mapping[str, Any]
 
 
 def flatten(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

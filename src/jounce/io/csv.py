@@ -6,7 +6,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from io import TextIOWrapper
 from itertools import chain, islice
 from pathlib import Path
-from typing import TextIO
+from shutil import copyfileobj
+from typing import NamedTuple, TextIO
 
 import numpy as np
 
@@ -19,6 +20,30 @@ CELLS = 1 << 16  # in a piece
 SEPARATORS = (",", ";", "\t", " ")  # of cells, the first that stands between column names
 BLANK = " ,;\t\r\n"
 Row = tuple[int, list[str]]  # its line, its cells
+
+
+class Layout(NamedTuple):
+    """The names of the columns, the separator of the cells, and the byte at which the rows begin."""
+
+    header: list[str]
+    mark: str
+    start: int
+
+
+def layout(path: Path) -> Layout:
+    """The layout of a table, whose rows are not read."""
+    with opened(path) as file:
+        try:
+            line = next((line for line in iter(file.readline, b"") if line.decode("utf-8-sig").strip(BLANK)), b"")
+            text = line.decode("utf-8-sig")
+            mark = _separator(text)
+            reader = csv.reader([text.strip()], delimiter=mark, skipinitialspace=True, strict=True)
+            cells = next(reader, [])
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise JounceError(f"{path}: not a CSV table: {one_line(error)}") from None
+        if not cells:
+            raise JounceError(f"{path}: the table is empty; expected a row of column names and rows of numbers")
+        return Layout(_header(path, [cell.strip() for cell in cells], mark), mark, file.tell())
 
 
 def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
@@ -44,8 +69,19 @@ def write(path: Path, pieces: Iterable[Mapping[str, np.ndarray]]) -> None:
             arrays = list(columns.values())
             size = _rows(len(arrays))
             for i in range(0, max(map(len, arrays)), size):
-                rows = np.stack([array[i : i + size] for array in arrays], axis=1)
-                writer.writerows(rows.tolist())  # repr of a double: it reads back the same
+                rows = zip(*(array[i : i + size].tolist() for array in arrays), strict=True)
+                writer.writerows(rows)  # repr of a double: it reads back the same
+
+
+def join(path: Path, parts: Iterable[Path]) -> None:
+    """Write the tables of several files, whose columns are the same, as one."""
+    with path.open("wb") as file:
+        for number, part in enumerate(parts):
+            with opened(part) as content:
+                header = content.readline()
+                if number == 0:
+                    file.write(header)
+                copyfileobj(content, file)
 
 
 def _rows(columns: int) -> int:
@@ -97,14 +133,14 @@ def _columns(path: Path, header: Sequence[str], wanted: Sequence[int], piece: Se
             raise JounceError(f"{path}:{line}: {len(row)} cells; expected {len(header)}, one for each column")
     if mark != ",":  # decimal commas
         piece = [(line, [cell.replace(",", ".") for cell in row]) for line, row in piece]
-    numbers = _plain([row[i] for _, row in piece for i in wanted])
+    numbers = parse_numbers([row[i] for _, row in piece for i in wanted])
     if numbers is None:
         cells = ((line, header[i], row[i]) for line, row in piece for i in wanted)
         numbers = np.array([_number(cell.strip(), f"{path}:{line}", name) for line, name, cell in cells])
     return {header[i]: column.copy() for i, column in zip(wanted, numbers.reshape(len(piece), -1).T, strict=True)}
 
 
-def _plain(cells: Sequence[str]) -> np.ndarray | None:
+def parse_numbers(cells: Sequence[str]) -> np.ndarray | None:
     """Convert cells to numbers all at once; None if a cell needs the slower check by `finite`."""
     try:
         numbers = np.array([float(cell) for cell in cells])

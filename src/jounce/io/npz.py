@@ -11,6 +11,7 @@ from jounce.arguments import names
 from jounce.errors import JounceError, one_line, quoted
 from jounce.io.columns import Columns, Select, check_distinct, checked, select_columns
 from jounce.io.files import opened
+from jounce.io.spans.npz import columns_of
 
 
 def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
@@ -32,6 +33,20 @@ def write(path: Path, pieces: Iterable[Mapping[str, np.ndarray]]) -> None:
             with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
                 column = np.concatenate([part[name] for part in parts])
                 np.lib.format.write_array(member, column, allow_pickle=False)
+
+
+def join(path: Path, parts: Iterable[Path]) -> None:
+    """Write the tables of several files, whose columns are the same, as one; a column of a file is held at a time."""
+    tables = list(parts)
+    with ZipFile(path, "w") as archive:
+        for name, first in columns_of(tables[0]).items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                columns = [columns_of(table)[name] for table in tables]
+                dtype = np.result_type(first.dtype, *(column.dtype for column in columns))
+                header = {"shape": (sum(map(len, columns)),), "fortran_order": False, "descr": dtype.str}
+                np.lib.format.write_array_header_2_0(member, header)
+                for column in columns:
+                    member.write(np.ascontiguousarray(column, dtype).tobytes())
 
 
 def _arrays(path: Path, file: BinaryIO) -> list[tuple[str, np.ndarray]]:

@@ -1,4 +1,4 @@
-"""Tables: named columns of numbers in CSV and NPZ files, every cell checked when read, written at full precision."""
+"""Tables: named columns of numbers in files, every cell checked when read, written at full precision."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -7,8 +7,9 @@ from typing import TypeVar
 import numpy as np
 
 from jounce.errors import JounceError
-from jounce.io import csv, files, jsonlines, mat, npz
-from jounce.io.columns import Columns, Select, check_finite
+from jounce.io import csv, files, jsonlines, mat, npz, parquet
+from jounce.io.columns import About, Columns, Select, check_finite
+from jounce.io.spans.parquet import pyarrow
 from jounce.spatial.series import rate_name
 
 Handler = TypeVar("Handler")
@@ -20,8 +21,14 @@ READERS: dict[str, Callable[[Path, Select | None], Iterator[Columns]]] = {
     ".mat": mat.pieces,
     ".jsonl": jsonlines.pieces,
     ".ndjson": jsonlines.pieces,
+    ".parquet": parquet.pieces,
 }
-WRITERS: dict[str, Callable[[Path, Iterable[Mapping[str, np.ndarray]]], None]] = {".csv": csv.write, ".npz": npz.write}
+Pieces = Iterable[Mapping[str, np.ndarray]]
+WRITERS: dict[str, Callable[[Path, Pieces, About | None], None]] = {
+    ".csv": lambda path, pieces, _: csv.write(path, pieces),
+    ".npz": lambda path, pieces, _: npz.write(path, pieces),
+    ".parquet": parquet.write,
+}
 
 
 def read(path: Path, select: Select | None = None) -> Columns:
@@ -39,24 +46,26 @@ def check_writable(path: Path) -> None:
     """Raise `JounceError` if `write` could not write, before any work is done."""
     _by_suffix(path, WRITERS)
     files.check_writable(path)
+    if path.suffix.lower() == ".parquet":
+        pyarrow(path)
 
 
-def write(path: Path, columns: Mapping[str, np.ndarray]) -> None:
+def write(path: Path, columns: Mapping[str, np.ndarray], about: About | None = None) -> None:
     """Write a table; a partial file is never seen."""
-    write_pieces(path, [columns])
+    write_pieces(path, [columns], about)
 
 
-def write_pieces(path: Path, pieces: Iterable[Mapping[str, np.ndarray]]) -> None:
+def write_pieces(path: Path, pieces: Pieces, about: About | None = None) -> None:
     """Write a table from pieces of some rows, each checked first; a partial file is never seen.
 
-    CSV tables hold one piece at a time in memory, NPZ tables all of them.
+    CSV and Parquet tables hold one piece at a time in memory, NPZ tables all of them.
     """
     writer = _by_suffix(path, WRITERS)
     with files.written_whole(path) as part:
-        writer(part, _finite(path, pieces))
+        writer(part, _finite(path, pieces), about)
 
 
-def _finite(path: Path, pieces: Iterable[Mapping[str, np.ndarray]]) -> Iterator[Mapping[str, np.ndarray]]:
+def _finite(path: Path, pieces: Pieces) -> Iterator[Mapping[str, np.ndarray]]:
     rows = 0
     for columns in pieces:
         check_finite(path, columns, rows)

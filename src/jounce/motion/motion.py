@@ -455,6 +455,12 @@ class Motion:
         """The duration, s."""
         return self.stop - self.start
 
+    @property
+    def highest(self) -> int | None:
+        """The order of the last derivative that is known of all joints and of the base; None where all are."""
+        curves = (self.curve, self.base_curve) if self.base_curve else (self.curve,)
+        return min((curve.highest for curve in curves if curve.highest is not None), default=None)
+
     @cached_property
     def times(self) -> np.ndarray:
         """Default times (N,) of evaluation: those of its samples or its file, or a grid of about a millisecond."""

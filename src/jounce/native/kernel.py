@@ -54,9 +54,9 @@ class Kernel(Generic[Results]):
         self._code = jit.load_object(_code(mechanism, computation, patience), host())
         size = plan.scratch_size(computation, mechanism, host().lanes)
         self._pool = Pool(size) if size > plan.STACK else None
-        pool = None if self._pool is None else self._pool.address
+        self.addresses = self._code.address("states"), self._pool.address if self._pool else 0
         self.shapes = tuple([p.shape for p in ports] for ports in (self.signature.inputs, self.signature.outputs))
-        self.ufunc, needed = ufunc(self._code.address("states"), self.signature, computation.name, pool)
+        self.ufunc, needed = ufunc(self.addresses[0], self.signature, computation.name, self.addresses[1])
         self._count = len(self.signature.inputs)
         self._products: dict[str, Kernel] = {}
         self._alive = needed
@@ -165,7 +165,7 @@ class Kernel(Generic[Results]):
             (ctypes.c_ssize_t * len(steps + within))(*steps, *within),
         )
         places = map(ctypes.addressof, called)
-        arguments = (ctypes.c_void_p * 4)(*places, None if self._pool is None else self._pool.address)
+        arguments = (ctypes.c_void_p * 4)(*places, self.addresses[1])
         address = ctypes.c_void_p(ctypes.addressof(arguments))
         call = partial(jit.Bound(self._code.address("bound")), address)
         vars(call)["alive"] = self, everything, called, arguments
@@ -352,11 +352,10 @@ def compile_kernel(mechanism: Mechanism, computation: Computation, patience: flo
 def _code(mechanism: Mechanism, computation: Computation, patience: float) -> bytes:
     """Object code, from the cache where it is there."""
     target = host()
-    key = cache.key(mechanism, computation, target)
-    code = cache.read(key)
-    if code is None:
+
+    def make() -> bytes:
         from jounce.native.forms import modules  # what a warm cache spares
 
-        code = jit.assemble(modules(mechanism, computation, target, patience), target)
-        cache.write(key, code)
-    return code
+        return jit.assemble(modules(mechanism, computation, target, patience), target)
+
+    return cache.read_or_make(cache.key(mechanism, computation, target), make)

@@ -1,7 +1,7 @@
 """A batch in parts, one for each thread: threads are kept for later calls, and all batch axes are split.
 
 A caller computes a part itself, and those that no thread has begun when it is done: no call waits for another one's
-parts, and there are never more threads than processors, however many are asked for.
+parts, and a caller with the threads that are kept makes no more than there are processors, whatever it asks for.
 """
 
 import os
@@ -68,8 +68,8 @@ def _within(batch: tuple[int, ...], row: int, start: int, end: int) -> Iterator[
 
 @cache
 def _pool() -> ThreadPoolExecutor:
-    """The threads of this process; they are started when they are first needed."""
-    return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="jounce")
+    """The threads of this process besides callers; they are started when they are first needed."""
+    return ThreadPoolExecutor(max(1, (os.cpu_count() or 1) - 1), thread_name_prefix="jounce")
 
 
 if hasattr(os, "register_at_fork"):

@@ -100,8 +100,8 @@ def vjp(program: Program, parameters: int = 0, most: float = inf, poses: Sequenc
     inputs = tape.variables(program.inputs)
     gradient = adjoints(evaluate(program, tape, [*inputs]), [*tape.variables(len(program.outputs))])
     for first in sorted(poses, reverse=True):
-        C, G = inputs[first : first + 16].reshape(4, 4), np.reshape(gradient[first : first + 16], (4, 4))
-        gradient[first : first + 16] = cowedge(C.T @ G)
+        C, by_entries = (np.array(x[first : first + 16], dtype=object).reshape(4, 4) for x in (inputs, gradient))
+        gradient[first : first + 16] = cowedge(C.T @ by_entries)
     return factor(tape.program(gradient[parameters:]))
 
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from jounce._scalars import FLOAT, Array, is_numeric
+from jounce._scalars import FLOAT, Array, is_jax, is_numeric
 from jounce.arguments import loads, rates, requests, wrenches
-from jounce.arguments.base import base_of, check_pose
+from jounce.arguments.base import base_of
 from jounce.dynamics import drive_terms, elastic
 from jounce.dynamics.base import STILL
 from jounce.dynamics.computation import Computation, Port, coordinate_ports
@@ -23,6 +23,7 @@ from jounce.native import plan
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel, compile_kernel
 from jounce.native.plan import PATIENCE, LongCompilationError, obstacle
+from jounce.native.poses import are_poses
 from jounce.robot.generic import batch_shape, checked_out, compute_by_method, evaluate, is_fit, results_into
 from jounce.spatial.series import Series, columns
 
@@ -59,7 +60,10 @@ class Call(NamedTuple):
 
 
 class Backend(NamedTuple):
-    """One way to run calls: `prepare` returns what `run` needs, or the reason that it cannot run the call."""
+    """One way to run calls: `prepare` returns what `run` needs, or the reason that it cannot run the call.
+
+    The reason is empty if another backend serves such arrays.
+    """
 
     prepare: Callable[[Call], tuple[Any, str | None]]
     run: Callable[[Call, Any], Any]
@@ -87,8 +91,8 @@ def compute(
     try:  # the short way, of calls like an earlier one: NumPy itself checks shapes and kinds of numbers
         kernel, count = robot._kernels.ready[form]
         arrays = (*given[:count], *terms, *moved)
-        if moved:
-            check_pose(moved[0])
+        if moved and not are_poses(moved[0]):
+            raise LookupError  # NaN, or what `check_pose` refuses
         if out is None:
             return kernel.ufunc(*arrays)
         into = tuple(out) if type(out) in (tuple, list) else (out,)
@@ -147,7 +151,7 @@ def _run(call: Call) -> Any:
         ready, refusal = backend.prepare(call)
         if refusal is None:
             return backend.run(call, ready)
-        reasons.append(refusal)
+        reasons += [refusal] if refusal else []
     cure = f"use method={_default(call.computation.quantity)!r}" if call.method == NATIVE else "leave threads out"
     raise JounceError(f"{': '.join(reversed(reasons))}; {cure}")
 
@@ -211,7 +215,7 @@ def _prepare_native(call: Call) -> tuple[Kernel | None, str | None]:
     for x in call.arrays:
         if type(x) is not np.ndarray or (x.dtype is not FLOAT and x.dtype != FLOAT):  # unpickled, it is another object
             came = x.dtype if type(x) is np.ndarray else type(x).__name__
-            return None, f"native code needs NumPy arrays of float64, got {came}"
+            return None, "" if is_jax(x) else f"native code needs NumPy arrays of float64, got {came}"
     kernel, refusal = _kernel(call.robot, call.computation, PATIENCE if call.method is None else inf)
     if kernel is not None and call.form is not None:
         call.robot._kernels.ready[call.form] = kernel, call.computation.rates
@@ -249,7 +253,34 @@ def _run_generic(call: Call, method: str) -> Any:
     return results_into(compute_by_method(call.computation, method, model, call.arrays), call.out)
 
 
-BACKENDS = (Backend(_prepare_native, _run_native), Backend(_prepare_generic, _run_generic))  # the first that accepts
+def _prepare_jax(call: Call) -> tuple[Any, str | None]:
+    """Return the request of a call on arrays of JAX, which native code of the same kernels serves."""
+    if call.method not in (None, NATIVE) or not any(map(is_jax, call.arrays)):
+        return None, ""
+    try:
+        from jounce.robot import primitive
+    except ImportError as error:
+        return None, f"native code for JAX needs version 0.8 or later: {error}"
+    if refusal := primitive.obstacle(call.arrays):
+        return None, f"native code {refusal}"
+    if type(call.threads) is not int or call.threads != 1:
+        return None, "native code for JAX runs on one thread"
+    _, refusal = _kernel(call.robot, call.computation, inf)  # XLA takes longer to compile the traced law
+    return primitive.request_of(call.robot.mechanism, call.computation), refusal and f"native code {refusal}"
+
+
+def _run_jax(call: Call, request: Any) -> Any:
+    """Run the primitive of JAX for a quantity."""
+    from jounce.robot import primitive
+
+    return results_into(primitive.compute(request, call.arrays), call.out)
+
+
+BACKENDS = (  # the first that accepts
+    Backend(_prepare_native, _run_native),
+    Backend(_prepare_jax, _run_jax),
+    Backend(_prepare_generic, _run_generic),
+)
 
 
 def _kernel(robot: "Robot", computation: Computation, patience: float) -> tuple[Kernel | None, str | None]:

@@ -74,9 +74,10 @@ class Robot:
       Q the wrench (moment; force) that acts on it, in its axes. For other robots the base is the ground, at rest unless
       given. Where it does not enter, as in the mass matrix, it may be left out.
     * Missing values (masked by NumPy, or NA of pandas) are NaN, and so are results that depend on them.
-    * ``method`` selects the method: "kernel" is native code, the default for NumPy arrays of float64 if it is
-      available; "recursion" is the default otherwise; "closed_form" and "paper" are independent checks. All agree. The
-      first call compiles native code, in a fraction of a second, and keeps it on disk for later processes.
+    * ``method`` selects the method: "kernel" is native code, the default for NumPy arrays of float64, and for arrays
+      of JAX on the CPU, if it is available; "recursion" is the default otherwise; "closed_form" and "paper" are
+      independent checks. All agree. The first call compiles native code, in a fraction of a second, and keeps it on
+      disk for later processes.
     * ``out`` is the NumPy array, or tuple of arrays, to write the results into; ``threads`` is the number of threads
       among which native code splits a batch.
 
@@ -524,7 +525,7 @@ class Robot:
         >>> robot = jounce.Robot.from_pinocchio(model, base="floating")
         >>> state = robot.state_from_pinocchio(pinocchio.neutral(model), model=model)
         >>> state.q.shape, state.base[0].shape
-        ((26,), (4, 4))
+        ((28,), (4, 4))
         """
         from jounce.models import states
 
@@ -1970,10 +1971,10 @@ class Robot:
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The momentum hG = (angular; linear) of the robot about its center of mass, and its rates.
+        """The momentum hG = (angular; linear) of the robot about its centre of mass, and its rates.
 
-        ``hG = (k - c x l; l)`` in inertial axes, with the momentum h = (k; l) and the center of mass c. Its rate
-        is the sum of the weight and of all wrenches on the robot, about the center of mass.
+        ``hG = (k - c x l; l)`` in inertial axes, with the momentum h = (k; l) and the centre of mass c. Its rate
+        is the sum of the weight and of all wrenches on the robot, about the centre of mass.
 
         Parameters
         ----------
@@ -2069,7 +2070,7 @@ class Robot:
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The center of mass c of the robot in the inertial frame, and its velocity, acceleration, ...
+        """The centre of mass c of the robot in the inertial frame, and its velocity, acceleration, ...
 
         ``c = sum of m_i c_i / sum of m_i`` over the bodies that move; links fixed to the ground are not among them.
 

@@ -10,6 +10,10 @@ joint i carries joint j or is j itself,
 
 where ``A = S'' + S x g`` and ``B x = I' x + x x p``. Wrenches on the bodies, fixed in them, are part of F.
 
+The base that moves is displaced by a twist in its own axes, while the components of its own twist are held. What it
+carries keeps its motion as seen from it, but for gravity: ``S' = S'' = 0`` and ``A = S x g`` in the equations of K, of
+which ``K_00 = I_0 A_0``; and ``S'`` counts once in those of D, not twice.
+
 Singh, Russell, Wensing, "Efficient Analytical Derivatives of Rigid-Body Dynamics Using Spatial Vector Algebra",
 IEEE Robotics and Automation Letters 7(2), 2022.
 """
@@ -21,9 +25,9 @@ import numpy as np
 
 from jounce._scalars import Array
 from jounce.dynamics.base import BaseMotion
-from jounce.dynamics.recursion.joints import Joint, batch_zeros, joints, rows
+from jounce.dynamics.recursion.joints import Joint, batch_zeros, rows
 from jounce.dynamics.recursion.sweeps import above, collect, composites, evaluate_in_order, project, velocities
-from jounce.model.coordinates import generalized_matrix
+from jounce.dynamics.recursion.tree import AnyJoint, FreeJoint, KinematicTree, kinematic_tree
 from jounce.model.equivalent import frame_shifts, minimal
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.inertia import moment_matrix
@@ -35,71 +39,100 @@ Partials = tuple[Series, Series, Series]  # K, D, M: by q, qd and q2d
 
 @dataclass(frozen=True)
 class _Subtree:
-    """The bodies that a joint carries, and the joint itself, in its body frame; rates are those in space."""
+    """The bodies that a joint carries, in its body frame; rates are those in space."""
 
-    joint: Joint
     Pi: Series  # (..., 4, 4) moments of mass
     Pi_rate: Series
     p: Series  # (..., 6, 1) momentum and force
     F: Series
+    V: Series  # of the body of the joint: its twist, its acceleration relative to free fall, and gravity there
+    a: Series
+    g: Series
+
+
+@dataclass(frozen=True)
+class _Wrenches:
+    """What the screws S of a joint require of the bodies that it carries, a column each, in its body frame."""
+
+    S: Series
     S_rate: Series
+    moving: Series  # S' where it moves with a displacement of the joint
     A: Series
+    momentum: Series  # I S
+    reaction: Series  # B^T S
+    change: Series  # I A + B S' + S x F
 
-    def momentum(self) -> Series:
-        """I S."""
-        return _wrench(self.joint.X_hat @ self.Pi)
 
-    def reaction(self) -> Series:
-        """B^T S."""
-        return _wrench(self.joint.X_hat @ self.Pi_rate) + self.joint.ad_X.mT @ self.p
+def _of_joint(joint: Joint, x: _Subtree) -> _Wrenches:
+    S_rate = joint.screw_rate(x.V)
+    A = joint.screw_rate(x.a) + x.V.map(_ad) @ S_rate
+    moved = _wrench(A.map(_wedge) @ x.Pi + S_rate.map(_wedge) @ x.Pi_rate)
+    return _Wrenches(
+        S=Series.constant(joint.X),
+        S_rate=S_rate,
+        moving=S_rate,
+        A=A,
+        momentum=joint.momentum(x.Pi),
+        reaction=joint.momentum(x.Pi_rate) - joint.cross(x.p),
+        change=moved + _cross(S_rate, x.p) + joint.cross(x.F),
+    )
 
-    def change(self) -> Series:
-        """I A + B S' + S x F."""
-        moved = self.A.map(_wedge) @ self.Pi + self.S_rate.map(_wedge) @ self.Pi_rate
-        return _wrench(moved) + _cross(self.S_rate, self.p) - self.joint.ad_X.mT @ self.F
+
+def _of_base(joint: FreeJoint, x: _Subtree) -> _Wrenches:
+    momentum, A = joint.momentum(x.Pi), -joint.screw_rate(x.g)
+    return _Wrenches(
+        S=Series.constant(joint.X),
+        S_rate=joint.screw_rate(x.V),
+        moving=Series.constant(0 * joint.X),
+        A=A,
+        momentum=momentum,
+        reaction=joint.momentum(x.Pi_rate) - joint.cross(x.p),
+        change=momentum @ A,
+    )
 
 
 def partials(mechanism: Mechanism, q: Series, W: Series | None = None, base: BaseMotion | None = None) -> Partials:
-    """K, D, M of the generalized forces, (..., n, n) each, with wrenches W on the bodies, (..., 6nb, 1)."""
+    """K, D, M of the generalized forces, (..., nv, nv) each, with wrenches W on the bodies, (..., 6nb, 1)."""
     chain = minimal(mechanism)
-    tree = joints(chain, q)
-    V, field = velocities(tree), _gravity(tree, chain.gravity)
-    accelerations = [V_i.dot - g for V_i, g in zip(V, field, strict=True)]
-    Pi = composites(tree, [Series.constant(Pi_i) for Pi_i in moment_matrix(chain.M)], Joint.moments)
-    p = composites(tree, [M_i @ V_i for M_i, V_i in zip(chain.M, V, strict=True)], Joint.wrenches)
-    loads = None if W is None else composites(tree, _loads(mechanism, chain, W), Joint.wrenches)
-    subtrees = []
-    for i, joint in enumerate(tree):
+    tree = kinematic_tree(chain, q, base)
+    joints = tree.joints
+    V, field = velocities(joints), _gravity(joints, chain.gravity)
+    Pi = composites(joints, [Series.constant(Pi_i) for Pi_i in moment_matrix(tree.M)], Joint.moments)
+    p = composites(joints, [M_i @ V_i for M_i, V_i in zip(tree.M, V, strict=True)], Joint.wrenches)
+    loads = None if W is None else composites(joints, _loads(mechanism, chain, W, len(joints)), Joint.wrenches)
+    screws = []
+    for i, joint in enumerate(joints):
         flow = V[i].map(_wedge) @ Pi[i]
         F = p[i].dot + _cross(V[i], p[i]) - _wrench(field[i].map(_wedge) @ Pi[i])
         F = F if loads is None else F + loads[i]
-        S_rate = -(joint.ad_X @ V[i])
-        A = -(joint.ad_X @ accelerations[i]) + V[i].map(_ad) @ S_rate
-        subtrees.append(_Subtree(joint, Pi[i], Pi[i].dot + flow + flow.mT, p[i], F, S_rate, A))
-    return _projected(chain, q, subtrees, [*V, *field, *Pi[::-1], *p[::-1]])
+        x = _Subtree(Pi[i], Pi[i].dot + flow + flow.mT, p[i], F, V[i], V[i].dot - field[i], field[i])
+        screws.append(_of_joint(joint, x) if isinstance(joint, Joint) else _of_base(joint, x))
+    return _projected(tree, q, screws, [*V, *field, *Pi[::-1], *p[::-1]])
 
 
-def _projected(chain: Mechanism, q: Series, subtrees: Sequence[_Subtree], before: Sequence[Series]) -> Partials:
+def _projected(tree: KinematicTree, q: Series, screws: Sequence[_Wrenches], before: Sequence[Series]) -> Partials:
     """Transport the wrenches of the joints inward, and project them onto the screws."""
-    tree = [x.joint for x in subtrees]
+    joints = tree.joints
     momenta, reactions, changes = (
-        collect(tree, [wrench(x) for x in subtrees])
-        for wrench in (_Subtree.momentum, _Subtree.reaction, _Subtree.change)
+        collect(joints, [getattr(x, wrench) for x in screws]) for wrench in ("momentum", "reaction", "change")
     )
-    S, S_rate, A = [Series.constant(x.joint.X) for x in subtrees], [x.S_rate for x in subtrees], [x.A for x in subtrees]
-    M, by_rate = project(S, momenta), project(S_rate, momenta) * 2 + project(S, reactions)
-    by_place = project(A, momenta) + project(S_rate, reactions)
-    K = project(S, changes) + above(by_place, tree).mT
-    D = M.dot * 2 - by_rate + above(by_rate, tree).mT
+    S, S_rate, moving, A = ([getattr(x, part) for x in screws] for part in ("S", "S_rate", "moving", "A"))
+    M, along = project(S, momenta), project(S_rate, momenta)
+    by_rate = along * 2 + project(S, reactions)
+    by_place = project(A, momenta) + project(moving, reactions)
+    K = project(S, changes) + above(by_place, joints).mT
+    D = M.dot * 2 - by_rate + above(by_rate, joints).mT
+    if isinstance(joints[0], FreeJoint):
+        D = D - along.mT * (np.arange(len(tree.G)) < 6)
     steps = [*before, *(column.values for sweep in (momenta, reactions, changes) for column in reversed(sweep))]
 
     def of_coordinates(matrix: Series) -> Series:
-        return evaluate_in_order(generalized_matrix(chain, matrix + batch_zeros(q)), steps)
+        return evaluate_in_order(tree.generalized_matrix(matrix + batch_zeros(q)), steps)
 
-    return of_coordinates(K), of_coordinates(D), of_coordinates(M + above(M, tree).mT)
+    return of_coordinates(K), of_coordinates(D), of_coordinates(M + above(M, joints).mT)
 
 
-def _gravity(tree: Sequence[Joint], gravity: Array) -> list[Series]:
+def _gravity(tree: Sequence[AnyJoint], gravity: Array) -> list[Series]:
     """The field of gravity as a twist of each body, which moves as a twist that is constant in space."""
     ground = Series.constant(np.concatenate([0 * gravity, gravity])[:, None])
     field: list[Series] = []
@@ -108,9 +141,13 @@ def _gravity(tree: Sequence[Joint], gravity: Array) -> list[Series]:
     return field
 
 
-def _loads(old: Mechanism, chain: Mechanism, W: Series) -> list[Series]:
-    """Wrenches on the frames of `chain` from those on the frames of `old`."""
-    return [Ad_i.mT @ rows(W, 6 * i, 6 * i + 6) for i, Ad_i in enumerate(Ad(frame_shifts(old, chain)))]
+def _loads(old: Mechanism, chain: Mechanism, W: Series, count: int) -> list[Series]:
+    """Wrenches on the frames of `chain` from those on the frames of `old`; none on the ground, of which rows are 0."""
+    first = 6 * old.first
+    loads = [Ad_i.mT @ rows(W, first + 6 * i, first + 6 * i + 6) for i, Ad_i in enumerate(Ad(frame_shifts(old, chain)))]
+    if len(loads) < count:
+        loads.insert(0, rows(W, 0, 6) * old.first)
+    return loads
 
 
 def _wrench(T: Series) -> Series:

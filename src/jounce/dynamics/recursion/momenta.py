@@ -1,4 +1,4 @@
-"""Momenta, energies and center of mass: sums over the bodies at joints or ground, in frames on the joint axes."""
+"""Momenta, energies and centre of mass: sums over the bodies at joints or ground, in frames on the joint axes."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -25,13 +25,13 @@ def momentum(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) ->
 
 
 def centroidal_momentum(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
-    """hG, about the center of mass, in inertial axes: (..., 6, 1)."""
+    """hG, about the centre of mass, in inertial axes: (..., 6, 1)."""
     tree = kinematic_tree(on_axes(mechanism), q, _at_origin(base))
-    return about_center(_momentum(tree, q), _center_of_mass(mechanism, tree, q))
+    return about_centre(_momentum(tree, q), _center_of_mass(mechanism, tree, q))
 
 
 def centroidal_momentum_matrix(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
-    """AG, the momenta about the center of mass of unit velocities, in inertial axes: (..., 6, nv)."""
+    """AG, the momenta about the centre of mass of unit velocities, in inertial axes: (..., 6, nv)."""
     tree = kinematic_tree(on_axes(mechanism), q, _at_origin(base))
     Pi = composites(tree.joints, [Series.constant(Pi_i) for Pi_i in moment_matrix(tree.M)], Joint.moments)
     columns = collect(tree.joints, [joint.momentum(Pi_j) for joint, Pi_j in zip(tree.joints, Pi, strict=True)])
@@ -43,7 +43,7 @@ def centroidal_momentum_matrix(mechanism: Mechanism, q: Series, base: BaseMotion
     ]
     steps = [*reversed(Pi), *(c.values for c in reversed(columns))]
     A = evaluate_in_order((reduce(add, roots) + batch_zeros(q)) @ tree.G, steps)
-    return about_center(A, _center_of_mass(mechanism, tree, q))
+    return about_centre(A, _center_of_mass(mechanism, tree, q))
 
 
 def center_of_mass(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
@@ -51,8 +51,8 @@ def center_of_mass(mechanism: Mechanism, q: Series, base: BaseMotion | None = No
     return _center_of_mass(mechanism, kinematic_tree(on_axes(mechanism), q, base), q)
 
 
-def about_center(h: Series, c: Series) -> Series:
-    """Momenta (..., 6, k) about a center of mass c, (..., 3, 1), from those about the origin."""
+def about_centre(h: Series, c: Series) -> Series:
+    """Momenta (..., 6, k) about a centre of mass c, (..., 3, 1), from those about the origin."""
     linear = rows(h, 3, 6)
     return joined([rows(h, 0, 3) - c.map(lambda c: hat(c[..., 0])) @ linear, linear], axis=-2)
 

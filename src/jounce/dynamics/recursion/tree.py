@@ -45,6 +45,10 @@ class FreeJoint:
         """S' = ad(V) S, (..., 6, 6)."""
         return V.map(lambda V: ad(V[..., 0]))
 
+    def cross(self, W: Series) -> Series:
+        """S x W, (..., 6, 6): the rates of a wrench W, (..., 6, 1), that moves with one of the screws."""
+        return W.map(lambda W: -(ad(self.X).mT @ W[..., None, :, :])[..., 0].mT)
+
     def twists(self, x: Series) -> Series:
         """Transport twists (..., 6, k) from the inertial frame to that of the base."""
         return self.motion.twists(x)

@@ -1,16 +1,23 @@
 """Columns of tables made along motions: rates, their standard deviations, samples, breaks, measured torques."""
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from jounce.io.columns import Columns
+from jounce._version import __version__
+from jounce.io.columns import About, Columns
+from jounce.model.coordinates import BASE_FORCES, coordinate_units
+from jounce.model.elasticity import motor_names
+from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
 from jounce.motion.base import NAMES
-from jounce.spatial.series import rate_name
+from jounce.motion.columns import TIME
+from jounce.spatial.series import SUFFIX, rate_name
 
 PIECE = 1000  # rows
 DEVIATION, SAMPLE, MEASURED = "_sd", "_sample", "_measured"  # what follows the name of a quantity in a column's
+RATE = re.compile("(q|Q|theta|tau|i|u)" + SUFFIX)  # of the names of quantities that are written
 BREAK = "break"  # the column of breaks: the order of the derivative that jumps since the row before, else -1
 
 
@@ -49,6 +56,30 @@ def of_base(motion: Motion, t: np.ndarray, order: int) -> Columns:
         for ending, arrays in (("", rates), (DEVIATION, deviations or ())):
             found |= {f"{rate_name(name, k)}{ending}": rate[:, j] for k, rate in enumerate(arrays)}
     return found
+
+
+def about(mechanism: Mechanism, order: int) -> About:
+    """What a table of results is of: the robot, its joints, the order, and the units of columns."""
+    joints = mechanism.coordinates
+    data = {"version": __version__, "robot": mechanism.name, "joints": list(joints), "order": order}
+    owners = dict(zip(joints, coordinate_units(mechanism), strict=True))
+    owners |= dict(zip(BASE_FORCES, ["rad"] * 3 + ["m"] * 3, strict=True)) if mechanism.base else {}
+    if (e := mechanism.elasticity) is not None:
+        of_motors = [owners[joints[j]] for j in e.joints_of_motors]
+        owners |= dict(zip(motor_names(e, joints), of_motors, strict=True))
+    return About(lambda name: "s" if name == TIME else _unit(owners, name), data)
+
+
+def _unit(owners: Mapping[str, str], name: str) -> str:
+    """The unit of a column ``NAME.Qd``; none where it is no quantity of a joint or motor."""
+    owner, _, symbol = name.removesuffix(DEVIATION).removesuffix(SAMPLE).removesuffix(MEASURED).rpartition(".")
+    rate = RATE.fullmatch(symbol)
+    if owner not in owners or rate is None:
+        return ""
+    force = "N m" if owners[owner] == "rad" else "N"
+    unit = {"q": owners[owner], "theta": owners[owner], "i": "A", "u": "V"}.get(rate[1], force)
+    k = int(rate[2][:-1] or 1) if rate[2] else 0
+    return unit + ("" if k == 0 else "/s" if k == 1 else f"/s^{k}")
 
 
 def measured(motion: Motion, joints: Sequence[str], t: np.ndarray) -> Columns:

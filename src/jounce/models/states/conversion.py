@@ -27,6 +27,17 @@ class RobotState:
     base : tuple of arrays, or None
         Pose C (..., 4, 4) of the base, its twist V (..., 6), (angular; linear) in its own axes, and the rate Vd of
         these components, as many as there are of q, qd and q2d; None if the robot does not float.
+
+    Examples
+    --------
+    >>> import jounce, pinocchio
+    >>> model = pinocchio.buildSampleModelHumanoid()
+    >>> robot = jounce.Robot.from_pinocchio(model, base="floating")
+    >>> v = a = [0.0] * model.nv
+    >>> state = robot.state_from_pinocchio(pinocchio.neutral(model), v, a, model=model)
+    >>> Q = robot.inverse_dynamics(*state.rates, base=state.base)
+    >>> float(Q[5].round(6)) == round(9.81 * sum(body.mass for body in model.inertias), 6)  # its weight
+    True
     """
 
     q: np.ndarray

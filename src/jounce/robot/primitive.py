@@ -1,0 +1,245 @@
+"""Quantities of robots as a primitive of JAX: rules for batches, derivatives and compilation, registered with one name.
+
+On the CPU a call is compiled to a custom call of native code, in double precision whatever the type of the arrays; a
+jaxlib that does not accept its handler calls Python back instead. On other platforms, and where there is no native
+code, XLA compiles the traced law. First derivatives are the native products of the derivatives, "jvp" and "vjp", each
+the transpose of the other; derivatives of these by the state are those of the traced law.
+
+Only dispatch imports this module, and only for arrays of JAX: it imports JAX itself.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache, partial
+from math import prod
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.core import ShapedArray
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
+
+from jounce._scalars import Array, broadcast, is_jax, is_numeric
+from jounce.dynamics.computation import Computation, Port, Signature
+from jounce.model.mechanism import Mechanism
+from jounce.native import plan, xla
+from jounce.native.kernel import Kernel, compile_kernel
+from jounce.robot.generic import as_tuple, batch_shape, compute_by_method
+from jounce.spatial.lie import cowedge, wedge
+
+TRANSPOSES = {"jvp": "vjp", "vjp": "jvp"}
+
+quantity_p = Primitive("jounce_quantity")
+quantity_p.multiple_results = True
+
+
+@dataclass(frozen=True)
+class Request:
+    """A quantity of one robot, or a product of its derivatives: the parameter of the primitive."""
+
+    mechanism: Mechanism
+    computation: Computation
+
+    def __repr__(self) -> str:
+        return f"<{self.computation.spelling} of {self.mechanism.name!r} to order {self.computation.order}>"
+
+    @cached_property
+    def signature(self) -> Signature:
+        """The ports of its arrays."""
+        return self.computation.signature(self.mechanism)
+
+    @cached_property
+    def state(self) -> tuple[Port, ...]:
+        """The ports of the quantity itself, of which its products take more."""
+        return self.product(None).signature.inputs
+
+    def product(self, name: str | None) -> "Request":
+        """The request for a product of the derivatives of the same quantity, or for the quantity itself."""
+        return replace(self, computation=replace(self.computation, product=name))
+
+    def kernel(self) -> Kernel | None:
+        """Return its native code, or None if it has none, however long it takes to compile: XLA takes longer."""
+        supported = plan.obstacle(self.computation) is None
+        return compile_kernel(self.mechanism, self.computation) if supported else None
+
+
+def obstacle(arrays: Sequence[Array]) -> str | None:
+    """Return why native code does not support arrays, as the end of a sentence about native code, or None."""
+    if not all(is_jax(x) or is_numeric(x) for x in arrays) or any(x.dtype.kind == "c" for x in arrays):
+        return "needs arrays of real numbers"
+    sharded = not all(jax.typeof(x).sharding.mesh.empty for x in arrays if is_jax(x))
+    return "needs arrays on one device" if sharded else None
+
+
+request_of = lru_cache(maxsize=256)(Request)  # whose signatures are kept
+
+
+def compute(request: Request, arrays: Sequence[Array]) -> tuple[Array, ...]:
+    """Return the results for arrays of JAX and NumPy, all of their common type; batch axes broadcast."""
+    dtype = jnp.result_type(*arrays, float)
+    converted = [x if is_jax(x) and x.dtype == dtype else jnp.asarray(x, dtype) for x in arrays]
+    operands = _align(request.signature.inputs, converted)
+    return tuple(quantity_p.bind(*operands, request=request))
+
+
+def _align(ports: Sequence[Port], arrays: Sequence[Array]) -> list[Array]:
+    """Return arrays that have all batch axes of the results, or none where one state serves all."""
+    batch, aligned = batch_shape(ports, arrays), []
+    for port, x in zip(ports, arrays, strict=True):
+        own = x.shape[: x.ndim - len(port.shape)]
+        if own == batch:
+            aligned.append(x)
+        else:
+            aligned.append(x.reshape(port.shape) if prod(own) == 1 else jnp.broadcast_to(x, batch + port.shape))
+    return aligned
+
+
+def _batch(ports: Sequence[Port], arrays: Sequence[Array]) -> tuple[int, ...]:
+    """Return the batch axes of aligned arrays."""
+    batches = (x.shape[: x.ndim - len(port.shape)] for port, x in zip(ports, arrays, strict=True))
+    return max(batches, key=len)
+
+
+def _abstract_results(*arrays: Any, request: Request) -> list[ShapedArray]:
+    batch = _batch(request.signature.inputs, arrays)
+    return [ShapedArray((*batch, *port.shape), arrays[0].dtype) for port in request.signature.outputs]
+
+
+def _map_over_axes(
+    arrays: Sequence[Array], axes: Sequence[int | None], *, request: Request
+) -> tuple[list[Array], list[int]]:
+    """The rule of `jax.vmap`: the axis that is mapped becomes the first batch axis of the same call."""
+    ports = request.signature.inputs
+    own = [x.ndim - (axis is not None) - len(port.shape) for port, x, axis in zip(ports, arrays, axes, strict=True)]
+    expanded = []
+    for x, axis, count in zip(arrays, axes, own, strict=True):
+        first = x[None] if axis is None else jnp.moveaxis(x, axis, 0)
+        expanded.append(first.reshape((first.shape[0], *[1] * (max(own) - count), *first.shape[1:])))
+    results = quantity_p.bind(*_align(ports, expanded), request=request)
+    return results, [0] * len(results)
+
+
+def _differentiate(
+    primals: Sequence[Array], tangents: Sequence[Any], *, request: Request
+) -> tuple[list[Array], list[Array]]:
+    """The rule of `jax.jvp`: native along weights and directions, and along the state for the quantity itself."""
+    results = quantity_p.bind(*primals, request=request)
+    count = len(request.state)
+    state, others, along_state, along_others = primals[:count], primals[count:], tangents[:count], tangents[count:]
+    terms = []
+    if not others:
+        both = zip(request.state, state, along_state, strict=True)
+        directions = [_twist(C, dC) if port.is_pose and type(dC) is not ad.Zero else dC for port, C, dC in both]
+        terms.append(_bind_linear(request.product("jvp"), state, directions))
+    elif not all(type(x) is ad.Zero for x in along_others):
+        terms.append(_bind_linear(request, state, along_others))
+    if others and not all(type(x) is ad.Zero for x in along_state):
+        law = partial(_trace, others=others, request=request)
+        terms.append(jax.jvp(law, tuple(state), tuple(map(ad.instantiate_zeros, along_state)))[1])
+    sums = [sum(parts[1:], parts[0]) for parts in zip(*terms, strict=True)]
+    return results, [jnp.broadcast_to(x, y.shape) for x, y in zip(sums, results, strict=True)]
+
+
+def _transpose(cotangents: Sequence[Any], *operands: Any, request: Request) -> list[Array | None]:
+    """The rule of reverse accumulation: a product of the derivatives is linear in its weights or directions."""
+    count = len(request.state)
+    transposed = request.product(TRANSPOSES[str(request.computation.product)])
+    found = _bind_linear(transposed, operands[:count], cotangents)
+    both = zip(operands[count:], found, strict=True)
+    return [None] * count + [_fit(y, x.aval.shape) if ad.is_undefined_primal(x) else None for x, y in both]
+
+
+def _twist(C: Array, dC: Array) -> Array:
+    """The twist d of a displacement dC = C wedge(d) of a pose, by which products differentiate."""
+    return cowedge(C.mT @ dC) * np.array([0.5, 0.5, 0.5, 1, 1, 1], dC.dtype)
+
+
+def _bind_linear(request: Request, state: Sequence[Array], others: Sequence[Any]) -> list[Array]:
+    """A product of the derivatives; those of its weights or directions that are zero are one state for all."""
+    ports, dtype = request.signature.inputs[len(state) :], state[0].dtype
+    both = zip(ports, others, strict=True)
+    given = [jnp.zeros(port.shape, dtype) if type(x) is ad.Zero else x for port, x in both]
+    return quantity_p.bind(*state, *given, request=request)
+
+
+def _fit(x: Array, shape: tuple[int, ...]) -> Array:
+    """Return gradients of states as the gradient by an array of a shape: summed over batch axes that it lacks."""
+    return x.sum(tuple(range(x.ndim - len(shape)))) if x.ndim > len(shape) else jnp.broadcast_to(x, shape)
+
+
+def _trace(*state: Array, others: Sequence[Array], request: Request) -> tuple[Array, ...]:
+    """The law, or a product of its derivatives, in operations of JAX."""
+    ports, values = request.signature.inputs, request.product(None).computation
+    arrays = broadcast([*state, *others], [len(port.shape) for port in ports], [port.name for port in ports])
+    method, product, dtype = next(iter(values.quantity.methods)), request.computation.product, arrays[0].dtype
+
+    def law(*x: Array) -> tuple[Array, ...]:
+        return tuple(y.astype(dtype) for y in compute_by_method(values, method, request.mechanism, x))
+
+    x, more = arrays[: len(state)], arrays[len(state) :]
+    if product is None:
+        return law(*x)
+
+    def displaced(*d: Array) -> tuple[Array, ...]:
+        both = zip(request.state, x, d, strict=True)
+        return law(*(C + C @ wedge(y) if port.is_pose else y for port, C, y in both))
+
+    both = zip(request.state, x, strict=True)
+    start = [jnp.zeros((*C.shape[:-2], 6), dtype) if port.is_pose else C for port, C in both]
+    return jax.jvp(displaced, start, more)[1] if product == "jvp" else jax.vjp(displaced, *start)[1](tuple(more))
+
+
+def _trace_all(*arrays: Array, request: Request) -> tuple[Array, ...]:
+    count = len(request.state)
+    return _trace(*arrays[:count], others=arrays[count:], request=request)
+
+
+def _call_kernel(*arrays: Array, request: Request) -> tuple[Array, ...]:
+    """The call of native code, or the traced law where there is no native code."""
+    kernel = request.kernel()
+    if kernel is None:
+        return _trace_all(*arrays, request=request)
+    ports, dtype = request.signature.inputs, arrays[0].dtype
+    batch = _batch(ports, arrays)
+    shapes = [(prod(batch), *port.shape) for port in request.signature.outputs]  # of a batch, also for one state
+    both = zip(ports, arrays, strict=True)
+    rows = [x.reshape((prod(batch), *port.shape)) if x.ndim > len(port.shape) else x for port, x in both]
+    name = xla.target(kernel)
+    if name is None:
+        results = jax.pure_callback(partial(_call_back, kernel), _arrays(shapes, dtype), *rows)
+    else:
+        with jax.enable_x64(True):  # inside the compiled function only: what comes and goes has the caller's type
+            doubles = [lax.convert_element_type(x, np.float64) for x in rows]
+            found = jax.ffi.ffi_call(name, _arrays(shapes, np.float64))(*doubles)
+            results = [lax.convert_element_type(y, dtype) for y in found]
+    return tuple(y.reshape((*batch, *y.shape[1:])) for y in results)
+
+
+def _arrays(shapes: Sequence[tuple[int, ...]], dtype: Any) -> list[jax.ShapeDtypeStruct]:
+    return [jax.ShapeDtypeStruct(shape, dtype) for shape in shapes]
+
+
+def _call_back(kernel: Kernel, *arrays: Any) -> list[np.ndarray]:
+    """The results of native code that Python calls, with a batch axis."""
+    rows = [np.asarray(x) for x in arrays]
+    results = as_tuple(kernel(*(x.astype(np.float64) for x in rows)))
+    ports = kernel.signature.outputs
+    return [y.astype(rows[0].dtype).reshape((-1, *port.shape)) for port, y in zip(ports, results, strict=True)]
+
+
+@partial(jax.jit, static_argnames="request")
+def _run(*arrays: Array, request: Request) -> list[Array]:
+    """A call outside of `jax.jit`, compiled once for each shape."""
+    return quantity_p.bind(*arrays, request=request)
+
+
+quantity_p.def_impl(_run)
+quantity_p.def_abstract_eval(_abstract_results)
+batching.primitive_batchers[quantity_p] = _map_over_axes
+ad.primitive_jvps[quantity_p] = _differentiate
+ad.primitive_transposes[quantity_p] = _transpose
+mlir.register_lowering(quantity_p, mlir.lower_fun(_trace_all, multiple_results=True))
+mlir.register_lowering(quantity_p, mlir.lower_fun(_call_kernel, multiple_results=True), platform="cpu")

@@ -1,0 +1,133 @@
+"""Blocks of results of a part: of its rows as they are, or of whole motions, whose rates follow from samples."""
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from jounce.dynamics.quantities import FORCES
+from jounce.errors import JounceError, at, quoted
+from jounce.io.columns import Columns
+from jounce.io.spans import format_of, place
+from jounce.motion import loads, poses
+from jounce.motion.base import terms_at
+from jounce.motion.columns import TIME
+from jounce.motion.motion import Motion
+from jounce.motion.spline import Smoothing
+from jounce.motion.table import from_columns
+from jounce.motion.units import check_units
+from jounce.spatial.series import rate_name
+from jounce.stream.outputs import Block, Output, Rates, Wrenches, along, of_rows
+from jounce.stream.plan import Part, Task
+from jounce.stream.records import Skipped
+from jounce.stream.rows import Rows, Run, read
+
+GLANCE = 4096  # rows of which the units are looked at
+
+
+class Results(NamedTuple):
+    """Rows of results, and the motions that they belong to."""
+
+    runs: list[Run]
+    block: Block
+
+
+def blocks(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[Results]:
+    """The results of a part."""
+    if task.independent:
+        for number, rows in enumerate(read(task, part, skipped)):
+            yield Results(rows.runs, _block(task, part, rows, check=number == 0))
+        return
+    for name, motion in motions(task, part, skipped):
+        for block in along(task.job, motion, list(task.match.torques)):
+            yield Results([Run(name, 0, len(block.t))], block)
+
+
+def _block(task: Task, part: Part, rows: Rows, check: bool) -> Block:
+    """The results of rows that state all rates; with `check`, units of the first motion are looked at."""
+    job, match = task.job, task.match
+    si = {
+        name: rows.columns[source] if match.factors[name] == 1 else rows.columns[source] * match.factors[name]
+        for name, source in match.sources.items()
+    }
+    rates = [[si[f"{j}.{rate_name('q', k)}"] for j in job.links.joint_names] for k in range(job.highest + 1)]
+    if check:
+        first = slice(0, min(rows.runs[0].stop, GLANCE))
+        q, qd = (np.stack([x[first] for x in columns], axis=1) for columns in rates[:2])
+        stated = match.angles_stated, match.time_stated
+        check_units(si[TIME][first], q, qd, job.links.mechanism, stated, str(part.path))
+    states = tuple(np.stack(columns, axis=1) for columns in rates)
+    outputs = [
+        output._replace(rates=tuple(map(np.asfortranarray, output.rates)))  # by columns, as they are written
+        for output in of_rows(job, states, _wrenches(task, part, si), _base(task, part, si))
+    ]
+    _check_finite(part, rows, outputs)
+    of_base = poses.named(list(si), job.links.mechanism) if job.with_rates else ()
+    return Block(si[TIME], outputs, {name: si[name] for name in of_base})
+
+
+def _wrenches(task: Task, part: Part, si: Mapping[str, np.ndarray]) -> Wrenches:
+    """W, Wd, ... by body, from columns that state all of them."""
+    columns = {name: si[name] for name in loads.named(list(si), task.job.links.mechanism)}
+    if not columns:
+        return None
+    rows = np.arange(len(si[TIME]), dtype=float)  # in place of times, which begin again with each motion
+    order = task.job.highest - (FORCES.rates - 1)
+    curves, _ = loads.wrenches(rows, columns, task.job.links.mechanism, order, Smoothing(), str(part.path))
+    of_bodies = {body: curve.rates(rows, order) for body, curve in curves.items()}
+    return tuple({body: rates[k] for body, rates in of_bodies.items()} for k in range(order + 1))
+
+
+def _base(task: Task, part: Part, si: Mapping[str, np.ndarray]) -> Rates | None:
+    """C, V, Vd, ... of the base, from columns that state all of its rates."""
+    columns = {name: si[name] for name in poses.named(list(si), task.job.links.mechanism)}
+    rows = np.arange(len(si[TIME]), dtype=float)  # in place of times, which begin again with each motion
+    curve, _ = poses.curve_of_columns(rows, columns, Smoothing(), task.job.highest, str(part.path))
+    return None if curve is None else terms_at(curve, rows, task.job.highest)
+
+
+def _check_finite(part: Part, rows: Rows, outputs: list[Output]) -> None:
+    for output in outputs:
+        for k, values in enumerate(output.rates):
+            if not np.isfinite(values).all():
+                i, j = np.argwhere(~np.isfinite(values))[0]
+                came = f"{output.names[j]}.{rate_name(output.symbol, k)} is {values[i, j]}"
+                where = place(part.path, int(rows.places[i]))
+                raise JounceError(f"{where}: {came}; expected a state whose results are finite numbers")
+
+
+def motions(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple[str, Motion]]:
+    """The motions of a part, each with its name, read as a whole."""
+    name, start, pieces = "", part.span.start, list[Columns]()
+    for rows in read(task, part, skipped):
+        for run in rows.runs:
+            if pieces and run.motion != name:
+                yield from _motion(task, part, name, start, pieces, skipped)
+                pieces = []
+            if not pieces:
+                name, start = run.motion, int(rows.places[run.start])
+            pieces.append({column: x[run.start : run.stop] for column, x in rows.columns.items()})
+    if pieces:
+        yield from _motion(task, part, name, start, pieces, skipped)
+
+
+def _motion(
+    task: Task, part: Part, name: str, start: int, pieces: list[Columns], skipped: list[Skipped]
+) -> Iterator[tuple[str, Motion]]:
+    """The motion of samples that begin at a place; one that cannot be had of them is refused, or left out."""
+    job, where = task.job, f"{part.path}: motion {quoted(name)}" if name else str(part.path)
+    columns = {column: np.concatenate([piece[column] for piece in pieces]) for column in pieces[0]}
+    reading = job.reading
+    try:
+        found = from_columns(columns, task.match, job.links.mechanism, job.highest, where, reading.way or Smoothing())
+        with at(where):
+            found = found if reading.blend is None else found.blended(reading.blend, max(4, job.highest))
+            found = found if reading.step is None else found.with_step(reading.step)
+    except JounceError as error:
+        if not reading.skip:
+            raise
+        table = format_of(part.path)
+        row = table.number(part.path, start, table.FIRST)
+        skipped.append(Skipped(str(part.path), row, "", f"the motion that begins here: {error}"))
+        return
+    yield name, found

@@ -1,0 +1,76 @@
+"""What is computed of every part of a plan, as data that can be sent to another process."""
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from hashlib import sha256
+from typing import Any, Literal
+
+from jounce._version import __version__
+from jounce.actuators.elastic import ElasticRobot
+from jounce.dynamics.quantities import FORCES
+from jounce.io.native import writing
+from jounce.motion.columns import Options
+from jounce.motion.spline import Smoothing, Spline
+from jounce.motion.table import AS_NAMED
+from jounce.robot import Robot
+
+Subject = Literal["forces", "motors", "limits"]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How the input is read: its columns, and what makes curves of samples.
+
+    `blend` and `step` are those of `Motion.blended` and `Motion.with_step`. With `skip`, bad rows are left out and
+    recorded instead of ending the run.
+    """
+
+    options: Options = AS_NAMED
+    way: Smoothing | Spline | None = None
+    blend: float | None = None
+    step: float | None = None
+    skip: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """What is computed: forces, motor torques or ratios to limits of a robot up to an order.
+
+    `form` is the suffix of the tables that hold the rows of parts, None if only aggregates are wanted.
+    """
+
+    subject: Subject
+    robot: Robot | ElasticRobot
+    order: int
+    reading: Reading
+    form: str | None
+    method: str | None = None
+    with_rates: bool = False
+
+    @property
+    def links(self) -> Robot:
+        """The robot whose coordinates the input holds."""
+        return self.robot.robot if isinstance(self.robot, ElasticRobot) else self.robot
+
+    @property
+    def highest(self) -> int:
+        """The highest rate of q that the results take."""
+        more = self.robot.elasticity.more_rates + 2 if isinstance(self.robot, ElasticRobot) else 0
+        return self.order + FORCES.rates - 1 + more
+
+    @cached_property
+    def key(self) -> str:
+        """A digest of all that results depend on, but for the input and the treatment of bad rows."""
+        mechanism = self.links.mechanism
+        text = [
+            __version__, writing.as_json(mechanism), str(sorted(mechanism.acting)), self.subject, str(self.order),
+            str(self.form), str(self.method), str(self.with_rates), str(self.reading.options), str(self.reading.way),
+            str(self.reading.blend), str(self.reading.step),
+        ]  # fmt: skip
+        return digest(text)
+
+
+def digest(data: Any) -> str:
+    """The SHA-256 digest of plain data."""
+    return sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,141 @@
+"""Limits along the motions of a part, between rows too, and the worst of all parts."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, replace
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from jounce.errors import JounceError
+from jounce.io.columns import Columns
+from jounce.io.spans import format_of
+from jounce.limits.check import Check
+from jounce.motion.motion import Motion
+from jounce.motion.spline import Smoothing
+from jounce.motion.table import from_columns
+from jounce.stream.blocks import motions
+from jounce.stream.plan import MOTION, Part, Task
+from jounce.stream.records import Skipped
+from jounce.stream.rows import Rows, Run, read
+from jounce.stream.tally import Aggregate, out_of_order
+
+TEXTS = (MOTION, "joint", "limit", "of", "unit")  # columns of a table of limits
+NUMBERS = ("value", "bound", "ratio", "margin", "t", "deviation")
+STRETCH = 2000  # rows that are checked at a time: some of what a check does takes the square of their number
+
+
+def checked_limits(task: Task, part: Part, skipped: list[Skipped]) -> dict[str, Aggregate]:
+    """The limits of the motions of a part. Rows that state all rates are checked up to the first row behind it."""
+    found: dict[str, Aggregate] = {}
+    for name, count, motion in _stretches(task, part, skipped) if task.independent else _wholes(task, part, skipped):
+        add_limits(found, name, _aggregate(task.job.robot.check(motion), motion, count))
+    return found
+
+
+def add_limits(known: dict[str, Aggregate], name: str, more: Aggregate) -> None:
+    """Join the limits of a stretch of a motion to those of the stretches before."""
+    if name not in known:
+        known[name] = more
+        return
+    joined = known[name]
+    joined["rows"] += more["rows"]
+    joined["t"] = [joined["t"][0], more["t"][1]]
+    joined["notes"] = list(dict.fromkeys([*joined["notes"], *more["notes"]]))
+    for i, (row, other) in enumerate(zip(joined["limits"], more["limits"], strict=True)):
+        spans = [*row["violations"]]
+        for start, stop in other["violations"]:
+            if spans and spans[-1][1] == start:
+                start = spans.pop()[0]
+            spans.append([start, stop])
+        worse = other if _ratio(other) > _ratio(row) else row
+        joined["limits"][i] = worse | {"violations": spans}
+
+
+def join_limits(parts: Iterable[tuple[Part, Mapping[str, Aggregate]]]) -> dict[str, Aggregate]:
+    """The limits of the motions of all parts."""
+    found: dict[str, Aggregate] = {}
+    for part, of_part in parts:
+        for motion, more in of_part.items():
+            if motion in found and more["t"][0] < found[motion]["t"][1]:
+                raise out_of_order(part, motion, found[motion], more)
+            add_limits(found, motion, more)
+    return found
+
+
+def table_of(found: Mapping[str, Aggregate]) -> Columns:
+    """A table with a row per motion and limit; numbers that are infinite are so."""
+    rows = [{MOTION: motion} | row for motion, of in found.items() for row in of["limits"]]
+    texts: Columns = {name: np.array([row[name] or "" for row in rows], dtype=str) for name in TEXTS}
+    numbers: Columns = {
+        name: np.array([np.nan if name == "deviation" and row[name] is None else _number(row[name]) for row in rows])
+        for name in NUMBERS
+    }
+    return texts | numbers
+
+
+def _number(x: float | None) -> float:
+    return inf if x is None else x
+
+
+def _ratio(row: Mapping[str, Any]) -> float:
+    return _number(row["ratio"])
+
+
+def _aggregate(found: Check, motion: Motion, rows: int) -> Aggregate:
+    limits = [
+        {key: None if isinstance(x, float) and np.isinf(x) else x for key, x in asdict(row).items()}
+        | {"violations": [list(span) for span in row.violations]}
+        for row in found.table
+    ]
+    return {"rows": rows, "t": [motion.start, motion.stop], "limits": limits, "notes": list(found.notes)}
+
+
+def _wholes(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple[str, int, Motion]]:
+    for name, motion in motions(task, part, skipped):
+        yield name, len(motion.times), motion
+
+
+def _stretches(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple[str, int, Motion]]:
+    """Stretches of motions with the number of their rows: each begins with the last row of the one before."""
+    before: tuple[str, Columns] | None = None  # a motion and its last row so far
+    alone = False  # whether that row is the only one
+    for rows, ours in _with_next(task, part, skipped):
+        for run in _cut(rows.runs):
+            columns = {name: x[run.start : run.stop] for name, x in rows.columns.items()}
+            count = run.stop - run.start
+            if before and before[0] == run.motion:
+                columns = {name: np.concatenate([before[1][name], x]) for name, x in columns.items()}
+            elif not ours:
+                break
+            elif alone and before:
+                raise _too_short(part, before[0])
+            alone = len(next(iter(columns.values()))) == 1
+            if not alone:
+                mechanism, highest, place = task.job.links.mechanism, task.job.highest, str(part.path)
+                motion = from_columns(columns, task.match, mechanism, highest, place, Smoothing())
+                yield run.motion, count if ours else 0, motion
+            before = run.motion, {name: x[-1:] for name, x in columns.items()}
+    if alone and before and part.span.start == 0:
+        raise _too_short(part, before[0])
+
+
+def _cut(runs: list[Run]) -> Iterator[Run]:
+    """Runs of at most `STRETCH` rows."""
+    for run in runs:
+        for start in range(run.start, run.stop, STRETCH):
+            yield Run(run.motion, start, min(start + STRETCH, run.stop))
+
+
+def _with_next(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple[Rows, bool]]:
+    """The rows of a part, and the row behind it, if there is one, which is not its own."""
+    for rows in read(task, part, skipped):
+        yield rows, True
+    behind = format_of(part.path).next_row(part.path, part.span.stop)
+    if behind is not None:
+        for rows in read(task, replace(part, span=behind), []):
+            yield rows, False
+
+
+def _too_short(part: Part, motion: str) -> JounceError:
+    return JounceError(f"{part.path}: motion {motion!r} has one row; expected two or more, to check between them")

@@ -1,0 +1,110 @@
+"""What is computed of rows and of whole motions: forces, or what the motors of elastic joints do."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from jounce.actuators.along import order_of_voltages
+from jounce.actuators.elastic import ElasticRobot
+from jounce.dynamics import electrical
+from jounce.dynamics.quantities import FORCES, row_of
+from jounce.io.columns import Columns
+from jounce.io.motions.writing import BREAK, MEASURED, break_marks, named, of_base
+from jounce.model.coordinates import force_names
+from jounce.model.elasticity import motor_names
+from jounce.motion import Motion
+from jounce.robot.along import force_breaks, pieces_along
+from jounce.robot.dispatch import compute
+from jounce.robot.generic import as_tuple
+from jounce.stream.job import Job
+
+Rates = tuple[np.ndarray, ...]
+Wrenches = tuple[Mapping[str, np.ndarray], ...] | None
+
+
+class Output(NamedTuple):
+    """A quantity with its rates (N, m) of joints or motors: the columns ``NAME.Q, NAME.Qd, ...``."""
+
+    symbol: str
+    names: Sequence[str]
+    rates: Rates
+    deviations: Rates | None = None
+
+
+class Block(NamedTuple):
+    """Some rows of the output: their times, quantities with their rates, and further columns."""
+
+    t: np.ndarray
+    outputs: list[Output]
+    others: Columns
+
+
+def of_rows(job: Job, rates: Rates, W: Wrenches, base: Rates | None = None) -> list[Output]:
+    """The quantities at states that do not depend on each other."""
+    given = rates[: job.highest + 1]
+    own = [Output("q", job.links.joint_names, given)] if job.with_rates else []
+    if not isinstance(job.robot, ElasticRobot):
+        Q = as_tuple(compute(job.links, FORCES.name, given, wrench=W, base=base, method=job.method))
+        return [*own, Output(FORCES.symbol, force_names(job.links.mechanism), Q)]
+    rows = [row_of(name, job.robot.elasticity.more_rates) for name in ("motor_positions", "motor_torques")]
+    terms = [W and W[: len(given) - row.rates + row.wrench_rates] for row in rows]
+    theta, tau = (
+        as_tuple(compute(job.links, row.name, given, wrench=term, base=base, method=job.method))
+        for row, term in zip(rows, terms, strict=True)
+    )
+    return _of_motors(job.robot, theta, tau, None)
+
+
+def along(job: Job, motion: Motion, torques: Sequence[str]) -> Iterator[Block]:
+    """The quantities along a whole motion at its own times, in blocks of rows; `torques` are joints measured."""
+    links, order = job.links, job.order
+    if isinstance(job.robot, ElasticRobot):
+        order = order_of_voltages(job.robot.elasticity, motion.highest)
+        whole = job.robot.along(motion, order=order, method=job.method)  # type: ignore[arg-type] # a text of the user
+        marks = [(found.t, max(found.order, 0)) for found in whole.breaks]
+        off = whole.deviations or tuple(map(np.zeros_like, whole.torques))
+        found = _of_motors(job.robot, whole.positions, whole.torques, off)
+        yield Block(whole.t, found, _others(job, motion, torques, marks, whole.t))
+        return
+    marks = [(found.t, max(found.order, 0)) for found in force_breaks(links, motion, motion.times, order, job.method)]
+    for piece in pieces_along(links, motion, motion.times, order, job.method):
+        off = piece.deviations or tuple(map(np.zeros_like, piece.forces))
+        outputs = [Output(FORCES.symbol, force_names(links.mechanism), piece.forces, off)]
+        if job.with_rates:
+            of_q = motion.deviations(piece.t, len(piece.rates) - 1) or tuple(map(np.zeros_like, piece.rates))
+            outputs.insert(0, Output("q", links.joint_names, piece.rates, of_q))
+        base = of_base(motion, piece.t, len(piece.rates) - 1) if job.with_rates else {}
+        yield Block(piece.t, outputs, base | _others(job, motion, torques, marks, piece.t))
+
+
+def columns_of(block: Block) -> Columns:
+    """The columns of a block by name."""
+    found: Columns = {"t": block.t}
+    for output in block.outputs:
+        found |= named(output.symbol, output.names, output.rates, output.deviations)
+    return found | block.others
+
+
+def _of_motors(arm: ElasticRobot, theta: Rates, tau: Rates, off: Rates | None) -> list[Output]:
+    """theta, thetad, tau and, of motors that state their data, current and voltage."""
+    e = arm.elasticity
+    names = motor_names(e, arm.robot.joint_names)
+    found = [Output("theta", names, theta[:2]), Output("tau", names, tau[:1], off and off[:1])]
+    for symbol, rates in zip("iu", electrical.outputs(e, theta, tau), strict=True):
+        if rates:
+            stated = [j for j in range(len(names)) if not np.isnan(rates[0][:, j]).all()]
+            found.append(Output(symbol, [names[j] for j in stated], (rates[0][:, stated],)))
+    return found
+
+
+def _others(
+    job: Job, motion: Motion, torques: Sequence[str], marks: Sequence[tuple[float, int]], t: np.ndarray
+) -> Columns:
+    """The columns of measured torques, NaN where one is missing, and of breaks, -1 where there is no break."""
+    found: Columns = {}
+    for j, name in enumerate(job.links.joint_names):
+        if name in torques and motion.torques is not None:
+            at, values = motion.torques
+            found[f"{name}.Q{MEASURED}"] = np.interp(t, at, values[:, j])
+    return found | {BREAK: break_marks(motion, marks, t).get(BREAK, np.full(len(t), -1.0))}

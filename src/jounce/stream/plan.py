@@ -1,0 +1,230 @@
+"""The plan of a run: the parts of the input, each a span of a file, and the schema that all files share."""
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from jounce.actuators.along import order_of_voltages
+from jounce.actuators.elastic import ElasticRobot
+from jounce.errors import JounceError, at, listed, quoted
+from jounce.io.spans import FORMATS, format_of
+from jounce.io.spans import place as place_in_words
+from jounce.io.spans.chunk import Span
+from jounce.motion import loads, poses
+from jounce.motion.columns import DEVIATION, Match, match
+from jounce.motion.spline import Smoothing, refuse_way
+from jounce.spatial.series import rate_name
+from jounce.stream.job import Job, digest
+
+MOTION = "motion"  # the column that names the motion of each row
+CELLS = 1 << 23  # of a part: 64 MB of numbers
+LARGE = 1 << 28  # bytes of a table
+COPIES = 12  # of a motion in memory while samples are fitted
+IGNORED = (".", "_")  # what names of files begin with that are no data
+
+
+@dataclass(frozen=True)
+class Part:
+    """A piece of the input: whole motions, or any rows where these state all rates.
+
+    `motion` is the name of the motion of all rows, None if a column names it. `key` is a digest of the job and of the
+    identity of the input: a record with another key is of another run.
+    """
+
+    number: int
+    path: Path
+    span: Span
+    motion: str | None
+    key: str
+
+    @property
+    def size(self) -> int:
+        """The rows of the part, or the bytes of a CSV table."""
+        return self.span.stop - self.span.start
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What is computed of every part, and how the tables are read: all that another process needs to know.
+
+    `match` names the columns of the motion. `independent` tells that each row states all that its results need;
+    otherwise parts are whole motions. `named` tells that the output has the column of motions.
+    """
+
+    job: Job
+    match: Match
+    independent: bool
+    named: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """The parts of the input in order, and what is computed of each."""
+
+    task: Task
+    parts: tuple[Part, ...]
+    notes: tuple[str, ...] = ()
+
+
+def make_plan(job: Job, source: Path, highest: int) -> Plan:
+    """The plan for a table, or for all tables of a folder, of which each is a motion unless a column names motions."""
+    paths, notes = _files(source)
+    matches = [_match(job, path, highest) for path in paths]
+    (first, named), *others = matches
+    for path, (other, names) in zip(paths[1:], others, strict=True):
+        _check_alike(paths[0], path, first, other, named, names)
+    independent = _is_independent(job, first)
+    if independent:
+        refuse_way(job.reading.way or Smoothing(), str(paths[0]), "all rates are in the table")
+        job = _with_voltages(job, first)
+    parts: list[Part] = []
+    for path in paths:
+        stem = None if named else path.stem
+        for span in _spans(path, first, independent, named):
+            parts.append(_part(job, len(parts), path, span, stem))
+    return Plan(Task(job, first, independent, named or source.is_dir()), tuple(parts), (*first.notes, *notes))
+
+
+def is_by_parts(job: Job, source: Path) -> bool:
+    """Whether a table is read by parts without being asked: it holds several motions, or is large and states all rates.
+
+    What cannot be read is left to those who read tables as a whole, and their messages.
+    """
+    if source.suffix.lower() not in FORMATS:
+        return False
+    try:
+        found, named = _match(job, source, job.highest)
+        return named or (_is_independent(job, found) and format_of(source).size(source) > LARGE)
+    except JounceError:
+        return False
+
+
+def _files(source: Path) -> tuple[list[Path], tuple[str, ...]]:
+    if not source.is_dir():
+        format_of(source)
+        return [source], ()
+    there = sorted(path for path in source.iterdir() if not path.name.startswith(IGNORED))
+    found = [path for path in there if path.is_file() and path.suffix.lower() in FORMATS]
+    if not found:
+        raise JounceError(f"{source}: no table in this folder; read by rows are: {', '.join(FORMATS)}")
+    others = [path.name for path in there if path not in found]
+    return found, (f"other files, ignored: {listed(others)}",) if others else ()
+
+
+def _match(job: Job, path: Path, highest: int) -> tuple[Match, bool]:
+    """The columns of the motion in a table, and whether one names motions."""
+    names = format_of(path).names(path)
+    named = MOTION in names and MOTION not in job.links.joint_names
+    with at(path):
+        return match([name for name in names if name != MOTION or not named], job.links.mechanism,
+                     job.reading.options, highest), named  # fmt: skip
+
+
+def _check_alike(first: Path, path: Path, known: Match, other: Match, named: bool, names: bool) -> None:
+    """Raise `JounceError` where the tables of a folder have not the same columns."""
+    missing = sorted({*known.sources.values()} - {*other.sources.values()}) + [MOTION] * (named and not names)
+    extra = sorted({*other.sources.values()} - {*known.sources.values()}) + [MOTION] * (names and not named)
+    if missing or extra:
+        differ = f"has no column {listed(map(quoted, missing), 3)}" if missing else ""
+        differ += " and " * bool(missing and extra)
+        differ += f"has a column {listed(map(quoted, extra), 3)} more" if extra else ""
+        raise JounceError(f"{path}: {differ} than {first.name}; expected the same columns in all tables of a folder")
+
+
+def _is_independent(job: Job, found: Match) -> bool:
+    """Whether every row of the input states all that its results need."""
+    reading, sources = job.reading, list(found.sources)
+    of_wrenches = loads.named(sources, job.links.mechanism)
+    spread = any(name.endswith(DEVIATION) for name in sources)
+    of_base = poses.named(sources, job.links.mechanism)
+    sampled = found.sampled or loads.are_sampled(of_wrenches) or (of_base and poses.are_sampled(list(of_base)))
+    whole = sampled or spread or reading.blend or reading.step
+    return not whole and not (isinstance(job.robot, ElasticRobot) and _has_memory(job.robot))
+
+
+def _with_voltages(job: Job, found: Match) -> Job:
+    """The job with the rate of motor torques that voltages take, if the table states as many rates of q."""
+    if not isinstance(job.robot, ElasticRobot):
+        return job
+    further = job.highest + 1
+    is_known = all(f"{joint}.{rate_name('q', further)}" in found.sources for joint in job.links.joint_names)
+    return replace(job, order=order_of_voltages(job.robot.elasticity, job.highest + is_known))
+
+
+def _has_memory(arm: ElasticRobot) -> bool:
+    """Whether motor torques depend on the motion before."""
+    e = arm.elasticity
+    return bool((e.dampers and e.level is None) or e.pairs)
+
+
+def _spans(path: Path, found: Match, independent: bool, named: bool) -> Iterator[Span]:
+    """The spans of the parts of a table."""
+    spans = format_of(path).spans(path, CELLS)
+    if independent:
+        yield from spans
+    elif not named:
+        yield _checked(path, Span(spans[0].start, spans[-1].stop), found)
+    else:
+        yield from _whole_motions(path, spans, found)
+
+
+def _whole_motions(path: Path, spans: Sequence[Span], found: Match) -> Iterator[Span]:
+    """Spans of whole motions, of about as many rows as parts have."""
+    most = max(span.stop - span.start for span in spans)
+    start = spans[0].start
+    for run in runs(path, spans):
+        _checked(path, run, found)
+        if run.start > start and run.stop - start > most:
+            yield Span(start, run.start)
+            start = run.start
+    yield Span(start, spans[-1].stop)
+
+
+def runs(path: Path, spans: Sequence[Span]) -> Iterator[Span]:
+    """The spans of the motions of a table, which a column names; rows of a motion that stand apart are refused."""
+    name, start, seen = None, spans[0].start, set()
+    for span in spans:
+        for chunk in format_of(path).chunks(path, [], MOTION, span):
+            assert chunk.motions is not None
+            for i in range(len(chunk.motions)):
+                if chunk.motions[i] != name:
+                    place = int(chunk.places[i])
+                    if name is not None:
+                        yield Span(start, place)
+                    name, start = str(chunk.motions[i]), place
+                    if name in seen:
+                        raise JounceError(
+                            f"{place_in_words(path, place)}: motion {quoted(name)} begins a second time;"
+                            " its samples need a fit as a whole: sort the rows by motion"
+                        )
+                    seen.add(name)
+    yield Span(start, spans[-1].stop)
+
+
+def _checked(path: Path, span: Span, found: Match) -> Span:
+    """A span of a motion that fits into memory."""
+    cells = (span.stop - span.start) * (1 if path.suffix.lower() in (".parquet", ".npz") else 1 / 16)
+    columns = len(found.sources) if path.suffix.lower() in (".parquet", ".npz") else 1
+    needed, there = int(cells * columns * 8 * COPIES), _memory()
+    if needed > there:
+        raise JounceError(
+            f"{place_in_words(path, span.start)}: the motion that begins here takes {needed / 1e9:.3g} GB to fit,"
+            f" and there are {there / 1e9:.3g} GB: state its rates in columns NAME.q, NAME.qd, ..., or divide it into"
+            " several motions"
+        )
+    return span
+
+
+def _memory() -> int:
+    """The bytes of memory of this machine."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):  # of systems that do not tell
+        return 1 << 33
+
+
+def _part(job: Job, number: int, path: Path, span: Span, motion: str | None) -> Part:
+    about = path.stat()
+    identity = [job.key, str(path.resolve()), about.st_size, about.st_mtime_ns, *span, motion]
+    return Part(number, path, span, motion, digest(identity))

@@ -1,0 +1,101 @@
+"""The output of a run, made of the results of all parts: it appears as a whole, and replaces no files of others."""
+
+import shutil
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from pathlib import Path
+
+from jounce._parts import part_in, remove_abandoned
+from jounce.errors import JounceError, listed
+from jounce.io import csv, files, npz, parquet
+from jounce.stream.plan import Part, Plan
+from jounce.stream.records import Record, is_valid, line_of, parse, record_path, rows_folder, rows_path
+
+RECORDS = "_jounce.jsonl"  # the records of all parts, in a folder of tables
+JOINS = {".parquet": parquet.join, ".csv": csv.join, ".npz": npz.join}
+
+
+def work_folder(output: Path) -> Path:
+    """The folder of the results of parts until the output is made of them."""
+    return output.with_name(f"{output.name}.unfinished")
+
+
+def check_folder(output: Path) -> None:
+    """Raise `JounceError` if a folder of tables cannot be written, or holds files that are not of such a run."""
+    if not output.exists():
+        files.check_writable(output)
+        return
+    if not output.is_dir():
+        raise JounceError(f"{output}: exists and is not a folder; state a file of type {', '.join(JOINS)}, or a folder")
+    known = {RECORDS, *(f"part-{record.number:06d}.parquet" for record in published(output))}
+    foreign = sorted(path.name for path in output.iterdir() if path.name not in known)
+    if foreign:
+        raise JounceError(
+            f"{output}: holds files that are not of an earlier run ({listed(foreign, 3)}); choose another folder, or"
+            " move them away"
+        )
+
+
+def published(output: Path) -> list[Record]:
+    """The records of the tables in a folder; empty where it is not the output of a run."""
+    try:
+        lines = (output / RECORDS).read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError):
+        return []
+    return [record for line in lines if (record := parse(line)) is not None]
+
+
+def is_published(plan: Plan, output: Path) -> bool:
+    """Whether a folder holds the whole output of a plan, as its checksums tell."""
+    found = {record.number: record for record in published(output)}
+    return len(found) == len(plan.parts) and all(
+        found[part.number].key == part.key
+        and is_valid(found[part.number], output / f"part-{part.number:06d}.parquet", plan.task.job.reading.skip)
+        for part in plan.parts
+        if part.number in found
+    )
+
+
+def publish_folder(plan: Plan, folder: Path, records: Iterable[Record], output: Path) -> None:
+    """Move the tables of all parts to a folder, with their records."""
+    rows = rows_folder(folder)
+    expected = {rows_path(folder, part, ".parquet").name for part in plan.parts}
+    for path in rows.iterdir():
+        if path.name not in expected:  # of an earlier plan
+            path.unlink()
+    old = part_in(output.parent)
+    try:
+        with (rows / RECORDS).open("w", encoding="utf-8") as file:
+            file.writelines(f"{line_of(record)}\n" for record in records)
+        if output.exists():
+            output.rename(old)
+        rows.rename(output)
+    except OSError as error:
+        raise JounceError(f"{output}: cannot be written: {error.strerror or error}") from None
+    finally:
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def publish_file(plan: Plan, folder: Path, form: str, output: Path) -> None:
+    """Join the tables of all parts to one."""
+    tables = [rows_path(folder, part, form) for part in plan.parts]
+    with files.written_whole(output) as path:
+        JOINS[form](path, [table for table in tables if table.exists()])
+
+
+def remove_work(plan: Plan, folder: Path) -> None:
+    """Remove the work folder; what is in it of others stays."""
+    with suppress(OSError):
+        for path in _ours(plan.parts, folder):
+            path.unlink(missing_ok=True)
+        for path in (rows_folder(folder), folder):
+            if path.exists():
+                remove_abandoned(path)
+                path.rmdir()
+
+
+def _ours(parts: Iterable[Part], folder: Path) -> Iterator[Path]:
+    for part in parts:
+        yield record_path(folder, part)
+        yield from (rows_path(folder, part, form) for form in JOINS)
+    yield rows_folder(folder) / RECORDS

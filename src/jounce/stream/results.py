@@ -1,0 +1,152 @@
+"""A whole run: the plan, its parts, the output, and a summary of them."""
+
+import csv
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+
+from jounce.errors import JounceError
+from jounce.io import files, tables
+from jounce.io.columns import Columns
+from jounce.io.motions.writing import about
+from jounce.stream import publish
+from jounce.stream.job import Job
+from jounce.stream.limits import join_limits, table_of
+from jounce.stream.plan import Part, Plan, make_plan
+from jounce.stream.records import Record
+from jounce.stream.runner import Runner, Show, here, records, run
+from jounce.stream.tally import Aggregate, join, reduced
+
+HEAD = b"file,row,column,problem"  # of a table of rows that are left out
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a run has computed.
+
+    `aggregates` are plain data by motion, `computed` is the number of parts that no earlier run had finished, and
+    `skipped` the number of rows that are left out.
+    """
+
+    plan: Plan
+    aggregates: Mapping[str, Aggregate]
+    computed: int
+    notes: Sequence[str]
+    skipped: int
+
+    @property
+    def rows(self) -> int:
+        """The number of rows of all motions."""
+        return sum(found["rows"] for found in self.aggregates.values())
+
+
+def stream(
+    job: Job,
+    source: Path,
+    output: Path | None,
+    reduce: Sequence[str] = (),
+    runner: Runner = here,
+    show: Show | None = None,
+) -> Summary:
+    """Compute what a job asks for of a table, or of all tables in a folder, and write the output.
+
+    With `reduce` the output is a table of aggregates; otherwise one of rows, or of limits. Without an output nothing is
+    kept.
+    """
+    check_output(job, source, output)
+    plan = make_plan(job, source, job.highest)
+    if output is None:
+        with tempfile.TemporaryDirectory() as folder:
+            computed = run(plan, Path(folder), runner, show)
+            return _summary(plan, records(plan, Path(folder)), computed)
+    if _is_folder(job, output) and publish.is_published(plan, output):
+        return _summary(plan, publish.published(output), 0)
+    work = publish.work_folder(output)
+    computed = run(plan, work, runner, show)
+    _write_skipped(skipped_path(output), plan.task.match.names, records(plan, work))
+    summary = _summary(plan, records(plan, work), computed)
+    _write(summary, work, reduce, output)
+    publish.remove_work(plan, work)
+    return summary
+
+
+def check_output(job: Job, source: Path, output: Path | None) -> None:
+    """Raise `JounceError` if the output cannot be written, before any work is done."""
+    if output is None:
+        return
+    if _is_folder(job, output):
+        publish.check_folder(output)
+    else:
+        tables.check_writable(output)
+    target, given = output.resolve(), source.resolve()
+    if target == given or (source.is_dir() and given in target.parents):
+        raise JounceError(f"{output}: the output is the input, or in its folder; choose another path")
+
+
+def form_of(output: Path) -> str:
+    """The type of the tables that an output is made of: a path without a suffix is a folder of Parquet tables."""
+    return output.suffix.lower() or ".parquet"
+
+
+def skipped_path(output: Path) -> Path:
+    """The table of the rows that are left out."""
+    return output.with_name(f"{output.name}.skipped.csv")
+
+
+def _is_folder(job: Job, output: Path) -> bool:
+    return job.form is not None and not output.suffix
+
+
+def _summary(plan: Plan, found: Iterable[Record], computed: int) -> Summary:
+    notes: dict[str, None] = dict.fromkeys(plan.notes)
+    skipped = 0
+
+    def aggregates() -> Iterator[tuple[Part, Mapping[str, Aggregate]]]:
+        nonlocal skipped
+        for part, record in zip(plan.parts, found, strict=True):
+            notes.update(dict.fromkeys(record.notes))
+            skipped += len(record.skipped)
+            yield part, record.aggregates
+
+    joined = (join_limits if plan.task.job.subject == "limits" else join)(aggregates())
+    if not joined:
+        raise JounceError("no row of the input is good: nothing is written but the table of rows that are left out")
+    return Summary(plan, joined, computed, tuple(notes), skipped)
+
+
+def _write(summary: Summary, work: Path, reduce: Sequence[str], output: Path) -> None:
+    """Write the output of the parts in the work folder."""
+    plan = summary.plan
+    if plan.task.job.subject == "limits":
+        _write_table(output, table_of(summary.aggregates), plan.task.job)
+    elif plan.task.job.form is None:
+        _write_table(output, reduced(summary.aggregates, reduce), plan.task.job)
+    elif _is_folder(plan.task.job, output):
+        publish.publish_folder(plan, work, records(plan, work), output)
+    else:
+        publish.publish_file(plan, work, plan.task.job.form, output)
+
+
+def _write_table(output: Path, columns: Columns, job: Job) -> None:
+    """Write a table of few rows; numbers in it may be infinite or missing."""
+    with files.written_whole(output) as path:
+        tables.WRITERS[form_of(output)](path, [columns], about(job.links.mechanism, job.order))
+
+
+def _write_skipped(path: Path, columns: Sequence[str], found: Iterable[Record]) -> None:
+    """Write the rows that are left out, with all their cells as texts; without any, that of an earlier run goes."""
+    rows = (row for record in found for row in record.skipped)
+    first = next(rows, None)
+    if first is None:
+        if path.is_file() and path.read_bytes()[: len(HEAD)] == HEAD:
+            path.unlink()
+        return
+    with files.written_whole(path) as part, part.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["file", "row", "column", "problem", *columns])
+        for row in chain([first], rows):
+            writer.writerow(
+                [row.file, row.row, row.column, row.problem, *(row.cells.get(name, "") for name in columns)]
+            )

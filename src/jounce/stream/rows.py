@@ -1,0 +1,137 @@
+"""Rows of a part as they are read: bad ones are refused or left out, the others come in runs of one motion each."""
+
+import itertools
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+
+from jounce.errors import JounceError, quoted
+from jounce.io.columns import Columns
+from jounce.io.spans import format_of
+from jounce.io.spans.chunk import Chunk
+from jounce.motion.columns import TIME
+from jounce.stream.plan import MOTION, Part, Task
+from jounce.stream.records import Skipped
+
+
+class Run(NamedTuple):
+    """Rows of one motion that follow each other: from `start` to `stop` in the columns."""
+
+    motion: str
+    start: int
+    stop: int
+
+
+class Rows(NamedTuple):
+    """Good rows: their columns as the table names them, the runs of motions, and the places of rows in the file."""
+
+    columns: Columns
+    runs: list[Run]
+    places: np.ndarray
+
+
+def read(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[Rows]:
+    """The good rows of a part, chunk by chunk; bad ones are added to `skipped`."""
+    table, skip, place = format_of(part.path), task.job.reading.skip, part.span.start
+    try:
+        last = _row_before(task, part)
+        texts = MOTION if part.motion is None else None
+        for chunk in _ahead(table.chunks(part.path, task.match.names, texts, part.span)):
+            place = int(chunk.places[-1])
+            rows = _checked(task, part, chunk, last, skipped)
+            if rows.runs:
+                last = rows.runs[-1].motion, float(rows.columns[task.match.sources[TIME]][-1])
+                yield rows
+    except JounceError as error:
+        if not skip:
+            raise
+        number = table.number(part.path, place, table.FIRST)
+        skipped.append(Skipped(str(part.path), number, "", f"the rows of this part from here on: {error}"))
+
+
+def _ahead(chunks: Iterator[Chunk]) -> Iterator[Chunk]:
+    """Chunks, each of which is read while the one before is computed and written."""
+    with ThreadPoolExecutor(1) as reader:
+        following = reader.submit(next, chunks, None)
+        while (chunk := following.result()) is not None:
+            following = reader.submit(next, chunks, None)
+            yield chunk
+
+
+def _row_before(task: Task, part: Part) -> tuple[str, float] | None:
+    """The motion and the time of the row before a part, if there is one that may belong to its first motion."""
+    table, time = format_of(part.path), task.match.sources[TIME]
+    span = table.row_before(part.path, part.span.start) if task.independent else None
+    if span is None:
+        return None
+    for chunk in table.chunks(part.path, [time], MOTION if part.motion is None else None, span):
+        motion = part.motion if chunk.motions is None else str(chunk.motions[-1])
+        return motion or "", float(chunk.columns[time][-1])
+    return None
+
+
+def _checked(task: Task, part: Part, chunk: Chunk, last: tuple[str, float] | None, skipped: list[Skipped]) -> Rows:
+    """The rows of a chunk without the bad ones."""
+    problems = _problems(task, chunk)
+    good = np.ones(len(chunk.places) - 1, dtype=bool)
+    good[list(problems)] = False
+    problems |= _late(task, part, chunk, good, last)
+    table = format_of(part.path)
+    known = table.FIRST
+    for i in sorted(problems):
+        column, problem = problems[i]
+        place = int(chunk.places[i])
+        known = place, table.number(part.path, place, known)
+        if not task.job.reading.skip:
+            came = f"column {quoted(column)} {problem}" if column else problem
+            cure = "repair or remove the row, or leave bad rows out by --on-error skip"
+            raise JounceError(f"{table.row(part.path, known[1])}: {came}; {cure}")
+        cells = {name: chunk.texts.get((i, name), repr(float(x[i]))) for name, x in chunk.columns.items()}
+        skipped.append(Skipped(str(part.path), known[1], column, problem, cells))
+    if not problems:
+        return Rows(chunk.columns, _runs(part, chunk.motions, len(good)), chunk.places[:-1])
+    good[list(problems)] = False
+    motions = None if chunk.motions is None else chunk.motions[good]
+    columns = {name: column[good] for name, column in chunk.columns.items()}
+    return Rows(columns, _runs(part, motions, int(good.sum())), chunk.places[:-1][good])
+
+
+def _problems(task: Task, chunk: Chunk) -> dict[int, tuple[str, str]]:
+    """The bad rows: of each the first bad column, and what is wrong."""
+    found = {i: ("", reason) for i, reason in chunk.broken.items()}
+    for name in dict.fromkeys(task.match.sources.values()):  # measured torques may be missing
+        column = chunk.columns[name]
+        if not np.isfinite(column).all():
+            for i in np.flatnonzero(~np.isfinite(column)).tolist():
+                came = chunk.texts.get((i, name))
+                text = str(column[i]) if came is None else quoted(came)
+                found.setdefault(i, (name, f"holds {text}; expected a finite number"))
+    return found
+
+
+def _late(
+    task: Task, part: Part, chunk: Chunk, good: np.ndarray, last: tuple[str, float] | None
+) -> dict[int, tuple[str, str]]:
+    """Good rows whose time does not follow that of the rows before them in their motion."""
+    found: dict[int, tuple[str, str]] = {}
+    name = task.match.sources[TIME]
+    at = np.flatnonzero(good)
+    times = chunk.columns[name][at]
+    for run in _runs(part, None if chunk.motions is None else chunk.motions[at], len(at)):
+        t = times[run.start : run.stop]
+        before = np.maximum.accumulate(t)[:-1]
+        first = last[1] if last and last[0] == run.motion and run.start == 0 else -np.inf
+        latest = np.fmax(np.concatenate([[-np.inf], before]), first)  # the time before may be missing
+        for i in np.flatnonzero(t <= latest).tolist():
+            found[int(at[run.start + i])] = name, f"does not increase: {t[i]:.17g} follows {latest[i]:.17g}"
+    return found
+
+
+def _runs(part: Part, motions: np.ndarray | None, count: int) -> list[Run]:
+    """The runs of rows of one motion."""
+    if motions is None:
+        return [Run(part.motion or "", 0, count)] if count else []
+    cuts = [0, *(np.flatnonzero(motions[1:] != motions[:-1]) + 1).tolist(), count]
+    return [Run(str(motions[i]), i, j) for i, j in itertools.pairwise(cuts) if i < j]

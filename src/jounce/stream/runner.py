@@ -1,0 +1,49 @@
+"""Running a plan: parts with valid records are kept, all others are computed, here or elsewhere."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+
+from jounce._parts import remove_abandoned
+from jounce.io.files import make_folder
+from jounce.stream.parts import compute
+from jounce.stream.plan import Part, Plan, Task
+from jounce.stream.records import Record, find, is_valid, rows_folder, rows_path
+
+Runner = Callable[[Task, Sequence[Part], Path], Iterable[Record]]  # computes parts, in any order, into a folder
+Show = Callable[[int, int, int], object]  # of the size that is done, of that of all parts, and of the rows computed
+
+
+def here(task: Task, parts: Sequence[Part], folder: Path) -> Iterator[Record]:
+    """Compute parts one after the other in this process."""
+    for part in parts:
+        yield compute(task, part, folder)
+
+
+def run(plan: Plan, folder: Path, runner: Runner = here, show: Show | None = None) -> int:
+    """Compute all parts of a plan that have no valid record in the work folder; returns their number."""
+    for path in (folder, rows_folder(folder)):
+        make_folder(path)
+        remove_abandoned(path)
+    missing = [part for part in plan.parts if not _is_done(plan.task, part, folder)]
+    sizes = {part.number: part.size for part in plan.parts}
+    total = sum(sizes.values())
+    done, rows = total - sum(part.size for part in missing), 0
+    for record in runner(plan.task, missing, folder):
+        done, rows = done + sizes[record.number], rows + record.rows
+        if show is not None:
+            show(done, total, rows)
+    return len(missing)
+
+
+def records(plan: Plan, folder: Path) -> Iterator[Record]:
+    """The records of all parts in the order of the input, each read when its turn comes."""
+    for part in plan.parts:
+        found = find(folder, part)
+        assert found is not None  # `run` computed it
+        yield found
+
+
+def _is_done(task: Task, part: Part, folder: Path) -> bool:
+    job = task.job
+    table = None if job.form is None else rows_path(folder, part, job.form)
+    return is_valid(find(folder, part), table, job.reading.skip)

@@ -1,0 +1,254 @@
+"""The primitive of JAX: the numbers of NumPy, one native call under every transformation, exact derivatives."""
+
+import gc
+from concurrent.futures import ThreadPoolExecutor
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from robots import floating, random_mechanism, random_pose, relative_error
+
+import casadi
+import jounce
+from jounce.errors import JounceError
+from jounce.native import plan, xla
+from jounce.robot import primitive
+from jounce.spatial import lie
+
+ROBOT = jounce.load("planar2r")
+CALL = "custom_call @jounce_"
+
+
+@pytest.fixture(autouse=True)
+def _doubles():
+    with jax.enable_x64(True):
+        yield
+
+
+def states(*shapes, n=ROBOT.n, seed=0):
+    rng = np.random.default_rng(seed)
+    return [rng.uniform(-2, 2, (*shape, n)) for shape in shapes]
+
+
+def same(found, expected):
+    found, expected = jax.tree.leaves(found), jax.tree.leaves(expected)
+    for x, y in zip(found, expected, strict=True):
+        assert isinstance(x, jax.Array)
+        np.testing.assert_array_equal(x, y, strict=True)
+
+
+def close(found, expected, tolerance=1e-12):
+    for x, y in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+        assert x.shape == y.shape
+        assert relative_error(np.asarray(x), np.asarray(y)) < tolerance
+
+
+def calls(function, *arrays):
+    """How many native calls XLA compiles for a function."""
+    return jax.jit(function).lower(*arrays).as_text().count(CALL)
+
+
+@pytest.mark.parametrize(
+    "shapes",
+    [
+        [(), (), ()], [(5,), (), (5,)], [(1,), (5,), ()], [(5, 1), (1, 4), (5, 4)], [(3,), (2, 3), ()],
+        [(0,), (), ()], [(0,), (1,), (0,)], [(1, 1), (1,), ()], [(9,), (9,), (9,)],
+    ],
+)  # fmt: skip
+def test_batch_axes_broadcast(shapes):
+    q = states(*shapes)
+    arrays = [jnp.asarray(x) for x in q]
+    same(ROBOT.inverse_dynamics(*arrays), ROBOT.inverse_dynamics(*q))
+    same(ROBOT.inverse_dynamics(arrays[0], *q[1:]), ROBOT.inverse_dynamics(*q))  # of both kinds
+    same(ROBOT.kinetic_energy(*arrays[:2]), ROBOT.kinetic_energy(*q[:2]))
+
+
+def test_a_mapped_call_is_one_call():
+    """Over the second axis of one array, the last of another, a third shared: nothing is copied that all share."""
+    q, qd, q2d = np.random.default_rng(0).normal(size=(4, 3, 2)), states((3,))[0].T, np.ones(2)
+    law = jax.vmap(jax.vmap(ROBOT.inverse_dynamics, in_axes=(0, None, None)), in_axes=(1, 1, None))
+    expected = [[ROBOT.inverse_dynamics(q[j, i], qd[:, i], q2d) for j in range(4)] for i in range(3)]
+    same(jax.jit(law)(q, qd, q2d), np.array(expected))
+    assert calls(law, q, qd, q2d) == 1
+    of_rows = jax.make_jaxpr(jax.vmap(ROBOT.inverse_dynamics, in_axes=(0, None, None)))
+    equations = [str(e.primitive) for e in of_rows(q[:, 0], q2d, q2d).eqns]
+    assert equations.count("jounce_quantity") == 1
+    assert [e.params["shape"] for e in of_rows(q[:, 0], q2d, q2d).eqns if "broadcast" in str(e.primitive)] == [
+        (1, 2)
+    ] * 2
+
+
+def test_derivatives_are_the_products_of_the_kernel():
+    kernel = ROBOT.compile(order=1, wrench=True)
+    arrays, directions, weights = (
+        [np.random.default_rng(seed).normal(size=(6, *port.shape)) for port in ports]
+        for seed, ports in enumerate([*[kernel.signature.inputs] * 2, kernel.signature.outputs])
+    )
+    law = lambda *x: ROBOT.inverse_dynamics(*x[:4], wrench=x[4:])  # noqa: E731
+    both = lambda x, d, w: (jax.jvp(law, x, d), jax.vjp(law, *x)[1](w))  # noqa: E731
+    given = [tuple(map(jnp.asarray, x)) for x in (arrays, directions, weights)]
+    (values, tangents), gradients = jax.jit(both)(*given)
+    same(values, kernel(*arrays))
+    same(tangents, kernel.jvp(arrays, directions))
+    same(gradients, kernel.vjp(arrays, weights))
+    assert calls(both, *given) == 3
+    shared = [jnp.asarray(x[0]) for x in arrays]  # the gradient by what all states share is their sum
+    cost = lambda x: jnp.sum(law(*shared[:3], given[0][3], *x)[1] ** 2)  # noqa: E731
+    found, Qd = jax.grad(cost)(shared[4:]), law(*shared[:3], given[0][3], *shared[4:])[1]
+    each = kernel.vjp([*arrays_of(shared[:3]), arrays[3], *arrays_of(shared[4:])], (None, 2 * np.asarray(Qd)))
+    close(found, [g.sum(0) for g in each[4:]])
+
+
+def arrays_of(given):
+    return [np.asarray(x) for x in given]
+
+
+def test_the_gradient_of_a_cost_of_Q2d_is_that_of_casadi():
+    q = states(*[()] * 5)
+    symbols = [casadi.SX.sym("q", 2) for _ in q]
+    *_, Q2d = jounce.casadi_function(ROBOT, order=2)(*symbols)
+    gradient = casadi.gradient(casadi.dot(Q2d, Q2d), casadi.vertcat(*symbols))
+    expected = casadi.Function("gradient", symbols, [gradient])(*q).full().reshape(5, 2)
+    found = jax.jit(jax.grad(lambda q: jnp.sum(ROBOT.inverse_dynamics(*q)[2] ** 2)))(q)
+    assert relative_error(np.array(found), expected) < 1e-13
+
+
+def test_second_derivatives_of_potential_energy_are_those_of_gravity_forces():
+    """By the rules of both products, and of a batch: those of the traced law."""
+    point, U = jnp.array([0.3, -0.7]), ROBOT.potential_energy
+    stiffness = jax.jacfwd(ROBOT.gravity_forces)(point)
+    close(jax.jit(jax.hessian(U))(point), stiffness)
+    close(jax.jit(jax.vmap(jax.jacrev(jax.grad(U))))(point[None])[0], stiffness)
+
+
+def test_a_pose_of_the_base_is_differentiated_along_displacements():
+    """The gradient is that of the kernel, the second derivative that of the traced law."""
+    rng = np.random.default_rng(0)
+    robot = jounce.Robot(floating(random_mechanism(rng, [-1], ["revolute"], [1.0]), rng))
+    q, base = [*rng.normal(size=(3, 2, 1))], [random_pose(rng), *rng.normal(size=(2, 2, 6))]
+
+    def moved(d):  # as by the exponential, to the second derivative
+        return base[0] @ (np.eye(4) + lie.wedge(d) + lie.wedge(d) @ lie.wedge(d) / 2)
+
+    def forces(d):
+        return robot.inverse_dynamics(*q, base=(moved(d), *base[1:]))
+
+    def energy(d, method=None):
+        return robot.potential_energy(q[0][0], base=moved(d), method=method)
+
+    at, along = jnp.zeros(6), np.arange(6.0)
+    kernel, both = robot.compile(order=0, base=True), lambda d, t: (jax.jvp(forces, (d,), (t,)), jax.jacrev(forces)(d))
+    (values, tangents), jacobian = jax.jit(both)(at, along)
+    same(values, robot.inverse_dynamics(*q, base=tuple(base)))
+    close(tangents, kernel.jvp((*q, *base), (None, None, None, along, None, None)))
+    close(jnp.sum(jacobian, axis=(0, 1)), kernel.vjp((*q, *base), np.ones((2, 7)))[3].sum(0))
+    second = lambda method: jax.jit(jax.hessian(lambda d: energy(d, method)))(at)  # noqa: E731
+    close(second(None), second("closed_form"))
+
+
+def test_singles_are_doubles_inside():
+    """Rounded once, at the end, with 64 bits enabled or not."""
+    q = [x.astype(np.float32) for x in states((7,), (7,), ())]
+    exact = ROBOT.inverse_dynamics(*(x.astype(float) for x in q)).astype(np.float32)
+    same(jax.jit(ROBOT.inverse_dynamics)(*q), exact)
+    cost = lambda q, *more: ROBOT.inverse_dynamics(q, *more).sum()  # noqa: E731
+    with jax.enable_x64(False):
+        same(ROBOT.inverse_dynamics(*map(jnp.asarray, q)), exact)
+        single = jax.grad(cost)(*map(jnp.asarray, q))
+    assert single.dtype == np.float32
+    close(single, jax.grad(cost)(*(jnp.asarray(x, float) for x in q)), 1e-6)
+    assert ROBOT.mass_matrix(jnp.zeros(2, int)).dtype == np.float64
+    assert ROBOT.mass_matrix(jnp.zeros(2, jnp.bfloat16)).dtype == jnp.bfloat16
+
+
+def test_nothing_is_traced_twice():
+    traced = []
+
+    def law(*q):
+        traced.append(None)
+        return ROBOT.mass_matrix(*q)
+
+    compiled = jax.jit(law)
+    q = jnp.asarray(states((4,))[0])
+    before = primitive._run._cache_size()
+    for _ in range(3):
+        compiled(q)
+        ROBOT.mass_matrix(q)
+    assert len(traced) == 1
+    assert primitive._run._cache_size() <= before + 1
+
+
+def test_robots_of_equal_data_share_a_handler_that_outlives_them():
+    q = states((3,), (3,), (3,))
+    robots = [jounce.load("planar2r", m1=2.5) for _ in range(2)]
+    expected, before = robots[0].inverse_dynamics(*q), len(xla._targets)
+    laws = [jax.jit(robot.inverse_dynamics).lower(*q).compile() for robot in robots]
+    assert len(xla._targets) == before + 1
+    del robots
+    gc.collect()
+    for law in laws:
+        same(law(*q), expected)
+
+
+def test_threads_call_at_once():
+    """A kernel in the loop form whose scratch memory is from a pool."""
+    robot = jounce.Robot(random_mechanism(np.random.default_rng(0), range(-1, 11), ["revolute"] * 12, np.ones(12)))
+    kernel = robot.compile(order=5)
+    assert kernel.addresses[1]
+    assert not plan.is_straight(kernel.computation, robot.mechanism.nb)
+    q = states(*[(50,)] * 8, n=robot.n)
+    expected, law = kernel(*q), jax.jit(robot.inverse_dynamics)
+    arrays = [jnp.asarray(x) for x in q]
+    law(*arrays)
+
+    def work(_):
+        with jax.enable_x64(True):  # of each thread its own
+            return law(*arrays)
+
+    with ThreadPoolExecutor(4) as pool:
+        for found in pool.map(work, range(16)):
+            same(found, expected)
+
+
+def test_a_jaxlib_that_refuses_the_handler_calls_python_back(monkeypatch):
+    monkeypatch.setattr(xla, "VERSION", (0, 99))
+    robot, q = jounce.load("planar2r", m1=3.5), states((4,), (), (4,))
+    law = jax.jit(lambda *q: jax.vjp(robot.inverse_dynamics, *q)[0])
+    same(law(*q), robot.inverse_dynamics(*q))
+    assert calls(robot.inverse_dynamics, *q) == 0
+    same(jax.jit(robot.mass_matrix)(q[1]), robot.mass_matrix(q[1]))
+    single = [x.astype(np.float32) for x in q]
+    exact = robot.inverse_dynamics(*(x.astype(float) for x in single)).astype(np.float32)
+    same(jax.jit(robot.inverse_dynamics)(*single), exact)
+
+
+def test_other_platforms_get_the_traced_law():
+    q = states((4,))[0]
+    for law in (ROBOT.gravity_forces, jax.grad(lambda q: ROBOT.gravity_forces(q).sum())):
+        text = jax.jit(law).trace(q).lower(lowering_platforms=("cuda",)).as_text()
+        assert CALL not in text
+        assert "cosine" in text
+
+
+def test_what_native_code_does_not_serve_is_traced():
+    mesh, spec, q = jax.make_mesh((1,), ("states",)), jax.sharding.PartitionSpec("states"), states((4,))[0]
+    split = jax.device_put(q, jax.sharding.NamedSharding(mesh, spec))
+    slope = jax.grad(lambda q: ROBOT.gravity_forces(q).sum())
+    close(jax.jit(jax.shard_map(slope, mesh=mesh, in_specs=spec, out_specs=spec))(split), slope(q))
+    assert calls(ROBOT.gravity_forces, split) == 0
+    steps = jax.jit(ROBOT.gravity_forces)(q[0] + 1e-30j * jnp.eye(2)).imag / 1e-30  # derivatives by the complex step
+    close(steps.T, jax.jacfwd(ROBOT.gravity_forces)(q[0]))
+
+
+def test_what_fits_nothing_is_refused():
+    q, kernel = jnp.ones((3, 2)), ROBOT.compile("mass_matrix", order=0)
+    same(ROBOT.mass_matrix(q, method="kernel"), ROBOT.mass_matrix(np.ones((3, 2))))
+    for call, match in (
+        (lambda: ROBOT.mass_matrix(q, threads=2), r"^threads=2 needs native code.* runs on one thread"),
+        (lambda: ROBOT.mass_matrix(1j * q, method="kernel"), r"^method='kernel' is not available.* of real numbers"),
+        (lambda: jax.vmap(kernel)(q), r"^<Kernel: .* takes arrays of numbers, .* methods of a Robot take both"),
+        (lambda: ROBOT.inverse_dynamics(q, q[:2], q), r"^batch axes do not fit together: q \(3,\), qd \(2,\)"),
+    ):
+        with pytest.raises(JounceError, match=match):
+            call()

@@ -1,0 +1,460 @@
+"""Tables by parts: the numbers are those of the library whatever the parts are, and no stop loses any."""
+
+import csv
+import errno
+import json
+import os
+import pickle
+import subprocess
+import sys
+import tracemalloc
+from pathlib import Path
+
+import duckdb
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+
+import jounce
+from jounce.cli import main
+from jounce.io import tables
+from jounce.spatial.series import rate_name
+from jounce.stream import parts, plan, publish
+from jounce.stream.job import Job, Reading
+from jounce.stream.plan import make_plan
+
+ROBOT = jounce.load("planar2r")
+JOINTS = ROBOT.joint_names
+SUFFIXES = (".parquet", ".csv", ".npz")
+TEXTS = ("motion", "joint", "limit", "of", "unit")
+
+
+def call(*words):
+    return CliRunner().invoke(main, [str(word) for word in words])
+
+
+def summary(*words):
+    result = call(*words, "--json")
+    assert result.exit_code == 0, result.output
+    return json.loads(result.stdout)
+
+
+def refusal(*words):
+    result = call(*words)
+    lines = result.output.splitlines()
+    assert (result.exit_code, len(lines)) == (2, 1), result.output
+    return lines[0]
+
+
+def table(rows, seed=0, order=2):
+    """Times and rates of a motion of both joints."""
+    t = np.arange(rows) / 100 + seed
+    found = {"t": t}
+    for j, name in enumerate(JOINTS):
+        for k in range(order + 3):
+            found[f"{name}.{rate_name('q', k)}"] = (2 + j) ** k * np.cos((2 + j) * t + j + k * np.pi / 2)
+    return found
+
+
+def joined(*parts, names=None):
+    """Tables one below the other, with the column of motions if these are named."""
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    if names is None:
+        return columns
+    return {"motion": np.repeat(names, [len(part["t"]) for part in parts])} | columns
+
+
+def write(path, columns):
+    tables.WRITERS[path.suffix](path, [columns], None)
+    return path
+
+
+def forces(columns, order=2):
+    """The columns that a run should write, straight from the library."""
+    rates = [np.stack([columns[f"{name}.{rate_name('q', k)}"] for name in JOINTS], 1) for k in range(order + 3)]
+    Q = ROBOT.inverse_dynamics(*rates)
+    named = {f"{name}.{rate_name('Q', k)}": Q[k][:, j] for j, name in enumerate(JOINTS) for k in range(order + 1)}
+    return {name: columns[name] for name in ("motion", "t") if name in columns} | named
+
+
+def read(path):
+    """The columns of an output, texts among them."""
+    if path.is_dir() or path.suffix == ".parquet":
+        files = sorted(path.glob("*.parquet")) if path.is_dir() else [path]
+        found = [pq.read_table(file) for file in files]
+        return {
+            name: np.concatenate([np.array(one.column(name).to_pylist()) for one in found])
+            for name in found[0].column_names
+        }
+    if path.suffix == ".npz":
+        return dict(np.load(path))
+    header, *rows = csv.reader(path.read_text().splitlines())
+    columns = zip(header, zip(*rows, strict=True), strict=True)
+    return {name: np.array(cells if name in TEXTS else [*map(float, cells)]) for name, cells in columns}
+
+
+def assert_same(path, expected):
+    found = read(path)
+    assert list(found) == list(expected)
+    for name, column in expected.items():
+        assert np.array_equal(found[name], column), name
+
+
+def bytes_of(path):
+    return {file.name: file.read_bytes() for file in sorted(path.iterdir())} if path.is_dir() else path.read_bytes()
+
+
+@pytest.fixture
+def small_parts(monkeypatch):
+    """Parts of a few rows, and chunks of fewer."""
+    monkeypatch.setattr(plan, "CELLS", 200)
+    monkeypatch.setattr(plan, "LARGE", 0)
+    monkeypatch.setattr("jounce.io.spans.chunk.CELLS", 70)
+    monkeypatch.setattr("jounce.io.parquet.GROUP", 13)
+
+
+@pytest.mark.parametrize("source", SUFFIXES)
+@pytest.mark.parametrize("output", ["out", "out.csv", "out.npz", "out.parquet"])
+def test_parts_of_any_size_make_what_the_library_computes(tmp_path, small_parts, source, output):
+    columns = joined(table(90), table(1, 3), table(40, 5), names=["a", "b", "c"])
+    path = write(tmp_path / f"states{source}", columns)
+    found = summary("run", "planar2r", path, "-o", tmp_path / output)
+    assert found["parts"] > 3
+    assert (found["states"], found["motions"]) == (131, 3)
+    assert_same(tmp_path / output, forces(columns))
+    Q = forces(columns)
+    assert found["peaks"]["joint1"]["Q2d"] == np.abs(Q["joint1.Q2d"]).max()
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([output, f"states{source}"])
+
+
+def test_a_folder_is_a_motion_per_file_of_any_type(tmp_path, small_parts):
+    (tmp_path / "in").mkdir()
+    for number, suffix in enumerate(SUFFIXES):
+        write(tmp_path / "in" / f"m{number}{suffix}", table(30 + number, number))
+    (tmp_path / "in" / "notes.md").write_text("mine")
+    found = summary("run", "planar2r", tmp_path / "in", "-o", tmp_path / "out.npz", "--rates")
+    assert found["notes"] == ["other files, ignored: notes.md"]
+    whole = joined(*(table(30 + k, k) for k in range(3)), names=["m0", "m1", "m2"])
+    kept = read(tmp_path / "out.npz")
+    assert all(np.array_equal(kept[name], column) for name, column in (whole | forces(whole)).items())
+
+
+def test_motions_of_samples_are_fitted_as_wholes(tmp_path, small_parts):
+    """As each of them alone, whatever parts they are in."""
+    t = np.linspace(0, 2, 120)
+    one, two = ({"t": t, "joint1": np.sin(w * t), "joint2": np.cos(t) / w} for w in (2, 3))
+    path = write(tmp_path / "log.parquet", joined(one, two, names=["one", "two"]))
+    found = summary("run", "planar2r", path, "-o", tmp_path / "out.npz", "--degree", 7)
+    assert (found["parts"], found["states"]) == (2, 240)
+    kept = read(tmp_path / "out.npz")
+    for name, columns in (("one", one), ("two", two)):
+        along = ROBOT.forces_along(jounce.load_motion(columns, ROBOT, degree=7))
+        mine = kept["motion"] == name
+        assert np.array_equal(kept["joint2.Q2d"][mine], along.forces[2][:, 1])
+        assert not kept["joint2.Q2d_sd"].any()
+    again = joined(one, two, {name: x[:60] for name, x in one.items()}, names=["one", "two", "one"])
+    write(path, again)
+    assert "row 240 from 0: motion 'one' begins a second time" in refusal("run", "planar2r", path, "-o", tmp_path / "o")
+
+
+def test_a_motion_that_does_not_fit_into_memory_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(plan, "_memory", lambda: 1000)
+    t = np.linspace(0, 2, 120)
+    path = write(tmp_path / "log.parquet", {"t": t, "joint1": t, "joint2": t})
+    message = refusal("run", "planar2r", path, "-o", tmp_path / "out")
+    assert "row 0 from 0: the motion that begins here takes" in message
+    assert "state its rates in columns NAME.q, NAME.qd" in message
+
+
+def test_aggregates_are_those_of_the_rows(tmp_path, small_parts):
+    columns = joined(table(90), table(40, 5), names=["a", "c"])
+    path = write(tmp_path / "states.parquet", columns)
+    assert call("run", "planar2r", path, "-o", tmp_path / "out.csv", "--reduce", "rms,peak").exit_code == 0
+    found, Q = read(tmp_path / "out.csv"), forces(columns)
+    assert list(found)[:4] == ["motion", "joint", "rows", "Q_rms"]
+    for i, (motion, joint) in enumerate(zip(found["motion"], found["joint"], strict=True)):
+        mine = Q[f"{joint}.Q2d"][columns["motion"] == motion]
+        assert found["rows"][i] == len(mine)
+        assert found["Q2d_peak"][i] == np.abs(mine).max()
+        assert found["Q2d_rms"][i] == pytest.approx(np.sqrt(np.mean(mine**2)), rel=1e-14)
+
+
+def test_motors_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypatch):
+    path = write(tmp_path / "states.npz", table(60))
+    options = ("--stiffness", "1000", "--rotor", "0.2")
+    with monkeypatch.context() as patch:
+        patch.setattr(plan, "LARGE", 1 << 20)
+        assert call("motors", "planar2r", path, "-o", tmp_path / "whole.npz", *options).exit_code == 0
+    assert call("motors", "planar2r", path, "-o", tmp_path / "parts", *options).exit_code == 0
+    whole, found = read(tmp_path / "whole.npz"), read(tmp_path / "parts")
+    assert list(whole) == list(found)
+    assert all(np.array_equal(whole[name], column) for name, column in found.items())
+    assert pq.read_schema(tmp_path / "parts" / "part-000000.parquet").field("joint1.tau").metadata == {b"unit": b"N m"}
+
+
+def test_limits_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypatch):
+    monkeypatch.setattr("jounce.stream.limits.STRETCH", 7)
+    columns = table(90)
+    path = write(tmp_path / "states.csv", columns)
+    (tmp_path / "limits.yaml").write_text(
+        "units: SI\njoints: {joint1: {velocity: 1.9, effort: 30}, joint2: {velocity: 2.0}}"
+    )
+    limits = ("--limits", tmp_path / "limits.yaml")
+    with monkeypatch.context() as patch:
+        patch.setattr(plan, "LARGE", 1 << 20)
+        whole = json.loads(call("check", "planar2r", path, *limits, "--json").stdout)
+    result = call("check", "planar2r", path, *limits, "--table", tmp_path / "out.csv", "--json")
+    found = json.loads(result.stdout)
+    assert (result.exit_code, found["ok"], found["broken"]) == (1, False, ["states"])
+    for mine, other in zip(found["worst"], whole["limits"], strict=True):
+        assert (mine["joint"], mine["limit"]) == (other["joint"], other["limit"])
+        assert mine["ratio"] == pytest.approx(other["ratio"], rel=1e-6)
+        assert np.allclose(mine["violations"], other["violations"], atol=1e-6)
+    assert read(tmp_path / "out.csv")["ratio"].tolist() == [row["ratio"] for row in found["worst"]]
+
+
+def divided(monkeypatch, folder, rows):
+    """A table in parts of a few rows, that have chunks of the usual size."""
+    monkeypatch.setattr(plan, "CELLS", 200)
+    with monkeypatch.context() as patch:
+        patch.setattr("jounce.io.parquet.GROUP", 13)
+        return write(folder / "states.parquet", table(rows))
+
+
+def test_a_part_can_be_computed_in_another_process(tmp_path, monkeypatch):
+    """All that it takes is sent there, and what it makes depends on nothing else."""
+    path = divided(monkeypatch, tmp_path, 60)
+    made = make_plan(Job("forces", ROBOT, 2, Reading(), ".parquet"), path, 4)
+    for folder in ("a", "b"):
+        (tmp_path / folder / "rows").mkdir(parents=True)
+    here = [parts.compute(made.task, part, tmp_path / "a") for part in made.parts]
+    code = (
+        "import pickle, sys, pathlib; from jounce.stream.parts import compute;"
+        "task, parts, folder = pickle.load(sys.stdin.buffer);"
+        "sys.stdout.buffer.write(pickle.dumps([compute(task, part, folder) for part in reversed(parts)]))"
+    )
+    given = pickle.dumps((made.task, made.parts, tmp_path / "b"))
+    done = subprocess.run([sys.executable, "-c", code], input=given, capture_output=True, timeout=60, check=True)
+    assert here == pickle.loads(done.stdout)[::-1]
+    assert bytes_of(tmp_path / "a" / "rows") == bytes_of(tmp_path / "b" / "rows")
+
+
+KILLED = """
+import os, signal
+from jounce.cli import main
+from jounce.stream import parts, plan, publish
+plan.CELLS = 200
+
+def run(module, name, count):
+    real = getattr(module, name)
+    def killed(*given):
+        nonlocal count
+        count -= 1
+        if count < 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return real(*given)
+    setattr(module, name, killed)
+    main(["run", "planar2r", "states.parquet", "-o", "out"])
+
+for where in ((parts, "checksum", 1), (parts, "keep", 1), (publish, "line_of", 2)):
+    child = os.fork() or run(*where)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+    assert not os.path.exists("out")
+    print(len([name for name in os.listdir("out.unfinished") if name.endswith(".json")]))
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no signal is sent like this")
+def test_a_killed_run_goes_on_and_ends_as_if_it_had_not_been(tmp_path, monkeypatch):
+    """Killed while a part is written, between its rows and its record, and while the output is made."""
+    monkeypatch.chdir(tmp_path)
+    divided(monkeypatch, tmp_path, 90)
+    count = summary("run", "planar2r", "states.parquet", "-o", "whole")["parts"]
+    done = subprocess.run([sys.executable, "-c", KILLED], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.stderr, done.stdout.split()) == ("", ["1", "2", str(count)])  # none is computed twice
+    assert summary("run", "planar2r", "states.parquet", "-o", "out")["parts_computed"] == 0
+    assert bytes_of(Path("out")) == bytes_of(Path("whole"))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "states.parquet", "whole"]
+
+
+def test_finished_parts_are_kept_and_damaged_ones_computed_again(tmp_path, small_parts, monkeypatch):
+    path, out = write(tmp_path / "states.parquet", table(90)), tmp_path / "out.csv"
+    calls = []
+    real = parts.compute
+
+    def compute(task, part, folder):
+        calls.append(part.number)
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+        return real(task, part, folder)
+
+    monkeypatch.setattr("jounce.stream.runner.compute", compute)
+    assert call("run", "planar2r", path, "-o", out).exit_code == 130
+    damaged = publish.work_folder(out) / "rows" / "part-000001.csv"
+    damaged.write_bytes(damaged.read_bytes()[:-1])
+    (publish.work_folder(out) / "part-000002.json").write_text("{}")
+    calls[:] = [0] * 4
+    assert call("run", "planar2r", path, "-o", out).exit_code == 0
+    assert calls[4:] == list(range(1, len(calls) - 3))
+    assert_same(out, forces(table(90)))
+    os.utime(path, (0, 0))  # another table, for all that can be told: of a folder of them it alone is computed again
+    calls[:] = [0] * 4
+    assert summary("run", "planar2r", path, "-o", tmp_path / "out")["parts_computed"] == len(calls) - 4
+    assert summary("run", "planar2r", path, "-o", tmp_path / "out")["parts_computed"] == 0
+
+
+def test_a_full_disk_loses_nothing(tmp_path, small_parts, monkeypatch):
+    path, out, real = write(tmp_path / "states.parquet", table(90)), tmp_path / "out.npz", tables.WRITERS[".npz"]
+    written = []
+
+    def full(target, *given):
+        written.append(target)
+        if len(written) == 3:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        real(target, *given)
+
+    with monkeypatch.context() as patch:
+        patch.setitem(tables.WRITERS, ".npz", full)
+        message = refusal("run", "planar2r", path, "-o", out)
+    assert "No space left on device; finished parts are kept, and the same command continues after them" in message
+    found = summary("run", "planar2r", path, "-o", out)
+    assert found["parts"] - found["parts_computed"] == 2
+    assert_same(out, forces(table(90)))
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_bad_row_is_named_and_can_be_left_out(tmp_path, small_parts, suffix):
+    columns = table(60)
+    columns["joint2.q3d"][41] = np.nan
+    columns["t"][50] = columns["t"][49]
+    path = write(tmp_path / f"states{suffix}", columns)
+    where = f"{path}:43" if suffix == ".csv" else f"{path}: row 41 from 0"
+    message = refusal("run", "planar2r", path, "-o", tmp_path / "out")
+    assert f"{where}: column 'joint2.q3d' holds {chr(39) * (suffix == '.csv')}nan" in message
+    found = summary("run", "planar2r", path, "-o", tmp_path / "out", "--on-error", "skip")
+    assert found["parts_computed"] < found["parts"]  # the good parts before it are kept
+    assert found["skipped"] == {"rows": 2, "table": str(tmp_path / "out.skipped.csv")}
+    good = np.delete(np.arange(60), [41, 50])
+    assert_same(tmp_path / "out", forces({name: column[good] for name, column in columns.items()}))
+    rows = list(csv.DictReader((tmp_path / "out.skipped.csv").read_text().splitlines()))
+    assert [row["column"] for row in rows] == ["joint2.q3d", "t"]
+    assert [int(row["row"]) for row in rows] == [41 + 2 * (suffix == ".csv"), 50 + 2 * (suffix == ".csv")]
+    assert (rows[0]["file"], float(rows[0]["joint1.q"])) == (str(path), columns["joint1.q"][41])
+    write(path, table(60))
+    assert summary("run", "planar2r", path, "-o", tmp_path / "out2", "--on-error", "skip")["skipped"]["rows"] == 0
+
+
+def test_rows_of_csv_tables_can_be_broken_in_any_way(tmp_path, small_parts):
+    path = write(tmp_path / "states.csv", table(30))
+    lines = path.read_text().splitlines()
+    lines[5] += ",7"
+    lines[9] = lines[9].replace(",", ",x", 1)
+    lines[12] = "\n" + lines[12]
+    path.write_text("\n".join(lines))
+    assert ":6: 12 cells; expected 11" in refusal("run", "planar2r", path, "-o", tmp_path / "out")
+    found = summary("run", "planar2r", path, "-o", tmp_path / "out", "--on-error", "skip")
+    assert (found["skipped"]["rows"], found["states"]) == (2, 28)
+    rows = list(csv.DictReader((tmp_path / "out.skipped.csv").read_text().splitlines()))
+    assert [(row["row"], row["column"]) for row in rows] == [("6", ""), ("10", "joint1.q")]
+    assert rows[1]["joint1.q"].startswith("x")
+
+
+def test_input_that_cannot_be_read_is_refused_in_one_line(tmp_path, small_parts):
+    folder, out = tmp_path / "in", tmp_path / "out"
+    folder.mkdir()
+    assert "no table in this folder" in refusal("run", "planar2r", folder, "-o", out)
+    a, b = write(folder / "a.parquet", table(30)), folder / "b.parquet"
+    other = table(30)
+    del other["joint2.q4d"]
+    write(b, other)
+    assert "missing 'joint2.q4d'" in refusal("run", "planar2r", folder, "-o", out)
+    write(b, table(30, order=3))
+    message = refusal("run", "planar2r", folder, "-o", out)
+    assert "b.parquet: has a column 'joint1.q5d', 'joint2.q5d' more than a.parquet" in message
+    texts = table(30)
+    write(b, texts | {"joint1.q": np.array(["x"] * 30)})
+    assert "b.parquet: column 'joint1.q' holds dictionary" in refusal("run", "planar2r", folder, "-o", out)
+    b.write_bytes(a.read_bytes()[: a.stat().st_size // 2])
+    assert "b.parquet: not a Parquet table, or a damaged one" in refusal("run", "planar2r", folder, "-o", out)
+    assert not out.exists()
+    content = bytearray(a.read_bytes())
+    content[len(content) // 2 : len(content) // 2 + 4000] = bytes(4000)
+    np.savez_compressed(tmp_path / "a.npz", **table(30))
+    assert "is compressed" in refusal("run", "planar2r", tmp_path / "a.npz", "-o", out)
+
+
+def test_an_output_folder_with_foreign_files_stays_as_it_is(tmp_path, small_parts):
+    path, out = write(tmp_path / "states.parquet", table(30)), tmp_path / "out"
+    out.mkdir()
+    assert call("run", "planar2r", path, "-o", out).exit_code == 0  # it is empty
+    assert call("run", "planar2r", path, "-o", out, "--order", "1").exit_code == 0  # it is ours
+    assert "joint1.Q2d" not in read(out)
+    (out / "mine.txt").write_text("mine")
+    before = bytes_of(out)
+    assert "holds files that are not of an earlier run (mine.txt)" in refusal("run", "planar2r", path, "-o", out)
+    assert bytes_of(out) == before
+    assert "the output is the input" in refusal("run", "planar2r", path, "-o", path, "--on-error", "skip")
+    (tmp_path / "in").mkdir()
+    assert "or in its folder" in refusal("run", "planar2r", tmp_path / "in", "-o", tmp_path / "in" / "out")
+
+
+def test_other_programs_read_what_is_written(tmp_path, small_parts):
+    columns = joined(table(90), table(40, 5), names=["a", "c"])
+    path = write(tmp_path / "states.parquet", columns)
+    assert call("run", "planar2r", path, "-o", tmp_path / "out").exit_code == 0
+    source = f"'{tmp_path}/out/*.parquet' group by motion order by motion"
+    query = f'select motion, max(abs("joint1.Q2d")), count(*) from {source}'
+    Q = forces(columns)
+    of = {name: np.abs(Q["joint1.Q2d"][columns["motion"] == name]) for name in "ac"}
+    assert duckdb.sql(query).fetchall() == [(name, x.max(), len(x)) for name, x in of.items()]
+    schema = pq.read_schema(tmp_path / "out" / "part-000000.parquet")
+    about = json.loads(schema.metadata[b"jounce"])
+    assert (about["robot"], about["joints"], about["order"]) == ("planar2r", list(JOINTS), 2)
+    assert about["units"]["joint1.Qd"] == "N m/s"
+    assert schema.field("joint2.Q2d").metadata == {b"unit": b"N m/s^2"}
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_memory_does_not_grow_with_the_number_of_rows(tmp_path, monkeypatch, suffix):
+    monkeypatch.setattr(plan, "CELLS", 1 << 13)
+    monkeypatch.setattr("jounce.io.parquet.GROUP", 500)
+    monkeypatch.setattr("jounce.io.spans.csv.BLOCK", 1 << 16)
+    peaks = []
+    for rows in (1_500, 1_500, 9_000):
+        path = write(tmp_path / f"states{suffix}", table(rows))
+        tracemalloc.start()
+        assert call("run", "planar2r", path, "-o", tmp_path / "out.csv", "--on-error", "skip").exit_code == 0
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[2] < 1.5 * peaks[1]
+
+
+def test_small_parquet_tables_are_read_and_written_as_others_are(tmp_path):
+    path, t = tmp_path / "log.parquet", np.linspace(0, 2, 120)
+    log = {"t": t, "joint1": np.sin(2 * t), "joint2": np.cos(t)}
+    for name in (path, tmp_path / "log.csv"):
+        tables.write(name, log)
+    assert call("run", "planar2r", path, "-o", tmp_path / "a.parquet").exit_code == 0
+    assert call("run", "planar2r", tmp_path / "log.csv", "-o", tmp_path / "b.csv").exit_code == 0
+    assert_same(tmp_path / "a.parquet", read(tmp_path / "b.csv"))
+    assert json.loads(pq.read_schema(tmp_path / "a.parquet").metadata[b"jounce"])["units"]["joint2.Q"] == "N m"
+
+
+def test_parquet_without_pyarrow_says_how_to_get_it(tmp_path, monkeypatch):
+    path = write(tmp_path / "states.parquet", table(30))
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    message = refusal("run", "planar2r", path, "-o", tmp_path / "out.csv")
+    assert message.endswith("Parquet needs pyarrow; install it by: pip install 'jounce[tables]'")
+
+
+def test_large_tables_of_rates_are_read_by_parts(tmp_path, small_parts, monkeypatch):
+    """Which changes none of the bytes that are written."""
+    path = write(tmp_path / "states.csv", table(60))
+    monkeypatch.setattr(plan, "LARGE", 100_000)
+    before = call("run", "planar2r", path, "-o", tmp_path / "a.csv")
+    monkeypatch.setattr(plan, "LARGE", 1000)
+    found = summary("run", "planar2r", path, "-o", tmp_path / "b.csv")
+    assert found["parts"] > 1
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+    assert before.exit_code == 0
