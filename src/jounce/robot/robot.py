@@ -1316,11 +1316,10 @@ class Robot:
         t: ArrayLike | None = None,
         order: int = 2,
         *,
-        base: Rates | None = None,
         method: Method | None = None,
         progress: Callable[[int, int], object] | None = None,
     ) -> "Along":
-        """The generalized forces Q and their rates along a motion, with the wrenches that it holds.
+        """The generalized forces Q and their rates along a motion, with the wrenches and the base that it holds.
 
         They are those of `inverse_dynamics`, computed piece by piece: long motions take little memory besides the
         results.
@@ -1328,7 +1327,8 @@ class Robot:
         Parameters
         ----------
         motion : Motion
-            From `jounce.load_motion` or a constructor of `Motion`.
+            From `jounce.load_motion` or a constructor of `Motion`. A robot that floats needs one with a base: columns
+            ``base.x, ...`` of a table, or `Motion.with_base`. The base of a fixed robot is the ground that carries it.
         t : (N,), optional
             Times in s, any within the motion, in any order; by default ``motion.times``: those of its samples or its
             file, or a grid of about a millisecond.
@@ -1343,8 +1343,9 @@ class Robot:
         Returns
         -------
         Along
-            Frozen: the times `t`, the `rates` q, qd, ... and the `forces` Q, Qd, ..., tuples of (N, n); their standard
-            `deviations` where the motion is fitted to measurements; the `breaks` where a rate of Q jumps.
+            Frozen: the times `t`, the `rates` q, qd, ..., tuples of (N, n), and the `forces` Q, Qd, ..., tuples of
+            (N, nv), the wrench on a base that floats first; their standard `deviations` where the motion is fitted to
+            measurements; the `breaks` where a rate of Q jumps; the terms C, V, Vd, ... of the `base`.
 
         Raises
         ------
