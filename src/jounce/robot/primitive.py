@@ -17,7 +17,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
+from jax import enable_x64, lax
 from jax.core import ShapedArray
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
@@ -212,7 +212,7 @@ def _call_kernel(*arrays: Array, request: Request) -> tuple[Array, ...]:
     if name is None:
         results = jax.pure_callback(partial(_call_back, kernel), _arrays(shapes, dtype), *rows)
     else:
-        with jax.enable_x64(True):  # inside the compiled function only: what comes and goes has the caller's type
+        with enable_x64(True):  # inside the compiled function only: what comes and goes has the caller's type
             given = [lax.convert_element_type(x, inside) for x in rows]
             found = jax.ffi.ffi_call(name, _arrays(shapes, inside))(*given)
             results = [lax.convert_element_type(y, dtype) for y in found]
