@@ -72,7 +72,7 @@ def stream(
     _write_skipped(skipped_path(output), plan.task.match.names, records(plan, work))
     summary = _summary(plan, records(plan, work), computed)
     _write(summary, work, reduce, output)
-    publish.remove_work(plan, work)
+    publish.remove_work(work)
     return summary
 
 
