@@ -292,7 +292,15 @@ CASES: dict[str, Case] = {
         ROBOT.forces_along,
         {
             "motion": SAMPLED,
-            "t": None, "order": 0, "method": "recursion", "base": None,
+            "t": None, "order": 0, "method": "recursion",
+        },
+    ),
+    "Motion.base": (SAMPLED.with_base(None, np.eye(4)).base, {"t": 0.5, "order": 1, "side": "left"}),
+    "Motion.with_base": (
+        SAMPLED.with_base,
+        {
+            "t": SAMPLES, "C": np.tile(np.eye(4), (20, 1, 1)),
+            "degree": 7, "intervals": None, "bandwidth": None, "force": False,
         },
     ),
     "drive_forces": along(ROBOT.drive_forces, terms=True),

@@ -159,7 +159,7 @@ def check_writable(path: Path) -> None:
 
 
 def _order(motion: Motion, order: int | None) -> int:
-    known = motion.curve.highest
+    known = motion.highest
     if order is None:
         return HIGHEST if known is None else max(0, min(HIGHEST, known - FIRST))
     if isinstance(order, bool) or not isinstance(order, int | np.integer) or not 0 <= int(order) <= HIGHEST:

@@ -13,7 +13,7 @@ from jounce.errors import JounceError, at, listed, quoted
 from jounce.io.spans import FORMATS, format_of
 from jounce.io.spans import place as place_in_words
 from jounce.io.spans.chunk import Span
-from jounce.motion import loads
+from jounce.motion import loads, poses
 from jounce.motion.columns import DEVIATION, Match, match
 from jounce.motion.spline import Smoothing, refuse_way
 from jounce.spatial.series import rate_name
@@ -139,8 +139,9 @@ def _is_independent(job: Job, found: Match) -> bool:
     reading, sources = job.reading, list(found.sources)
     of_wrenches = loads.named(sources, job.links.mechanism)
     spread = any(name.endswith(DEVIATION) for name in sources)
-    floating = job.links.mechanism.base is not None  # whose motion is that of its base too
-    whole = found.sampled or spread or floating or loads.are_sampled(of_wrenches) or reading.blend or reading.step
+    of_base = poses.named(sources, job.links.mechanism)
+    sampled = found.sampled or loads.are_sampled(of_wrenches) or (of_base and poses.are_sampled(list(of_base)))
+    whole = sampled or spread or reading.blend or reading.step
     return not whole and not (isinstance(job.robot, ElasticRobot) and _has_memory(job.robot))
 
 
