@@ -375,6 +375,8 @@ def test_input_that_cannot_be_read_is_refused_in_one_line(tmp_path, small_parts)
     texts = table(30)
     write(b, texts | {"joint1.q": np.array(["x"] * 30)})
     assert "b.parquet: column 'joint1.q' holds dictionary" in refusal("run", "planar2r", folder, "-o", out)
+    write(b, {name: column[:0] for name, column in table(30).items()})
+    assert "b.parquet: no rows of numbers" in refusal("run", "planar2r", folder, "-o", out)
     b.write_bytes(a.read_bytes()[: a.stat().st_size // 2])
     assert "b.parquet: not a Parquet table, or a damaged one" in refusal("run", "planar2r", folder, "-o", out)
     assert not out.exists()
@@ -397,6 +399,16 @@ def test_a_part_that_cannot_be_read_is_named_and_can_be_left_out(tmp_path, small
     [row] = csv.DictReader((tmp_path / "out.npz.skipped.csv").read_text().splitlines())
     assert (row["file"], row["row"]) == (str(b), "0")
     assert row["problem"].startswith("the rows of this part from here on: ")
+
+
+@pytest.mark.parametrize("cells", [200, 1 << 20])
+@pytest.mark.parametrize("verb", ["run", "check"])
+def test_a_motion_that_begins_again_is_refused(tmp_path, monkeypatch, small_parts, cells, verb):
+    monkeypatch.setattr(plan, "CELLS", cells)
+    (tmp_path / "limits.yaml").write_text("units: SI\njoints: {joint1: {velocity: 1.9}}")
+    path = write(tmp_path / "a.npz", joined(table(30), table(20, 5), table(30), names=["a", "b", "a"]))
+    where = ("-o", tmp_path / "out") if verb == "run" else ("--limits", tmp_path / "limits.yaml")
+    assert "motion 'a' goes on at t = 0, and its rows before end at t = 0.28" in refusal(verb, "planar2r", path, *where)
 
 
 def test_an_output_folder_with_foreign_files_stays_as_it_is(tmp_path, small_parts):
