@@ -116,3 +116,23 @@ def test_results_of_a_call_are_those_of_the_kernel():
     for x, y in zip(other, kernel(*q, *W, *base), strict=True):
         np.testing.assert_array_equal(x[:, 6:], y[:, 6:])
         assert not np.allclose(x[:, :6], y[:, :6])
+
+
+def test_elastic_joints_on_a_base_that_moves():
+    """Spong's model, by native code: the springs carry the forces of the joints, which are the last rows."""
+    of, rng = robot(True, bodies=4).with_drives(False), np.random.default_rng(0)
+    stiffness, rotor = rng.uniform(500, 900, of.n), rng.uniform(0.1, 0.3, of.n)
+    arm = of.elastic(stiffness, rotor=rotor)
+    q, base, W = motion(of, 2, 3)
+    Q = [x[..., 6:] for x in of.inverse_dynamics(*q, base=base, wrench=W)]
+    theta = arm.motor_positions(*q, base=base, wrench=W)
+    for x, own, force in zip(theta, q, Q, strict=False):
+        assert relative_error(x, own + force / stiffness) < 1e-13
+    assert relative_error(arm.inverse_dynamics(*q, base=base, wrench=W), Q[0] + rotor * theta[2]) < 1e-12
+    assert "with the motion of the base" in repr(arm.compile())
+    for call in (lambda: arm.forward_dynamics(*q), lambda: arm.energy(*q[:4])):
+        with pytest.raises(JounceError, match=r"^\w+: the base of 'robot' moves; expected one at rest\. "):
+            call()
+    coupled = replace(arm.elasticity, level=0)
+    with pytest.raises(JounceError, match=r"^motor_torques of 'robot': its base moves, and coupling=0 of rotors and"):
+        jounce.Robot(replace(of.mechanism, elasticity=coupled)).compile("motor_torques", 0)

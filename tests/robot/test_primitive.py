@@ -1,6 +1,8 @@
 """The primitive of JAX: the numbers of NumPy, one native call under every transformation, exact derivatives."""
 
 import gc
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import jax
@@ -148,10 +150,11 @@ def test_a_pose_of_the_base_is_differentiated_along_displacements():
 
 
 def test_singles_are_doubles_inside():
-    """Rounded once, at the end, with 64 bits enabled or not."""
-    q = [x.astype(np.float32) for x in states((7,), (7,), ())]
+    """Rounded once, at the end, with 64 bits enabled or not; converted in more than one part."""
+    q = [x.astype(np.float32) for x in states((5003,), (5003,), ())]
     exact = ROBOT.inverse_dynamics(*(x.astype(float) for x in q)).astype(np.float32)
     same(jax.jit(ROBOT.inverse_dynamics)(*q), exact)
+    same(ROBOT.mass_matrix(jnp.asarray(q[0][:0])), np.zeros((0, 2, 2), np.float32))
     cost = lambda q, *more: ROBOT.inverse_dynamics(q, *more).sum()  # noqa: E731
     with jax.enable_x64(False):
         same(ROBOT.inverse_dynamics(*map(jnp.asarray, q)), exact)
@@ -221,6 +224,11 @@ def test_a_jaxlib_that_refuses_the_handler_calls_python_back(monkeypatch):
     single = [x.astype(np.float32) for x in q]
     exact = robot.inverse_dynamics(*(x.astype(float) for x in single)).astype(np.float32)
     same(jax.jit(robot.inverse_dynamics)(*single), exact)
+
+
+def test_jax_is_imported_by_its_users_alone():
+    script = "import jounce, sys; jounce.load('planar2r').gravity_forces([0.0, 0.0]); sys.exit('jax' in sys.modules)"
+    subprocess.run([sys.executable, "-c", script], timeout=60, check=True)
 
 
 def test_other_platforms_get_the_traced_law():

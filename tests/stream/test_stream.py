@@ -378,10 +378,25 @@ def test_input_that_cannot_be_read_is_refused_in_one_line(tmp_path, small_parts)
     b.write_bytes(a.read_bytes()[: a.stat().st_size // 2])
     assert "b.parquet: not a Parquet table, or a damaged one" in refusal("run", "planar2r", folder, "-o", out)
     assert not out.exists()
-    content = bytearray(a.read_bytes())
-    content[len(content) // 2 : len(content) // 2 + 4000] = bytes(4000)
     np.savez_compressed(tmp_path / "a.npz", **table(30))
     assert "is compressed" in refusal("run", "planar2r", tmp_path / "a.npz", "-o", out)
+
+
+def test_a_part_that_cannot_be_read_is_named_and_can_be_left_out(tmp_path, small_parts):
+    folder, out = tmp_path / "in", tmp_path / "out.npz"
+    folder.mkdir()
+    for name in "abc":
+        write(folder / f"{name}.parquet", table(30))
+    b = folder / "b.parquet"
+    content = bytearray(b.read_bytes())
+    content[4:600] = bytes(596)  # the first row group
+    b.write_bytes(content)
+    assert "b.parquet: not a Parquet table, or a damaged one" in refusal("run", "planar2r", folder, "-o", out)
+    found = summary("run", "planar2r", folder, "-o", out, "--on-error", "skip")
+    assert (found["motions"], found["states"], found["skipped"]["rows"]) == (3, 77, 1)
+    [row] = csv.DictReader((tmp_path / "out.npz.skipped.csv").read_text().splitlines())
+    assert (row["file"], row["row"]) == (str(b), "0")
+    assert row["problem"].startswith("the rows of this part from here on: ")
 
 
 def test_an_output_folder_with_foreign_files_stays_as_it_is(tmp_path, small_parts):

@@ -1,5 +1,6 @@
 """Calls of a robot's methods: arguments are checked, and the first backend that accepts a call runs it."""
 
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -131,7 +132,7 @@ def _checked_arguments(
             raise JounceError(f"method={method!r} has no base that moves; use method='closed_form'")
     if body is not None or frame != "body":
         requests.place(mechanism, name, body, frame)
-    requests.check_elastic(mechanism, name)
+    requests.check_elastic(mechanism, name, base is not None or mechanism.base is not None)
     if quantity.forces:
         requests.check_invertible(mechanism, name)
     if base is None and not mechanism.base:
@@ -259,8 +260,8 @@ def _prepare_jax(call: Call) -> tuple[Any, str | None]:
         return None, ""
     try:
         from jounce.robot import primitive
-    except ImportError as error:
-        return None, f"native code for JAX needs version 0.8 or later: {error}"
+    except ImportError:
+        return None, f"native code supports JAX from 0.8 on, not {sys.modules['jax'].__version__}"
     if refusal := primitive.obstacle(call.arrays):
         return None, f"native code {refusal}"
     if type(call.threads) is not int or call.threads != 1:

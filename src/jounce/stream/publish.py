@@ -94,6 +94,13 @@ def remove_work(plan: Plan, folder: Path) -> None:
                 path.rmdir()
 
 
+def remove_empty(folder: Path) -> None:
+    """Remove a work folder in which no part is finished."""
+    with suppress(OSError):
+        rows_folder(folder).rmdir()
+        folder.rmdir()
+
+
 def _ours(parts: Iterable[Part], folder: Path) -> Iterator[Path]:
     for part in parts:
         yield record_path(folder, part)

@@ -64,7 +64,11 @@ def stream(
     if _is_folder(job, output) and publish.is_published(plan, output):
         return _summary(plan, publish.published(output), 0)
     work = publish.work_folder(output)
-    computed = run(plan, work, runner, show)
+    try:
+        computed = run(plan, work, runner, show)
+    except BaseException:
+        publish.remove_empty(work)
+        raise
     _write_skipped(skipped_path(output), plan.task.match.names, records(plan, work))
     summary = _summary(plan, records(plan, work), computed)
     _write(summary, work, reduce, output)

@@ -64,11 +64,12 @@ def _row_before(task: Task, part: Part) -> tuple[str, float] | None:
     """The motion and the time of the row before a part, if there is one that may belong to its first motion."""
     table, time = format_of(part.path), task.match.sources[TIME]
     span = table.row_before(part.path, part.span.start) if task.independent else None
-    if span is None:
-        return None
-    for chunk in table.chunks(part.path, [time], MOTION if part.motion is None else None, span):
-        motion = part.motion if chunk.motions is None else str(chunk.motions[-1])
-        return motion or "", float(chunk.columns[time][-1])
+    try:
+        for chunk in table.chunks(part.path, [time], MOTION if part.motion is None else None, span) if span else ():
+            motion = part.motion if chunk.motions is None else str(chunk.motions[-1])
+            return motion or "", float(chunk.columns[time][-1])
+    except JounceError:  # of the part before, which says so
+        pass
     return None
 
 

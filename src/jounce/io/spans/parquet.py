@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from os import fsencode
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,7 +35,7 @@ def opened(path: Path) -> "Iterator[ParquetFile]":
     check_readable(path)
     arrow = pyarrow(path)
     try:
-        with arrow.parquet.ParquetFile(path, pre_buffer=True) as file:
+        with arrow.OSFile(fsencode(path)) as content, arrow.parquet.ParquetFile(content, pre_buffer=True) as file:
             yield file
     except (arrow.ArrowException, OSError, UnicodeDecodeError) as error:
         raise JounceError(f"{path}: not a Parquet table, or a damaged one: {one_line(error)}") from None
