@@ -50,7 +50,7 @@ def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
     """The name of a kernel: a hash of everything that its code depends on."""
     import llvmlite
 
-    digest = hashlib.sha256(f"{computation} {target} llvmlite {llvmlite.__version__} {_sources()}".encode())
+    digest = hashlib.sha256(f"{computation} {target} llvmlite {llvmlite.__version__} {sources()}".encode())
     digest.update(repr((mechanism.parent, mechanism.acting)).encode())
     arrays = {name: getattr(mechanism, name) for name in DATA} | (vars(mechanism.drives) if mechanism.acting else {})
     if mechanism.base:
@@ -70,7 +70,7 @@ def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
 
 
 @cache
-def _sources() -> str:
+def sources() -> str:
     """A hash of jounce itself: what the program is made of and by."""
     digest = hashlib.sha256()
     for path in sorted(Path(__file__).parents[1].rglob("*.py")):
