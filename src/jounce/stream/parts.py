@@ -1,13 +1,12 @@
 """The function of a part: its rows are read, computed and written, and a record is kept of them."""
 
-import warnings
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
-from jounce.errors import JounceWarning, at
+from jounce.errors import at, collected_warnings
 from jounce.io.columns import Columns
 from jounce.io.motions.writing import about
 from jounce.io.tables import WRITERS
@@ -27,16 +26,14 @@ def compute(task: Task, part: Part, folder: Path) -> Record:
     """
     skipped: list[Skipped] = []
     aggregates: dict[str, Aggregate] = {}
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", JounceWarning)
+    with collected_warnings() as caught:
         if task.job.subject == "limits":
             aggregates = checked_limits(task, part, skipped)
             total = ""
         else:
             total = _write(task, part, folder, _pieces(task, part, aggregates, skipped))
-    notes = list(dict.fromkeys(str(found.message) for found in caught))
     rows = sum(found["rows"] for found in aggregates.values())
-    record = Record(part.number, part.key, rows, total, aggregates, tuple(skipped), tuple(notes))
+    record = Record(part.number, part.key, rows, total, aggregates, tuple(skipped), tuple(dict.fromkeys(caught)))
     keep(folder, part, record)
     return record
 
