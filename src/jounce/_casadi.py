@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce._scalars import asarray, is_numeric
+from jounce._scalars import asarray
 from jounce._typing import Frame, QuantityName
 from jounce.arguments import requests
 from jounce.dynamics.computation import Computation
 from jounce.errors import JounceError, listed, warn
-from jounce.model.mechanism import DATA, Mechanism
+from jounce.model.mechanism import Mechanism
 from jounce.model.parameters import own_values, parametrise
 from jounce.robot import Robot
 
@@ -127,7 +127,7 @@ def _name(computation: Computation) -> str:
 def _check(robot: Robot) -> None:
     if not isinstance(robot, Robot):
         raise JounceError(f"casadi_function() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
-    if not all(is_numeric(getattr(robot.mechanism, data)) for data in DATA):
+    if not robot.mechanism.is_numeric:
         raise JounceError(
             "the robot contains symbols; expected numbers (parameters=['masses'] makes its masses inputs)"
         )
@@ -139,5 +139,5 @@ def _check_axes(computation: Computation, mechanism: Mechanism) -> None:
     if computation.quantity.of_bodies and len(shape) > 2:
         raise JounceError(
             f"{computation.name} of all bodies: a CasADi matrix has 2 axes, not {len(shape)};"
-            f" body= selects one of: {listed(mechanism.bodies)}"
+            f" body= selects one of: {listed(mechanism.body_names)}"
         )

@@ -98,8 +98,9 @@ def places(robot: Mechanism, functions: Sequence[Function]) -> dict[str, str]:
     for f in functions:
         if (body := f.computation.body) is not None:
             link = robot.frame(body)
-            carrier = "the ground" if link.body < 0 else f"body {printable(robot.bodies[link.body])}"
-            fixed = "" if body in robot.bodies else f", fixed on {carrier}"
+            carrier = robot.body_name(link.body, ground="")
+            held = f"body {printable(carrier)}" if carrier else "the ground"
+            fixed = "" if body in robot.body_names else f", fixed on {held}"
             frame = f"; components in {FRAMES[f.computation.frame]}" if f.computation.quantity.frames else ""
             found[f.name] = f"body {printable(body)}{fixed}{frame}"
     return found

@@ -119,7 +119,7 @@ def robot_data(s: Subject) -> Panel:
         {
             "name": m.joints[i],
             "type": "prismatic" if not X[:3].any() else "helical" if abs(X[:3] @ X[3:]) > 1e-12 else "revolute",
-            "parent": "ground" if m.parent[i] < 0 else m.bodies[m.parent[i]],
+            "parent": m.body_name(m.parent[i]),
             "body": m.bodies[i],
             "mass": masses[i],
             "follows": i not in leads,

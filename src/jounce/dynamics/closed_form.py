@@ -11,6 +11,7 @@ import numpy as np
 from jounce._scalars import Array
 from jounce.dynamics import system
 from jounce.dynamics.base import STILL, BaseMotion
+from jounce.model.coordinates import base_columns
 from jounce.model.mechanism import Mechanism, reciprocal_mass
 from jounce.spatial.lie import wedge
 from jounce.spatial.series import Series, from_rate, joined
@@ -131,8 +132,8 @@ def twists(mechanism: Mechanism, q: Series, base: BaseMotion, body: int | None) 
 
 def jacobians(mechanism: Mechanism, q: Series, base: BaseMotion, body: int | None) -> Series:
     """J of all bodies (..., nb, 6, nv), of one (..., 6, nv), or of the ground or base, -1."""
-    root = Series.constant(np.eye(6, mechanism.nv, dtype=int) * mechanism.first)
-    return _of_body(mechanism, by_body(closed_form(mechanism, q, None, base).J), body, root)
+    J = by_body(closed_form(mechanism, q, None, base).J)
+    return _of_body(mechanism, J, body, Series.constant(base_columns(mechanism)))
 
 
 def _of_body(mechanism: Mechanism, x: Series, body: int | None, root: Series) -> Series:

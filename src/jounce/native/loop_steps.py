@@ -193,8 +193,7 @@ def constants(mechanism: Mechanism) -> np.ndarray:
 def base_constants(mechanism: Mechanism) -> np.ndarray:
     """The numbers of the base, as `BASE` lists them; a fixed one has no inertia."""
     chain = minimal(mechanism)
-    M = np.zeros((6, 6)) if chain.base is None else chain.base.M
-    return np.concatenate([chain.gravity, _upper(M)]).astype(float)
+    return np.concatenate([chain.gravity, _upper(chain.base_inertia)]).astype(float)
 
 
 def _upper(M: np.ndarray) -> np.ndarray:

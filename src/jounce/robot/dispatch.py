@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from jounce._scalars import FLOAT, Array, is_jax, is_numeric
+from jounce._scalars import FLOAT, Array, is_jax
 from jounce.arguments import loads, rates, requests, wrenches
 from jounce.arguments.base import base_of
 from jounce.dynamics import drive_terms, elastic
@@ -19,7 +19,7 @@ from jounce.dynamics.computation import Computation, Port, coordinate_ports
 from jounce.dynamics.loads import wrench_of
 from jounce.dynamics.quantities import FORCES, Quantity, row_of
 from jounce.errors import JounceError, one_of, quoted, warn
-from jounce.model.mechanism import DATA, Mechanism, cast_model
+from jounce.model.mechanism import Mechanism, cast_model
 from jounce.native import plan
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel, compile_kernel
@@ -310,7 +310,7 @@ def native_obstacle(mechanism: Mechanism, computation: Computation) -> str | Non
     """Return why native code does not support a computation, as the end of a sentence about native code, or None."""
     if found := obstacle(computation):
         return found
-    if not all(is_numeric(getattr(mechanism, data)) for data in DATA):
+    if not mechanism.is_numeric:
         return "needs a robot of numbers; this one contains symbols"
     if not available():
         return "needs llvmlite, which cannot be imported"
