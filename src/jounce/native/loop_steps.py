@@ -208,7 +208,6 @@ def drive_table(mechanism: Mechanism) -> np.ndarray:
 
 
 def carry(mechanism: Mechanism) -> np.ndarray:
-    """The numbers that move a wrench on each body to its joint's frame, as `CARRY` lists them; a base stays first."""
+    """The numbers that move a wrench on each body to its joint's frame, as `CARRY` lists them."""
     T = frame_shifts(mechanism, minimal(mechanism))
-    T = np.concatenate([np.eye(4)[None]] * mechanism.first + [T])
     return np.concatenate([rotation(T).reshape(-1, 9), position(T).reshape(-1, 3)], axis=1).astype(float)
