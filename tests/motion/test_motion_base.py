@@ -170,6 +170,16 @@ def test_deviations_of_the_base_are_those_of_the_forces():
     assert 0.3 < ratio < 2
 
 
+def test_springs_with_dampers_take_the_base():
+    """A stiff damped spring differs little from the rigid joint; without the base it would by all that this adds."""
+    motion = LINEAR.with_base(T, C, degree=7)
+    arm = ARM.elastic(1e5, 0.0, damping=1.0)
+    rigid = ARM.forces_along(motion, order=0).forces[0]
+    assert abs(arm.along(motion).torques[0] - rigid).max() < 1e-2 * abs(rigid).max()
+    level = ARM.elastic(80, motors=jounce.Motor(gear=9.0, inertia=1e-3, body="body1"), coupling=0)
+    assert "coupling=" in refusal(lambda: level.along(motion))
+
+
 @pytest.mark.parametrize("missing", ["base.y", "base.qx"])
 def test_missing_columns_of_the_base_are_named(missing):
     some = {name: x for name, x in BASE.items() if name != missing}
