@@ -12,7 +12,7 @@ import jounce
 from jounce import Motion
 from jounce.io import tables
 from jounce.io.motions.writing import pieces
-from jounce.motion.base import COLUMNS, NAMES, motion_of
+from jounce.motion.base import COLUMNS, NAMES, Scaled, motion_of
 from jounce.motion.table import from_table
 
 ARM = jounce.load("planar2r")
@@ -126,14 +126,14 @@ def test_the_base_goes_at_the_pace_of_the_joints():
 def test_motions_that_follow_each_other_continue_the_base():
     """The sign of the second quaternion is free: no false break comes of it."""
     first = LINEAR.with_base(T, C, degree=7)
-    poses = C[::-1].copy()
-    poses[:, :3, :3] = Rotation.from_quat(-Q[::-1], scalar_first=True).as_matrix()
-    later = Motion.polynomial([[1, -1], [2, -2]], 1.0).with_base(T, poses, degree=7)
-    whole = first + later
-    np.testing.assert_allclose(whole.base(1.5, 0)[0], C[50], atol=1e-6)
-    of_base = {found.order for found in whole.breaks if found.symbol == "base"}
-    assert 0 not in of_base
-    assert 1 in of_base
+    later = Motion.polynomial([[1, -1], [2, -2]], 1.0).with_base(T, C[::-1], degree=7)
+    for sign in (1, -1):
+        other = replace(later, base_curve=Scaled(later.base_curve, np.array([1] * 3 + [sign] * 4)))
+        whole = first + other
+        np.testing.assert_allclose(whole.base(1.5, 0)[0], C[50], atol=1e-6)
+        of_base = {found.order for found in whole.breaks if found.symbol == "base"}
+        assert 0 not in of_base
+        assert 1 in of_base
     assert "do not meet" in refusal(lambda: later + later)
     assert "only one" in refusal(lambda: first + Motion.polynomial([[1, 1], [2, 1]], 1))
 
