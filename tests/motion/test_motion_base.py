@@ -98,6 +98,8 @@ def test_units_stand_in_headers():
     columns = JOINTS | {"base.x [mm]": 1e3 * P[:, 0]} | {name: x for name, x in BASE.items() if name != "base.x"}
     motion = jounce.load_motion(columns, ROBOT, degree=7)
     np.testing.assert_allclose(motion.base(T, 0)[0], C, atol=1e-12)
+    with pytest.warns(jounce.JounceWarning, match=r"base moves at .* m/s; expected m"):
+        jounce.load_motion(JOINTS | BASE | {name: 1e3 * BASE[name] for name in NAMES[:3]}, ROBOT, degree=7)
     columns = {name.replace("qw", "qw [deg]"): x for name, x in columns.items()}
     assert "unknown unit 'deg'" in refusal(lambda: jounce.load_motion(columns, ROBOT))
 
