@@ -84,6 +84,14 @@ def test_the_ground_of_a_fixed_robot_moves(folder):
     )
 
 
+def test_a_plan_without_a_base_is_refused_for_a_robot_that_floats(folder):
+    points = [{"positions": [k, 0], "time_from_start": {"sec": k}} for k in (0, 1)]
+    (folder / "plan.json").write_text(json.dumps({"joint_names": ["joint1", "joint2"], "points": points}))
+    for words in (("run", "-o", folder / "x.csv"), ("check",)):
+        said = jounce_(words[0], folder / "robot.yaml", folder / "plan.json", *words[1:], code=2)
+        assert "columns base.x, ..., base.qz of a table state one" in said
+
+
 def test_pictures_show_the_wrench_on_the_base(folder):
     jounce_("run", folder / "robot.yaml", folder / "sway.yaml", "-o", folder / "f.csv", "--order", "0")
     options = ("-o", folder / "f.svg", "--robot", folder / "robot.yaml", "--json")
