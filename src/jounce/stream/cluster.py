@@ -27,7 +27,7 @@ from jounce.stream.parts import compute
 from jounce.stream.plan import Part, Task
 from jounce.stream.records import Record, find, rows_folder, rows_path
 from jounce.stream.records import keep as keep_record
-from jounce.stream.runner import Runner
+from jounce.stream.runner import Runner, is_done
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -77,9 +77,11 @@ def version() -> str:
 
 
 def compute_order(order: Order) -> Record:
-    """Compute a part, on a worker."""
+    """Compute a part, on a worker; one that a worker finished before it died is not computed again."""
     _check_version(gethostname(), version(), order.version)
     _check_files(order)
+    if is_done(order.task.value, order.part, order.folder) and (record := find(order.folder, order.part)):
+        return record
     with np.errstate(all="ignore"):  # as the command does; what is not finite is refused
         return compute(order.task.value, order.part, order.folder)
 
@@ -131,18 +133,19 @@ def _connected(address: str, most: int) -> Iterator["Client"]:
 @contextmanager
 def _local(most: int) -> Iterator[str]:
     """A cluster of this machine, a process per core, without files or processes that outlive it."""
+    import dask
     from dask.system import CPU_COUNT
     from distributed import LocalCluster
 
     with (
         TemporaryDirectory(prefix="jounce-", ignore_cleanup_errors=True) as folder,
+        dask.config.set({"temporary-directory": folder}),
         LocalCluster(
             n_workers=min(CPU_COUNT, most),
             threads_per_worker=1,
             dashboard_address=":0",  # the server of Dask's metrics takes any port that is free
             scheduler_kwargs={"dashboard": False},
             memory_limit=0,  # none: parts are small
-            local_directory=folder,
             silence_logs=logging.CRITICAL,
         ) as cluster,
     ):
