@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from distributed import Client, KilledWorker
+from distributed.client import FuturesCancelledError
 from test_stream import ROBOT, bytes_of, call, joined, refusal, summary, table, write
 
 import jounce
@@ -100,15 +101,21 @@ def test_results_are_those_of_one_process(tmp_path, workers, address, states):
         assert bytes_of(tmp_path / "cluster" / output) == bytes_of(tmp_path / "here" / output)
 
 
-def test_a_part_that_kills_workers_is_given_up(tmp_path, states):
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (KilledWorker("part", SimpleNamespace(address="there"), 3), ":2: 4 workers died while they computed this part"),
+        (FuturesCancelledError([]), "the connection to the cluster is lost"),
+        (ConnectionResetError(), "the connection to the cluster is lost"),
+    ],
+)
+def test_the_end_of_workers_and_of_clusters_is_told_in_one_line(tmp_path, states, error, message):
+    """A part is given up that several workers do not survive."""
     made = make_plan(Job("forces", ROBOT, 2, Reading(), ".csv"), states, 4)
-    future = SimpleNamespace(result=Mock(side_effect=KilledWorker("part", SimpleNamespace(address="there"), 3)))
     with pytest.raises(jounce.JounceError) as caught:
-        cluster._checked(made.task, made.parts[0], future, tmp_path)
-    message = str(caught.value)
-    assert message.startswith(f"{states}:2: ")
-    assert "4 workers died while they computed this part" in message
-    assert message.endswith("finished parts are kept, and the same command continues after them")
+        cluster._checked(made.task, made.parts[0], SimpleNamespace(result=Mock(side_effect=error)), tmp_path)
+    assert message in str(caught.value)
+    assert str(caught.value).endswith("finished parts are kept, and the same command continues after them")
 
 
 def test_a_run_that_is_stopped_keeps_its_finished_parts(tmp_path, address, states, monkeypatch):

@@ -5,7 +5,6 @@ They read the input and write the results at the paths of this process: all shar
 
 import logging
 import signal
-from asyncio import CancelledError
 from collections.abc import Collection, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -155,13 +154,15 @@ def _local(most: int) -> Iterator[str]:
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Within this context Dask logs nothing: errors become one line."""
-    log = logging.getLogger("distributed")
-    level = log.level
-    log.setLevel(logging.CRITICAL + 1)
+    names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]
+    levels = {log: log.level for log in map(logging.getLogger, names)}
+    for log in levels:
+        log.setLevel(logging.CRITICAL + 1)
     try:
         yield
     finally:
-        log.setLevel(level)
+        for log, level in levels.items():
+            log.setLevel(level)
 
 
 def _check_workers(address: str, client: "Client") -> None:
@@ -201,12 +202,14 @@ def _compute(client: "Client", task: Task, parts: Sequence[Part], folder: Path) 
 @contextmanager
 def _connection() -> Iterator[None]:
     """Within this context, the loss of the cluster is told in one line."""
+    from distributed import CancelledError
+
     try:
         yield
     except TimeoutError:
         raise
     except (OSError, CancelledError) as error:
-        raise JounceError(f"the cluster is lost: {one_line(error) or 'no connection'}; {CONTINUE}") from None
+        raise JounceError(f"the connection to the cluster is lost ({type(error).__name__}); {CONTINUE}") from None
 
 
 def _threads(client: "Client") -> int:
