@@ -6,14 +6,16 @@ is killed at random moments and continued, and its output compared with that of 
 
 import os
 import random
+import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from hashlib import sha256
 from pathlib import Path
 from shutil import rmtree
 from tempfile import TemporaryDirectory
-from time import perf_counter, sleep
+from time import perf_counter, process_time, sleep
+from typing import NamedTuple
 
 import click
 import numpy as np
@@ -31,6 +33,21 @@ OF_FILE = 1_000_000  # rows
 BLOCK = 1 << 16  # rows that are computed at a time
 ORDER = 2
 SEED = 20210
+
+
+class Times(NamedTuple):
+    """Seconds on the clock, and of processors: the second says more where a machine is busy with other things."""
+
+    elapsed: float
+    processor: float
+
+    def plus(self, other: "Times") -> "Times":
+        """The sum."""
+        return Times(self.elapsed + other.elapsed, self.processor + other.processor)
+
+    def of(self, count: int) -> "Times":
+        """The times of one of several."""
+        return Times(self.elapsed / count, self.processor / count)
 
 
 @click.command()
@@ -57,32 +74,35 @@ def measured(folder: Path, rows: int, kills: int) -> Iterator[str]:
     """The lines of the page."""
     source = folder / "states"
     generate(source, rows)
-    kernel, reading, writing = in_memory(), read(source) / rows, written(source, folder / "written") / rows
-    pieces = kernel + reading + writing
+    kernel = in_memory()
+    reading, writing = read(source).of(rows), written(source, folder / "written").of(rows)
+    pieces = kernel.plus(reading).plus(writing)
     whole, memory = run(source, folder / "whole")
     small = folder / "small"
     small.mkdir()
     first = min(source.iterdir())
     (small / first.name).symlink_to(first)
     _, less = run(small, folder / "few")
-    per_state = whole / rows
     yield f"{rows:,} states of the iiwa at order {ORDER}, {len(list(source.iterdir()))} Parquet files;"
-    yield "times of one thread per state, the process with its imports included in that of the run."
+    yield "times per state; that of the run includes the start of the interpreter and all imports."
     yield ""
-    yield "| what | ns a state |"
-    yield "|---|---|"
+    yield "| what | elapsed, ns per state | processor, ns per state |"
+    yield "|---|---|---|"
     for name, time in (
         ("kernel, arrays in memory", kernel),
         ("reading the columns", reading),
         ("writing the columns of Q, Qd, Q2d", writing),
         ("their sum", pieces),
-        ("jounce run", per_state),
+        ("jounce run", whole.of(rows)),
     ):
-        yield f"| {name} | {time * 1e9:.0f} |"
+        yield f"| {name} | {time.elapsed * 1e9:.0f} | {time.processor * 1e9:.0f} |"
     yield ""
-    yield f"* jounce run takes {per_state / pieces:.2f} times the sum of its pieces"
+    run_to_pieces = whole.elapsed / rows / pieces.elapsed, whole.processor / rows / pieces.processor
+    yield "* jounce run takes {:.2f} times the sum of its pieces, {:.2f} times its processor time".format(
+        *run_to_pieces
+    )
     yield f"* peak memory {memory / 2**20:.0f} MiB; {less / 2**20:.0f} MiB for the first file alone"
-    for line in killed(source, folder / "killed", kills, whole):
+    for line in killed(source, folder / "killed", kills, whole.elapsed):
         yield f"* {line}"
     yield f"* its output is {'bit-identical' if sums(folder / 'killed') == sums(folder / 'whole') else 'NOT the same'}"
 
@@ -108,18 +128,19 @@ def states(seed: int, rows: int) -> Iterator[Columns]:
         yield columns
 
 
-def in_memory(count: int = 16) -> float:
-    """Seconds per state of the kernel on a block of states; the median of some."""
+def in_memory(count: int = 16) -> Times:
+    """Times per state of the kernel on a block of states; the median of some."""
     columns = next(states(0, BLOCK))
     rates = [
         np.stack([columns[f"{name}.{rate_name('q', k)}"] for name in ROBOT.joint_names], 1) for k in range(ORDER + 3)
     ]
     out = ROBOT.inverse_dynamics(*rates)
-    return float(np.median([timed(lambda: ROBOT.inverse_dynamics(*rates, out=out)) for _ in range(count)])) / BLOCK
+    times = [timed(lambda: ROBOT.inverse_dynamics(*rates, out=out)) for _ in range(count)]
+    return Times(*np.median(times, axis=0).tolist()).of(BLOCK)
 
 
-def read(folder: Path) -> float:
-    """Seconds to read all columns of the files by pyarrow."""
+def read(folder: Path) -> Times:
+    """Times to read all columns of the files by pyarrow."""
 
     def columns() -> None:
         import pyarrow.parquet as pq
@@ -133,11 +154,11 @@ def read(folder: Path) -> float:
     return timed(columns)
 
 
-def written(source: Path, folder: Path) -> float:
-    """Seconds to write as many columns as the forces have, of as many rows."""
+def written(source: Path, folder: Path) -> Times:
+    """Times to write as many columns as the forces have, of as many rows."""
     folder.mkdir()
     names = [f"{joint}.{rate_name('Q', k)}" for joint in ROBOT.joint_names for k in range(ORDER + 1)]
-    total = 0.0
+    total = Times(0.0, 0.0)
     for path in sorted(source.iterdir()):
         table = format_of(path)
         spans = table.spans(path, 1 << 40)
@@ -145,20 +166,33 @@ def written(source: Path, folder: Path) -> float:
             chunk for span in spans for chunk in table.chunks(path, table.names(path)[: len(names) + 1], None, span)
         ]
         columns = [dict(zip(["t", *names], chunk.columns.values(), strict=True)) for chunk in some]
-        total += timed(lambda: parquet.write(folder / path.name, columns))  # noqa: B023
+        total = total.plus(timed(lambda: parquet.write(folder / path.name, columns)))  # noqa: B023
     rmtree(folder)
     return total
 
 
-def run(source: Path, output: Path) -> tuple[float, int]:
-    """Seconds that the command takes, and its peak memory in bytes."""
+def run(source: Path, output: Path) -> tuple[Times, int]:
+    """Times that the command takes, and its peak memory in bytes."""
     process = start(source, output)
-    begin = perf_counter()
-    _, status, usage = os.wait4(process.pid, 0)
+    begin, peak, pid = perf_counter(), 0, 0
+    while not pid:
+        peak = max(peak, peak_memory(process.pid))
+        sleep(0.02)
+        pid, status, usage = os.wait4(process.pid, os.WNOHANG)
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
         raise SystemExit(f"jounce run ends with {process.returncode}")
-    return perf_counter() - begin, usage.ru_maxrss * 1024
+    return Times(perf_counter() - begin, usage.ru_utime + usage.ru_stime), peak
+
+
+def peak_memory(process: int) -> int:
+    """The peak memory of a process so far, as Linux tells; that of its usage counts the process that started it."""
+    try:
+        status = Path(f"/proc/{process}/status").read_text()
+    except OSError:
+        return 0
+    found = re.search(r"VmHWM:\s+(\d+)", status)
+    return int(found[1]) * 1024 if found else 0
 
 
 def start(source: Path, output: Path) -> subprocess.Popen[bytes]:
@@ -179,7 +213,7 @@ def killed(source: Path, output: Path, kills: int, whole: float) -> Iterator[str
         done = len(list(output.with_name(f"{output.name}.unfinished").glob("part-*.json")))
         yield f"killed after {after:.1f} s: {done} parts are finished"
     time, _ = run(source, output)
-    yield f"the run that follows them takes {time:.1f} s instead of {whole:.1f} s"
+    yield f"the run that follows them takes {time.elapsed:.1f} s instead of {whole:.1f} s"
 
 
 def sums(folder: Path) -> dict[str, str]:
@@ -187,11 +221,11 @@ def sums(folder: Path) -> dict[str, str]:
     return {path.name: sha256(path.read_bytes()).hexdigest() for path in sorted(folder.glob("*.parquet"))}
 
 
-def timed(call: object) -> float:
-    """Seconds that a call takes."""
-    begin = perf_counter()
-    call()  # type: ignore[operator]
-    return perf_counter() - begin
+def timed(call: Callable[[], object]) -> Times:
+    """Times that a call takes."""
+    begin, before = perf_counter(), process_time()
+    call()
+    return Times(perf_counter() - begin, process_time() - before)
 
 
 if __name__ == "__main__":

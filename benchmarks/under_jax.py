@@ -28,6 +28,7 @@ from jounce.io.files import written_whole
 COUNT = 1_000
 ORDERS = 0, 2
 URDF = "import frax, pathlib; print(pathlib.Path(frax.__file__).parent / 'assets/franka_panda/panda.urdf')"
+VERSIONS = "from importlib.metadata import version; print(*(f'{x} {version(x)}' for x in ('frax', 'jax')), sep=', ')"
 PEER = """
 import json, sys, time
 import frax, jax, numpy as np
@@ -56,7 +57,8 @@ since other programs share the machine."""
 COMPILING = """Seconds of the clock, and in parentheses of the processor, until the first result, with an empty cache.
 The gradient finds the code of the forces there."""
 FRAX = """The Panda, from the URDF that frax brings, in the same run: its mass matrix and its bias forces (ours:
-`inverse_dynamics` with zero accelerations), with jit and vmap, and the settings that the README of frax recommends."""
+`inverse_dynamics` with zero accelerations), with jit and vmap, and the settings that the README of frax recommends.
+{versions}."""
 
 
 def ready(function: Callable[..., Any], *arrays: Any) -> Any:
@@ -122,10 +124,12 @@ def cases(names: dict[str, Robot]) -> Iterator[Case]:
                 q = [x[0] if count == 1 else x for x in states(robot.n, count, order)]
                 arrays, kernel = [jax.numpy.asarray(x) for x in q], robot.compile(order=order)
                 yield Case((name, order, "numpy", count), partial(kernel, *q), count)
-                for kind, law in laws(robot, order).items():
+                ways = {kind: (law, arrays) for kind, law in laws(robot, order).items()}
+                ways["float32"] = ways["jit"][0], [x.astype("float32") for x in arrays]
+                for kind, (law, given) in ways.items():
                     if kind != "traced" or robot.n < 10:
-                        ready(law, *arrays)
-                        yield Case((name, order, kind, count), partial(ready, law, *arrays), count)
+                        ready(law, *given)
+                        yield Case((name, order, kind, count), partial(ready, law, *given), count)
 
 
 def beside_frax(python: str, rounds: int) -> Iterator[tuple[str, ...]]:
@@ -184,7 +188,7 @@ def main(frax: str | None, rounds: int) -> None:
         click.echo("\n".join(map(str, compiled)), err=True)
         times = fastest(list(cases(names)), rounds)
         peers = list(beside_frax(frax, rounds)) if frax else []
-    kinds = ("numpy", "jit", "eager", "traced", "gradient")
+    kinds = ("numpy", "jit", "float32", "eager", "traced", "gradient")
     rows = []
     for name, order, count in product(names, ORDERS, (COUNT, 1)):
         ns = [times.get((name, order, kind, count)) for kind in kinds]
@@ -193,14 +197,15 @@ def main(frax: str | None, rounds: int) -> None:
     error = share(gradient_error(names["iiwa14"]))
     text = [
         "# JAX", "", *paragraph(TEXT.format(rounds=rounds)),
-        *table(("ns per state", "NumPy", "JAX", "eager", "traced", "gradient", "JAX / NumPy"), rows),
+        *table(("ns per state", "NumPy", "JAX", "float32", "eager", "traced", "gradient", "JAX / NumPy"), rows),
         *paragraph(f"The gradient of the sum of squares of Q2d of the iiwa differs from CasADi's by {error}."),
         *paragraph(COMPILING),
         *table(("s", "JAX", "traced", "gradient"), compiled),
     ]  # fmt: skip
     if peers:
         head = ("ns per state", "jounce", "frax", "frax / jounce", "compiling jounce, s", "frax, s")
-        text += [*paragraph(FRAX), *table(head, peers)]
+        versions = subprocess.run([str(frax), "-c", VERSIONS], capture_output=True, text=True, check=True).stdout
+        text += [*paragraph(FRAX.format(versions=versions.strip())), *table(head, peers)]
     text += [f"* {name}: {value}" for name, value in machine.described()]
     text.append(f"* load average before, after: {before}, {machine.load()}")
     with written_whole(Path(__file__).parent / "JAX.md") as part:

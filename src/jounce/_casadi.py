@@ -28,6 +28,7 @@ def casadi_function(
     body: str | None = None,
     frame: Frame = "body",
     parameters: Sequence[str] = (),
+    base: bool = False,
 ) -> "casadi.Function":
     """A quantity and its rates up to an order as a `casadi.Function`, built on SX and callable with MX.
 
@@ -48,18 +49,23 @@ def casadi_function(
         Data of the robot that become inputs:
 
         * "gravity": gravity (3);
-        * "masses": masses (nb), bodies keep their COM, and inertia grows with the mass;
+        * "masses": masses (nb), that of a floating base first; bodies keep their COM, and inertia grows with the mass;
         * "lengths": lengths (nb, 3), the positions of the body frames in their parents';
         * "payload", or "payload:X" for a body or merged link X: payload_mass, payload_com (3) and payload_inertia (6)
           about the COM, xx xy xz yy yz zz, in the axes of X, the end of the robot if none is named; those of a second
           payload are payload2_mass, ...
+    base : bool, optional
+        Whether the motion of the base is an input too, so that the ground of a fixed robot moves; it always is if the
+        robot floats: base_pose (4, 4), body to inertial frame, base_twist (6, angular; linear) in the axes of the base,
+        and the rates of it.
 
     Returns
     -------
     casadi.Function
-        Named after the quantity, body and frame. Inputs q, qd, q2d, ... (n), then W, Wd, ... and the parameters;
-        outputs the quantity and its rates under the names of its symbol, Q, Qd, Q2d, ...: columns of vectors, 1 x 1 of
-        scalars. The matrices of partial derivatives P stand one below the other, (3 n, n), those of Pd are (4 n, n).
+        Named after the quantity, body and frame. Inputs q, qd, q2d, ... (n), then W, Wd, ..., the motion of the base
+        and the parameters; outputs the quantity and its rates under the names of its symbol, Q, Qd, Q2d, ...: columns
+        of vectors, 1 x 1 of scalars. The matrices of partial derivatives P stand one below the other, (3 n, n), those
+        of Pd are (4 n, n).
 
     Raises
     ------
@@ -85,7 +91,7 @@ def casadi_function(
     except ModuleNotFoundError:
         raise JounceError("casadi_function() needs CasADi; install it by: pip install 'jounce[casadi]'") from None
     _check(robot)
-    computation = requests.computation(robot.mechanism, quantity, order, wrench, body, frame)
+    computation = requests.computation(robot.mechanism, quantity, order, wrench, body, frame, base=base)
     _check_axes(computation, robot.mechanism)
     shapes = {name: value.shape for name, value in own_values(robot.mechanism, parameters).items()}
     signature = computation.signature(robot.mechanism, shapes)

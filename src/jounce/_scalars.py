@@ -135,6 +135,11 @@ def is_jax(x: Array) -> bool:
     return jax is not None and isinstance(x, jax.Array)
 
 
+def is_traced(x: Any) -> bool:
+    """Return whether `x` stands for an array while JAX traces a function, and has no numbers."""
+    return is_jax(x) and isinstance(x, sys.modules["jax"].core.Tracer)
+
+
 def is_zero(x: Any) -> bool:
     """Return whether a scalar is the number 0; symbols are never equal to 0, and bool() of them is not taken."""
     try:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from quantities import IDS, REQUESTS, affordable, branched, method_of, tupled
-from robots import differentiated, golden, rates_of, relative_error
+from robots import differentiated, floating, golden, random_pose, rates_of, relative_error
 
 import casadi
 import jounce
@@ -40,6 +40,24 @@ def test_functions_agree_with_the_recursion(name):
     expected = robot.inverse_dynamics(*q, wrench=tuple(W), method="recursion")
     for name, y in zip(F.name_out(), expected, strict=True):
         assert relative_error(dense(found[name]), y) < TOLERANCE
+
+
+@pytest.mark.parametrize("quantity", ["inverse_dynamics", "momentum", "gravity_forces"])
+@pytest.mark.parametrize("afloat", [True, False])
+def test_the_motion_of_the_base_is_an_input(quantity, afloat):
+    rng = np.random.default_rng(1)
+    m = golden("planar2r")[0]
+    robot = jounce.Robot(floating(m, rng) if afloat else m)
+    F = jounce.casadi_function(robot, quantity, 1, base=True, parameters=["masses"] if afloat else [])
+    q = rng.uniform(-1, 1, (sum(name.startswith("q") for name in F.name_in()), 2))
+    base = (random_pose(rng), *rng.uniform(-1, 1, (len(q) - 1, 6)))
+    names = ["base_pose", *(f"base_twist{rate}" for rate in RATES[: len(q) - 1])]
+    given = inputs("q", q) | dict(zip(names, base, strict=True))
+    if afloat:
+        given["masses"] = robot.mechanism.inertias[:, 3, 3]
+    expected = getattr(robot, quantity)(*q, base=base, method="recursion")
+    for name, y in zip(F.name_out(), expected, strict=True):
+        assert relative_error(dense(F(**given)[name]), y) < TOLERANCE
 
 
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from files import GOOD, robot_file
+from files import BODY, GOOD, OTHER, joint, link, origin, robot_file
 from hypothesis import given, settings
-from robots import mechanisms, on_its_axis, random_mechanism
+from robots import floating, mechanisms, on_its_axis, random_mechanism
 
 import jounce
 from jounce.checks.compare import compare
@@ -18,6 +18,7 @@ from jounce.cli import main
 from jounce.robot.dispatch import compute
 from jounce.spatial.lie import pose
 
+FLIES = joint("fly", "w", "base", "floating", inner=origin((0.3, 0, 0), (0, 0.4, 0)))
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
 
 
@@ -35,6 +36,38 @@ def test_libraries_and_paths_agree_on_random_mechanisms(drawn):
     helical = any(X[:3].any() and abs(X[:3] @ X[3:]) > 1e-12 for X in mechanism.X)
     [*others] = of(checks, "MuJoCo")
     assert ("helical" in others[0].remark) if helical else len(others) == 3
+
+
+def test_libraries_and_paths_agree_on_a_robot_that_floats():
+    """Two trees on the base, and a joint that follows another."""
+    rng = np.random.default_rng(4)
+    arms = random_mechanism(rng, [-1, 0, -1], ["revolute", "prismatic", "revolute"], [1.0, 2.0, 0.5], mimic=True)
+    checks = compare(jounce.Robot(floating(arms, rng)), states=2, order=1)
+    assert [check for check in checks if not check.passed] == []
+    for library in ("Pinocchio", "MuJoCo"):
+        assert [check.quantity for check in of(checks, library)] == ["Q", "Qgrav", "M"]
+
+
+def test_libraries_read_the_file_of_a_robot_that_floats(tmp_path):
+    glue = joint("glue", "arm", "lid", "fixed", inner=origin((0.1, 0.2, 0.3)))
+    bounds = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+    items = (
+        link("base", OTHER),
+        link("arm", BODY),
+        joint("turn", "base", "arm", inner=bounds),
+        link("lid", OTHER),
+        glue,
+    )
+    for path in (robot_file(tmp_path, *items), robot_file(tmp_path, link("w"), *items, FLIES, name="w.urdf")):
+        checks = compare(jounce.load(path, base="floating"), path, order=0, states=2)
+        assert [check for check in checks if not check.passed] == []
+        assert {check.remark for check in of(checks, "Pinocchio")} == {"its own reading of the file"}
+    path = tmp_path / "r.xml"
+    arm = "<body name='arm'><joint name='j'/><geom size='.1' pos='.2 0 0'/></body>"
+    path.write_text(f"<mujoco><worldbody><body name='b'><freejoint/><geom size='.3'/>{arm}</body></worldbody></mujoco>")
+    checks = compare(jounce.load(path, base="floating"), path, order=0, states=2)
+    assert [check for check in checks if not check.passed] == []
+    assert {check.remark for check in of(checks, "MuJoCo")} == {"its own reading of the file"}
 
 
 def test_warnings_of_mujoco_are_passed_on_and_leave_no_log(tmp_path, monkeypatch):

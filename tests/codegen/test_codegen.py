@@ -17,7 +17,7 @@ import pytest
 import sympy
 from click.testing import CliRunner
 from files import refusal
-from robots import GOLDEN, golden, on_its_axis, random_mechanism, springs
+from robots import GOLDEN, floating, golden, on_its_axis, random_mechanism, springs
 from tools import NODE, needs, require
 
 import jounce
@@ -72,6 +72,7 @@ ROBOTS = {
     "slide": lambda: slide(),
     "odd symbols": lambda: jounce.load("planar2r", m1=1 + sum(map(sympy.Symbol, ODD_SYMBOLS.split()))),
     "odd names": lambda: oddly_named(),
+    "floating": lambda: jounce.Robot(floating(golden("planar2r")[0], np.random.default_rng(1))),
     "talos": lambda: jounce.load(Path(str(TALOS[0].locate()))),
     "mimic": lambda: jounce.Robot(
         random_mechanism(
@@ -101,6 +102,7 @@ def in_equations(spelled):
 
 ALL, PARAMETERS = every("body2"), ("gravity", "masses", "lengths", "payload", "payload:body1")
 PRODUCTS = ("inverse_dynamics.vjp", "inverse_dynamics.jvp", "forward_dynamics.vjp", "base_wrench.jvp")
+FLOATING = ("inverse_dynamics", "jacobian:body1:world", "momentum.vjp")
 PROGRAMS = [lang for lang in LANGUAGES if lang != "latex"]
 CASES = {  # the robot, what is asked for, how many states, and in which languages: in all what differs between them
     "iiwa14, order 0": ("iiwa14", {"order": 0, "outputs": ("inverse_dynamics", "mass_matrix")}, 100, "cpp python"),
@@ -124,6 +126,11 @@ CASES = {  # the robot, what is asked for, how many states, and in which languag
     "driven, single": ("driven", {"order": 1, "float32": True}, 100, "all"),
     "products": ("planar2r", {"order": 1, "wrench": True, "outputs": PRODUCTS, "parameters": ("payload",)}, 9, "c"),
     "mimic": ("mimic", {"order": 0, "wrench": True, "outputs": ALL}, 10, "c matlab python"),
+    "floating": (
+        "floating", {"order": 1, "wrench": True, "outputs": FLOATING, "parameters": ("masses", "payload:base")},
+        6, "all",
+    ),
+    "moving ground, single": ("planar2r", {"order": 1, "base": True, "float32": True}, 6, "c python rust"),
 }  # fmt: skip
 languages = pytest.mark.parametrize("lang", LANGUAGES)
 programs = pytest.mark.parametrize("lang", [pytest.param(x, marks=needs(*LANGUAGES[x][0])) for x in PROGRAMS])
@@ -134,9 +141,11 @@ def robot_of(name):
     return ROBOTS[name]()
 
 
-def requested(robot, lang, order=2, outputs=("inverse_dynamics",), wrench=False, parameters=(), float32=False):
+def requested(
+    robot, lang, order=2, outputs=("inverse_dynamics",), wrench=False, parameters=(), float32=False, base=False
+):
     """A request, checked."""
-    return check_options(robot_of(robot), lang, order, outputs, wrench, parameters, float32, None)
+    return check_options(robot_of(robot), lang, order, outputs, wrench, parameters, float32, None, base)
 
 
 @cache
@@ -349,7 +358,7 @@ class FromOne:
         self.array[tuple(np.subtract(index, 1, dtype=int).reshape(-1))] = value
 
 
-@pytest.mark.parametrize("name", ["iiwa14, order 2", "planar2r, all", "mimic"])
+@pytest.mark.parametrize("name", ["iiwa14, order 2", "planar2r, all", "mimic", "floating"])
 def test_statements_of_julia_are_right_where_there_is_no_julia(name, monkeypatch):
     """Python reads them as they are, given arrays that begin with one."""
     if name == "mimic":
@@ -374,7 +383,7 @@ def test_statements_of_julia_are_right_where_there_is_no_julia(name, monkeypatch
                 assert error <= 1e-13 * expected.scale(x.name)
 
 
-@pytest.mark.parametrize("name", ["panda, order 0", "planar2r, all", "planar2r, all, single", "symbols"])
+@pytest.mark.parametrize("name", ["panda, order 0", "planar2r, all", "planar2r, all, single", "symbols", "floating"])
 def test_julia_parses(name):
     tree_sitter = pytest.importorskip("tree_sitter")
     grammar = tree_sitter.Language(pytest.importorskip("tree_sitter_julia").language())

@@ -5,7 +5,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from test_codegen import ALL, CASES, PARAMETERS, STRICT, passes, texts, written
+from test_codegen import ALL, CASES, FLOATING, PARAMETERS, STRICT, passes, texts, written
 from tools import needs, obstacles
 
 from jounce._codegen import schedule
@@ -19,14 +19,18 @@ eigen = pytest.mark.skipif(not EIGEN.exists() or bool(obstacles("make")), reason
 
 @eigen
 @pytest.mark.parametrize(
-    ("compiler", "single"),
-    [pytest.param("g++", False, marks=needs("g++")), pytest.param("clang++", True, marks=needs("clang++"))],
+    ("compiler", "robot", "single", "outputs"),
+    [
+        pytest.param("g++", "planar2r", False, ALL, marks=needs("g++")),
+        pytest.param("clang++", "floating", True, FLOATING, marks=needs("clang++")),
+    ],
 )
-def test_eigen_gives_the_same(compiler, single, tmp_path):
-    folder = written(tmp_path, texts("planar2r", "cpp", 10, float32=single, **EVERYTHING))
-    passed, output = passes(folder, "cpp", f"CXX={compiler}", f"EIGEN={EIGEN}")
+def test_eigen_gives_the_same(compiler, robot, single, outputs, tmp_path):
+    parameters = PARAMETERS if robot == "planar2r" else ()
+    files = texts(robot, "cpp", 10, order=1, outputs=outputs, wrench=True, parameters=parameters, float32=single)
+    passed, output = passes(written(tmp_path, files), "cpp", f"CXX={compiler}", f"EIGEN={EIGEN}")
     assert passed, output
-    assert output.count("plain arrays and Eigen: worst") == len(ALL)
+    assert output.count("plain arrays and Eigen: worst") == len(outputs)
 
 
 VIEWS = """

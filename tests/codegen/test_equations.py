@@ -17,6 +17,8 @@ CASES = {
     "symbols": ("symbols", {"order": 2, "outputs": in_equations(ALL), "wrench": True}),
     "all": ("planar2r", {"order": 1, "outputs": in_equations(ALL), "wrench": True, "parameters": PARAMETERS}),
     "numbers": ("planar2r", {"order": 4}),
+    "floating": ("floating", {"order": 0, "wrench": True}),
+    "moving ground": ("planar2r", {"order": 1, "outputs": ("momentum", "poses:body2"), "base": True}),
     "mimic": ("mimic", {"order": 0, "wrench": True, "parameters": ("payload:body1", "gravity")}),
 }
 RATES = {"dot": "d", "ddot": "2d", "dddot": "3d", "ddddot": "4d"}
@@ -25,12 +27,15 @@ RATES = {"dot": "d", "ddot": "2d", "dddot": "3d", "ddddot": "4d"}
 def python(text):
     r"""LaTeX as Python: \ddot{q}_{1} is q2d_1, a blank is a product where it can be none else."""
     text = re.sub(r"\\(?:left|right|bigl|bigr|mathrm)\b|\\\\|&", " ", text)
-    text = re.sub(r"\\bar\{C\}", "Cbar", text).replace("{grav},", "grav")
-    text = re.sub(r"\\(d+ot|dot)\{?(\w+)\}?", lambda found: found[2] + RATES.get(found[1], "?"), text)
+    text = re.sub(r"\\bar\{C\}", "Cbar", text).replace("{grav},", "grav").replace("_{G,", "_{G")
+    text = re.sub(r"\\(d+ot|dot)\{?\\?(\w+)\}?", lambda found: found[2] + RATES.get(found[1], "?"), text)
     text = re.sub(r"\^\{\((\d)\)\}", r"\1d", text)
     text = re.sub(r"_\{ *(\w+)\}", r"_\1", text)
     text = re.sub(r"\^\{(-?\d+)\}", r" ** \1", text)
-    text = re.sub(r"\\frac\{([^{}]*)\}\{([^{}]*)\}", r"((\1) / (\2))", text).replace(r"\cdot", " ")
+    text = re.sub(r"(\\(?:sin|cos))\{([^{}]*)\}", r"\1 \2", text)
+    while text != (text := re.sub(r"\\frac\{([^{}]*)\}\{([^{}]*)\}", r"((\1) / (\2))", text)):
+        pass
+    text = text.replace(r"\cdot", " ")
     words = re.findall(r"\*\*|\d[\d.]*|\w+|[-+()=/]", text.replace("{}", ""))
     joined = words[:1]
     for before, word in pairwise(words):
@@ -43,14 +48,16 @@ def values(arrays, k):
     """The numbers of a state by the names that `python` gives their symbols."""
     found = {}
     for name, array in arrays.items():
-        letter, rate = re.fullmatch(r"(q|W)(\d?d)?", name).groups(default="")
-        for index in np.ndindex(array.shape[1:]):
-            word = (
-                f"q{rate}_{index[0] + 1}"
-                if letter == "q"
-                else f"{'mf'[index[1] // 3]}{rate}_{'xyz'[index[1] % 3]}{index[0] + 1}"
-            )
-            found[word] = array[(k, *index)]
+        kind, rate = re.fullmatch(r"(q|W|base_pose|base_twist)(\d?d)?", name).groups(default="")
+        rows = array[k].reshape(array.shape[1], -1)
+        for i, j in np.ndindex(rows.shape):
+            words = {
+                "q": f"q{rate}_{i + 1}",
+                "W": f"{'mf'[j // 3]}{rate}_{'xyz'[j % 3]}{i + 1}",
+                "base_pose": f"R_{i + 1}{j + 1}" if j < 3 else f"r_{'xyz?'[i % 4]}",
+                "base_twist": f"{('omega', 'v')[i // 3 % 2]}{rate}_{'xyz'[i % 3]}",
+            }
+            found[words[kind]] = rows[i, j]
     return found
 
 
@@ -78,8 +85,9 @@ def test_the_equations_that_are_printed_are_right(case):
                 for index in np.ndindex(array.shape):
                     row, *rest = index or (0,)  # of the matrices of P, which stand one below the other
                     places = (*divmod(row, array.shape[-1]), *rest) if array.name.startswith("P") else index
-                    below = "grav" * array.name.startswith("Qgrav") + "".join(str(i + 1) for i in places)
-                    name = "_".join([array.name.replace("Qgrav", "Q"), below]).rstrip("_")
+                    letter, part, rate = re.fullmatch(r"(.+?)(grav|G|)((?:\d?d)?)", array.name).groups()
+                    below = part + "".join(str(i + 1) for i in places)
+                    name = "_".join([letter + rate, below]).rstrip("_")
                     error = found[name] - expected.outputs[array.name][(k, *index)]
                     assert abs(error) <= 1e-12 * expected.scale(array.name)
     assert blocks == []

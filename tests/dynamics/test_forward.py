@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import sympy
+from bases import moved_mechanisms, random_base
 from files import refusal
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from robots import Interpreted, mechanisms, on_its_axis, random_mechanism, relative_error
+from robots import Interpreted, floating, mechanisms, on_its_axis, random_mechanism, relative_error
 
 import casadi
 import jounce
@@ -17,7 +18,7 @@ from jounce.checks.reference.pinocchio import build_model
 from jounce.dynamics.recursion import matrices
 from jounce.dynamics.recursion.articulated import ArticulatedBodies, has_deep_branches
 from jounce.model.drives import TERMS, Drives
-from jounce.model.mechanism import with_exact_integers
+from jounce.model.mechanism import FloatingBase, with_exact_integers
 from jounce.program.passes import factor
 from jounce.program.trace import Tape
 from jounce.spatial.linear import Factors, solved
@@ -47,7 +48,7 @@ def load(name):
     return jounce.Robot(chain()) if name == "chain" else jounce.load(name)
 
 
-def undoes_inverse_dynamics(robot, rng, order, methods):
+def undoes_inverse_dynamics(robot, rng, order, methods, base=None):
     """Whether rates come back, all but rounding of them and of what forces alone would cause.
 
     Rounding of forces grows by the condition of M; of rates, each takes on that of those below it.
@@ -55,10 +56,13 @@ def undoes_inverse_dynamics(robot, rng, order, methods):
     n, nb = robot.robot.n, len(robot.robot.body_names)
     q, W = rng.uniform(-1, 1, (order + 3, n)), tuple(rng.uniform(-1, 1, (order + 1, nb, 6)))
     M = robot.mass_matrix(q[0])
-    Q = robot.inverse_dynamics(*q, wrench=W)
+    Q = robot.inverse_dynamics(*q, wrench=W, base=base)
+    floats = robot.mechanism.base is not None
+    rates = [np.concatenate(x) for x in zip(base[2:], q[2:], strict=True)] if floats else q[2:]
+    given = base[:2] if floats else base
     for method in methods:
-        found = robot.robot.forward_dynamics(*q[:2], *Q, wrench=W, method=method)
-        for k, (rate, expected) in enumerate(zip(found, q[2:], strict=True)):
+        found = robot.robot.forward_dynamics(*q[:2], *Q, wrench=W, base=given, method=method)
+        for k, (rate, expected) in enumerate(zip(found, rates, strict=True)):
             scale = max(np.abs(expected).max(), np.linalg.norm(np.linalg.inv(M), 2) * np.abs(Q[k]).max())
             assert np.abs(rate - expected).max() < 1e-13 * (k + 1) ** 3 * np.linalg.cond(M) * scale
 
@@ -70,34 +74,60 @@ def test_it_undoes_inverse_dynamics(drawn):
     undoes_inverse_dynamics(driven(*drawn), drawn[1], 4, ["recursion", "closed_form"])
 
 
+@given(moved_mechanisms())
+@settings(max_examples=12)
+def test_it_undoes_inverse_dynamics_on_a_base_that_moves(drawn):
+    """The accelerations of a floating base are found, those of the ground given; wrenches on the base too."""
+    base = random_base(drawn[1], 6)
+    undoes_inverse_dynamics(driven(*drawn), drawn[1], 3, ["recursion", "closed_form"], base)
+
+
+def test_no_force_changes_the_momentum_about_the_center_of_mass():
+    """Whatever the joints do; the center of mass falls."""
+    rng = np.random.default_rng(5)
+    robot = Interpreted(jounce.Robot(floating(random_mechanism(rng, [-1, 0, -1], ["revolute"] * 3, [1.0] * 3), rng)))
+    q, base, Q = rng.uniform(-1, 1, (2, 3)), random_base(rng, 2), rng.uniform(-1, 1, (4, 9))
+    Q[:, :6] = 0
+    rates = robot.forward_dynamics(*q, *Q, base=base)
+    motion, moved = [*q, *(x[6:] for x in rates)], (*base, *(x[:6] for x in rates))
+    scale = np.abs(rates[-1]).max()
+    for hGd in robot.centroidal_momentum(*motion, base=moved)[1:]:
+        assert np.abs(hGd[:3]).max() < 1e-12 * scale
+    c = robot.center_of_mass(*motion, base=moved)
+    assert np.abs(c[2] - robot.gravity).max() < 1e-12
+    assert np.abs(c[3:]).max() < 1e-12 * scale
+
+
 def test_it_undoes_inverse_dynamics_of_long_chains():
     rng = np.random.default_rng(4)
     undoes_inverse_dynamics(driven(chain(), rng), rng, 2, ["recursion"])
 
 
-@given(mechanisms(), st.booleans())
+@given(mechanisms(), st.booleans(), st.booleans())
 @settings(max_examples=40)
-def test_articulated_bodies_agree_with_factors(drawn, armature):
+def test_articulated_bodies_agree_with_factors(drawn, armature, floats):
     m, rng = driven(*drawn).robot.mechanism, drawn[1]
+    m = floating(m, rng) if floats else m
     m = replace(
         m, acting=("armature",) if armature else ("damping",), G=np.eye(m.nb), coordinates=m.joints
     )  # each joint on its own
-    q, b = rng.uniform(-1, 1, (2, 3, m.nb, 1)), rng.uniform(-1, 1, (3, m.nb, 2))
+    q, b = rng.uniform(-1, 1, (2, 3, m.nb, 1)), rng.uniform(-1, 1, (3, m.nv, 2))
     M = jounce.Robot(m).mass_matrix(q[0, ..., 0], method="recursion")
     found, expected = ArticulatedBodies.of(m, q[0]).solve(b), Factors.of(M).solve(b)
     assert relative_error(found, expected) < 1e-13 * np.linalg.cond(M).max()
 
 
-@pytest.mark.parametrize("n", [7, 14])
-def test_the_way_with_fewer_operations_is_taken(n):
-    m = with_exact_integers(chain(n))
+@pytest.mark.parametrize(("n", "floats"), [(7, False), (14, False), (2, True), (7, True)])
+def test_the_way_with_fewer_operations_is_taken(n, floats):
+    m = chain(n)
+    m = with_exact_integers(floating(m, np.random.default_rng(3)) if floats else m)
     counts = []
     for solver in (
         lambda q: ArticulatedBodies.of(m, q),
         lambda q: Factors.of(matrices.mass_matrix(m, columns([q[:, 0]]))[0]),
     ):
         tape = Tape()
-        q, b = tape.variables(n, 1), tape.variables(n, 1)
+        q, b = tape.variables(n, 1), tape.variables(m.nv, 1)
         counts.append(factor(tape.program(solver(q).solve(b)[:, 0])).operations)
     assert (counts[0] < counts[1]) == has_deep_branches(m)
 
@@ -167,6 +197,24 @@ def test_a_singular_mass_matrix_is_refused_by_the_names_of_its_joints():
     assert np.isfinite(robot.inverse_dynamics([0.1], [0.2], [0.3])).all()
     refusal(lambda: robot.forward_dynamics([0.1], [0.2], [0.3]), "mass matrix", "singular", *m.coordinates)
     refusal(lambda: robot.compile("forward_dynamics"), "mass matrix", "singular", *m.coordinates)
+
+
+@pytest.mark.parametrize(("of_base", "of_body", "idle"), [(0, 1, "base, joint1"), (1, 0, "joint1")])
+def test_a_floating_robot_without_inertia_is_refused_by_the_name_of_its_base(of_base, of_body, idle):
+    m = on_its_axis().mechanism
+    M = jounce.inertia_matrix(1, [0, 0, 0], np.eye(3))
+    robot = jounce.Robot(replace(m, base=FloatingBase("base", of_base * M), M=of_body * m.M))
+    given = [0.1], [0.2], np.zeros(7)
+    words = f"singular, of rank 6 for 7 velocities: {idle} can move"
+    refusal(lambda: robot.forward_dynamics(*given, base=(np.eye(4), np.zeros(6))), words)
+
+
+def test_the_acceleration_of_a_floating_base_is_not_given():
+    robot = jounce.Robot(floating(on_its_axis().mechanism, np.random.default_rng(0)))
+    base, state = (np.eye(4), *np.zeros((2, 6))), ([0.1], [0.2], np.zeros(7))
+    words = "base gives 3 terms, up to Vd; forward_dynamics of order 0 with these rates of q takes base=(C, V)"
+    refusal(lambda: robot.forward_dynamics(*state, base=base), words)
+    refusal(lambda: robot.forward_dynamics([0.1], [0.2], [0.3], base=base[:2]), "Q has shape (1,); expected (..., 7)")
 
 
 def test_symbolic_form_names_the_quantities_to_solve_with():

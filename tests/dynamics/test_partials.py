@@ -7,9 +7,10 @@ import jax
 import numpy as np
 import pytest
 import sympy
+from bases import moved_mechanisms, random_base
 from files import refusal
 from hypothesis import given, settings
-from robots import Interpreted, mechanisms, on_its_axis, random_mechanism, relative_error
+from robots import Interpreted, floating, mechanisms, on_its_axis, random_mechanism, relative_error
 
 import casadi
 import jounce
@@ -20,6 +21,7 @@ from jounce.model.mechanism import with_exact_integers
 from jounce.native.forms import program
 from jounce.program import differentiate
 from jounce.program.trace import Tape
+from jounce.spatial.lie import exp
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
@@ -44,28 +46,60 @@ def tree():
 
 def state(m, order, seed=0):
     rng = np.random.default_rng(seed)
-    return list(rng.uniform(-1, 1, (order + 3, m.n))), tuple(rng.uniform(-1, 1, (order + 1, m.nb, 6)))
+    return list(rng.uniform(-1, 1, (order + 3, m.n))), tuple(rng.uniform(-1, 1, (order + 1, len(m.body_names), 6)))
 
 
-def test_partial_derivatives_of_every_rate_are_limits_of_differences():
+def displaced(x, step):
+    """Coordinates or their rates, or those of a twist, moved by steps; a pose by twists along one of its axes each."""
+    if x.shape != (4, 4):
+        return x + step
+    axes = np.eye(6, dtype=x.dtype)
+    moves = np.stack([exp(axis, (step @ axis)[:, None, None]) for axis in axes])
+    return x @ moves[np.abs(step).argmax(axis=-1), np.arange(len(step))]
+
+
+@pytest.mark.parametrize("moved", ["never", "floats", "ground"])
+def test_partial_derivatives_of_every_rate_are_limits_of_differences(moved):
     """In long doubles, by differences of eighth order, with wrenches fixed in the bodies and all drive terms."""
-    m = tree()
+    m = floating(tree(), np.random.default_rng(3)) if moved == "floats" else tree()
     q, W = state(m, 2)
-    q, W = [x.astype(np.longdouble) for x in q], tuple(w.astype(np.longdouble) for w in W)
+    base = () if moved == "never" else random_base(np.random.default_rng(4), 5)
+    q, W, base = ([x.astype(np.longdouble) for x in given] for given in (q, W, base))
     robot = Interpreted(jounce.Robot(m))
     step = np.longdouble("0.01")
     weights = {1: np.longdouble(4) / 5, 2: -np.longdouble(1) / 5, 3: np.longdouble(4) / 105, 4: -np.longdouble(1) / 280}
-    grid = np.concatenate([s * k * step * np.eye(m.n, dtype=np.longdouble) for k in weights for s in (1, -1)])
-    found = robot.inverse_dynamics_partials(*q, wrench=W)
+    grid = np.concatenate([s * k * step * np.eye(m.nv, dtype=np.longdouble) for k in weights for s in (1, -1)])
+    found = robot.inverse_dynamics_partials(*q, wrench=tuple(W), base=tuple(base) or None)
     for j in range(5):
-        moved = robot.inverse_dynamics(*(x + grid if i == j else x + 0 * grid for i, x in enumerate(q)), wrench=W)
-        for k, Q in enumerate(moved):
-            terms = zip(weights.values(), Q.reshape(4, 2, m.n, m.n), strict=True)
+        along_q = [displaced(x, grid[:, -m.n :] * (i == j)) for i, x in enumerate(q)]
+        along_base = [displaced(x, grid[:, :6] * (i == j)) if m.base else x for i, x in enumerate(base)]
+        moves = robot.inverse_dynamics(*along_q, wrench=tuple(W), base=tuple(along_base) or None)
+        for k, Q in enumerate(moves):
+            terms = zip(weights.values(), Q.reshape(4, 2, m.nv, m.nv), strict=True)
             difference = sum(w * (Q_k[0] - Q_k[1]) for w, Q_k in terms).T / step
             if j >= k + 3:
                 assert np.abs(difference).max() < 1e-15
             else:
                 assert relative_error(found[k][j], difference) < 1e-11, (k, j)
+
+
+@given(moved_mechanisms(largest=3))
+@settings(max_examples=10)
+def test_the_recursion_agrees_with_the_closed_form_on_a_base_that_moves(drawn):
+    m, rng = driven(*drawn), drawn[1]
+    robot, (q, W), base = jounce.Robot(m), state(m, 2, int(rng.integers(2**32))), random_base(rng, 5)
+    one, other = (
+        robot.inverse_dynamics_partials(*q, wrench=W, base=base, method=x) for x in ("recursion", "closed_form")
+    )
+    for x, y in zip(one, other, strict=True):
+        assert relative_error(x, y) < 1e-12
+    Q = robot.inverse_dynamics(*q[:3], wrench=W[0], base=base[:3], method="recursion")
+    given = base[:2] if m.base else base[:3]
+    dq, dqd, Minv = robot.forward_dynamics_partials(*q[:2], Q, wrench=W[0], base=given, method="recursion")
+    K, D, M = one[0]
+    tolerance = 1e-13 * np.linalg.cond(M) ** 2
+    for x, y in ((Minv @ M, np.eye(m.nv)), (M @ dq, -K), (M @ dqd, -D)):
+        assert relative_error(x, y) < tolerance
 
 
 @given(mechanisms())
@@ -113,6 +147,33 @@ def test_they_are_those_of_pinocchio(name):
     for found, theirs in zip(robot.forward_dynamics_partials(q, qd, q2d), expected, strict=True):
         theirs = np.triu(theirs) + np.triu(theirs, 1).T if found is expected[-1] else theirs
         assert relative_error(found, theirs) < 1e-10
+
+
+@pytest.mark.parametrize("name", ["solo12", "g1"])
+def test_those_of_floating_robots_are_those_of_pinocchio(name):
+    """On its free flyer, the twist of which is (linear; angular) and its displacements along that."""
+    robot = Interpreted(jounce.load(name, base="floating"))
+    m = robot.mechanism
+    model, rng = build_model(pinocchio, m), np.random.default_rng(2)
+    data, (q, qd, q2d), (C, V, Vd) = model.createData(), rng.uniform(-1, 1, (3, m.n)), random_base(rng, 3)
+    joints = [model.joints[model.getJointId(joint)] for joint in m.joints]
+    places = [*range(3, 6), *range(3), *(joint.idx_v for joint in joints)]
+    x, v, a, tau = np.zeros(model.nq), *np.zeros((3, model.nv))
+    x[:7] = pinocchio.SE3ToXYZQUAT(pinocchio.SE3(C))
+    x[[joint.idx_q for joint in joints]] = q
+    Q = robot.inverse_dynamics(q, qd, q2d, base=(C, V, Vd))
+    v[places], a[places], tau[places] = np.concatenate([V, qd]), np.concatenate([Vd, q2d]), Q
+    assert (
+        relative_error(robot.forward_dynamics(q, qd, Q, base=(C, V)), pinocchio.aba(model, data, x, v, tau)[places])
+        < 1e-11
+    )
+    pinocchio.computeRNEADerivatives(model, data, x, v, a)
+    theirs = [data.dtau_dq.copy(), data.dtau_dv.copy(), np.triu(data.M) + np.triu(data.M, 1).T]
+    P = robot.inverse_dynamics_partials(q, qd, q2d, base=(C, V, Vd))
+    dq, dqd, inverse = pinocchio.computeABADerivatives(model, data, x, v, tau)
+    theirs += [dq, dqd, np.triu(inverse) + np.triu(inverse, 1).T]
+    for found, expected in zip([*P, *robot.forward_dynamics_partials(q, qd, Q, base=(C, V))], theirs, strict=True):
+        assert relative_error(found, expected[np.ix_(places, places)]) < 1e-10
 
 
 def test_they_are_jacobians_by_jax():
@@ -166,9 +227,19 @@ def test_a_wrench_that_keeps_its_direction_in_space_has_one_more_term():
     assert relative_error(K + turning, whole) < 1e-7
 
 
-@pytest.mark.parametrize(("name", "order", "most"), [("iiwa14", 0, 2987), ("iiwa14", 2, 13358), ("g1", 0, 20177)])
-def test_they_take_few_operations(name, order, most):
-    assert program(jounce.load(name).mechanism, Computation("inverse_dynamics_partials", order)).operations <= most
+@pytest.mark.parametrize(
+    ("name", "order", "base", "most"),
+    [
+        ("iiwa14", 0, "fixed", 2987),
+        ("iiwa14", 2, "fixed", 13341),
+        ("g1", 0, "fixed", 20177),
+        ("solo12", 0, "floating", 6278),
+    ],
+)
+def test_they_take_few_operations(name, order, base, most):
+    m = jounce.load(name, **({} if base == "fixed" else {"base": base})).mechanism
+    asked = Computation("inverse_dynamics_partials", order, base=base == "floating")
+    assert program(m, asked).operations <= most
 
 
 def test_a_point_mass_falls_by_its_mass_alone():

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bases import random_base
 from robots import Interpreted, relative_error
 
 import jounce
@@ -97,3 +98,41 @@ def test_poses_and_jacobians_of_merged_links_agree(pair):
         J = pinocchio.computeFrameJacobian(model, data, theta, frame, pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED)
         J = np.concatenate([J[3:], J[:3]])[:, rows]
         assert np.abs(Interpreted(robot).jacobian(q, body=link, frame="world") - J).max() < 1e-12
+
+
+def swapped(x):
+    """(angular; linear) of Pinocchio's (linear; angular), or back."""
+    return np.concatenate([x[3:], x[:3]])
+
+
+@pytest.mark.parametrize("name", ["solo12", "g1"])
+def test_matrices_and_momenta_of_floating_robots_agree(name):
+    """Whose twist of the base is (linear; angular) too, and whose rates are those of its components."""
+    robot, rng = jounce.load(name, base="floating"), np.random.default_rng(3)
+    model = pinocchio.buildModelFromUrdf(str(REAL[name]), pinocchio.JointModelFreeFlyer())
+    data, compute = model.createData(), Interpreted(robot)
+    joints = [model.joints[model.getJointId(joint)] for joint in robot.joint_names]
+    places = [*range(3, 6), *range(3), *(joint.idx_v for joint in joints)]
+    q, qd, q2d = rng.uniform(-1, 1, (3, robot.n))
+    C, V, Vd = base = random_base(rng, 3)
+    x, v, a = np.zeros(model.nq), np.zeros(model.nv), np.zeros(model.nv)
+    x[:7] = pinocchio.SE3ToXYZQUAT(pinocchio.SE3(C))
+    x[[joint.idx_q for joint in joints]] = q
+    v[places], a[places] = np.concatenate([V, qd]), np.concatenate([Vd, q2d])
+    two = {"base": base[:2]}
+    hG, hGd = compute.centroidal_momentum(q, qd, q2d, base=base)
+    c, cd, c2d = compute.center_of_mass(q, qd, q2d, base=base)
+    A, A_rate = compute.centroidal_momentum_matrix(q, qd, **two)
+    pinocchio.computeCentroidalMomentumTimeVariation(model, data, x, v, a)
+    pairs = [(hG, swapped(data.hg.np)), (hGd, swapped(data.dhg.np))]
+    pinocchio.centerOfMass(model, data, x, v, a)
+    pairs += [(c, data.com[0]), (cd, data.vcom[0]), (c2d, data.acom[0])]
+    pairs += [(A_rate, swapped(pinocchio.computeCentroidalMapTimeVariation(model, data, x, v))[:, places])]
+    pairs += [(A, swapped(data.Ag)[:, places])]
+    M = pinocchio.crba(model, data, x)
+    pairs += [(compute.mass_matrix(q), (np.triu(M) + np.triu(M, 1).T)[np.ix_(places, places)])]
+    bias = pinocchio.nonLinearEffects(model, data, x, v) - pinocchio.computeGeneralizedGravity(model, data, x)
+    pairs += [(compute.coriolis_matrix(q, qd, **two) @ v[places], bias[places])]
+    pairs += [(compute.kinetic_energy(q, qd, **two), pinocchio.computeKineticEnergy(model, data, x, v))]
+    for found, expected in pairs:
+        assert relative_error(found, expected) < 1e-11

@@ -37,6 +37,7 @@ LINES = {
     "run": (
         "run planar2r samples.csv -o out.csv --intervals 3 --degree 5", "run planar2r motion.yaml -o out.npz --order 1",
         "run planar2r rates.npz -o out.csv --json", "run planar2r-saved.yaml rates.csv -o out.npz --method recursion",
+        "run planar2r rates.npz -o out --json", "run planar2r rates.csv -o out.npz --reduce peak,rms",
     ),
     "motion": (
         "motion planar2r samples.csv -o out.csv --intervals 3",

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from files import GOOD, refusal, robot_file
-from robots import differentiated, harmonic, relative_error
+from robots import differentiated, harmonic, random_pose, relative_error
 
 import jounce
 from jounce.cli import main
@@ -158,6 +158,29 @@ def test_robots_of_other_libraries_agree_with_mujoco(name):
     robot = quietly(jounce.Robot.from_mujoco, model, base="fixed")
     assert len(robot.mechanism.joints) == np.count_nonzero(model.jnt_type >= 2)
     check_against_mujoco(model, robot)
+
+
+FLOATING = {
+    "robosuite_models/assets/robots/g1/robot.xml": None,
+    "dm_control/suite/fish.xml": None,
+    "dm_control/suite/humanoid_CMU.xml": None,
+    "dm_control/suite/quadruped.xml": "torso",  # next to a ball
+}
+
+
+@pytest.mark.parametrize("name", FLOATING)
+def test_robots_of_other_libraries_float_as_in_mujoco(name):
+    model = mujoco.MjModel.from_xml_path(str(path_of(name)))
+    robot = quietly(jounce.Robot.from_mujoco, model, base="floating", root=FLOATING[name])
+    unconstrained(model)
+    for train in TRAINS:
+        getattr(model, train)[:] = 0
+    data, rng = mujoco.MjData(model), np.random.default_rng(5)
+    rates, base = rng.uniform(-1, 1, (3, robot.n)), (random_pose(rng), *rng.normal(size=(2, 6)))
+    data.qpos[:], data.qvel[:], data.qacc[:] = robot.state_to_mujoco(*rates, base=base, model=model)
+    mujoco.mj_inverse(model, data)
+    Q = robot.forces_from_mujoco(data.qfrc_inverse, data.qpos, model=model)
+    assert relative_error(robot.inverse_dynamics(*rates, base=base, method="recursion"), Q) < 1e-12
 
 
 @pytest.fixture

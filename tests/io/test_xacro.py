@@ -65,6 +65,8 @@ def test_expands(written, monkeypatch, name, given, mass):
 def test_all_options_of_a_urdf_hold(written):
     path = written('type="revolute"', 'type="floating"')
     refusal(lambda: jounce.load(path), "(expanded):", "base='fixed'")
+    with pytest.warns(jounce.JounceWarning, match="has no inertia"):
+        assert jounce.load(written(), base="floating").nv == 7
     robot = jounce.load(written(), gravity=(0, 0, -1), lock={})
     np.testing.assert_allclose(robot.gravity_forces([np.pi / 2]), [2 * 0.5], atol=1e-15)
 

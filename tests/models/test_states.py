@@ -176,6 +176,20 @@ def test_robots_that_stand_are_matched_by_name():
     refusal(lambda: swapped.state_from_pinocchio(np.arange(6.0), model=model), "no joint")
 
 
+def test_a_wheel_that_follows_another_is_where_both_are_turned(tmp_path):
+    """Of a joint without bounds Pinocchio knows no turns: 2.5 rad twice is 5 - 2 pi."""
+    mimic = '<mimic joint="one" multiplier="2"/>'
+    wheels = (joint("one", "world", "a", "continuous"), joint("two", "world", "b", "continuous", inner=mimic))
+    path = robot_file(tmp_path, link("world"), link("a", BODY), link("b", BODY), *wheels)
+    robot, model = jounce.load(path), pinocchio.buildModelFromUrdf(str(path))
+    q, v = robot.state_to_pinocchio([2.5], [0.3], model=model)
+    assert sorted(v.tolist()) == [0.3, 0.6]
+    assert robot.state_from_pinocchio(q, v, model=model).q == pytest.approx([2.5])
+    assert robot.forces_from_pinocchio([1.0, 1.0], model=model).tolist() == [3.0]
+    q[2:] = 1, 0
+    refusal(lambda: robot.state_from_pinocchio(q, model=model), "'two' at 0; it follows one, expected 5")
+
+
 def refusals(pin, muj):
     robot, model = pin
     mobile, scene = muj
@@ -184,6 +198,10 @@ def refusals(pin, muj):
     bad[3:7], late[1, 3], off[-1] = 1, 0.2, off[-1] + 0.5
     part = jounce.Robot.from_pinocchio(model, base="floating", root="z")
     still = jounce.Robot.from_pinocchio(pinocchio.buildSampleModelManipulator())
+    simple = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body><joint/><geom size='1'/></body></worldbody></mujoco>"
+    )
+    arm = jounce.Robot.from_mujoco(simple)
     of_model = still.state_to_pinocchio
     yield lambda: robot.state_from_pinocchio(q[:3], model=model), ["q has shape (3,)", f"(..., {model.nq})"]
     yield lambda: robot.state_from_pinocchio(q, q, model=model), ["v has shape", f"(..., {model.nv})"]
@@ -204,6 +222,7 @@ def refusals(pin, muj):
     yield lambda: of_model([0] * 6, base=C, model=pinocchio.buildSampleModelManipulator()), ["does not float"]
     yield lambda: mobile.forces_from_mujoco(np.zeros(scene.nv), model=scene), ["qpos is None"]
     yield lambda: mobile.forces_to_mujoco(np.zeros(8), model=scene), ["base is None"]
+    yield lambda: arm.forces_to_mujoco([0], base=C, model=simple), ["does not float"]
     yield lambda: mobile.forces_to_mujoco(np.zeros(2), base=C, model=scene), ["Q has shape (2,)", "(..., 8)"]
 
 

@@ -9,6 +9,7 @@ from quantities import IDS, REQUESTS, affordable, branched, method_of, tupled
 from recursion import inverse_dynamics
 from robots import (
     GOLDEN_NAMES,
+    floating,
     golden,
     loads,
     mechanisms,
@@ -43,6 +44,10 @@ def chain():
     return jounce.Robot(random_mechanism(np.random.default_rng(2), [-1, 0, 0, *range(2, 23)], kinds, [1.0] * 24))
 
 
+def afloat(robot):
+    return jounce.Robot(floating(robot.mechanism, np.random.default_rng(3)))
+
+
 KERNELS = {
     "one coordinate": lambda: pendulum().compile(order=2),
     "two coordinates": lambda: jounce.load("planar2r").compile(order=1),
@@ -53,6 +58,8 @@ KERNELS = {
     "a matrix of many coordinates": lambda: chain().compile(order=0, quantity="mass_matrix"),
     "a matrix": lambda: jounce.load("planar2r").compile(order=1, quantity="mass_matrix"),
     "gravity": lambda: forest().compile(order=0, quantity="gravity_forces"),
+    "one coordinate on moving ground": lambda: pendulum().compile(order=1, base=True),
+    "many coordinates on a floating base in a loop": lambda: afloat(chain()).compile(order=4, wrench=True),
 }
 
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from abandoned import abandoned_part
+from robots import floating
 
 import jounce
 from jounce.dynamics.computation import Computation
@@ -19,6 +20,7 @@ from jounce.native.kernel import Kernel
 
 ROBOT = jounce.load("planar2r")
 QUANTITY = Computation("gravity_forces", 0)
+CHANGES: list[dict[str, object]] = [{"order": 1}, {"wrench": True}, {"base": True}, {"name": "mass_matrix"}]
 NAME = "0" * 64
 posix = pytest.mark.skipif(not hasattr(os, "getuid"), reason="Windows keeps users' folders apart itself")
 
@@ -256,8 +258,9 @@ def test_the_key_tells_apart_whatever_the_code_depends_on():
     others = [
         *(replace(m, **{name: getattr(m, name) * (1 + 2**-52)}) for name in ("B", "X", "M", "gravity")),
         *(replace(m, G=turned), replace(m, g=np.array([0.0, 1.0])), replace(m, parent=(-1, -1))),
+        *(floating(m, np.random.default_rng(0), mass) for mass in (1.0, 2.0)),
     ]
-    quantities = [replace(QUANTITY, **x) for x in ({"order": 1}, {"wrench": True}, {"name": "mass_matrix"})]
+    quantities = [replace(QUANTITY, **x) for x in CHANGES]
     targets = [replace(host(), **x) for x in ({"cpu": "other"}, {"features": ""}, {"lanes": 1}, {"fma": None})]
     keys = [
         cache.key(m, what, host()),
@@ -265,7 +268,7 @@ def test_the_key_tells_apart_whatever_the_code_depends_on():
         *(cache.key(m, quantity, host()) for quantity in quantities),
         *(cache.key(m, what, target) for target in targets),
     ]
-    assert len(set(keys)) == len(keys) == 1 + 7 + 3 + 4
+    assert len(set(keys)) == len(keys) == 1 + 9 + 4 + 4
     assert cache.key(replace(m, name="another name"), what, host()) == keys[0]
     assert cache.key(jounce.load("planar2r").mechanism, what, host()) == keys[0]
 

@@ -6,7 +6,10 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
+from bases import random_base
 from quantities import REQUESTS, branched, ids
+from robots import floating
+from scipy.linalg import expm
 
 import jounce
 from jounce.checks.derivatives import product
@@ -16,6 +19,7 @@ from jounce.errors import JounceError, JounceWarning
 from jounce.native import forms, jit, plan
 from jounce.native import kernel as module
 from jounce.program.differentiate import jvp, vjp
+from jounce.spatial.lie import wedge
 
 ROBOT = branched()  # with a mimic joint and drives
 TWO = jounce.load("planar2r")
@@ -103,6 +107,30 @@ def test_products_agree_with_jax():
         gradients, tangents = both(x, weights, directions)
     close(kernel.vjp(x, weights), [np.asarray(y) for y in gradients])
     close([kernel.jvp(x, directions)], [np.asarray(tangents)])
+
+
+@pytest.mark.parametrize("floats", [True, False])
+def test_products_by_a_pose_are_those_of_displacements(floats):
+    """Steps C exp(wedge(d)), and transposes of each other."""
+    robot = jounce.Robot(floating(TWO.mechanism, np.random.default_rng(0))) if floats else TWO
+    kernel, rng = robot.compile("base_wrench", order=1, base=True), np.random.default_rng(1)
+    C, *rest = random_base(rng, 4)
+    x, given = [*rng.uniform(-1, 1, (4, 2)), C, *rest], kernel.signature.inputs
+    directions, weights = [rng.uniform(-1, 1, (3, *port.displacement)) for port in given], rng.uniform(-1, 1, (2, 3, 6))
+    gradients, tangents = kernel.vjp(x, tuple(weights)), kernel.jvp(x, directions)
+    assert [g.shape for g in gradients] == [d.shape for d in directions]
+    assert abs(inner(gradients, directions) - inner(tangents, weights)) < 1e-12 * abs(inner(gradients, directions))
+    by_pose = kernel.jvp(x, [None] * 4 + [directions[4]] + [None] * 3)
+    h = 1e-5
+    higher, lower = (
+        kernel(*x[:4], np.stack([C @ expm(s * h * wedge(d)) for d in directions[4]]), *rest) for s in (1, -1)
+    )
+    close(by_pose, [(a - b) / (2 * h) for a, b in zip(higher, lower, strict=True)], 1e-8)
+    for name, others, found in (("vjp", [*weights], gradients), ("jvp", directions, tangents)):
+        batch = [np.broadcast_to(a, (3, *port.shape)) for a, port in zip(x, given, strict=True)]
+        close(
+            found, product(replace(kernel.computation, product=name), "closed_form", robot.mechanism, [*batch, *others])
+        )
 
 
 def test_batches_threads_and_out_change_no_bit(kernel, given):

@@ -30,6 +30,7 @@ TREE = {"parent": [-1, 0], "names": ["a", "b"], "gravity": [0, 0, -9.81], "joint
 TREE |= {"limits": {"lower": [-1, -1]}, "drives": {"damping": [1, 1]}}
 TREE |= {"G": np.eye(2), "g": [0, 0]}
 CHAIN = {key: value for key, value in TREE.items() if key != "parent"}
+TREE |= {"base": np.eye(6), "base_name": "trunk"}
 SAMPLES = np.linspace(0, 1, 20)
 SAMPLED = jounce.load_motion({"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3}, ROBOT, 0, degree=7)
 TWO = np.stack([SAMPLES**2, SAMPLES**3], axis=1)
@@ -72,6 +73,30 @@ def screws(**data: Any) -> Any:
     return jounce.Robot.from_screws(B, X, M, **data)
 
 
+def of_library(name: str, robot: jounce.Robot, model: Any) -> dict[str, Case]:
+    """States and forces from and to another library."""
+    state_from, state_to, forces_from, forces_to = (
+        getattr(robot, f"{what}_{way}_{name}") for what in ("state", "forces") for way in ("from", "to")
+    )
+    motion = dict(zip(("q", "qd", "q2d"), np.zeros((3, robot.n)), strict=True))
+    base, forces = (np.eye(4), *np.zeros((2, 6))), np.zeros(robot.nv)
+    vectors = state_to(*motion.values(), base=base, model=model)
+    keys = [key for key in inspect.signature(state_from).parameters if key != "model"]
+    tau, *more = (key for key in inspect.signature(forces_from).parameters if key != "model")
+    return {
+        state_from.__name__: (state_from, {**dict(zip(keys, vectors, strict=True)), "model": model}),
+        state_to.__name__: (state_to, {**motion, "base": base, "model": model}),
+        forces_from.__name__: (forces_from, {tau: forces, **dict.fromkeys(more, vectors[0]), "model": model}),
+        forces_to.__name__: (forces_to, {"Q": forces, "model": model} | ({"base": base[0]} if more else {})),
+    }
+
+
+HUMANOID = pinocchio.buildSampleModelHumanoid()
+FLYING = mujoco.MjModel.from_xml_string(
+    "<mujoco><worldbody><body name='a'><freejoint/><geom size='1'/><body name='b'><joint name='j'/><geom size='1'/>"
+    "</body></body></worldbody></mujoco>"
+)
+
 CASES: dict[str, Case] = {
     "Robot": (jounce.Robot, {"mechanism": ROBOT.mechanism}),
     "load": (jounce.load, {"source": "r.urdf", **READ, **PART}),
@@ -80,19 +105,20 @@ CASES: dict[str, Case] = {
     "load bundled": (jounce.load, {"source": "iiwa14", **READ, "gravity": [0, 0, -9.81]}),
     "load planar2r": (jounce.load, {"source": "planar2r", "L1": 1, "L2": 1, "m1": 1, "m2": 1, "g": 9.81}),
     "save": (jounce.save, {"robot": ROBOT, "path": "r.yaml"}),
-    "symbolic": (jounce.symbolic, {"robot": ROBOT}),
+    "symbolic": (jounce.symbolic, {"robot": ROBOT, "base": False}),
     "Symbolic.dot": (SYMBOLIC.dot, {"x": SYMBOLIC.q[0]}),
     "codegen": (
         jounce.codegen,
         {
             "robot": ROBOT, "lang": "python", "order": 0, "directory": "code", "outputs": ["gravity_forces"],
             "wrench": False, "parameters": (), "float32": False, "prefix": "r", "force": True,
+            "base": True,
         },
     ),
     "casadi_function": (
         jounce.casadi_function,
         {"robot": ROBOT, "quantity": "jacobian", "order": 0, "wrench": False, "body": "body1", "frame": "world"}
-        | {"parameters": ()},
+        | {"parameters": (), "base": False},
     ),
     "inertia_matrix": (
         jounce.inertia_matrix,
@@ -181,6 +207,8 @@ CASES: dict[str, Case] = {
         jounce.Robot.from_mujoco,
         {"model": mujoco.MjModel.from_xml_string(MJCF), "gravity": None, **PART},
     ),
+    **of_library("pinocchio", jounce.Robot.from_pinocchio(HUMANOID, base="floating"), HUMANOID),
+    **of_library("mujoco", jounce.Robot.from_mujoco(FLYING, base="floating"), FLYING),
     "with_drives": (ROBOT.with_drives, {"terms": True, "eps": None}),
     "term of with_drives": (lambda term: ROBOT.with_drives([term]), {"term": "spring"}),
     "with_limits": (
@@ -237,7 +265,7 @@ CASES: dict[str, Case] = {
         lambda rates, wrench: DAMPED.damping_error(rates, *np.ones((3, 2)), wrench=wrench),
         {"rates": (0.1, 0.2), "wrench": None},
     ),
-    "ElasticRobot.compile": (ARM.compile, {"quantity": "motor_positions", "order": 0, "wrench": False}),
+    "ElasticRobot.compile": (ARM.compile, {"quantity": "motor_positions", "order": 0, "wrench": False, "base": False}),
     "check": (ROBOT.with_limits(effort=99).check, {"motion": SAMPLED}),
     "slowdown": (ROBOT.with_limits(effort=99).slowdown, {"motion": SAMPLED}),
     "retime": (ROBOT.with_limits(velocity=99, acceleration=99).retime, {"motion": SAMPLED, "margin": 0.01}),
@@ -265,7 +293,15 @@ CASES: dict[str, Case] = {
         ROBOT.forces_along,
         {
             "motion": SAMPLED,
-            "t": None, "order": 0, "method": "recursion", "base": None,
+            "t": None, "order": 0, "method": "recursion",
+        },
+    ),
+    "Motion.base": (SAMPLED.with_base(None, np.eye(4)).base, {"t": 0.5, "order": 1, "side": "left"}),
+    "Motion.with_base": (
+        SAMPLED.with_base,
+        {
+            "t": SAMPLES, "C": np.tile(np.eye(4), (20, 1, 1)),
+            "degree": 7, "intervals": None, "bandwidth": None, "force": False,
         },
     ),
     "drive_forces": along(ROBOT.drive_forces, terms=True),
@@ -347,6 +383,7 @@ def test_every_argument_of_every_public_function_is_attacked():
         "Mechanism",
         "Motion",
         "Report",
+        "RobotState",
         "Retiming",
         "Slowdown",
     }  # what calls return, exported for its name

@@ -1,6 +1,8 @@
 """The primitive of JAX: the numbers of NumPy, one native call under every transformation, exact derivatives."""
 
 import gc
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import jax
@@ -148,10 +150,11 @@ def test_a_pose_of_the_base_is_differentiated_along_displacements():
 
 
 def test_singles_are_doubles_inside():
-    """Rounded once, at the end, with 64 bits enabled or not."""
-    q = [x.astype(np.float32) for x in states((7,), (7,), ())]
+    """Rounded once, at the end, with 64 bits enabled or not; converted in more than one part."""
+    q = [x.astype(np.float32) for x in states((5003,), (5003,), ())]
     exact = ROBOT.inverse_dynamics(*(x.astype(float) for x in q)).astype(np.float32)
     same(jax.jit(ROBOT.inverse_dynamics)(*q), exact)
+    same(ROBOT.mass_matrix(jnp.asarray(q[0][:0])), np.zeros((0, 2, 2), np.float32))
     cost = lambda q, *more: ROBOT.inverse_dynamics(q, *more).sum()  # noqa: E731
     with jax.enable_x64(False):
         same(ROBOT.inverse_dynamics(*map(jnp.asarray, q)), exact)
@@ -223,6 +226,11 @@ def test_a_jaxlib_that_refuses_the_handler_calls_python_back(monkeypatch):
     same(jax.jit(robot.inverse_dynamics)(*single), exact)
 
 
+def test_jax_is_imported_by_its_users_alone():
+    script = "import jounce, sys; jounce.load('planar2r').gravity_forces([0.0, 0.0]); sys.exit('jax' in sys.modules)"
+    subprocess.run([sys.executable, "-c", script], timeout=60, check=True)
+
+
 def test_other_platforms_get_the_traced_law():
     q = states((4,))[0]
     for law in (ROBOT.gravity_forces, jax.grad(lambda q: ROBOT.gravity_forces(q).sum())):
@@ -242,11 +250,12 @@ def test_what_native_code_does_not_serve_is_traced():
 
 
 def test_what_fits_nothing_is_refused():
-    q = jnp.ones((3, 2))
+    q, kernel = jnp.ones((3, 2)), ROBOT.compile("mass_matrix", order=0)
     same(ROBOT.mass_matrix(q, method="kernel"), ROBOT.mass_matrix(np.ones((3, 2))))
     for call, match in (
         (lambda: ROBOT.mass_matrix(q, threads=2), r"^threads=2 needs native code.* runs on one thread"),
         (lambda: ROBOT.mass_matrix(1j * q, method="kernel"), r"^method='kernel' is not available.* of real numbers"),
+        (lambda: jax.vmap(kernel)(q), r"^<Kernel: .* takes arrays of numbers, .* methods of a Robot take both"),
         (lambda: ROBOT.inverse_dynamics(q, q[:2], q), r"^batch axes do not fit together: q \(3,\), qd \(2,\)"),
     ):
         with pytest.raises(JounceError, match=match):

@@ -4,17 +4,33 @@ from dataclasses import replace
 
 from jounce.dynamics.recursion.bodies import jacobians, poses, twists
 from jounce.dynamics.recursion.forces import AT_REST, MOVING, base_wrench, rnea
-from jounce.dynamics.recursion.matrices import coriolis_matrix, mass_matrix, skew_coriolis_matrix
-from jounce.dynamics.recursion.momenta import generalized_momentum, momentum, potential_energy
+from jounce.dynamics.recursion.matrices import (
+    centroidal_momentum_matrix,
+    coriolis_matrix,
+    mass_matrix,
+    skew_coriolis_matrix,
+)
+from jounce.dynamics.recursion.momenta import (
+    center_of_mass,
+    centroidal_momentum,
+    generalized_momentum,
+    kinetic_energy,
+    momentum,
+    potential_energy,
+)
 
 __all__ = [
     "base_wrench",
+    "center_of_mass",
+    "centroidal_momentum",
+    "centroidal_momentum_matrix",
     "coriolis_matrix",
     "external_forces",
     "generalized_momentum",
     "gravity_forces",
     "inverse_dynamics",
     "jacobians",
+    "kinetic_energy",
     "mass_matrix",
     "momentum",
     "poses",

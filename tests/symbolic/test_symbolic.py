@@ -16,7 +16,7 @@ from sympy import cos, sin
 
 import jounce
 from jounce.errors import JounceError
-from jounce.model.mechanism import Frame
+from jounce.model.mechanism import FloatingBase, Frame
 from jounce.spatial.lie import pose
 from jounce.spatial.series import rate_name
 
@@ -348,3 +348,31 @@ def test_numeric_paths_refuse_symbols_in_one_line(tmp_path):
             attempt()
         assert "\n" not in str(refused.value)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("afloat", [True, False])
+def test_the_base_moves_as_its_symbols_say(afloat):
+    """Q with its part of wrenches at a state, and its rate from the rates of the symbols, those of the pose too."""
+    m, rng = jounce.load("planar2r").mechanism, np.random.default_rng(3)
+    base = FloatingBase("base", jounce.inertia_matrix(2.0, [0.0, 0.1, 0.2], np.diag([0.3, 0.4, 0.5])))
+    robot = jounce.Robot(replace(m, base=base) if afloat else m)
+    S = jounce.symbolic(robot, base=True)
+    q, W = rng.uniform(-1, 1, (3, robot.n)), rng.uniform(-1, 1, (len(robot.body_names), 6))
+    base = (random_pose(rng), *rng.uniform(-1, 1, (2, 6)))
+    known = dict(zip([*S.base_pose[:3, :]], base[0][:3].ravel(), strict=True))
+    for name, arrays in (("q", q), ("W", [W]), ("base_twist", base[1:])):
+        for k, x in enumerate(arrays):
+            known |= dict(zip(S.series[name][k], x.ravel(), strict=True))
+    expected = robot.inverse_dynamics(*q, base=base, wrench=W)
+    found = sympy.lambdify(list(known), S.Q + S.Qext)(*known.values())[:, 0]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * abs(expected).max())
+    gap = S.dot(S.Qgrav) - S.Qgravd
+    assert abs(sympy.lambdify(list(known), gap)(*known.values())).max() < 1e-12
+
+
+def test_a_fixed_robot_has_no_symbols_of_a_base_that_it_was_not_asked_for():
+    S = jounce.symbolic(planar2r())
+    with pytest.raises(AttributeError, match=r"^Symbolic has no member 'base_pose'"):
+        _ = S.base_pose
+    with pytest.raises(JounceError, match="R_11, which is the name of a coordinate, wrench or base motion"):
+        jounce.symbolic(jounce.load("planar2r", L1=sympy.Symbol("R_11")), base=True)

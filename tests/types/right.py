@@ -46,6 +46,8 @@ planar = jounce.load("planar2r", m1=m[0], L2=0.5)
 pendulum = jounce.Robot.from_screws(
     [np.eye(4)], [[0, 1, 0, 0, 0, 0]], [jounce.inertia_matrix(2.0, [0, 0, 1], 0 * np.eye(3))]
 )
+flying = jounce.Robot.from_screws([np.eye(4)], [[0, 1, 0, 0, 0, 0]], [np.eye(6)], base=np.eye(6), base_name="trunk")
+floating = jounce.load("g1", base="floating")
 arm = jounce.Robot.from_dh([{"theta": 0, "d": 0, "a": 1, "alpha": 0}], np.eye(6)[None], "standard")
 arm = jounce.Robot.from_dh([[1.0, 0, 0, 0]], np.eye(6)[None], "modified", types=["revolute"])
 motion = jounce.load_motion({"t": range(20), "joint1": [0.1] * 20, "joint2": np.zeros(20)}, planar, degree=7)

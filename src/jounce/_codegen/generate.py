@@ -40,6 +40,7 @@ def codegen(
     float32: bool = False,
     prefix: str | None = None,
     force: bool = False,
+    base: bool = False,
 ) -> Generated:
     """Write a robot's equations as source code that does not depend on jounce, with tests for the user's compiler.
 
@@ -74,6 +75,10 @@ def codegen(
         The prefix of all names in the code; by default the robot's name.
     force : bool
         Write into a folder that is not empty: what an earlier run generated is replaced or removed, all else stays.
+    base : bool
+        Whether the functions take the motion of the base of a robot that is fixed, so that its ground moves: its pose
+        base_pose (4, 4), body to inertial frame, its twist base_twist (6) in its own axes, and the rates of it. Those
+        of a robot that floats always do.
 
     Returns
     -------
@@ -102,7 +107,7 @@ def codegen(
     if not isinstance(directory, str | os.PathLike | None):
         raise JounceError(f"directory is {quoted(directory)}; expected the path of a folder")
     true_or_false("force", force, "whether to write into a folder that is not empty")
-    options = check_options(robot, lang, order, outputs, wrench, parameters, float32, prefix)
+    options = check_options(robot, lang, order, outputs, wrench, parameters, float32, prefix, base)
     folder = path_of(f"{options.prefix}-{lang}" if directory is None else directory)
     names = render.names(options)
     folders.check_folder(folder, header.MARK, names, force)

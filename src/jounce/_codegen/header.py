@@ -37,8 +37,9 @@ def arrays(robot: Mechanism, first: int) -> list[tuple[str, list[str]]]:
     units = coordinate_units(robot)
     named = zip(map(printable, robot.coordinates), units, strict=True)
     coordinates = [f"{j}  {name}, {unit}" for j, (name, unit) in enumerate(named, start=first)]
-    bodies = [f"{i}  {printable(name)}" for i, name in enumerate(robot.bodies, start=first)]
-    return [(f"Coordinates, the {robot.n} entries of q, qd, ... and of forces:", coordinates), ("Bodies:", bodies)]
+    bodies = [f"{i}  {printable(name)}" for i, name in enumerate(robot.body_names, start=first)]
+    of_forces = f", those of forces behind the 6 of {printable(robot.base.name)}" if robot.base else " and of forces"
+    return [(f"Coordinates, the {robot.n} entries of q, qd, ...{of_forces}:", coordinates), ("Bodies:", bodies)]
 
 
 def conventions(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
@@ -56,6 +57,32 @@ def conventions(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
         found.append(
             "W: six entries per body, (moment; force), what the body EXERTS on its environment, in the axes of the"
             " frame of the body about its origin; Wd, W2d are the rates of these components. A load on it enters as -W."
+        )
+    return found + base_motion(robot, functions)
+
+
+def base_motion(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
+    """Return sentences on the base and its motion, for functions that depend on them."""
+    found = []
+    if robot.base and any("nv" in row.shape for row in _quantities(functions)):
+        found.append(
+            f"The robot floats: of {robot.nv} rows or columns, the first 6 are those of its base,"
+            f" {printable(robot.base.name)}: its twist (angular; linear), the wrench (moment; force) on it, in its own"
+            " axes about its origin. Equations are those of base and joints, qd begins with the twist of the base."
+        )
+    if any(f.computation.base for f in functions):
+        base = f"the base, {printable(robot.base.name)}" if robot.base else "the ground, on which the robot stands"
+        found.append(
+            f"base_pose: the pose [R, r; 0, 1] of {base}, with a rotation R and its origin at r, both in the inertial"
+            " frame. base_twist: its twist (angular; linear), in its own axes about its origin; base_twistd,"
+            " base_twist2d are the rates of these components."
+        )
+        if not robot.base:
+            found[-1] += " Forces hold the joints against its acceleration, too."
+    if any(f.computation.base and f.computation.product for f in functions):
+        found.append(
+            "Derivatives by base_pose are those by the six components of a twist d, (angular; linear), in the axes of"
+            " the base, which moves it to base_pose exp(d) from d = 0 on."
         )
     return found
 
@@ -80,8 +107,8 @@ def places(robot: Mechanism, functions: Sequence[Function]) -> dict[str, str]:
 
 def layouts(functions: Sequence[Function]) -> list[str]:
     """Return the index of entry (i, j) of each kind of matrix in its flat array."""
-    outputs = (f.outputs[0] for f in functions)
-    return list({f"{x.name}[{x.shape[1]} * i + j]": None for x in outputs if len(x.shape) > 1})
+    arrays = [f.outputs[0] for f in functions] + [x for f in functions for x in f.inputs if x.is_pose]
+    return list({f"{x.name}[{x.shape[1]} * i + j]": None for x in arrays if len(x.shape) > 1})
 
 
 def elastic_joints(robot: Mechanism, functions: Sequence[Function]) -> list[str]:

@@ -8,7 +8,7 @@ from jounce._codegen.function import function_names
 from jounce._codegen.language import NAMES, Language, language
 from jounce._codegen.parametric import Parametric, parametric
 from jounce.arguments.rates import checked_order
-from jounce.arguments.requests import parse_computation
+from jounce.arguments.requests import parse_computation, takes_base
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.errors import JounceError, listed, quoted, several, true_or_false
@@ -40,16 +40,18 @@ def check_options(
     parameters: Sequence[str],
     float32: bool,
     prefix: str | None,
+    base: bool = False,
 ) -> Options:
     """Check the arguments of `codegen`; raise `JounceError` if one is invalid."""
     target = language(lang)
     true_or_false("wrench", wrench, "whether functions take any")
+    true_or_false("base", base, "whether functions take the motion of the base")
     true_or_false("float32", float32, "whether the code is in single precision")
     if float32 and not target.single:
         others = languages_where(lambda x: x.single)
         raise JounceError(f"{target.title} has no single precision; float32 works with {others}")
     order = checked_order(order, HIGHEST_CODE_ORDER)
-    computations = _computations(robot.mechanism, target, outputs, order, wrench)
+    computations = _computations(robot.mechanism, target, outputs, order, wrench, base)
     check_size(robot.mechanism, order)
     found = parametric(robot.mechanism, parameters)
     for name in found.shapes:
@@ -71,9 +73,9 @@ def check_size(mechanism: Mechanism, order: int) -> None:
 
 
 def _computations(
-    mechanism: Mechanism, target: Language, outputs: Sequence[str], order: int, wrench: bool
+    mechanism: Mechanism, target: Language, outputs: Sequence[str], order: int, wrench: bool, base: bool
 ) -> list[Computation]:
-    """Return the computations of the outputs, with wrenches if their quantity depends on them."""
+    """Return the computations of the outputs, with wrenches and the motion of the base if they depend on them."""
     texts = several(outputs)
     found = [parse_computation(mechanism, text, order) for text in texts]
     if not found or len(set(found)) != len(found):
@@ -91,7 +93,13 @@ def _computations(
             )
     if wrench and not any(asked.quantity.wrenches for asked in found):
         parse_computation(mechanism, texts[0], order, wrench)  # says which ones do
-    return [replace(asked, wrench=wrench and asked.quantity.wrenches) for asked in found]
+    moving = [asked.base or (base and takes_base(asked.name, asked.frame)) for asked in found]
+    if base and not any(moving):
+        raise JounceError(f"base=True has no effect: the motion of the base does not enter {listed(texts)}")
+    return [
+        replace(asked, wrench=wrench and asked.quantity.wrenches, base=moves)
+        for asked, moves in zip(found, moving, strict=True)
+    ]
 
 
 def _check_product(asked: Computation, target: Language) -> None:

@@ -58,7 +58,7 @@ def parametric(mechanism: Mechanism, asked: Sequence[str]) -> Parametric:
 
 
 def _check_masses(mechanism: Mechanism) -> None:
-    for body, mass in zip(mechanism.bodies, mechanism.M[:, 3, 3], strict=True):
+    for body, mass in zip(mechanism.body_names, mechanism.inertias[:, 3, 3], strict=True):
         if _is_sympy(mass) and mass.free_symbols:
             raise JounceError(
                 f"the mass of {body!r} is {mass}; 'masses' applies to numbers; symbols are parameters already"
@@ -76,7 +76,7 @@ def _without(mechanism: Mechanism, replaced: Container[str]) -> Mechanism:
 
 def symbols(mechanism: Mechanism) -> list[str]:
     """The names of SymPy's symbols in the data of a mechanism."""
-    entries = [x for name in DATA if is_symbolic(array := getattr(mechanism, name)) for x in array.flat]
+    entries = [x for array in _data(mechanism) if is_symbolic(array) for x in array.flat]
     odd = next((x for x in entries if not isinstance(x, int | float | np.number) and not _is_sympy(x)), None)
     if odd is not None:
         raise JounceError(
@@ -91,11 +91,17 @@ def symbols(mechanism: Mechanism) -> list[str]:
 
 def substitute(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
     """The mechanism with values in place of SymPy's symbols."""
-    if not any(is_symbolic(getattr(mechanism, name)) for name in DATA):
+    if not any(map(is_symbolic, _data(mechanism))):
         return mechanism
     put = np.frompyfunc(lambda x: _value(x, values) if _is_sympy(x) else x, 1, 1)
     data: dict[str, Any] = {name: np.asarray(put(getattr(mechanism, name)), dtype=object) for name in DATA}
-    return replace(mechanism, **data)
+    base = mechanism.base and replace(mechanism.base, M=np.asarray(put(mechanism.base.M), dtype=object))
+    return replace(mechanism, base=base, **data)
+
+
+def _data(mechanism: Mechanism) -> list[Array]:
+    """The arrays that may hold symbols."""
+    return [getattr(mechanism, name) for name in DATA] + ([mechanism.base.M] if mechanism.base else [])
 
 
 def _is_sympy(x: object) -> bool:

@@ -90,7 +90,7 @@ def _context(options: Options, functions: Sequence[Function], tests: Sequence[Ve
         "single": single,
         "order": options.order,
         "n": mechanism.n,
-        "nb": mechanism.nb,
+        "nb": len(mechanism.body_names),
         "functions": printed,  # Printed, in the order asked for
         "tests": list(zip(printed, tests, strict=True)),  # each with its Vectors
         "parameters": functions[0].parameters,
@@ -103,6 +103,7 @@ def _context(options: Options, functions: Sequence[Function], tests: Sequence[Ve
         "places": header.places(mechanism, functions),
         "drive_trains": header.drive_trains(mechanism, functions),
         "layouts": header.layouts(functions),
+        "moving": any(function.computation.base for function in functions),
         "elementary": _elementary(functions),
         "scalars": any(not function.outputs[0].shape for function in functions),
         "number": lambda x: literal(digits(x, single), single),

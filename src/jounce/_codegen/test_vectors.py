@@ -12,10 +12,12 @@ from jounce.checks.magnitudes import magnitudes, scale
 from jounce.dynamics.computation import Port
 from jounce.model.mechanism import with_extended_precision
 from jounce.robot.generic import compute_by_method
+from jounce.spatial.lie import pose
 
 MOST_BODY_STATES = 100  # bodies times states: the closed form is dense
 MOST_STATES = 10  # states
 STEPS = 1000  # states are whole multiples of 1/STEPS: short to write, the same in every language
+QUATERNIONS = [[8, 6, 0, 0], [8, 4, 4, 2], [7, 5, 5, 1]]  # of which entries of rotations have two decimals
 TOLERANCE = {False: 1e-13, True: 2e-4}  # of the test, in double and single precision
 
 
@@ -55,6 +57,8 @@ def vectors(
     count = max(1, min(MOST_STATES, MOST_BODY_STATES // robot.origin.nb)) if count is None else count
 
     def random(port: Port) -> np.ndarray:
+        if port.is_pose:
+            return np.stack([_random_pose(rng) for _ in range(count)])
         return rng.integers(-2 * STEPS, 2 * STEPS, (count, *port.shape)) / STEPS
 
     def given(x: np.ndarray) -> np.ndarray:
@@ -77,6 +81,15 @@ def vectors(
         results.append(compute(function.computation, method, mechanism, list(states.values())))
         sizes.append(size(mechanism, function.computation, list(states.values())))
     return Vectors(parameters, inputs, _by_name(function, results), _by_name(function, sizes))
+
+
+def _random_pose(rng: np.random.Generator) -> np.ndarray:
+    """A pose of short decimals: its rotation is that of a quaternion of integers, the sum of whose squares is 100."""
+    a, x, y, z = rng.permutation(QUATERNIONS[rng.integers(len(QUATERNIONS))])
+    v = np.array([x, y, z]) * rng.choice([-1, 1], 3)
+    R = (a * a - v @ v) * np.eye(3) + 2 * np.outer(v, v) + 2 * a * np.cross(np.eye(3), v)
+    r = rng.integers(-2 * STEPS, 2 * STEPS, (3, 1)) / STEPS
+    return pose(R / 100, r)
 
 
 def _near(own: np.ndarray | None, random: np.ndarray) -> np.ndarray:

@@ -6,16 +6,20 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
+import numpy as np
+
 from jounce._symbolic.expressions import expressions
 from jounce.arguments import requests
 from jounce.arguments.rates import checked_order
 from jounce.dynamics.quantities import QUANTITIES, Quantity
-from jounce.errors import JounceError, no_such, quoted
+from jounce.errors import JounceError, no_such, quoted, true_or_false
 from jounce.robot import Robot
 from jounce.spatial.series import SUFFIX, Series, rate_name
 
 EXTERNAL = "ext"  # ends the symbol of what wrenches add to a quantity: Qext
 NAMED = 12  # rates of the coordinates that `Symbolic.dot` knows
+SYMBOLS = {"q": NAMED, "W": NAMED, "base_twist": NAMED, "base_pose": 1}  # of a pose, rates are no symbols
+NOTHING: Series = Series.constant(np.empty(0))
 OF_BODIES = {row.name: row for row in QUANTITIES.values() if row.of_bodies}
 OF_ROBOT = {row.symbol: row for row in QUANTITIES.values() if not row.of_bodies and not row.forces}
 OF_WRENCHES = {row.symbol + EXTERNAL: row for row in OF_ROBOT.values() if row.wrenches and not row.elastic}
@@ -28,6 +32,8 @@ class Symbolic:
     * ``S.q, S.qd, S.q2d, ...`` are the symbols q1, qdot1, qddot1, ... of the coordinates, in the order of
       `joint_names`, as columns; ``S.W, S.Wd, ...``, (nb, 6), are those of the wrenches that the bodies exert: m_x1 ..
       f_z1, mdot_x1, ...
+    * ``S.base_pose``, (4, 4), is the pose [R, r; 0, 1] of the base, where it moves, of the symbols R_11, ..., r_z, and
+      ``S.base_twist, S.base_twistd, ...`` its twist in its own axes, omega_x, ..., v_z, omegadot_x, ...
     * Each quantity that belongs to no body is an attribute named after its symbol, ``S.Q``, ``S.M``, ``S.U``, and so
       are its rates, ``S.Qd``, ``S.Q2d``, ``S.Q3d``, ...: a matrix, a column of a vector, or an expression.
     * These are the quantities without wrenches; the part of wrenches has ``ext`` in its name: Q is ``S.Q + S.Qext``.
@@ -65,6 +71,8 @@ class Symbolic:
     def dot(self, x: Any) -> Any:
         """The time derivative of an expression, or matrix of them, in the coordinates, the wrenches and their rates.
 
+        The pose of the base has the rate ``C wedge(V)``, of its twist V.
+
         Examples
         --------
         >>> import jounce
@@ -79,8 +87,9 @@ class Symbolic:
         if not isinstance(x, sympy.Expr | sympy.MatrixBase | sympy.NDimArray | int | float):
             raise JounceError(f"dot() expects a SymPy expression, matrix or array, got {quoted(x)}")
         total, present = 0 * x, getattr(x, "free_symbols", ())
-        for moving in (self.series["q"], self.series["W"]):
-            for k in range(NAMED):
+        for name, count in SYMBOLS.items():
+            moving = self.series.get(name, NOTHING)
+            for k in range(count):
                 for symbol, rate in zip(moving[k], moving[k + 1], strict=True):
                     if symbol in present:
                         total = total + sympy.diff(x, symbol) * rate
@@ -95,7 +104,7 @@ def quotient(row: Quantity) -> str:
     )
 
 
-def symbolic(robot: Robot) -> Symbolic:
+def symbolic(robot: Robot, base: bool = False) -> Symbolic:
     """The equations of motion of a robot as SymPy expressions: every quantity, and its rates.
 
     Expressions are multiplied out in sines and cosines of sums of angles, so that equal ones look equal; the common
@@ -106,6 +115,9 @@ def symbolic(robot: Robot) -> Symbolic:
     ----------
     robot : Robot
         A robot of symbols or of numbers.
+    base : bool, optional
+        Whether the ground of a fixed robot moves as symbols say: its pose and twist enter then. The base of a floating
+        robot always does; its six rows come first.
 
     Returns
     -------
@@ -142,7 +154,8 @@ def symbolic(robot: Robot) -> Symbolic:
         raise JounceError("symbolic() needs SymPy; install it by: pip install 'jounce[sympy]'") from None
     if not isinstance(robot, Robot):
         raise JounceError(f"symbolic() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
-    found = expressions(robot.mechanism)
+    true_or_false("base", base, "whether the ground moves")
+    found = expressions(robot.mechanism, base or robot.mechanism.base is not None)
     rigid = robot.mechanism.elasticity is None
     series = {symbol: found.quantity(row) for symbol, row in OF_ROBOT.items() if not (row.elastic and rigid)}
     series |= {symbol: found.external(row, symbol) for symbol, row in OF_WRENCHES.items()}

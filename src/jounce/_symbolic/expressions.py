@@ -12,9 +12,12 @@ from jounce._scalars import Array, zeros_like
 from jounce._symbolic.model import cast_mechanism, check_names, has_decimals, state_symbols
 from jounce._symbolic.terms import Printer
 from jounce._symbolic.trig_polynomial import TrigPolynomial, Variables
+from jounce.arguments import requests
+from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.quantities import Law, Quantity, State
 from jounce.errors import at
 from jounce.model.mechanism import DATA, Mechanism, with_exact_integers
+from jounce.spatial.lie import pose
 from jounce.spatial.series import Series, rate_name
 
 MOST_OPERATIONS = 1_000_000  # operations on terms, the limit for one matrix: some seconds, some ten thousand terms
@@ -28,13 +31,14 @@ class Expressions:
 
     mechanism: Mechanism
     model: Mechanism
-    symbols: Mapping[str, Series]  # q and W, of SymPy matrices
+    symbols: Mapping[str, Series]  # q and W, and of a base that moves base_pose and base_twist, of SymPy matrices
     variables: Variables
     parameters: int  # the number of variables that the model holds
 
     def quantity(self, row: Quantity, body: str | None = None, frame: str = "body") -> Series:
         """A quantity without wrenches, of one body or of all."""
-        state = State(self._column("q"), body=body, frame=frame)
+        moving = self._base() if requests.takes_base(row.name, frame) else None
+        state = State(self._column("q"), base=moving, body=body, frame=frame)
         series = self._printed(row.symbol, lambda: _law(row, self.model)(self.model, state), body)
         if FRICTION in self.mechanism.acting and FRICTION in row.drive_terms and row.drive_law is not None:
             series = series + self._friction(row.drive_law)
@@ -42,14 +46,23 @@ class Expressions:
 
     def external(self, row: Quantity, symbol: str) -> Series:
         """Return the part of wrenches in a quantity: the quantity without masses and drives."""
-        massless = replace(self.model, M=zeros_like(self.model.M), acting=())
-        state = State(self._column("q"), self._column("W"))
+        base = self.model.base and replace(self.model.base, M=zeros_like(self.model.base.M))
+        massless = replace(self.model, M=zeros_like(self.model.M), acting=(), base=base)
+        state = State(self._column("q"), self._column("W"), base=self._base())
         return self._printed(symbol, lambda: _law(row, massless)(massless, state))
 
     def _column(self, name: str) -> Series:
         """The symbols of q or W as a column of variables."""
         variable = self.variables.variable
         return self.symbols[name].map(lambda x: np.array([[variable(symbol)] for symbol in x], dtype=object))
+
+    def _base(self) -> BaseMotion | None:
+        """The motion of the base in variables, where it has symbols."""
+        if "base_pose" not in self.symbols:
+            return None
+        C = self.symbols["base_pose"][0][:3, :].tolist()
+        above = np.array([[self.variables.variable(x) for x in row] for row in C], dtype=object)
+        return BaseMotion(pose(above[:, :3], above[:, 3:]), self._column("base_twist"))
 
     def _printed(self, symbol: str, law: Callable[[], Series], body: str | None = None) -> Series:
         """The SymPy form of a series of polynomials, each term within the limit on work."""
@@ -70,6 +83,8 @@ class Expressions:
         """The printer of a quantity: numbers are decimals where any that enter it are."""
         m = self.mechanism
         data = [getattr(m, label) for label in DATA] + [m.frame(body).T for body in [body] if body is not None]
+        if m.base is not None:
+            data.append(m.base.M)
         if m.acting:
             data += [m.drives.armature, m.drives.damping, m.drives.stiffness, m.drives.rest]
         if (e := m.elasticity) is not None:
@@ -83,15 +98,15 @@ class Expressions:
         return law(mechanism, State(q)).map(lambda x: _sympy(list(x.flat), x.shape))
 
 
-def expressions(mechanism: Mechanism) -> Expressions:
-    """Return the sources of the expressions of a mechanism.
+def expressions(mechanism: Mechanism, base: bool) -> Expressions:
+    """Return the sources of the expressions of a mechanism, with the motion of its base or without.
 
     Raises
     ------
     JounceError : if the mechanism holds what is neither a number nor a real SymPy expression, or a symbol that is named
-        as a coordinate or wrench.
+        as a coordinate, wrench or motion of the base.
     """
-    variables, symbols = Variables(MOST_OPERATIONS), state_symbols(mechanism)
+    variables, symbols = Variables(MOST_OPERATIONS), state_symbols(mechanism, base)
     model = cast_mechanism(mechanism, variables)
     check_names(variables, symbols)
     model = replace(model, acting=tuple(term for term in model.acting if term != FRICTION))

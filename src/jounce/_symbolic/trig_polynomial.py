@@ -8,6 +8,7 @@ integers.
 
 from collections.abc import Hashable, Iterator, Mapping
 from fractions import Fraction
+from math import prod
 from typing import Any
 
 from jounce.errors import JounceError
@@ -110,6 +111,20 @@ class TrigPolynomial:
 
     def __truediv__(self, number: Any) -> "TrigPolynomial":
         return self * (1 / exact(number))
+
+    def __rtruediv__(self, number: Any) -> "TrigPolynomial":
+        """The quotient by a polynomial without sines and cosines; a sum becomes a variable, to the power of -1."""
+        if self.is_trigonometric or not self.terms:
+            return NotImplemented
+        if len(self.terms) > 1:
+            return self.variables.variable(self._expression(), -1) * number
+        [((powers, _, _), c)] = self.terms.items()
+        return TrigPolynomial(self.variables, {(-powers, 0, False): 1 / c}) * number
+
+    def _expression(self) -> Any:
+        """The sum in terms of the variables."""
+        known = self.variables.expressions
+        return sum(prod([known[i] ** k for i, k in digits(powers)]) * c for (powers, _, _), c in self.terms.items())
 
     def sin(self) -> "TrigPolynomial":
         """The sine of a polynomial without sines and cosines."""

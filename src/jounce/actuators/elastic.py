@@ -76,6 +76,14 @@ class ElasticRobot:
     def _plant(self) -> Robot:
         return Robot(dynamics.with_rigid_rotors(self.robot.mechanism))
 
+    def _check_at_rest(self, what: str, base: Rates | None = None) -> None:
+        """Raise `JounceError` where a base moves that a method does not take."""
+        if base is not None or self.robot.mechanism.base:
+            raise JounceError(
+                f"{what}: the base of {self.robot.name!r} moves; expected one at rest. motor_positions and"
+                " inverse_dynamics of joints with one motor each take base="
+            )
+
     @typed(overloads.OfMotorPositions)
     def motor_positions(
         self,
@@ -87,6 +95,7 @@ class ElasticRobot:
         *higher: Named,
         wrench: Rates | None = None,
         stiffness: Rates | None = None,
+        base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
@@ -105,6 +114,8 @@ class ElasticRobot:
             As in `Robot.inverse_dynamics`, with as many rates as theta.
         stiffness : (..., k) or mapping, or a tuple of them, optional
             The stiffness S of the k joints with two motors, in their order or by name, with as many rates as theta.
+        base : tuple, optional
+            The pose C and the twist V, Vd, ... of the base, as in `Robot.inverse_dynamics`; a floating robot needs it.
         method, out, threads : optional
             See `Robot`.
 
@@ -128,8 +139,11 @@ class ElasticRobot:
         """
         rates = (q, qd, q2d, q3d, q4d, *higher)
         if self.elasticity.pairs or stiffness is not None:
+            self._check_at_rest("motor_positions of joints with two motors", base)
             return variable.compute(self.robot, POSITIONS.name, rates, stiffness, wrench, method, out)
-        return compute(self.robot, POSITIONS.name, rates, wrench=wrench, method=method, out=out, threads=threads)
+        return compute(
+            self.robot, POSITIONS.name, rates, wrench=wrench, base=base, method=method, out=out, threads=threads
+        )
 
     @typed(overloads.OfSnap)
     def inverse_dynamics(
@@ -142,6 +156,7 @@ class ElasticRobot:
         *higher: Named,
         wrench: Rates | None = None,
         stiffness: Rates | None = None,
+        base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
@@ -160,6 +175,9 @@ class ElasticRobot:
             As in `Robot.inverse_dynamics`, with two more rates than tau: (W, Wd, W2d) for tau.
         stiffness : tuple of (..., k) or mapping, optional
             The stiffness of the k joints with two motors, with two more rates than tau: (S, Sd, S2d) for tau.
+        base : tuple, optional
+            The pose C and the twist V, Vd, ... of the base, as many terms as there are of q, qd, ...; a floating robot
+            needs it.
         method, out, threads : optional
             See `Robot`.
 
@@ -187,8 +205,11 @@ class ElasticRobot:
         """
         rates = (q, qd, q2d, q3d, q4d, *higher)
         if self.elasticity.pairs or stiffness is not None:
+            self._check_at_rest("inverse_dynamics of joints with two motors", base)
             return variable.compute(self.robot, TORQUES.name, rates, stiffness, wrench, method, out)
-        return compute(self.robot, TORQUES.name, rates, wrench=wrench, method=method, out=out, threads=threads)
+        return compute(
+            self.robot, TORQUES.name, rates, wrench=wrench, base=base, method=method, out=out, threads=threads
+        )
 
     def forward_dynamics(
         self,
@@ -240,6 +261,7 @@ class ElasticRobot:
         >>> arm.forward_dynamics(rest, rest, theta, rest, [29.43 + 0.1, 9.81]).theta2d.round(9) + 0.0
         array([1., 0.])
         """
+        self._check_at_rest("forward_dynamics")
         found = dynamics.accelerations(self._plant, (q, qd, theta, thetad, tau), wrench, method)
         return Accelerations(*results_into(found, out))
 
@@ -298,6 +320,7 @@ class ElasticRobot:
         >>> arm.feedback_linearization(rest, rest, theta, rest, [0, 0]).round(9)
         array([29.43,  9.81])
         """
+        self._check_at_rest("feedback_linearization")
         tau = dynamics.linearizing_torques(self.robot, (q, qd, theta, thetad, q4d), wrench, method)
         return results_into((tau,), out)
 
@@ -328,6 +351,7 @@ class ElasticRobot:
         >>> arm.damping_error([0, 0], [1, 0], [0, 0], [0, 0]).round(9)
         array([0., 0.])
         """
+        self._check_at_rest("damping_error")
         return dynamics.damping_error(self.robot, rates, wrench)
 
     def currents(self, *rates: Named, wrench: Rates | None = None, stiffness: Rates | None = None) -> Results:
@@ -360,6 +384,7 @@ class ElasticRobot:
         >>> arm.currents(*[[0, 0]] * 5)
         array([5.886, 1.962])
         """
+        self._check_at_rest("currents")
         tau = self.inverse_dynamics(*rates, wrench=wrench, stiffness=stiffness)
         return results_into(electrical.currents(self.elasticity, as_tuple(tau)), None)
 
@@ -394,6 +419,7 @@ class ElasticRobot:
         >>> arm.voltages(*[[0, 0]] * 6)
         array([2.943, 0.981])
         """
+        self._check_at_rest("voltages")
         tau = self.inverse_dynamics(*rates, wrench=wrench, stiffness=stiffness)
         torques = as_tuple(tau)
         positions = self._positions_with(torques, rates, wrench, stiffness)
@@ -568,9 +594,12 @@ class ElasticRobot:
         >>> energy.rotors.round(9), energy.springs.round(9)
         (np.float64(0.05), np.float64(4.0))
         """
+        self._check_at_rest("energy")
         return dynamics.energy(self.robot, (q, qd, theta, thetad))
 
-    def compile(self, quantity: MotorQuantity = "motor_torques", order: int = 0, wrench: bool = False) -> Kernel[Any]:
+    def compile(
+        self, quantity: MotorQuantity = "motor_torques", order: int = 0, wrench: bool = False, *, base: bool = False
+    ) -> Kernel[Any]:
         """Compile motor torques or motor positions to native code before the first call.
 
         Parameters
@@ -581,6 +610,8 @@ class ElasticRobot:
             The highest rate.
         wrench : bool, optional
             Whether wrenches W, Wd, ... follow the coordinates' rates in its calls.
+        base : bool, optional
+            Whether the motion of the base, C, V, Vd, ..., follows in its calls; it always does if the robot floats.
 
         Returns
         -------
@@ -599,4 +630,4 @@ class ElasticRobot:
         >>> kernel(*np.zeros((5, 2)))
         array([29.43,  9.81])
         """
-        return self.robot.compile(quantity, order, wrench)
+        return self.robot.compile(quantity, order, wrench, base=base)

@@ -12,6 +12,7 @@ from jounce._scalars import FLOAT, Array, asarray, is_numeric
 from jounce.arguments.rates import rates_in
 from jounce.errors import JounceError
 from jounce.model.mechanism import Mechanism
+from jounce.spatial.lie import hat, rotation
 from jounce.spatial.series import rate_name
 
 NOT_A_POSE = 1e-6  # what rounding to six or seven digits leaves of an orthogonal matrix
@@ -54,13 +55,15 @@ def check_pose(C: Array) -> None:
 
 def not_a_pose(C: np.ndarray) -> np.ndarray:
     """How far matrices (..., 4, 4) are from poses: the largest entry of R^T R - 1, of det R - 1 and of the last row."""
-    R = C[..., :3, :3]
-    x, y, z = (R[..., k] for k in range(3))
-    products = [np.einsum("...i,...i->...", a, b) for a, b in ((x, x), (y, y), (z, z), (x, y), (y, z), (z, x))]
-    flipped = np.einsum("...i,...i->...", np.cross(x, y), z)
-    off = [p - 1 for p in (*products[:3], flipped)] + products[3:]
-    off += [C[..., 3, k] - (k == 3) for k in range(4)]
-    return np.asarray(np.abs(np.stack(off)).max(axis=0))
+    return np.maximum.reduce([np.abs(part).max(axis=(-2, -1)) for part in misses(C)])
+
+
+def misses(C: Array) -> tuple[Array, ...]:
+    """What vanishes of poses (..., 4, 4): R^T R - 1, det R - 1, and what the last row is besides 0, 0, 0, 1."""
+    R = rotation(C)
+    x, y, z = (R[..., k : k + 1] for k in range(3))
+    one = np.eye(4, dtype=int)
+    return R.mT @ R - one[:3, :3], (hat(x[..., 0]) @ y).mT @ z - 1, C[..., 3:, :] - one[3:]
 
 
 def _label(k: int) -> str:

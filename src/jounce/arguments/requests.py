@@ -34,13 +34,13 @@ def computation(
         takers = listed(name for name, other in QUANTITIES.items() if other.wrenches)
         raise JounceError(f"{quantity} takes no wrenches; these do: {takers}")
     place(mechanism, quantity, body, frame)
+    true_or_false("base", base, "whether the motion of the base is taken")
     check_invertible(mechanism, quantity)
-    check_elastic(mechanism, quantity)
+    check_elastic(mechanism, quantity, base or mechanism.base is not None)
     order = checked_order(order)
     check_rates(quantity, order)
     if product is not None:
         one_of("product", product, PRODUCTS)
-    true_or_false("base", base, "whether the motion of the base is taken")
     moving = (base or mechanism.base is not None) and takes_base(quantity, frame)
     return Computation(quantity, order, wrench, body, frame, product, more_rates(mechanism, quantity), moving)
 
@@ -93,8 +93,11 @@ def check_invertible(mechanism: Mechanism, quantity: str) -> None:
         )
 
 
-def check_elastic(mechanism: Mechanism, quantity: str) -> None:
-    """Raise `JounceError` if a quantity is one of elastic joints and the robot has none, or two motors on one."""
+def check_elastic(mechanism: Mechanism, quantity: str, moving: bool) -> None:
+    """Raise `JounceError` if a quantity is one of elastic joints and the robot has none, or two motors on one.
+
+    Rotors that links carry take a base at rest.
+    """
     if not QUANTITIES[quantity].elastic:
         return
     if mechanism.elasticity is None:
@@ -104,6 +107,11 @@ def check_elastic(mechanism: Mechanism, quantity: str) -> None:
     if mechanism.elasticity.pairs:
         raise JounceError(
             f"{quantity} of {mechanism.name!r}: joints with two motors take a stiffness; use ElasticRobot's methods"
+        )
+    if moving and mechanism.elasticity.level is not None:
+        raise JounceError(
+            f"{quantity} of {mechanism.name!r}: its base moves, and coupling={mechanism.elasticity.level} of rotors and"
+            " links takes a base at rest; coupling='spong' neglects what rotors feel of their carriers"
         )
 
 

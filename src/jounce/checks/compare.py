@@ -6,12 +6,14 @@ is added up where that is larger, as where forces are zero.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import factorial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from jounce.arguments.requests import takes_base
 from jounce.checks.magnitudes import magnitudes, scale
 from jounce.checks.reference import Absence, peers
 from jounce.dynamics.computation import Computation
@@ -24,6 +26,8 @@ from jounce.spatial.series import rate_name
 STEPS = 0.2 * 2.0 ** -np.arange(9)  # s, of differences; the best one counts
 STENCIL = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])  # of nine points
 ALLOWED = {"exact": 1e-9, "differences": 1e-6}  # what an error may be; differences cannot show less
+
+CARRIER = Robot.from_screws([np.eye(4)] * 6, np.roll(np.eye(6), 3, axis=0), np.zeros((6, 6, 6)))
 
 
 @dataclass(frozen=True)
@@ -48,50 +52,90 @@ def compare(
     """Run the checks of a robot without drive terms; other libraries read its file `source`, if given."""
     rigid, rng = robot.with_drives(False), np.random.default_rng(seed)
     q = rng.uniform(-1, 1, (order + 3, states, robot.n))
-    sizes = magnitudes(rigid.mechanism, Computation(FORCES.name, order), [*q])
-    return [*_with_peers(rigid, source, q), *_with_paths(rigid, q, sizes), *_with_differences(rigid, q, sizes)]
+    x = _Motion(q, None if robot.mechanism.base is None else rng.uniform(-1, 1, (order + 3, states, 6)))
+    base = x.base(len(q))
+    sizes = magnitudes(rigid.mechanism, Computation(FORCES.name, order, base=base is not None), [*q, *(base or ())])
+    return [*_with_peers(rigid, source, x), *_with_paths(rigid, x, sizes), *_with_differences(rigid, x, sizes)]
 
 
-def _with_peers(robot: Robot, source: Path | None, q: np.ndarray) -> Iterator[Check]:
-    m, G = robot.mechanism, robot.mechanism.G
-    thetas = [q[0] @ G.T + m.g, q[1] @ G.T, q[2] @ G.T]
-    known = {x.symbol: x for x in QUANTITIES.values() if x.symbol in ("Q", "Qgrav", "M")}
-    ours = {symbol: compute(robot, x.name, [*q[: x.rates]]) for symbol, x in known.items()}
-    sizes = {symbol: magnitudes(m, Computation(x.name, 0), [*q[: x.rates]])[0] for symbol, x in known.items()}
+@dataclass(frozen=True)
+class _Motion:
+    """Rates of the coordinates, and of six joints that carry the base of a robot that floats."""
+
+    q: np.ndarray
+    carrier: np.ndarray | None
+
+    def base(self, count: int) -> tuple[Any, ...] | None:
+        """C, V, Vd, ... of the base, as many as there are rates of the coordinates; None if it does not float."""
+        if self.carrier is None:
+            return None
+        C = CARRIER.poses(self.carrier[0], body="body6", method="recursion")
+        rates = self.carrier[:count]
+        return C, *(as_tuple(CARRIER.twists(*rates, body="body6", method="recursion")) if count > 1 else ())
+
+    def forces(self, robot: Robot, count: int | None = None, **options: Any) -> tuple[Any, ...]:
+        """Q and its rates from the first rates of the coordinates, by default from all of them."""
+        q = self.q[:count]
+        return as_tuple(robot.inverse_dynamics(*q, base=self.base(len(q)), **options))
+
+    def map(self, f: Callable[[np.ndarray], np.ndarray]) -> "_Motion":
+        """The motion with other rates."""
+        return _Motion(f(self.q), None if self.carrier is None else f(self.carrier))
+
+
+def _with_peers(robot: Robot, source: Path | None, x: _Motion) -> Iterator[Check]:
+    m, q = robot.mechanism, x.q
+    known = {row.symbol: row for row in QUANTITIES.values() if row.symbol in ("Q", "Qgrav", "M")}
+    ours, sizes = {}, {}
+    for symbol, row in known.items():
+        base = x.base(row.rates) if takes_base(row.name, "body") else None
+        ours[symbol] = compute(robot, row.name, [*q[: row.rates]], base=base)
+        computation = Computation(row.name, 0, base=base is not None)
+        sizes[symbol] = magnitudes(m, computation, [*q[: row.rates], *(base or ())])[0]
+    first = m.nv - m.n
+    G = np.eye(first + m.nb, m.nv)
+    G[first:, first:] = m.G
+    thetas = zip(q[0] @ m.G.T + m.g, q[1] @ m.G.T, q[2] @ m.G.T, strict=True)
+    at = [(theta, _sample(x.base(3), i)) for i, theta in enumerate(thetas)]
+    at_rest = [((theta, 0 * theta, 0 * theta), base and (base[0], *np.zeros((2, 6)))) for (theta, *_), base in at]
     for peer in peers(m, source):
         if isinstance(peer, Absence):
             yield Check("-", peer.name, None, 0.0, peer.reason)
             continue
         theirs = {
-            "Q": [peer.forces(*theta) @ G for theta in zip(*thetas, strict=True)],
-            "Qgrav": [peer.forces(theta, 0 * theta, 0 * theta) @ G for theta in thetas[0]],
-            "M": [G.T @ peer.mass_matrix(theta) @ G for theta in thetas[0]],
+            "Q": [peer.forces(theta, base) @ G for theta, base in at],
+            "Qgrav": [peer.forces(theta, base) @ G for theta, base in at_rest],
+            "M": [G.T @ peer.mass_matrix(theta, base and base[:1]) @ G for (theta, *_), base in at],
         }
         for name, expected in theirs.items():
             error = _error(ours[name], np.stack(expected), sizes[name])
             yield Check(name, peer.name, error, ALLOWED["exact"], peer.source)
 
 
-def _with_paths(robot: Robot, q: np.ndarray, sizes: Sequence[np.ndarray]) -> Iterator[Check]:
+def _sample(base: tuple[Any, ...] | None, i: int) -> tuple[Any, ...] | None:
+    return None if base is None else tuple(term[i] for term in base)
+
+
+def _with_paths(robot: Robot, x: _Motion, sizes: Sequence[np.ndarray]) -> Iterator[Check]:
     """Compare with every other method, and with the recursion in extended precision."""
-    own = as_tuple(robot.inverse_dynamics(*q))
+    own = x.forces(robot)
     paths: dict[str, Callable[[], Sequence[np.ndarray]]] = {
-        "recursion": lambda: as_tuple(robot.inverse_dynamics(*q, method="recursion")),
-        "closed form": lambda: as_tuple(robot.inverse_dynamics(*q, method="closed_form")),
-        "long doubles": lambda: as_tuple(robot.inverse_dynamics(*q.astype(np.longdouble), method="recursion")),
+        "recursion": lambda: x.forces(robot, method="recursion"),
+        "closed form": lambda: x.forces(robot, method="closed_form"),
+        "long doubles": lambda: x.map(lambda q: q.astype(np.longdouble)).forces(robot, method="recursion"),
     }
     for name, results in paths.items():
-        for k, (x, y, size) in enumerate(zip(own, results(), sizes, strict=True)):
-            yield Check(rate_name("Q", k), name, _error(x, y, size), ALLOWED["exact"])
+        for k, (found, expected, size) in enumerate(zip(own, results(), sizes, strict=True)):
+            yield Check(rate_name("Q", k), name, _error(found, expected, size), ALLOWED["exact"])
 
 
-def _with_differences(robot: Robot, q: np.ndarray, sizes: Sequence[np.ndarray]) -> Iterator[Check]:
+def _with_differences(robot: Robot, x: _Motion, sizes: Sequence[np.ndarray]) -> Iterator[Check]:
     """Compare each rate with nine-point differences of the lower one, along the polynomials that have the rates q."""
-    exact = as_tuple(robot.inverse_dynamics(*q))
+    exact = x.forces(robot)
     for k in range(1, len(exact)):
         errors = []
         for h in STEPS:
-            along = [as_tuple(robot.inverse_dynamics(*_shift(q, j * h)[: k + 2]))[-1] for j in range(-4, 5)]
+            along = [x.map(partial(_shift, t=j * h)).forces(robot, k + 2)[-1] for j in range(-4, 5)]
             errors.append(_error(np.tensordot(STENCIL, along, 1) / h, exact[k], sizes[k]))
         yield Check(rate_name("Q", k), f"differences of {rate_name('Q', k - 1)}", min(errors), ALLOWED["differences"])
 

@@ -46,23 +46,34 @@ def magnitudes(mechanism: Mechanism, computation: Computation, arrays: Sequence[
 def _of_accelerations(
     mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]
 ) -> tuple[np.ndarray, ...]:
-    given, W = arrays[: computation.rates], arrays[computation.rates :]
-    q = [*given[: computation.quantity.coordinate_inputs(len(given))]]
     accelerations = compute_by_method(computation, "recursion", mechanism, arrays)
-    forces = magnitudes(mechanism, replace(computation, name=FORCES.name), [*q, *accelerations, *W])
-    squares = _inverse_squared(mechanism, q[0])
+    moving = _with_accelerations(mechanism, computation, arrays, accelerations)
+    forces = magnitudes(mechanism, replace(computation, name=FORCES.name), moving)
+    squares = _inverse_squared(mechanism, arrays[0])
     return tuple(np.sqrt((squares @ np.square(Q)[..., None])[..., 0]) for Q in forces)
 
 
 def _of_forward_partials(
     mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]
 ) -> tuple[np.ndarray, ...]:
-    q, qd, _, *W = arrays
-    (q2d,) = compute_by_method(replace(computation, name="forward_dynamics"), "recursion", mechanism, arrays)
-    (P,) = magnitudes(mechanism, replace(computation, name="inverse_dynamics_partials"), [q, qd, q2d, *W])
-    squares = _inverse_squared(mechanism, q)[..., None, :, :]
+    q2d = compute_by_method(replace(computation, name="forward_dynamics"), "recursion", mechanism, arrays)
+    moving = _with_accelerations(mechanism, computation, arrays, q2d)
+    (P,) = magnitudes(mechanism, replace(computation, name="inverse_dynamics_partials"), moving)
+    squares = _inverse_squared(mechanism, arrays[0])[..., None, :, :]
     by = squares @ np.square(P)
     return tuple(np.sqrt(x) for x in (by[..., 0, :, :], by[..., 1, :, :], (by[..., 2:, :, :] @ squares)[..., 0, :, :]))
+
+
+def _with_accelerations(
+    mechanism: Mechanism, computation: Computation, arrays: Sequence[Array], found: Sequence[Array]
+) -> list[Array]:
+    """The arrays that forces take, from those of forward dynamics: accelerations in the place of forces.
+
+    Those of a floating base follow the twist of the base.
+    """
+    own, first = computation.quantity.coordinate_inputs(computation.rates), mechanism.nv - mechanism.n
+    of_base = [x[..., :first] for x in found] if first else []
+    return [*arrays[:own], *(x[..., first:] for x in found), *arrays[computation.rates :], *of_base]
 
 
 def _inverse_squared(mechanism: Mechanism, q: Array) -> np.ndarray:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 from jounce.errors import listed
 
 if TYPE_CHECKING:
+    from jounce.motion.motion import Break
     from jounce.robot.along import ForceBreak
 
 SHOWN = 4  # in words
@@ -15,7 +16,7 @@ def break_data(found: "ForceBreak", joints: Sequence[str], names: Sequence[str])
     """Return a break as plain data: the rate of Q that jumps, by how much, and the joints and rates that cause it."""
     from jounce.spatial.series import rate_name
 
-    causes = {cause.joint: {"rate": rate_name(cause.symbol, cause.order), "by": cause.jump} for cause in found.causes}
+    causes = {cause.joint: {"rate": rate_name(_symbol(cause), cause.order), "by": cause.jump} for cause in found.causes}
     jump = None if found.jump is None else dict(zip(joints, found.jump.tolist(), strict=True))
     return {
         "t": found.t,
@@ -24,6 +25,11 @@ def break_data(found: "ForceBreak", joints: Sequence[str], names: Sequence[str])
         "missing": list(names[found.order + 1 :]),
         "causes": causes,
     }
+
+
+def _symbol(cause: "Break") -> str:
+    """q, W or, of the base, the entry that jumps: x of base.x."""
+    return str(cause.joint).rpartition(".")[2] if cause.symbol == "base" else cause.symbol
 
 
 def breaks_in_words(breaks: Sequence[dict[str, Any]]) -> list[str]:

@@ -61,6 +61,10 @@ def _names(_: click.Context, __: click.Parameter, given: str | None) -> list[str
     "--wrench", is_flag=True, help="Add the wrenches on the bodies to the inputs of the quantities that depend on them."
 )
 @click.option(
+    "--moving-base", is_flag=True,
+    help="Add the motion of the base to the inputs, so that the ground of a fixed robot moves.",
+)  # fmt: skip
+@click.option(
     "--parameters",
     default="",
     callback=_names,
@@ -78,6 +82,7 @@ def codegen(
     output: Path,
     outputs: list[str] | None,
     wrench: bool,
+    moving_base: bool,
     parameters: list[str],
     float32: bool,
     prefix: str | None,
@@ -89,7 +94,7 @@ def codegen(
 
     made = generate.codegen(
         robot.load(), lang, order, output, outputs=generate.DEFAULT if outputs is None else outputs,
-        wrench=wrench, parameters=parameters, float32=float32, prefix=prefix, force=force,
+        wrench=wrench, base=moving_base, parameters=parameters, float32=float32, prefix=prefix, force=force,
     )  # fmt: skip
     summary = {
         "robot": str(robot.path), "language": lang, "order": order, "output": str(made.directory),

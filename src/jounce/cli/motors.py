@@ -97,7 +97,7 @@ def motors(
     path, e = motion.load(arm.robot, HIGHEST), arm.elasticity
     names = motor_names(e, links.joint_names)
     with progress("motors") as show:
-        along = arm.along(path, order=order_of_voltages(arm.elasticity, path.curve.highest), progress=show)
+        along = arm.along(path, order=order_of_voltages(arm.elasticity, path.highest), progress=show)
     columns, peaks = _table(along, path, names)
     tables.write(output, columns, about(arm.robot.mechanism, HIGHEST))
     units = [coordinate_units(arm.robot.mechanism)[j] for j in e.joints_of_motors]

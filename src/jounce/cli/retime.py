@@ -54,7 +54,7 @@ def retime(
     arm, given = load(robot, motion, limits)
     found = arm.retime(given, margin)
     fast = found.motion if motion.step is None else found.motion.with_step(motion.step)
-    known = fast.curve.highest
+    known = fast.highest
     order = 4 if known is None else min(4, known)
     with progress("rates") as show:
 

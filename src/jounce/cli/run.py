@@ -43,7 +43,8 @@ or a YAML file with analytic terms for each joint, whose rates are exact:
     joint2: {polynomial: [0, 0.1, 0.2]}
 
 \b
-OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all their digits; of smoothed
+OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all their digits; with --base
+floating base.mx.Q .. base.fz.Q too, the wrench on the base; of smoothed
 samples NAME.Q_sd, ... too, their standard deviations. The largest values are
 printed with theirs (±); values that do not stand out of their band of 95 %,
 as at the ends of a fit, are no candidates. OUT has a column break, if Q or a
@@ -82,7 +83,7 @@ def run(
     """Compute Q, Qd, Q2d along MOTION for ROBOT, a file or the name of a bundled robot."""
     from jounce.dynamics.quantities import FORCES
     from jounce.io import tables
-    from jounce.model.coordinates import coordinate_units
+    from jounce.model.coordinates import force_names, force_units
     from jounce.robot.along import force_breaks
     from jounce.stream.job import Job
     from jounce.stream.plan import is_by_parts
@@ -101,7 +102,7 @@ def run(
     path = motion.load(arm, order)
     breaks = force_breaks(arm, path, path.times, order, method)
     peaks, spreads, worst = _write_forces(arm, path, order, method, with_rates, breaks, output)
-    names = FORCES.names(order)
+    names, rows = FORCES.names(order), force_names(arm.mechanism)
     summary = {
         "robot": arm.name,
         "motion": str(motion.path),
@@ -114,19 +115,14 @@ def run(
         "t": [float(path.times[0]), float(path.times[-1])],
         "order": order,
         "broken_limit": _limit(worst, arm.joint_names),
-        "breaks": [break_data(found, arm.joint_names, names) for found in breaks],
+        "breaks": [break_data(found, rows, names) for found in breaks],
         "peaks": {
-            joint: dict(zip(names, largest.tolist(), strict=True))
-            for joint, largest in zip(arm.joint_names, peaks.T, strict=True)
+            joint: dict(zip(names, largest.tolist(), strict=True)) for joint, largest in zip(rows, peaks.T, strict=True)
         },
         "deviations": {
-            joint: dict(zip(names, spread.tolist(), strict=True))
-            for joint, spread in zip(arm.joint_names, spreads.T, strict=True)
+            joint: dict(zip(names, spread.tolist(), strict=True)) for joint, spread in zip(rows, spreads.T, strict=True)
         },
-        "units": {
-            joint: "N m" if unit == "rad" else "N"
-            for joint, unit in zip(arm.joint_names, coordinate_units(arm.mechanism), strict=True)
-        },
+        "units": dict(zip(rows, force_units(arm.mechanism), strict=True)),
     }
     tell(summary, _in_words, as_json)
 
@@ -148,9 +144,9 @@ def _write_forces(
 
     from jounce.dynamics.quantities import FORCES
     from jounce.io import tables
-    from jounce.io.motions.writing import about, break_marks, measured, named
+    from jounce.io.motions.writing import about, break_marks, measured, named, of_base
     from jounce.limits.samples import worst_sample
-    from jounce.model.coordinates import coordinate_limits
+    from jounce.model.coordinates import coordinate_limits, force_names
     from jounce.motion.bands import surest_peaks
     from jounce.robot.along import pieces_along
 
@@ -168,7 +164,8 @@ def _write_forces(
             columns: Columns = {"t": piece.t}
             if with_rates:
                 columns |= named("q", joints, piece.rates, motion.deviations(piece.t, len(piece.rates) - 1))
-            columns |= named(FORCES.symbol, joints, piece.forces, piece.deviations)
+                columns |= of_base(motion, piece.t, len(piece.rates) - 1)
+            columns |= named(FORCES.symbol, force_names(robot.mechanism), piece.forces, piece.deviations)
             yield columns | measured(motion, joints, piece.t) | break_marks(motion, marks, piece.t)
 
     with progress("inverse dynamics") as show:

@@ -38,7 +38,7 @@ def slowdown(robot: Asked, motion: AskedMotion, limits: Path | None, output: Pat
     arm, path = load(robot, motion, limits)
     slow = arm.slowdown(path)
     if output is not None:
-        known = slow.motion.curve.highest
+        known = slow.motion.highest
         tables.write_pieces(output, pieces(slow.motion, arm.joint_names, 4 if known is None else min(known, 4)))
     summary = {
         "robot": arm.name,

@@ -35,8 +35,8 @@ class ClosedForm:
     bias: Series  # (..., n, 1) those that all accelerations zero require, but for a given one of the ground
     h: Series  # (..., 6, 1) spatial momentum about the inertial origin
     AG: Series  # (..., 6, n) centroidal momentum matrix
-    hG: Series  # (..., 6, 1) spatial momentum about the center of mass
-    c: Series  # (..., 3, 1) center of mass
+    hG: Series  # (..., 6, 1) spatial momentum about the centre of mass
+    c: Series  # (..., 3, 1) centre of mass
     F: Series  # (..., 6, 1) wrench that the ground exerts on the mechanism, about the inertial origin
     p: Series  # (..., n, 1) generalized momentum
     T: Series  # (..., 1, 1) kinetic energy
@@ -92,8 +92,8 @@ def _closed_form(
     F = F if W is None else F + UT @ W
     H = from_rate(C0, lambda H: H @ by_body(V).map(lambda v: wedge(v[..., 0])))
     c = H.map(lambda H: system.first_moment(bodies.inertias, H) * reciprocal_mass(m))
-    AG, to_center = UT @ (M @ J), c.map(system.to_point)
-    hG, AG = h + to_center @ h, AG + to_center @ AG
+    AG, to_centre = UT @ (M @ J), c.map(system.to_point)
+    hG, AG = h + to_centre @ h, AG + to_centre @ AG
     p = gM @ qd
     T = qd.mT @ p * 0.5
     power = qd.mT @ Qgrav

@@ -19,7 +19,7 @@ from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.closed_form import closed_form
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import ad
-from jounce.spatial.linear import Factors
+from jounce.spatial.linear import Factors, mirrored
 from jounce.spatial.series import Series
 
 
@@ -78,7 +78,7 @@ def of_accelerations(P: Array) -> tuple[Array, Array, Array]:
     K, D, M = (P[..., j, :, :] for j in range(3))
     n = M.shape[-1]
     solution = Factors.of(M).solve(concatenate([-K, -D, np.eye(n, dtype=int)], axis=-1))
-    return solution[..., :n], solution[..., n : 2 * n], solution[..., 2 * n :]
+    return solution[..., :n], solution[..., n : 2 * n], mirrored(solution[..., 2 * n :])
 
 
 def _stack(matrices: Sequence[Array]) -> Array:

@@ -117,7 +117,7 @@ class Quantity:
         if added is None or not set(self.drive_terms) & set(mechanism.acting):
             return rigid
         if self.shape:
-            axes = tuple(self.shape.index(axis) - len(self.shape) for axis in self.shape if axis == "nv")
+            axes = tuple(k - len(self.shape) for k, axis in enumerate(self.shape) if axis == "nv")
             return lambda m, x: rigid(m, x) + drive_terms.behind_base(m, added(m, x), axes)
         return lambda m, x: (rigid(m, x) + added(m, x)).map(_array)
 
@@ -411,7 +411,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             shape=(6,),
             unit="kg m^2/s and kg m/s",
             caption="centroidal momentum",
-            meaning="hG: the momentum (angular; linear) of the bodies about their center of mass, in inertial axes.",
+            meaning="hG: the momentum (angular; linear) of the bodies about their centre of mass, in inertial axes.",
             tex_symbol="h_{G}",
             tex=r"h_G = (k - c \times l;\ l), \quad h = (k; l)",
             methods={
@@ -430,7 +430,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             tex_symbol="A_{G}",
             tex=r"A_G = \partial h_G / \partial \dot{q}",
             methods={
-                "recursion": Method(lambda m, x: momenta.centroidal_momentum_matrix(m, x.q, x.base), _columns),
+                "recursion": Method(lambda m, x: matrices.centroidal_momentum_matrix(m, x.q, x.base), _columns),
                 "closed_form": Method(lambda m, x: _dense(m, x).AG),
             },
         ),
@@ -440,8 +440,8 @@ QUANTITIES: Mapping[str, Quantity] = {
             rates=1,
             shape=(3,),
             unit="m",
-            caption="center of mass",
-            meaning="c(q): the center of mass of the bodies, in the inertial frame.",
+            caption="centre of mass",
+            meaning="c(q): the centre of mass of the bodies, in the inertial frame.",
             tex=r"c = \sum_i m_i\, c_i / \sum_i m_i",
             methods={
                 "recursion": Method(lambda m, x: _row(momenta.center_of_mass(m, x.q, x.base)), _column),

@@ -2,6 +2,8 @@
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import chain
+from os import fsencode
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +11,7 @@ import numpy as np
 
 from jounce.io.columns import About, Columns, Select, checked
 from jounce.io.spans.chunk import Span
-from jounce.io.spans.parquet import chunks, names, opened, pyarrow
+from jounce.io.spans.parquet import check_numbers, chunks, names, opened, pyarrow
 
 GROUP = 1 << 17  # rows of a group that is written
 NAMESPACE = b"jounce"  # of the metadata of a table
@@ -19,6 +21,7 @@ def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
     """Yield the table of a file in pieces of some rows."""
     header = names(path)
     wanted = header if select is None else list(select(header))
+    check_numbers(path, wanted)
     with opened(path) as file:
         rows = file.metadata.num_rows
     found = False
@@ -31,9 +34,16 @@ def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
 
 def write(path: Path, pieces: Iterable[Mapping[str, np.ndarray]], about: About | None = None) -> None:
     """Write a table piece by piece; texts are a dictionary of few values."""
-    arrow = pyarrow(path)
-    tables = (arrow.table({name: _array(arrow, column) for name, column in columns.items()}) for columns in pieces)
-    _write_groups(arrow, path, (table.cast(_described(arrow, table.schema, about)) for table in tables))
+    arrow, schema = pyarrow(path), None
+
+    def tables() -> Iterator[Any]:
+        nonlocal schema
+        for columns in pieces:
+            table = arrow.table({name: _array(arrow, column) for name, column in columns.items()})
+            schema = _described(arrow, table.schema, about) if schema is None else schema
+            yield table.cast(schema)
+
+    _write_groups(arrow, path, tables())
 
 
 def join(path: Path, parts: Iterable[Path]) -> None:
@@ -50,22 +60,22 @@ def join(path: Path, parts: Iterable[Path]) -> None:
 
 def _write_groups(arrow: Any, path: Path, tables: Iterable[Any]) -> None:
     """Write tables one below the other, in groups of many rows."""
-    writer, pending = None, list[Any]()
-    try:
-        for table in tables:
-            if writer is None:
-                texts = [field.name for field in table.schema if arrow.types.is_dictionary(field.type)]
-                options = {"compression": "none", "use_dictionary": texts, "write_statistics": ["t", *texts]}
-                writer = arrow.parquet.ParquetWriter(path, table.schema, **options)
-            pending.append(table)
-            if sum(map(len, pending)) >= GROUP:
+    pending, rows = list[Any](), 0
+    following = iter(tables)
+    first = next(following)
+    texts = [field.name for field in first.schema if arrow.types.is_dictionary(field.type)]
+    options = {"compression": "none", "use_dictionary": texts, "write_statistics": ["t", *texts]}
+    with (
+        arrow.OSFile(fsencode(path), "wb") as file,  # which takes names of any bytes, and none for addresses
+        arrow.parquet.ParquetWriter(file, first.schema, **options) as writer,
+    ):
+        for table in chain([first], following):
+            pending, rows = [*pending, table], rows + len(table)
+            if rows >= GROUP:
                 writer.write_table(arrow.concat_tables(pending).unify_dictionaries(), GROUP)
-                pending = []
-        if writer is not None and pending:
+                pending, rows = [], 0
+        if pending:
             writer.write_table(arrow.concat_tables(pending).unify_dictionaries(), GROUP)
-    finally:
-        if writer is not None:
-            writer.close()
 
 
 def _array(arrow: Any, column: np.ndarray) -> Any:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -63,7 +63,7 @@ class Bounded:
         for kind in self.kinds:
             for name, order in quantities_of(self.robot, kind).items():
                 needed[name] = max(needed.get(name, 0), order)
-        known = self.motion.curve.highest
+        known = self.motion.highest
         return {
             name: SMOOTH if known is None else max(least, min(SMOOTH, known - self.row(name).rates + 1))
             for name, least in needed.items()
@@ -92,7 +92,7 @@ class Bounded:
     @property
     def rate_order(self) -> int:
         """The highest rate of q that is used."""
-        known = self.motion.curve.highest
+        known = self.motion.highest
         ways = [MOTION_KINDS.index(kind) for kind in self.kinds if kind in MOTION_KINDS]
         smooth = max((k + SMOOTH for k in ways), default=0)
         order = smooth if known is None else max([*ways, min(smooth, known)])
@@ -106,14 +106,17 @@ class Bounded:
             return found
         values = {name: self.quantity(name, order, rates, t, side) for name, order in self.orders.items()}
         found |= {kind: self.of_motor(kind, values) for kind in MOTORS if kind in self.kinds}
-        return found | (self._efforts(values[FORCES.name], rates) if FORCES.name in values else {})
+        if FORCES.name not in values:
+            return found
+        return found | self._efforts(values[FORCES.name], rates, self.motion.base(t, self.orders[FORCES.name], side))
 
     def quantity(
         self, name: str, order: int, rates: Rates, t: np.ndarray, side: Side, speed: float = 1.0
     ) -> list[np.ndarray]:
         """A quantity and its rates up to an order, at a factor of speed; `rates` are those of the motion."""
-        wrench = self.motion.wrench(t, order + self.row(name).wrench_rates - 1, side)
-        return at_speed(self.robot, name, rates, wrench, speed, order)
+        row = self.row(name)
+        wrench = self.motion.wrench(t, order + row.wrench_rates - 1, side)
+        return at_speed(self.robot, name, rates, wrench, speed, order, self.motion.base(t, order + row.rates - 1, side))
 
     def of_motor(self, kind: str, values: Mapping[str, list[np.ndarray]]) -> list[np.ndarray]:
         """What a limit of motors bounds, with rates, of positions and torques; 0 for motors without data."""
@@ -125,12 +128,11 @@ class Bounded:
             return [np.nan_to_num(x) for x in electrical.voltages(e, values[POSITIONS], values[TORQUES])]
         return values[next(iter(MOTORS[kind]))]
 
-    def _efforts(self, Q: list[np.ndarray], rates: Rates) -> dict[str, list[np.ndarray]]:
+    def _efforts(self, Q: list[np.ndarray], rates: Rates, base: Rates | None) -> dict[str, list[np.ndarray]]:
         """What limits of efforts and of the power bound, of Q with its rates."""
         inertial, found = Q, {}
         if any(self.limits.of(kind) == BOUND_FORCES[1] for kind in self.kinds if kind in EFFORT_KINDS):
-            G = as_tuple(compute(self.robot, "gravity_forces", rates[: len(Q)]))
-            inertial = [x - g for x, g in zip(Q, G, strict=True)]
+            inertial = [x - g for x, g in zip(Q, gravity(self.robot, rates[: len(Q)], base), strict=True)]
         for kind in EFFORT_KINDS:
             if kind in self.kinds:
                 found[kind] = Q if self.limits.of(kind) == BOUND_FORCES[0] else inertial
@@ -203,11 +205,27 @@ def order_needed(robot: "Robot") -> int:
     return max([0, *(MOTION_KINDS.index(k) - FIRST if k in MOTION_KINDS else rate_of_forces(robot, k) for k in kinds)])
 
 
-def at_speed(robot: "Robot", name: str, rates: Rates, wrench: Wrenches, c: float, order: int) -> list[np.ndarray]:
-    """A quantity and its rates up to an order at c times the speed; wrenches over time go with the path."""
+def at_speed(
+    robot: "Robot", name: str, rates: Rates, wrench: Wrenches, c: float, order: int, base: Rates | None = None
+) -> list[np.ndarray]:
+    """A quantity of the joints and its rates up to an order at c times the speed.
+
+    Wrenches over time and the base go with the path.
+    """
     W = wrench and tuple({body: w * c**k for body, w in of.items()} for k, of in enumerate(wrench))
     scaled = tuple(rate * c**k for k, rate in enumerate(rates[: order + _row(robot, name).rates]))
-    return list(as_tuple(compute(robot, name, scaled, wrench=W)))
+    moved = base and tuple(term * c**k for k, term in enumerate(base))
+    return of_joints(robot, compute(robot, name, scaled, wrench=W, base=moved))
+
+
+def gravity(robot: "Robot", rates: Rates, base: Rates | None) -> list[np.ndarray]:
+    """The gravity forces of the joints and their rates."""
+    return of_joints(robot, compute(robot, "gravity_forces", rates, base=base))
+
+
+def of_joints(robot: "Robot", found: Any) -> list[np.ndarray]:
+    """Forces and their rates without those on a base, which no limit bounds."""
+    return [x[..., -robot.n :] for x in as_tuple(found)]
 
 
 def power(rates: Rates, Q: list[np.ndarray]) -> list[np.ndarray]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.errors import listed, quoted
-from jounce.limits.bounded import DERIVATIVE, Bounded, bounded, rate_of_forces
+from jounce.limits.bounded import DERIVATIVE, Bounded, bounded, of_joints, rate_of_forces
 from jounce.limits.pieces import pieces_of
 from jounce.limits.worst import ROUNDING, Worst
 from jounce.model.coordinates import coordinate_units, following_efforts
@@ -180,7 +180,7 @@ def _with_deviations(b: Bounded, worst: Worst, rows: list[CheckedLimit]) -> tupl
         return tuple(rows)
     rates = b.motion(t, 1)
     along = forces_along(b.robot, b.motion, t, b.force_order, None, None) if b.forces else None
-    spread = along.deviations if along is not None and along.deviations is not None else ()
+    spread = of_joints(b.robot, along.deviations) if along is not None and along.deviations is not None else []
     found = []
     for i, row in enumerate(rows):
         j = b.robot.joint_names.index(row.joint)
@@ -190,7 +190,8 @@ def _with_deviations(b: Bounded, worst: Worst, rows: list[CheckedLimit]) -> tupl
             found.append(row)
             continue
         elif row.limit == "power" and along is not None:
-            deviation = np.hypot(rates[1][i, j] * spread[0][i, j], along.forces[0][i, j] * motion[1][i, j])
+            [Q, *_] = of_joints(b.robot, along.forces)
+            deviation = np.hypot(rates[1][i, j] * spread[0][i, j], Q[i, j] * motion[1][i, j])
         else:
             deviation = spread[DERIVATIVE[row.limit]][i, j]
         reach = abs(row.bound - float(worst.scales[row.limit].centre[j]))

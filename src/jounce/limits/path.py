@@ -16,9 +16,8 @@ import numpy as np
 
 from jounce.dynamics.quantities import FORCES
 from jounce.limits import pace
-from jounce.limits.bounded import at_speed
+from jounce.limits.bounded import at_speed, gravity, of_joints
 from jounce.robot.dispatch import compute
-from jounce.robot.generic import as_tuple
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
@@ -108,10 +107,10 @@ def path_of(robot: "Robot", motion: "Motion", sigma: np.ndarray, order: int, lef
     """
     side: Literal["left", "right"] = "left" if left else "right"
     q = motion(sigma, order + 2, side)
-    W = motion.wrench(sigma, order, side)
+    W, base = motion.wrench(sigma, order, side), motion.base(sigma, order + 2, side)
 
     def forces(speed: float) -> list[np.ndarray]:
-        return [rate / speed**k for k, rate in enumerate(at_speed(robot, FORCES.name, q, W, speed, order))]
+        return [rate / speed**k for k, rate in enumerate(at_speed(robot, FORCES.name, q, W, speed, order, base))]
 
     b, v, g = [], [], []
     for ahead, back, double in zip(forces(1.0), forces(-1.0), forces(2.0), strict=True):
@@ -119,7 +118,5 @@ def path_of(robot: "Robot", motion: "Motion", sigma: np.ndarray, order: int, lef
         b.append((double - 2 * odd - even) / 3)
         v.append(odd)
         g.append(even - b[-1])
-    a = compute(robot, "generalized_momentum", q[: order + 2])
-    gravity = compute(robot, "gravity_forces", q[: order + 1])
-    tuples = [as_tuple(x) for x in (a, gravity)]
-    return Path(q, list(tuples[0]), b, v, g, list(tuples[1]))
+    a = of_joints(robot, compute(robot, "generalized_momentum", q[: order + 2], base=base and base[: order + 2]))
+    return Path(q, a, b, v, g, gravity(robot, q[: order + 1], base and base[: order + 1]))

@@ -178,13 +178,20 @@ def _moving(motion: Motion) -> tuple[bool, bool]:
 def _check_breaks(motion: Motion, names: Sequence[str], rate: int, kind: str) -> None:
     """Raise `JounceError` where a rate below that which a limit takes jumps: the limit cannot be met there."""
     peaks = [np.abs(x).max() for x in motion(np.linspace(motion.start, motion.stop, 101), rate - 1)]
-    real = [found for found in motion.breaks_to(rate - 1) if abs(found.jump) > ROUNDING * peaks[found.order]]
+    real = [
+        found
+        for found in motion.breaks_to(rate - 1)
+        if found.symbol != "q" or abs(found.jump) > ROUNDING * peaks[found.order]
+    ]
     if real:
         first = real[0]
-        joint = first.joint if isinstance(first.joint, str) else names[first.joint]
+        joint = quoted(first.joint if isinstance(first.joint, str) else names[first.joint])
+        what = (
+            f"{rate_name('q', first.order)} of joint {joint}" if first.symbol == "q" else f"{joint}, or a rate of it,"
+        )
         subject = SUBJECTS.get(kind, f"the {kind}")
         raise JounceError(
-            f"{rate_name('q', first.order)} of joint {quoted(joint)} jumps at t = {first.t:g} s, where {subject}"
+            f"{what} jumps at t = {first.t:g} s, where {subject}"
             f" of every time law is infinite; retime motion.blended(time, continuity={rate}) (--blend) to meet {kind}"
             " limits"
         )

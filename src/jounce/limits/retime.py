@@ -224,6 +224,7 @@ class Grid:
             given,
             curve=Paced(given.curve, law),
             loads={body: Paced(curve, law) for body, curve in given.loads.items()},
+            base_curve=given.base_curve and Paced(given.base_curve, law),
             source=f"{given.source}, retimed",
             samples=None,
             grid=None,

@@ -21,7 +21,8 @@ class Sample(NamedTuple):
 def worst_sample(
     limits: Limits, t: np.ndarray, rates: tuple[np.ndarray, ...], forces: tuple[np.ndarray, ...]
 ) -> Sample | None:
-    """The worst of the limits of coordinates that rates q, qd, ... and forces Q, Qd, ..., (N, n) each, tell of."""
+    """The worst of the limits of coordinates that rates q, qd, ... (N, n) and forces Q, Qd, ... (N, nv) tell of."""
+    forces = tuple(force[:, -rates[0].shape[1] :] for force in forces)  # without those of a base
     values = dict(zip(MOTION_KINDS, rates, strict=False)) | {
         kind: force
         for kind, force in zip(EFFORT_KINDS, forces, strict=False)

@@ -14,11 +14,19 @@ from collections.abc import Mapping
 import numpy as np
 
 from jounce.dynamics.quantities import FORCES
-from jounce.limits.bounded import DERIVATIVE, MOTORS, Bounded, Side, at_speed, quantities_of, rate_of_forces
+from jounce.limits.bounded import (
+    DERIVATIVE,
+    MOTORS,
+    Bounded,
+    Side,
+    at_speed,
+    gravity,
+    quantities_of,
+    rate_of_forces,
+)
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS
 from jounce.model.limits import FORCES as BOUND_FORCES
 from jounce.robot.along import FIRST
-from jounce.robot.dispatch import compute
 
 Polynomials = Mapping[str, np.ndarray]  # by kind
 Parts = tuple[np.ndarray, np.ndarray, np.ndarray]  # (N, n) each: of c^0, c^1 and c^2
@@ -42,7 +50,7 @@ def polynomials(b: Bounded, t: np.ndarray, side: Side = "right") -> Polynomials:
             if kind == "power":
                 c = np.concatenate([0 * c[:1], rates[1] * c])
             elif b.limits.of(kind) == BOUND_FORCES[1]:
-                c[k] -= _gravity(b, rates, k)
+                c[k] -= gravity(b.robot, rates[: k + 1], b.motion.base(t, k, side))[k]
             found[kind] = c
     return found
 
@@ -53,10 +61,10 @@ def _monomial(rate: np.ndarray, k: int) -> np.ndarray:
 
 def _parts(b: Bounded, rates: "tuple[np.ndarray, ...]", t: np.ndarray, order: int, side: Side) -> list[Parts]:
     """S, V, D and their derivatives along the motion up to an order."""
-    wrench = b.motion.wrench(t, order, side)
+    wrench, base = b.motion.wrench(t, order, side), b.motion.base(t, order + FIRST, side)
 
     def at(c: float) -> list[np.ndarray]:
-        return at_speed(b.robot, FORCES.name, rates, wrench, c, order)
+        return at_speed(b.robot, FORCES.name, rates, wrench, c, order, base)
 
     static, one, back = at(0.0)[0], at(1.0), at(-1.0)
     two, far_back = (at(2.0), at(-2.0)) if order else ([], [])
@@ -79,11 +87,6 @@ def _of_motors(b: Bounded, kind: str, rates: "tuple[np.ndarray, ...]", t: np.nda
         known = {name: b.quantity(name, order, rates, t, side, float(speed)) for name, order in orders.items()}
         values.append(b.of_motor(kind, known)[DERIVATIVE.get(kind, 0)])
     return np.tensordot(np.linalg.inv(np.vander(c, increasing=True)), np.stack(values), axes=1)
-
-
-def _gravity(b: Bounded, rates: "tuple[np.ndarray, ...]", k: int) -> np.ndarray:
-    found = compute(b.robot, "gravity_forces", rates[: k + 1])
-    return np.asarray(found[k] if isinstance(found, tuple) else found)
 
 
 def positive_roots(f: np.ndarray) -> np.ndarray:

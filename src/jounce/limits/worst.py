@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jounce.limits.bounded import Bounded, rate_of_forces
+from jounce.limits.bounded import Bounded, of_joints, rate_of_forces
 from jounce.limits.peaks import Peaks, peaks_of, picked, root
 from jounce.limits.pieces import Pieces
 from jounce.limits.ratios import Scale, scale_of
@@ -55,12 +55,14 @@ class Worst:
         names = self.b.robot.joint_names
         highest = max((MOTION_KINDS.index(kind) for kind in self.b.kinds if kind in MOTION_KINDS), default=0)
         for found in self.b.motion.breaks_to(highest - 1) if highest else ():
+            if found.symbol != "q":
+                continue
             j = found.joint if isinstance(found.joint, int) else names.index(found.joint)
             for kind in MOTION_KINDS[found.order + 1 :]:
                 self._jump(kind, j, found.t, found.jump)
         for met in breaks:
             unknown = [-np.ones(len(names)), np.ones(len(names))]  # of forces where q or qd jumps: an impulse
-            for jump in unknown if met.jump is None else [met.jump]:
+            for jump in unknown if met.jump is None else of_joints(self.b.robot, met.jump):
                 for i in np.flatnonzero(np.abs(jump) > ROUNDING * np.abs(jump).max()):
                     for kind in self.b.kinds:
                         if kind not in MOTION_KINDS and met.order < rate_of_forces(self.b.robot, kind):

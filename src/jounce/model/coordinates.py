@@ -16,6 +16,7 @@ from jounce.spatial.series import Series
 
 T = TypeVar("T", Array, Series)
 
+BASE_FORCES = tuple(f"base.{component}" for component in ("mx", "my", "mz", "fx", "fy", "fz"))
 TURNS = 8 * np.pi  # rad: four turns, further than joints without limits are taken to go
 
 
@@ -52,6 +53,17 @@ def joint_places(mechanism: Mechanism) -> dict[str, int]:
 def coordinate_units(mechanism: Mechanism) -> list[str]:
     """rad or m: the unit of each coordinate."""
     return ["rad" if np.any(X[:3]) else "m" for X in mechanism.X[leading_joints(mechanism)]]
+
+
+def force_names(mechanism: Mechanism) -> tuple[str, ...]:
+    """The names of the nv entries of Q: the wrench on the base of a robot that floats, and the coordinates."""
+    return (*(BASE_FORCES if mechanism.base else ()), *mechanism.coordinates)
+
+
+def force_units(mechanism: Mechanism) -> list[str]:
+    """N m or N: the unit of each of the nv entries of Q."""
+    own = ["N m" if unit == "rad" else "N" for unit in coordinate_units(mechanism)]
+    return [*(["N m"] * 3 + ["N"] * 3 if mechanism.base else []), *own]
 
 
 def coordinate_limits(mechanism: Mechanism) -> Limits:

@@ -223,12 +223,12 @@ def reciprocal_mass(mechanism: Mechanism) -> Array:
 
     Raises
     ------
-    JounceError : if they have no mass, and hence no center of mass.
+    JounceError : if they have no mass, and hence no centre of mass.
     """
     of_base = mechanism.base.M[None] if mechanism.base else mechanism.M[:0]
     mass = concatenate([of_base, mechanism.M], axis=-3)[:, 3:4, 3].sum(axis=0)
     if is_zero(mass[0]):
-        raise JounceError(f"{mechanism.name!r} has no center of mass, as all masses are 0; give its bodies mass")
+        raise JounceError(f"{mechanism.name!r} has no centre of mass, as all masses are 0; give its bodies mass")
     return reciprocal(mass)
 
 

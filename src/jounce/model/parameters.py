@@ -29,8 +29,8 @@ def parametrise(
     in `names`               symbols
     ======================== =====================================================================================
     "gravity"                gravity (3,)
-    "masses"                 masses (nb,): bodies keep their COM, inertia grows in proportion, as with the density;
-                             one without mass gets it at its frame's origin
+    "masses"                 masses (nb,), that of a floating base first: bodies keep their COM, inertia grows in
+                             proportion, as with the density; one without mass gets it at its frame's origin
     "lengths"                lengths (nb, 3): the positions of the body frames in their parents', at theta = 0
     "payload", "payload:X"   payload_mass (1,), payload_com (3,), payload_inertia (6,), added to body or link X, the
                              end of the robot if none is named: in the axes of X, the inertia about the COM as xx xy
@@ -44,7 +44,7 @@ def parametrise(
     JounceError : where a name is unknown or comes twice, or a payload hangs on the ground.
     """
     symbols = {name: symbol(name, value.shape) for name, value in own_values(mechanism, names).items()}
-    B, M = exact_integers(mechanism.B), exact_integers(mechanism.M)
+    B, M = exact_integers(mechanism.B), exact_integers(mechanism.inertias)
     if "lengths" in symbols:
         B = pose(rotation(B), symbols["lengths"][..., None])
     if "masses" in symbols:
@@ -54,14 +54,16 @@ def parametrise(
         added = inertia.shift_inertia(
             inertia.inertia_matrix(mass, com, inertia.symmetric(six)), exact_integers(frame.T)
         )
-        M = M + np.eye(mechanism.nb, dtype=int)[frame.body][:, None, None] * added
+        M = M + np.eye(len(M), dtype=int)[frame.body + mechanism.first][:, None, None] * added
     gravity = symbols.get("gravity", mechanism.gravity)
-    return with_exact_integers(replace(mechanism, B=B, M=M, gravity=np.array(gravity))), symbols
+    base = mechanism.base and replace(mechanism.base, M=M[0])
+    changed = replace(mechanism, B=B, M=M[mechanism.first :], gravity=np.array(gravity), base=base)
+    return with_exact_integers(changed), symbols
 
 
 def own_values(mechanism: Mechanism, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Return the arrays that `parametrise` replaces, with the robot's own values."""
-    own = {"gravity": mechanism.gravity, "masses": mechanism.M[:, 3, 3], "lengths": mechanism.B[:, :3, 3]}
+    own = {"gravity": mechanism.gravity, "masses": mechanism.inertias[:, 3, 3], "lengths": mechanism.B[:, :3, 3]}
     payloads = _payloads(mechanism, names)
     nothing = {f"{stem}_{part}": np.zeros(size) for stem in payloads for part, size in PAYLOAD.items()}
     return {name: own[name] for name in names if name in own} | nothing
@@ -80,7 +82,7 @@ def _payloads(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Frame]:
             raise no_such("parameter", name, [*PARAMETERS, "payload:BODY"])
         if kind == "payload":
             frame = mechanism.frame(body if colon else _tip(mechanism))
-            if frame.body < 0:
+            if frame.body < 0 and mechanism.base is None:
                 raise JounceError(f"a payload on {frame.name!r} has no effect: it is fixed to the ground")
             payloads[f"payload{len(payloads) + 1 if payloads else ''}"] = frame
     return payloads

@@ -1,14 +1,14 @@
 """The columns of a motion in a table: times, joints, rates, wrenches, measured torques, each with its unit."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from jounce.arguments import names
 from jounce.errors import JounceError, listed, no_such, one_line, quoted
 from jounce.model.coordinates import coordinate_units
 from jounce.model.mechanism import Mechanism
-from jounce.motion import loads
+from jounce.motion import loads, poses
 from jounce.motion.units import ANGLES, TIMES, factor, split_unit
 from jounce.spatial.series import SUFFIX, rate_name
 
@@ -98,19 +98,24 @@ def match(header: Sequence[str], mechanism: Mechanism, options: Options, highest
     sources = _with_time(sources, header, options.time, joints)
     torques = _torques(bare, options.torques, joints)
     sources = _with_pattern(sources, options.pattern, joints)
+    of_base = poses.named(list(sources), mechanism)
+    sources = _of_base(sources, of_base)
     of_wrenches = loads.named(list(sources), mechanism)
-    given = [name for name in sources if name not in of_wrenches and sources[name] not in torques.values()]
+    others = {*of_wrenches, *of_base.values()}
+    given = [name for name in sources if name not in others and sources[name] not in torques.values()]
     sampled = not any(_is_rate(name, joints) for name in given)
     wanted = (
         list(joints) if sampled else [f"{joint}.{rate_name('q', k)}" for joint in joints for k in range(highest + 1)]
     )
     _check(given, [TIME, *wanted], sampled, mechanism, highest)
-    kept = {TIME, *wanted, *of_wrenches} | {name for name in given if not sampled and _belongs(name, joints)}
+    poses.check_names(list(of_base.values()), mechanism, highest)
+    kept = {TIME, *wanted, *others} | {name for name in given if not sampled and _belongs(name, joints)}
     units = dict(bare.values())
-    factors = _factors({name: sources[name] for name in sources if name in kept}, units, options, mechanism)
+    used = {name: source for name, source in sources.items() if name in kept}
+    factors = _factors(used, units, options, mechanism, of_base.values())
     return Match(
         sampled,
-        {name: source for name, source in sources.items() if name in kept},
+        used,
         factors,
         torques,
         tuple(
@@ -119,6 +124,18 @@ def match(header: Sequence[str], mechanism: Mechanism, options: Options, highest
         options.angles is not None or any(units[sources[name]] for name in wanted),
         options.time_unit is not None or units[sources[TIME]] is not None,
     )
+
+
+def _of_base(sources: Mapping[str, str], of_base: Mapping[str, str]) -> dict[str, str]:
+    """The columns with those of the base under their prefix ``base``, whatever the base link is called."""
+    found: dict[str, str] = {}
+    for name, source in sources.items():
+        known = of_base.get(name, name)
+        if known in found:
+            both = f"{quoted(found[known])} and {quoted(source)}"
+            raise JounceError(f"columns {both} both state {known!r} of the base; expected it once")
+        found[known] = source
+    return found
 
 
 def _bare(header: Sequence[str], joints: Sequence[str]) -> dict[str, tuple[str, str | None]]:
@@ -222,7 +239,11 @@ def _check(given: Sequence[str], expected: Sequence[str], sampled: bool, mechani
 
 
 def _factors(
-    sources: Mapping[str, str], units: Mapping[str, str | None], options: Options, mechanism: Mechanism
+    sources: Mapping[str, str],
+    units: Mapping[str, str | None],
+    options: Options,
+    mechanism: Mechanism,
+    of_base: Collection[str],
 ) -> dict[str, float]:
     """Return the factors to SI units of the columns, from their names or from the caller's options."""
     kinds = dict(zip(mechanism.coordinates, coordinate_units(mechanism), strict=True))
@@ -231,6 +252,9 @@ def _factors(
         joint, _, rate = name.removesuffix(DEVIATION).rpartition(".")
         joint, rate = (name, "q") if name in kinds else (joint, rate)
         kind, order = "s" if name == TIME else kinds.get(joint, "load"), _order(rate)
+        if name in of_base:
+            kind, suffix = poses.unit_of(name)
+            order = _order(f"q{suffix}")
         said = {"s": options.time_unit, "rad": options.angles}.get(kind)
         found[name] = factor(units[source], said, kind, order, source)
     return found

@@ -1,4 +1,4 @@
-"""Curves made of curves: at another pace, one after the other."""
+"""Curves made of curves: at another pace, a part of one, one after the other."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -53,6 +53,32 @@ class Retimed(OfCurve):
 
     def _inner(self, t: np.ndarray) -> np.ndarray:
         return (self.origin + (t - self.place) / self.factor).clip(self.base.start, self.base.stop)
+
+
+@dataclass(frozen=True, eq=False)
+class Part(OfCurve):
+    """A curve between two times."""
+
+    first: float
+    last: float
+
+    @property
+    def start(self) -> float:
+        """The start time, s."""
+        return self.first
+
+    @property
+    def stop(self) -> float:
+        """The end time, s."""
+        return self.last
+
+    def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
+        """The values and their derivatives up to `order`."""
+        return self.base.rates(t, order, left)
+
+    def jumps(self, order: int) -> list[Jump]:
+        """Where a derivative up to `order` jumps."""
+        return [jump for jump in self.base.jumps(order) if self.first < jump.t < self.last]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ from jounce._scalars import asarray, is_finite
 from jounce._typing import ArrayLike
 from jounce.arguments.rates import checked_order
 from jounce.errors import JounceError, listed, one_of, quoted, warn
+from jounce.motion import base as bases
 from jounce.motion.composed import Chain, Retimed
 from jounce.motion.curves import COMPONENTS, HIGHEST, Curve, Jump, Polynomials
 from jounce.spatial.series import rate_name
@@ -26,7 +27,7 @@ class Break(NamedTuple):
     """Where a derivative of a coordinate jumps: when, of which joint, its order (0 is q, 3 is q3d), by how much.
 
     Where a wrench jumps, `symbol` is "W", the order is that of its derivative, and the joint is its component, as in
-    "link7.fz".
+    "link7.fz". Where the motion of the base jumps, `symbol` is "base", and the joint is its entry, as in "base.z".
     """
 
     t: float
@@ -60,6 +61,9 @@ class Motion:
         Times (N,) and the torques (N, n) measured then, N m or N; NaN where a joint has none.
     notes : tuple of str
         What else its table contains, one note each.
+    base_curve : Curve, or None
+        The position (m) and a quaternion of the base, of any length, as a function of time with seven columns: x, y, z,
+        qw, qx, qy, qz. `base` makes pose and twist of them; None if the motion has no base.
 
     Examples
     --------
@@ -79,6 +83,7 @@ class Motion:
     grid: np.ndarray | None = None
     torques: tuple[np.ndarray, np.ndarray] | None = None
     notes: tuple[str, ...] = ()
+    base_curve: Curve | None = None
 
     @staticmethod
     def through(t: ArrayLike, q: ArrayLike, degree: int = 7, *, joint_names: Sequence[str] | None = None) -> "Motion":
@@ -427,6 +432,7 @@ class Motion:
 
     def __repr__(self) -> str:
         joints = "" if self.joint_names is None else f" of {len(self.joint_names)} joints"
+        joints += " with a base" if self.base_curve else ""
         return f"<Motion{joints}, t = {self.start:g} .. {self.stop:g} s: {self.source}>"
 
     def _repr_html_(self) -> str:
@@ -449,6 +455,12 @@ class Motion:
         """The duration, s."""
         return self.stop - self.start
 
+    @property
+    def highest(self) -> int | None:
+        """The order of the last derivative that is known of all joints and of the base; None where all are."""
+        curves = (self.curve, self.base_curve) if self.base_curve else (self.curve,)
+        return min((curve.highest for curve in curves if curve.highest is not None), default=None)
+
     @cached_property
     def times(self) -> np.ndarray:
         """Default times (N,) of evaluation: those of its samples or its file, or a grid of about a millisecond."""
@@ -464,7 +476,7 @@ class Motion:
     def breaks_to(self, order: int) -> tuple[Break, ...]:
         """Where a derivative up to an order jumps, in the order of time; of each joint the lowest one that does.
 
-        Wrenches count to the order less two, as Q takes q2d and W.
+        Wrenches count to the order less two, as Q takes q2d and W; the base counts as a joint does.
 
         Parameters
         ----------
@@ -495,6 +507,8 @@ class Motion:
             for jump in _jumps(curve, order - 2):
                 name = f"{body}.{COMPONENTS[jump.column]}"
                 found.append(Break(jump.t, name, jump.order, jump.size, "W"))
+        for jump in _jumps(self.base_curve, order) if self.base_curve else ():
+            found.append(Break(jump.t, bases.NAMES[jump.column], jump.order, jump.size, "base"))
         return tuple(sorted(found, key=lambda jump: jump.t))
 
     def __call__(
@@ -578,6 +592,108 @@ class Motion:
             for by_body, rate in zip(found, rates, strict=True):
                 by_body[body] = rate.reshape(*times.shape, 6)
         return tuple(found)
+
+    def base(
+        self, t: ArrayLike, order: int = 4, side: Literal["right", "left"] = "right"
+    ) -> tuple[np.ndarray, ...] | None:
+        """The pose of the base and its twist with rates at times: what `base=` of `Robot.inverse_dynamics` takes.
+
+        The base is that of a robot that floats, or the ground on which another robot stands. The twist is (angular;
+        linear), in the axes of the base and about its origin; its rates are those of these components. They follow
+        exactly from the position p and the quaternion Q = (w; v) of `base_curve`, of any length: the angular velocity
+        is 2 E(Q) Qd / (Q^T Q) with E = [-v, w 1 - hat(v)].
+
+        Parameters
+        ----------
+        t : (...)
+            Times from `start` to `stop`, s.
+        order : int, optional
+            The highest derivative of position and quaternion, as that of q in a call of the motion.
+        side : {"right", "left"}, optional
+            Whether to return the rates after a break or those before it, at the time of a break.
+
+        Returns
+        -------
+        tuple of arrays, or None
+            C (..., 4, 4), V, Vd, ... (..., 6), order + 1 of them; m, rad/s and m/s, ...; None without a base.
+
+        Raises
+        ------
+        JounceError
+            If a time is outside of the motion, the rates are not known to this order, or the quaternion vanishes.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> t, C = np.linspace(0, 1, 50), np.broadcast_to(np.eye(4), (50, 4, 4)).copy()
+        >>> C[:, 2, 3] = 0.5 + 0.1 * t**2
+        >>> motion = jounce.Motion.polynomial([[0, 1], [0, 2]], 1.0).with_base(t, C, degree=7)
+        >>> C, V, Vd = motion.base(1.0, order=2)
+        >>> V.round(6), Vd.round(6)
+        (array([0. , 0. , 0. , 0. , 0. , 0.2]), array([0. , 0. , 0. , 0. , 0. , 0.2]))
+        """
+        times, order = self.checked(t), checked_order(order)
+        left = one_of("side", side, SIDES) == "left"
+        if self.base_curve is None:
+            return None
+        self._check_known(self.base_curve, order, "q", "the motion of the base")
+        found = bases.terms_at(self.base_curve, times.ravel(), order, left)
+        self._check_finite(found, times, "the motion", lambda j: "the base")
+        return tuple(term.reshape(*times.shape, *term.shape[1:]) for term in found)
+
+    def with_base(
+        self,
+        t: ArrayLike | None,
+        C: ArrayLike,
+        *,
+        degree: int | None = None,
+        intervals: int | None = None,
+        bandwidth: float | None = None,
+        force: bool = False,
+    ) -> "Motion":
+        """The same motion with poses of the base: of a robot that floats, or of the ground on which another stands.
+
+        A curve with seven columns goes along the positions and the unit quaternions of the poses, these with the signs
+        that make them neighbours; its twist is exact (see `base`). By default the curve is smoothed as measured samples
+        of joints are, and forces have standard deviations that follow from it.
+
+        Parameters
+        ----------
+        t : (N,), or None
+            Increasing times, s, from the start of the motion or earlier to its end or later; None for one pose.
+        C : (N, 4, 4) or (4, 4)
+            Poses of the base in the inertial frame, base to inertial frame, positions in m; one pose if the base rests.
+        degree : int, optional
+            Interpolate the poses by a spline of degree 7 (C^6) or 5 (C^4); by default they are smoothed.
+        intervals : int, optional
+            Fit such a spline by least squares over this number of intervals.
+        bandwidth : float, optional
+            Bandwidth of the smoothing in Hz; by default as far as the motion exceeds the noise.
+        force : bool, optional
+            Accept poses even if noise dominates the highest rate.
+
+        Returns
+        -------
+        Motion
+
+        Raises
+        ------
+        JounceError
+            If a shape is wrong, a matrix is no pose (the message says which and how far off), t does not increase or
+            does not cover the motion, or there are too few poses.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> jounce.Motion.polynomial([[0, 1]], 1.0).with_base(None, np.eye(4)).base(0.5, order=1)[1]
+        array([0., 0., 0., 0., 0., 0.])
+        """
+        from jounce.motion import poses
+        from jounce.motion.spline import way_of
+
+        way = way_of(degree, intervals, bandwidth, force)
+        curve, notes = poses.curve_of_poses(t, C, way, self.start, self.stop)
+        return replace(self, base_curve=curve, notes=(*self.notes, *notes))
 
     def wrench_deviations(self, t: ArrayLike, order: int = 2) -> tuple[dict[str, np.ndarray], ...]:
         """Standard deviations of the wrenches and their rates, of those that are smoothed.
@@ -734,7 +850,8 @@ class Motion:
         """Replace the breaks of the motion by polynomials, so that derivatives up to an order are continuous.
 
         Each break of a joint is replaced from half the time before to half the time after; `residual` is the largest
-        distance from this motion that comes of it. Wrenches that jump are blended too, up to the order less two.
+        distance from this motion that comes of it. Wrenches that jump are blended too, up to the order less two, and so
+        is the motion of the base.
 
         Parameters
         ----------
@@ -779,8 +896,16 @@ class Motion:
                 components = [f"the wrench component {body}.{component}" for component in COMPONENTS]
                 loads[body], off = blended(load, float(time), _known(load, continuity - 2), components)
                 notes.append(f"wrench of {quoted(body)}: blended, at most {off.max():.2g} N m or N from it")
+        base = self.base_curve
+        if base and _jumps(base, continuity):
+            base, off = blended(base, float(time), _known(base, continuity), [f"column {name}" for name in bases.NAMES])
+            notes.append(
+                f"base: blended, at most {off[:3].max():.2g} m from it, and {off[3:].max():.2g} in quaternions"
+            )
         source = f"{self.source}, blended over {float(time):g} s (C^{continuity})"
-        return replace(self, curve=curve, source=source, residual=distance, loads=loads, notes=tuple(notes))
+        return replace(
+            self, curve=curve, source=source, residual=distance, loads=loads, notes=tuple(notes), base_curve=base
+        )
 
     def __add__(self, other: object) -> "Motion":
         """Append another motion, shifted to the end of this one; positions must agree, jumps of rates become breaks."""
@@ -803,7 +928,8 @@ class Motion:
         if self.grid is not None and later.grid is not None:
             grid = np.concatenate([self.grid, later.grid[later.grid > self.grid[-1]]])
         source = self.source if self.source == other.source else f"{self.source}; then {other.source}"
-        return Motion(Chain((self.curve, later.curve)), self.joint_names, source, loads, grid=grid)
+        base = _joined_bases(self, later)
+        return Motion(Chain((self.curve, later.curve)), self.joint_names, source, loads, grid=grid, base_curve=base)
 
     def checked(self, t: ArrayLike) -> np.ndarray:
         """Times that a caller gives, within the motion.
@@ -850,6 +976,7 @@ class Motion:
             self,
             curve=curve,
             loads={body: Retimed(load, factor, self.start, place) for body, load in self.loads.items()},
+            base_curve=self.base_curve and Retimed(self.base_curve, factor, self.start, place),
             source=source,
             samples=self.samples and (curve.outer(self.samples[0]), self.samples[1]),
             grid=None if self.grid is None else curve.outer(self.grid),
@@ -885,6 +1012,27 @@ def _known(curve: Curve, order: int) -> int:
 def _jumps(curve: Curve, order: int) -> list[Jump]:
     """Where a derivative of a curve up to an order jumps, as far as it is known."""
     return curve.jumps(_known(curve, order)) if order >= 0 else []
+
+
+def _joined_bases(first: Motion, later: Motion) -> Curve | None:
+    """The base of two motions one after the other; of the second quaternion the free sign and length follow suit."""
+    if first.base_curve is None or later.base_curve is None:
+        if first.base_curve or later.base_curve:
+            raise JounceError("only one of the motions has a base; expected both or neither: motion.with_base(t, C)")
+        return None
+    [end], [begin] = (
+        part.base_curve.rates(np.array([t]), 0, left)  # type: ignore[union-attr] # both are there
+        for part, t, left in ((first, first.stop, True), (later, later.start, False))
+    )
+    factor = float(end[0, 3:] @ begin[0, 3:]) / float(begin[0, 3:] @ begin[0, 3:])
+    factors = np.array([1.0] * 3 + [factor] * 4)
+    apart = np.abs(end - begin * factors).max()
+    if apart > MEET:
+        raise JounceError(
+            f"the motions do not meet: their bases are {apart:.2g} apart in position (m) or quaternion;"
+            " expected one to begin where the other ends"
+        )
+    return Chain((first.base_curve, bases.Scaled(later.base_curve, factors)))
 
 
 def _zero(motion: Motion) -> Curve:

@@ -7,7 +7,7 @@ import numpy as np
 
 from jounce.errors import JounceError, at, warn
 from jounce.model.mechanism import Mechanism
-from jounce.motion import loads, smoothness
+from jounce.motion import loads, poses, smoothness
 from jounce.motion.columns import DEVIATION, TIME, Match, Options, match
 from jounce.motion.hermite import Hermite
 from jounce.motion.motion import Motion
@@ -60,20 +60,24 @@ def from_columns(
     rows = tuple(_stacked(si, [f"{joint}.{rate}" for joint in joints]) for rate in rates)
     check_units(t, q, rows[1] if rows[1:] else None, mechanism, (found.angles_stated, found.time_stated), place)
     of_wrenches = {name: si[name] for name in loads.named(list(si), mechanism)}
-    if not found.sampled and not loads.are_sampled(of_wrenches):
+    of_base = {name: si[name] for name in poses.named(list(si), mechanism)}
+    of_samples = (loads.are_sampled(of_wrenches), bool(of_base) and poses.are_sampled(list(of_base)))
+    if not found.sampled and not any(of_samples):
         refuse_way(way, place, "all rates are in the table")
     samples = found_from(t, q, way, joints, highest, place) if found.sampled else None
+    base, of_poses = poses.curve_of_columns(t, of_base, way, highest, place)
     W, of_loads = loads.wrenches(t, of_wrenches, mechanism, max(highest - 2, 0), way, place)
     measured = _torques(columns, found, joints)
     torques = None if measured is None else (t, measured)
     if samples is None:
         _warn_of(smoothness.of_rates(rows), place)
         curve = Hermite(t, rows, _spreads(si, joints, rates))
+        notes = (*found.notes, *of_poses, *of_loads)
         return Motion(
-            curve, joints, "all rates from the table", W, grid=t, torques=torques, notes=(*found.notes, *of_loads)
+            curve, joints, "all rates from the table", W, grid=t, torques=torques, notes=notes, base_curve=base
         )
-    notes = (*found.notes, *samples.notes, *of_loads)
-    return Motion(samples.curve, joints, samples.source, W, (t, q), samples.residual, t, torques, notes)
+    notes = (*found.notes, *samples.notes, *of_poses, *of_loads)
+    return Motion(samples.curve, joints, samples.source, W, (t, q), samples.residual, t, torques, notes, base)
 
 
 def _check_increasing(t: np.ndarray, column: str, place: str) -> None:

@@ -11,9 +11,10 @@ from jounce.model.mechanism import Mechanism
 ANGLES = {"rad": 1.0, "deg": np.pi / 180}
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
+NUMBERS = {"1": 1.0}  # of quaternions
 SPELLINGS = {"°": "deg", "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad", "µs": "us", "μs": "us",
              "sec": "s", "seconds": "s"}  # fmt: skip
-KINDS = {"s": TIMES, "rad": ANGLES, "m": LENGTHS}
+KINDS = {"s": TIMES, "rad": ANGLES, "m": LENGTHS, "1": NUMBERS}
 HEADER = re.compile(r"(.*?)\s*(?:\[([^][]*)\]|\(([^()]*)\))", re.DOTALL)
 PER_TIME = re.compile(r"(.+?)\s*/\s*s(?:\^?([2-9])|([²³⁴]))?")
 POWERS = {"²": 2, "³": 3, "⁴": 4}
@@ -37,7 +38,7 @@ def split_unit(name: str) -> tuple[str, str | None]:
 
 
 def factor(stated: str | None, said: str | None, kind: str, order: int, column: str) -> float:
-    """Return the factor to SI units of a column of s, rad, m or load; its name or the caller states the unit."""
+    """Return the factor to SI units of a column of s, rad, m, 1 or load; its name or the caller states the unit."""
     if kind == "load":  # of wrenches, N m and N
         if stated is not None and "".join(stated.split()).replace("*", "") not in ("N", "Nm", "N.m", "N·m"):
             raise JounceError(f"column {quoted(column)}: {no_such('unit', stated, ('N', 'N m'))}")

@@ -6,14 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import is_masked
+from jounce._scalars import is_masked, is_traced
 from jounce.arguments import names
 from jounce.dynamics.computation import Port, Shape, Signature
 from jounce.errors import JounceError
 
 
 def refuse_names_and_masks(kernel: str, arrays: Sequence[Any], out: Sequence[Any]) -> None:
-    """Raise `JounceError` for arrays with names or masks, both of which NumPy would drop."""
+    """Raise `JounceError` for arrays with names or masks, both of which NumPy would drop, and for traced ones."""
+    if any(map(is_traced, arrays)):
+        raise JounceError(
+            f"{kernel} takes arrays of numbers, not those that JAX traces; the methods of a Robot take both, under"
+            " jax.jit, jax.vmap and jax.grad"
+        )
     if any(names.listed_in(x) is not None for x in (*arrays, *out)):
         raise JounceError(
             f"{kernel} takes arrays without names, in the order of its joints; a Robot's methods match names"

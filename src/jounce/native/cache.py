@@ -8,7 +8,7 @@ to a limit: the least recently used kernels are removed first.
 import hashlib
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -48,9 +48,7 @@ def limit() -> int:
 
 def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
     """The name of a kernel: a hash of everything that its code depends on."""
-    import llvmlite
-
-    digest = hashlib.sha256(f"{computation} {target} llvmlite {llvmlite.__version__} {sources()}".encode())
+    digest = hashlib.sha256(key_of(str(computation), target).encode())
     digest.update(repr((mechanism.parent, mechanism.acting)).encode())
     arrays = {name: getattr(mechanism, name) for name in DATA} | (vars(mechanism.drives) if mechanism.acting else {})
     if mechanism.base:
@@ -67,6 +65,13 @@ def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
         digest.update(f"{name} {array.shape} {array.dtype}".encode())
         digest.update(array.tobytes())
     return digest.hexdigest()
+
+
+def key_of(what: str, target: Target) -> str:
+    """The name of code that depends on no robot."""
+    import llvmlite
+
+    return hashlib.sha256(f"{what} {target} llvmlite {llvmlite.__version__} {sources()}".encode()).hexdigest()
 
 
 @cache
@@ -90,6 +95,15 @@ def read(name: str) -> bytes | None:
         return None
     with suppress(OSError):  # of a disk that is only read
         os.utime(path)  # used now
+    return code
+
+
+def read_or_make(name: str, make: Callable[[], bytes]) -> bytes:
+    """Return the code under a key, made and kept if it is not there."""
+    code = read(name)
+    if code is None:
+        code = make()
+        write(name, code)
     return code
 
 

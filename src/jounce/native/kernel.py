@@ -189,8 +189,8 @@ class Kernel(Generic[Results]):
 
         Parameters
         ----------
-        arrays : tuple of arrays, each (..., n), then (..., nb, 6)
-            What a call of the kernel takes: q, qd, ..., W, Wd, ...
+        arrays : tuple of arrays, each (..., n), then (..., nb, 6), then (..., 4, 4) and (..., 6)
+            What a call of the kernel takes: q, qd, ..., W, Wd, ..., C, V, Vd, ...
         weights : array or tuple of arrays, each of the shape of a result
             wQ, wQd, ..., one for each result; None is zero. Where the kernel returns one array, an array.
         out : tuple of arrays, optional
@@ -203,7 +203,8 @@ class Kernel(Generic[Results]):
         tuple of arrays
             gq, gqd, ..., gW, ..., one for each input, in the unit of the weighted sum per unit of the input. Batch axes
             broadcast: there is a gradient for each state, also by an input that all states share. Wrenches are constant
-            in the axes of their bodies while q varies.
+            in the axes of their bodies while q varies. The gradient by the pose C of the base, (..., 6), is that along
+            twists d in its axes, for steps C exp(wedge(d)).
 
         Raises
         ------
@@ -246,10 +247,11 @@ class Kernel(Generic[Results]):
 
         Parameters
         ----------
-        arrays : tuple of arrays, each (..., n), then (..., nb, 6)
-            What a call of the kernel takes: q, qd, ..., W, Wd, ...
+        arrays : tuple of arrays, each (..., n), then (..., nb, 6), then (..., 4, 4) and (..., 6)
+            What a call of the kernel takes: q, qd, ..., W, Wd, ..., C, V, Vd, ...
         directions : tuple of arrays, each of the shape of an input
-            dq, dqd, ..., dW, ..., one for each input; None is zero.
+            dq, dqd, ..., dW, ..., one for each input; None is zero. That of the pose C of the base is a twist d in its
+            axes, (..., 6), of a step C exp(wedge(d)).
         out : array or tuple of arrays, optional
             Arrays to write the tangents into.
         threads : int, optional
@@ -358,11 +360,10 @@ def compile_kernel(mechanism: Mechanism, computation: Computation, patience: flo
 def _code(mechanism: Mechanism, computation: Computation, patience: float) -> bytes:
     """Object code, from the cache where it is there."""
     target = host()
-    key = cache.key(mechanism, computation, target)
-    code = cache.read(key)
-    if code is None:
+
+    def make() -> bytes:
         from jounce.native.forms import modules  # what a warm cache spares
 
-        code = jit.assemble(modules(mechanism, computation, target, patience), target)
-        cache.write(key, code)
-    return code
+        return jit.assemble(modules(mechanism, computation, target, patience), target)
+
+    return cache.read_or_make(cache.key(mechanism, computation, target), make)

@@ -26,6 +26,7 @@ from jounce.native.loop_steps import (
     KINDS,
     JointStep,
     Sweeps,
+    base_constants,
     carry,
     constants,
     drive_table,
@@ -34,6 +35,7 @@ from jounce.native.loop_steps import (
 from jounce.native.plan import Layout, motion_slots
 
 MEMORY = ("constants", "body", "parent", "motion", "carrier")  # what a step reads and writes
+GROUND = ("%bodies", "%bodies", "%motions")  # what those of the ground are, but for the constants and the carrier
 
 
 def emit_loop(mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> Block:
@@ -46,15 +48,20 @@ def emit_loop(mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> Blo
 def _define_block(ir: Writer, mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> None:
     reduced, slots, of_joints = minimal(mechanism), motion_slots(mechanism.parent), kinds(mechanism)
     present = [kind for kind in KINDS if kind in of_joints]
-    _define_steps(ir, present, sweeps)
+    _define_steps(ir, present, sweeps, reduced.base is not None)
     _define_tables(ir, mechanism, slots, [present.index(kind) for kind in of_joints])
     _define_sum(ir)
     with ir.function("internal void @block(ptr %in, ptr %out, ptr %bodies)"):
         ir.label("start")
         ir.do(f"%motions = getelementptr {ir.V}, ptr %bodies, i64 {(reduced.nb + 1) * sweeps.layout.size}")
         _set_results(ir, signature)
-        _set_ground(ir, sweeps, ground(reduced.gravity.astype(float)))
+        if sweeps.computation.base:
+            _move_ground(ir, reduced, sweeps, signature)
+        else:
+            _set_ground(ir, sweeps, ground(reduced.gravity.astype(float)))
         sweep(_Memory(ir, reduced, sweeps, signature, present))
+        if reduced.base:
+            _add_base_force(ir, sweeps, signature)
         ir.do("ret void")
 
 
@@ -83,7 +90,8 @@ class _Memory:
 
     def add_wrench(self, i: str) -> None:
         if self.sweeps.computation.wrench:
-            _add_wrench(self.ir, i, _memory(self.ir, i, self.sweeps), self.sweeps.layout, self.signature)
+            place = self.ir.let(f"add i64 {i}, {self.chain.first}")  # among the bodies that take wrenches
+            _add_wrench(self.ir, place, _memory(self.ir, i, self.sweeps), self.sweeps.layout, self.signature)
 
     def hand_on(self, i: str) -> None:
         memory = _memory(self.ir, i, self.sweeps)
@@ -95,12 +103,12 @@ class _Memory:
     def collect(self, i: str) -> None:
         ir, body = self.ir, _memory(self.ir, i, self.sweeps)[0]
         with _loop_over_coordinates(ir, i) as (coordinate, factor):  # Q = G^T Q_theta
-            for k, (place,) in enumerate(self.sweeps.layout.places("Q")):
-                Q = ir.at("%out", ir.let(f"add i64 {coordinate}, {k * self.chain.n}"), ir.V)
+            for port, (place,) in zip(self.signature.outputs, self.sweeps.layout.places("Q"), strict=True):
+                Q = ir.at("%out", ir.let(f"add i64 {coordinate}, {port.end - self.chain.n}"), ir.V)
                 ir.store(ir.op("fma", factor, ir.load(ir.at(body, place, ir.V)), ir.load(Q)), Q)
 
 
-def _define_steps(ir: Writer, present: Sequence[str], sweeps: Sweeps) -> None:
+def _define_steps(ir: Writer, present: Sequence[str], sweeps: Sweeps, floating: bool) -> None:
     for kind in present:
         _define_step(ir, f"outward_{kind}", sweeps.outward(kind))
         _define_step(ir, f"inward_{kind}", sweeps.inward(kind))
@@ -108,6 +116,8 @@ def _define_steps(ir: Writer, present: Sequence[str], sweeps: Sweeps) -> None:
         _define_step(ir, "add_wrench", sweeps.add_wrench())
     if sweeps.acting:
         _define_step(ir, "drive", sweeps.drive())
+    if sweeps.computation.base:
+        _define_step(ir, "move_base", sweeps.base(floating))
 
 
 def _define_tables(ir: Writer, mechanism: Mechanism, slots: Sequence[int], of_joints: Sequence[int]) -> None:
@@ -119,6 +129,7 @@ def _define_tables(ir: Writer, mechanism: Mechanism, slots: Sequence[int], of_jo
     ir.table("constants", constants(mechanism).ravel().tolist())
     ir.table("drives", drive_table(mechanism).ravel().tolist())
     ir.table("carry", carry(mechanism).ravel().tolist())
+    ir.table("base", base_constants(mechanism).tolist())
     followed = [np.flatnonzero(row).tolist() or [0] for row in G]  # coordinates by joint, at least one
     ir.table("entries", [0, *accumulate(map(len, followed))])  # those of joint i: from entry i to entry i + 1
     ir.table("coordinates", [j for row in followed for j in row])
@@ -159,8 +170,32 @@ def _set_ground(ir: Writer, sweeps: Sweeps, motion: BodyMotion) -> None:
         for k, places in enumerate(sweeps.motion.places(name)):
             for place, x in zip(places, np.ravel(getattr(motion, name)[k]).tolist(), strict=True):
                 ir.store(ir.vector(float(x) + 0.0), ir.at("%motions", place, ir.V))
-    for place in chain.from_iterable(chain.from_iterable(map(sweeps.layout.places, ("f", "n")))):
+    _clear_ground(ir, sweeps.layout)
+
+
+def _clear_ground(ir: Writer, layout: Layout) -> None:
+    for place in chain.from_iterable(chain.from_iterable(map(layout.places, ("f", "n")))):
         ir.store(ir.vector(0.0), ir.at("%bodies", place, ir.V))
+
+
+def _move_ground(ir: Writer, chain: Mechanism, sweeps: Sweeps, signature: Signature) -> None:
+    """The motion of the ground from that of the base, and what acts on a base that floats."""
+    given = ir.at("%in", signature.of_role("base")[0].start, ir.V)
+    memory = [*GROUND, given]
+    if chain.base is None:
+        _clear_ground(ir, sweeps.layout)
+    ir.do(f"call void @move_base({_pointers('@base', *memory)})")
+    if chain.base is not None and sweeps.computation.wrench:
+        _add_wrench(ir, "0", memory, sweeps.layout, signature)
+
+
+def _add_base_force(ir: Writer, sweeps: Sweeps, signature: Signature) -> None:
+    """The force on a base that floats, as the bodies have passed it on: the results before those of the joints."""
+    n, f = map(sweeps.layout.places, ("n", "f"))
+    for port, moment, force in zip(signature.outputs, n, f, strict=True):
+        for j, place in enumerate((*moment, *force)):
+            Q = ir.at("%out", port.start + j, ir.V)
+            ir.store(ir.op("add", ir.load(ir.at("%bodies", place, ir.V)), ir.load(Q)), Q)
 
 
 def _joint_variable(ir: Writer, i: str, body: str, layout: Layout, n: int) -> None:

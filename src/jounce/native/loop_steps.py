@@ -3,12 +3,12 @@
 The mathematics is that of `dynamics.recursion.steps`; what distinguishes joints of a kind are numbers in a table.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from jounce._scalars import is_zero
+from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.recursion.forces import ground
 from jounce.dynamics.recursion.joints import rows
@@ -16,7 +16,7 @@ from jounce.dynamics.recursion.steps import AlignedJoint, BodyMotion, Force, Mom
 from jounce.model import drives
 from jounce.model.equivalent import frame_shifts, minimal
 from jounce.model.mechanism import Mechanism
-from jounce.native.plan import Layout, body_layout, motion_layout, sweep_of
+from jounce.native.plan import Layout, base_layout, body_layout, motion_layout, sweep_of
 from jounce.program.passes import factor, fuse
 from jounce.program.program import Program
 from jounce.program.trace import Tape
@@ -27,6 +27,7 @@ from jounce.spatial.series import Series
 KINDS = ("revolute", "prismatic", "helical")
 CONSTANTS = {"R": 9, "r": 3, "pitch": 1, "m": 1, "h": 3, "P": 6}  # of a joint and its body
 DRIVES = dict.fromkeys(drives.COEFFICIENTS, 1)  # of a joint's drive train
+BASE = {"g": 3, "m": 1, "h": 3, "P": 6}  # gravity, and the moments of a base that floats
 CARRY = {"R": 9, "r": 3}  # where the joint's frame lies in the body's own, in which wrenches are given
 
 
@@ -42,10 +43,10 @@ class JointStep:
 class _Sheet:
     """A tape whose inputs and outputs have places in memory: of a body or its parent, of the motion of either."""
 
-    def __init__(self, sweeps: "Sweeps") -> None:
+    def __init__(self, sweeps: "Sweeps", carrier: Layout | None = None) -> None:
         self.tape = Tape()
         of_body, of_motion = sweeps.layout, sweeps.motion
-        self.layouts = {"body": of_body, "parent": of_body, "motion": of_motion, "carrier": of_motion}
+        self.layouts = {"body": of_body, "parent": of_body, "motion": of_motion, "carrier": carrier or of_motion}
         self.reads: list[tuple[str, int]] = []
         self.outputs: list[tuple[str, int, object]] = []
 
@@ -89,6 +90,24 @@ class Sweeps:
     def layout(self) -> Layout:
         """The other vectors of a body."""
         return body_layout(self.computation)
+
+    def base(self, floating: bool) -> JointStep:
+        """Trace the step from the base as it is given to the motion of the ground, with its inertia force if it floats.
+
+        What carries the ground is the motion of the base, in the place of a parent's.
+        """
+        sheet = _Sheet(self, base_layout(self.computation))
+        c = sheet.constants(BASE)
+        C, V = sheet.read("carrier", "C")[0].reshape(4, 4), sheet.read("carrier", "V")
+        kind = sweep_of(self.computation)
+        found = kind.base(c["g"], BaseMotion(pose(rotation(C), position(C)), V))
+        for name in kind.parts:
+            sheet.write("motion", name, getattr(found, name))
+        if floating:
+            force = kind.force(_moments(c), found)
+            sheet.write("body", "f", force.f)
+            sheet.write("body", "n", force.n)
+        return sheet.step()
 
     def outward(self, kind: str) -> JointStep:
         """Trace the step from the parent's motion to the body's, with the inertia force."""
@@ -149,7 +168,11 @@ def _joint(sheet: _Sheet, kind: str) -> tuple[AlignedJoint, Moments]:
         d=None if kind == "revolute" else theta * pitch,
         pitch=pitch,
     )
-    return joint, (c["m"][:, None], c["h"][:, None], inertia.symmetric(c["P"]))
+    return joint, _moments(c)
+
+
+def _moments(c: dict[str, np.ndarray]) -> Moments:
+    return c["m"][:, None], c["h"][:, None], inertia.symmetric(c["P"])
 
 
 def kinds(mechanism: Mechanism) -> list[str]:
@@ -163,10 +186,21 @@ def constants(mechanism: Mechanism) -> np.ndarray:
     chain = minimal(mechanism)
     table = []
     for B, X, M in zip(chain.B, chain.X, chain.M, strict=True):
-        m, h, P = inertia.moments(M)
-        parts: Sequence[np.ndarray] = (rotation(B), position(B), X[5:], m, h, P[np.triu_indices(3)])
-        table.append(np.concatenate([np.ravel(part) for part in parts]))
+        table.append(np.concatenate([np.ravel(part) for part in (rotation(B), position(B), X[5:])] + [_upper(M)]))
     return np.array(table, dtype=float)
+
+
+def base_constants(mechanism: Mechanism) -> np.ndarray:
+    """The numbers of the base, as `BASE` lists them; a fixed one has no inertia."""
+    chain = minimal(mechanism)
+    M = np.zeros((6, 6)) if chain.base is None else chain.base.M
+    return np.concatenate([chain.gravity, _upper(M)]).astype(float)
+
+
+def _upper(M: np.ndarray) -> np.ndarray:
+    """The moments of a mass matrix as a row of ten."""
+    m, h, P = inertia.moments(M)
+    return np.concatenate([np.ravel(m), np.ravel(h), P[np.triu_indices(3)]])
 
 
 def drive_table(mechanism: Mechanism) -> np.ndarray:
@@ -175,6 +209,7 @@ def drive_table(mechanism: Mechanism) -> np.ndarray:
 
 
 def carry(mechanism: Mechanism) -> np.ndarray:
-    """The numbers that move a wrench on each body to its joint's frame, as `CARRY` lists them."""
+    """The numbers that move a wrench on each body to its joint's frame, as `CARRY` lists them; a base stays first."""
     T = frame_shifts(mechanism, minimal(mechanism))
+    T = np.concatenate([np.eye(4)[None]] * mechanism.first + [T])
     return np.concatenate([rotation(T).reshape(-1, 9), position(T).reshape(-1, 3)], axis=1).astype(float)

@@ -30,7 +30,7 @@ class LongCompilationError(Exception):
 
 def is_straight(computation: Computation, nb: int) -> bool:
     """Return whether the code is a straight line; a loop over the bodies is half as fast, but compiles at once."""
-    looped = computation.quantity.sweep is not None and not computation.product and not computation.base
+    looped = computation.quantity.sweep is not None and not computation.product
     return not looped or nb * (computation.order + 1) ** 2 <= STRAIGHT_LIMIT
 
 
@@ -79,6 +79,11 @@ def body_layout(computation: Computation) -> Layout:
     joint = (("theta", computation.rates, 1), ("sine", 1, 1), ("cosine", 1, 1))
     acting = (("f", count, 3), ("n", count, 3), ("Q", count, 1))
     return Layout((*joint, *acting, ("W", count, 6)) if computation.wrench else (*joint, *acting))
+
+
+def base_layout(computation: Computation) -> Layout:
+    """The layout of the motion of the base, as the inputs list it."""
+    return Layout((("C", 1, 16), ("V", computation.rates - 1, 6)))
 
 
 def sweep_of(computation: Computation) -> Sweep:

@@ -2,43 +2,48 @@
 
 A handler is compiled in each process, since it holds the address of its kernel, and calls it without Python. XLA keeps
 handlers for the life of the process, so they and their kernels are kept too, one for each kernel: robots of equal data
-share it.
+share it. Handlers of single precision convert some states at a time to doubles, and their results back.
 
 The structures are those of XLA's C interface for custom calls, version 0.1 and those that XLA accepts in its place:
 OpenXLA, xla/ffi/api/c_api.h.
 """
 
-from dataclasses import replace
+from collections.abc import Sequence
 from threading import Lock
+from typing import Any
 
 import numpy as np
 
-from jounce.dynamics.computation import Signature
-from jounce.native import cache, jit
+from jounce.dynamics.computation import Port
+from jounce.native import cache, jit, pool
 from jounce.native.ir import Writer
-from jounce.native.jit import Code, host
+from jounce.native.jit import host
 from jounce.native.kernel import Kernel
+from jounce.native.pool import Pool
 
 VERSION = 0, 1  # of the interface that handlers are written for
 EXTENSION, ARGUMENTS, RESULTS = 8, 72, 112  # offsets in bytes in XLA_FFI_CallFrame
 TYPE, METADATA, OF_METADATA = 8, 24, 1  # in XLA_FFI_Metadata_Extension, by which XLA asks for the version; its type
 MAJOR, MINOR, TRAITS = 24, 28, 32  # in XLA_FFI_Metadata
 DATA, RANK, DIMENSIONS = 24, 32, 40  # in XLA_FFI_Buffer
+CHUNK = 2**17  # bytes of states as doubles, converted at a time: they stay in the cache
 
 _lock = Lock()
-_targets: dict[str, tuple[Kernel, Code] | None] = {}  # by name; None where this jaxlib refuses the handler
+_targets: dict[str, tuple[Any, ...] | None] = {}  # what lives as long; None where this jaxlib refuses the handler
 
 
-def target(kernel: Kernel) -> str | None:
+def target(kernel: Kernel, dtype: np.dtype) -> str | None:
     """Return the name under which XLA calls a kernel, registered once; None if the jaxlib does not fit.
 
-    Arguments are float64, row-major, (N, ...) or one state for all, (...); results are (N, ...).
+    Arguments are of the type, float64 or float32, row-major, (N, ...) or one state for all, (...); results are
+    (N, ...).
     """
-    name = f"jounce_{cache.key(kernel.mechanism, kernel.computation, host())}"
+    name = f"jounce_{dtype}_{cache.key(kernel.mechanism, kernel.computation, host())}"
     with _lock:
         if name not in _targets:
-            code = jit.load_object(jit.assemble([_handler(kernel)], host()), host())
-            _targets[name] = (kernel, code) if _is_registered(name, code.address("call")) else None
+            text, needed = _handler(kernel, dtype)
+            code = jit.load_object(jit.assemble([text], host()), host())
+            _targets[name] = (kernel, code, needed) if _is_registered(name, code.address("call")) else None
         return name if _targets[name] else None
 
 
@@ -54,14 +59,20 @@ def _is_registered(name: str, address: int) -> bool:
     return True
 
 
-def _handler(kernel: Kernel) -> str:
-    """The module of ``@call(frame)``, which calls the kernel on the buffers of a frame and returns no error."""
-    ir, signature = Writer(replace(host(), lanes=1)), kernel.signature
-    ports = [*signature.inputs, *signature.outputs]
-    steps = len(ports) + sum(len(port.shape) for port in ports)
+def _handler(kernel: Kernel, dtype: np.dtype) -> tuple[str, Pool | None]:
+    """The module of ``@call(frame)``, which calls the kernel on the buffers of a frame, and its scratch memory."""
+    ir, inputs, outputs = Writer(host()), kernel.signature.inputs, kernel.signature.outputs
+    ports, memory = [*inputs, *outputs], None
+    states, scratch = kernel.addresses
+    if dtype == np.float32:
+        chunk = max(ir.lanes, CHUNK // (8 * (inputs[-1].end + outputs[-1].end)) // ir.lanes * ir.lanes)
+        size = 8 * chunk * (inputs[-1].end + outputs[-1].end)
+        memory = Pool(size)
+        _define_conversions(ir, kernel, chunk)
+        pool.define_on_heap(ir, size, "@singles")
     with ir.function("ptr @call(ptr %frame)"):
         ir.label("start")
-        arrays, strides = ir.let(f"alloca [{len(ports)} x ptr]"), ir.let(f"alloca [{steps} x i64]")
+        arrays, strides = (ir.let(f"alloca [{count} x {kind}]") for count, kind in _sizes(ports))
         extension = _read(ir, "%frame", EXTENSION)
         ir.do(f"br i1 {ir.let(f'icmp eq ptr {extension}, null')}, label %run, label %extended")
         ir.label("extended")
@@ -73,28 +84,104 @@ def _handler(kernel: Kernel) -> str:
             ir.do(f"store i32 {number}, ptr {ir.at(metadata, offset, 'i8')}")
         ir.do("ret ptr null")
         ir.label("run")
-        count = _store_arrays(ir, signature, arrays, strides)
-        states, pool = (ir.let(f"inttoptr i64 {address} to ptr") for address in kernel.addresses)
-        ir.do(f"call void {states}(ptr {arrays}, ptr {count}, ptr {strides}, ptr {pool})")
+        count = _store_arrays(ir, inputs, outputs, arrays, strides, dtype.itemsize)
+        called, place = ("@singles", memory.address) if memory else (_pointer(ir, states), scratch)
+        ir.do(f"call void {called}(ptr {arrays}, ptr {count}, ptr {strides}, ptr {_pointer(ir, place)})")
         ir.do("ret ptr null")
-    return ir.text()
+    return ir.text(), memory
 
 
-def _store_arrays(ir: Writer, signature: Signature, arrays: str, strides: str) -> str:
+def _sizes(ports: Sequence[Port]) -> tuple[tuple[int, str], tuple[int, str]]:
+    """The numbers of pointers and of strides that a kernel takes, with their types."""
+    return (len(ports), "ptr"), (len(ports) + sum(len(port.shape) for port in ports), "i64")
+
+
+def _store_arrays(
+    ir: Writer, inputs: Sequence[Port], outputs: Sequence[Port], arrays: str, strides: str, width: int
+) -> str:
     """Store where the arrays begin, and their strides, as the kernel takes them; return where their length is."""
-    ports = [*signature.inputs, *signature.outputs]
-    within = (bytes_ for port in ports for bytes_ in np.empty(port.shape).strides)
-    for k, bytes_ in enumerate(within, start=len(ports)):
-        ir.do(f"store i64 {bytes_}, ptr {ir.at(strides, k, 'i64')}")
-    places = [(ARGUMENTS, k) for k in range(len(signature.inputs))]
-    places += [(RESULTS, k) for k in range(len(signature.outputs))]
-    for j, (port, (offset, k)) in enumerate(zip(ports, places, strict=True)):
+    _store_inner_strides(ir, [*inputs, *outputs], strides)
+    places = [(ARGUMENTS, k) for k in range(len(inputs))] + [(RESULTS, k) for k in range(len(outputs))]
+    for j, (port, (offset, k)) in enumerate(zip([*inputs, *outputs], places, strict=True)):
         buffer = _read(ir, _read(ir, "%frame", offset), 8 * k)
         ir.do(f"store ptr {_read(ir, buffer, DATA)}, ptr {ir.at(arrays, j, 'ptr')}")
         shared = ir.let(f"icmp eq i64 {_read(ir, buffer, RANK, 'i64')}, {len(port.shape)}")
-        stride = ir.let(f"select i1 {shared}, i64 0, i64 {8 * port.size}")
+        stride = ir.let(f"select i1 {shared}, i64 0, i64 {width * port.size}")
         ir.do(f"store i64 {stride}, ptr {ir.at(strides, j, 'i64')}")
     return _read(ir, buffer, DIMENSIONS)  # of the last result, whose first axis is the batch
+
+
+def _store_inner_strides(ir: Writer, ports: Sequence[Port], strides: str) -> None:
+    """Store the strides within a state of doubles, which come after those from state to state."""
+    within = (stride for port in ports for stride in np.empty(port.shape).strides)
+    for k, stride in enumerate(within, start=len(ports)):
+        ir.do(f"store i64 {stride}, ptr {ir.at(strides, k, 'i64')}")
+
+
+def _define_conversions(ir: Writer, kernel: Kernel, chunk: int) -> None:
+    """``@blocks(args, dimensions, steps, memory)``: the kernel on arrays of singles, some states at a time."""
+    _define_copy(ir, "widen", "float", "fpext", "double")
+    _define_copy(ir, "narrow", "double", "fptrunc", "float")
+    inputs, outputs = kernel.signature.inputs, kernel.signature.outputs
+    ports, end = [*inputs, *outputs], inputs[-1].end
+    with ir.function("internal void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr %memory)"):
+        ir.label("start")
+        arrays, strides, count = (ir.let(f"alloca [{n} x {kind}]") for n, kind in (*_sizes(ports), (1, "i64")))
+        _store_inner_strides(ir, ports, strides)
+        starts = [port.start for port in inputs] + [end + port.start for port in outputs]
+        doubles = [ir.at("%memory", chunk * start) for start in starts]
+        given = [_read(ir, "%args", 8 * j) for j in range(len(ports))]
+        steps = [_read(ir, "%steps", 8 * j, "i64") for j in range(len(ports))]
+        for j, (place, step) in enumerate(zip(doubles, steps, strict=True)):
+            ir.do(f"store ptr {place}, ptr {ir.at(arrays, j, 'ptr')}")
+            ir.do(f"store i64 {ir.let(f'mul i64 {step}, 2')}, ptr {ir.at(strides, j, 'i64')}")
+        total = ir.let("load i64, ptr %dimensions")
+        ir.do(f"br i1 {ir.let(f'icmp sgt i64 {total}, 0')}, label %some, label %done")
+        ir.label("some")
+        with ir.loop(ir.let(f"sdiv i64 {ir.let(f'add i64 {total}, {chunk - 1}')}, {chunk}")) as index:
+            first = ir.let(f"mul i64 {index}, {chunk}")
+            left = ir.call("llvm.smin.i64", "i64", ir.let(f"sub i64 {total}, {first}"), str(chunk))
+            ir.do(f"store i64 {left}, ptr {count}")
+            places = [ir.at(x, ir.let(f"mul i64 {first}, {step}"), "i8") for x, step in zip(given, steps, strict=True)]
+            for j, port in enumerate(inputs):
+                rows = ir.let(f"select i1 {ir.let(f'icmp eq i64 {steps[j]}, 0')}, i64 1, i64 {left}")
+                numbers = ir.let(f"mul i64 {rows}, {port.size}")
+                ir.do(f"call void @widen(ptr {places[j]}, ptr {doubles[j]}, i64 {numbers})")
+            states, scratch = (_pointer(ir, address) for address in kernel.addresses)
+            ir.do(f"call void {states}(ptr {arrays}, ptr {count}, ptr {strides}, ptr {scratch})")
+            for j, port in enumerate(outputs, start=len(inputs)):
+                numbers = ir.let(f"mul i64 {left}, {port.size}")
+                ir.do(f"call void @narrow(ptr {doubles[j]}, ptr {places[j]}, i64 {numbers})")
+        ir.do("br label %done")
+        ir.label("done")
+        ir.do("ret void")
+
+
+def _define_copy(ir: Writer, name: str, source: str, conversion: str, target: str) -> None:
+    """A function (from, to, count) that converts numbers: whole vectors, then the rest one by one."""
+    with ir.function(f"internal void @{name}(ptr %from, ptr %to, i64 %count)"):
+        ir.label("start")
+        vectors = ir.let(f"sdiv i64 %count, {ir.lanes}")
+        whole = ir.let(f"mul i64 {vectors}, {ir.lanes}")
+        for label, lanes, start, end in (
+            ("vectors", f"<{ir.lanes} x {{}}>", "0", vectors),
+            ("rest", "{}", whole, "%count"),
+        ):
+            ir.do(f"br i1 {ir.let(f'icmp slt i64 {start}, {end}')}, label %{label}, label %{label}.none")
+            ir.label(label)
+            with ir.loop(end, start) as i:
+                kinds = lanes.format(source), lanes.format(target)
+                x = ir.let(f"load {kinds[0]}, ptr {ir.at('%from', i, kinds[0])}, align 4")
+                y = ir.let(f"{conversion} {kinds[0]} {x} to {kinds[1]}")
+                ir.do(f"store {kinds[1]} {y}, ptr {ir.at('%to', i, kinds[1])}, align 4")
+            ir.do(f"br label %{label}.none")
+            ir.label(f"{label}.none")
+        ir.do("ret void")
+
+
+def _pointer(ir: Writer, address: int) -> str:
+    """An address as a pointer."""
+    return ir.let(f"inttoptr i64 {address} to ptr")
 
 
 def _read(ir: Writer, structure: str, offset: int, kind: str = "ptr") -> str:

@@ -12,6 +12,7 @@ from jounce.arguments.rates import checked_order
 from jounce.dynamics.quantities import FORCES, Quantity
 from jounce.errors import JounceError, at, quoted
 from jounce.model.mechanism import Mechanism
+from jounce.motion.base import perturbed
 from jounce.motion.matching import matched
 from jounce.motion.motion import Break, Motion
 from jounce.motion.units import warn_of_degrees
@@ -34,8 +35,8 @@ Wrenches = tuple[dict[str, np.ndarray], ...]
 class ForceBreak(NamedTuple):
     """A time at which the forces are not smooth: a rate of Q jumps, and higher rates do not exist.
 
-    `order` is the order of the rate that jumps (0 is Q), `jump` (n,) the size of the jump; they are -1 and None if q or
-    qd jumps, so that Q itself does not exist. `causes` are the breaks of the motion at this time.
+    `order` is the order of the rate that jumps (0 is Q), `jump` (nv,) the size of the jump; they are -1 and None if q
+    or qd jumps, so that Q itself does not exist. `causes` are the breaks of the motion at this time.
     """
 
     t: float
@@ -54,12 +55,15 @@ class Along:
         Times in s.
     rates : tuple of (N, n)
         q, qd, q2d, ... of the motion at these times: rad or m, per s, per s^2, ...; at a break those after it.
-    forces : tuple of (N, n)
-        Q, Qd, ...: N m for revolute and N for prismatic coordinates, per s, ...; a tuple for order 0 too.
-    deviations : tuple of (N, n), or None
+    forces : tuple of (N, nv)
+        Q, Qd, ...: N m for revolute and N for prismatic coordinates, per s, ...; a tuple for order 0 too. If the robot
+        floats, the first 6 columns are the wrench (moment; force) that acts on its base, in its axes.
+    deviations : tuple of (N, nv), or None
         Standard deviations of the forces that follow from those of q, qd, ...; None where these are exact.
     breaks : tuple of ForceBreak
         Times at which Q or one of its rates jumps or does not exist, with order, jump and causes.
+    base : tuple of arrays, or None
+        C (N, 4, 4), V, Vd, ... (N, 6) of the motion at these times; None if it has no base.
 
     Examples
     --------
@@ -76,6 +80,7 @@ class Along:
     forces: Rates
     deviations: Rates | None = None
     breaks: tuple[ForceBreak, ...] = ()
+    base: Rates | None = None
 
 
 def forces_along(
@@ -103,7 +108,8 @@ def forces_along(
     rates, forces = (_join([getattr(part, name) for part in parts]) for name in ("rates", "forces"))
     deviations = None if parts[0].deviations is None else _join([part.deviations or () for part in parts])
     breaks = force_breaks(robot, path, times, highest, method, row)
-    return Along(times, rates, forces, deviations, breaks)
+    base = None if parts[0].base is None else _join([part.base or () for part in parts])
+    return Along(times, rates, forces, deviations, breaks, base)
 
 
 def checked_motion(mechanism: Mechanism, motion: object) -> Motion:
@@ -112,6 +118,11 @@ def checked_motion(mechanism: Mechanism, motion: object) -> Motion:
         came = type(motion).__name__
         raise JounceError(f"forces_along() expects a jounce.Motion, got {came}; jounce.load_motion makes one")
     with at("the motion"):
+        if mechanism.base and motion.base_curve is None:
+            raise JounceError(
+                f"{mechanism.name!r} floats, and the motion has no base; motion.with_base(t, C) gives it one of poses"
+                " C (N, 4, 4), and motion.with_base(None, C) one that rests"
+            )
         return matched(motion, mechanism)
 
 
@@ -131,11 +142,12 @@ def pieces_along(
     spread = _spreads(robot, motion, times, order, method, row)
     for start in range(0, len(times), PIECE):
         t = times[start : start + PIECE]
-        rates = motion(t, order + row.rates - 1)
-        forces = _forces(robot, motion, t, rates, order, method, row)
+        rates, base = motion(t, order + row.rates - 1), motion.base(t, order + row.rates - 1)
+        W = motion.wrench(t, order + row.wrench_rates - 1)
+        forces = _computed(robot, rates, W, base, method, row)
         if progress is not None:
             progress(start + len(t), len(times))
-        yield Along(t, rates, forces, spread and spread(t))
+        yield Along(t, rates, forces, spread and spread(t), base=base)
 
 
 def force_breaks(
@@ -147,10 +159,14 @@ def force_breaks(
         for t, causes in groupby(motion.breaks_to(order + row.rates - 1), key=lambda found: found.t)
         if times.min() <= t <= times.max()
     ]
-    taken = {"q": row.rates - 1, "W": row.wrench_rates - 1}  # the order of each that the quantity itself takes
+    taken = {
+        "q": row.rates - 1,
+        "base": row.rates - 1,
+        "W": row.wrench_rates - 1,
+    }  # the order of each that the quantity itself takes
     lowest = np.array([min(cause.order - taken[cause.symbol] for cause in causes) for _, causes in known], dtype=int)
     t = np.array([t for t, _ in known])
-    jumps = np.zeros((order + 1, len(t), robot.n))
+    jumps = np.zeros((order + 1, len(t), _size(robot, row)))
     for start in range(0, len(t), PIECE):
         part = slice(start, start + PIECE)
         before, after = (_one_sided(robot, motion, t[part], order, side, method, row) for side in ("left", "right"))
@@ -170,46 +186,44 @@ def _one_sided(
     method: str | None,
     row: Quantity,
 ) -> Rates:
-    return _forces(robot, motion, t, motion(t, order + row.rates - 1, side), order, method, row, side)
+    highest = order + row.rates - 1
+    rates, base = motion(t, highest, side), motion.base(t, highest, side)
+    return _computed(robot, rates, motion.wrench(t, order + row.wrench_rates - 1, side), base, method, row)
 
 
-def _forces(
-    robot: "Robot",
-    motion: Motion,
-    t: np.ndarray,
-    rates: Rates,
-    order: int,
-    method: str | None,
-    row: Quantity,
-    side: Literal["left", "right"] = "right",
+def _computed(
+    robot: "Robot", rates: Rates, W: Wrenches | None, base: Rates | None, method: str | None, row: Quantity
 ) -> Rates:
-    return _computed(robot, rates, motion.wrench(t, order + row.wrench_rates - 1, side), method, row)
+    return as_tuple(compute(robot, row.name, rates, wrench=W, base=base, method=method))
 
 
-def _computed(robot: "Robot", rates: Rates, W: Wrenches | None, method: str | None, row: Quantity) -> Rates:
-    return as_tuple(compute(robot, row.name, rates, wrench=W, method=method))
+def _size(robot: "Robot", row: Quantity) -> int:
+    """The number of entries of a quantity for one state: n, or nv of the forces on a robot that floats."""
+    [axis] = row.shape
+    return robot.nv if axis == "nv" else robot.n
 
 
 def _spreads(
     robot: "Robot", motion: Motion, times: np.ndarray, order: int, method: str | None, row: Quantity
 ) -> Callable[[np.ndarray], Rates] | None:
-    """The standard deviations of the forces over time: computed with each rate, of q and of wrenches, off by its own.
+    """The standard deviations of the forces over time: computed with each entry of q, W and the base off by its own.
 
     The rates are assumed independent, which overestimates slightly: the highest rates dominate.
     """
     highest, of_wrench = order + row.rates - 1, order + row.wrench_rates - 1
     smoothed = [body for body, load in motion.loads.items() if load.deviations(times[:1], 0) is not None]
-    if motion.deviations(times[:1], 0) is None and not smoothed:
+    on_base = motion.base_curve is not None and motion.base_curve.deviations(times[:1], 0) is not None
+    if motion.deviations(times[:1], 0) is None and not smoothed and not on_base:
         return None
     every = np.unique(times)
-    count = max(2, PERTURBED // ((robot.n + 6 * len(smoothed)) * (highest + 1)))
+    count = max(2, PERTURBED // ((robot.n + 7 * on_base + 6 * len(smoothed)) * (highest + 1)))
     t = every[np.unique(np.linspace(0, len(every) - 1, min(count, len(every))).astype(int))]
-    total = np.zeros((order + 1, len(t), robot.n))
+    total = np.zeros((order + 1, len(t), _size(robot, row)))
     for start in range(0, len(t), PIECE):
         part = t[start : start + PIECE]
-        rates, W = motion(part, highest), motion.wrench(part, of_wrench)
-        true = np.array(_computed(robot, rates, W, method, row))
-        for other in _perturbed(motion, part, rates, W, highest, of_wrench):
+        rates, W, base = motion(part, highest), motion.wrench(part, of_wrench), motion.base(part, highest)
+        true = np.array(_computed(robot, rates, W, base, method, row))
+        for other in _perturbed(motion, part, rates, W, base, highest, of_wrench):
             total[:, start : start + PIECE] += (np.array(_computed(robot, *other, method, row)) - true) ** 2
     known = np.sqrt(total)
 
@@ -220,17 +234,25 @@ def _spreads(
 
 
 def _perturbed(
-    motion: Motion, t: np.ndarray, rates: Rates, W: Wrenches | None, highest: int, of_wrench: int
-) -> Iterator[tuple[Rates, Wrenches | None]]:
-    """The rates and wrenches at times with each of their entries off by its standard deviation, one after the other."""
+    motion: Motion,
+    t: np.ndarray,
+    rates: Rates,
+    W: Wrenches | None,
+    base: Rates | None,
+    highest: int,
+    of_wrench: int,
+) -> Iterator[tuple[Rates, Wrenches | None, Rates | None]]:
+    """The rates, wrenches and base at times with each of their entries off by its standard deviation, one by one."""
     for k, off in enumerate(motion.deviations(t, highest) or ()):
         for j in range(off.shape[1]):
-            yield (*rates[:k], rates[k] + off * (np.arange(off.shape[1]) == j), *rates[k + 1 :]), W
+            yield (*rates[:k], rates[k] + off * (np.arange(off.shape[1]) == j), *rates[k + 1 :]), W, base
     for k, by_body in enumerate(motion.wrench_deviations(t, of_wrench) if W else ()):
         for body, off in by_body.items():
             for j in np.flatnonzero(off.any(axis=0)).tolist():
                 moved = W[k] | {body: W[k][body] + off * (np.arange(6) == j)} if W else {}
-                yield rates, (*W[:k], moved, *W[k + 1 :]) if W else None
+                yield rates, (*W[:k], moved, *W[k + 1 :]) if W else None, base
+    for other in perturbed(motion.base_curve, t, highest) if motion.base_curve else ():
+        yield rates, W, other
 
 
 def _join(parts: list[Rates]) -> Rates:

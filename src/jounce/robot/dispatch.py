@@ -1,5 +1,6 @@
 """Calls of a robot's methods: arguments are checked, and the first backend that accepts a call runs it."""
 
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -11,7 +12,7 @@ import numpy as np
 
 from jounce._scalars import FLOAT, Array, is_jax, is_numeric
 from jounce.arguments import loads, rates, requests, wrenches
-from jounce.arguments.base import base_of, check_pose
+from jounce.arguments.base import base_of
 from jounce.dynamics import drive_terms, elastic
 from jounce.dynamics.base import STILL
 from jounce.dynamics.computation import Computation, Port, coordinate_ports
@@ -23,6 +24,7 @@ from jounce.native import plan
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel, compile_kernel
 from jounce.native.plan import PATIENCE, LongCompilationError, obstacle
+from jounce.native.poses import are_poses
 from jounce.robot.generic import batch_shape, checked_out, compute_by_method, evaluate, is_fit, results_into
 from jounce.spatial.series import Series, columns
 
@@ -90,8 +92,8 @@ def compute(
     try:  # the short way, of calls like an earlier one: NumPy itself checks shapes and kinds of numbers
         kernel, count = robot._kernels.ready[form]
         arrays = (*given[:count], *terms, *moved)
-        if moved:
-            check_pose(moved[0])
+        if moved and not are_poses(moved[0]):
+            raise LookupError  # NaN, or what `check_pose` refuses
         if out is None:
             return kernel.ufunc(*arrays)
         into = tuple(out) if type(out) in (tuple, list) else (out,)
@@ -130,7 +132,7 @@ def checked_arguments(
             raise JounceError(f"method={method!r} has no base that moves; use method='closed_form'")
     if body is not None or frame != "body":
         requests.place(mechanism, name, body, frame)
-    requests.check_elastic(mechanism, name)
+    requests.check_elastic(mechanism, name, base is not None or mechanism.base is not None)
     if quantity.forces:
         requests.check_invertible(mechanism, name)
     if base is None and not mechanism.base:
@@ -258,8 +260,8 @@ def _prepare_jax(call: Call) -> tuple[Any, str | None]:
         return None, ""
     try:
         from jounce.robot import primitive
-    except ImportError as error:
-        return None, f"native code for JAX needs version 0.8 or later: {error}"
+    except ImportError:
+        return None, f"native code supports JAX from 0.8 on, not {sys.modules['jax'].__version__}"
     if refusal := primitive.obstacle(call.arrays):
         return None, f"native code {refusal}"
     if type(call.threads) is not int or call.threads != 1:

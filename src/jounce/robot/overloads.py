@@ -66,6 +66,10 @@ class _Place(TypedDict, total=False):
     frame: Frame
 
 
+class _Compiled(_Place, total=False):
+    base: bool
+
+
 class _Body(Options, total=False):
     body: str | None
 
@@ -349,20 +353,20 @@ class Compile(Protocol):
 
     @overload
     def __call__(
-        self, quantity: QuantityName = ..., order: Literal[2] = ..., wrench: bool = ..., **place: Unpack[_Place]
+        self, quantity: QuantityName = ..., order: Literal[2] = ..., wrench: bool = ..., **options: Unpack[_Compiled]
     ) -> Kernel[tuple[Floats, Floats, Floats]]: ...
 
     @overload
     def __call__(
-        self, quantity: QuantityName = ..., order: Literal[1] = ..., wrench: bool = ..., **place: Unpack[_Place]
+        self, quantity: QuantityName = ..., order: Literal[1] = ..., wrench: bool = ..., **options: Unpack[_Compiled]
     ) -> Kernel[tuple[Floats, Floats]]: ...
 
     @overload
     def __call__(
-        self, quantity: QuantityName = ..., order: Literal[0] = ..., wrench: bool = ..., **place: Unpack[_Place]
+        self, quantity: QuantityName = ..., order: Literal[0] = ..., wrench: bool = ..., **options: Unpack[_Compiled]
     ) -> Kernel[Floats]: ...
 
     @overload
     def __call__(
-        self, quantity: QuantityName = ..., order: int = ..., wrench: bool = ..., **place: Unpack[_Place]
+        self, quantity: QuantityName = ..., order: int = ..., wrench: bool = ..., **options: Unpack[_Compiled]
     ) -> Kernel[Any]: ...

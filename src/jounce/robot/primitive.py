@@ -17,7 +17,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
+from jax import enable_x64, lax
 from jax.core import ShapedArray
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
@@ -207,13 +207,14 @@ def _call_kernel(*arrays: Array, request: Request) -> tuple[Array, ...]:
     shapes = [(prod(batch), *port.shape) for port in request.signature.outputs]  # of a batch, also for one state
     both = zip(ports, arrays, strict=True)
     rows = [x.reshape((prod(batch), *port.shape)) if x.ndim > len(port.shape) else x for port, x in both]
-    name = xla.target(kernel)
+    inside = np.dtype(np.float32 if dtype == np.float32 else np.float64)
+    name = xla.target(kernel, inside)
     if name is None:
         results = jax.pure_callback(partial(_call_back, kernel), _arrays(shapes, dtype), *rows)
     else:
-        with jax.enable_x64(True):  # inside the compiled function only: what comes and goes has the caller's type
-            doubles = [lax.convert_element_type(x, np.float64) for x in rows]
-            found = jax.ffi.ffi_call(name, _arrays(shapes, np.float64))(*doubles)
+        with enable_x64(True):  # inside the compiled function only: what comes and goes has the caller's type
+            given = [lax.convert_element_type(x, inside) for x in rows]
+            found = jax.ffi.ffi_call(name, _arrays(shapes, inside))(*given)
             results = [lax.convert_element_type(y, dtype) for y in found]
     return tuple(y.reshape((*batch, *y.shape[1:])) for y in results)
 

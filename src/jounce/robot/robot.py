@@ -525,7 +525,7 @@ class Robot:
         >>> robot = jounce.Robot.from_pinocchio(model, base="floating")
         >>> state = robot.state_from_pinocchio(pinocchio.neutral(model), model=model)
         >>> state.q.shape, state.base[0].shape
-        ((26,), (4, 4))
+        ((28,), (4, 4))
         """
         from jounce.models import states
 
@@ -1116,30 +1116,36 @@ class Robot:
         """Accelerations q2d from generalized forces, with as many rates as Q has.
 
         ``q2d = M^-1 (Q - C qd - Qgrav - Qext)``: the inverse of `inverse_dynamics`, of every order. Drive terms that
-        act are subtracted from Q; armature that acts is in M.
+        act are subtracted from Q; armature that acts is in M. Of a robot that floats, the acceleration of the base is
+        found too: ``(Vd; q2d)``.
 
         Parameters
         ----------
         q, qd : (..., n)
             Coordinates and velocities: rad or m, and per s.
-        Q : (..., n)
-            Generalized forces: N m, or N for coordinates in m.
+        Q : (..., nv)
+            Generalized forces: N m, or N for coordinates in m. If the robot floats, they begin with the wrench (moment;
+            force) that acts on the base, in its axes: zero in flight.
         Qd, Q2d, *higher : (..., n), optional
             Their time derivatives; each returns one more rate of q2d.
         wrench : (..., nb, 6), dict or tuple, optional
             What the bodies EXERT ON their environment, (moment; force) in body frames, alone or as a tuple with its
             rates, (W, Wd, ...), as many as Q has; by body name as a dict.
+        base : tuple of arrays, optional
+            (C, V) of a robot that floats: the pose of the base and its twist. Of a fixed robot the motion of the
+            ground, (C, V, Vd, ...), as many terms as q has with its rates; see `Robot`.
         method : {"kernel", "recursion", "closed_form"}, optional
             See `Robot`.
         out : array or tuple of arrays, optional
-            Written into and returned: (..., n) each.
+            Written into and returned: (..., nv) each.
         threads : int, optional
             Threads of native code that split the batch.
 
         Returns
         -------
-        q2d, q3d, ... : (..., n)
-            Accelerations and their rates: rad/s^2 or m/s^2, and per s.
+        q2d, q3d, ... : (..., nv)
+            Accelerations and their rates: rad/s^2 or m/s^2, and per s. If the robot floats, (Vd; q2d), (V2d; q3d), ...:
+            they begin with the rates of the components of the base's twist.
 
         Raises
         ------
@@ -1187,6 +1193,10 @@ class Robot:
         ``P[j] = dQ/dq^(j)``, in the order q, qd, q2d; ``Pd[j] = dQd/dq^(j)``, j = 0 .. 3; ``P2d[j] = dQ2d/dq^(j)``,
         j = 0 .. 4. P[2] is the mass matrix. Drive terms that act contribute.
 
+        If the robot floats, the first six rows are those of the wrench on the base, and the first six columns the
+        derivatives along a displacement of the base by a twist d in its own axes, C exp(wedge(d)) (j = 0), by its twist
+        V (j = 1), by Vd (j = 2) and so on, with the other components held.
+
         Parameters
         ----------
         q, qd, q2d : (..., n)
@@ -1197,6 +1207,8 @@ class Robot:
             What the bodies EXERT ON their environment, as in `inverse_dynamics`. Its components in the body frames are
             held constant: the wrench turns with the body as q changes. Of a wrench that keeps its direction in space,
             those components depend on q, and the derivative has one more term.
+        base : tuple of arrays, optional
+            (C, V, Vd, ...), see `Robot`. Derivatives by the motion of the ground of a fixed robot are left out.
         method : {"kernel", "recursion", "closed_form"}, optional
             See `Robot`.
         out : array or tuple of arrays, optional
@@ -1206,7 +1218,7 @@ class Robot:
 
         Returns
         -------
-        P : (..., 3, n, n), or tuple of P, Pd, P2d, ...: (..., 3, n, n), (..., 4, n, n), (..., 5, n, n), ...
+        P : (..., 3, nv, nv), or tuple of P, Pd, P2d, ...: (..., 3, nv, nv), (..., 4, nv, nv), (..., 5, nv, nv), ...
             Row i, column k: the derivative of force i by coordinate k, in units of Q over those of q, qd, q2d, ....
 
         Raises
@@ -1249,27 +1261,30 @@ class Robot:
         """The partial derivatives of the accelerations q2d by q, qd and Q, which linearise `forward_dynamics`.
 
         ``dq2d/dq = -M^-1 dQ/dq``, ``dq2d/dqd = -M^-1 dQ/dqd``, with the derivatives of `inverse_dynamics_partials` at
-        the accelerations that Q causes, and ``dq2d/dQ = M^-1``.
+        the accelerations that Q causes, and ``dq2d/dQ = M^-1``. If the robot floats, those of (Vd; q2d): by a
+        displacement of the base by a twist in its own axes and q, by (V; qd), and by Q.
 
         Parameters
         ----------
         q, qd : (..., n)
             Coordinates and velocities: rad or m, and per s.
-        Q : (..., n)
+        Q : (..., nv)
             Generalized forces: N m, or N for coordinates in m.
         wrench : (..., nb, 6) or dict, optional
             What the bodies EXERT ON their environment, held constant in the body frames, as in
             `inverse_dynamics_partials`.
+        base : tuple of arrays, optional
+            As in `forward_dynamics`.
         method : {"kernel", "recursion", "closed_form"}, optional
             See `Robot`.
         out : tuple of three arrays, optional
-            Written into and returned: (..., n, n) each.
+            Written into and returned: (..., nv, nv) each.
         threads : int, optional
             Threads of native code that split the batch.
 
         Returns
         -------
-        dq, dqd, Minv : (..., n, n)
+        dq, dqd, Minv : (..., nv, nv)
             dq2d/dq, dq2d/dqd and the inverse of the mass matrix. Row i, column k: the derivative of acceleration i by
             coordinate, velocity or force k.
 
@@ -1301,11 +1316,10 @@ class Robot:
         t: ArrayLike | None = None,
         order: int = 2,
         *,
-        base: Rates | None = None,
         method: Method | None = None,
         progress: Callable[[int, int], object] | None = None,
     ) -> "Along":
-        """The generalized forces Q and their rates along a motion, with the wrenches that it holds.
+        """The generalized forces Q and their rates along a motion, with the wrenches and the base that it holds.
 
         They are those of `inverse_dynamics`, computed piece by piece: long motions take little memory besides the
         results.
@@ -1313,7 +1327,8 @@ class Robot:
         Parameters
         ----------
         motion : Motion
-            From `jounce.load_motion` or a constructor of `Motion`.
+            From `jounce.load_motion` or a constructor of `Motion`. A robot that floats needs one with a base: columns
+            ``base.x, ...`` of a table, or `Motion.with_base`. The base of a fixed robot is the ground that carries it.
         t : (N,), optional
             Times in s, any within the motion, in any order; by default ``motion.times``: those of its samples or its
             file, or a grid of about a millisecond.
@@ -1328,8 +1343,9 @@ class Robot:
         Returns
         -------
         Along
-            Frozen: the times `t`, the `rates` q, qd, ... and the `forces` Q, Qd, ..., tuples of (N, n); their standard
-            `deviations` where the motion is fitted to measurements; the `breaks` where a rate of Q jumps.
+            Frozen: the times `t`, the `rates` q, qd, ..., tuples of (N, n), and the `forces` Q, Qd, ..., tuples of
+            (N, nv), the wrench on a base that floats first; their standard `deviations` where the motion is fitted to
+            measurements; the `breaks` where a rate of Q jumps; the terms C, V, Vd, ... of the `base`.
 
         Raises
         ------
@@ -1970,10 +1986,10 @@ class Robot:
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The momentum hG = (angular; linear) of the robot about its center of mass, and its rates.
+        """The momentum hG = (angular; linear) of the robot about its centre of mass, and its rates.
 
-        ``hG = (k - c x l; l)`` in inertial axes, with the momentum h = (k; l) and the center of mass c. Its rate
-        is the sum of the weight and of all wrenches on the robot, about the center of mass.
+        ``hG = (k - c x l; l)`` in inertial axes, with the momentum h = (k; l) and the centre of mass c. Its rate
+        is the sum of the weight and of all wrenches on the robot, about the centre of mass.
 
         Parameters
         ----------
@@ -2069,7 +2085,7 @@ class Robot:
         out: Out = None,
         threads: int = 1,
     ) -> Results:
-        """The center of mass c of the robot in the inertial frame, and its velocity, acceleration, ...
+        """The centre of mass c of the robot in the inertial frame, and its velocity, acceleration, ...
 
         ``c = sum of m_i c_i / sum of m_i`` over the bodies that move; links fixed to the ground are not among them.
 

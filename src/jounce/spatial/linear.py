@@ -58,3 +58,9 @@ def solved(A: Series, B: Series) -> Series:
 
     X = Series(term)
     return X
+
+
+def mirrored(x: Array) -> Array:
+    """A symmetric matrix, each entry below the diagonal that above: traced, they are one expression, not two."""
+    upper = np.tri(x.shape[-1], dtype=int).T
+    return x * upper + x.mT * (1 - upper)

@@ -9,14 +9,15 @@ from jounce.dynamics.quantities import FORCES
 from jounce.errors import JounceError, at, quoted
 from jounce.io.columns import Columns
 from jounce.io.spans import format_of, place
-from jounce.motion import loads
+from jounce.motion import loads, poses
+from jounce.motion.base import terms_at
 from jounce.motion.columns import TIME
 from jounce.motion.motion import Motion
 from jounce.motion.spline import Smoothing
 from jounce.motion.table import from_columns
 from jounce.motion.units import check_units
 from jounce.spatial.series import rate_name
-from jounce.stream.outputs import Block, Output, Wrenches, along, of_rows
+from jounce.stream.outputs import Block, Output, Rates, Wrenches, along, of_rows
 from jounce.stream.plan import Part, Task
 from jounce.stream.records import Skipped
 from jounce.stream.rows import Rows, Run, read
@@ -58,10 +59,11 @@ def _block(task: Task, part: Part, rows: Rows, check: bool) -> Block:
     states = tuple(np.stack(columns, axis=1) for columns in rates)
     outputs = [
         output._replace(rates=tuple(map(np.asfortranarray, output.rates)))  # by columns, as they are written
-        for output in of_rows(job, states, _wrenches(task, part, si))
+        for output in of_rows(job, states, _wrenches(task, part, si), _base(task, part, si))
     ]
     _check_finite(part, rows, outputs)
-    return Block(si[TIME], outputs, {})
+    of_base = poses.named(list(si), job.links.mechanism) if job.with_rates else ()
+    return Block(si[TIME], outputs, {name: si[name] for name in of_base})
 
 
 def _wrenches(task: Task, part: Part, si: Mapping[str, np.ndarray]) -> Wrenches:
@@ -74,6 +76,14 @@ def _wrenches(task: Task, part: Part, si: Mapping[str, np.ndarray]) -> Wrenches:
     curves, _ = loads.wrenches(rows, columns, task.job.links.mechanism, order, Smoothing(), str(part.path))
     of_bodies = {body: curve.rates(rows, order) for body, curve in curves.items()}
     return tuple({body: rates[k] for body, rates in of_bodies.items()} for k in range(order + 1))
+
+
+def _base(task: Task, part: Part, si: Mapping[str, np.ndarray]) -> Rates | None:
+    """C, V, Vd, ... of the base, from columns that state all of its rates."""
+    columns = {name: si[name] for name in poses.named(list(si), task.job.links.mechanism)}
+    rows = np.arange(len(si[TIME]), dtype=float)  # in place of times, which begin again with each motion
+    curve, _ = poses.curve_of_columns(rows, columns, Smoothing(), task.job.highest, str(part.path))
+    return None if curve is None else terms_at(curve, rows, task.job.highest)
 
 
 def _check_finite(part: Part, rows: Rows, outputs: list[Output]) -> None:

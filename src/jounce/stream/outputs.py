@@ -10,7 +10,8 @@ from jounce.actuators.elastic import ElasticRobot
 from jounce.dynamics import electrical
 from jounce.dynamics.quantities import FORCES, row_of
 from jounce.io.columns import Columns
-from jounce.io.motions.writing import BREAK, MEASURED, break_marks, named
+from jounce.io.motions.writing import BREAK, MEASURED, break_marks, named, of_base
+from jounce.model.coordinates import force_names
 from jounce.model.elasticity import motor_names
 from jounce.motion import Motion
 from jounce.robot.along import force_breaks, pieces_along
@@ -39,17 +40,17 @@ class Block(NamedTuple):
     others: Columns
 
 
-def of_rows(job: Job, rates: Rates, W: Wrenches) -> list[Output]:
+def of_rows(job: Job, rates: Rates, W: Wrenches, base: Rates | None = None) -> list[Output]:
     """The quantities at states that do not depend on each other."""
     given = rates[: job.highest + 1]
     own = [Output("q", job.links.joint_names, given)] if job.with_rates else []
     if not isinstance(job.robot, ElasticRobot):
-        Q = as_tuple(compute(job.links, FORCES.name, given, wrench=W, method=job.method))
-        return [*own, Output(FORCES.symbol, job.links.joint_names, Q)]
+        Q = as_tuple(compute(job.links, FORCES.name, given, wrench=W, base=base, method=job.method))
+        return [*own, Output(FORCES.symbol, force_names(job.links.mechanism), Q)]
     rows = [row_of(name, job.robot.elasticity.more_rates) for name in ("motor_positions", "motor_torques")]
     terms = [W and W[: len(given) - row.rates + row.wrench_rates] for row in rows]
     theta, tau = (
-        as_tuple(compute(job.links, row.name, given, wrench=term, method=job.method))
+        as_tuple(compute(job.links, row.name, given, wrench=term, base=base, method=job.method))
         for row, term in zip(rows, terms, strict=True)
     )
     return _of_motors(job.robot, theta, tau, None)
@@ -59,7 +60,7 @@ def along(job: Job, motion: Motion, torques: Sequence[str]) -> Iterator[Block]:
     """The quantities along a whole motion at its own times, in blocks of rows; `torques` are joints measured."""
     links, order = job.links, job.order
     if isinstance(job.robot, ElasticRobot):
-        order = order_of_voltages(job.robot.elasticity, motion.curve.highest)
+        order = order_of_voltages(job.robot.elasticity, motion.highest)
         whole = job.robot.along(motion, order=order, method=job.method)  # type: ignore[arg-type] # a text of the user
         marks = [(found.t, max(found.order, 0)) for found in whole.breaks]
         off = whole.deviations or tuple(map(np.zeros_like, whole.torques))
@@ -69,11 +70,12 @@ def along(job: Job, motion: Motion, torques: Sequence[str]) -> Iterator[Block]:
     marks = [(found.t, max(found.order, 0)) for found in force_breaks(links, motion, motion.times, order, job.method)]
     for piece in pieces_along(links, motion, motion.times, order, job.method):
         off = piece.deviations or tuple(map(np.zeros_like, piece.forces))
-        outputs = [Output(FORCES.symbol, links.joint_names, piece.forces, off)]
+        outputs = [Output(FORCES.symbol, force_names(links.mechanism), piece.forces, off)]
         if job.with_rates:
             of_q = motion.deviations(piece.t, len(piece.rates) - 1) or tuple(map(np.zeros_like, piece.rates))
             outputs.insert(0, Output("q", links.joint_names, piece.rates, of_q))
-        yield Block(piece.t, outputs, _others(job, motion, torques, marks, piece.t))
+        base = of_base(motion, piece.t, len(piece.rates) - 1) if job.with_rates else {}
+        yield Block(piece.t, outputs, base | _others(job, motion, torques, marks, piece.t))
 
 
 def columns_of(block: Block) -> Columns:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jounce.errors import collected_warnings
+from jounce.errors import at, collected_warnings
 from jounce.io.columns import Columns
 from jounce.io.motions.writing import about
 from jounce.io.tables import WRITERS
@@ -41,8 +41,9 @@ def compute(task: Task, part: Part, folder: Path) -> Record:
 def _pieces(task: Task, part: Part, aggregates: dict[str, Aggregate], skipped: list[Skipped]) -> Iterator[Columns]:
     """The rows of the output, whose aggregates are gathered meanwhile."""
     for runs, block in blocks(task, part, skipped):
-        for run in runs:
-            add(aggregates, run.motion, tally(block, slice(run.start, run.stop)))
+        with at(part.path):
+            for run in runs:
+                add(aggregates, run.motion, tally(block, slice(run.start, run.stop)))
         yield (_names(runs) if task.named else {}) | columns_of(block)
 
 

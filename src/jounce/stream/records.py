@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -74,6 +74,8 @@ def written(path: Path) -> Iterator[Path]:
             f"{path}: cannot be written: {error.strerror or one_line(error)}; finished parts are kept, and the same"
             " command continues after them"
         ) from None
+    except UnicodeEncodeError as error:  # half a character in a name
+        raise JounceError(f"{path}: cannot write a name: {one_line(error)}") from None
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -86,7 +88,7 @@ def keep(folder: Path, part: Part, record: Record) -> None:
 
 def line_of(record: Record) -> str:
     """A record and its digest as a line of JSON."""
-    data = asdict(record)
+    data = vars(record) | {"skipped": [vars(row) for row in record.skipped]}
     return json.dumps({"digest": digest(data), "record": data})
 
 

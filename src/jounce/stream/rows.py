@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -36,7 +37,8 @@ def read(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[Rows]:
     table, skip, place = format_of(part.path), task.job.reading.skip, part.span.start
     try:
         last = _row_before(task, part)
-        for chunk in table.chunks(part.path, task.match.names, MOTION if part.motion is None else None, part.span):
+        texts = MOTION if part.motion is None else None
+        for chunk in _ahead(table.chunks(part.path, task.match.names, texts, part.span)):
             place = int(chunk.places[-1])
             rows = _checked(task, part, chunk, last, skipped)
             if rows.runs:
@@ -49,15 +51,25 @@ def read(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[Rows]:
         skipped.append(Skipped(str(part.path), number, "", f"the rows of this part from here on: {error}"))
 
 
+def _ahead(chunks: Iterator[Chunk]) -> Iterator[Chunk]:
+    """Chunks, each of which is read while the one before is computed and written."""
+    with ThreadPoolExecutor(1) as reader:
+        following = reader.submit(next, chunks, None)
+        while (chunk := following.result()) is not None:
+            following = reader.submit(next, chunks, None)
+            yield chunk
+
+
 def _row_before(task: Task, part: Part) -> tuple[str, float] | None:
     """The motion and the time of the row before a part, if there is one that may belong to its first motion."""
     table, time = format_of(part.path), task.match.sources[TIME]
     span = table.row_before(part.path, part.span.start) if task.independent else None
-    if span is None:
-        return None
-    for chunk in table.chunks(part.path, [time], MOTION if part.motion is None else None, span):
-        motion = part.motion if chunk.motions is None else str(chunk.motions[-1])
-        return motion or "", float(chunk.columns[time][-1])
+    try:
+        for chunk in table.chunks(part.path, [time], MOTION if part.motion is None else None, span) if span else ():
+            motion = part.motion if chunk.motions is None else str(chunk.motions[-1])
+            return motion or "", float(chunk.columns[time][-1])
+    except JounceError:  # of the part before, which says so
+        pass
     return None
 
 

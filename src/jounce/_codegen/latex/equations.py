@@ -50,8 +50,8 @@ class Document:
         return (list(_entries(found[port.rate], symbol, port)) for port in function.outputs)
 
 
-def document(robot: Parametric) -> Document:
-    """A robot in symbols.
+def document(robot: Parametric, base: bool = False) -> Document:
+    """A robot in symbols, on a base that moves as symbols say, or on the ground at rest.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def document(robot: Parametric) -> Document:
         raise JounceError(
             f"two parameters would both be printed as {twice}; expected another name of the robot's symbol"
         )
-    return Document(symbols, symbolic(Robot(robot.mechanism(symbols))))
+    return Document(symbols, symbolic(Robot(robot.mechanism(symbols)), base))
 
 
 def tex(text: str) -> str:

@@ -1,18 +1,19 @@
 """MuJoCo as a peer: its own reading of an MJCF file, or a model built body by body in the frames on the axes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from jounce.checks.reference import OTHER_JOINTS, OUR_DATA, OWN_READING, NotComparableError, Peer
+from jounce.checks.reference import OUR_DATA, OWN_READING, Converter, NotComparableError, Peer
 from jounce.errors import one_line, warn
 from jounce.io.mjcf import warnings_of, without_assets
 from jounce.model.equivalent import on_axes
 from jounce.model.mechanism import Mechanism
+from jounce.models import states
 from jounce.spatial import inertia
-from jounce.spatial.lie import hat, position, rotation
+from jounce.spatial.lie import hat, position, rotation, to_quaternion
 
 NAME = "MuJoCo"
 SUFFIX = ".xml"  # of the files that it reads itself
@@ -37,43 +38,39 @@ def of_data(mechanism: Mechanism) -> Peer:
 
 def _build(mujoco: Any, mechanism: Mechanism) -> Any:
     chain, spec = on_axes(mechanism), mujoco.MjSpec()
+    carrier = spec.worldbody
     bodies: list[Any] = []
+    if chain.base is not None:
+        carrier = spec.worldbody.add_body(name=chain.base.name)
+        carrier.add_freejoint()
     for B, X, p, name in zip(chain.B, chain.X, chain.parent, chain.joints, strict=True):
         if X[2] and X[5]:
             raise NotComparableError(f"it has no helical joints, as {name!r} is one")
-        body = (bodies[p] if p >= 0 else spec.worldbody).add_body(
-            pos=position(B)[:, 0].astype(float), quat=_quaternion(mujoco, rotation(B))
+        body = (bodies[p] if p >= 0 else carrier).add_body(
+            pos=position(B)[:, 0].astype(float), quat=to_quaternion(rotation(B).astype(float))
         )
         kind = mujoco.mjtJoint.mjJNT_HINGE if X[2] else mujoco.mjtJoint.mjJNT_SLIDE
         body.add_joint(name=name, type=kind, axis=[0, 0, 1])
+        bodies.append(body)
+    moving = bodies if chain.base is None else [carrier, *bodies]
+    for body in moving:
         body.mass, body.ipos, body.iquat, body.inertia = ANY
         body.explicitinertial = True
-        bodies.append(body)
     model = spec.compile()
-    for body, M in zip(
-        bodies, chain.M, strict=True
-    ):  # in place: compiling would refuse what no distribution of mass has
+    for body, M in zip(moving, chain.inertias, strict=True):  # compiling would refuse what no distribution of mass has
         i, (m, h, _) = body.id, inertia.moments(M)
         model.body_mass[i] = mass = float(m[0, 0])
         model.body_ipos[i] = com = h[:, 0] / mass if mass else np.zeros(3)
         moments, axes = np.linalg.eigh(M[:3, :3] + mass * hat(com) @ hat(com))
-        model.body_inertia[i], model.body_iquat[i] = moments, _quaternion(mujoco, axes * np.linalg.det(axes))
+        model.body_inertia[i], model.body_iquat[i] = moments, to_quaternion(axes * np.linalg.det(axes))
     model.body_subtreemass[:] = model.body_mass  # mj_setConst would solve with M too, which may be singular
     for i in reversed(range(1, model.nbody)):
         model.body_subtreemass[model.body_parentid[i]] += model.body_subtreemass[i]
     return model
 
 
-def _quaternion(mujoco: Any, R: np.ndarray) -> np.ndarray:
-    q = np.empty(4)
-    mujoco.mju_mat2Quat(q, np.ravel(R).astype(float))
-    return q
-
-
 def _peer(mujoco: Any, mechanism: Mechanism, model: Any, source: str) -> Peer:
-    joints = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in mechanism.joints]
-    if -1 in joints or model.nv != len(joints):
-        raise NotComparableError(OTHER_JOINTS)
+    convert = Converter.of(mechanism, states.of_mujoco(model))
     for bit in ("CONSTRAINT", "ACTUATION", "SPRING", "DAMPER"):
         model.opt.disableflags |= getattr(mujoco.mjtDisableBit, f"mjDSBL_{bit}")
     model.opt.gravity[:] = mechanism.gravity
@@ -81,23 +78,18 @@ def _peer(mujoco: Any, mechanism: Mechanism, model: Any, source: str) -> Peer:
         if hasattr(model, rotors):
             getattr(model, rotors)[:] = 0
     data = mujoco.MjData(model)
-    places, rows = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
 
-    def put(theta: np.ndarray) -> None:
-        data.qpos[places] = theta
-
-    def forces(theta: np.ndarray, rate: np.ndarray, second: np.ndarray) -> np.ndarray:
-        put(theta)
-        data.qvel[rows], data.qacc[rows] = rate, second
+    def forces(theta: Sequence[np.ndarray], base: object) -> np.ndarray:
+        data.qpos[:], data.qvel[:], data.qacc[:] = convert.state(theta, base)
         _call(mujoco, mujoco.mj_inverse, model, data)
-        return data.qfrc_inverse[rows].copy()
+        return convert.forces(data.qfrc_inverse, data.qpos)
 
-    def mass_matrix(theta: np.ndarray) -> np.ndarray:
-        put(theta)
+    def mass_matrix(theta: np.ndarray, base: object) -> np.ndarray:
+        [data.qpos[:]] = convert.state([theta], base)
         _call(mujoco, mujoco.mj_forward, model, data)
         M = np.empty((model.nv, model.nv))
         mujoco.mj_fullM(model, data, M)
-        return M[np.ix_(rows, rows)]
+        return convert.mass_matrix(M, data.qpos)
 
     return Peer(f"{NAME} {mujoco.__version__}", source, forces, mass_matrix)
 

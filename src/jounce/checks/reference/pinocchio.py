@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from jounce.checks.reference import OTHER_JOINTS, OUR_DATA, OWN_READING, NotComparableError, Peer
+from jounce.checks.reference import OUR_DATA, OWN_READING, Converter, NotComparableError, Peer
 from jounce.checks.reference.terminal import errors_caught
 from jounce.errors import one_line
 from jounce.model.equivalent import on_axes
 from jounce.model.mechanism import Mechanism
+from jounce.models import states
 from jounce.spatial import inertia
 from jounce.spatial.lie import hat, position, rotation
 
@@ -26,12 +27,11 @@ def of_file(mechanism: Mechanism, path: Path) -> Peer:
     try:
         with errors_caught(said):
             model = pin.buildModelFromUrdf(str(path))
+            if mechanism.base is not None and not states.of_pinocchio(model).free:
+                model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
     except Exception as error:
         reason = one_line(" ".join(said)) or one_line(error)
         raise NotComparableError(f"refuses the file: {reason}") from error
-    names = {name for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True) if joint.nv}
-    if names != set(mechanism.joints):
-        raise NotComparableError(OTHER_JOINTS)
     model.gravity.linear = mechanism.gravity
     return _peer(pin, mechanism, model, OWN_READING)
 
@@ -75,24 +75,15 @@ def _depth_first(parent: Sequence[int], body: int = -1) -> Iterator[int]:
 
 
 def _peer(pin: Any, mechanism: Mechanism, model: Any, source: str) -> Peer:
-    data = model.createData()
-    rows = [model.joints[model.getJointId(name)].idx_v for name in mechanism.joints]
+    data, convert = model.createData(), Converter.of(mechanism, states.of_pinocchio(model))
 
-    def spread(x: np.ndarray) -> np.ndarray:
-        v = np.zeros(model.nv)
-        v[rows] = x
-        return v
+    def forces(theta: Sequence[np.ndarray], base: object) -> np.ndarray:
+        q, v, a = convert.state(theta, base)
+        return convert.forces(pin.rnea(model, data, q, v, a), q)
 
-    def placed(theta: np.ndarray) -> np.ndarray:
-        return pin.integrate(model, pin.neutral(model), spread(theta))
+    def mass_matrix(theta: np.ndarray, base: object) -> np.ndarray:
+        [q] = convert.state([theta], base)
+        upper = np.triu(pin.crba(model, data, q))
+        return convert.mass_matrix(upper + np.triu(upper, 1).T, q)
 
-    def mass_matrix(theta: np.ndarray) -> np.ndarray:
-        upper = np.triu(pin.crba(model, data, placed(theta)))
-        return (upper + np.triu(upper, 1).T)[np.ix_(rows, rows)]
-
-    return Peer(
-        name=f"{NAME} {pin.__version__}",
-        source=source,
-        forces=lambda theta, rate, second: pin.rnea(model, data, placed(theta), spread(rate), spread(second))[rows],
-        mass_matrix=mass_matrix,
-    )
+    return Peer(f"{NAME} {pin.__version__}", source, forces, mass_matrix)

@@ -21,10 +21,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce._scalars import Array, concatenate, is_zero, reciprocal
-from jounce.dynamics.recursion.joints import Joint, joints, mirrored
+from jounce.dynamics.recursion.joints import Joint, joints
 from jounce.model.equivalent import minimal
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.linear import Factors
+from jounce.spatial.linear import Factors, mirrored
 from jounce.spatial.series import Series
 
 DEPTH = 6  # joints on the way to a body, on average, from which articulated bodies take fewer operations

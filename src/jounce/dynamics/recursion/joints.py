@@ -16,6 +16,7 @@ from jounce.model.coordinates import joint_variables
 from jounce.model.equivalent import split_turn
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import Ad, ad, cowedge, exp_of, inverse, pose, position, rotation, turn_and_slide, wedge
+from jounce.spatial.linear import mirrored
 from jounce.spatial.series import Series, from_rates
 
 _I = np.eye(3, dtype=int)
@@ -39,12 +40,6 @@ def transport_symmetric(E: Array, L: Array, rate: Series, x: Series) -> Series:
 def congruence(E: Array, x: Array) -> Array:
     """E x E^T of symmetric x."""
     return mirrored(E @ x @ E.mT)
-
-
-def mirrored(x: Array) -> Array:
-    """A symmetric matrix, each entry below the diagonal that above: traced, they are one expression, not two."""
-    upper = np.tri(x.shape[-1], dtype=int).T
-    return x * upper + x.mT * (1 - upper)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """YAML motions: analytic terms per joint, every key and number checked."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from jounce.io.entries import Entry
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
 from jounce.motion.analytic import Cosine, Description, Terms, motion_of
+from jounce.motion.base import COLUMNS
 from jounce.motion.curves import COMPONENTS
 
 MOST_STATES = 100_000_000  # states; a slip of the pen asks for more
@@ -23,14 +25,19 @@ def read(entry: Entry, mechanism: Mechanism) -> Motion:
 
 def terms_in(entry: Entry) -> Description:
     """``time: {start, stop, count}``, ``joints: {NAME: {offset, cosines, polynomial}}`` and, where bodies or merged
-    links exert wrenches, ``wrenches: {NAME: {mx: {offset, cosines, polynomial}, ..., fz: {...}}}``."""
-    motion = entry.keys(("time", "joints"), ("name", "wrenches"))
+    links exert wrenches, ``wrenches: {NAME: {mx: {offset, cosines, polynomial}, ..., fz: {...}}}``; where the base
+    moves ``base: {x: {offset, ...}, ..., qz: {...}}``."""
+    motion = entry.keys(("time", "joints"), ("name", "wrenches", "base"))
     joints = motion.get("joints").named("joints").members()
     wrenches = motion.get("wrenches", {}).named("wrenches").members()
     return Description(
         {name: _curve(terms.named(f"joint {quoted(name)}")) for name, terms in joints.items()},
-        {body: _wrench(terms.named(f"the wrench of {quoted(body)}")) for body, terms in wrenches.items()},
+        {
+            body: _components(terms.named(f"the wrench of {quoted(body)}"), COMPONENTS)
+            for body, terms in wrenches.items()
+        },
         _times(motion.get("time").named("time")),
+        _components(motion.get("base").named("base"), COLUMNS) if "base" in motion.members() else None,
     )
 
 
@@ -44,8 +51,8 @@ def _times(time: Entry) -> np.ndarray:
     return np.linspace(start, stop, count)
 
 
-def _wrench(terms: Entry) -> dict[str, Terms]:
-    return {name: _curve(component) for name, component in terms.keys((), COMPONENTS).members().items()}
+def _components(terms: Entry, names: Sequence[str]) -> dict[str, Terms]:
+    return {name: _curve(component) for name, component in terms.keys((), names).members().items()}
 
 
 def _curve(terms: Entry) -> Terms:

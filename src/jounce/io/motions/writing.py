@@ -7,10 +7,11 @@ import numpy as np
 
 from jounce._version import __version__
 from jounce.io.columns import About, Columns
-from jounce.model.coordinates import coordinate_units
+from jounce.model.coordinates import BASE_FORCES, coordinate_units
 from jounce.model.elasticity import motor_names
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
+from jounce.motion.base import NAMES
 from jounce.motion.columns import TIME
 from jounce.spatial.series import SUFFIX, rate_name
 
@@ -22,12 +23,12 @@ BREAK = "break"  # the column of breaks: the order of the derivative that jumps 
 
 def pieces(motion: Motion, joints: Sequence[str], order: int) -> Iterator[Columns]:
     """A motion at its times as ``NAME.q, NAME.qd, ...``, piece by piece, a table that is read as a motion again."""
-    breaks = [(found.t, found.order) for found in motion.breaks_to(order) if found.symbol == "q"]
+    breaks = [(found.t, found.order) for found in motion.breaks_to(order) if found.symbol != "W"]
     for start in range(0, len(motion.times), PIECE):
         part = slice(start, start + PIECE)
         t = motion.times[part]
         columns: Columns = {"t": t}
-        columns |= named("q", joints, motion(t, order), motion.deviations(t, order))
+        columns |= named("q", joints, motion(t, order), motion.deviations(t, order)) | of_base(motion, t, order)
         if motion.samples is not None and len(motion.samples[0]) == len(motion.times):
             columns |= {f"{name}.q{SAMPLE}": motion.samples[1][part, j] for j, name in enumerate(joints)}
         yield columns | measured(motion, joints, t) | break_marks(motion, breaks, t)
@@ -44,11 +45,25 @@ def named(
     return found
 
 
+def of_base(motion: Motion, t: np.ndarray, order: int) -> Columns:
+    """The columns ``base.x, base.xd, ..., base.qz, ...`` of the base of a motion, as they are read again."""
+    if motion.base_curve is None:
+        return {}
+    found: Columns = {}
+    motion.base(t, order)  # refuses what is not known
+    rates, deviations = motion.base_curve.rates(t, order), motion.base_curve.deviations(t, order)
+    for j, name in enumerate(NAMES):
+        for ending, arrays in (("", rates), (DEVIATION, deviations or ())):
+            found |= {f"{rate_name(name, k)}{ending}": rate[:, j] for k, rate in enumerate(arrays)}
+    return found
+
+
 def about(mechanism: Mechanism, order: int) -> About:
     """What a table of results is of: the robot, its joints, the order, and the units of columns."""
     joints = mechanism.coordinates
     data = {"version": __version__, "robot": mechanism.name, "joints": list(joints), "order": order}
     owners = dict(zip(joints, coordinate_units(mechanism), strict=True))
+    owners |= dict(zip(BASE_FORCES, ["rad"] * 3 + ["m"] * 3, strict=True)) if mechanism.base else {}
     if (e := mechanism.elasticity) is not None:
         of_motors = [owners[joints[j]] for j in e.joints_of_motors]
         owners |= dict(zip(motor_names(e, joints), of_motors, strict=True))

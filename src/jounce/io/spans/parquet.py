@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from os import fsencode
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,7 +35,7 @@ def opened(path: Path) -> "Iterator[ParquetFile]":
     check_readable(path)
     arrow = pyarrow(path)
     try:
-        with arrow.parquet.ParquetFile(path, pre_buffer=True) as file:
+        with arrow.OSFile(fsencode(path)) as content, arrow.parquet.ParquetFile(content, pre_buffer=True) as file:
             yield file
     except (arrow.ArrowException, OSError, UnicodeDecodeError) as error:
         raise JounceError(f"{path}: not a Parquet table, or a damaged one: {one_line(error)}") from None
@@ -69,13 +70,18 @@ def spans(path: Path, cells: int) -> list[Span]:
     return found
 
 
+def check_numbers(path: Path, names: Sequence[str]) -> None:
+    """Raise `JounceError` where a column does not hold numbers."""
+    with opened(path) as file:
+        kinds = {name: file.schema_arrow.field(name).type for name in names}
+    for name, kind in kinds.items():
+        if not _is_number(path, kind):
+            raise JounceError(f"{path}: column {quoted(name)} holds {kind}; expected numbers")
+
+
 def chunks(path: Path, names: Sequence[str], texts: str | None, span: Span) -> Iterator[Chunk]:
     """The rows of a span, in chunks."""
     with opened(path) as file:
-        for name in names:
-            kind = file.schema_arrow.field(name).type
-            if not _is_number(path, kind):
-                raise JounceError(f"{path}: column {quoted(name)} holds {kind}; expected numbers")
         wanted = [*names, *([] if texts is None else [texts])]
         for first, batch in _batches(file, wanted, span):
             columns = {name: _numbers(batch.column(name)) for name in names}

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.errors import JounceError
+from jounce.errors import JounceError, at
 from jounce.model import tree
 from jounce.model.mechanism import Mechanism
 from jounce.models.mujoco import couplings, joints, outside
@@ -23,6 +23,8 @@ def mechanism(
 ) -> Mechanism:
     """The mechanism of an mjModel, under its own gravity unless another is given; `file` is what messages call it."""
     m = arrays(model, file)
+    with at(m.place):
+        tree.check_base(base)
     if not m.joints:
         raise JounceError(f"{m.place}: no joint; expected at least one movable joint")
     mimics = couplings.mimics(m)

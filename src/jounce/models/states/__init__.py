@@ -7,7 +7,8 @@
 """
 
 from jounce.models.states.conversion import RobotState, forces_from, forces_to, state_from, state_to
+from jounce.models.states.layout import Layout
 from jounce.models.states.mujoco import layout as of_mujoco
 from jounce.models.states.pinocchio import layout as of_pinocchio
 
-__all__ = ["RobotState", "forces_from", "forces_to", "of_mujoco", "of_pinocchio", "state_from", "state_to"]
+__all__ = ["Layout", "RobotState", "forces_from", "forces_to", "of_mujoco", "of_pinocchio", "state_from", "state_to"]

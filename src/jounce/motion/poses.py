@@ -1,0 +1,125 @@
+"""The curve of a base from samples: poses, or columns ``base.x .. base.z, base.qw .. base.qz`` of a table."""
+
+import re
+from collections.abc import Mapping, Sequence
+from itertools import count, takewhile
+from typing import Any
+
+import numpy as np
+
+from jounce._scalars import asarray
+from jounce.arguments.base import check_pose
+from jounce.errors import JounceError, at, listed, quoted
+from jounce.model.mechanism import Mechanism
+from jounce.motion.base import COLUMNS, NAMES, checked_quaternions, neighbouring_signs
+from jounce.motion.composed import Part
+from jounce.motion.constructors import check_increasing, numbers
+from jounce.motion.curves import Curve, Polynomials
+from jounce.motion.hermite import Hermite
+from jounce.motion.smoothed import found_from
+from jounce.motion.spline import Smoothing, Spline, refuse_way
+from jounce.spatial.series import SUFFIX, rate_name
+
+BASE = "base"  # the prefix of its columns, for which the name of the base link may stand too
+HIGHEST = 4  # derivative whose rounding is judged
+COLUMN = re.compile(rf"(.*)\.({'|'.join(COLUMNS)}){SUFFIX}(_sd)?", re.DOTALL)
+
+
+def named(names: Sequence[str], mechanism: Mechanism) -> dict[str, str]:
+    """Those column names that are of the base, each as it is with the prefix ``base``."""
+    prefixes = {BASE, mechanism.base.name if mechanism.base else BASE}
+    parts = {name: match for name in names if (match := COLUMN.fullmatch(name)) and match[1] in prefixes}
+    return {
+        name: f"{BASE}.{name[len(match[1]) + 1 :]}"
+        for name, match in parts.items()
+        if name not in mechanism.coordinates
+    }
+
+
+def check_names(names: Sequence[str], mechanism: Mechanism, highest: int) -> None:
+    """Raise `JounceError` unless the columns of a base, with the prefix ``base``, are complete."""
+    if not names and not mechanism.base:
+        return
+    if not names:
+        raise JounceError(
+            f"{mechanism.name!r} floats, and no column says where its base is; expected {', '.join(NAMES)} (or with the"
+            f" prefix {mechanism.base.name!r}), position in m and unit quaternion"  # type: ignore[union-attr]
+        )
+    rates = range(1 if are_sampled(names) else highest + 1)
+    missing = [name for name in (f"{BASE}.{rate_name(x, k)}" for x in COLUMNS for k in rates) if name not in names]
+    if missing:
+        last = f" with all rates to {rate_name('x', highest)}" if len(rates) > 1 else ""
+        raise JounceError(f"missing {listed(missing)}; expected {', '.join(NAMES)}{last}")
+
+
+def are_sampled(names: Sequence[str]) -> bool:
+    """Whether columns of a base are samples, without rates of their own."""
+    return not any(match[3] for name in names if (match := COLUMN.fullmatch(name)))
+
+
+def unit_of(name: str) -> tuple[str, str]:
+    """The unit of a column of a base, m or none (1) of quaternions, and what its name adds for the rate: d, 2d, ..."""
+    match = COLUMN.fullmatch(name)
+    assert match is not None  # `named` selects them
+    return "1" if match[2].startswith("q") else "m", match[3] or ""
+
+
+def curve_of_columns(
+    t: np.ndarray, columns: Mapping[str, np.ndarray], way: Smoothing | Spline, highest: int, place: str
+) -> tuple[Curve | None, tuple[str, ...]]:
+    """The curve of the columns of a base, which are complete, and notes; None without any."""
+    if not columns:
+        return None, ()
+    if are_sampled(list(columns)):
+        samples = np.stack([columns[name] for name in NAMES], axis=1)
+        with at(place):
+            samples[:, 3:] = checked_quaternions(samples[:, 3:], NAMES[3:])
+        return _curve_of_samples(t, samples, way, highest, place)
+    rows, spreads = (_rates_in(columns, ending) for ending in ("", "_sd"))
+    signs = np.where(np.arange(len(COLUMNS)) < 3, 1.0, neighbouring_signs(rows[0][:, 3:])[:, None])
+    return Hermite(t, tuple(row * signs for row in rows), spreads if len(spreads) == len(rows) else None), ()
+
+
+def _rates_in(columns: Mapping[str, np.ndarray], ending: str) -> tuple[np.ndarray, ...]:
+    """The rates (N, 7) of the columns of a base, or their standard deviations: none skipped."""
+    names = ([f"{BASE}.{rate_name(x, k)}{ending}" for x in COLUMNS] for k in count())
+    given = takewhile(lambda of_rate: all(name in columns for name in of_rate), names)
+    return tuple(np.stack([columns[name] for name in of_rate], axis=1) for of_rate in given)
+
+
+def curve_of_poses(t: Any, C: Any, way: Smoothing | Spline, start: float, stop: float) -> tuple[Curve, tuple[str, ...]]:
+    """The curve of poses C (N, 4, 4) at times t (N,), or of one pose (4, 4), for a motion; and notes."""
+    from scipy.spatial.transform import Rotation  # slow to import
+
+    poses = np.asarray(asarray(C, "C"))
+    one = t is None
+    if poses.dtype.kind != "f" or poses.ndim != (2 if one else 3) or poses.shape[-2:] != (4, 4):
+        came = f"C has shape {poses.shape}" if poses.dtype.kind == "f" else f"C is {quoted(C)}"
+        raise JounceError(f"{came}; expected poses (N, 4, 4) at times t (N,), or t=None and one pose (4, 4)")
+    if not np.isfinite(poses).all():
+        raise JounceError(f"C holds {poses[~np.isfinite(poses)].flat[0]}; expected finite numbers")
+    check_pose(poses)
+    poses = poses[None] if one else poses
+    Q = Rotation.from_matrix(poses[:, :3, :3]).as_quat(scalar_first=True)
+    samples = np.concatenate([poses[:, :3, 3], checked_quaternions(Q, NAMES[3:])], axis=1)
+    if one:
+        refuse_way(way, "base", "one pose rests")
+        return Polynomials(np.array([start, stop]), samples[None]), ()
+    times = numbers(t, "t", 1)
+    if len(times) != len(samples):
+        raise JounceError(f"t has {len(times)} times and C {len(samples)} poses; expected as many")
+    check_increasing(times, "t")
+    if times[0] > start or times[-1] < stop:
+        raise JounceError(
+            f"t goes from {times[0]:g} to {times[-1]:g} s; expected the whole motion, from {start:g} to {stop:g} s"
+        )
+    curve, notes = _curve_of_samples(times, samples, way, HIGHEST, "the motion")
+    return Part(curve, start, stop), notes
+
+
+def _curve_of_samples(
+    t: np.ndarray, samples: np.ndarray, way: Smoothing | Spline, highest: int, place: str
+) -> tuple[Curve, tuple[str, ...]]:
+    found = found_from(t, samples, way, NAMES, highest, f"{place}: base")
+    residual = "" if found.residual is None else f", at most {found.residual[:3].max():.2g} m from them"
+    return found.curve, tuple(f"base: {text}" for text in (found.source + residual, *found.notes))

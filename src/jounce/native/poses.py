@@ -1,0 +1,42 @@
+"""A quick check of many poses, as native code: NumPy would take longer for it than kernels for the forces."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from jounce.arguments.base import NOT_A_POSE, misses
+from jounce.dynamics.computation import Port, Signature
+from jounce.native import cache as kept
+from jounce.native import jit
+from jounce.native.jit import Target, host
+
+_SIGNATURE = Signature((Port("C", (4, 4), "base"),), (Port("miss", (), "result"),))
+
+
+def are_poses(C: Any) -> bool:
+    """Whether all matrices (..., 4, 4) are within bounds for certain; False also of NaN, and of what is on the verge.
+
+    It compares sums of squares, whose root is at least the largest part, which `check_pose` compares.
+    """
+    return bool((_function()[0](C) <= NOT_A_POSE**2).all())
+
+
+@cache
+def _function() -> tuple[np.ufunc, Any]:
+    """The ufunc of the sum of squares, and what must live as long as it does."""
+    target = host()
+    code = jit.load_object(kept.read_or_make(kept.key_of("poses", target), lambda: _code(target)), target)
+    made, needed = jit.ufunc(code.address("states"), _SIGNATURE, "poses", None)
+    return made, (code, needed)
+
+
+def _code(target: Target) -> bytes:
+    from jounce.native import calls, emit  # what a warm cache spares
+    from jounce.program.passes import factor, fuse
+    from jounce.program.trace import Tape
+
+    tape = Tape()
+    total = sum(x * x for part in misses(tape.variables(4, 4)) for x in np.ravel(part))
+    program = fuse(factor(tape.program([total])))
+    return jit.assemble(calls.modules(emit.straight(program, _SIGNATURE), _SIGNATURE, target), target)
