@@ -22,7 +22,7 @@ from jounce.stream.job import Job, digest
 MOTION = "motion"  # the column that names the motion of each row
 CELLS = 1 << 23  # of a part: 64 MB of numbers
 LARGE = 1 << 28  # bytes of a table
-COPIES = 12  # of a motion in memory while samples are fitted
+COPIES = 60  # of a table in memory while its samples are fitted: 52 to 61 were measured
 IGNORED = (".", "_")  # what names of files begin with that are no data
 
 
