@@ -7,7 +7,7 @@ import numpy as np
 from jounce.audit import audit
 from jounce.model.coordinates import coordinate_units
 from jounce.model.limits import KEYS, unit_of
-from jounce.model.mechanism import Mechanism
+from jounce.model.mechanism import Mechanism, body_name
 from jounce.spatial import inertia
 
 
@@ -28,7 +28,7 @@ def describe(mechanism: Mechanism) -> dict[str, Any]:
         "acting": list(mechanism.acting),
         "elastic": None if mechanism.elasticity is None else _elastic(mechanism),
         "bodies": [_body(mechanism, i) for i in range(mechanism.nb)],
-        "merged_links": {frame.name: mechanism.body_name(frame.body) for frame in mechanism.frames},
+        "merged_links": {frame.name: body_name(mechanism, frame.body) for frame in mechanism.frames},
         "findings": [finding.as_data() for finding in audit(mechanism)],
     }
 
@@ -48,7 +48,7 @@ def _body(mechanism: Mechanism, i: int) -> dict[str, Any]:
     kind = "prismatic" if not X[:3].any() else "helical" if abs(pitch) > 1e-12 else "revolute"
     return {
         "name": mechanism.bodies[i],
-        "parent": mechanism.body_name(mechanism.parent[i]),
+        "parent": body_name(mechanism, mechanism.parent[i]),
         "joint": mechanism.joints[i],
         "type": kind,
         "axis": (X[3:] if kind == "prismatic" else X[:3]).tolist(),

@@ -57,7 +57,7 @@ class Signature:
     outputs: tuple[Port, ...]
 
     def as_matrices(self) -> "Signature":
-        """The same results in two axes at most: several matrices stand one below the other, (3 n, n)."""
+        """The same results in two axes at most: several matrices stand one below the other, (3 nv, nv)."""
         outputs = [replace(x, shape=(prod(x.shape[:-1]), *x.shape[-1:])) if x.shape[2:] else x for x in self.outputs]
         return replace(self, outputs=tuple(outputs))
 

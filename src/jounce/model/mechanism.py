@@ -165,11 +165,6 @@ class Mechanism:
         """The row of body 0 among `body_names`: 1 if the robot floats, as row 0 is that of its base."""
         return 1 if self.base else 0
 
-    def body_name(self, body: int, ground: str = "ground") -> str:
-        """The name of a body by its index; -1 is a floating base, or what the ground is called."""
-        row = body + self.first
-        return self.body_names[row] if row >= 0 else ground
-
     @property
     def frame_names(self) -> tuple[str, ...]:
         """The names of the bodies, and of the links merged into them."""
@@ -260,6 +255,12 @@ def reciprocal_mass(mechanism: Mechanism) -> Array:
     if is_zero(mass[0]):
         raise JounceError(f"{mechanism.name!r} has no centre of mass, as all masses are 0; give its bodies mass")
     return reciprocal(mass)
+
+
+def body_name(mechanism: Mechanism, body: int, ground: str = "ground") -> str:
+    """The name of a body by its index; -1 is a floating base, or what the ground is called."""
+    row = body + mechanism.first
+    return mechanism.body_names[row] if row >= 0 else ground
 
 
 def ancestors(mechanism: Mechanism) -> np.ndarray:

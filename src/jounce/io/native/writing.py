@@ -13,7 +13,7 @@ from jounce.errors import JounceError, quoted
 from jounce.io.native import BASE, GROUND, UNITS, elastic, parts
 from jounce.model.drives import UNDRIVEN
 from jounce.model.limits import FORCES
-from jounce.model.mechanism import Mechanism
+from jounce.model.mechanism import Mechanism, body_name
 from jounce.spatial.inertia import inertia_matrix, moments, symmetric
 from jounce.spatial.lie import hat
 
@@ -43,8 +43,8 @@ def document(mechanism: Mechanism) -> dict[str, Any]:
     base = mechanism.base
     joints = [_joint(mechanism, i) for i in range(mechanism.nb)]
     free = [joint["name"] for joint in joints if "follows" not in joint]
-    frames = [{"name": f.name, "body": mechanism.body_name(f.body, GROUND), **_pose(f.T)} for f in mechanism.frames]
-    parents = [mechanism.body_name(p, GROUND) for p in mechanism.parent]
+    frames = [{"name": f.name, "body": body_name(mechanism, f.body, GROUND), **_pose(f.T)} for f in mechanism.frames]
+    parents = [body_name(mechanism, p, GROUND) for p in mechanism.parent]
     bodies = [
         {"name": name, "parent": parent, **_pose(B), "joint": joint, **_inertia(M)}
         for name, parent, B, joint, M in zip(mechanism.bodies, parents, mechanism.B, joints, mechanism.M, strict=True)
