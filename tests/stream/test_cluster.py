@@ -222,6 +222,10 @@ def test_data_frames_are_matched_by_joint_name():
         assert list(x.columns) == list(ROBOT.joint_names)
         assert np.array_equal(x.index, whole[0].index)
         assert np.array_equal(x.to_numpy(), y)
+    named = {joint: frames[0][joint] for joint in reversed(ROBOT.joint_names)}
+    for given in (named, whole[0]):  # columns of Dask, a data frame in memory
+        forces = jounce.dask.apply(ROBOT, "gravity_forces", given)
+        assert np.array_equal(forces.compute(scheduler="sync"), ROBOT.gravity_forces(X[0, :, 0]))
     energy = jounce.dask.apply(ROBOT, "kinetic_energy", *frames[:2])
     assert np.array_equal(energy.compute(scheduler="sync"), ROBOT.kinetic_energy(*X[:2, :, 0]))
 
