@@ -9,7 +9,7 @@ import numpy as np
 
 from jounce._scalars import asarray
 from jounce.arguments.base import check_pose
-from jounce.errors import JounceError, at, listed, quoted
+from jounce.errors import JounceError, at, listed, quoted, warn
 from jounce.model.mechanism import Mechanism
 from jounce.motion.base import COLUMNS, NAMES, checked_quaternions, neighbouring_signs
 from jounce.motion.composed import Part
@@ -22,6 +22,7 @@ from jounce.spatial.series import SUFFIX, rate_name
 
 BASE = "base"  # the prefix of its columns, for which the name of the base link may stand too
 HIGHEST = 4  # derivative whose rounding is judged
+SPEED = 50.0  # m/s, beyond which positions look like another unit: most of the time no robot is as fast
 COLUMN = re.compile(rf"(.*)\.({'|'.join(COLUMNS)}){SUFFIX}(_sd)?", re.DOTALL)
 
 
@@ -120,6 +121,9 @@ def curve_of_poses(t: Any, C: Any, way: Smoothing | Spline, start: float, stop: 
 def _curve_of_samples(
     t: np.ndarray, samples: np.ndarray, way: Smoothing | Spline, highest: int, place: str
 ) -> tuple[Curve, tuple[str, ...]]:
+    fastest = float(np.median(np.linalg.norm(np.diff(samples[:, :3], axis=0), axis=1) / np.diff(t)))
+    if fastest > SPEED:
+        warn(f"{place}: the base moves at {fastest:.3g} m/s; expected m: a column in mm is called 'base.x [mm]'")
     found = found_from(t, samples, way, NAMES, highest, f"{place}: base")
     residual = "" if found.residual is None else f", at most {found.residual[:3].max():.2g} m from them"
     return found.curve, tuple(f"base: {text}" for text in (found.source + residual, *found.notes))
