@@ -352,6 +352,15 @@ def test_a_bad_row_is_named_and_can_be_left_out(tmp_path, small_parts, suffix):
     assert summary("run", "planar2r", path, "-o", tmp_path / "out2", "--on-error", "skip")["skipped"]["rows"] == 0
 
 
+def test_an_infinite_time_at_the_end_of_a_part_spoils_no_row_of_the_next(tmp_path, monkeypatch):
+    monkeypatch.setattr(plan, "CELLS", 10 * 11)
+    columns = table(30)
+    columns["t"][9] = np.inf
+    path = write(tmp_path / "states.npz", columns)
+    found = summary("run", "planar2r", path, "-o", tmp_path / "out", "--on-error", "skip")
+    assert (found["parts"], found["skipped"]["rows"], found["states"]) == (3, 1, 29)
+
+
 def test_rows_of_csv_tables_can_be_broken_in_any_way(tmp_path, small_parts):
     path = write(tmp_path / "states.csv", table(30))
     lines = path.read_text().splitlines()
@@ -405,6 +414,9 @@ def test_input_that_cannot_be_read_is_refused_in_one_line(tmp_path, small_parts)
     [row] = csv.DictReader((tmp_path / "out.skipped.csv").read_text().splitlines())
     assert row["file"] == str(b)
     assert "b.parquet: not a Parquet table, or a damaged one" in row["problem"]
+    (tmp_path / "limits.yaml").write_text("units: SI\njoints: {joint1: {velocity: 99}}")
+    limits = ("--limits", tmp_path / "limits.yaml", "--on-error", "skip")
+    assert summary("check", "planar2r", folder, *limits)["skipped"]["rows"] == 1
     shutil.rmtree(out)
     np.savez_compressed(tmp_path / "a.npz", **table(30))
     assert "is compressed" in refusal("run", "planar2r", tmp_path / "a.npz", "-o", out)
