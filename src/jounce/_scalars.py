@@ -40,6 +40,9 @@ def asarray(x: Any, what: str = "an array") -> Array:
         if array.dtype.kind == "O" and all(isinstance(v, int | float | np.floating | np.integer) for v in array.flat):
             array = array.astype(np.float64)
     except Exception as error:  # ragged lists, integers beyond the floats, and whatever a foreign type raises
+        if type(error).__module__.startswith("jax"):
+            cure = "jax.numpy.stack makes one array of a list"
+            raise JounceError(f"{what} holds numbers that JAX traces; expected an array of numbers: {cure}") from error
         raise JounceError(f"{what} is not an array of numbers: {one_line(error)}") from error
     if array.dtype.kind in "biuf":
         return array.astype(np.result_type(array.dtype, np.float64), copy=False)
