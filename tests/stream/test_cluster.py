@@ -5,7 +5,9 @@ import json
 import os
 import signal
 import sys
-from threading import Lock
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier, Lock
+from time import sleep
 from types import SimpleNamespace
 from unittest.mock import Mock
 
@@ -23,11 +25,14 @@ from test_stream import ROBOT, bytes_of, call, joined, refusal, summary, table, 
 import jounce
 import jounce.dask
 from jounce.dask.kept import keep
+from jounce.dynamics.computation import Computation
+from jounce.errors import collected_warnings, warn
+from jounce.native import kernel
 from jounce.stream import cluster, plan
 from jounce.stream.job import Job, Reading
 from jounce.stream.plan import make_plan
 
-LONGEST = 120  # s, after which the process of the tests ends instead of hanging
+LONGEST = 300  # s, after which the process of the tests ends instead of hanging
 cloudpickle.register_pickle_by_value(sys.modules[__name__])
 
 
@@ -222,6 +227,10 @@ def test_data_frames_are_matched_by_joint_name():
         assert list(x.columns) == list(ROBOT.joint_names)
         assert np.array_equal(x.index, whole[0].index)
         assert np.array_equal(x.to_numpy(), y)
+    named = {joint: frames[0][joint] for joint in reversed(ROBOT.joint_names)}
+    for given in (named, whole[0]):  # columns of Dask, a data frame in memory
+        forces = jounce.dask.apply(ROBOT, "gravity_forces", given)
+        assert np.array_equal(forces.compute(scheduler="sync"), ROBOT.gravity_forces(X[0, :, 0]))
     energy = jounce.dask.apply(ROBOT, "kinetic_energy", *frames[:2])
     assert np.array_equal(energy.compute(scheduler="sync"), ROBOT.kinetic_energy(*X[:2, :, 0]))
 
@@ -248,6 +257,39 @@ def test_wrong_arguments_are_refused_before_anything_is_computed(monkeypatch):
         jounce.dask.apply(ROBOT, "mass_matrix", np.zeros(2))
 
 
+def test_warnings_of_threads_do_not_mix():
+    """Parts that a worker computes side by side record their own."""
+    both = Barrier(2)
+
+    def part(name):
+        with collected_warnings() as found:
+            both.wait(10)
+            warn(name)
+            both.wait(10)
+        return found
+
+    with ThreadPoolExecutor(2) as pool:
+        assert list(pool.map(part, ["one", "two"])) == [["one"], ["two"]]
+    with pytest.warns(jounce.JounceWarning, match="three"):
+        warn("three")
+
+
+def test_threads_share_the_kernel_that_both_ask_for(monkeypatch):
+    made = []
+
+    class Slow(kernel.Kernel):
+        def __init__(self, *given):
+            made.append(given)
+            sleep(0.05)
+
+    monkeypatch.setattr(kernel, "Kernel", Slow)
+    asked = ROBOT.mechanism, Computation("center_of_mass", 3)
+    with ThreadPoolExecutor(2) as pool:
+        one, two = pool.map(lambda _: kernel.compile_kernel(*asked), range(2))
+    assert one is two
+    assert len(made) == 1
+
+
 def test_what_tasks_share_is_sent_with_its_closures_and_kept(workers):
     factor = np.arange(3)
 
@@ -271,6 +313,7 @@ def die_after(count, told):
         if count < 0:
             finished = {path.name: path.stat().st_ino for path in (folder / "rows").glob("part-*.parquet")}
             told.write_text(json.dumps(finished))
+            (folder / "rows" / f".jounce-00000000-1-{'0' * 12}.part").write_text("half a table")
             os.kill(os.getpid(), signal.SIGKILL)
         return real(task, part, folder)
 

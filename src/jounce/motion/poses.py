@@ -18,6 +18,7 @@ from jounce.motion.curves import Curve, Polynomials
 from jounce.motion.hermite import Hermite
 from jounce.motion.smoothed import found_from
 from jounce.motion.spline import Smoothing, Spline, refuse_way
+from jounce.spatial.lie import rotation, to_quaternion
 from jounce.spatial.series import SUFFIX, rate_name
 
 BASE = "base"  # the prefix of its columns, for which the name of the base link may stand too
@@ -90,8 +91,6 @@ def _rates_in(columns: Mapping[str, np.ndarray], ending: str) -> tuple[np.ndarra
 
 def curve_of_poses(t: Any, C: Any, way: Smoothing | Spline, start: float, stop: float) -> tuple[Curve, tuple[str, ...]]:
     """The curve of poses C (N, 4, 4) at times t (N,), or of one pose (4, 4), for a motion; and notes."""
-    from scipy.spatial.transform import Rotation  # slow to import
-
     poses = np.asarray(asarray(C, "C"))
     one = t is None
     if poses.dtype.kind != "f" or poses.ndim != (2 if one else 3) or poses.shape[-2:] != (4, 4):
@@ -101,7 +100,7 @@ def curve_of_poses(t: Any, C: Any, way: Smoothing | Spline, start: float, stop: 
         raise JounceError(f"C holds {poses[~np.isfinite(poses)].flat[0]}; expected finite numbers")
     check_pose(poses)
     poses = poses[None] if one else poses
-    Q = Rotation.from_matrix(poses[:, :3, :3]).as_quat(scalar_first=True)
+    Q = to_quaternion(rotation(poses))
     samples = np.concatenate([poses[:, :3, 3], checked_quaternions(Q, NAMES[3:])], axis=1)
     if one:
         refuse_way(way, "base", "one pose rests")

@@ -71,7 +71,7 @@ def on_cluster(address: str) -> Runner:
 
 
 def version() -> str:
-    """The version of jounce in this process, and a digest of its sources: results are those of this process's own."""
+    """The version of jounce in this process, and a digest of its sources, on which results depend."""
     return f"{__version__} (sources {sources()[:12]})"
 
 
