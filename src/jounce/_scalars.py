@@ -33,6 +33,11 @@ def asarray(x: Any, what: str = "an array") -> Array:
         return x  # a foreign array that names its own namespace: JAX, also while it traces
     if isinstance(x, Mapping | str):
         raise JounceError(f"{what} is of type {type(x).__name__}; expected an array of numbers")
+    if not isinstance(x, np.ndarray) and _is_spatial(x):
+        raise JounceError(
+            f"{what} is of type {type(x).__name__}, whose array is (linear; angular); expected (angular; linear):"
+            " numpy.concatenate([x.angular, x.linear])"
+        )
     if type(x).__module__.startswith("casadi"):
         x = _of_casadi(x, what)
     try:
@@ -52,6 +57,12 @@ def asarray(x: Any, what: str = "an array") -> Array:
         if not _is_element(v):
             raise JounceError(f"{what} holds {quoted(v)}; expected real numbers or symbols")
     return array
+
+
+def _is_spatial(x: Any) -> bool:
+    """Whether `x` is a motion or force of Pinocchio, or a list of them: NumPy takes them in their own order."""
+    entries = x if type(x) in (list, tuple) or type(x).__name__.startswith("StdVec") else (x,)
+    return any(hasattr(type(entry), "angular") and hasattr(type(entry), "linear") for entry in entries)
 
 
 def _unmask(x: Any) -> Any:
