@@ -314,8 +314,14 @@ def test_a_full_disk_loses_nothing(tmp_path, small_parts, monkeypatch):
         patch.setitem(tables.WRITERS, ".npz", full)
         message = refusal("run", "planar2r", path, "-o", out)
     assert "No space left on device; finished parts are kept, and the same command continues after them" in message
+    assert len([*publish.work_folder(out).glob("part-*.json")]) == 2
+    with monkeypatch.context() as patch:  # while the parts are joined
+        patch.setitem(publish.JOINS, ".npz", full)
+        written[:] = [None] * 2
+        message = refusal("run", "planar2r", path, "-o", out)
+    assert message.startswith(f"Error: {out}: cannot be written: No space left on device; finished parts are kept")
     found = summary("run", "planar2r", path, "-o", out)
-    assert found["parts"] - found["parts_computed"] == 2
+    assert found["parts_computed"] == 0
     assert_same(out, forces(table(90)))
 
 

@@ -24,7 +24,7 @@ from jounce.io.spans import place
 from jounce.native.cache import sources
 from jounce.stream.parts import compute
 from jounce.stream.plan import Part, Task
-from jounce.stream.records import Record, find, rows_folder, rows_path
+from jounce.stream.records import CONTINUE, Record, find, rows_folder, rows_path
 from jounce.stream.records import keep as keep_record
 from jounce.stream.runner import Runner, is_done
 
@@ -35,7 +35,6 @@ LOCAL = "local"  # a cluster of this machine, which lives as long as the run
 TIMEOUT = 10.0  # s to find the cluster and a worker of it
 PATIENCE = 30.0  # s without a finished part, after which a cluster without workers is given up
 AHEAD = 2  # parts that are given out for each thread of the workers
-CONTINUE = "finished parts are kept, and the same command continues after them"
 SHARED = "expected a file system that this process and all workers share"
 
 

@@ -10,7 +10,7 @@ from jounce._parts import PART, part_in, remove_abandoned
 from jounce.errors import JounceError, listed
 from jounce.io import csv, files, npz, parquet
 from jounce.stream.plan import Plan
-from jounce.stream.records import Record, is_valid, line_of, parse, rows_folder, rows_path
+from jounce.stream.records import CONTINUE, Record, is_valid, line_of, parse, rows_folder, rows_path
 
 OURS = re.compile(r"part-\d{6}\.(parquet|csv|npz|json)|_jounce\.jsonl")  # names of tables and records
 RECORDS = "_jounce.jsonl"  # the records of all parts, in a folder of tables
@@ -83,8 +83,11 @@ def publish_folder(plan: Plan, folder: Path, records: Iterable[Record], output: 
 def publish_file(plan: Plan, folder: Path, form: str, output: Path) -> None:
     """Join the tables of all parts to one."""
     tables = [rows_path(folder, part, form) for part in plan.parts]
-    with files.written_whole(output) as path:
-        JOINS[form](path, [table for table in tables if table.exists()])
+    try:
+        with files.written_whole(output) as path:
+            JOINS[form](path, [table for table in tables if table.exists()])
+    except JounceError as error:  # of a full disk, above all
+        raise JounceError(f"{error}; {CONTINUE}") from None
 
 
 def remove_work(folder: Path) -> None:

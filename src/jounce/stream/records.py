@@ -14,6 +14,7 @@ from jounce.stream.job import digest
 from jounce.stream.plan import Part
 
 BLOCK = 1 << 20  # bytes that are read at a time
+CONTINUE = "finished parts are kept, and the same command continues after them"
 
 
 @dataclass(frozen=True)
@@ -70,10 +71,7 @@ def written(path: Path) -> Iterator[Path]:
         yield temporary
         temporary.replace(path)
     except OSError as error:
-        raise JounceError(
-            f"{path}: cannot be written: {error.strerror or one_line(error)}; finished parts are kept, and the same"
-            " command continues after them"
-        ) from None
+        raise JounceError(f"{path}: cannot be written: {error.strerror or one_line(error)}; {CONTINUE}") from None
     except UnicodeEncodeError as error:  # half a character in a name
         raise JounceError(f"{path}: cannot write a name: {one_line(error)}") from None
     finally:
