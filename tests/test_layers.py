@@ -26,6 +26,7 @@ LAYERS = (  # from the inside out
     "models",
     "audit",
     "io",
+    "dask",
     "stream",
     "checks",
     "_symbolic",

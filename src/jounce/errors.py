@@ -4,6 +4,7 @@ import sys
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from difflib import get_close_matches
 from pathlib import Path
 from reprlib import Repr
@@ -26,8 +27,29 @@ class JounceWarning(UserWarning):
         super().__init__(escaped(str(text)))
 
 
+_collected: ContextVar[list[str] | None] = ContextVar("_collected", default=None)
+
+
+@contextmanager
+def collected_warnings() -> Iterator[list[str]]:
+    """Within this context, the texts of warnings go into a list, those of other threads where they went before.
+
+    The context managers of `warnings` act on all threads, so that parts computed side by side would mix their warnings.
+    """
+    found: list[str] = []
+    token = _collected.set(found)
+    try:
+        yield found
+    finally:
+        _collected.reset(token)
+
+
 def warn(text: str) -> None:
     """Warn, at the line outside of jounce that called into it."""
+    collected = _collected.get()
+    if collected is not None:
+        collected.append(str(JounceWarning(text)))
+        return
     frame, depth = sys._getframe(1), 2
     while frame.f_back and Path(frame.f_code.co_filename).is_relative_to(Path(__file__).parent):
         frame, depth = frame.f_back, depth + 1

@@ -105,19 +105,20 @@ CASES: dict[str, Case] = {
     "load bundled": (jounce.load, {"source": "iiwa14", **READ, "gravity": [0, 0, -9.81]}),
     "load planar2r": (jounce.load, {"source": "planar2r", "L1": 1, "L2": 1, "m1": 1, "m2": 1, "g": 9.81}),
     "save": (jounce.save, {"robot": ROBOT, "path": "r.yaml"}),
-    "symbolic": (jounce.symbolic, {"robot": ROBOT}),
+    "symbolic": (jounce.symbolic, {"robot": ROBOT, "base": False}),
     "Symbolic.dot": (SYMBOLIC.dot, {"x": SYMBOLIC.q[0]}),
     "codegen": (
         jounce.codegen,
         {
             "robot": ROBOT, "lang": "python", "order": 0, "directory": "code", "outputs": ["gravity_forces"],
             "wrench": False, "parameters": (), "float32": False, "prefix": "r", "force": True,
+            "base": True,
         },
     ),
     "casadi_function": (
         jounce.casadi_function,
         {"robot": ROBOT, "quantity": "jacobian", "order": 0, "wrench": False, "body": "body1", "frame": "world"}
-        | {"parameters": ()},
+        | {"parameters": (), "base": False},
     ),
     "inertia_matrix": (
         jounce.inertia_matrix,
@@ -264,7 +265,7 @@ CASES: dict[str, Case] = {
         lambda rates, wrench: DAMPED.damping_error(rates, *np.ones((3, 2)), wrench=wrench),
         {"rates": (0.1, 0.2), "wrench": None},
     ),
-    "ElasticRobot.compile": (ARM.compile, {"quantity": "motor_positions", "order": 0, "wrench": False}),
+    "ElasticRobot.compile": (ARM.compile, {"quantity": "motor_positions", "order": 0, "wrench": False, "base": False}),
     "check": (ROBOT.with_limits(effort=99).check, {"motion": SAMPLED}),
     "slowdown": (ROBOT.with_limits(effort=99).slowdown, {"motion": SAMPLED}),
     "retime": (ROBOT.with_limits(velocity=99, acceleration=99).retime, {"motion": SAMPLED, "margin": 0.01}),

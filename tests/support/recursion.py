@@ -4,11 +4,15 @@ from dataclasses import replace
 
 from jounce.dynamics.recursion.bodies import jacobians, poses, twists
 from jounce.dynamics.recursion.forces import AT_REST, MOVING, base_wrench, rnea
-from jounce.dynamics.recursion.matrices import coriolis_matrix, mass_matrix, skew_coriolis_matrix
+from jounce.dynamics.recursion.matrices import (
+    centroidal_momentum_matrix,
+    coriolis_matrix,
+    mass_matrix,
+    skew_coriolis_matrix,
+)
 from jounce.dynamics.recursion.momenta import (
     center_of_mass,
     centroidal_momentum,
-    centroidal_momentum_matrix,
     generalized_momentum,
     kinetic_energy,
     momentum,

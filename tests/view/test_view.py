@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from files import BODY, joint, link, origin, refusal, robot_file
+from robots import floating
 from scipy.spatial.transform import Rotation
 
 import jounce
@@ -104,7 +105,7 @@ def test_where_sliders_are_the_robot_rests(served):
     served.joints[1].value = -0.25
     assert not served.playing.value
     q = np.array([0.5, -0.25])
-    now = at_rest(ARM, q)
+    now = at_rest(ARM, q, np.eye(4))
     np.testing.assert_allclose(now.Q, ARM.gravity_forces(q), atol=1e-12)
     np.testing.assert_allclose(shown_poses(served), ARM.poses(q), atol=1e-12)
     np.testing.assert_allclose(shown_force(served, "base force")[1], [0, 2 * 9.81, 0], atol=1e-4)
@@ -195,7 +196,7 @@ def test_meshes_are_found_by_path_and_by_package(shapes, tmp_path, monkeypatch):
 def test_names_of_a_file_are_text_on_the_page(tmp_path):
     name = "<b onclick='x()'>\u202e"
     robot = jounce.Robot.from_screws([np.eye(4)], [[0, 0, 1, 0, 0, 0]], [np.eye(6)], joint_names=[name], name=name)
-    table = controls.table_of(robot, at_rest(robot, np.zeros(1)))
+    table = controls.table_of(robot, at_rest(robot, np.zeros(1), np.eye(4)))
     assert "&lt;b onclick=" in table
     assert "<b " not in table
     assert "\u202e" not in table
@@ -234,3 +235,19 @@ def test_refusals(file, monkeypatch):
         assert f"port {port} cannot be used: " in call("planar2r", "--port", port)
     monkeypatch.setitem(sys.modules, "viser", None)
     refusal(scene.check_installed, "the live view needs viser", "pip install 'jounce[view]'")
+
+
+@pytest.mark.parametrize("floats", [False, True], ids=["ground", "floating"])
+def test_a_robot_is_shown_where_its_base_is(motion, floats):
+    robot = jounce.Robot(floating(ARM.mechanism, np.random.default_rng(0))) if floats else ARM
+    C = np.tile(np.eye(4), (9, 1, 1))
+    C[:, :3, 3] = [1.0, 2.0, 3.0] + np.sin(np.linspace(0, np.pi, 9))[:, None]
+    moved = motion.with_base(np.linspace(1, 3, 9), C, degree=5)
+    with viewer.serving(robot, Path("planar2r"), track(robot, moved), 0) as served:
+        served.time.value = 2.0
+        np.testing.assert_allclose(served.scene.ground.position, [2, 3, 4], atol=1e-3)
+        expected = np.asarray(robot.poses(served.along.at(2.0).q, base=served.along.at(2.0).C))[-2:]
+        np.testing.assert_allclose(shown_poses(served), expected, atol=1e-9)
+        served.joints[0].value = 0.3
+        np.testing.assert_allclose(served.scene.ground.position, [2, 3, 4], atol=1e-3)
+        assert served.table.content.count("N m") == 3

@@ -138,6 +138,7 @@ def report(
     if not isinstance(motion, Motion):
         raise JounceError(f"report() expects a jounce.Motion, got {type(motion).__name__}; try jounce.load_motion")
     file = None if visuals is None else _visuals_file(visuals)
+    _check_still(robot, motion)
     subject = subject_of(robot, checked_motion(robot.mechanism, motion), _order(motion, order), file)
     slowdown = subject.slowdown if isinstance(subject.slowdown, Slowdown) else None
     return Report(_page(subject), subject.check, slowdown)
@@ -156,6 +157,16 @@ def check_writable(path: Path) -> None:
     if path.suffix.lower() not in SUFFIXES:
         raise JounceError(f"{path}: unknown type of page {path.suffix!r}; available: {', '.join(SUFFIXES)}")
     files.check_writable(path)
+
+
+def _check_still(robot: Robot, motion: Motion) -> None:
+    """Raise `JounceError` where the base moves, which the page does not draw."""
+    if robot.mechanism.base or motion.base_curve:
+        what = f"{robot.name!r} floats" if robot.mechanism.base else "the motion has a base"
+        raise JounceError(
+            f"{what}, and a report draws robots on a ground at rest only; jounce view and robot.forces_along(motion)"
+            " take a base that moves"
+        )
 
 
 def _order(motion: Motion, order: int | None) -> int:

@@ -10,6 +10,7 @@ import numpy as np
 from jounce._report.drawing import GROUND, parts_of, robot_size
 from jounce._view.track import Track
 from jounce.errors import JounceError, listed
+from jounce.figures.drawing import poses_on
 from jounce.io.visuals import read_mesh, visuals_of
 from jounce.robot import Robot
 from jounce.spatial import lie
@@ -24,10 +25,11 @@ NONE = np.zeros((1, 2, 3))  # an arrow that is not seen
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """The handles of what moves: the frames of the bodies, and arrows by what they show."""
+    """The handles of what moves: the frames of the ground or base and of the bodies, and arrows by what they show."""
 
     robot: Robot
     size: float
+    ground: Any
     bodies: Sequence[Any]
     frames: Sequence[Any]
     arrows: Mapping[str, Any]
@@ -38,8 +40,9 @@ class Scene:
 def draw_scene(server: "viser.ViserServer", robot: Robot, file: Path, along: Track | None) -> Scene:
     """Draw a robot as its file shows it; links without shapes there are drawn from their joints and frames."""
     m = robot.mechanism
-    size = robot_size(m, np.asarray(robot.poses(np.zeros(robot.n))))
+    size = robot_size(m, poses_on(robot, np.zeros(robot.n), np.eye(4)))
     server.scene.add_grid("/grid", width=4 * size, height=4 * size, cell_size=size / 5, section_size=size)
+    ground = server.scene.add_frame(_body(GROUND), show_axes=False)
     bodies, frames = [], []
     for i in range(m.nb):
         bodies.append(server.scene.add_frame(f"/body{i}", show_axes=False))
@@ -54,19 +57,19 @@ def draw_scene(server: "viser.ViserServer", robot: Robot, file: Path, along: Tra
     colours = {"base force": FORCE, "base moment": MOMENT}
     colours |= {f"load {k}": FORCE for k in range(len(along.wrenches) if along is not None else 0)}
     arrows = {name: server.scene.add_arrows(f"/{name}", NONE, colour, **shape) for name, colour in colours.items()}
-    return Scene(robot, size, bodies, frames, arrows, _largest(robot, along, size), notes)
+    return Scene(robot, size, ground, bodies, frames, arrows, _largest(robot, along, size), notes)
 
 
 def show(scene: Scene, now: Track) -> None:
     """Move the robot to a state, and draw the forces and moments of it."""
     m = scene.robot.mechanism
-    poses = np.asarray(scene.robot.poses(now.q))
-    for body, C in zip(scene.bodies, poses, strict=True):
+    poses = poses_on(scene.robot, now.q, now.C)
+    for body, C in zip((scene.ground, *scene.bodies), (now.C, *poses), strict=True):
         body.wxyz, body.position = lie.to_quaternion(C[:3, :3]), C[:3, 3]
     vectors = {"base moment": (np.zeros(3), now.F[:3]), "base force": (np.zeros(3), now.F[3:])}
     for k, (name, W) in enumerate(now.wrenches.items()):
         frame = m.frame(name)
-        C = (poses[frame.body] if frame.body != GROUND else np.eye(4)) @ np.asarray(frame.T, dtype=float)
+        C = (poses[frame.body] if frame.body != GROUND else now.C) @ np.asarray(frame.T, dtype=float)
         vectors[f"load {k}"] = C[:3, 3], -C[:3, :3] @ W[3:]  # on the body
     for name, (start, vector) in vectors.items():
         scale = LENGTH * scene.size / scene.largest["moment" if name == "base moment" else "force"]

@@ -43,6 +43,11 @@ class Viewer:
     drawn: float = -np.inf  # when the curves were drawn last
 
     @property
+    def base(self) -> np.ndarray:
+        """The pose of the base of the robot at rest: that at the time of the slider."""
+        return np.eye(4) if self.along is None else self.along.at(self.time.value).C
+
+    @property
     def address(self) -> str:
         """Where a browser finds it."""
         return f"http://{HOST}:{self.server.get_port()}"
@@ -53,7 +58,7 @@ class Viewer:
             if not self.setting:
                 if self.playing is not None:
                     self.playing.value = False
-                self._show(at_rest(self.scene.robot, np.array([slider.value for slider in self.joints])))
+                self._show(at_rest(self.scene.robot, np.array([slider.value for slider in self.joints]), self.base))
 
     def move(self) -> None:
         """Show the motion at the time of its slider."""

@@ -83,6 +83,11 @@ def motors_along(
 ) -> ElasticAlong:
     """Motor positions, and motor torques up to an order, along a motion of a robot with elastic joints."""
     e, options = elasticity_of(robot.mechanism), (method, progress)
+    if isinstance(motion, Motion) and motion.base_curve and e.level is not None:
+        raise JounceError(
+            "rotors that links carry (coupling=) know no base that moves; leave coupling out: their inertia counts"
+            " about their own axes then"
+        )
     if (e.dampers and e.level is None) or e.pairs:
         links, theta, tau = _of_integrals(robot, motion, t, checked_order(order), stiffness, *options)
         return ElasticAlong(links.t, links.rates, theta, tau, *electrical.outputs(e, theta, tau), breaks=links.breaks)
@@ -117,7 +122,7 @@ def _of_integrals(
     m, e = robot.mechanism, elasticity_of(robot.mechanism)
     shift = 1 if len(e.dampers) == m.n else 2
     links = forces_along(robot, motion, t, order + shift, method, progress)
-    q, Q = columns(links.rates), columns(links.forces)
+    q, Q = columns(links.rates), columns([force[:, -m.n :] for force in links.forces])
     inputs = spring_inputs(m, _stiffness_over_time(robot, stiffness, len(links.t), order + 3))
     try:
         inputs = replace(inputs, deflections=damping.integrate_deflections(robot, motion, links.t, method))

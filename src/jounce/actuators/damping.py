@@ -9,7 +9,7 @@ they no longer change.
 
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -32,6 +32,7 @@ NEWTON, ROUNDING = 20, 1e-15  # its iterations at most, and the relative change 
 STEPS = 200  # of a motion at first, which resolve most motions
 ROUNDS = 8  # of halving the steps: the error, which goes with their sixth power, is then 3e14 times smaller
 AGREEMENT = 1e-12  # relative change of deflections by halved steps: the error that is left is a small part of it
+SIDES: tuple[Literal["left"], Literal["right"]] = ("left", "right")
 Sides = tuple[Sequence[np.ndarray], Sequence[np.ndarray]]  # Q, Qd, Q2d (N, n) just before and just after times
 Sampled = Callable[[np.ndarray], Sides]
 
@@ -67,18 +68,26 @@ def _sample_forces(robot: "Robot", motion: Motion, joints: Sequence[int], method
 
     def both(t: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
         sides = []
-        for side in ("left", "right"):
-            found = robot.inverse_dynamics(*motion(t, 4, side), wrench=motion.wrench(t, 2, side), method=method)
-            sides.append([rate[:, joints] for rate in found])
+        for side in SIDES:
+            sides.append([rate[:, joints] for rate in _forces(robot, motion, t, side, method)])
         return sides[0], sides[1]
 
     return both
 
 
+def _forces(
+    robot: "Robot", motion: Motion, t: np.ndarray, side: Literal["left", "right"], method: Any
+) -> list[np.ndarray]:
+    """Q, Qd, Q2d (N, n) of the joints."""
+    base = motion.base(t, 4, side)
+    found = robot.inverse_dynamics(*motion(t, 4, side), wrench=motion.wrench(t, 2, side), base=base, method=method)
+    return [rate[:, -robot.n :] for rate in found]
+
+
 def _initial_deflections(robot: "Robot", motion: Motion, laws: dict[int, DampedSpring], method: Any) -> np.ndarray:
     """The deflections at the start: those of the series of the damper, which a robot at rest has exactly."""
     t = np.array([motion.start])
-    rates = robot.inverse_dynamics(*motion(t, 4), wrench=motion.wrench(t, 2), method=method)
+    rates = _forces(robot, motion, t, "right", method)
     Q, found = columns(rates), []
     for j, law in laws.items():
         sums = deflections.of_damped_spring(law.spring, law.damping, rows(Q, j, j + 1), len(rates))

@@ -482,7 +482,6 @@ class ElasticRobot:
         >>> tau.shape
         (10000, 7)
         """
-        self._check_at_rest("along")
         return motors_along(self.robot, motion, t, order, stiffness, method, progress)
 
     def with_limits(self, source: "str | PathLike[str] | Limits | None" = None, /, **limits: Any) -> "ElasticRobot":

@@ -109,9 +109,13 @@ def _summary(runs: "Sequence[Run]") -> dict[str, Any]:
 
 
 def _in_words(summary: dict[str, Any]) -> str:
+    from jounce.model.coordinates import BASE_FORCES
+
     shown = ", ".join(summary["panels"])
-    count = len({joint for joints in summary["panels"].values() for joint in joints})
+    names = {joint for joints in summary["panels"].values() for joint in joints}
+    of = [f"{count} joint{'s' * (count > 1)}"] if (count := len(names - {*BASE_FORCES})) else []
+    of += ["the base"] if names & {*BASE_FORCES} else []
     states = " and ".join(f"{states} state{'s' * (states > 1)}" for states in summary["states"])
-    line = f"{shown} of {count} joint{'s' * (count > 1)}, {states}, drawn to {summary['output']}"
+    line = f"{shown} of {' and '.join(of)}, {states}, drawn to {summary['output']}"
     beyond = [f"{label} of {listed(names)}" for label, names in summary["exceeded"].items()]
     return "\n".join([line, *(f"beyond a limit: {text}" for text in beyond)])

@@ -39,12 +39,20 @@ REDUCE = click.option(
 )
 
 
+CLUSTER = click.option(
+    "--cluster",
+    metavar="ADDRESS",
+    help="Compute the parts on Dask: local for all cores of this machine, or the scheduler's tcp://HOST:PORT.",
+)
+
+
 @dataclass(frozen=True)
 class AskedStream:
-    """How a command treats tables that it reads by parts."""
+    """How a command treats tables that it reads by parts, and where it computes them: here, or on a cluster."""
 
     reduce: tuple[str, ...]
     skip: bool
+    cluster: str | None
 
     def reading(self, motion: AskedMotion) -> "Reading":
         """How the table of a motion is read."""
@@ -59,7 +67,7 @@ class AskedStream:
 
 
 def on_stream(verb: Callable[..., None]) -> Callable[..., None]:
-    """Add --reduce and --on-error to a command, which gets them as one `stream`, an `AskedStream`."""
+    """Add --reduce, --on-error and --cluster to a command, which gets them as one `stream`, an `AskedStream`."""
     return REDUCE(on_stream_without_reduce(verb))
 
 
@@ -67,10 +75,10 @@ def on_stream_without_reduce(verb: Callable[..., None]) -> Callable[..., None]:
     """`on_stream` of a command without aggregates of its own."""
 
     @wraps(verb)
-    def asked(on_error: str, reduce: str | None = None, **others: Any) -> None:
-        verb(stream=AskedStream(_kinds(reduce), on_error == "skip"), **others)
+    def asked(on_error: str, cluster: str | None, reduce: str | None = None, **others: Any) -> None:
+        verb(stream=AskedStream(_kinds(reduce), on_error == "skip", cluster), **others)
 
-    return ON_ERROR(asked)
+    return ON_ERROR(CLUSTER(asked))
 
 
 def _kinds(given: str | None) -> tuple[str, ...]:
@@ -82,12 +90,12 @@ def _kinds(given: str | None) -> tuple[str, ...]:
 
 
 def is_asked(stream: AskedStream, motion: AskedMotion, output: Path | None) -> bool:
-    """Whether a call is one over parts by its options: of a folder, into a folder, with aggregates, or with `skip`."""
+    """Whether a call is one over parts by its options: of or into a folder, `reduce`, `skip` or a cluster."""
     from jounce.io.motions.bags import is_bag
 
     of_folder = motion.path.is_dir() and not is_bag(motion.path)
     into_folder = output is not None and not output.suffix
-    return bool(of_folder or into_folder or stream.reduce or stream.skip)
+    return bool(of_folder or into_folder or stream.reduce or stream.skip or stream.cluster is not None)
 
 
 def run_stream(
@@ -96,11 +104,17 @@ def run_stream(
     """Run a job over a table or folder with a bar; returns the summary, and what all commands tell of it."""
     from jounce.stream.results import skipped_path
     from jounce.stream.results import stream as run
+    from jounce.stream.runner import Runner, here
 
     if motion.options["topic"] is not None:
         raise JounceError("--topic is for bags of ROS, which are not read by parts: leave it out")
+    runner: Runner = here
+    if stream.cluster is not None:
+        from jounce.stream.cluster import on_cluster
+
+        runner = on_cluster(stream.cluster)
     with progress(label) as show:
-        found = run(job, motion.path, output, stream.reduce, show=show)
+        found = run(job, motion.path, output, stream.reduce, runner, show)
     table = str(skipped_path(output)) if output is not None and found.skipped else None
     return found, {
         "robot": job.links.name,

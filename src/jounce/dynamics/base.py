@@ -1,13 +1,13 @@
 """The motion of the base: of a floating robot's own, or of the ground on which a fixed robot stands."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from jounce._scalars import Array
-from jounce.spatial.lie import Ad, ad, hat, inverse, rotation, wedge
+from jounce.spatial.lie import Ad, ad, hat, inverse, pose, position, rotation, wedge
 from jounce.spatial.series import Series, from_rate, from_rates
 
 
@@ -37,6 +37,11 @@ class BaseMotion:
     def hat_w(self) -> Series:
         """hat(w)."""
         return self.w.map(lambda w: hat(w[..., 0]))
+
+    @property
+    def at_origin(self) -> "BaseMotion":
+        """The same motion about an inertial origin at the place of the base: no digits are lost far away from it."""
+        return replace(self, pose=pose(rotation(self.pose), 0 * position(self.pose)))
 
     def field(self, gravity: Array) -> Series:
         """The acceleration of gravity in the axes of the base, (..., 3, 1)."""

@@ -445,7 +445,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             tex_symbol="A_{G}",
             tex=r"A_G = \partial h_G / \partial \dot{q}",
             methods={
-                "recursion": Method(lambda m, x: momenta.centroidal_momentum_matrix(m, x.q, x.base), _columns),
+                "recursion": Method(lambda m, x: matrices.centroidal_momentum_matrix(m, x.q, x.base), _columns),
                 "closed_form": Method(lambda m, x: _dense(m, x).AG),
             },
         ),

@@ -12,7 +12,7 @@ from jounce.checks.description import describe, limit_in_words
 from jounce.errors import JounceError, shortened
 from jounce.figures import canvas
 from jounce.figures.curves import over_time
-from jounce.figures.drawing import View, draw
+from jounce.figures.drawing import View, draw, poses_on
 from jounce.figures.labels import place_labels
 from jounce.figures.panels import Panel, Run
 from jounce.model.mechanism import DATA
@@ -57,7 +57,7 @@ def robot(robot: "Robot") -> str:
 
     def paint(figure: "Figure") -> None:
         axes = figure.subplots()
-        draw(axes, m, robot.poses(np.zeros(m.n)), View(-55, 18))
+        draw(axes, m, poses_on(robot, np.zeros(m.n), np.eye(4)), View(-55, 18))
         place_labels(figure, axes)
 
     drawing = _picture(lambda: canvas.painted(paint, 5, 5)) if m.nb <= DRAWN else ""

@@ -17,6 +17,8 @@ from jounce.spatial.inertia import moments
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from jounce.robot import Robot
+
 AXES = {"x": COLOURS[1], "y": COLOURS[2], "z": COLOURS[0]}
 GREY = "#777777"
 AT_US = 0.08  # projected share of an arrow's length, below which it points at the reader or away
@@ -47,6 +49,12 @@ class Skeleton:
     coms: np.ndarray  # (nb, 3), NaN where a body has no mass
     links: list[tuple[np.ndarray, np.ndarray]]
     size: float
+
+
+def poses_on(robot: "Robot", q: np.ndarray, C: np.ndarray) -> np.ndarray:
+    """The poses (..., nb, 4, 4) of the bodies behind joints of a robot whose base, or ground, has the pose C."""
+    m = robot.mechanism
+    return np.asarray(robot.poses(q, base=C))[..., m.first :, :, :]
 
 
 def skeleton(mechanism: Mechanism, poses: np.ndarray) -> Skeleton:

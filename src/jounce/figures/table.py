@@ -8,7 +8,7 @@ import numpy as np
 from jounce.errors import JounceError, listed, no_such, quoted, shortened
 from jounce.figures.curves import POINT
 from jounce.figures.panels import Panel, Run
-from jounce.model.coordinates import coordinate_limits, coordinate_units
+from jounce.model.coordinates import BASE_FORCES, coordinate_limits, coordinate_units, force_names
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import SUFFIX, rate_name
@@ -42,7 +42,9 @@ def run_of(
     found, beside = _found(columns, place)
     shown = _shown(found, place, joints, quantities, mechanism)
     _check_sizes(columns, shown, place)
-    units = {} if mechanism is None else dict(zip(mechanism.coordinates, coordinate_units(mechanism), strict=True))
+    units = dict(zip(BASE_FORCES, ["rad"] * 3 + ["m"] * 3, strict=True))
+    if mechanism is not None:
+        units |= dict(zip(mechanism.coordinates, coordinate_units(mechanism), strict=True))
     limits = {} if mechanism is None else _limits(mechanism)
     drawn = []
     for quantity, curves in shown.items():
@@ -105,11 +107,12 @@ def _shown(
     """The curves that are drawn by quantity and joint: q before Q, low rates before high ones, joints in order."""
     known = list(dict.fromkeys(joint for curves in found.values() for joint in curves))
     if mechanism is not None:
+        names = force_names(mechanism)
         for joint in known:
-            if joint not in mechanism.coordinates:
-                missing = no_such(f"joint of {shortened(mechanism.name)}", joint, mechanism.coordinates)
+            if joint not in names:
+                missing = no_such(f"joint of {shortened(mechanism.name)}", joint, names)
                 raise JounceError(f"{place}: {missing}; expected a table of this robot")
-        known = [joint for joint in mechanism.coordinates if joint in known]
+        known = [joint for joint in names if joint in known]
     for kind, asked, existing in (("joint", joints, known), ("quantity", quantities, list(found))):
         for name in asked:
             if name not in existing:

@@ -11,7 +11,7 @@ import numpy as np
 
 from jounce.io.columns import About, Columns, Select, checked
 from jounce.io.spans.chunk import Span
-from jounce.io.spans.parquet import chunks, names, opened, pyarrow
+from jounce.io.spans.parquet import check_numbers, chunks, names, opened, pyarrow
 
 GROUP = 1 << 17  # rows of a group that is written
 NAMESPACE = b"jounce"  # of the metadata of a table
@@ -21,6 +21,7 @@ def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
     """Yield the table of a file in pieces of some rows."""
     header = names(path)
     wanted = header if select is None else list(select(header))
+    check_numbers(path, wanted)
     with opened(path) as file:
         rows = file.metadata.num_rows
     found = False

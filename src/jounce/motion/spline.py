@@ -1,13 +1,12 @@
 """Splines of sampled motions, through all samples or fitted, with a warning if rounding dominates their rates."""
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.errors import JounceError, JounceWarning, one_line, quoted, true_or_false
+from jounce.errors import JounceError, one_line, quoted, true_or_false, warn
 from jounce.motion.curves import Jump
 from jounce.motion.smoothness import resolution
 from jounce.spatial.series import rate_name
@@ -160,4 +159,4 @@ def _warn_of_rounding(
     if share > NOTICEABLE:
         name = rate_name(symbol, highest)
         text = f"{place}: rounding of the samples makes up {min(share, 1):.0%} of the largest {name}"
-        warnings.warn(f"{text}; give more digits, wider steps, or all rates", JounceWarning, stacklevel=3)
+        warn(f"{text}; give more digits, wider steps, or all rates")

@@ -71,11 +71,11 @@ def key_of(what: str, target: Target) -> str:
     """The name of code that depends on no robot."""
     import llvmlite
 
-    return hashlib.sha256(f"{what} {target} llvmlite {llvmlite.__version__} {_sources()}".encode()).hexdigest()
+    return hashlib.sha256(f"{what} {target} llvmlite {llvmlite.__version__} {sources()}".encode()).hexdigest()
 
 
 @cache
-def _sources() -> str:
+def sources() -> str:
     """A hash of jounce itself: what the program is made of and by."""
     digest = hashlib.sha256()
     for path in sorted(Path(__file__).parents[1].rglob("*.py")):

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from math import inf, prod
+from threading import Lock
 from typing import TYPE_CHECKING, Any, Generic, Never
 from weakref import WeakValueDictionary
 
@@ -338,6 +339,7 @@ class Kernel(Generic[Results]):
 
 
 _living: WeakValueDictionary[tuple[Mechanism, Computation], Kernel] = WeakValueDictionary()
+_compiling = Lock()  # threads that ask for one kernel at the same time share it
 
 
 def compile_kernel(mechanism: Mechanism, computation: Computation, patience: float = inf) -> Kernel:
@@ -347,8 +349,12 @@ def compile_kernel(mechanism: Mechanism, computation: Computation, patience: flo
     ------
     LongCompilationError : where it is still to be compiled, which would take longer than `patience` seconds.
     """
-    kernel = _living.get((mechanism, computation)) or Kernel(mechanism, computation, patience)
-    return _living.setdefault((mechanism, computation), kernel)
+    kernel = _living.get((mechanism, computation))
+    if kernel is None:
+        with _compiling:
+            kernel = _living.get((mechanism, computation)) or Kernel(mechanism, computation, patience)
+            _living[mechanism, computation] = kernel
+    return kernel
 
 
 def _code(mechanism: Mechanism, computation: Computation, patience: float) -> bytes:

@@ -105,12 +105,12 @@ def compute(
     except Exception:  # the long way serves all others, and says what is wrong with them
         pass
     plain = {type(x) for x in (*given, *terms, *moved)} <= {np.ndarray, NoneType} and type(threads) is int
-    asked, given = _checked_arguments(robot.mechanism, name, given, wrench, base, body, frame, method)
+    asked, given = checked_arguments(robot.mechanism, name, given, wrench, base, body, frame, method)
     lasting = plain and threads == 1 and asked.base == bool(moved)
     return _run(Call(robot, asked, given, method, out, threads, form if lasting else None))
 
 
-def _checked_arguments(
+def checked_arguments(
     mechanism: Mechanism,
     name: str,
     given: Sequence[Any],

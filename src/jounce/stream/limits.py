@@ -1,6 +1,6 @@
 """Limits along the motions of a part, between rows too, and the worst of all parts."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from math import inf
 from typing import Any
@@ -39,6 +39,8 @@ def add_limits(known: dict[str, Aggregate], name: str, more: Aggregate) -> None:
         known[name] = more
         return
     joined = known[name]
+    if more["t"][0] < joined["t"][1]:
+        raise out_of_order(name, joined, more)
     joined["rows"] += more["rows"]
     joined["t"] = [joined["t"][0], more["t"][1]]
     joined["notes"] = list(dict.fromkeys([*joined["notes"], *more["notes"]]))
@@ -50,17 +52,6 @@ def add_limits(known: dict[str, Aggregate], name: str, more: Aggregate) -> None:
             spans.append([start, stop])
         worse = other if _ratio(other) > _ratio(row) else row
         joined["limits"][i] = worse | {"violations": spans}
-
-
-def join_limits(parts: Iterable[tuple[Part, Mapping[str, Aggregate]]]) -> dict[str, Aggregate]:
-    """The limits of the motions of all parts."""
-    found: dict[str, Aggregate] = {}
-    for part, of_part in parts:
-        for motion, more in of_part.items():
-            if motion in found and more["t"][0] < found[motion]["t"][1]:
-                raise out_of_order(part, motion, found[motion], more)
-            add_limits(found, motion, more)
-    return found
 
 
 def table_of(found: Mapping[str, Aggregate]) -> Columns:

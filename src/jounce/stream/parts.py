@@ -1,13 +1,12 @@
 """The function of a part: its rows are read, computed and written, and a record is kept of them."""
 
-import warnings
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
-from jounce.errors import JounceWarning
+from jounce.errors import at, collected_warnings
 from jounce.io.columns import Columns
 from jounce.io.motions.writing import about
 from jounce.io.tables import WRITERS
@@ -27,16 +26,14 @@ def compute(task: Task, part: Part, folder: Path) -> Record:
     """
     skipped: list[Skipped] = []
     aggregates: dict[str, Aggregate] = {}
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", JounceWarning)
+    with collected_warnings() as caught:
         if task.job.subject == "limits":
             aggregates = checked_limits(task, part, skipped)
             total = ""
         else:
             total = _write(task, part, folder, _pieces(task, part, aggregates, skipped))
-    notes = list(dict.fromkeys(str(found.message) for found in caught))
     rows = sum(found["rows"] for found in aggregates.values())
-    record = Record(part.number, part.key, rows, total, aggregates, tuple(skipped), tuple(notes))
+    record = Record(part.number, part.key, rows, total, aggregates, tuple(skipped), tuple(dict.fromkeys(caught)))
     keep(folder, part, record)
     return record
 
@@ -44,8 +41,9 @@ def compute(task: Task, part: Part, folder: Path) -> Record:
 def _pieces(task: Task, part: Part, aggregates: dict[str, Aggregate], skipped: list[Skipped]) -> Iterator[Columns]:
     """The rows of the output, whose aggregates are gathered meanwhile."""
     for runs, block in blocks(task, part, skipped):
-        for run in runs:
-            add(aggregates, run.motion, tally(block, slice(run.start, run.stop)))
+        with at(part.path):
+            for run in runs:
+                add(aggregates, run.motion, tally(block, slice(run.start, run.stop)))
         yield (_names(runs) if task.named else {}) | columns_of(block)
 
 

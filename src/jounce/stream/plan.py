@@ -5,6 +5,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from jounce.actuators.along import order_of_voltages
 from jounce.actuators.elastic import ElasticRobot
 from jounce.errors import JounceError, at, listed, quoted
@@ -20,7 +22,7 @@ from jounce.stream.job import Job, digest
 MOTION = "motion"  # the column that names the motion of each row
 CELLS = 1 << 23  # of a part: 64 MB of numbers
 LARGE = 1 << 28  # bytes of a table
-COPIES = 12  # of a motion in memory while samples are fitted
+COPIES = 60  # of a table in memory while its samples are fitted: 52 to 61 were measured
 IGNORED = (".", "_")  # what names of files begin with that are no data
 
 
@@ -159,61 +161,58 @@ def _has_memory(arm: ElasticRobot) -> bool:
 
 
 def _spans(path: Path, found: Match, independent: bool, named: bool) -> Iterator[Span]:
-    """The spans of the parts of a table."""
-    spans = format_of(path).spans(path, CELLS)
+    """The spans of the parts of a table: of rows that do not depend on each other, or of whole motions."""
+    table = format_of(path)
+    table.check_numbers(path, found.names)
+    spans = table.spans(path, CELLS)
+    if not spans:
+        raise JounceError(f"{path}: no rows of numbers under the column names")
     if independent:
         yield from spans
-    elif not named:
-        yield _checked(path, Span(spans[0].start, spans[-1].stop), found)
-    else:
-        yield from _whole_motions(path, spans, found)
-
-
-def _whole_motions(path: Path, spans: Sequence[Span], found: Match) -> Iterator[Span]:
-    """Spans of whole motions, of about as many rows as parts have."""
-    most = max(span.stop - span.start for span in spans)
-    start = spans[0].start
-    for run in runs(path, spans):
-        _checked(path, run, found)
+        return
+    whole, start = Span(spans[0].start, spans[-1].stop), spans[0].start
+    most, share = max(span.stop - span.start for span in spans), len(found.names) / len(table.names(path))
+    for run in runs(path, spans) if named else [whole]:
+        _check_memory(path, run, whole, share)
         if run.start > start and run.stop - start > most:
             yield Span(start, run.start)
             start = run.start
-    yield Span(start, spans[-1].stop)
+    yield Span(start, whole.stop)
 
 
 def runs(path: Path, spans: Sequence[Span]) -> Iterator[Span]:
     """The spans of the motions of a table, which a column names; rows of a motion that stand apart are refused."""
-    name, start, seen = None, spans[0].start, set()
+    name, start, seen = None, spans[0].start, set[str]()
     for span in spans:
         for chunk in format_of(path).chunks(path, [], MOTION, span):
             assert chunk.motions is not None
-            for i in range(len(chunk.motions)):
-                if chunk.motions[i] != name:
-                    place = int(chunk.places[i])
-                    if name is not None:
-                        yield Span(start, place)
-                    name, start = str(chunk.motions[i]), place
-                    if name in seen:
-                        raise JounceError(
-                            f"{place_in_words(path, place)}: motion {quoted(name)} begins a second time;"
-                            " its samples need a fit as a whole: sort the rows by motion"
-                        )
-                    seen.add(name)
+            changes = np.flatnonzero(chunk.motions[1:] != chunk.motions[:-1]) + 1
+            for i in [0, *changes.tolist()]:
+                place, other = int(chunk.places[i]), str(chunk.motions[i])
+                if other == name:
+                    continue
+                if other in seen:
+                    raise JounceError(
+                        f"{place_in_words(path, place)}: motion {quoted(other)} begins a second time; its samples need"
+                        " a fit as a whole: sort the rows by motion"
+                    )
+                if name is not None:
+                    yield Span(start, place)
+                name, start = other, place
+                seen.add(other)
     yield Span(start, spans[-1].stop)
 
 
-def _checked(path: Path, span: Span, found: Match) -> Span:
-    """A span of a motion that fits into memory."""
-    cells = (span.stop - span.start) * (1 if path.suffix.lower() in (".parquet", ".npz") else 1 / 16)
-    columns = len(found.sources) if path.suffix.lower() in (".parquet", ".npz") else 1
-    needed, there = int(cells * columns * 8 * COPIES), _memory()
-    if needed > there:
+def _check_memory(path: Path, span: Span, whole: Span, share: float) -> None:
+    """Raise `JounceError` where a motion does not fit into memory; `share` is that of the columns that are read."""
+    table = format_of(path)
+    needed = COPIES * share * table.size(path) * (span.stop - span.start) / (whole.stop - whole.start)
+    if needed > (there := _memory()):
         raise JounceError(
             f"{place_in_words(path, span.start)}: the motion that begins here takes {needed / 1e9:.3g} GB to fit,"
             f" and there are {there / 1e9:.3g} GB: state its rates in columns NAME.q, NAME.qd, ..., or divide it into"
             " several motions"
         )
-    return span
 
 
 def _memory() -> int:

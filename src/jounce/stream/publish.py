@@ -1,5 +1,6 @@
 """The output of a run, made of the results of all parts: it appears as a whole, and replaces no files of others."""
 
+import re
 import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -8,9 +9,10 @@ from pathlib import Path
 from jounce._parts import part_in, remove_abandoned
 from jounce.errors import JounceError, listed
 from jounce.io import csv, files, npz, parquet
-from jounce.stream.plan import Part, Plan
-from jounce.stream.records import Record, is_valid, line_of, parse, record_path, rows_folder, rows_path
+from jounce.stream.plan import Plan
+from jounce.stream.records import Record, is_valid, line_of, parse, rows_folder, rows_path
 
+OURS = re.compile(r"part-\d{6}\.(parquet|csv|npz|json)|_jounce\.jsonl")  # names of tables and records
 RECORDS = "_jounce.jsonl"  # the records of all parts, in a folder of tables
 JOINS = {".parquet": parquet.join, ".csv": csv.join, ".npz": npz.join}
 
@@ -59,10 +61,12 @@ def is_published(plan: Plan, output: Path) -> bool:
 def publish_folder(plan: Plan, folder: Path, records: Iterable[Record], output: Path) -> None:
     """Move the tables of all parts to a folder, with their records."""
     rows = rows_folder(folder)
-    expected = {rows_path(folder, part, ".parquet").name for part in plan.parts}
-    for path in rows.iterdir():
+    expected = {RECORDS, *(rows_path(folder, part, ".parquet").name for part in plan.parts)}
+    for path in _ours(rows):
         if path.name not in expected:  # of an earlier plan
             path.unlink()
+    if foreign := sorted(path.name for path in rows.iterdir() if path.name not in expected):
+        raise JounceError(f"{rows}: holds files that are not of this run ({listed(foreign, 3)}); move them away")
     old = part_in(output.parent)
     try:
         with (rows / RECORDS).open("w", encoding="utf-8") as file:
@@ -83,14 +87,14 @@ def publish_file(plan: Plan, folder: Path, form: str, output: Path) -> None:
         JOINS[form](path, [table for table in tables if table.exists()])
 
 
-def remove_work(plan: Plan, folder: Path) -> None:
+def remove_work(folder: Path) -> None:
     """Remove the work folder; what is in it of others stays."""
     with suppress(OSError):
-        for path in _ours(plan.parts, folder):
-            path.unlink(missing_ok=True)
         for path in (rows_folder(folder), folder):
             if path.exists():
                 remove_abandoned(path)
+                for file in _ours(path):
+                    file.unlink()
                 path.rmdir()
 
 
@@ -101,8 +105,6 @@ def remove_empty(folder: Path) -> None:
         folder.rmdir()
 
 
-def _ours(parts: Iterable[Part], folder: Path) -> Iterator[Path]:
-    for part in parts:
-        yield record_path(folder, part)
-        yield from (rows_path(folder, part, form) for form in JOINS)
-    yield rows_folder(folder) / RECORDS
+def _ours(folder: Path) -> Iterator[Path]:
+    """The tables and records in a work folder."""
+    return (path for path in list(folder.iterdir()) if OURS.fullmatch(path.name))

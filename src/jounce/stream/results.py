@@ -13,11 +13,11 @@ from jounce.io.columns import Columns
 from jounce.io.motions.writing import about
 from jounce.stream import publish
 from jounce.stream.job import Job
-from jounce.stream.limits import join_limits, table_of
+from jounce.stream.limits import add_limits, table_of
 from jounce.stream.plan import Part, Plan, make_plan
 from jounce.stream.records import Record
 from jounce.stream.runner import Runner, Show, here, records, run
-from jounce.stream.tally import Aggregate, join, reduced
+from jounce.stream.tally import Aggregate, add, join, reduced
 
 HEAD = b"file,row,column,problem"  # of a table of rows that are left out
 
@@ -72,7 +72,7 @@ def stream(
     _write_skipped(skipped_path(output), plan.task.match.names, records(plan, work))
     summary = _summary(plan, records(plan, work), computed)
     _write(summary, work, reduce, output)
-    publish.remove_work(plan, work)
+    publish.remove_work(work)
     return summary
 
 
@@ -114,7 +114,7 @@ def _summary(plan: Plan, found: Iterable[Record], computed: int) -> Summary:
             skipped += len(record.skipped)
             yield part, record.aggregates
 
-    joined = (join_limits if plan.task.job.subject == "limits" else join)(aggregates())
+    joined = join(aggregates(), add_limits if plan.task.job.subject == "limits" else add)
     if not joined:
         raise JounceError("no row of the input is good: nothing is written but the table of rows that are left out")
     return Summary(plan, joined, computed, tuple(notes), skipped)

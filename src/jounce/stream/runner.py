@@ -1,6 +1,7 @@
 """Running a plan: parts with valid records are kept, all others are computed, here or elsewhere."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 
 from jounce._parts import remove_abandoned
@@ -9,11 +10,11 @@ from jounce.stream.parts import compute
 from jounce.stream.plan import Part, Plan, Task
 from jounce.stream.records import Record, find, is_valid, rows_folder, rows_path
 
-Runner = Callable[[Task, Sequence[Part], Path], Iterable[Record]]  # computes parts, in any order, into a folder
+Runner = Callable[[Task, Sequence[Part], Path], Generator[Record]]  # computes parts, in any order, into a folder
 Show = Callable[[int, int, int], object]  # of the size that is done, of that of all parts, and of the rows computed
 
 
-def here(task: Task, parts: Sequence[Part], folder: Path) -> Iterator[Record]:
+def here(task: Task, parts: Sequence[Part], folder: Path) -> Generator[Record]:
     """Compute parts one after the other in this process."""
     for part in parts:
         yield compute(task, part, folder)
@@ -28,10 +29,11 @@ def run(plan: Plan, folder: Path, runner: Runner = here, show: Show | None = Non
     sizes = {part.number: part.size for part in plan.parts}
     total = sum(sizes.values())
     done, rows = total - sum(part.size for part in missing), 0
-    for record in runner(plan.task, missing, folder):
-        done, rows = done + sizes[record.number], rows + record.rows
-        if show is not None:
-            show(done, total, rows)
+    with closing(runner(plan.task, missing, folder)) as found:  # whatever ends the run ends it elsewhere too
+        for record in found:
+            done, rows = done + sizes[record.number], rows + record.rows
+            if show is not None:
+                show(done, total, rows)
     return len(missing)
 
 

@@ -3,7 +3,7 @@
 Sums are added in the order of the input whatever computes the parts, so that they are the same to the last bit.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from jounce.stream.outputs import Block
 from jounce.stream.plan import MOTION, Part
 
 Aggregate = dict[str, Any]  # plain data of a motion: rows, t, peaks and squares by quantity and joint
+Add = Callable[[dict[str, Aggregate], str, Aggregate], None]  # joins that of further rows to that of a motion
 
 
 def tally(block: Block, rows: slice) -> Aggregate:
@@ -42,6 +43,8 @@ def add(tallies: dict[str, Aggregate], motion: str, more: Aggregate) -> None:
         tallies[motion] = more
         return
     known = tallies[motion]
+    if more["t"][0] <= known["t"][1]:
+        raise out_of_order(motion, known, more)
     known["rows"] += more["rows"]
     known["t"] = [known["t"][0], more["t"][1]]
     for name, peaks in more["peaks"].items():
@@ -51,23 +54,24 @@ def add(tallies: dict[str, Aggregate], motion: str, more: Aggregate) -> None:
             squares[joint] += more["squares"][name][joint]
 
 
-def join(parts: Iterable[tuple[Part, Mapping[str, Aggregate]]]) -> dict[str, Aggregate]:
+def join(parts: Iterable[tuple[Part, Mapping[str, Aggregate]]], add: Add = add) -> dict[str, Aggregate]:
     """The aggregates of all parts, in the order in which motions come first."""
     tallies: dict[str, Aggregate] = {}
     for part, found in parts:
-        for motion, more in found.items():
-            if motion in tallies and more["t"][0] <= tallies[motion]["t"][1]:
-                raise out_of_order(part, motion, tallies[motion], more)
-            add(tallies, motion, more)
+        try:
+            for motion, more in found.items():
+                add(tallies, motion, more)
+        except JounceError as error:
+            raise JounceError(f"{place(part.path, part.span.start)}: {error}") from None
     return tallies
 
 
-def out_of_order(part: Part, motion: str, known: Aggregate, more: Aggregate) -> JounceError:
-    """The error where a motion goes on in a part at a time that it has passed already."""
+def out_of_order(motion: str, known: Aggregate, more: Aggregate) -> JounceError:
+    """The error where a motion goes on at a time that it has passed already."""
     return JounceError(
-        f"{place(part.path, part.span.start)}: motion {quoted(motion)} goes on at t = {more['t'][0]:.17g}, and its rows"
-        f" before end at t = {known['t'][1]:.17g}; expected increasing times: sort the rows of each motion, and give"
-        " motions names of their own"
+        f"motion {quoted(motion)} goes on at t = {more['t'][0]:.17g}, and its rows before end at"
+        f" t = {known['t'][1]:.17g}; expected increasing times: sort the rows of each motion, and give motions names of"
+        " their own"
     )
 
 

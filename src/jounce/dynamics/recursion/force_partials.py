@@ -123,7 +123,7 @@ def _projected(tree: KinematicTree, q: Series, screws: Sequence[_Wrenches], befo
     K = project(S, changes) + above(by_place, joints).mT
     D = M.dot * 2 - by_rate + above(by_rate, joints).mT
     if isinstance(joints[0], FreeJoint):
-        D = D - along.mT * (np.arange(len(tree.G)) < 6)
+        D = D - along.mT * (np.arange(len(tree.G)) < 6)  # where S' of the base counts once
     steps = [*before, *(column.values for sweep in (momenta, reactions, changes) for column in reversed(sweep))]
 
     def of_coordinates(matrix: Series) -> Series:

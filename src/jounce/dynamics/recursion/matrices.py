@@ -18,9 +18,14 @@ the joint axes, because of the zeros there.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
+
+import numpy as np
 
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.recursion.joints import Joint, batch_zeros
+from jounce.dynamics.recursion.momenta import about_centre, centre_of
 from jounce.dynamics.recursion.sweeps import Columns, above, collect, composites, evaluate_in_order, project, velocities
 from jounce.dynamics.recursion.tree import KinematicTree, kinematic_tree
 from jounce.model.equivalent import on_axes
@@ -77,6 +82,16 @@ def skew_coriolis_matrix(mechanism: Mechanism, q: Series, base: BaseMotion | Non
     )
     Cbar = M.dot - (Phi + Chi) + _below(bodies, Phi + Chi)
     return _to_coordinates(bodies, q, Cbar, [*_dynamic(bodies, V), *Y[::-1], *_sweep(wrenches)])
+
+
+def centroidal_momentum_matrix(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+    """AG, the momenta about the centre of mass of unit velocities, in inertial axes: (..., 6, nv)."""
+    bodies = _composites(mechanism, q, base and base.at_origin)
+    unit, columns = np.eye(len(bodies.tree.G), dtype=int), zip(bodies.tree.joints, bodies.momenta, strict=True)
+    roots = [joint.wrenches(p.values) @ unit[p.screws] for joint, p in columns if joint.parent < 0]
+    A = (reduce(add, roots) + batch_zeros(q)) @ bodies.tree.G
+    A = evaluate_in_order(A, [*bodies.Pi[::-1], *_sweep(bodies.momenta)])
+    return about_centre(A, centre_of(mechanism, bodies.tree, q))
 
 
 def _composites(mechanism: Mechanism, q: Series, base: BaseMotion | None) -> _Composites:

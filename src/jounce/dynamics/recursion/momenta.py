@@ -1,21 +1,18 @@
 """Momenta, energies and centre of mass: sums over the bodies at joints or ground, in frames on the joint axes."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import reduce
 from operator import add
-
-import numpy as np
 
 from jounce._scalars import concatenate
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.recursion.joints import Joint, batch_zeros, rows
-from jounce.dynamics.recursion.sweeps import collect, composites, evaluate_in_order, velocities
+from jounce.dynamics.recursion.sweeps import composites, evaluate_in_order, velocities
 from jounce.dynamics.recursion.tree import KinematicTree, kinematic_tree
 from jounce.model.equivalent import on_axes
 from jounce.model.mechanism import Mechanism, reciprocal_mass
-from jounce.spatial.inertia import moment_matrix, moments
-from jounce.spatial.lie import hat, pose, position, rotation
+from jounce.spatial.inertia import moments
+from jounce.spatial.lie import hat
 from jounce.spatial.series import Series, joined
 
 
@@ -26,29 +23,18 @@ def momentum(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) ->
 
 def centroidal_momentum(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
     """hG, about the centre of mass, in inertial axes: (..., 6, 1)."""
-    tree = kinematic_tree(on_axes(mechanism), q, _at_origin(base))
-    return about_centre(_momentum(tree, q), _center_of_mass(mechanism, tree, q))
-
-
-def centroidal_momentum_matrix(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
-    """AG, the momenta about the centre of mass of unit velocities, in inertial axes: (..., 6, nv)."""
-    tree = kinematic_tree(on_axes(mechanism), q, _at_origin(base))
-    Pi = composites(tree.joints, [Series.constant(Pi_i) for Pi_i in moment_matrix(tree.M)], Joint.moments)
-    columns = collect(tree.joints, [joint.momentum(Pi_j) for joint, Pi_j in zip(tree.joints, Pi, strict=True)])
-    unit = np.eye(len(tree.G), dtype=int)
-    roots = [
-        joint.wrenches(c.values) @ unit[c.screws]
-        for joint, c in zip(tree.joints, columns, strict=True)
-        if joint.parent < 0
-    ]
-    steps = [*reversed(Pi), *(c.values for c in reversed(columns))]
-    A = evaluate_in_order((reduce(add, roots) + batch_zeros(q)) @ tree.G, steps)
-    return about_centre(A, _center_of_mass(mechanism, tree, q))
+    tree = kinematic_tree(on_axes(mechanism), q, base and base.at_origin)
+    return about_centre(_momentum(tree, q), centre_of(mechanism, tree, q))
 
 
 def center_of_mass(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
     """c = sum of m_i c_i / m, in the inertial frame: (..., 3, 1)."""
-    return _center_of_mass(mechanism, kinematic_tree(on_axes(mechanism), q, base), q)
+    return centre_of(mechanism, kinematic_tree(on_axes(mechanism), q, base), q)
+
+
+def centre_of(mechanism: Mechanism, tree: KinematicTree, q: Series) -> Series:
+    """The centre of mass of a tree of the mechanism."""
+    return rows(_first_moment(tree, q), 0, 3) * reciprocal_mass(mechanism)
 
 
 def about_centre(h: Series, c: Series) -> Series:
@@ -77,15 +63,6 @@ def potential_energy(mechanism: Mechanism, q: Series, base: BaseMotion | None = 
     """U = -g . (sum of m_i c_i), (..., 1, 1)."""
     up = concatenate([-mechanism.gravity, 0 * mechanism.gravity[:1]], axis=-1)[None, :]
     return up @ _first_moment(kinematic_tree(on_axes(mechanism), q, base), q)
-
-
-def _at_origin(base: BaseMotion | None) -> BaseMotion | None:
-    """The motion of a base seen from the place where it is, so that no digits are lost far away from the origin."""
-    return base and replace(base, pose=pose(rotation(base.pose), 0 * position(base.pose)))
-
-
-def _center_of_mass(mechanism: Mechanism, tree: KinematicTree, q: Series) -> Series:
-    return rows(_first_moment(tree, q), 0, 3) * reciprocal_mass(mechanism)
 
 
 def _first_moment(tree: KinematicTree, q: Series) -> Series:

@@ -23,6 +23,9 @@ class Format(Protocol):
     def size(self, path: Path, /) -> int:
         """The bytes that the numbers take in memory, or the text in the file."""
 
+    def check_numbers(self, path: Path, names: Sequence[str], /) -> None:
+        """Raise `JounceError` where a column does not hold numbers, as far as is known without reading it."""
+
     def spans(self, path: Path, cells: int, /) -> list[Span]:
         """The spans of a table, of about a number of cells each."""
 

@@ -35,15 +35,20 @@ def spans(path: Path, cells: int) -> list[Span]:
     return [Span(start, min(start + step, rows)) for start in range(0, rows, step)]
 
 
+def check_numbers(path: Path, names: Sequence[str]) -> None:
+    """Raise `JounceError` where a column does not hold numbers."""
+    columns = columns_of(path)
+    for name in names:
+        if columns[name].dtype.kind not in "fiu":
+            raise JounceError(f"{path}: column {quoted(name)} holds {columns[name].dtype}; expected numbers")
+
+
 def chunks(path: Path, names: Sequence[str], texts: str | None, span: Span) -> Iterator[Chunk]:
     """The rows of a span, in chunks."""
     step = rows_of(len(names))
     for start in range(span.start, span.stop, step):
         part = slice(start, min(start + step, span.stop))
         columns = columns_of(path)  # mapped again, so that the pages that were read do not pile up
-        for name in names:
-            if columns[name].dtype.kind not in "fiu":
-                raise JounceError(f"{path}: column {quoted(name)} holds {columns[name].dtype}; expected numbers")
         yield Chunk(
             {name: columns[name][part].astype(float) for name in names},
             None if texts is None else columns[texts][part].astype(str),

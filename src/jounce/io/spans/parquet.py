@@ -70,13 +70,18 @@ def spans(path: Path, cells: int) -> list[Span]:
     return found
 
 
+def check_numbers(path: Path, names: Sequence[str]) -> None:
+    """Raise `JounceError` where a column does not hold numbers."""
+    with opened(path) as file:
+        kinds = {name: file.schema_arrow.field(name).type for name in names}
+    for name, kind in kinds.items():
+        if not _is_number(path, kind):
+            raise JounceError(f"{path}: column {quoted(name)} holds {kind}; expected numbers")
+
+
 def chunks(path: Path, names: Sequence[str], texts: str | None, span: Span) -> Iterator[Chunk]:
     """The rows of a span, in chunks."""
     with opened(path) as file:
-        for name in names:
-            kind = file.schema_arrow.field(name).type
-            if not _is_number(path, kind):
-                raise JounceError(f"{path}: column {quoted(name)} holds {kind}; expected numbers")
         wanted = [*names, *([] if texts is None else [texts])]
         for first, batch in _batches(file, wanted, span):
             columns = {name: _numbers(batch.column(name)) for name in names}

@@ -1,0 +1,220 @@
+"""`apply`: a quantity of a robot on arrays and data frames of Dask, block by block."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from operator import getitem
+from typing import Any
+
+import numpy as np
+
+from jounce._typing import Frame, Method, QuantityName
+from jounce.actuators.elastic import ElasticRobot
+from jounce.arguments import names, requests
+from jounce.dask.kept import Kept, keep
+from jounce.dynamics.quantities import QUANTITIES, row_of
+from jounce.errors import JounceError, at, one_line, one_of
+from jounce.model.mechanism import Mechanism
+from jounce.robot import Robot
+from jounce.robot.dispatch import checked_arguments, compute
+from jounce.robot.generic import as_tuple
+
+Shape = tuple[int, ...]
+Pattern = int | dict[Any, Any] | tuple[Any, ...] | None  # an argument with the numbers of its arrays in their places
+
+
+def apply(
+    robot: Robot | ElasticRobot,
+    quantity: QuantityName,
+    *rates: Any,
+    wrench: Any = None,
+    base: Any = None,
+    body: str | None = None,
+    frame: Frame = "body",
+    method: Method | None = None,
+) -> Any:
+    """Compute a quantity of a robot on arrays of Dask, lazily.
+
+    Each block is what the method of `Robot` computes. A process compiles native code once, or reads it from its cache
+    on disk, and keeps it.
+
+    Parameters
+    ----------
+    robot : Robot or ElasticRobot
+        A robot. It is sent to other processes, functions in it included.
+    quantity : str
+        The name of the method: "inverse_dynamics", "mass_matrix", "jacobian", "motor_torques", ...
+    *rates : (..., n)
+        q, qd, ..., as the method takes them: arrays of Dask or NumPy, dicts of them by joint name, or data frames of
+        Dask with a column per joint. Arrays of Dask are chunked along the batch axes, which broadcast.
+    wrench : (..., nb, 6), or dict of body names to (..., 6), or tuple of such, optional
+        W, Wd, ..., that the bodies exert.
+    base : (..., 4, 4), or tuple of this and (..., 6), optional
+        C, V, Vd, ..., the motion of the base.
+    body, frame : str, optional
+        Body or merged link, and frame, of poses, twists and Jacobians; all bodies by default.
+    method : str, optional
+        The method of the computation: "kernel", "recursion", "closed_form" or "paper".
+
+    Returns
+    -------
+    array of Dask, or for orders above 0 a tuple of arrays
+        The quantity and its rates as the method returns them, float64, chunked as the states are. If the states are
+        data frames, results with an entry per joint are data frames with the same index.
+
+    Raises
+    ------
+    JounceError
+        If Dask is missing, or an argument is wrong, as in the method. Values are checked when blocks are computed.
+
+    Examples
+    --------
+    >>> import dask.array as da, jounce, jounce.dask
+    >>> q, qd, q2d, q3d = da.ones((4, 1_000_000, 7), chunks=(1, 100_000, 7))
+    >>> Q, Qd = jounce.dask.apply(jounce.load("iiwa14"), "inverse_dynamics", q, qd, q2d, q3d)
+    >>> Qd.shape, Qd.chunksize
+    ((1000000, 7), (100000, 7))
+    >>> Qd[:2].compute().shape
+    (2, 7)
+    """
+    try:
+        import dask.array  # noqa: F401
+    except ImportError:
+        raise JounceError("jounce.dask needs Dask; install it by: pip install 'jounce[cluster]'") from None
+    if not isinstance(robot, Robot | ElasticRobot):
+        raise JounceError(f"jounce.dask.apply() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
+    arm = robot.robot if isinstance(robot, ElasticRobot) else robot
+    arrays = _Arrays()
+    frames = [x for x in rates if _is_frame(x)]
+    given = tuple(arrays.pattern(_columns(x, arm.mechanism) if _is_frame(x) else x, 1) for x in rates)
+    patterns = given, arrays.pattern_of_rates(wrench, 2, 2), arrays.pattern_of_rates(base, 2, 1)
+    one_of("quantity", quantity, QUANTITIES)
+    row = row_of(quantity, requests.more_rates(arm.mechanism, quantity))
+    if len(rates) < row.rates:
+        takes = ", ".join(row.input_names(row.rates))
+        raise JounceError(f"{quantity} of {arm.name!r} takes {takes}, and further rates; got {len(rates)} of them")
+    q, W, C = (fill(pattern, arrays.samples()) for pattern in patterns)
+    asked, _ = checked_arguments(arm.mechanism, quantity, q, W, C, body, frame, method)
+    shapes = [port.shape for port in asked.signature(arm.mechanism).outputs]
+    blocks = arrays.blocks(Block(keep(arm), quantity, *patterns, body, frame, method))
+    results = [_result(blocks, k, shape) for k, shape in enumerate(shapes)]
+    if frames:
+        results = [_frame(x, frames[0], arm) for x in results]
+    return tuple(results) if len(results) > 1 else results[0]
+
+
+@dataclass(frozen=True)
+class Block:
+    """The function of a block: it puts the arrays into their places, and calls the robot that its process keeps."""
+
+    robot: Kept[Robot]
+    quantity: str
+    rates: Pattern
+    wrench: Pattern
+    base: Pattern
+    body: str | None
+    frame: str
+    method: str | None
+
+    def __call__(self, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Compute the results of a block."""
+        rates, wrench, base = (fill(pattern, arrays) for pattern in (self.rates, self.wrench, self.base))
+        robot, body, frame, method = self.robot.value, self.body, self.frame, self.method
+        found = compute(robot, self.quantity, rates, wrench=wrench, base=base, body=body, frame=frame, method=method)
+        return as_tuple(found)
+
+
+def fill(pattern: Pattern, arrays: Sequence[Any]) -> Any:
+    """The argument of a pattern, with arrays in place of their numbers."""
+    if isinstance(pattern, dict):
+        return {name: fill(x, arrays) for name, x in pattern.items()}
+    if isinstance(pattern, tuple):
+        return tuple(fill(x, arrays) for x in pattern)
+    return None if pattern is None else arrays[pattern]
+
+
+@dataclass(frozen=True)
+class _Arrays:
+    """The arrays of all arguments, each with the shape of one state."""
+
+    found: list[tuple[Any, Shape]] = field(default_factory=list)
+
+    def pattern(self, given: Any, axes: int) -> Pattern:
+        """The pattern of an argument; its arrays have some axes that are not batch axes, those in a dict one less."""
+        if given is None:
+            return None
+        if isinstance(given, Mapping):
+            return {name: self.pattern(x, axes - 1) for name, x in given.items()}
+        lazy = hasattr(given, "dask")
+        x: Any = given if lazy else np.asarray(given)
+        within = range(max(0, x.ndim - axes), x.ndim)
+        if lazy and any(x.numblocks[axis] > 1 for axis in within):
+            x = x.rechunk(dict.fromkeys(within, -1))
+        self.found.append((x, tuple(x.shape[axis] for axis in within)))
+        return len(self.found) - 1
+
+    def pattern_of_rates(self, given: Any, first: int, others: int) -> Pattern:
+        """The pattern of an argument that may be a tuple with rates, of which the first has other axes."""
+        if not isinstance(given, tuple):
+            return self.pattern(given, first)
+        return tuple(self.pattern(x, others if k else first) for k, x in enumerate(given))
+
+    def samples(self) -> list[np.ndarray]:
+        """An array of the type of each with one state: zeros, or the unit matrix, which is a pose."""
+        samples = []
+        for x, core in self.found:
+            state = np.eye(*core, dtype=x.dtype) if len(core) == 2 else np.zeros(core, x.dtype)
+            samples.append(state.reshape((1,) * (x.ndim - len(core)) + core))
+        return samples
+
+    def blocks(self, block: Block) -> Any:
+        """An array of Dask over the batch, whose blocks are the tuples that a function returns."""
+        import dask.array as da
+
+        shapes = [x.shape[: x.ndim - len(core)] for x, core in self.found]
+        try:
+            np.broadcast_shapes(*(tuple(1 if n != n else n for n in shape) for shape in shapes))
+        except ValueError:
+            raise JounceError(f"batch axes of shapes {', '.join(map(str, shapes))} do not broadcast") from None
+        batch = range(max(map(len, shapes)))
+        given: list[Any] = []
+        own = len(batch)
+        for x, core in self.found:
+            given += [da.asarray(x), (*batch[len(batch) - x.ndim + len(core) :], *range(own, own + len(core)))]
+            own += len(core)
+        try:
+            return da.blockwise(block, tuple(batch), *given, concatenate=True, meta=np.empty((0,) * len(batch)))
+        except ValueError as error:  # where lengths of blocks are unknown
+            raise JounceError(f"chunks of the states do not match: {one_line(error)}; rechunk them alike") from None
+
+
+def _result(blocks: Any, k: int, shape: Shape) -> Any:
+    """The k-th result, of a shape for each state, of blocks that are tuples of results."""
+    import dask.array as da
+
+    batch = range(blocks.ndim)
+    state = range(blocks.ndim, blocks.ndim + len(shape))
+    meta = np.empty((0,) * (blocks.ndim + len(shape)))
+    new = dict(zip(state, shape, strict=True))
+    return da.blockwise(getitem, (*batch, *state), blocks, tuple(batch), k, None, new_axes=new, meta=meta)
+
+
+def _is_frame(x: Any) -> bool:
+    """Whether an argument is a data frame of Dask."""
+    return hasattr(x, "to_dask_array") and hasattr(x, "columns")
+
+
+def _columns(x: Any, mechanism: Mechanism) -> Any:
+    """The columns of a data frame of Dask as an array in the order of the joints."""
+    joints = list(mechanism.coordinates)
+    with at("data frame"):
+        names.check(list(x.columns), joints, names.followers(mechanism))
+    return x[joints].to_dask_array()
+
+
+def _frame(x: Any, source: Any, robot: Robot) -> Any:
+    """A result with an entry per joint as a data frame of Dask with the index of another; any other as it is."""
+    import dask.dataframe as dd
+
+    if x.shape[1:] != (robot.n,):
+        return x
+    return dd.from_dask_array(x, columns=list(robot.joint_names), index=source.index)

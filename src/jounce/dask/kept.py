@@ -1,0 +1,46 @@
+"""Objects that many tasks share: every process unpickles them once and keeps them, with the native code of robots."""
+
+import pickle
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Generic, TypeVar
+
+from jounce.errors import JounceError, one_line
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Kept(Generic[T]):
+    """An object as bytes. `value` is the same object for all tasks of a process, as long as it uses few others."""
+
+    data: bytes
+
+    @property
+    def value(self) -> T:
+        """The object."""
+        found: T = _load(self.data)
+        return found
+
+
+def keep(value: T) -> Kept[T]:
+    """Pickle an object, functions that only this process knows included.
+
+    Raises
+    ------
+    JounceError : if something in it cannot be pickled.
+    """
+    import cloudpickle
+
+    try:
+        return Kept(cloudpickle.dumps(value))
+    except Exception as error:  # whatever a foreign type raises
+        raise JounceError(
+            f"{type(value).__name__} cannot be sent to other processes: {one_line(error)}; functions in it, such as"
+            " laws of springs, may refer to what can be pickled alone"
+        ) from None
+
+
+@lru_cache(maxsize=32)
+def _load(data: bytes) -> Any:
+    return pickle.loads(data)

@@ -1,0 +1,242 @@
+"""Running a plan on a cluster of Dask: workers compute parts, and write them into the work folder themselves.
+
+They read the input and write the results at the paths of this process: all share a file system.
+"""
+
+import logging
+import signal
+from asyncio import CancelledError
+from collections.abc import Collection, Generator, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from socket import gethostname
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jounce._version import __version__
+from jounce.dask.kept import Kept, keep
+from jounce.errors import JounceError, one_line, quoted
+from jounce.io.spans import place
+from jounce.native.cache import sources
+from jounce.stream.parts import compute
+from jounce.stream.plan import Part, Task
+from jounce.stream.records import Record, find, rows_folder, rows_path
+from jounce.stream.records import keep as keep_record
+from jounce.stream.runner import Runner
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+LOCAL = "local"  # a cluster of this machine, which lives as long as the run
+TIMEOUT = 10.0  # s to find the cluster and a worker of it
+PATIENCE = 30.0  # s without a finished part, after which a cluster without workers is given up
+AHEAD = 2  # parts that are given out for each thread of the workers
+CONTINUE = "finished parts are kept, and the same command continues after them"
+SHARED = "expected a file system that this process and all workers share"
+
+
+@dataclass(frozen=True)
+class Order:
+    """What a worker is told of a part: to compute it into a folder, by this version, of a file of a size and a time."""
+
+    task: Kept[Task]
+    part: Part
+    folder: Path
+    version: str
+    file: tuple[int, int]
+
+
+def on_cluster(address: str) -> Runner:
+    """Return the runner of a cluster: "local", or that of the scheduler at an address.
+
+    Raises
+    ------
+    JounceError : if it is no address, or Dask is not installed.
+    """
+    try:
+        from distributed.comm.addressing import get_address_host_port
+    except ImportError:
+        raise JounceError("clusters need Dask; install it by: pip install 'jounce[cluster]'") from None
+    if address != LOCAL:
+        try:
+            get_address_host_port(address, strict=True)
+        except ValueError:
+            expected = "expected local, or the address of a scheduler: tcp://HOST:PORT"
+            raise JounceError(f"cluster {quoted(address)}; {expected}") from None
+    return partial(_run, address)
+
+
+def version() -> str:
+    """The version of jounce in this process, and a digest of its sources: results are those of this process's own."""
+    return f"{__version__} (sources {sources()[:12]})"
+
+
+def compute_order(order: Order) -> Record:
+    """Compute a part, on a worker."""
+    _check_version(gethostname(), version(), order.version)
+    _check_files(order)
+    with np.errstate(all="ignore"):  # as the command does; what is not finite is refused
+        return compute(order.task.value, order.part, order.folder)
+
+
+def _check_version(worker: str, theirs: str, ours: str) -> None:
+    if theirs != ours:
+        raise JounceError(f"worker {worker} has jounce {theirs}, this process {ours}; install one version on both")
+
+
+def _check_files(order: Order) -> None:
+    """Raise `JounceError` unless this worker sees the work folder and the very input."""
+    path, folder = order.part.path, rows_folder(order.folder)
+    if not folder.is_dir():
+        raise JounceError(f"{folder}: worker {gethostname()} sees no such folder; {SHARED}")
+    if not path.is_file() or _identity(path) != order.file:
+        raise JounceError(f"{path}: worker {gethostname()} sees no such file or another one; {SHARED}")
+
+
+def _identity(path: Path) -> tuple[int, int]:
+    """The size of a file and the second of its last change: what file systems of a network agree upon."""
+    about = path.stat()
+    return about.st_size, int(about.st_mtime)
+
+
+def _run(address: str, task: Task, parts: Sequence[Part], folder: Path) -> Generator[Record]:
+    """Compute parts on a cluster, which is looked for if there are any."""
+    if parts:
+        with _connected(address, len(parts)) as client:
+            _check_workers(address, client)
+            yield from _compute(client, task, parts, folder.absolute())
+
+
+@contextmanager
+def _connected(address: str, most: int) -> Iterator["Client"]:
+    """A client of a cluster; one of this machine has at most as many workers as there are parts."""
+    from distributed import Client
+
+    with ExitStack() as stack:
+        stack.enter_context(_quiet())
+        try:
+            scheduler = stack.enter_context(_local(most)) if address == LOCAL else address
+            client = stack.enter_context(Client(scheduler, timeout=TIMEOUT, set_as_default=False))
+            client.wait_for_workers(1, timeout=TIMEOUT)
+        except Exception as error:  # of addresses, of networks, and of servers that are no schedulers
+            raise JounceError(f"cluster {address}: {one_line(error)}") from None
+        yield client
+
+
+@contextmanager
+def _local(most: int) -> Iterator[str]:
+    """A cluster of this machine, a process per core, without files or processes that outlive it."""
+    from dask.system import CPU_COUNT
+    from distributed import LocalCluster
+
+    with (
+        TemporaryDirectory(prefix="jounce-", ignore_cleanup_errors=True) as folder,
+        LocalCluster(
+            n_workers=min(CPU_COUNT, most),
+            threads_per_worker=1,
+            dashboard_address=":0",  # the server of Dask's metrics takes any port that is free
+            scheduler_kwargs={"dashboard": False},
+            memory_limit=0,  # none: parts are small
+            local_directory=folder,
+            silence_logs=logging.CRITICAL,
+        ) as cluster,
+    ):
+        yield cluster.scheduler_address
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Within this context Dask logs nothing: errors become one line."""
+    log = logging.getLogger("distributed")
+    level = log.level
+    log.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
+
+
+def _check_workers(address: str, client: "Client") -> None:
+    """Raise `JounceError` if a worker has another jounce, or none; later ones are asked with their first part."""
+    if address == LOCAL:
+        client.run(_ignore_interrupts)
+    for worker, found in client.run(version, on_error="return").items():
+        if isinstance(found, Exception):
+            cure = f"install jounce {__version__} there"
+            raise JounceError(f"worker {worker} cannot import this jounce: {one_line(found)}; {cure}")
+        _check_version(worker, found, version())
+
+
+def _ignore_interrupts() -> None:
+    """Leave Ctrl-C, which a terminal sends to all its processes, to the one that started this worker."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _compute(client: "Client", task: Task, parts: Sequence[Part], folder: Path) -> Iterator[Record]:
+    """Give parts out, a few more than workers can compute at once, until all are finished."""
+    kept, waiting = keep(task), iter(parts)
+    running: dict[Future[Record], Part] = {}
+    try:
+        while True:
+            for part in islice(waiting, max(1, AHEAD * _threads(client) - len(running))):
+                there = replace(part, path=part.path.absolute())
+                order = Order(kept, there, folder, version(), _identity(part.path))
+                running[client.submit(compute_order, order, pure=False)] = part
+            if not running:
+                return
+            for future in _finished(client, list(running)):
+                yield _checked(task, running.pop(future), future, folder)
+    finally:
+        client.cancel(list(running))
+
+
+@contextmanager
+def _connection() -> Iterator[None]:
+    """Within this context, the loss of the cluster is told in one line."""
+    try:
+        yield
+    except TimeoutError:
+        raise
+    except (OSError, CancelledError) as error:
+        raise JounceError(f"the cluster is lost: {one_line(error) or 'no connection'}; {CONTINUE}") from None
+
+
+def _threads(client: "Client") -> int:
+    """The number of threads of all workers that are there."""
+    with _connection():
+        return sum(client.nthreads().values())
+
+
+def _finished(client: "Client", running: "Sequence[Future[Record]]") -> "Collection[Future[Record]]":
+    """Wait until some parts are finished."""
+    from distributed import wait
+
+    while True:
+        try:
+            with _connection(), client.as_current():
+                return wait(running, PATIENCE, "FIRST_COMPLETED").done
+        except TimeoutError:
+            if not _threads(client):
+                raise JounceError(f"no worker of the cluster is left; {CONTINUE}") from None
+
+
+def _checked(task: Task, part: Part, future: "Future[Record]", folder: Path) -> Record:
+    """The record of a finished part, whose files this process sees."""
+    from distributed import KilledWorker
+
+    try:
+        with _connection():
+            record = future.result()
+    except KilledWorker as error:
+        died = f"{error.allowed_failures + 1} workers died while they computed this part, for want of memory perhaps"
+        raise JounceError(f"{place(part.path, part.span.start)}: {died}; {CONTINUE}") from None
+    if record.checksum and task.job.form and not rows_path(folder, part, task.job.form).is_file():
+        raise JounceError(f"{rows_path(folder, part, task.job.form)}: a worker has written it elsewhere; {SHARED}")
+    if find(folder, part) is None:  # yet: file systems of a network show new files late
+        keep_record(folder, part, record)
+    return record
