@@ -103,9 +103,12 @@ def base_parameters(m: Mechanism) -> BaseParameters:
     scale = np.tile(length**_POWERS, len(m.body_names))
     places, rows = _of_tree(_in_lengths(m, length))
     if m.n < m.nb:  # joints that follow others
-        found = _span(_samples(m, length)[:, places] * scale[places])
+        Y = _samples(m, length)[:, places] * scale[places]
+        sizes = np.linalg.norm(Y, axis=0)
+        found = _span(Y / sizes)
         named = _independent(found)
-        places, rows = places[named], np.linalg.solve(found[:, named], found @ rows)
+        combined = np.linalg.solve(found[:, named], found) * sizes / sizes[named, None]
+        places, rows = places[named], combined @ rows
     order = np.argsort(places)
     places, matrix = places[order], _tidy(rows[order]) * scale[places[order], None] / scale
     names = tuple(f"{body} {name}" for body in m.body_names for name in PARAMETERS)

@@ -23,8 +23,8 @@ from jounce.model.mechanism import Mechanism
 from jounce.spatial.linear import Factors
 from jounce.spatial.series import Series, rate_name
 
-# "n" coordinates, "nv" velocities, "nb" bodies, "parameters" inertial ones, ten of each body, "rates" q, qd, ..., as many
-# as the quantity or its rate takes
+# "n" coordinates, "nv" velocities, "nb" bodies, "parameters" ten inertial ones per body, "rates" q, qd, ..., as many as
+# the quantity or its rate takes
 Axis = int | str
 
 
