@@ -11,7 +11,12 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 DOCS = Path(__file__).parents[1]
-PAGES = ["tutorials/from-a-log-to-torques.md", "tutorials/elastic-panda.md", "howto/minimum-torque-change.md"]
+PAGES = [
+    "tutorials/from-a-log-to-torques.md",
+    "tutorials/elastic-panda.md",
+    "tutorials/humanoid.md",
+    "howto/minimum-torque-change.md",
+]
 BLOCK = re.compile(r"^```(python|console)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 COMMAND = re.compile(r"^\$ jounce ((?:.*\\\n)*.+)$", re.MULTILINE)
 

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce._scalars import asarray, is_numeric
+from jounce._scalars import asarray
 from jounce._typing import Frame, QuantityName
 from jounce.arguments import requests
 from jounce.dynamics.computation import Computation
 from jounce.errors import JounceError, listed, warn
-from jounce.model.mechanism import DATA, Mechanism
+from jounce.model.mechanism import Mechanism
 from jounce.model.parameters import own_values, parametrise
 from jounce.robot import Robot
 
@@ -64,8 +64,8 @@ def casadi_function(
     casadi.Function
         Named after the quantity, body and frame. Inputs q, qd, q2d, ... (n), then W, Wd, ..., the motion of the base
         and the parameters; outputs the quantity and its rates under the names of its symbol, Q, Qd, Q2d, ...: columns
-        of vectors, 1 x 1 of scalars. The matrices of partial derivatives P stand one below the other, (3 n, n), those
-        of Pd are (4 n, n).
+        of vectors, 1 x 1 of scalars. The matrices of partial derivatives P stand one below the other, (3 nv, nv), those
+        of Pd are (4 nv, nv).
 
     Raises
     ------
@@ -127,7 +127,7 @@ def _name(computation: Computation) -> str:
 def _check(robot: Robot) -> None:
     if not isinstance(robot, Robot):
         raise JounceError(f"casadi_function() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
-    if not all(is_numeric(getattr(robot.mechanism, data)) for data in DATA):
+    if not robot.mechanism.is_numeric:
         raise JounceError(
             "the robot contains symbols; expected numbers (parameters=['masses'] makes its masses inputs)"
         )
@@ -139,5 +139,5 @@ def _check_axes(computation: Computation, mechanism: Mechanism) -> None:
     if computation.quantity.of_bodies and len(shape) > 2:
         raise JounceError(
             f"{computation.name} of all bodies: a CasADi matrix has 2 axes, not {len(shape)};"
-            f" body= selects one of: {listed(mechanism.bodies)}"
+            f" body= selects one of: {listed(mechanism.body_names)}"
         )

@@ -6,10 +6,13 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 from click.testing import CliRunner
+from matplotlib.figure import Figure
 from robots import floating
 
 import jounce
 from jounce.cli import main
+from jounce.figures.canvas import painted
+from jounce.figures.drawing import View, draw, poses_on
 from jounce.io import tables
 
 ARM = jounce.load("planar2r")
@@ -84,6 +87,14 @@ def test_the_ground_of_a_fixed_robot_moves(folder):
     )
 
 
+def test_a_plan_without_a_base_is_refused_for_a_robot_that_floats(folder):
+    points = [{"positions": [k, 0], "time_from_start": {"sec": k}} for k in (0, 1)]
+    (folder / "plan.json").write_text(json.dumps({"joint_names": ["joint1", "joint2"], "points": points}))
+    for words in (("run", "-o", folder / "x.csv"), ("check",)):
+        said = jounce_(words[0], folder / "robot.yaml", folder / "plan.json", *words[1:], code=2)
+        assert "columns base.x, ..., base.qz of a table state one" in said
+
+
 def test_pictures_show_the_wrench_on_the_base(folder):
     jounce_("run", folder / "robot.yaml", folder / "sway.yaml", "-o", folder / "f.csv", "--order", "0")
     options = ("-o", folder / "f.svg", "--robot", folder / "robot.yaml", "--json")
@@ -91,6 +102,16 @@ def test_pictures_show_the_wrench_on_the_base(folder):
     assert panels["Q"][:1] == ["base.mx"]
     assert panels["Q"][-1] == "joint2"
     assert "of 2 joints and the base" in jounce_("plot", folder / "f.csv", *options[:-1])
+
+
+def test_a_robot_that_floats_is_drawn_without_ground(robot):
+    assert "<img" in robot._repr_html_()
+    patches = []
+    for one in (ARM, robot):
+        axes = painted(Figure.subplots, 4, 3).axes[0]
+        draw(axes, one.mechanism, poses_on(one, np.zeros(2), np.eye(4)), View(0, 0))
+        patches.append(len(axes.patches))
+    assert patches[0] == patches[1] + 1
 
 
 def test_reports_refuse_a_base_that_moves(folder):

@@ -276,6 +276,11 @@ def test_the_head_says_of_which_body_and_in_which_frame_results_are():
         assert words in head
 
 
+def test_the_head_says_that_a_body_is_the_base():
+    head = re.sub(r"\s[\s*]*", " ", texts("floating", "c", count=1, order=0, outputs=("jacobian:base",))["planar2r.h"])
+    assert "jacobian_base: body base; components in the axes of the body, about its origin. " in head
+
+
 def passes_in_python(text, test):
     """Whether generated Python passes the test beside it, in this process."""
     names = {"__name__": "test", "code": ModuleType("code")}

@@ -12,7 +12,7 @@ import jounce
 from jounce import Motion
 from jounce.io import tables
 from jounce.io.motions.writing import pieces
-from jounce.motion.base import COLUMNS, NAMES, motion_of
+from jounce.motion.base import COLUMNS, NAMES, Scaled, motion_of
 from jounce.motion.table import from_table
 
 ARM = jounce.load("planar2r")
@@ -98,6 +98,8 @@ def test_units_stand_in_headers():
     columns = JOINTS | {"base.x [mm]": 1e3 * P[:, 0]} | {name: x for name, x in BASE.items() if name != "base.x"}
     motion = jounce.load_motion(columns, ROBOT, degree=7)
     np.testing.assert_allclose(motion.base(T, 0)[0], C, atol=1e-12)
+    with pytest.warns(jounce.JounceWarning, match=r"base moves at .* m/s; expected m"):
+        jounce.load_motion(JOINTS | BASE | {name: 1e3 * BASE[name] for name in NAMES[:3]}, ROBOT, degree=7)
     columns = {name.replace("qw", "qw [deg]"): x for name, x in columns.items()}
     assert "unknown unit 'deg'" in refusal(lambda: jounce.load_motion(columns, ROBOT))
 
@@ -126,14 +128,14 @@ def test_the_base_goes_at_the_pace_of_the_joints():
 def test_motions_that_follow_each_other_continue_the_base():
     """The sign of the second quaternion is free: no false break comes of it."""
     first = LINEAR.with_base(T, C, degree=7)
-    poses = C[::-1].copy()
-    poses[:, :3, :3] = Rotation.from_quat(-Q[::-1], scalar_first=True).as_matrix()
-    later = Motion.polynomial([[1, -1], [2, -2]], 1.0).with_base(T, poses, degree=7)
-    whole = first + later
-    np.testing.assert_allclose(whole.base(1.5, 0)[0], C[50], atol=1e-6)
-    of_base = {found.order for found in whole.breaks if found.symbol == "base"}
-    assert 0 not in of_base
-    assert 1 in of_base
+    later = Motion.polynomial([[1, -1], [2, -2]], 1.0).with_base(T, C[::-1], degree=7)
+    for sign in (1, -1):
+        other = replace(later, base_curve=Scaled(later.base_curve, np.array([1] * 3 + [sign] * 4)))
+        whole = first + other
+        np.testing.assert_allclose(whole.base(1.5, 0)[0], C[50], atol=1e-6)
+        of_base = {found.order for found in whole.breaks if found.symbol == "base"}
+        assert 0 not in of_base
+        assert 1 in of_base
     assert "do not meet" in refusal(lambda: later + later)
     assert "only one" in refusal(lambda: first + Motion.polynomial([[1, 1], [2, 1]], 1))
 
@@ -150,24 +152,34 @@ def test_jumps_of_the_base_are_breaks_of_the_forces_that_blends_replace():
 def test_deviations_of_the_base_are_those_of_the_forces():
     """As many draws of the noise scatter the forces about as much as their deviations say."""
     rng = np.random.default_rng(1)
-    t = np.linspace(0, 2, 300)
+    t = np.linspace(0, 2, 240)
     angle = 0.3 * np.sin(2 * t)
-    poses = np.tile(np.eye(4), (300, 1, 1))
+    poses = np.tile(np.eye(4), (240, 1, 1))
     poses[:, 0, 3] = 0.2 * np.cos(t)
 
     def drawn():
         noisy = poses.copy()
-        noisy[:, :3, 3] += 1e-5 * rng.normal(size=(300, 3))
+        noisy[:, :3, 3] += 1e-5 * rng.normal(size=(240, 3))
         noisy[:, :3, :3] = Rotation.from_rotvec(
-            np.c_[angle, 0 * t, 0 * t] + 1e-5 * rng.normal(size=(300, 3))
+            np.c_[angle, 0 * t, 0 * t] + 1e-5 * rng.normal(size=(240, 3))
         ).as_matrix()
         return Motion.polynomial([[0, 1], [0, 2]], 2.0).with_base(t, noisy, bandwidth=2.0)
 
     at = np.array([0.7, 1.2])
-    along = [ROBOT.forces_along(drawn(), at, order=0) for _ in range(6)]
+    along = [ROBOT.forces_along(drawn(), at, order=0) for _ in range(4)]
     scatter = np.std([one.forces[0] for one in along], axis=0)
     ratio = np.sqrt((scatter**2).mean() / np.mean([one.deviations[0] ** 2 for one in along]))
     assert 0.3 < ratio < 2
+
+
+def test_springs_with_dampers_take_the_base():
+    """A stiff damped spring differs little from the rigid joint; without the base it would by all that this adds."""
+    motion = LINEAR.with_base(T, C, degree=7)
+    arm = ARM.elastic(1e5, 1e-6, damping=1.0)
+    rigid = ARM.forces_along(motion, order=0).forces[0]
+    assert abs(arm.along(motion).torques[0] - rigid).max() < 1e-2 * abs(rigid).max()
+    level = ARM.elastic(80, motors=jounce.Motor(gear=9.0, inertia=1e-3, body="body1"), coupling=0)
+    assert "coupling=" in refusal(lambda: level.along(motion))
 
 
 @pytest.mark.parametrize("missing", ["base.y", "base.qx"])

@@ -42,9 +42,9 @@ def one_line(call, match):
 
 
 REFUSED = {
-    "too few": (ONES[:3], {}, r"expects 4 arrays, got 3$"),
-    "too many": ([*ONES, np.ones((5, 2))], {}, r"expects 4 arrays, got 5$"),
-    "none": ([], {}, r"expects 4 arrays, got 0$"),
+    "too few": (ONES[:3], {}, r"expects 4 arrays, got 3: it takes q, qd, q2d, q3d$"),
+    "too many": ([*ONES, np.ones((5, 2))], {}, r"expects 4 arrays, got 5: it takes q, qd, q2d, q3d$"),
+    "none": ([], {}, r"expects 4 arrays, got 0: it takes q, qd, q2d, q3d$"),
     "another number of coordinates": ([np.ones(3), *ONES[1:]], {}, r": q has shape \(3,\); expected \(\.\.\., 2\)$"),
     "one coordinate": ([np.ones((5, 1)), *ONES[1:]], {}, r": q has shape \(5, 1\); expected \(\.\.\., 2\)$"),
     "a scalar": ([1.0, *ONES[1:]], {}, r": q has shape \(\); expected"),
@@ -275,9 +275,9 @@ ONE = np.zeros((6, 2))
 LOCKED = np.zeros((5, 2))
 LOCKED.flags.writeable = False
 UNBOUND = {
-    "too few": (ONES[:3], OUT, r"binds 4 arrays and 2 to write into, not 3 and 2$"),
-    "one result": (ONES, OUT[0], r"binds 4 arrays and 2 to write into, not 4 and 1$"),
-    "no results": (ONES, None, r"not 4 and 1$"),
+    "too few": (ONES[:3], OUT, r"binds 4 arrays and 2 to write into, not 3 and 2: it takes q, qd, q2d, q3d$"),
+    "one result": (ONES, OUT[0], r"binds 4 arrays and 2 to write into, not 4 and 1: it takes q, qd, q2d, q3d$"),
+    "no results": (ONES, None, r"not 4 and 1: it takes q, qd, q2d, q3d$"),
     "lists": ([[[1.0, 2.0]] * 5, *ONES[1:]], OUT, r"binds float64 arrays of NumPy only$"),
     "short floats": ([np.ones((5, 2), np.float32), *ONES[1:]], OUT, r"binds float64 arrays of NumPy only$"),
     "big-endian": ([np.ones((5, 2), ">f8"), *ONES[1:]], OUT, r"binds float64 arrays of NumPy only$"),

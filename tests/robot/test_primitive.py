@@ -147,6 +147,8 @@ def test_a_pose_of_the_base_is_differentiated_along_displacements():
     close(jnp.sum(jacobian, axis=(0, 1)), kernel.vjp((*q, *base), np.ones((2, 7)))[3].sum(0))
     second = lambda method: jax.jit(jax.hessian(lambda d: energy(d, method)))(at)  # noqa: E731
     close(second(None), second("closed_form"))
+    with pytest.raises(JounceError, match="base: C is no pose: "):
+        robot.potential_energy(q[0], base=2 * jnp.asarray(base[0]))
 
 
 def test_singles_are_doubles_inside():

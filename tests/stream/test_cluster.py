@@ -5,7 +5,11 @@ import json
 import os
 import signal
 import sys
-from threading import Lock
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier, Lock
+from time import sleep
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import cloudpickle
 import dask
@@ -14,15 +18,21 @@ import dask.dataframe as dd
 import numpy as np
 import pandas as pd
 import pytest
-from distributed import Client, LocalCluster
+from distributed import Client, KilledWorker
+from distributed.client import FuturesCancelledError
 from test_stream import ROBOT, bytes_of, call, joined, refusal, summary, table, write
 
 import jounce
 import jounce.dask
 from jounce.dask.kept import keep
-from jounce.stream import cluster, plan, publish
+from jounce.dynamics.computation import Computation
+from jounce.errors import collected_warnings, warn
+from jounce.native import kernel
+from jounce.stream import cluster, plan
+from jounce.stream.job import Job, Reading
+from jounce.stream.plan import make_plan
 
-LONGEST = 120  # s, after which the process of the tests ends instead of hanging
+LONGEST = 300  # s, after which the process of the tests ends instead of hanging
 cloudpickle.register_pickle_by_value(sys.modules[__name__])
 
 
@@ -35,21 +45,18 @@ def _limited():
 
 @pytest.fixture(scope="module")
 def workers(tmp_path_factory):
-    """A client of two workers, each a process."""
-    folder = str(tmp_path_factory.mktemp("dask"))
-    with (
-        LocalCluster(
-            n_workers=2, threads_per_worker=1, memory_limit=0, silence_logs=60, local_directory=folder,
-            host="127.0.0.1", dashboard_address=":0", scheduler_kwargs={"dashboard": False},
-        ) as found,
-        Client(found, set_as_default=False) as client,
-    ):  # fmt: skip
-        yield client
+    """A client of two workers, each a process: the cluster that a command starts on a machine of two cores."""
+    folder = tmp_path_factory.mktemp("of_system")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("dask.system.CPU_COUNT", 2)
+        patch.setattr("tempfile.tempdir", str(folder))
+        with cluster._local(9) as found, Client(found, set_as_default=False) as client:
+            yield client
+    assert list(folder.iterdir()) == []
 
 
 @pytest.fixture
 def address(workers):
-    workers.wait_for_workers(2, timeout=60)
     return workers.scheduler.address
 
 
@@ -79,65 +86,41 @@ def loads():
 
 
 def test_results_are_those_of_one_process(tmp_path, workers, address, states):
-    """Rows, bad ones among them, aggregates, and limits; each worker loads a kernel once for all of its parts."""
-    workers.run(count_loads)
+    """Rows, with bad ones among them, and limits; each worker loads a kernel once for all parts of a run."""
     lines = states.read_text().splitlines()
     states.write_text("\n".join([*lines[:20], lines[20].replace(",", ",x", 3), *lines[21:]]) + "\n")
+    limits = tmp_path / "limits.yaml"
+    limits.write_text("units: SI\njoints: {joint1: {velocity: 1.9}}")
+    workers.run(count_loads)
     for name, *more in (("cluster", "--cluster", address), ("here",)):
-        folder = tmp_path / name
-        folder.mkdir()
-        for output in ("forces", "forces.csv"):
-            found = summary("run", "planar2r", states, "-o", folder / output, "--on-error", "skip", *more)
-            assert found["parts_computed"] == found["parts"] > 5
-        assert name == "here" or max(workers.run(loads).values()) == 1
-        summary(
-            "run", "planar2r", states, "-o", folder / "peaks.csv", "--reduce", "peak,rms", "--on-error", "skip", *more
-        )
-        call("check", "planar2r", states, "--table", folder / "limits.csv", "--on-error", "skip", *more)
-    for output in ("forces", "forces.csv", "forces.csv.skipped.csv", "peaks.csv"):
+        more += "--on-error", "skip"
+        (tmp_path / name).mkdir()
+        found = summary("run", "planar2r", states, "-o", tmp_path / name / "forces", *more)
+        assert found["parts_computed"] == found["parts"] > 5
+        assert set(workers.run(loads).values()) == {1}
+    for name, *more in (("cluster", "--cluster", address), ("here",)):
+        more += "--on-error", "skip"
+        table_of = tmp_path / name / "limits.csv"
+        assert call("check", "planar2r", states, "--limits", limits, "--table", table_of, *more).exit_code == 1
+    for output in ("forces", "forces.skipped.csv", "limits.csv", "limits.csv.skipped.csv"):
         assert bytes_of(tmp_path / "cluster" / output) == bytes_of(tmp_path / "here" / output)
 
 
-def die_after(count, told):
-    """Let a worker die in the middle of a part, when it has computed some; it tells what was finished before."""
-    from jounce.stream import cluster
-
-    def compute(task, part, folder):
-        nonlocal count
-        count -= 1
-        if count < 0:
-            finished = {path.name: path.stat().st_ino for path in (folder / "rows").glob("part-*.parquet")}
-            told.write_text(json.dumps(finished))
-            os.kill(os.getpid(), signal.SIGKILL)
-        return real(task, part, folder)
-
-    real, cluster.compute = cluster.compute, compute
-
-
-def test_a_worker_that_dies_costs_its_part_alone(tmp_path, workers, address, states):
-    [first, _] = workers.nthreads()
-    workers.run(die_after, 2, tmp_path / "told.json", workers=[first])
-    summary("run", "planar2r", states, "-o", tmp_path / "out", "--cluster", address)
-    finished = json.loads((tmp_path / "told.json").read_text())
-    assert len(finished) >= 2
-    assert {name: (tmp_path / "out" / name).stat().st_ino for name in finished} == finished  # none computed twice
-    summary("run", "planar2r", states, "-o", tmp_path / "whole")
-    assert bytes_of(tmp_path / "out") == bytes_of(tmp_path / "whole")
-
-
-def test_a_part_that_kills_workers_is_given_up(tmp_path, workers, address, states):
-    def allow(count, dask_scheduler):
-        dask_scheduler.allowed_failures = count
-
-    workers.run_on_scheduler(allow, 0)
-    workers.run(die_after, 1, tmp_path / "told.json", workers=list(workers.nthreads())[:1])
-    message = refusal("run", "planar2r", states, "-o", tmp_path / "out", "--cluster", address)
-    workers.run_on_scheduler(allow, 3)
-    assert "1 workers died while they computed this part" in message
-    assert message.endswith("finished parts are kept, and the same command continues after them")
-    done = len(list(publish.work_folder(tmp_path / "out").glob("part-*.json")))
-    found = summary("run", "planar2r", states, "-o", tmp_path / "out")
-    assert found["parts"] - found["parts_computed"] == done > 0
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (KilledWorker("part", SimpleNamespace(address="there"), 3), ":2: 4 workers died while they computed this part"),
+        (FuturesCancelledError([]), "the connection to the cluster is lost"),
+        (ConnectionResetError(), "the connection to the cluster is lost"),
+    ],
+)
+def test_the_end_of_workers_and_of_clusters_is_told_in_one_line(tmp_path, states, error, message):
+    """A part is given up that several workers do not survive."""
+    made = make_plan(Job("forces", ROBOT, 2, Reading(), ".csv"), states, 4)
+    with pytest.raises(jounce.JounceError) as caught:
+        cluster._checked(made.task, made.parts[0], SimpleNamespace(result=Mock(side_effect=error)), tmp_path)
+    assert message in str(caught.value)
+    assert str(caught.value).endswith("finished parts are kept, and the same command continues after them")
 
 
 def test_a_run_that_is_stopped_keeps_its_finished_parts(tmp_path, address, states, monkeypatch):
@@ -157,17 +140,6 @@ def test_a_run_that_is_stopped_keeps_its_finished_parts(tmp_path, address, state
     assert not (tmp_path / "out").exists()
     found = summary("run", "planar2r", states, "-o", tmp_path / "out", "--cluster", address)
     assert 0 < found["parts_computed"] < found["parts"]
-
-
-def test_a_cluster_of_this_machine_lives_as_long_as_the_run(tmp_path, monkeypatch):
-    path = write(tmp_path / "states.csv", table(40))
-    monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
-    (tmp_path / "tmp").mkdir()
-    monkeypatch.setattr("tempfile.tempdir", None)
-    summary("run", "planar2r", path, "-o", tmp_path / "out.csv", "--cluster", "local")
-    summary("run", "planar2r", path, "-o", tmp_path / "here.csv")
-    assert bytes_of(tmp_path / "out.csv") == bytes_of(tmp_path / "here.csv")
-    assert list((tmp_path / "tmp").iterdir()) == []
 
 
 def test_clusters_that_do_not_fit_are_refused_in_one_line(tmp_path, address, states, monkeypatch):
@@ -198,7 +170,7 @@ SPRING = jounce.SpringFunction.of(lambda x: 800 * x + 40 * x**3)
 ARM = ROBOT.elastic(rotor=0.1, spring=SPRING)
 X = np.random.default_rng(0).normal(size=(6, 30, 4, 2))
 W = np.random.default_rng(1).normal(size=(30, 1, 2, 6))
-C = np.eye(4), *np.random.default_rng(2).normal(size=(3, 30, 1, 6))
+C = np.eye(4), *np.random.default_rng(2).normal(size=(2, 30, 1, 6))
 CALLS = {
     "rates": (ROBOT, "inverse_dynamics", X[:5], {}),
     "one rate": (ROBOT, "mass_matrix", X[:1], {}),
@@ -206,11 +178,14 @@ CALLS = {
     "a scalar": (ROBOT, "kinetic_energy", X[:2], {}),
     "a body": (ROBOT, "jacobian", X[:2], {"body": "body2", "frame": "world"}),
     "wrenches": (ROBOT, "inverse_dynamics", X[:4], {"wrench": (W, {"body1": W[..., 0, :]})}),
-    "a base": (ROBOT, "inverse_dynamics", X[:4], {"base": C}),
+    "a base": (ROBOT, "inverse_dynamics", X[:3], {"base": C}),
     "names": (ROBOT, "gravity_forces", [{"joint2": X[0, ..., 1], "joint1": X[1, ..., 0]}], {}),
     "a method": (ROBOT, "inverse_dynamics", X[:3], {"method": "recursion"}),
     "elastic joints": (ARM, "motor_torques", X[:5], {}),
 }
+
+
+AFAR = ("rates", "elastic joints")  # in other processes
 
 
 def lazy(given):
@@ -235,7 +210,7 @@ def test_arrays_are_what_the_methods_compute(workers, monkeypatch, name):
         found = jounce.dask.apply(robot, quantity, *lazy(list(rates)), **lazy(options))
     assert isinstance(found, tuple) == isinstance(expected, tuple)
     both = [(x,) if not isinstance(x, tuple) else x for x in (found, expected)]
-    computed = workers.gather(workers.compute(list(both[0])))
+    computed = workers.gather(workers.compute(both[0])) if name in AFAR else dask.compute(*both[0], scheduler="sync")
     for x, y, z in zip(*both, computed, strict=True):
         assert (x.shape, x.dtype, x.npartitions > 1) == (y.shape, y.dtype, True)
         assert np.array_equal(z, y)
@@ -252,6 +227,10 @@ def test_data_frames_are_matched_by_joint_name():
         assert list(x.columns) == list(ROBOT.joint_names)
         assert np.array_equal(x.index, whole[0].index)
         assert np.array_equal(x.to_numpy(), y)
+    named = {joint: frames[0][joint] for joint in reversed(ROBOT.joint_names)}
+    for given in (named, whole[0]):  # columns of Dask, a data frame in memory
+        forces = jounce.dask.apply(ROBOT, "gravity_forces", given)
+        assert np.array_equal(forces.compute(scheduler="sync"), ROBOT.gravity_forces(X[0, :, 0]))
     energy = jounce.dask.apply(ROBOT, "kinetic_energy", *frames[:2])
     assert np.array_equal(energy.compute(scheduler="sync"), ROBOT.kinetic_energy(*X[:2, :, 0]))
 
@@ -278,6 +257,39 @@ def test_wrong_arguments_are_refused_before_anything_is_computed(monkeypatch):
         jounce.dask.apply(ROBOT, "mass_matrix", np.zeros(2))
 
 
+def test_warnings_of_threads_do_not_mix():
+    """Parts that a worker computes side by side record their own."""
+    both = Barrier(2)
+
+    def part(name):
+        with collected_warnings() as found:
+            both.wait(10)
+            warn(name)
+            both.wait(10)
+        return found
+
+    with ThreadPoolExecutor(2) as pool:
+        assert list(pool.map(part, ["one", "two"])) == [["one"], ["two"]]
+    with pytest.warns(jounce.JounceWarning, match="three"):
+        warn("three")
+
+
+def test_threads_share_the_kernel_that_both_ask_for(monkeypatch):
+    made = []
+
+    class Slow(kernel.Kernel):
+        def __init__(self, *given):
+            made.append(given)
+            sleep(0.05)
+
+    monkeypatch.setattr(kernel, "Kernel", Slow)
+    asked = ROBOT.mechanism, Computation("center_of_mass", 3)
+    with ThreadPoolExecutor(2) as pool:
+        one, two = pool.map(lambda _: kernel.compile_kernel(*asked), range(2))
+    assert one is two
+    assert len(made) == 1
+
+
 def test_what_tasks_share_is_sent_with_its_closures_and_kept(workers):
     factor = np.arange(3)
 
@@ -289,3 +301,31 @@ def test_what_tasks_share_is_sent_with_its_closures_and_kept(workers):
     assert kept.value is keep(scaled).value
     with pytest.raises(jounce.JounceError, match=r"^lock cannot be sent to other processes: cannot pickle"):
         keep(Lock())
+
+
+def die_after(count, told):
+    """Let a worker die in the middle of a part, when it has computed some; it tells what was finished before."""
+    from jounce.stream import cluster
+
+    def compute(task, part, folder):
+        nonlocal count
+        count -= 1
+        if count < 0:
+            finished = {path.name: path.stat().st_ino for path in (folder / "rows").glob("part-*.parquet")}
+            told.write_text(json.dumps(finished))
+            (folder / "rows" / f".jounce-00000000-1-{'0' * 12}.part").write_text("half a table")
+            os.kill(os.getpid(), signal.SIGKILL)
+        return real(task, part, folder)
+
+    real, cluster.compute = cluster.compute, compute
+
+
+def test_a_worker_that_dies_costs_its_part_alone(tmp_path, workers, address, states):
+    [first, _] = workers.nthreads()
+    workers.run(die_after, 1, tmp_path / "told.json", workers=[first])
+    summary("run", "planar2r", states, "-o", tmp_path / "out", "--cluster", address)
+    finished = json.loads((tmp_path / "told.json").read_text())
+    assert finished
+    assert {name: (tmp_path / "out" / name).stat().st_ino for name in finished} == finished  # none computed twice
+    summary("run", "planar2r", states, "-o", tmp_path / "whole")
+    assert bytes_of(tmp_path / "out") == bytes_of(tmp_path / "whole")

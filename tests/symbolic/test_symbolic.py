@@ -320,7 +320,10 @@ def with_data(**data):
             lambda: jounce.load("planar2r", g=sympy.Symbol("q1", positive=True)),
             r"^the robot contains the symbol q1, which is",
         ),
-        (lambda: jounce.load("planar2r", g=sympy.Symbol("m_x2")), r"symbol m_x2, which is the name of a coordinate or"),
+        (
+            lambda: jounce.load("planar2r", g=sympy.Symbol("m_x2")),
+            r"symbol m_x2, which is the name of a coordinate, wrench or",
+        ),
         (lambda: casadi_robot(), r"^gravity\[1\] .* it is of type SX; expected a number or a SymPy expression$"),
     ],
 )

@@ -20,7 +20,7 @@ import jounce
 from jounce._view import controls, scene, viewer
 from jounce._view.track import STATES, at_rest, track
 from jounce.cli import main
-from jounce.io.visuals import mesh_file, read_mesh, read_visuals
+from jounce.io.visuals import mesh_file, read_mesh, read_visuals, visuals_of
 
 trimesh = pytest.importorskip("trimesh")
 ARM = jounce.load("planar2r").with_limits(effort=[25.0, np.inf], lower=[-1.95, -np.inf], upper=[1.95, np.inf])
@@ -191,6 +191,11 @@ def test_meshes_are_found_by_path_and_by_package(shapes, tmp_path, monkeypatch):
         assert mesh_file("package://arm_description/meshes/box.stl", Path("/elsewhere.urdf")).samefile(box)
         monkeypatch.delenv(name)
     assert mesh_file("", shapes) is None
+
+
+def test_shapes_of_a_floating_base_are_drawn(shapes):
+    robot = jounce.load(shapes, base="floating", root="arm")
+    assert [visual.link for visual in visuals_of(robot.mechanism, shapes)] == ["arm", "hand", "tool", "tip"]
 
 
 def test_names_of_a_file_are_text_on_the_page(tmp_path):

@@ -13,7 +13,7 @@ from jounce.dynamics.kinematics import FRAMES
 from jounce.dynamics.quantities import Quantity
 from jounce.model.coordinates import coordinate_units
 from jounce.model.drives import AMOUNTS, TERMS
-from jounce.model.mechanism import Mechanism
+from jounce.model.mechanism import Mechanism, body_name
 from jounce.program.operations import OPERATIONS
 from jounce.program.program import Program
 
@@ -98,8 +98,9 @@ def places(robot: Mechanism, functions: Sequence[Function]) -> dict[str, str]:
     for f in functions:
         if (body := f.computation.body) is not None:
             link = robot.frame(body)
-            carrier = "the ground" if link.body < 0 else f"body {printable(robot.bodies[link.body])}"
-            fixed = "" if body in robot.bodies else f", fixed on {carrier}"
+            carrier = body_name(robot, link.body, ground="")
+            held = f"body {printable(carrier)}" if carrier else "the ground"
+            fixed = "" if body in robot.body_names else f", fixed on {held}"
             frame = f"; components in {FRAMES[f.computation.frame]}" if f.computation.quantity.frames else ""
             found[f.name] = f"body {printable(body)}{fixed}{frame}"
     return found

@@ -12,7 +12,7 @@ import numpy as np
 from jounce._scalars import Array, is_symbolic
 from jounce.dynamics.computation import Shape
 from jounce.errors import JounceError
-from jounce.model.mechanism import DATA, Mechanism
+from jounce.model.mechanism import Mechanism, with_arrays
 from jounce.model.parameters import own_values, parametrise
 from jounce.spatial.lie import pose, rotation
 
@@ -76,7 +76,7 @@ def _without(mechanism: Mechanism, replaced: Container[str]) -> Mechanism:
 
 def symbols(mechanism: Mechanism) -> list[str]:
     """The names of SymPy's symbols in the data of a mechanism."""
-    entries = [x for array in _data(mechanism) if is_symbolic(array) for x in array.flat]
+    entries = [x for array in mechanism.arrays.values() if is_symbolic(array) for x in array.flat]
     odd = next((x for x in entries if not isinstance(x, int | float | np.number) and not _is_sympy(x)), None)
     if odd is not None:
         raise JounceError(
@@ -91,17 +91,10 @@ def symbols(mechanism: Mechanism) -> list[str]:
 
 def substitute(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
     """The mechanism with values in place of SymPy's symbols."""
-    if not any(map(is_symbolic, _data(mechanism))):
+    if not any(map(is_symbolic, mechanism.arrays.values())):
         return mechanism
     put = np.frompyfunc(lambda x: _value(x, values) if _is_sympy(x) else x, 1, 1)
-    data: dict[str, Any] = {name: np.asarray(put(getattr(mechanism, name)), dtype=object) for name in DATA}
-    base = mechanism.base and replace(mechanism.base, M=np.asarray(put(mechanism.base.M), dtype=object))
-    return replace(mechanism, base=base, **data)
-
-
-def _data(mechanism: Mechanism) -> list[Array]:
-    """The arrays that may hold symbols."""
-    return [getattr(mechanism, name) for name in DATA] + ([mechanism.base.M] if mechanism.base else [])
+    return with_arrays(mechanism, lambda _, array: np.asarray(put(array), dtype=object))
 
 
 def _is_sympy(x: object) -> bool:

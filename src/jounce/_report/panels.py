@@ -14,6 +14,7 @@ from jounce._report.subject import SLOWED, Subject
 from jounce._version import __version__
 from jounce.model.coordinates import leading_joints
 from jounce.model.limits import FORCES
+from jounce.model.mechanism import body_name
 from jounce.spatial.series import rate_name
 
 LISTED_BREAKS = 30
@@ -119,7 +120,7 @@ def robot_data(s: Subject) -> Panel:
         {
             "name": m.joints[i],
             "type": "prismatic" if not X[:3].any() else "helical" if abs(X[:3] @ X[3:]) > 1e-12 else "revolute",
-            "parent": "ground" if m.parent[i] < 0 else m.bodies[m.parent[i]],
+            "parent": body_name(m, m.parent[i]),
             "body": m.bodies[i],
             "mass": masses[i],
             "follows": i not in leads,

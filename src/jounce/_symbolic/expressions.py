@@ -16,7 +16,7 @@ from jounce.arguments import requests
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.quantities import Law, Quantity, State
 from jounce.errors import at
-from jounce.model.mechanism import DATA, Mechanism, with_exact_integers
+from jounce.model.mechanism import Mechanism, with_exact_integers, with_inertias
 from jounce.spatial.lie import pose
 from jounce.spatial.series import Series, rate_name
 
@@ -46,8 +46,7 @@ class Expressions:
 
     def external(self, row: Quantity, symbol: str) -> Series:
         """Return the part of wrenches in a quantity: the quantity without masses and drives."""
-        base = self.model.base and replace(self.model.base, M=zeros_like(self.model.base.M))
-        massless = replace(self.model, M=zeros_like(self.model.M), acting=(), base=base)
+        massless = with_inertias(replace(self.model, acting=()), zeros_like(self.model.inertias))
         state = State(self._column("q"), self._column("W"), base=self._base())
         return self._printed(symbol, lambda: _law(row, massless)(massless, state))
 
@@ -82,9 +81,7 @@ class Expressions:
     def _printer(self, body: str | None) -> Printer:
         """The printer of a quantity: numbers are decimals where any that enter it are."""
         m = self.mechanism
-        data = [getattr(m, label) for label in DATA] + [m.frame(body).T for body in [body] if body is not None]
-        if m.base is not None:
-            data.append(m.base.M)
+        data = [*m.arrays.values()] + [m.frame(body).T for body in [body] if body is not None]
         if m.acting:
             data += [m.drives.armature, m.drives.damping, m.drives.stiffness, m.drives.rest]
         if (e := m.elasticity) is not None:

@@ -13,7 +13,7 @@ from jounce._symbolic.trig_polynomial import Variables
 from jounce.dynamics.base import BaseMotion
 from jounce.errors import JounceError, at
 from jounce.model.drives import Drives
-from jounce.model.mechanism import DATA, Mechanism
+from jounce.model.mechanism import Mechanism, with_arrays
 from jounce.spatial.series import Series
 
 _AXES = ((1, "x"), (2, "y"), (3, "z"))
@@ -30,12 +30,11 @@ def cast_mechanism(mechanism: Mechanism, variables: Variables) -> Mechanism:
                 result[index] = x if rigid else polynomial(x, variables)
         return result
 
-    data: dict[str, Any] = {label: cast(getattr(mechanism, label), label) for label in DATA}
+    converted = with_arrays(mechanism, lambda name, array: cast(array, name))
     drives = Drives(**{label: cast(array, label) for label, array in vars(mechanism.drives).items()})
     frames = tuple(replace(frame, T=cast(frame.T, f"pose of {frame.name!r}")) for frame in mechanism.frames)
     elasticity = mechanism.elasticity and mechanism.elasticity.map(lambda array: cast(array, "elastic joints"))
-    base = mechanism.base and replace(mechanism.base, M=cast(mechanism.base.M, "M of the base"))
-    return replace(mechanism, drives=drives, frames=frames, elasticity=elasticity, base=base, **data)
+    return replace(converted, drives=drives, frames=frames, elasticity=elasticity)
 
 
 def has_decimals(array: Array) -> bool:

@@ -79,7 +79,7 @@ def show(scene: Scene, now: Track) -> None:
 def _largest(robot: Robot, along: Track | None, size: float) -> dict[str, float]:
     """The largest force and moment that arrows show: along a motion, and the weight."""
     m = robot.mechanism
-    weight = float(m.M[:, 3, 3].sum() * np.linalg.norm(np.asarray(m.gravity, dtype=float)))
+    weight = float(m.inertias[:, 3, 3].sum() * np.linalg.norm(np.asarray(m.gravity, dtype=float)))
     F = np.zeros((1, 6)) if along is None else along.F
     loads = [np.zeros((1, 6))] if along is None else [np.zeros((1, 6)), *along.wrenches.values()]
     forces = [np.linalg.norm(W[:, 3:], axis=1).max() for W in (F, *loads)]

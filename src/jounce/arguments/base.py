@@ -3,14 +3,14 @@
 The twist is (angular; linear), in the axes of the base and about its origin; its rates are those of these components.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from jounce._scalars import FLOAT, Array, asarray, is_numeric
+from jounce._scalars import FLOAT, Array, asarray, is_jax, is_numeric, is_traced
 from jounce.arguments.rates import rates_in
-from jounce.errors import JounceError
+from jounce.errors import JounceError, quoted
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import hat, rotation
 from jounce.spatial.series import rate_name
@@ -41,6 +41,8 @@ def base_of(mechanism: Mechanism, base: object, count: int, what: str) -> list[A
 
 def check_pose(C: Array) -> None:
     """Raise `JounceError` unless matrices (..., 4, 4) of numbers are poses; NaN passes."""
+    if is_jax(C) and not is_traced(C):
+        C = np.asarray(C)
     if not is_numeric(C):
         return
     off = not_a_pose(C if C.dtype == FLOAT else C.astype(float))
@@ -80,5 +82,8 @@ def _miscounted(mechanism: Mechanism, terms: Sequence[Any], count: int, what: st
     missing = [_label(k) for k, term in enumerate(terms) if term is None]
     if missing:
         return JounceError(f"base: {missing[0]} is None; {what} takes {takes}, none of them left out")
-    given = f"{len(terms)} terms, up to {_label(len(terms) - 1)}" if len(terms) > 1 else "C alone"
+    if isinstance(terms[0], Mapping | str):
+        return JounceError(f"base is {quoted(terms[0])}; {what} takes {takes}")
+    alone = "C alone, as a list is one array" if isinstance(terms[0], list) else "C alone"
+    given = f"{len(terms)} terms, up to {_label(len(terms) - 1)}" if len(terms) > 1 else alone
     return JounceError(f"base gives {given}; {what} with these rates of q takes {takes}")

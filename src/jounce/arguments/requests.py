@@ -2,13 +2,12 @@
 
 from functools import lru_cache
 
-from jounce._scalars import is_numeric
 from jounce.arguments.rates import checked_order
 from jounce.dynamics.computation import PRODUCTS, Computation
 from jounce.dynamics.mobility import idle_coordinates
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.errors import JounceError, listed, no_such, one_of, true_or_false
-from jounce.model.mechanism import DATA, Mechanism
+from jounce.model.mechanism import Mechanism
 
 
 def computation(
@@ -81,7 +80,7 @@ def check_rates(quantity: str, order: int) -> None:
 
 def check_invertible(mechanism: Mechanism, quantity: str) -> None:
     """Raise `JounceError` if a quantity takes the inverse of a mass matrix that is singular everywhere."""
-    if not QUANTITIES[quantity].forces or not all(is_numeric(getattr(mechanism, data)) for data in DATA):
+    if not QUANTITIES[quantity].forces or not mechanism.is_numeric:
         return
     rank, idle = idle_coordinates(mechanism)
     if idle:

@@ -4,14 +4,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from jounce._scalars import is_numeric
 from jounce.audit.finding import SEVERITIES, Finding
 from jounce.audit.inertias import impossible, placeholders, point_masses, unit_masses
 from jounce.audit.limits import axes, degrees, limits
 from jounce.audit.mobility import massless, singular
 from jounce.audit.units import densities, gravity, masses, sizes
 from jounce.errors import JounceError
-from jounce.model.mechanism import DATA, Mechanism
+from jounce.model.mechanism import Mechanism
 
 CHECKS: tuple[Callable[[Mechanism], list[Finding]], ...] = (
     impossible,
@@ -32,7 +31,7 @@ CHECKS: tuple[Callable[[Mechanism], list[Finding]], ...] = (
 
 def audit(mechanism: Mechanism) -> tuple[Finding, ...]:
     """Check the data of a mechanism of numbers, and return the findings, errors first."""
-    if not all(is_numeric(array) for array in (mechanism.inertias, *(getattr(mechanism, name) for name in DATA))):
+    if not mechanism.is_numeric:
         raise JounceError(f"robot {mechanism.name!r} contains symbols; an audit needs numbers")
     with np.errstate(all="ignore"):  # of numbers near the ends of the doubles, which are not judged
         found = [finding for check in CHECKS for finding in check(mechanism)]

@@ -7,14 +7,13 @@ import numpy as np
 from jounce.audit import audit
 from jounce.model.coordinates import coordinate_units
 from jounce.model.limits import KEYS, unit_of
-from jounce.model.mechanism import Mechanism
+from jounce.model.mechanism import Mechanism, body_name
 from jounce.spatial import inertia
 
 
 def describe(mechanism: Mechanism) -> dict[str, Any]:
     """Names, tree, joints, inertias and findings of a mechanism of numbers, ready for JSON."""
     base = mechanism.base
-    ground = "ground" if base is None else base.name
     return {
         "name": mechanism.name,
         "n": mechanism.n,
@@ -28,10 +27,8 @@ def describe(mechanism: Mechanism) -> dict[str, Any]:
         ],
         "acting": list(mechanism.acting),
         "elastic": None if mechanism.elasticity is None else _elastic(mechanism),
-        "bodies": [_body(mechanism, i, ground) for i in range(mechanism.nb)],
-        "merged_links": {
-            frame.name: ground if frame.body < 0 else mechanism.bodies[frame.body] for frame in mechanism.frames
-        },
+        "bodies": [_body(mechanism, i) for i in range(mechanism.nb)],
+        "merged_links": {frame.name: body_name(mechanism, frame.body) for frame in mechanism.frames},
         "findings": [finding.as_data() for finding in audit(mechanism)],
     }
 
@@ -45,13 +42,13 @@ def _elastic(mechanism: Mechanism) -> dict[str, dict[str, float | None]]:
     }
 
 
-def _body(mechanism: Mechanism, i: int, ground: str) -> dict[str, Any]:
-    p, X = mechanism.parent[i], mechanism.X[i]
+def _body(mechanism: Mechanism, i: int) -> dict[str, Any]:
+    X = mechanism.X[i]
     pitch = float(X[:3] @ X[3:])
     kind = "prismatic" if not X[:3].any() else "helical" if abs(pitch) > 1e-12 else "revolute"
     return {
         "name": mechanism.bodies[i],
-        "parent": ground if p < 0 else mechanism.bodies[p],
+        "parent": body_name(mechanism, mechanism.parent[i]),
         "joint": mechanism.joints[i],
         "type": kind,
         "axis": (X[3:] if kind == "prismatic" else X[:3]).tolist(),

@@ -84,7 +84,7 @@ def run(
     from jounce.dynamics.quantities import FORCES
     from jounce.io import tables
     from jounce.model.coordinates import force_names, force_units
-    from jounce.robot.along import force_breaks
+    from jounce.robot.along import checked_motion, force_breaks
     from jounce.stream.job import Job
     from jounce.stream.plan import is_by_parts
     from jounce.stream.results import form_of
@@ -99,7 +99,7 @@ def run(
     if asked or is_by_parts(job, motion.path):
         tell_results(job, motion, output, stream, "inverse dynamics", as_json)
         return
-    path = motion.load(arm, order)
+    path = checked_motion(arm.mechanism, motion.load(arm, order))
     breaks = force_breaks(arm, path, path.times, order, method)
     peaks, spreads, worst = _write_forces(arm, path, order, method, with_rates, breaks, output)
     names, rows = FORCES.names(order), force_names(arm.mechanism)

@@ -1,6 +1,6 @@
 """`apply`: a quantity of a robot on arrays and data frames of Dask, block by block."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from operator import getitem
 from typing import Any
@@ -142,10 +142,15 @@ class _Arrays:
         """The pattern of an argument; its arrays have some axes that are not batch axes, those in a dict one less."""
         if given is None:
             return None
-        if isinstance(given, Mapping):
-            return {name: self.pattern(x, axes - 1) for name, x in given.items()}
-        lazy = hasattr(given, "dask")
-        x: Any = given if lazy else np.asarray(given)
+        if not hasattr(given, "dask") and names.listed_in(given) is not None:
+            return {name: self.number(x, axes - 1) for name, x in names.entries(given).items()}
+        return self.number(given, axes)
+
+    def number(self, given: Any, axes: int) -> int:
+        """The number of an array, an array of Dask in one chunk along the axes that are not batch axes."""
+        x: Any = given.to_dask_array() if hasattr(given, "to_dask_array") else given  # a column of a data frame
+        lazy = hasattr(x, "dask")
+        x = x if lazy else np.asarray(x)
         within = range(max(0, x.ndim - axes), x.ndim)
         if lazy and any(x.numblocks[axis] > 1 for axis in within):
             x = x.rechunk(dict.fromkeys(within, -1))

@@ -11,6 +11,7 @@ import numpy as np
 from jounce._scalars import Array
 from jounce.dynamics import system
 from jounce.dynamics.base import STILL, BaseMotion
+from jounce.model.coordinates import base_columns
 from jounce.model.mechanism import Mechanism, reciprocal_mass
 from jounce.spatial import inertia
 from jounce.spatial.lie import ad, wedge
@@ -23,23 +24,23 @@ class ClosedForm:
 
     H: Series  # (..., nb, 4, 4) poses of the bodies
     A: Series  # (..., 6nb, 6nb)
-    J: Series  # (..., 6nb, n) system Jacobian
+    J: Series  # (..., 6nb, nv) system Jacobian
     V: Series  # (..., 6nb, 1) system twist, body-fixed
     b: Series  # (..., 6nb, 6nb)
     UG: Series  # (..., 6nb, 1) acceleration of the ground that replaces gravity, seen from the bodies
-    gM: Series  # (..., n, n) generalized mass matrix
-    gC: Series  # (..., n, n) generalized Coriolis matrix of the paper
-    gCbar: Series  # (..., n, n) the one for which gM' - 2 gCbar is skew
-    Qgrav: Series  # (..., n, 1)
-    Qext: Series  # (..., n, 1), zero without wrenches
-    Q: Series  # (..., n, 1) generalized forces
-    bias: Series  # (..., n, 1) those that all accelerations zero require, but for a given one of the ground
+    gM: Series  # (..., nv, nv) generalized mass matrix
+    gC: Series  # (..., nv, nv) generalized Coriolis matrix of the paper
+    gCbar: Series  # (..., nv, nv) the one for which gM' - 2 gCbar is skew
+    Qgrav: Series  # (..., nv, 1)
+    Qext: Series  # (..., nv, 1), zero without wrenches
+    Q: Series  # (..., nv, 1) generalized forces
+    bias: Series  # (..., nv, 1) those that all accelerations zero require, but for a given one of the ground
     h: Series  # (..., 6, 1) spatial momentum about the inertial origin
-    AG: Series  # (..., 6, n) centroidal momentum matrix
+    AG: Series  # (..., 6, nv) centroidal momentum matrix
     hG: Series  # (..., 6, 1) spatial momentum about the centre of mass
     c: Series  # (..., 3, 1) centre of mass
     F: Series  # (..., 6, 1) wrench that the ground exerts on the mechanism, about the inertial origin
-    p: Series  # (..., n, 1) generalized momentum
+    p: Series  # (..., nv, 1) generalized momentum
     T: Series  # (..., 1, 1) kinetic energy
     U: Series  # (..., 1, 1) potential energy
 
@@ -146,8 +147,8 @@ def twists(mechanism: Mechanism, q: Series, base: BaseMotion, body: int | None) 
 
 def jacobians(mechanism: Mechanism, q: Series, base: BaseMotion, body: int | None) -> Series:
     """J of all bodies (..., nb, 6, nv), of one (..., 6, nv), or of the ground or base, -1."""
-    root = Series.constant(np.eye(6, mechanism.nv, dtype=int) * mechanism.first)
-    return _of_body(mechanism, by_body(closed_form(mechanism, q, None, base).J), body, root)
+    J = by_body(closed_form(mechanism, q, None, base).J)
+    return _of_body(mechanism, J, body, Series.constant(base_columns(mechanism)))
 
 
 def _of_body(mechanism: Mechanism, x: Series, body: int | None, root: Series) -> Series:

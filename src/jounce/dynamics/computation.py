@@ -58,7 +58,7 @@ class Signature:
     outputs: tuple[Port, ...]
 
     def as_matrices(self) -> "Signature":
-        """The same results in two axes at most: several matrices stand one below the other, (3 n, n)."""
+        """The same results in two axes at most: several matrices stand one below the other, (3 nv, nv)."""
         outputs = [replace(x, shape=(prod(x.shape[:-1]), *x.shape[-1:])) if x.shape[2:] else x for x in self.outputs]
         return replace(self, outputs=tuple(outputs))
 
@@ -142,7 +142,7 @@ class Computation:
         for k in range(own + self.order if self.wrench else 0):
             of_bodies = (len(mechanism.body_names), 6)
             inputs.append(Port(rate_name("W", k), of_bodies, "wrench", k, max(0, k + 1 - own)))
-        for k in range(self.base_terms(mechanism)):
+        for k in range(self.base_terms(mechanism) if self.base else 0):
             least = 2 if self.quantity.forces and mechanism.base else self.quantity.rates
             shape: Shape = (6,) if k else (4, 4)
             inputs.append(Port(base_name(k), shape, "base", k, max(0, k + 1 - least)))
@@ -160,9 +160,7 @@ class Computation:
         return [replace(port, shape=(mechanism.nv,)) if k >= own else port for k, port in enumerate(ports)]
 
     def base_terms(self, mechanism: Mechanism) -> int:
-        """The number of terms C, V, Vd, ... of the motion of the base that are given: as many as q has."""
-        if not self.base:
-            return 0
+        """The number of terms C, V, Vd, ... of the motion of the base, where it enters: as many as q has."""
         return self.quantity.coordinate_inputs(self.rates) if mechanism.base else self.rates
 
     def shape(self, mechanism: Mechanism, k: int = 0) -> Shape:

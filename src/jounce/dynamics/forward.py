@@ -41,7 +41,7 @@ class Solver(Protocol):
     """The mass matrix at one position, ready to solve equations."""
 
     def solve(self, b: Array) -> Array:
-        """X of M X = b, both (..., n, m)."""
+        """X of M X = b, both (..., nv, m)."""
 
 
 def from_inverse(

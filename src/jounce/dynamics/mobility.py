@@ -6,6 +6,7 @@ import numpy as np
 
 from jounce.dynamics.base import STILL
 from jounce.dynamics.recursion import bodies
+from jounce.model.coordinates import joint_columns
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import lie
 from jounce.spatial.series import columns
@@ -46,8 +47,7 @@ def _is_regular(mechanism: Mechanism, q: np.ndarray) -> bool:
     theta = q + mechanism.g
     moved = np.stack([lie.exp(X_i, theta[i : i + 1, None]) for i, X_i in enumerate(X)])
     Ad = lie.Ad(lie.inverse(mechanism.B @ moved))
-    base = mechanism.base.M if mechanism.base else np.zeros((6, 6))
-    articulated = [*mechanism.M, base]  # inertia of a body with all beyond it, whose joints are free; the base is -1
+    articulated = [*mechanism.M, mechanism.base_inertia]  # of a body with all beyond it, whose joints are free
     for i in reversed(range(nb)):
         left = _freed(articulated[i], X[i], rotors[i], np.abs(articulated[i]).max())
         if left is None:
@@ -74,10 +74,9 @@ def _freed(inertia: np.ndarray, X: np.ndarray, rotor: float, largest: float) -> 
 def _idle(mechanism: Mechanism, q: np.ndarray) -> tuple[int, np.ndarray]:
     """The rank of the mass matrix at q, and which coordinates take part in motions without kinetic energy."""
     J = bodies.jacobians(mechanism, columns([q]), STILL, None)[0]
-    M = np.stack([mechanism.base.M, *mechanism.M]) if mechanism.base else mechanism.M
-    nv = mechanism.nv
+    M, nv = mechanism.inertias, mechanism.nv
     rotors = mechanism.drives.armature * ("armature" in mechanism.acting)
-    G = np.concatenate([np.zeros((mechanism.nb, nv - mechanism.n)), mechanism.G], axis=1)
+    G = mechanism.G @ joint_columns(mechanism)
     momenta = (M @ J).reshape(-1, nv)
     gM = J.reshape(momenta.shape).T @ momenta + G.T * rotors @ G  # (MC)
     most = np.einsum("iaj,iaj,i->j", J, J, np.abs(M).max(axis=(1, 2))) + rotors @ G**2

@@ -60,7 +60,7 @@ def turning(m: Mechanism, base: BaseMotion | None) -> Series | None:
 
 
 def of_all_rates(K: Series, D: Series, M: Series, a: Series | None = None) -> Series:
-    """P, whose k-th term has the partial derivatives of Q^(k) by q, qd, ..., q^(k+2): (..., 3 + k, n, n)."""
+    """P, whose k-th term has the partial derivatives of Q^(k) by q, qd, ..., q^(k+2): (..., 3 + k, nv, nv)."""
     rows = [[K, D, M]]
 
     def term(k: int) -> Array:
@@ -74,7 +74,7 @@ def of_all_rates(K: Series, D: Series, M: Series, a: Series | None = None) -> Se
 
 
 def of_accelerations(P: Array) -> tuple[Array, Array, Array]:
-    """dq2d/dq = -M^-1 K, dq2d/dqd = -M^-1 D and M^-1 from K, D and M, (..., 3, n, n)."""
+    """dq2d/dq = -M^-1 K, dq2d/dqd = -M^-1 D and M^-1 from K, D and M, (..., 3, nv, nv)."""
     K, D, M = (P[..., j, :, :] for j in range(3))
     n = M.shape[-1]
     solution = Factors.of(M).solve(concatenate([-K, -D, np.eye(n, dtype=int)], axis=-1))

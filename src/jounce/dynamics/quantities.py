@@ -45,6 +45,11 @@ class State:
     body: str | None = None  # a body or a link merged into one; None: all bodies
     frame: str = "body"  # of twists: "body", "world" or "spatial"
 
+    @property
+    def motion_of_base(self) -> BaseMotion:
+        """The motion of the base: at rest at the inertial frame unless it is given."""
+        return self.base or STILL
+
 
 Law = Callable[[Mechanism, State], Series]
 
@@ -191,11 +196,11 @@ def _of_motors(law: Callable[[Mechanism, Series, elastic.Forces], Series], metho
 
 
 def _poses(m: Mechanism, x: State, poses: kinematics.OfBodies) -> Series:
-    return kinematics.poses(m, x.q, x.base or STILL, x.body, poses)
+    return kinematics.poses(m, x.q, x.motion_of_base, x.body, poses)
 
 
 def _screws(m: Mechanism, x: State, poses: kinematics.OfBodies, screws: kinematics.OfBodies) -> Series:
-    return kinematics.screws(m, x.q, x.base or STILL, x.body, x.frame, poses, screws)
+    return kinematics.screws(m, x.q, x.motion_of_base, x.body, x.frame, poses, screws)
 
 
 def _dense(m: Mechanism, x: State) -> dense.ClosedForm:

@@ -48,12 +48,11 @@ def of_bodies(mechanism: Mechanism) -> System:
 @lru_cache(maxsize=64)
 def with_base(mechanism: Mechanism) -> System:
     """The system with the base ahead of the bodies; that of a fixed robot, the ground, has no inertia."""
-    M = mechanism.base.M if mechanism.base else np.zeros((6, 6), dtype=int)
     S, G = behind_unit(system_S(mechanism)), behind_unit(mechanism.G)
     bodies = ancestors(mechanism)
     carried = np.concatenate([np.ones((len(bodies), 1), dtype=int), bodies], axis=1)
     carries = np.concatenate([np.eye(1, 1 + len(bodies), dtype=int), carried])
-    return System(S, G, concatenate([M[None], mechanism.M], axis=-3), carries)
+    return System(S, G, concatenate([mechanism.base_inertia[None], mechanism.M], axis=-3), carries)
 
 
 def behind_unit(x: Array) -> Array:

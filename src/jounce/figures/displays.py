@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import jinja2
 import numpy as np
 
-from jounce._scalars import is_numeric
 from jounce.checks.description import describe, limit_in_words
 from jounce.errors import JounceError, shortened
 from jounce.figures import canvas
@@ -15,7 +14,6 @@ from jounce.figures.curves import over_time
 from jounce.figures.drawing import View, draw, poses_on
 from jounce.figures.labels import place_labels
 from jounce.figures.panels import Panel, Run
-from jounce.model.mechanism import DATA
 from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:
@@ -42,7 +40,7 @@ POINTS = 400  # of a curve
 def robot(robot: "Robot") -> str:
     """The joints, bodies and limits of a robot, and a drawing of it where all coordinates are 0."""
     m, head = robot.mechanism, repr(robot)[1:-1]
-    if not all(is_numeric(getattr(m, data)) for data in DATA):
+    if not m.is_numeric:
         return _page(head, ("joint", "body"), list(zip(m.joints, m.bodies, strict=True)))
     kinds = m.limits.kinds
     rows = [

@@ -78,7 +78,8 @@ def draw(axes: "Axes", mechanism: Mechanism, poses: np.ndarray, view: View) -> S
     bones = skeleton(mechanism, poses)
     axes.set_aspect("equal")
     axes.axis("off")
-    _ground(axes, view, np.asarray(mechanism.gravity, dtype=float), bones.size)
+    if not mechanism.base:
+        _ground(axes, view, np.asarray(mechanism.gravity, dtype=float), bones.size)
     for link in bones.links:
         points = view.of(np.stack(link)).T
         axes.plot(*points, color=INK, linewidth=9, solid_capstyle="round", zorder=1)

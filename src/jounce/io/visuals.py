@@ -53,8 +53,7 @@ def read_visuals(path: Path) -> list[Visual]:
 
 def visuals_of(m: "Mechanism", path: Path) -> list[Visual]:
     """The visuals of links that the robot has: `--root` may have left some out."""
-    known = {*m.bodies, *(frame.name for frame in m.frames)}
-    return [visual for visual in read_visuals(path) if visual.link in known]
+    return [visual for visual in read_visuals(path) if visual.link in m.frame_names]
 
 
 def _read(visual: etree._Element, link: etree._Element, path: Path) -> Iterator[Visual]:

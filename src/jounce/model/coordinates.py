@@ -25,6 +25,16 @@ def joint_variables(mechanism: Mechanism, q: T) -> T:
     return mechanism.G @ q + mechanism.g[:, None]
 
 
+def base_columns(mechanism: Mechanism) -> Array:
+    """(6, nv) integers: the twist of the base from the velocities; zero of a fixed robot."""
+    return np.eye(6, mechanism.nv, dtype=int) * mechanism.first
+
+
+def joint_columns(mechanism: Mechanism) -> Array:
+    """(n, nv) integers: the rates of the coordinates from the velocities, which follow the twist of a floating base."""
+    return np.eye(mechanism.nv, dtype=int)[-mechanism.n :]
+
+
 def generalized_forces(mechanism: Mechanism, Q: T) -> T:
     """G^T Q of forces or momenta of the joint variables: (..., nb, k) to (..., n, k)."""
     return mechanism.G.T @ Q

@@ -42,9 +42,9 @@ def reframe(mechanism: Mechanism, T: Sequence[Array]) -> Mechanism:
 
 @lru_cache(maxsize=64)
 def frame_shifts(old: Mechanism, new: Mechanism) -> Array:
-    """T_i, where the frame of body i in `new` lies in its frame in `old`: (nb, 4, 4)."""
+    """T, where the frame of each of `body_names` in `new` lies in its frame in `old`: that of a base stays."""
     both = zip(reference_poses(old), reference_poses(new), strict=True)
-    return np.stack([_exact(inverse(a) @ b) for a, b in both])
+    return np.stack([np.eye(4, dtype=int)] * old.first + [_exact(inverse(a) @ b) for a, b in both])
 
 
 def align_frames(mechanism: Mechanism) -> Mechanism:

@@ -44,8 +44,7 @@ def locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
         welded = _without(held, still)
     if is_numeric(g) and is_numeric(mechanism.X):
         _warn_of_limits(mechanism, np.flatnonzero(still), g)
-    base = () if welded.base is None else (welded.base.M,)
-    for array in (welded.B, welded.M, welded.g, *base, *(frame.T for frame in welded.frames)):
+    for array in (*welded.arrays.values(), *(frame.T for frame in welded.frames)):
         if is_numeric(array) and not np.isfinite(array).all():
             raise JounceError(f"locking {listed(values)} overflows: a pose, inertia or offset is not finite")
     return welded
@@ -79,9 +78,8 @@ def _without(mechanism: Mechanism, still: list[bool]) -> Mechanism:
     places: dict[int, Frame] = {-1: Frame("ground", -1, np.eye(4))}  # where each old body sits
     B: list[Array] = []
     parent: list[int] = []
-    of_base = np.zeros_like(mechanism.M[0]) if mechanism.base is None else mechanism.base.M
-    M = np.zeros((len(kept) + 1, 6, 6), dtype=np.result_type(mechanism.M, of_base))  # the last is of -1
-    M[-1] = of_base
+    M = np.zeros((len(kept) + 1, 6, 6), dtype=mechanism.inertias.dtype)
+    M[-1] = mechanism.base_inertia
     for i, p in enumerate(mechanism.parent):
         carrier, name = places[p], mechanism.bodies[i]
         at_zero = carrier.T @ mechanism.B[i]

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import Array, concatenate, exact_integers, is_numeric, is_symbolic, is_zero, reciprocal
+from jounce._scalars import Array, exact_integers, is_numeric, is_symbolic, is_zero, reciprocal
 from jounce.errors import JounceError, one_of
 from jounce.model.drives import Drives
 from jounce.model.elasticity import Elasticity
@@ -110,16 +110,25 @@ class Mechanism:
     default_axes: tuple[str, ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
-        own = (getattr(self, name) for name in DATA)
         beside = (self.limits.table, *vars(self.drives).values(), *(frame.T for frame in self.frames))
         elastic = self.elasticity.arrays.values() if self.elasticity else ()
-        base = (self.base.M,) if self.base else ()
-        for array in (*own, *beside, *elastic, *base):
+        for array in (*self.arrays.values(), *beside, *elastic):
             array.flags.writeable = False
 
     def __setstate__(self, state: dict[str, Any]) -> None:  # a copy or an unpickled one is as frozen as any
         self.__dict__.update(state)
         self.__post_init__()
+
+    @property
+    def arrays(self) -> dict[str, Array]:
+        """The numbers of the rigid bodies and their joints by name; under ``"base"`` the inertia of a floating base."""
+        own = {name: getattr(self, name) for name in DATA}
+        return own | {"base": self.base.M} if self.base else own
+
+    @property
+    def is_numeric(self) -> bool:
+        """Whether these are numbers, not symbols."""
+        return all(map(is_numeric, self.arrays.values()))
 
     @property
     def nb(self) -> int:
@@ -145,6 +154,11 @@ class Mechanism:
     def inertias(self) -> Array:
         """The inertia matrices of all bodies, (len(body_names), 6, 6), in the order of `body_names`."""
         return np.concatenate([self.base.M[None], self.M]) if self.base else self.M
+
+    @property
+    def base_inertia(self) -> Array:
+        """The inertia matrix (6, 6) of the base; that of the ground, on which a fixed robot stands, is zero."""
+        return self.base.M if self.base else np.zeros((6, 6), dtype=int)
 
     @property
     def first(self) -> int:
@@ -200,12 +214,24 @@ def with_extended_precision(mechanism: Mechanism) -> Mechanism:
 
 
 def _convert(mechanism: Mechanism, convert: Callable[[Array], Array]) -> Mechanism:
-    data: dict[str, Any] = {name: convert(getattr(mechanism, name)) for name in DATA}
+    converted = with_arrays(mechanism, lambda _, array: convert(array))
     frames = tuple(replace(frame, T=convert(frame.T)) for frame in mechanism.frames)
     drives = Drives(**{name: convert(array) for name, array in vars(mechanism.drives).items()})
     elasticity = mechanism.elasticity and mechanism.elasticity.map(convert)
-    base = mechanism.base and replace(mechanism.base, M=convert(mechanism.base.M))
-    return replace(mechanism, frames=frames, drives=drives, elasticity=elasticity, base=base, **data)
+    return replace(converted, frames=frames, drives=drives, elasticity=elasticity)
+
+
+def with_arrays(mechanism: Mechanism, convert: Callable[[str, Array], Array]) -> Mechanism:
+    """The mechanism with its `arrays` converted, each with its name."""
+    data: dict[str, Any] = {name: convert(name, array) for name, array in mechanism.arrays.items()}
+    base = mechanism.base and replace(mechanism.base, M=data.pop("base"))
+    return replace(mechanism, base=base, **data)
+
+
+def with_inertias(mechanism: Mechanism, inertias: Array) -> Mechanism:
+    """The mechanism with other inertia matrices, in the order of `body_names`."""
+    base = mechanism.base and replace(mechanism.base, M=inertias[0])
+    return replace(mechanism, M=inertias[mechanism.first :], base=base)
 
 
 def cast_model(mechanism: Mechanism, arrays: Sequence[Array]) -> Mechanism:
@@ -225,11 +251,16 @@ def reciprocal_mass(mechanism: Mechanism) -> Array:
     ------
     JounceError : if they have no mass, and hence no centre of mass.
     """
-    of_base = mechanism.base.M[None] if mechanism.base else mechanism.M[:0]
-    mass = concatenate([of_base, mechanism.M], axis=-3)[:, 3:4, 3].sum(axis=0)
+    mass = mechanism.inertias[:, 3:4, 3].sum(axis=0)
     if is_zero(mass[0]):
         raise JounceError(f"{mechanism.name!r} has no centre of mass, as all masses are 0; give its bodies mass")
     return reciprocal(mass)
+
+
+def body_name(mechanism: Mechanism, body: int, ground: str = "ground") -> str:
+    """The name of a body by its index; -1 is a floating base, or what the ground is called."""
+    row = body + mechanism.first
+    return mechanism.body_names[row] if row >= 0 else ground
 
 
 def ancestors(mechanism: Mechanism) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 
 from jounce._scalars import Array, exact_integers, is_zero
 from jounce.errors import JounceError, listed, no_such, quoted
-from jounce.model.mechanism import Frame, Mechanism, with_exact_integers
+from jounce.model.mechanism import Frame, Mechanism, with_exact_integers, with_inertias
 from jounce.spatial import inertia
 from jounce.spatial.lie import pose, rotation
 
@@ -56,8 +56,7 @@ def parametrise(
         )
         M = M + np.eye(len(M), dtype=int)[frame.body + mechanism.first][:, None, None] * added
     gravity = symbols.get("gravity", mechanism.gravity)
-    base = mechanism.base and replace(mechanism.base, M=M[0])
-    changed = replace(mechanism, B=B, M=M[mechanism.first :], gravity=np.array(gravity), base=base)
+    changed = with_inertias(replace(mechanism, B=B, gravity=np.array(gravity)), M)
     return with_exact_integers(changed), symbols
 
 

@@ -56,8 +56,7 @@ def from_screws(
         base=None if base is None else _floating_base(base, base_name, bodies),
         name=_text(name, "name"),
     )
-    symbolic = any(map(is_symbolic, data.values())) or (built.base is not None and is_symbolic(built.base.M))
-    return with_exact_integers(built) if symbolic else built
+    return with_exact_integers(built) if any(map(is_symbolic, built.arrays.values())) else built
 
 
 def _floating_base(M: Array, name: str, bodies: Sequence[str]) -> FloatingBase:

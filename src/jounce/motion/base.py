@@ -12,7 +12,7 @@ import numpy as np
 
 from jounce.errors import JounceError
 from jounce.motion.curves import Curve, Jump, OfCurve
-from jounce.spatial.lie import hat, pose, rotation
+from jounce.spatial.lie import from_quaternion, hat, pose, rotation
 from jounce.spatial.linear import solved
 from jounce.spatial.series import Series, from_rate, joined
 
@@ -72,11 +72,9 @@ def _checked(rates: list[np.ndarray], t: np.ndarray) -> list[np.ndarray]:
 
 def motion_of(rates: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
     """C, V, Vd, ... from position and quaternion (N, 7) and their rates: as many terms as there are rates."""
-    from scipy.spatial.transform import Rotation  # slow to import
-
     x = Series.of([rate[:, :, None] for rate in rates])
     p, Q = x.map(lambda x: x[:, :3]), x.map(lambda x: x[:, 3:])
-    R = Rotation.from_quat(rates[0][:, 3:], scalar_first=True).as_matrix()
+    R = from_quaternion(rates[0][:, 3:] / np.linalg.norm(rates[0][:, 3:], axis=1, keepdims=True))
     C = pose(R, rates[0][:, :3, None])
     w = solved(Q.mT @ Q, (Q.map(_turning) @ Q.dot * 2).mT).mT
     to_base = from_rate(rotation(C).mT, lambda RT: -(w.map(lambda w: hat(w[..., 0])) @ RT))

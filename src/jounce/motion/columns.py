@@ -219,8 +219,7 @@ def _belongs(name: str, joints: Sequence[str]) -> bool:
 def _misspelt(name: str, mechanism: Mechanism) -> bool:
     """Return whether a column looks like a misspelt rate of a joint or component of a wrench."""
     owner, _, suffix = name.rpartition(".")
-    owners = {*mechanism.coordinates, *mechanism.bodies, *(frame.name for frame in mechanism.frames)}
-    return owner in owners and MISSPELT.fullmatch(suffix) is not None
+    return owner in {*mechanism.coordinates, *mechanism.frame_names} and MISSPELT.fullmatch(suffix) is not None
 
 
 def _check(given: Sequence[str], expected: Sequence[str], sampled: bool, mechanism: Mechanism, highest: int) -> None:

@@ -20,7 +20,7 @@ COLUMN = re.compile(r"(.*)\.([mf][xyz])" + SUFFIX, re.DOTALL)
 def named(names: Sequence[str], mechanism: Mechanism) -> list[str]:
     """Those column names that are of wrenches; a body may be called as a joint is, and a joint ``arm.fx``."""
     joints = set(mechanism.coordinates)
-    others = joints - {*mechanism.bodies, *(frame.name for frame in mechanism.frames)}
+    others = joints - {*mechanism.frame_names}
     return [name for name in names if name not in joints and (m := COLUMN.fullmatch(name)) and m[1] not in others]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from jounce._scalars import asarray
 from jounce.arguments.base import check_pose
-from jounce.errors import JounceError, at, listed, quoted
+from jounce.errors import JounceError, at, listed, quoted, warn
 from jounce.model.mechanism import Mechanism
 from jounce.motion.base import COLUMNS, NAMES, checked_quaternions, neighbouring_signs
 from jounce.motion.composed import Part
@@ -18,10 +18,12 @@ from jounce.motion.curves import Curve, Polynomials
 from jounce.motion.hermite import Hermite
 from jounce.motion.smoothed import found_from
 from jounce.motion.spline import Smoothing, Spline, refuse_way
+from jounce.spatial.lie import rotation, to_quaternion
 from jounce.spatial.series import SUFFIX, rate_name
 
 BASE = "base"  # the prefix of its columns, for which the name of the base link may stand too
 HIGHEST = 4  # derivative whose rounding is judged
+SPEED = 50.0  # m/s, beyond which positions look like another unit: most of the time no robot is as fast
 COLUMN = re.compile(rf"(.*)\.({'|'.join(COLUMNS)}){SUFFIX}(_sd)?", re.DOTALL)
 
 
@@ -89,8 +91,6 @@ def _rates_in(columns: Mapping[str, np.ndarray], ending: str) -> tuple[np.ndarra
 
 def curve_of_poses(t: Any, C: Any, way: Smoothing | Spline, start: float, stop: float) -> tuple[Curve, tuple[str, ...]]:
     """The curve of poses C (N, 4, 4) at times t (N,), or of one pose (4, 4), for a motion; and notes."""
-    from scipy.spatial.transform import Rotation  # slow to import
-
     poses = np.asarray(asarray(C, "C"))
     one = t is None
     if poses.dtype.kind != "f" or poses.ndim != (2 if one else 3) or poses.shape[-2:] != (4, 4):
@@ -100,7 +100,7 @@ def curve_of_poses(t: Any, C: Any, way: Smoothing | Spline, start: float, stop: 
         raise JounceError(f"C holds {poses[~np.isfinite(poses)].flat[0]}; expected finite numbers")
     check_pose(poses)
     poses = poses[None] if one else poses
-    Q = Rotation.from_matrix(poses[:, :3, :3]).as_quat(scalar_first=True)
+    Q = to_quaternion(rotation(poses))
     samples = np.concatenate([poses[:, :3, 3], checked_quaternions(Q, NAMES[3:])], axis=1)
     if one:
         refuse_way(way, "base", "one pose rests")
@@ -120,6 +120,9 @@ def curve_of_poses(t: Any, C: Any, way: Smoothing | Spline, start: float, stop: 
 def _curve_of_samples(
     t: np.ndarray, samples: np.ndarray, way: Smoothing | Spline, highest: int, place: str
 ) -> tuple[Curve, tuple[str, ...]]:
+    fastest = float(np.median(np.linalg.norm(np.diff(samples[:, :3], axis=0), axis=1) / np.diff(t)))
+    if fastest > SPEED:
+        warn(f"{place}: the base moves at {fastest:.3g} m/s; expected m: a column in mm is called 'base.x [mm]'")
     found = found_from(t, samples, way, NAMES, highest, f"{place}: base")
     residual = "" if found.residual is None else f", at most {found.residual[:3].max():.2g} m from them"
     return found.curve, tuple(f"base: {text}" for text in (found.source + residual, *found.notes))

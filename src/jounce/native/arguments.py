@@ -47,7 +47,8 @@ def bound_batch(kernel: str, signature: Signature, arrays: Sequence[np.ndarray],
     taken, given = ([port.shape for port in ports] for ports in (signature.inputs, signature.outputs))
     if (len(arrays), len(out)) != (len(taken), len(given)):
         raise JounceError(
-            f"{kernel} binds {len(taken)} arrays and {len(given)} to write into, not {len(arrays)} and {len(out)}"
+            f"{kernel} binds {len(taken)} arrays and {len(given)} to write into, not {len(arrays)} and {len(out)}:"
+            f" it takes {', '.join(port.name for port in signature.inputs)}"
         )
     both = list(zip([*arrays, *out], [*taken, *given], strict=True))
     labels = [*(port.name for port in signature.inputs), *(f"out[{k}]" for k in range(len(out)))]

@@ -18,7 +18,7 @@ from jounce._scalars import finite
 from jounce.dynamics import coupling
 from jounce.dynamics.computation import Computation
 from jounce.errors import JounceError, quoted
-from jounce.model.mechanism import DATA, Mechanism
+from jounce.model.mechanism import Mechanism
 from jounce.native.jit import Target
 
 KERNEL_SUFFIX = ".kernel"
@@ -50,9 +50,7 @@ def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
     """The name of a kernel: a hash of everything that its code depends on."""
     digest = hashlib.sha256(key_of(str(computation), target).encode())
     digest.update(repr((mechanism.parent, mechanism.acting)).encode())
-    arrays = {name: getattr(mechanism, name) for name in DATA} | (vars(mechanism.drives) if mechanism.acting else {})
-    if mechanism.base:
-        arrays |= {"base": mechanism.base.M}
+    arrays = mechanism.arrays | (vars(mechanism.drives) if mechanism.acting else {})
     if mechanism.elasticity and computation.quantity.elastic:
         e = mechanism.elasticity
         arrays |= {f"elastic {name}": array for name, array in e.arrays.items()}

@@ -77,7 +77,8 @@ class Kernel(Generic[Results]):
         ----------
         *arrays : (..., n), then (..., nb, 6), then (..., 4, 4) and (..., 6)
             q, qd, ..., as many as the quantity and its order take; W, Wd, ... after them if it was compiled with
-            wrenches; C, V, Vd, ... if with the motion of the base. float64; batch axes lead and broadcast.
+            wrenches; C, V, Vd, ... if with the motion of the base. float64; batch axes lead and broadcast. Poses C
+            are not checked, unlike those that methods of a Robot take.
         out : array or tuple of arrays, optional
             Arrays to write the results into.
         threads : int, optional
@@ -104,7 +105,7 @@ class Kernel(Generic[Results]):
         if fixed:
             raise self._fixed_at_compile_time(fixed)
         if len(arrays) != self._count:  # NumPy would write into what comes after
-            raise JounceError(f"{self!r} expects {self._count} arrays, got {len(arrays)}")
+            raise JounceError(f"{self!r} expects {self._count} arrays, got {len(arrays)}: {self._order_of_inputs()}")
         into = None if out is None else tuple(out) if isinstance(out, (tuple, list)) else (out,)
         for x in arrays if into is None else (*arrays, *into):
             if type(x) is not np.ndarray:
@@ -309,7 +310,13 @@ class Kernel(Generic[Results]):
                 f" robot.compile({', '.join(asked.keywords())}) compiles it once"
             ) from None
 
+    def _order_of_inputs(self) -> str:
+        return f"it takes {', '.join(port.name for port in self.signature.inputs)}"
+
     def _fixed_at_compile_time(self, asked: Mapping[str, Any]) -> JounceError:
+        if name := next((name for name in asked if self.signature.of_role(name)), None):
+            return JounceError(f"{self!r} takes arrays one after the other, without {name}=: {self._order_of_inputs()}")
+        asked = {name: given if name not in ("base", "wrench") else True for name, given in asked.items()}
         own, other = ", ".join(self.computation.keywords()), ", ".join(f"{k}={quoted(x)}" for k, x in asked.items())
         return JounceError(f"robot.compile({own}) fixed what {self!r} computes; compile another one with {other}")
 

@@ -193,8 +193,7 @@ def constants(mechanism: Mechanism) -> np.ndarray:
 def base_constants(mechanism: Mechanism) -> np.ndarray:
     """The numbers of the base, as `BASE` lists them; a fixed one has no inertia."""
     chain = minimal(mechanism)
-    M = np.zeros((6, 6)) if chain.base is None else chain.base.M
-    return np.concatenate([chain.gravity, _upper(M)]).astype(float)
+    return np.concatenate([chain.gravity, _upper(chain.base_inertia)]).astype(float)
 
 
 def _upper(M: np.ndarray) -> np.ndarray:
@@ -209,7 +208,6 @@ def drive_table(mechanism: Mechanism) -> np.ndarray:
 
 
 def carry(mechanism: Mechanism) -> np.ndarray:
-    """The numbers that move a wrench on each body to its joint's frame, as `CARRY` lists them; a base stays first."""
+    """The numbers that move a wrench on each body to its joint's frame, as `CARRY` lists them."""
     T = frame_shifts(mechanism, minimal(mechanism))
-    T = np.concatenate([np.eye(4)[None]] * mechanism.first + [T])
     return np.concatenate([rotation(T).reshape(-1, 9), position(T).reshape(-1, 3)], axis=1).astype(float)

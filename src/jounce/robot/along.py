@@ -120,8 +120,8 @@ def checked_motion(mechanism: Mechanism, motion: object) -> Motion:
     with at("the motion"):
         if mechanism.base and motion.base_curve is None:
             raise JounceError(
-                f"{mechanism.name!r} floats, and the motion has no base; motion.with_base(t, C) gives it one of poses"
-                " C (N, 4, 4), and motion.with_base(None, C) one that rests"
+                f"{mechanism.name!r} floats, and the motion has no base; columns base.x, ..., base.qz of a table state"
+                " one, and motion.with_base(t, C) gives it poses C (N, 4, 4), or one pose with t=None"
             )
         return matched(motion, mechanism)
 

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 from math import inf
 from types import NoneType
@@ -10,17 +10,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from jounce._scalars import FLOAT, Array, broadcast, concatenate, is_jax, is_numeric
+from jounce._scalars import FLOAT, Array, broadcast, concatenate, is_jax
 from jounce._typing import DriveColumn
 from jounce.arguments import loads, rates, requests, wrenches
 from jounce.arguments.base import base_of
 from jounce.dynamics import drive_terms, elastic
-from jounce.dynamics.base import STILL
 from jounce.dynamics.computation import Computation, Port, coordinate_ports
 from jounce.dynamics.loads import wrench_of
 from jounce.dynamics.quantities import FORCES, Quantity, row_of
 from jounce.errors import JounceError, one_of, quoted, warn
-from jounce.model.mechanism import DATA, Mechanism, cast_model
+from jounce.model.mechanism import Mechanism, cast_model
 from jounce.native import plan
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel, compile_kernel
@@ -127,23 +126,22 @@ def checked_arguments(
     order = len(q) - quantity.rates
     requests.check_rates(name, order)
     W = wrenches.wrenches_of(mechanism, wrench, order, q, quantity.wrench_rates)
+    moves = base is not None or mechanism.base is not None
     if method is not None:
         one_of("method", method, [*quantity.methods, NATIVE], name)
-        if (base is not None or mechanism.base) and method != NATIVE and not quantity.methods[method].base:
+        if moves and method != NATIVE and not quantity.methods[method].base:
             raise JounceError(f"method={method!r} has no base that moves; use method='closed_form'")
     if body is not None or frame != "body":
         requests.place(mechanism, name, body, frame)
-    requests.check_elastic(mechanism, name, base is not None or mechanism.base is not None)
+    requests.check_elastic(mechanism, name, moves)
     if quantity.forces:
         requests.check_invertible(mechanism, name)
-    if base is None and not mechanism.base:
-        return requests.known(name, order, bool(W), body, frame, more), [*q, *W]
-    moving = requests.takes_base(name, frame)
-    if base is None and not moving:
-        return requests.known(name, order, bool(W), body, frame, more), [*q, *W]
-    asked = requests.known(name, order, bool(W), body, frame, more, base=True)
-    C = base_of(mechanism, base, asked.base_terms(mechanism), f"{name} of order {order}")
-    return (asked, [*q, *W, *C]) if moving else (replace(asked, base=False), [*q, *W])
+    enters = moves and requests.takes_base(name, frame)
+    asked = requests.known(name, order, bool(W), body, frame, more, enters)
+    if base is None and not enters:
+        return asked, [*q, *W]
+    C = base_of(mechanism, base, asked.base_terms(mechanism), f"{name} of order {order}")  # wrong ones never pass
+    return asked, [*q, *W, *C] if enters else [*q, *W]
 
 
 def _run(call: Call) -> Any:
@@ -208,7 +206,7 @@ def wrench_of_load(
     def law(arrays: Sequence[Array]) -> Series:
         terms = Series.of([x.swapaxes(-1, -2) for x in arrays[-len(q) :]])
         x = poses.state(arrays[: -len(q)])
-        return wrench_of(model, x.q, x.base or STILL, terms, body, frame, place)
+        return wrench_of(model, x.q, x.motion_of_base, terms, body, frame, place)
 
     return results_into(evaluate(law, ports, [*q, *C, *load], len(q), 6 * model.nb), None)
 
@@ -328,7 +326,7 @@ def native_obstacle(mechanism: Mechanism, computation: Computation) -> str | Non
     """Return why native code does not support a computation, as the end of a sentence about native code, or None."""
     if found := obstacle(computation):
         return found
-    if not all(is_numeric(getattr(mechanism, data)) for data in DATA):
+    if not mechanism.is_numeric:
         return "needs a robot of numbers; this one contains symbols"
     if not available():
         return "needs llvmlite, which cannot be imported"

@@ -73,8 +73,8 @@ class Robot:
     * ``base=(C, V, Vd, ...)`` is the motion of the base: its pose C (..., 4, 4), base to inertial frame, its twist V
       (..., 6) in its own axes about its origin, and the rates of these components, as many terms as q has. Robots that
       float require it: their forces, matrices and Jacobians have nv = 6 + n rows or columns, those of the base first,
-      Q the wrench (moment; force) that acts on it, in its axes. For other robots the base is the ground, at rest unless
-      given. Where it does not enter, as in the mass matrix, it may be left out.
+      Q the wrench (moment; force) that acts on it, in its axes. For other robots nv = n, and the base is the ground, at
+      rest unless given. Where it does not enter, as in the mass matrix, it may be left out.
     * Missing values (masked by NumPy, or NA of pandas) are NaN, and so are results that depend on them.
     * ``method`` selects the method: "kernel" is native code, the default for NumPy arrays of float64, and for arrays
       of JAX on the CPU, if it is available; "recursion" is the default otherwise; "closed_form" and "paper" are
@@ -1148,7 +1148,7 @@ class Robot:
 
         Returns
         -------
-        Q : (..., n), or tuple of (..., n)
+        Q : (..., nv), or tuple of (..., nv)
             In N m for revolute and N for prismatic coordinates, per s, per s^2, ...
 
         Raises
@@ -1201,7 +1201,7 @@ class Robot:
         Q : (..., nv)
             Generalized forces: N m, or N for coordinates in m. If the robot floats, they begin with the wrench (moment;
             force) that acts on the base, in its axes: zero in flight.
-        Qd, Q2d, *higher : (..., n), optional
+        Qd, Q2d, *higher : (..., nv), optional
             Their time derivatives; each returns one more rate of q2d.
         wrench : (..., nb, 6), dict or tuple, optional
             What the bodies EXERT ON their environment, (moment; force) in body frames, alone or as a tuple with its
@@ -1731,7 +1731,7 @@ class Robot:
 
         Returns
         -------
-        M : (..., n, n), or tuple of (..., n, n)
+        M : (..., nv, nv), or tuple of (..., nv, nv)
             Symmetric; kg m^2 between revolute coordinates, kg m or kg where prismatic ones are.
 
         Raises
@@ -1785,7 +1785,7 @@ class Robot:
 
         Returns
         -------
-        C : (..., n, n), or tuple of (..., n, n)
+        C : (..., nv, nv), or tuple of (..., nv, nv)
 
         Raises
         ------
@@ -1833,7 +1833,7 @@ class Robot:
 
         Returns
         -------
-        Qgrav : (..., n), or tuple of (..., n)
+        Qgrav : (..., nv), or tuple of (..., nv)
             In N m for revolute and N for prismatic coordinates.
 
         Raises
@@ -2045,7 +2045,7 @@ class Robot:
 
         Returns
         -------
-        J : (..., nb, 6, n), or (..., 6, n) of one body; with rates a tuple of them
+        J : (..., nb, 6, nv), or (..., 6, nv) of one body; with rates a tuple of them
 
         Raises
         ------
@@ -2290,7 +2290,7 @@ class Robot:
 
         Returns
         -------
-        p : (..., n), or tuple of (..., n)
+        p : (..., nv), or tuple of (..., nv)
             In N m s for revolute and N s for prismatic coordinates.
 
         Raises

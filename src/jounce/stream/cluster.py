@@ -5,7 +5,6 @@ They read the input and write the results at the paths of this process: all shar
 
 import logging
 import signal
-from asyncio import CancelledError
 from collections.abc import Collection, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -27,7 +26,7 @@ from jounce.stream.parts import compute
 from jounce.stream.plan import Part, Task
 from jounce.stream.records import Record, find, rows_folder, rows_path
 from jounce.stream.records import keep as keep_record
-from jounce.stream.runner import Runner
+from jounce.stream.runner import Runner, is_done
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -72,14 +71,16 @@ def on_cluster(address: str) -> Runner:
 
 
 def version() -> str:
-    """The version of jounce in this process, and a digest of its sources: results are those of this process's own."""
+    """The version of jounce in this process, and a digest of its sources, on which results depend."""
     return f"{__version__} (sources {sources()[:12]})"
 
 
 def compute_order(order: Order) -> Record:
-    """Compute a part, on a worker."""
+    """Compute a part, on a worker; one that a worker finished before it died is not computed again."""
     _check_version(gethostname(), version(), order.version)
     _check_files(order)
+    if is_done(order.task.value, order.part, order.folder) and (record := find(order.folder, order.part)):
+        return record
     with np.errstate(all="ignore"):  # as the command does; what is not finite is refused
         return compute(order.task.value, order.part, order.folder)
 
@@ -131,18 +132,19 @@ def _connected(address: str, most: int) -> Iterator["Client"]:
 @contextmanager
 def _local(most: int) -> Iterator[str]:
     """A cluster of this machine, a process per core, without files or processes that outlive it."""
+    import dask
     from dask.system import CPU_COUNT
     from distributed import LocalCluster
 
     with (
         TemporaryDirectory(prefix="jounce-", ignore_cleanup_errors=True) as folder,
+        dask.config.set({"temporary-directory": folder}),
         LocalCluster(
             n_workers=min(CPU_COUNT, most),
             threads_per_worker=1,
             dashboard_address=":0",  # the server of Dask's metrics takes any port that is free
             scheduler_kwargs={"dashboard": False},
             memory_limit=0,  # none: parts are small
-            local_directory=folder,
             silence_logs=logging.CRITICAL,
         ) as cluster,
     ):
@@ -152,13 +154,15 @@ def _local(most: int) -> Iterator[str]:
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Within this context Dask logs nothing: errors become one line."""
-    log = logging.getLogger("distributed")
-    level = log.level
-    log.setLevel(logging.CRITICAL + 1)
+    names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]
+    levels = {log: log.level for log in map(logging.getLogger, names)}
+    for log in levels:
+        log.setLevel(logging.CRITICAL + 1)
     try:
         yield
     finally:
-        log.setLevel(level)
+        for log, level in levels.items():
+            log.setLevel(level)
 
 
 def _check_workers(address: str, client: "Client") -> None:
@@ -198,12 +202,14 @@ def _compute(client: "Client", task: Task, parts: Sequence[Part], folder: Path) 
 @contextmanager
 def _connection() -> Iterator[None]:
     """Within this context, the loss of the cluster is told in one line."""
+    from distributed import CancelledError
+
     try:
         yield
     except TimeoutError:
         raise
     except (OSError, CancelledError) as error:
-        raise JounceError(f"the cluster is lost: {one_line(error) or 'no connection'}; {CONTINUE}") from None
+        raise JounceError(f"the connection to the cluster is lost ({type(error).__name__}); {CONTINUE}") from None
 
 
 def _threads(client: "Client") -> int:

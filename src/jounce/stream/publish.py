@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from jounce._parts import part_in, remove_abandoned
+from jounce._parts import PART, part_in, remove_abandoned
 from jounce.errors import JounceError, listed
 from jounce.io import csv, files, npz, parquet
 from jounce.stream.plan import Plan
@@ -64,7 +64,7 @@ def publish_folder(plan: Plan, folder: Path, records: Iterable[Record], output: 
     expected = {RECORDS, *(rows_path(folder, part, ".parquet").name for part in plan.parts)}
     for path in _ours(rows):
         if path.name not in expected:  # of an earlier plan
-            path.unlink()
+            path.unlink(missing_ok=True)
     if foreign := sorted(path.name for path in rows.iterdir() if path.name not in expected):
         raise JounceError(f"{rows}: holds files that are not of this run ({listed(foreign, 3)}); move them away")
     old = part_in(output.parent)
@@ -94,7 +94,7 @@ def remove_work(folder: Path) -> None:
             if path.exists():
                 remove_abandoned(path)
                 for file in _ours(path):
-                    file.unlink()
+                    file.unlink(missing_ok=True)
                 path.rmdir()
 
 
@@ -106,5 +106,5 @@ def remove_empty(folder: Path) -> None:
 
 
 def _ours(folder: Path) -> Iterator[Path]:
-    """The tables and records in a work folder."""
-    return (path for path in list(folder.iterdir()) if OURS.fullmatch(path.name))
+    """The tables and records in a work folder, and what workers that died, on other machines too, were writing."""
+    return (path for path in list(folder.iterdir()) if OURS.fullmatch(path.name) or PART.fullmatch(path.name))

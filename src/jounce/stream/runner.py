@@ -25,7 +25,7 @@ def run(plan: Plan, folder: Path, runner: Runner = here, show: Show | None = Non
     for path in (folder, rows_folder(folder)):
         make_folder(path)
         remove_abandoned(path)
-    missing = [part for part in plan.parts if not _is_done(plan.task, part, folder)]
+    missing = [part for part in plan.parts if not is_done(plan.task, part, folder)]
     sizes = {part.number: part.size for part in plan.parts}
     total = sum(sizes.values())
     done, rows = total - sum(part.size for part in missing), 0
@@ -45,7 +45,8 @@ def records(plan: Plan, folder: Path) -> Iterator[Record]:
         yield found
 
 
-def _is_done(task: Task, part: Part, folder: Path) -> bool:
+def is_done(task: Task, part: Part, folder: Path) -> bool:
+    """Whether a part has a valid record in the work folder."""
     job = task.job
     table = None if job.form is None else rows_path(folder, part, job.form)
     return is_valid(find(folder, part), table, job.reading.skip)

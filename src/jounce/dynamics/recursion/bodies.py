@@ -2,11 +2,10 @@
 
 from collections.abc import Callable
 
-import numpy as np
-
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.recursion.joints import Joint, batch_zeros, joints
 from jounce.dynamics.recursion.sweeps import evaluate_in_order
+from jounce.model.coordinates import base_columns, joint_columns
 from jounce.model.mechanism import Mechanism, path_to
 from jounce.spatial.series import Series, from_rate, joined
 
@@ -27,8 +26,7 @@ def twists(mechanism: Mechanism, q: Series, base: BaseMotion, body: int | None) 
 
 def jacobians(mechanism: Mechanism, q: Series, base: BaseMotion, body: int | None) -> Series:
     """J_i = Ad(C_ip) J_p + X_i G_i, with the row G_i of G: of one body (..., 6, nv), or of all (..., nb, 6, nv)."""
-    own = np.eye(mechanism.nv, dtype=int)[-mechanism.n :]  # the columns of the coordinates, those of the base aside
-    root = Series.constant(np.eye(6, mechanism.nv, dtype=int) * mechanism.first)
+    own, root = joint_columns(mechanism), Series.constant(base_columns(mechanism))
     return _outward(mechanism, q, body, root, lambda joint, J_p: joint.twists(J_p) + joint.X @ (joint.G @ own))
 
 

@@ -25,13 +25,14 @@ import numpy as np
 
 from jounce._scalars import Array
 from jounce.dynamics.base import BaseMotion
-from jounce.dynamics.recursion.joints import Joint, batch_zeros, rows
+from jounce.dynamics.recursion.forces import wrenches
+from jounce.dynamics.recursion.joints import Joint, batch_zeros
 from jounce.dynamics.recursion.sweeps import above, collect, composites, evaluate_in_order, project, velocities
 from jounce.dynamics.recursion.tree import AnyJoint, FreeJoint, KinematicTree, kinematic_tree
-from jounce.model.equivalent import frame_shifts, minimal
+from jounce.model.equivalent import minimal
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.inertia import moment_matrix
-from jounce.spatial.lie import Ad, ad, cowedge, wedge
+from jounce.spatial.lie import ad, cowedge, wedge
 from jounce.spatial.series import Series
 
 Partials = tuple[Series, Series, Series]  # K, D, M: by q, qd and q2d
@@ -99,7 +100,11 @@ def partials(mechanism: Mechanism, q: Series, W: Series | None = None, base: Bas
     V, field = velocities(joints), _gravity(joints, chain.gravity)
     Pi = composites(joints, [Series.constant(Pi_i) for Pi_i in moment_matrix(tree.M)], Joint.moments)
     p = composites(joints, [M_i @ V_i for M_i, V_i in zip(tree.M, V, strict=True)], Joint.wrenches)
-    loads = None if W is None else composites(joints, _loads(mechanism, chain, W, len(joints)), Joint.wrenches)
+    loads = None
+    if W is not None:
+        on_bodies = wrenches(mechanism, chain, W)
+        on_ground = [0 * on_bodies[0]] * (len(joints) - len(on_bodies))
+        loads = composites(joints, on_ground + on_bodies, Joint.wrenches)
     screws = []
     for i, joint in enumerate(joints):
         flow = V[i].map(_wedge) @ Pi[i]
@@ -139,15 +144,6 @@ def _gravity(tree: Sequence[AnyJoint], gravity: Array) -> list[Series]:
     for joint in tree:
         field.append(joint.twists(ground if joint.parent < 0 else field[joint.parent]))
     return field
-
-
-def _loads(old: Mechanism, chain: Mechanism, W: Series, count: int) -> list[Series]:
-    """Wrenches on the frames of `chain` from those on the frames of `old`; none on the ground, of which rows are 0."""
-    first = 6 * old.first
-    loads = [Ad_i.mT @ rows(W, first + 6 * i, first + 6 * i + 6) for i, Ad_i in enumerate(Ad(frame_shifts(old, chain)))]
-    if len(loads) < count:
-        loads.insert(0, rows(W, 0, 6) * old.first)
-    return loads
 
 
 def _wrench(T: Series) -> Series:

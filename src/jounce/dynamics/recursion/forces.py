@@ -130,7 +130,7 @@ class _Series:
     ) -> None:
         self.kind, self.chain, self.q = kind, chain, q
         self.joints = aligned_joints(self.chain, q)
-        self.wrenches = None if W is None else _wrenches(given, self.chain, W)
+        self.wrenches = None if W is None else wrenches(given, chain, W)
         root = ground(self.chain.gravity) if base is None else kind.base(self.chain.gravity, base)
         self.motions: dict[int, BodyMotion] = {-1: root}
         self.on: dict[int, Force] = {}
@@ -151,7 +151,8 @@ class _Series:
 
     def add_wrench(self, i: int) -> None:
         if self.wrenches is not None:
-            self.on[i] = self.on[i] + self.wrenches[i]
+            W = self.wrenches[i + self.chain.first]
+            self.on[i] = self.on[i] + Force(f=rows(W, 3, 6), n=rows(W, 0, 3))
 
     def hand_on(self, i: int) -> None:
         self.Q[i] = joint_force(self.joints[i], self.on[i])
@@ -181,9 +182,6 @@ def _moments(chain: Mechanism) -> list[Moments]:
     return [inertia.moments(M) for M in chain.M]
 
 
-def _wrenches(old: Mechanism, chain: Mechanism, W: Series) -> dict[int, Force]:
-    """Forces and moments on the frames of `chain` from wrenches (moment; force) on those of `old`."""
-    on_frames = {-1: rows(W, 0, 6)} if chain.base else {}
-    for i, carry in enumerate(Ad(frame_shifts(old, chain)).mT):
-        on_frames[i] = carry @ rows(W, 6 * (i + chain.first), 6 * (i + chain.first) + 6)
-    return {i: Force(f=rows(W_i, 3, 6), n=rows(W_i, 0, 3)) for i, W_i in on_frames.items()}
+def wrenches(old: Mechanism, chain: Mechanism, W: Series) -> list[Series]:
+    """The wrenches (..., 6, 1) on the frames of `chain`, one per body, from those on the frames of `old`."""
+    return [carry @ rows(W, 6 * i, 6 * i + 6) for i, carry in enumerate(Ad(frame_shifts(old, chain)).mT)]

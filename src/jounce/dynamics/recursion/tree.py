@@ -15,6 +15,7 @@ import numpy as np
 from jounce._scalars import Array, concatenate
 from jounce.dynamics.base import STILL, BaseMotion
 from jounce.dynamics.recursion.joints import Joint, joints, momentum
+from jounce.model.coordinates import base_columns, joint_columns
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import ad, wedge
 from jounce.spatial.series import Series
@@ -94,7 +95,5 @@ def kinematic_tree(mechanism: Mechanism, q: Series, base: BaseMotion | None = No
 @lru_cache(maxsize=64)
 def _with_base(mechanism: Mechanism) -> tuple[Array, Array]:
     """M and G of a tree whose first body is the base."""
-    M = mechanism.base.M if mechanism.base else np.zeros((6, 6), dtype=int)
-    own = np.eye(mechanism.nv, dtype=int)[-mechanism.n :]
-    of_base = np.eye(6, mechanism.nv, dtype=int) * mechanism.first
-    return concatenate([M[None], mechanism.M], axis=-3), concatenate([of_base, mechanism.G @ own], axis=-2)
+    M = concatenate([mechanism.base_inertia[None], mechanism.M], axis=-3)
+    return M, concatenate([base_columns(mechanism), mechanism.G @ joint_columns(mechanism)], axis=-2)

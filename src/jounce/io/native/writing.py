@@ -13,7 +13,7 @@ from jounce.errors import JounceError, quoted
 from jounce.io.native import BASE, GROUND, UNITS, elastic, parts
 from jounce.model.drives import UNDRIVEN
 from jounce.model.limits import FORCES
-from jounce.model.mechanism import DATA, Mechanism
+from jounce.model.mechanism import Mechanism, body_name
 from jounce.spatial.inertia import inertia_matrix, moments, symmetric
 from jounce.spatial.lie import hat
 
@@ -41,13 +41,13 @@ def document(mechanism: Mechanism) -> dict[str, Any]:
     """Return the content of the file of a mechanism of numbers, as plain data."""
     _check(mechanism)
     base = mechanism.base
-    names = {-1: GROUND if base is None else base.name, **dict(enumerate(mechanism.bodies))}
     joints = [_joint(mechanism, i) for i in range(mechanism.nb)]
     free = [joint["name"] for joint in joints if "follows" not in joint]
-    frames = [{"name": f.name, "body": names[f.body], **_pose(f.T)} for f in mechanism.frames]
+    frames = [{"name": f.name, "body": body_name(mechanism, f.body, GROUND), **_pose(f.T)} for f in mechanism.frames]
+    parents = [body_name(mechanism, p, GROUND) for p in mechanism.parent]
     bodies = [
-        {"name": names[i], "parent": names[p], **_pose(B), "joint": joint, **_inertia(M)}
-        for i, (p, B, joint, M) in enumerate(zip(mechanism.parent, mechanism.B, joints, mechanism.M, strict=True))
+        {"name": name, "parent": parent, **_pose(B), "joint": joint, **_inertia(M)}
+        for name, parent, B, joint, M in zip(mechanism.bodies, parents, mechanism.B, joints, mechanism.M, strict=True)
     ]
     coordinates = {} if free == list(mechanism.coordinates) else {"coordinates": list(mechanism.coordinates)}
     head: dict[str, Any] = {"name": mechanism.name, "units": UNITS, "gravity": _plain(mechanism.gravity)}
@@ -60,13 +60,10 @@ def document(mechanism: Mechanism) -> dict[str, Any]:
 
 def _check(mechanism: Mechanism) -> None:
     robot = f"robot {quoted(mechanism.name)}"
-    data = {name: getattr(mechanism, name) for name in DATA} | (
-        {} if mechanism.base is None else {BASE: mechanism.base.M}
-    )
-    symbolic = [name for name, array in data.items() if is_symbolic(array)]
+    symbolic = [name for name, array in mechanism.arrays.items() if is_symbolic(array)]
     if symbolic:
         raise JounceError(f"{robot} contains symbols in {', '.join(symbolic)}; a robot file needs numbers")
-    for name, array in data.items():
+    for name, array in mechanism.arrays.items():
         if np.any(array.astype(float) != array):
             raise JounceError(f"{name} of {robot} has more digits than a double; a robot file holds doubles")
     if GROUND in mechanism.body_names:

@@ -26,7 +26,10 @@ def turned(angle, scale=1.0):
 
 SLIPS = [
     (None, r"base is None, yet 'planar2r' floats; inverse_dynamics of order 0 takes base=\(C, V, Vd\): pose"),
-    (ORIGIN, "base gives C alone"),
+    (ORIGIN, "base gives C alone; "),
+    ([ORIGIN, STILL, STILL], r"base gives C alone, as a list is one array; .* takes base=\(C, V, Vd\)"),
+    ({"pose": ORIGIN}, r"base is {'pose': .*; inverse_dynamics of order 0 takes base=\(C, V, Vd\)"),
+    ("floating", "base is 'floating'; inverse_dynamics of order 0 "),
     ((ORIGIN, STILL), "base gives 2 terms, up to V; "),
     ((ORIGIN, STILL, STILL, STILL), "base gives 4 terms, up to V2d; "),
     ((ORIGIN, None, STILL), "base: V is None; "),

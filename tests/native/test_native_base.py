@@ -67,6 +67,13 @@ def test_a_kernel_with_a_base_is_bound_and_pickled():
     assert moving.computation.keywords() == ["'inverse_dynamics'", "order=0", "base=True"]
     with pytest.raises(JounceError, match=r"^robot\.compile\('inverse_dynamics', order=0, base=True\) fixed what"):
         moving(*arrays, body="x")
+    with pytest.raises(JounceError, match=r"without base=: it takes q, qd, q2d, base_pose, base_twist, base_twistd$"):
+        moving(*q[:3], base=base)
+    fixed = robot(False, bodies=4).compile(order=0)
+    with pytest.raises(JounceError, match=r"compile another one with base=True$"):
+        fixed(*q[:3], base=base)
+    with pytest.raises(JounceError, match=r"compile another one with wrench=True$"):
+        fixed(*q[:3], wrench=W)
 
 
 @pytest.mark.parametrize("batch", [(), (30,)])
