@@ -83,6 +83,13 @@ def test_those_of_real_robots_are_as_many_as_measured(name, base, count):
     assert base_parameters(m).count == count
 
 
+def test_a_joint_that_follows_by_the_factor_0_is_as_good_as_locked():
+    m = jounce.load("panda").mechanism
+    G = np.array(m.G)
+    G[m.joints.index("panda_finger_joint2")] = 0
+    check(replace(m, G=G))
+
+
 def test_joints_that_are_locked_leave_fewer():
     assert check(jounce.load("iiwa14").locked({"joint3": 0.2, "joint5": 0.1}).mechanism).count < 43
 

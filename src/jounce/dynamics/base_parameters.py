@@ -17,12 +17,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jounce._scalars import is_numeric
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.recursion.regressor import regressor
 from jounce.errors import JounceError
 from jounce.model.coordinates import leading_joints
-from jounce.model.mechanism import DATA, Mechanism, ancestors, reference_poses
+from jounce.model.mechanism import Mechanism, ancestors, reference_poses
 from jounce.spatial import inertia
 from jounce.spatial.inertia import PARAMETERS
 from jounce.spatial.lie import Ad, ad, inverse, wedge
@@ -97,14 +96,14 @@ def base_parameters(m: Mechanism) -> BaseParameters:
     ------
     JounceError : if it holds symbols.
     """
-    if not all(is_numeric(array) for array in (m.inertias, *(getattr(m, name) for name in DATA))):
+    if not m.is_numeric:
         raise JounceError(f"robot {m.name!r} contains symbols; base parameters need numbers")
     length = max([1e-3, *np.linalg.norm(m.B[:, :3, 3], axis=1)])  # as unit, so that all moments are of one size
     scale = np.tile(length**_POWERS, len(m.body_names))
     places, rows = _of_tree(_in_lengths(m, length))
     if m.n < m.nb:  # joints that follow others
         Y = _samples(m, length)[:, places] * scale[places]
-        sizes = np.linalg.norm(Y, axis=0)
+        sizes = np.maximum(np.linalg.norm(Y, axis=0), RANK)  # a joint may follow others by a factor of 0
         found = _span(Y / sizes)
         named = _independent(found)
         combined = np.linalg.solve(found[:, named], found) * sizes / sizes[named, None]

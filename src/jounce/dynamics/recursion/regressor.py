@@ -99,15 +99,15 @@ def _with_Iyy(Y: Array) -> Array:
 
 @lru_cache(maxsize=64)
 def _unit_moments(mechanism: Mechanism) -> dict[int, dict[int, Array]]:
-    """Moments of mass (4, 4) of the unit parameters, by number, of the body at which their columns begin; -1 is the
-    base. Those that reach the ground require no forces.
+    """The moments of mass (4, 4) of unit parameters, by number, of each body at which columns begin; -1 is the base.
+
+    Those that reach the ground require no forces.
     """
     chain = on_axes(mechanism)
     parameters = np.eye(len(PARAMETERS), dtype=int)
     parameters[_YY, _XX] = 1
-    shifts = [*([np.eye(4, dtype=int)] if chain.base else []), *map(inverse, frame_shifts(mechanism, chain))]
     units: dict[int, dict[int, Array]] = {i: {} for i in range(-1, chain.nb)}
-    for row, T in enumerate(shifts):
+    for row, T in enumerate(map(inverse, frame_shifts(mechanism, chain))):
         for k, Pi in enumerate(inertia.moment_matrix(inertia.from_parameters(parameters))):
             at, Pi = row - chain.first, T @ Pi @ T.T
             while at >= 0 and not _moves(chain.X[at], Pi):
