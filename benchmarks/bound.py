@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from jounce import load
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import FORCES
-from jounce.model.mechanism import with_exact_integers
+from jounce.model.casting import with_exact_integers
 from jounce.native import forms, functions
 from jounce.native.ir import Writer
 from jounce.native.jit import host

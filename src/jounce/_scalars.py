@@ -33,6 +33,11 @@ def asarray(x: Any, what: str = "an array") -> Array:
         return x  # a foreign array that names its own namespace: JAX, also while it traces
     if isinstance(x, Mapping | str):
         raise JounceError(f"{what} is of type {type(x).__name__}; expected an array of numbers")
+    if not isinstance(x, np.ndarray) and _is_spatial(x):
+        raise JounceError(
+            f"{what} is of type {type(x).__name__}, whose array is (linear; angular); expected (angular; linear):"
+            " numpy.concatenate([x.angular, x.linear])"
+        )
     if type(x).__module__.startswith("casadi"):
         x = _of_casadi(x, what)
     try:
@@ -40,6 +45,9 @@ def asarray(x: Any, what: str = "an array") -> Array:
         if array.dtype.kind == "O" and all(isinstance(v, int | float | np.floating | np.integer) for v in array.flat):
             array = array.astype(np.float64)
     except Exception as error:  # ragged lists, integers beyond the floats, and whatever a foreign type raises
+        if type(error).__module__.startswith("jax"):
+            cure = "jax.numpy.stack makes one array of a list"
+            raise JounceError(f"{what} holds numbers that JAX traces; expected an array of numbers: {cure}") from error
         raise JounceError(f"{what} is not an array of numbers: {one_line(error)}") from error
     if array.dtype.kind in "biuf":
         return array.astype(np.result_type(array.dtype, np.float64), copy=False)
@@ -49,6 +57,12 @@ def asarray(x: Any, what: str = "an array") -> Array:
         if not _is_element(v):
             raise JounceError(f"{what} holds {quoted(v)}; expected real numbers or symbols")
     return array
+
+
+def _is_spatial(x: Any) -> bool:
+    """Whether `x` is a motion or force of Pinocchio, or a list of them: NumPy takes them in their own order."""
+    entries = x if type(x) in (list, tuple) or type(x).__name__.startswith("StdVec") else (x,)
+    return any(hasattr(type(entry), "angular") and hasattr(type(entry), "linear") for entry in entries)
 
 
 def _unmask(x: Any) -> Any:

@@ -1,6 +1,8 @@
 """The motion of the base as callers give it: what is wrong with it is said in one line, on every call."""
 
 import numpy as np
+import pandas
+import pinocchio
 import pytest
 from robots import floating
 
@@ -29,6 +31,8 @@ SLIPS = [
     (ORIGIN, "base gives C alone; "),
     ([ORIGIN, STILL, STILL], r"base gives C alone, as a list is one array; .* takes base=\(C, V, Vd\)"),
     ({"pose": ORIGIN}, r"base is {'pose': .*; inverse_dynamics of order 0 takes base=\(C, V, Vd\)"),
+    ((ORIGIN, pandas.Series(STILL, list("xyzabc")), STILL), "base: V names its entries; expected an array"),
+    ((ORIGIN, pinocchio.Motion.Zero(), STILL), r"V of base is of type Motion, whose array is \(linear; angular\); exp"),
     ("floating", "base is 'floating'; inverse_dynamics of order 0 "),
     ((ORIGIN, STILL), "base gives 2 terms, up to V; "),
     ((ORIGIN, STILL, STILL, STILL), "base gives 4 terms, up to V2d; "),
@@ -49,6 +53,12 @@ def test_what_is_wrong_with_a_base_is_said(robot, base, message):
         with pytest.raises(JounceError, match=message):
             robot.inverse_dynamics(*ZEROS, base=base)
         robot.inverse_dynamics(*ZEROS, base=(ORIGIN, STILL, STILL))
+
+
+@pytest.mark.parametrize("W", [{"body2": pinocchio.Force.Zero()}, [pinocchio.Force.Zero()] * 3], ids=["dict", "list"])
+def test_forces_of_pinocchio_are_no_wrenches_since_numpy_reads_them_linear_first(robot, W):
+    with pytest.raises(JounceError, match=r"\(linear; angular\); expected \(angular; linear\): numpy.concatenate"):
+        robot.inverse_dynamics(*ZEROS, base=(ORIGIN, STILL, STILL), wrench=W)
 
 
 def test_distances_from_poses_are_those_of_their_parts():

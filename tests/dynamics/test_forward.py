@@ -17,8 +17,9 @@ import jounce
 from jounce.checks.reference.pinocchio import build_model
 from jounce.dynamics.recursion import matrices
 from jounce.dynamics.recursion.articulated import ArticulatedBodies, has_deep_branches
+from jounce.model.casting import with_exact_integers
 from jounce.model.drives import TERMS, Drives
-from jounce.model.mechanism import FloatingBase, with_exact_integers
+from jounce.model.mechanism import FloatingBase
 from jounce.program.passes import factor
 from jounce.program.trace import Tape
 from jounce.spatial.linear import Factors, solved

@@ -16,8 +16,8 @@ import casadi
 import jounce
 from jounce.checks.reference.pinocchio import build_model
 from jounce.dynamics.computation import Computation
+from jounce.model.casting import with_exact_integers
 from jounce.model.drives import TERMS, Drives
-from jounce.model.mechanism import with_exact_integers
 from jounce.native.forms import program
 from jounce.program import differentiate
 from jounce.program.trace import Tape

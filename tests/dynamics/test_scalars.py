@@ -19,7 +19,7 @@ import jounce
 from jounce._scalars import element
 from jounce.dynamics.quantities import QUANTITIES as TABLE
 from jounce.errors import JounceError
-from jounce.model.mechanism import with_exact_integers
+from jounce.model.casting import with_exact_integers
 from jounce.program.trace import Tape
 from jounce.spatial.series import columns
 

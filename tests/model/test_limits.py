@@ -14,9 +14,9 @@ from robots import mechanisms, random_inertia, random_rotation, random_screw
 import jounce
 from jounce.cli import main
 from jounce.model import equivalent
+from jounce.model.casting import with_exact_integers, with_extended_precision
 from jounce.model.coordinates import coordinate_limits, following_efforts
 from jounce.model.limits import KEYS
-from jounce.model.mechanism import with_exact_integers, with_extended_precision
 from jounce.model.screws import ROUNDING, exact_inertia, exact_pose, exact_screw
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"

@@ -258,6 +258,7 @@ def test_what_fits_nothing_is_refused():
         (lambda: ROBOT.mass_matrix(q, threads=2), r"^threads=2 needs native code.* runs on one thread"),
         (lambda: ROBOT.mass_matrix(1j * q, method="kernel"), r"^method='kernel' is not available.* of real numbers"),
         (lambda: jax.vmap(kernel)(q), r"^<Kernel: .* takes arrays of numbers, .* methods of a Robot take both"),
+        (lambda: jax.jit(lambda q: ROBOT.mass_matrix([q[0], 1.0]))(q[0]), r"^q holds numbers that JAX traces; .*stack"),
         (lambda: ROBOT.inverse_dynamics(q, q[:2], q), r"^batch axes do not fit together: q \(3,\), qd \(2,\)"),
     ):
         with pytest.raises(JounceError, match=match):

@@ -5,6 +5,7 @@ import errno
 import json
 import os
 import pickle
+import shutil
 import subprocess
 import sys
 import tracemalloc
@@ -114,8 +115,9 @@ def small_parts(monkeypatch):
     monkeypatch.setattr("jounce.io.parquet.GROUP", 13)
 
 
-@pytest.mark.parametrize("source", SUFFIXES)
-@pytest.mark.parametrize("output", ["out", "out.csv", "out.npz", "out.parquet"])
+@pytest.mark.parametrize(
+    ("source", "output"), [(".parquet", "out"), (".csv", "out.csv"), (".npz", "out.npz"), (".csv", "out.parquet")]
+)
 def test_parts_of_any_size_make_what_the_library_computes(tmp_path, small_parts, source, output):
     columns = joined(table(90), table(1, 3), table(40, 5), names=["a", "b", "c"])
     path = write(tmp_path / f"states{source}", columns)
@@ -317,6 +319,17 @@ def test_a_full_disk_loses_nothing(tmp_path, small_parts, monkeypatch):
     assert_same(out, forces(table(90)))
 
 
+def test_a_disk_that_is_full_when_tables_are_joined_is_not_taken_for_a_part_that_cannot_be_read(tmp_path):
+    resource = pytest.importorskip("resource")
+    part, before = write(tmp_path / "part.csv", table(2000)), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, before[1]))
+    try:
+        with pytest.raises(OSError, match="File too large"):
+            jounce.io.csv.join(tmp_path / "out.csv", [part])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_bad_row_is_named_and_can_be_left_out(tmp_path, small_parts, suffix):
     columns = table(60)
@@ -339,19 +352,41 @@ def test_a_bad_row_is_named_and_can_be_left_out(tmp_path, small_parts, suffix):
     assert summary("run", "planar2r", path, "-o", tmp_path / "out2", "--on-error", "skip")["skipped"]["rows"] == 0
 
 
+def test_an_infinite_time_at_the_end_of_a_part_spoils_no_row_of_the_next(tmp_path, monkeypatch):
+    monkeypatch.setattr(plan, "CELLS", 10 * 11)
+    columns = table(30)
+    columns["t"][9] = np.inf
+    path = write(tmp_path / "states.npz", columns)
+    found = summary("run", "planar2r", path, "-o", tmp_path / "out", "--on-error", "skip")
+    assert (found["parts"], found["skipped"]["rows"], found["states"]) == (3, 1, 29)
+
+
 def test_rows_of_csv_tables_can_be_broken_in_any_way(tmp_path, small_parts):
     path = write(tmp_path / "states.csv", table(30))
     lines = path.read_text().splitlines()
     lines[5] += ",7"
     lines[9] = lines[9].replace(",", ",x", 1)
     lines[12] = "\n" + lines[12]
+    lines[20] = ",".join(lines[20].split(",")[:3])
     path.write_text("\n".join(lines))
     assert ":6: 12 cells; expected 11" in refusal("run", "planar2r", path, "-o", tmp_path / "out")
     found = summary("run", "planar2r", path, "-o", tmp_path / "out", "--on-error", "skip")
-    assert (found["skipped"]["rows"], found["states"]) == (2, 28)
+    assert (found["skipped"]["rows"], found["states"]) == (3, 27)
     rows = list(csv.DictReader((tmp_path / "out.skipped.csv").read_text().splitlines()))
-    assert [(row["row"], row["column"]) for row in rows] == [("6", ""), ("10", "joint1.q")]
+    assert [(row["row"], row["column"]) for row in rows] == [("6", ""), ("10", "joint1.q"), ("22", "")]
     assert rows[1]["joint1.q"].startswith("x")
+    assert [float(cell) for cell in list(rows[0].values())[4:]] == [column[4] for column in table(30).values()]
+    assert list(rows[2].values())[4:] == [*lines[20].split(","), *[""] * 8]  # the cells that there are
+
+
+def test_a_broken_line_does_not_divide_a_motion_of_samples(tmp_path):
+    t = np.linspace(0, 2, 60)
+    path = write(tmp_path / "log.csv", {"motion": np.array(["a"] * 60), "t": t, "joint1": np.sin(t), "joint2": t})
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:30], "", *lines[30:]]).replace("\n\n", "\n0\n"))
+    out = tmp_path / "out.npz"
+    found = summary("run", "planar2r", path, "-o", out, "--on-error", "skip", "--degree", 7)
+    assert (found["motions"], found["states"], found["skipped"]["rows"]) == (1, 60, 1)
 
 
 def test_input_that_cannot_be_read_is_refused_in_one_line(tmp_path, small_parts):
@@ -374,6 +409,15 @@ def test_input_that_cannot_be_read_is_refused_in_one_line(tmp_path, small_parts)
     b.write_bytes(a.read_bytes()[: a.stat().st_size // 2])
     assert "b.parquet: not a Parquet table, or a damaged one" in refusal("run", "planar2r", folder, "-o", out)
     assert not out.exists()
+    found = summary("run", "planar2r", folder, "-o", out, "--on-error", "skip")
+    assert (found["motions"], found["states"], found["skipped"]["rows"]) == (1, 30, 1)
+    [row] = csv.DictReader((tmp_path / "out.skipped.csv").read_text().splitlines())
+    assert row["file"] == str(b)
+    assert "b.parquet: not a Parquet table, or a damaged one" in row["problem"]
+    (tmp_path / "limits.yaml").write_text("units: SI\njoints: {joint1: {velocity: 99}}")
+    limits = ("--limits", tmp_path / "limits.yaml", "--on-error", "skip")
+    assert summary("check", "planar2r", folder, *limits)["skipped"]["rows"] == 1
+    shutil.rmtree(out)
     np.savez_compressed(tmp_path / "a.npz", **table(30))
     assert "is compressed" in refusal("run", "planar2r", tmp_path / "a.npz", "-o", out)
 
@@ -416,8 +460,23 @@ def test_an_output_folder_with_foreign_files_stays_as_it_is(tmp_path, small_part
     assert "holds files that are not of an earlier run (mine.txt)" in refusal("run", "planar2r", path, "-o", out)
     assert bytes_of(out) == before
     assert "the output is the input" in refusal("run", "planar2r", path, "-o", path, "--on-error", "skip")
+    (tmp_path / "other.skipped.csv").write_text("mine")
+    message = refusal("run", "planar2r", path, "-o", tmp_path / "other", "--on-error", "skip")
+    assert "other.skipped.csv: bad rows are written there, and it is not of an earlier run; move it away" in message
     (tmp_path / "in").mkdir()
     assert "or in its folder" in refusal("run", "planar2r", tmp_path / "in", "-o", tmp_path / "in" / "out")
+
+
+@pytest.mark.parametrize("exists", [True, False])
+def test_an_output_that_is_a_link_stays_one(tmp_path, small_parts, exists):
+    path, link, elsewhere = write(tmp_path / "states.parquet", table(30)), tmp_path / "link", tmp_path / "elsewhere"
+    if exists:
+        elsewhere.mkdir()
+    link.symlink_to(elsewhere)
+    assert call("run", "planar2r", path, "-o", link).exit_code == 0
+    assert link.is_symlink()
+    assert_same(elsewhere, forces(table(30)))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["elsewhere", "link", "states.parquet"]
 
 
 def test_other_programs_read_what_is_written(tmp_path, small_parts):

@@ -12,7 +12,8 @@ import numpy as np
 from jounce._scalars import Array, is_symbolic
 from jounce.dynamics.computation import Shape
 from jounce.errors import JounceError
-from jounce.model.mechanism import Mechanism, with_arrays
+from jounce.model.casting import with_arrays
+from jounce.model.mechanism import Mechanism
 from jounce.model.parameters import own_values, parametrise
 from jounce.spatial.lie import pose, rotation
 

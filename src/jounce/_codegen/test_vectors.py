@@ -10,7 +10,7 @@ from jounce._codegen.parametric import Parametric
 from jounce.checks.derivatives import product, product_magnitudes
 from jounce.checks.magnitudes import magnitudes, scale
 from jounce.dynamics.computation import Port
-from jounce.model.mechanism import with_extended_precision
+from jounce.model.casting import with_extended_precision
 from jounce.robot.generic import compute_by_method
 from jounce.spatial.lie import pose
 

@@ -16,7 +16,8 @@ from jounce.arguments import requests
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.quantities import Law, Quantity, State
 from jounce.errors import at
-from jounce.model.mechanism import Mechanism, with_exact_integers, with_inertias
+from jounce.model.casting import with_exact_integers, with_inertias
+from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import pose
 from jounce.spatial.series import Series, rate_name
 

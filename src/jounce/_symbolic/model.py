@@ -12,8 +12,9 @@ from jounce._symbolic.terms import polynomial
 from jounce._symbolic.trig_polynomial import Variables
 from jounce.dynamics.base import BaseMotion
 from jounce.errors import JounceError, at
+from jounce.model.casting import with_arrays
 from jounce.model.drives import Drives
-from jounce.model.mechanism import Mechanism, with_arrays
+from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
 _AXES = ((1, "x"), (2, "y"), (3, "z"))

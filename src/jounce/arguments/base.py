@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from jounce._scalars import FLOAT, Array, asarray, is_jax, is_numeric, is_traced
+from jounce.arguments import names
 from jounce.arguments.rates import rates_in
 from jounce.errors import JounceError, quoted
 from jounce.model.mechanism import Mechanism
@@ -30,7 +31,9 @@ def base_of(mechanism: Mechanism, base: object, count: int, what: str) -> list[A
     if len(terms) != count or any(term is None for term in terms):
         raise _miscounted(mechanism, terms, count, what)
     arrays = [asarray(term, f"{_label(k)} of base") for k, term in enumerate(terms)]
-    for k, array in enumerate(arrays):
+    for k, (term, array) in enumerate(zip(terms, arrays, strict=True)):
+        if any(isinstance(name, str) for name in names.listed_in(term) or ()):
+            raise JounceError(f"base: {_label(k)} names its entries; expected an array in the order (angular; linear)")
         shape, parts = ((6,), "(angular; linear)") if k else ((4, 4), "a pose, body to inertial frame")
         if array.shape[-len(shape) :] != shape:
             shown = ", ".join(map(str, shape))

@@ -51,5 +51,6 @@ def convert(robot: Asked, output: Path, as_json: bool) -> None:
 
 def _in_words(summary: dict[str, Any]) -> str:
     floats = f"floating on {shortened(summary['base'])}, " if summary["base"] else ""
-    size = f"{floats}{summary['n']} coordinates, {summary['nb']} bodies, {summary['frames']} merged links"
+    bodies = summary["nb"] + bool(summary["base"])  # as `jounce info` counts them
+    size = f"{floats}{summary['n']} coordinates, {bodies} bodies, {summary['frames']} merged links"
     return f"{shortened(summary['robot'])}: {size} written to {summary['output']}"

@@ -156,7 +156,7 @@ def head_in_words(summary: dict[str, Any]) -> list[str]:
     lines += [f"and {len(notes) - SHOWN} more notes; --json lists them"] if len(notes) > SHOWN else []
     if skipped["rows"]:
         where = f", see {skipped['table']}" if skipped["table"] else ""
-        lines.append(f"{skipped['rows']} bad rows or motions left out{where}")
+        lines.append(f"{skipped['rows']} bad rows, motions or files left out{where}")
     return lines
 
 

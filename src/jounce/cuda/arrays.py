@@ -21,7 +21,7 @@ def on_gpu(name: str, x: Any) -> "cupy.ndarray":
 
     Raises
     ------
-    JounceError : if it is elsewhere, on several GPUs, or traced.
+    JounceError : if it is elsewhere, or on several GPUs.
     """
     import cupy
 
@@ -42,12 +42,6 @@ def on_gpu(name: str, x: Any) -> "cupy.ndarray":
 
 def _on_one_gpu(name: str, x: Any) -> Any:
     """An array of JAX, which is on one GPU."""
-    import jax
-
-    if isinstance(x, jax.core.Tracer):
-        raise JounceError(
-            f"{name} is traced by a transformation of JAX; expected an array of numbers. Robot's methods can be traced"
-        )
     places = sorted(map(str, x.devices()))
     if len(places) > 1 or any(device.platform != "gpu" for device in x.devices()):
         raise JounceError(

@@ -143,9 +143,8 @@ class Computation:
             of_bodies = (len(mechanism.body_names), 6)
             inputs.append(Port(rate_name("W", k), of_bodies, "wrench", k, max(0, k + 1 - own)))
         for k in range(self.base_terms(mechanism) if self.base else 0):
-            least = 2 if self.quantity.forces and mechanism.base else self.quantity.rates
             shape: Shape = (6,) if k else (4, 4)
-            inputs.append(Port(base_name(k), shape, "base", k, max(0, k + 1 - least)))
+            inputs.append(Port(base_name(k), shape, "base", k, max(0, k + 1 - self.quantity.rates)))
         rates = [0] * self.count if self.quantity.results else range(self.count)
         names = self.quantity.names(self.order)
         outputs = [Port(name, self.shape(mechanism, k), "result", k) for k, name in zip(rates, names, strict=True)]

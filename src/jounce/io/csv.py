@@ -3,10 +3,10 @@
 import csv
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from io import TextIOWrapper
 from itertools import chain, islice
 from pathlib import Path
-from shutil import copyfileobj
 from typing import NamedTuple, TextIO
 
 import numpy as np
@@ -16,6 +16,7 @@ from jounce.errors import JounceError, one_line, quoted
 from jounce.io.columns import CellError, Columns, Select, check_distinct
 from jounce.io.files import opened
 
+BLOCK = 1 << 20  # bytes that are copied at a time
 CELLS = 1 << 16  # in a piece
 SEPARATORS = (",", ";", "\t", " ")  # of cells, the first that stands between column names
 BLANK = " ,;\t\r\n"
@@ -76,12 +77,17 @@ def write(path: Path, pieces: Iterable[Mapping[str, np.ndarray]]) -> None:
 def join(path: Path, parts: Iterable[Path]) -> None:
     """Write the tables of several files, whose columns are the same, as one."""
     with path.open("wb") as file:
-        for number, part in enumerate(parts):
-            with opened(part) as content:
-                header = content.readline()
-                if number == 0:
-                    file.write(header)
-                copyfileobj(content, file)
+        file.writelines(_bytes(parts))
+
+
+def _bytes(parts: Iterable[Path]) -> Iterator[bytes]:
+    """The bytes of several files one below the other, with the header of the first."""
+    for number, part in enumerate(parts):
+        with opened(part) as content:
+            header = content.readline()
+            if number == 0:
+                yield header
+            yield from iter(partial(content.read, BLOCK), b"")
 
 
 def _rows(columns: int) -> int:

@@ -16,7 +16,8 @@ import numpy as np
 
 from jounce._scalars import Array, concatenate, is_symbolic, is_zero
 from jounce.errors import JounceError
-from jounce.model.mechanism import Mechanism, reference_poses, with_exact_integers
+from jounce.model.casting import with_exact_integers
+from jounce.model.mechanism import Mechanism, reference_poses
 from jounce.spatial import inertia
 from jounce.spatial.lie import Ad, hat, inverse, pose, position, rotation
 

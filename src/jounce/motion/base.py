@@ -64,8 +64,8 @@ def _checked(rates: list[np.ndarray], t: np.ndarray) -> list[np.ndarray]:
     if near.size:
         i = int(near[0])
         raise JounceError(
-            f"the quaternion of the base has the norm {norms[i]:.2g} at t = {t[i]:g} s; expected one near 1 at all"
-            " times: samples less than half a turn apart"
+            f"the quaternion of the base has the norm {norms[i]:.2g} at t = {t[i]:g} s; expected one that stays away"
+            " from zero: terms with an offset, or samples less than half a turn apart"
         )
     return rates
 

@@ -6,7 +6,8 @@ from math import inf
 import numpy as np
 
 from jounce.dynamics.computation import Computation, Signature
-from jounce.model.mechanism import Mechanism, with_exact_integers
+from jounce.model.casting import with_exact_integers
+from jounce.model.mechanism import Mechanism
 from jounce.native import calls, emit, loop
 from jounce.native.emit import Block
 from jounce.native.jit import Target

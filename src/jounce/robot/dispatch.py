@@ -19,7 +19,8 @@ from jounce.dynamics.computation import Computation, Port, coordinate_ports
 from jounce.dynamics.loads import wrench_of
 from jounce.dynamics.quantities import FORCES, Quantity, row_of
 from jounce.errors import JounceError, one_of, quoted, warn
-from jounce.model.mechanism import Mechanism, cast_model
+from jounce.model.casting import cast_model
+from jounce.model.mechanism import Mechanism
 from jounce.native import plan
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel, compile_kernel

@@ -122,7 +122,7 @@ def _with_next(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple
     """The rows of a part, and the row behind it, if there is one, which is not its own."""
     for rows in read(task, part, skipped):
         yield rows, True
-    behind = format_of(part.path).next_row(part.path, part.span.stop)
+    behind = format_of(part.path).next_row(part.path, part.span.stop) if part.size else None
     if behind is not None:
         for rows in read(task, replace(part, span=behind), []):
             yield rows, False

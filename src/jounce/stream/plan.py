@@ -72,18 +72,19 @@ class Plan:
 def make_plan(job: Job, source: Path, highest: int) -> Plan:
     """The plan for a table, or for all tables of a folder, of which each is a motion unless a column names motions."""
     paths, notes = _files(source)
-    matches = [_match(job, path, highest) for path in paths]
+    whole = [path for path in paths if not job.reading.skip or _is_readable(path)] or paths
+    matches = [_match(job, path, highest) for path in whole]
     (first, named), *others = matches
-    for path, (other, names) in zip(paths[1:], others, strict=True):
-        _check_alike(paths[0], path, first, other, named, names)
+    for path, (other, names) in zip(whole[1:], others, strict=True):
+        _check_alike(whole[0], path, first, other, named, names)
     independent = _is_independent(job, first)
     if independent:
-        refuse_way(job.reading.way or Smoothing(), str(paths[0]), "all rates are in the table")
+        refuse_way(job.reading.way or Smoothing(), str(whole[0]), "all rates are in the table")
         job = _with_voltages(job, first)
     parts: list[Part] = []
     for path in paths:
         stem = None if named else path.stem
-        for span in _spans(path, first, independent, named):
+        for span in _spans(path, first, independent, named) if path in whole else [Span(0, 0)]:
             parts.append(_part(job, len(parts), path, span, stem))
     return Plan(Task(job, first, independent, named or source.is_dir()), tuple(parts), (*first.notes, *notes))
 
@@ -112,6 +113,14 @@ def _files(source: Path) -> tuple[list[Path], tuple[str, ...]]:
         raise JounceError(f"{source}: no table in this folder; read by rows are: {', '.join(FORMATS)}")
     others = [path.name for path in there if path not in found]
     return found, (f"other files, ignored: {listed(others)}",) if others else ()
+
+
+def _is_readable(path: Path) -> bool:
+    """Whether the names of the columns can be read; of a file without them one empty part is left out and recorded."""
+    try:
+        return bool(format_of(path).names(path))
+    except JounceError:
+        return False
 
 
 def _match(job: Job, path: Path, highest: int) -> tuple[Match, bool]:
@@ -186,8 +195,9 @@ def runs(path: Path, spans: Sequence[Span]) -> Iterator[Span]:
     for span in spans:
         for chunk in format_of(path).chunks(path, [], MOTION, span):
             assert chunk.motions is not None
-            changes = np.flatnonzero(chunk.motions[1:] != chunk.motions[:-1]) + 1
-            for i in [0, *changes.tolist()]:
+            whole = np.delete(np.arange(len(chunk.motions)), list(chunk.broken))
+            motions = chunk.motions[whole]
+            for i in whole[np.append(True, motions[1:] != motions[:-1])[: len(whole)]].tolist():
                 place, other = int(chunk.places[i]), str(chunk.motions[i])
                 if other == name:
                     continue

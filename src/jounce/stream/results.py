@@ -55,6 +55,7 @@ def stream(
     With `reduce` the output is a table of aggregates; otherwise one of rows, or of limits. Without an output nothing is
     kept.
     """
+    output = None if output is None else target(output)
     check_output(job, source, output)
     plan = make_plan(job, source, job.highest)
     if output is None:
@@ -84,9 +85,17 @@ def check_output(job: Job, source: Path, output: Path | None) -> None:
         publish.check_folder(output)
     else:
         tables.check_writable(output)
-    target, given = output.resolve(), source.resolve()
-    if target == given or (source.is_dir() and given in target.parents):
+    made, given = output.resolve(), source.resolve()
+    if made == given or (source.is_dir() and given in made.parents):
         raise JounceError(f"{output}: the output is the input, or in its folder; choose another path")
+    left_out = skipped_path(output)
+    if job.reading.skip and left_out.exists() and not _is_ours(left_out):
+        raise JounceError(f"{left_out}: bad rows are written there, and it is not of an earlier run; move it away")
+
+
+def target(output: Path) -> Path:
+    """The path of an output, where a link leads: the link stays, and results lie on the disk that it points to."""
+    return output.resolve() if output.is_symlink() else output
 
 
 def form_of(output: Path) -> str:
@@ -96,7 +105,8 @@ def form_of(output: Path) -> str:
 
 def skipped_path(output: Path) -> Path:
     """The table of the rows that are left out."""
-    return output.with_name(f"{output.name}.skipped.csv")
+    path = target(output)
+    return path.with_name(f"{path.name}.skipped.csv")
 
 
 def _is_folder(job: Job, output: Path) -> bool:
@@ -144,7 +154,7 @@ def _write_skipped(path: Path, columns: Sequence[str], found: Iterable[Record]) 
     rows = (row for record in found for row in record.skipped)
     first = next(rows, None)
     if first is None:
-        if path.is_file() and path.read_bytes()[: len(HEAD)] == HEAD:
+        if _is_ours(path):
             path.unlink()
         return
     with files.written_whole(path) as part, part.open("w", newline="", encoding="utf-8") as file:
@@ -154,3 +164,8 @@ def _write_skipped(path: Path, columns: Sequence[str], found: Iterable[Record]) 
             writer.writerow(
                 [row.file, row.row, row.column, row.problem, *(row.cells.get(name, "") for name in columns)]
             )
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether a file is a table of rows that an earlier run left out."""
+    return path.is_file() and path.read_bytes()[: len(HEAD)] == HEAD

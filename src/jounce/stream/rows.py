@@ -36,6 +36,7 @@ def read(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[Rows]:
     """The good rows of a part, chunk by chunk; bad ones are added to `skipped`."""
     table, skip, place = format_of(part.path), task.job.reading.skip, part.span.start
     try:
+        table.names(part.path)  # of a file that cannot be read at all, this is the error
         last = _row_before(task, part)
         texts = MOTION if part.motion is None else None
         for chunk in _ahead(table.chunks(part.path, task.match.names, texts, part.span)):
@@ -67,7 +68,8 @@ def _row_before(task: Task, part: Part) -> tuple[str, float] | None:
     try:
         for chunk in table.chunks(part.path, [time], MOTION if part.motion is None else None, span) if span else ():
             motion = part.motion if chunk.motions is None else str(chunk.motions[-1])
-            return motion or "", float(chunk.columns[time][-1])
+            t = float(chunk.columns[time][-1])
+            return None if chunk.broken or not np.isfinite(t) else (motion or "", t)
     except JounceError:  # of the part before, which says so
         pass
     return None

@@ -24,7 +24,7 @@ class Chunk:
 
     `columns` are the columns of numbers, NaN in place of other cells; `motions` are the cells of the column of texts;
     `places` (N + 1,) are the places in the file where the rows begin, and where the last one ends. `texts` are cells
-    that are not numbers, by row and column, and `broken` are reasons by row why it has no cells at all.
+    that are not numbers, by row and column, and `broken` are reasons by row why its cells are not those of the columns.
     """
 
     columns: Columns

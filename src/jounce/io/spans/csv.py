@@ -124,7 +124,7 @@ def _chunk(
         if len(cells) != len(form.header)
     }
     for i in broken:
-        rows[i] = ["nan"] * len(form.header)
+        rows[i] = [cell for cell, _ in itertools.zip_longest(rows[i], form.header, fillvalue="")][: len(form.header)]
     at = [form.header.index(name) for name in names]
     cells = [[cells[i] for i in at] for cells in rows]
     if form.mark != ",":  # decimal commas
@@ -134,7 +134,7 @@ def _chunk(
     if numbers is None:
         numbers = np.array([[_number(cell) for cell in row] for row in cells])
         missing = np.argwhere(np.isnan(numbers.reshape(len(rows), -1)))
-        bad = {(int(i), names[j]): cells[i][j].strip() for i, j in missing if i not in broken}
+        bad = {(int(i), names[j]): cells[i][j].strip() for i, j in missing}
     table = numbers.reshape(len(rows), -1).T
     yield Chunk(
         {name: column.copy() for name, column in zip(names, table, strict=True)},

@@ -1,0 +1,54 @@
+"""The data of a mechanism in other scalars: exact integers, long doubles, symbols; and other inertias."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from jounce._scalars import Array, exact_integers, is_numeric, is_symbolic
+from jounce.model.drives import Drives
+from jounce.model.mechanism import Mechanism
+
+
+@lru_cache(maxsize=64)
+def with_exact_integers(mechanism: Mechanism) -> Mechanism:
+    """Convert integer-valued floats to ints, so that symbolic results show L, not 1.0*L."""
+    return _convert(mechanism, exact_integers)
+
+
+@lru_cache(maxsize=64)
+def with_extended_precision(mechanism: Mechanism) -> Mechanism:
+    """Convert the data to long doubles, so that quantities derived from them are not rounded to doubles."""
+    return _convert(mechanism, lambda array: array.astype(np.longdouble))
+
+
+def _convert(mechanism: Mechanism, convert: Callable[[Array], Array]) -> Mechanism:
+    converted = with_arrays(mechanism, lambda _, array: convert(array))
+    frames = tuple(replace(frame, T=convert(frame.T)) for frame in mechanism.frames)
+    drives = Drives(**{name: convert(array) for name, array in vars(mechanism.drives).items()})
+    elasticity = mechanism.elasticity and mechanism.elasticity.map(convert)
+    return replace(converted, frames=frames, drives=drives, elasticity=elasticity)
+
+
+def with_arrays(mechanism: Mechanism, convert: Callable[[str, Array], Array]) -> Mechanism:
+    """The mechanism with its `arrays` converted, each with its name."""
+    data: dict[str, Any] = {name: convert(name, array) for name, array in mechanism.arrays.items()}
+    base = mechanism.base and replace(mechanism.base, M=data.pop("base"))
+    return replace(mechanism, base=base, **data)
+
+
+def with_inertias(mechanism: Mechanism, inertias: Array) -> Mechanism:
+    """The mechanism with other inertia matrices, in the order of `body_names`."""
+    base = mechanism.base and replace(mechanism.base, M=inertias[0])
+    return replace(mechanism, M=inertias[mechanism.first :], base=base)
+
+
+def cast_model(mechanism: Mechanism, arrays: Sequence[Array]) -> Mechanism:
+    """Convert the data to the scalar type of states and wrenches."""
+    if any(map(is_symbolic, arrays)):
+        return with_exact_integers(mechanism)
+    if any(is_numeric(x) and x.dtype == np.longdouble for x in arrays):
+        return with_extended_precision(mechanism)
+    return mechanism
