@@ -88,6 +88,7 @@ ROWS = (
 DERIVATIVES = (
     Row("forward_dynamics", 0, lambda pin, m, d, x, f: pin.aba(m, d, *x)),
     Row("forward_dynamics", 2, lambda pin, m, d, x, f: pin.aba(m, d, *x)),
+    Row("regressor", 0, lambda pin, m, d, x, f: pin.computeJointTorqueRegressor(m, d, *x)),
     Row("inverse_dynamics_partials", 0, lambda pin, m, d, x, f: pin.computeRNEADerivatives(m, d, *x)),
     Row("forward_dynamics_partials", 0, lambda pin, m, d, x, f: pin.computeABADerivatives(m, d, *x)),
     Row("inverse_dynamics_partials", 2, lambda pin, m, d, x, f: pin.computeRNEADerivatives(m, d, *x), arms=True),

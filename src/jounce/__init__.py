@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from jounce._symbolic import symbolic
     from jounce.actuators.along import ElasticAlong
     from jounce.actuators.elastic import ElasticRobot
+    from jounce.dynamics.base_parameters import BaseParameters
     from jounce.errors import JounceError, JounceWarning
     from jounce.io.loading import load
     from jounce.io.motions.loading import load_motion
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Along",
     "AntagonisticSprings",
+    "BaseParameters",
     "Check",
     "CheckedLimit",
     "CubicSpring",
@@ -71,6 +73,7 @@ __all__ = [
 _LATER = {  # what is imported when it is first asked for, so that whatever needs little of it starts at once
     "Along": "jounce.robot.along",
     "AntagonisticSprings": "jounce.model.antagonists",
+    "BaseParameters": "jounce.dynamics.base_parameters",
     "Check": "jounce.limits.check",
     "CheckedLimit": "jounce.limits.check",
     "CubicSpring": "jounce.model.springs",

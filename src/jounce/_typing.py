@@ -53,6 +53,8 @@ Base: TypeAlias = Literal["fixed", "floating"]
 Convention: TypeAlias = Literal["standard", "modified"]
 DriveTerm: TypeAlias = Literal["armature", "damping", "friction", "spring"]
 DriveTerms: TypeAlias = bool | DriveTerm | Iterable[DriveTerm]
+DriveColumn: TypeAlias = DriveTerm | Literal["offset"]
+DriveColumns: TypeAlias = bool | DriveColumn | Iterable[DriveColumn]
 Form: TypeAlias = Literal["paper", "skew"]
 Frame: TypeAlias = Literal["body", "world", "spatial"]
 LimitValues: TypeAlias = ArrayLike | Mapping[str, ArrayLike] | None
@@ -68,6 +70,7 @@ QuantityName: TypeAlias = Literal[
     "forward_dynamics",
     "inverse_dynamics_partials",
     "forward_dynamics_partials",
+    "regressor",
     "gravity_forces",
     "mass_matrix",
     "coriolis_matrix",

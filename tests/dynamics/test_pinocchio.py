@@ -85,6 +85,24 @@ def test_wrenches_have_the_opposite_sign_of_forces_on_the_bodies(pair):
     assert relative_error(robot.inverse_dynamics(q, qd, q2d, wrench={last: W}), expected) < 1e-12
 
 
+def columns(robot, model):
+    """The columns of Pinocchio's regressor in the order of our bodies: it has ten for every joint."""
+    return np.concatenate([10 * (model.getJointId(name) - 1) + np.arange(10) for name in robot.mechanism.joints])
+
+
+def test_regressors_of_the_parameters_in_the_frames_of_the_links_agree(pair):
+    robot, model = pair
+    data, G, g, rows = model.createData(), robot.mechanism.G, robot.mechanism.g, by_name(robot, model)
+    q, qd, q2d = states(robot, 1)[0]
+    theta = [np.zeros(model.nv) for _ in range(3)]
+    for x, rate in zip(theta, (G @ q + g, G @ qd, G @ q2d), strict=True):
+        x[rows] = rate
+    expected = G.T @ pinocchio.computeJointTorqueRegressor(model, data, *theta)[np.ix_(rows, columns(robot, model))]
+    assert relative_error(Interpreted(robot).regressor(q, qd, q2d), expected) < 1e-12
+    p = [model.inertias[model.getJointId(name)].toDynamicParameters() for name in robot.mechanism.joints]
+    assert relative_error(robot.inertial_parameters, np.concatenate(p)) < 1e-12
+
+
 def test_poses_and_jacobians_of_merged_links_agree(pair):
     robot, model = pair
     if set(robot.mechanism.joints) != set(robot.joint_names):
@@ -134,5 +152,8 @@ def test_matrices_and_momenta_of_floating_robots_agree(name):
     bias = pinocchio.nonLinearEffects(model, data, x, v) - pinocchio.computeGeneralizedGravity(model, data, x)
     pairs += [(compute.coriolis_matrix(q, qd, **two) @ v[places], bias[places])]
     pairs += [(compute.kinetic_energy(q, qd, **two), pinocchio.computeKineticEnergy(model, data, x, v))]
+    Y = pinocchio.computeJointTorqueRegressor(model, data, x, v, a)[places]
+    ours = [*range(10), *columns(robot, model)]  # those of the free flyer first
+    pairs += [(compute.regressor(q, qd, q2d, base=base), Y[:, ours])]
     for found, expected in pairs:
         assert relative_error(found, expected) < 1e-11

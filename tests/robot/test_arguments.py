@@ -278,6 +278,11 @@ CASES: dict[str, Case] = {
     "locked": (ROBOT.locked, {"values": {"joint1": 0.0}}),
     "joint of locked": (lambda joint1: ROBOT.locked({"joint1": joint1}), {"joint1": 0.0}),
     "audit": (ROBOT.audit, {}),
+    "with_inertial_parameters": (ROBOT.with_inertial_parameters, {"p": np.ones(20)}),
+    "regressor with drives": (
+        lambda drives: ROBOT.regressor(*np.ones((3, 2)), drives=drives), {"drives": ("damping", "offset")}
+    ),
+    "base_parameters": (ROBOT.base_parameters, {}),
     "compile": (
         ROBOT.compile,
         {"quantity": "jacobian", "order": 0, "wrench": False, "body": "body1", "frame": "world", "product": None}
@@ -373,6 +378,7 @@ def test_every_argument_of_every_public_function_is_attacked():
     methods = {name: getattr(jounce.Robot, name) for name in dir(jounce.Robot) if not name.startswith("_")}
     made = {
         "Along",
+        "BaseParameters",
         "Check",
         "CheckedLimit",
         "Drives",

@@ -63,7 +63,7 @@ def test_each_further_rate_returns_one_more_time_derivative(quantity, keywords):
 
 
 def batch_order(quantity, keywords):
-    return quantity.highest(1 if "body" in keywords else 2)
+    return quantity.highest(1 if "body" in keywords or "parameters" in quantity.shape else 2)
 
 
 @cache
@@ -101,7 +101,7 @@ def test_every_method_gives_the_same_for_every_batch(quantity, keywords, method)
 
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 def test_results_are_written_into_out(quantity, keywords):
-    order = quantity.highest(1 if "body" in keywords else 2)
+    order = batch_order(quantity, keywords)
     compute, q = method_of(ROBOT, quantity), states((4,), quantity.rates + order)
     expected = compute(*q, **keywords)
     out = tuple(np.full(x.shape, np.nan) for x in expected)

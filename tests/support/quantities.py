@@ -42,8 +42,9 @@ def rate_of(quantity, below, above):
 
 
 def affordable(quantity, order, partials=0):
-    """The order to which a test asks for a quantity: partial derivatives are large, and take long to compile."""
-    return min(partials, quantity.highest(order)) if "rates" in quantity.shape else quantity.highest(order)
+    """The order to which a test asks for a quantity: partial derivatives and regressors take long to compile."""
+    large = {"rates", "parameters"} & set(quantity.shape)
+    return min(partials, quantity.highest(order)) if large else quantity.highest(order)
 
 
 def tupled(x):

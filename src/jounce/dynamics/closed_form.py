@@ -13,7 +13,8 @@ from jounce.dynamics import system
 from jounce.dynamics.base import STILL, BaseMotion
 from jounce.model.coordinates import base_columns
 from jounce.model.mechanism import Mechanism, reciprocal_mass
-from jounce.spatial.lie import wedge
+from jounce.spatial import inertia
+from jounce.spatial.lie import ad, wedge
 from jounce.spatial.series import Series, from_rate, joined
 
 
@@ -107,6 +108,20 @@ def _closed_form(
 def by_body(x: Series) -> Series:
     """System rows (..., 6nb, k) as those of each body, (..., nb, 6, k)."""
     return x.map(lambda a: a.reshape((*a.shape[:-2], a.shape[-2] // 6, 6, a.shape[-1])))
+
+
+def regressor(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+    """Y, (..., nv, 10 nb): the forces J^T (M (V' + U G) - b^T M V) of bodies that have one unit parameter each."""
+    x, unit = closed_form(mechanism, q, None, base), inertia.from_parameters(np.eye(10, dtype=int))
+    V, a, J = (by_body(s).map(lambda s: s[..., None, :, :]) for s in (x.V, x.V.dot + x.UG, x.J))
+    W = unit @ a - V.map(lambda V: ad(V[..., 0]).mT) @ (unit @ V)  # (..., nb, 10, 6, 1)
+    return (J.mT @ W).map(_side_by_side)
+
+
+def _side_by_side(Y: Array) -> Array:
+    """Columns (..., nb, 10, nv, 1) of bodies and parameters as those of one matrix (..., nv, 10 nb)."""
+    *lead, nb, k, nv, _ = Y.shape
+    return Y.reshape((*lead, nb * k, nv)).mT
 
 
 def _without_base(x: ClosedForm, n: int) -> ClosedForm:

@@ -10,6 +10,7 @@ from jounce._scalars import Array
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.quantities import Quantity, State, row_of
 from jounce.model.mechanism import Mechanism
+from jounce.spatial.inertia import PARAMETERS
 from jounce.spatial.lie import pose, position, rotation
 from jounce.spatial.series import Series, columns, rate_name, wrench_columns
 
@@ -165,6 +166,7 @@ class Computation:
         """The shape of the k-th rate for one state."""
         bodies = len(mechanism.body_names)
         sizes = {"n": mechanism.n, "nv": mechanism.nv, "nb": bodies, "rates": self.quantity.rates + k}
+        sizes["parameters"] = len(PARAMETERS) * bodies
         axes = (axis for axis in self.quantity.shape if axis != "nb" or self.body is None)
         return tuple(sizes[axis] if isinstance(axis, str) else axis for axis in axes)
 

@@ -5,15 +5,23 @@ from collections.abc import Sequence
 import numpy as np
 
 from jounce._scalars import Array, concatenate
+from jounce._typing import DriveColumn
 from jounce.model import drives
 from jounce.model.coordinates import generalized_forces, generalized_matrix, joint_variables
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.series import Series
+from jounce.spatial.series import Series, joined
 
 
 def forces(m: Mechanism, q: Series, terms: Sequence[str]) -> Series:
     """Return the contribution of some drive terms to Q, (..., n, 1)."""
     return generalized_forces(m, drives.forces(drives.coefficients(m.drives), terms, joint_variables(m, q)))
+
+
+def regressor(m: Mechanism, q: Series, terms: Sequence[DriveColumn]) -> Series:
+    """Return the forces of unit parameters of some drive terms, (..., nv, nb) of each, side by side."""
+    c, theta = drives.coefficients(m.drives), joint_variables(m, q)
+    of_terms = [drives.unit_force(c, term, theta) * np.eye(m.nb, dtype=int) for term in terms]
+    return behind_base(m, generalized_forces(m, joined(of_terms, axis=-1)), (-2,))
 
 
 def partials(m: Mechanism, q: Series, terms: Sequence[str]) -> tuple[Series, Series, Series]:

@@ -16,14 +16,15 @@ from jounce.dynamics import closed_form as dense
 from jounce.dynamics import drive_terms, elastic, forward, kinematics, partials
 from jounce.dynamics.base import STILL, BaseMotion
 from jounce.dynamics.paper import Paper
-from jounce.dynamics.recursion import articulated, bodies, force_partials, forces, matrices, momenta
+from jounce.dynamics.recursion import articulated, bodies, force_partials, forces, matrices, momenta, regressor
 from jounce.dynamics.recursion.forces import Sweep
 from jounce.model.drives import TERMS
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.linear import Factors
 from jounce.spatial.series import Series, rate_name
 
-# "n" coordinates, "nv" velocities, "nb" bodies, "rates" q, qd, ..., as many as the quantity or its rate takes
+# "n" coordinates, "nv" velocities, "nb" bodies, "parameters" ten inertial ones per body, "rates" q, qd, ..., as many as
+# the quantity or its rate takes
 Axis = int | str
 
 
@@ -283,6 +284,20 @@ QUANTITIES: Mapping[str, Quantity] = {
             methods={
                 "recursion": Method(lambda m, x: _forward_partials(m, x, "recursion"), _columns),
                 "closed_form": Method(lambda m, x: _forward_partials(m, x, "closed_form")),
+            },
+        ),
+        Quantity(
+            name="regressor",
+            symbol="Y",
+            rates=3,
+            shape=("nv", "parameters"),
+            unit="that of Q over kg, kg m or kg m^2",
+            caption="inertial-parameter regressor",
+            meaning="Y(q, qd, q2d): the regressor, Q = Y p of the inertial parameters p of the bodies, 10 of each.",
+            tex=r"Q = Y(q, \dot{q}, \ddot{q})\,p",
+            methods={
+                "recursion": Method(lambda m, x: regressor.regressor(m, x.q, x.base), lambda nb: 60 * nb * nb),
+                "closed_form": Method(lambda m, x: dense.regressor(m, x.q, x.base)),
             },
         ),
         Quantity(

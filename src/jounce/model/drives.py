@@ -13,15 +13,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
+from typing import Final, TypeVar
 
 import numpy as np
 
 from jounce._scalars import Array, is_finite
-from jounce._typing import DriveTerm, Floats
+from jounce._typing import DriveColumn, DriveTerm, Floats
 from jounce.errors import JounceError, listed, one_of, quoted, several, warn
 from jounce.model.functions import hyperbolic_tangent
 from jounce.spatial.series import Series
 
+T = TypeVar("T", bound=str)
 Coefficients = Mapping[str, Array]  # columns, one entry per joint
 
 EPS = 0.05  # rad/s or m/s: below it friction turns over
@@ -78,6 +80,7 @@ PARTIALS: dict[DriveTerm, tuple[int, Callable[[Coefficients, Series], Series]]] 
     "spring": (0, lambda c, theta: Series.constant(c["stiffness"])),
 }
 TERMS = tuple(LAWS)
+OFFSET: Final = "offset"  # a constant force, which regressors know and robots do not state
 AMOUNTS = {term: term for term in TERMS} | {"spring": "stiffness"}  # of the terms: where all are zero, none is stated
 
 
@@ -102,6 +105,13 @@ def forces(c: Coefficients, terms: Sequence[str], theta: Series) -> Series:
     return reduce(add, [law(c, theta) for term, law in LAWS.items() if term in terms], theta * 0)
 
 
+def unit_force(c: Coefficients, term: DriveColumn, theta: Series) -> Series:
+    """Return the force of one unit of the parameter of a drive term, or of an offset, on each joint, (..., nb, 1)."""
+    if term == OFFSET:
+        return theta * 0 + 1
+    return LAWS[term]({**c, AMOUNTS[term]: np.ones_like(c["armature"])}, theta)
+
+
 def partials(c: Coefficients, terms: Sequence[str], theta: Series) -> tuple[Series, Series, Series]:
     """The partial derivatives of `forces` by theta and its first two rates, (..., nb, 1) each."""
     found = [theta * 0] * 3
@@ -119,10 +129,19 @@ def _over_cosh_squared(x: Series) -> Series:
 
 def select_terms(terms: object) -> tuple[DriveTerm, ...]:
     """Return the selected drive terms in their order: True selects all, False none, otherwise names."""
+    return _select("drive term", terms, TERMS)
+
+
+def select_columns(terms: object) -> tuple[DriveColumn, ...]:
+    """Return the selected drive terms of a regressor in their order, the offset last."""
+    return _select("drive column", terms, (*TERMS, OFFSET))
+
+
+def _select(kind: str, terms: object, known: tuple[T, ...]) -> tuple[T, ...]:
     if isinstance(terms, bool):
-        return TERMS * terms
-    names = {one_of("drive term", name, TERMS) for name in several(terms)}
-    return tuple(term for term in TERMS if term in names)
+        return known * terms
+    names = {one_of(kind, name, known) for name in several(terms)}
+    return tuple(term for term in known if term in names)
 
 
 def warn_of_idle(drives: Drives, terms: object, eps: float | None, name: str) -> None:

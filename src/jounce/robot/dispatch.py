@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from jounce._scalars import FLOAT, Array, is_jax
+from jounce._scalars import FLOAT, Array, broadcast, concatenate, is_jax
+from jounce._typing import DriveColumn
 from jounce.arguments import loads, rates, requests, wrenches
 from jounce.arguments.base import base_of
 from jounce.dynamics import drive_terms, elastic
@@ -25,7 +26,7 @@ from jounce.native.jit import host
 from jounce.native.kernel import Kernel, compile_kernel
 from jounce.native.plan import PATIENCE, LongCompilationError, obstacle
 from jounce.native.poses import are_poses
-from jounce.robot.generic import batch_shape, checked_out, compute_by_method, evaluate, is_fit, results_into
+from jounce.robot.generic import as_tuple, batch_shape, checked_out, compute_by_method, evaluate, is_fit, results_into
 from jounce.spatial.series import Series, columns
 
 if TYPE_CHECKING:
@@ -165,6 +166,23 @@ def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str
         return drive_terms.forces(model, columns(arrays), terms).map(lambda Q: Q[..., 0])
 
     return results_into(evaluate(law, ports, q, len(q) - FORCES.rates + 1, 4 * model.nb), out)
+
+
+def regressor(robot: "Robot", given: Sequence[Any], terms: Sequence[DriveColumn], out: Any, **options: Any) -> Any:
+    """Compute the regressor for given rates of the coordinates, with columns of drive terms behind its own."""
+    if not terms:
+        return compute(robot, "regressor", given, out=out, **options)
+    own = as_tuple(compute(robot, "regressor", given, **options))
+    q = rates.rates_of(given, FORCES.rates, robot.mechanism)
+    model = cast_model(robot.mechanism, q)
+    ports = coordinate_ports(model, FORCES.input_names(len(q)), FORCES.rates)
+
+    def law(arrays: Sequence[Array]) -> Series:
+        return drive_terms.regressor(model, columns(arrays), terms)
+
+    added = evaluate(law, ports, q, len(own), model.nb * model.nv * len(terms))
+    pairs = (broadcast(pair, [2, 2], ["Y", "drives"]) for pair in zip(own, added, strict=True))
+    return results_into(tuple(concatenate(pair, axis=-1) for pair in pairs), out)
 
 
 def wrench_of_load(

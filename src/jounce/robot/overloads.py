@@ -11,6 +11,7 @@ from typing import Any, Literal, Protocol, TypedDict, TypeVar, Unpack, overload
 from jounce._typing import (
     Array,
     ArrayLike,
+    DriveColumns,
     DriveTerms,
     Floats,
     Form,
@@ -55,6 +56,10 @@ class _Form(Options, total=False):
 
 class _Wrench(Options, total=False):
     wrench: Rates | None
+
+
+class _Drives(Options, total=False):
+    drives: DriveColumns
 
 
 class _Motors(_Wrench, total=False):
@@ -212,6 +217,34 @@ class OfAcceleration(Protocol):
         /,
         *higher: Named,
         **options: Unpack[_Wrench],
+    ) -> tuple[Array, ...]: ...
+
+
+class Regressor(Protocol):
+    """The method that takes q, qd, q2d, and appends columns of drive terms."""
+
+    @overload
+    def __call__(self, q: Named, qd: Named, q2d: Named, **options: Unpack[_Drives]) -> Array: ...
+    @overload
+    def __call__(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, **options: Unpack[_Drives]
+    ) -> tuple[Array, Array]: ...
+    @overload
+    def __call__(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, q4d: Named, **options: Unpack[_Drives]
+    ) -> tuple[Array, Array, Array]: ...
+    @overload
+    def __call__(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        q5d: Named,
+        /,
+        *higher: Named,
+        **options: Unpack[_Drives],
     ) -> tuple[Array, ...]: ...
 
 

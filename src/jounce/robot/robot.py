@@ -11,6 +11,7 @@ from jounce._typing import (
     Base,
     Convention,
     Coupling,
+    DriveColumns,
     DriveTerms,
     Form,
     Frame,
@@ -28,8 +29,8 @@ from jounce._typing import (
 from jounce.arguments import requests
 from jounce.arguments.limits import with_limits
 from jounce.errors import JounceError, listed, one_of
-from jounce.model import dh, equality, screws
-from jounce.model.drives import Drives, select_terms, warn_of_idle, with_eps
+from jounce.model import dh, equality, inertial, screws
+from jounce.model.drives import Drives, select_columns, select_terms, warn_of_idle, with_eps
 from jounce.model.limits import Limits
 from jounce.model.locking import locked
 from jounce.model.mechanism import GRAVITY, Mechanism
@@ -41,6 +42,7 @@ from jounce.robot.overloads import typed
 if TYPE_CHECKING:
     from jounce.actuators.elastic import ElasticRobot
     from jounce.audit import Finding
+    from jounce.dynamics.base_parameters import BaseParameters
     from jounce.limits.check import Check
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
@@ -923,6 +925,79 @@ class Robot:
             mechanism = replace(mechanism, limits=limits_from(mechanism, source))
         return type(self)(with_limits(mechanism, given, of))
 
+    @property
+    def inertial_parameters(self) -> Array:
+        """The inertial parameters of all bodies, (10 nb,), of which Q is linear: Q = `regressor` @ them.
+
+        Per body, in the order of `body_names`: m, mcx, mcy, mcz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz, with the first moment
+        m c and the inertia tensor I about the origin of the body frame, in its axes, as Pinocchio has them; kg, kg m,
+        kg m^2.
+        """
+        return inertial.parameters_of(self.mechanism)
+
+    def with_inertial_parameters(self, p: ArrayLike) -> Self:
+        """The robot with other inertial parameters, such as identified ones.
+
+        Parameters
+        ----------
+        p : (10 nb,)
+            As `inertial_parameters`. Any finite numbers are taken: `audit` finds what no distribution of mass has.
+
+        Returns
+        -------
+        Robot
+
+        Raises
+        ------
+        JounceError
+            If the shape is wrong or a number is not finite.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("planar2r")
+        >>> robot.with_inertial_parameters(2 * robot.inertial_parameters).gravity_forces([0, 0])
+        array([58.86, 19.62])
+        """
+        return type(self)(inertial.with_parameters(self.mechanism, p))
+
+    def base_parameters(self) -> "BaseParameters":
+        """The base inertial parameters: the fewest combinations of `inertial_parameters` that determine Q.
+
+        They are those that forces of the joints let identify, found without states from the geometry of the joints, for
+        a base at rest unless it floats. The direction of gravity counts, and joints that follow others.
+
+        Returns
+        -------
+        BaseParameters
+            With `names`, `matrix` (count, 10 nb), `columns` and `count`: for p = `inertial_parameters` and the
+            regressor Y, Q = Y[:, columns] (matrix p). ``print`` shows a table.
+
+        Raises
+        ------
+        JounceError
+            If the robot holds symbols.
+
+        References
+        ----------
+        M. Gautier, W. Khalil, "Direct Calculation of Minimum Set of Inertial Parameters of Serial Robots", IEEE
+        Transactions on Robotics and Automation 6(3), 1990. P. M. Wensing, G. Niemeyer, J.-J. E. Slotine, "A Geometric
+        Characterization of Observability in Inertial Parameter Identification", International Journal of Robotics
+        Research 43(14), 2024.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> found = jounce.load("planar2r").base_parameters()
+        >>> found
+        <BaseParameters: 6 of 20>
+        >>> found.names
+        ('body1 mcx', 'body1 mcy', 'body1 Izz', 'body2 mcx', 'body2 mcy', 'body2 Izz')
+        """
+        from jounce.dynamics.base_parameters import base_parameters  # what few programs need
+
+        return base_parameters(self.mechanism)
+
     def locked(self, values: Mapping[str, float]) -> Self:
         """The robot with some joints locked: their bodies merge into those that carry them.
 
@@ -1244,6 +1319,77 @@ class Robot:
         rates = (q, qd, q2d, q3d, q4d, *higher)
         name = "inverse_dynamics_partials"
         return compute(self, name, rates, wrench=wrench, base=base, method=method, out=out, threads=threads)
+
+    @typed(overloads.Regressor)
+    def regressor(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named | None = None,
+        q4d: Named | None = None,
+        *higher: Named,
+        drives: DriveColumns = False,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> Results:
+        """The inertial-parameter regressor Y and its time derivatives: Q = Y p, with p = `inertial_parameters`.
+
+        The forces of the rigid mechanism are linear in p, and so are their rates: Qd = Yd p, Q2d = Y2d p, .... Wrenches
+        on bodies and drive terms that act add to Q what they add in `inverse_dynamics`. Drive terms are linear in their
+        parameters too: `drives` appends their columns.
+
+        Parameters
+        ----------
+        q, qd, q2d : (..., n)
+            Coordinates, velocities and accelerations: rad or m, per s, per s^2.
+        q3d, q4d, *higher : (..., n), optional
+            Further rates, each for one more time derivative of Y.
+        drives : bool, str or iterable of str, optional
+            Columns to append: nb, one per joint variable, for each of "armature", "damping", "friction", "spring" and
+            "offset", a constant force, in this order; True appends all. Their parameters are those of `Robot.drives`,
+            of the spring its stiffness; eps of friction and the rest position of the spring are those of the robot.
+        base, method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        Y : (..., nv, 10 nb), or tuple of (..., nv, 10 nb)
+            With drives, (..., nv, 10 nb + k nb) for k terms; nb in 10 nb counts a floating base, which is the first of
+            `body_names`, and in k nb it does not. Columns in N m or N over kg, kg m, kg m^2.
+
+        Raises
+        ------
+        JounceError
+            If an array has a wrong shape, a rate is skipped, or the name of a drive term is unknown.
+
+        References
+        ----------
+        C. G. Atkeson, C. H. An, J. M. Hollerbach, "Estimation of Inertial Parameters of Manipulator Loads and Links",
+        International Journal of Robotics Research 5(3), 1986.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("planar2r")
+        >>> Y, Yd = robot.regressor([0, 0], [1, 0], [0, 0], [0, 0])
+        >>> Y.shape, (Y @ robot.inertial_parameters).round(6)
+        ((2, 20), array([29.43,  9.81]))
+        >>> robot.regressor([0, 0], [1, 0], [0, 0], drives=("damping", "offset"))[:, 20:]
+        array([[1., 0., 1., 0.],
+               [0., 0., 0., 1.]])
+        """
+        return dispatch.regressor(
+            self,
+            (q, qd, q2d, q3d, q4d, *higher),
+            select_columns(drives),
+            base=base,
+            method=method,
+            out=out,
+            threads=threads,
+        )
 
     @typed(overloads.ForwardPartials)
     def forward_dynamics_partials(

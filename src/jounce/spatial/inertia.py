@@ -16,6 +16,8 @@ from jounce.errors import JounceError
 from jounce.spatial.lie import Ad, axial, hat, inverse
 
 _I = np.eye(3, dtype=int)
+PARAMETERS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # of one body, as Pinocchio has them
+_PLACES = ([3, 2, 0, 1, 0, 0, 1, 0, 1, 2], [3, 4, 5, 3, 0, 1, 1, 2, 2, 2])  # rows and columns of M that hold them
 _SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # where in xx, xy, xz, yy, yz, zz an entry stands
 
 
@@ -81,9 +83,32 @@ def _matrix(m: Array, h_hat: Array, theta: Array) -> Array:
     return concatenate([upper, concatenate([-h_hat, m * _I], axis=-1)], axis=-2)  # (eqn_body_fixed_mass_inertia_matrix)
 
 
+def _unit(i: int, j: int) -> Array:
+    """The matrix of the form with a 1 at a place and, but for it and what follows from it, zeros."""
+    if i == 3:
+        return _matrix(np.ones((1, 1), dtype=int), hat(0 * _I[0]), 0 * _I)
+    if j > 2:
+        return _matrix(np.zeros((1, 1), dtype=int), hat(np.cross(_I[j - 3], _I[i])), 0 * _I)
+    theta = np.outer(_I[i], _I[j])
+    return _matrix(np.zeros((1, 1), dtype=int), hat(0 * _I[0]), theta | theta.T)
+
+
+_UNITS = np.stack([_unit(i, j) for i, j in zip(*_PLACES, strict=True)]).reshape(10, 36)
+
+
 def symmetric(six: Array) -> Array:
     """The tensor of its entries xx, xy, xz, yy, yz, zz: (6) to (3, 3)."""
     return six[_SYMMETRIC]
+
+
+def parameters(M: Array) -> Array:
+    """The inertial parameters of an inertia matrix, about the origin of its frame: (..., 6, 6) to (..., 10)."""
+    return M[..., *_PLACES]
+
+
+def from_parameters(p: Array) -> Array:
+    """The inertia matrix of inertial parameters: the inverse of `parameters`, linear."""
+    return (p @ _UNITS).reshape((*p.shape[:-1], 6, 6))
 
 
 def moments(M: Array) -> tuple[Array, Array, Array]:

@@ -1,0 +1,231 @@
+"""Base inertial parameters: the combinations of inertial parameters that determine the generalized forces.
+
+Parameters p do not enter the forces if the inertia that they make requires none at any state. The force of joint j on
+the composite inertia I of the bodies that it carries, v . I X_j, must vanish for the velocities v that its screw X_j or
+any joint before it can give the body, and for gravity. As the joints behind move, I = I_j + sum of phi(theta) I_c
+varies; a linear function f of I vanishes at all positions if f(phi(theta) I_c) is constant for every child c, and f(I)
+is zero at one. It is constant if f phi(theta) D vanishes on I_c, D the change of moments of mass by the motion of the
+joint. The regrouping of `equivalent.base_parameters` is one case of this rule: what a joint does not move has D I = 0.
+
+So every body has a space of functions of ten parameters that must vanish, found from its parent's by closures of
+subspaces, without states; the base parameters are bases of these spaces, of composite inertias at theta = 0. Joints
+that follow others are no longer independent: combinations that they leave out are found at random states.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jounce.dynamics.base import BaseMotion
+from jounce.dynamics.recursion.regressor import regressor
+from jounce.errors import JounceError
+from jounce.model.coordinates import leading_joints
+from jounce.model.mechanism import Mechanism, ancestors, reference_poses
+from jounce.spatial import inertia
+from jounce.spatial.inertia import PARAMETERS
+from jounce.spatial.lie import Ad, ad, inverse, wedge
+from jounce.spatial.series import columns
+
+RANK = 1e-9  # of directions, relative to the largest: what is smaller is rounding
+_POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])  # powers of a length in the units of the parameters
+_UNITS = inertia.from_parameters(np.eye(10))
+_MOMENTS = inertia.moment_matrix(_UNITS)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BaseParameters:
+    """The base inertial parameters of a robot: the fewest combinations that determine its generalized forces.
+
+    `Robot.base_parameters` finds them.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Each is named after the inertial parameter that it contains with the factor 1, and that no other contains.
+    matrix : (count, 10 nb)
+        The combinations of `Robot.inertial_parameters`: Y p = Y[..., columns] (matrix p).
+    columns : (count,)
+        The places of the named parameters among all, and of their columns in the regressor.
+    values : (count,)
+        matrix p of the robot.
+    parameters : tuple of str
+        The names of all inertial parameters.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> print(jounce.load("planar2r").base_parameters())
+    6 base parameters of 20 inertial parameters
+               2  body1 mcx + body2 m
+               0  body1 mcy
+               2  body1 Izz + body2 m
+               1  body2 mcx
+               0  body2 mcy
+               1  body2 Izz
+    """
+
+    names: tuple[str, ...]
+    matrix: np.ndarray
+    columns: np.ndarray
+    values: np.ndarray
+    parameters: tuple[str, ...]
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return len(self.names)
+
+    @property
+    def combinations(self) -> tuple[str, ...]:
+        """What each is, as a formula."""
+        return tuple(_formula(row, self.parameters) for row in self.matrix)
+
+    def __repr__(self) -> str:
+        return f"<BaseParameters: {self.count} of {len(self.parameters)}>"
+
+    def __str__(self) -> str:
+        rows = [f"{value:12.6g}  {text}" for value, text in zip(self.values, self.combinations, strict=True)]
+        return "\n".join([f"{self.count} base parameters of {len(self.parameters)} inertial parameters", *rows])
+
+
+def base_parameters(m: Mechanism) -> BaseParameters:
+    """Find the base inertial parameters of a mechanism.
+
+    Raises
+    ------
+    JounceError : if it holds symbols.
+    """
+    if not m.is_numeric:
+        raise JounceError(f"robot {m.name!r} contains symbols; base parameters need numbers")
+    length = max([1e-3, *np.linalg.norm(m.B[:, :3, 3], axis=1)])  # as unit, so that all moments are of one size
+    scale = np.tile(length**_POWERS, len(m.body_names))
+    places, rows = _of_tree(_in_lengths(m, length))
+    if m.n < m.nb:  # joints that follow others
+        Y = _samples(m, length)[:, places] * scale[places]
+        sizes = np.maximum(np.linalg.norm(Y, axis=0), RANK)  # a joint may follow others by a factor of 0
+        found = _span(Y / sizes)
+        named = _independent(found)
+        combined = np.linalg.solve(found[:, named], found) * sizes / sizes[named, None]
+        places, rows = places[named], combined @ rows
+    order = np.argsort(places)
+    places, matrix = places[order], _tidy(rows[order]) * scale[places[order], None] / scale
+    names = tuple(f"{body} {name}" for body in m.body_names for name in PARAMETERS)
+    values = matrix @ inertia.parameters(m.inertias).ravel()
+    for array in (places, matrix, values):
+        array.flags.writeable = False
+    return BaseParameters(tuple(names[k] for k in places), matrix, places, values, names)
+
+
+@dataclass(frozen=True)
+class _Spaces:
+    """Rows: functions of a body's composite inertia that must vanish or be constant, and velocities of the body."""
+
+    vanishing: np.ndarray  # (k, 10)
+    constant: np.ndarray  # (k, 10), those that must vanish among them
+    velocities: np.ndarray  # (k, 6), and what gravity is equivalent to
+
+
+def _in_lengths(m: Mechanism, length: float) -> Mechanism:
+    """The mechanism in another unit of length."""
+    B, X = np.array(m.B, dtype=float), np.array(m.X, dtype=float)
+    B[:, :3, 3] /= length
+    X[X[:, :3].any(axis=1), 3:] /= length
+    return replace(m, B=B, X=X)
+
+
+def _of_tree(m: Mechanism) -> tuple[np.ndarray, np.ndarray]:
+    """The places of the named parameters and the combinations, of joints that are all independent."""
+    spaces = {-1: _root(m)}
+    for i in range(m.nb):
+        spaces[i] = _spaces(spaces[m.parent[i]], m.B[i], m.X[i])
+    poses = {-1: np.eye(4)} | dict(enumerate(reference_poses(m)))
+    carries = ancestors(m)
+    size = len(PARAMETERS)
+    places, rows = np.zeros(0, dtype=int), np.zeros((0, size * len(m.body_names)))
+    for j in reversed(range(-m.first, m.nb)):
+        own = spaces[j].vanishing
+        composite = np.zeros((len(own), len(m.body_names), size))
+        for k in range(j, m.nb):
+            if j < 0 or carries[k, j]:
+                composite[:, k + m.first] = own @ _transport(inverse(poses[j]) @ poses[k])
+        named = _independent(own)
+        new = np.linalg.solve(own[:, named], composite.reshape(len(own), -1))
+        new = new - new[:, places] @ rows  # without what the bodies behind have named
+        places, rows = np.append(named + size * (j + m.first), places), np.concatenate([new, rows])
+    return places, rows
+
+
+def _root(m: Mechanism) -> _Spaces:
+    """The spaces of a base that floats, which moves in every way, or of the ground."""
+    if m.base:
+        return _Spaces(np.eye(10), np.eye(10), np.eye(6))
+    nothing = np.zeros((0, 10))
+    return _Spaces(nothing, nothing, _span(np.array([[0, 0, 0, *m.gravity]], dtype=float)))
+
+
+def _spaces(parent: _Spaces, B: np.ndarray, X: np.ndarray) -> _Spaces:
+    """The spaces of a body from those of its parent."""
+    velocities = _closed(parent.velocities @ Ad(inverse(B)).T, ad(X).T)
+    velocities = _span(np.concatenate([velocities, X[None]]))
+    momenta = (_UNITS @ X).T  # of the unit parameters, (6, 10)
+    motion = wedge(X)
+    flow = _parameters(motion @ _MOMENTS + _MOMENTS @ motion.T).T
+    constant = parent.constant @ _transport(B)
+    vanishing = _span(np.concatenate([velocities @ momenta, _closed(constant, flow) @ flow]))
+    return _Spaces(vanishing, _span(np.concatenate([vanishing, constant])), velocities)
+
+
+def _transport(T: np.ndarray) -> np.ndarray:
+    """The parameters in the outer frame from those in a frame at the pose T: (10, 10)."""
+    return _parameters(T @ _MOMENTS @ T.T).T
+
+
+def _parameters(Pi: np.ndarray) -> np.ndarray:
+    """The inertial parameters of moments of mass: (..., 4, 4) to (..., 10)."""
+    return inertia.parameters(inertia.from_moments(Pi[..., 3:, 3:], Pi[..., :3, 3:], Pi[..., :3, :3]))
+
+
+def _closed(rows: np.ndarray, A: np.ndarray) -> np.ndarray:
+    """The smallest space that contains the rows, and x A with every x."""
+    rows = _span(rows)
+    while len(larger := _span(np.concatenate([rows, rows @ A]))) > len(rows):
+        rows = larger
+    return rows
+
+
+def _span(rows: np.ndarray) -> np.ndarray:
+    """An orthonormal basis of the space of some rows."""
+    _, s, basis = np.linalg.svd(rows, full_matrices=False)
+    return basis[s > RANK * max(1.0, s.max(initial=0))]
+
+
+def _independent(rows: np.ndarray) -> np.ndarray:
+    """Columns with which independent rows are a regular matrix; of those that serve equally well the first (QR)."""
+    left, found = rows.copy(), list[int]()
+    for _ in rows:
+        found.append(int(np.argmax(np.round(np.linalg.norm(left, axis=0), 6))))
+        u = left[:, found[-1]] / np.linalg.norm(left[:, found[-1]])
+        left = left - np.outer(u, u @ left)
+    return np.sort(np.array(found, dtype=int))
+
+
+def _samples(m: Mechanism, length: float) -> np.ndarray:
+    """Rows of the regressor at random states, twice as many as there are parameters."""
+    rng, count = np.random.default_rng(0), 2 * len(PARAMETERS) * len(m.body_names) // m.nv + 10
+    size = np.where(m.X[leading_joints(m), :3].any(axis=1), np.pi, length)
+    q = rng.uniform(-1, 1, (3, count, m.n)) * size
+    base = BaseMotion(np.eye(4), columns(list(rng.uniform(-2, 2, (2, count, 6))))) if m.base else None
+    return regressor(m, columns(list(q)), base)[0].reshape(-1, len(PARAMETERS) * len(m.body_names))
+
+
+def _tidy(x: np.ndarray) -> np.ndarray:
+    """Numbers without what rounding leaves of integers."""
+    return np.where(np.abs(x - np.rint(x)) < 1e-12, np.rint(x) + 0.0, x)
+
+
+def _formula(factors: np.ndarray, names: Sequence[str]) -> str:
+    """A linear combination as text."""
+    terms = [(x, names[k]) for k, x in enumerate(factors) if x]
+    text = "".join(f" {'-' if x < 0 else '+'} {'' if abs(x) == 1 else f'{abs(x):.6g} '}{name}" for x, name in terms)
+    return text[3:] if text.startswith(" +") else text[1:]

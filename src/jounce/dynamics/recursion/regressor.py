@@ -1,0 +1,122 @@
+"""The inertial-parameter regressor: RNEA on the unit parameters of all bodies, one column each.
+
+Forces are linear in the inertial parameters of the bodies, and motions do not depend on them. A mass m, a first moment
+h and an inertia tensor I about the origin of a frame on the joint axis require
+
+    f = m a + K h,    n = h x a + I wd + w x (I w) = h x a + I wd + axial(I hat(w)^2),
+
+with a and K of `steps`. Columns of unit parameters are transported inward as one force is, and projected onto every
+joint that carries them. The parameters are those of the given body frames; constants take them to frames on the axes.
+
+What a joint does not move, such as a mass on its axis, requires the same forces as if it belonged to the parent: such
+columns begin there, as in `equivalent.base_parameters`. So that there are more of them, Ixx + Iyy takes the place of
+Iyy, from which it is a subtraction.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from jounce._scalars import Array, concatenate, is_zero, zeros_like
+from jounce.dynamics.base import BaseMotion
+from jounce.dynamics.recursion.forces import base_motion, ground
+from jounce.dynamics.recursion.joints import batch_zeros
+from jounce.dynamics.recursion.steps import BodyMotion, Force, aligned_joints, inward, joint_force, outward
+from jounce.dynamics.recursion.sweeps import evaluate_in_order
+from jounce.model.coordinates import generalized_forces
+from jounce.model.equivalent import frame_shifts, on_axes
+from jounce.model.mechanism import Mechanism
+from jounce.spatial import inertia
+from jounce.spatial.inertia import PARAMETERS
+from jounce.spatial.lie import axial, hat, inverse, wedge
+from jounce.spatial.series import Series, joined
+
+_XX, _YY = (PARAMETERS.index(name) for name in ("Ixx", "Iyy"))
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Forces on one body, a column for each of some numbered unit parameters."""
+
+    numbers: list[int]
+    force: Force  # (..., 3, len(numbers))
+
+
+def regressor(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+    """Y, (..., nv, 10 nb): the generalized forces of the unit inertial parameters of all bodies, the base's first."""
+    chain, units = on_axes(mechanism), _unit_moments(mechanism)
+    joints, size = aligned_joints(chain, q), len(PARAMETERS) * len(chain.body_names)
+    motions = {-1: ground(chain.gravity) if base is None else base_motion(chain.gravity, base)}
+    for i, joint in enumerate(joints):
+        motions[i] = outward(joint, motions[joint.parent])
+    on = {i: [_unit_forces(units[i], motions[i])] if units[i] else [] for i in units}
+    rows: dict[int, Series] = {}
+    steps = [motions[i].a for i in range(chain.nb)]
+    for i, joint in reversed(list(enumerate(joints))):
+        total = _together(on[i])
+        rows[i] = _spread(joint_force(joint, total.force), total.numbers, size)
+        on[joint.parent].append(Columns(total.numbers, inward(joint, total.force)))
+        steps.append(total.force.n)
+    Y = generalized_forces(chain, joined([rows[i] for i in range(chain.nb)], axis=-2))
+    if chain.base:
+        root = _together(on[-1])
+        Y = joined([*(_spread(part, root.numbers, size) for part in (root.force.n, root.force.f)), Y], axis=-2)
+    return evaluate_in_order(Y.map(_with_Iyy) + batch_zeros(q), steps)
+
+
+def _unit_forces(units: dict[int, Array], motion: BodyMotion) -> Columns:
+    """The forces that unit parameters require for a motion."""
+    Pi = np.stack(list(units.values()))
+    tensors = inertia.from_moments(Pi[:, 3:, 3:], Pi[:, :3, 3:], Pi[:, :3, :3])[:, :3, :3]
+    m, h = Pi[:, 3:, 3].mT, Pi[:, :3, 3].mT
+    hat_w = motion.w.map(lambda w: hat(w[..., 0]))
+    n = motion.a.map(lambda a: hat(a[..., 0]).mT @ h)
+    n = n + motion.w.dot.map(lambda wd: (tensors @ wd[..., None, :, :])[..., 0].mT)
+    n = n + (hat_w @ hat_w).map(lambda S: axial(tensors @ S[..., None, :, :]).mT)
+    return Columns(list(units), Force(motion.a * m + motion.K @ h, n))
+
+
+def _together(parts: Sequence[Columns]) -> Columns:
+    f, n = (joined([getattr(part.force, name) for part in parts], axis=-1) for name in "fn")
+    return Columns([number for part in parts for number in part.numbers], Force(f, n))
+
+
+def _spread(columns: Series, numbers: Sequence[int], size: int) -> Series:
+    """Numbered columns among all, zeros in the place of the others."""
+    place = np.full(size, len(numbers))  # of the others, a column of zeros behind the last
+    place[numbers] = np.arange(len(numbers))
+    return columns.map(lambda x: concatenate([x, zeros_like(x[..., :1])], axis=-1)[..., place])
+
+
+def _with_Iyy(Y: Array) -> Array:
+    """Columns of all parameters from those with Ixx + Iyy in the place of Iyy."""
+    by_body = Y.reshape((*Y.shape[:-1], Y.shape[-1] // len(PARAMETERS), len(PARAMETERS)))
+    Iyy = by_body[..., _YY : _YY + 1] - by_body[..., _XX : _XX + 1]
+    return concatenate([by_body[..., :_YY], Iyy, by_body[..., _YY + 1 :]], axis=-1).reshape(Y.shape)
+
+
+@lru_cache(maxsize=64)
+def _unit_moments(mechanism: Mechanism) -> dict[int, dict[int, Array]]:
+    """The moments of mass (4, 4) of unit parameters, by number, of each body at which columns begin; -1 is the base.
+
+    Those that reach the ground require no forces.
+    """
+    chain = on_axes(mechanism)
+    parameters = np.eye(len(PARAMETERS), dtype=int)
+    parameters[_YY, _XX] = 1
+    units: dict[int, dict[int, Array]] = {i: {} for i in range(-1, chain.nb)}
+    for row, T in enumerate(map(inverse, frame_shifts(mechanism, chain))):
+        for k, Pi in enumerate(inertia.moment_matrix(inertia.from_parameters(parameters))):
+            at, Pi = row - chain.first, T @ Pi @ T.T
+            while at >= 0 and not _moves(chain.X[at], Pi):
+                at, Pi = chain.parent[at], chain.B[at] @ Pi @ chain.B[at].T
+            if at >= 0 or chain.base:
+                units[at][len(PARAMETERS) * row + k] = Pi
+    return units
+
+
+def _moves(X: Array, Pi: Array) -> bool:
+    """Whether a joint moves moments of mass; if not, its force does not depend on them."""
+    return not all(map(is_zero, np.ravel(wedge(X) @ Pi)))
