@@ -22,7 +22,7 @@ left = 0.0  # MiB of this process when it was tidied last
 
 gc.set_threshold(100_000, 50, 1000)  # traces make many objects, few cycles: looking for these took a sixth of the time
 
-settings.register_profile("jounce", deadline=None, max_examples=25, derandomize=True)
+settings.register_profile("jounce", deadline=None, max_examples=15, derandomize=True)
 settings.load_profile("jounce")
 
 

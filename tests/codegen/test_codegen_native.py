@@ -97,7 +97,7 @@ def test_nvcc_warns_of_nothing(cut, tmp_path, monkeypatch):
     if cut:
         monkeypatch.setattr(schedule, "WHOLE", 50)
         monkeypatch.setattr(schedule, "PART", 60)
-        robot, options = "planar2r", EVERYTHING | {"float32": True}
+        robot, options = "planar2r", EVERYTHING | {"float32": True, "order": 0}
     folder = written(tmp_path, texts(robot, "cuda", 10, **options))
     flags = "-O1 -std=c++17 -Werror all-warnings -Xcompiler -Wall,-Wextra"
     passed, output = passes(folder, "cuda", "NVCC=nvcc", f"NVCCFLAGS={flags}")

@@ -103,7 +103,7 @@ def test_the_recursion_agrees_with_the_closed_form_on_a_base_that_moves(drawn):
 
 
 @given(mechanisms())
-@settings(max_examples=25)
+@settings(max_examples=15)
 def test_the_recursion_agrees_with_the_closed_form(drawn):
     """Trees and forests, joints that follow others, drives, wrenches; orders 0 to 2, and of the accelerations."""
     m, rng = driven(*drawn), drawn[1]
