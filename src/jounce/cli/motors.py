@@ -10,7 +10,7 @@ from jounce.cli.breaks import break_data, breaks_in_words
 from jounce.cli.motions import AskedMotion, of_motion
 from jounce.cli.options import Asked, on_robot
 from jounce.cli.output import check_distinct, progress, straight_columns, tell
-from jounce.cli.streaming import AskedStream, is_asked, on_stream, tell_results
+from jounce.cli.streaming import OUTPUT, AskedStream, is_asked, on_stream, tell_results
 from jounce.errors import JounceError, quoted, shortened
 
 if TYPE_CHECKING:
@@ -58,9 +58,7 @@ Damping and friction that --drives selects act on the motors.
     metavar="[JOINT=]B",
     help="Inertia of the rotors seen from the links in kg m^2 or kg: of all joints, or of one; may be repeated.",
 )
-@click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path), help="Output: .csv, .npz, .parquet, or a folder."
-)
+@OUTPUT
 @on_stream
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def motors(

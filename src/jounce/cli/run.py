@@ -11,7 +11,7 @@ from jounce.cli.breaks import break_data, breaks_in_words
 from jounce.cli.motions import AskedMotion, of_motion
 from jounce.cli.options import Asked, on_robot
 from jounce.cli.output import check_distinct, progress, straight_columns, tell
-from jounce.cli.streaming import AskedStream, is_asked, on_stream, tell_results
+from jounce.cli.streaming import OUTPUT, AskedStream, is_asked, on_stream, tell_results
 from jounce.errors import shortened
 
 if TYPE_CHECKING:
@@ -60,9 +60,7 @@ same command continues a run that was stopped.
 @click.command(epilog=EPILOG, short_help="Compute Q, Qd, Q2d along a motion and write them as a table.")
 @on_robot
 @of_motion
-@click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path), help="Output: .csv, .npz, .parquet, or a folder."
-)
+@OUTPUT
 @click.option("--order", default=2, show_default=True, type=click.IntRange(0), help="Highest time derivative of Q.")
 @click.option("--rates", "with_rates", is_flag=True, help="Write q, qd, ... too.")
 @click.option(

@@ -23,7 +23,7 @@ OUTPUT = click.option(
     "--output",
     required=True,
     type=click.Path(path_type=Path),
-    help="Output table: .csv, .npz or .parquet; a name without suffix is a folder of Parquet tables.",
+    help="Output: .csv, .npz, .parquet, or a folder.",
 )
 ON_ERROR = click.option(
     "--on-error",

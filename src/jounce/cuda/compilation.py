@@ -4,13 +4,11 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import is_numeric
 from jounce._typing import Frame, Product, QuantityName
 from jounce.arguments import requests
 from jounce.cuda.kernel import Kernel
 from jounce.dynamics import elastic
 from jounce.errors import JounceError, one_of, quoted
-from jounce.model.mechanism import DATA
 from jounce.robot import Robot
 
 DTYPES = ("float64", "float32")
@@ -73,7 +71,7 @@ def compile(  # noqa: A001  # what Robot.compile is to processors
     if not isinstance(robot, Robot):
         raise JounceError(f"jounce.cuda.compile() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     asked = requests.computation(robot.mechanism, quantity, order, wrench, body, frame, product, base)
-    if not all(is_numeric(getattr(robot.mechanism, data)) for data in DATA):
+    if not robot.mechanism.is_numeric:
         raise JounceError("CUDA code needs a robot of numbers; this one contains symbols")
     if asked.quantity.elastic and (refusal := elastic.native_obstacle(robot.mechanism)):
         raise JounceError(f"CUDA code {refusal}")

@@ -65,6 +65,17 @@ def make_folder(path: Path) -> None:
 
 
 @contextmanager
+def write_errors(path: Path, cure: str = "") -> Iterator[None]:
+    """Raise `JounceError` for what the system has against writing a file or folder; `cure` ends the sentence."""
+    try:
+        yield
+    except OSError as error:
+        raise JounceError(f"{path}: cannot be written: {error.strerror or one_line(error)}{cure}") from None
+    except UnicodeEncodeError as error:  # half a character in a name
+        raise JounceError(f"{path}: cannot write a name: {one_line(error)}") from None
+
+
+@contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
     """Yield a path to write to, next to `path`, and move it there at the end, so that no partial file is ever seen.
 
@@ -75,15 +86,12 @@ def written_whole(path: Path) -> Iterator[Path]:
     remove_abandoned(target.parent)
     part, mode = part_in(target.parent), mode_of(target)
     try:
-        part.touch(0o666 if mode is None else 0o600, exist_ok=False)
-        yield part
-        if mode is not None:
-            part.chmod(mode)
-        part.replace(target)
-    except OSError as error:
-        raise JounceError(f"{path}: cannot be written: {error.strerror or error}") from None
-    except UnicodeEncodeError as error:  # half a character in a name
-        raise JounceError(f"{path}: cannot write a name: {one_line(error)}") from None
+        with write_errors(path):
+            part.touch(0o666 if mode is None else 0o600, exist_ok=False)
+            yield part
+            if mode is not None:
+                part.chmod(mode)
+            part.replace(target)
     finally:
         part.unlink(missing_ok=True)
 

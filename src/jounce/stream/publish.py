@@ -69,13 +69,12 @@ def publish_folder(plan: Plan, folder: Path, records: Iterable[Record], output: 
         raise JounceError(f"{rows}: holds files that are not of this run ({listed(foreign, 3)}); move them away")
     old = part_in(output.parent)
     try:
-        with (rows / RECORDS).open("w", encoding="utf-8") as file:
-            file.writelines(f"{line_of(record)}\n" for record in records)
-        if output.exists():
-            output.rename(old)
-        rows.rename(output)
-    except OSError as error:
-        raise JounceError(f"{output}: cannot be written: {error.strerror or error}") from None
+        with files.write_errors(output):
+            with (rows / RECORDS).open("w", encoding="utf-8") as file:
+                file.writelines(f"{line_of(record)}\n" for record in records)
+            if output.exists():
+                output.rename(old)
+            rows.rename(output)
     finally:
         shutil.rmtree(old, ignore_errors=True)
 

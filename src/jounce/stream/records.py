@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from jounce._parts import part_in
-from jounce.errors import JounceError, one_line
+from jounce.io.files import write_errors
 from jounce.stream.job import digest
 from jounce.stream.plan import Part
 
@@ -68,12 +68,9 @@ def written(path: Path) -> Iterator[Path]:
     """Yield a path to write to in the folder of a path; the file appears when all is in it."""
     temporary = part_in(path.parent)
     try:
-        yield temporary
-        temporary.replace(path)
-    except OSError as error:
-        raise JounceError(f"{path}: cannot be written: {error.strerror or one_line(error)}; {CONTINUE}") from None
-    except UnicodeEncodeError as error:  # half a character in a name
-        raise JounceError(f"{path}: cannot write a name: {one_line(error)}") from None
+        with write_errors(path, f"; {CONTINUE}"):
+            yield temporary
+            temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
 
