@@ -60,7 +60,7 @@ def identify(
         As for `Robot.forces_along`, with q, qd, q2d; of a log, `jounce.load_motion` smooths it. Wrenches that it holds
         act, and if its positions have standard deviations, what follows from these weighs the forces.
     forces : (N, nv), optional
-        Measured forces at `t`, N m or N; NaN for those not measured. By default the measured torques of the motion's log.
+        Measured forces at `t`, N m or N, NaN for those not measured; by default the torques of the motion's log.
     t : (N,), optional
         Times of the forces, s; by default ``motion.times``.
     drives : bool, str or iterable of str, optional
