@@ -123,9 +123,9 @@ def consistent_parameters(
         positive=np.repeat(np.array([term not in SIGNED for term in terms], dtype=bool), mechanism.nb)[seen],
         weight=weight,
     )
-    found = minimum(problem)
-    d[seen] = scale * found.d
-    Pi[massive] = (root := T @ found.V) @ root.mT
+    V, d[seen] = minimum(problem)
+    d[seen] *= scale
+    Pi[massive] = (root := T @ V) @ root.mT
     p = inertia.parameters(inertia.from_moment_matrix(Pi)).ravel()
     values = np.append(base.matrix @ p, d)
     names = np.array(mechanism.body_names)
