@@ -7,7 +7,7 @@ Over positive definite S_b (4, 4) and variables d, some of which are not negativ
 is minimised. The term in S_b is the divergence from the unit matrix: convex, zero there, infinite where S_b is
 singular. At the minimum, with multipliers X_b,
 
-    C^T r + weight = X,    S X = mu,    mu = weight.
+    C^T r + weight 1 = X,    S X = mu 1,    mu = weight.
 
 Newton's method follows the solutions of these equations from larger mu. With G such that S = G D G^T and
 D = G^T X G for a diagonal D (Nesterov's and Todd's scaling), a step ``S + G Z G^T`` minimises
@@ -30,7 +30,8 @@ from jounce.errors import JounceError
 STEPS = 300
 LEAST = 0.1  # of the mean of S X, to be reached by a step
 FARTHEST = 0.9  # of the way to singular matrices
-CONVERGED, ROUNDING = 1e-8, 1e-3  # relative steps that are the last, and that are if they do not decrease any more
+CONVERGED = 1e-8  # relative steps, of which the next would be smaller than rounding
+ROUNDING = 1e-12  # relative changes of f that end the search if the steps do not become smaller
 _ROWS, _COLUMNS = np.triu_indices(4)
 _NORM = np.where(_ROWS == _COLUMNS, 1.0, np.sqrt(2.0))  # so that ten entries have the norm of the symmetric matrix
 
@@ -68,8 +69,9 @@ def minimum(problem: Problem) -> tuple[Floats, Floats]:
         t = 1.0 if nearest > -FARTHEST else -FARTHEST / nearest
         V, W = G @ np.linalg.cholesky(D + t * Z), np.linalg.solve(G.mT, np.linalg.cholesky(D + t * back))
         d = d + t * (new - d)
-        change = np.abs(Z / sizes).max()
-        if mu == problem.weight and (change < CONVERGED or last / 2 < change < ROUNDING):
+        change, r = float(np.abs(Z / sizes).max()), _residual(problem, V, d)
+        rounding = last / 2 < change and mu * change**2 < ROUNDING * (mu + r @ r / 2)
+        if mu == problem.weight and t == 1 and (change < CONVERGED or rounding):
             return V, d
         last = change
     raise JounceError(f"no physically consistent parameters within {STEPS} steps; expected a larger weight")
@@ -84,14 +86,14 @@ def _step(problem: Problem, G: Floats, s: Floats, d: Floats, mu: float) -> tuple
     from scipy.linalg import solve_triangular
     from scipy.optimize import lsq_linear
 
-    J = _entries(G.mT @ problem.C @ G).reshape(len(problem.y), -1)
+    J = _entries(G.mT @ problem.C @ G).reshape(len(problem.y), len(_NORM) * len(G))
     r = _residual(problem, G * np.sqrt(s)[:, None], d)
     wanted = _entries(mu / s[:, None] * np.eye(4) - problem.weight * G.mT @ G).ravel()
     w, n = np.sqrt(problem.weight), J.shape[1]
     A = np.block([[J, problem.R], [np.diag(np.repeat([1.0, w], [n, len(d)]))]])
     b = np.concatenate([-r, wanted, w * (problem.own - d)])
     T = np.asarray(np.linalg.qr(np.column_stack([A, b]), mode="r"))
-    A, b = T[:-1, :-1], T[:-1, -1]
+    A, b = T[: n + len(d), :-1], T[: n + len(d), -1]
     step = np.zeros(len(d))
     if len(step):
         least = np.where(problem.positive, -d, -np.inf)

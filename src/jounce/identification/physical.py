@@ -114,7 +114,7 @@ def consistent_parameters(
     everything = max(np.linalg.norm(R @ estimate), np.linalg.norm(R @ np.append(base.values, d)))
     seen = size > 0  # the others stay as they are
     scale = everything / size[seen]
-    by_body = (R[:, : base.count] @ base.matrix).reshape(len(R), len(Pi), -1)[:, massive]
+    by_body = (R[:, : base.count] @ base.matrix).reshape(len(R), len(Pi), len(inertia.PARAMETERS))[:, massive]
     problem = Problem(
         C=np.asarray(np.einsum("kbp,bijp->kbij", by_body, _by_entries(T))),
         R=R[:, base.count :][:, seen] * scale,
