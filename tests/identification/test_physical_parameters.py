@@ -1,5 +1,7 @@
 """Physically consistent parameters: the only minimum, near the data, near the robot where these say nothing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from bases import random_base
@@ -159,6 +161,16 @@ def test_what_the_data_do_not_see_stays(drawn, rank):
     )
     np.testing.assert_allclose(nothing.parameters, own, rtol=1e-12, atol=1e-12 * scale)
     np.testing.assert_array_equal(nothing.values[base.count :], d)
+
+
+def test_a_robot_that_does_nothing_stays_as_it_is():
+    """At rest without gravity an offset is seen, which is zero."""
+    m = replace(jounce.load("iiwa14").mechanism, gravity=np.zeros(3))
+    base = base_parameters(m)
+    A = np.diag(np.repeat([0.0, 1.0], [base.count, 7]))
+    found = consistent_parameters(m, base, A, np.zeros(len(A)), ("offset",))
+    np.testing.assert_array_equal(found.drives["offset"], 0.0)
+    assert found.excess == 0
 
 
 def test_noise_is_followed_within_its_deviations():
