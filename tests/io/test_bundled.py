@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from files import refusal
+from loops import LOOP_ROBOTS
 
 import jounce
 from jounce.cli import main
@@ -83,7 +84,7 @@ def test_source_and_licence_go_with_the_numbers(name):
 
 
 def test_every_folder_is_a_robot():
-    assert {path.name for path in FOLDER.iterdir() if path.is_dir()} == set(FILES)
+    assert {path.name for path in FOLDER.iterdir() if path.is_dir()} == {*FILES, *LOOP_ROBOTS}
     assert sum(path.stat().st_size for path in FOLDER.rglob("*")) < 300_000  # bytes
 
 
