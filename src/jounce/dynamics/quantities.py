@@ -13,7 +13,7 @@ import numpy as np
 
 from jounce._scalars import Array, element
 from jounce.dynamics import closed_form as dense
-from jounce.dynamics import drive_terms, elastic, forward, kinematics, partials
+from jounce.dynamics import drive_terms, elastic, forward, kinematics, loops, partials
 from jounce.dynamics.base import STILL, BaseMotion
 from jounce.dynamics.paper import Paper
 from jounce.dynamics.recursion import articulated, bodies, force_partials, forces, matrices, momenta, regressor
@@ -44,6 +44,7 @@ class State:
     base: BaseMotion | None = None  # None: the ground of a fixed robot, at rest, or of no effect
     body: str | None = None  # a body or a link merged into one; None: all bodies
     frame: str = "body"  # of twists: "body", "world" or "spatial"
+    position: Array | None = None  # of a closed robot, all coordinates (..., N, 1) of its tree, with loops closed
 
     @property
     def motion_of_base(self) -> BaseMotion:
@@ -89,11 +90,17 @@ class Quantity:
     frames: tuple[str, ...] = ()  # in which its components may be given, the default first
     sweep: Sweep | None = None  # of the recursion, where its steps are those of forces
     without_base: tuple[str, ...] = ()  # frames in which neither the pose nor the twist of the base enters
+    turns_with: str = ""  # of a matrix of velocities, which quantity times F' is added where loops are closed
 
     @property
     def wrenches(self) -> bool:
         """Whether wrenches on the bodies enter."""
         return bool(self.wrench_term)
+
+    @property
+    def follows_others(self) -> bool:
+        """Whether its laws take those of other quantities, and nothing else of the tree."""
+        return self.forces or self.elastic or "rates" in self.shape
 
     @property
     def of_bodies(self) -> bool:
@@ -119,6 +126,9 @@ class Quantity:
 
     def law(self, method: str, mechanism: Mechanism) -> Law:
         """Return the law of a method for a mechanism, with the drive terms that act."""
+        if mechanism.closure and not self.follows_others:
+            of_turning = QUANTITIES[self.turns_with].law(method, mechanism.tree) if self.turns_with else None
+            return loops.law(self.law(method, mechanism.tree), self.shape, of_turning)
         rigid, added = self.methods[method].law, self.drive_law
         if added is None or not set(self.drive_terms) & set(mechanism.acting):
             return rigid
@@ -153,18 +163,22 @@ def _scalar(column: Series) -> Series:
     return column.map(lambda T: T[..., 0, 0])
 
 
-def _forward(m: Mechanism, x: State) -> Series:
-    """Forward dynamics by the recursions of other rows, with the terms of the drives that act."""
-    inverse = FORCES.law("recursion", m)
-    if articulated.has_deep_branches(m):
+def _forward(m: Mechanism, x: State, method: str) -> Series:
+    """Forward dynamics by a method of other rows, with the terms of the drives that act."""
+    inverse = FORCES.law(method, m)
+    if articulated.has_deep_branches(m) and not m.closure:
         M: forward.Solver = articulated.ArticulatedBodies.of(m, x.q[0])
     else:
-        M = Factors.of(QUANTITIES["mass_matrix"].law("recursion", m)(m, x)[0])
+        M = Factors.of(QUANTITIES["mass_matrix"].law(method, m)(m, x)[0])
 
     def required(q: Series, base: BaseMotion | None) -> Series:
         return inverse(m, replace(x, q=q, base=base)).map(lambda Q: Q[..., None])
 
     return forward.from_inverse(M, required, m, x.q, x.Q, x.base)
+
+
+def _forward_dense(m: Mechanism, x: State) -> Series:
+    return _forward(m, x, "closed_form") if m.closure else forward.dense(m, x.q, x.Q, x.W, x.base)
 
 
 def _of_all_rates(m: Mechanism, x: State, of_forces: Callable[..., tuple[Series, Series, Series]]) -> Series:
@@ -245,8 +259,8 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="q2d = M^-1 (Q - C qd - Qgrav): the accelerations that generalized forces Q cause.",
             tex=r"\ddot{q} = M^{-1} \left(Q - C(q, \dot{q})\,\dot{q} - Q_{\mathrm{grav}}(q)\right)",
             methods={
-                "recursion": Method(lambda m, x: _row(_forward(m, x)), _columns),
-                "closed_form": Method(lambda m, x: _row(forward.dense(m, x.q, x.Q, x.W, x.base))),
+                "recursion": Method(lambda m, x: _row(_forward(m, x, "recursion")), _columns),
+                "closed_form": Method(lambda m, x: _row(_forward_dense(m, x))),
             },
         ),
         Quantity(
@@ -340,6 +354,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             symbol="C",
             rates=2,
             shape=("nv", "nv"),
+            turns_with="mass_matrix",
             unit="kg m^2/s, kg m/s or kg/s",
             caption="Coriolis matrix of the paper",
             meaning="C(q, qd): the paper's Coriolis matrix; passivity-based control takes Cbar, skew_coriolis_matrix.",
@@ -355,6 +370,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             symbol="Cbar",
             rates=2,
             shape=("nv", "nv"),
+            turns_with="mass_matrix",
             unit="kg m^2/s, kg m/s or kg/s",
             caption="Coriolis matrix for passivity-based control",
             meaning="Cbar(q, qd): the Coriolis matrix for which Md - 2 Cbar is skew-symmetric.",

@@ -1704,6 +1704,66 @@ class Robot:
         )  # fmt: skip
         return ElasticRobot(type(self)(with_elasticity(self.mechanism, stated)))
 
+    def closed(
+        self,
+        loops: "Sequence[Loop | Sequence[Any]] | None" = None,
+        actuated: Sequence[str] | None = None,
+        *,
+        coordinates: Sequence[str] | None = None,
+        start: Named | None = None,
+        weights: Named | None = None,
+    ) -> Self:
+        """The robot with its loops closed, moved by its actuated joints.
+
+        Constraints ``A q' = 0`` hold the coordinates q of the tree, which is this robot: ``q' = F u'`` with the rates u'
+        of independent coordinates u. All methods of the closed robot take and return quantities of u, by the principle
+        of virtual work: forces ``F^T Q``, mass matrix ``F^T M F``, Jacobians ``J F``. Its q is u, (..., n), from which
+        the loops are closed by Newton's method, along a straight line from the start; or the coordinates of the tree,
+        (..., N), from which they are closed without leaving the branch.
+
+        Parameters
+        ----------
+        loops : list of tuples, optional
+            (frame_a, frame_b) of names of bodies, or of links merged into bodies, that a cut joint joins: a spherical
+            one, so that the origins of both frames meet. (frame_a, frame_b, joint) and (frame_a, frame_b, joint, axis)
+            name another: "spherical", "revolute", "prismatic", "cylindrical", "planar" or "fixed", and its axis in
+            frame_a, [0, 0, 1] by default. By default the loops that the robot's file states.
+        actuated : list of str, optional
+            The joints with motors. By default those of a robot whose loops are closed already.
+        coordinates : list of str, optional
+            The independent coordinates, by default the actuated joints.
+        start : (N,) or mapping, optional
+            Joint positions, rad or m, near a configuration with closed loops: they decide on the branch. Joints that a
+            mapping leaves out are at 0.
+        weights : (k,) or mapping, optional
+            Weights of the motors' forces, where more joints are actuated than there are coordinates: the weighted sum of
+            their squares is least. 1 by default.
+
+        Returns
+        -------
+        Robot
+            With `n` independent coordinates; its `mechanism.tree` has its loops open.
+
+        Raises
+        ------
+        JounceError
+            If a name is unknown, the loops cannot be closed from the start, or the coordinates or motors do not
+            determine the motion.
+
+        References
+        ----------
+        A. Müller, S. Kumar: Closed form time derivatives of the equations of motion of rigid body systems, Multibody
+        Syst. Dyn. 53 (2021), outlook. A. Müller, S. Kumar, T. Kordik, arXiv 2507.14274 (2025).
+
+        Examples
+        --------
+        >>> import jounce
+        >>> open_ = jounce.Robot.from_dh([[0, 0, 0.3, 0], [0, 0, 0.4, 0], [0, 0, 0.3, 0]], masses=[1, 1, 1])
+        """
+        from jounce.arguments.loops import with_loops  # what few programs need
+
+        return type(self)(with_loops(self.mechanism, loops, actuated, coordinates, start, weights))
+
     @typed(overloads.OfPosition[Array])
     def mass_matrix(
         self,
