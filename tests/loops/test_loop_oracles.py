@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from loops import LOOP_ROBOTS, golden_loops, motion_near_start
+from loops import LOOP_ROBOTS, content, loaded, golden_loops, motion_near_start
 from robots import relative_error
 
 import jounce
@@ -11,9 +11,10 @@ METHODS = ("closed_form", "recursion", "kernel")
 
 
 @pytest.fixture(scope="module")
-def closed():
+def closed(tmp_path_factory):
     """The bundled robots with loops, read once."""
-    return {name: jounce.load(name) for name in LOOP_ROBOTS}
+    folder = tmp_path_factory.mktemp("loops")
+    return {name: loaded(content(name), folder) for name in LOOP_ROBOTS}
 
 
 @pytest.mark.parametrize("method", METHODS)

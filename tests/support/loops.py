@@ -24,8 +24,11 @@ def content(name):
 def loaded(said, folder, name="robot.yaml"):
     """The robot of a file with this content."""
     path = folder / name
+    said = dict(said)
+    loops, actuated, start = (said.pop(key) for key in ("loops", "actuated", "start"))
     YAML(typ="safe").dump(said, path)
-    return jounce.load(path)
+    cuts = [(*cut["frames"], cut.get("joint", "spherical"), cut.get("axis", [0, 0, 1])) for cut in loops]
+    return jounce.load(path).closed(cuts, actuated, start=start)
 
 
 def golden_loops(name):
