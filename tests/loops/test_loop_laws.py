@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 from loops import LOOP_ROBOTS, content, loaded, fivebar_cut_at_elbow, motion_near_start, platform_on_leg_four
-from robots import differentiated_at_once, relative_error
+from robots import WEIGHTS, relative_error
 
 import jounce
 
 FASTEST = {"method": "recursion"}
+H = 0.02  # s, of differences over nine points
+TIMES = H * np.array([*WEIGHTS, *(-k for k in WEIGHTS)])
+DIFFERENCE = np.array([*WEIGHTS.values(), *(-w for w in WEIGHTS.values())]) / H
 
 
 @pytest.fixture(scope="module")
@@ -17,36 +20,48 @@ def closed(tmp_path_factory):
     return {name: loaded(content(name), folder) for name in LOOP_ROBOTS}
 
 
-RATES = {  # of quantities: how many rates of q enter beyond the order
+RATES = {  # of quantities: how many rates of q they take themselves
     "inverse_dynamics": 2,
-    "mass_matrix": 0,
     "coriolis_matrix": 1,
-    "coriolis_matrix skew": 1,
+    "coordinates": 0,
+    "mass_matrix": 0,
     "gravity_forces": 0,
     "jacobian": 0,
     "momentum": 1,
     "generalized_momentum": 1,
     "base_wrench": 2,
-    "coordinates": 0,
+    "loop_wrenches": 2,
 }
+MANY_JOINTS = ("inverse_dynamics", "coriolis_matrix", "coordinates")  # of the robot that takes longest
 
 
-@pytest.mark.parametrize("quantity", RATES)
-@pytest.mark.parametrize("name", LOOP_ROBOTS)
-def test_rates_are_derivatives_along_the_motion(closed, name, quantity):
+@pytest.fixture(scope="module")
+def nearby(closed):
+    """States of each robot at one time and at those before and after it that differences take: all joints, and rates."""
+    found = {}
+    for name, robot in closed.items():
+        motion = motion_near_start(robot, np.random.default_rng(2), 4)
+        for times in (np.array(0.0), TIMES):
+            q, *rates = motion(times)
+            found[name, times.shape] = [robot.coordinates(q), *rates]
+    return found
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity"),
+    [(name, x) for name in LOOP_ROBOTS for x in (MANY_JOINTS if name == "gough_stewart" else RATES)],
+)
+def test_rates_are_derivatives_along_the_motion(closed, nearby, name, quantity):
     """The first rate against nine-point differences of the value, the second against those of the first."""
-    robot, at_rest = closed[name], RATES[quantity]
-    motion = motion_near_start(robot, np.random.default_rng(2), at_rest + 2)
-    chosen = {} if quantity == "coordinates" else FASTEST
-    named, _, form = quantity.partition(" ")
+    compute, at_rest = getattr(closed[name], quantity), RATES[quantity]
 
-    def rates(t, order):
-        given = motion(t)[: at_rest + order + 1]
-        return getattr(robot, named)(*given, **chosen, **({"form": form} if form else {}))
+    def rates(times, order):
+        return compute(*nearby[name, times.shape][: at_rest + order + 1], **FASTEST)
 
-    _, first, second = rates(0.0, 2)
-    assert relative_error(first, differentiated_at_once(lambda t: rates(t, 0))) < 1e-8
-    assert relative_error(second, differentiated_at_once(lambda t: rates(t, 1)[1])) < 1e-8
+    _, first, second = rates(np.array(0.0), 2)
+    value, rate = rates(TIMES, 1)
+    for found, differenced in ((first, value), (second, rate)):
+        assert relative_error(found, np.tensordot(DIFFERENCE, differenced, axes=1)) < 1e-8
 
 
 @pytest.mark.parametrize("name", LOOP_ROBOTS)
@@ -107,3 +122,39 @@ def test_forces_do_not_depend_on_the_cut(closed, name, tmp_path):
         other.inverse_dynamics(*u, **FASTEST), robot.inverse_dynamics(*u, **FASTEST), strict=True
     ):
         assert relative_error(found, expected) < 1e-11
+
+
+def test_redundant_motors_share_the_forces(closed):
+    """u = W^-1 B (B^T W^-1 B)^-1 Q with B the rows of F of the motors: B^T u = Q, and the weighted squares are least."""
+    robot, motors = closed["fivebar"], ["left_shoulder", "right_shoulder", "left_elbow"]
+    tree, weights = jounce.Robot(robot.mechanism.tree), {"left_elbow": 4.0}
+    driven = tree.closed(robot.mechanism.loops, motors, coordinates=motors[:2], start=START, weights=weights)
+    u = motion_near_start(robot, np.random.default_rng(8), 4)(0.2)
+    Q = robot.inverse_dynamics(*u, **FASTEST)
+    assert relative_error(driven.inverse_dynamics(*u, **FASTEST), Q) < 1e-13
+    places = [robot.mechanism.tree.coordinates.index(joint) for joint in motors]
+    B = np.stack([robot.coordinates(u[0], e)[1][places] for e in np.eye(2)], axis=-1)
+    shares = driven.actuator_forces(*u, **FASTEST)
+    W = np.diag([1.0, 1.0, 4.0])
+    assert relative_error(B.T @ shares[0], Q[0]) < 1e-12
+    assert relative_error(W @ shares[0], B @ np.linalg.lstsq(B, W @ shares[0])[0]) < 1e-12  # no share works for nothing
+    found = np.array([driven.actuator_forces(*x, **FASTEST) for x in zip(*motion_near_start(robot, np.random.default_rng(8), 2)(0.2 + TIMES), strict=True)])
+    assert relative_error(shares[1], np.tensordot(DIFFERENCE, found, axes=1)) < 1e-8
+
+
+@pytest.mark.parametrize("name", LOOP_ROBOTS)
+def test_cut_joints_transmit_what_keeps_the_tree_in_motion(closed, name):
+    """The tree under the wrenches of its cut joints needs the forces of the motors, and none at the other joints."""
+    robot = closed[name]
+    m, tree = robot.mechanism, jounce.Robot(robot.mechanism.tree)
+    u = motion_near_start(robot, np.random.default_rng(9), 2)(0.6)
+    q, qd, q2d = robot.coordinates(*u)
+    C, W = tree.poses(q), np.zeros((m.nb, 6))
+    for loop, wrench in zip(m.loops, robot.loop_wrenches(*u, **FASTEST), strict=True):
+        at_cut = C[loop.a.body] @ loop.a.T
+        for sign, body in ((1, loop.a.body), (-1, loop.b.body)):  # W is what a body exerts on others
+            W[body] += sign * lie.Ad(lie.inverse(lie.inverse(C[body]) @ at_cut)).T @ wrench
+    Q = tree.inverse_dynamics(q, qd, q2d, wrench=W)
+    expected = np.zeros(tree.n)
+    expected[list(m.closure.independent)] = robot.inverse_dynamics(*u, **FASTEST)
+    assert relative_error(Q, expected) < 1e-11
