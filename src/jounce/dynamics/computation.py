@@ -170,6 +170,8 @@ class Computation:
         bodies = len(mechanism.body_names)
         sizes = {"n": mechanism.n, "nv": mechanism.nv, "nb": bodies, "rates": self.quantity.rates + k}
         sizes["parameters"] = len(PARAMETERS) * bodies
+        if closure := mechanism.closure:
+            sizes |= {"tree": len(closure.coordinates), "loops": len(mechanism.loops), "motors": len(closure.actuated)}
         axes = (axis for axis in self.quantity.shape if axis != "nb" or self.body is None)
         return tuple(sizes[axis] if isinstance(axis, str) else axis for axis in axes)
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce._scalars import Array
+from jounce._scalars import Array, reciprocal
 from jounce.model.coordinates import joint_variables
 from jounce.model.loops import Closure
 from jounce.model.mechanism import Mechanism, path_to
@@ -153,8 +153,11 @@ class ClosedMotion:
 
     def multipliers(self, Q: Series) -> Series:
         """y of A_d^T y = Q_d: what the cut joints exert where forces Q, (..., nv, k), act on the tree."""
-        Q_d = Q.map(lambda Q: Q[..., self._places[1], :])
-        return solved(self.A_d.mT, Q_d, lambda b: self._factors.solve_transposed(b))
+        return solved(self.A_d.mT, self.dependent(Q), lambda b: self._factors.solve_transposed(b))
+
+    def dependent(self, Q: Series) -> Series:
+        """The rows of the dependent velocities."""
+        return Q.map(lambda Q: Q[..., self._places[1], :])
 
     def pull(self, Q: Series) -> Series:
         """F^T Q = Q_u - A_u^T y: forces on the tree as those on the independent coordinates, (..., nv, k)."""
@@ -190,3 +193,29 @@ def closed_motion(m: Mechanism, x: "State") -> ClosedMotion:
     """The motion of the tree in a state."""
     assert x.position is not None, m.name
     return ClosedMotion(m, x.q, x.position)
+
+
+def actuator_forces(m: Mechanism, F: Series, Q: Series) -> Series:
+    """u = W^-1 F_u (F_u^T W^-1 F_u)^-1 Q, (..., motors, 1): the forces with F_u^T u = Q of which u^T W u is least.
+
+    F_u are the rows of F, the velocities of all coordinates, that belong to the actuated joints; W are their weights.
+    """
+    closure, first = closure_of(m), m.nv - m.n
+    F_u = F.map(lambda F: F[..., [first + j for j in closure.actuated], first:])
+    weighted = reciprocal(closure.weights)[:, None] * F_u
+    return weighted @ solved(F_u.mT @ weighted, Q)
+
+
+def loop_wrenches(m: Mechanism, motion: ClosedMotion, Q: Series) -> Series:
+    """R^T y, (..., loops, 6), of forces Q on the tree: the wrenches that cut joints exert, R the rows of their constraints.
+
+    y = A_d (A_d^T A_d)^-1 Q_d is the shortest one; where constraints are redundant, others would serve.
+    """
+    y = motion.A_d @ solved(motion.A_d.mT @ motion.A_d, motion.dependent(Q))
+    sizes = [len(loop.rows) for loop in m.loops]
+    ends = np.cumsum(sizes)
+    parts = [
+        (loop.rows.T @ y.map(lambda y, k=k, n=n: y[..., k - n : k, :])).map(lambda W: W.mT)
+        for loop, k, n in zip(m.loops, ends, sizes, strict=True)
+    ]
+    return joined(parts, axis=-2)

@@ -24,7 +24,7 @@ from jounce.spatial.linear import Factors
 from jounce.spatial.series import Series, rate_name
 
 # "n" coordinates, "nv" velocities, "nb" bodies, "parameters" ten inertial ones per body, "rates" q, qd, ..., as many as
-# the quantity or its rate takes
+# the quantity or its rate takes; of closed robots the coordinates of the "tree", "loops", "motors"
 Axis = int | str
 
 
@@ -84,6 +84,7 @@ class Quantity:
     wrench_tex: str = ""
     wrench_rates: int = 1  # how many of W, Wd, ... the quantity itself takes, where they enter
     elastic: bool = False  # whether it is one of robots with elastic joints only
+    closed: bool = False  # whether it is one of robots with closed loops only
     drive_terms: tuple[str, ...] = ()  # which of those that act enter
     drive_law: Law | None = None  # what they add
     results: tuple[str, ...] = ()  # of a quantity of several results, which has no rates: the terms of its law
@@ -98,9 +99,14 @@ class Quantity:
         return bool(self.wrench_term)
 
     @property
+    def everywhere(self) -> bool:
+        """Whether all robots have it."""
+        return not (self.elastic or self.closed)
+
+    @property
     def follows_others(self) -> bool:
-        """Whether its laws take those of other quantities, and nothing else of the tree."""
-        return self.forces or self.elastic or "rates" in self.shape
+        """Whether its laws take those of other quantities, with loops closed as they are."""
+        return self.forces or self.elastic or self.closed or "rates" in self.shape
 
     @property
     def of_bodies(self) -> bool:
@@ -207,6 +213,17 @@ def _of_motors(law: Callable[[Mechanism, Series, elastic.Forces], Series], metho
         return _row(law(m, x.q, forces))
 
     return motors
+
+
+def _actuator_forces(m: Mechanism, x: State, method: str) -> Series:
+    Q = FORCES.law(method, m)(m, x).map(lambda Q: Q[..., -m.n :, None])
+    return _row(loops.actuator_forces(m, loops.closed_motion(m, x).F, Q))
+
+
+def _loop_wrenches(m: Mechanism, x: State, method: str) -> Series:
+    motion = loops.closed_motion(m, x)
+    Q = FORCES.law(method, m.tree)(m.tree, replace(x, q=motion.q, position=None))
+    return loops.loop_wrenches(m, motion, Q.map(lambda Q: Q[..., None]))
 
 
 def _poses(m: Mechanism, x: State, poses: kinematics.OfBodies) -> Series:
@@ -585,6 +602,56 @@ QUANTITIES: Mapping[str, Quantity] = {
             methods={
                 "recursion": Method(_of_motors(elastic.motor_torques, "recursion"), _column),
                 "closed_form": Method(_of_motors(elastic.motor_torques, "closed_form")),
+            },
+        ),
+        Quantity(
+            name="coordinates",
+            symbol="qt",
+            rates=1,
+            shape=("tree",),
+            closed=True,
+            unit="rad or, for coordinates in m, m",
+            caption="coordinates of the tree",
+            meaning="qt: the coordinates of all joints, with loops closed; qtd = F qd of the independent coordinates q.",
+            tex_symbol="q_{t}",
+            tex=r"\dot{q}_t = F\,\dot{q}, \quad A\,F = 0",
+            methods={"recursion": Method(lambda m, x: _row(loops.closed_motion(m, x).q), _columns)},
+        ),
+        Quantity(
+            name="actuator_forces",
+            symbol="u",
+            rates=3,
+            shape=("motors",),
+            closed=True,
+            wrench_term="F_u^-T F^T J^T W",
+            wrench_tex=r"F_u^{-T} F^T J^T W",
+            drive_terms=TERMS,
+            unit="N m or, for coordinates in m, N",
+            caption="forces of the motors",
+            meaning="u: forces of the actuated joints, F_u^T u = Q, with the least weighted sum of squares.",
+            tex=r"F_u^T u = Q",
+            methods={
+                "recursion": Method(lambda m, x: _actuator_forces(m, x, "recursion"), _columns),
+                "closed_form": Method(lambda m, x: _actuator_forces(m, x, "closed_form")),
+            },
+        ),
+        Quantity(
+            name="loop_wrenches",
+            symbol="Wl",
+            rates=3,
+            shape=("loops", 6),
+            closed=True,
+            wrench_term="what they add",
+            wrench_tex=r"W_l(W)",
+            drive_terms=TERMS,
+            unit="N m and N",
+            caption="wrenches at the cut joints",
+            meaning="Wl: the wrench (moment; force) of each cut joint on the body of its second frame, in its first frame.",
+            tex_symbol="W_{l}",
+            tex=r"W_l = R^T \lambda, \quad A_d^T \lambda = Q_d",
+            methods={
+                "recursion": Method(lambda m, x: _loop_wrenches(m, x, "recursion"), _columns),
+                "closed_form": Method(lambda m, x: _loop_wrenches(m, x, "closed_form")),
             },
         ),
     )

@@ -138,7 +138,7 @@ def checked_arguments(
             raise JounceError(f"method={method!r} has no base that moves; use method='closed_form'")
     if body is not None or frame != "body":
         requests.place(mechanism, name, body, frame)
-    requests.check_elastic(mechanism, name, moves)
+    requests.check_existence(mechanism, name, moves)
     if quantity.forces:
         requests.check_invertible(mechanism, name)
     enters = moves and requests.takes_base(name, frame)
