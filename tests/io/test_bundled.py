@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from closed_robots import LOOP_ROBOTS
 from files import refusal
-from loops import LOOP_ROBOTS
 
 import jounce
 from jounce.cli import main

@@ -1,4 +1,4 @@
-"""Closed robots for the tests: golden states, motions near their starts, and the same robots cut elsewhere."""
+"""Robots with closed loops: golden states, motions near their starts, and the same robots cut elsewhere."""
 
 import copy
 import json
@@ -21,21 +21,18 @@ def content(name):
     return YAML(typ="safe").load((FOLDER / name / "robot.yaml").read_text(encoding="utf-8"))
 
 
-def loaded(said, folder, name="robot.yaml"):
+def loaded(said, folder):
     """The robot of a file with this content."""
-    path = folder / name
-    said = dict(said)
-    loops, actuated, start = (said.pop(key) for key in ("loops", "actuated", "start"))
+    path = folder / "robot.yaml"
     YAML(typ="safe").dump(said, path)
-    cuts = [(*cut["frames"], cut.get("joint", "spherical"), cut.get("axis", [0, 0, 1])) for cut in loops]
-    return jounce.load(path).closed(cuts, actuated, start=start)
+    return jounce.load(path)
 
 
 def golden_loops(name):
-    """The coordinates of the tree, those with motors, and states: all coordinates and forces, each with rates."""
+    """The coordinates of the tree, those with motors, and of three states all coordinates and forces, with rates."""
     data = json.loads((GOLDEN / "loops" / f"{name}.json").read_text())
-    cases = [[np.array(case[key], dtype=float) for key in ("coordinates", "forces")] for case in data["cases"]]
-    return data["coordinates"], data["actuated"], cases
+    states = ([np.array(case[key], dtype=float) for case in data["cases"]] for key in ("coordinates", "forces"))
+    return data["coordinates"], data["actuated"], *(np.stack(rates, axis=1) for rates in states)  # (5 or 3, 3, ...)
 
 
 def motion_near_start(robot, rng, order, size=0.1):
