@@ -10,8 +10,9 @@ from jounce._scalars import Array, asarray, is_numeric
 from jounce.arguments import names
 from jounce.arguments.rates import rates_of
 from jounce.dynamics import closing
+from jounce.dynamics.loops import closure_of
 from jounce.errors import JounceError, at, listed, one_of, quoted
-from jounce.model.loops import HELD, Z, Closure, Loop
+from jounce.model.loops import HELD, Closure, Loop, Z
 from jounce.model.mechanism import Mechanism
 
 
@@ -31,14 +32,14 @@ def with_loops(
     """
     tree = mechanism.tree
     tree = replace(tree, loops=_loops(tree, loops))
-    motors = _places(tree, "actuated", actuated)
+    motors = _motors(mechanism, actuated)
     own = motors if coordinates is None else _places(tree, "coordinates", coordinates)
     closure = Closure(
         coordinates=tree.coordinates,
         G=tree.G,
         g=tree.g,
         independent=own,
-        start=_start(tree, start),
+        start=_start(mechanism, start),
         actuated=motors,
         weights=_weights(tree, motors, weights),
     )
@@ -51,7 +52,7 @@ def with_loops(
 
 def _check_mobility(m: Mechanism) -> None:
     """Raise `JounceError` unless the independent coordinates, and the motors, determine the motion at the start."""
-    c = closing.closure_of(m)
+    c = closure_of(m)
     A = closing.scaled_constraints(m, c.start[None])[0]
     free = A.shape[1] - np.linalg.matrix_rank(A, rtol=closing.SINGULAR)
     if m.n > free:
@@ -75,7 +76,7 @@ def _check_mobility(m: Mechanism) -> None:
 
 
 def _loops(tree: Mechanism, given: object) -> tuple[Loop, ...]:
-    """The loops that a caller gives: (frame_a, frame_b), (frame_a, frame_b, joint) or (frame_a, frame_b, joint, axis)."""
+    """The loops that a caller gives: pairs of frames, with the joint between them and its axis or without."""
     if given is None:
         if not tree.loops:
             raise JounceError(f"{tree.name!r} states no loops; expected loops=[(frame_a, frame_b), ...]")
@@ -87,9 +88,11 @@ def _loops(tree: Mechanism, given: object) -> tuple[Loop, ...]:
 
 def _loop(tree: Mechanism, given: object, label: str) -> Loop:
     if not isinstance(given, Sequence) or isinstance(given, str) or not 2 <= len(given) <= 4:
-        raise JounceError(f"{label} is {quoted(given)}; expected (frame_a, frame_b), with a joint and its axis or without")
+        raise JounceError(
+            f"{label} is {quoted(given)}; expected (frame_a, frame_b), with a joint and its axis or without"
+        )
     with at(label):
-        return loop_between(tree, given[0], given[1], *given[2:])
+        return loop_between(tree, *given)
 
 
 def loop_between(tree: Mechanism, a: Any, b: Any, joint: Any = "spherical", axis: Any = Z) -> Loop:
@@ -109,10 +112,15 @@ def loop_between(tree: Mechanism, a: Any, b: Any, joint: Any = "spherical", axis
     return Loop(*frames, joint, along / np.linalg.norm(along))
 
 
+def _motors(mechanism: Mechanism, given: object) -> tuple[int, ...]:
+    """The places of the actuated coordinates, by default those of a robot whose loops are closed."""
+    if given is None and mechanism.closure:
+        return mechanism.closure.actuated
+    return _places(mechanism.tree, "actuated", given)
+
+
 def _places(tree: Mechanism, label: str, given: object) -> tuple[int, ...]:
     """The places of coordinates that a caller names, in this order."""
-    if given is None and tree.closure is None:
-        raise JounceError(f"{label} is None; expected names of joints: {listed(tree.coordinates)}")
     if isinstance(given, str) or not isinstance(given, Sequence) or not given:
         raise JounceError(f"{label} is {quoted(given)}; expected a list of joints: {listed(tree.coordinates)}")
     found = [tree.coordinates.index(one_of("joint", name, tree.coordinates, label)) for name in given]
@@ -121,10 +129,11 @@ def _places(tree: Mechanism, label: str, given: object) -> tuple[int, ...]:
     return tuple(found)
 
 
-def _start(tree: Mechanism, given: object) -> np.ndarray:
-    """The configuration (N,) that a caller gives as start: by joint name, 0 where none is given, or all coordinates."""
+def _start(mechanism: Mechanism, given: object) -> np.ndarray:
+    """The configuration (N,) of a caller's start: by joint name, 0 where a joint is left out, or all coordinates."""
+    tree = mechanism.tree
     if given is None:
-        return np.zeros(tree.n)
+        return mechanism.closure.start if mechanism.closure else np.zeros(tree.n)
     if names.listed_in(given) is None:
         q = np.asarray(asarray(given, "start"))
         if q.shape != (tree.n,):
@@ -160,7 +169,7 @@ def split(mechanism: Mechanism, q: Any) -> tuple[Any, Any]:
 
     A q of N entries, or one that names all coordinates of the tree, has the dependent ones too.
     """
-    closure = closing.closure_of(mechanism)
+    closure = closure_of(mechanism)
     named = names.listed_in(q)
     if named is not None:
         if not set(closure.coordinates) <= set(named):
@@ -178,14 +187,14 @@ def dependent_of(mechanism: Mechanism, u: Array, whole: Array | None) -> Array:
 
     Symbols are taken as they are.
     """
-    closure = closing.closure_of(mechanism)
+    closure = closure_of(mechanism)
     others = list(closure.dependent)
     if whole is not None and not is_numeric(whole):
         return whole[..., others]
     if whole is None and not is_numeric(u):
         raise JounceError(
-            f"q has {mechanism.n} symbols; expected all {len(closure.coordinates)} coordinates of the tree, as loops are"
-            f" closed on numbers: {listed(closure.coordinates)}"
+            f"q has {mechanism.n} symbols; expected all {len(closure.coordinates)} coordinates of the tree, as"
+            f" loops are closed on numbers: {listed(closure.coordinates)}"
         )
     start = closure.start if whole is None else np.asarray(whole, dtype=float).reshape(-1, len(closure.coordinates))
     flat = np.asarray(u, dtype=float).reshape(-1, mechanism.n)

@@ -99,7 +99,9 @@ def check_existence(mechanism: Mechanism, quantity: str, moving: bool) -> None:
     Rotors that links carry take a base at rest.
     """
     if QUANTITIES[quantity].closed and mechanism.closure is None:
-        raise JounceError(f"{quantity} of {mechanism.name!r}: no loop is closed; robot.closed(loops, actuated) closes some")
+        raise JounceError(
+            f"{quantity} of {mechanism.name!r}: no loop is closed; robot.closed(loops, actuated) closes some"
+        )
     if not QUANTITIES[quantity].elastic:
         return
     if mechanism.elasticity is None:

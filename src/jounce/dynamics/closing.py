@@ -1,8 +1,8 @@
 """Positions of closed robots: the dependent coordinates for which the loops close, by Newton's method, on numbers.
 
 Loops close in several ways, called branches. Positions are continued from a start along a straight line of the
-independent coordinates, in steps that the tangent predicts well, so that the start decides on the branch, and samples of
-a batch do not depend on each other.
+independent coordinates, in steps that the tangent predicts well: the start decides on the branch, and samples of a
+batch do not depend on each other.
 """
 
 from collections.abc import Sequence
@@ -131,20 +131,25 @@ def tangent(A: np.ndarray, own: Sequence[int], dependent: Sequence[int]) -> np.n
 
 
 def assembled(m: Mechanism, start: np.ndarray) -> np.ndarray:
-    """The configuration (N,) near a start in which the loops are closed: all coordinates move, as little as they can.
+    """The configuration (N,) near a start in which the loops are closed.
+
+    The independent coordinates stay if they can; else all move, as little as possible.
 
     Raises
     ------
     JounceError : if there is no such configuration nearby.
     """
     s, q = scales(m), np.array(start, dtype=float)[None]
+    found, off = _newton(m, s, q, list(closure_of(m).dependent))
+    if off[0] <= CLOSED and _is_near(s, found - q, 0 * q)[0]:  # the independent ones can stay
+        return np.asarray(found[0])
     everything = range(q.shape[1])
     for _ in range(10 * ITERATIONS):  # shorter steps far away, as Newton's do not lead there
         gap, A = gaps(m, q)
         if (np.abs(gap * s.rows) <= 0.1).all():
             break
         change = _solved(s, A, -gap, everything)
-        q = q + change * min(1.0, 0.3 / np.abs(change / s.coordinates).max())
+        q = q + change * min(1.0, 0.3 / max(np.abs(change / s.coordinates).max(), 1e-300))
     q, off = _newton(m, s, q, everything)
     if off[0] > CLOSED:
         raise JounceError(
@@ -177,8 +182,8 @@ def _not_closed(m: Mechanism, s: Scales, q: np.ndarray, u: np.ndarray, sample: s
     trial, _ = _newton(m, s, trial[None], list(c.dependent))
     at = ", ".join(f"{name} = {x:.4g}" for name, x in zip(m.coordinates, q[list(c.independent)], strict=True))
     return JounceError(
-        f"{m.name!r} cannot be closed at q{sample}: {_worst_gap(m, s, trial[0])}; from the start it comes to {at}, where"
-        f" 1/cond of the constraints is {inverse_conditions(m, q[None], c.dependent)[0]:.2g}; give all"
+        f"{m.name!r} cannot be closed at q{sample}: {_worst_gap(m, s, trial[0])}; from the start it comes to {at},"
+        f" where 1/cond of the constraints is {inverse_conditions(m, q[None], c.dependent)[0]:.2g}; give all"
         f" {len(c.coordinates)} coordinates of the tree, near the wanted branch, in place of q"
     )
 

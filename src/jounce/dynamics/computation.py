@@ -180,16 +180,16 @@ class Computation:
 
         Those of a closed robot end with the dependent coordinates.
         """
-        position = None
+        tree = None
         if mechanism.closure:
             *arrays, dependent = arrays
-            position = mechanism.closure.joined(arrays[0], dependent)[..., None]
+            tree = mechanism.closure.joined(arrays[0], dependent)[..., None]
         loads = self.rates + (self.quantity.wrench_rates + self.order if self.wrench else 0)
         given, W, base = arrays[: self.rates], arrays[self.rates : loads], arrays[loads:]
         own = self.quantity.coordinate_inputs(self.rates)
         q, Q = columns(given[:own]), columns(given[own:])
         moving = BaseMotion(pose(rotation(base[0]), position(base[0])), columns(base[1:])) if self.base else None
-        return State(q, wrench_columns(W) if W else None, Q, moving, self.body, self.frame, position)
+        return State(q, wrench_columns(W) if W else None, Q, moving, self.body, self.frame, tree)
 
     def series(self, method: str, mechanism: Mechanism, arrays: Sequence[Array]) -> Series:
         """The quantity by a method, from the arrays of `state`; its terms are the results."""

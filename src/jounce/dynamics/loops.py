@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce._scalars import Array, reciprocal
+from jounce._scalars import Array, concatenate, reciprocal
 from jounce.model.coordinates import joint_variables
 from jounce.model.loops import Closure
 from jounce.model.mechanism import Mechanism, path_to
@@ -207,15 +207,15 @@ def actuator_forces(m: Mechanism, F: Series, Q: Series) -> Series:
 
 
 def loop_wrenches(m: Mechanism, motion: ClosedMotion, Q: Series) -> Series:
-    """R^T y, (..., loops, 6), of forces Q on the tree: the wrenches that cut joints exert, R the rows of their constraints.
+    """R^T y, (..., loops, 6), of forces Q on the tree: the wrenches of cut joints with rows R of constraints.
 
     y = A_d (A_d^T A_d)^-1 Q_d is the shortest one; where constraints are redundant, others would serve.
     """
     y = motion.A_d @ solved(motion.A_d.mT @ motion.A_d, motion.dependent(Q))
-    sizes = [len(loop.rows) for loop in m.loops]
-    ends = np.cumsum(sizes)
-    parts = [
-        (loop.rows.T @ y.map(lambda y, k=k, n=n: y[..., k - n : k, :])).map(lambda W: W.mT)
-        for loop, k, n in zip(m.loops, ends, sizes, strict=True)
-    ]
-    return joined(parts, axis=-2)
+    ends = np.cumsum([len(loop.rows) for loop in m.loops])[:-1]
+
+    def wrenches(y: Array) -> Array:
+        parts = zip(m.loops, np.split(np.arange(y.shape[-2]), ends), strict=True)
+        return concatenate([(loop.rows.T @ y[..., places, :]).mT for loop, places in parts], axis=-2)
+
+    return y.map(wrenches)

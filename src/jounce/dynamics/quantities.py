@@ -612,7 +612,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             closed=True,
             unit="rad or, for coordinates in m, m",
             caption="coordinates of the tree",
-            meaning="qt: the coordinates of all joints, with loops closed; qtd = F qd of the independent coordinates q.",
+            meaning="qt: the coordinates of all joints, with loops closed; qtd = F qd of the independent ones.",
             tex_symbol="q_{t}",
             tex=r"\dot{q}_t = F\,\dot{q}, \quad A\,F = 0",
             methods={"recursion": Method(lambda m, x: _row(loops.closed_motion(m, x).q), _columns)},
@@ -646,7 +646,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             drive_terms=TERMS,
             unit="N m and N",
             caption="wrenches at the cut joints",
-            meaning="Wl: the wrench (moment; force) of each cut joint on the body of its second frame, in its first frame.",
+            meaning="Wl: the wrench (moment; force) of a cut joint on the body of its second frame, in the first.",
             tex_symbol="W_{l}",
             tex=r"W_l = R^T \lambda, \quad A_d^T \lambda = Q_d",
             methods={

@@ -29,7 +29,10 @@ def _convert(mechanism: Mechanism, convert: Callable[[Array], Array]) -> Mechani
     frames = tuple(replace(frame, T=convert(frame.T)) for frame in mechanism.frames)
     drives = Drives(**{name: convert(array) for name, array in vars(mechanism.drives).items()})
     elasticity = mechanism.elasticity and mechanism.elasticity.map(convert)
-    loops, closure = tuple(x.map(convert) for x in mechanism.loops), mechanism.closure and mechanism.closure.map(convert)
+    loops, closure = (
+        tuple(x.map(convert) for x in mechanism.loops),
+        mechanism.closure and mechanism.closure.map(convert),
+    )
     return replace(converted, frames=frames, drives=drives, elasticity=elasticity, loops=loops, closure=closure)
 
 

@@ -1716,11 +1716,11 @@ class Robot:
     ) -> Self:
         """The robot with its loops closed, moved by its actuated joints.
 
-        Constraints ``A q' = 0`` hold the coordinates q of the tree, which is this robot: ``q' = F u'`` with the rates u'
-        of independent coordinates u. All methods of the closed robot take and return quantities of u, by the principle
-        of virtual work: forces ``F^T Q``, mass matrix ``F^T M F``, Jacobians ``J F``. Its q is u, (..., n), from which
-        the loops are closed by Newton's method, along a straight line from the start; or the coordinates of the tree,
-        (..., N), from which they are closed without leaving the branch.
+        Constraints ``A q' = 0`` hold the coordinates q of the tree, which is this robot: ``q' = F u'`` with the rates
+        u' of independent coordinates u. All methods of the closed robot take and return quantities of u, by the
+        principle of virtual work: forces ``F^T Q``, mass matrix ``F^T M F``, Jacobians ``J F``. Their q is u, (..., n),
+        from which the loops are closed by Newton's method, along a straight line from the start; or it has all
+        coordinates of the tree, (..., N), from which the loops are closed without leaving the branch.
 
         Parameters
         ----------
@@ -1737,8 +1737,8 @@ class Robot:
             Joint positions, rad or m, near a configuration with closed loops: they decide on the branch. Joints that a
             mapping leaves out are at 0.
         weights : (k,) or mapping, optional
-            Weights of the motors' forces, where more joints are actuated than there are coordinates: the weighted sum of
-            their squares is least. 1 by default.
+            Weights of the motors' forces, where more joints are actuated than there are coordinates: the weighted sum
+            of their squares is least. 1 by default.
 
         Returns
         -------
@@ -1814,8 +1814,8 @@ class Robot:
         >>> qt.shape
         (4,)
         """
-        options = {"base": base, "method": method, "out": out, "threads": threads}
-        return compute(self, "coordinates", (q, qd, q2d, *higher), **options)
+        given = q, qd, q2d, *higher
+        return compute(self, "coordinates", given, base=base, method=method, out=out, threads=threads)
 
     @typed(overloads.OfAcceleration)
     def actuator_forces(
@@ -1832,9 +1832,8 @@ class Robot:
     ) -> Results:
         """The forces u of the actuated joints of a robot with closed loops, and their rates.
 
-        ``F_u^T u = Q``, F_u the velocities of the actuated joints from those of the independent coordinates. Where there
-        are more motors than coordinates, the weighted sum of u^2 is least. If the coordinates are those of the motors,
-        u = Q.
+        ``F_u^T u = Q``, F_u the velocities of the actuated joints from those of the independent coordinates. With more
+        motors than coordinates, the weighted sum of u^2 is least. If the coordinates are those of the motors, u = Q.
 
         Parameters
         ----------
@@ -1867,8 +1866,10 @@ class Robot:
         >>> robot.actuator_forces([2.2, 0.9], [0, 0], [0, 0]).shape
         (2,)
         """
-        options = {"wrench": wrench, "base": base, "method": method, "out": out, "threads": threads}
-        return compute(self, "actuator_forces", (q, qd, q2d, *higher), **options)
+        given = q, qd, q2d, *higher
+        return compute(
+            self, "actuator_forces", given, wrench=wrench, base=base, method=method, out=out, threads=threads
+        )
 
     @typed(overloads.OfAcceleration)
     def loop_wrenches(
@@ -1920,8 +1921,8 @@ class Robot:
         >>> robot.loop_wrenches([2.2, 0.9], [0, 0], [0, 0]).shape
         (1, 6)
         """
-        options = {"wrench": wrench, "base": base, "method": method, "out": out, "threads": threads}
-        return compute(self, "loop_wrenches", (q, qd, q2d, *higher), **options)
+        given = q, qd, q2d, *higher
+        return compute(self, "loop_wrenches", given, wrench=wrench, base=base, method=method, out=out, threads=threads)
 
     @typed(overloads.OfPosition[Array])
     def mass_matrix(

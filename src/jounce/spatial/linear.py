@@ -1,8 +1,8 @@
 """Linear equations A x = b over any scalar type, and over time series; neither square roots nor pivots are needed.
 
-Symmetric positive definite A are taken as L^T D L, from the last row to the first: for the mass matrix of a tree without
-fill-in (Featherstone, Rigid Body Dynamics Algorithms, 6.3). Others, of full column rank, are taken as Q R with columns
-of Q that are orthogonal (modified Gram-Schmidt); rows may be redundant.
+Symmetric positive definite A are taken as L^T D L, from the last row to the first: for the mass matrix of a tree
+without fill-in (Featherstone, Rigid Body Dynamics Algorithms, 6.3). Others, of full column rank, are taken as Q R with
+columns of Q that are orthogonal (modified Gram-Schmidt); rows may be redundant.
 """
 
 from collections.abc import Callable

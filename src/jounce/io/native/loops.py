@@ -38,7 +38,7 @@ def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
             raise given.get("frames").error("two names of frames")
         with at(given.place):
             joint, axis = given.get("joint", "spherical").text(), given.get("axis", list(Z)).numbers((3,))
-            loops.append(loop_between(mechanism, *frames, joint, axis))
+            loops.append(loop_between(mechanism, frames[0], frames[1], joint, axis))
     mechanism = replace(mechanism, loops=tuple(loops))
     if "actuated" not in robot.value:
         return mechanism
