@@ -1,7 +1,8 @@
 """The bundled robots: the paper's as functions of their parameters, others as files.
 
-A file is ``robots/NAME/robot.yaml``. Files of arms and robots with legs are converted from URDFs without loss: their first
-lines name the URDF, and the licence is in the same folder. Parallel robots were written for jounce, under its licence.
+A file is ``robots/NAME/robot.yaml``. Those of arms and robots with legs are converted from URDFs without loss: their
+first lines name the URDF, and the licence is in the same folder. Robots with closed loops were written for jounce,
+under its licence.
 """
 
 from collections.abc import Callable
@@ -185,13 +186,13 @@ BUNDLED: dict[str, Bundled] = {
         ),
         _parallel("fivebar", "parallel, planar five-bar, invented", (2, 4, 1.05), "invented"),
         _parallel(
-            "delta", "parallel, Delta, invented masses of arms and rods", (3, 12, 1.76),
+            "delta", "parallel, Delta, arm masses invented", (3, 12, 1.76),
             "https://github.com/RicoJia/Omnid_Project",
         ),
         _parallel(
-            "gough_stewart", "parallel, Gough-Stewart platform, invented legs", (6, 21, 3.9),
+            "gough_stewart", "parallel, Gough-Stewart, legs invented", (6, 21, 3.9),
             "https://reference.wolfram.com/system-modeler/libraries/IndustryExamples/",
         ),
-        _parallel("fourbar_leg", "parallel, leg with a four-bar knee, invented", (2, 4, 3.27), "invented"),
+        _parallel("fourbar_leg", "parallel, four-bar leg, invented", (2, 4, 3.27), "invented"),
     )
 }  # fmt: skip
