@@ -190,7 +190,8 @@ def law(tree_law: "Law", shape: Sequence[int | str], of_turning: "Law | None") -
         on_tree = replace(x, q=motion.q, position=None)
         X = tree_law(m.tree, on_tree)
         if columns:
-            X = X @ motion.F
+            of_bodies = "nb" in shape and x.body is None  # a further axis, before the matrix
+            X = X @ (motion.F.map(lambda F: F[..., None, :, :]) if of_bodies else motion.F)
         if of_turning:
             X = X + of_turning(m.tree, on_tree) @ motion.F.dot
         if len(shape) == 1 and rows:
