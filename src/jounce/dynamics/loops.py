@@ -15,7 +15,7 @@ import numpy as np
 
 from jounce._scalars import Array, concatenate, reciprocal
 from jounce.model.coordinates import joint_variables
-from jounce.model.loops import Closure, Loop
+from jounce.model.loops import Closure
 from jounce.model.mechanism import Mechanism, path_to
 from jounce.spatial.lie import Ad, ad, exp, inverse
 from jounce.spatial.linear import OrthogonalFactors, solved
@@ -71,26 +71,17 @@ def views(m: Mechanism, q: Series) -> dict[int, View]:
     return found
 
 
-def way(m: Mechanism, loop: Loop) -> list[tuple[int, int]]:
-    """The joints on the way from the first frame of a loop to the second, with -1 for inward, 1 for outward."""
-    inward, outward = path_to(m, loop.a.body), path_to(m, loop.b.body)
-    there = [(i, -1) for i in reversed(inward) if i not in outward]
-    return there + [(i, 1) for i in outward if i not in inward]
-
-
-def rows_of(loop: Loop) -> Array:
-    """(c, 6): what vanishes on the relative twist, seen from the body of the first frame."""
-    return loop.rows @ Ad(inverse(loop.a.T))
-
-
 def constraints(m: Mechanism, seen: Mapping[int, View]) -> Series:
     """A, (..., c, N), of what bodies see: A q' are the relative twists that cut joints do not allow."""
+    tree, closure = m.tree, closure_of(m)
     blocks = []
     for loop in m.loops:
-        screws, rows, signs = seen[loop.a.body].screws, rows_of(loop), dict(way(m, loop))
+        screws, rows = seen[loop.a.body].screws, loop.rows @ Ad(inverse(loop.a.T))
+        inward, outward = path_to(tree, loop.a.body), path_to(tree, loop.b.body)
+        signs = [(i in outward) - (i in inward) for i in range(tree.nb)]
         still = Series.constant(np.zeros((len(rows), 1), dtype=int))
-        columns = [signs[i] * rows @ screws[i] if i in signs else still for i in range(m.nb)]
-        blocks.append(joined(columns, axis=-1) @ closure_of(m).G)
+        columns = [sign * rows @ screws[i] if sign else still for i, sign in enumerate(signs)]
+        blocks.append(joined(columns, axis=-1) @ closure.G)
     return joined(blocks, axis=-2)
 
 
@@ -148,12 +139,7 @@ class ClosedMotion:
     @cached_property
     def _A(self) -> Series:
         still = Series.constant(np.zeros((1, self._first), dtype=int))
-        return joined([still, constraints(self.m, self.views)], axis=-1)
-
-    @cached_property
-    def views(self) -> Mapping[int, View]:
-        """What the bodies of the first frames of loops see."""
-        return views(self.m, self.q)
+        return joined([still, constraints(self.m, views(self.m, self.q))], axis=-1)
 
     @cached_property
     def _factors(self) -> OrthogonalFactors:
