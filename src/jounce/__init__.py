@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from jounce.actuators.elastic import ElasticRobot
     from jounce.dynamics.base_parameters import BaseParameters
     from jounce.errors import JounceError, JounceWarning
+    from jounce.identification.excitation import Excitation, excite
     from jounce.io.loading import load
     from jounce.io.motions.loading import load_motion
     from jounce.io.saving import save
@@ -46,6 +47,7 @@ __all__ = [
     "ElasticAlong",
     "ElasticRobot",
     "Elasticity",
+    "Excitation",
     "JounceError",
     "JounceWarning",
     "Kernel",
@@ -63,6 +65,7 @@ __all__ = [
     "__version__",
     "casadi_function",
     "codegen",
+    "excite",
     "inertia_matrix",
     "load",
     "load_motion",
@@ -81,6 +84,7 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "ElasticAlong": "jounce.actuators.along",
     "ElasticRobot": "jounce.actuators.elastic",
     "Elasticity": "jounce.model.elasticity",
+    "Excitation": "jounce.identification.excitation",
     "JounceError": "jounce.errors",
     "JounceWarning": "jounce.errors",
     "Kernel": "jounce.native.kernel",
@@ -97,6 +101,7 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "SpringTable": "jounce.model.spring_table",
     "casadi_function": "jounce._casadi",
     "codegen": "jounce._codegen",
+    "excite": "jounce.identification.excitation",
     "inertia_matrix": "jounce.spatial.inertia",
     "load": "jounce.io.loading",
     "load_motion": "jounce.io.motions.loading",
