@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from closed_robots import LOOP_ROBOTS, fivebar_cut_at_elbow, loaded, motion_near_start, platform_on_leg_four
+from files import refusal
 from robots import WEIGHTS, relative_error
 
 import jounce
@@ -146,3 +147,30 @@ def test_cut_joints_transmit_what_keeps_the_tree_in_motion(closed, states, name)
     expected = np.zeros(tree.n)
     expected[list(m.closure.independent)] = robot.inverse_dynamics(*u, **RECURSION)
     assert relative_error(tree.inverse_dynamics(q, qd, q2d, wrench=W, **RECURSION), expected) < 1e-11
+
+
+@pytest.mark.parametrize("name", ["fivebar", "delta"])
+def test_a_locked_robot_is_the_whole_one_with_a_joint_at_rest(closed, states, name):
+    robot, (q, *rates) = closed[name], at_zero(states[name])
+    own = q[list(robot.mechanism.closure.independent)]
+    held = robot.locked({robot.joint_names[0]: own[0]})
+    assert held.joint_names == robot.joint_names[1:]
+    moving = [x * (np.arange(robot.n) > 0) for x in rates]
+    found = held.inverse_dynamics(own[1:], *(x[1:] for x in moving), **RECURSION)
+    for x, y in zip(found, robot.inverse_dynamics(own, *moving, **RECURSION), strict=True):
+        assert relative_error(x, y[1:]) < 1e-11
+    refusal(
+        lambda: robot.locked({robot.mechanism.tree.coordinates[1]: 0.0}), "unknown joint to lock", *robot.joint_names
+    )
+    refusal(lambda: robot.locked(dict(zip(robot.joint_names, own, strict=True))), "joints are locked; expected one")
+
+
+def test_a_mass_matrix_is_regular_where_bodies_beyond_the_cut_have_mass(closed, states, tmp_path):
+    """The massless link moves the forearm that the tree carries elsewhere."""
+    said = fivebar_cut_at_elbow()
+    del said["bodies"][0]["inertia"]
+    robot, u = loaded(said, tmp_path), at_zero(states["fivebar"][:3])
+    u[0] = u[0][list(closed["fivebar"].mechanism.closure.independent)]
+    Q = robot.inverse_dynamics(*u, **RECURSION)
+    assert relative_error(robot.forward_dynamics(*u[:2], Q, **RECURSION), u[2]) < 1e-10
+    assert [(found.severity, found.kind) for found in robot.audit()] == [("note", "massless")]
