@@ -9,13 +9,14 @@ A_d^T y = Q_d, where the y are what the cut joints exert.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jounce._scalars import Array, concatenate, reciprocal
 from jounce.model.coordinates import joint_variables
-from jounce.model.loops import Closure
+from jounce.model.loops import Closure, Loop
 from jounce.model.mechanism import Mechanism, path_to
 from jounce.spatial.lie import Ad, ad, exp, inverse
 from jounce.spatial.linear import OrthogonalFactors, solved
@@ -76,13 +77,23 @@ def constraints(m: Mechanism, seen: Mapping[int, View]) -> Series:
     tree, closure = m.tree, closure_of(m)
     blocks = []
     for loop in m.loops:
-        screws, rows = seen[loop.a.body].screws, loop.rows @ Ad(inverse(loop.a.T))
-        inward, outward = path_to(tree, loop.a.body), path_to(tree, loop.b.body)
-        signs = [(i in outward) - (i in inward) for i in range(tree.nb)]
+        screws, rows, signs = seen[loop.a.body].screws, _seen_rows(loop), signs_around(m, loop)
         still = Series.constant(np.zeros((len(rows), 1), dtype=int))
-        columns = [sign * rows @ screws[i] if sign else still for i, sign in enumerate(signs)]
+        columns = [signs[i] * rows @ screws[i] if i in signs else still for i in range(tree.nb)]
         blocks.append(joined(columns, axis=-1) @ closure.G)
     return joined(blocks, axis=-2)
+
+
+def _seen_rows(loop: Loop) -> Array:
+    """The rows of a loop for twists seen from the body of its first frame."""
+    return loop.rows @ Ad(inverse(loop.a.T))
+
+
+def signs_around(m: Mechanism, loop: Loop) -> dict[int, int]:
+    """The joints on the way from the first to the second body of a loop, in order: -1 where it leads inward, or 1."""
+    inward, outward = path_to(m, loop.a.body), path_to(m, loop.b.body)
+    back = {i: -1 for i in reversed(inward) if i not in outward}
+    return back | {i: 1 for i in outward if i not in inward}
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,9 +148,13 @@ class ClosedMotion:
         return self._A.map(lambda A: A[..., self._places[1]])
 
     @cached_property
+    def _views(self) -> dict[int, View]:
+        return views(self.m, self.q)
+
+    @cached_property
     def _A(self) -> Series:
         still = Series.constant(np.zeros((1, self._first), dtype=int))
-        return joined([still, constraints(self.m, views(self.m, self.q))], axis=-1)
+        return joined([still, constraints(self.m, self._views)], axis=-1)
 
     @cached_property
     def _factors(self) -> OrthogonalFactors:
@@ -162,6 +177,34 @@ class ClosedMotion:
     def pull(self, Q: Series) -> Series:
         """F^T Q = Q_u - A_u^T y: forces on the tree as those on the independent coordinates, (..., nv, k)."""
         return Q.map(lambda Q: Q[..., self._places[0], :]) - self.A_u.mT @ self.multipliers(Q)
+
+    def bending(self, Q: Series) -> Series:
+        """sum_i Q_i d^2 q_i / du du, (..., nv, nv), of forces Q on the tree, (..., nv, 1): as F varies, F^T Q does.
+
+        A_d dF_d = -dA F, and with the wrench w that a cut joint exerts y^T dA F = sum_i w^T ad(dV_i) S_i theta_i over
+        the joints around the loop, as seen from its first body; dV_i are the displacements of the bodies before them.
+        """
+        m = self.m
+        theta = closure_of(m).G @ self.F.map(lambda F: F[..., self._first :, :])  # what joints do
+        still = Series.constant(np.zeros((6, m.nv), dtype=int))
+        total, y = Series.constant(np.zeros((m.nv, m.nv), dtype=int)), self.multipliers(Q)
+        for loop, rows in zip(m.loops, rows_of_loops(m), strict=True):
+            moved, w = still, _rows(y, rows).mT @ _seen_rows(loop)
+            for i, sign in signs_around(m, loop).items():
+                S, own = sign * self._views[loop.a.body].screws[i], _rows(theta, slice(i, i + 1))
+                total = total + own.mT @ (w @ S.map(lambda S: ad(S[..., 0])) @ moved)
+                moved = moved + S @ own
+        return total
+
+
+def _rows(x: Series, places: slice) -> Series:
+    return x.map(lambda x: x[..., places, :])
+
+
+def rows_of_loops(m: Mechanism) -> list[slice]:
+    """The rows of constraints that belong to each loop."""
+    ends = np.cumsum([0, *(len(loop.rows) for loop in m.loops)]).tolist()
+    return [slice(first, end) for first, end in pairwise(ends)]
 
 
 def law(tree_law: "Law", shape: Sequence[int | str], of_turning: "Law | None") -> "Law":
@@ -212,10 +255,20 @@ def loop_wrenches(m: Mechanism, motion: ClosedMotion, Q: Series) -> Series:
     y = A_d (A_d^T A_d)^-1 Q_d is the shortest one; where constraints are redundant, others would serve.
     """
     y = motion.A_d @ solved(motion.A_d.mT @ motion.A_d, motion.dependent(Q))
-    ends = np.cumsum([len(loop.rows) for loop in m.loops])[:-1]
 
     def wrenches(y: Array) -> Array:
-        parts = zip(m.loops, np.split(np.arange(y.shape[-2]), ends), strict=True)
-        return concatenate([(loop.rows.T @ y[..., places, :]).mT for loop, places in parts], axis=-2)
+        parts = zip(m.loops, rows_of_loops(m), strict=True)
+        return concatenate([(loop.rows.T @ y[..., rows, :]).mT for loop, rows in parts], axis=-2)
 
     return y.map(wrenches)
+
+
+def partials(motion: ClosedMotion, tree: tuple[Series, Series, Series], Q: Series) -> tuple[Series, Series, Series]:
+    """K, D and M of the closed robot from those of its tree and from its forces Q, (..., nv, 1).
+
+    A displacement of u moves the tree by F, its velocities by F' and its accelerations by F''; one of u' moves the
+    latter by F and 2 F'.
+    """
+    K, D, M = tree
+    F, F1, F2 = motion.F, motion.F.dot, motion.F.dot.dot
+    return F.mT @ (K @ F + D @ F1 + M @ F2) + motion.bending(Q), F.mT @ (D @ F + 2 * (M @ F1)), F.mT @ M @ F

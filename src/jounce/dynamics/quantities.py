@@ -187,9 +187,30 @@ def _forward_dense(m: Mechanism, x: State) -> Series:
     return _forward(m, x, "closed_form") if m.closure else forward.dense(m, x.q, x.Q, x.W, x.base)
 
 
-def _of_all_rates(m: Mechanism, x: State, of_forces: Callable[..., tuple[Series, Series, Series]]) -> Series:
+def _of_all_rates(
+    m: Mechanism, x: State, of_forces: Callable[..., tuple[Series, Series, Series]], method: str
+) -> Series:
     """Partial derivatives of the forces and their rates, from those of the forces themselves."""
-    return partials.of_all_rates(*of_forces(m, x.q, x.W, x.base), partials.turning(m, x.base))
+    if m.closure:
+        motion = loops.closed_motion(m, x)
+        Q = FORCES.methods[method].law(m.tree, replace(x, q=motion.q, position=None)).map(lambda Q: Q[..., None])
+        found = loops.partials(motion, of_forces(m.tree, motion.q, x.W, x.base), Q)
+    else:
+        found = of_forces(m, x.q, x.W, x.base)
+    return partials.of_all_rates(*found, partials.turning(m, x.base))
+
+
+def _of_drives(m: Mechanism, x: State) -> Series:
+    """What drive terms add to the partial derivatives by the coordinates, (..., 3 + k, n, n)."""
+    if m.closure is None:
+        return partials.of_all_rates(*drive_terms.partials(m, x.q, m.acting))
+    motion, tree = loops.closed_motion(m, x), m.tree
+    K, D, M = (drive_terms.behind_base(m, x, (-2, -1)) for x in drive_terms.partials(tree, motion.q, m.acting))
+    Q = drive_terms.behind_base(m, drive_terms.forces(tree, motion.q, m.acting), (-2,))
+    of_base = m.nv - m.n
+    return partials.of_all_rates(
+        *(x.map(lambda x: x[..., of_base:, of_base:]) for x in loops.partials(motion, (K, D, M), Q))
+    )
 
 
 def _forward_partials(m: Mechanism, x: State, method: str) -> Series:
@@ -288,14 +309,14 @@ QUANTITIES: Mapping[str, Quantity] = {
             wrench_term="d(J^T W)/dq, of wrenches W fixed in the bodies",
             wrench_tex=r"\partial (J^T W) / \partial q^{(j)}",
             drive_terms=TERMS,
-            drive_law=lambda m, x: partials.of_all_rates(*drive_terms.partials(m, x.q, m.acting)),
+            drive_law=_of_drives,
             unit="that of Q over that of q, qd, q2d",
             caption="partial derivatives of the generalized forces",
             meaning="P[j] = dQ/dq^(j): the partial derivatives of the generalized forces by q, qd and q2d.",
             tex=r"P_j = \partial Q / \partial q^{(j)}",
             methods={
-                "recursion": Method(lambda m, x: _of_all_rates(m, x, force_partials.partials), _columns),
-                "closed_form": Method(lambda m, x: _of_all_rates(m, x, partials.dense)),
+                "recursion": Method(lambda m, x: _of_all_rates(m, x, force_partials.partials, "recursion"), _columns),
+                "closed_form": Method(lambda m, x: _of_all_rates(m, x, partials.dense, "closed_form")),
             },
         ),
         Quantity(
