@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from jounce.model.drives import Drives
     from jounce.model.elasticity import Elasticity
     from jounce.model.limits import Limits
+    from jounce.model.loops import Closure, Loop
     from jounce.model.mechanism import Mechanism
     from jounce.model.motors import Motor
     from jounce.model.spring_table import SpringTable
@@ -41,6 +42,7 @@ __all__ = [
     "BaseParameters",
     "Check",
     "CheckedLimit",
+    "Closure",
     "CubicSpring",
     "Drives",
     "ElasticAlong",
@@ -50,6 +52,7 @@ __all__ = [
     "JounceWarning",
     "Kernel",
     "Limits",
+    "Loop",
     "Mechanism",
     "Motion",
     "Motor",
@@ -76,6 +79,7 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "BaseParameters": "jounce.dynamics.base_parameters",
     "Check": "jounce.limits.check",
     "CheckedLimit": "jounce.limits.check",
+    "Closure": "jounce.model.loops",
     "CubicSpring": "jounce.model.springs",
     "Drives": "jounce.model.drives",
     "ElasticAlong": "jounce.actuators.along",
@@ -85,6 +89,7 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "JounceWarning": "jounce.errors",
     "Kernel": "jounce.native.kernel",
     "Limits": "jounce.model.limits",
+    "Loop": "jounce.model.loops",
     "Mechanism": "jounce.model.mechanism",
     "Motion": "jounce.motion",
     "Motor": "jounce.model.motors",

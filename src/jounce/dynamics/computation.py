@@ -9,6 +9,7 @@ from math import prod
 from jounce._scalars import Array
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.quantities import Quantity, State, row_of
+from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.inertia import PARAMETERS
 from jounce.spatial.lie import pose, position, rotation
@@ -183,7 +184,7 @@ class Computation:
         tree = None
         if mechanism.closure:
             *arrays, dependent = arrays
-            tree = mechanism.closure.joined(arrays[0], dependent)[..., None]
+            tree = all_coordinates(mechanism.closure, arrays[0], dependent)[..., None]
         loads = self.rates + (self.quantity.wrench_rates + self.order if self.wrench else 0)
         given, W, base = arrays[: self.rates], arrays[self.rates : loads], arrays[loads:]
         own = self.quantity.coordinate_inputs(self.rates)
