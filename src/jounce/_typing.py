@@ -71,6 +71,8 @@ QuantityName: TypeAlias = Literal[
     "inverse_dynamics_partials",
     "forward_dynamics_partials",
     "regressor",
+    "momentum_regressor",
+    "energy_regressor",
     "gravity_forces",
     "mass_matrix",
     "coriolis_matrix",
