@@ -98,7 +98,7 @@ def _projected(
 def _parts(units: dict[int, Array]) -> tuple[Array, Array, Array]:
     """Masses (1, k), first moments (3, k) and inertia tensors (k, 3, 3) of unit parameters."""
     Pi = np.stack(list(units.values()))
-    tensors = inertia.from_moments(Pi[:, 3:, 3:], Pi[:, :3, 3:], Pi[:, :3, :3])[:, :3, :3]
+    tensors = inertia.from_moment_matrix(Pi)[:, :3, :3]
     return Pi[:, 3:, 3].mT, Pi[:, :3, 3].mT, tensors
 
 

@@ -1,0 +1,1 @@
+"""Identification: inertial parameters and drive terms of a robot from a motion and the forces measured along it."""
