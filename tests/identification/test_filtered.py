@@ -1,0 +1,100 @@
+"""Balances of momentum and energy hold without accelerations, and the filter is exact for what is cubic in time."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from quantities import branched
+from robots import Interpreted, floating, relative_error
+
+import jounce
+from jounce.identification import filtered
+from jounce.identification.filtered import energy, filtered_rows, low_pass, momentum
+from jounce.model.drives import COLUMNS, TERMS
+
+
+def moving_robot(seed=3, on_base=False):
+    """A robot whose drives act, the parameters of it and of its drives, and a motion of it with wrenches."""
+    rng = np.random.default_rng(seed)
+    m = replace(branched((-1, 0, 1, 0)).mechanism, elasticity=None, acting=TERMS)
+    m = floating(m, rng) if on_base else m
+    motion = jounce.Motion.fourier(
+        *rng.uniform(-0.5, 0.5, (3, m.n))[:1], *rng.uniform(-0.3, 0.3, (2, 2, m.n)), 3.0, 2.0
+    )
+    if on_base:
+        motion = motion.with_base(None, np.eye(4))
+    d = m.drives
+    p = np.concatenate(
+        [jounce.Robot(m).inertial_parameters, d.armature, d.damping, d.friction, d.stiffness, 0 * d.rest]
+    )
+    return Interpreted(jounce.Robot(m)), p, motion
+
+
+def uneven(rng, count, stop):
+    t = np.linspace(0, stop, count)
+    t[1:-1] += rng.uniform(-0.3, 0.3, count - 2) * t[1]
+    return t
+
+
+@pytest.mark.parametrize("degree", range(4))
+def test_the_filter_is_exact_for_cubics_at_uneven_times(degree):
+    t, f = uneven(np.random.default_rng(1), 60, 3.0), 0.7
+    u, w = np.polynomial.Polynomial(np.arange(1.0, degree + 2)), 2 * np.pi * f
+    steady = sum((-1 / w) ** k * u.deriv(k) for k in range(degree + 1))  # the polynomial with y' = w (u - y)
+    found = low_pass(t, f).of(u(t)[:, None])[:, 0]
+    np.testing.assert_allclose(found, steady(t) - np.exp(-w * t) * steady(0), rtol=0, atol=1e-11 * abs(u(3.0)))
+
+
+def test_where_intervals_differ_much_noise_is_not_amplified():
+    t = np.sort(np.append(np.linspace(0, 1, 50), np.linspace(0, 1, 50)[5:45] + 1e-9))
+    through = low_pass(t, 2.0)
+    assert np.abs(through.weights).sum() < 2 * through.weights.sum()
+    w = through.cutoff
+    found = through.of(2 * t[:, None] - 1)[:, 0]
+    np.testing.assert_allclose(found, 2 * t - 1 - 2 / w + (1 + 2 / w) * np.exp(-w * t), atol=1e-12)
+
+
+@pytest.mark.parametrize("on_base", [False, True])
+def test_the_balance_of_momentum_is_the_equation_of_motion(on_base):
+    robot, p, motion = moving_robot(on_base=on_base)
+    t = np.linspace(0.1, 1.9, 7)
+    rates, base = motion(t, 2), motion.base(t, 2)
+    _, of_stored = robot.momentum_regressor(*rates, drives=COLUMNS, base=base)
+    _, pd = robot.generalized_momentum(*rates, base=base)
+    stored, rest = momentum(robot, motion, t, COLUMNS)
+    assert relative_error(of_stored + rest[..., :-1], robot.regressor(*rates, drives=COLUMNS, base=base)) < 1e-12
+    assert relative_error((of_stored + rest[..., :-1]) @ p, robot.inverse_dynamics(*rates, base=base)) < 1e-12
+    assert relative_error(stored[..., :-1] @ p, stored[..., -1]) < 1e-12
+    wrench = motion.wrench(t, 0)
+    assert relative_error(pd + rest[..., -1], robot.inverse_dynamics(*rates, wrench=wrench, base=base)) < 1e-12
+
+
+def test_the_balance_of_energy_is_the_power_of_the_forces():
+    robot, p, motion = moving_robot()
+    t = np.linspace(0.1, 1.9, 7)
+    rates = motion(t, 2)
+    _, of_stored = robot.energy_regressor(*rates, drives=COLUMNS)
+    power, loaded = (
+        np.einsum("ti,ti->t", rates[1], robot.inverse_dynamics(*rates, wrench=W)) for W in (None, motion.wrench(t, 0))
+    )
+    stored, rest = (x[:, 0] for x in energy(robot, motion, t, COLUMNS))
+    assert relative_error((of_stored + rest[..., :-1]) @ p, power) < 1e-12
+    assert relative_error(stored[..., :-1] @ p, stored[..., -1]) < 1e-12
+    assert relative_error(of_stored @ p + rest[..., -1], loaded) < 1e-12
+
+
+@pytest.mark.parametrize("law", [momentum, energy])
+def test_filtered_rows_fit_filtered_forces_whatever_the_pieces(law, monkeypatch):
+    robot, p, motion = moving_robot()
+    t = uneven(np.random.default_rng(2), 500, 2.0)
+    through = low_pass(t, 3.0)
+    rates = motion(t, 2)
+    rows = np.concatenate([y for _, y in filtered_rows(law, robot, motion, COLUMNS, through)])
+    for found, W in ((rows[..., :-1] @ p, None), (rows[..., -1], motion.wrench(t, 0))):
+        Q = robot.inverse_dynamics(*rates, wrench=W)
+        right = Q if law is momentum else np.einsum("ti,ti->t", rates[1], Q)[:, None]
+        assert relative_error(found, through.of(right)) < 1e-5
+    monkeypatch.setattr(filtered, "PIECE", 37)
+    parts = list(filtered_rows(law, robot, motion, COLUMNS, through))
+    assert [part.stop for part, _ in parts][-2:] == [482, 500]
+    np.testing.assert_allclose(np.concatenate([y for _, y in parts]), rows, rtol=0, atol=1e-12 * np.abs(rows).max())
