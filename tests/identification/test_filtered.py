@@ -8,8 +8,9 @@ from quantities import branched
 from robots import Interpreted, floating, relative_error
 
 import jounce
-from jounce.identification import filtered
-from jounce.identification.filtered import energy, filtered_rows, low_pass, momentum
+from jounce.identification import low_pass as filters
+from jounce.identification.filtered import energy, filtered_rows, momentum
+from jounce.identification.low_pass import low_pass
 from jounce.model.drives import COLUMNS, TERMS
 
 
@@ -94,7 +95,7 @@ def test_filtered_rows_fit_filtered_forces_whatever_the_pieces(law, monkeypatch)
         Q = robot.inverse_dynamics(*rates, wrench=W)
         right = Q if law is momentum else np.einsum("ti,ti->t", rates[1], Q)[:, None]
         assert relative_error(found, through.of(right)) < 1e-5
-    monkeypatch.setattr(filtered, "PIECE", 37)
+    monkeypatch.setattr(filters, "PIECE", 37)
     parts = list(filtered_rows(law, robot, motion, COLUMNS, through))
     assert [part.stop for part, _ in parts][-2:] == [482, 500]
     np.testing.assert_allclose(np.concatenate([y for _, y in parts]), rows, rtol=0, atol=1e-12 * np.abs(rows).max())
