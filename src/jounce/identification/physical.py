@@ -12,11 +12,12 @@ over positive definite Pi_b and drive parameters d, which are not negative but f
 neither frames nor units change, d0 are the robot's own drive parameters, and forces of s are as large as all. The
 function is convex: its only minimum is found from any start.
 
-A is in units of the variance of the measurements, so the weight has a meaning, whatever the robot. Parameters that the
-data know to a factor of two follow the data, within a tenth of their deviations, and those that they know better the
-closer; where the data say less, the robot's own values decide, and where they say nothing these remain. Where the data
-ask for bodies that cannot exist, D keeps the bodies inside: half the squared residual is larger than the smallest of
-all bodies that can exist by about 4 weight for each.
+A is in units of the variance of the measurements, so the weight has a meaning, whatever the robot: near Pi0, D is half
+the square of the relative change of second moments, so that 1 / sqrt(weight) is their relative standard deviation if
+the robot's own values are read as measurements. It is large by default: parameters that the data know to a factor of
+two or better follow the data, within a tenth of their deviations; where the data say less, the robot's own values
+decide, and where they say nothing these remain. Where the data ask for bodies that cannot exist, D keeps the bodies
+inside, and the squared residual is larger than the smallest of bodies that can exist by about 8 weight for each.
 
 P. M. Wensing, S. Kim and J.-J. E. Slotine, "Linear matrix inequalities for physically consistent inertial parameter
 identification", IEEE Robotics and Automation Letters 3, 2018; T. Lee, P. M. Wensing and F. C. Park, "Geometric robot
@@ -111,10 +112,10 @@ def consistent_parameters(
     T = np.asarray(np.linalg.cholesky(start))
     d, R = _own_drives(mechanism, terms), _root(information)
     size = np.linalg.norm(R, axis=0)[base.count :]  # of the forces of each drive parameter
-    everything = max(np.linalg.norm(R @ estimate), np.linalg.norm(R @ np.append(base.values, d)))
+    everything = max(1.0, np.linalg.norm(R @ estimate), np.linalg.norm(R @ np.append(base.values, d)))
     seen = size > 0  # the others stay as they are
     scale = everything / size[seen]
-    by_body = (R[:, : base.count] @ base.matrix).reshape(len(R), len(Pi), -1)[:, massive]
+    by_body = (R[:, : base.count] @ base.matrix).reshape(len(R), len(Pi), len(inertia.PARAMETERS))[:, massive]
     problem = Problem(
         C=np.asarray(np.einsum("kbp,bijp->kbij", by_body, _by_entries(T))),
         R=R[:, base.count :][:, seen] * scale,
@@ -123,9 +124,9 @@ def consistent_parameters(
         positive=np.repeat(np.array([term not in SIGNED for term in terms], dtype=bool), mechanism.nb)[seen],
         weight=weight,
     )
-    found = minimum(problem)
-    d[seen] = scale * found.d
-    Pi[massive] = (root := T @ found.V) @ root.mT
+    V, d[seen] = minimum(problem)
+    d[seen] *= scale
+    Pi[massive] = (root := T @ V) @ root.mT
     p = inertia.parameters(inertia.from_moment_matrix(Pi)).ravel()
     values = np.append(base.matrix @ p, d)
     names = np.array(mechanism.body_names)

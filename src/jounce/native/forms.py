@@ -55,7 +55,7 @@ def program(mechanism: Mechanism, computation: Computation, tape: Tape | None = 
 
 
 def _block(mechanism: Mechanism, computation: Computation, signature: Signature, patience: float) -> Block:
-    if not is_straight(computation, mechanism.nb):
+    if not is_straight(computation, mechanism):
         steps_of_joints = (len(set(kinds(mechanism))) + computation.base) * (computation.order + 1) ** 2
         if mechanism.nb * BODY + steps_of_joints * STEP > patience:
             raise LongCompilationError

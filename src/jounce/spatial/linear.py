@@ -1,9 +1,11 @@
-"""Linear equations A x = b of symmetric positive definite matrices, over any scalar type, and over time series.
+"""Linear equations A x = b over any scalar type, and over time series; neither square roots nor pivots are needed.
 
-A is taken as L^T D L, from its last row to its first: without square roots, and for the mass matrix of a tree without
-fill-in (Featherstone, Rigid Body Dynamics Algorithms, 6.3).
+Symmetric positive definite A are taken as L^T D L, from the last row to the first: for the mass matrix of a tree
+without fill-in (Featherstone, Rigid Body Dynamics Algorithms, 6.3). Others, of full column rank, are taken as Q R with
+columns of Q that are orthogonal (modified Gram-Schmidt); rows may be redundant.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import comb
 
@@ -44,17 +46,67 @@ class Factors:
         return X
 
 
-def solved(A: Series, B: Series) -> Series:
-    """X of A X = B with its rates: A X[k] = B[k] - sum of binom(k, j) A[j] X[k - j], with A factored once."""
-    factors: list[Factors] = []
+@dataclass(frozen=True)
+class OrthogonalFactors:
+    """The factors Q R of a matrix (..., c, d) of rank d <= c."""
+
+    Q: tuple[Array, ...]  # columns (..., c, 1), orthogonal to each other
+    inverse_D: tuple[Array, ...]  # (..., 1, 1) each, of their squared lengths
+    R: tuple[Array, ...]  # row k right of the diagonal, (..., 1, d - 1 - k); the diagonal is 1
+
+    @classmethod
+    def of(cls, A: Array) -> "OrthogonalFactors":
+        """The factors of a matrix."""
+        Q: list[Array] = []
+        inverse_D: list[Array] = []
+        R: list[Array] = []
+        for _ in range(A.shape[-1]):
+            column, A = A[..., :1], A[..., 1:]
+            Q.append(column)
+            inverse_D.append(reciprocal(column.mT @ column))
+            R.append(inverse_D[-1] * (column.mT @ A))
+            A = A - column @ R[-1]
+        return cls(tuple(Q), tuple(inverse_D), tuple(R))
+
+    def solve(self, b: Array) -> Array:
+        """X (..., d, m) of A X = b, (..., c, m), which is solvable."""
+        parts: list[Array] = []
+        for column, inverse_d in zip(self.Q, self.inverse_D, strict=True):
+            parts.append(inverse_d * (column.mT @ b))
+            b = b - column @ parts[-1]
+        X = parts[-1]
+        for part, row in zip(reversed(parts[:-1]), reversed(self.R[:-1]), strict=True):
+            X = concatenate([part - row @ X, X], axis=-2)
+        return X
+
+    def solve_transposed(self, b: Array) -> Array:
+        """Y (..., c, m) of A^T Y = b, (..., d, m), the shortest one."""
+        parts: list[Array] = []
+        for row in self.R:
+            first, b = b[..., :1, :], b[..., 1:, :]
+            b = b - row.mT @ first
+            parts.append(first)
+        Y = self.Q[-1] @ (self.inverse_D[-1] * parts[-1])
+        rest = zip(reversed(self.Q[:-1]), reversed(self.inverse_D[:-1]), reversed(parts[:-1]), strict=True)
+        for column, inverse_d, part in rest:  # Q^T Y once more: rounding leaves the columns not quite orthogonal
+            Y = Y + column @ (inverse_d * (part - column.mT @ Y))
+        return Y
+
+
+def solved(A: Series, B: Series, solve: Callable[[Array], Array] | None = None) -> Series:
+    """X of A X = B with its rates: A X[k] = B[k] - sum of binom(k, j) A[j] X[k - j], with A factored once.
+
+    `solve` solves equations of A[0]; by default it is symmetric positive definite.
+    """
+    solvers = [] if solve is None else [solve]
 
     def term(k: int) -> Array:
-        if not factors:
-            factors.append(Factors.of(A[0]))
+        if not solvers:
+            solvers.append(Factors.of(A[0]).solve)
         rest = B[k]
         for j in range(1, k + 1):
             rest = rest - comb(k, j) * (A[j] @ X[k - j])
-        return factors[0].solve(rest)
+        return solvers[0](rest)
 
     X = Series(term)
     return X
