@@ -6,7 +6,7 @@ are, while the rows become few and nearly independent (the parallel decimation o
 robots with power model", IEEE ICRA 1997).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,15 +63,21 @@ def cells_of(
     spread = np.zeros_like(model) if deviations is None else deviations**2
     columns = len(PARAMETERS) * len(robot.body_names) + len(terms) * robot.mechanism.nb
     Y = np.zeros((place[-1] + 1, model.shape[1], columns))
-    for start in range(0, len(samples.t), PIECE):
-        part = slice(start, start + PIECE)
-        t = samples.t[part]
-        rows = np.asarray(robot.regressor(*motion(t, 2), drives=terms, base=motion.base(t, 2)))
+    for part, rows in regressors(robot, motion, samples.t, terms):
         _add(Y, rows * samples.weights[part, :, None], place[part])
     off, counts = averages(samples.forces - model, samples.weights, place)
     others = [averages(values, samples.weights, place)[0] for values in (model, spread)]
     Y /= np.maximum(counts, np.finfo(float).tiny)[..., None]
     return Cells(Y, off, others[0], counts, others[1])
+
+
+def regressors(
+    robot: Robot, motion: Motion, t: np.ndarray, terms: Sequence[DriveColumn]
+) -> Iterator[tuple[slice, np.ndarray]]:
+    """Yield the regressor along a motion in pieces of some times, with columns of drive terms."""
+    for start in range(0, len(t), PIECE):
+        part = slice(start, start + PIECE)
+        yield part, np.asarray(robot.regressor(*motion(t[part], 2), drives=terms, base=motion.base(t[part], 2)))
 
 
 def places(t: np.ndarray, width: float) -> np.ndarray:

@@ -119,7 +119,10 @@ class Identification:
         >>> found.forces_along(motion, [0.0, 1.0]).shape
         (2, 2)
         """
-        return predicted_forces(self.robot, self.offsets, motion, t)
+        m = self.robot.mechanism
+        constant = np.append(np.zeros(m.nv - m.n), generalized_forces(m, self.offsets[:, None])[:, 0])
+        found: np.ndarray = self.robot.forces_along(motion, t, order=0).forces[0] + constant
+        return found
 
     def __repr__(self) -> str:
         seen = sum(row.seen for row in self.table)
@@ -146,14 +149,6 @@ class Identification:
                 rows.append((of.force, *cells[:3], of.unit, *cells[3:]))
             lines += ["", *aligned(rows)] if some else []
         return "\n".join([*head, *lines])
-
-
-def predicted_forces(robot: Robot, offsets: np.ndarray, motion: Motion, t: ArrayLike | None) -> np.ndarray:
-    """The forces of a robot along a motion, with constant forces on its joint variables."""
-    m = robot.mechanism
-    constant = np.append(np.zeros(m.nv - m.n), generalized_forces(m, offsets[:, None])[:, 0])
-    found: np.ndarray = robot.forces_along(motion, t, order=0).forces[0] + constant
-    return found
 
 
 def aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
