@@ -58,16 +58,12 @@ def cells_of(
     width: float,
 ) -> Cells:
     """Average the regressor and the forces over cells of a width in s; those of the model with their deviations."""
-
-    def rows() -> Iterator[tuple[slice, np.ndarray]]:
-        for start in range(0, len(samples.t), PIECE):
-            part = slice(start, start + PIECE)
-            t = samples.t[part]
-            Y = np.asarray(robot.regressor(*motion(t, 2), drives=terms, base=motion.base(t, 2)))
-            yield part, np.concatenate([Y, model[part, :, None]], axis=-1)
-
     spread = np.zeros_like(model) if deviations is None else deviations**2
-    return averaged(rows(), samples.forces, samples.weights, spread, places(samples.t, width))
+    with_model = (
+        (part, np.concatenate([Y, model[part, :, None]], axis=-1))
+        for part, Y in regressors(robot, motion, samples.t, terms)
+    )
+    return averaged(with_model, samples.forces, samples.weights, spread, places(samples.t, width))
 
 
 def averaged(
@@ -87,6 +83,15 @@ def averaged(
     total /= np.maximum(counts, np.finfo(float).tiny)[..., None]
     model = total[..., -1]
     return Cells(total[..., :-1], measured - model, model, counts, averages(spread, weights, place)[0])
+
+
+def regressors(
+    robot: Robot, motion: Motion, t: np.ndarray, terms: Sequence[DriveColumn]
+) -> Iterator[tuple[slice, np.ndarray]]:
+    """Yield the regressor along a motion in pieces of some times, with columns of drive terms."""
+    for start in range(0, len(t), PIECE):
+        part = slice(start, start + PIECE)
+        yield part, np.asarray(robot.regressor(*motion(t[part], 2), drives=terms, base=motion.base(t[part], 2)))
 
 
 def places(t: np.ndarray, width: float) -> np.ndarray:

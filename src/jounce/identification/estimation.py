@@ -9,13 +9,13 @@ import numpy as np
 from jounce._scalars import is_finite
 from jounce._typing import ArrayLike, DriveColumn, DriveColumns, Equations
 from jounce.errors import JounceError, listed, one_of, quoted, warn
-from jounce.identification.cells import CELLS, band_of, cells_of
+from jounce.identification.cells import CELLS, band_of, cells_of, regressors
 from jounce.identification.filtered import FILTERED
 from jounce.identification.measurements import Measurements, measurements
 from jounce.identification.physical import ConsistentParameters, consistent_parameters
 from jounce.identification.regression import regression, solve
 from jounce.identification.residuals import residuals
-from jounce.identification.result import Identification, predicted_forces
+from jounce.identification.result import Identification
 from jounce.identification.suspicions import suspicions
 from jounce.identification.table import IdentifiedParameter, drive_sizes, inertial_sizes, parameter_table
 from jounce.model.coordinates import force_names, force_units
@@ -148,7 +148,8 @@ def identify(
         warn(text)
     found = consistent_parameters(m, base, information, own + solution.x, terms, weight=weight)
     identified, offsets = _identified(start, terms, found)
-    predicted = predicted_forces(identified, offsets, path, given.t)
+    change = np.append(found.parameters - start.inertial_parameters, found.values[base.count :] - own[base.count :])
+    predicted = model + np.concatenate([Y @ change for _, Y in regressors(start, path, given.t, terms)])
     rows = [
         row
         for part, which in (("used", inside), ("rest", ~inside))
