@@ -88,6 +88,9 @@ QuantityName: TypeAlias = Literal[
     "potential_energy",
     "motor_positions",
     "motor_torques",
+    "coordinates",
+    "actuator_forces",
+    "loop_wrenches",
 ]
 TimeUnit: TypeAlias = Literal["s", "ms", "us", "ns"]
 

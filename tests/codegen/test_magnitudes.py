@@ -54,7 +54,7 @@ def test_every_quantity_has_magnitudes_of_its_shapes(quantity, keywords):
         assert 0.1 * np.abs(result).max() <= size.max() or not result.any()
 
 
-@pytest.mark.parametrize("quantity", [row for row in QUANTITIES.values() if not row.elastic], ids=lambda row: row.name)
+@pytest.mark.parametrize("quantity", [row for row in QUANTITIES.values() if row.everywhere], ids=lambda row: row.name)
 @given(drawn=mechanisms(4))
 @settings(max_examples=5)
 def test_magnitudes_are_linear_in_the_masses_or_do_not_depend_on_them(quantity, drawn):

@@ -12,7 +12,7 @@ import numpy as np
 
 from jounce._scalars import FLOAT, Array, broadcast, concatenate, is_jax
 from jounce._typing import DriveColumn
-from jounce.arguments import loads, rates, requests, wrenches
+from jounce.arguments import loads, loops, rates, requests, wrenches
 from jounce.arguments.base import base_of
 from jounce.dynamics import drive_terms, elastic
 from jounce.dynamics.computation import Computation, Port, coordinate_ports
@@ -106,7 +106,7 @@ def compute(
         pass
     plain = {type(x) for x in (*given, *terms, *moved)} <= {np.ndarray, NoneType} and type(threads) is int
     asked, given = checked_arguments(robot.mechanism, name, given, wrench, base, body, frame, method)
-    lasting = plain and threads == 1 and asked.base == bool(moved)
+    lasting = plain and threads == 1 and asked.base == bool(moved) and not robot.mechanism.closure
     return _run(Call(robot, asked, given, method, out, threads, form if lasting else None))
 
 
@@ -123,6 +123,10 @@ def checked_arguments(
     """Check the arguments of a call, and return its computation and input arrays."""
     more = requests.more_rates(mechanism, name)
     quantity = row_of(name, more)
+    whole = None
+    if mechanism.closure and given:
+        first, whole = loops.split(mechanism, given[0])
+        given = [first, *given[1:]]
     q = rates.rates_of(given, quantity.rates, mechanism, quantity.input_names, quantity.coordinate_inputs(len(given)))
     order = len(q) - quantity.rates
     requests.check_rates(name, order)
@@ -134,15 +138,16 @@ def checked_arguments(
             raise JounceError(f"method={method!r} has no base that moves; use method='closed_form'")
     if body is not None or frame != "body":
         requests.place(mechanism, name, body, frame)
-    requests.check_elastic(mechanism, name, moves)
+    requests.check_existence(mechanism, name, moves)
     if quantity.forces:
         requests.check_invertible(mechanism, name)
     enters = moves and requests.takes_base(name, frame)
     asked = requests.known(name, order, bool(W), body, frame, more, enters)
+    d = [loops.dependent_of(mechanism, q[0], whole)] if mechanism.closure else []
     if base is None and not enters:
-        return asked, [*q, *W]
+        return asked, [*q, *W, *d]
     C = base_of(mechanism, base, asked.base_terms(mechanism), f"{name} of order {order}")  # wrong ones never pass
-    return asked, [*q, *W, *C] if enters else [*q, *W]
+    return asked, [*q, *W, *C, *d] if enters else [*q, *W, *d]
 
 
 def _run(call: Call) -> Any:
@@ -206,7 +211,7 @@ def wrench_of_load(
 
     def law(arrays: Sequence[Array]) -> Series:
         terms = Series.of([x.swapaxes(-1, -2) for x in arrays[-len(q) :]])
-        x = poses.state(arrays[: -len(q)])
+        x = poses.state(model, arrays[: -len(q)])
         return wrench_of(model, x.q, x.motion_of_base, terms, body, frame, place)
 
     return results_into(evaluate(law, ports, [*q, *C, *load], len(q), 6 * model.nb), None)
