@@ -5,7 +5,7 @@ pair, a sphere, or no motion at all allows. They are subgroups of SE(3), so that
 on the relative twist, seen from the first frame, wherever the loop is closed.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -54,6 +54,13 @@ class Loop:
         What the joint is: "spherical", "revolute", "prismatic", "cylindrical", "planar" or "fixed".
     axis : (3,)
         The axis of turns and slides, or the normal of the plane, in the axes of frame a, of length 1.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> [loop] = jounce.load("fivebar").mechanism.loops
+    >>> loop.name, loop.joint, loop.rows.shape
+    ('left_tip-right_tip', 'spherical', (3, 6))
     """
 
     a: Frame
@@ -76,10 +83,6 @@ class Loop:
     def arrays(self) -> tuple[Array, ...]:
         """Its numbers."""
         return self.a.T, self.b.T, self.axis
-
-    def map(self, convert: Callable[[Array], Array]) -> "Loop":
-        """The loop with its frames converted to other scalars."""
-        return replace(self, a=replace(self.a, T=convert(self.a.T)), b=replace(self.b, T=convert(self.b.T)))
 
     @property
     def rows(self) -> np.ndarray:
@@ -112,6 +115,13 @@ class Closure:
     weights : (len(actuated),)
         Of their forces, where there are more than independent coordinates: the sum of weight times force squared
         is least.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> closure = jounce.load("fivebar").mechanism.closure
+    >>> closure.coordinates, closure.independent
+    (('left_shoulder', 'left_elbow', 'right_shoulder', 'right_elbow'), (0, 2))
     """
 
     coordinates: tuple[str, ...]
@@ -127,16 +137,22 @@ class Closure:
         """Those of the coordinates of the tree that follow the others."""
         return tuple(j for j in range(len(self.coordinates)) if j not in self.independent)
 
-    def joined(self, independent: Array, dependent: Array) -> Array:
-        """All coordinates (..., N) of the tree from those (..., n) and (..., N - n) that move and follow."""
-        order = np.argsort([*self.independent, *self.dependent])
-        return concatenate([independent, dependent], axis=-1)[..., order]
-
     @property
     def arrays(self) -> dict[str, Array]:
         """The numbers that quantities depend on, by name."""
         return {"tree G": self.G, "tree g": self.g, "weights": self.weights}
 
-    def map(self, convert: Callable[[Array], Array]) -> "Closure":
-        """The closure with its numbers converted to other scalars."""
-        return replace(self, G=convert(self.G), g=convert(self.g))
+
+def in_scalars(
+    loops: Sequence[Loop], closure: Closure | None, convert: Callable[[Array], Array]
+) -> tuple[tuple[Loop, ...], Closure | None]:
+    """Loops and their closure with the numbers converted to other scalars."""
+    placed = [[replace(frame, T=convert(frame.T)) for frame in (loop.a, loop.b)] for loop in loops]
+    converted = tuple(replace(loop, a=a, b=b) for loop, (a, b) in zip(loops, placed, strict=True))
+    return converted, closure and replace(closure, G=convert(closure.G), g=convert(closure.g))
+
+
+def all_coordinates(closure: Closure, independent: Array, dependent: Array) -> Array:
+    """The coordinates (..., N) of the tree from those (..., n) and (..., N - n) that move and follow."""
+    order = np.argsort([*closure.independent, *closure.dependent])
+    return concatenate([independent, dependent], axis=-1)[..., order]
