@@ -30,6 +30,11 @@ def with_loops(
     ------
     JounceError : if a name is unknown, the loops cannot be closed, or the coordinates do not determine the motion.
     """
+    if mechanism.elasticity is not None:
+        raise JounceError(
+            f"{mechanism.name!r} has elastic joints; close its loops first: robot.closed(loops, actuated) and then"
+            " elastic(stiffness)"
+        )
     tree = mechanism.tree
     tree = replace(tree, loops=_loops(tree, loops))
     motors = _motors(mechanism, actuated)
@@ -182,13 +187,15 @@ def split(mechanism: Mechanism, q: Any) -> tuple[Any, Any]:
     return whole[..., list(closure.independent)], whole
 
 
-def dependent_of(mechanism: Mechanism, u: Array, whole: Array | None) -> Array:
+def dependent_of(mechanism: Mechanism, u: Array, whole: Array | None, position: Array | None = None) -> Array:
     """The dependent coordinates (..., N - n), with loops closed: from those given, if any, else from the start.
 
-    Symbols are taken as they are.
+    Symbols are taken as they are, and so is a `position` (..., N) in which loops are known to be closed.
     """
     closure = closure_of(mechanism)
     others = list(closure.dependent)
+    if position is not None:
+        return position[..., others]
     if whole is not None and not is_numeric(whole):
         return whole[..., others]
     if whole is None and not is_numeric(u):

@@ -80,11 +80,15 @@ def compute(
     base: Any = None,
     body: str | None = None,
     frame: str = "body",
+    position: Array | None = None,
     method: str | None = None,
     out: Any = None,
     threads: int = 1,
 ) -> Any:
-    """Compute a quantity for given rates of the coordinates with the first backend that accepts the call."""
+    """Compute a quantity for given rates of the coordinates with the first backend that accepts the call.
+
+    `position` (..., N) are all coordinates of the tree of a closed robot, with loops closed, if a caller knows them.
+    """
     terms: Sequence[Any] = wrench if type(wrench) is tuple else () if wrench is None else (wrench,)
     moved: Sequence[Any] = base if type(base) is tuple else () if base is None else (base,)
     form = (name, body, frame, method, type(threads), threads, *map(type, given), type(wrench), *map(type, terms))
@@ -105,7 +109,7 @@ def compute(
     except Exception:  # the long way serves all others, and says what is wrong with them
         pass
     plain = {type(x) for x in (*given, *terms, *moved)} <= {np.ndarray, NoneType} and type(threads) is int
-    asked, given = checked_arguments(robot.mechanism, name, given, wrench, base, body, frame, method)
+    asked, given = checked_arguments(robot.mechanism, name, given, wrench, base, body, frame, method, position)
     lasting = plain and threads == 1 and asked.base == bool(moved) and not robot.mechanism.closure
     return _run(Call(robot, asked, given, method, out, threads, form if lasting else None))
 
@@ -119,6 +123,7 @@ def checked_arguments(
     body: str | None,
     frame: str,
     method: str | None,
+    position: Array | None = None,
 ) -> tuple[Computation, list[Array]]:
     """Check the arguments of a call, and return its computation and input arrays."""
     more = requests.more_rates(mechanism, name)
@@ -143,7 +148,7 @@ def checked_arguments(
         requests.check_invertible(mechanism, name)
     enters = moves and requests.takes_base(name, frame)
     asked = requests.known(name, order, bool(W), body, frame, more, enters)
-    d = [loops.dependent_of(mechanism, q[0], whole)] if mechanism.closure else []
+    d = [loops.dependent_of(mechanism, q[0], whole, position)] if mechanism.closure else []
     if base is None and not enters:
         return asked, [*q, *W, *d]
     C = base_of(mechanism, base, asked.base_terms(mechanism), f"{name} of order {order}")  # wrong ones never pass
