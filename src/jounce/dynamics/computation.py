@@ -9,6 +9,7 @@ from math import prod
 from jounce._scalars import Array
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.quantities import Quantity, State, row_of
+from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.inertia import PARAMETERS
 from jounce.spatial.lie import pose, position, rotation
@@ -44,6 +45,11 @@ class Port:
     def is_pose(self) -> bool:
         """Whether it is the pose of the base, a matrix of which only displacements by a twist make sense."""
         return self.role == "base" and self.shape == (4, 4)
+
+    @property
+    def is_free(self) -> bool:
+        """Whether it varies by itself: parameters do not, and dependent coordinates follow the others."""
+        return self.role not in ("parameter", "dependent")
 
     @property
     def displacement(self) -> Shape:
@@ -183,7 +189,7 @@ class Computation:
         tree = None
         if mechanism.closure:
             *arrays, dependent = arrays
-            tree = mechanism.closure.joined(arrays[0], dependent)[..., None]
+            tree = all_coordinates(mechanism.closure, arrays[0], dependent)[..., None]
         loads = self.rates + (self.quantity.wrench_rates + self.order if self.wrench else 0)
         given, W, base = arrays[: self.rates], arrays[self.rates : loads], arrays[loads:]
         own = self.quantity.coordinate_inputs(self.rates)
@@ -208,7 +214,7 @@ def base_name(k: int) -> str:
 
 def _ports_of_product(product: str, inputs: list[Port], results: list[Port]) -> tuple[list[Port], list[Port]]:
     """The ports of a product: weights wQ, ... of the results and gradients gq, ..., or tangents dq, ... and dQ, ..."""
-    given = [replace(port, shape=port.displacement) for port in inputs if port.role != "parameter"]
+    given = [replace(port, shape=port.displacement) for port in inputs if port.is_free]
     if product == "vjp":  # the gradient by any input contains all results
         weights = [replace(port, name=f"w{port.name}", role="weight") for port in results]
         gradients = [replace(port, name=f"g{port.name}", role="result") for port in given]

@@ -5,7 +5,7 @@ pair, a sphere, or no motion at all allows. They are subgroups of SE(3), so that
 on the relative twist, seen from the first frame, wherever the loop is closed.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from jounce._scalars import Array, concatenate
 from jounce.model.mechanism import Frame
 
 Z = (0, 0, 1)
+ROUNDING = 1e-15  # what rounding leaves of an exact 0
 _I, _O = np.eye(3, dtype=int), np.zeros((3, 3), dtype=int)
 
 
@@ -22,6 +23,12 @@ def _across(axis: np.ndarray) -> np.ndarray:
     first = np.cross(axis, _I[np.argmin(np.abs(axis))])
     first = first / np.linalg.norm(first)
     return np.stack([first, np.cross(axis, first)]) + 0.0
+
+
+def _exact(directions: np.ndarray) -> np.ndarray:
+    """Directions along axes as integers, which keep zeros and symbols exact."""
+    whole = np.rint(directions)
+    return whole.astype(int) if (np.abs(directions - whole) <= ROUNDING).all() else directions
 
 
 # of a cut joint, the directions in which it allows no turn and no slide
@@ -47,6 +54,13 @@ class Loop:
         What the joint is: "spherical", "revolute", "prismatic", "cylindrical", "planar" or "fixed".
     axis : (3,)
         The axis of turns and slides, or the normal of the plane, in the axes of frame a, of length 1.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> [loop] = jounce.load("fivebar").mechanism.loops
+    >>> loop.name, loop.joint, loop.rows.shape
+    ('left_tip-right_tip', 'spherical', (3, 6))
     """
 
     a: Frame
@@ -62,22 +76,24 @@ class Loop:
     @property
     def held(self) -> tuple[np.ndarray, np.ndarray]:
         """The directions (k, 3) and (l, 3), in the axes of frame a, in which the joint allows no turn and no slide."""
-        return HELD[self.joint](np.asarray(self.axis, dtype=float))
+        turns, slides = HELD[self.joint](np.asarray(self.axis, dtype=float))
+        return _exact(turns), _exact(slides)
 
     @property
     def arrays(self) -> tuple[Array, ...]:
         """Its numbers."""
         return self.a.T, self.b.T, self.axis
 
-    def map(self, convert: Callable[[Array], Array]) -> "Loop":
-        """The loop with its frames converted to other scalars."""
-        return replace(self, a=replace(self.a, T=convert(self.a.T)), b=replace(self.b, T=convert(self.b.T)))
-
     @property
     def rows(self) -> np.ndarray:
         """(k + l, 6): what vanishes on the relative twist, seen from frame a."""
         turns, slides = self.held
         return np.concatenate([np.pad(turns, ((0, 0), (0, 3))), np.pad(slides, ((0, 0), (3, 0)))])
+
+    @property
+    def allowed(self) -> np.ndarray:
+        """(6, 6): what is left of a relative twist that the joint allows; the projection across the rows."""
+        return _exact(np.eye(6, dtype=int) - self.rows.T @ self.rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +115,13 @@ class Closure:
     weights : (len(actuated),)
         Of their forces, where there are more than independent coordinates: the sum of weight times force squared
         is least.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> closure = jounce.load("fivebar").mechanism.closure
+    >>> closure.coordinates, closure.independent
+    (('left_shoulder', 'left_elbow', 'right_shoulder', 'right_elbow'), (0, 2))
     """
 
     coordinates: tuple[str, ...]
@@ -114,16 +137,22 @@ class Closure:
         """Those of the coordinates of the tree that follow the others."""
         return tuple(j for j in range(len(self.coordinates)) if j not in self.independent)
 
-    def joined(self, independent: Array, dependent: Array) -> Array:
-        """All coordinates (..., N) of the tree from those (..., n) and (..., N - n) that move and follow."""
-        order = np.argsort([*self.independent, *self.dependent])
-        return concatenate([independent, dependent], axis=-1)[..., order]
-
     @property
     def arrays(self) -> dict[str, Array]:
         """The numbers that quantities depend on, by name."""
         return {"tree G": self.G, "tree g": self.g, "weights": self.weights}
 
-    def map(self, convert: Callable[[Array], Array]) -> "Closure":
-        """The closure with its numbers converted to other scalars."""
-        return replace(self, G=convert(self.G), g=convert(self.g))
+
+def in_scalars(
+    loops: Sequence[Loop], closure: Closure | None, convert: Callable[[Array], Array]
+) -> tuple[tuple[Loop, ...], Closure | None]:
+    """Loops and their closure with the numbers converted to other scalars."""
+    placed = [[replace(frame, T=convert(frame.T)) for frame in (loop.a, loop.b)] for loop in loops]
+    converted = tuple(replace(loop, a=a, b=b) for loop, (a, b) in zip(loops, placed, strict=True))
+    return converted, closure and replace(closure, G=convert(closure.G), g=convert(closure.g))
+
+
+def all_coordinates(closure: Closure, independent: Array, dependent: Array) -> Array:
+    """The coordinates (..., N) of the tree from those (..., n) and (..., N - n) that move and follow."""
+    order = np.argsort([*closure.independent, *closure.dependent])
+    return concatenate([independent, dependent], axis=-1)[..., order]

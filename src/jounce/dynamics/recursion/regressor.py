@@ -69,7 +69,7 @@ def regressor(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -
 def _unit_forces(units: dict[int, Array], motion: BodyMotion) -> Columns:
     """The forces that unit parameters require for a motion."""
     Pi = np.stack(list(units.values()))
-    tensors = inertia.from_moments(Pi[:, 3:, 3:], Pi[:, :3, 3:], Pi[:, :3, :3])[:, :3, :3]
+    tensors = inertia.from_moment_matrix(Pi)[:, :3, :3]
     m, h = Pi[:, 3:, 3].mT, Pi[:, :3, 3].mT
     hat_w = motion.w.map(lambda w: hat(w[..., 0]))
     n = motion.a.map(lambda a: hat(a[..., 0]).mT @ h)

@@ -28,7 +28,7 @@ def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
     if SECTION not in robot.value:
         for key in KEYS:
             if key in robot.value:
-                raise robot.get(key).error(f"{SECTION!r}, a list of cut joints, with it")
+                raise robot.get(key).error(f"{SECTION!r} too, a list of cut joints")
         return mechanism
     loops = []
     for entry in robot.get(SECTION).items(least=1):
