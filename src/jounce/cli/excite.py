@@ -33,7 +33,8 @@ the motion before it runs, or narrow the ranges of positions by --limits.
 @click.option(
     "-o", "--output", required=True, type=click.Path(path_type=Path), help="Table or YAML file of the motion to write."
 )
-@click.option("--duration", metavar="S", default=10.0, show_default=True, help="Length of one period in s.")
+@click.option("--period", metavar="S", default=10.0, show_default=True, help="Period of the Fourier series in s.")
+@click.option("--periods", metavar="N", default=1, show_default=True, help="Number of periods.")
 @click.option("--harmonics", metavar="N", default=5, show_default=True, help="Harmonics of the Fourier series.")
 @click.option(
     "--terms",
