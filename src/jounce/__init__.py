@@ -14,7 +14,14 @@ if TYPE_CHECKING:
     from jounce.actuators.elastic import ElasticRobot
     from jounce.dynamics.base_parameters import BaseParameters
     from jounce.errors import JounceError, JounceWarning
-    from jounce.identification.excitation import Excitation, excite
+    from jounce.identification import (
+        Excitation,
+        ForceResidual,
+        Identification,
+        IdentifiedParameter,
+        excite,
+        identify,
+    )
     from jounce.io.loading import load
     from jounce.io.motions.loading import load_motion
     from jounce.io.saving import save
@@ -25,6 +32,7 @@ if TYPE_CHECKING:
     from jounce.model.drives import Drives
     from jounce.model.elasticity import Elasticity
     from jounce.model.limits import Limits
+    from jounce.model.loops import Closure, Loop
     from jounce.model.mechanism import Mechanism
     from jounce.model.motors import Motor
     from jounce.model.spring_table import SpringTable
@@ -42,16 +50,21 @@ __all__ = [
     "BaseParameters",
     "Check",
     "CheckedLimit",
+    "Closure",
     "CubicSpring",
     "Drives",
     "ElasticAlong",
     "ElasticRobot",
     "Elasticity",
     "Excitation",
+    "ForceResidual",
+    "Identification",
+    "IdentifiedParameter",
     "JounceError",
     "JounceWarning",
     "Kernel",
     "Limits",
+    "Loop",
     "Mechanism",
     "Motion",
     "Motor",
@@ -66,6 +79,7 @@ __all__ = [
     "casadi_function",
     "codegen",
     "excite",
+    "identify",
     "inertia_matrix",
     "load",
     "load_motion",
@@ -79,16 +93,21 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "BaseParameters": "jounce.dynamics.base_parameters",
     "Check": "jounce.limits.check",
     "CheckedLimit": "jounce.limits.check",
+    "Closure": "jounce.model.loops",
     "CubicSpring": "jounce.model.springs",
     "Drives": "jounce.model.drives",
     "ElasticAlong": "jounce.actuators.along",
     "ElasticRobot": "jounce.actuators.elastic",
     "Elasticity": "jounce.model.elasticity",
-    "Excitation": "jounce.identification.excitation",
+    "Excitation": "jounce.identification",
+    "ForceResidual": "jounce.identification",
+    "Identification": "jounce.identification",
+    "IdentifiedParameter": "jounce.identification",
     "JounceError": "jounce.errors",
     "JounceWarning": "jounce.errors",
     "Kernel": "jounce.native.kernel",
     "Limits": "jounce.model.limits",
+    "Loop": "jounce.model.loops",
     "Mechanism": "jounce.model.mechanism",
     "Motion": "jounce.motion",
     "Motor": "jounce.model.motors",
@@ -101,7 +120,8 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "SpringTable": "jounce.model.spring_table",
     "casadi_function": "jounce._casadi",
     "codegen": "jounce._codegen",
-    "excite": "jounce.identification.excitation",
+    "excite": "jounce.identification",
+    "identify": "jounce.identification",
     "inertia_matrix": "jounce.spatial.inertia",
     "load": "jounce.io.loading",
     "load_motion": "jounce.io.motions.loading",

@@ -89,7 +89,7 @@ ROBOTS = {
 def every(body):
     """The spelling of every quantity of rigid robots, those of bodies of one, in every frame."""
     found = []
-    for row in (row for row in QUANTITIES.values() if not row.elastic):
+    for row in (row for row in QUANTITIES.values() if row.everywhere):
         places = [f":{body}:{frame}" for frame in row.frames] or [f":{body}" if row.of_bodies else ""]
         found += [row.name + place for place in places]
     return tuple(found)

@@ -22,6 +22,7 @@ URDF = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="
 <joint name="j" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>"""
 MJCF = "<mujoco><worldbody><body name='b'><joint name='j'/><geom size='1'/></body></worldbody></mujoco>"
 ROBOT = jounce.load("planar2r")
+FIVEBAR = jounce.load("fivebar")
 ARM = ROBOT.elastic([800, 600], rotor=0.1)
 KERNEL = ROBOT.compile("gravity_forces", order=0)
 SYMBOLIC = jounce.symbolic(ROBOT)
@@ -282,6 +283,12 @@ CASES: dict[str, Case] = {
     "regressor with drives": (
         lambda drives: ROBOT.regressor(*np.ones((3, 2)), drives=drives), {"drives": ("damping", "offset")}
     ),
+    **{
+        f"{name} with drives": (
+            lambda drives, name=name: getattr(ROBOT, name)(*np.ones((2, 2)), drives=drives), {"drives": "armature"}
+        )
+        for name in ("momentum_regressor", "energy_regressor")
+    },
     "base_parameters": (ROBOT.base_parameters, {}),
     "compile": (
         ROBOT.compile,
@@ -291,7 +298,16 @@ CASES: dict[str, Case] = {
     "kernel": (KERNEL, {"arrays": [0.1, 0.2], "out": None, "threads": 1}),
     "kernel in threads": (KERNEL, {"arrays": np.ones((4, 2)), "out": np.ones((4, 2)), "threads": 2}),
     "kernel.bind": (KERNEL.bind, {"arrays": np.ones(2), "out": np.ones(2)}),
-    **{name: along(getattr(ROBOT, name)) for name in QUANTITIES if hasattr(ROBOT, name)},
+    **{
+        name: along(getattr(FIVEBAR if row.closed else ROBOT, name))
+        for name, row in QUANTITIES.items()
+        if hasattr(ROBOT, name)
+    },
+    "closed": (
+        FIVEBAR.closed,
+        {key: ["left_shoulder", "right_shoulder"] for key in ("actuated", "coordinates")}
+        | {"loops": [("left_tip", "right_tip", "revolute", (0, 1, 0))], "start": None, "weights": (1, 1)},
+    ),
     "inverse_dynamics natively": along(ROBOT.inverse_dynamics, wrench=(np.zeros((2, 6)),) * 4, method=None),
     "inverse_dynamics in closed form": along(ROBOT.inverse_dynamics, method="closed_form"),
     "forces_along": (
@@ -381,11 +397,13 @@ def test_every_argument_of_every_public_function_is_attacked():
         "BaseParameters",
         "Check",
         "CheckedLimit",
+        "Closure",
         "Drives",
         "ElasticAlong",
         "Elasticity",
         "Kernel",
         "Limits",
+        "Loop",
         "Mechanism",
         "Motion",
         "Report",

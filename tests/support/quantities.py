@@ -18,7 +18,7 @@ FACADE = {  # where a method is not named as its quantity
 
 def requests():
     """(quantity, keywords): what may be asked of every quantity."""
-    for quantity in QUANTITIES.values():
+    for quantity in (row for row in QUANTITIES.values() if not row.closed):  # these have tests of their own
         for body in (None, "body3", "tool", "stand") if quantity.of_bodies else (None,):
             for frame in quantity.frames or (None,):
                 chosen = {"body": body, "frame": frame}

@@ -22,7 +22,7 @@ SYMBOLS = {"q": NAMED, "W": NAMED, "base_twist": NAMED, "base_pose": 1}  # of a 
 NOTHING: Series = Series.constant(np.empty(0))
 OF_BODIES = {row.name: row for row in QUANTITIES.values() if row.of_bodies}
 OF_ROBOT = {row.symbol: row for row in QUANTITIES.values() if not row.of_bodies and not row.forces}
-OF_WRENCHES = {row.symbol + EXTERNAL: row for row in OF_ROBOT.values() if row.wrenches and not row.elastic}
+OF_WRENCHES = {row.symbol + EXTERNAL: row for row in OF_ROBOT.values() if row.wrenches and row.everywhere}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -156,8 +156,9 @@ def symbolic(robot: Robot, base: bool = False) -> Symbolic:
         raise JounceError(f"symbolic() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     true_or_false("base", base, "whether the ground moves")
     found = expressions(robot.mechanism, base or robot.mechanism.base is not None)
-    rigid = robot.mechanism.elasticity is None
-    series = {symbol: found.quantity(row) for symbol, row in OF_ROBOT.items() if not (row.elastic and rigid)}
+    rigid, open_ = robot.mechanism.elasticity is None, robot.mechanism.closure is None
+    absent = [row for row in OF_ROBOT.values() if (row.elastic and rigid) or (row.closed and open_)]
+    series = {symbol: found.quantity(row) for symbol, row in OF_ROBOT.items() if row not in absent}
     series |= {symbol: found.external(row, symbol) for symbol, row in OF_WRENCHES.items()}
 
     @cache

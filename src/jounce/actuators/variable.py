@@ -41,7 +41,7 @@ def compute(robot: "Robot", name: str, given: Sequence[Any], stiffness: Any, wre
     ports += [Port(rate_name("stiffness", k), (len(e.pairs),), "state", k) for k in range(len(S))]
 
     def law(arrays: Sequence[Array]) -> Series:
-        x = asked.state(arrays[: len(q) + len(W)])
+        x = asked.state(m, arrays[: len(q) + len(W)])
         Q = FORCES.law(way, m)(m, x).map(lambda Q: Q[..., None])
         found = LAWS[name](m, x.q, lambda _: Q, spring_inputs(m, arrays[len(q) + len(W) :]))
         return found.map(lambda x: x[..., 0])

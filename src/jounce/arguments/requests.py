@@ -35,7 +35,7 @@ def computation(
     place(mechanism, quantity, body, frame)
     true_or_false("base", base, "whether the motion of the base is taken")
     check_invertible(mechanism, quantity)
-    check_elastic(mechanism, quantity, base or mechanism.base is not None)
+    check_existence(mechanism, quantity, base or mechanism.base is not None)
     order = checked_order(order)
     check_rates(quantity, order)
     if product is not None:
@@ -92,11 +92,16 @@ def check_invertible(mechanism: Mechanism, quantity: str) -> None:
         )
 
 
-def check_elastic(mechanism: Mechanism, quantity: str, moving: bool) -> None:
-    """Raise `JounceError` if a quantity is one of elastic joints and the robot has none, or two motors on one.
+def check_existence(mechanism: Mechanism, quantity: str, moving: bool) -> None:
+    """Raise `JounceError` if a quantity is one of closed loops and the robot has none, or one of elastic joints.
 
+    These may not have two motors on one.
     Rotors that links carry take a base at rest.
     """
+    if QUANTITIES[quantity].closed and mechanism.closure is None:
+        raise JounceError(
+            f"{quantity} of {mechanism.name!r}: no loop is closed; robot.closed(loops, actuated) closes some"
+        )
     if not QUANTITIES[quantity].elastic:
         return
     if mechanism.elasticity is None:

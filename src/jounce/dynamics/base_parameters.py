@@ -183,7 +183,7 @@ def _transport(T: np.ndarray) -> np.ndarray:
 
 def _parameters(Pi: np.ndarray) -> np.ndarray:
     """The inertial parameters of moments of mass: (..., 4, 4) to (..., 10)."""
-    return inertia.parameters(inertia.from_moments(Pi[..., 3:, 3:], Pi[..., :3, 3:], Pi[..., :3, :3]))
+    return inertia.parameters(inertia.from_moment_matrix(Pi))
 
 
 def _closed(rows: np.ndarray, A: np.ndarray) -> np.ndarray:

@@ -9,12 +9,14 @@ from math import prod
 from jounce._scalars import Array
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.quantities import Quantity, State, row_of
+from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.inertia import PARAMETERS
 from jounce.spatial.lie import pose, position, rotation
 from jounce.spatial.series import Series, columns, rate_name, wrench_columns
 
 Shape = tuple[int, ...]
+DEPENDENT = "q_dependent"  # the name of the dependent coordinates of a closed robot
 PRODUCTS = {"vjp": "vector-Jacobian products", "jvp": "Jacobian-vector products"}  # of the derivatives by all inputs
 
 
@@ -24,7 +26,7 @@ class Port:
 
     name: str  # q, qd, W, Wd, masses, Q, Qd
     shape: Shape
-    role: str  # "parameter", "state", "wrench", "base", "weight" or "result"
+    role: str  # "parameter", "state", "wrench", "base", "dependent", "weight" or "result"
     rate: int = 0  # which time derivative it is
     first_order: int = 0  # of an input, the lowest order of the results that depend on it
     start: int = 0
@@ -43,6 +45,11 @@ class Port:
     def is_pose(self) -> bool:
         """Whether it is the pose of the base, a matrix of which only displacements by a twist make sense."""
         return self.role == "base" and self.shape == (4, 4)
+
+    @property
+    def is_free(self) -> bool:
+        """Whether it varies by itself: parameters do not, and dependent coordinates follow the others."""
+        return self.role not in ("parameter", "dependent")
 
     @property
     def displacement(self) -> Shape:
@@ -145,6 +152,8 @@ class Computation:
         for k in range(self.base_terms(mechanism) if self.base else 0):
             shape: Shape = (6,) if k else (4, 4)
             inputs.append(Port(base_name(k), shape, "base", k, max(0, k + 1 - self.quantity.rates)))
+        if mechanism.closure:
+            inputs.append(Port(DEPENDENT, (len(mechanism.closure.dependent),), "dependent"))
         rates = [0] * self.count if self.quantity.results else range(self.count)
         names = self.quantity.names(self.order)
         outputs = [Port(name, self.shape(mechanism, k), "result", k) for k, name in zip(rates, names, strict=True)]
@@ -167,21 +176,30 @@ class Computation:
         bodies = len(mechanism.body_names)
         sizes = {"n": mechanism.n, "nv": mechanism.nv, "nb": bodies, "rates": self.quantity.rates + k}
         sizes["parameters"] = len(PARAMETERS) * bodies
+        if closure := mechanism.closure:
+            sizes |= {"tree": len(closure.coordinates), "loops": len(mechanism.loops), "motors": len(closure.actuated)}
         axes = (axis for axis in self.quantity.shape if axis != "nb" or self.body is None)
         return tuple(sizes[axis] if isinstance(axis, str) else axis for axis in axes)
 
-    def state(self, arrays: Sequence[Array]) -> State:
-        """Build the argument of a law from arrays q, qd, ..., Q, Qd, ..., then W, Wd, ..., then C, V, Vd, ..."""
+    def state(self, mechanism: Mechanism, arrays: Sequence[Array]) -> State:
+        """Build the argument of a law from arrays q, qd, ..., Q, Qd, ..., then W, Wd, ..., then C, V, Vd, ...
+
+        Those of a closed robot end with the dependent coordinates.
+        """
+        tree = None
+        if mechanism.closure:
+            *arrays, dependent = arrays
+            tree = all_coordinates(mechanism.closure, arrays[0], dependent)[..., None]
         loads = self.rates + (self.quantity.wrench_rates + self.order if self.wrench else 0)
         given, W, base = arrays[: self.rates], arrays[self.rates : loads], arrays[loads:]
         own = self.quantity.coordinate_inputs(self.rates)
         q, Q = columns(given[:own]), columns(given[own:])
         moving = BaseMotion(pose(rotation(base[0]), position(base[0])), columns(base[1:])) if self.base else None
-        return State(q, wrench_columns(W) if W else None, Q, moving, self.body, self.frame)
+        return State(q, wrench_columns(W) if W else None, Q, moving, self.body, self.frame, tree)
 
     def series(self, method: str, mechanism: Mechanism, arrays: Sequence[Array]) -> Series:
         """The quantity by a method, from the arrays of `state`; its terms are the results."""
-        return self.quantity.law(method, mechanism)(mechanism, self.state(arrays))
+        return self.quantity.law(method, mechanism)(mechanism, self.state(mechanism, arrays))
 
 
 def coordinate_ports(mechanism: Mechanism, names: Sequence[str], least: int) -> list[Port]:
@@ -196,7 +214,7 @@ def base_name(k: int) -> str:
 
 def _ports_of_product(product: str, inputs: list[Port], results: list[Port]) -> tuple[list[Port], list[Port]]:
     """The ports of a product: weights wQ, ... of the results and gradients gq, ..., or tangents dq, ... and dQ, ..."""
-    given = [replace(port, shape=port.displacement) for port in inputs if port.role != "parameter"]
+    given = [replace(port, shape=port.displacement) for port in inputs if port.is_free]
     if product == "vjp":  # the gradient by any input contains all results
         weights = [replace(port, name=f"w{port.name}", role="weight") for port in results]
         gradients = [replace(port, name=f"g{port.name}", role="result") for port in given]

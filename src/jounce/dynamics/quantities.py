@@ -13,10 +13,19 @@ import numpy as np
 
 from jounce._scalars import Array, element
 from jounce.dynamics import closed_form as dense
-from jounce.dynamics import drive_terms, elastic, forward, kinematics, partials
+from jounce.dynamics import drive_terms, elastic, forward, kinematics, loop_partials, loops, partials
 from jounce.dynamics.base import STILL, BaseMotion
 from jounce.dynamics.paper import Paper
-from jounce.dynamics.recursion import articulated, bodies, force_partials, forces, matrices, momenta, regressor
+from jounce.dynamics.recursion import (
+    articulated,
+    bodies,
+    energy_regressor,
+    force_partials,
+    forces,
+    matrices,
+    momenta,
+    regressor,
+)
 from jounce.dynamics.recursion.forces import Sweep
 from jounce.model.drives import TERMS
 from jounce.model.mechanism import Mechanism
@@ -24,7 +33,7 @@ from jounce.spatial.linear import Factors
 from jounce.spatial.series import Series, rate_name
 
 # "n" coordinates, "nv" velocities, "nb" bodies, "parameters" ten inertial ones per body, "rates" q, qd, ..., as many as
-# the quantity or its rate takes
+# the quantity or its rate takes; of closed robots the coordinates of the "tree", "loops", "motors"
 Axis = int | str
 
 
@@ -44,6 +53,7 @@ class State:
     base: BaseMotion | None = None  # None: the ground of a fixed robot, at rest, or of no effect
     body: str | None = None  # a body or a link merged into one; None: all bodies
     frame: str = "body"  # of twists: "body", "world" or "spatial"
+    position: Array | None = None  # of a closed robot, all coordinates (..., N, 1) of its tree, with loops closed
 
     @property
     def motion_of_base(self) -> BaseMotion:
@@ -83,17 +93,29 @@ class Quantity:
     wrench_tex: str = ""
     wrench_rates: int = 1  # how many of W, Wd, ... the quantity itself takes, where they enter
     elastic: bool = False  # whether it is one of robots with elastic joints only
+    closed: bool = False  # whether it is one of robots with closed loops only
     drive_terms: tuple[str, ...] = ()  # which of those that act enter
     drive_law: Law | None = None  # what they add
     results: tuple[str, ...] = ()  # of a quantity of several results, which has no rates: the terms of its law
     frames: tuple[str, ...] = ()  # in which its components may be given, the default first
     sweep: Sweep | None = None  # of the recursion, where its steps are those of forces
     without_base: tuple[str, ...] = ()  # frames in which neither the pose nor the twist of the base enters
+    turns_with: str = ""  # of a matrix of velocities, which quantity times F' is added where loops are closed
 
     @property
     def wrenches(self) -> bool:
         """Whether wrenches on the bodies enter."""
         return bool(self.wrench_term)
+
+    @property
+    def everywhere(self) -> bool:
+        """Whether all robots have it."""
+        return not (self.elastic or self.closed)
+
+    @property
+    def follows_others(self) -> bool:
+        """Whether its laws take those of other quantities, with loops closed as they are."""
+        return self.forces or self.elastic or self.closed or "rates" in self.shape
 
     @property
     def of_bodies(self) -> bool:
@@ -119,9 +141,12 @@ class Quantity:
 
     def law(self, method: str, mechanism: Mechanism) -> Law:
         """Return the law of a method for a mechanism, with the drive terms that act."""
+        if mechanism.closure and not self.follows_others:
+            of_turning = QUANTITIES[self.turns_with].law(method, mechanism.tree) if self.turns_with else None
+            return loops.law(self.law(method, mechanism.tree), self.shape, of_turning)
         rigid, added = self.methods[method].law, self.drive_law
-        if added is None or not set(self.drive_terms) & set(mechanism.acting):
-            return rigid
+        if added is None or mechanism.closure or not set(self.drive_terms) & set(mechanism.acting):
+            return rigid  # where loops are closed, it has those of the tree
         if self.shape:
             axes = tuple(k - len(self.shape) for k, axis in enumerate(self.shape) if axis == "nv")
             return lambda m, x: rigid(m, x) + drive_terms.behind_base(m, added(m, x), axes)
@@ -143,6 +168,11 @@ def _columns(nb: int) -> int:
     return 6 * nb
 
 
+def _ten(nb: int) -> int:
+    """The width of a method that works on ten numbers per body."""
+    return 10 * nb
+
+
 def _row(column: Series) -> Series:
     """Columns (..., n, 1) as (..., n)."""
     return column.map(lambda Q: Q[..., 0])
@@ -153,13 +183,13 @@ def _scalar(column: Series) -> Series:
     return column.map(lambda T: T[..., 0, 0])
 
 
-def _forward(m: Mechanism, x: State) -> Series:
-    """Forward dynamics by the recursions of other rows, with the terms of the drives that act."""
-    inverse = FORCES.law("recursion", m)
-    if articulated.has_deep_branches(m):
+def _forward(m: Mechanism, x: State, method: str) -> Series:
+    """Forward dynamics by a method of other rows, with the terms of the drives that act."""
+    inverse = FORCES.law(method, m)
+    if articulated.has_deep_branches(m) and not m.closure:
         M: forward.Solver = articulated.ArticulatedBodies.of(m, x.q[0])
     else:
-        M = Factors.of(QUANTITIES["mass_matrix"].law("recursion", m)(m, x)[0])
+        M = Factors.of(QUANTITIES["mass_matrix"].law(method, m)(m, x)[0])
 
     def required(q: Series, base: BaseMotion | None) -> Series:
         return inverse(m, replace(x, q=q, base=base)).map(lambda Q: Q[..., None])
@@ -167,9 +197,21 @@ def _forward(m: Mechanism, x: State) -> Series:
     return forward.from_inverse(M, required, m, x.q, x.Q, x.base)
 
 
-def _of_all_rates(m: Mechanism, x: State, of_forces: Callable[..., tuple[Series, Series, Series]]) -> Series:
+def _forward_dense(m: Mechanism, x: State) -> Series:
+    return _forward(m, x, "closed_form") if m.closure else forward.dense(m, x.q, x.Q, x.W, x.base)
+
+
+def _of_all_rates(m: Mechanism, x: State, method: str) -> Series:
     """Partial derivatives of the forces and their rates, from those of the forces themselves."""
-    return partials.of_all_rates(*of_forces(m, x.q, x.W, x.base), partials.turning(m, x.base))
+    of_forces = {"recursion": force_partials.partials, "closed_form": partials.dense}[method]
+    if not m.closure:
+        return partials.of_all_rates(*of_forces(m, x.q, x.W, x.base), partials.turning(m, x.base))
+    motion = loops.closed_motion(m, x)
+    rigid = of_forces(m.tree, motion.q, x.W, x.base)
+    of_drives = drive_terms.partials(m.tree, motion.q, m.acting)
+    K, D, M = (P + drive_terms.behind_base(m, own, (-2, -1)) for P, own in zip(rigid, of_drives, strict=True))
+    found = loop_partials.partials(motion, (K, D, M), _tree_forces(m, x, motion, method))
+    return partials.of_all_rates(*found, partials.turning(m, x.base))
 
 
 def _forward_partials(m: Mechanism, x: State, method: str) -> Series:
@@ -193,6 +235,22 @@ def _of_motors(law: Callable[[Mechanism, Series, elastic.Forces], Series], metho
         return _row(law(m, x.q, forces))
 
     return motors
+
+
+def _actuator_forces(m: Mechanism, x: State, method: str) -> Series:
+    Q = FORCES.law(method, m)(m, x).map(lambda Q: Q[..., -m.n :, None])
+    return _row(loops.actuator_forces(m, loops.closed_motion(m, x).F, Q))
+
+
+def _loop_wrenches(m: Mechanism, x: State, method: str) -> Series:
+    motion = loops.closed_motion(m, x)
+    return loops.loop_wrenches(m, motion, _tree_forces(m, x, motion, method))
+
+
+def _tree_forces(m: Mechanism, x: State, motion: loops.ClosedMotion, method: str) -> Series:
+    """The forces that move the tree of a closed robot, (..., nv, 1)."""
+    Q = FORCES.law(method, m.tree)(m.tree, replace(x, q=motion.q, position=None))
+    return Q.map(lambda Q: Q[..., None])
 
 
 def _poses(m: Mechanism, x: State, poses: kinematics.OfBodies) -> Series:
@@ -245,8 +303,8 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="q2d = M^-1 (Q - C qd - Qgrav): the accelerations that generalized forces Q cause.",
             tex=r"\ddot{q} = M^{-1} \left(Q - C(q, \dot{q})\,\dot{q} - Q_{\mathrm{grav}}(q)\right)",
             methods={
-                "recursion": Method(lambda m, x: _row(_forward(m, x)), _columns),
-                "closed_form": Method(lambda m, x: _row(forward.dense(m, x.q, x.Q, x.W, x.base))),
+                "recursion": Method(lambda m, x: _row(_forward(m, x, "recursion")), _columns),
+                "closed_form": Method(lambda m, x: _row(_forward_dense(m, x))),
             },
         ),
         Quantity(
@@ -263,8 +321,8 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="P[j] = dQ/dq^(j): the partial derivatives of the generalized forces by q, qd and q2d.",
             tex=r"P_j = \partial Q / \partial q^{(j)}",
             methods={
-                "recursion": Method(lambda m, x: _of_all_rates(m, x, force_partials.partials), _columns),
-                "closed_form": Method(lambda m, x: _of_all_rates(m, x, partials.dense)),
+                "recursion": Method(lambda m, x: _of_all_rates(m, x, "recursion"), _columns),
+                "closed_form": Method(lambda m, x: _of_all_rates(m, x, "closed_form")),
             },
         ),
         Quantity(
@@ -298,6 +356,36 @@ QUANTITIES: Mapping[str, Quantity] = {
             methods={
                 "recursion": Method(lambda m, x: regressor.regressor(m, x.q, x.base), lambda nb: 60 * nb * nb),
                 "closed_form": Method(lambda m, x: dense.regressor(m, x.q, x.base)),
+            },
+        ),
+        Quantity(
+            name="momentum_regressor",
+            symbol="Yp",
+            rates=2,
+            shape=("nv", "parameters"),
+            unit="that of p over kg, kg m or kg m^2",
+            caption="regressor of the generalized momentum",
+            meaning="Yp(q, qd): the regressor of the generalized momentum, M qd = Yp p of the inertial parameters p.",
+            tex_symbol="Y_{p}",
+            tex=r"M\,\dot{q} = Y_p(q, \dot{q})\,p",
+            methods={
+                "recursion": Method(lambda m, x: regressor.momentum_regressor(m, x.q, x.base), lambda nb: 60 * nb * nb),
+                "closed_form": Method(lambda m, x: dense.momentum_regressor(m, x.q, x.base)),
+            },
+        ),
+        Quantity(
+            name="energy_regressor",
+            symbol="YE",
+            rates=2,
+            shape=("parameters",),
+            unit="J over kg, kg m or kg m^2",
+            caption="regressor of the energy",
+            meaning="YE(q, qd): the regressor of the energy, T + U = YE p of the inertial parameters p.",
+            tex_symbol="Y_{E}",
+            tex=r"T + U = Y_E(q, \dot{q})\,p",
+            methods={
+                "recursion": Method(lambda m, x: _row(energy_regressor.energy_regressor(m, x.q, x.base)), _ten),
+                "closed_form": Method(lambda m, x: _row(dense.energy_regressor(m, x.q, x.base))),
             },
         ),
         Quantity(
@@ -340,6 +428,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             symbol="C",
             rates=2,
             shape=("nv", "nv"),
+            turns_with="mass_matrix",
             unit="kg m^2/s, kg m/s or kg/s",
             caption="Coriolis matrix of the paper",
             meaning="C(q, qd): the paper's Coriolis matrix; passivity-based control takes Cbar, skew_coriolis_matrix.",
@@ -355,6 +444,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             symbol="Cbar",
             rates=2,
             shape=("nv", "nv"),
+            turns_with="mass_matrix",
             unit="kg m^2/s, kg m/s or kg/s",
             caption="Coriolis matrix for passivity-based control",
             meaning="Cbar(q, qd): the Coriolis matrix for which Md - 2 Cbar is skew-symmetric.",
@@ -569,6 +659,57 @@ QUANTITIES: Mapping[str, Quantity] = {
             methods={
                 "recursion": Method(_of_motors(elastic.motor_torques, "recursion"), _column),
                 "closed_form": Method(_of_motors(elastic.motor_torques, "closed_form")),
+            },
+        ),
+        Quantity(
+            name="coordinates",
+            symbol="qt",
+            rates=1,
+            shape=("tree",),
+            closed=True,
+            without_base=("body",),
+            unit="rad or, for coordinates in m, m",
+            caption="coordinates of the tree",
+            meaning="qt: the coordinates of all joints, with loops closed; qtd = F qd of the independent ones.",
+            tex_symbol="q_{t}",
+            tex=r"\dot{q}_t = F\,\dot{q}, \quad A\,F = 0",
+            methods={"recursion": Method(lambda m, x: _row(loops.closed_motion(m, x).q), _columns)},
+        ),
+        Quantity(
+            name="actuator_forces",
+            symbol="u",
+            rates=3,
+            shape=("motors",),
+            closed=True,
+            wrench_term="F_u^-T F^T J^T W",
+            wrench_tex=r"F_u^{-T} F^T J^T W",
+            drive_terms=TERMS,
+            unit="N m or, for coordinates in m, N",
+            caption="forces of the motors",
+            meaning="u: forces of the actuated joints, F_u^T u = Q, with the least weighted sum of squares.",
+            tex=r"F_u^T u = Q",
+            methods={
+                "recursion": Method(lambda m, x: _actuator_forces(m, x, "recursion"), _columns),
+                "closed_form": Method(lambda m, x: _actuator_forces(m, x, "closed_form")),
+            },
+        ),
+        Quantity(
+            name="loop_wrenches",
+            symbol="Wl",
+            rates=3,
+            shape=("loops", 6),
+            closed=True,
+            wrench_term="what they add",
+            wrench_tex=r"W_l(W)",
+            drive_terms=TERMS,
+            unit="N m and N",
+            caption="wrenches at the cut joints",
+            meaning="Wl: the wrench (moment; force) of a cut joint on the body of its second frame, in the first.",
+            tex_symbol="W_{l}",
+            tex=r"W_l = R^T \lambda, \quad A_d^T \lambda = Q_d",
+            methods={
+                "recursion": Method(lambda m, x: _loop_wrenches(m, x, "recursion"), _columns),
+                "closed_form": Method(lambda m, x: _loop_wrenches(m, x, "closed_form")),
             },
         ),
     )

@@ -1,7 +1,8 @@
 """The bundled robots: the paper's as functions of their parameters, others as files.
 
-A file is ``robots/NAME/robot.yaml``, converted from a URDF without loss: its first lines name the URDF. Its licence is
-in the same folder.
+A file is ``robots/NAME/robot.yaml``. Those of arms and robots with legs are converted from URDFs without loss: their
+first lines name the URDF, and the licence is in the same folder. Robots with closed loops were written for jounce,
+under its licence.
 """
 
 from collections.abc import Callable
@@ -110,6 +111,10 @@ def _of_file(
     return Bundled(name, kind, *size, licence, f"https://github.com/{project}", partial(_read, name), urdf, base=base)
 
 
+def _parallel(name: str, kind: str, size: tuple[int, int, float], source: str) -> Bundled:
+    return Bundled(name, kind, *size, _BSD, source, partial(_read, name))
+
+
 def _read(name: str, /, gravity: object = None, base: str = "fixed") -> Mechanism:
     from importlib.resources import as_file
 
@@ -131,7 +136,7 @@ def check_floats(name: str) -> None:
 
 
 def notices(name: str) -> dict[str, str]:
-    """Return the licence texts of a robot's file by name; none for the paper's robots, which have no file."""
+    """Return the licence texts of a robot's file by name; none for robots under the licence of jounce."""
     texts = (_folder(BUNDLED[name].like or name) / text for text in ("NOTICE", "LICENSE"))
     return {text.name: text.read_text(encoding="utf-8") for text in texts if text.is_file()}
 
@@ -179,5 +184,15 @@ BUNDLED: dict[str, Bundled] = {
             "open-dynamic-robot-initiative/robot_properties_solo", "solo_description/robots/solo12.urdf",
             base="base_link",
         ),
+        _parallel("fivebar", "parallel, planar five-bar, invented", (2, 4, 1.05), "invented"),
+        _parallel(
+            "delta", "parallel, Delta, arm masses invented", (3, 12, 1.76),
+            "https://github.com/RicoJia/Omnid_Project",
+        ),
+        _parallel(
+            "gough_stewart", "parallel, Gough-Stewart, legs invented", (6, 21, 3.9),
+            "https://reference.wolfram.com/system-modeler/libraries/IndustryExamples/",
+        ),
+        _parallel("fourbar_leg", "parallel, four-bar leg, invented", (2, 4, 3.27), "invented"),
     )
 }  # fmt: skip

@@ -9,6 +9,7 @@ import numpy as np
 
 from jounce._scalars import Array, exact_integers, is_numeric, is_symbolic
 from jounce.model.drives import Drives
+from jounce.model.loops import in_scalars
 from jounce.model.mechanism import Mechanism
 
 
@@ -24,12 +25,18 @@ def with_extended_precision(mechanism: Mechanism) -> Mechanism:
     return _convert(mechanism, lambda array: array.astype(np.longdouble))
 
 
+def with_numbers(mechanism: Mechanism) -> Mechanism:
+    """Convert the data to doubles; symbols raise an error."""
+    return _convert(mechanism, lambda array: array.astype(float))
+
+
 def _convert(mechanism: Mechanism, convert: Callable[[Array], Array]) -> Mechanism:
     converted = with_arrays(mechanism, lambda _, array: convert(array))
     frames = tuple(replace(frame, T=convert(frame.T)) for frame in mechanism.frames)
     drives = Drives(**{name: convert(array) for name, array in vars(mechanism.drives).items()})
     elasticity = mechanism.elasticity and mechanism.elasticity.map(convert)
-    return replace(converted, frames=frames, drives=drives, elasticity=elasticity)
+    loops, closure = in_scalars(mechanism.loops, mechanism.closure, convert)
+    return replace(converted, frames=frames, drives=drives, elasticity=elasticity, loops=loops, closure=closure)
 
 
 def with_arrays(mechanism: Mechanism, convert: Callable[[str, Array], Array]) -> Mechanism:

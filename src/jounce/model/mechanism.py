@@ -2,12 +2,12 @@
 
 Body i hangs by joint i on body ``parent[i] < i`` (or on the ground, -1), with the joint screw X_i in its own frame:
 ``C_i = C_p B_i exp(X_i theta_i)``. The joint variables follow the coordinates by ``theta = G q + g`` with constant G
-and g: the identity, unless joints mimic others.
+and g: the identity, unless joints mimic others. Where loops are closed, some coordinates follow the others (`Closure`).
 """
 
-from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import Any
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from jounce.errors import JounceError, one_of
 from jounce.model.drives import Drives
 from jounce.model.elasticity import Elasticity
 from jounce.model.limits import Limits
+
+if TYPE_CHECKING:
+    from jounce.model.loops import Closure, Loop
 
 GRAVITY = (0, 0, -9.81)  # m/s^2, unless told otherwise
 DATA = ("B", "X", "M", "gravity", "G", "g")  # the arrays of a mechanism
@@ -80,6 +83,11 @@ class Mechanism:
         The robot's name.
     default_axes : tuple of str
         Joints whose axis the file leaves out, so that it is the format's default; robots are equal all the same.
+    loops : tuple of Loop
+        The loops that the tree is left of, each cut at a joint. They are closed if there is a closure.
+    closure : Closure, or None
+        Which coordinates move the robot with its loops closed. Then G, g and `coordinates` are those of the independent
+        ones, and `tree` is the robot with its loops open.
 
     Examples
     --------
@@ -107,11 +115,15 @@ class Mechanism:
     frames: tuple[Frame, ...] = ()
     name: str = "robot"
     default_axes: tuple[str, ...] = field(default=(), compare=False)
+    loops: "tuple[Loop, ...]" = ()
+    closure: "Closure | None" = None
 
     def __post_init__(self) -> None:
         beside = (self.limits.table, *vars(self.drives).values(), *(frame.T for frame in self.frames))
         elastic = self.elasticity.arrays.values() if self.elasticity else ()
-        for array in (*self.arrays.values(), *beside, *elastic):
+        closing = [*self.closure.arrays.values(), self.closure.start] if self.closure else []
+        closing += [array for loop in self.loops for array in loop.arrays]
+        for array in (*self.arrays.values(), *beside, *elastic, *closing):
             array.flags.writeable = False
 
     def __setstate__(self, state: dict[str, Any]) -> None:  # a copy or an unpickled one is as frozen as any
@@ -128,6 +140,12 @@ class Mechanism:
     def is_numeric(self) -> bool:
         """Whether these are numbers, not symbols."""
         return all(map(is_numeric, self.arrays.values()))
+
+    @cached_property
+    def tree(self) -> "Mechanism":
+        """The robot with its loops open; the mechanism itself where none is closed."""
+        c = self.closure
+        return self if c is None else replace(self, G=c.G, g=c.g, coordinates=c.coordinates, closure=None)
 
     @property
     def nb(self) -> int:

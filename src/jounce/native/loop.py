@@ -41,7 +41,7 @@ GROUND = ("%bodies", "%bodies", "%motions")  # what those of the ground are, but
 def emit_loop(mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> Block:
     """The sweeps over the tree for one block of states."""
     places = [range(port.start, port.end) for port in signature.outputs]
-    vectors = plan.vectors_of_bodies(sweeps.computation, mechanism.parent)
+    vectors = plan.vectors_of_bodies(sweeps.computation, mechanism)
     return Block(lambda ir: _define_block(ir, mechanism, sweeps, signature), places, vectors)
 
 

@@ -28,10 +28,10 @@ class LongCompilationError(Exception):
     """Compiling takes longer than a caller waits for it."""
 
 
-def is_straight(computation: Computation, nb: int) -> bool:
+def is_straight(computation: Computation, mechanism: Mechanism) -> bool:
     """Return whether the code is a straight line; a loop over the bodies is half as fast, but compiles at once."""
-    looped = computation.quantity.sweep is not None and not computation.product
-    return not looped or nb * (computation.order + 1) ** 2 <= STRAIGHT_LIMIT
+    looped = computation.quantity.sweep is not None and not computation.product and not mechanism.closure
+    return not looped or mechanism.nb * (computation.order + 1) ** 2 <= STRAIGHT_LIMIT
 
 
 def highest_order(computation: Computation) -> int:
@@ -110,10 +110,11 @@ def motion_slots(parent: Sequence[int]) -> list[int]:
     return slots
 
 
-def vectors_of_bodies(computation: Computation, parent: Sequence[int]) -> int:
+def vectors_of_bodies(computation: Computation, mechanism: Mechanism) -> int:
     """The vectors that the loop form keeps of all bodies and of the ground; none in a straight line."""
-    if is_straight(computation, len(parent)):
+    if is_straight(computation, mechanism):
         return 0
+    parent = mechanism.parent
     motions = max(motion_slots(parent)) + 1
     return (len(parent) + 1) * body_layout(computation).size + motions * motion_layout(computation).size
 
@@ -126,4 +127,4 @@ def call_size(signature: Signature, of_bodies: int, lanes: int) -> int:
 def scratch_size(computation: Computation, mechanism: Mechanism, lanes: int) -> int:
     """The bytes of one call of a kernel."""
     signature = computation.signature(mechanism)
-    return call_size(signature, vectors_of_bodies(computation, mechanism.parent), lanes)
+    return call_size(signature, vectors_of_bodies(computation, mechanism), lanes)

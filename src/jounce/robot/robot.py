@@ -28,11 +28,11 @@ from jounce._typing import (
 )
 from jounce.arguments import requests
 from jounce.arguments.limits import with_limits
+from jounce.arguments.loops import with_locked, with_loops
 from jounce.errors import JounceError, listed, one_of
 from jounce.model import dh, equality, inertial, screws
 from jounce.model.drives import Drives, select_columns, select_terms, warn_of_idle, with_eps
 from jounce.model.limits import Limits
-from jounce.model.locking import locked
 from jounce.model.mechanism import GRAVITY, Mechanism
 from jounce.native.kernel import Kernel
 from jounce.robot import dispatch, overloads
@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
     from jounce.model.elasticity import SpringLaw
+    from jounce.model.loops import Loop
     from jounce.model.motors import Motor
     from jounce.models.states import RobotState
     from jounce.motion import Motion
@@ -1021,7 +1022,7 @@ class Robot:
         >>> jounce.load("iiwa14").locked({"joint3": 0.0, "joint7": 0.5}).n
         5
         """
-        return type(self)(locked(self.mechanism, values))
+        return type(self)(with_locked(self.mechanism, values))
 
     def audit(self) -> "tuple[Finding, ...]":
         """Check the model data for physically impossible or suspicious values.
@@ -1381,15 +1382,127 @@ class Robot:
         array([[1., 0., 1., 0.],
                [0., 0., 0., 1.]])
         """
-        return dispatch.regressor(
-            self,
-            (q, qd, q2d, q3d, q4d, *higher),
-            select_columns(drives),
-            base=base,
-            method=method,
-            out=out,
-            threads=threads,
-        )
+        given = (q, qd, q2d, q3d, q4d, *higher)
+        options = {"base": base, "method": method, "threads": threads}
+        return dispatch.regressor(self, "regressor", given, select_columns(drives), out, **options)
+
+    @typed(overloads.OfVelocityRegressor)
+    def momentum_regressor(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named | None = None,
+        q3d: Named | None = None,
+        *higher: Named,
+        drives: DriveColumns = False,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> Results:
+        """The regressor Yp of the generalized momentum and its time derivatives: M qd = Yp p.
+
+        p are the `inertial_parameters`. ``Y(q, qd, q2d) = Ypd(q, qd, q2d) + R(q, qd)`` of the `regressor` Y: the forces
+        are the rate of the momentum and what q and qd determine, so that their integral needs no q2d.
+
+        Parameters
+        ----------
+        q, qd : (..., n)
+            Coordinates and velocities: rad or m, per s.
+        q2d, q3d, *higher : (..., n), optional
+            Further rates, each for one more time derivative of Yp.
+        drives : bool, str or iterable of str, optional
+            Columns to append, as of `regressor`. Of these only the armature has momentum; the others are zero.
+        base, method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        Yp : (..., nv, 10 nb), or tuple of (..., nv, 10 nb)
+            With drives, (..., nv, 10 nb + k nb) for k terms, as of `regressor`. Columns in N m s or N s over kg, kg m,
+            kg m^2.
+
+        Raises
+        ------
+        JounceError
+            If an array has a wrong shape, a rate is skipped, or the name of a drive term is unknown.
+
+        References
+        ----------
+        J.-J. E. Slotine, W. Li, "On the Adaptive Control of Robot Manipulators", International Journal of Robotics
+        Research 6(3), 1987: filtered forces without accelerations.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("planar2r")
+        >>> Yp = robot.momentum_regressor([0, 0], [0, 1])
+        >>> Yp.shape, (Yp @ robot.inertial_parameters).round(6)
+        ((2, 20), array([2., 1.]))
+        >>> robot.momentum_regressor([0, 0], [0, 1], drives=("armature", "damping"))[:, 20:]
+        array([[0., 1., 0., 0.],
+               [0., 1., 0., 0.]])
+        """
+        options = {"base": base, "method": method, "threads": threads}
+        rates, columns = (q, qd, q2d, q3d, *higher), select_columns(drives)
+        return dispatch.regressor(self, "momentum_regressor", rates, columns, out, **options)
+
+    @typed(overloads.OfVelocityRegressor)
+    def energy_regressor(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named | None = None,
+        q3d: Named | None = None,
+        *higher: Named,
+        drives: DriveColumns = False,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> Results:
+        """The regressor YE of the energy and its time derivatives: T + U = YE p.
+
+        p are the `inertial_parameters`. While the base is at rest, the rate of the energy is the power of the forces,
+        ``YEd(q, qd, q2d) = qd . Y(q, qd, q2d)`` of the `regressor` Y, so that the integral of the power needs no q2d.
+
+        Parameters
+        ----------
+        q, qd : (..., n)
+            Coordinates and velocities: rad or m, per s.
+        q2d, q3d, *higher : (..., n), optional
+            Further rates, each for one more time derivative of YE.
+        drives : bool, str or iterable of str, optional
+            Columns to append, as of `regressor`. Of these the armature and the spring have energy; the others are zero.
+        base, method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        YE : (..., 10 nb), or tuple of (..., 10 nb)
+            With drives, (..., 10 nb + k nb) for k terms, as of `regressor`. Columns in J over kg, kg m, kg m^2.
+
+        Raises
+        ------
+        JounceError
+            If an array has a wrong shape, a rate is skipped, or the name of a drive term is unknown.
+
+        References
+        ----------
+        M. Gautier, W. Khalil, "On the Identification of the Inertial Parameters of Robots", IEEE Conference on Decision
+        and Control, 1988.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("planar2r")
+        >>> YE = robot.energy_regressor([0, 0], [1, 1])
+        >>> YE.shape, (YE @ robot.inertial_parameters).round(6)
+        ((20,), np.float64(5.0))
+        """
+        options = {"base": base, "method": method, "threads": threads}
+        rates, columns = (q, qd, q2d, q3d, *higher), select_columns(drives)
+        return dispatch.regressor(self, "energy_regressor", rates, columns, out, **options)
 
     @typed(overloads.ForwardPartials)
     def forward_dynamics_partials(
@@ -1703,6 +1816,223 @@ class Robot:
             damping_terms=damping_terms,
         )  # fmt: skip
         return ElasticRobot(type(self)(with_elasticity(self.mechanism, stated)))
+
+    def closed(
+        self,
+        loops: "Sequence[Loop | Sequence[Any]] | None" = None,
+        actuated: Sequence[str] | None = None,
+        *,
+        coordinates: Sequence[str] | None = None,
+        start: Named | None = None,
+        weights: Named | None = None,
+    ) -> Self:
+        """The robot with its loops closed, moved by its actuated joints.
+
+        Constraints ``A q' = 0`` hold the coordinates q of the tree, which is this robot: ``q' = F u'`` with the rates
+        u' of independent coordinates u. All methods of the closed robot take and return quantities of u, by the
+        principle of virtual work: forces ``F^T Q``, mass matrix ``F^T M F``, Jacobians ``J F``. Their q is u, (..., n),
+        from which the loops are closed by Newton's method, along a straight line from the start; or it has all
+        coordinates of the tree, (..., N), from which the loops are closed without leaving the branch.
+
+        Parameters
+        ----------
+        loops : list of tuples, optional
+            (frame_a, frame_b) of names of bodies, or of links merged into bodies, that a cut joint joins: a spherical
+            one, so that the origins of both frames meet. (frame_a, frame_b, joint) and (frame_a, frame_b, joint, axis)
+            name another: "spherical", "revolute", "prismatic", "cylindrical", "planar" or "fixed", and its axis in
+            frame_a, [0, 0, 1] by default. By default the loops that the robot's file states.
+        actuated : list of str, optional
+            The joints with motors. By default those of a robot whose loops are closed already.
+        coordinates : list of str, optional
+            The independent coordinates, by default the actuated joints.
+        start : (N,) or mapping, optional
+            Joint positions, rad or m, near a configuration with closed loops: they decide on the branch. Joints that a
+            mapping leaves out are at 0.
+        weights : (k,) or mapping, optional
+            Weights of the motors' forces, where more joints are actuated than there are coordinates: the weighted sum
+            of their squares is least. 1 by default.
+
+        Returns
+        -------
+        Robot
+            With `n` independent coordinates; its `mechanism.tree` has its loops open.
+
+        Raises
+        ------
+        JounceError
+            If a name is unknown, the loops cannot be closed from the start, or the coordinates or motors do not
+            determine the motion.
+
+        References
+        ----------
+        A. Müller, S. Kumar: Closed form time derivatives of the equations of motion of rigid body systems, Multibody
+        Syst. Dyn. 53 (2021), outlook. A. Müller, S. Kumar, T. Kordik, arXiv 2507.14274 (2025).
+
+        Examples
+        --------
+        >>> import jounce
+        >>> tree = jounce.Robot(jounce.load("fivebar").mechanism.tree)
+        >>> robot = tree.closed([("left_tip", "right_tip")], ["left_shoulder", "right_shoulder"], start=[2, -1, 1, 1])
+        >>> robot.n, tree.n
+        (2, 4)
+        """
+        return type(self)(with_loops(self.mechanism, loops, actuated, coordinates, start, weights))
+
+    @typed(overloads.OfPosition[Array])
+    def coordinates(
+        self,
+        q: Named,
+        qd: Named | None = None,
+        q2d: Named | None = None,
+        *higher: Named,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> Results:
+        """The coordinates of all joints of a robot with closed loops, and their rates.
+
+        ``qtd = F qd`` with the constraints ``A F = 0``.
+
+        Parameters
+        ----------
+        q : (..., n) or (..., N)
+            Independent coordinates, rad or m; or all N, near the wanted branch, from which the loops are closed.
+        qd, q2d, *higher : (..., n), optional
+            Rates of the independent coordinates, per s, per s^2, ..., each for one more time derivative.
+        base : tuple, optional
+            The motion of the base, see `Robot`; it has no effect here.
+        method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        qt : (..., N), or tuple of (..., N)
+            In the order of ``mechanism.tree.coordinates``. As q in later calls it saves closing the loops again.
+
+        Raises
+        ------
+        JounceError
+            If the robot has no closed loops, the loops cannot be closed at q, an array has a wrong shape, or a rate is
+            skipped.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("fivebar")
+        >>> qt, qtd = robot.coordinates([2.2, 0.9], [1.0, 0.0])
+        >>> qt.shape
+        (4,)
+        """
+        given = q, qd, q2d, *higher
+        return compute(self, "coordinates", given, base=base, method=method, out=out, threads=threads)
+
+    @typed(overloads.OfAcceleration)
+    def actuator_forces(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        *higher: Named,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> Results:
+        """The forces u of the actuated joints of a robot with closed loops, and their rates.
+
+        ``F_u^T u = Q``, F_u the velocities of the actuated joints from those of the independent coordinates. With more
+        motors than coordinates, the weighted sum of u^2 is least. If the coordinates are those of the motors, u = Q.
+
+        Parameters
+        ----------
+        q : (..., n) or (..., N)
+            Independent coordinates, rad or m; or all N of the tree.
+        qd, q2d : (..., n)
+            Velocities and accelerations, per s and per s^2.
+        *higher : (..., n), optional
+            Further rates, each for one more time derivative of u.
+        wrench, base : optional
+            As in `inverse_dynamics`.
+        method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        u : (..., k), or tuple of (..., k)
+            Of the k motors, in the order of `actuated` in `closed`: N m, or N for coordinates in m, per s, ...
+
+        Raises
+        ------
+        JounceError
+            If the robot has no closed loops, the loops cannot be closed at q, an array has a wrong shape, or a rate is
+            skipped.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("fivebar")
+        >>> robot.actuator_forces([2.2, 0.9], [0, 0], [0, 0]).shape
+        (2,)
+        """
+        given = q, qd, q2d, *higher
+        return compute(
+            self, "actuator_forces", given, wrench=wrench, base=base, method=method, out=out, threads=threads
+        )
+
+    @typed(overloads.OfAcceleration)
+    def loop_wrenches(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        *higher: Named,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> Results:
+        """The wrenches that the cut joints of a robot with closed loops transmit, and their rates.
+
+        ``W = R^T y`` with ``A_d^T y = Q_d``: the dependent joints of the tree need no motors. Where constraints are
+        redundant, as those of planar loops, the shortest y is taken.
+
+        Parameters
+        ----------
+        q : (..., n) or (..., N)
+            Independent coordinates, rad or m; or all N of the tree.
+        qd, q2d : (..., n)
+            Velocities and accelerations, per s and per s^2.
+        *higher : (..., n), optional
+            Further rates, each for one more time derivative.
+        wrench, base : optional
+            As in `inverse_dynamics`.
+        method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        W : (..., loops, 6), or tuple of them
+            Moment and force of each cut joint on the body of its second frame, in the axes of its first frame, about
+            the origin of that: N m and N, per s, ...
+
+        Raises
+        ------
+        JounceError
+            If the robot has no closed loops, the loops cannot be closed at q, an array has a wrong shape, or a rate is
+            skipped.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("fivebar")
+        >>> robot.loop_wrenches([2.2, 0.9], [0, 0], [0, 0]).shape
+        (1, 6)
+        """
+        given = q, qd, q2d, *higher
+        return compute(self, "loop_wrenches", given, wrench=wrench, base=base, method=method, out=out, threads=threads)
 
     @typed(overloads.OfPosition[Array])
     def mass_matrix(

@@ -7,7 +7,7 @@ import numpy as np
 
 from jounce.errors import JounceError, at, no_such, quoted
 from jounce.io.entries import Entry
-from jounce.io.native import BASE, GROUND, elastic, parts
+from jounce.io.native import BASE, GROUND, elastic, loops, parts
 from jounce.model.drives import UNDRIVEN
 from jounce.model.limits import limits_of_joints
 from jounce.model.mechanism import GRAVITY, Frame, Mechanism
@@ -18,7 +18,8 @@ Index = Mapping[str, int]  # names and their places in a row
 
 def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mechanism:
     """The mechanism of a file's content, under its own gravity unless another is given; ``base="fixed"`` welds it."""
-    robot.keys(("units", "bodies"), ("name", "gravity", BASE, "coordinates", "frames", "limits_of", elastic.SECTION))
+    optional = ("name", "gravity", BASE, "coordinates", "frames", "limits_of", elastic.SECTION)
+    robot.keys(("units", "bodies"), (*optional, loops.SECTION, *loops.KEYS))
     parts.check_units(robot)
     own = robot.get("gravity", list(GRAVITY)).numbers((3,))
     listed = robot.get("bodies").items(least=1)
@@ -37,7 +38,8 @@ def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mecha
     placed = [Frame(f.get("name").value, _carrier(f.get("body"), places), parts.pose(f)) for f in frames]
     if base == "fixed" and built.base is not None:
         placed, built = [Frame(built.base.name, -1, np.eye(4)), *placed], replace(built, base=None)
-    return elastic.read(robot, replace(built, joints=tuple(_distinct_names(joints)), frames=tuple(placed)))
+    tree = replace(built, joints=tuple(_distinct_names(joints)), frames=tuple(placed))
+    return elastic.read(robot, loops.read(robot, tree))
 
 
 def _base(robot: Entry, base: str | None) -> list[Entry]:

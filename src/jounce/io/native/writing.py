@@ -10,7 +10,7 @@ import numpy as np
 
 from jounce._scalars import is_symbolic
 from jounce.errors import JounceError, quoted
-from jounce.io.native import BASE, GROUND, UNITS, elastic, parts
+from jounce.io.native import BASE, GROUND, UNITS, elastic, loops, parts
 from jounce.model.drives import UNDRIVEN
 from jounce.model.limits import FORCES
 from jounce.model.mechanism import Mechanism, body_name
@@ -50,7 +50,8 @@ def json_of(data: dict[str, Any]) -> str:
 def document(mechanism: Mechanism) -> dict[str, Any]:
     """Return the content of the file of a mechanism of numbers, as plain data."""
     _check(mechanism)
-    base = mechanism.base
+    stated = loops.section(mechanism) | elastic.section(mechanism)
+    mechanism, base = mechanism.tree, mechanism.base
     joints = [_joint(mechanism, i) for i in range(mechanism.nb)]
     free = [joint["name"] for joint in joints if "follows" not in joint]
     frames = [{"name": f.name, "body": body_name(mechanism, f.body, GROUND), **_pose(f.T)} for f in mechanism.frames]
@@ -65,7 +66,7 @@ def document(mechanism: Mechanism) -> dict[str, Any]:
     head |= {"bodies": bodies}
     of = {"limits_of": dict.fromkeys(mechanism.limits.without_gravity, FORCES[1])}
     end = {"frames": frames} if frames else {}
-    return head | coordinates | end | (of if of["limits_of"] else {}) | elastic.section(mechanism)
+    return head | coordinates | end | (of if of["limits_of"] else {}) | stated
 
 
 def _check(mechanism: Mechanism) -> None:

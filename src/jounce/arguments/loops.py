@@ -1,0 +1,232 @@
+"""The loops of a robot as a caller states them, checked, and the positions of closed robots."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from jounce._scalars import Array, asarray, is_numeric
+from jounce.arguments import names
+from jounce.arguments.rates import rates_of
+from jounce.dynamics import assembly, closing
+from jounce.dynamics.loops import closure_of
+from jounce.dynamics.newton import Step
+from jounce.errors import JounceError, at, listed, one_of, quoted
+from jounce.model.locking import locked
+from jounce.model.loops import HELD, Closure, Loop, Z
+from jounce.model.mechanism import Mechanism
+
+
+def with_loops(
+    mechanism: Mechanism,
+    loops: object,
+    actuated: object,
+    coordinates: object,
+    start: object,
+    weights: object,
+) -> Mechanism:
+    """The closed robot of a tree.
+
+    Raises
+    ------
+    JounceError : if a name is unknown, the loops cannot be closed, or the coordinates do not determine the motion.
+    """
+    tree = mechanism.tree
+    tree = replace(tree, loops=_loops(tree, loops))
+    motors = _motors(mechanism, actuated)
+    own = motors if coordinates is None else _places(tree, "coordinates", coordinates)
+    closure = Closure(
+        coordinates=tree.coordinates,
+        G=tree.G,
+        g=tree.g,
+        independent=own,
+        start=_start(mechanism, start),
+        actuated=motors,
+        weights=_weights(tree, motors, weights),
+    )
+    names_of = tuple(tree.coordinates[j] for j in own)
+    closed = replace(tree, G=tree.G[:, own], coordinates=names_of, closure=closure)
+    closed = replace(closed, closure=replace(closure, start=assembly.assembled(closed, closure.start)))
+    _check_mobility(closed)
+    return closed
+
+
+def with_locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
+    """The mechanism with some coordinates locked at values, rad or m, its loops still closed.
+
+    Raises
+    ------
+    JounceError : as `locked`, or if the loops cannot be closed there.
+    """
+    c = mechanism.closure
+    if c is None or not isinstance(values, Mapping):
+        return locked(mechanism, values)
+    for name in values:
+        one_of("joint to lock", name, mechanism.coordinates)
+    places = [j for j, name in enumerate(mechanism.coordinates) if name not in values]
+    if not places:
+        raise JounceError(f"all {mechanism.n} joints are locked; expected one that moves")
+    tree = locked(replace(mechanism.tree, elasticity=None), values)
+    u = c.start[list(c.independent)]
+    u = np.array([values.get(name, x) for name, x in zip(mechanism.coordinates, u, strict=True)], dtype=float)
+    start = dict(zip(c.coordinates, closing.closed(mechanism, u[None], c.start)[0], strict=True))
+    weights = {
+        c.coordinates[j]: w for j, w in zip(c.actuated, c.weights, strict=True) if c.coordinates[j] not in values
+    }
+    start = {name: start[name] for name in tree.coordinates}
+    free = [mechanism.coordinates[j] for j in places]
+    closed = with_loops(tree, tree.loops, list(weights), free, start, weights)
+    return replace(closed, elasticity=mechanism.elasticity and mechanism.elasticity.select(places))
+
+
+def _check_mobility(m: Mechanism) -> None:
+    """Raise `JounceError` unless the independent coordinates, and the motors, determine the motion at the start."""
+    c = closure_of(m)
+    A = assembly.scaled_constraints(m, c.start[None])[0]
+    free = A.shape[1] - np.linalg.matrix_rank(A, rtol=assembly.SINGULAR)
+    if m.n > free:
+        raise JounceError(
+            f"{m.name!r} with its loops closed moves in {free} ways, yet {m.n} coordinates are named:"
+            f" {listed(m.coordinates)}; name {free} of them by coordinates=, those of more motors by actuated="
+        )
+    loose = assembly.undetermined(A, c.dependent)
+    if loose.any():
+        names_of = listed(c.coordinates[j] for j, moves in zip(c.dependent, loose, strict=True) if moves)
+        raise JounceError(
+            f"{m.name!r}: {listed(m.coordinates)} do not determine the motion, of {free} ways at the start: with these"
+            f" held {names_of} can move; name {free} joints by actuated= or coordinates=, or another start="
+        )
+    F = assembly.tangent(A, c.independent, c.dependent)
+    if np.linalg.matrix_rank(F[list(c.actuated)], rtol=assembly.SINGULAR) < m.n:
+        raise JounceError(
+            f"{m.name!r}: motors at {listed(c.coordinates[j] for j in c.actuated)} cannot move all of"
+            f" {listed(m.coordinates)}; expected {m.n} or more that determine the motion"
+        )
+
+
+def _loops(tree: Mechanism, given: object) -> tuple[Loop, ...]:
+    """The loops that a caller gives: pairs of frames, with the joint between them and its axis or without."""
+    if given is None:
+        if not tree.loops:
+            raise JounceError(f"{tree.name!r} states no loops; expected loops=[(frame_a, frame_b), ...]")
+        return tree.loops
+    if not isinstance(given, Sequence) or isinstance(given, str) or not given:
+        raise JounceError(f"loops is {quoted(given)}; expected [(frame_a, frame_b), ...]")
+    return tuple(x if isinstance(x, Loop) else _loop(tree, x, f"loops[{k}]") for k, x in enumerate(given))
+
+
+def _loop(tree: Mechanism, given: object, label: str) -> Loop:
+    if not isinstance(given, Sequence) or isinstance(given, str) or not 2 <= len(given) <= 4:
+        raise JounceError(
+            f"{label} is {quoted(given)}; expected (frame_a, frame_b), with a joint and its axis or without"
+        )
+    with at(label):
+        return loop_between(tree, *given)
+
+
+def loop_between(tree: Mechanism, a: Any, b: Any, joint: Any = "spherical", axis: Any = Z) -> Loop:
+    """The loop that is cut at a joint between two frames of a tree, given by name.
+
+    Raises
+    ------
+    JounceError : if a name is unknown, both frames are on one body, or the axis is no direction.
+    """
+    frames = tree.frame(a), tree.frame(b)
+    if frames[0].body == frames[1].body:
+        raise JounceError(f"frames {quoted(a)} and {quoted(b)} are on one body; expected frames on two")
+    one_of("joint", joint, HELD)
+    along = np.array(asarray(axis, "axis"), dtype=float)
+    if along.shape != (3,) or not np.isfinite(along).all() or not along.any():
+        raise JounceError(f"axis is {quoted(axis)}; expected a direction (3,) in the axes of frame {quoted(a)}")
+    return Loop(*frames, joint, along / np.linalg.norm(along))
+
+
+def _motors(mechanism: Mechanism, given: object) -> tuple[int, ...]:
+    """The places of the actuated coordinates, by default those of a robot whose loops are closed."""
+    if given is None and mechanism.closure:
+        return mechanism.closure.actuated
+    return _places(mechanism.tree, "actuated", given)
+
+
+def _places(tree: Mechanism, label: str, given: object) -> tuple[int, ...]:
+    """The places of coordinates that a caller names, in this order."""
+    if isinstance(given, str) or not isinstance(given, Sequence) or not given:
+        raise JounceError(f"{label} is {quoted(given)}; expected a list of joints: {listed(tree.coordinates)}")
+    found = [tree.coordinates.index(one_of("joint", name, tree.coordinates, label)) for name in given]
+    if len(set(found)) < len(found):
+        raise JounceError(f"{label} names a joint twice: {listed(map(str, given))}")
+    return tuple(found)
+
+
+def _start(mechanism: Mechanism, given: object) -> np.ndarray:
+    """The configuration (N,) of a caller's start: by joint name, 0 where a joint is left out, or all coordinates."""
+    tree = mechanism.tree
+    if given is None:
+        return mechanism.closure.start if mechanism.closure else np.zeros(tree.n)
+    if names.listed_in(given) is None:
+        q = np.asarray(asarray(given, "start"))
+        if q.shape != (tree.n,):
+            raise JounceError(f"start has shape {q.shape}; expected ({tree.n},): {listed(tree.coordinates)}")
+    else:
+        entries = names.entries(given)
+        for name in entries:
+            one_of("joint", name, tree.coordinates, "start")
+        q = np.asarray(asarray([entries.get(name, 0.0) for name in tree.coordinates], "start"))
+    if not is_numeric(q) or not np.isfinite(q).all():
+        raise JounceError("start is not finite; expected joint positions, rad or m")
+    return q
+
+
+def _weights(tree: Mechanism, motors: Sequence[int], given: object) -> np.ndarray:
+    """The weights of the forces of actuated joints, positive."""
+    if given is None:
+        return np.ones(len(motors))
+    joints = [tree.coordinates[j] for j in motors]
+    entries = names.entries(given) if names.listed_in(given) is not None else None
+    if entries is not None:
+        for name in entries:
+            one_of("actuated joint", name, joints, "weights")
+    listed_ = given if entries is None else [entries.get(name, 1.0) for name in joints]
+    weights = np.asarray(asarray(listed_, "weights"))
+    if weights.shape != (len(motors),) or not is_numeric(weights) or not (weights > 0).all():
+        raise JounceError(f"weights is {quoted(given)}; expected positive numbers, one for each of {listed(joints)}")
+    return weights
+
+
+def split(mechanism: Mechanism, q: Any) -> tuple[Any, Any]:
+    """The independent coordinates and those (..., N) of the tree that a caller's q contains, or None.
+
+    A q of N entries, or one that names all coordinates of the tree, has the dependent ones too.
+    """
+    closure = closure_of(mechanism)
+    named = names.listed_in(q)
+    if named is not None:
+        if not set(closure.coordinates) <= set(named):
+            return q, None
+        whole = rates_of([q], 1, mechanism.tree)[0]
+    else:
+        whole = asarray(q, "q")
+        if whole.ndim == 0 or whole.shape[-1] != len(closure.coordinates) or not closure.dependent:
+            return q, None
+    return whole[..., list(closure.independent)], whole
+
+
+def dependent_of(mechanism: Mechanism, u: Array, whole: Array | None, step: Step | None = None) -> Array:
+    """The dependent coordinates (..., N - n), with loops closed: from those given, if any, else from the start.
+
+    Symbols are taken as they are. `step` is one of `closing.closed`.
+    """
+    closure = closure_of(mechanism)
+    others = list(closure.dependent)
+    if whole is not None and not is_numeric(whole):
+        return whole[..., others]
+    if whole is None and not is_numeric(u):
+        raise JounceError(
+            f"q has {mechanism.n} symbols; expected all {len(closure.coordinates)} coordinates of the tree, as"
+            f" loops are closed on numbers: {listed(closure.coordinates)}"
+        )
+    flat = np.asarray(u, dtype=float).reshape(-1, mechanism.n)
+    near = None if whole is None else np.asarray(whole, dtype=float).reshape(-1, len(closure.coordinates))
+    found = closing.closed(mechanism, flat, near, step)[:, others]
+    return found.reshape(*u.shape[:-1], len(others))

@@ -1,0 +1,210 @@
+"""Closed loops: the motion of the tree that is left where they are cut, and quantities in independent coordinates.
+
+Constraints A q' = 0 hold along every motion of the closed robot, q the coordinates of the tree. With independent ones u
+and dependent ones d, q' = F u' with F = [1; -A_d^-1 A_u]. The principle of virtual work makes quantities of the closed
+robot of those of the tree: forces F^T Q, matrices F^T M F, Jacobians J F. Forces take no F: F^T Q = Q_u - A_u^T y with
+A_d^T y = Q_d, where the y are what the cut joints exert.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jounce._scalars import Array, concatenate, reciprocal, zeros_like
+from jounce.dynamics.branches import Ends, pattern
+from jounce.model.loops import Closure
+from jounce.model.mechanism import Mechanism
+from jounce.spatial.linear import OrthogonalFactors, mirrored, solved
+from jounce.spatial.series import Series
+
+if TYPE_CHECKING:
+    from jounce.dynamics.quantities import Law, State
+
+
+def closure_of(m: Mechanism) -> Closure:
+    """The closure of a mechanism that has one."""
+    assert m.closure is not None, m.name
+    return m.closure
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedMotion:
+    """The motion of the tree of a closed robot, from that of the independent coordinates.
+
+    Velocities of a base that floats come first; no loop acts on them.
+    """
+
+    m: Mechanism
+    u: Series  # (..., n, 1) the independent coordinates
+    position: Array  # (..., N, 1) the coordinates of the tree, with loops closed
+
+    @property
+    def _first(self) -> int:
+        """The number of velocities of the base."""
+        return self.m.nv - self.m.n
+
+    @cached_property
+    def _places(self) -> tuple[list[int], list[int]]:
+        """The places of the independent velocities, those of the base among them, and of the dependent ones."""
+        closure, first = closure_of(self.m), self._first
+        return [*range(first), *(first + j for j in closure.independent)], [first + j for j in closure.dependent]
+
+    def _in_order(self, own: Array, others: Array) -> Array:
+        """Rows of the independent velocities and of the dependent ones in the order of the tree."""
+        return concatenate([own, others], axis=-2)[..., np.argsort(np.concatenate(self._places)), :]
+
+    @cached_property
+    def q(self) -> Series:
+        """The coordinates of the tree, (..., N, 1)."""
+        rates = self.following(self.u.dot.map(self._behind_base)).map(self._of_joints)
+        return Series(lambda k: rates[k - 1] if k else self.position)
+
+    def _behind_base(self, x: Array) -> Array:
+        """Rows of joints below those of the base, which are zero."""
+        return concatenate([_zeros(self._first, x), x], axis=-2)
+
+    def _of_joints(self, x: Array) -> Array:
+        """The rows of the velocities of joints."""
+        return x[..., self._first :, :]
+
+    @cached_property
+    def F(self) -> Series:
+        """The velocities of the tree from the independent ones."""
+        return self.following(Series.constant(np.eye(self.m.nv, dtype=int)))
+
+    @cached_property
+    def ends(self) -> Ends:
+        """The motion of the ends of loops."""
+        return Ends(self.m, self.q)
+
+    @cached_property
+    def _factors(self) -> OrthogonalFactors:
+        """Those of A_d."""
+        dependent = list(closure_of(self.m).dependent)
+        columns = np.eye(self.m.tree.n, dtype=int)[:, dependent]
+        return OrthogonalFactors.of(self.ends.held(Series.constant(columns))[0], pattern(self.m)[:, dependent])
+
+    def following(self, own: Series) -> Series:
+        """The velocities x of the tree, (..., k), from the independent ones: dependent ones d obey A_d d = -A_u x_u.
+
+        Their rates follow one after the other, with d = 0 in ``A_d[0] d[k] = -(A x)[k]``: no rate of A is needed.
+        """
+        known: list[Array] = []
+
+        def term(k: int) -> Array:
+            still = _zeros(len(self._places[1]), own[k])
+            x = Series.of([*known, self._in_order(own[k], still)]).map(self._of_joints)
+            known.append(self._in_order(own[k], -self._factors.solve(self.ends.held(x)[k])))
+            return known[-1]
+
+        return Series(term)
+
+    def multipliers(self, Q: Series) -> Series:
+        """y of A_d^T y = Q_d: what the cut joints exert where forces Q, (..., nv, k), act on the tree."""
+        known: list[Array] = []
+
+        def term(k: int) -> Array:
+            rest = self.dependent(Q)[k]
+            if k:
+                y = Series.of([*known, zeros_like(known[0])])
+                rest = rest - self.dependent(self._exerted(y))[k]
+            known.append(self._factors.solve_transposed(rest))
+            return known[-1]
+
+        return Series(term)
+
+    def shortest_multipliers(self, Q: Series) -> Series:
+        """The shortest y where constraints are redundant: y = A_d z of A_d^T A_d z = Q_d."""
+        known: list[Array] = []
+
+        def along(z: Series) -> Series:
+            still = len(self._places[0])
+            return self.ends.held(z.map(lambda z: self._of_joints(self._in_order(_zeros(still, z), z))))
+
+        def term(k: int) -> Array:
+            rest = self.dependent(Q)[k]
+            if k:
+                z = Series.of([*known, zeros_like(known[0])])
+                rest = rest - self.dependent(self._exerted(along(z)))[k]
+            known.append(self._factors.solve(self._factors.solve_transposed(rest)))
+            return known[-1]
+
+        return along(Series(term))
+
+    def dependent(self, Q: Series) -> Series:
+        """The rows of the dependent velocities."""
+        return Q.map(lambda Q: Q[..., self._places[1], :])
+
+    def _exerted(self, y: Series) -> Series:
+        """A^T y, (..., nv, k)."""
+        return self.ends.forces(y).map(self._behind_base)
+
+    def pull(self, Q: Series) -> Series:
+        """F^T Q = Q_u - A_u^T y: forces on the tree as those on the independent coordinates, (..., nv, k)."""
+        return (Q - self._exerted(self.multipliers(Q))).map(lambda Q: Q[..., self._places[0], :])
+
+
+def _zeros(count: int, like: Array) -> Array:
+    """Rows of zeros, as many columns as another array has."""
+    return np.zeros((count, like.shape[-1]), dtype=int)
+
+
+def law(tree_law: "Law", shape: Sequence[int | str], of_turning: "Law | None") -> "Law":
+    """The law of a closed robot from that of its tree: axes of velocities become those of the independent ones.
+
+    C and Cbar go with M, which is symmetric: as F varies, (F u')' = F u'' + F' u', F^T M F' is added. `of_turning` is
+    the law of M then.
+    """
+    rows, columns = "nv" in shape[-2:-1] or shape == ("nv",), "nv" in shape[-1:] and len(shape) > 1
+
+    def closed(m: Mechanism, x: "State") -> Series:
+        motion = closed_motion(m, x)
+        on_tree = replace(x, q=motion.q, position=None)
+        X = tree_law(m.tree, on_tree)
+        if columns:
+            of_bodies = "nb" in shape and x.body is None  # a further axis, before the matrix
+            X = X @ (motion.F.map(lambda F: F[..., None, :, :]) if of_bodies else motion.F)
+        if of_turning:
+            X = X + of_turning(m.tree, on_tree) @ motion.F.dot
+        if len(shape) == 1 and rows:
+            return motion.pull(X.map(lambda Q: Q[..., None])).map(lambda Q: Q[..., 0])
+        if rows and columns:
+            X = motion.F.mT @ X
+            return X if of_turning else X.map(mirrored)
+        return motion.pull(X) if rows else X
+
+    return closed
+
+
+def closed_motion(m: Mechanism, x: "State") -> ClosedMotion:
+    """The motion of the tree in a state."""
+    assert x.position is not None, m.name
+    return ClosedMotion(m, x.q, x.position)
+
+
+def actuator_forces(m: Mechanism, F: Series, Q: Series) -> Series:
+    """u = W^-1 F_u (F_u^T W^-1 F_u)^-1 Q, (..., motors, 1): the forces with F_u^T u = Q of which u^T W u is least.
+
+    F_u are the rows of F, the velocities of all coordinates, that belong to the actuated joints; W are their weights.
+    """
+    closure, first = closure_of(m), m.nv - m.n
+    F_u = F.map(lambda F: F[..., [first + j for j in closure.actuated], first:])
+    weighted = reciprocal(closure.weights)[:, None] * F_u
+    return weighted @ solved(F_u.mT @ weighted, Q)
+
+
+def loop_wrenches(m: Mechanism, motion: ClosedMotion, Q: Series) -> Series:
+    """R^T y, (..., loops, 6), of forces Q on the tree: the wrenches of cut joints with rows R of constraints.
+
+    The y are the shortest; where constraints are redundant, others would serve.
+    """
+    ends = np.cumsum([len(loop.rows) for loop in m.loops])[:-1]
+
+    def wrenches(y: Array) -> Array:
+        parts = zip(m.loops, np.split(np.arange(y.shape[-2]), ends), strict=True)
+        return concatenate([(loop.rows.T @ y[..., places, :]).mT for loop, places in parts], axis=-2)
+
+    return motion.shortest_multipliers(Q).map(wrenches)

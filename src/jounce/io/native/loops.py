@@ -1,0 +1,86 @@
+"""The loops of a robot file: the frames that each cut joint joins, the actuated joints, and where positions start.
+
+loops:
+  - {frames: [left_tip, right_tip]}                           # spherical: the origins meet
+  - {frames: [rod, link], joint: revolute, axis: [0, 0, 1]}   # the axis in the first frame
+actuated: [left_shoulder, right_shoulder]
+independent: [left_shoulder, right_shoulder]                  # the actuated joints, unless stated
+weights: {left_shoulder: 1}                                   # of the forces of redundant motors, 1 unless stated
+start: {left_shoulder: 2, left_elbow: -1}                     # near a configuration with closed loops, 0 unless stated
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from jounce.arguments.loops import loop_between, with_loops
+from jounce.errors import at
+from jounce.io.entries import Entry
+from jounce.model.loops import Z
+from jounce.model.mechanism import Mechanism
+
+SECTION, KEYS = "loops", ("actuated", "independent", "weights", "start")
+
+
+def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
+    """The mechanism with the loops of a file closed; without actuated joints they are kept, open."""
+    if SECTION not in robot.value:
+        for key in KEYS:
+            if key in robot.value:
+                raise robot.get(key).error(f"{SECTION!r} too, a list of cut joints")
+        return mechanism
+    loops = []
+    for entry in robot.get(SECTION).items(least=1):
+        given = entry.keys(("frames",), ("joint", "axis"))
+        frames = [frame.text() for frame in given.get("frames").items(least=2)]
+        if len(frames) != 2:
+            raise given.get("frames").error("two names of frames")
+        with at(given.place):
+            joint, axis = given.get("joint", "spherical").text(), given.get("axis", list(Z)).numbers((3,))
+            loops.append(loop_between(mechanism, frames[0], frames[1], joint, axis))
+    mechanism = replace(mechanism, loops=tuple(loops))
+    if "actuated" not in robot.value:
+        return mechanism
+    names = {
+        key: [name.text() for name in robot.get(key).items(least=1)]
+        for key in ("actuated", "independent")
+        if key in robot.value
+    }
+    numbers = {
+        key: {name: value.number() for name, value in robot.get(key).members().items()}
+        for key in ("weights", "start")
+        if key in robot.value
+    }
+    with at(robot.get(SECTION).place):
+        return with_loops(
+            mechanism,
+            None,
+            names["actuated"],
+            names.get("independent"),
+            numbers.get("start"),
+            numbers.get("weights"),
+        )
+
+
+def section(mechanism: Mechanism) -> dict[str, Any]:
+    """What a file states of the loops of a mechanism."""
+    if not mechanism.loops:
+        return {}
+    stated: dict[str, Any] = {SECTION: [_stated(loop) for loop in mechanism.loops]}
+    c = mechanism.closure
+    if c is None:
+        return stated
+    names = np.array(c.coordinates)
+    stated["actuated"] = names[list(c.actuated)].tolist()
+    if c.independent != c.actuated:
+        stated["independent"] = names[list(c.independent)].tolist()
+    if (c.weights != 1).any():
+        stated["weights"] = dict(zip(stated["actuated"], c.weights.tolist(), strict=True))
+    return stated | {"start": dict(zip(c.coordinates, c.start.tolist(), strict=True))}
+
+
+def _stated(loop: Any) -> dict[str, Any]:
+    joint = {} if loop.joint == "spherical" else {"joint": loop.joint}
+    axis = {} if loop.joint in ("spherical", "fixed") else {"axis": loop.axis.tolist()}
+    return {"frames": [loop.a.name, loop.b.name], **joint, **axis}

@@ -1,0 +1,158 @@
+"""Loops of a robot: joints at which they are cut, so that a tree is left, and the coordinates of the closed robot.
+
+A cut joint joins two frames on bodies of the tree. Its kind says which relative motions it leaves: those that a lower
+pair, a sphere, or no motion at all allows. They are subgroups of SE(3), so that the rows of one constant matrix vanish
+on the relative twist, seen from the first frame, wherever the loop is closed.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jounce._scalars import Array, concatenate
+from jounce.model.mechanism import Frame
+
+Z = (0, 0, 1)
+ROUNDING = 1e-15  # what rounding leaves of an exact 0
+_I, _O = np.eye(3, dtype=int), np.zeros((3, 3), dtype=int)
+
+
+def _across(axis: np.ndarray) -> np.ndarray:
+    """Two directions perpendicular to a unit vector and to each other, (2, 3); the axes of the frame where they are."""
+    first = np.cross(axis, _I[np.argmin(np.abs(axis))])
+    first = first / np.linalg.norm(first)
+    return np.stack([first, np.cross(axis, first)]) + 0.0
+
+
+def _exact(directions: np.ndarray) -> np.ndarray:
+    """Directions along axes as integers, which keep zeros and symbols exact."""
+    whole = np.rint(directions)
+    return whole.astype(int) if (np.abs(directions - whole) <= ROUNDING).all() else directions
+
+
+# of a cut joint, the directions in which it allows no turn and no slide
+HELD: Mapping[str, Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]] = {
+    "spherical": lambda axis: (_O[:0], _I),
+    "revolute": lambda axis: (_across(axis), _I),
+    "prismatic": lambda axis: (_I, _across(axis)),
+    "cylindrical": lambda axis: (_across(axis), _across(axis)),
+    "planar": lambda axis: (_across(axis), axis[None]),
+    "fixed": lambda axis: (_I, _I),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """A loop of bodies, cut at the joint between two frames.
+
+    Attributes
+    ----------
+    a, b : Frame
+        The frames that the joint joins, on two bodies; their origins meet, but for slides that the joint allows.
+    joint : str
+        What the joint is: "spherical", "revolute", "prismatic", "cylindrical", "planar" or "fixed".
+    axis : (3,)
+        The axis of turns and slides, or the normal of the plane, in the axes of frame a, of length 1.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> [loop] = jounce.load("fivebar").mechanism.loops
+    >>> loop.name, loop.joint, loop.rows.shape
+    ('left_tip-right_tip', 'spherical', (3, 6))
+    """
+
+    a: Frame
+    b: Frame
+    joint: str
+    axis: Array
+
+    @property
+    def name(self) -> str:
+        """The names of both frames."""
+        return f"{self.a.name}-{self.b.name}"
+
+    @property
+    def held(self) -> tuple[np.ndarray, np.ndarray]:
+        """The directions (k, 3) and (l, 3), in the axes of frame a, in which the joint allows no turn and no slide."""
+        turns, slides = HELD[self.joint](np.asarray(self.axis, dtype=float))
+        return _exact(turns), _exact(slides)
+
+    @property
+    def arrays(self) -> tuple[Array, ...]:
+        """Its numbers."""
+        return self.a.T, self.b.T, self.axis
+
+    @property
+    def rows(self) -> np.ndarray:
+        """(k + l, 6): what vanishes on the relative twist, seen from frame a."""
+        turns, slides = self.held
+        return np.concatenate([np.pad(turns, ((0, 0), (0, 3))), np.pad(slides, ((0, 0), (3, 0)))])
+
+    @property
+    def allowed(self) -> np.ndarray:
+        """(6, 6): what is left of a relative twist that the joint allows; the projection across the rows."""
+        return _exact(np.eye(6, dtype=int) - self.rows.T @ self.rows)
+
+
+@dataclass(frozen=True, eq=False)
+class Closure:
+    """Which of the coordinates of a tree move the robot that is left where its loops are closed.
+
+    Attributes
+    ----------
+    coordinates : tuple of str
+        The N coordinates of the tree.
+    G, g : (nb, N) and (nb,)
+        The joint variables of the tree, theta = G q + g.
+    independent : tuple of int
+        Those n of the coordinates that move the closed robot.
+    start : (N,)
+        A configuration in which the loops are closed: the branch that positions are continued from.
+    actuated : tuple of int
+        The coordinates whose joints have motors.
+    weights : (len(actuated),)
+        Of their forces, where there are more than independent coordinates: the sum of weight times force squared
+        is least.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> closure = jounce.load("fivebar").mechanism.closure
+    >>> closure.coordinates, closure.independent
+    (('left_shoulder', 'left_elbow', 'right_shoulder', 'right_elbow'), (0, 2))
+    """
+
+    coordinates: tuple[str, ...]
+    G: Array
+    g: Array
+    independent: tuple[int, ...]
+    start: np.ndarray
+    actuated: tuple[int, ...]
+    weights: np.ndarray
+
+    @property
+    def dependent(self) -> tuple[int, ...]:
+        """Those of the coordinates of the tree that follow the others."""
+        return tuple(j for j in range(len(self.coordinates)) if j not in self.independent)
+
+    @property
+    def arrays(self) -> dict[str, Array]:
+        """The numbers that quantities depend on, by name."""
+        return {"tree G": self.G, "tree g": self.g, "weights": self.weights}
+
+
+def in_scalars(
+    loops: Sequence[Loop], closure: Closure | None, convert: Callable[[Array], Array]
+) -> tuple[tuple[Loop, ...], Closure | None]:
+    """Loops and their closure with the numbers converted to other scalars."""
+    placed = [[replace(frame, T=convert(frame.T)) for frame in (loop.a, loop.b)] for loop in loops]
+    converted = tuple(replace(loop, a=a, b=b) for loop, (a, b) in zip(loops, placed, strict=True))
+    return converted, closure and replace(closure, G=convert(closure.G), g=convert(closure.g))
+
+
+def all_coordinates(closure: Closure, independent: Array, dependent: Array) -> Array:
+    """The coordinates (..., N) of the tree from those (..., n) and (..., N - n) that move and follow."""
+    order = np.argsort([*closure.independent, *closure.dependent])
+    return concatenate([independent, dependent], axis=-1)[..., order]

@@ -1,0 +1,12 @@
+"""The bundled robots with closed loops, read once."""
+
+import pytest
+from closed_robots import LOOP_ROBOTS
+
+import jounce
+
+
+@pytest.fixture(scope="session")
+def closed():
+    """The bundled robots with closed loops by name."""
+    return {name: jounce.load(name) for name in LOOP_ROBOTS}
