@@ -29,7 +29,7 @@ def test_table_terms_and_summary_hold_the_same_motion(tmp_path):
     limits.write_text(LIMITS)
     words = ("excite", "planar2r", "--limits", limits, *ASKED, "--step", 0.01)
     found = json.loads(call(*words, "-o", table, "--picture", picture, "--json").stdout)
-    text = call(*words, "-o", series, "--terms", "damping").stdout
+    text = call(*words, "-o", series, "--drives", "damping").stdout
     assert text.startswith(f"planar2r: 801 rows written to {series}\nFourier series, 3 harmonics of 0.25 Hz, 2 periods")
     assert "8 parameters seen, unseen: -" in text
     assert (len(found["parameters"]), found["unseen"], found["states"]) == (6, [], 801)
@@ -62,7 +62,7 @@ def test_terms_that_are_written_are_read_with_the_same_bits(tmp_path, suffix):
         (("-o", "x.csv"), "states no limit of a rate or a force"),
         (("-o", "x.txt"), "x.txt"),
         (("-o", "x.csv", "--period", -1), "period is -1.0; expected a number of s > 0"),
-        (("-o", "x.csv", "--terms", "motor"), "unknown drive column 'motor'"),
+        (("-o", "x.csv", "--drives", "motor"), "unknown drive column 'motor'"),
     ],
 )
 def test_what_cannot_be_is_refused_in_one_line(tmp_path, monkeypatch, words, said):

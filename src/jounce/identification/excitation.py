@@ -18,7 +18,7 @@ from jounce.model.limits import KINDS, MOTION_KINDS, MOTOR_KINDS, Limits
 from jounce.motion import Motion
 from jounce.robot import Robot
 
-MOST = 50  # harmonics
+MOST, MANY = 50, 1000  # harmonics; starts and periods: more are slips of the pen
 TYPICAL = 4  # rows of typical states per column of the regressor, by which columns are found that depend on others
 SINGULAR = 1e5  # condition number from which on parameters cannot be told from each other
 DRAWN = 30  # times that a motion is drawn to a pose at rest, until it is within the limits between its points too
@@ -122,7 +122,7 @@ def excite(
     periods : int, optional
         How often the motion repeats it.
     harmonics : int, optional
-        Of the series, 3 or more.
+        Of the series, 3 to 50.
     drives : bool, str or iterable of str, optional
         Drive terms that are to be identified too, as `Robot.regressor` takes them: "armature", "damping", "friction",
         "spring", "offset"; True for all.
@@ -164,16 +164,15 @@ def excite(
     >>> found.check.ok, found.parameters[-1]
     (True, 'joint2 friction')
     """
-    count, rng = _whole("starts", starts, 1), np.random.default_rng(_whole("seed", seed, 0))
-    series = Harmonics(
-        _number("period", period, "s"), _whole("periods", periods, 1), _whole("harmonics", harmonics, FEWEST, MOST)
-    )
+    count, rng = _whole("starts", starts, 1, MANY), np.random.default_rng(_whole("seed", seed, 0))
+    times = _number("period", period, "s"), _whole("periods", periods, 1, MANY)
+    series = Harmonics(*times, _whole("harmonics", harmonics, FEWEST, MOST))
     search, notes = _search(robot, series, select_columns(drives), weights, reach, margin, rng)
     rest = search.rest(rng)
     x, motion, found = _within(search, search.best(count, rng, progress), rest)
     rates, told = search.rates(x)[:3], search.information
     condition = told.condition(rates)
-    if condition > SINGULAR:
+    if not condition <= SINGULAR:
         raise JounceError(
             f"the motion does not tell the {len(told.names)} parameters from each other (condition number"
             f" {condition:.2g}); expected more than {harmonics} harmonics, or wider limits"
@@ -198,6 +197,8 @@ def _search(
     left = float(margin) if is_finite(margin) else -1.0  # type: ignore[arg-type]
     if not 0 <= left < 1:
         raise JounceError(f"margin is {quoted(margin)}; expected a share of the limits, 0 <= margin < 1")
+    if robot.mechanism.closure:
+        raise JounceError(f"the loops of {quoted(robot.name)} are closed; expected a robot without loops")
     limits, notes = _bounded_positions(robot, _number("reach", reach, "rad"))
     kinds = [kind for kind in limits.kinds if kind not in MOTOR_KINDS]
     _check_limits(robot, limits, kinds)
