@@ -1,6 +1,6 @@
 """The loops of a robot as a caller states them, checked, and the positions of closed robots."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +12,7 @@ from jounce.arguments.rates import rates_of
 from jounce.dynamics import closing
 from jounce.dynamics.loops import closure_of
 from jounce.errors import JounceError, at, listed, one_of, quoted
+from jounce.model.locking import locked
 from jounce.model.loops import HELD, Closure, Loop, Z
 from jounce.model.mechanism import Mechanism
 
@@ -48,6 +49,34 @@ def with_loops(
     closed = replace(closed, closure=replace(closure, start=closing.assembled(closed, closure.start)))
     _check_mobility(closed)
     return closed
+
+
+def with_locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
+    """The mechanism with some coordinates locked at values, rad or m, its loops still closed.
+
+    Raises
+    ------
+    JounceError : as `locked`, or if the loops cannot be closed there.
+    """
+    c = mechanism.closure
+    if c is None or not isinstance(values, Mapping):
+        return locked(mechanism, values)
+    for name in values:
+        one_of("joint to lock", name, mechanism.coordinates)
+    places = [j for j, name in enumerate(mechanism.coordinates) if name not in values]
+    if not places:
+        raise JounceError(f"all {mechanism.n} joints are locked; expected one that moves")
+    tree = locked(replace(mechanism.tree, elasticity=None), values)
+    u = c.start[list(c.independent)]
+    u = np.array([values.get(name, x) for name, x in zip(mechanism.coordinates, u, strict=True)], dtype=float)
+    start = dict(zip(c.coordinates, closing.closed(mechanism, u[None], c.start)[0], strict=True))
+    weights = {
+        c.coordinates[j]: w for j, w in zip(c.actuated, c.weights, strict=True) if c.coordinates[j] not in values
+    }
+    start = {name: start[name] for name in tree.coordinates}
+    free = [mechanism.coordinates[j] for j in places]
+    closed = with_loops(tree, tree.loops, list(weights), free, start, weights)
+    return replace(closed, elasticity=mechanism.elasticity and mechanism.elasticity.select(places))
 
 
 def _check_mobility(m: Mechanism) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from jounce.checks.magnitudes import magnitudes
 from jounce.dynamics.computation import Computation
+from jounce.dynamics.loops import closure_of
 from jounce.model.mechanism import Mechanism
 from jounce.robot.generic import compute_by_method
 from jounce.spatial.lie import wedge
@@ -28,8 +29,11 @@ def product(
     ports = values.signature(mechanism).inputs
     x, others = arrays[: len(ports)], arrays[len(ports) :]
 
+    free = [port for port in ports if port.is_free]
+
     def along(directions: Sequence[np.ndarray]) -> list[np.ndarray]:
-        rates = [a @ wedge(d) if port.is_pose else d for port, a, d in zip(ports, x, directions, strict=True)]
+        rates = [a @ wedge(d) if port.is_pose else d for port, a, d in zip(free, x, directions, strict=False)]
+        rates += _of_followers(mechanism, x[0], rates[0], x[-1]) if mechanism.closure else []
         moved = [a + 1j * STEP * d for a, d in zip(x, rates, strict=True)]
         return [y.imag / STEP for y in compute_by_method(values, method, mechanism, moved)]
 
@@ -37,13 +41,19 @@ def product(
         return along(others)
     batch = x[0].shape[:-1]
     gradients = []
-    for port in ports:
+    for port in free:
         size = prod(port.displacement)
         units = np.eye(size).reshape(size, *[1] * len(batch), *port.displacement)  # a direction for each scalar
-        tangents = along([units if port is other else np.zeros(other.displacement) for other in ports])
+        tangents = along([units if port is other else np.zeros(other.displacement) for other in free])
         sums = [(dy * w).reshape(size, *batch, -1).sum(axis=-1) for dy, w in zip(tangents, others, strict=True)]
         gradients.append(np.moveaxis(sum(sums), 0, -1).reshape((*batch, *port.displacement)))
     return gradients
+
+
+def _of_followers(mechanism: Mechanism, q: np.ndarray, dq: np.ndarray, dependent: np.ndarray) -> list[np.ndarray]:
+    """The rates of the dependent coordinates of a closed robot, where the others have the rates dq."""
+    rates = compute_by_method(Computation("coordinates", 1), "recursion", mechanism, [q, dq, dependent])[1]
+    return [rates[..., list(closure_of(mechanism).dependent)]]
 
 
 def product_magnitudes(
@@ -62,4 +72,5 @@ def product_magnitudes(
     return [
         np.broadcast_to(total.reshape(*batch, *[1] * len(port.displacement)), (*batch, *port.displacement))
         for port in ports
+        if port.is_free
     ]

@@ -10,12 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.dynamics.loops import closure_of, constraints, views
+from jounce.dynamics.branches import Ends
+from jounce.dynamics.loops import closure_of
 from jounce.errors import JounceError, listed
 from jounce.model.loops import Loop
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.lie import inverse, position, rotation, to_quaternion
-from jounce.spatial.series import columns
+from jounce.spatial.lie import position, rotation, to_quaternion
+from jounce.spatial.series import Series, columns
 
 CLOSED = 1e-13  # of a gap, relative to the size of the robot: rounding leaves less
 ROUNDING = 1e-16  # of a gap that nothing can make smaller
@@ -46,16 +47,15 @@ def scales(m: Mechanism) -> Scales:
 
 def gaps(m: Mechanism, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """How far loops are from closed (k, c), and the constraints A (k, c, N), at coordinates (k, N) of the tree."""
-    seen = views(m, columns([q]))
-    found = [_gap(loop, seen[loop.a.body].poses[loop.b.body]) for loop in m.loops]
-    A = constraints(m, seen)[0]
+    ends = Ends(m, columns([q]))
+    found = [_gap(loop, C) for loop, C in zip(m.loops, ends.poses, strict=True)]
+    A = ends.held(Series.constant(np.eye(q.shape[-1], dtype=int)))[0]
     return np.concatenate(found, axis=-1), A.astype(float)
 
 
-def _gap(loop: Loop, seen: np.ndarray) -> np.ndarray:
+def _gap(loop: Loop, C: np.ndarray) -> np.ndarray:
     """The turns and slides that a cut joint would have to allow, (k, c)."""
     turns, slides = loop.held
-    C = inverse(loop.a.T) @ seen @ loop.b.T
     R, axis = rotation(C), np.asarray(loop.axis, dtype=float)
     if len(turns) == 3:
         turned = 2 * to_quaternion(R)[..., 1:] @ turns.T

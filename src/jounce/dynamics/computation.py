@@ -47,6 +47,11 @@ class Port:
         return self.role == "base" and self.shape == (4, 4)
 
     @property
+    def is_free(self) -> bool:
+        """Whether it varies by itself: parameters do not, and dependent coordinates follow the others."""
+        return self.role not in ("parameter", "dependent")
+
+    @property
     def displacement(self) -> Shape:
         """The shape of derivatives by it: of a pose C, those of C exp(wedge(d)) by a twist d."""
         return (6,) if self.is_pose else self.shape
@@ -209,7 +214,7 @@ def base_name(k: int) -> str:
 
 def _ports_of_product(product: str, inputs: list[Port], results: list[Port]) -> tuple[list[Port], list[Port]]:
     """The ports of a product: weights wQ, ... of the results and gradients gq, ..., or tangents dq, ... and dQ, ..."""
-    given = [replace(port, shape=port.displacement) for port in inputs if port.role != "parameter"]
+    given = [replace(port, shape=port.displacement) for port in inputs if port.is_free]
     if product == "vjp":  # the gradient by any input contains all results
         weights = [replace(port, name=f"w{port.name}", role="weight") for port in results]
         gradients = [replace(port, name=f"g{port.name}", role="result") for port in given]

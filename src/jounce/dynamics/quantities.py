@@ -13,7 +13,7 @@ import numpy as np
 
 from jounce._scalars import Array, element
 from jounce.dynamics import closed_form as dense
-from jounce.dynamics import drive_terms, elastic, forward, kinematics, loops, partials
+from jounce.dynamics import drive_terms, elastic, forward, kinematics, loop_partials, loops, partials
 from jounce.dynamics.base import STILL, BaseMotion
 from jounce.dynamics.paper import Paper
 from jounce.dynamics.recursion import articulated, bodies, force_partials, forces, matrices, momenta, regressor
@@ -136,8 +136,8 @@ class Quantity:
             of_turning = QUANTITIES[self.turns_with].law(method, mechanism.tree) if self.turns_with else None
             return loops.law(self.law(method, mechanism.tree), self.shape, of_turning)
         rigid, added = self.methods[method].law, self.drive_law
-        if added is None or not set(self.drive_terms) & set(mechanism.acting):
-            return rigid
+        if added is None or mechanism.closure or not set(self.drive_terms) & set(mechanism.acting):
+            return rigid  # where loops are closed, it has those of the tree
         if self.shape:
             axes = tuple(k - len(self.shape) for k, axis in enumerate(self.shape) if axis == "nv")
             return lambda m, x: rigid(m, x) + drive_terms.behind_base(m, added(m, x), axes)
@@ -187,9 +187,17 @@ def _forward_dense(m: Mechanism, x: State) -> Series:
     return _forward(m, x, "closed_form") if m.closure else forward.dense(m, x.q, x.Q, x.W, x.base)
 
 
-def _of_all_rates(m: Mechanism, x: State, of_forces: Callable[..., tuple[Series, Series, Series]]) -> Series:
+def _of_all_rates(m: Mechanism, x: State, method: str) -> Series:
     """Partial derivatives of the forces and their rates, from those of the forces themselves."""
-    return partials.of_all_rates(*of_forces(m, x.q, x.W, x.base), partials.turning(m, x.base))
+    of_forces = {"recursion": force_partials.partials, "closed_form": partials.dense}[method]
+    if not m.closure:
+        return partials.of_all_rates(*of_forces(m, x.q, x.W, x.base), partials.turning(m, x.base))
+    motion = loops.closed_motion(m, x)
+    rigid = of_forces(m.tree, motion.q, x.W, x.base)
+    of_drives = drive_terms.partials(m.tree, motion.q, m.acting)
+    K, D, M = (P + drive_terms.behind_base(m, own, (-2, -1)) for P, own in zip(rigid, of_drives, strict=True))
+    found = loop_partials.partials(motion, (K, D, M), _tree_forces(m, x, motion, method))
+    return partials.of_all_rates(*found, partials.turning(m, x.base))
 
 
 def _forward_partials(m: Mechanism, x: State, method: str) -> Series:
@@ -222,8 +230,13 @@ def _actuator_forces(m: Mechanism, x: State, method: str) -> Series:
 
 def _loop_wrenches(m: Mechanism, x: State, method: str) -> Series:
     motion = loops.closed_motion(m, x)
+    return loops.loop_wrenches(m, motion, _tree_forces(m, x, motion, method))
+
+
+def _tree_forces(m: Mechanism, x: State, motion: loops.ClosedMotion, method: str) -> Series:
+    """The forces that move the tree of a closed robot, (..., nv, 1)."""
     Q = FORCES.law(method, m.tree)(m.tree, replace(x, q=motion.q, position=None))
-    return loops.loop_wrenches(m, motion, Q.map(lambda Q: Q[..., None]))
+    return Q.map(lambda Q: Q[..., None])
 
 
 def _poses(m: Mechanism, x: State, poses: kinematics.OfBodies) -> Series:
@@ -294,8 +307,8 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="P[j] = dQ/dq^(j): the partial derivatives of the generalized forces by q, qd and q2d.",
             tex=r"P_j = \partial Q / \partial q^{(j)}",
             methods={
-                "recursion": Method(lambda m, x: _of_all_rates(m, x, force_partials.partials), _columns),
-                "closed_form": Method(lambda m, x: _of_all_rates(m, x, partials.dense)),
+                "recursion": Method(lambda m, x: _of_all_rates(m, x, "recursion"), _columns),
+                "closed_form": Method(lambda m, x: _of_all_rates(m, x, "closed_form")),
             },
         ),
         Quantity(
@@ -610,6 +623,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             rates=1,
             shape=("tree",),
             closed=True,
+            without_base=("body",),
             unit="rad or, for coordinates in m, m",
             caption="coordinates of the tree",
             meaning="qt: the coordinates of all joints, with loops closed; qtd = F qd of the independent ones.",

@@ -1,11 +1,13 @@
 """The two forms of native code: operations in a straight line, or for larger robots the steps of a joint in a loop."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from math import inf
 
 import numpy as np
 
-from jounce.dynamics.computation import Computation, Signature
+from jounce.dynamics.computation import Computation, Port, Signature
+from jounce.dynamics.loops import closure_of
 from jounce.model.casting import with_exact_integers
 from jounce.model.mechanism import Mechanism
 from jounce.native import calls, emit, loop
@@ -13,7 +15,7 @@ from jounce.native.emit import Block
 from jounce.native.jit import Target
 from jounce.native.loop_steps import Sweeps, kinds
 from jounce.native.plan import LongCompilationError, is_straight
-from jounce.program.differentiate import jvp, vjp
+from jounce.program.differentiate import Followers, jvp, vjp
 from jounce.program.passes import factor, fuse
 from jounce.program.program import Program, prune
 from jounce.program.trace import Tape, TapeFullError
@@ -51,7 +53,17 @@ def program(mechanism: Mechanism, computation: Computation, tape: Tape | None = 
     if computation.product is None:
         return traced
     poses = [parameters + port.start for port in inputs if port.is_pose]
-    return PRODUCTS[computation.product](traced, parameters, tape.most, poses)
+    followers = _followers(mechanism, inputs, arrays, tape) if mechanism.closure else None
+    return PRODUCTS[computation.product](traced, parameters, tape.most, poses, followers)
+
+
+def _followers(mechanism: Mechanism, inputs: Sequence[Port], arrays: Sequence[np.ndarray], tape: Tape) -> Followers:
+    """The dependent coordinates, the last inputs that are traced on a tape, with the motion of the first ones."""
+    parameters = tape.inputs - sum(port.size for port in inputs)
+    state = [arrays[0], tape.variables(mechanism.n), arrays[-1]]
+    rate = Computation("coordinates", 1).series("recursion", with_exact_integers(mechanism), state)[1]
+    dependent = closure_of(mechanism).dependent
+    return Followers(parameters + inputs[-1].start, parameters, factor(tape.program([*rate[..., list(dependent)]])))
 
 
 def _block(mechanism: Mechanism, computation: Computation, signature: Signature, patience: float) -> Block:

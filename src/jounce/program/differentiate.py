@@ -23,6 +23,19 @@ from jounce.spatial.lie import cowedge, wedge
 
 
 @dataclass(frozen=True, eq=False)
+class Followers:
+    """The inputs of a program that follow others along a motion.
+
+    From `start` on they are the last inputs. Their rates are the outputs of `rates`, of all inputs and of the rates of
+    those that they follow, which are the inputs from `leader` on.
+    """
+
+    start: int
+    leader: int
+    rates: Program
+
+
+@dataclass(frozen=True, eq=False)
 class Evaluation:
     """A program written on a tape: the node of each of its steps."""
 
@@ -89,33 +102,57 @@ def tangents(evaluation: Evaluation, directions: Sequence[Any]) -> list[Node]:
     return [made[i] for i in evaluation.program.outputs]
 
 
-def vjp(program: Program, parameters: int = 0, most: float = inf, poses: Sequence[int] = ()) -> Program:
+def vjp(
+    program: Program,
+    parameters: int = 0,
+    most: float = inf,
+    poses: Sequence[int] = (),
+    followers: Followers | None = None,
+) -> Program:
     """The vector-Jacobian product: after the inputs it takes a weight for each output, and gives J^T weights.
 
     The first inputs, as many as are `parameters`, are constants: there is no derivative by them. Sixteen in a row from
     each of `poses` on are a pose C: of it, the derivatives are those of C exp(wedge(d)) by the six components of a
-    twist d, at d = 0. The tape holds up to `most` steps.
+    twist d, at d = 0. There is no derivative by `followers`: what follows through them is in that by their leaders. The
+    tape holds up to `most` steps.
     """
     tape = Tape(most)
     inputs = tape.variables(program.inputs)
     gradient = adjoints(evaluate(program, tape, [*inputs]), [*tape.variables(len(program.outputs))])
+    if followers:
+        by_followers, count = gradient[followers.start :], followers.rates.inputs - program.inputs
+        rates = evaluate(followers.rates, tape, [*inputs, *[0] * count])  # linear in the rates of their leaders
+        for j, more in enumerate(adjoints(rates, by_followers)[program.inputs :], followers.leader):
+            gradient[j] = gradient[j] + more
+        del gradient[followers.start :]
     for first in sorted(poses, reverse=True):
         C, by_entries = (np.array(x[first : first + 16], dtype=object).reshape(4, 4) for x in (inputs, gradient))
         gradient[first : first + 16] = cowedge(C.T @ by_entries)
     return factor(tape.program(gradient[parameters:]))
 
 
-def jvp(program: Program, parameters: int = 0, most: float = inf, poses: Sequence[int] = ()) -> Program:
+def jvp(
+    program: Program,
+    parameters: int = 0,
+    most: float = inf,
+    poses: Sequence[int] = (),
+    followers: Followers | None = None,
+) -> Program:
     """The Jacobian-vector product: after the inputs it takes a direction for each, and gives J directions.
 
     The first inputs, as many as are `parameters`, are constants and have no direction. The direction of a pose is a
-    twist, as in `vjp`. The tape holds up to `most` steps.
+    twist, as in `vjp`. `followers` have none: theirs follows from that of their leaders. The tape holds up to `most`
+    steps.
     """
     tape = Tape(most)
     inputs = tape.variables(program.inputs)
     evaluation = evaluate(program, tape, [*inputs])
-    directions = [*[0] * parameters, *tape.variables(program.inputs - parameters - 10 * len(poses))]
+    free = program.inputs if followers is None else followers.start
+    directions = [*[0] * parameters, *tape.variables(free - parameters - 10 * len(poses))]
     for first in sorted(poses):
         C = inputs[first : first + 16].reshape(4, 4)
         directions[first : first + 6] = (C @ wedge(np.array(directions[first : first + 6]))).ravel()
+    if followers:
+        led = directions[followers.leader :][: followers.rates.inputs - program.inputs]
+        directions += evaluate(followers.rates, tape, [*inputs, *led]).outputs
     return factor(tape.program(tangents(evaluation, directions)))

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import Array, batch_of, broadcast, is_numeric
+from jounce._scalars import Array, batch_of, broadcast, is_jax, is_numeric
 from jounce.dynamics.computation import Computation, Port
+from jounce.dynamics.loops import closure_of
 from jounce.errors import JounceError
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
@@ -36,7 +37,30 @@ def compute_by_method(
     """Compute a quantity and its rates by a method, from arrays of the scalar type of the mechanism's data."""
     ports = computation.signature(mechanism).inputs
     width = computation.quantity.methods[method].width(mechanism.nb)
-    return evaluate(lambda x: computation.series(method, mechanism, x), ports, arrays, computation.count, width)
+
+    def law(x: Sequence[Array]) -> Series:
+        if mechanism.closure and is_jax(x[-1]):
+            x = [*x[:-1], _following(mechanism, x[0], x[-1])]
+        return computation.series(method, mechanism, x)
+
+    return evaluate(law, ports, arrays, computation.count, width)
+
+
+def _following(mechanism: Mechanism, q: Array, dependent: Array) -> Array:
+    """The dependent coordinates, arrays of JAX; its derivatives of them are those along motions of a closed robot."""
+    import jax
+
+    @jax.custom_jvp
+    def following(q: Array, dependent: Array) -> Array:
+        return dependent
+
+    @following.defjvp
+    def rates(state: tuple[Array, Array], directions: tuple[Array, Array]) -> tuple[Array, Array]:
+        value = following(*state)  # which follows in further derivatives too
+        found = Computation("coordinates", 1).series("recursion", mechanism, [state[0], directions[0], value])[1]
+        return value, found[..., list(closure_of(mechanism).dependent)]
+
+    return following(q, dependent)
 
 
 def batch_shape(ports: Sequence[Port], arrays: Sequence[Array]) -> tuple[int, ...]:

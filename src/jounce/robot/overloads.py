@@ -20,6 +20,7 @@ from jounce._typing import (
     Method,
     Named,
     Out,
+    Product,
     QuantityName,
     Rates,
 )
@@ -402,4 +403,15 @@ class Compile(Protocol):
     @overload
     def __call__(
         self, quantity: QuantityName = ..., order: int = ..., wrench: bool = ..., **options: Unpack[_Compiled]
+    ) -> Kernel[Any]: ...
+
+    @overload
+    def __call__(
+        self,
+        quantity: QuantityName = ...,
+        order: int = ...,
+        wrench: bool = ...,
+        *,
+        product: Product,
+        **options: Unpack[_Compiled],
     ) -> Kernel[Any]: ...

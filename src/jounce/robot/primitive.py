@@ -131,7 +131,7 @@ def _differentiate(
     state, others, along_state, along_others = primals[:count], primals[count:], tangents[:count], tangents[count:]
     terms = []
     if not others:
-        both = zip(request.state, state, along_state, strict=True)
+        both = [x for x in zip(request.state, state, along_state, strict=True) if x[0].is_free]
         directions = [_twist(C, dC) if port.is_pose and type(dC) is not ad.Zero else dC for port, C, dC in both]
         terms.append(_bind_linear(request.product("jvp"), state, directions))
     elif not all(type(x) is ad.Zero for x in along_others):
@@ -183,11 +183,13 @@ def _trace(*state: Array, others: Sequence[Array], request: Request) -> tuple[Ar
     if product is None:
         return law(*x)
 
-    def displaced(*d: Array) -> tuple[Array, ...]:
-        both = zip(request.state, x, d, strict=True)
-        return law(*(C + C @ wedge(y) if port.is_pose else y for port, C, y in both))
+    free = [port for port in request.state if port.is_free]
 
-    both = zip(request.state, x, strict=True)
+    def displaced(*d: Array) -> tuple[Array, ...]:
+        both = zip(free, x, d, strict=False)
+        return law(*(C + C @ wedge(y) if port.is_pose else y for port, C, y in both), *x[len(free) :])
+
+    both = zip(free, x, strict=False)
     start = [jnp.zeros((*C.shape[:-2], 6), dtype) if port.is_pose else C for port, C in both]
     return jax.jvp(displaced, start, more)[1] if product == "jvp" else jax.vjp(displaced, *start)[1](tuple(more))
 

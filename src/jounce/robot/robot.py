@@ -28,11 +28,11 @@ from jounce._typing import (
 )
 from jounce.arguments import requests
 from jounce.arguments.limits import with_limits
+from jounce.arguments.loops import with_locked, with_loops
 from jounce.errors import JounceError, listed, one_of
 from jounce.model import dh, equality, inertial, screws
 from jounce.model.drives import Drives, select_columns, select_terms, warn_of_idle, with_eps
 from jounce.model.limits import Limits
-from jounce.model.locking import locked
 from jounce.model.mechanism import GRAVITY, Mechanism
 from jounce.native.kernel import Kernel
 from jounce.robot import dispatch, overloads
@@ -1022,7 +1022,7 @@ class Robot:
         >>> jounce.load("iiwa14").locked({"joint3": 0.0, "joint7": 0.5}).n
         5
         """
-        return type(self)(locked(self.mechanism, values))
+        return type(self)(with_locked(self.mechanism, values))
 
     def audit(self) -> "tuple[Finding, ...]":
         """Check the model data for physically impossible or suspicious values.
@@ -1764,8 +1764,6 @@ class Robot:
         >>> robot.n, tree.n
         (2, 4)
         """
-        from jounce.arguments.loops import with_loops  # what few programs need
-
         return type(self)(with_loops(self.mechanism, loops, actuated, coordinates, start, weights))
 
     @typed(overloads.OfPosition[Array])
