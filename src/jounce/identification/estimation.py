@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jounce._scalars import is_finite
+from jounce._scalars import asarray, is_finite
 from jounce._typing import ArrayLike, DriveColumn, DriveColumns
 from jounce.errors import JounceError, listed, quoted, warn
 from jounce.identification.measurements import measurements
@@ -125,7 +125,7 @@ def identify(
     for text in notes:
         warn(text)
     found = consistent_parameters(
-        model.mechanism, posed.base, information, posed.own + solution.x, terms, weight=prior**-2
+        model.mechanism, posed.base, information, posed.own + solution.x, terms, weight=float(prior) ** -2
     )
     predicted = posed.predicted(found.parameters, found.values[posed.base.count :])
     times = given.t[posed.used]
@@ -155,10 +155,10 @@ def _inside(span: tuple[float, float] | None, t: np.ndarray) -> np.ndarray:
     """Which of the times are used."""
     if span is None:
         return np.ones(len(t), dtype=bool)
-    try:
-        first, last = map(float, span)
-    except (TypeError, ValueError):
-        raise JounceError(f"span is {quoted(span)}; expected two times in s") from None
+    times = np.asarray(asarray(span, "span"))
+    if times.shape != (2,) or times.dtype.kind != "f":
+        raise JounceError(f"span is {quoted(span)}; expected two times in s")
+    first, last = times
     inside = (t >= first) & (t <= last)
     if not inside.any():
         raise JounceError(f"span is {quoted(span)}; expected times from {t[0]:.6g} to {t[-1]:.6g} s, which forces have")

@@ -102,6 +102,7 @@ def problem(
         band = band_of(samples.t, model[used], theta, robot.drives.eps)
     elif not is_finite(band) or not band > 0:
         raise JounceError(f"band is {quoted(band)}; expected a frequency in Hz above 0")
+    band = float(band)
     width = _width(samples, band, count)
     cells = cells_of(robot, motion, samples, model[used], deviations, terms, width)
     return Problem(robot, motion, terms, base, given, used, model, band, width, cells)
