@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from jounce.dynamics.base_parameters import BaseParameters
     from jounce.errors import JounceError, JounceWarning
     from jounce.identification import ForceResidual, Identification, IdentifiedParameter, identify
+    from jounce.identification.excitation import Excitation, excite
     from jounce.io.loading import load
     from jounce.io.motions.loading import load_motion
     from jounce.io.saving import save
@@ -49,6 +50,7 @@ __all__ = [
     "ElasticAlong",
     "ElasticRobot",
     "Elasticity",
+    "Excitation",
     "ForceResidual",
     "Identification",
     "IdentifiedParameter",
@@ -70,6 +72,7 @@ __all__ = [
     "__version__",
     "casadi_function",
     "codegen",
+    "excite",
     "identify",
     "inertia_matrix",
     "load",
@@ -93,6 +96,7 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "ForceResidual": "jounce.identification",
     "Identification": "jounce.identification",
     "IdentifiedParameter": "jounce.identification",
+    "Excitation": "jounce.identification.excitation",
     "JounceError": "jounce.errors",
     "JounceWarning": "jounce.errors",
     "Kernel": "jounce.native.kernel",
@@ -111,6 +115,7 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "casadi_function": "jounce._casadi",
     "codegen": "jounce._codegen",
     "identify": "jounce.identification",
+    "excite": "jounce.identification.excitation",
     "inertia_matrix": "jounce.spatial.inertia",
     "load": "jounce.io.loading",
     "load_motion": "jounce.io.motions.loading",

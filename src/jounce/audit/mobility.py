@@ -8,9 +8,15 @@ from jounce.model.mechanism import Mechanism, ancestors
 
 
 def massless(mechanism: Mechanism) -> list[Finding]:
-    """Find massless bodies: those that carry mass, which have no effect, and those that carry none."""
+    """Find massless bodies: those that carry mass, which have no effect, and those that carry none.
+
+    Bodies that a closed loop joins carry the mass of each other.
+    """
     empty = ~mechanism.M.any(axis=(1, 2))
-    carries = (ancestors(mechanism)[~empty] > 0).any(axis=0)
+    loaded = ~empty
+    if mechanism.closure:
+        loaded[[frame.body for loop in mechanism.loops for frame in (loop.a, loop.b) if frame.body >= 0]] = True
+    carries = (ancestors(mechanism)[loaded] > 0).any(axis=0)
     between, tips = np.flatnonzero(empty & carries), np.flatnonzero(empty & ~carries)
     found = []
     if between.size:

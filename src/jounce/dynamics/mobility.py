@@ -4,6 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from jounce.dynamics import loops
 from jounce.dynamics.base import STILL
 from jounce.dynamics.recursion import bodies
 from jounce.model.coordinates import joint_columns
@@ -12,7 +13,7 @@ from jounce.spatial import lie
 from jounce.spatial.series import columns
 
 SINGULAR = 1e-12  # of what a mass matrix could be: rounding leaves less
-SAMPLES = 3  # configurations; where the mass matrix is regular in one, it is in almost all
+SAMPLES = 3  # configurations of a tree; where the mass matrix is regular in one, it is in almost all
 
 
 @lru_cache(maxsize=64)
@@ -22,7 +23,7 @@ def idle_coordinates(mechanism: Mechanism) -> tuple[int, tuple[str, ...]]:
     Among these a floating base is named once, whatever its motions are.
     """
     rank, idle = -1, np.zeros(0)
-    for k in range(SAMPLES):
+    for k in range(1 if mechanism.closure else SAMPLES):
         q = np.cos(1.0 + k + 1.7 * np.arange(mechanism.n))
         if _is_regular(mechanism, q):
             return mechanism.nv, ()
@@ -73,10 +74,16 @@ def _freed(inertia: np.ndarray, X: np.ndarray, rotor: float, largest: float) -> 
 
 def _idle(mechanism: Mechanism, q: np.ndarray) -> tuple[int, np.ndarray]:
     """The rank of the mass matrix at q, and which coordinates take part in motions without kinetic energy."""
-    J = bodies.jacobians(mechanism, columns([q]), STILL, None)[0]
+    if closure := mechanism.closure:  # where the loops are known to close, instead of at q
+        tree, position = mechanism.tree, closure.start[:, None]
+        F = loops.ClosedMotion(mechanism, columns([closure.start[list(closure.independent)]]), position).F[0]
+        q = closure.start
+    else:
+        tree, F = mechanism, np.eye(mechanism.nv)
+    J = bodies.jacobians(tree, columns([q]), STILL, None)[0] @ F
     M, nv = mechanism.inertias, mechanism.nv
     rotors = mechanism.drives.armature * ("armature" in mechanism.acting)
-    G = mechanism.G @ joint_columns(mechanism)
+    G = tree.G @ joint_columns(tree) @ F
     momenta = (M @ J).reshape(-1, nv)
     gM = J.reshape(momenta.shape).T @ momenta + G.T * rotors @ G  # (MC)
     most = np.einsum("iaj,iaj,i->j", J, J, np.abs(M).max(axis=(1, 2))) + rotors @ G**2

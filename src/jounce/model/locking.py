@@ -47,6 +47,9 @@ def locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
     for array in (*welded.arrays.values(), *(frame.T for frame in welded.frames)):
         if is_numeric(array) and not np.isfinite(array).all():
             raise JounceError(f"locking {listed(values)} overflows: a pose, inertia or offset is not finite")
+    for loop in welded.loops:
+        if loop.a.body == loop.b.body:
+            raise JounceError(f"locking {listed(values)} leaves both ends of loop {loop.name} on one body; lock fewer")
     return welded
 
 
@@ -92,7 +95,10 @@ def _without(mechanism: Mechanism, still: list[bool]) -> Mechanism:
             parent.append(carrier.body)
         M[places[i].body] += inertia.shift_inertia(mechanism.M[i], places[i].T)
     merged = [places[i] for i, welded in enumerate(still) if welded]
-    moved = [Frame(f.name, places[f.body].body, places[f.body].T @ f.T) for f in mechanism.frames]
+
+    def moved(f: Frame) -> Frame:
+        return Frame(f.name, places[f.body].body, places[f.body].T @ f.T)
+
     base = mechanism.base and replace(mechanism.base, M=exact_inertia(M[-1], "base") + 0)
     return replace(
         mechanism,
@@ -107,5 +113,6 @@ def _without(mechanism: Mechanism, still: list[bool]) -> Mechanism:
         limits=mechanism.limits.select(kept),
         drives=Drives(**{name: array[kept] for name, array in vars(mechanism.drives).items()}),
         base=base,
-        frames=(*merged, *moved),
+        frames=(*merged, *map(moved, mechanism.frames)),
+        loops=tuple(replace(loop, a=moved(loop.a), b=moved(loop.b)) for loop in mechanism.loops),
     )
