@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 
 from jounce._scalars import asarray, is_finite
-from jounce._typing import ArrayLike, DriveColumn, DriveColumns
-from jounce.errors import JounceError, listed, quoted, warn
+from jounce._typing import ArrayLike, DriveColumn, DriveColumns, Equations
+from jounce.errors import JounceError, listed, one_of, quoted, warn
 from jounce.identification.measurements import measurements
 from jounce.identification.physical import ConsistentParameters, consistent_parameters
 from jounce.identification.problem import model_of, problem
@@ -40,6 +41,7 @@ def identify(
     weights: ArrayLike | None = None,
     deviations: ArrayLike | None = None,
     prior: float = PRIOR,
+    method: Equations = "inverse_dynamics",
 ) -> Identification:
     """Identify the inertial parameters and drive terms of a robot from a motion and the forces measured along it.
 
@@ -76,6 +78,9 @@ def identify(
         Standard deviations of independent errors of the forces, N m or N; by default residuals tell them.
     prior : float, optional
         Relative standard deviation of the model's own inertial parameters: how near to them the bodies stay.
+    method : {"inverse_dynamics", "momentum", "power"}, optional
+        The equations. Those of momentum and power need no q2d: the balance of the generalized momentum, one row per
+        force, and that of the energy, one row for all forces, which must all be measured. Both sides are filtered.
 
     Returns
     -------
@@ -110,13 +115,14 @@ def identify(
     >>> found.rank, len(found.names)
     (64, 64)
     """
+    one_of("method", method, get_args(Equations))
     terms = select_columns(drives)
     model = model_of(robot, terms, eps)
     if not is_finite(prior) or not prior > 0:
         raise JounceError(f"prior is {quoted(prior)}; expected a relative standard deviation above 0")
     path = checked_motion(model.mechanism, motion)
     given = measurements(model.mechanism, path, forces, t, weights, deviations)
-    posed = problem(model, path, terms, given, _inside(span, given.t), band)
+    posed = problem(model, path, terms, given, _inside(span, given.t), band, method)
     weighed = regression(posed.cells, posed.columns, known=deviations is not None)
     information = weighed.information[np.ix_(posed.columns, posed.columns)]
     solution = solve(information, weighed.right[posed.columns])

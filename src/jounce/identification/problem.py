@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jounce._scalars import is_finite
-from jounce._typing import DriveColumn
+from jounce._typing import DriveColumn, Equations
 from jounce.dynamics.base_parameters import BaseParameters
 from jounce.errors import JounceError, quoted
 from jounce.identification.cells import CELLS, Cells, band_of, cells_of, regressors
+from jounce.identification.filtered import FILTERED
 from jounce.identification.measurements import Measurements
 from jounce.model.drives import AMOUNTS, OFFSET, with_eps
 from jounce.motion.motion import Motion
@@ -81,6 +82,7 @@ def problem(
     given: Measurements,
     used: np.ndarray,
     band: float | None,
+    method: Equations,
 ) -> Problem:
     """Pose the problem, in cells whose width suits the motion.
 
@@ -104,7 +106,10 @@ def problem(
         raise JounceError(f"band is {quoted(band)}; expected a frequency in Hz above 0")
     band = float(band)
     width = _width(samples, band, count)
-    cells = cells_of(robot, motion, samples, model[used], deviations, terms, width)
+    if method in FILTERED:
+        cells = FILTERED[method](robot, motion, samples, terms, width, band)
+    else:
+        cells = cells_of(robot, motion, samples, model[used], deviations, terms, width)
     return Problem(robot, motion, terms, base, given, used, model, band, width, cells)
 
 
