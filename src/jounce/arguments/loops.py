@@ -70,7 +70,7 @@ def with_locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
     tree = locked(replace(mechanism.tree, elasticity=None), values)
     u = c.start[list(c.independent)]
     u = np.array([values.get(name, x) for name, x in zip(mechanism.coordinates, u, strict=True)], dtype=float)
-    start = dict(zip(c.coordinates, closing.closed(mechanism, u[None], c.start)[0], strict=True))
+    start = dict(zip(c.coordinates, closing.closed(mechanism, u[None])[0], strict=True))
     weights = {
         c.coordinates[j]: w for j, w in zip(c.actuated, c.weights, strict=True) if c.coordinates[j] not in values
     }
