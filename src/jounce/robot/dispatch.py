@@ -201,20 +201,24 @@ def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str
     return results_into(evaluate(law, ports, q, len(q) - FORCES.rates + 1, 4 * model.nb), out)
 
 
-def regressor(robot: "Robot", given: Sequence[Any], terms: Sequence[DriveColumn], out: Any, **options: Any) -> Any:
-    """Compute the regressor for given rates of the coordinates, with columns of drive terms behind its own."""
+def regressor(
+    robot: "Robot", name: str, given: Sequence[Any], terms: Sequence[DriveColumn], out: Any, **options: Any
+) -> Any:
+    """Compute a regressor for given rates of the coordinates, with columns of drive terms behind its own."""
     if not terms:
-        return compute(robot, "regressor", given, out=out, **options)
-    own = as_tuple(compute(robot, "regressor", given, **options))
-    q = rates.rates_of(given, FORCES.rates, robot.mechanism)
+        return compute(robot, name, given, out=out, **options)
+    own, row = as_tuple(compute(robot, name, given, **options)), row_of(name)
+    q = rates.rates_of(given, row.rates, robot.mechanism)
     model = cast_model(robot.mechanism, q)
-    ports = coordinate_ports(model, FORCES.input_names(len(q)), FORCES.rates)
+    ports = coordinate_ports(model, row.input_names(len(q)), row.rates)
 
     def law(arrays: Sequence[Array]) -> Series:
-        return drive_terms.regressor(model, columns(arrays), terms)
+        of_units: Callable[..., Series] = getattr(drive_terms, name)
+        return of_units(model, columns(arrays), terms)
 
     added = evaluate(law, ports, q, len(own), model.nb * model.nv * len(terms))
-    pairs = (broadcast(pair, [2, 2], ["Y", "drives"]) for pair in zip(own, added, strict=True))
+    axes = [len(row.shape)] * 2
+    pairs = (broadcast(pair, axes, ["Y", "drives"]) for pair in zip(own, added, strict=True))
     return results_into(tuple(concatenate(pair, axis=-1) for pair in pairs), out)
 
 
