@@ -9,8 +9,9 @@ import numpy as np
 from jounce._scalars import Array, asarray, is_numeric
 from jounce.arguments import names
 from jounce.arguments.rates import rates_of
-from jounce.dynamics import closing
+from jounce.dynamics import assembly, closing
 from jounce.dynamics.loops import closure_of
+from jounce.dynamics.newton import Step
 from jounce.errors import JounceError, at, listed, one_of, quoted
 from jounce.model.locking import locked
 from jounce.model.loops import HELD, Closure, Loop, Z
@@ -51,7 +52,7 @@ def with_loops(
     )
     names_of = tuple(tree.coordinates[j] for j in own)
     closed = replace(tree, G=tree.G[:, own], coordinates=names_of, closure=closure)
-    closed = replace(closed, closure=replace(closure, start=closing.assembled(closed, closure.start)))
+    closed = replace(closed, closure=replace(closure, start=assembly.assembled(closed, closure.start)))
     _check_mobility(closed)
     return closed
 
@@ -87,22 +88,22 @@ def with_locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
 def _check_mobility(m: Mechanism) -> None:
     """Raise `JounceError` unless the independent coordinates, and the motors, determine the motion at the start."""
     c = closure_of(m)
-    A = closing.scaled_constraints(m, c.start[None])[0]
-    free = A.shape[1] - np.linalg.matrix_rank(A, rtol=closing.SINGULAR)
+    A = assembly.scaled_constraints(m, c.start[None])[0]
+    free = A.shape[1] - np.linalg.matrix_rank(A, rtol=assembly.SINGULAR)
     if m.n > free:
         raise JounceError(
             f"{m.name!r} with its loops closed moves in {free} ways, yet {m.n} coordinates are named:"
             f" {listed(m.coordinates)}; name {free} of them by coordinates=, those of more motors by actuated="
         )
-    loose = closing.undetermined(A, c.dependent)
+    loose = assembly.undetermined(A, c.dependent)
     if loose.any():
         names_of = listed(c.coordinates[j] for j, moves in zip(c.dependent, loose, strict=True) if moves)
         raise JounceError(
             f"{m.name!r}: {listed(m.coordinates)} do not determine the motion, of {free} ways at the start: with these"
             f" held {names_of} can move; name {free} joints by actuated= or coordinates=, or another start="
         )
-    F = closing.tangent(A, c.independent, c.dependent)
-    if np.linalg.matrix_rank(F[list(c.actuated)], rtol=closing.SINGULAR) < m.n:
+    F = assembly.tangent(A, c.independent, c.dependent)
+    if np.linalg.matrix_rank(F[list(c.actuated)], rtol=assembly.SINGULAR) < m.n:
         raise JounceError(
             f"{m.name!r}: motors at {listed(c.coordinates[j] for j in c.actuated)} cannot move all of"
             f" {listed(m.coordinates)}; expected {m.n} or more that determine the motion"
@@ -216,15 +217,13 @@ def split(mechanism: Mechanism, q: Any) -> tuple[Any, Any]:
     return whole[..., list(closure.independent)], whole
 
 
-def dependent_of(mechanism: Mechanism, u: Array, whole: Array | None, position: Array | None = None) -> Array:
+def dependent_of(mechanism: Mechanism, u: Array, whole: Array | None, step: Step | None = None) -> Array:
     """The dependent coordinates (..., N - n), with loops closed: from those given, if any, else from the start.
 
-    Symbols are taken as they are, and so is a `position` (..., N) in which loops are known to be closed.
+    Symbols are taken as they are. `step` is one of `closing.closed`.
     """
     closure = closure_of(mechanism)
     others = list(closure.dependent)
-    if position is not None:
-        return position[..., others]
     if whole is not None and not is_numeric(whole):
         return whole[..., others]
     if whole is None and not is_numeric(u):
@@ -232,7 +231,7 @@ def dependent_of(mechanism: Mechanism, u: Array, whole: Array | None, position: 
             f"q has {mechanism.n} symbols; expected all {len(closure.coordinates)} coordinates of the tree, as"
             f" loops are closed on numbers: {listed(closure.coordinates)}"
         )
-    start = closure.start if whole is None else np.asarray(whole, dtype=float).reshape(-1, len(closure.coordinates))
     flat = np.asarray(u, dtype=float).reshape(-1, mechanism.n)
-    found = closing.closed(mechanism, flat, start)[:, others]
+    near = None if whole is None else np.asarray(whole, dtype=float).reshape(-1, len(closure.coordinates))
+    found = closing.closed(mechanism, flat, near, step)[:, others]
     return found.reshape(*u.shape[:-1], len(others))

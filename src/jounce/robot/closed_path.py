@@ -12,10 +12,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from jounce.arguments.loops import dependent_of
 from jounce.dynamics import closing
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loops import closure_of
-from jounce.errors import JounceError, listed
+from jounce.errors import JounceError, at, listed
 from jounce.model.mechanism import Mechanism
 from jounce.motion.curves import Curve
 from jounce.motion.hermite import Hermite
@@ -67,16 +68,16 @@ class ClosedCurve:
         return list(closure_of(self.m).dependent)
 
     def states(self, t: np.ndarray, near: np.ndarray) -> States:
-        """The states at times, with positions continued straight from those (N,) nearby."""
+        """The states at times, with positions (N,) nearby, from which those are continued."""
         order = 2 if self.curve.highest is None else min(2, self.curve.highest)
         rates = self.curve.rates(t, order)
-        q = closing.closed(self.m, rates[0], near)
+        q = continued(self.m, rates[0], near[None])
         after = self.rates_of(q, rates)
-        before, at = after.copy(), np.flatnonzero(np.isin(t, [jump.t for jump in self.curve.jumps(order)]))
-        if at.size:
-            left = self.curve.rates(t[at], order, True)
-            before[:, at] = self.rates_of(closing.closed(self.m, left[0], q[at]), left)
-            before[:, at[(left[0] != rates[0][at]).any(axis=1)]] = np.nan  # where q jumps, nothing is continued
+        before, breaks = after.copy(), np.flatnonzero(np.isin(t, [jump.t for jump in self.curve.jumps(order)]))
+        if breaks.size:
+            left = self.curve.rates(t[breaks], order, True)
+            before[:, breaks] = self.rates_of(continued(self.m, left[0], q[breaks]), left)
+            before[:, breaks[(left[0] != rates[0][breaks]).any(axis=1)]] = np.nan  # where q jumps, nothing is continued
         return States(t, q, after, before)
 
     def rates_of(self, q: np.ndarray, rates: Sequence[np.ndarray]) -> np.ndarray:
@@ -104,11 +105,7 @@ class ClosedCurve:
         """States on one branch at times (K,), and between them where neighbours do not agree at once."""
         own = list(closure_of(self.m).independent)
         reach, longest = closing.STEP * closing.scales(self.m).coordinates[own], np.diff(t).max()
-        try:
-            done = [self.states(t[:1], start)]
-        except JounceError as error:
-            raise JounceError(f"at t = {t[0]:.6g} s, the start of the motion: {error}") from None
-        todo, size = t[1:], BLOCK
+        done, todo, size = [self.states(t[:1], start)], t[1:], BLOCK
         while todo.size:
             last = done[-1].taken(slice(-1, None))
             far = np.abs(self.curve.rates(todo[:size], 0)[0] - last.q[:, own]) > reach
@@ -163,6 +160,11 @@ def positions(
     return continued(m, motion(t, 0, side)[0], near)
 
 
+def on_tree(rates: tuple[np.ndarray, ...], q: np.ndarray | None) -> tuple[np.ndarray, ...]:
+    """Rates of coordinates with all those of the tree first, as a closed robot takes them, if there are any."""
+    return rates if q is None else (q, *rates[1:])
+
+
 def positions_of_rows(m: Mechanism, t: np.ndarray, rates: Sequence[np.ndarray], q: np.ndarray) -> np.ndarray:
     """All coordinates (K, N) at rows that state those (K, N) and rates of the independent ones, with loops closed.
 
@@ -170,7 +172,7 @@ def positions_of_rows(m: Mechanism, t: np.ndarray, rates: Sequence[np.ndarray], 
     ------
     JounceError : where the branch jumps between neighbouring rows, with the time.
     """
-    q = closing.closed(m, rates[0], q)
+    q = closure_of(m).joined(rates[0], dependent_of(m, rates[0], q))
     closed = ClosedCurve(m, Hermite(t, tuple(rates)))
     both = closed.rates_of(q, rates)
     for i in np.flatnonzero(~closed.agreeing(States(t, q, both, both))):
@@ -186,11 +188,12 @@ def positions_of_rows(m: Mechanism, t: np.ndarray, rates: Sequence[np.ndarray], 
 
 
 def continued(m: Mechanism, u: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """All coordinates (K, N) of the tree from the independent ones (K, n) and positions (K, N) nearby."""
-    q, moved = near.copy(), (u != near[:, list(closure_of(m).independent)]).any(axis=1)
-    if moved.any():
-        q[moved] = closing.closed(m, u[moved], near[moved])
-    return q
+    """All coordinates (K, N) of the tree from the independent ones (K, n) and positions (K, N) or (1, N) nearby."""
+    c, sizes = closure_of(m), closing.scales(m).coordinates
+    own, others = list(c.independent), list(c.dependent)
+    A, change = closing.scaled_constraints(m, near), (u - near[:, own]) / sizes[own]
+    tangent = -(np.linalg.pinv(A[..., others]) @ A[..., own] @ change[..., None])[..., 0]
+    return np.asarray(c.joined(u, dependent_of(m, u, c.joined(u, near[:, others] + tangent * sizes[others]))))
 
 
 @lru_cache(maxsize=8)
@@ -201,7 +204,8 @@ def _path(
     c, curve = closure_of(m), Columns(curve, np.array(columns))
     jumps = [jump.t for jump in curve.jumps(2) if curve.start < jump.t < curve.stop]
     t = np.unique([*np.linspace(curve.start, curve.stop, count + 1), *jumps])
-    start = np.array([dict(branch).get(name, x) for name, x in zip(c.coordinates, c.start, strict=True)])
-    if branch:
-        start[list(c.independent)] = curve.rates(t[:1], 0)[0][0]
-    return ClosedCurve(m, curve).path(t, start)
+    u, given = curve.rates(t[:1], 0)[0], dict(branch)
+    whole = np.array([given.get(name, x) for name, x in zip(c.coordinates, c.start, strict=True)])
+    with at(f"at t = {t[0]:.6g} s, the start of the motion"):
+        d = dependent_of(m, u, c.joined(u, whole[None, list(c.dependent)]) if branch else None)
+    return ClosedCurve(m, curve).path(t, c.joined(u, d)[0])
