@@ -1,6 +1,6 @@
 """The loops of a robot as a caller states them, checked, and the positions of closed robots."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +12,7 @@ from jounce.arguments.rates import rates_of
 from jounce.dynamics import closing
 from jounce.dynamics.loops import closure_of
 from jounce.errors import JounceError, at, listed, one_of, quoted
+from jounce.model import locking
 from jounce.model.loops import HELD, Closure, Loop, Z
 from jounce.model.mechanism import Mechanism
 
@@ -162,6 +163,41 @@ def _weights(tree: Mechanism, motors: Sequence[int], given: object) -> np.ndarra
     if weights.shape != (len(motors),) or not is_numeric(weights) or not (weights > 0).all():
         raise JounceError(f"weights is {quoted(given)}; expected positive numbers, one for each of {listed(joints)}")
     return weights
+
+
+def locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
+    """The mechanism with some coordinates locked; a closed robot with its loops closed where these are held.
+
+    Raises
+    ------
+    JounceError : if a joint is unknown or follows others, or the loops cannot be closed.
+    """
+    c = mechanism.closure
+    if c is None or not isinstance(values, Mapping) or not values:
+        return locking.locked(mechanism, values)
+    for name in values:
+        if name in c.coordinates and name not in mechanism.coordinates:
+            raise JounceError(
+                f"joint {name!r} cannot be locked: with the loops closed it follows {listed(mechanism.coordinates)};"
+                " lock one of these, or name it in coordinates= of Robot.closed"
+            )
+    tree = locking.locked(replace(mechanism.tree, elasticity=None), values)
+    free = [j for j, name in zip(c.independent, mechanism.coordinates, strict=True) if name not in values]
+    if not free:
+        raise JounceError(f"all {mechanism.n} joints that move {mechanism.name!r} are locked; expected one that moves")
+    own = [values.get(c.coordinates[j], c.start[j]) for j in c.independent]
+    start = closing.closed(mechanism, np.array([own], dtype=float), c.start)[0]
+    motors = [k for k, j in enumerate(c.actuated) if c.coordinates[j] not in values]
+    closed = with_loops(
+        tree,
+        None,
+        [c.coordinates[c.actuated[k]] for k in motors],
+        [c.coordinates[j] for j in free],
+        {name: x for name, x in zip(c.coordinates, start, strict=True) if name not in values},
+        c.weights[motors],
+    )
+    kept = [mechanism.coordinates.index(c.coordinates[j]) for j in free]
+    return replace(closed, elasticity=mechanism.elasticity and mechanism.elasticity.select(kept))
 
 
 def split(mechanism: Mechanism, q: Any) -> tuple[Any, Any]:

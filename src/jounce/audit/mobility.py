@@ -10,7 +10,9 @@ from jounce.model.mechanism import Mechanism, ancestors
 def massless(mechanism: Mechanism) -> list[Finding]:
     """Find massless bodies: those that carry mass, which have no effect, and those that carry none."""
     empty = ~mechanism.M.any(axis=(1, 2))
-    carries = (ancestors(mechanism)[~empty] > 0).any(axis=0)
+    held = np.zeros(mechanism.nb, dtype=bool)  # bodies at which loops are closed carry others through these
+    held[[x.body for loop in mechanism.loops for x in (loop.a, loop.b) if mechanism.closure and x.body >= 0]] = True
+    carries = (ancestors(mechanism)[~empty | held] > 0).any(axis=0)
     between, tips = np.flatnonzero(empty & carries), np.flatnonzero(empty & ~carries)
     found = []
     if between.size:

@@ -4,7 +4,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from jounce.dynamics import closing
 from jounce.dynamics.base import STILL
+from jounce.dynamics.loops import ClosedMotion
 from jounce.dynamics.recursion import bodies
 from jounce.model.coordinates import joint_columns
 from jounce.model.mechanism import Mechanism
@@ -22,8 +24,8 @@ def idle_coordinates(mechanism: Mechanism) -> tuple[int, tuple[str, ...]]:
     Among these a floating base is named once, whatever its motions are.
     """
     rank, idle = -1, np.zeros(0)
-    for k in range(SAMPLES):
-        q = np.cos(1.0 + k + 1.7 * np.arange(mechanism.n))
+    places = np.cos(1.0 + np.arange(SAMPLES)[:, None] + 1.7 * np.arange(mechanism.n))
+    for q in closing.samples(mechanism, SAMPLES) if mechanism.closure else places:
         if _is_regular(mechanism, q):
             return mechanism.nv, ()
         trial = _idle(mechanism, q)
@@ -72,11 +74,16 @@ def _freed(inertia: np.ndarray, X: np.ndarray, rotor: float, largest: float) -> 
 
 
 def _idle(mechanism: Mechanism, q: np.ndarray) -> tuple[int, np.ndarray]:
-    """The rank of the mass matrix at q, and which coordinates take part in motions without kinetic energy."""
-    J = bodies.jacobians(mechanism, columns([q]), STILL, None)[0]
+    """The rank of the mass matrix at q, of the tree, and which coordinates take part in motions without kinetic energy.
+    """
+    tree = mechanism.tree
+    J = bodies.jacobians(tree, columns([q]), STILL, None)[0]
     M, nv = mechanism.inertias, mechanism.nv
     rotors = mechanism.drives.armature * ("armature" in mechanism.acting)
-    G = mechanism.G @ joint_columns(mechanism)
+    G = tree.G @ joint_columns(tree)
+    if mechanism.closure:
+        F = ClosedMotion(mechanism, columns([q[list(mechanism.closure.independent)]]), q[:, None]).F[0]
+        J, G = J @ F, G @ F
     momenta = (M @ J).reshape(-1, nv)
     gM = J.reshape(momenta.shape).T @ momenta + G.T * rotors @ G  # (MC)
     most = np.einsum("iaj,iaj,i->j", J, J, np.abs(M).max(axis=(1, 2))) + rotors @ G**2

@@ -92,7 +92,12 @@ def _without(mechanism: Mechanism, still: list[bool]) -> Mechanism:
             parent.append(carrier.body)
         M[places[i].body] += inertia.shift_inertia(mechanism.M[i], places[i].T)
     merged = [places[i] for i, welded in enumerate(still) if welded]
-    moved = [Frame(f.name, places[f.body].body, places[f.body].T @ f.T) for f in mechanism.frames]
+
+    def moved(frame: Frame) -> Frame:
+        place = places[frame.body]
+        return Frame(frame.name, place.body, place.T @ frame.T)
+
+    loops = (replace(loop, a=moved(loop.a), b=moved(loop.b)) for loop in mechanism.loops)
     base = mechanism.base and replace(mechanism.base, M=exact_inertia(M[-1], "base") + 0)
     return replace(
         mechanism,
@@ -107,5 +112,6 @@ def _without(mechanism: Mechanism, still: list[bool]) -> Mechanism:
         limits=mechanism.limits.select(kept),
         drives=Drives(**{name: array[kept] for name, array in vars(mechanism.drives).items()}),
         base=base,
-        frames=(*merged, *moved),
+        frames=(*merged, *map(moved, mechanism.frames)),
+        loops=tuple(loop for loop in loops if loop.a.body != loop.b.body),
     )

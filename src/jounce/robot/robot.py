@@ -26,13 +26,12 @@ from jounce._typing import (
     Rates,
     Results,
 )
-from jounce.arguments import requests
+from jounce.arguments import loops, requests
 from jounce.arguments.limits import with_limits
 from jounce.errors import JounceError, listed, one_of
 from jounce.model import dh, equality, inertial, screws
 from jounce.model.drives import Drives, select_columns, select_terms, warn_of_idle, with_eps
 from jounce.model.limits import Limits
-from jounce.model.locking import locked
 from jounce.model.mechanism import GRAVITY, Mechanism
 from jounce.native.kernel import Kernel
 from jounce.robot import dispatch, overloads
@@ -1002,10 +1001,12 @@ class Robot:
     def locked(self, values: Mapping[str, float]) -> Self:
         """The robot with some joints locked: their bodies merge into those that carry them.
 
+        The loops of a closed robot stay closed: joints that follow the locked ones move to where these hold them.
+
         Parameters
         ----------
         values : mapping
-            {joint: rad or m}.
+            {joint: rad or m}. Of a closed robot, independent coordinates.
 
         Returns
         -------
@@ -1014,7 +1015,8 @@ class Robot:
         Raises
         ------
         JounceError
-            If a joint is unknown or follows another, a value is not a finite number, or no joint remains.
+            If a joint is unknown or follows another, a value is not a finite number, no joint remains, or the loops
+            cannot be closed.
 
         Examples
         --------
@@ -1022,7 +1024,7 @@ class Robot:
         >>> jounce.load("iiwa14").locked({"joint3": 0.0, "joint7": 0.5}).n
         5
         """
-        return type(self)(locked(self.mechanism, values))
+        return type(self)(loops.locked(self.mechanism, values))
 
     def audit(self) -> "tuple[Finding, ...]":
         """Check the model data for physically impossible or suspicious values.
