@@ -13,6 +13,7 @@ from jounce.dynamics import closing
 from jounce.dynamics.loops import closure_of
 from jounce.errors import JounceError, at, listed, one_of, quoted
 from jounce.model import locking
+from jounce.model.casting import cast_model
 from jounce.model.loops import HELD, Closure, Loop, Z
 from jounce.model.mechanism import Mechanism
 
@@ -229,10 +230,12 @@ def dependent_of(mechanism: Mechanism, u: Array, whole: Array | None) -> Array:
         return whole[..., others]
     if whole is None and not is_numeric(u):
         raise JounceError(
-            f"q has {mechanism.n} symbols; expected all {len(closure.coordinates)} coordinates of the tree, as"
-            f" loops are closed on numbers: {listed(closure.coordinates)}"
+            f"q holds {mechanism.n} symbols, or an array of JAX; expected all {len(closure.coordinates)} coordinates of"
+            f" the tree, as loops are closed on numbers of NumPy: {listed(closure.coordinates)}"
         )
     start = closure.start if whole is None else np.asarray(whole, dtype=float).reshape(-1, len(closure.coordinates))
     flat = np.asarray(u, dtype=float).reshape(-1, mechanism.n)
-    found = closing.closed(mechanism, flat, start)[:, others]
-    return found.reshape(*u.shape[:-1], len(others))
+    found = closing.closed(mechanism, flat, start)
+    if u.dtype == np.longdouble:
+        found = closing.refined(cast_model(mechanism, [u]), u.reshape(flat.shape), found)
+    return found[:, others].reshape(*u.shape[:-1], len(others))

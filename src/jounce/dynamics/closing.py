@@ -99,6 +99,16 @@ def closed(m: Mechanism, u: np.ndarray, start: np.ndarray) -> np.ndarray:
     return q
 
 
+def refined(m: Mechanism, u: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """The coordinates (k, N) of the tree, from those for rounded u, with loops closed to the precision of u (k, n)."""
+    c, s, q = closure_of(m), scales(m), q.astype(u.dtype)
+    q[:, list(c.independent)], others = u, list(c.dependent)
+    for _ in range(2):
+        gap, A = gaps(m, q)
+        q[:, others] += _solved(s, A, -gap, others)
+    return q
+
+
 def samples(m: Mechanism, count: int) -> np.ndarray:
     """Coordinates (count, N) of the tree at random places around the start, with loops closed; the start comes first.
 
