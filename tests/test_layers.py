@@ -25,6 +25,7 @@ LAYERS = (  # from the inside out
     "actuators",
     "models",
     "audit",
+    "identification",
     "io",
     "dask",
     "stream",

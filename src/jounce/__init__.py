@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from jounce.actuators.elastic import ElasticRobot
     from jounce.dynamics.base_parameters import BaseParameters
     from jounce.errors import JounceError, JounceWarning
+    from jounce.identification import ForceResidual, Identification, IdentifiedParameter, identify
+    from jounce.identification.excitation import Excitation, excite
     from jounce.io.loading import load
     from jounce.io.motions.loading import load_motion
     from jounce.io.saving import save
@@ -48,6 +50,10 @@ __all__ = [
     "ElasticAlong",
     "ElasticRobot",
     "Elasticity",
+    "Excitation",
+    "ForceResidual",
+    "Identification",
+    "IdentifiedParameter",
     "JounceError",
     "JounceWarning",
     "Kernel",
@@ -66,6 +72,8 @@ __all__ = [
     "__version__",
     "casadi_function",
     "codegen",
+    "excite",
+    "identify",
     "inertia_matrix",
     "load",
     "load_motion",
@@ -85,6 +93,10 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "ElasticAlong": "jounce.actuators.along",
     "ElasticRobot": "jounce.actuators.elastic",
     "Elasticity": "jounce.model.elasticity",
+    "ForceResidual": "jounce.identification",
+    "Identification": "jounce.identification",
+    "IdentifiedParameter": "jounce.identification",
+    "Excitation": "jounce.identification.excitation",
     "JounceError": "jounce.errors",
     "JounceWarning": "jounce.errors",
     "Kernel": "jounce.native.kernel",
@@ -102,6 +114,8 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "SpringTable": "jounce.model.spring_table",
     "casadi_function": "jounce._casadi",
     "codegen": "jounce._codegen",
+    "identify": "jounce.identification",
+    "excite": "jounce.identification.excitation",
     "inertia_matrix": "jounce.spatial.inertia",
     "load": "jounce.io.loading",
     "load_motion": "jounce.io.motions.loading",

@@ -2,7 +2,16 @@
 
 import numpy as np
 import pytest
-from closed_robots import LOOP_ROBOTS, fivebar_cut_at_elbow, loaded, motion_near_start, platform_on_leg_four
+from closed_robots import (
+    LOOP_ROBOTS,
+    content,
+    fivebar_cut_at_elbow,
+    loaded,
+    motion_near_start,
+    platform_on_leg_four,
+    with_drives,
+)
+from files import refusal
 from robots import WEIGHTS, relative_error
 
 import jounce
@@ -70,9 +79,10 @@ def test_equations_of_motion(closed, states, name):
     robot, (q, qd, q2d) = closed[name], at_zero(states[name][:3])
     M, Md = robot.mass_matrix(q, qd, **RECURSION)
     Cbar = robot.coriolis_matrix(q, qd, form="skew", **RECURSION)
-    rest = robot.inverse_dynamics(q, qd, q2d, **RECURSION) - M @ q2d - robot.gravity_forces(q, **RECURSION)
-    assert relative_error(robot.coriolis_matrix(q, qd, **RECURSION) @ qd, rest) < 1e-11
-    assert relative_error(Cbar @ qd, rest) < 1e-11
+    Q = robot.inverse_dynamics(q, qd, q2d, **RECURSION)
+    rest, rounding = Q - M @ q2d - robot.gravity_forces(q, **RECURSION), 1e-13 * np.abs(Q).max()
+    assert np.abs(robot.coriolis_matrix(q, qd, **RECURSION) @ qd - rest).max() < rounding
+    assert np.abs(Cbar @ qd - rest).max() < rounding
     assert np.abs(Md - 2 * Cbar + (Md - 2 * Cbar).T).max() < 1e-12 * np.abs(M).max()
     assert relative_error(robot.kinetic_energy(q, qd, **RECURSION), qd @ M @ qd / 2) < 1e-12
     assert relative_error(robot.generalized_momentum(q, qd, **RECURSION), M @ qd) < 1e-12
@@ -96,6 +106,41 @@ def test_forward_dynamics_inverts_inverse_dynamics(closed, states, name, method)
     Q = robot.inverse_dynamics(*u, **RECURSION)
     for found, expected in zip(robot.forward_dynamics(*u[:2], *Q, method=method), u[2:], strict=True):
         assert relative_error(found, expected) < 1e-10
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory):
+    """The five-bar with drive trains that act, at all joints."""
+    return loaded(with_drives(content("fivebar")), tmp_path_factory.mktemp("driven"), drives=True)
+
+
+@pytest.mark.parametrize(
+    ("name", "methods"),
+    [("driven", ["recursion", "closed_form", "kernel"]), ("fivebar", ["recursion"]), ("delta", ["recursion"])],
+)
+def test_partial_derivatives_are_differences(closed, states, driven, name, methods):
+    """Of Q and Qd by q, qd, q2d, q3d, over nine points; loops are closed at each of them."""
+    robot = driven if name == "driven" else closed[name]
+    u = at_zero(states["fivebar" if name == "driven" else name][:4])
+    u[0] = u[0][list(robot.mechanism.closure.independent)]
+    steps = TIMES[:, None, None, None, None] * np.eye(4 * robot.n).reshape(4, robot.n, 4, robot.n)
+    near = robot.inverse_dynamics(*np.moveaxis(np.stack(u) + steps, -2, 0), **RECURSION)  # (9, 4, n, n) each
+    for method in methods:
+        for P, along in zip(robot.inverse_dynamics_partials(*u, method=method), near, strict=True):
+            expected = np.tensordot(DIFFERENCE, along, axes=1).mT[: len(P)]
+            assert np.abs(P - expected).max() < 1e-8 * np.abs(P).max()
+
+
+@pytest.mark.parametrize("method", ["recursion", "closed_form"])
+def test_drives_of_all_joints_take_their_power(driven, states, method):
+    """d/dt (T + U) = Q . qd - dissipation, of the tree's joints; springs are in U, armature in T."""
+    q, qd, q2d = at_zero(states["fivebar"][:3])
+    Q, G = driven.inverse_dynamics(q, qd, q2d, method=method), driven.gravity_forces(q, method=method)
+    gain = driven.kinetic_energy(q, qd, q2d, **RECURSION)[1] + driven.potential_energy(q, qd, **RECURSION)[1]
+    drives, rates = driven.drives, driven.coordinates(q, qd, **RECURSION)[1]
+    lost = drives.damping * rates**2 + drives.friction * np.tanh(rates / drives.eps) * rates
+    assert Q @ qd - lost.sum() == pytest.approx(gain, rel=1e-11)
+    assert np.isfinite(G).all()
 
 
 ELSEWHERE = {"fivebar": fivebar_cut_at_elbow, "gough_stewart": platform_on_leg_four}
@@ -146,3 +191,37 @@ def test_cut_joints_transmit_what_keeps_the_tree_in_motion(closed, states, name)
     expected = np.zeros(tree.n)
     expected[list(m.closure.independent)] = robot.inverse_dynamics(*u, **RECURSION)
     assert relative_error(tree.inverse_dynamics(q, qd, q2d, wrench=W, **RECURSION), expected) < 1e-11
+
+
+@pytest.mark.parametrize("name", ["fivebar", "delta"])
+def test_a_locked_robot_is_the_whole_one_with_a_joint_at_rest(closed, states, name):
+    robot, (q, *rates) = closed[name], at_zero(states[name])
+    own = q[list(robot.mechanism.closure.independent)]
+    own[0] += 0.7
+    held = robot.locked({robot.joint_names[0]: own[0]})
+    assert held.joint_names == robot.joint_names[1:]
+    moving = [x * (np.arange(robot.n) > 0) for x in rates]
+    found = held.inverse_dynamics(own[1:], *(x[1:] for x in moving), **RECURSION)
+    for x, y in zip(found, robot.inverse_dynamics(own, *moving, **RECURSION), strict=True):
+        assert relative_error(x, y[1:]) < 1e-11
+    refusal(
+        lambda: robot.locked({robot.mechanism.tree.coordinates[1]: 0.0}), "unknown joint to lock", *robot.joint_names
+    )
+    refusal(lambda: robot.locked(dict(zip(robot.joint_names, own, strict=True))), "joints are locked; expected one")
+
+
+def test_a_mass_matrix_is_regular_where_bodies_beyond_the_cut_have_mass(closed, states, tmp_path):
+    """The massless link moves the forearm that the tree carries elsewhere."""
+    said = fivebar_cut_at_elbow()
+    del said["bodies"][0]["inertia"]
+    robot, u = loaded(said, tmp_path), at_zero(states["fivebar"][:3])
+    u[0] = u[0][list(closed["fivebar"].mechanism.closure.independent)]
+    Q = robot.inverse_dynamics(*u, **RECURSION)
+    assert relative_error(robot.forward_dynamics(*u[:2], Q, **RECURSION), u[2]) < 1e-10
+    assert [(found.severity, found.kind) for found in robot.audit()] == [("note", "massless")]
+    for body in said["bodies"]:
+        body.pop("inertia", None)
+    rotors = loaded(with_drives(said), tmp_path, drives="armature")  # those of joints that follow are felt too
+    assert np.linalg.eigvalsh(rotors.mass_matrix(u[0], **RECURSION))[0] > 1e-3
+    Q = rotors.inverse_dynamics(*u, **RECURSION)
+    assert relative_error(rotors.forward_dynamics(*u[:2], Q, **RECURSION), u[2]) < 1e-10

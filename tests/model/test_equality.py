@@ -52,6 +52,7 @@ def test_what_is_saved_and_loaded_is_equal(robot, tmp_path):
 
 @pytest.mark.parametrize("name", [field.name for field in fields(Mechanism) if field.compare])
 def test_any_difference_counts(robot, name):
+    robot = jounce.load("fivebar") if name in ("loops", "closure") else robot
     other = replace(robot.mechanism, **{name: changed(getattr(robot.mechanism, name))})
     assert jounce.Robot(other) != robot
     assert robot != jounce.Robot(other)

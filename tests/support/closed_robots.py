@@ -21,11 +21,19 @@ def content(name):
     return YAML(typ="safe").load((FOLDER / name / "robot.yaml").read_text(encoding="utf-8"))
 
 
-def loaded(said, folder):
+def loaded(said, folder, **options):
     """The robot of a file with this content."""
     path = folder / "robot.yaml"
     YAML(typ="safe").dump(said, path)
-    return jounce.load(path)
+    return jounce.load(path, **options)
+
+
+def with_drives(said):
+    """The same content with a drive train at every joint, each different."""
+    for k, body in enumerate(said["bodies"], start=1):
+        body["joint"]["drive"] = {"armature": 0.001 * k, "damping": 0.2 * k, "stiffness": 0.3 * k, "rest": 0.1 * k}
+        body["joint"]["drive"] |= {"friction": 0.1 * k, "eps": 0.5}
+    return said
 
 
 def golden_loops(name):

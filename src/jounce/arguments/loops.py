@@ -9,12 +9,13 @@ import numpy as np
 from jounce._scalars import Array, asarray, is_numeric
 from jounce.arguments import names
 from jounce.arguments.rates import rates_of
-from jounce.dynamics import closing
+from jounce.dynamics import assembly, closing, newton
 from jounce.dynamics.loops import closure_of
+from jounce.dynamics.newton import Step
 from jounce.errors import JounceError, at, listed, one_of, quoted
-from jounce.model import locking
 from jounce.model.casting import cast_model
-from jounce.model.loops import HELD, Closure, Loop, Z
+from jounce.model.locking import locked
+from jounce.model.loops import HELD, Closure, Loop, Z, all_coordinates
 from jounce.model.mechanism import Mechanism
 
 
@@ -47,30 +48,58 @@ def with_loops(
     )
     names_of = tuple(tree.coordinates[j] for j in own)
     closed = replace(tree, G=tree.G[:, own], coordinates=names_of, closure=closure)
-    closed = replace(closed, closure=replace(closure, start=closing.assembled(closed, closure.start)))
+    closed = replace(closed, closure=replace(closure, start=assembly.assembled(closed, closure.start)))
     _check_mobility(closed)
     return closed
+
+
+def with_locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
+    """The mechanism with some coordinates locked at values, rad or m, its loops still closed.
+
+    Raises
+    ------
+    JounceError : as `locked`, or if the loops cannot be closed there.
+    """
+    c = mechanism.closure
+    if c is None or not isinstance(values, Mapping):
+        return locked(mechanism, values)
+    for name in values:
+        one_of("joint to lock", name, mechanism.coordinates)
+    places = [j for j, name in enumerate(mechanism.coordinates) if name not in values]
+    if not places:
+        raise JounceError(f"all {mechanism.n} joints are locked; expected one that moves")
+    tree = locked(replace(mechanism.tree, elasticity=None), values)
+    u = c.start[list(c.independent)]
+    u = np.array([values.get(name, x) for name, x in zip(mechanism.coordinates, u, strict=True)], dtype=float)
+    start = dict(zip(c.coordinates, closing.closed(mechanism, u[None])[0], strict=True))
+    weights = {
+        c.coordinates[j]: w for j, w in zip(c.actuated, c.weights, strict=True) if c.coordinates[j] not in values
+    }
+    start = {name: start[name] for name in tree.coordinates}
+    free = [mechanism.coordinates[j] for j in places]
+    closed = with_loops(tree, tree.loops, list(weights), free, start, weights)
+    return replace(closed, elasticity=mechanism.elasticity and mechanism.elasticity.select(places))
 
 
 def _check_mobility(m: Mechanism) -> None:
     """Raise `JounceError` unless the independent coordinates, and the motors, determine the motion at the start."""
     c = closure_of(m)
-    A = closing.scaled_constraints(m, c.start[None])[0]
-    free = A.shape[1] - np.linalg.matrix_rank(A, rtol=closing.SINGULAR)
+    A = assembly.scaled_constraints(m, c.start[None])[0]
+    free = A.shape[1] - np.linalg.matrix_rank(A, rtol=assembly.SINGULAR)
     if m.n > free:
         raise JounceError(
             f"{m.name!r} with its loops closed moves in {free} ways, yet {m.n} coordinates are named:"
             f" {listed(m.coordinates)}; name {free} of them by coordinates=, those of more motors by actuated="
         )
-    loose = closing.undetermined(A, c.dependent)
+    loose = assembly.undetermined(A, c.dependent)
     if loose.any():
         names_of = listed(c.coordinates[j] for j, moves in zip(c.dependent, loose, strict=True) if moves)
         raise JounceError(
             f"{m.name!r}: {listed(m.coordinates)} do not determine the motion, of {free} ways at the start: with these"
             f" held {names_of} can move; name {free} joints by actuated= or coordinates=, or another start="
         )
-    F = closing.tangent(A, c.independent, c.dependent)
-    if np.linalg.matrix_rank(F[list(c.actuated)], rtol=closing.SINGULAR) < m.n:
+    F = assembly.tangent(A, c.independent, c.dependent)
+    if np.linalg.matrix_rank(F[list(c.actuated)], rtol=assembly.SINGULAR) < m.n:
         raise JounceError(
             f"{m.name!r}: motors at {listed(c.coordinates[j] for j in c.actuated)} cannot move all of"
             f" {listed(m.coordinates)}; expected {m.n} or more that determine the motion"
@@ -166,41 +195,6 @@ def _weights(tree: Mechanism, motors: Sequence[int], given: object) -> np.ndarra
     return weights
 
 
-def locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
-    """The mechanism with some coordinates locked; a closed robot with its loops closed where these are held.
-
-    Raises
-    ------
-    JounceError : if a joint is unknown or follows others, or the loops cannot be closed.
-    """
-    c = mechanism.closure
-    if c is None or not isinstance(values, Mapping) or not values:
-        return locking.locked(mechanism, values)
-    for name in values:
-        if name in c.coordinates and name not in mechanism.coordinates:
-            raise JounceError(
-                f"joint {name!r} cannot be locked: with the loops closed it follows {listed(mechanism.coordinates)};"
-                " lock one of these, or name it in coordinates= of Robot.closed"
-            )
-    tree = locking.locked(replace(mechanism.tree, elasticity=None), values)
-    free = [j for j, name in zip(c.independent, mechanism.coordinates, strict=True) if name not in values]
-    if not free:
-        raise JounceError(f"all {mechanism.n} joints that move {mechanism.name!r} are locked; expected one that moves")
-    own = [values.get(c.coordinates[j], c.start[j]) for j in c.independent]
-    start = closing.closed(mechanism, np.array([own], dtype=float), c.start)[0]
-    motors = [k for k, j in enumerate(c.actuated) if c.coordinates[j] not in values]
-    closed = with_loops(
-        tree,
-        None,
-        [c.coordinates[c.actuated[k]] for k in motors],
-        [c.coordinates[j] for j in free],
-        {name: x for name, x in zip(c.coordinates, start, strict=True) if name not in values},
-        c.weights[motors],
-    )
-    kept = [mechanism.coordinates.index(c.coordinates[j]) for j in free]
-    return replace(closed, elasticity=mechanism.elasticity and mechanism.elasticity.select(kept))
-
-
 def split(mechanism: Mechanism, q: Any) -> tuple[Any, Any]:
     """The independent coordinates and those (..., N) of the tree that a caller's q contains, or None.
 
@@ -219,10 +213,10 @@ def split(mechanism: Mechanism, q: Any) -> tuple[Any, Any]:
     return whole[..., list(closure.independent)], whole
 
 
-def dependent_of(mechanism: Mechanism, u: Array, whole: Array | None) -> Array:
+def dependent_of(mechanism: Mechanism, u: Array, whole: Array | None, step: Step | None = None) -> Array:
     """The dependent coordinates (..., N - n), with loops closed: from those given, if any, else from the start.
 
-    Symbols are taken as they are.
+    Symbols are taken as they are. `step` is one of `closing.closed`.
     """
     closure = closure_of(mechanism)
     others = list(closure.dependent)
@@ -233,9 +227,11 @@ def dependent_of(mechanism: Mechanism, u: Array, whole: Array | None) -> Array:
             f"q holds {mechanism.n} symbols, or an array of JAX; expected all {len(closure.coordinates)} coordinates of"
             f" the tree, as loops are closed on numbers of NumPy: {listed(closure.coordinates)}"
         )
-    start = closure.start if whole is None else np.asarray(whole, dtype=float).reshape(-1, len(closure.coordinates))
     flat = np.asarray(u, dtype=float).reshape(-1, mechanism.n)
-    found = closing.closed(mechanism, flat, start)
-    if u.dtype == np.longdouble:
-        found = closing.refined(cast_model(mechanism, [u]), u.reshape(flat.shape), found)
-    return found[:, others].reshape(*u.shape[:-1], len(others))
+    near = None if whole is None else np.asarray(whole, dtype=float).reshape(-1, len(closure.coordinates))
+    found = closing.closed(mechanism, flat, near, step)[:, others].reshape(*u.shape[:-1], len(others))
+    if u.dtype == np.longdouble:  # closed to the precision of q
+        model = cast_model(mechanism, [u])
+        for _ in range(2):
+            found = newton.step(model, all_coordinates(closure, u, found), 0 * u)[0]
+    return found

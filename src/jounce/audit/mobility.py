@@ -8,11 +8,15 @@ from jounce.model.mechanism import Mechanism, ancestors
 
 
 def massless(mechanism: Mechanism) -> list[Finding]:
-    """Find massless bodies: those that carry mass, which have no effect, and those that carry none."""
+    """Find massless bodies: those that carry mass, which have no effect, and those that carry none.
+
+    Bodies that a closed loop joins carry the mass of each other.
+    """
     empty = ~mechanism.M.any(axis=(1, 2))
-    held = np.zeros(mechanism.nb, dtype=bool)  # bodies at which loops are closed carry others through these
-    held[[x.body for loop in mechanism.loops for x in (loop.a, loop.b) if mechanism.closure and x.body >= 0]] = True
-    carries = (ancestors(mechanism)[~empty | held] > 0).any(axis=0)
+    loaded = ~empty
+    if mechanism.closure:
+        loaded[[frame.body for loop in mechanism.loops for frame in (loop.a, loop.b) if frame.body >= 0]] = True
+    carries = (ancestors(mechanism)[loaded] > 0).any(axis=0)
     between, tips = np.flatnonzero(empty & carries), np.flatnonzero(empty & ~carries)
     found = []
     if between.size:

@@ -50,12 +50,12 @@ class BaseMotion:
     def in_space(self, W: Series) -> Series:
         """Wrenches on the base, (..., 6, k), in inertial axes about the inertial origin: Ad(C^-1)^T W."""
         Ad_T, ads = Ad(inverse(self.pose)).mT, self.V.map(lambda V: ad(V[..., 0]).mT)
-        return _moved(W, Ad_T, lambda W: -(ads @ W))
+        return moved(W, Ad_T, lambda W: -(ads @ W))
 
     def points(self, x: Series) -> Series:
         """Points of the base and weighted sums of points, (..., 4, k), (m r; m), in the inertial frame: C x."""
         hats = self.V.map(lambda V: wedge(V[..., 0]))
-        return _moved(x, self.pose, lambda x: hats @ x)
+        return moved(x, self.pose, lambda x: hats @ x)
 
     def twists(self, X: Series) -> Series:
         """Twists (..., 6, k) that are seen from the inertial frame, in the axes of the base: Ad(C^-1) X."""
@@ -63,7 +63,7 @@ class BaseMotion:
         return from_rates(lambda k: Ad_inverse @ X[k], lambda Y: -(ads @ Y))
 
 
-def _moved(x: Series, E: Array, drift: Callable[[Series], Series]) -> Series:
+def moved(x: Series, E: Array, drift: Callable[[Series], Series]) -> Series:
     """y = E x of a matrix E that moves with the base: ``y' = E (x' + drift(x))``, so that no rate of E is needed."""
     seen = [x]  # the rates in space, in the axes of the base
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jounce.dynamics import closing
+from jounce.dynamics import assembly
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.quantities import QUANTITIES, State
 from jounce.errors import JounceError
@@ -187,7 +187,7 @@ def _transport(T: np.ndarray) -> np.ndarray:
 
 def _parameters(Pi: np.ndarray) -> np.ndarray:
     """The inertial parameters of moments of mass: (..., 4, 4) to (..., 10)."""
-    return inertia.parameters(inertia.from_moments(Pi[..., 3:, 3:], Pi[..., :3, 3:], Pi[..., :3, :3]))
+    return inertia.parameters(inertia.from_moment_matrix(Pi))
 
 
 def _closed(rows: np.ndarray, A: np.ndarray) -> np.ndarray:
@@ -222,7 +222,7 @@ def _samples(m: Mechanism, length: float) -> np.ndarray:
     base = BaseMotion(np.eye(4), columns(list(rng.uniform(-2, 2, (2, count, 6))))) if m.base else None
     position = None
     if m.closure:
-        position = closing.samples(m, count)[..., None]
+        position = assembly.samples(m, count)[..., None]
         q[0] = position[:, list(m.closure.independent), 0]
     x = State(columns(list(q)), base=base, position=position)
     return REGRESSOR.law("recursion", m)(m, x)[0].reshape(-1, len(PARAMETERS) * len(m.body_names))

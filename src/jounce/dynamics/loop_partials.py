@@ -26,9 +26,7 @@ from jounce.spatial.lie import Ad, ad, exp, inverse
 from jounce.spatial.series import Series, from_rate, joined
 
 
-def partials(
-    motion: ClosedMotion, of_tree: tuple[Series, Series, Series], Q: Series
-) -> tuple[Series, Series, Series]:
+def partials(motion: ClosedMotion, of_tree: tuple[Series, Series, Series], Q: Series) -> tuple[Series, Series, Series]:
     """K, D and M of a closed robot, (..., nv, nv) each, from those of its tree and the forces Q (..., nv, 1) there."""
     (K, D, M), F = of_tree, motion.F
     first, second = F.dot, F.dot.dot

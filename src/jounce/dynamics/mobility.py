@@ -4,9 +4,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from jounce.dynamics import closing
+from jounce.dynamics import loops
 from jounce.dynamics.base import STILL
-from jounce.dynamics.loops import ClosedMotion
 from jounce.dynamics.recursion import bodies
 from jounce.model.coordinates import joint_columns
 from jounce.model.mechanism import Mechanism
@@ -14,7 +13,7 @@ from jounce.spatial import lie
 from jounce.spatial.series import columns
 
 SINGULAR = 1e-12  # of what a mass matrix could be: rounding leaves less
-SAMPLES = 3  # configurations; where the mass matrix is regular in one, it is in almost all
+SAMPLES = 3  # configurations of a tree; where the mass matrix is regular in one, it is in almost all
 
 
 @lru_cache(maxsize=64)
@@ -24,8 +23,8 @@ def idle_coordinates(mechanism: Mechanism) -> tuple[int, tuple[str, ...]]:
     Among these a floating base is named once, whatever its motions are.
     """
     rank, idle = -1, np.zeros(0)
-    places = np.cos(1.0 + np.arange(SAMPLES)[:, None] + 1.7 * np.arange(mechanism.n))
-    for q in closing.samples(mechanism, SAMPLES) if mechanism.closure else places:
+    for k in range(1 if mechanism.closure else SAMPLES):
+        q = np.cos(1.0 + k + 1.7 * np.arange(mechanism.n))
         if _is_regular(mechanism, q):
             return mechanism.nv, ()
         trial = _idle(mechanism, q)
@@ -74,16 +73,17 @@ def _freed(inertia: np.ndarray, X: np.ndarray, rotor: float, largest: float) -> 
 
 
 def _idle(mechanism: Mechanism, q: np.ndarray) -> tuple[int, np.ndarray]:
-    """The rank of the mass matrix at q, of the tree, and which coordinates take part in motions without kinetic energy.
-    """
-    tree = mechanism.tree
-    J = bodies.jacobians(tree, columns([q]), STILL, None)[0]
+    """The rank of the mass matrix at q, and which coordinates take part in motions without kinetic energy."""
+    if closure := mechanism.closure:  # where the loops are known to close, instead of at q
+        tree, position = mechanism.tree, closure.start[:, None]
+        F = loops.ClosedMotion(mechanism, columns([closure.start[list(closure.independent)]]), position).F[0]
+        q = closure.start
+    else:
+        tree, F = mechanism, np.eye(mechanism.nv)
+    J = bodies.jacobians(tree, columns([q]), STILL, None)[0] @ F
     M, nv = mechanism.inertias, mechanism.nv
     rotors = mechanism.drives.armature * ("armature" in mechanism.acting)
-    G = tree.G @ joint_columns(tree)
-    if mechanism.closure:
-        F = ClosedMotion(mechanism, columns([q[list(mechanism.closure.independent)]]), q[:, None]).F[0]
-        J, G = J @ F, G @ F
+    G = tree.G @ joint_columns(tree) @ F
     momenta = (M @ J).reshape(-1, nv)
     gM = J.reshape(momenta.shape).T @ momenta + G.T * rotors @ G  # (MC)
     most = np.einsum("iaj,iaj,i->j", J, J, np.abs(M).max(axis=(1, 2))) + rotors @ G**2

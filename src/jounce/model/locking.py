@@ -47,6 +47,9 @@ def locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
     for array in (*welded.arrays.values(), *(frame.T for frame in welded.frames)):
         if is_numeric(array) and not np.isfinite(array).all():
             raise JounceError(f"locking {listed(values)} overflows: a pose, inertia or offset is not finite")
+    for loop in welded.loops:
+        if loop.a.body == loop.b.body:
+            raise JounceError(f"locking {listed(values)} leaves both ends of loop {loop.name} on one body; lock fewer")
     return welded
 
 
@@ -93,11 +96,9 @@ def _without(mechanism: Mechanism, still: list[bool]) -> Mechanism:
         M[places[i].body] += inertia.shift_inertia(mechanism.M[i], places[i].T)
     merged = [places[i] for i, welded in enumerate(still) if welded]
 
-    def moved(frame: Frame) -> Frame:
-        place = places[frame.body]
-        return Frame(frame.name, place.body, place.T @ frame.T)
+    def moved(f: Frame) -> Frame:
+        return Frame(f.name, places[f.body].body, places[f.body].T @ f.T)
 
-    loops = (replace(loop, a=moved(loop.a), b=moved(loop.b)) for loop in mechanism.loops)
     base = mechanism.base and replace(mechanism.base, M=exact_inertia(M[-1], "base") + 0)
     return replace(
         mechanism,
@@ -113,5 +114,5 @@ def _without(mechanism: Mechanism, still: list[bool]) -> Mechanism:
         drives=Drives(**{name: array[kept] for name, array in vars(mechanism.drives).items()}),
         base=base,
         frames=(*merged, *map(moved, mechanism.frames)),
-        loops=tuple(loop for loop in loops if loop.a.body != loop.b.body),
+        loops=tuple(replace(loop, a=moved(loop.a), b=moved(loop.b)) for loop in mechanism.loops),
     )

@@ -14,6 +14,7 @@ from jounce._scalars import Array, concatenate
 from jounce.model.mechanism import Frame
 
 Z = (0, 0, 1)
+ROUNDING = 1e-15  # what rounding leaves of an exact 0
 _I, _O = np.eye(3, dtype=int), np.zeros((3, 3), dtype=int)
 
 
@@ -22,6 +23,12 @@ def _across(axis: np.ndarray) -> np.ndarray:
     first = np.cross(axis, _I[np.argmin(np.abs(axis))])
     first = first / np.linalg.norm(first)
     return np.stack([first, np.cross(axis, first)]) + 0.0
+
+
+def _exact(directions: np.ndarray) -> np.ndarray:
+    """Directions along axes as integers, which keep zeros and symbols exact."""
+    whole = np.rint(directions)
+    return whole.astype(int) if (np.abs(directions - whole) <= ROUNDING).all() else directions
 
 
 # of a cut joint, the directions in which it allows no turn and no slide
@@ -69,7 +76,8 @@ class Loop:
     @property
     def held(self) -> tuple[np.ndarray, np.ndarray]:
         """The directions (k, 3) and (l, 3), in the axes of frame a, in which the joint allows no turn and no slide."""
-        return HELD[self.joint](np.asarray(self.axis, dtype=float))
+        turns, slides = HELD[self.joint](np.asarray(self.axis, dtype=float))
+        return _exact(turns), _exact(slides)
 
     @property
     def arrays(self) -> tuple[Array, ...]:
@@ -81,6 +89,11 @@ class Loop:
         """(k + l, 6): what vanishes on the relative twist, seen from frame a."""
         turns, slides = self.held
         return np.concatenate([np.pad(turns, ((0, 0), (0, 3))), np.pad(slides, ((0, 0), (3, 0)))])
+
+    @property
+    def allowed(self) -> np.ndarray:
+        """(6, 6): what is left of a relative twist that the joint allows; the projection across the rows."""
+        return _exact(np.eye(6, dtype=int) - self.rows.T @ self.rows)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,11 +19,13 @@ from jounce.dynamics.computation import Computation, Port
 from jounce.dynamics.loads import wrench_of
 from jounce.dynamics.loops import closed_motion
 from jounce.dynamics.loops import law as closed_law
+from jounce.dynamics.newton import Step
 from jounce.dynamics.quantities import FORCES, Quantity, State, row_of
 from jounce.errors import JounceError, one_of, quoted, warn
 from jounce.model.casting import cast_model
 from jounce.model.mechanism import Mechanism
-from jounce.native import plan
+from jounce.native import closing, plan
+from jounce.native.closing import NativeStep
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel, compile_kernel
 from jounce.native.plan import PATIENCE, LongCompilationError, obstacle
@@ -44,11 +46,12 @@ class Kernels:
     """The native code of one robot, dropped with it.
 
     `known` maps a computation to its kernel, or to the reason that it has none; `ready` maps the form of plain calls to
-    their kernel and the number of rates of the coordinates that it takes.
+    their kernel and the number of rates of the coordinates that it takes; `steps` holds the step that closes loops.
     """
 
     known: dict[Computation, tuple[Kernel | None, str | None]] = field(default_factory=dict)
     ready: dict[Form, tuple[Kernel, int]] = field(default_factory=dict)
+    steps: list[NativeStep | None] = field(default_factory=list)
 
 
 class Call(NamedTuple):
@@ -95,6 +98,8 @@ def compute(
     try:  # the short way, of calls like an earlier one: NumPy itself checks shapes and kinds of numbers
         kernel, count = robot._kernels.ready[form]
         arrays = (*given[:count], *terms, *moved)
+        if robot.mechanism.closure:
+            arrays = _with_dependent(robot, arrays)
         if moved and not are_poses(moved[0]):
             raise LookupError  # NaN, or what `check_pose` refuses
         if out is None:
@@ -107,9 +112,31 @@ def compute(
     except Exception:  # the long way serves all others, and says what is wrong with them
         pass
     plain = {type(x) for x in (*given, *terms, *moved)} <= {np.ndarray, NoneType} and type(threads) is int
-    asked, given = checked_arguments(robot.mechanism, name, given, wrench, base, body, frame, method)
-    lasting = plain and threads == 1 and asked.base == bool(moved) and not robot.mechanism.closure
+    step = _step(robot) if robot.mechanism.closure and method in (None, NATIVE) else None
+    asked, given = checked_arguments(robot.mechanism, name, given, wrench, base, body, frame, method, step)
+    lasting = plain and threads == 1 and asked.base == bool(moved)
     return _run(Call(robot, asked, given, method, out, threads, form if lasting else None))
+
+
+def _step(robot: "Robot") -> NativeStep | None:
+    """Return the step in native code that closes the loops of a robot, if there is one."""
+    steps = robot._kernels.steps
+    if not steps:
+        steps.append(closing.native_step(robot.mechanism) if robot.mechanism.is_numeric and available() else None)
+    return steps[0]
+
+
+def _with_dependent(robot: "Robot", arrays: Sequence[Any]) -> tuple[Any, ...]:
+    """Return the arrays of a plain call of a closed robot with the independent coordinates first, the others last."""
+    step, q = _step(robot), arrays[0]
+    try:
+        if step is None:
+            raise LookupError
+        u, d = step.apart(q)
+    except LookupError:
+        u, whole = loops.split(robot.mechanism, q)
+        d = loops.dependent_of(robot.mechanism, u, whole, step)
+    return u, *arrays[1:], d
 
 
 def checked_arguments(
@@ -121,8 +148,9 @@ def checked_arguments(
     body: str | None,
     frame: str,
     method: str | None,
+    step: Step | None = None,
 ) -> tuple[Computation, list[Array]]:
-    """Check the arguments of a call, and return its computation and input arrays."""
+    """Check the arguments of a call, and return its computation and input arrays; `step` closes the loops."""
     more = requests.more_rates(mechanism, name)
     quantity = row_of(name, more)
     given, whole = _split(mechanism, given)
@@ -142,7 +170,7 @@ def checked_arguments(
         requests.check_invertible(mechanism, name)
     enters = moves and requests.takes_base(name, frame)
     asked = requests.known(name, order, bool(W), body, frame, more, enters)
-    d = _dependent(mechanism, q[0], whole)
+    d = _dependent(mechanism, q[0], whole, step)
     if base is None and not enters:
         return asked, [*q, *W, *d]
     C = base_of(mechanism, base, asked.base_terms(mechanism), f"{name} of order {order}")  # wrong ones never pass
@@ -157,9 +185,9 @@ def _split(mechanism: Mechanism, given: Sequence[Any]) -> tuple[Sequence[Any], A
     return [first, *given[1:]], whole
 
 
-def _dependent(mechanism: Mechanism, q: Array, whole: Any) -> list[Array]:
+def _dependent(mechanism: Mechanism, q: Array, whole: Any, step: Step | None = None) -> list[Array]:
     """The last array of all computations of closed robots: the dependent coordinates."""
-    return [loops.dependent_of(mechanism, q, whole)] if mechanism.closure else []
+    return [loops.dependent_of(mechanism, q, whole, step)] if mechanism.closure else []
 
 
 def _run(call: Call) -> Any:
@@ -177,36 +205,41 @@ def _run(call: Call) -> Any:
 def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str], out: Any) -> Any:
     """Compute the forces of drive terms for given rates of the coordinates, whether or not the terms act in Q."""
 
-    def law(m: Mechanism, q: Series) -> Series | Array:
-        return drive_terms.behind_base(m, drive_terms.forces(m, q, terms), (-2,))
+    def law(m: Mechanism, q: Series) -> Series:
+        forces = drive_terms.behind_base(m, drive_terms.forces(m, q, terms), (-2,))
+        return forces.map(lambda Q: Q[..., 0])
 
-    forces = _of_drives(mechanism, given, 4 * mechanism.nb, law)
-    return results_into(tuple(Q[..., -mechanism.n :, 0] for Q in forces), out)
+    forces = _of_drives(mechanism, FORCES.name, given, 4 * mechanism.nb, law)
+    return results_into(tuple(Q[..., -mechanism.n :] for Q in forces), out)
 
 
 def _of_drives(
-    mechanism: Mechanism, given: Sequence[Any], width: int, of_drives: Callable[[Mechanism, Series], Any]
+    mechanism: Mechanism, name: str, given: Sequence[Any], width: int, law: Callable[[Mechanism, Series], Series]
 ) -> tuple[Array, ...]:
-    """Compute columns (..., nv, k) of forces of the drives for given rates of the coordinates."""
-    given, whole = _split(mechanism, given)
-    q = rates.rates_of(given, FORCES.rates, mechanism)
-    model, asked = cast_model(mechanism, q), Computation(FORCES.name, len(q) - FORCES.rates)
+    """Compute what drives contribute to a quantity, by their law, for given rates of the coordinates."""
+    row, (given, whole) = row_of(name), _split(mechanism, given)
+    q = rates.rates_of(given, row.rates, mechanism)
+    model, asked = cast_model(mechanism, q), Computation(name, len(q) - row.rates)
 
-    def law(m: Mechanism, x: State) -> Series:
-        return of_drives(m, x.q)
+    def on_tree(m: Mechanism, x: State) -> Series:
+        return law(m, x.q)
 
-    on_coordinates = closed_law(law, ("nv", "columns"), None) if model.closure else law
+    of_drives = closed_law(on_tree, row.shape, None) if model.closure else on_tree
     arrays, ports = [*q, *_dependent(mechanism, q[0], whole)], asked.signature(model).inputs
-    return evaluate(lambda x: on_coordinates(model, asked.state(model, x)), ports, arrays, asked.count, width)
+    return evaluate(lambda x: of_drives(model, asked.state(model, x)), ports, arrays, asked.count, width)
 
 
-def regressor(robot: "Robot", given: Sequence[Any], terms: Sequence[DriveColumn], out: Any, **options: Any) -> Any:
-    """Compute the regressor for given rates of the coordinates, with columns of drive terms behind its own."""
+def regressor(
+    robot: "Robot", name: str, given: Sequence[Any], terms: Sequence[DriveColumn], out: Any, **options: Any
+) -> Any:
+    """Compute a regressor for given rates of the coordinates, with columns of drive terms behind its own."""
     if not terms:
-        return compute(robot, "regressor", given, out=out, **options)
-    own, m = as_tuple(compute(robot, "regressor", given, **options)), robot.mechanism
-    added = _of_drives(m, given, m.nb * m.nv * len(terms), lambda m, q: drive_terms.regressor(m, q, terms))
-    pairs = (broadcast(pair, [2, 2], ["Y", "drives"]) for pair in zip(own, added, strict=True))
+        return compute(robot, name, given, out=out, **options)
+    own, m = as_tuple(compute(robot, name, given, **options)), robot.mechanism
+    of_units: Callable[..., Series] = getattr(drive_terms, name)
+    added = _of_drives(m, name, given, m.nb * m.nv * len(terms), lambda m, q: of_units(m, q, terms))
+    axes = [len(row_of(name).shape)] * 2
+    pairs = (broadcast(pair, axes, ["Y", "drives"]) for pair in zip(own, added, strict=True))
     return results_into(tuple(concatenate(pair, axis=-1) for pair in pairs), out)
 
 

@@ -139,6 +139,11 @@ def moment_matrix(M: Array) -> Array:
     return concatenate([concatenate([P, h], axis=-1), concatenate([h.mT, m], axis=-1)], axis=-2)
 
 
+def from_moment_matrix(Pi: Array) -> Array:
+    """The inertia matrix of given moments of mass as one matrix: the inverse of `moment_matrix`."""
+    return from_moments(Pi[..., 3:, 3:], Pi[..., :3, 3:], Pi[..., :3, :3])
+
+
 def shift_inertia(M: Array, C: Array) -> Array:
     """The inertia matrix M of a frame placed at the pose C, seen from the frame in which C is given."""
     T = Ad(inverse(C))

@@ -5,7 +5,7 @@ without fill-in (Featherstone, Rigid Body Dynamics Algorithms, 6.3). Others, of 
 columns of Q that are orthogonal (modified Gram-Schmidt); rows may be redundant.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import comb
 
@@ -48,49 +48,86 @@ class Factors:
 
 @dataclass(frozen=True)
 class OrthogonalFactors:
-    """The factors Q R of a matrix (..., c, d) of rank d <= c."""
+    """The factors Q R of a matrix (..., c, d) of rank d <= c, with its columns in an order that keeps zeros."""
 
+    order: Sequence[int]  # of the columns
     Q: tuple[Array, ...]  # columns (..., c, 1), orthogonal to each other
-    inverse_D: tuple[Array, ...]  # (..., 1, 1) each, of their squared lengths
+    inverse_Q: tuple[Array, ...]  # rows (..., 1, c), of the inverse of Q
     R: tuple[Array, ...]  # row k right of the diagonal, (..., 1, d - 1 - k); the diagonal is 1
+    rest: tuple[np.ndarray, ...]  # (c, 1), 0 where a column is the only one in a row, which it leaves empty; else 1
 
     @classmethod
-    def of(cls, A: Array) -> "OrthogonalFactors":
-        """The factors of a matrix."""
-        Q: list[Array] = []
-        inverse_D: list[Array] = []
-        R: list[Array] = []
-        for _ in range(A.shape[-1]):
+    def of(cls, A: Array, pattern: np.ndarray) -> "OrthogonalFactors":
+        """The factors of a matrix that is zero where its pattern, (c, d) of bool, is False."""
+        steps = elimination(pattern)
+        order = [j for j, _ in steps]
+        A = A[..., order]
+        Q, inverse_Q, R, rest = list[Array](), list[Array](), list[Array](), list[np.ndarray]()
+        for _, row in steps:
             column, A = A[..., :1], A[..., 1:]
+            rest.append(np.ones((len(pattern), 1), dtype=int))
+            if row is None:
+                inverse_Q.append(reciprocal(column.mT @ column) * column.mT)
+            else:  # of one entry: its inverse is exact, and so are the zeros that are left
+                rest[-1][row] = 0
+                own = 1 - rest[-1]
+                column, pivot = column * own, column[..., row : row + 1, :]
+                inverse_Q.append(reciprocal(pivot) * own.T)
             Q.append(column)
-            inverse_D.append(reciprocal(column.mT @ column))
-            R.append(inverse_D[-1] * (column.mT @ A))
-            A = A - column @ R[-1]
-        return cls(tuple(Q), tuple(inverse_D), tuple(R))
+            R.append(inverse_Q[-1] @ A)
+            A = (A - column @ R[-1]) * rest[-1]
+        return cls(order, tuple(Q), tuple(inverse_Q), tuple(R), tuple(rest))
+
+    @property
+    def places(self) -> Sequence[int]:
+        """Where each column stands in the order."""
+        return np.argsort(self.order).tolist()
 
     def solve(self, b: Array) -> Array:
         """X (..., d, m) of A X = b, (..., c, m), which is solvable."""
         parts: list[Array] = []
-        for column, inverse_d in zip(self.Q, self.inverse_D, strict=True):
-            parts.append(inverse_d * (column.mT @ b))
-            b = b - column @ parts[-1]
+        for column, inverse, rest in zip(self.Q, self.inverse_Q, self.rest, strict=True):
+            parts.append(inverse @ b)
+            b = (b - column @ parts[-1]) * rest
         X = parts[-1]
         for part, row in zip(reversed(parts[:-1]), reversed(self.R[:-1]), strict=True):
             X = concatenate([part - row @ X, X], axis=-2)
-        return X
+        return X[..., self.places, :]
 
     def solve_transposed(self, b: Array) -> Array:
         """Y (..., c, m) of A^T Y = b, (..., d, m), the shortest one."""
-        parts: list[Array] = []
+        b, parts = b[..., self.order, :], list[Array]()
         for row in self.R:
             first, b = b[..., :1, :], b[..., 1:, :]
             b = b - row.mT @ first
             parts.append(first)
-        Y = self.Q[-1] @ (self.inverse_D[-1] * parts[-1])
-        rest = zip(reversed(self.Q[:-1]), reversed(self.inverse_D[:-1]), reversed(parts[:-1]), strict=True)
-        for column, inverse_d, part in rest:  # Q^T Y once more: rounding leaves the columns not quite orthogonal
-            Y = Y + column @ (inverse_d * (part - column.mT @ Y))
+        Y = self.inverse_Q[-1].mT @ parts[-1]
+        rest = zip(reversed(self.Q[:-1]), reversed(self.inverse_Q[:-1]), reversed(parts[:-1]), strict=True)
+        for column, inverse, part in rest:  # Q^T Y once more: rounding leaves the columns not quite orthogonal
+            Y = Y + inverse.mT @ (part - column.mT @ Y)
         return Y
+
+
+def elimination(pattern: np.ndarray) -> list[tuple[int, int | None]]:
+    """An order of the columns of a matrix (c, d) that keeps many zeros, with the row of those that have but one entry.
+
+    An entry that is alone in its column is never zero where the rank is full. The row that it leaves needs no more
+    columns; other columns fill each other's rows, those with few entries first.
+    """
+    left, steps = pattern.copy(), list[tuple[int, int | None]]()
+    open_ = list(range(pattern.shape[1]))
+    while open_:
+        j = min(open_, key=lambda j: left[:, j].sum())
+        open_.remove(j)
+        places = np.flatnonzero(left[:, j])
+        steps.append((j, int(places[0]) if len(places) == 1 else None))
+        if len(places) == 1:
+            left[places] = False
+        else:
+            for other in open_:
+                if left[places, other].any():
+                    left[places, other] = True
+    return steps
 
 
 def solved(A: Series, B: Series, solve: Callable[[Array], Array] | None = None) -> Series:

@@ -1,15 +1,19 @@
-"""YAML motions: analytic terms per joint, every key and number checked."""
+"""YAML motions: analytic terms per joint, every key and number checked; and those of a motion as such a file."""
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from jounce.errors import JounceError, at, quoted
+from jounce.io import files
 from jounce.io.entries import Entry
+from jounce.io.native import writing
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
-from jounce.motion.analytic import Cosine, Description, Terms, motion_of
+from jounce.motion.analytic import Analytic, Cosine, Description, Terms, motion_of
 from jounce.motion.base import COLUMNS
 from jounce.motion.curves import COMPONENTS
 
@@ -66,3 +70,19 @@ def _curve(terms: Entry) -> Terms:
 def _cosine(cosine: Entry) -> Cosine:
     cosine.keys(("amplitude", "frequency"), ("phase",))
     return Cosine(*(cosine.get(key, 0).number() for key in ("amplitude", "frequency", "phase")))
+
+
+def write(path: Path, motion: Motion, joints: Sequence[str]) -> None:
+    """Write a motion of joints in closed form, which is read again with the same bits; it exerts no wrenches."""
+    if not isinstance(motion.curve, Analytic):
+        raise JounceError(f"{path}: {motion.source} have no analytic terms; expected a table, .csv or .npz")
+    time = {"start": motion.start, "stop": motion.stop, "count": len(motion.times)}
+    data = {"time": time, "joints": dict(zip(joints, map(_data, motion.curve.terms), strict=True))}
+    text = writing.json_of(data) if path.suffix.lower() == ".json" else writing.yaml_of(data)
+    with files.written_whole(path) as part:
+        part.write_text(text, encoding="utf-8", newline="\n")
+
+
+def _data(terms: Terms) -> dict[str, Any]:
+    """The terms of a joint as `_curve` reads them."""
+    return {"polynomial": list(terms.polynomial), "cosines": [vars(cosine) for cosine in terms.cosines]}

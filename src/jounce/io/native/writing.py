@@ -19,7 +19,12 @@ from jounce.spatial.lie import hat
 
 
 def yaml(mechanism: Mechanism) -> str:
-    """The YAML text of a mechanism: vectors, rows and short mappings on one line each."""
+    """The YAML text of a mechanism."""
+    return yaml_of(document(mechanism))
+
+
+def yaml_of(data: dict[str, Any]) -> str:
+    """The YAML text of plain data: vectors, rows and short mappings on one line each."""
     from ruamel.yaml import YAML
 
     writer = YAML(typ="safe", pure=True)
@@ -28,13 +33,18 @@ def yaml(mechanism: Mechanism) -> str:
     writer.sort_base_mapping_type_on_output = False  # type: ignore[assignment]  # declared None
     writer.indent(mapping=2, sequence=4, offset=2)
     text = StringIO()
-    writer.dump(document(mechanism), text)
+    writer.dump(data, text)
     return text.getvalue()
 
 
 def as_json(mechanism: Mechanism) -> str:
     """The JSON text of a mechanism."""
-    return json.dumps(document(mechanism), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return json_of(document(mechanism))
+
+
+def json_of(data: dict[str, Any]) -> str:
+    """The JSON text of plain data."""
+    return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def document(mechanism: Mechanism) -> dict[str, Any]:

@@ -1,0 +1,114 @@
+"""`jounce excite`: the motion within all limits whose forces tell most about the parameters of a robot."""
+
+from math import pi
+from pathlib import Path
+from typing import Any
+
+import click
+
+from jounce.cli.limits import LIMITS, load_robot
+from jounce.cli.options import ALL, Asked, on_robot
+from jounce.cli.output import progress, tell
+from jounce.errors import escaped, shortened
+
+EPILOG = """\b
+Example:
+  jounce excite iiwa14 --limits iiwa14 -o excite.csv
+  jounce check iiwa14 excite.csv --limits iiwa14 -o ratios.svg
+  jounce excite iiwa14 --limits iiwa14 --terms damping,friction -o excite.yaml
+
+\b
+OUT.csv, .npz or .parquet holds t and NAME.q, NAME.qd, ... NAME.q4d; OUT.yaml
+or .json the offsets, amplitudes and frequencies of the series.
+
+\b
+Nothing but its limits keeps the robot from obstacles and from itself: check
+the motion before it runs, or narrow the ranges of positions by --limits.
+"""
+
+
+@click.command(epilog=EPILOG, short_help="A motion that excites the parameters of a robot, within all limits.")
+@on_robot
+@LIMITS
+@click.option(
+    "-o", "--output", required=True, type=click.Path(path_type=Path), help="Table or YAML file of the motion to write."
+)
+@click.option("--duration", metavar="S", default=10.0, show_default=True, help="Length of one period in s.")
+@click.option("--harmonics", metavar="N", default=5, show_default=True, help="Harmonics of the Fourier series.")
+@click.option(
+    "--terms",
+    metavar="TERMS",
+    help="Drive terms to identify too: all, or a comma-separated list of armature, damping, friction, spring, offset.",
+)
+@click.option(
+    "--reach",
+    metavar="RAD",
+    default=pi,
+    show_default="pi",
+    help="Range to either side of 0 for revolute joints without position limits.",
+)
+@click.option("--margin", default=0.01, show_default=True, help="Share of each limit that is left.")
+@click.option("--starts", metavar="N", default=5, show_default=True, help="Number of random starts.")
+@click.option("--seed", default=0, show_default=True, help="Seed of the random starts.")
+@click.option("--step", type=float, metavar="S", help="Time between rows in s; default: 1 ms.")
+@click.option("--picture", type=click.Path(path_type=Path), help="Ratios to all limits over time: .png, .svg or .pdf.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+def excite(
+    robot: Asked,
+    limits: Path | None,
+    output: Path,
+    terms: str | None,
+    step: float | None,
+    picture: Path | None,
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Find the Fourier series of all joints of ROBOT whose forces tell most about its parameters, within all limits.
+
+    It starts and ends at rest, so that it may be repeated. ROBOT needs limits: its own, or --limits.
+    """
+    from jounce.figures import canvas
+    from jounce.identification.excitation import excite
+    from jounce.io import files, tables
+    from jounce.io.motions import SUFFIXES
+    from jounce.io.motions import terms as analytic
+    from jounce.io.motions.writing import pieces
+
+    in_terms = output.suffix.lower() in SUFFIXES
+    (files if in_terms else tables).check_writable(output)
+    if picture is not None:
+        canvas.check_format(picture)
+        files.check_writable(picture)
+        canvas.check_installed()
+    arm = load_robot(robot, limits)
+    drives: Any = False if terms is None else terms == ALL or terms.split(",")
+    with progress("starts") as show:
+        found = excite(arm, drives=drives, progress=show, **options)
+    motion = found.motion if step is None else found.motion.with_step(step)
+    if in_terms:
+        analytic.write(output, motion, arm.joint_names)
+    else:
+        tables.write_pieces(output, pieces(motion, arm.joint_names, 4))
+    if picture is not None:
+        from jounce.figures.ratios import over_time
+        from jounce.limits.along import ratios_along
+
+        canvas.save(over_time(*ratios_along(arm, motion), arm.joint_names), picture)
+    summary = {
+        "robot": arm.name,
+        "source": motion.source,
+        "duration": motion.duration,
+        "criterion": found.criterion,
+        "condition": found.condition,
+        "parameters": list(found.parameters),
+        "unseen": list(found.unseen),
+        "limits": [vars(row) | {"violations": list(row.violations)} for row in found.limits],
+        "notes": list(found.notes),
+        "output": str(output),
+        "picture": None if picture is None else str(picture),
+        "states": len(motion.times),
+    }
+    drawn = f", ratios to limits drawn to {picture}" if picture else ""
+    head = f"{shortened(arm.name)}: {summary['states']} rows written to {output}{drawn}"
+    lines = [head, *str(found).splitlines()]
+    tell(summary, lambda _: "\n".join(map(escaped, lines)), as_json)

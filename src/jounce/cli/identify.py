@@ -1,0 +1,176 @@
+"""`jounce identify`: the robot that measured torques tell, from a log to a robot file."""
+
+from dataclasses import asdict
+from math import isinf
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_args
+
+import click
+
+from jounce._typing import Equations
+from jounce.cli.motions import AskedMotion, of_motion
+from jounce.cli.options import ALL, Asked, on_robot_without_drives
+from jounce.cli.output import check_distinct, tell
+from jounce.errors import JounceError, collected_warnings, warn
+
+if TYPE_CHECKING:
+    from jounce.identification import Identification
+
+NONE = "none"  # of the drive terms
+DEFAULT = "damping,friction,offset"
+
+EPILOG = """\b
+Example, with the torques of a model as measured ones:
+  jounce run iiwa14 paper --order 0 --rates -o log.csv
+  jounce identify iiwa14 log.csv --torques '{joint}.Q' -o found.yaml
+
+\b
+MOTION is a log: a table with a column t, one column of positions per joint
+and one of measured torques, tau_JOINT, JOINT.tau or as --torques says.
+ROBOT is a first guess, such as the CAD model: where the log says little, the
+result stays near to it. OUT is a robot file that `jounce run OUT ... --drives
+all` takes: its bodies can exist, and its drives have the friction found.
+Deviations are those of the data alone; what they do not see is named.
+"""
+
+
+@click.command(epilog=EPILOG, short_help="Identify inertial parameters and friction from a log.")
+@on_robot_without_drives
+@of_motion
+@click.option(
+    "-o", "--output", required=True, type=click.Path(path_type=Path), help="Robot file to write: .yaml or .json."
+)
+@click.option(
+    "--drives",
+    "terms",
+    default=DEFAULT,
+    show_default=True,
+    metavar="TERMS",
+    help="Drive terms to identify: all, none, or a list of armature, damping, friction, spring, offset.",
+)
+@click.option("--span", type=float, nargs=2, metavar="S S", help="Use samples between these times; others test it.")
+@click.option(
+    "--band",
+    type=float,
+    metavar="HZ",
+    help="Highest frequency of the forces to use; default: nearly all the model's power is below.",
+)
+@click.option("--eps", type=float, metavar="SPEED", help="Smoothing velocity of Coulomb friction, rad/s or m/s.")
+@click.option("--deviation", type=float, metavar="N", help="Standard deviation of the torques; default: residuals.")
+@click.option("--prior", type=float, default=0.3, show_default=True, help="Relative deviation of the robot's own data.")
+@click.option(
+    "--method",
+    type=click.Choice(get_args(Equations)),
+    default="inverse_dynamics",
+    show_default=True,
+    help="Equations; those of momentum and power need no accelerations.",
+)
+@click.option("--table", type=click.Path(path_type=Path), help="Write the parameters with deviations: .csv.")
+@click.option(
+    "--plot", type=click.Path(path_type=Path), help="Measured and predicted torques as a picture: .png, .svg or .pdf."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+def identify(
+    robot: Asked,
+    motion: AskedMotion,
+    output: Path,
+    terms: str,
+    span: tuple[float, float] | None,
+    band: float | None,
+    eps: float | None,
+    deviation: float | None,
+    prior: float,
+    method: Equations,
+    table: Path | None,
+    plot: Path | None,
+    as_json: bool,
+) -> None:
+    """Identify ROBOT from MOTION, a log with measured torques: its inertial parameters and friction."""
+    from jounce.figures import canvas
+    from jounce.identification import identify as identified
+    from jounce.io import files, saving
+
+    saving.check_writable(output)
+    for source in (motion.path, robot.path):
+        check_distinct(output, source)
+    if table is not None:
+        if table.suffix.lower() != ".csv":
+            raise JounceError(f"{table}: unknown type of table {table.suffix!r} for --table; available: .csv")
+        files.check_writable(table)
+    if plot is not None:
+        canvas.check_format(plot)
+        files.check_writable(plot)
+        canvas.check_installed()
+    arm = robot.load()
+    path = motion.load(arm, 0)
+    drives: Any = {ALL: True, NONE: False}.get(terms, terms.split(","))
+    with collected_warnings() as said:
+        found = identified(
+            arm, path, drives=drives, eps=eps, span=span, band=band, deviations=deviation, prior=prior, method=method
+        )
+    for text in said:
+        if text not in found.notes:  # which are printed
+            warn(text)
+    saving.save(found.robot, output)
+    if table is not None:
+        _write_table(found, table)
+    if plot is not None:
+        _draw(found, plot)
+    tell(_summary(found, motion.path, path.notes, output, table, plot), lambda of: _in_words(found, of), as_json)
+
+
+def _write_table(found: "Identification", table: Path) -> None:
+    """Write the parameters as a table of texts and numbers; deviations may be infinite."""
+    import numpy as np
+
+    from jounce.io import csv, files
+
+    rows = [asdict(row) for row in found.table]
+    columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    with files.written_whole(table) as part:
+        csv.write(part, [columns | {"seen": columns["seen"].astype(int)}])
+
+
+def _draw(found: "Identification", picture: Path) -> None:
+    from jounce.figures import canvas
+    from jounce.figures.measured import over_time
+    from jounce.model.coordinates import force_names, force_units
+
+    m = found.robot.mechanism
+    canvas.save(over_time(found, force_names(m), force_units(m)), picture)
+
+
+def _summary(
+    found: "Identification", log: Path, notes: tuple[str, ...], output: Path, table: Path | None, plot: Path | None
+) -> dict[str, Any]:
+    """The result as plain data; JSON has no infinity."""
+    joints = found.robot.mechanism.joints
+    rows = [asdict(row) for row in found.table]
+    return {
+        "robot": found.robot.name,
+        "motion": str(log),
+        "output": str(output),
+        "table": None if table is None else str(table),
+        "plot": None if plot is None else str(plot),
+        "samples": found.samples,
+        "span": list(found.span),
+        "band": found.band,
+        "cell": found.cell,
+        "cells": found.cells,
+        "rank": found.rank,
+        "condition": found.condition,
+        "unseen": list(found.unseen),
+        "parameters": [row | {"deviation": None if isinf(row["deviation"]) else row["deviation"]} for row in rows],
+        "offsets": dict(zip(joints, found.offsets.tolist(), strict=True)),
+        "residuals": [asdict(row) for row in found.residuals],
+        "notes": [*notes, *found.notes],
+    }
+
+
+def _in_words(found: "Identification", summary: dict[str, Any]) -> str:
+    written = [f"{what} written to {summary[key]}" for key, what in WRITTEN.items() if summary[key]]
+    notes = [note for note in summary["notes"] if note not in found.notes]
+    return "\n".join([*notes, str(found), "", *written])
+
+
+WRITTEN = {"output": "robot", "table": "parameters", "plot": "torques"}

@@ -1,0 +1,183 @@
+"""The branches of loops: what the frames that cut joints join see of each other, by sweeps over the joints between.
+
+A loop consists of two branches, from the body that carries both to the frames a and b. E = Ad(C_ab) takes twists from b
+to a. Where the loop is closed the relative twist V obeys R V = 0, with the constant rows R of the cut joint, so that
+only what the joint allows is left of it and ``E' = ad(V) E``: rates of E never appear.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache, partial
+
+import numpy as np
+
+from jounce._scalars import Array
+from jounce.dynamics.base import moved
+from jounce.dynamics.recursion.joints import Joint, joints, rows
+from jounce.errors import JounceError
+from jounce.model.casting import with_numbers
+from jounce.model.equivalent import frame_shifts, on_axes
+from jounce.model.mechanism import Frame, Mechanism, path_to
+from jounce.spatial.lie import Ad, ad, inverse, pose, position, rotation
+from jounce.spatial.series import Series, from_rates, joined
+
+ROUNDING = 1e-13  # of entries of constraints that are zero, relative to the largest
+_STILL = Series.constant(np.zeros((6, 1), dtype=int))
+
+
+@dataclass(frozen=True)
+class Branch:
+    """The joints from a body to a frame."""
+
+    root: int
+    joints: tuple[int, ...]
+    T: Array  # (4, 4) pose of the frame on the last body
+
+    @property
+    def key(self) -> tuple[int, int]:
+        """The first body, and the last one."""
+        return self.root, self.joints[-1] if self.joints else self.root
+
+
+@lru_cache(maxsize=64)
+def chain_of(tree: Mechanism) -> Mechanism:
+    """The tree in the frames in which forces are computed, if its joints have directions of numbers."""
+    try:
+        return on_axes(tree)
+    except JounceError:
+        return tree
+
+
+@lru_cache(maxsize=64)
+def branches(m: Mechanism) -> list[tuple[Branch, Branch]]:
+    """The branches of each loop."""
+    tree = m.tree
+    shifts = [inverse(T) for T in frame_shifts(tree, chain_of(tree))[tree.first :]]
+
+    def branch(frame: Frame, shared: Sequence[int]) -> Branch:
+        own = [i for i in path_to(tree, frame.body) if i not in shared]
+        T = shifts[frame.body] @ frame.T if frame.body >= 0 else frame.T
+        return Branch(shared[-1] if shared else -1, tuple(own), T)
+
+    both = []
+    for loop in m.loops:
+        paths = [path_to(tree, frame.body) for frame in (loop.a, loop.b)]
+        shared = [i for i in paths[0] if i in paths[1]]
+        both.append((branch(loop.a, shared), branch(loop.b, shared)))
+    return both
+
+
+class Ends:
+    """The motion of the ends of loops, at coordinates (..., N, 1) of the tree."""
+
+    def __init__(self, m: Mechanism, q: Series) -> None:
+        self.m, self.q, self.branches = m, q, branches(m)
+        bodies = sorted({i for both in self.branches for branch in both for i in branch.joints})
+        self.joints: Mapping[int, Joint] = dict(zip(bodies, joints(chain_of(m.tree), q, bodies), strict=True))
+
+    @cached_property
+    def poses(self) -> list[Array]:
+        """C_ab, where the second frame of each loop is in the first, (..., 4, 4)."""
+        found: dict[tuple[int, int], Array] = {}
+
+        def end(branch: Branch) -> Array:
+            H = np.eye(4, dtype=int)
+            for i in branch.joints:
+                key = branch.root, i
+                H = found[key] = found[key] if key in found else H @ self.joints[i].B @ self.joints[i].T
+            return H @ branch.T
+
+        return [inverse(end(a)) @ end(b) for a, b in self.branches]
+
+    @cached_property
+    def _E(self) -> list[Array]:
+        """Ad(C_ab) where loops are closed: the joint does not allow all slides."""
+        closed = []
+        for loop, C in zip(self.m.loops, self.poses, strict=True):
+            closed.append(Ad(pose(rotation(C), loop.allowed[3:, 3:] @ position(C))))
+        return closed
+
+    @cached_property
+    def _relative(self) -> list[Series]:
+        """The relative twists of loops."""
+        return self.twists(self.q.dot)
+
+    def _drift(self, k: int) -> Series:
+        """ad(V) of the relative twist of a loop."""
+        allowed = self.m.loops[k].allowed
+        return Series(lambda j: ad((allowed @ self._relative[k][j])[..., 0]))
+
+    def twists(self, x: Series) -> list[Series]:
+        """V, (..., 6, k), of the second frame of each loop as the first sees it, at velocities x (..., N, k)."""
+        theta = self.m.tree.G @ x
+        found: dict[tuple[int, int], Series] = {}
+
+        def end(branch: Branch) -> Series:
+            V = _STILL
+            for i in branch.joints:
+                key = branch.root, i
+                if key not in found:
+                    own = self.joints[i].X @ rows(theta, i, i + 1)
+                    found[key] = own if V is _STILL else self.joints[i].twists(V) + own
+                V = found[key]
+            return Ad(inverse(branch.T)) @ V
+
+        def relative(k: int, a: Branch, b: Branch) -> Series:
+            carried = from_rates(lambda j: self._E[k] @ end(b)[j], lambda y: self._drift(k) @ y)
+            return carried - end(a)
+
+        return [relative(k, a, b) for k, (a, b) in enumerate(self.branches)]
+
+    def held(self, x: Series) -> Series:
+        """A x, (..., c, k), at velocities x (..., N, k): what cut joints do not allow of the relative twists."""
+        return joined([loop.rows @ V for loop, V in zip(self.m.loops, self.twists(x), strict=True)], axis=-2)
+
+    def forces(self, y: Series) -> Series:
+        """A^T y, (..., N, k): the forces on the coordinates where cut joints exert y, (..., c, k)."""
+        tree, at = self.m.tree, dict[tuple[int, int], Series]()
+
+        def act(branch: Branch, W: Series) -> None:
+            on_body = Ad(inverse(branch.T)).mT @ W
+            at[branch.key] = at[branch.key] + on_body if branch.key in at else on_body
+
+        start = 0
+        for k, (loop, (a, b)) in enumerate(zip(self.m.loops, self.branches, strict=True)):
+            end = start + len(loop.rows)
+            W, start = loop.rows.T @ rows(y, start, end), end
+            act(a, -W)
+            act(b, moved(W, self._E[k].mT, partial(_drifting, self._drift(k))))
+        Q: dict[int, Series] = {}
+        for root, i in sorted(self._ways, key=lambda way: -way[1]):
+            joint, W = self.joints[i], at.pop((root, i))
+            own = joint.X.mT @ W
+            Q[i] = Q[i] + own if i in Q else own
+            if joint.parent != root:
+                handed = joint.wrenches(W)
+                at[root, joint.parent] = at[root, joint.parent] + handed if (root, joint.parent) in at else handed
+        still = 0 * rows(y, 0, 1)
+        return tree.G.T @ joined([Q.get(i, still) for i in range(tree.nb)], axis=-2)
+
+    @property
+    def _ways(self) -> set[tuple[int, int]]:
+        """The joints of all branches, each with the first body of its branch."""
+        return {(branch.root, i) for both in self.branches for branch in both for i in branch.joints}
+
+
+def _drifting(ads: Series, W: Series) -> Series:
+    """ad(V)^T W."""
+    return ads.mT @ W
+
+
+@lru_cache(maxsize=64)
+def pattern(m: Mechanism) -> np.ndarray:
+    """Which entries of A, (c, N), are not zero wherever the coordinates are; of a robot of symbols all of them.
+
+    Entries are analytic functions: those that vanish at some arbitrary places are zero.
+    """
+    try:
+        of_numbers = with_numbers(m)
+    except (TypeError, ValueError, RuntimeError):  # as symbols of SymPy, of a tape, of CasADi say
+        return np.ones((sum(len(loop.rows) for loop in m.loops), m.tree.n), dtype=bool)
+    q = np.random.default_rng(0).uniform(-2, 2, (3, m.tree.n, 1))
+    A = np.abs(Ends(of_numbers, Series.of([q])).held(Series.constant(np.eye(m.tree.n)))[0])
+    return np.asarray((ROUNDING * A.max() < A).any(axis=0))

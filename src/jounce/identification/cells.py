@@ -1,0 +1,129 @@
+"""Regressor and measured forces, averaged over short cells of time: what is faster than the motion averages out.
+
+Measured torques hold ripple of gears and noise far above the motion's band, and samples at a kilohertz repeat each
+other. Averages over cells are the same linear map of both sides of Q = Y theta, so that the parameters stay what they
+are, while the rows become few and nearly independent (the parallel decimation of M. Gautier, "Dynamic identification of
+robots with power model", IEEE ICRA 1997).
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jounce._typing import DriveColumn
+from jounce.identification.measurements import Measurements
+from jounce.motion.motion import Motion
+from jounce.robot.robot import Robot
+
+PIECE = 2000  # states whose regressors are held at once
+SHARE = 0.99  # of the power of the model's forces, which the band of a motion holds
+GRID = 1 << 16  # points at most by which it is found
+CELLS = 2.0  # in a period of the highest frequency of the band: what Nyquist asks for
+QUIET = 1e-9  # of the largest column, below which one does not vary
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Averages over cells of time.
+
+    Attributes
+    ----------
+    Y : (C, nv, P)
+        Regressor.
+    off : (C, nv)
+        Measured forces less those of the model as it is.
+    model : (C, nv)
+        Forces of the model as it is.
+    counts : (C, nv)
+        Sums of the weights of the samples; 0 where nothing is measured.
+    spread : (C, nv)
+        Variances of the model's forces that follow from those of the positions.
+    """
+
+    Y: np.ndarray
+    off: np.ndarray
+    model: np.ndarray
+    counts: np.ndarray
+    spread: np.ndarray
+
+
+def cells_of(
+    robot: Robot,
+    motion: Motion,
+    samples: Measurements,
+    model: np.ndarray,
+    deviations: np.ndarray | None,
+    terms: Sequence[DriveColumn],
+    width: float,
+) -> Cells:
+    """Average the regressor and the forces over cells of a width in s; those of the model with their deviations."""
+    spread = np.zeros_like(model) if deviations is None else deviations**2
+    with_model = (
+        (part, np.concatenate([Y, model[part, :, None]], axis=-1))
+        for part, Y in regressors(robot, motion, samples.t, terms)
+    )
+    return averaged(with_model, samples.forces, samples.weights, spread, places(samples.t, width))
+
+
+def averaged(
+    rows: Iterable[tuple[slice, np.ndarray]],
+    right: np.ndarray,
+    weights: np.ndarray,
+    spread: np.ndarray,
+    place: np.ndarray,
+) -> Cells:
+    """Average equations over cells: rows by pieces of samples, the model as their last column, and right sides."""
+    total = np.zeros(())
+    for part, values in rows:
+        if not total.ndim:
+            total = np.zeros((place[-1] + 1, *values.shape[1:]))
+        _add(total, values * weights[part, :, None], place[part])
+    measured, counts = averages(right, weights, place)
+    total /= np.maximum(counts, np.finfo(float).tiny)[..., None]
+    model = total[..., -1]
+    return Cells(total[..., :-1], measured - model, model, counts, averages(spread, weights, place)[0])
+
+
+def regressors(
+    robot: Robot, motion: Motion, t: np.ndarray, terms: Sequence[DriveColumn]
+) -> Iterator[tuple[slice, np.ndarray]]:
+    """Yield the regressor along a motion in pieces of some times, with columns of drive terms."""
+    for start in range(0, len(t), PIECE):
+        part = slice(start, start + PIECE)
+        yield part, np.asarray(robot.regressor(*motion(t[part], 2), drives=terms, base=motion.base(t[part], 2)))
+
+
+def places(t: np.ndarray, width: float) -> np.ndarray:
+    """The number of the cell of a width in s in which each of some increasing times is; empty cells do not count."""
+    found: np.ndarray = np.unique(np.floor((t - t[0]) / width * (1 + 1e-12)), return_inverse=True)[1]
+    return found
+
+
+def averages(values: np.ndarray, weights: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weighted means of values (N, k) over cells, and the sums of the weights: (C, k) each."""
+    total, sums = np.zeros((2, place[-1] + 1, values.shape[1]))
+    _add(total, values * weights, place)
+    _add(sums, weights, place)
+    return total / np.maximum(sums, np.finfo(float).tiny), sums
+
+
+def _add(total: np.ndarray, values: np.ndarray, place: np.ndarray) -> None:
+    """Add rows of values to those of a total at increasing places."""
+    starts = np.flatnonzero(np.diff(place, prepend=-1))
+    total[place[starts]] += np.add.reduceat(values, starts)
+
+
+def band_of(robot: Robot, motion: Motion, samples: Measurements) -> float:
+    """The frequency in Hz up to which the forces of a motion have nearly all their power, friction included."""
+    step = float(np.median(np.diff(samples.t))) if len(samples.t) > 1 else 1.0
+    count = min(GRID, int((samples.t[-1] - samples.t[0]) / step) + 1)
+    t = samples.t[0] + step * np.arange(count)
+    qd = motion(t, 1)[1]
+    friction = np.tanh(qd @ robot.mechanism.G.T / robot.drives.eps)
+    columns = np.concatenate([robot.forces_along(motion, t, order=0).forces[0], friction], axis=1)
+    columns = columns - columns.mean(axis=0)
+    sizes = columns.std(axis=0)
+    varying = sizes > QUIET * max(1.0, sizes.max())
+    power = np.cumsum((np.abs(np.fft.rfft(columns[:, varying] / sizes[varying], axis=0)) ** 2).sum(axis=1))
+    return float(np.searchsorted(power, SHARE * power[-1]) / (count * step))

@@ -1,0 +1,126 @@
+"""What forces along a motion tell of base parameters and drive terms: the information matrix, its log det, gradients.
+
+The information matrix is the time mean of Y^T W Y: Y the regressor of the parameters, W the weights of the forces.
+Where these are inverse variances, its inverse over the number of samples is the covariance of the parameters that
+weighted least squares finds. Parameters in other units add a constant to its log determinant.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg import cho_solve
+
+from jounce._typing import DriveColumn
+from jounce.model import drives
+from jounce.model.coordinates import joint_variables
+from jounce.native.kernel import Kernel
+from jounce.spatial.series import columns
+
+if TYPE_CHECKING:
+    from jounce.robot import Robot
+
+FLOOR = 1e-12  # of information, in units of typical states: what a motion shows less is nothing
+DEPENDENT = 1e-7  # of its length: a column with less outside of the span of others tells nothing new
+
+Rates = Sequence[np.ndarray]  # q, qd, q2d, ..., (M, n) each
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """The parameters that forces of a robot tell, and the code of gradients of their regressor.
+
+    Attributes
+    ----------
+    terms : tuple of str
+        The drive terms among the parameters.
+    roots : (n,)
+        Square roots of the weights of the forces.
+    names, unseen : tuple of str
+        The parameters, and base parameters and drive terms that no motion tells from them.
+    places : (count,)
+        The columns of the parameters in the regressor with those terms.
+    sizes : (count,)
+        Root mean squares of these columns, weighted, at typical states.
+    product : Kernel
+        Vector-Jacobian products of the regressor.
+    """
+
+    robot: "Robot"
+    terms: tuple[DriveColumn, ...]
+    roots: np.ndarray
+    names: tuple[str, ...]
+    unseen: tuple[str, ...]
+    places: np.ndarray
+    sizes: np.ndarray
+    product: Kernel
+
+    def columns(self, rates: Rates) -> np.ndarray:
+        """The weighted columns (M n, count) at states, each over its typical size."""
+        Y = _weighted(self.robot, self.terms, self.roots, rates)
+        return Y.reshape(-1, Y.shape[-1])[:, self.places] / self.sizes
+
+    def log_det(self, rates: Rates) -> float:
+        """The log determinant of the information matrix, of parameters in SI units."""
+        A = self.columns(rates)
+        sign, log = np.linalg.slogdet(A.T @ A / len(rates[0]))
+        return float(log + 2 * np.log(self.sizes).sum()) if sign > 0 else -np.inf
+
+    def condition(self, rates: Rates) -> float:
+        """The condition number of the weighted regressor with columns of unit length."""
+        A = self.columns(rates)
+        lengths = np.linalg.norm(A, axis=0)
+        return float(np.linalg.cond(A / lengths)) if lengths.all() else np.inf
+
+    def loss(self, rates: Rates) -> tuple[float, list[np.ndarray]]:
+        """Minus the log determinant up to a constant, and its gradients by q, qd and q2d.
+
+        d log det H = 2 <Y H^-1, dY> / M for the columns Y with H = Y^T Y / M.
+        """
+        count, m = len(rates[0]), self.robot.mechanism
+        Y = _weighted(self.robot, self.terms, self.roots, rates)
+        A = Y.reshape(-1, Y.shape[-1])[:, self.places] / self.sizes
+        eye = np.eye(A.shape[1])
+        L = np.linalg.cholesky(A.T @ A / count + FLOOR * eye)
+        pushes = np.zeros((A.shape[0], Y.shape[-1]))
+        pushes[:, self.places] = A @ (cho_solve((L, True), eye) * (-2 / count) / self.sizes)
+        by_state = pushes.reshape(Y.shape) * self.roots[:, None]
+        own = Y.shape[-1] - len(self.terms) * m.nb
+        gradients = list(self.product(*rates[:3], np.ascontiguousarray(by_state[..., :own])))
+        if self.terms:
+            self._add_drives(gradients, rates, by_state[..., own:])
+        return float(-2 * np.log(np.diag(L)).sum()), gradients
+
+    def _add_drives(self, gradients: list[np.ndarray], rates: Rates, pushes: np.ndarray) -> None:
+        """Add the gradients through the columns of drive terms, from pushes (M, n, terms nb) on these."""
+        m = self.robot.mechanism
+        theta = joint_variables(m, columns(list(rates)))
+        units = {**drives.coefficients(m.drives)} | dict.fromkeys(drives.AMOUNTS.values(), np.ones((m.nb, 1)))
+        for i, term in enumerate(self.terms):
+            push = np.einsum("jc,mcj->mj", m.G, pushes[..., i * m.nb : (i + 1) * m.nb])
+            for gradient, slope in zip(gradients, drives.partials(units, (term,), theta), strict=True):
+                gradient += (push * slope[0][..., 0]) @ m.G
+
+
+def information(robot: "Robot", terms: tuple[DriveColumn, ...], weights: np.ndarray, typical: Rates) -> Information:
+    """The information of motions whose states are like typical ones: the parameters that forces there tell."""
+    m, base = robot.mechanism, robot.base_parameters()
+    Y = _weighted(robot, terms, np.sqrt(weights), typical)
+    own = Y.shape[-1] - len(terms) * m.nb
+    names = np.array([*base.names, *(f"{joint} {term}" for term in terms for joint in m.joints)])
+    places = np.concatenate([base.columns, np.arange(own, Y.shape[-1])])
+    A = Y.reshape(-1, Y.shape[-1])[:, places]
+    sizes = np.sqrt(np.mean(A**2, axis=0) * robot.n)
+    R = np.linalg.qr(A / np.where(sizes > 0, sizes, 1) / np.sqrt(len(typical[0])), mode="r")
+    seen = np.abs(np.diag(R)) > DEPENDENT  # of what columns before leave of each
+    return Information(
+        robot, terms, np.sqrt(weights), tuple(names[seen].tolist()), tuple(names[~seen].tolist()),
+        places[seen], sizes[seen], robot.compile("regressor", 0, product="vjp"),
+    )  # fmt: skip
+
+
+def _weighted(robot: "Robot", terms: tuple[DriveColumn, ...], roots: np.ndarray, rates: Rates) -> np.ndarray:
+    """The regressor (M, n, columns) with rows times the roots of the weights."""
+    q, qd, q2d, *_ = rates
+    return robot.regressor(q, qd, q2d, drives=terms) * roots[:, None]

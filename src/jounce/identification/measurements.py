@@ -1,0 +1,117 @@
+"""Measured forces along a motion: which samples count, and how much."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jounce._scalars import asarray
+from jounce._typing import ArrayLike
+from jounce.errors import JounceError, quoted
+from jounce.model.coordinates import force_names
+from jounce.model.mechanism import Mechanism
+from jounce.motion.motion import Motion
+
+WITHOUT = "the motion has no measured forces"
+CURE = (
+    "expected columns such as tau_JOINT in its table, named by --torques 'tau{number}' (torques=),"
+    " or an array (N, n) of forces"
+)
+
+LEAST = {
+    "weights": (0.0, "factors of inverse variances: 0, which leaves a force out, or more"),
+    "deviations": (np.finfo(float).tiny, "standard deviations above 0, N m or N"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """Forces measured along a motion.
+
+    Attributes
+    ----------
+    t : (N,)
+        Times within the motion, s, increasing.
+    forces : (N, nv)
+        Measured forces; 0 for those not measured.
+    weights : (N, nv)
+        Relative inverse variances; 0 where a force is not measured or does not count.
+    """
+
+    t: np.ndarray
+    forces: np.ndarray
+    weights: np.ndarray
+
+    def part(self, rows: np.ndarray) -> "Measurements":
+        """Some of the samples."""
+        return Measurements(self.t[rows], self.forces[rows], self.weights[rows])
+
+
+def measurements(
+    mechanism: Mechanism,
+    motion: Motion,
+    forces: ArrayLike | None,
+    t: ArrayLike | None,
+    weights: ArrayLike | None,
+    deviations: ArrayLike | None,
+) -> Measurements:
+    """The measurements of a caller: forces (N, nv) at times (N,), those of the motion by default.
+
+    Raises
+    ------
+    JounceError : if no force is measured, a shape is wrong, times do not increase, or a weight is negative.
+    """
+    names = force_names(mechanism)
+    if forces is None:
+        if t is not None:
+            raise JounceError("t is for forces that are given too; leave it out, or give forces=")
+        times, values = _of_motion(mechanism, motion)
+    else:
+        values = _numbers(forces, "forces")
+        times = motion.times if t is None else _numbers(t, "t")
+    if times.ndim != 1 or values.shape != (len(times), len(names)):
+        whose = "times of the motion" if t is None else "times t"
+        raise JounceError(f"forces have shape {values.shape}; expected {(times.size, len(names))}: {whose}, forces")
+    if not np.isfinite(times).all() or (np.diff(times) <= 0).any():
+        raise JounceError("t does not increase from sample to sample; expected increasing times in s")
+    factors = np.broadcast_to(_factors("weights", weights, values.shape), values.shape)
+    if deviations is not None:
+        factors = factors / _factors("deviations", deviations, values.shape) ** 2
+    there = np.isfinite(values) & (factors > 0)
+    inside = (times >= motion.start) & (times <= motion.stop) & there.any(axis=1)
+    if not inside.any():
+        span = f"from {motion.start:.6g} to {motion.stop:.6g} s"
+        raise JounceError(f"{WITHOUT} {span} that count; {CURE}")
+    there = there[inside]
+    return Measurements(times[inside], np.where(there, values[inside], 0.0), np.where(there, factors[inside], 0.0))
+
+
+def _of_motion(mechanism: Mechanism, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+    """The times and forces that the table of the motion states; those on a base that floats are not measured."""
+    if motion.torques is None:
+        raise JounceError(f"{WITHOUT}; {CURE}")
+    times, torques = motion.torques
+    base = np.full((len(times), mechanism.nv - mechanism.n), np.nan)
+    return times, np.concatenate([base, torques], axis=1)
+
+
+def _factors(label: str, given: ArrayLike | None, shape: Sequence[int]) -> np.ndarray:
+    """Weights, which may be 0, or standard deviations, of all forces alike, per force, or per sample and force."""
+    if given is None:
+        return np.ones(())
+    found = _numbers(given, label)
+    if found.shape not in ((), (shape[1],), tuple(shape)):
+        raise JounceError(
+            f"{label} have shape {found.shape}; expected a number, ({shape[1]},), one per force, or {tuple(shape)}"
+        )
+    least, meaning = LEAST[label]
+    if (wrong := ~(np.isfinite(found) & (found >= least))).any():
+        raise JounceError(f"{label} hold {found[wrong].flat[0]:g}; expected {meaning}")
+    return found
+
+
+def _numbers(given: ArrayLike, label: str) -> np.ndarray:
+    found = np.asarray(asarray(given, label))
+    if found.dtype.kind != "f" or not np.size(found):
+        raise JounceError(f"{label} is {quoted(given)}; expected an array of numbers")
+    return found

@@ -1,0 +1,140 @@
+"""Weighted least squares of forces on a regressor, with one variance per force that the residuals tell.
+
+Residuals of a fit to a robot are serially correlated, and as a rule they are not white: at low frequencies, where the
+regressor has its power, they hold what the model leaves out. Deviations of parameters follow from the power of the
+residuals at these frequencies. So the variance of a force is the mean of its residuals' periodogram, weighted with the
+leverage h(f) of the rows at each frequency, the share of the data that the fit takes for itself; what it leaves is
+E |r(f)|^2 = (1 - h(f)) S(f), and S(f) = sum h |r|^2 / sum h (1 - h). White residuals give the usual sum of squares.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jounce.identification.cells import Cells
+
+RANK = 1e-12  # of an eigenvalue of the scaled information, relative to the largest: what is smaller is rounding
+ROUNDS, SETTLED = 30, 1e-3  # of the weights, and the change of their logarithm at which they stay
+EXACT = 1e-6  # least deviation of forces relative to their size: no sensor is better
+
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """The least-squares solution of corrections x of the parameters of a model, by its information.
+
+    Attributes
+    ----------
+    information : (P, P)
+        Sum of Y^T W Y of all columns, in the inverse variances W.
+    right : (P,)
+        Sum of Y^T W times the forces that the model leaves.
+    variances : (nv,)
+        Variance of one sample of each force in the band of the motion; infinite for those not measured.
+    deviations : (nv,)
+        Standard deviations of averages over cells.
+    """
+
+    information: np.ndarray
+    right: np.ndarray
+    variances: np.ndarray
+    deviations: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The solution of a least-squares problem by its information, as far as it has a solution.
+
+    Attributes
+    ----------
+    x : (P,)
+        The shortest solution, in the scales of the columns.
+    covariance : (P, P)
+        Covariance of x; infinite rows of what has no solution have an infinite diagonal.
+    rank : int
+        Number of directions with information.
+    condition : float
+        Ratio of the singular values of the scaled problem, the largest to the smallest that counts.
+    """
+
+    x: np.ndarray
+    covariance: np.ndarray
+    rank: int
+    condition: float
+
+
+def solve(information: np.ndarray, right: np.ndarray) -> Solution:
+    """Solve information x = right in columns scaled to one."""
+    scale, values, vectors = _decomposed(information)
+    seen = values > RANK * values.max(initial=0.0)
+    basis = vectors[:, seen] / scale[:, None]
+    covariance = (basis / values[seen]) @ basis.T
+    blind = (vectors[:, ~seen] ** 2).sum(axis=1) > 1e-8
+    covariance[blind, blind] = np.inf
+    condition = float(np.sqrt(values[seen].max() / values[seen].min())) if seen.any() else np.inf
+    return Solution(basis @ ((basis.T @ right) / values[seen]), covariance, int(seen.sum()), condition)
+
+
+def regression(cells: Cells, chosen: np.ndarray, known: bool) -> Regression:
+    """Weigh the cells by iterated variances; `chosen` (K,) are columns that span those of all.
+
+    If the variances are `known`, the counts of the cells are their sums of inverse variances.
+    """
+    measured = (cells.counts > 0).any(axis=0)
+    largest = _mean_square(cells, cells.model + cells.off)
+    least = EXACT**2 * np.where(largest > 0, largest, largest.max() or 1.0)
+    start = 1.0 if known else np.maximum(_mean_square(cells, cells.off), least)
+    variances = np.where(measured, start, np.inf)
+    for _ in range(0 if known else ROUNDS):
+        before, variances = variances, np.maximum(variances * _excess(cells, chosen, variances), least)
+        if np.abs(np.log(variances[measured] / before[measured])).max() < SETTLED:
+            break
+    Y, off = _weighted(cells, variances)
+    deviations = np.sqrt(variances / np.where(measured, cells.counts.mean(axis=0), 1.0))
+    return Regression(Y.T @ Y, Y.T @ off, variances, deviations)
+
+
+def row_weights(cells: Cells, variances: np.ndarray) -> np.ndarray:
+    """The inverse variances (C, nv) of the averages over cells."""
+    measured = cells.counts > 0
+    variance = (
+        np.divide(variances, cells.counts, out=np.full(cells.counts.shape, np.inf), where=measured) + cells.spread
+    )
+    found: np.ndarray = 1 / variance
+    return found
+
+
+def _excess(cells: Cells, chosen: np.ndarray, variances: np.ndarray) -> np.ndarray:
+    """How many times as large the residuals' variances (nv,) are as those that weigh them, by their periodograms."""
+    Y, off = _weighted(cells, variances)
+    Y = Y[:, chosen]
+    scale, values, vectors = _decomposed(Y.T @ Y)
+    seen = values > RANK * values.max(initial=0.0)
+    orthonormal = Y @ (vectors[:, seen] / scale[:, None] / np.sqrt(values[seen]))
+    rest = (off - orthonormal @ (orthonormal.T @ off)).reshape(cells.off.shape)
+    orthonormal = orthonormal.reshape(*rest.shape, -1)
+    leverage = (np.abs(np.fft.fft(orthonormal, axis=0, norm="ortho")) ** 2).sum(axis=-1)
+    power = np.abs(np.fft.fft(rest, axis=0, norm="ortho")) ** 2
+    expected = (leverage * (1 - leverage).clip(0)).sum(axis=0)
+    found = (leverage * power).sum(axis=0)
+    return np.divide(found, expected, out=np.ones_like(found), where=expected > 0)
+
+
+def _weighted(cells: Cells, variances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Regressor (C nv, P) and forces that the model leaves (C nv,) over the deviations of the rows."""
+    roots = np.sqrt(row_weights(cells, variances))
+    return (cells.Y * roots[..., None]).reshape(-1, cells.Y.shape[-1]), (cells.off * roots).ravel()
+
+
+def _mean_square(cells: Cells, values: np.ndarray) -> np.ndarray:
+    """Mean squares (nv,) of averages over cells, of one sample each."""
+    there = np.maximum((cells.counts > 0).sum(axis=0), 1)
+    found: np.ndarray = (cells.counts * values**2).sum(axis=0) / there
+    return found
+
+
+def _decomposed(information: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Scales of the columns, and eigenvalues and eigenvectors of the information in columns scaled to one."""
+    scale = np.sqrt(np.diag(information))
+    scale = np.where(scale > 0, scale, 1.0)
+    values, vectors = np.linalg.eigh(information / scale / scale[:, None])
+    return scale, values, vectors

@@ -1,0 +1,158 @@
+"""What identification finds: parameters with deviations, what the data do not see, residuals, and the robot."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jounce._typing import ArrayLike
+from jounce.errors import shortened
+from jounce.identification.residuals import ForceResidual
+from jounce.identification.table import IdentifiedParameter
+from jounce.model.coordinates import generalized_forces
+from jounce.motion.motion import Motion
+from jounce.robot.robot import Robot
+
+PARTS = {"used": "residual", "rest": "rest of the data"}  # of the samples, and their titles
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Identification:
+    """A robot identified from a motion and measured forces. `identify` makes one.
+
+    Attributes
+    ----------
+    robot : Robot
+        The robot with identified inertial parameters, of bodies that can exist, and drive terms, which act.
+    offsets : (nb,)
+        Constant forces on the joint variables, N m or N; robots do not state them.
+    table : tuple of IdentifiedParameter
+        Base parameters and drive parameters as the data alone tell them.
+    covariance : (K, K)
+        Of the parameters of the table.
+    rank : int
+        Number of directions of these parameters on which the data hold information.
+    condition : float
+        Ratio of the largest singular value of the scaled problem to the smallest that counts.
+    deviations : (nv,)
+        Standard deviations of the averages of each force over cells, in the band of the motion; infinite for those
+        that are not measured.
+    residuals : tuple of ForceResidual
+        Per force, of the samples that were used, then of the rest.
+    span : (float, float)
+        The times between which samples were used, s.
+    band, cell : float
+        The highest frequency of the forces in Hz, and the width of the cells that are averaged over in s.
+    samples, cells : int
+        The number of samples that were used, and of the cells.
+    t : (N,)
+        Times of all measured forces, s.
+    measured, model, predicted : (N, nv)
+        Measured forces, NaN for those not measured, those of the model as it was, and those of the identified robot.
+    notes : tuple of str
+        What is suspicious or not seen.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> robot = jounce.load("planar2r")
+    >>> motion = jounce.Motion.fourier([0, 0], [[0.5, 0.2], [0.1, 0.4]], [[0.1, 0.3], [0.5, 0.2]], 3.0, 4.0)
+    >>> jounce.identify(robot, motion, robot.forces_along(motion, order=0).forces[0])
+    <Identification of planar2r: 12 of 12 parameters seen>
+    """
+
+    robot: Robot
+    offsets: np.ndarray
+    table: tuple[IdentifiedParameter, ...]
+    covariance: np.ndarray
+    rank: int
+    condition: float
+    deviations: np.ndarray
+    residuals: tuple[ForceResidual, ...]
+    span: tuple[float, float]
+    band: float
+    cell: float
+    samples: int
+    cells: int
+    t: np.ndarray
+    measured: np.ndarray
+    model: np.ndarray
+    predicted: np.ndarray
+    notes: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the parameters."""
+        return tuple(row.name for row in self.table)
+
+    @property
+    def unseen(self) -> tuple[str, ...]:
+        """The parameters whose deviation exceeds their size: the model or a prior decides on them, not the data."""
+        return tuple(row.name for row in self.table if not row.seen)
+
+    def forces_along(self, motion: Motion, t: ArrayLike | None = None) -> np.ndarray:
+        """Predict the forces along a motion, offsets included.
+
+        Parameters
+        ----------
+        motion : Motion
+            As for `Robot.forces_along`.
+        t : (N,), optional
+            Times in s; by default ``motion.times``.
+
+        Returns
+        -------
+        (N, nv)
+            N m or N.
+
+        Raises
+        ------
+        JounceError
+            If the motion is not this robot's, or a time is outside of it.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("planar2r")
+        >>> motion = jounce.Motion.fourier([0, 0], [[0.5, 0.2], [0.1, 0.4]], [[0.1, 0.3], [0.5, 0.2]], 3.0, 4.0)
+        >>> found = jounce.identify(robot, motion, robot.forces_along(motion, order=0).forces[0])
+        >>> found.forces_along(motion, [0.0, 1.0]).shape
+        (2, 2)
+        """
+        m = self.robot.mechanism
+        constant = np.append(np.zeros(m.nv - m.n), generalized_forces(m, self.offsets[:, None])[:, 0])
+        found: np.ndarray = self.robot.forces_along(motion, t, order=0).forces[0] + constant
+        return found
+
+    def __repr__(self) -> str:
+        seen = sum(row.seen for row in self.table)
+        return f"<Identification of {shortened(self.robot.name)}: {seen} of {len(self.table)} parameters seen>"
+
+    def __str__(self) -> str:
+        first, last = self.span
+        counts = (
+            f"{self.samples} samples, t = {first:g} .. {last:g} s, averaged to {self.cells} cells of {self.cell:.3g} s"
+        )
+        rank = f"rank {self.rank} of {len(self.table)}, condition {self.condition:.3g}"
+        head = [f"{shortened(self.robot.name)}: {counts}, up to {self.band:.3g} Hz", rank, *self.notes, ""]
+        rows: list[tuple[str, ...]] = [("parameter", "value", "deviation", "model", "unit", "")]
+        for row in self.table:
+            values = (f"{row.value:.6g}", f"{row.deviation:.2g}", f"{row.model:.6g}")
+            rows.append((row.name, *values, row.unit, "" if row.seen else "not seen"))
+        lines = aligned(rows)
+        for part, title in PARTS.items():
+            some = [of for of in self.residuals if of.part == part]
+            rows = [(title, "measured", "model", "identified", "unit", "all samples: model", "identified")]
+            for of in some:
+                numbers = (of.measured, of.model, of.identified, of.model_samples, of.identified_samples)
+                cells = [f"{x:.4g}" for x in numbers]
+                rows.append((of.force, *cells[:3], of.unit, *cells[3:]))
+            lines += ["", *aligned(rows)] if some else []
+        return "\n".join([*head, *lines])
+
+
+def aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Lines of cells in columns, of names on the left and of all else on the right."""
+    cells = [tuple(map(shortened, row)) for row in rows]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    return ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]).rstrip() for row in cells]

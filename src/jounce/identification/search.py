@@ -1,0 +1,139 @@
+"""The search for the Fourier series whose forces tell most of the parameters, within limits.
+
+-log det of the information matrix plus the barrier of the limits, with an ever smaller weight, is minimized by L-BFGS
+from random series; all gradients are exact. A series beyond limits has a value too, so that any series is a start.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import fmin_l_bfgs_b
+
+from jounce.errors import JounceError, quoted
+from jounce.identification.harmonics import Harmonics
+from jounce.identification.information import Information
+from jounce.identification.room import Room
+from jounce.model.limits import MOTION_KINDS, Limits
+
+STAGES = ((2.5, 0.15), (0.25, 0.015), (0.025, 0.0015))  # weight of the barrier per parameter, room that is kept
+STEPS = 400  # of L-BFGS in each stage: later ones gain less than another start
+MEMORY = 30  # pairs that L-BFGS keeps
+AMPLITUDE = 0.3  # of random series, in units of the limits
+RESTS = 20  # poses from which one is sought that effort limits let a robot hold
+
+Progress = Callable[[int, int], object]  # of the number of starts done, and of all
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Series of a robot's coordinates, what they tell and the room that limits leave them.
+
+    `reaches` (order + 1, n) are the bounds of q and its rates, q about its `middle` (n,); where that of a rate is 0,
+    the coordinate stands still. A `share` of each limit is used.
+    """
+
+    series: Harmonics
+    information: Information
+    room: Room
+    middle: np.ndarray
+    reaches: np.ndarray
+    share: float
+
+    @cached_property
+    def basis(self) -> np.ndarray:
+        """The series of the free amplitudes at the points of a period."""
+        return self.series.basis(self.room.order)
+
+    @cached_property
+    def units(self) -> np.ndarray:
+        """The largest free amplitudes (free, n) that the limits of q and its rates allow if they are alone."""
+        peaks = np.abs(self.basis).max(axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):  # of means, whose rates are 0
+            ways = self.reaches[:, None, :] / peaks[:, :, None]
+        units: np.ndarray = ways.min(axis=0)
+        units[0] = self.reaches[0]
+        return units
+
+    def amplitudes(self, u: np.ndarray) -> np.ndarray:
+        """The free amplitudes (free, n) of a vector in their units, about the middle of the range."""
+        x = self.units * u.reshape(self.units.shape)
+        x[0] += self.middle
+        return x
+
+    def rates(self, x: np.ndarray) -> tuple[np.ndarray, ...]:
+        """q, qd, ... (points, n) of free amplitudes."""
+        return tuple(self.basis @ x)
+
+    def loss(self, u: np.ndarray, weight: float, delta: float) -> tuple[float, np.ndarray]:
+        """-log det and the weighted barrier, and the gradient."""
+        rates = self.rates(self.amplitudes(u))
+        value, gradients = self.information.loss(rates)
+        barrier, pushes = self.room.loss(rates, self.share, delta)
+        for k, push in enumerate(pushes):
+            pushes[k] = weight * push + (gradients[k] if k < len(gradients) else 0)
+        by_amplitude = sum(rate.T @ push for rate, push in zip(self.basis, pushes, strict=True))
+        return value + weight * barrier, (self.units * by_amplitude).ravel()
+
+    def best(self, starts: int, rng: np.random.Generator, progress: Progress | None) -> np.ndarray:
+        """The free amplitudes of the best series from some random ones."""
+        found = []
+        for i in range(starts):
+            if progress is not None:
+                progress(i, starts)
+            x = self.amplitudes(self._minimum(self.random(rng)))
+            found.append((self.information.log_det(self.rates(x)[:3]), i, x))
+        return max(found)[2]
+
+    def random(self, rng: np.random.Generator) -> np.ndarray:
+        """A random series about a random pose, in the units of amplitudes."""
+        u = AMPLITUDE * rng.uniform(-1, 1, self.units.shape)
+        u[0] = rng.uniform(-0.5, 0.5, len(self.middle))
+        return u.ravel()
+
+    def _minimum(self, u: np.ndarray) -> np.ndarray:
+        count = len(self.information.names)
+        for weight, delta in STAGES:
+            u, *_ = fmin_l_bfgs_b(self.loss, u, args=(count * weight, delta), m=MEMORY, maxiter=STEPS)
+        return u
+
+    def rest(self, rng: np.random.Generator) -> np.ndarray:
+        """A pose (n,) in which all limits leave room at rest.
+
+        Raises
+        ------
+        JounceError : if none is found.
+        """
+        zero = np.zeros((self.room.order, 1, len(self.middle)))
+
+        def rates(u: np.ndarray) -> tuple[np.ndarray, ...]:
+            return (self.middle + self.reaches[:1] * u, *zero)
+
+        def barrier(u: np.ndarray) -> tuple[float, np.ndarray]:
+            value, gradients = self.room.loss(rates(u), self.share, STAGES[1][1])
+            return value, gradients[0][0] * self.reaches[0]
+
+        worst = []
+        for i in range(RESTS):
+            u = rng.uniform(-0.8, 0.8, len(self.middle)) if i else np.zeros(len(self.middle))
+            u, *_ = fmin_l_bfgs_b(barrier, u)
+            worst.append(self.room.worst(rates(u)))
+            if worst[-1][0] < self.share:
+                return rates(u)[0][0]
+        ratio, kind, joint = min(worst)
+        name = quoted(self.information.robot.joint_names[joint])
+        raise JounceError(
+            f"no pose is found that the limits let the robot hold: the {kind.replace('_', ' ')} of joint {name} takes"
+            f" {ratio:.3g} times its limit at rest, or more; raise it with robot.with_limits({kind}=...)"
+        )
+
+
+def reaches_of(limits: Limits, series: Harmonics, order: int) -> np.ndarray:
+    """How far q and its rates may go, (order + 1, n): as limits say, and no rate further than series of such q do."""
+    lower, upper = limits.bounds(MOTION_KINDS[0])
+    found = [(upper - lower) / 2]
+    for k, kind in enumerate(MOTION_KINDS[1 : order + 1], 1):
+        common = found[0] * (series.frequency * (series.count + 1) / 2) ** k
+        found.append(np.minimum(common, np.abs(limits.bounds(kind)).min(axis=0)))
+    return np.stack(found)

@@ -1,0 +1,76 @@
+"""`jounce identify`: from a log with torques to a robot file, a table and a picture."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import jounce
+from jounce.cli import main
+
+
+def call(*words, code=0):
+    result = CliRunner().invoke(main, [str(word) for word in words])
+    assert result.exit_code == code, result.output
+    return result
+
+
+@pytest.fixture
+def log(tmp_path):
+    """The log of an arm that is heavier than its model, with friction."""
+    true = jounce.load("planar2r")
+    rng = np.random.default_rng(0)
+    motion = jounce.Motion.fourier([0.3, 0.2], *rng.uniform(-0.5, 0.5, (2, 3, 2)), 2.0, 6.0)
+    t = np.linspace(0, 6, 1201)
+    q, qd, q2d = motion(t, 2)
+    Q = 1.5 * true.inverse_dynamics(q, qd, q2d) + np.tanh(qd / 0.05) + 0.01 * rng.normal(size=q.shape)
+    path = tmp_path / "log.csv"
+    columns = [t, *q.T, *qd.T, *q2d.T, *Q.T]
+    names = [f"joint{j}{rate}" for rate in (".q", ".qd", ".q2d", ".tau") for j in (1, 2)]
+    np.savetxt(path, np.stack(columns, axis=1), delimiter=",", header=",".join(["t", *names]), comments="")
+    return path
+
+
+def test_the_robot_the_table_and_the_picture_are_written(log, tmp_path):
+    out, table, picture = (tmp_path / name for name in ("found.yaml", "found.csv", "found.svg"))
+    words = ("identify", "planar2r", log, "-o", out, "--span", 0, 4, "--table", table, "--plot", picture)
+    said = json.loads(call(*words, "--json").stdout)
+    assert said["span"][1] == pytest.approx(4, abs=0.01)
+    assert {row["part"] for row in said["residuals"]} == {"used", "rest"}
+    assert all(row["identified"] < 0.05 * row["model"] for row in said["residuals"])
+    robot = jounce.load(out, drives=True)
+    assert robot.drives.friction == pytest.approx([1, 1], abs=0.05)
+    assert robot.gravity_forces([0, 0]) == pytest.approx(1.5 * jounce.load("planar2r").gravity_forces([0, 0]), rel=0.01)
+    rows = list(csv.DictReader(table.read_text().splitlines()))
+    assert [row["name"] for row in rows] == [row["name"] for row in said["parameters"]]
+    assert float(rows[0]["value"]) == said["parameters"][0]["value"] == pytest.approx(3, abs=0.1)
+    assert picture.read_text().startswith("<?xml")
+    text = call(*words).stdout
+    for part in ("rank 12 of 12", "joint1 friction", "rest of the data", f"robot written to {out}"):
+        assert part in text
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["-o", "out.urdf"], "unknown type of robot file"),
+        (["-o", "out.yaml", "--table", "out.npz"], "available: .csv"),
+        (["-o", "out.yaml", "--drives", "stiction"], "unknown drive column 'stiction'"),
+        (["-o", "out.yaml", "--span", "7", "8"], "expected times from 0 to 6 s"),
+        (["-o", "out.yaml", "--torques", "Q{number}"], "no column 'Q1'"),
+    ],
+)
+def test_refuses(log, tmp_path, monkeypatch, words, message):
+    monkeypatch.chdir(tmp_path)
+    said = call("identify", "planar2r", log, *words, code=2).stderr
+    assert message in said
+    assert said.count("\n") == 1
+
+
+def test_a_table_without_torques_is_refused(log, tmp_path):
+    columns = log.read_text().replace("tau", "other")
+    log.write_text(columns)
+    said = call("identify", "planar2r", log, "-o", tmp_path / "out.yaml", code=2).stderr
+    assert "the motion has no measured forces; expected columns such as tau_JOINT" in said

@@ -1,0 +1,211 @@
+"""Identification: parameters within their deviations, what data do not see, refusals, loads, moving ground."""
+
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from files import refusal
+
+import jounce
+from jounce.identification.regression import solve
+
+SECONDS, COUNT = 6.0, 1501
+T = np.linspace(0, SECONDS, COUNT)
+OFFSET = np.array([5.0, 0.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def arm():
+    """Three joints of an arm, as its model states them."""
+    ur5 = jounce.load("ur5")
+    return ur5.locked(dict.fromkeys(ur5.joint_names[3:], 0.1))
+
+
+@pytest.fixture(scope="module")
+def motion():
+    """A motion that excites all parameters."""
+    rng = np.random.default_rng(0)
+    return jounce.Motion.fourier(np.full(3, 0.3), *rng.uniform(-0.5, 0.5, (2, 3, 3)), 2.0, SECONDS)
+
+
+@pytest.fixture(scope="module")
+def true(arm):
+    """The same arm with other masses, and with friction."""
+    p = arm.inertial_parameters.reshape(-1, 10) * np.array([0.8, 1.3, 1.1])[:, None]
+    drives = replace(arm.drives, friction=np.array([3.0, 2.0, 1.0]), damping=np.array([4.0, 2.0, 3.0]))
+    m = arm.with_inertial_parameters(p.ravel()).mechanism
+    return jounce.Robot(replace(m, drives=drives, acting=("damping", "friction")))
+
+
+@pytest.fixture(scope="module")
+def Q(true, motion):
+    """Its forces, without noise."""
+    return true.forces_along(motion, T, order=0).forces[0]
+
+
+def values(found):
+    return np.array([row.value for row in found.table])
+
+
+def test_exact_forces_give_the_true_parameters(arm, true, motion, Q):
+    found = jounce.identify(arm, motion, Q + OFFSET, t=T, prior=10.0)
+    expected = [*true.base_parameters().values, *true.drives.damping, *true.drives.friction, *OFFSET]
+    assert values(found) == pytest.approx(expected, abs=1e-6)
+    assert (found.rank, found.unseen, found.notes) == (24, (), ())
+    assert found.offsets == pytest.approx(OFFSET, abs=1e-3)
+    assert found.robot.drives.friction == pytest.approx([3, 2, 1], rel=1e-3)
+    assert found.predicted == pytest.approx(Q + OFFSET, abs=1e-2)
+    again = found.robot.forces_along(motion, T, order=0).forces[0]
+    assert found.forces_along(motion, T) == pytest.approx(again + found.offsets)
+    assert not [finding for finding in found.robot.audit() if finding.severity == "error"]
+
+
+def correlated(rng, time):
+    """Noise of standard deviation 1 whose correlation decays with a time in s."""
+    from scipy.signal import lfilter
+
+    a = np.exp(-T[1] / time)
+    return lfilter([np.sqrt(1 - a * a)], [1, -a], rng.normal(size=(COUNT, 3)), axis=0)
+
+
+@pytest.mark.parametrize(("time", "largest"), [(1e-9, 1.4), (0.1, 2.5)])
+def test_errors_are_as_large_as_their_deviations(arm, motion, Q, time, largest):
+    """Mean squares of errors over deviations; as if samples were independent, correlated ones would give 50."""
+    rng, expected = np.random.default_rng(1), values(jounce.identify(arm, motion, Q, t=T))
+    chi = []
+    for _ in range(4):
+        found = jounce.identify(arm, motion, Q + 0.2 * correlated(rng, time), t=T)
+        chi.append((values(found) - expected) @ np.linalg.solve(found.covariance, values(found) - expected) / 24)
+    assert 0.6 < np.mean(chi) < largest
+
+
+def test_known_deviations_are_taken_as_they_are(arm, motion, Q):
+    sizes = np.array([1.0, 0.1, 0.3])
+    found = jounce.identify(arm, motion, Q, t=T, deviations=sizes)
+    twice = jounce.identify(arm, motion, Q, t=T, deviations=np.broadcast_to(2 * sizes, Q.shape))
+    assert found.deviations == pytest.approx(sizes / np.sqrt(COUNT / found.cells))
+    assert twice.covariance == pytest.approx(4 * found.covariance)
+
+
+def test_samples_of_weight_zero_do_not_count(arm, motion, Q):
+    wrong, weights = Q.copy(), np.ones_like(Q)
+    wrong[100:200, 1], weights[100:200, 1] = 1000.0, 0.0
+    missing = np.where(weights > 0, Q, np.nan)
+    found = jounce.identify(arm, motion, wrong, t=T, weights=weights)
+    other = jounce.identify(arm, motion, missing, t=T)
+    assert values(found) == pytest.approx(values(other))
+    assert np.isnan(found.measured[150, 1])
+
+
+def test_a_force_that_is_not_measured_is_left_out(arm, motion, Q):
+    with pytest.warns(jounce.JounceWarning, match="do not see"):
+        found = jounce.identify(arm, motion, Q, t=T, weights=[1, 0, 1])
+    assert [row.force for row in found.residuals] == [arm.joint_names[0], arm.joint_names[2]]
+    assert np.isinf(found.deviations[1])
+    assert {"shoulder_lift_joint friction", "shoulder_lift_joint offset"} <= set(found.unseen)
+
+
+def test_what_the_data_do_not_see_is_named(arm):
+    one = jounce.Motion.fourier([0, 0.5, 0.2], [[0.4, 0, 0]], [[0.1, 0, 0]], 2.0, SECONDS)
+    with pytest.warns(jounce.JounceWarning, match=r"do not see .*elbow_joint friction.*rank \d+ of 24"):
+        found = jounce.identify(arm, one, arm.forces_along(one, T, order=0).forces[0], t=T)
+    assert found.rank < 24
+    unseen = {row.name: row for row in found.table if not row.seen}
+    assert np.isinf(unseen["elbow_joint friction"].deviation)
+    assert unseen["elbow_joint friction"].value == 0
+    assert "shoulder_pan_joint friction" not in unseen
+    assert "not seen" in str(found)
+
+
+def test_the_model_decides_where_the_data_say_nothing(arm):
+    still = jounce.Motion.polynomial([[0.1], [0.2], [0.3]], SECONDS)
+    with pytest.warns(jounce.JounceWarning):
+        found = jounce.identify(arm, still, arm.forces_along(still, T, order=0).forces[0], t=T)
+    assert found.robot.inertial_parameters == pytest.approx(arm.inertial_parameters, abs=1e-6)
+
+
+def test_a_part_of_the_samples_tests_the_rest(arm, motion, Q):
+    noisy = Q + 0.1 * np.random.default_rng(2).normal(size=Q.shape)
+    found = jounce.identify(arm, motion, noisy, t=T, span=(0.0, 4.0))
+    assert found.samples == np.sum(T <= 4)
+    assert [row.part for row in found.residuals] == ["used"] * 3 + ["rest"] * 3
+    for row in found.residuals:
+        assert row.identified < 0.05 * row.model
+        assert row.identified_samples == pytest.approx(0.1, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [(-1, "all joints seem to have the wrong sign"), (1000, "seem to have the wrong unit: they are 1")],
+)
+def test_a_wrong_sign_or_unit_is_suspected(arm, motion, factor, words):
+    forces = arm.forces_along(motion, T, order=0).forces[0] + 0.1 * np.random.default_rng(6).normal(size=(COUNT, 3))
+    with pytest.warns(jounce.JounceWarning, match=words), suppress(jounce.JounceError):  # no body has a negative mass
+        jounce.identify(arm, motion, factor * forces, t=T, drives=False)
+
+
+def test_terms_that_act_and_loads_are_no_parameters(arm, motion):
+    loaded = replace(motion, loads=jounce.load_motion("paper-wrench", jounce.load("iiwa14")).loads)
+    body = arm.body_names[-1]
+    loaded = replace(loaded, loads={body: next(iter(loaded.loads.values()))})
+    held = jounce.Robot(
+        replace(arm.mechanism, drives=replace(arm.drives, stiffness=np.full(3, 9.0)), acting=("spring",))
+    )
+    t = np.linspace(0, 4.9, 1000)
+    found = jounce.identify(held, loaded, held.forces_along(loaded, t, order=0).forces[0], t=t)
+    assert values(found) == pytest.approx([*arm.base_parameters().values, *np.zeros(9)], abs=1e-6)
+    assert found.robot.mechanism.acting == ("damping", "friction", "spring")
+
+
+def test_positions_with_noise_weigh_forces(arm, true, motion, Q):
+    q = motion(T, 0)[0] + 1e-4 * np.random.default_rng(3).normal(size=Q.shape)
+    smoothed = jounce.Motion.fit(T, q, joint_names=arm.joint_names)
+    found = jounce.identify(arm, smoothed, Q + 0.1 * np.random.default_rng(4).normal(size=Q.shape), t=T)
+    off = values(found) - [*true.base_parameters().values, *true.drives.damping, *true.drives.friction, 0, 0, 0]
+    assert np.mean((off / np.sqrt(np.diag(found.covariance))) ** 2) < 4
+
+
+def test_a_robot_on_moving_ground_feels_more(arm, motion):
+    """The base moves: the mass of the first body enters, and where the base turns, so does its inertia."""
+    C = np.broadcast_to(np.eye(4), (40, 4, 4)).copy()
+    C[:, :3, 3] = 0.1 * np.sin(np.linspace(0, 6, 40))[:, None] * [1, 2, 3]
+    moved = motion.with_base(np.linspace(0, SECONDS, 40), C, degree=7)
+    forces = arm.forces_along(moved, T, order=0).forces[0]
+    found = jounce.identify(arm, moved, forces, t=T)
+    assert values(found)[:15] == pytest.approx(arm.base_parameters().values, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"forces": None}, ("the motion has no measured forces", "--torques")),
+        ({"weights": [1, -1, 1]}, ("weights hold -1", "0, which leaves a force out, or more")),
+        ({"deviations": 0.0}, ("deviations hold 0", "above 0")),
+        ({"weights": [1, 1]}, ("weights have shape (2,)", "(3,), one per force")),
+        ({"forces": np.ones((COUNT, 2))}, (f"forces have shape ({COUNT}, 2)", f"({COUNT}, 3)")),
+        ({"forces": np.ones((5, 3)), "t": np.arange(5) * 0.01}, ("5 samples hold 15 measured forces for 24",)),
+        ({"forces": np.ones((3, 3)), "t": [0, 2, 1]}, ("t does not increase",)),
+        ({"forces": np.full((COUNT, 3), np.nan)}, ("no measured forces from 0 to 6 s",)),
+        ({"span": (8, 9)}, ("span is (8, 9)", "0 to 6 s")),
+        ({"span": 3}, ("span is 3", "two times")),
+        ({"prior": 0}, ("prior is 0",)),
+        ({"band": -1.0}, ("band is -1.0",)),
+        ({"drives": "stiction"}, ("unknown drive column 'stiction'",)),
+        ({"drives": False, "eps": 0.1}, ("eps=0.1 is of friction",)),
+    ],
+)  # fmt: skip
+def test_refuses(arm, motion, Q, given, words):
+    kept = {"forces": Q, "t": None if given.get("forces", Q) is None else T} | given
+    refusal(lambda: jounce.identify(arm, motion, kept.pop("forces"), **kept), *words)
+
+
+def test_no_one_but_a_robot_is_identified(motion):
+    refusal(lambda: jounce.identify({}, motion), "expects a jounce.Robot, got dict")
+
+
+def test_the_shortest_solution_of_what_is_not_determined():
+    found = solve(np.diag([4.0, 0.0]), np.array([8.0, 0.0]))
+    assert found.x.tolist() == [2, 0]
+    assert np.diag(found.covariance).tolist() == [0.25, np.inf]
+    assert (found.rank, found.condition) == (1, 1.0)
