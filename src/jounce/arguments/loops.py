@@ -15,7 +15,7 @@ from jounce.dynamics.newton import Step
 from jounce.errors import JounceError, at, listed, one_of, quoted
 from jounce.model.casting import cast_model
 from jounce.model.locking import locked
-from jounce.model.loops import HELD, Closure, Loop, Z, all_coordinates
+from jounce.model.loops import HELD, ROUNDING, Closure, Loop, Z, all_coordinates
 from jounce.model.mechanism import Mechanism
 
 
@@ -140,7 +140,10 @@ def loop_between(tree: Mechanism, a: Any, b: Any, joint: Any = "spherical", axis
     along = np.array(asarray(axis, "axis"), dtype=float)
     if along.shape != (3,) or not np.isfinite(along).all() or not along.any():
         raise JounceError(f"axis is {quoted(axis)}; expected a direction (3,) in the axes of frame {quoted(a)}")
-    return Loop(*frames, joint, along / np.linalg.norm(along))
+    if joint in ("spherical", "fixed"):  # which have none
+        along = np.array(Z, dtype=float)
+    length = np.linalg.norm(along)  # of what a file states, 1 but for rounding: it is read as it was written
+    return Loop(*frames, joint, along if abs(length - 1) < ROUNDING else along / length)
 
 
 def _motors(mechanism: Mechanism, given: object) -> tuple[int, ...]:
