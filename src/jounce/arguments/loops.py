@@ -33,6 +33,11 @@ def with_loops(
     ------
     JounceError : if a name is unknown, the loops cannot be closed, or the coordinates do not determine the motion.
     """
+    if mechanism.elasticity is not None:
+        raise JounceError(
+            f"{mechanism.name!r} has elastic joints; close its loops first: robot.closed(loops, actuated) and then"
+            " elastic(stiffness)"
+        )
     tree = mechanism.tree
     tree = replace(tree, loops=_loops(tree, loops))
     motors = _motors(mechanism, actuated)
