@@ -40,6 +40,7 @@ def with_loops(
         )
     tree = mechanism.tree
     tree = replace(tree, loops=_loops(tree, loops))
+    _check_numbers(tree)
     motors = _motors(mechanism, actuated)
     own = motors if coordinates is None else _places(tree, "coordinates", coordinates)
     closure = Closure(
@@ -84,6 +85,16 @@ def with_locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
     free = [mechanism.coordinates[j] for j in places]
     closed = with_loops(tree, tree.loops, list(weights), free, start, weights)
     return replace(closed, elasticity=mechanism.elasticity and mechanism.elasticity.select(places))
+
+
+def _check_numbers(tree: Mechanism) -> None:
+    """Raise `JounceError` if positions at which loops are closed depend on symbols."""
+    placed = [tree.B, tree.X, tree.G, tree.g, *(frame.T for loop in tree.loops for frame in (loop.a, loop.b))]
+    if not all(is_numeric(asarray(array)) for array in placed):
+        raise JounceError(
+            f"{tree.name!r} has symbols in its joints or frames; expected numbers there, on which loops are closed;"
+            " masses, inertias and gravity may be symbols"
+        )
 
 
 def _check_mobility(m: Mechanism) -> None:
