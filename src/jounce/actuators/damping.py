@@ -21,6 +21,8 @@ from jounce.errors import JounceError
 from jounce.model.springs import CubicSpring, DampedSpring, Spring
 from jounce.motion.hermite import between, coefficients
 from jounce.motion.motion import Motion
+from jounce.robot.closed_path import positions
+from jounce.robot.dispatch import compute
 from jounce.spatial.series import columns
 
 if TYPE_CHECKING:
@@ -79,8 +81,9 @@ def _forces(
     robot: "Robot", motion: Motion, t: np.ndarray, side: Literal["left", "right"], method: Any
 ) -> list[np.ndarray]:
     """Q, Qd, Q2d (N, n) of the joints."""
-    base = motion.base(t, 4, side)
-    found = robot.inverse_dynamics(*motion(t, 4, side), wrench=motion.wrench(t, 2, side), base=base, method=method)
+    W, base = motion.wrench(t, 2, side), motion.base(t, 4, side)
+    position = positions(robot.mechanism, motion, t, side)
+    found = compute(robot, FORCES.name, motion(t, 4, side), wrench=W, base=base, position=position, method=method)
     return [rate[:, -robot.n :] for rate in found]
 
 

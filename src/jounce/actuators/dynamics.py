@@ -12,6 +12,7 @@ import numpy as np
 
 from jounce._scalars import Array, broadcast, reciprocal
 from jounce.actuators.rotors import coupled_accelerations
+from jounce.arguments import loops
 from jounce.arguments.rates import rates_of
 from jounce.arguments.wrenches import wrenches_of
 from jounce.dynamics import coupling, elastic, stretch
@@ -69,7 +70,7 @@ def with_rigid_rotors(mechanism: Mechanism) -> Mechanism:
 
 def accelerations(plant: "Robot", given: Sequence[Any], wrench: Any, method: str | None) -> Accelerations:
     """q2d and theta2d from q, qd, theta, thetad, tau; the mass matrix of `plant` holds the rotors of rigid joints."""
-    m, (q, qd, theta, thetad, tau) = _checked(plant.mechanism, given, "tau")
+    m, at, (q, qd, theta, thetad, tau) = _checked(plant.mechanism, given, "tau")
     e, joints = elasticity_of(m).of_motors, elasticity_of(m).joints_of_motors
     rigid = elasticity_of(plant.mechanism).of_motors.is_rigid * 1
     force = _spring_force(m, q, theta, qd, thetad)[0]
@@ -78,7 +79,7 @@ def accelerations(plant: "Robot", given: Sequence[Any], wrench: Any, method: str
     if e.level is not None and e.motors:
         W = wrenches_of(m, wrench, 0, [q])
         return Accelerations(*coupled_accelerations(m, [q, qd, theta, thetad], force, drive - force, W))
-    q2d = compute(plant, "forward_dynamics", (q, qd, Q), wrench=wrench, method=method)
+    q2d = compute(plant, "forward_dynamics", (at, qd, Q), wrench=wrench, method=method)
     free = reciprocal(e.rotor + rigid) * (1 - rigid)  # a rigid joint may have no rotor
     theta2d = free * (drive - force) + rigid * q2d[..., joints]
     return Accelerations(q2d, theta2d)
@@ -87,7 +88,7 @@ def accelerations(plant: "Robot", given: Sequence[Any], wrench: Any, method: str
 def linearizing_torques(robot: "Robot", given: Sequence[Any], wrench: Any, method: str | None) -> Array:
     """The motor torques that make q4d what is given, in the state q, qd, theta, thetad."""
     _check_linearizable(robot.mechanism)
-    m, (q, qd, theta, thetad, v) = _checked(robot.mechanism, given, "q4d")
+    m, at, (q, qd, theta, thetad, v) = _checked(robot.mechanism, given, "q4d")
     rigid = elasticity_of(robot.mechanism).is_rigid
     if rigid.any():
         joints = listed(name for name, held in zip(m.coordinates, rigid, strict=True) if held)
@@ -97,8 +98,8 @@ def linearizing_torques(robot: "Robot", given: Sequence[Any], wrench: Any, metho
         )
     W = tuple(wrenches_of(m, wrench, 0, [q], 3)) or None
     Q = _spring_force(m, q, theta, qd, thetad)
-    q2d, q3d = compute(robot, "forward_dynamics", (q, qd, Q[0], Q[1]), wrench=W and W[:2], method=method)
-    return compute(robot, "motor_torques", (q, qd, q2d, q3d, v), wrench=W, method=method)
+    q2d, q3d = compute(robot, "forward_dynamics", (at, qd, Q[0], Q[1]), wrench=W and W[:2], method=method)
+    return compute(robot, "motor_torques", (at, qd, q2d, q3d, v), wrench=W, method=method)
 
 
 def damping_error(robot: "Robot", given: Sequence[Any], wrench: Any) -> Array:
@@ -125,7 +126,7 @@ def _check_linearizable(mechanism: Mechanism) -> None:
 
 def energy(robot: "Robot", given: Sequence[Any]) -> Energy:
     """The energies in a state q, qd, theta, thetad."""
-    m, (q, qd, theta, thetad) = _checked(robot.mechanism, given)
+    m, at, (q, qd, theta, thetad) = _checked(robot.mechanism, given)
     e, joints = elasticity_of(m), elasticity_of(m).joints_of_motors
     rigid = elasticity_of(robot.mechanism).of_motors.is_rigid * 1
     v, delta = thetad + rigid * (qd[..., joints] - thetad), (theta - q[..., joints])[..., None]
@@ -133,20 +134,27 @@ def energy(robot: "Robot", given: Sequence[Any]) -> Energy:
     if e.level is not None:
         rotors = rotors + coupling.spin_energy(m, columns([q, qd]), columns([theta, thetad]))[0][..., 0, 0]
     return Energy(
-        compute(robot, "kinetic_energy", (q, qd)),
+        compute(robot, "kinetic_energy", (at, qd)),
         rotors,
-        compute(robot, "potential_energy", (q,)),
+        compute(robot, "potential_energy", (at,)),
         stretch.spring_energy(m, delta)[..., 0, 0],
     )
 
 
-def _checked(mechanism: Mechanism, given: Sequence[Any], *last: str) -> tuple[Mechanism, list[Array]]:
-    """The mechanism and a state in the scalar type of the state, one array each, with the same batch axes."""
-    e, labels = elasticity_of(mechanism), (*STATE, *last)
+def _checked(mechanism: Mechanism, given: Sequence[Any], *last: str) -> tuple[Mechanism, Any, list[Array]]:
+    """The mechanism and a state in the scalar type of the state, one array each, with the same batch axes.
+
+    Before these stand the coordinates of the links as methods of the robot take them: all of the tree, if they came.
+    """
+    e, labels, whole = elasticity_of(mechanism), (*STATE, *last), None
+    if mechanism.closure:
+        first, whole = loops.split(mechanism, given[0])
+        given = [first, *given[1:]]
     motors = replace(mechanism, coordinates=motor_names(e, mechanism.coordinates)) if e.pairs else mechanism
     links = rates_of(given[:2], 2, mechanism, lambda count: labels[:count])
     arrays = [*links, *rates_of(given[2:], len(labels) - 2, motors, lambda count: labels[2 : 2 + count])]
-    return cast_model(mechanism, arrays), broadcast(arrays, [1] * len(arrays), labels)
+    arrays = broadcast(arrays, [1] * len(arrays), labels)
+    return cast_model(mechanism, arrays), arrays[0] if whole is None else whole, arrays
 
 
 def _spring_force(m: Mechanism, q: Array, theta: Array, qd: Array, thetad: Array) -> list[Array]:

@@ -38,6 +38,7 @@ NOTHING = tuple(vars(ElasticParameters()).values())
 
 def with_elasticity(mechanism: Mechanism, stated: ElasticParameters) -> Mechanism:
     """Return the mechanism with springs between motors and links: terms of the drives that act on motors leave Q."""
+    _check_closure(mechanism, stated)
     e = mechanism.elasticity or elasticity_of_drives(mechanism)
     if mechanism.elasticity and all(x is y for x, y in zip(vars(stated).values(), NOTHING, strict=True)):
         return mechanism  # its own springs and motors stay
@@ -60,7 +61,42 @@ def with_elasticity(mechanism: Mechanism, stated: ElasticParameters) -> Mechanis
     moved = [term for term in mechanism.acting if term in ON_MOTORS]
     if moved:
         warn(f"{mechanism.name}: {listed(moved)} no longer acts in Q, but on the motors of the elastic joints")
-    return replace(mechanism, elasticity=e, acting=tuple(term for term in mechanism.acting if term not in ON_MOTORS))
+    mechanism = _without_motors(mechanism) if mechanism.closure else mechanism
+    left = [term for term in ON_MOTORS if mechanism.closure and getattr(mechanism.drives, term).any()]
+    acting = tuple(term for term in mechanism.acting if term not in ON_MOTORS or term in left)
+    return replace(mechanism, elasticity=e, acting=acting)
+
+
+def _check_closure(mechanism: Mechanism, stated: ElasticParameters) -> None:
+    """Raise `JounceError` unless the motors of a closed robot are those of its coordinates, on the ground."""
+    c = mechanism.closure
+    if c is None:
+        return
+    if sorted(c.actuated) != sorted(c.independent):
+        motors = listed(c.coordinates[j] for j in c.actuated)
+        raise JounceError(
+            f"{mechanism.name!r} has motors at {motors}, and its coordinates are {listed(mechanism.coordinates)};"
+            " expected elastic joints at the coordinates: robot.closed(actuated=[...]) with as many motors as the robot"
+            " moves in ways"
+        )
+    if stated.coupling != "spong":
+        raise JounceError(
+            f"coupling={quoted(stated.coupling)} is not available for robots with closed loops; use coupling='spong'"
+        )
+    followers = [c.coordinates[j] for j in c.dependent]
+    for what, given in vars(stated).items():
+        if isinstance(given, Mapping) and (named := [name for name in given if name in followers]):
+            raise JounceError(
+                f"{what} of joint {quoted(named[0])}: it follows others in closed loops and has no motor; expected one"
+                f" of {listed(mechanism.coordinates)}"
+            )
+
+
+def _without_motors(mechanism: Mechanism) -> Mechanism:
+    """The mechanism with the terms of drives that act on motors left at joints that no coordinate moves alone."""
+    moved = np.any(mechanism.G != 0, axis=1)
+    terms = {term: np.where(moved, 0.0, getattr(mechanism.drives, term)) for term in ON_MOTORS}
+    return replace(mechanism, drives=replace(mechanism.drives, **terms))
 
 
 def _springs(mechanism: Mechanism, given: object) -> tuple[Spring | AntagonisticSprings | None, ...]:

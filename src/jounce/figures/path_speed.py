@@ -7,10 +7,10 @@ import numpy as np
 
 from jounce.figures.canvas import COLOURS, PALE, legend_above, painted
 from jounce.limits import pace
+from jounce.limits.joints import joint_limits
 from jounce.limits.path import Path, path_of
 from jounce.limits.problem import FASTEST
 from jounce.limits.rows import rows_of
-from jounce.model.coordinates import coordinate_limits
 from jounce.model.limits import KINDS, unlimited
 
 if TYPE_CHECKING:
@@ -74,9 +74,9 @@ def over_path(robot: "Robot", motion: "Motion", found: "Retiming") -> "Figure":
 
 def _curves(robot: "Robot", path: Path, reached: np.ndarray) -> dict[str, np.ndarray]:
     """The largest paces (N,) along a path that limits of velocity, and of effort and acceleration, allow."""
-    limits = coordinate_limits(robot.mechanism)
+    limits = joint_limits(robot.mechanism)
     drawn = [KINDS.index(kind) for kind in ("velocity", "effort", "acceleration")]
-    table = unlimited(robot.n).table
+    table = unlimited(limits.table.shape[-1]).table
     table[drawn] = limits.table[drawn]
     rows, found = rows_of(path, replace(limits, table=table), 1.0, FASTEST), {}
     if np.isfinite(limits.bounds("velocity")).any():

@@ -23,6 +23,6 @@ def ratios_along(robot: "Robot", motion: "Motion") -> tuple[np.ndarray, dict[str
         times.append(np.column_stack([pieces.start, pieces.stop]).ravel())
         for kind in b.kinds:
             scale = scale_of(b.limits.bounds(kind), kind)
-            ends = np.stack(pieces.values(kind), axis=1).reshape(-1, robot.n)
+            ends = np.stack(pieces.values(kind), axis=1).reshape(-1, len(b.joints))
             found[kind].append(np.maximum(*(scale.ratio(ends, sign) for sign in SIGNS)))
     return np.concatenate(times), {kind: np.concatenate(parts) for kind, parts in found.items()}

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -11,13 +11,22 @@ from jounce.arguments.requests import more_rates
 from jounce.dynamics import electrical
 from jounce.dynamics.quantities import FORCES, Quantity, row_of
 from jounce.errors import JounceError, listed, quoted
-from jounce.model.coordinates import coordinate_limits
+from jounce.limits.joints import (
+    drives_coordinates,
+    efforts,
+    in_columns,
+    joint_limits,
+    joint_names,
+    joint_rates,
+    of_motors,
+)
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, MOTOR_KINDS, Limits
 from jounce.model.limits import FORCES as BOUND_FORCES
+from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
 from jounce.robot.along import FIRST, checked_motion
+from jounce.robot.closed_path import positions
 from jounce.robot.dispatch import compute
-from jounce.robot.generic import as_tuple
 
 if TYPE_CHECKING:
     from jounce.robot.robot import Robot
@@ -44,12 +53,30 @@ DERIVATIVE = {kind: k for k, kind in enumerate(EFFORT_KINDS)} | {"motor_velocity
 
 @dataclass(frozen=True, eq=False)
 class Bounded:
-    """A robot along a motion, and the kinds of limits that bound any coordinate, which are `limits`."""
+    """A robot along a motion, and the kinds of limits that bound any joint, which are `limits`."""
 
     robot: "Robot"
     motion: Motion
     limits: Limits
     kinds: tuple[str, ...]
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The names of the joints, whose values are columns."""
+        return joint_names(self.robot.mechanism)
+
+    @cached_property
+    def efforts(self) -> Quantity:
+        """The row of the forces that effort limits bound."""
+        return efforts(self.robot.mechanism)
+
+    @cached_property
+    def follow(self) -> bool:
+        """Whether the motion of joints that follow others in closed loops is limited, or enters a power."""
+        m = self.robot.mechanism
+        others = list(m.closure.dependent) if m.closure else []
+        kinds = [kind for kind in self.kinds if kind in (*MOTION_KINDS, "power")]
+        return any(np.isfinite(self.limits.bounds(kind)[:, others]).any() for kind in kinds)
 
     @property
     def forces(self) -> bool:
@@ -100,23 +127,40 @@ class Bounded:
 
     def series(self, t: np.ndarray, side: Side = "right") -> Series:
         """The quantities that are bounded, with derivatives, at times (N,)."""
-        rates = self.motion(t, self.rate_order, side)
-        found = {kind: list(rates[k : k + SMOOTH + 1]) for k, kind in enumerate(MOTION_KINDS) if kind in self.kinds}
+        rates, m = self.motion(t, self.rate_order, side), self.robot.mechanism
+        near = positions(m, self.motion, t, side)
+        joints = joint_rates(self.robot, rates, near, self.follow)
+        found = {kind: list(joints[k : k + SMOOTH + 1]) for k, kind in enumerate(MOTION_KINDS) if kind in self.kinds}
         if not self.forces:
             return found
-        values = {name: self.quantity(name, order, rates, t, side) for name, order in self.orders.items()}
-        found |= {kind: self.of_motor(kind, values) for kind in MOTORS if kind in self.kinds}
-        if FORCES.name not in values:
+        values = {name: self.quantity(name, order, rates, t, side, near) for name, order in self.orders.items()}
+        found |= {kind: in_columns(m, self.of_motor(kind, values)) for kind in MOTORS if kind in self.kinds}
+        if self.efforts.name not in values:
             return found
-        return found | self._efforts(values[FORCES.name], rates, self.motion.base(t, self.orders[FORCES.name], side))
+        Q, base = values[self.efforts.name], self.motion.base(t, self.orders[self.efforts.name], side)
+        found |= {kind: in_columns(m, own) for kind, own in self._efforts(Q, rates, base, near).items()}
+        return found | ({"power": power(joints[1:], in_columns(m, Q))} if "power" in self.kinds else {})
+
+    def rates(self, t: np.ndarray, order: int, side: Side = "right") -> Rates:
+        """The rates of the joints up to an order, (N, joints) each."""
+        near = positions(self.robot.mechanism, self.motion, t, side)
+        return joint_rates(self.robot, self.motion(t, order, side), near, self.follow)
 
     def quantity(
-        self, name: str, order: int, rates: Rates, t: np.ndarray, side: Side, speed: float = 1.0
+        self,
+        name: str,
+        order: int,
+        rates: Rates,
+        t: np.ndarray,
+        side: Side,
+        near: np.ndarray | None,
+        speed: float = 1.0,
     ) -> list[np.ndarray]:
         """A quantity and its rates up to an order, at a factor of speed; `rates` are those of the motion."""
         row = self.row(name)
-        wrench = self.motion.wrench(t, order + row.wrench_rates - 1, side)
-        return at_speed(self.robot, name, rates, wrench, speed, order, self.motion.base(t, order + row.rates - 1, side))
+        W = self.motion.wrench(t, order + row.wrench_rates - 1, side)
+        base = self.motion.base(t, order + row.rates - 1, side)
+        return at_speed(self.robot, name, rates, W, speed, order, base, near)
 
     def of_motor(self, kind: str, values: Mapping[str, list[np.ndarray]]) -> list[np.ndarray]:
         """What a limit of motors bounds, with rates, of positions and torques; 0 for motors without data."""
@@ -128,16 +172,16 @@ class Bounded:
             return [np.nan_to_num(x) for x in electrical.voltages(e, values[POSITIONS], values[TORQUES])]
         return values[next(iter(MOTORS[kind]))]
 
-    def _efforts(self, Q: list[np.ndarray], rates: Rates, base: Rates | None) -> dict[str, list[np.ndarray]]:
-        """What limits of efforts and of the power bound, of Q with its rates."""
+    def _efforts(
+        self, Q: list[np.ndarray], rates: Rates, base: Rates | None, near: np.ndarray | None
+    ) -> dict[str, list[np.ndarray]]:
+        """What limits of efforts bound, of Q with its rates."""
         inertial, found = Q, {}
         if any(self.limits.of(kind) == BOUND_FORCES[1] for kind in self.kinds if kind in EFFORT_KINDS):
-            inertial = [x - g for x, g in zip(Q, gravity(self.robot, rates[: len(Q)], base), strict=True)]
+            inertial = [x - g for x, g in zip(Q, gravity(self.robot, rates[: len(Q)], base, near), strict=True)]
         for kind in EFFORT_KINDS:
             if kind in self.kinds:
                 found[kind] = Q if self.limits.of(kind) == BOUND_FORCES[0] else inertial
-        if "power" in self.kinds:
-            found["power"] = power(rates[1:], Q)
         return found
 
     def values(self, t: np.ndarray, side: Side = "right") -> dict[str, np.ndarray]:
@@ -147,7 +191,7 @@ class Bounded:
 
 def bounded(robot: "Robot", motion: object) -> Bounded:
     """A robot along a motion, checked, with the limits of its coordinates; a robot without any is refused."""
-    path, limits = checked_motion(robot.mechanism, motion), coordinate_limits(robot.mechanism)
+    path, limits = checked_motion(robot.mechanism, motion), joint_limits(robot.mechanism)
     kinds = known_kinds(robot, limits)
     if not kinds:
         if limits.kinds:
@@ -156,14 +200,16 @@ def bounded(robot: "Robot", motion: object) -> Bounded:
         ways = "robot.with_limits(effort=..., velocity=...) or robot.with_limits('panda') states some"
         raise JounceError(f"robot {robot.name!r} states no limits; {ways} (--limits)")
     _check_data(robot, limits, kinds)
+    check_gravity(robot.mechanism, limits, kinds)
     return Bounded(robot, path, limits, kinds)
 
 
 def _check_data(robot: "Robot", limits: Limits, kinds: Sequence[str]) -> None:
     """Raise `JounceError` where currents or voltages of a motor are limited that states no data for them."""
-    e = robot.mechanism.elasticity
+    e, closure = robot.mechanism.elasticity, robot.mechanism.closure
+    places = closure.independent if closure else range(robot.n)
     for kind, needed in {"motor_current": ["constant"], "motor_voltage": ["constant", "resistance"]}.items():
-        limited = np.isfinite(limits.bounds(kind)).any(axis=0) & (kind in kinds)
+        limited = np.isfinite(limits.bounds(kind)[:, list(places)]).any(axis=0) & (kind in kinds)
         for j in np.flatnonzero(limited).tolist():
             motor = e.motors[j] if e and e.motors else None
             if lacking := [name for name in needed if motor is None or getattr(motor, name) is None]:
@@ -171,6 +217,17 @@ def _check_data(robot: "Robot", limits: Limits, kinds: Sequence[str]) -> None:
                     f"joint {quoted(robot.joint_names[j])} has a limit of {kind}, and its motor states no"
                     f" {' and no '.join(lacking)}; robot.elastic(motors={{joint: jounce.Motor(...)}}) states it"
                 )
+
+
+def check_gravity(m: Mechanism, limits: Limits, kinds: Sequence[str]) -> None:
+    """Raise `JounceError` where limits bound motor forces less gravity, and motors are not at the coordinates."""
+    without = [kind for kind in kinds if kind in limits.without_gravity]
+    if without and not drives_coordinates(m):
+        raise JounceError(
+            f"{m.name!r}: limits of {listed(without)} bound Q - Qgrav, which is not known for motors at other joints"
+            f" than the coordinates {listed(m.coordinates)}; state them for Q (of=), or name these joints by"
+            " robot.closed(actuated=...)"
+        )
 
 
 def known_kinds(robot: "Robot", limits: Limits) -> tuple[str, ...]:
@@ -183,7 +240,7 @@ def quantities_of(robot: "Robot", kind: str) -> Mapping[str, int]:
     if kind in MOTION_KINDS:
         return {}
     if kind not in MOTORS:
-        return {FORCES.name: DERIVATIVE.get(kind, 0)}
+        return {efforts(robot.mechanism).name: DERIVATIVE.get(kind, 0)}
     motors = robot.mechanism.elasticity.motors if robot.mechanism.elasticity else ()
     inductive = any(motor and motor.inductance for motor in motors)
     return {**MOTORS[kind]} | ({TORQUES: 1} if kind == "motor_voltage" and inductive else {})
@@ -201,31 +258,33 @@ def _row(robot: "Robot", name: str) -> Quantity:
 
 def order_needed(robot: "Robot") -> int:
     """The highest rate of Q that a motion must carry for the limits of a robot: q to q2d for 0, q to q4d for 2."""
-    kinds = known_kinds(robot, coordinate_limits(robot.mechanism))
+    kinds = known_kinds(robot, joint_limits(robot.mechanism))
     return max([0, *(MOTION_KINDS.index(k) - FIRST if k in MOTION_KINDS else rate_of_forces(robot, k) for k in kinds)])
 
 
 def at_speed(
-    robot: "Robot", name: str, rates: Rates, wrench: Wrenches, c: float, order: int, base: Rates | None = None
+    robot: "Robot",
+    name: str,
+    rates: Rates,
+    wrench: Wrenches,
+    c: float,
+    order: int,
+    base: Rates | None,
+    near: np.ndarray | None,
 ) -> list[np.ndarray]:
-    """A quantity of the joints and its rates up to an order at c times the speed.
+    """A quantity of the motors and its rates up to an order at c times the speed; `near` are positions of the tree.
 
     Wrenches over time and the base go with the path.
     """
     W = wrench and tuple({body: w * c**k for body, w in of.items()} for k, of in enumerate(wrench))
     scaled = tuple(rate * c**k for k, rate in enumerate(rates[: order + _row(robot, name).rates]))
     moved = base and tuple(term * c**k for k, term in enumerate(base))
-    return of_joints(robot, compute(robot, name, scaled, wrench=W, base=moved))
+    return of_motors(robot, compute(robot, name, scaled, wrench=W, base=moved, position=near))
 
 
-def gravity(robot: "Robot", rates: Rates, base: Rates | None) -> list[np.ndarray]:
+def gravity(robot: "Robot", rates: Rates, base: Rates | None, near: np.ndarray | None) -> list[np.ndarray]:
     """The gravity forces of the joints and their rates."""
-    return of_joints(robot, compute(robot, "gravity_forces", rates, base=base))
-
-
-def of_joints(robot: "Robot", found: Any) -> list[np.ndarray]:
-    """Forces and their rates without those on a base, which no limit bounds."""
-    return [x[..., -robot.n :] for x in as_tuple(found)]
+    return of_motors(robot, compute(robot, "gravity_forces", rates, base=base, position=near))
 
 
 def power(rates: Rates, Q: list[np.ndarray]) -> list[np.ndarray]:

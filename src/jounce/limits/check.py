@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.errors import listed, quoted
-from jounce.limits.bounded import DERIVATIVE, Bounded, bounded, of_joints, rate_of_forces
+from jounce.limits.bounded import DERIVATIVE, Bounded, bounded, rate_of_forces
+from jounce.limits.joints import in_columns, joint_units, of_motors
 from jounce.limits.pieces import pieces_of
 from jounce.limits.worst import ROUNDING, Worst
-from jounce.model.coordinates import coordinate_units, following_efforts
+from jounce.model.coordinates import following_efforts
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, MOTOR_KINDS, in_words, unit_of
 from jounce.robot.along import ForceBreak, force_breaks, forces_along
 from jounce.spatial.series import rate_name
@@ -141,13 +142,13 @@ def check(robot: "Robot", motion: object) -> Check:
 
 def breaks_of(b: Bounded) -> tuple[ForceBreak, ...]:
     """Where the forces that are limited are not smooth."""
-    return force_breaks(b.robot, b.motion, b.motion.times, b.force_order) if b.forces else ()
+    return force_breaks(b.robot, b.motion, b.motion.times, b.force_order, row=b.efforts) if b.forces else ()
 
 
 def _table(b: Bounded, worst: Worst) -> tuple[CheckedLimit, ...]:
     rows = []
-    units = coordinate_units(b.robot.mechanism)
-    for j, joint in enumerate(b.robot.joint_names):
+    units = joint_units(b.robot.mechanism)
+    for j, joint in enumerate(b.joints):
         for kind in b.kinds:
             scale = worst.scales[kind]
             if not np.isfinite(b.limits.bounds(kind)[:, j]).any():
@@ -178,20 +179,22 @@ def _with_deviations(b: Bounded, worst: Worst, rows: list[CheckedLimit]) -> tupl
     motion = b.motion.deviations(t, b.rate_order)
     if motion is None:
         return tuple(rows)
-    rates = b.motion(t, 1)
-    along = forces_along(b.robot, b.motion, t, b.force_order, None, None) if b.forces else None
-    spread = of_joints(b.robot, along.deviations) if along is not None and along.deviations is not None else []
+    m, names = b.robot.mechanism, b.robot.joint_names
+    rates = b.rates(t, 1)
+    along = forces_along(b.robot, b.motion, t, b.force_order, None, None, b.efforts) if b.forces else None
+    spread = [] if along is None or along.deviations is None else in_columns(m, of_motors(b.robot, along.deviations))
     found = []
     for i, row in enumerate(rows):
-        j = b.robot.joint_names.index(row.joint)
-        if row.limit in MOTION_KINDS:
-            deviation = motion[MOTION_KINDS.index(row.limit)][i, j]
-        elif row.limit in MOTOR_KINDS:
+        j = b.joints.index(row.joint)
+        own = names.index(row.joint) if row.joint in names else None
+        if row.limit in MOTOR_KINDS or (own is None and row.limit in (*MOTION_KINDS, "power")):
             found.append(row)
             continue
+        if row.limit in MOTION_KINDS:
+            deviation = motion[MOTION_KINDS.index(row.limit)][i, own]
         elif row.limit == "power" and along is not None:
-            [Q, *_] = of_joints(b.robot, along.forces)
-            deviation = np.hypot(rates[1][i, j] * spread[0][i, j], Q[i, j] * motion[1][i, j])
+            [Q, *_] = in_columns(m, of_motors(b.robot, along.forces))
+            deviation = np.hypot(rates[1][i, j] * spread[0][i, j], Q[i, j] * motion[1][i, own])
         else:
             deviation = spread[DERIVATIVE[row.limit]][i, j]
         reach = abs(row.bound - float(worst.scales[row.limit].centre[j]))

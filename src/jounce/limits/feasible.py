@@ -4,11 +4,11 @@ import numpy as np
 
 from jounce.errors import JounceError, quoted
 from jounce.limits.bounded import Bounded
+from jounce.limits.joints import joint_units
 from jounce.limits.pieces import pieces_of
 from jounce.limits.ratios import Scale, scale_of
 from jounce.limits.scaling import Polynomials, polynomials, positive_roots
 from jounce.limits.worst import ROUNDING, SIGNS
-from jounce.model.coordinates import coordinate_units
 from jounce.model.limits import MOTION_KINDS, MOTOR_KINDS, unit_of
 
 TINY = 1e-300  # in place of a bound of 0
@@ -87,7 +87,7 @@ class Feasible:
                 continue  # which grows with the speed alone
             for sign in SIGNS:
                 scale = self.scales[kind]
-                highest = np.full((len(c), self.b.robot.n), -np.inf)
+                highest = np.full((len(c), len(self.b.joints)), -np.inf)
                 for state in self.states:
                     f = state[kind]
                     most = sum(np.abs(x) * factor**k for k, x in enumerate(f))
@@ -137,9 +137,8 @@ def refuse_static(b: Bounded, found: Polynomials, t: np.ndarray) -> None:
 
 
 def _static_error(b: Bounded, kind: str, j: int, value: float, bound: float, t: float) -> JounceError:
-    mechanism = b.robot.mechanism
-    unit = unit_of(kind, coordinate_units(mechanism)[j])
-    joint, when = f"joint {quoted(mechanism.coordinates[j])}", f"at t = {t:.6g} s"
+    unit = unit_of(kind, joint_units(b.robot.mechanism)[j])
+    joint, when = f"joint {quoted(b.joints[j])}", f"at t = {t:.6g} s"
     if kind == "position":
         return JounceError(
             f"{joint} is at {value:.6g} {unit} {when}, beyond its limit of {bound:.6g} {unit};"

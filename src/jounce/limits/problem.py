@@ -10,12 +10,13 @@ import numpy as np
 from jounce._typing import DriveTerm
 from jounce.errors import JounceError, listed, quoted
 from jounce.limits.bounded import known_kinds
+from jounce.limits.joints import drives_coordinates, joint_limits, joint_names, joint_units
 from jounce.limits.path import Path, path_of
 from jounce.limits.rows import NEEDS, Rows, rows_of
-from jounce.model.coordinates import coordinate_limits, coordinate_units
 from jounce.model.drives import TERMS
 from jounce.model.limits import EFFORT_KINDS, KINDS, MOTOR_KINDS, Limits
 from jounce.motion import Motion
+from jounce.robot.closed_path import positions
 from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:
@@ -90,7 +91,8 @@ class Problem:
     def unbounded(self) -> JounceError:
         """The error where no limit keeps a path from being passed at any speed."""
         velocity = self.limits.bounds("velocity")
-        joints = [quoted(joint) for j, joint in enumerate(self.robot.joint_names) if np.isinf(velocity[:, j]).all()]
+        free = [name for j, name in enumerate(joint_names(self.robot.mechanism)) if np.isinf(velocity[:, j]).all()]
+        joints = [quoted(name) for name in free if name in self.robot.joint_names]
         missing = f"; velocity limits are missing for {listed(joints)}" if joints else ""
         return JounceError(
             f"no limit bounds the speed along part of the path{missing}: state one with robot.with_limits(velocity=...)"
@@ -99,18 +101,25 @@ class Problem:
     def _stuck(self, rows: Rows) -> JounceError:
         values = np.maximum(rows.uniform()[0] - rows.upper, rows.lower - rows.uniform()[0])
         point, row = np.unravel_index(values.argmax(), values.shape)
-        joint = self.robot.joint_names[rows.joints[point, row]]
+        joint = joint_names(self.robot.mechanism)[rows.joints[point, row]]
         return JounceError(f"the {rows.kinds[row]} limit of joint {quoted(joint)} leaves no room to move; raise it")
 
 
 def problem_of(robot: "Robot", motion: Motion, share: float) -> Problem:
     """The problem of a motion of a robot's joints, checked."""
-    limits = coordinate_limits(robot.mechanism)
+    limits = joint_limits(robot.mechanism)
     kinds = [kind for kind in known_kinds(robot, limits) if kind != "position"]
     if motors := [kind for kind in kinds if kind in MOTOR_KINDS]:
         raise JounceError(
             f"retime does not know limits of motors ({listed(motors)}); take them away,"
             f" robot.with_limits({motors[0]}=float('inf')), and check the result with them: robot.slowdown keeps them"
+        )
+    forces = [kind for kind in kinds if kind in (*EFFORT_KINDS, "power")]
+    if forces and not drives_coordinates(robot.mechanism):
+        raise JounceError(
+            f"retime knows limits of {listed(forces)} only where motors are at the coordinates,"
+            f" {listed(robot.joint_names)}; take them away, robot.with_limits({forces[0]}=float('inf')), and check the"
+            " result with them: robot.slowdown keeps them"
         )
     _check_zero(robot, motion, limits, kinds)
     if not kinds:
@@ -128,8 +137,8 @@ def check_path(problem: Problem, count: int, path: Path) -> None:
     """Raise `JounceError` where a path does not move, leaves position limits, or rests beyond an effort limit."""
     if not any(np.any(rate) for rate in path.q[1:2]):
         raise JounceError("the path does not move: every joint rests all the time; expected a motion of some joint")
-    sigma, names = problem.points(count), problem.robot.joint_names
-    units = coordinate_units(problem.robot.mechanism)
+    sigma, names = problem.points(count), joint_names(problem.robot.mechanism)
+    units = joint_units(problem.robot.mechanism)
     lower, upper = problem.limits.bounds("position")
     slack = ROUNDING * np.maximum(1, np.abs(path.q[0]).max(axis=0))
     outside = np.argwhere((path.q[0] < lower - slack) | (path.q[0] > upper + slack))
@@ -150,11 +159,12 @@ def _check_static(problem: Problem, sigma: np.ndarray, path: Path) -> None:
     if not len(over):
         return
     i, j = over[0]
-    unit = "N m" if coordinate_units(problem.robot.mechanism)[j] == "rad" else "N"
+    unit = "N m" if joint_units(problem.robot.mechanism)[j] == "rad" else "N"
     bound = problem.limits.bounds("effort")[int(static[i, j] > 0), j]
     share = f" ({problem.share:.0%} of it are used: margin)" if abs(static[i, j]) < abs(bound) else ""
+    joint = quoted(joint_names(problem.robot.mechanism)[j])
     raise JounceError(
-        f"joint {quoted(problem.robot.joint_names[j])} holds {static[i, j]:.6g} {unit} at rest at t = {sigma[i]:g} s;"
+        f"joint {joint} holds {static[i, j]:.6g} {unit} at rest at t = {sigma[i]:g} s;"
         f" its effort limit is {bound:.6g} {unit}{share}, and a slower motion does not help"
     )
 
@@ -164,8 +174,11 @@ def _check_zero(robot: "Robot", motion: Motion, limits: Limits, kinds: Sequence[
     for kind in kinds:
         zero = np.flatnonzero((limits.bounds(kind) == 0).all(axis=0)).tolist()
         for j in zero:
-            if np.ptp(motion(np.linspace(motion.start, motion.stop, 101), 0)[0][:, j]) > 0:
-                raise JounceError(f"the {kind} limit of joint {quoted(robot.joint_names[j])} is 0, and the joint moves")
+            t = np.linspace(motion.start, motion.stop, 101)
+            q = positions(robot.mechanism, motion, t)
+            if np.ptp((motion(t, 0)[0] if q is None else q)[:, j]) > 0:
+                joint = quoted(joint_names(robot.mechanism)[j])
+                raise JounceError(f"the {kind} limit of joint {joint} is 0, and the joint moves")
 
 
 def _moving(motion: Motion) -> tuple[bool, bool]:
@@ -200,9 +213,18 @@ def _check_breaks(motion: Motion, names: Sequence[str], rate: int, kind: str) ->
 def _without_friction(robot: "Robot", limits: Limits) -> tuple["Robot", Limits]:
     """The robot without Coulomb friction, which effort limits then leave room for; it never exceeds its coefficient."""
     mechanism = robot.mechanism
-    friction = np.abs(mechanism.G).T @ mechanism.drives.friction
+    friction = np.abs(mechanism.tree.G).T @ mechanism.drives.friction
     if "friction" not in mechanism.acting or not friction.any():
         return robot, limits
+    if passive := [
+        joint
+        for joint, f in zip(joint_names(mechanism), friction, strict=True)
+        if f and joint not in mechanism.coordinates
+    ]:
+        raise JounceError(
+            f"retime does not know Coulomb friction of joints that follow others in closed loops ({listed(passive)});"
+            " leave it out, robot.with_drives(['armature', 'damping', 'spring']), and check the result with it"
+        )
     for kind in (*EFFORT_KINDS[1:], "power"):
         if np.isfinite(limits.bounds(kind)[:, friction > 0]).any():
             raise JounceError(

@@ -11,6 +11,7 @@ from jounce._scalars import is_finite
 from jounce.errors import JounceError, quoted
 from jounce.limits.barrier import UNEVEN, Program, fastest, within
 from jounce.limits.basis import Basis, Local
+from jounce.limits.joints import joint_names
 from jounce.limits.path import Path
 from jounce.limits.problem import Problem, check_path, problem_of
 from jounce.limits.rows import Rows
@@ -200,7 +201,7 @@ class Grid:
         """The error where the speed of the motion at its ends, which remains, leaves no time law within the limits."""
         excess = program.rows.excess(program.at.jets(c))
         point, row = np.unravel_index(excess.argmax(), excess.shape)
-        joint = self.problem.robot.joint_names[program.rows.joints[point, row]]
+        joint = joint_names(self.problem.robot.mechanism)[program.rows.joints[point, row]]
         ends = [end for end, moves in zip(("start", "end"), self.problem.moving, strict=True) if moves]
         return JounceError(
             f"the motion moves at its {' and '.join(ends)}, and no time law keeps the velocity there within the limits"
@@ -245,7 +246,7 @@ class Grid:
             which = list(group)
             first, last = t[which[0]], t[min(which[-1] + 1, self.count - 1)]
             if joint >= 0 and last - first > SHORT * (t[-1] - t[0]):
-                found.append(Stretch(self.problem.robot.joint_names[joint], kind, float(first), float(last)))
+                found.append(Stretch(joint_names(self.problem.robot.mechanism)[joint], kind, float(first), float(last)))
         return tuple(found)
 
 

@@ -13,7 +13,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from jounce.dynamics.quantities import FORCES
 from jounce.limits.bounded import (
     DERIVATIVE,
     MOTORS,
@@ -24,9 +23,11 @@ from jounce.limits.bounded import (
     quantities_of,
     rate_of_forces,
 )
+from jounce.limits.joints import in_columns, joint_rates
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS
 from jounce.model.limits import FORCES as BOUND_FORCES
 from jounce.robot.along import FIRST
+from jounce.robot.closed_path import positions
 
 Polynomials = Mapping[str, np.ndarray]  # by kind
 Parts = tuple[np.ndarray, np.ndarray, np.ndarray]  # (N, n) each: of c^0, c^1 and c^2
@@ -36,22 +37,23 @@ def polynomials(b: Bounded, t: np.ndarray, side: Side = "right") -> Polynomials:
     """Coefficients (degree + 1, N, n) of what limits bound, lowest power of c first, at times (N,) by kind."""
     motion_orders = [MOTION_KINDS.index(kind) for kind in b.kinds if kind in MOTION_KINDS]
     order = max((rate_of_forces(b.robot, kind) for kind in b.kinds if kind not in MOTION_KINDS), default=0)
-    rates = b.motion(t, max([*motion_orders, (order + FIRST) * b.forces]), side)
-    found = {kind: _monomial(rates[k], k) for k, kind in enumerate(MOTION_KINDS) if kind in b.kinds}
-    found |= {kind: _of_motors(b, kind, rates, t, side) for kind in MOTORS if kind in b.kinds}
-    if FORCES.name not in b.orders:
+    rates, m = b.motion(t, max([*motion_orders, (order + FIRST) * b.forces]), side), b.robot.mechanism
+    near = positions(m, b.motion, t, side)
+    joints = joint_rates(b.robot, rates, near, b.follow)
+    found = {kind: _monomial(joints[k], k) for k, kind in enumerate(MOTION_KINDS) if kind in b.kinds}
+    found |= {kind: _of_motors(b, kind, rates, t, side, near) for kind in MOTORS if kind in b.kinds}
+    if b.efforts.name not in b.orders:
         return found
     order = max(DERIVATIVE.get(kind, 0) for kind in b.kinds if kind in EFFORT_KINDS or kind == "power")
-    parts = _parts(b, rates, t, order, side)
+    parts = _parts(b, rates, t, order, side, near)
     for kind in (*EFFORT_KINDS, "power"):
         if kind in b.kinds:
             k = DERIVATIVE.get(kind, 0)
-            c = np.concatenate([np.zeros((k, *rates[0].shape)), np.stack(parts[k])])
-            if kind == "power":
-                c = np.concatenate([0 * c[:1], rates[1] * c])
-            elif b.limits.of(kind) == BOUND_FORCES[1]:
-                c[k] -= gravity(b.robot, rates[: k + 1], b.motion.base(t, k, side))[k]
-            found[kind] = c
+            c = np.pad(np.stack(parts[k]), ((k, 0), (0, 0), (0, 0)))
+            if kind != "power" and b.limits.of(kind) == BOUND_FORCES[1]:
+                c[k] -= gravity(b.robot, rates[: k + 1], b.motion.base(t, k, side), near)[k]
+            [c] = in_columns(m, [c])
+            found[kind] = np.concatenate([0 * c[:1], joints[1] * c]) if kind == "power" else c
     return found
 
 
@@ -59,12 +61,14 @@ def _monomial(rate: np.ndarray, k: int) -> np.ndarray:
     return np.concatenate([np.zeros((k, *rate.shape)), rate[None]])
 
 
-def _parts(b: Bounded, rates: "tuple[np.ndarray, ...]", t: np.ndarray, order: int, side: Side) -> list[Parts]:
+def _parts(
+    b: Bounded, rates: "tuple[np.ndarray, ...]", t: np.ndarray, order: int, side: Side, near: np.ndarray | None
+) -> list[Parts]:
     """S, V, D and their derivatives along the motion up to an order."""
     wrench, base = b.motion.wrench(t, order, side), b.motion.base(t, order + FIRST, side)
 
     def at(c: float) -> list[np.ndarray]:
-        return at_speed(b.robot, FORCES.name, rates, wrench, c, order, base)
+        return at_speed(b.robot, b.efforts.name, rates, wrench, c, order, base, near)
 
     static, one, back = at(0.0)[0], at(1.0), at(-1.0)
     two, far_back = (at(2.0), at(-2.0)) if order else ([], [])
@@ -77,16 +81,19 @@ def _parts(b: Bounded, rates: "tuple[np.ndarray, ...]", t: np.ndarray, order: in
     return parts
 
 
-def _of_motors(b: Bounded, kind: str, rates: "tuple[np.ndarray, ...]", t: np.ndarray, side: Side) -> np.ndarray:
+def _of_motors(
+    b: Bounded, kind: str, rates: "tuple[np.ndarray, ...]", t: np.ndarray, side: Side, near: np.ndarray | None
+) -> np.ndarray:
     """The polynomial of a motor, from its values at c = 0, 1, -1, 2, -2, ..."""
     orders = quantities_of(b.robot, kind)
     count = max(b.row(name).rates + order for name, order in orders.items())
     c = [(-1) ** (i + 1) * ((i + 1) // 2) for i in range(count)]
     values = []
     for speed in c:
-        known = {name: b.quantity(name, order, rates, t, side, float(speed)) for name, order in orders.items()}
+        known = {name: b.quantity(name, order, rates, t, side, near, float(speed)) for name, order in orders.items()}
         values.append(b.of_motor(kind, known)[DERIVATIVE.get(kind, 0)])
-    return np.tensordot(np.linalg.inv(np.vander(c, increasing=True)), np.stack(values), axes=1)
+    found = np.tensordot(np.linalg.inv(np.vander(c, increasing=True)), np.stack(values), axes=1)
+    return in_columns(b.robot.mechanism, [found])[0]
 
 
 def positive_roots(f: np.ndarray) -> np.ndarray:

@@ -95,7 +95,7 @@ def slowdown(robot: "Robot", motion: object) -> Slowdown:
 
 
 def _named(b: Bounded, kind: str, joint: int, t: float) -> Binding:
-    return Binding(b.robot.joint_names[joint], kind, t)
+    return Binding(b.joints[joint], kind, t)
 
 
 def _first(b: Bounded, states: Feasible) -> float:
@@ -126,7 +126,7 @@ def _finite(states: Feasible) -> float:
         raise JounceError("no limit bounds the speed of this motion: it does not move, or with_limits must state more")
     if factor < LEAST:
         i = states.first
-        joint, kind = states.b.robot.joint_names[states.joint[i]], str(states.kind[i]).replace("_", " ")
+        joint, kind = states.b.joints[states.joint[i]], str(states.kind[i]).replace("_", " ")
         raise JounceError(f"joint {quoted(joint)} moves at t = {states.t[i]:.6g} s, and its limit of {kind} is 0")
     return factor
 
@@ -147,7 +147,7 @@ def _refuse_jumps(b: Bounded, breaks: Sequence[ForceBreak]) -> None:
     worst.take_jumps(breaks)
     for (kind, sign), value in worst.value.items():
         for j in np.flatnonzero(np.isposinf(value)):
-            joint, t = quoted(b.robot.joint_names[j]), worst.t[kind, sign][j]
+            joint, t = quoted(b.joints[j]), worst.t[kind, sign][j]
             limit = kind.replace("_", " ")
             raise JounceError(
                 f"break at t = {t:.9g} s: the {limit} of joint {joint} is infinite there at every speed, and it has a"

@@ -5,11 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jounce.limits.bounded import Bounded, of_joints, rate_of_forces
+from jounce.limits.bounded import Bounded, rate_of_forces
+from jounce.limits.joints import in_columns, of_motors
 from jounce.limits.peaks import Peaks, peaks_of, picked, root
 from jounce.limits.pieces import Pieces
 from jounce.limits.ratios import Scale, scale_of
 from jounce.model.limits import MOTION_KINDS
+from jounce.motion.motion import Break
 from jounce.robot.along import ForceBreak
 
 ROUNDING = 1e-9  # of the reach of a limit: less beyond it is rounding
@@ -26,7 +28,7 @@ class Worst:
         self.b = b
         self.scales: dict[str, Scale] = {kind: scale_of(b.limits.bounds(kind), kind) for kind in b.kinds}
         sides = [(kind, sign) for kind in b.kinds for sign in SIGNS]
-        n = b.robot.n
+        n = len(b.joints)
         self.value = {side: np.full(n, -np.inf) for side in sides}
         self.t = {side: np.full(n, b.motion.start) for side in sides}
         self.largest = {kind: np.zeros(n) for kind in b.kinds}
@@ -52,21 +54,33 @@ class Worst:
 
     def take_jumps(self, breaks: Sequence[ForceBreak]) -> None:
         """Count jumps of a lower rate as infinite values: of motions, and of forces at their breaks."""
-        names = self.b.robot.joint_names
         highest = max((MOTION_KINDS.index(kind) for kind in self.b.kinds if kind in MOTION_KINDS), default=0)
         for found in self.b.motion.breaks_to(highest - 1) if highest else ():
-            if found.symbol != "q":
-                continue
-            j = found.joint if isinstance(found.joint, int) else names.index(found.joint)
-            for kind in MOTION_KINDS[found.order + 1 :]:
-                self._jump(kind, j, found.t, found.jump)
+            if found.symbol == "q":
+                for j, jump in self._jumps_with(found).items():
+                    for kind in MOTION_KINDS[found.order + 1 :]:
+                        self._jump(kind, j, found.t, jump)
         for met in breaks:
-            unknown = [-np.ones(len(names)), np.ones(len(names))]  # of forces where q or qd jumps: an impulse
-            for jump in unknown if met.jump is None else of_joints(self.b.robot, met.jump):
-                for i in np.flatnonzero(np.abs(jump) > ROUNDING * np.abs(jump).max()):
+            unknown = [-np.ones(self.b.robot.n), np.ones(self.b.robot.n)]  # where q or qd jumps: an impulse
+            forces = unknown if met.jump is None else of_motors(self.b.robot, met.jump)
+            for force in in_columns(self.b.robot.mechanism, forces):
+                for i in np.flatnonzero(np.abs(force) > ROUNDING * np.abs(force).max()):
                     for kind in self.b.kinds:
                         if kind not in MOTION_KINDS and met.order < rate_of_forces(self.b.robot, kind):
-                            self._jump(kind, int(i), met.t, float(jump[i]))
+                            self._jump(kind, int(i), met.t, float(force[i]))
+
+    def _jumps_with(self, found: Break) -> dict[int, float]:
+        """The jumps of joints at a break of a coordinate, by column: its own, and those of joints that follow it."""
+        b, names = self.b, self.b.robot.joint_names
+        own = found.joint if isinstance(found.joint, str) else names[found.joint]
+        jumps = {b.joints.index(own): found.jump}
+        if b.follow:
+            t = np.array([found.t])
+            after, before = (b.rates(t, found.order, side)[found.order][0] for side in ("right", "left"))
+            size = np.abs(after - before)
+            follow = [j for j, name in enumerate(b.joints) if name not in names]
+            jumps |= {j: float(after[j] - before[j]) for j in follow if size[j] > ROUNDING * size.max()}
+        return jumps
 
     def _jump(self, kind: str, j: int, t: float, jump: float) -> None:
         """Count a jump of the rate below a kind as an infinite value of it."""

@@ -143,9 +143,11 @@ class Mechanism:
 
     @cached_property
     def tree(self) -> "Mechanism":
-        """The robot with its loops open; the mechanism itself where none is closed."""
+        """The robot with its loops open and its joints rigid; the mechanism itself where none is closed."""
         c = self.closure
-        return self if c is None else replace(self, G=c.G, g=c.g, coordinates=c.coordinates, closure=None)
+        return (
+            self if c is None else replace(self, G=c.G, g=c.g, coordinates=c.coordinates, closure=None, elasticity=None)
+        )
 
     @property
     def nb(self) -> int:

@@ -109,7 +109,8 @@ def match(header: Sequence[str], mechanism: Mechanism, options: Options, highest
     )
     _check(given, [TIME, *wanted], sampled, mechanism, highest)
     poses.check_names(list(of_base.values()), mechanism, highest)
-    kept = {TIME, *wanted, *others} | {name for name in given if not sampled and _belongs(name, joints)}
+    passive = followers(mechanism, list(sources), sampled).values()
+    kept = {TIME, *wanted, *others, *passive} | {name for name in given if not sampled and _belongs(name, joints)}
     units = dict(bare.values())
     used = {name: source for name, source in sources.items() if name in kept}
     factors = _factors(used, units, options, mechanism, of_base.values())
@@ -124,6 +125,13 @@ def match(header: Sequence[str], mechanism: Mechanism, options: Options, highest
         options.angles is not None or any(units[sources[name]] for name in wanted),
         options.time_unit is not None or units[sources[TIME]] is not None,
     )
+
+
+def followers(mechanism: Mechanism, columns: Collection[str], sampled: bool) -> dict[str, str]:
+    """The columns, by joint, of positions of joints that follow others in closed loops, as far as they are there."""
+    known = [name for name in mechanism.tree.coordinates if name not in mechanism.coordinates]
+    found = {name: name if sampled else f"{name}.q" for name in known}
+    return {name: column for name, column in found.items() if column in columns}
 
 
 def _of_base(sources: Mapping[str, str], of_base: Mapping[str, str]) -> dict[str, str]:
@@ -245,7 +253,7 @@ def _factors(
     of_base: Collection[str],
 ) -> dict[str, float]:
     """Return the factors to SI units of the columns, from their names or from the caller's options."""
-    kinds = dict(zip(mechanism.coordinates, coordinate_units(mechanism), strict=True))
+    kinds = dict(zip(mechanism.tree.coordinates, coordinate_units(mechanism.tree), strict=True))
     found = {}
     for name, source in sources.items():
         joint, _, rate = name.removesuffix(DEVIATION).rpartition(".")

@@ -32,7 +32,7 @@ class Retimed(OfCurve):
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
         """The values and their derivatives up to `order`."""
-        found = self.base.rates(self._inner(t), order, left)
+        found = self.base.rates(self.inner(t), order, left)
         return [rate / self.factor**k for k, rate in enumerate(found)]
 
     def jumps(self, order: int) -> list[Jump]:
@@ -44,14 +44,15 @@ class Retimed(OfCurve):
 
     def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
         """The standard deviations of the values and derivatives."""
-        found = self.base.deviations(self._inner(t), order)
+        found = self.base.deviations(self.inner(t), order)
         return None if found is None else [rate / self.factor**k for k, rate in enumerate(found)]
 
     def outer(self, t: ArrayLike) -> np.ndarray:
         """The times at which the curve is where `base` is at t."""
         return self.place + (np.asarray(t) - self.origin) * self.factor
 
-    def _inner(self, t: np.ndarray) -> np.ndarray:
+    def inner(self, t: np.ndarray) -> np.ndarray:
+        """The times at which `base` is where the curve is at t."""
         return (self.origin + (t - self.place) / self.factor).clip(self.base.start, self.base.stop)
 
 

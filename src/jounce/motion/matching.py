@@ -7,8 +7,10 @@ import numpy as np
 from jounce.arguments import names
 from jounce.errors import JounceError, listed
 from jounce.model.mechanism import Mechanism
-from jounce.motion.curves import Jump, OfCurve
+from jounce.motion.composed import Retimed
+from jounce.motion.curves import Curve, Jump, OfCurve
 from jounce.motion.motion import Motion
+from jounce.motion.time_law import Paced
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +39,18 @@ class Columns(OfCurve):
         """The standard deviations of the values and derivatives."""
         found = self.base.deviations(t, order)
         return None if found is None else [rate[:, self.order] for rate in found]
+
+
+def unwrapped(curve: Curve, t: np.ndarray) -> tuple[Curve, np.ndarray, tuple[int, ...]]:
+    """A curve without changes of its pace and of the order of columns: it, its times, and its columns, (n,)."""
+    order = np.arange(curve.columns)
+    while isinstance(curve, Retimed | Paced | Columns):
+        if isinstance(curve, Columns):
+            order = curve.order[order]
+        else:
+            t = curve.inner(t)
+        curve = curve.base
+    return curve, t, tuple(order.tolist())
 
 
 def matched(motion: Motion, mechanism: Mechanism) -> Motion:

@@ -64,6 +64,9 @@ class Motion:
     base_curve : Curve, or None
         The position (m) and a quaternion of the base, of any length, as a function of time with seven columns: x, y, z,
         qw, qx, qy, qz. `base` makes pose and twist of them; None if the motion has no base.
+    branch : mapping of str to float
+        Where joints that follow others in closed loops are at the start, by name, rad or m: in which way loops close.
+        Empty if the motion does not state it, so that the start of the robot decides.
 
     Examples
     --------
@@ -84,6 +87,7 @@ class Motion:
     torques: tuple[np.ndarray, np.ndarray] | None = None
     notes: tuple[str, ...] = ()
     base_curve: Curve | None = None
+    branch: Mapping[str, float] = field(default_factory=dict)
 
     @staticmethod
     def through(t: ArrayLike, q: ArrayLike, degree: int = 7, *, joint_names: Sequence[str] | None = None) -> "Motion":
@@ -929,7 +933,15 @@ class Motion:
             grid = np.concatenate([self.grid, later.grid[later.grid > self.grid[-1]]])
         source = self.source if self.source == other.source else f"{self.source}; then {other.source}"
         base = _joined_bases(self, later)
-        return Motion(Chain((self.curve, later.curve)), self.joint_names, source, loads, grid=grid, base_curve=base)
+        return Motion(
+            Chain((self.curve, later.curve)),
+            self.joint_names,
+            source,
+            loads,
+            grid=grid,
+            base_curve=base,
+            branch=self.branch,
+        )
 
     def checked(self, t: ArrayLike) -> np.ndarray:
         """Times that a caller gives, within the motion.

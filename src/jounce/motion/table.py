@@ -8,7 +8,7 @@ import numpy as np
 from jounce.errors import JounceError, at, warn
 from jounce.model.mechanism import Mechanism
 from jounce.motion import loads, poses, smoothness
-from jounce.motion.columns import DEVIATION, TIME, Match, Options, match
+from jounce.motion.columns import DEVIATION, TIME, Match, Options, followers, match
 from jounce.motion.hermite import Hermite
 from jounce.motion.motion import Motion
 from jounce.motion.smoothed import found_from
@@ -31,7 +31,8 @@ def from_table(
 
     Either `t` and one column per joint (samples: the rates are those of a spline along or through them), or
     `t` and ``NAME.q, NAME.qd, NAME.q2d, ...`` for every joint (used as they are). Wrenches that bodies or merged links
-    exert come in columns ``BODY.mx .. BODY.fz``, again as samples or with all rates, ``BODY.fxd, BODY.fx2d, ...``.
+    exert come in columns ``BODY.mx .. BODY.fz``, again as samples or with all rates, ``BODY.fxd, BODY.fx2d, ...``. Of
+    joints that follow others in closed loops, the first row decides on the branch, if it states them.
 
     Raises
     ------
@@ -65,6 +66,7 @@ def from_columns(
     if not found.sampled and not any(of_samples):
         refuse_way(way, place, "all rates are in the table")
     samples = found_from(t, q, way, joints, highest, place) if found.sampled else None
+    branch = {name: float(si[column][0]) for name, column in followers(mechanism, si, found.sampled).items()}
     base, of_poses = poses.curve_of_columns(t, of_base, way, highest, place)
     W, of_loads = loads.wrenches(t, of_wrenches, mechanism, max(highest - 2, 0), way, place)
     measured = _torques(columns, found, joints)
@@ -73,11 +75,10 @@ def from_columns(
         _warn_of(smoothness.of_rates(rows), place)
         curve = Hermite(t, rows, _spreads(si, joints, rates))
         notes = (*found.notes, *of_poses, *of_loads)
-        return Motion(
-            curve, joints, "all rates from the table", W, grid=t, torques=torques, notes=notes, base_curve=base
-        )
+        source = "all rates from the table"
+        return Motion(curve, joints, source, W, None, None, t, torques, notes, base, branch)
     notes = (*found.notes, *samples.notes, *of_poses, *of_loads)
-    return Motion(samples.curve, joints, samples.source, W, (t, q), samples.residual, t, torques, notes, base)
+    return Motion(samples.curve, joints, samples.source, W, (t, q), samples.residual, t, torques, notes, base, branch)
 
 
 def _check_increasing(t: np.ndarray, column: str, place: str) -> None:

@@ -131,6 +131,10 @@ class Paced(OfCurve):
         before, after = (_composed(rows, self.base.rates(at, order, left)) for left in (True, False))
         return jumps_at(t, before, after, np.full(len(t), self.stop - self.start))
 
+    def inner(self, t: np.ndarray) -> np.ndarray:
+        """The times at which `base` is where the curve is at t."""
+        return self.law.sigma(t)
+
     def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
         """The standard deviations of the values and derivatives, those of `base` taken as independent."""
         law = self.law.rates(t, order)

@@ -9,6 +9,7 @@ import numpy as np
 
 from jounce._typing import ArrayLike
 from jounce.arguments.rates import checked_order
+from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import FORCES, Quantity
 from jounce.errors import JounceError, at, quoted
 from jounce.model.mechanism import Mechanism
@@ -16,6 +17,7 @@ from jounce.motion.base import perturbed
 from jounce.motion.matching import matched
 from jounce.motion.motion import Break, Motion
 from jounce.motion.units import warn_of_degrees
+from jounce.robot.closed_path import continued, positions
 from jounce.robot.dispatch import compute
 from jounce.robot.generic import as_tuple
 
@@ -143,8 +145,8 @@ def pieces_along(
     for start in range(0, len(times), PIECE):
         t = times[start : start + PIECE]
         rates, base = motion(t, order + row.rates - 1), motion.base(t, order + row.rates - 1)
-        W = motion.wrench(t, order + row.wrench_rates - 1)
-        forces = _computed(robot, rates, W, base, method, row)
+        W, near = motion.wrench(t, order + row.wrench_rates - 1), positions(robot.mechanism, motion, t)
+        forces = _computed(robot, rates, W, base, near, method, row)
         if progress is not None:
             progress(start + len(t), len(times))
         yield Along(t, rates, forces, spread and spread(t), base=base)
@@ -188,19 +190,27 @@ def _one_sided(
 ) -> Rates:
     highest = order + row.rates - 1
     rates, base = motion(t, highest, side), motion.base(t, highest, side)
-    return _computed(robot, rates, motion.wrench(t, order + row.wrench_rates - 1, side), base, method, row)
+    W, near = motion.wrench(t, order + row.wrench_rates - 1, side), positions(robot.mechanism, motion, t, side)
+    return _computed(robot, rates, W, base, near, method, row)
 
 
 def _computed(
-    robot: "Robot", rates: Rates, W: Wrenches | None, base: Rates | None, method: str | None, row: Quantity
+    robot: "Robot",
+    rates: Rates,
+    W: Wrenches | None,
+    base: Rates | None,
+    near: np.ndarray | None,
+    method: str | None,
+    row: Quantity,
 ) -> Rates:
-    return as_tuple(compute(robot, row.name, rates, wrench=W, base=base, method=method))
+    position = None if near is None else continued(robot.mechanism, rates[0], near)
+    return as_tuple(compute(robot, row.name, rates, wrench=W, base=base, position=position, method=method))
 
 
 def _size(robot: "Robot", row: Quantity) -> int:
     """The number of entries of a quantity for one state: n, or nv of the forces on a robot that floats."""
-    [axis] = row.shape
-    return robot.nv if axis == "nv" else robot.n
+    [size] = Computation(row.name, 0).shape(robot.mechanism)
+    return size
 
 
 def _spreads(
@@ -222,9 +232,10 @@ def _spreads(
     for start in range(0, len(t), PIECE):
         part = t[start : start + PIECE]
         rates, W, base = motion(part, highest), motion.wrench(part, of_wrench), motion.base(part, highest)
-        true = np.array(_computed(robot, rates, W, base, method, row))
+        near = positions(robot.mechanism, motion, part)
+        true = np.array(_computed(robot, rates, W, base, near, method, row))
         for other in _perturbed(motion, part, rates, W, base, highest, of_wrench):
-            total[:, start : start + PIECE] += (np.array(_computed(robot, *other, method, row)) - true) ** 2
+            total[:, start : start + PIECE] += (np.array(_computed(robot, *other, near, method, row)) - true) ** 2
     known = np.sqrt(total)
 
     def interpolated(times: np.ndarray) -> Rates:

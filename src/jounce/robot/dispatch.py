@@ -83,11 +83,17 @@ def compute(
     base: Any = None,
     body: str | None = None,
     frame: str = "body",
+    position: Array | None = None,
     method: str | None = None,
     out: Any = None,
     threads: int = 1,
 ) -> Any:
-    """Compute a quantity for given rates of the coordinates with the first backend that accepts the call."""
+    """Compute a quantity for given rates of the coordinates with the first backend that accepts the call.
+
+    `position` (..., N) are all coordinates of the tree of a closed robot, with loops closed, if a caller knows them.
+    """
+    if position is not None:
+        given = (position, *given[1:])
     terms: Sequence[Any] = wrench if type(wrench) is tuple else () if wrench is None else (wrench,)
     moved: Sequence[Any] = base if type(base) is tuple else () if base is None else (base,)
     form = (name, body, frame, method, type(threads), threads, *map(type, given), type(wrench), *map(type, terms))

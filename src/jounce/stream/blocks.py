@@ -16,6 +16,7 @@ from jounce.motion.motion import Motion
 from jounce.motion.spline import Smoothing
 from jounce.motion.table import from_columns
 from jounce.motion.units import check_units
+from jounce.robot.closed_path import positions_of_rows
 from jounce.spatial.series import rate_name
 from jounce.stream.outputs import Block, Output, Rates, Wrenches, along, of_rows
 from jounce.stream.plan import Part, Task
@@ -57,13 +58,29 @@ def _block(task: Task, part: Part, rows: Rows, check: bool) -> Block:
         stated = match.angles_stated, match.time_stated
         check_units(si[TIME][first], q, qd, job.links.mechanism, stated, str(part.path))
     states = tuple(np.stack(columns, axis=1) for columns in rates)
+    positions = _positions(task, part, si, rows.runs, states)
     outputs = [
         output._replace(rates=tuple(map(np.asfortranarray, output.rates)))  # by columns, as they are written
-        for output in of_rows(job, states, _wrenches(task, part, si), _base(task, part, si))
+        for output in of_rows(job, states, _wrenches(task, part, si), _base(task, part, si), positions)
     ]
     _check_finite(part, rows, outputs)
     of_base = poses.named(list(si), job.links.mechanism) if job.with_rates else ()
     return Block(si[TIME], outputs, {name: si[name] for name in of_base})
+
+
+def _positions(
+    task: Task, part: Part, si: Mapping[str, np.ndarray], runs: list[Run], rates: Rates
+) -> np.ndarray | None:
+    """All coordinates of a closed robot, from the rows that state them, checked for jumps within each motion."""
+    m = task.job.links.mechanism
+    if m.closure is None:
+        return None
+    found = np.stack([si[f"{name}.q"] for name in m.closure.coordinates], axis=1)
+    with at(str(part.path)):
+        for run in runs:
+            here = slice(run.start, run.stop)
+            found[here] = positions_of_rows(m, si[TIME][here], [rate[here] for rate in rates[:3]], found[here])
+    return found
 
 
 def _wrenches(task: Task, part: Part, si: Mapping[str, np.ndarray]) -> Wrenches:

@@ -14,7 +14,7 @@ from jounce.io.spans import FORMATS, format_of
 from jounce.io.spans import place as place_in_words
 from jounce.io.spans.chunk import Span
 from jounce.motion import loads, poses
-from jounce.motion.columns import DEVIATION, Match, match
+from jounce.motion.columns import DEVIATION, Match, followers, match
 from jounce.motion.spline import Smoothing, refuse_way
 from jounce.spatial.series import rate_name
 from jounce.stream.job import Job, digest
@@ -150,7 +150,9 @@ def _is_independent(job: Job, found: Match) -> bool:
     spread = any(name.endswith(DEVIATION) for name in sources)
     of_base = poses.named(sources, job.links.mechanism)
     sampled = found.sampled or loads.are_sampled(of_wrenches) or (of_base and poses.are_sampled(list(of_base)))
-    whole = sampled or spread or reading.blend or reading.step
+    m = job.links.mechanism  # loops are closed from the row before, unless every row states all joints
+    continued = m.closure and len(followers(m, sources, found.sampled)) < len(m.closure.dependent)
+    whole = sampled or spread or reading.blend or reading.step or continued
     return not whole and not (isinstance(job.robot, ElasticRobot) and _has_memory(job.robot))
 
 

@@ -1,0 +1,87 @@
+"""The joints whose limits bound a motion: those of the coordinates, and of closed robots those that follow them too.
+
+Columns are coordinates of the tree. Forces of a closed robot bound those that are actuated, whether the motion is given
+in their coordinates or in others; they are zero elsewhere.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jounce.dynamics.loops import closure_of
+from jounce.dynamics.quantities import FORCES, QUANTITIES, Quantity
+from jounce.model.coordinates import coordinate_limits, coordinate_units
+from jounce.model.limits import KINDS, MOTION_KINDS, Limits
+from jounce.model.mechanism import Mechanism
+from jounce.robot.dispatch import compute
+from jounce.robot.generic import as_tuple
+
+if TYPE_CHECKING:
+    from jounce.robot.robot import Robot
+
+
+def joint_names(m: Mechanism) -> tuple[str, ...]:
+    """The names of the columns."""
+    return m.tree.coordinates
+
+
+def joint_units(m: Mechanism) -> list[str]:
+    """The units of the columns, rad or m."""
+    return coordinate_units(m.tree)
+
+
+def joint_limits(m: Mechanism) -> Limits:
+    """The limits of the columns; efforts and motors of joints without a motor have none."""
+    limits = coordinate_limits(m.tree)
+    if m.closure is None:
+        return limits
+    table = limits.table.copy()
+    passive = [j for j in range(m.tree.n) if j not in m.closure.actuated]
+    forces = [k for k, kind in enumerate(KINDS) if kind not in MOTION_KINDS]
+    table[np.ix_(forces, [0], passive)], table[np.ix_(forces, [1], passive)] = -np.inf, np.inf
+    return replace(limits, table=table)
+
+
+def drives_coordinates(m: Mechanism) -> bool:
+    """Whether the motors are at the coordinates of a robot, so that Q are their forces."""
+    return m.closure is None or sorted(m.closure.actuated) == sorted(m.closure.independent)
+
+
+def efforts(m: Mechanism) -> Quantity:
+    """The row of the forces that effort limits bound."""
+    return FORCES if drives_coordinates(m) else QUANTITIES["actuator_forces"]
+
+
+def of_motors(robot: "Robot", found: Any) -> list[np.ndarray]:
+    """Forces, or positions of motors, and their rates without those on a base, which no limit bounds."""
+    closure = robot.mechanism.closure
+    count = len(closure.actuated) if closure else robot.n
+    return [x[..., -count:] for x in as_tuple(found)]
+
+
+def in_columns(m: Mechanism, found: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Columns of all joints from those of motors, (..., motors)."""
+    if m.closure is None:
+        return list(found)
+    places = m.closure.independent if drives_coordinates(m) else m.closure.actuated
+    return [_placed(x, places, m.tree.n) for x in found]
+
+
+def joint_rates(
+    robot: "Robot", rates: Sequence[np.ndarray], position: np.ndarray | None, needed: bool = True
+) -> tuple[np.ndarray, ...]:
+    """q, qd, ... of all joints; where those that follow others are not needed, these are zero."""
+    m = robot.mechanism
+    if position is None:
+        return tuple(rates)
+    if not needed:
+        return tuple(_placed(x, closure_of(m).independent, m.tree.n) for x in rates)
+    return as_tuple(compute(robot, "coordinates", rates, position=position))
+
+
+def _placed(x: np.ndarray, places: Sequence[int], count: int) -> np.ndarray:
+    whole = np.zeros((*x.shape[:-1], count))
+    whole[..., list(places)] = x
+    return whole
