@@ -15,10 +15,11 @@ from jounce._typing import DriveColumn
 from jounce.arguments import loads, loops, rates, requests, wrenches
 from jounce.arguments.base import base_of
 from jounce.dynamics import drive_terms, elastic
-from jounce.dynamics.computation import Computation, Port, coordinate_ports
+from jounce.dynamics.computation import Computation, Port
 from jounce.dynamics.loads import wrench_of
+from jounce.dynamics.loops import law as closed_law
 from jounce.dynamics.newton import Step
-from jounce.dynamics.quantities import FORCES, Quantity, row_of
+from jounce.dynamics.quantities import FORCES, Law, Quantity, State, row_of
 from jounce.errors import JounceError, one_of, quoted, warn
 from jounce.model.casting import cast_model
 from jounce.model.mechanism import Mechanism
@@ -29,7 +30,7 @@ from jounce.native.kernel import Kernel, compile_kernel
 from jounce.native.plan import PATIENCE, LongCompilationError, obstacle
 from jounce.native.poses import are_poses
 from jounce.robot.generic import as_tuple, batch_shape, checked_out, compute_by_method, evaluate, is_fit, results_into
-from jounce.spatial.series import Series, columns
+from jounce.spatial.series import Series
 
 if TYPE_CHECKING:
     from jounce.robot.robot import Robot
@@ -198,13 +199,13 @@ def _run(call: Call) -> Any:
 
 def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str], out: Any) -> Any:
     """Compute the forces of drive terms for given rates of the coordinates, whether or not the terms act in Q."""
-    q = rates.rates_of(given, FORCES.rates, mechanism)
-    model, ports = cast_model(mechanism, q), coordinate_ports(mechanism, FORCES.input_names(len(q)), FORCES.rates)
 
-    def law(arrays: Sequence[Array]) -> Series:
-        return drive_terms.forces(model, columns(arrays), terms).map(lambda Q: Q[..., 0])
+    def law(m: Mechanism, x: State) -> Series:
+        Q = drive_terms.behind_base(m, drive_terms.forces(m, x.q, terms), (-2,))
+        return Q.map(lambda Q: Q[..., 0])
 
-    return results_into(evaluate(law, ports, q, len(q) - FORCES.rates + 1, 4 * model.nb), out)
+    found = _of_drives(mechanism, FORCES.name, given, law, 4 * mechanism.nb)
+    return results_into(tuple(Q[..., -mechanism.n :] for Q in found), out)
 
 
 def regressor(
@@ -213,19 +214,31 @@ def regressor(
     """Compute a regressor for given rates of the coordinates, with columns of drive terms behind its own."""
     if not terms:
         return compute(robot, name, given, out=out, **options)
-    own, row = as_tuple(compute(robot, name, given, **options)), row_of(name)
-    q = rates.rates_of(given, row.rates, robot.mechanism)
-    model = cast_model(robot.mechanism, q)
-    ports = coordinate_ports(model, row.input_names(len(q)), row.rates)
+    own, m = as_tuple(compute(robot, name, given, **options)), robot.mechanism
 
-    def law(arrays: Sequence[Array]) -> Series:
+    def law(m: Mechanism, x: State) -> Series:
         of_units: Callable[..., Series] = getattr(drive_terms, name)
-        return of_units(model, columns(arrays), terms)
+        return of_units(m, x.q, terms)
 
-    added = evaluate(law, ports, q, len(own), model.nb * model.nv * len(terms))
-    axes = [len(row.shape)] * 2
+    added = _of_drives(m, name, given, law, m.nb * m.nv * len(terms))
+    axes = [len(row_of(name).shape)] * 2
     pairs = (broadcast(pair, axes, ["Y", "drives"]) for pair in zip(own, added, strict=True))
     return results_into(tuple(concatenate(pair, axis=-1) for pair in pairs), out)
+
+
+def _of_drives(mechanism: Mechanism, name: str, given: Sequence[Any], law: Law, width: int) -> tuple[Array, ...]:
+    """Compute what drives contribute to a quantity, by a law of a tree, for given rates of the coordinates."""
+    row, whole = row_of(name), None
+    if mechanism.closure:
+        first, whole = loops.split(mechanism, given[0])
+        given, law = [first, *given[1:]], closed_law(law, row.shape, None)
+    arrays = rates.rates_of(given, row.rates, mechanism)
+    asked = Computation(name, len(arrays) - row.rates)
+    if mechanism.closure:
+        arrays = [*arrays, loops.dependent_of(mechanism, arrays[0], whole)]
+    model = cast_model(mechanism, arrays)
+    inputs = asked.signature(model).inputs
+    return evaluate(lambda arrays: law(model, asked.state(model, arrays)), inputs, arrays, asked.order + 1, width)
 
 
 def wrench_of_load(
