@@ -157,12 +157,14 @@ def test_terms_that_act_and_loads_are_no_parameters(arm, motion):
     assert found.robot.mechanism.acting == ("damping", "friction", "spring")
 
 
-def test_positions_with_noise_weigh_forces(arm, true, motion, Q):
-    q = motion(T, 0)[0] + 1e-4 * np.random.default_rng(3).normal(size=Q.shape)
-    smoothed = jounce.Motion.fit(T, q, joint_names=arm.joint_names)
-    found = jounce.identify(arm, smoothed, Q + 0.1 * np.random.default_rng(4).normal(size=Q.shape), t=T)
+def test_forces_count_less_where_accelerations_are_uncertain(arm, true, motion, Q):
+    """At the ends of a log: weighed as all others, the samples there make errors ten times as large."""
+    rng = np.random.default_rng(3)
+    smoothed = jounce.Motion.fit(T, motion(T, 0)[0] + 1e-3 * rng.normal(size=Q.shape), joint_names=arm.joint_names)
+    found = jounce.identify(arm, smoothed, Q + 0.1 * rng.normal(size=Q.shape), t=T)
     off = values(found) - [*true.base_parameters().values, *true.drives.damping, *true.drives.friction, 0, 0, 0]
     assert np.mean((off / np.sqrt(np.diag(found.covariance))) ** 2) < 4
+    assert np.abs(off[:15]).max() < 0.05
 
 
 def test_a_robot_on_moving_ground_feels_more(arm, motion):

@@ -325,6 +325,11 @@ CASES: dict[str, Case] = {
             "degree": 7, "intervals": None, "bandwidth": None, "force": False,
         },
     ),
+    "excite": (
+        jounce.excite,
+        {
+            "robot": ROBOT.with_limits(velocity=2.0), "period": 2.0, "periods": 1, "harmonics": 3, "drives": False,
+            "weights": None, "reach": 1.0, "margin": 0.01, "starts": 1, "seed": 0,
     "identify": (
         jounce.identify,
         {
@@ -409,6 +414,7 @@ def test_every_argument_of_every_public_function_is_attacked():
         "Drives",
         "ElasticAlong",
         "Elasticity",
+        "Excitation",
         "ForceResidual",
         "Identification",
         "IdentifiedParameter",
