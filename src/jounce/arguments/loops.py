@@ -243,6 +243,6 @@ def dependent_of(mechanism: Mechanism, u: Array, whole: Array | None, step: Step
             f" loops are closed on numbers: {listed(closure.coordinates)}"
         )
     flat = np.asarray(u, dtype=float).reshape(-1, mechanism.n)
-    near = None if whole is None else np.asarray(whole, dtype=float).reshape(-1, len(closure.coordinates))
-    found = closing.closed(mechanism, flat, near, step)[:, others]
+    start = None if whole is None else np.asarray(whole, dtype=float).reshape(-1, len(closure.coordinates))
+    found = closing.closed(mechanism, flat, start, step)[:, others]
     return found.reshape(*u.shape[:-1], len(others))
