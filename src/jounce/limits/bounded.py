@@ -25,7 +25,7 @@ from jounce.model.limits import FORCES as BOUND_FORCES
 from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
 from jounce.robot.along import FIRST, checked_motion
-from jounce.robot.closed_path import positions
+from jounce.robot.closed_path import on_tree, positions
 from jounce.robot.dispatch import compute
 
 if TYPE_CHECKING:
@@ -279,12 +279,12 @@ def at_speed(
     W = wrench and tuple({body: w * c**k for body, w in of.items()} for k, of in enumerate(wrench))
     scaled = tuple(rate * c**k for k, rate in enumerate(rates[: order + _row(robot, name).rates]))
     moved = base and tuple(term * c**k for k, term in enumerate(base))
-    return of_motors(robot, compute(robot, name, scaled, wrench=W, base=moved, position=near))
+    return of_motors(robot, compute(robot, name, on_tree(scaled, near), wrench=W, base=moved))
 
 
 def gravity(robot: "Robot", rates: Rates, base: Rates | None, near: np.ndarray | None) -> list[np.ndarray]:
     """The gravity forces of the joints and their rates."""
-    return of_motors(robot, compute(robot, "gravity_forces", rates, base=base, position=near))
+    return of_motors(robot, compute(robot, "gravity_forces", on_tree(rates, near), base=base))
 
 
 def power(rates: Rates, Q: list[np.ndarray]) -> list[np.ndarray]:

@@ -15,7 +15,8 @@ import numpy as np
 from jounce.dynamics import assembly, closing, newton
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loops import closure_of
-from jounce.errors import JounceError, listed
+from jounce.errors import JounceError, at, listed
+from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
 from jounce.motion.curves import Curve
 from jounce.motion.hermite import Hermite
@@ -67,16 +68,16 @@ class ClosedCurve:
         return list(closure_of(self.m).dependent)
 
     def states(self, t: np.ndarray, near: np.ndarray) -> States:
-        """The states at times, with positions continued straight from those (N,) nearby."""
+        """The states at times, with positions (N,) nearby, from which those are continued."""
         order = 2 if self.curve.highest is None else min(2, self.curve.highest)
         rates = self.curve.rates(t, order)
-        q = closing.closed(self.m, rates[0], near)
+        q = closing.closed(self.m, rates[0], near[None])
         after = self.rates_of(q, rates)
-        before, at = after.copy(), np.flatnonzero(np.isin(t, [jump.t for jump in self.curve.jumps(order)]))
-        if at.size:
-            left = self.curve.rates(t[at], order, True)
-            before[:, at] = self.rates_of(closing.closed(self.m, left[0], q[at]), left)
-            before[:, at[(left[0] != rates[0][at]).any(axis=1)]] = np.nan  # where q jumps, nothing is continued
+        before, breaks = after.copy(), np.flatnonzero(np.isin(t, [jump.t for jump in self.curve.jumps(order)]))
+        if breaks.size:
+            left = self.curve.rates(t[breaks], order, True)
+            before[:, breaks] = self.rates_of(closing.closed(self.m, left[0], q[breaks]), left)
+            before[:, breaks[(left[0] != rates[0][breaks]).any(axis=1)]] = np.nan  # where q jumps, nothing is continued
         return States(t, q, after, before)
 
     def rates_of(self, q: np.ndarray, rates: Sequence[np.ndarray]) -> np.ndarray:
@@ -104,11 +105,7 @@ class ClosedCurve:
         """States on one branch at times (K,), and between them where neighbours do not agree at once."""
         own = list(closure_of(self.m).independent)
         reach, longest = closing.STEP * newton.scales(self.m).coordinates[own], np.diff(t).max()
-        try:
-            done = [self.states(t[:1], start)]
-        except JounceError as error:
-            raise JounceError(f"at t = {t[0]:.6g} s, the start of the motion: {error}") from None
-        todo, size = t[1:], BLOCK
+        done, todo, size = [self.states(t[:1], start)], t[1:], BLOCK
         while todo.size:
             last = done[-1].taken(slice(-1, None))
             far = np.abs(self.curve.rates(todo[:size], 0)[0] - last.q[:, own]) > reach
@@ -160,7 +157,12 @@ def positions(
     fixed: Any = curve  # curves are immutable, hence keys
     path = _path(m, fixed, order, count, tuple(motion.branch.items()))
     near = path.q[(np.searchsorted(path.t, inner, side="right") - 1).clip(0)]
-    return continued(m, motion(t, 0, side)[0], near)
+    return closing.closed(m, motion(t, 0, side)[0], near)
+
+
+def on_tree(rates: tuple[np.ndarray, ...], q: np.ndarray | None) -> tuple[np.ndarray, ...]:
+    """Rates of coordinates with all those of the tree first, as a closed robot takes them, if there are any."""
+    return rates if q is None else (q, *rates[1:])
 
 
 def positions_of_rows(m: Mechanism, t: np.ndarray, rates: Sequence[np.ndarray], q: np.ndarray) -> np.ndarray:
@@ -185,14 +187,6 @@ def positions_of_rows(m: Mechanism, t: np.ndarray, rates: Sequence[np.ndarray], 
     return q
 
 
-def continued(m: Mechanism, u: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """All coordinates (K, N) of the tree from the independent ones (K, n) and positions (K, N) nearby."""
-    q, moved = near.copy(), (u != near[:, list(closure_of(m).independent)]).any(axis=1)
-    if moved.any():
-        q[moved] = closing.closed(m, u[moved], near[moved])
-    return q
-
-
 @lru_cache(maxsize=8)
 def _path(
     m: Mechanism, curve: Curve, columns: tuple[int, ...], count: int, branch: tuple[tuple[str, float], ...]
@@ -201,7 +195,8 @@ def _path(
     c, curve = closure_of(m), Columns(curve, np.array(columns))
     jumps = [jump.t for jump in curve.jumps(2) if curve.start < jump.t < curve.stop]
     t = np.unique([*np.linspace(curve.start, curve.stop, count + 1), *jumps])
-    start = np.array([dict(branch).get(name, x) for name, x in zip(c.coordinates, c.start, strict=True)])
-    if branch:
-        start[list(c.independent)] = curve.rates(t[:1], 0)[0][0]
-    return ClosedCurve(m, curve).path(t, start)
+    u, given = curve.rates(t[:1], 0)[0], dict(branch)
+    whole = np.array([given.get(name, x) for name, x in zip(c.coordinates, c.start, strict=True)])
+    with at(f"at t = {t[0]:.6g} s, the start of the motion"):
+        start = closing.closed(m, u, all_coordinates(c, u, whole[None, list(c.dependent)]) if branch else None)
+    return ClosedCurve(m, curve).path(t, start[0])
