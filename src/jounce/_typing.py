@@ -56,6 +56,7 @@ DriveTerms: TypeAlias = bool | DriveTerm | Iterable[DriveTerm]
 DriveColumn: TypeAlias = DriveTerm | Literal["offset"]
 DriveColumns: TypeAlias = bool | DriveColumn | Iterable[DriveColumn]
 Form: TypeAlias = Literal["paper", "skew"]
+Equations: TypeAlias = Literal["inverse_dynamics", "momentum", "power"]
 Frame: TypeAlias = Literal["body", "world", "spatial"]
 LimitValues: TypeAlias = ArrayLike | Mapping[str, ArrayLike] | None
 Coupling: TypeAlias = Literal["spong"] | int
@@ -71,6 +72,8 @@ QuantityName: TypeAlias = Literal[
     "inverse_dynamics_partials",
     "forward_dynamics_partials",
     "regressor",
+    "momentum_regressor",
+    "energy_regressor",
     "gravity_forces",
     "mass_matrix",
     "coriolis_matrix",

@@ -56,6 +56,15 @@ def test_options_are_those_of_load(tmp_path, items, options, keywords):
     assert all(np.array_equal(ours[name], without[name]) for name in ours) is not drives_act
 
 
+def test_info_names_loops_and_the_joints_that_follow_them():
+    said = call("info", "fourbar_leg").stdout
+    assert "loops, closed: coupler_end - shank_lever (revolute)\nfollowing joints: coupler_pin, knee\n" in said
+    assert "knee = " not in said
+    data = json.loads(call("info", "fourbar_leg", "--json").stdout)
+    assert data["loops"] == [{"frames": ["coupler_end", "shank_lever"], "joint": "revolute", "axis": [0.0, 1.0, 0.0]}]
+    assert (data["following"], data["n"]) == (["coupler_pin", "knee"], 2)
+
+
 def test_a_xacro_file_takes_arguments(tmp_path):
     path = robot_file(
         tmp_path, '<xacro:arg name="kind" default="revolute"/>', *LINKS, joint("turn", "base", "arm", "$(arg kind)"),

@@ -1,4 +1,4 @@
-"""The regressor times the inertial parameters is the force, at every order, by every method."""
+"""Regressors times the inertial parameters are forces, momenta and energies, at every order, by every method."""
 
 from dataclasses import replace
 
@@ -22,6 +22,12 @@ def of_one_state(drawn, order=2):
     return Interpreted(jounce.Robot(m)), rng.uniform(-2, 2, (order + 3, m.n)), random_base(rng, order + 3)
 
 
+def energy(robot, q, base=None):
+    """T + U and its rates, one for each term of q but the first."""
+    U = robot.potential_energy(*q[:-1], base=base and base[:-1])
+    return np.add(robot.kinetic_energy(*q, base=base), U)
+
+
 @settings(max_examples=20)
 @given(moved_mechanisms(largest=5))
 def test_it_gives_the_forces_and_their_rates_from_the_parameters(drawn):
@@ -32,12 +38,48 @@ def test_it_gives_the_forces_and_their_rates_from_the_parameters(drawn):
 
 
 @settings(max_examples=12)
-@given(moved_mechanisms())
-def test_every_column_is_that_of_the_closed_form(drawn):
+@given(moved_mechanisms(largest=5))
+def test_those_of_momentum_and_energy_give_them_and_their_rates(drawn):
     robot, q, base = of_one_state(drawn)
-    for Y, dense in zip(
-        *(robot.robot.regressor(*q, base=base, method=x) for x in ("recursion", "closed_form")), strict=True
+    p = robot.inertial_parameters
+    for Yp, momentum in zip(
+        robot.momentum_regressor(*q, base=base), robot.generalized_momentum(*q, base=base), strict=True
     ):
+        assert relative_error(Yp @ p, momentum) < 1e-12
+    for YE, E in zip(robot.energy_regressor(*q, base=base), energy(robot, q, base), strict=True):
+        assert relative_error(YE @ p, E) < 1e-12
+
+
+@settings(max_examples=10)
+@given(moved_mechanisms())
+def test_forces_are_the_rate_of_the_momentum_and_what_position_and_velocity_determine(drawn):
+    robot, q, base = of_one_state(drawn, 0)
+    rests = []
+    for q2d, Vd in ((q[2], base[2]), (0 * q[2], 0 * base[2])):
+        moving = {"base": (*base[:2], Vd)}
+        rests.append(robot.regressor(*q[:2], q2d, **moving) - robot.momentum_regressor(*q[:2], q2d, **moving)[1])
+    assert relative_error(*rests) < 1e-12
+
+
+@settings(max_examples=10)
+@given(moved_mechanisms())
+def test_the_power_of_the_forces_is_the_rate_of_the_energy(drawn):
+    robot, q, base = of_one_state(drawn, 0)
+    if not robot.mechanism.base:
+        base = None  # a ground that moves has power too
+    speeds = q[1] if base is None else np.append(base[1], q[1])
+    power = speeds @ robot.regressor(*q, base=base)
+    Ed = robot.energy_regressor(*q, base=base)[1]
+    assert relative_error(power, Ed) < 1e-12
+
+
+@pytest.mark.parametrize("name", ["regressor", "momentum_regressor", "energy_regressor"])
+@settings(max_examples=8)
+@given(moved_mechanisms())
+def test_every_column_is_that_of_the_closed_form(name, drawn):
+    robot, q, base = of_one_state(drawn)
+    regressor = getattr(robot.robot, name)
+    for Y, dense in zip(*(regressor(*q, base=base, method=x) for x in ("recursion", "closed_form")), strict=True):
         assert relative_error(Y, dense) < 1e-12
 
 
@@ -79,6 +121,21 @@ def test_columns_of_drive_terms_give_the_forces_of_the_drives(on_base):
     assert relative_error(Y[..., -2 * m.nb :] @ np.append(d.damping, 0 * offsets), robot_damping(robot, q)) < 1e-12
 
 
+@pytest.mark.parametrize("on_base", [False, True])
+def test_columns_of_drive_terms_give_momentum_and_energy_of_the_drives(on_base):
+    rng = np.random.default_rng(6)
+    m = replace(branched().mechanism, elasticity=None, acting=("armature", "spring"))
+    m = floating(m, rng) if on_base else m
+    robot, q, d = Interpreted(jounce.Robot(m)), rng.uniform(-1, 1, (4, 2, m.n)), m.drives
+    base = random_base(rng, 4) if on_base else None
+    p = np.concatenate([robot.inertial_parameters, d.armature, *np.ones((2, m.nb)), d.stiffness, np.ones(m.nb)])
+    momenta = robot.generalized_momentum(*q, base=base)
+    for Yp, momentum in zip(robot.momentum_regressor(*q, base=base, drives=True), momenta, strict=True):
+        assert relative_error(Yp @ p, momentum) < 1e-12
+    for YE, E in zip(robot.energy_regressor(*q, base=base, drives=True), energy(robot, q, base), strict=True):
+        assert relative_error(YE @ p, E) < 1e-12
+
+
 def robot_damping(robot, q):
     Q = robot.drive_forces(*q[:3], terms="damping")
     return np.concatenate([np.zeros((2, robot.nv - robot.n)), Q], axis=-1)
@@ -86,8 +143,11 @@ def robot_damping(robot, q):
 
 def test_the_iiwa_takes_no_more_operations_than_measured():
     m = jounce.load("iiwa14").mechanism
-    for order, most in enumerate((1303, 3488)):
-        assert program(m, Computation("regressor", order)).operations <= most
+    for name, counts in {
+        "regressor": (1303, 3488), "momentum_regressor": (821, 2369), "energy_regressor": (258, 665),
+    }.items():  # fmt: skip
+        for order, most in enumerate(counts):
+            assert program(m, Computation(name, order)).operations <= most, name
 
 
 def test_bad_input_is_refused_in_one_line():

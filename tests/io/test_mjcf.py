@@ -289,7 +289,6 @@ ON_TENDON = "<actuator><motor tendon='t' armature='1'/></actuator>"
 LEFT_OUT_OF_THREE = {  # what stands beside the bodies, what is said of it, and the coordinates that remain
     "<joint joint1='a_turn' joint2='b_turn' polycoef='0 1 2 0 0'/>": ("equality constraints", 3),
     "<joint joint1='a_turn' polycoef='.2 0 0 0 0'/>": ("equality constraints", 3),
-    "<connect body1='a' body2='c' anchor='0 0 0'/><weld body1='a' body2='c'/>": ("equality constraints (2)", 3),
     "<joint joint1='a_turn' joint2='b_turn'/><joint joint1='b_turn' joint2='a_turn'/>": ("equality constraints", 2),
     "<joint joint1='c_turn' joint2='a_turn'/><joint joint1='c_turn' joint2='b_turn'/>": ("equality constraints", 2),
     TENDON.format("stiffness='3'"): ("tendons that pull or resist", 3),

@@ -197,6 +197,7 @@ def test_cut_joints_transmit_what_keeps_the_tree_in_motion(closed, states, name)
 def test_a_locked_robot_is_the_whole_one_with_a_joint_at_rest(closed, states, name):
     robot, (q, *rates) = closed[name], at_zero(states[name])
     own = q[list(robot.mechanism.closure.independent)]
+    own[0] += 0.7
     held = robot.locked({robot.joint_names[0]: own[0]})
     assert held.joint_names == robot.joint_names[1:]
     moving = [x * (np.arange(robot.n) > 0) for x in rates]
@@ -218,3 +219,9 @@ def test_a_mass_matrix_is_regular_where_bodies_beyond_the_cut_have_mass(closed, 
     Q = robot.inverse_dynamics(*u, **RECURSION)
     assert relative_error(robot.forward_dynamics(*u[:2], Q, **RECURSION), u[2]) < 1e-10
     assert [(found.severity, found.kind) for found in robot.audit()] == [("note", "massless")]
+    for body in said["bodies"]:
+        body.pop("inertia", None)
+    rotors = loaded(with_drives(said), tmp_path, drives="armature")  # those of joints that follow are felt too
+    assert np.linalg.eigvalsh(rotors.mass_matrix(u[0], **RECURSION))[0] > 1e-3
+    Q = rotors.inverse_dynamics(*u, **RECURSION)
+    assert relative_error(rotors.forward_dynamics(*u[:2], Q, **RECURSION), u[2]) < 1e-10

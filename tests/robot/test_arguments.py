@@ -283,6 +283,12 @@ CASES: dict[str, Case] = {
     "regressor with drives": (
         lambda drives: ROBOT.regressor(*np.ones((3, 2)), drives=drives), {"drives": ("damping", "offset")}
     ),
+    **{
+        f"{name} with drives": (
+            lambda drives, name=name: getattr(ROBOT, name)(*np.ones((2, 2)), drives=drives), {"drives": "armature"}
+        )
+        for name in ("momentum_regressor", "energy_regressor")
+    },
     "base_parameters": (ROBOT.base_parameters, {}),
     "compile": (
         ROBOT.compile,

@@ -27,7 +27,12 @@ def describe(mechanism: Mechanism) -> dict[str, Any]:
         ],
         "acting": list(mechanism.acting),
         "elastic": None if mechanism.elasticity is None else _elastic(mechanism),
-        "bodies": [_body(mechanism, i) for i in range(mechanism.nb)],
+        "loops": [
+            {"frames": [loop.a.name, loop.b.name], "joint": loop.joint, "axis": np.asarray(loop.axis).tolist()}
+            for loop in mechanism.loops
+        ],
+        "following": [name for name in mechanism.tree.coordinates if name not in mechanism.coordinates],
+        "bodies": [_body(mechanism.tree, i) for i in range(mechanism.nb)],
         "merged_links": {frame.name: body_name(mechanism, frame.body) for frame in mechanism.frames},
         "findings": [finding.as_data() for finding in audit(mechanism)],
     }

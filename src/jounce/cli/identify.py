@@ -3,10 +3,11 @@
 from dataclasses import asdict
 from math import isinf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
+from jounce._typing import Equations
 from jounce.cli.motions import AskedMotion, of_motion
 from jounce.cli.options import ALL, Asked, on_robot_without_drives
 from jounce.cli.output import check_distinct, tell
@@ -57,6 +58,13 @@ Deviations are those of the data alone; what they do not see is named.
 @click.option("--eps", type=float, metavar="SPEED", help="Smoothing velocity of Coulomb friction, rad/s or m/s.")
 @click.option("--deviation", type=float, metavar="N", help="Standard deviation of the torques; default: residuals.")
 @click.option("--prior", type=float, default=0.3, show_default=True, help="Relative deviation of the robot's own data.")
+@click.option(
+    "--method",
+    type=click.Choice(get_args(Equations)),
+    default="inverse_dynamics",
+    show_default=True,
+    help="Equations; those of momentum and power need no accelerations.",
+)
 @click.option("--table", type=click.Path(path_type=Path), help="Write the parameters with deviations: .csv.")
 @click.option(
     "--plot", type=click.Path(path_type=Path), help="Measured and predicted torques as a picture: .png, .svg or .pdf."
@@ -72,6 +80,7 @@ def identify(
     eps: float | None,
     deviation: float | None,
     prior: float,
+    method: Equations,
     table: Path | None,
     plot: Path | None,
     as_json: bool,
@@ -96,7 +105,9 @@ def identify(
     path = motion.load(arm, 0)
     drives: Any = {ALL: True, NONE: False}.get(terms, terms.split(","))
     with collected_warnings() as said:
-        found = identified(arm, path, drives=drives, eps=eps, span=span, band=band, deviations=deviation, prior=prior)
+        found = identified(
+            arm, path, drives=drives, eps=eps, span=span, band=band, deviations=deviation, prior=prior, method=method
+        )
     for text in said:
         if text not in found.notes:  # which are printed
             warn(text)

@@ -61,10 +61,20 @@ def _in_words(data: dict[str, Any]) -> str:
     follows = [f"{shortened(body['joint'])} = {body['follows']}" for body in data["bodies"] if body["follows"]]
     if follows:
         lines += ["", *follows]
+    lines += _loops(data)
     merged = [f"{shortened(link)} ({shortened(body)})" for link, body in data["merged_links"].items()]
     if merged:
         lines += ["", *wrap(f"merged links: {', '.join(merged)}", width=WIDTH, subsequent_indent="  ")]
     return "\n".join([*lines, *_moments(base + data["bodies"]), *_findings(data["findings"])])
+
+
+def _loops(data: dict[str, Any]) -> list[str]:
+    """The cut joints of loops, and the joints that follow where they are closed."""
+    cuts = [f"{' - '.join(map(shortened, loop['frames']))} ({loop['joint']})" for loop in data["loops"]]
+    following = [f"following joints: {', '.join(map(shortened, data['following']))}"] if data["following"] else []
+    loops = [f"loops, {'closed' if following else 'open'}: {', '.join(cuts)}"] if cuts else []
+    wrapped = [wrap(line, width=WIDTH, subsequent_indent="  ") for line in loops + following]
+    return ["", *(line for lines in wrapped for line in lines)] if wrapped else []
 
 
 def _mass(body: dict[str, Any]) -> tuple[str, str]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import Array
+from jounce._scalars import Array, concatenate
 from jounce.dynamics import system
 from jounce.dynamics.base import STILL, BaseMotion
 from jounce.model.coordinates import base_columns
@@ -116,6 +116,22 @@ def regressor(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -
     V, a, J = (by_body(s).map(lambda s: s[..., None, :, :]) for s in (x.V, x.V.dot + x.UG, x.J))
     W = unit @ a - V.map(lambda V: ad(V[..., 0]).mT) @ (unit @ V)  # (..., nb, 10, 6, 1)
     return (J.mT @ W).map(_side_by_side)
+
+
+def momentum_regressor(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+    """Yp, (..., nv, 10 nb): the momenta J^T M V of bodies that have one unit parameter each."""
+    x, unit = closed_form(mechanism, q, None, base), inertia.from_parameters(np.eye(10, dtype=int))
+    V, J = (by_body(s).map(lambda s: s[..., None, :, :]) for s in (x.V, x.J))
+    return (J.mT @ (unit @ V)).map(_side_by_side)
+
+
+def energy_regressor(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+    """YE, (..., 10 nb, 1): the energies 1/2 V . M V - m g . c of bodies that have one unit parameter each."""
+    x, unit = closed_form(mechanism, q, None, base), inertia.from_parameters(np.eye(10, dtype=int))
+    V, H = by_body(x.V).map(lambda V: V[..., None, :, :]), x.H.map(lambda H: H[..., None, :3, :])
+    m, h, _ = inertia.moments(unit)
+    E = V.mT @ (unit @ V) * 0.5 - mechanism.gravity[None, :] @ (H @ concatenate([h, m], axis=-2))  # (..., nb, 10, 1, 1)
+    return E.map(lambda E: _side_by_side(E).mT)
 
 
 def _side_by_side(Y: Array) -> Array:

@@ -5,170 +5,110 @@ independent coordinates, in steps that the tangent predicts well: the start deci
 batch do not depend on each other.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import numpy as np
 
-from jounce.dynamics.branches import Ends
+from jounce.dynamics import newton
+from jounce.dynamics.assembly import SINGULAR, inverse_conditions, least_gaps, worst_gap
 from jounce.dynamics.loops import closure_of
+from jounce.dynamics.newton import CLOSED, NEAR, Scales, Step, scales
 from jounce.errors import JounceError, listed
-from jounce.model.loops import Loop
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.lie import position, rotation, to_quaternion
-from jounce.spatial.series import Series, columns
 
-CLOSED = 1e-13  # of a gap, relative to the size of the robot: rounding leaves less
-ROUNDING = 1e-16  # of a gap that nothing can make smaller
-SINGULAR = 1e-8  # of the smallest singular value of the constraints, relative to the largest
+SUSPECT = 1e5  # bound of the condition number from which on singular values are computed
 ITERATIONS = 20
 STEP = 0.25  # rad or sizes of the robot, of a continuation
 SHORTEST = 1e-4  # of the way from the start: shorter steps tell that there is no way
 
 
-@dataclass(frozen=True)
-class Scales:
-    """Lengths that make gaps and constraints numbers without units."""
-
-    length: float
-    rows: np.ndarray  # (c,)
-    coordinates: np.ndarray  # (N,)
+def most(m: Mechanism) -> tuple[float, float]:
+    """The measures of a step up to which loops are closed, and surely not singular."""
+    return sum(len(loop.rows) for loop in m.loops) * CLOSED**2, SUSPECT**2
 
 
-def scales(m: Mechanism) -> Scales:
-    """The scales of a mechanism with loops."""
-    closure = closure_of(m)
-    placed = [m.B[:, :3, 3], *(frame.T[None, :3, 3] for loop in m.loops for frame in (loop.a, loop.b))]
-    length = float(max(1e-9, *np.linalg.norm(np.concatenate(placed).astype(float), axis=1)))
-    slides = np.concatenate([[*[False] * len(x.held[0]), *[True] * len(x.held[1])] for x in m.loops])
-    turning = np.abs(closure.G.T).astype(float) @ m.X[:, :3].any(axis=1) > 0
-    return Scales(length, np.where(slides, 1 / length, 1.0), np.where(turning, 1.0, length))
+def closed(m: Mechanism, u: np.ndarray, whole: np.ndarray | None = None, step: Step | None = None) -> np.ndarray:
+    """The coordinates (k, N) of the tree where the loops are closed, from the independent ones (k, n).
 
-
-def gaps(m: Mechanism, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How far loops are from closed (k, c), and the constraints A (k, c, N), at coordinates (k, N) of the tree."""
-    ends = Ends(m, columns([q]))
-    found = [_gap(loop, C) for loop, C in zip(m.loops, ends.poses, strict=True)]
-    A = ends.held(Series.constant(np.eye(q.shape[-1], dtype=int)))[0]
-    return np.concatenate(found, axis=-1), A.astype(float)
-
-
-def _gap(loop: Loop, C: np.ndarray) -> np.ndarray:
-    """The turns and slides that a cut joint would have to allow, (k, c)."""
-    turns, slides = loop.held
-    R, axis = rotation(C), np.asarray(loop.axis, dtype=float)
-    if len(turns) == 3:
-        turned = 2 * to_quaternion(R)[..., 1:] @ turns.T
-    else:  # where the axes point in opposite directions, a large turn is due
-        turned = np.cross(axis, R @ axis) @ turns.T
-        turned = np.where((R @ axis @ axis < 0)[..., None], np.eye(1, len(turns)) * 2, turned)
-    return np.concatenate([turned, position(C)[..., 0] @ slides.T], axis=-1)
-
-
-def closed(m: Mechanism, u: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """The coordinates (k, N) of the tree where the loops are closed, from the independent ones (k, n) and a start.
+    They are continued from the start of the closure, or found near coordinates (k, N) that a caller gives. `step` is
+    that of `newton.step`, by default in NumPy.
 
     Raises
     ------
     JounceError : where the loops cannot be closed, or constraints are lost.
     """
-    c, s = closure_of(m), scales(m)
-    own, others = list(c.independent), list(c.dependent)
-    q = np.array(np.broadcast_to(start, (len(u), len(c.coordinates))), dtype=float)
-    left = np.isfinite(u).all(axis=1) * 1.0  # the share of the way that is left
-    q[left == 0] = np.nan  # as all results are that depend on missing numbers
-    way = u - q[:, own]
-    step = np.minimum(1.0, STEP / np.maximum(np.abs(way / s.coordinates[own]).max(axis=1, initial=STEP), STEP))
-    while len(k := np.flatnonzero(left)):
-        share = np.minimum(step[k], left[k])
-        moved = way[k] * share[:, None]
-        predicted = q[k]
-        predicted[:, others] += _least(s, gaps(m, q[k])[1], moved, own, others)
-        predicted[:, own] = u[k] - way[k] * (left[k] - share)[:, None]
-        found, off = _newton(m, s, predicted, others)
-        good = (off <= CLOSED) & _is_near(s, found - predicted, predicted - q[k])
-        q[k[good]] = found[good]
-        left[k[good]] -= share[good]
-        step[k] = np.where(good, 2 * share, share / 2)
-        if len(stuck := k[~good & (step[k] < SHORTEST)]):
-            raise _not_closed(m, s, q[stuck[0]], u[stuck[0]], _sample(stuck[0], len(u)))
-    inverse_cond = inverse_conditions(m, q, others)
-    if (inverse_cond < SINGULAR).any():
-        worst = int(np.nanargmin(inverse_cond))
-        raise _singular(m, inverse_cond[worst], _sample(worst, len(u)))
+    step = step or newton.step_of_arrays(m)
+    q, bounds = _continued(m, u, step) if whole is None else _near(m, whole, step)
+    if (bounds > SUSPECT**2).any():
+        found = inverse_conditions(m, q, closure_of(m).dependent)
+        if (found < SINGULAR).any():
+            worst = int(np.nanargmin(found))
+            raise _singular(m, found[worst], _sample(worst, len(q)))
     return q
 
 
-def inverse_conditions(m: Mechanism, q: np.ndarray, free: Sequence[int]) -> np.ndarray:
-    """1 / cond, (k,), of the constraints of some coordinates (k, N): zero where these do not follow the others."""
-    finite = np.isfinite(q).all(axis=1)
-    A = scaled_constraints(m, q[finite])[..., free]
-    sizes = np.linalg.svd(A, compute_uv=False)
-    found = np.full(len(q), np.nan)
-    found[finite] = sizes[:, -1] / sizes[:, 0] if A.shape[-2] >= len(free) else 0.0
-    return found
+def _near(m: Mechanism, whole: np.ndarray, step: Step) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates with closed loops near given ones, and the measures of conditions."""
+    c, s = closure_of(m), scales(m)
+    q, good, bounds = _newton(m, whole, step)
+    good &= (np.abs((q - whole) / s.coordinates) <= NEAR).all(axis=1)
+    missing = ~np.isfinite(whole[:, list(c.independent)]).all(axis=1)
+    if not (good | missing).all():
+        k = int(np.argmin(good | missing))
+        raise _not_closed(m, s, whole[k], whole[k, list(c.independent)], _sample(k, len(q)))
+    q[missing] = np.nan
+    return q, bounds
 
 
-def scaled_constraints(m: Mechanism, q: np.ndarray) -> np.ndarray:
-    """The constraints (k, c, N) at coordinates (k, N), of numbers without units."""
-    s = scales(m)
-    return np.asarray(s.rows[:, None] * gaps(m, q)[1] * s.coordinates)
+def _continued(m: Mechanism, u: np.ndarray, step: Step) -> tuple[np.ndarray, np.ndarray]:
+    """The same, continued from the start of the closure along a straight line."""
+    c, s = closure_of(m), scales(m)
+    own, others = list(c.independent), list(c.dependent)
+    q, bounds = np.array(np.broadcast_to(c.start, (len(u), len(c.coordinates)))), np.zeros(len(u))
+    left = np.isfinite(u).all(axis=1) * 1.0  # the share of the way that is left
+    q[left == 0] = np.nan  # as all results are that depend on missing numbers
+    way = u - q[:, own]
+    size = np.minimum(1.0, STEP / np.maximum(np.abs(way / s.coordinates[own]).max(axis=1, initial=STEP), STEP))
+    while len(k := np.flatnonzero(left)):
+        share, before = np.minimum(size[k], left[k]), q[k]
+        predicted = before.copy()
+        predicted[:, others] = step(before, way[k] * share[:, None])[0]
+        predicted[:, own] = u[k] - way[k] * (left[k] - share)[:, None]
+        found, good, bound = _newton(m, predicted, step)
+        good &= _is_near(s, found - predicted, predicted - before)
+        q[k[good]], bounds[k[good]] = found[good], bound[good]
+        left[k[good]] -= share[good]
+        size[k] = np.where(good, 2 * share, share / 2)
+        if len(stuck := k[~good & (size[k] < SHORTEST)]):
+            raise _not_closed(m, s, q[stuck[0]], u[stuck[0]], _sample(stuck[0], len(u)))
+    return q, bounds
 
 
-def undetermined(A: np.ndarray, dependent: Sequence[int]) -> np.ndarray:
-    """Which dependent coordinates can move while the others are held."""
-    _, sizes, ways = np.linalg.svd(A[:, list(dependent)])
-    rank = (sizes > SINGULAR * sizes.max(initial=0.0)).sum()
-    return np.asarray((np.abs(ways[rank:]) > 1e-6).any(axis=0))
+def _newton(m: Mechanism, q: np.ndarray, step: Step) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Coordinates (k, N) with dependent ones found by Newton's method, whether loops are closed, and their conditions.
 
-
-def tangent(A: np.ndarray, own: Sequence[int], dependent: Sequence[int]) -> np.ndarray:
-    """F (N, n) at constraints without units."""
-    F = np.zeros((A.shape[1], len(own)))
-    F[list(own)] = np.eye(len(own))
-    F[list(dependent)] = -np.linalg.pinv(A[:, list(dependent)]) @ A[:, list(own)]
-    return F
-
-
-def assembled(m: Mechanism, start: np.ndarray) -> np.ndarray:
-    """The configuration (N,) near a start in which the loops are closed.
-
-    The independent coordinates stay if they can; else all move, as little as possible.
-
-    Raises
-    ------
-    JounceError : if there is no such configuration nearby.
+    Samples leave the iteration one by one: where they are closed, or where their gaps stay as they are.
     """
-    s, q = scales(m), np.array(start, dtype=float)[None]
-    found, off = _newton(m, s, q, list(closure_of(m).dependent))
-    if off[0] <= CLOSED and _is_near(s, found - q, 0 * q)[0]:  # the independent ones can stay
-        return np.asarray(found[0])
-    everything = range(q.shape[1])
-    for _ in range(10 * ITERATIONS):  # shorter steps far away, as Newton's do not lead there
-        gap, A = gaps(m, q)
-        if (np.abs(gap * s.rows) <= 0.1).all():
+    c, still = closure_of(m), np.zeros(m.n)
+    others, limit = np.array(c.dependent), most(m)[0]
+    q, good, least, bounds = q.copy(), np.zeros(len(q), dtype=bool), np.full(len(q), np.inf), np.zeros(len(q))
+    k = np.arange(len(q))
+    for _ in range(ITERATIONS):
+        found, measures = step(q[k], still)
+        gap, better = measures[:, 0], measures[:, 0] < least[k]
+        least[k], bounds[k] = gap, measures[:, 1]
+        closed = gap <= limit
+        good[k] = closed
+        better |= closed
+        q[np.ix_(k[better], others)] = found[better]
+        k = k[better & ~closed]
+        if not len(k):
             break
-        change = _solved(s, A, -gap, everything)
-        q = q + change * min(1.0, 0.3 / max(np.abs(change / s.coordinates).max(), 1e-300))
-    q, off = _newton(m, s, q, everything)
-    if off[0] > CLOSED:
-        raise JounceError(
-            f"{m.name!r}: {_worst_gap(m, s, q[0])}; the loops cannot be closed from this start; give start=, joint"
-            " positions near a configuration in which they are closed"
-        )
-    return np.asarray(q[0])
+    return q, good, bounds
 
 
-def _worst_gap(m: Mechanism, s: Scales, q: np.ndarray) -> str:
-    """Which loop is open, and how far, in words."""
-    gap = gaps(m, q[None])[0][0]
-    sizes = [len(loop.rows) for loop in m.loops]
-    parts = np.split(gap * s.rows, np.cumsum(sizes)[:-1])
-    worst = int(np.argmax([np.abs(part).max() for part in parts]))
-    loop = m.loops[worst]
-    turns = len(loop.held[0])
-    own = np.split(gap, np.cumsum(sizes)[:-1])[worst]
-    return f"loop {loop.name} is open by {np.linalg.norm(own[turns:]):.3g} m and {np.linalg.norm(own[:turns]):.3g} rad"
+def _is_near(s: Scales, bent: np.ndarray, straight: np.ndarray) -> np.ndarray:
+    """Whether a step ended near where its tangent pointed: else it may have come to another branch."""
+    far, long = (np.abs(x / s.coordinates).max(axis=1) for x in (bent, straight))
+    return np.asarray(far <= np.maximum(0.3 * long, 1e-6))
 
 
 def _sample(k: int, count: int) -> str:
@@ -179,10 +119,10 @@ def _not_closed(m: Mechanism, s: Scales, q: np.ndarray, u: np.ndarray, sample: s
     c = closure_of(m)
     trial = q.copy()
     trial[list(c.independent)] = u
-    trial, _ = _newton(m, s, trial[None], list(c.dependent))
+    trial, _ = least_gaps(m, s, trial[None], list(c.dependent))
     at = ", ".join(f"{name} = {x:.4g}" for name, x in zip(m.coordinates, q[list(c.independent)], strict=True))
     return JounceError(
-        f"{m.name!r} cannot be closed at q{sample}: {_worst_gap(m, s, trial[0])}; from the start it comes to {at},"
+        f"{m.name!r} cannot be closed at q{sample}: {worst_gap(m, s, trial[0])}; from the start it comes to {at},"
         f" where 1/cond of the constraints is {inverse_conditions(m, q[None], c.dependent)[0]:.2g}; give all"
         f" {len(c.coordinates)} coordinates of the tree, near the wanted branch, in place of q"
     )
@@ -193,35 +133,3 @@ def _singular(m: Mechanism, inverse_cond: float, sample: str) -> JounceError:
         f"{m.name!r}: constraints are lost at q{sample}, where 1/cond is {inverse_cond:.2g}, expected {SINGULAR:g} or"
         f" more: {listed(m.coordinates)} do not determine the other joints there"
     )
-
-
-def _least(s: Scales, A: np.ndarray, moved: np.ndarray, own: Sequence[int], free: Sequence[int]) -> np.ndarray:
-    """How some coordinates move, (k, free), to hold the constraints where others do."""
-    return _solved(s, A, -(A[..., own] @ moved[..., None])[..., 0], free)
-
-
-def _solved(s: Scales, A: np.ndarray, gap: np.ndarray, free: Sequence[int]) -> np.ndarray:
-    """The least motion of some coordinates, (k, free), that makes a change (k, c)."""
-    scaled = s.rows[:, None] * A[..., free] * s.coordinates[free]
-    return (np.linalg.pinv(scaled, rcond=1e-12) @ (gap * s.rows)[..., None])[..., 0] * s.coordinates[free]
-
-
-def _is_near(s: Scales, bent: np.ndarray, straight: np.ndarray) -> np.ndarray:
-    """Whether a step ended near where its tangent pointed: else it may have come to another branch."""
-    far, long = (np.abs(x / s.coordinates).max(axis=1) for x in (bent, straight))
-    return np.asarray(far <= np.where(long > 0, np.maximum(0.3 * long, 1e-6), 0.5))
-
-
-def _newton(m: Mechanism, s: Scales, q: np.ndarray, free: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates (k, N) with loops closed by moving some of them, and the gaps that are left, relative."""
-    best, least = q, np.full(len(q), np.inf)
-    for _ in range(ITERATIONS):
-        gap, A = gaps(m, q)
-        off = np.abs(gap * s.rows).max(axis=-1)
-        better = off < least
-        best, least = np.where(better[:, None], q, best), np.where(better, off, least)
-        if not (better & (off > ROUNDING)).any():
-            break
-        q = q.copy()
-        q[:, free] += _solved(s, A, -gap, free)
-    return best, least

@@ -1,6 +1,6 @@
 """Forces, inertia and energy of the drive trains in the coordinates, by the laws of `model.drives`."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -19,9 +19,30 @@ def forces(m: Mechanism, q: Series, terms: Sequence[str]) -> Series:
 
 def regressor(m: Mechanism, q: Series, terms: Sequence[DriveColumn]) -> Series:
     """Return the forces of unit parameters of some drive terms, (..., nv, nb) of each, side by side."""
+    return _of_coordinates(m, _units(drives.FORCES, m, q, terms))
+
+
+def momentum_regressor(m: Mechanism, q: Series, terms: Sequence[DriveColumn]) -> Series:
+    """Return the generalized momenta of unit parameters, like `regressor`: zero where a term has none."""
+    return _of_coordinates(m, _units(drives.MOMENTA, m, q, terms))
+
+
+def energy_regressor(m: Mechanism, q: Series, terms: Sequence[DriveColumn]) -> Series:
+    """Return the energies of unit parameters, (..., nb) of each term, one after the other: zero where it has none."""
+    return joined(_units(drives.ENERGIES, m, q, terms), axis=-2).map(lambda E: E[..., 0])
+
+
+def _units(
+    laws: Mapping[DriveColumn, drives.Law], m: Mechanism, q: Series, terms: Sequence[DriveColumn]
+) -> list[Series]:
     c, theta = drives.coefficients(m.drives), joint_variables(m, q)
-    of_terms = [drives.unit_force(c, term, theta) * np.eye(m.nb, dtype=int) for term in terms]
-    return behind_base(m, generalized_forces(m, joined(of_terms, axis=-1)), (-2,))
+    return [drives.unit(laws, c, term, theta) for term in terms]
+
+
+def _of_coordinates(m: Mechanism, of_terms: Sequence[Series]) -> Series:
+    """Columns, one for each joint, of what terms contribute at the joints."""
+    by_joint = joined([x * np.eye(m.nb, dtype=int) for x in of_terms], axis=-1)
+    return behind_base(m, generalized_forces(m, by_joint), (-2,))
 
 
 def partials(m: Mechanism, q: Series, terms: Sequence[str]) -> tuple[Series, Series, Series]:

@@ -16,7 +16,16 @@ from jounce.dynamics import closed_form as dense
 from jounce.dynamics import drive_terms, elastic, forward, kinematics, loop_partials, loops, partials
 from jounce.dynamics.base import STILL, BaseMotion
 from jounce.dynamics.paper import Paper
-from jounce.dynamics.recursion import articulated, bodies, force_partials, forces, matrices, momenta, regressor
+from jounce.dynamics.recursion import (
+    articulated,
+    bodies,
+    energy_regressor,
+    force_partials,
+    forces,
+    matrices,
+    momenta,
+    regressor,
+)
 from jounce.dynamics.recursion.forces import Sweep
 from jounce.model.drives import TERMS
 from jounce.model.mechanism import Mechanism
@@ -157,6 +166,11 @@ def _column(nb: int) -> int:
 def _columns(nb: int) -> int:
     """The width of a method that works on columns of screws, one for each joint."""
     return 6 * nb
+
+
+def _ten(nb: int) -> int:
+    """The width of a method that works on ten numbers per body."""
+    return 10 * nb
 
 
 def _row(column: Series) -> Series:
@@ -342,6 +356,36 @@ QUANTITIES: Mapping[str, Quantity] = {
             methods={
                 "recursion": Method(lambda m, x: regressor.regressor(m, x.q, x.base), lambda nb: 60 * nb * nb),
                 "closed_form": Method(lambda m, x: dense.regressor(m, x.q, x.base)),
+            },
+        ),
+        Quantity(
+            name="momentum_regressor",
+            symbol="Yp",
+            rates=2,
+            shape=("nv", "parameters"),
+            unit="that of p over kg, kg m or kg m^2",
+            caption="regressor of the generalized momentum",
+            meaning="Yp(q, qd): the regressor of the generalized momentum, M qd = Yp p of the inertial parameters p.",
+            tex_symbol="Y_{p}",
+            tex=r"M\,\dot{q} = Y_p(q, \dot{q})\,p",
+            methods={
+                "recursion": Method(lambda m, x: regressor.momentum_regressor(m, x.q, x.base), lambda nb: 60 * nb * nb),
+                "closed_form": Method(lambda m, x: dense.momentum_regressor(m, x.q, x.base)),
+            },
+        ),
+        Quantity(
+            name="energy_regressor",
+            symbol="YE",
+            rates=2,
+            shape=("parameters",),
+            unit="J over kg, kg m or kg m^2",
+            caption="regressor of the energy",
+            meaning="YE(q, qd): the regressor of the energy, T + U = YE p of the inertial parameters p.",
+            tex_symbol="Y_{E}",
+            tex=r"T + U = Y_E(q, \dot{q})\,p",
+            methods={
+                "recursion": Method(lambda m, x: _row(energy_regressor.energy_regressor(m, x.q, x.base)), _ten),
+                "closed_form": Method(lambda m, x: _row(dense.energy_regressor(m, x.q, x.base))),
             },
         ),
         Quantity(

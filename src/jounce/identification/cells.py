@@ -6,7 +6,7 @@ are, while the rows become few and nearly independent (the parallel decimation o
 robots with power model", IEEE ICRA 1997).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +15,6 @@ from jounce._typing import DriveColumn
 from jounce.identification.measurements import Measurements
 from jounce.motion.motion import Motion
 from jounce.robot.robot import Robot
-from jounce.spatial.inertia import PARAMETERS
 
 PIECE = 2000  # states whose regressors are held at once
 SHARE = 0.99  # of the power of the model's forces, which the band of a motion holds
@@ -59,19 +58,40 @@ def cells_of(
     width: float,
 ) -> Cells:
     """Average the regressor and the forces over cells of a width in s; those of the model with their deviations."""
-    place = places(samples.t, width)
     spread = np.zeros_like(model) if deviations is None else deviations**2
-    columns = len(PARAMETERS) * len(robot.body_names) + len(terms) * robot.mechanism.nb
-    Y = np.zeros((place[-1] + 1, model.shape[1], columns))
-    for start in range(0, len(samples.t), PIECE):
+    with_model = (
+        (part, np.concatenate([Y, model[part, :, None]], axis=-1))
+        for part, Y in regressors(robot, motion, samples.t, terms)
+    )
+    return averaged(with_model, samples.forces, samples.weights, spread, places(samples.t, width))
+
+
+def averaged(
+    rows: Iterable[tuple[slice, np.ndarray]],
+    right: np.ndarray,
+    weights: np.ndarray,
+    spread: np.ndarray,
+    place: np.ndarray,
+) -> Cells:
+    """Average equations over cells: rows by pieces of samples, the model as their last column, and right sides."""
+    total = np.zeros(())
+    for part, values in rows:
+        if not total.ndim:
+            total = np.zeros((place[-1] + 1, *values.shape[1:]))
+        _add(total, values * weights[part, :, None], place[part])
+    measured, counts = averages(right, weights, place)
+    total /= np.maximum(counts, np.finfo(float).tiny)[..., None]
+    model = total[..., -1]
+    return Cells(total[..., :-1], measured - model, model, counts, averages(spread, weights, place)[0])
+
+
+def regressors(
+    robot: Robot, motion: Motion, t: np.ndarray, terms: Sequence[DriveColumn]
+) -> Iterator[tuple[slice, np.ndarray]]:
+    """Yield the regressor along a motion in pieces of some times, with columns of drive terms."""
+    for start in range(0, len(t), PIECE):
         part = slice(start, start + PIECE)
-        t = samples.t[part]
-        rows = np.asarray(robot.regressor(*motion(t, 2), drives=terms, base=motion.base(t, 2)))
-        _add(Y, rows * samples.weights[part, :, None], place[part])
-    off, counts = averages(samples.forces - model, samples.weights, place)
-    others = [averages(values, samples.weights, place)[0] for values in (model, spread)]
-    Y /= np.maximum(counts, np.finfo(float).tiny)[..., None]
-    return Cells(Y, off, others[0], counts, others[1])
+        yield part, np.asarray(robot.regressor(*motion(t[part], 2), drives=terms, base=motion.base(t[part], 2)))
 
 
 def places(t: np.ndarray, width: float) -> np.ndarray:

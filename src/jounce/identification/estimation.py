@@ -2,18 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 
 from jounce._scalars import is_finite
-from jounce._typing import ArrayLike, DriveColumn, DriveColumns
-from jounce.errors import JounceError, listed, quoted, warn
-from jounce.identification.cells import CELLS, band_of, cells_of
+from jounce._typing import ArrayLike, DriveColumn, DriveColumns, Equations
+from jounce.errors import JounceError, listed, one_of, quoted, warn
+from jounce.identification.cells import CELLS, band_of, cells_of, regressors
+from jounce.identification.filtered import FILTERED
 from jounce.identification.measurements import Measurements, measurements
 from jounce.identification.physical import ConsistentParameters, consistent_parameters
 from jounce.identification.regression import regression, solve
 from jounce.identification.residuals import residuals
-from jounce.identification.result import Identification, predicted_forces
+from jounce.identification.result import Identification
 from jounce.identification.suspicions import suspicions
 from jounce.identification.table import IdentifiedParameter, drive_sizes, inertial_sizes, parameter_table
 from jounce.model.coordinates import force_names, force_units
@@ -42,6 +44,7 @@ def identify(
     weights: ArrayLike | None = None,
     deviations: ArrayLike | None = None,
     prior: float = PRIOR,
+    method: Equations = "inverse_dynamics",
 ) -> Identification:
     """Identify the inertial parameters and drive terms of a robot from a motion and the forces measured along it.
 
@@ -78,6 +81,9 @@ def identify(
         Standard deviations of independent errors of the forces, N m or N; by default residuals tell them.
     prior : float, optional
         Relative standard deviation of the model's own inertial parameters: how near to them the bodies stay.
+    method : {"inverse_dynamics", "momentum", "power"}, optional
+        The equations. Those of momentum and power need no q2d: the balance of the generalized momentum, one row per
+        force, and that of the energy, one row for all forces, which must all be measured. Both sides are filtered.
 
     Returns
     -------
@@ -112,6 +118,7 @@ def identify(
     >>> found.rank, len(found.names)
     (64, 64)
     """
+    one_of("method", method, get_args(Equations))
     terms = select_columns(drives)
     start = _start(robot, terms, eps)
     m, base, names = start.mechanism, start.base_parameters(), force_names(start.mechanism)
@@ -126,7 +133,10 @@ def identify(
     width = _width(used, band, len(chosen))
     along = start.forces_along(path, given.t, order=0)
     model, spread = along.forces[0], None if along.deviations is None else along.deviations[0][inside]
-    cells = cells_of(start, path, used, model[inside], spread, terms, width)
+    if method in FILTERED:
+        cells = FILTERED[method](start, path, used, terms, width, band)
+    else:
+        cells = cells_of(start, path, used, model[inside], spread, terms, width)
     weighed = regression(cells, chosen, known=deviations is not None)
     information = weighed.information[np.ix_(chosen, chosen)]
     solution = solve(information, weighed.right[chosen])
@@ -138,7 +148,8 @@ def identify(
         warn(text)
     found = consistent_parameters(m, base, information, own + solution.x, terms, weight=weight)
     identified, offsets = _identified(start, terms, found)
-    predicted = predicted_forces(identified, offsets, path, given.t)
+    change = np.append(found.parameters - start.inertial_parameters, found.values[base.count :] - own[base.count :])
+    predicted = model + np.concatenate([Y @ change for _, Y in regressors(start, path, given.t, terms)])
     rows = [
         row
         for part, which in (("used", inside), ("rest", ~inside))

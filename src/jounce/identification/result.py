@@ -119,7 +119,10 @@ class Identification:
         >>> found.forces_along(motion, [0.0, 1.0]).shape
         (2, 2)
         """
-        return predicted_forces(self.robot, self.offsets, motion, t)
+        m = self.robot.mechanism
+        constant = np.append(np.zeros(m.nv - m.n), generalized_forces(m, self.offsets[:, None])[:, 0])
+        found: np.ndarray = self.robot.forces_along(motion, t, order=0).forces[0] + constant
+        return found
 
     def __repr__(self) -> str:
         seen = sum(row.seen for row in self.table)
@@ -127,7 +130,9 @@ class Identification:
 
     def __str__(self) -> str:
         first, last = self.span
-        counts = f"{self.samples} samples, t = {first:g} .. {last:g} s, averaged to {self.cells} of {self.cell:.3g} s"
+        counts = (
+            f"{self.samples} samples, t = {first:g} .. {last:g} s, averaged to {self.cells} cells of {self.cell:.3g} s"
+        )
         rank = f"rank {self.rank} of {len(self.table)}, condition {self.condition:.3g}"
         head = [f"{shortened(self.robot.name)}: {counts}, up to {self.band:.3g} Hz", rank, *self.notes, ""]
         rows: list[tuple[str, ...]] = [("parameter", "value", "deviation", "model", "unit", "")]
@@ -144,14 +149,6 @@ class Identification:
                 rows.append((of.force, *cells[:3], of.unit, *cells[3:]))
             lines += ["", *aligned(rows)] if some else []
         return "\n".join([*head, *lines])
-
-
-def predicted_forces(robot: Robot, offsets: np.ndarray, motion: Motion, t: ArrayLike | None) -> np.ndarray:
-    """The forces of a robot along a motion, with constant forces on its joint variables."""
-    m = robot.mechanism
-    constant = np.append(np.zeros(m.nv - m.n), generalized_forces(m, offsets[:, None])[:, 0])
-    found: np.ndarray = robot.forces_along(motion, t, order=0).forces[0] + constant
-    return found
 
 
 def aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:

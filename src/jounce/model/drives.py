@@ -25,6 +25,7 @@ from jounce.spatial.series import Series
 
 T = TypeVar("T", bound=str)
 Coefficients = Mapping[str, Array]  # columns, one entry per joint
+Law = Callable[[Coefficients, Series], Series]
 
 EPS = 0.05  # rad/s or m/s: below it friction turns over
 
@@ -67,13 +68,13 @@ class Drives:
 
 UNDRIVEN = {"armature": 0.0, "damping": 0.0, "friction": 0.0, "eps": EPS, "stiffness": 0.0, "rest": 0.0}
 COEFFICIENTS = ("armature", "damping", "friction", "slope", "stiffness", "rest")  # of the laws; slope is 1 / eps
-LAWS: dict[DriveTerm, Callable[[Coefficients, Series], Series]] = {
+LAWS: dict[DriveTerm, Law] = {
     "armature": lambda c, theta: c["armature"] * theta.dot.dot,
     "damping": lambda c, theta: c["damping"] * theta.dot,
     "friction": lambda c, theta: c["friction"] * hyperbolic_tangent(c["slope"] * theta.dot),
     "spring": lambda c, theta: c["stiffness"] * (theta - c["rest"]),
 }
-PARTIALS: dict[DriveTerm, tuple[int, Callable[[Coefficients, Series], Series]]] = {  # by which rate of theta, and it
+PARTIALS: dict[DriveTerm, tuple[int, Law]] = {  # by which rate of theta, and it
     "armature": (2, lambda c, theta: Series.constant(c["armature"])),
     "damping": (1, lambda c, theta: Series.constant(c["damping"])),
     "friction": (1, lambda c, theta: c["friction"] * (c["slope"] * _over_cosh_squared(c["slope"] * theta.dot))),
@@ -81,7 +82,14 @@ PARTIALS: dict[DriveTerm, tuple[int, Callable[[Coefficients, Series], Series]]] 
 }
 TERMS = tuple(LAWS)
 OFFSET: Final = "offset"  # a constant force, which regressors know and robots do not state
-AMOUNTS = {term: term for term in TERMS} | {"spring": "stiffness"}  # of the terms: where all are zero, none is stated
+COLUMNS: tuple[DriveColumn, ...] = (*TERMS, OFFSET)
+AMOUNTS: dict[str, str] = {term: term for term in TERMS} | {"spring": "stiffness"}  # zero of terms that are not stated
+FORCES: dict[DriveColumn, Law] = dict(zip(COLUMNS, [*LAWS.values(), lambda c, theta: theta * 0 + 1], strict=True))
+MOMENTA: dict[DriveColumn, Law] = {"armature": lambda c, theta: c["armature"] * theta.dot}
+ENERGIES: dict[DriveColumn, Law] = {
+    "armature": lambda c, theta: c["armature"] * (theta.dot * theta.dot) * 0.5,
+    "spring": lambda c, theta: c["stiffness"] * ((theta - c["rest"]) * (theta - c["rest"])) * 0.5,
+}
 
 
 def drive_error(**stated: float) -> str | None:
@@ -105,11 +113,10 @@ def forces(c: Coefficients, terms: Sequence[str], theta: Series) -> Series:
     return reduce(add, [law(c, theta) for term, law in LAWS.items() if term in terms], theta * 0)
 
 
-def unit_force(c: Coefficients, term: DriveColumn, theta: Series) -> Series:
-    """Return the force of one unit of the parameter of a drive term, or of an offset, on each joint, (..., nb, 1)."""
-    if term == OFFSET:
-        return theta * 0 + 1
-    return LAWS[term]({**c, AMOUNTS[term]: np.ones_like(c["armature"])}, theta)
+def unit(laws: Mapping[DriveColumn, Law], c: Coefficients, term: DriveColumn, theta: Series) -> Series:
+    """Return what one unit of the parameter of a drive term contributes at each joint, (..., nb, 1)."""
+    law, amount = laws.get(term), AMOUNTS.get(term, term)
+    return theta * 0 if law is None else law({**c, amount: np.ones_like(c["armature"])}, theta)
 
 
 def partials(c: Coefficients, terms: Sequence[str], theta: Series) -> tuple[Series, Series, Series]:
@@ -134,7 +141,7 @@ def select_terms(terms: object) -> tuple[DriveTerm, ...]:
 
 def select_columns(terms: object) -> tuple[DriveColumn, ...]:
     """Return the selected drive terms of a regressor in their order, the offset last."""
-    return _select("drive column", terms, (*TERMS, OFFSET))
+    return _select("drive column", terms, COLUMNS)
 
 
 def _select(kind: str, terms: object, known: tuple[T, ...]) -> tuple[T, ...]:

@@ -17,11 +17,13 @@ from jounce.arguments.base import base_of
 from jounce.dynamics import drive_terms, elastic
 from jounce.dynamics.computation import Computation, Port, coordinate_ports
 from jounce.dynamics.loads import wrench_of
+from jounce.dynamics.newton import Step
 from jounce.dynamics.quantities import FORCES, Quantity, row_of
 from jounce.errors import JounceError, one_of, quoted, warn
 from jounce.model.casting import cast_model
 from jounce.model.mechanism import Mechanism
-from jounce.native import plan
+from jounce.native import closing, plan
+from jounce.native.closing import NativeStep
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel, compile_kernel
 from jounce.native.plan import PATIENCE, LongCompilationError, obstacle
@@ -42,11 +44,12 @@ class Kernels:
     """The native code of one robot, dropped with it.
 
     `known` maps a computation to its kernel, or to the reason that it has none; `ready` maps the form of plain calls to
-    their kernel and the number of rates of the coordinates that it takes.
+    their kernel and the number of rates of the coordinates that it takes; `steps` holds the step that closes loops.
     """
 
     known: dict[Computation, tuple[Kernel | None, str | None]] = field(default_factory=dict)
     ready: dict[Form, tuple[Kernel, int]] = field(default_factory=dict)
+    steps: list[NativeStep | None] = field(default_factory=list)
 
 
 class Call(NamedTuple):
@@ -80,15 +83,11 @@ def compute(
     base: Any = None,
     body: str | None = None,
     frame: str = "body",
-    position: Array | None = None,
     method: str | None = None,
     out: Any = None,
     threads: int = 1,
 ) -> Any:
-    """Compute a quantity for given rates of the coordinates with the first backend that accepts the call.
-
-    `position` (..., N) are all coordinates of the tree of a closed robot, with loops closed, if a caller knows them.
-    """
+    """Compute a quantity for given rates of the coordinates with the first backend that accepts the call."""
     terms: Sequence[Any] = wrench if type(wrench) is tuple else () if wrench is None else (wrench,)
     moved: Sequence[Any] = base if type(base) is tuple else () if base is None else (base,)
     form = (name, body, frame, method, type(threads), threads, *map(type, given), type(wrench), *map(type, terms))
@@ -97,6 +96,8 @@ def compute(
     try:  # the short way, of calls like an earlier one: NumPy itself checks shapes and kinds of numbers
         kernel, count = robot._kernels.ready[form]
         arrays = (*given[:count], *terms, *moved)
+        if robot.mechanism.closure:
+            arrays = _with_dependent(robot, arrays)
         if moved and not are_poses(moved[0]):
             raise LookupError  # NaN, or what `check_pose` refuses
         if out is None:
@@ -109,9 +110,31 @@ def compute(
     except Exception:  # the long way serves all others, and says what is wrong with them
         pass
     plain = {type(x) for x in (*given, *terms, *moved)} <= {np.ndarray, NoneType} and type(threads) is int
-    asked, given = checked_arguments(robot.mechanism, name, given, wrench, base, body, frame, method, position)
-    lasting = plain and threads == 1 and asked.base == bool(moved) and not robot.mechanism.closure
+    step = closing_step(robot) if robot.mechanism.closure and method in (None, NATIVE) else None
+    asked, given = checked_arguments(robot.mechanism, name, given, wrench, base, body, frame, method, step)
+    lasting = plain and threads == 1 and asked.base == bool(moved)
     return _run(Call(robot, asked, given, method, out, threads, form if lasting else None))
+
+
+def closing_step(robot: "Robot") -> NativeStep | None:
+    """Return the step in native code that closes the loops of a robot, if there is one."""
+    steps = robot._kernels.steps
+    if not steps:
+        steps.append(closing.native_step(robot.mechanism) if robot.mechanism.is_numeric and available() else None)
+    return steps[0]
+
+
+def _with_dependent(robot: "Robot", arrays: Sequence[Any]) -> tuple[Any, ...]:
+    """Return the arrays of a plain call of a closed robot with the independent coordinates first, the others last."""
+    step, q = closing_step(robot), arrays[0]
+    try:
+        if step is None:
+            raise LookupError
+        u, d = step.apart(q)
+    except LookupError:
+        u, whole = loops.split(robot.mechanism, q)
+        d = loops.dependent_of(robot.mechanism, u, whole, step)
+    return u, *arrays[1:], d
 
 
 def checked_arguments(
@@ -123,9 +146,9 @@ def checked_arguments(
     body: str | None,
     frame: str,
     method: str | None,
-    position: Array | None = None,
+    step: Step | None = None,
 ) -> tuple[Computation, list[Array]]:
-    """Check the arguments of a call, and return its computation and input arrays."""
+    """Check the arguments of a call, and return its computation and input arrays; `step` closes the loops."""
     more = requests.more_rates(mechanism, name)
     quantity = row_of(name, more)
     whole = None
@@ -148,7 +171,7 @@ def checked_arguments(
         requests.check_invertible(mechanism, name)
     enters = moves and requests.takes_base(name, frame)
     asked = requests.known(name, order, bool(W), body, frame, more, enters)
-    d = [loops.dependent_of(mechanism, q[0], whole, position)] if mechanism.closure else []
+    d = [loops.dependent_of(mechanism, q[0], whole, step)] if mechanism.closure else []
     if base is None and not enters:
         return asked, [*q, *W, *d]
     C = base_of(mechanism, base, asked.base_terms(mechanism), f"{name} of order {order}")  # wrong ones never pass
@@ -178,20 +201,24 @@ def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str
     return results_into(evaluate(law, ports, q, len(q) - FORCES.rates + 1, 4 * model.nb), out)
 
 
-def regressor(robot: "Robot", given: Sequence[Any], terms: Sequence[DriveColumn], out: Any, **options: Any) -> Any:
-    """Compute the regressor for given rates of the coordinates, with columns of drive terms behind its own."""
+def regressor(
+    robot: "Robot", name: str, given: Sequence[Any], terms: Sequence[DriveColumn], out: Any, **options: Any
+) -> Any:
+    """Compute a regressor for given rates of the coordinates, with columns of drive terms behind its own."""
     if not terms:
-        return compute(robot, "regressor", given, out=out, **options)
-    own = as_tuple(compute(robot, "regressor", given, **options))
-    q = rates.rates_of(given, FORCES.rates, robot.mechanism)
+        return compute(robot, name, given, out=out, **options)
+    own, row = as_tuple(compute(robot, name, given, **options)), row_of(name)
+    q = rates.rates_of(given, row.rates, robot.mechanism)
     model = cast_model(robot.mechanism, q)
-    ports = coordinate_ports(model, FORCES.input_names(len(q)), FORCES.rates)
+    ports = coordinate_ports(model, row.input_names(len(q)), row.rates)
 
     def law(arrays: Sequence[Array]) -> Series:
-        return drive_terms.regressor(model, columns(arrays), terms)
+        of_units: Callable[..., Series] = getattr(drive_terms, name)
+        return of_units(model, columns(arrays), terms)
 
     added = evaluate(law, ports, q, len(own), model.nb * model.nv * len(terms))
-    pairs = (broadcast(pair, [2, 2], ["Y", "drives"]) for pair in zip(own, added, strict=True))
+    axes = [len(row.shape)] * 2
+    pairs = (broadcast(pair, axes, ["Y", "drives"]) for pair in zip(own, added, strict=True))
     return results_into(tuple(concatenate(pair, axis=-1) for pair in pairs), out)
 
 

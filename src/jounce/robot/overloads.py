@@ -249,6 +249,23 @@ class Regressor(Protocol):
     ) -> tuple[Array, ...]: ...
 
 
+class OfVelocityRegressor(Protocol):
+    """Methods that take q, qd, and append columns of drive terms: regressors of momentum and energy."""
+
+    @overload
+    def __call__(self, q: Named, qd: Named, **options: Unpack[_Drives]) -> Array: ...
+    @overload
+    def __call__(self, q: Named, qd: Named, q2d: Named, **options: Unpack[_Drives]) -> tuple[Array, Array]: ...
+    @overload
+    def __call__(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, **options: Unpack[_Drives]
+    ) -> tuple[Array, Array, Array]: ...
+    @overload
+    def __call__(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, q4d: Named, /, *higher: Named, **options: Unpack[_Drives]
+    ) -> tuple[Array, ...]: ...
+
+
 class OfMotorPositions(Protocol):
     """Methods that take q, qd, q2d, wrenches and stiffnesses: motor positions."""
 

@@ -1382,15 +1382,127 @@ class Robot:
         array([[1., 0., 1., 0.],
                [0., 0., 0., 1.]])
         """
-        return dispatch.regressor(
-            self,
-            (q, qd, q2d, q3d, q4d, *higher),
-            select_columns(drives),
-            base=base,
-            method=method,
-            out=out,
-            threads=threads,
-        )
+        given = (q, qd, q2d, q3d, q4d, *higher)
+        options = {"base": base, "method": method, "threads": threads}
+        return dispatch.regressor(self, "regressor", given, select_columns(drives), out, **options)
+
+    @typed(overloads.OfVelocityRegressor)
+    def momentum_regressor(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named | None = None,
+        q3d: Named | None = None,
+        *higher: Named,
+        drives: DriveColumns = False,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> Results:
+        """The regressor Yp of the generalized momentum and its time derivatives: M qd = Yp p.
+
+        p are the `inertial_parameters`. ``Y(q, qd, q2d) = Ypd(q, qd, q2d) + R(q, qd)`` of the `regressor` Y: the forces
+        are the rate of the momentum and what q and qd determine, so that their integral needs no q2d.
+
+        Parameters
+        ----------
+        q, qd : (..., n)
+            Coordinates and velocities: rad or m, per s.
+        q2d, q3d, *higher : (..., n), optional
+            Further rates, each for one more time derivative of Yp.
+        drives : bool, str or iterable of str, optional
+            Columns to append, as of `regressor`. Of these only the armature has momentum; the others are zero.
+        base, method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        Yp : (..., nv, 10 nb), or tuple of (..., nv, 10 nb)
+            With drives, (..., nv, 10 nb + k nb) for k terms, as of `regressor`. Columns in N m s or N s over kg, kg m,
+            kg m^2.
+
+        Raises
+        ------
+        JounceError
+            If an array has a wrong shape, a rate is skipped, or the name of a drive term is unknown.
+
+        References
+        ----------
+        J.-J. E. Slotine, W. Li, "On the Adaptive Control of Robot Manipulators", International Journal of Robotics
+        Research 6(3), 1987: filtered forces without accelerations.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("planar2r")
+        >>> Yp = robot.momentum_regressor([0, 0], [0, 1])
+        >>> Yp.shape, (Yp @ robot.inertial_parameters).round(6)
+        ((2, 20), array([2., 1.]))
+        >>> robot.momentum_regressor([0, 0], [0, 1], drives=("armature", "damping"))[:, 20:]
+        array([[0., 1., 0., 0.],
+               [0., 1., 0., 0.]])
+        """
+        options = {"base": base, "method": method, "threads": threads}
+        rates, columns = (q, qd, q2d, q3d, *higher), select_columns(drives)
+        return dispatch.regressor(self, "momentum_regressor", rates, columns, out, **options)
+
+    @typed(overloads.OfVelocityRegressor)
+    def energy_regressor(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named | None = None,
+        q3d: Named | None = None,
+        *higher: Named,
+        drives: DriveColumns = False,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> Results:
+        """The regressor YE of the energy and its time derivatives: T + U = YE p.
+
+        p are the `inertial_parameters`. While the base is at rest, the rate of the energy is the power of the forces,
+        ``YEd(q, qd, q2d) = qd . Y(q, qd, q2d)`` of the `regressor` Y, so that the integral of the power needs no q2d.
+
+        Parameters
+        ----------
+        q, qd : (..., n)
+            Coordinates and velocities: rad or m, per s.
+        q2d, q3d, *higher : (..., n), optional
+            Further rates, each for one more time derivative of YE.
+        drives : bool, str or iterable of str, optional
+            Columns to append, as of `regressor`. Of these the armature and the spring have energy; the others are zero.
+        base, method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        YE : (..., 10 nb), or tuple of (..., 10 nb)
+            With drives, (..., 10 nb + k nb) for k terms, as of `regressor`. Columns in J over kg, kg m, kg m^2.
+
+        Raises
+        ------
+        JounceError
+            If an array has a wrong shape, a rate is skipped, or the name of a drive term is unknown.
+
+        References
+        ----------
+        M. Gautier, W. Khalil, "On the Identification of the Inertial Parameters of Robots", IEEE Conference on Decision
+        and Control, 1988.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("planar2r")
+        >>> YE = robot.energy_regressor([0, 0], [1, 1])
+        >>> YE.shape, (YE @ robot.inertial_parameters).round(6)
+        ((20,), np.float64(5.0))
+        """
+        options = {"base": base, "method": method, "threads": threads}
+        rates, columns = (q, qd, q2d, q3d, *higher), select_columns(drives)
+        return dispatch.regressor(self, "energy_regressor", rates, columns, out, **options)
 
     @typed(overloads.ForwardPartials)
     def forward_dynamics_partials(

@@ -1,29 +1,39 @@
-"""The inertial-parameter regressor: RNEA on the unit parameters of all bodies, one column each.
+"""Regressors of forces and momenta: RNEA on the unit parameters of all bodies, one column each.
 
 Forces are linear in the inertial parameters of the bodies, and motions do not depend on them. A mass m, a first moment
 h and an inertia tensor I about the origin of a frame on the joint axis require
 
     f = m a + K h,    n = h x a + I wd + w x (I w) = h x a + I wd + axial(I hat(w)^2),
 
-with a and K of `steps`. Columns of unit parameters are transported inward as one force is, and projected onto every
-joint that carries them. The parameters are those of the given body frames; constants take them to frames on the axes.
+with a and K of `steps`. Their momenta, m v + w x h and h x v + I w, are the same function of the velocity field
+v + w x r. Columns of unit parameters are transported inward as one force is, and projected onto every joint that
+carries them. The parameters are those of the given body frames; constants take them to frames on the axes.
 
 What a joint does not move, such as a mass on its axis, requires the same forces as if it belonged to the parent: such
 columns begin there, as in `equivalent.base_parameters`. So that there are more of them, Ixx + Iyy takes the place of
 Iyy, from which it is a subtraction.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
 from jounce._scalars import Array, concatenate, is_zero, zeros_like
-from jounce.dynamics.base import BaseMotion
+from jounce.dynamics.base import STILL, BaseMotion
 from jounce.dynamics.recursion.forces import base_motion, ground
 from jounce.dynamics.recursion.joints import batch_zeros
-from jounce.dynamics.recursion.steps import BodyMotion, Force, aligned_joints, inward, joint_force, outward
+from jounce.dynamics.recursion.steps import (
+    AlignedJoint,
+    BodyMotion,
+    Force,
+    aligned_joints,
+    inward,
+    joint_force,
+    outward,
+    outward_velocity,
+)
 from jounce.dynamics.recursion.sweeps import evaluate_in_order
 from jounce.model.coordinates import generalized_forces
 from jounce.model.equivalent import frame_shifts, on_axes
@@ -46,12 +56,30 @@ class Columns:
 
 def regressor(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
     """Y, (..., nv, 10 nb): the generalized forces of the unit inertial parameters of all bodies, the base's first."""
+    g = on_axes(mechanism).gravity
+    return _projected(mechanism, q, ground(g) if base is None else base_motion(g, base), outward, _forces)
+
+
+def momentum_regressor(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+    """Yp, (..., nv, 10 nb): the generalized momenta of the unit inertial parameters of all bodies, the base's first."""
+    root = base or STILL
+    return _projected(mechanism, q, BodyMotion(root.w, root.v, root.hat_w), outward_velocity, _momenta)
+
+
+def _projected(
+    mechanism: Mechanism,
+    q: Series,
+    root: BodyMotion,
+    step: Callable[[AlignedJoint, BodyMotion], BodyMotion],
+    of_motion: Callable[[BodyMotion, Array, Array, Array], Force],
+) -> Series:
+    """What the motion of every body makes of its unit parameters, projected onto the joints that carry it."""
     chain, units = on_axes(mechanism), _unit_moments(mechanism)
     joints, size = aligned_joints(chain, q), len(PARAMETERS) * len(chain.body_names)
-    motions = {-1: ground(chain.gravity) if base is None else base_motion(chain.gravity, base)}
+    motions = {-1: root}
     for i, joint in enumerate(joints):
-        motions[i] = outward(joint, motions[joint.parent])
-    on = {i: [_unit_forces(units[i], motions[i])] if units[i] else [] for i in units}
+        motions[i] = step(joint, motions[joint.parent])
+    on = {i: [Columns(list(units[i]), of_motion(motions[i], *_parts(units[i])))] if units[i] else [] for i in units}
     rows: dict[int, Series] = {}
     steps = [motions[i].a for i in range(chain.nb)]
     for i, joint in reversed(list(enumerate(joints))):
@@ -61,21 +89,31 @@ def regressor(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -
         steps.append(total.force.n)
     Y = generalized_forces(chain, joined([rows[i] for i in range(chain.nb)], axis=-2))
     if chain.base:
-        root = _together(on[-1])
-        Y = joined([*(_spread(part, root.numbers, size) for part in (root.force.n, root.force.f)), Y], axis=-2)
+        root_total = _together(on[-1])
+        parts = (root_total.force.n, root_total.force.f)
+        Y = joined([*(_spread(part, root_total.numbers, size) for part in parts), Y], axis=-2)
     return evaluate_in_order(Y.map(_with_Iyy) + batch_zeros(q), steps)
 
 
-def _unit_forces(units: dict[int, Array], motion: BodyMotion) -> Columns:
-    """The forces that unit parameters require for a motion."""
+def _parts(units: dict[int, Array]) -> tuple[Array, Array, Array]:
+    """Masses (1, k), first moments (3, k) and inertia tensors (k, 3, 3) of unit parameters."""
     Pi = np.stack(list(units.values()))
     tensors = inertia.from_moment_matrix(Pi)[:, :3, :3]
-    m, h = Pi[:, 3:, 3].mT, Pi[:, :3, 3].mT
+    return Pi[:, 3:, 3].mT, Pi[:, :3, 3].mT, tensors
+
+
+def _forces(motion: BodyMotion, m: Array, h: Array, tensors: Array) -> Force:
+    """The forces that unit parameters require for a motion."""
     hat_w = motion.w.map(lambda w: hat(w[..., 0]))
+    turning = _momenta(replace(motion, w=motion.w.dot), m, h, tensors)
+    return Force(turning.f, turning.n + (hat_w @ hat_w).map(lambda S: axial(tensors @ S[..., None, :, :]).mT))
+
+
+def _momenta(motion: BodyMotion, m: Array, h: Array, tensors: Array) -> Force:
+    """The momenta, linear and angular, of unit parameters that have the velocity field of a motion."""
     n = motion.a.map(lambda a: hat(a[..., 0]).mT @ h)
-    n = n + motion.w.dot.map(lambda wd: (tensors @ wd[..., None, :, :])[..., 0].mT)
-    n = n + (hat_w @ hat_w).map(lambda S: axial(tensors @ S[..., None, :, :]).mT)
-    return Columns(list(units), Force(motion.a * m + motion.K @ h, n))
+    n = n + motion.w.map(lambda w: (tensors @ w[..., None, :, :])[..., 0].mT)
+    return Force(motion.a * m + motion.K @ h, n)
 
 
 def _together(parts: Sequence[Columns]) -> Columns:

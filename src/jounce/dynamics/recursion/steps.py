@@ -89,8 +89,20 @@ def outward_at_rest(joint: AlignedJoint, parent: BodyMotion) -> BodyMotion:
     return BodyMotion(parent.w, point_acceleration(joint, parent.a, parent.K), parent.K)
 
 
+def outward_velocity(joint: AlignedJoint, parent: BodyMotion) -> BodyMotion:
+    """Return the velocity field of a body, v + hat(w) r, from that of its parent: v in the place of a, hat(w) of K."""
+    w = joint.to_body(parent.w)
+    if joint.turns:
+        w = w + _Z * joint.theta.dot
+    hat_w = w.map(_hat)
+    v = point_acceleration(joint, parent.a, parent.K)
+    if joint.d is not None:
+        v = v + (hat_w @ _Z) * joint.d + _Z * joint.d.dot
+    return BodyMotion(w, v, hat_w)
+
+
 def point_acceleration(joint: AlignedJoint, a: Series, K: Series) -> Series:
-    """Return the acceleration of the parent's point at which the joint begins."""
+    """Return the acceleration, or velocity, of the parent's point at which the joint begins."""
     return joint.to_body(a + K @ joint.r)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from jounce.errors import JounceError
+from jounce.spatial import lie
 
 UNNAMED = "MuJoCo Model"  # what MuJoCo calls a model without a name
 NUMBERS = {  # what places and weighs the parts: checked here to be finite, limits and drives where they are read
@@ -21,7 +22,7 @@ BESIDE = (
     *("name_jntadr", "jnt_type", "jnt_qposadr", "jnt_dofadr", "name_siteadr", "site_bodyid", "qpos0", "qpos_spring"),
     *("jnt_limited", "jnt_range", "jnt_actfrclimited", "jnt_actfrcrange"),
     *("jnt_stiffness", "dof_armature", "dof_damping", "dof_frictionloss"),
-    *("eq_type", "eq_obj1id", "eq_obj2id", "eq_active0", "eq_data"),
+    *("eq_type", "eq_obj1id", "eq_obj2id", "eq_active0", "eq_data", "eq_objtype"),
     *("actuator_trntype", "actuator_trnid", "actuator_gear", "actuator_forcelimited", "actuator_forcerange"),
     *("tendon_stiffness", "tendon_damping", "tendon_frictionloss", "nflex"),
 )
@@ -48,6 +49,10 @@ class Arrays:
     def acts(self, *flags: str) -> bool:
         """Whether none of some flags disables it."""
         return self.off.isdisjoint(flags)
+
+    def pose(self, position: str, quaternion: str, i: int) -> np.ndarray:
+        """The pose (4, 4) of a position and a unit quaternion (w, x, y, z)."""
+        return lie.pose(lie.from_quaternion(self.of[quaternion][i]), self.of[position][i][:, None])
 
 
 def arrays(model: Any, file: Path | None, what: str = "from_mujoco()") -> Arrays:

@@ -12,16 +12,11 @@ from jounce.models.mujoco.joints import moves_along_one_screw
 OF_JOINTS = 2  # MuJoCo's type of equality constraint
 
 
-def active(m: Arrays) -> int:
-    """Return the number of active equality constraints."""
-    return len(_active(m))
-
-
 def mimics(m: Arrays) -> dict[int, Mimic]:
     """Map joints to those that they follow, by index; those that form a cycle or tie a joint twice are ignored."""
     leaders: dict[int, int] = {}
     found: dict[int, Mimic] = {}
-    for k in _active(m):
+    for k in active(m):
         i, leader, law = m.of["eq_obj1id"][k], m.of["eq_obj2id"][k], m.of["eq_data"][k]
         if m.of["eq_type"][k] != OF_JOINTS or leader < 0 or law[2:5].any() or i in leaders:
             continue
@@ -33,7 +28,8 @@ def mimics(m: Arrays) -> dict[int, Mimic]:
     return found
 
 
-def _active(m: Arrays) -> list[int]:
+def active(m: Arrays) -> list[int]:
+    """Return the active equality constraints."""
     return [int(k) for k in np.flatnonzero(m.of["eq_active0"])] if m.acts("EQUALITY", "CONSTRAINT") else []
 
 

@@ -1,0 +1,118 @@
+"""The first position of a closed robot, and what its constraints determine there: on numbers, by singular values."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jounce.dynamics import newton
+from jounce.dynamics.loops import closure_of
+from jounce.dynamics.newton import CLOSED, NEAR, Scales, scales
+from jounce.errors import JounceError
+from jounce.model.mechanism import Mechanism
+
+ROUNDING = 1e-16  # of a gap that nothing can make smaller
+SINGULAR = 1e-8  # of the smallest singular value of the constraints, relative to the largest
+ITERATIONS = 20
+HALF_TURN = 1e8  # of a gap where axes point in opposite directions: a large turn is due
+
+
+def gaps(m: Mechanism, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far loops are from closed (k, c), and the constraints A (k, c, N), at coordinates (k, N) of the tree."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        gap, A = newton.gaps(m, q)
+    known = np.isfinite(q).all(axis=-1)[:, None]
+    opposite = known & ~(np.abs(gap[..., 0]) < HALF_TURN)
+    return np.where(opposite, HALF_TURN, gap[..., 0]), A.astype(float)
+
+
+def inverse_conditions(m: Mechanism, q: np.ndarray, free: Sequence[int]) -> np.ndarray:
+    """1 / cond, (k,), of the constraints of some coordinates (k, N): zero where these do not follow the others."""
+    finite = np.isfinite(q).all(axis=1)
+    A = scaled_constraints(m, q[finite])[..., free]
+    sizes = np.linalg.svd(A, compute_uv=False)
+    found = np.full(len(q), np.nan)
+    found[finite] = sizes[:, -1] / sizes[:, 0] if A.shape[-2] >= len(free) else 0.0
+    return found
+
+
+def scaled_constraints(m: Mechanism, q: np.ndarray) -> np.ndarray:
+    """The constraints (k, c, N) at coordinates (k, N), of numbers without units."""
+    s = scales(m)
+    return np.asarray(s.rows[:, None] * gaps(m, q)[1] * s.coordinates)
+
+
+def undetermined(A: np.ndarray, dependent: Sequence[int]) -> np.ndarray:
+    """Which dependent coordinates can move while the others are held."""
+    _, sizes, ways = np.linalg.svd(A[:, list(dependent)])
+    rank = (sizes > SINGULAR * sizes.max(initial=0.0)).sum()
+    return np.asarray((np.abs(ways[rank:]) > 1e-6).any(axis=0))
+
+
+def tangent(A: np.ndarray, own: Sequence[int], dependent: Sequence[int]) -> np.ndarray:
+    """F (N, n) at constraints without units."""
+    F = np.zeros((A.shape[1], len(own)))
+    F[list(own)] = np.eye(len(own))
+    F[list(dependent)] = -np.linalg.pinv(A[:, list(dependent)]) @ A[:, list(own)]
+    return F
+
+
+def assembled(m: Mechanism, start: np.ndarray) -> np.ndarray:
+    """The configuration (N,) near a start in which the loops are closed.
+
+    The independent coordinates stay if they can; else all move, as little as possible.
+
+    Raises
+    ------
+    JounceError : if there is no such configuration nearby.
+    """
+    s, q = scales(m), np.array(start, dtype=float)[None]
+    found, off = least_gaps(m, s, q, list(closure_of(m).dependent))
+    if off[0] <= CLOSED and (np.abs((found - q) / s.coordinates) <= NEAR).all():  # the independent ones can stay
+        return np.asarray(found[0])
+    everything = range(q.shape[1])
+    for _ in range(10 * ITERATIONS):  # shorter steps far away, as Newton's do not lead there
+        gap, A = gaps(m, q)
+        if (np.abs(gap * s.rows) <= 0.1).all():
+            break
+        change = _solved(s, A, -gap, everything)
+        q = q + change * min(1.0, 0.3 / max(np.abs(change / s.coordinates).max(), 1e-300))
+    q, off = least_gaps(m, s, q, everything)
+    if off[0] > CLOSED:
+        raise JounceError(
+            f"{m.name!r}: {worst_gap(m, s, q[0])}; the loops cannot be closed from this start; give start=, joint"
+            " positions near a configuration in which they are closed"
+        )
+    return np.asarray(q[0])
+
+
+def worst_gap(m: Mechanism, s: Scales, q: np.ndarray) -> str:
+    """Which loop is open, and how far, in words."""
+    gap = gaps(m, q[None])[0][0]
+    sizes = [len(loop.rows) for loop in m.loops]
+    parts = np.split(gap * s.rows, np.cumsum(sizes)[:-1])
+    worst = int(np.argmax([np.abs(part).max() for part in parts]))
+    loop = m.loops[worst]
+    turns = len(loop.held[0])
+    own = np.split(gap, np.cumsum(sizes)[:-1])[worst]
+    return f"loop {loop.name} is open by {np.linalg.norm(own[turns:]):.3g} m and {np.linalg.norm(own[:turns]):.3g} rad"
+
+
+def _solved(s: Scales, A: np.ndarray, gap: np.ndarray, free: Sequence[int]) -> np.ndarray:
+    """The least motion of some coordinates, (k, free), that makes a change (k, c)."""
+    scaled = s.rows[:, None] * A[..., free] * s.coordinates[free]
+    return (np.linalg.pinv(scaled, rcond=1e-12) @ (gap * s.rows)[..., None])[..., 0] * s.coordinates[free]
+
+
+def least_gaps(m: Mechanism, s: Scales, q: np.ndarray, free: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates (k, N) with loops closed by moving some of them, and the gaps that are left, relative."""
+    best, least = q, np.full(len(q), np.inf)
+    for _ in range(ITERATIONS):
+        gap, A = gaps(m, q)
+        off = np.abs(gap * s.rows).max(axis=-1)
+        better = off < least
+        best, least = np.where(better[:, None], q, best), np.where(better, off, least)
+        if not (better & (off > ROUNDING)).any():
+            break
+        q = q.copy()
+        q[:, free] += _solved(s, A, -gap, free)
+    return best, least

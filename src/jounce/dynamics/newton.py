@@ -1,0 +1,96 @@
+"""Newton's method for the dependent coordinates of closed robots: one step, over any scalar type.
+
+With gaps r of the loops, constraints A and a change h of the independent coordinates, the step of the dependent ones is
+``A_d step = -(r + A_u h)``: a correction where h = 0, else a prediction along the tangent.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TypeAlias
+
+import numpy as np
+
+from jounce._scalars import Array, concatenate
+from jounce.dynamics.branches import Ends, pattern
+from jounce.dynamics.loops import closure_of
+from jounce.model.loops import Loop
+from jounce.model.mechanism import Mechanism
+from jounce.spatial.lie import axial, hat, position, rotation
+from jounce.spatial.linear import OrthogonalFactors
+from jounce.spatial.series import Series, columns
+
+MEASURES = 2  # of a step: squares of the gap before it, and of a bound of the condition number
+CLOSED = 1e-13  # of a gap, relative to the size of the robot: rounding leaves less
+NEAR = 0.5  # rad or sizes of the robot: loops close there by Newton's method without a way that leads to it
+Step: TypeAlias = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Lengths that make gaps and constraints numbers without units."""
+
+    length: float
+    rows: np.ndarray  # (c,)
+    coordinates: np.ndarray  # (N,)
+
+
+@lru_cache(maxsize=64)
+def scales(m: Mechanism) -> Scales:
+    """The scales of a mechanism with loops."""
+    closure = closure_of(m)
+    placed = [m.B[:, :3, 3], *(frame.T[None, :3, 3] for loop in m.loops for frame in (loop.a, loop.b))]
+    length = float(max(1e-9, *np.linalg.norm(np.concatenate(placed).astype(float), axis=1)))
+    slides = np.concatenate([[*[False] * len(x.held[0]), *[True] * len(x.held[1])] for x in m.loops])
+    turning = np.abs(closure.G.T).astype(float) @ m.X[:, :3].any(axis=1) > 0
+    return Scales(length, np.where(slides, 1 / length, 1.0), np.where(turning, 1.0, length))
+
+
+def gaps(m: Mechanism, q: Array) -> tuple[Array, Array]:
+    """How far loops are from closed (..., c, 1), and the constraints A (..., c, N), at coordinates (..., N)."""
+    ends = Ends(m, columns([q]))
+    found = [_gap(loop, C) for loop, C in zip(m.loops, ends.poses, strict=True)]
+    return concatenate(found, axis=-2), ends.held(Series.constant(np.eye(q.shape[-1], dtype=int)))[0]
+
+
+def _gap(loop: Loop, C: Array) -> Array:
+    """The turns, 2 tan(phi / 2) about their axes, and the slides that a cut joint would have to allow, (..., k, 1)."""
+    turns, slides = loop.held
+    R, axis = rotation(C), np.asarray(loop.axis)[:, None]
+    if len(turns) == 3:
+        rest, sine = 1 + (R * np.eye(3, dtype=int)).sum(axis=(-2, -1), keepdims=True), axial(R)[..., None]
+    else:
+        turned = R @ axis
+        rest, sine = 1 + axis.mT @ turned, hat(axis[:, 0]) @ turned
+    return concatenate([turns @ (2 * sine / rest), slides @ position(C)], axis=-2)
+
+
+def step(m: Mechanism, q: Array, change: Array) -> tuple[Array, Array]:
+    """Return the dependent coordinates (..., N - n) after a step from q (..., N), and its `MEASURES`.
+
+    `change`, (..., n), is that of the independent coordinates.
+    """
+    c, s = closure_of(m), scales(m)
+    own, others = list(c.independent), list(c.dependent)
+    gap, A = gaps(m, q)
+    gap, A = s.rows[:, None] * gap, s.rows[:, None] * A * s.coordinates
+    A_d = A[..., others]
+    factors = OrthogonalFactors.of(A_d, pattern(m)[:, others])
+    moved = factors.solve(-(gap + A[..., own] @ (change / s.coordinates[own])[..., None]))
+    measures = concatenate([_square(gap), _square(concatenate(factors.inverse_Q, axis=-2)) * _square(A_d)], axis=-1)
+    return q[..., others] + s.coordinates[others] * moved[..., 0], measures
+
+
+def _square(x: Array) -> Array:
+    """The sum of the squares of a matrix, (..., 1)."""
+    return (x * x).sum(axis=(-2, -1), keepdims=True)[..., 0]
+
+
+def step_of_arrays(m: Mechanism) -> Step:
+    """The step of a robot, by NumPy."""
+
+    def of_arrays(q: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        with np.errstate(all="ignore"):  # where constraints are lost, and far away
+            return step(m, q, change)
+
+    return of_arrays

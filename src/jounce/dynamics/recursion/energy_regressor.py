@@ -1,0 +1,70 @@
+"""The energy regressor: the kinetic and potential energy of the unit inertial parameters of all bodies.
+
+A body whose origin has the velocity v and the place r has the energy
+
+    E = m (v . v / 2 - g . r) + h . (v x w - g) + w . I w / 2
+
+in its own axes, with its first moment h and its inertia tensor I about the origin. Velocities, g and g . r are taken
+outward in frames on the joint axes, where they need the fewest operations; constants take the parameters there.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+
+from jounce._scalars import Array
+from jounce.dynamics.base import STILL, BaseMotion
+from jounce.dynamics.recursion.joints import batch_zeros, rows
+from jounce.dynamics.recursion.steps import AlignedJoint, BodyMotion, aligned_joints, outward_velocity
+from jounce.dynamics.recursion.sweeps import evaluate_in_order
+from jounce.model.equivalent import frame_shifts, on_axes
+from jounce.model.mechanism import Mechanism
+from jounce.spatial import inertia
+from jounce.spatial.inertia import PARAMETERS
+from jounce.spatial.lie import hat, inverse, position
+from jounce.spatial.series import Series, joined
+
+_Z = np.eye(3, dtype=int)[:, 2:]
+
+
+def energy_regressor(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+    """YE, (..., 10 nb, 1): the energies T + U of the unit inertial parameters of all bodies, the base's first."""
+    chain, root = on_axes(mechanism), base or STILL
+    gravity = chain.gravity[:, None]
+    velocities = {-1: BodyMotion(root.w, root.v, root.hat_w)}
+    field, work = {-1: root.field(chain.gravity)}, {-1: root.H.map(lambda H: gravity.T @ position(H))}  # g, and g . r
+    for i, joint in enumerate(aligned_joints(chain, q)):
+        velocities[i] = outward_velocity(joint, velocities[joint.parent])
+        field[i], work[i] = _lowered(joint, field[joint.parent], work[joint.parent])
+    bodies = range(-chain.first, chain.nb)
+    energies = [
+        _energies(velocities[i], field[i], work[i]) @ S for i, S in zip(bodies, _shifts(mechanism), strict=True)
+    ]
+    steps = [x for i in range(chain.nb) for x in (velocities[i].a, field[i], work[i])]
+    return evaluate_in_order(joined([E.mT + batch_zeros(q) for E in energies], axis=-2), steps)
+
+
+def _lowered(joint: AlignedJoint, field: Series, work: Series) -> tuple[Series, Series]:
+    """g and g . r of a body from those of its parent."""
+    work = work + joint.r.T @ field
+    field = joint.to_body(field)
+    return field, work if joint.d is None else work + (_Z.T @ field) * joint.d
+
+
+def _energies(motion: BodyMotion, field: Series, work: Series) -> Series:
+    """The energies of the ten unit parameters of one body, (..., 1, 10)."""
+    w, v, half = motion.w, motion.a, motion.w * 0.5
+    of_m = v.mT @ (v * 0.5) - work
+    of_h = v.map(lambda v: hat(v[..., 0])) @ w - field
+    x, y, z = (rows(w, k, k + 1) for k in range(3))
+    half_x, half_y, half_z = (rows(half, k, k + 1) for k in range(3))
+    of_I = [half_x * x, x * y, half_y * y, x * z, y * z, half_z * z]
+    return joined([of_m, of_h.mT, *of_I], axis=-1)
+
+
+@lru_cache(maxsize=64)
+def _shifts(mechanism: Mechanism) -> Array:
+    """The parameters of each body in a frame on its axis from those in the given frame: (nb, 10, 10)."""
+    units = inertia.from_parameters(np.eye(len(PARAMETERS), dtype=int))
+    to_axes = [inverse(T) for T in frame_shifts(mechanism, on_axes(mechanism))]
+    return np.stack([inertia.parameters(inertia.shift_inertia(units, C)).T for C in to_axes])

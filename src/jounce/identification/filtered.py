@@ -1,0 +1,140 @@
+"""Equations of motion without accelerations: the balance of momentum or energy through a low-pass filter.
+
+Both are of the form ``d/dt (A theta) + R theta = b`` in the parameters theta, with A and R functions of q and qd: the
+generalized momentum changes by the forces b = Q, one equation per force; the energy by their power b = qd . Q, one
+equation. A filter of both sides takes the derivative away. The rows are averaged over cells of time, as those of forces
+are. The power has twice the band of the forces, and a variance that grows with the velocities.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from jounce._typing import DriveColumn
+from jounce.dynamics.quantities import row_of
+from jounce.errors import JounceError, listed
+from jounce.identification.cells import Cells, averaged, places
+from jounce.identification.low_pass import LowPass, low_pass
+from jounce.identification.measurements import Measurements
+from jounce.model.coordinates import force_names
+from jounce.motion.motion import Motion
+from jounce.robot.along import forces_along
+from jounce.robot.robot import Robot
+
+MEMORY = 1e-3  # share of missing samples in filtered ones, below which these count
+GAP = 0.3  # of the time constant of the filter: a line over shorter gaps has errors of a percent at most
+STILL = 1e-3  # of its mean, which is added to the variance of the power: the robot may be at rest
+
+
+class Balance(NamedTuple):
+    """A balance at some times, the columns of the parameters and behind them the model as it is: (N, rows, P + 1)."""
+
+    rest: np.ndarray  # R
+    stored: np.ndarray  # A
+
+
+Law = Callable[[Robot, Motion, np.ndarray, Sequence[DriveColumn]], Balance]
+
+
+def momentum(robot: Robot, motion: Motion, t: np.ndarray, terms: Sequence[DriveColumn]) -> Balance:
+    """The balance of the generalized momentum: one row per velocity, of parameters and drive terms."""
+    (q, qd), base = motion(t, 1), motion.base(t, 1)
+    base = base and (*base, 0 * base[1])
+    still, W = 0 * q, motion.wrench(t, 0)
+    Yp, Ypd = robot.momentum_regressor(q, qd, still, drives=terms, base=base)
+    p, pd = robot.generalized_momentum(q, qd, still, base=base)
+    Y = robot.regressor(q, qd, still, drives=terms, base=base)
+    Q = robot.inverse_dynamics(q, qd, still, wrench=W, base=base)
+    return Balance(_behind(Y - Ypd, Q - pd), _behind(Yp, p))
+
+
+def energy(robot: Robot, motion: Motion, t: np.ndarray, terms: Sequence[DriveColumn]) -> Balance:
+    """The balance of the energy: one row, of parameters and drive terms."""
+    q, qd = motion(t, 1)
+    still, W = 0 * q, motion.wrench(t, 0)
+    YE, YEd = robot.energy_regressor(q, qd, still, drives=terms)
+    (T, Td), (U, Ud) = robot.kinetic_energy(q, qd, still), robot.potential_energy(q, qd)
+    Y = robot.regressor(q, qd, still, drives=terms)
+    Q = robot.inverse_dynamics(q, qd, still, wrench=W)
+    power = np.einsum("ti,tij->tj", qd, _behind(Y, Q))
+    return Balance((power - _behind(YEd, Td + Ud))[:, None], _behind(YE, T + U)[:, None])
+
+
+def _behind(columns: np.ndarray, model: np.ndarray) -> np.ndarray:
+    """Columns of parameters, and the model as it is behind them."""
+    return np.concatenate([columns, model[..., None]], axis=-1)
+
+
+def filtered_rows(
+    law: Law, robot: Robot, motion: Motion, terms: Sequence[DriveColumn], through: LowPass
+) -> Iterator[tuple[slice, np.ndarray]]:
+    """The filtered rows of a balance by pieces of samples: (n, rows, P + 1) that belong to the filtered right sides."""
+    return through(lambda part: law(robot, motion, through.t[part], terms))
+
+
+def cells_of_momentum(
+    robot: Robot, motion: Motion, samples: Measurements, terms: Sequence[DriveColumn], width: float, band: float
+) -> Cells:
+    """Average the filtered balance of momentum over cells of a width in s; the forces have a band in Hz."""
+    through = low_pass(samples.t, band)
+    whole, missing = _without_gaps(samples, through.cutoff)
+    rows = filtered_rows(momentum, robot, motion, terms, through)
+    weights = whole.weights * _present(missing, through)
+    return averaged(rows, through.of(whole.forces), weights, _spread(robot, motion, through), places(samples.t, width))
+
+
+def cells_of_power(
+    robot: Robot, motion: Motion, samples: Measurements, terms: Sequence[DriveColumn], width: float, band: float
+) -> Cells:
+    """Average the filtered balance of energy over cells of half a width in s; the forces have a band in Hz."""
+    if robot.mechanism.base is not None or motion.base_curve is not None:
+        raise JounceError("method='power' needs a base at rest: the wrench on it has power too; use method='momentum'")
+    measured = samples.weights.max(axis=0) > 0
+    if not measured.all():
+        names = force_names(robot.mechanism)
+        absent = listed(name for name, there in zip(names, measured, strict=True) if not there)
+        raise JounceError(f"method='power' needs all forces, and {absent} is not measured; use method='momentum'")
+    through, qd = low_pass(samples.t, 2 * band), motion(samples.t, 1)[1]
+    whole, missing = _without_gaps(samples, through.cutoff)
+    present = _present(missing.max(axis=1, keepdims=True), through)
+    variance = through.of((qd**2 / whole.weights).sum(axis=1, keepdims=True)).clip(0)  # by that of each force
+    weights = present / (variance + (STILL * variance.mean() or 1.0))
+    rows = filtered_rows(energy, robot, motion, terms, through)
+    right = through.of((qd * whole.forces).sum(axis=1, keepdims=True))
+    spread = (qd**2 * _spread(robot, motion, through)).sum(axis=1, keepdims=True)
+    return averaged(rows, right, weights, spread, places(samples.t, width / 2))
+
+
+def _without_gaps(samples: Measurements, cutoff: float) -> tuple[Measurements, np.ndarray]:
+    """Measurements with lines over gaps of each force, and which of them (N, nv) are in gaps too long for that."""
+    t, forces, weights = samples.t, samples.forces.copy(), samples.weights.copy()
+    missing = weights == 0
+    for j in np.flatnonzero(weights.any(axis=0)):
+        there = ~missing[:, j]
+        known = t[there]
+        forces[:, j], weights[:, j] = (np.interp(t, known, x[there, j]) for x in (forces, weights))
+        later = np.searchsorted(known, t)
+        gap = np.append(known, np.inf)[later] - np.append(-np.inf, known)[later]
+        missing[:, j] &= gap * cutoff > GAP
+    return Measurements(t, forces, weights), missing
+
+
+def _present(missing: np.ndarray, through: LowPass) -> np.ndarray:
+    """Which of the filtered samples hold next to nothing of missing ones."""
+    return (through.of(missing.astype(float)) < MEMORY) & ~missing
+
+
+def _spread(robot: Robot, motion: Motion, through: LowPass) -> np.ndarray:
+    """Variances (N, nv) of the filtered rate of the momentum that follow from those of the positions."""
+    w, t = through.cutoff, through.t
+    free = replace(motion, loads={})  # wrenches do not enter
+    deviations = forces_along(robot, free, t, 0, None, None, row_of("generalized_momentum")).deviations
+    if deviations is None:
+        return np.zeros((len(t), robot.nv))
+    variances = deviations[0] ** 2
+    return w**2 * (variances + np.exp(-2 * w * (t - t[0]))[:, None] * variances[0])
+
+
+FILTERED = {"momentum": cells_of_momentum, "power": cells_of_power}

@@ -1,0 +1,104 @@
+"""The step of Newton's method for the positions of one closed robot as native code."""
+
+import hashlib
+
+import numpy as np
+
+from jounce.dynamics.closing import most
+from jounce.dynamics.computation import DEPENDENT, Computation, Port, Signature, in_a_row
+from jounce.dynamics.loops import closure_of
+from jounce.dynamics.newton import MEASURES, NEAR, scales, step
+from jounce.model.casting import with_exact_integers
+from jounce.model.mechanism import Mechanism
+from jounce.native import cache, calls, jit, plan
+from jounce.native.jit import host
+from jounce.native.plan import PATIENCE
+from jounce.native.pool import Pool
+from jounce.program.trace import Tape, TapeFullError
+
+ITERATIONS = 5  # from nearly closed loops
+
+
+class NativeStep:
+    """`newton.step` of a robot on arrays (..., N) and (..., n)."""
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        closure = closure_of(mechanism)
+        signature = _signature(mechanism)
+        self.own, self.others = np.array(closure.independent), np.array(closure.dependent)
+        self.still, self.count = np.zeros(mechanism.n), len(closure.coordinates)
+        self.most, self.near = most(mechanism), NEAR * scales(mechanism).coordinates[self.others]
+        self._code = jit.load_object(_code(mechanism, signature), host())
+        size = plan.call_size(signature, 0, host().lanes)
+        self._pool = Pool(size) if size > plan.STACK else None
+        address = self._pool.address if self._pool else 0
+        self.ufunc, self._alive = jit.ufunc(self._code.address("states"), signature, "closing", address)
+
+    def __call__(self, q: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The dependent coordinates (..., N - n) after the step, and its measures."""
+        with np.errstate(all="ignore"):  # where constraints are lost, and far away
+            return self.ufunc(q, change)
+
+    def apart(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The independent coordinates (..., n) of q, (..., N), and the dependent ones, with loops closed.
+
+        Raises
+        ------
+        LookupError : if they are not nearly closed or are nearly singular, or q has another shape.
+        """
+        if q.shape[-1] != self.count:
+            raise LookupError
+        found, measures = self.ufunc(q, self.still)
+        if not self._is_closed(measures):
+            x = q.copy()
+            for _ in range(ITERATIONS):
+                x[..., self.others] = found
+                found, measures = self.ufunc(x, self.still)
+                if self._is_closed(measures):
+                    break
+            else:
+                raise LookupError
+            if not (np.abs(found - q.take(self.others, -1)) <= self.near).all():
+                raise LookupError
+        return q.take(self.own, -1), found
+
+    def _is_closed(self, measures: np.ndarray) -> bool:
+        """Whether all loops were closed before a step, and far from singular."""
+        if measures.ndim > 1:
+            return bool((measures <= self.most).all())
+        gap, bound = measures.tolist()
+        return bool(gap <= self.most[0] and bound <= self.most[1])
+
+
+def _signature(m: Mechanism) -> Signature:
+    c = closure_of(m)
+    inputs = [Port("q", (len(c.coordinates),), "state"), Port("change", (m.n,), "state")]
+    outputs = [Port(DEPENDENT, (len(c.dependent),), "result"), Port("measures", (MEASURES,), "result")]
+    return Signature(in_a_row(inputs), in_a_row(outputs))
+
+
+def _code(m: Mechanism, signature: Signature) -> bytes:
+    """Object code, from the cache where it is there."""
+    target = host()
+
+    def make() -> bytes:
+        from jounce.native import emit  # what a warm cache spares
+        from jounce.native.forms import OPERATION
+        from jounce.program.passes import factor, fuse
+
+        tape = Tape(PATIENCE / OPERATION)
+        q, change = (tape.variables(*port.shape) for port in signature.inputs)
+        results = [x for result in step(with_exact_integers(m), q, change) for x in result]
+        steps = fuse(factor(tape.program(results)))
+        return jit.assemble(calls.modules(emit.straight(steps, signature), signature, target), target)
+
+    of_robot = cache.key(m, Computation("coordinates", 0), target)
+    return cache.read_or_make(hashlib.sha256(f"closing {of_robot}".encode()).hexdigest(), make)
+
+
+def native_step(mechanism: Mechanism) -> NativeStep | None:
+    """The step of a closed robot of numbers, unless it takes long to compile."""
+    try:
+        return NativeStep(mechanism)
+    except TapeFullError:
+        return None

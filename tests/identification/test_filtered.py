@@ -1,0 +1,175 @@
+"""Balances of momentum and energy hold without accelerations, and the filter is exact for what is cubic in time."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from files import refusal
+from quantities import branched
+from robots import Interpreted, floating, relative_error
+
+import jounce
+from jounce.identification import low_pass as filters
+from jounce.identification.filtered import cells_of_momentum, cells_of_power, energy, filtered_rows, momentum
+from jounce.identification.low_pass import low_pass
+from jounce.identification.measurements import Measurements
+from jounce.model.drives import COLUMNS, TERMS
+
+
+def moving_robot(seed=3, on_base=False):
+    """A robot whose drives act, the parameters of it and of its drives, and a motion of it with wrenches."""
+    rng = np.random.default_rng(seed)
+    m = replace(branched((-1, 0, 1, 0)).mechanism, elasticity=None, acting=TERMS)
+    m = floating(m, rng) if on_base else m
+    motion = jounce.Motion.fourier(
+        *rng.uniform(-0.5, 0.5, (3, m.n))[:1], *rng.uniform(-0.3, 0.3, (2, 2, m.n)), 3.0, 2.0
+    )
+    if on_base:
+        motion = motion.with_base(None, np.eye(4))
+    d = m.drives
+    p = np.concatenate(
+        [jounce.Robot(m).inertial_parameters, d.armature, d.damping, d.friction, d.stiffness, 0 * d.rest]
+    )
+    return Interpreted(jounce.Robot(m)), p, motion
+
+
+def uneven(rng, count, stop):
+    t = np.linspace(0, stop, count)
+    t[1:-1] += rng.uniform(-0.3, 0.3, count - 2) * t[1]
+    return t
+
+
+@pytest.mark.parametrize("degree", range(4))
+def test_the_filter_is_exact_for_cubics_at_uneven_times(degree):
+    t, f = uneven(np.random.default_rng(1), 60, 3.0), 0.7
+    u, w = np.polynomial.Polynomial(np.arange(1.0, degree + 2)), 2 * np.pi * f
+    steady = sum((-1 / w) ** k * u.deriv(k) for k in range(degree + 1))  # the polynomial with y' = w (u - y)
+    found = low_pass(t, f).of(u(t)[:, None])[:, 0]
+    np.testing.assert_allclose(found, steady(t) - np.exp(-w * t) * steady(0), rtol=0, atol=1e-11 * abs(u(3.0)))
+
+
+def test_where_intervals_differ_much_noise_is_not_amplified():
+    t = np.sort(np.append(np.linspace(0, 1, 50), np.linspace(0, 1, 50)[5:45] + 1e-9))
+    through = low_pass(t, 2.0)
+    assert np.abs(through.weights).sum() < 2 * through.weights.sum()
+    w = through.cutoff
+    found = through.of(2 * t[:, None] - 1)[:, 0]
+    np.testing.assert_allclose(found, 2 * t - 1 - 2 / w + (1 + 2 / w) * np.exp(-w * t), atol=1e-12)
+
+
+@pytest.mark.parametrize("on_base", [False, True])
+def test_the_balance_of_momentum_is_the_equation_of_motion(on_base):
+    robot, p, motion = moving_robot(on_base=on_base)
+    t = np.linspace(0.1, 1.9, 7)
+    rates, base = motion(t, 2), motion.base(t, 2)
+    _, of_stored = robot.momentum_regressor(*rates, drives=COLUMNS, base=base)
+    _, pd = robot.generalized_momentum(*rates, base=base)
+    rest, stored = momentum(robot, motion, t, COLUMNS)
+    assert relative_error(of_stored + rest[..., :-1], robot.regressor(*rates, drives=COLUMNS, base=base)) < 1e-12
+    assert relative_error((of_stored + rest[..., :-1]) @ p, robot.inverse_dynamics(*rates, base=base)) < 1e-12
+    assert relative_error(stored[..., :-1] @ p, stored[..., -1]) < 1e-12
+    wrench = motion.wrench(t, 0)
+    assert relative_error(pd + rest[..., -1], robot.inverse_dynamics(*rates, wrench=wrench, base=base)) < 1e-12
+
+
+def test_the_balance_of_energy_is_the_power_of_the_forces():
+    robot, p, motion = moving_robot()
+    t = np.linspace(0.1, 1.9, 7)
+    rates = motion(t, 2)
+    _, of_stored = robot.energy_regressor(*rates, drives=COLUMNS)
+    power, loaded = (
+        np.einsum("ti,ti->t", rates[1], robot.inverse_dynamics(*rates, wrench=W)) for W in (None, motion.wrench(t, 0))
+    )
+    rest, stored = (x[:, 0] for x in energy(robot, motion, t, COLUMNS))
+    assert relative_error((of_stored + rest[..., :-1]) @ p, power) < 1e-12
+    assert relative_error(stored[..., :-1] @ p, stored[..., -1]) < 1e-12
+    assert relative_error(of_stored @ p + rest[..., -1], loaded) < 1e-12
+
+
+@pytest.mark.parametrize("law", [momentum, energy])
+def test_filtered_rows_fit_filtered_forces_whatever_the_pieces(law, monkeypatch):
+    robot, p, motion = moving_robot()
+    t = uneven(np.random.default_rng(2), 500, 2.0)
+    through = low_pass(t, 3.0)
+    rates = motion(t, 2)
+    rows = np.concatenate([y for _, y in filtered_rows(law, robot, motion, COLUMNS, through)])
+    for found, W in ((rows[..., :-1] @ p, None), (rows[..., -1], motion.wrench(t, 0))):
+        Q = robot.inverse_dynamics(*rates, wrench=W)
+        right = Q if law is momentum else np.einsum("ti,ti->t", rates[1], Q)[:, None]
+        assert relative_error(found, through.of(right)) < 1e-5
+    monkeypatch.setattr(filters, "PIECE", 37)
+    parts = list(filtered_rows(law, robot, motion, COLUMNS, through))
+    assert [part.stop for part, _ in parts][-2:] == [482, 500]
+    np.testing.assert_allclose(np.concatenate([y for _, y in parts]), rows, rtol=0, atol=1e-12 * np.abs(rows).max())
+
+
+T = np.linspace(0, 8, 1601)
+
+
+@pytest.fixture(scope="module")
+def arm():
+    """Two links, with a motion of theirs and the torques that other masses and friction take."""
+    model = jounce.load("planar2r")
+    motion = jounce.Motion.fourier([0.3, 0.5], [[0.5, 0.2], [0.1, 0.4]], [[0.1, 0.3], [0.5, 0.2]], 2.0, 8.0)
+    m = model.with_inertial_parameters(1.3 * model.inertial_parameters).mechanism
+    drives = replace(m.drives, damping=np.array([0.3, 0.2]), friction=np.array([0.5, 0.4]))
+    true = jounce.Robot(replace(m, drives=drives, acting=("damping", "friction")))
+    return model, motion, true, true.forces_along(motion, T, order=0).forces[0]
+
+
+def error(found, true):
+    """The largest error of the parameters of the table relative to the largest parameter."""
+    expected = [*true.base_parameters().values, *true.drives.damping, *true.drives.friction, 0, 0]
+    return relative_error(np.array([row.value for row in found.table]), np.array(expected))
+
+
+@pytest.mark.parametrize("method", ["momentum", "power"])
+def test_exact_forces_give_the_true_parameters_without_accelerations(arm, method):
+    model, motion, true, Q = arm
+    found = jounce.identify(model, motion, Q, t=T, method=method)
+    assert (found.rank, found.unseen) == (12, ())
+    assert error(found, true) < 1e-4
+    rows = np.arange(len(T))[:, None]
+    gaps = (abs(T[:, None] - 3.5) < 0.5) & [True, False] | (rows % 17 == 0) & [True, True]  # a long one, and short ones
+    found = jounce.identify(model, motion, np.where(gaps, np.nan, Q), t=T, method=method)
+    assert (found.rank, found.unseen) == (12, ())
+    assert error(found, true) < 1e-3
+
+
+@pytest.mark.filterwarnings("ignore:the motion. acceleration jumps")
+def test_noise_that_accelerations_amplify_matters_less_to_momentum(arm):
+    model, motion, true, Q = arm
+    q = motion(T, 0)[0] + np.random.default_rng(1).normal(0, 1e-4, (len(T), 2))
+    rough = jounce.Motion.through(T, q, 5)
+    errors = {
+        method: error(jounce.identify(model, rough, Q, t=T, method=method, band=3.0), true)
+        for method in ("inverse_dynamics", "momentum")
+    }
+    assert errors["momentum"] < 0.2 * errors["inverse_dynamics"]
+
+
+def test_deviations_of_smoothed_positions_enter(arm):
+    model, motion, _, Q = arm
+    q = motion(T, 0)[0] + np.random.default_rng(1).normal(0, 1e-4, (len(T), 2))
+    smoothed = jounce.Motion.fit(T, q)
+    samples = Measurements(T, Q, np.ones_like(Q))
+    for cells_of in (cells_of_momentum, cells_of_power):
+        cells = cells_of(model, smoothed, samples, (), 0.2, 2.5)
+        assert cells.spread[0].min() > 10 * np.median(cells.spread, axis=0).max()  # smoothing is worst at the ends
+        assert not cells_of(model, motion, samples, (), 0.2, 2.5).spread.any()
+
+
+def test_what_power_cannot_do_is_refused_in_one_line(arm):
+    model, motion, _, Q = arm
+    refusal(
+        lambda: jounce.identify(model, motion, Q, t=T, method="energy"),
+        "unknown method 'energy'; available: inverse_dynamics, momentum, power",
+    )
+    missing = np.where([True, False], np.nan, Q)
+    refusal(
+        lambda: jounce.identify(model, motion, missing, t=T, method="power"),
+        "method='power' needs all forces, and joint1 is not measured; use method='momentum'",
+    )
+    moving = motion.with_base(None, np.eye(4))
+    refusal(lambda: jounce.identify(model, moving, Q, t=T, method="power"), "method='power' needs a base at rest")
+    refusal(lambda: low_pass(T[:3], 1.0), "a filter needs 4 samples or more, got 3")
