@@ -15,9 +15,10 @@ PAGES = [
     "tutorials/from-a-log-to-torques.md",
     "tutorials/elastic-panda.md",
     "tutorials/humanoid.md",
+    "tutorials/identify-a-robot.md",
     "howto/minimum-torque-change.md",
 ]
-BLOCK = re.compile(r"^```(python|console)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(r'^```(\w+)(?: title="([^"]+)")?\n(.*?)^```$', re.MULTILINE | re.DOTALL)
 COMMAND = re.compile(r"^\$ jounce ((?:.*\\\n)*.+)$", re.MULTILINE)
 
 
@@ -40,8 +41,10 @@ def made_by(page: str) -> dict[str, bytes]:
     names: dict[str, Any] = {"__name__": "__main__"}
     with TemporaryDirectory() as folder, chdir(folder), warnings.catch_warnings(action="ignore"):
         Path("examples").symlink_to(DOCS.parent / "examples")
-        for language, text in BLOCK.findall(page):
-            if language == "python":
+        for language, file, text in BLOCK.findall(page):
+            if file:
+                Path(file).write_text(text, encoding="utf-8")
+            elif language == "python":
                 _run(text, names)
             for words in COMMAND.findall(text) if language == "console" else ():
                 result = CliRunner().invoke(main, shlex.split(words.replace("\\\n", "")))

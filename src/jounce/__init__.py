@@ -14,8 +14,14 @@ if TYPE_CHECKING:
     from jounce.actuators.elastic import ElasticRobot
     from jounce.dynamics.base_parameters import BaseParameters
     from jounce.errors import JounceError, JounceWarning
-    from jounce.identification import ForceResidual, Identification, IdentifiedParameter, identify
-    from jounce.identification.excitation import Excitation, excite
+    from jounce.identification import (
+        Excitation,
+        ForceResidual,
+        Identification,
+        IdentifiedParameter,
+        excite,
+        identify,
+    )
     from jounce.io.loading import load
     from jounce.io.motions.loading import load_motion
     from jounce.io.saving import save
@@ -93,10 +99,10 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "ElasticAlong": "jounce.actuators.along",
     "ElasticRobot": "jounce.actuators.elastic",
     "Elasticity": "jounce.model.elasticity",
+    "Excitation": "jounce.identification",
     "ForceResidual": "jounce.identification",
     "Identification": "jounce.identification",
     "IdentifiedParameter": "jounce.identification",
-    "Excitation": "jounce.identification.excitation",
     "JounceError": "jounce.errors",
     "JounceWarning": "jounce.errors",
     "Kernel": "jounce.native.kernel",
@@ -114,8 +120,8 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "SpringTable": "jounce.model.spring_table",
     "casadi_function": "jounce._casadi",
     "codegen": "jounce._codegen",
+    "excite": "jounce.identification",
     "identify": "jounce.identification",
-    "excite": "jounce.identification.excitation",
     "inertia_matrix": "jounce.spatial.inertia",
     "load": "jounce.io.loading",
     "load_motion": "jounce.io.motions.loading",

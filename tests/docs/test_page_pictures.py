@@ -5,6 +5,11 @@ import pytest
 
 PAGE = """A page.
 
+```yaml title="MOTION"
+time: {start: 0, stop: 1, count: 3}
+joints: {joint1: {offset: 1}, joint2: {offset: 1}}
+```
+
 ```python
 >>> from pathlib import Path
 >>> 1 / 0
@@ -23,10 +28,8 @@ $ jounce run planar2r \\
 """
 
 
-def test_a_page_leaves_its_pictures(tmp_path):
-    motion = tmp_path / "motion.yaml"
-    motion.write_text("time: {start: 0, stop: 1, count: 3}\njoints: {joint1: {offset: 1}, joint2: {offset: 1}}")
-    assert page_pictures.made_by(PAGE.replace("MOTION", str(motion))) == {"a.png": b"a.png", "b.svg": b"b.svg"}
+def test_a_page_leaves_its_pictures():
+    assert page_pictures.made_by(PAGE.replace("MOTION", "motion.yaml")) == {"a.png": b"a.png", "b.svg": b"b.svg"}
 
 
 def test_a_command_that_fails_stops_the_build():

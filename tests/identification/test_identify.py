@@ -1,6 +1,5 @@
 """Identification: parameters within their deviations, what data do not see, refusals, loads, moving ground."""
 
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -141,7 +140,7 @@ def test_a_part_of_the_samples_tests_the_rest(arm, motion, Q):
 )
 def test_a_wrong_sign_or_unit_is_suspected(arm, motion, factor, words):
     forces = arm.forces_along(motion, T, order=0).forces[0] + 0.1 * np.random.default_rng(6).normal(size=(COUNT, 3))
-    with pytest.warns(jounce.JounceWarning, match=words), suppress(jounce.JounceError):  # no body has a negative mass
+    with pytest.warns(jounce.JounceWarning, match=words):
         jounce.identify(arm, motion, factor * forces, t=T, drives=False)
 
 
@@ -158,12 +157,14 @@ def test_terms_that_act_and_loads_are_no_parameters(arm, motion):
     assert found.robot.mechanism.acting == ("damping", "friction", "spring")
 
 
-def test_positions_with_noise_weigh_forces(arm, true, motion, Q):
-    q = motion(T, 0)[0] + 1e-4 * np.random.default_rng(3).normal(size=Q.shape)
-    smoothed = jounce.Motion.fit(T, q, joint_names=arm.joint_names)
-    found = jounce.identify(arm, smoothed, Q + 0.1 * np.random.default_rng(4).normal(size=Q.shape), t=T)
+def test_forces_count_less_where_accelerations_are_uncertain(arm, true, motion, Q):
+    """At the ends of a log: weighed as all others, the samples there make errors ten times as large."""
+    rng = np.random.default_rng(3)
+    smoothed = jounce.Motion.fit(T, motion(T, 0)[0] + 1e-3 * rng.normal(size=Q.shape), joint_names=arm.joint_names)
+    found = jounce.identify(arm, smoothed, Q + 0.1 * rng.normal(size=Q.shape), t=T)
     off = values(found) - [*true.base_parameters().values, *true.drives.damping, *true.drives.friction, 0, 0, 0]
     assert np.mean((off / np.sqrt(np.diag(found.covariance))) ** 2) < 4
+    assert np.abs(off[:15]).max() < 0.05
 
 
 def test_a_robot_on_moving_ground_feels_more(arm, motion):

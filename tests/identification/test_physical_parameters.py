@@ -88,12 +88,13 @@ def test_it_is_the_minimum_of_a_convex_function(drawn, floats, deviation):
     of_bodies, of_drives = slopes(found, m, base, A, estimate, WEIGHT)
     assert np.abs(of_bodies).max() < 1e-4 * WEIGHT
     d = np.concatenate(list(found.drives.values()))
-    scale = np.sqrt(estimate @ A @ estimate / np.diag(A)[base.count :])
-    slope = of_drives * scale + WEIGHT * d / scale
+    deviations = np.diag(A)[base.count :] ** -0.5
+    scale = np.sqrt(estimate @ A @ estimate) * deviations
+    slope = (of_drives + WEIGHT * d / scale**2) * deviations
     held = (d == 0) & np.repeat([True, True, True, False], m.nb)
     assert (d[: 3 * m.nb] >= 0).all()
-    assert np.abs(slope[~held]).max(initial=0) < 1e-4 * WEIGHT
-    assert slope[held].min(initial=0) > -1e-4 * WEIGHT
+    assert np.abs(slope[~held]).max(initial=0) < 1e-3
+    assert slope[held].min(initial=0) > -1e-3
 
 
 def test_another_optimiser_in_log_cholesky_parameters_finds_the_same():

@@ -88,7 +88,7 @@ def test_equations_of_motion(closed, states, name):
     assert relative_error(robot.generalized_momentum(q, qd, **RECURSION), M @ qd) < 1e-12
 
 
-@pytest.mark.parametrize("name", LOOP_ROBOTS)
+@pytest.mark.parametrize("name", ["fivebar", "delta", "fourbar_leg"])
 def test_bodies_move_as_those_of_the_tree(closed, states, name):
     robot, q = closed[name], at_zero(states[name])
     tree, on_tree = jounce.Robot(robot.mechanism.tree), robot.coordinates(*q[:4], **RECURSION)

@@ -325,6 +325,19 @@ CASES: dict[str, Case] = {
             "degree": 7, "intervals": None, "bandwidth": None, "force": False,
         },
     ),
+    "excite": (
+        jounce.excite,
+        {
+            "robot": ROBOT.with_limits(velocity=2.0), "period": 2.0, "periods": 1, "harmonics": 3, "drives": False,
+            "weights": None, "reach": 1.0, "margin": 0.01, "starts": 1, "seed": 0,
+    "identify": (
+        jounce.identify,
+        {
+            "robot": ROBOT, "motion": SAMPLED, "forces": ROBOT.forces_along(SAMPLED, order=0).forces[0], "t": SAMPLES,
+            "drives": False, "eps": None, "span": None, "band": 9.0, "weights": None, "deviations": 1e-4, "prior": 0.3,
+            "method": "inverse_dynamics",
+        },
+    ),
     "drive_forces": along(ROBOT.drive_forces, terms=True),
     "wrench": along(ROBOT.wrench, force=(0, 0, 1), torque=None, frame="body", point=None),
     "joint of a state": (lambda joint1: ROBOT.mass_matrix({"joint1": joint1, "joint2": 0}), {"joint1": 0}),
@@ -401,6 +414,10 @@ def test_every_argument_of_every_public_function_is_attacked():
         "Drives",
         "ElasticAlong",
         "Elasticity",
+        "Excitation",
+        "ForceResidual",
+        "Identification",
+        "IdentifiedParameter",
         "Kernel",
         "Limits",
         "Loop",

@@ -9,7 +9,7 @@ from robots import floating, random_mechanism, random_pose, random_rotation
 
 import jounce
 from jounce.arguments.loops import loop_between
-from jounce.dynamics import closing
+from jounce.dynamics import assembly
 from jounce.model.loops import Closure
 from jounce.model.mechanism import Frame
 from jounce.spatial import lie
@@ -74,7 +74,7 @@ def _independent(m: Any, loops: list[tuple[str, str, str, np.ndarray]], q: np.nd
     everything = tuple(range(m.n))
     closure = Closure(m.coordinates, m.G, m.g, everything, q, everything, np.ones(m.n))
     m = replace(m, loops=tuple(loop_between(m, *given) for given in loops), closure=closure)
-    A, dependent = closing.scaled_constraints(m, q[None])[0], []
+    A, dependent = assembly.scaled_constraints(m, q[None])[0], []
     for _ in range(np.linalg.matrix_rank(A, rtol=1e-8)):
         dependent.append(int(np.argmax(np.linalg.norm(A, axis=0))))
         e = A[:, dependent[-1]] / np.linalg.norm(A[:, dependent[-1]])

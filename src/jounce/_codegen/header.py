@@ -9,6 +9,7 @@ from jounce._codegen.function import Function
 from jounce._codegen.parametric import Parametric
 from jounce._codegen.schedule import is_function
 from jounce._version import __version__
+from jounce.dynamics.computation import DEPENDENT
 from jounce.dynamics.kinematics import FRAMES
 from jounce.dynamics.quantities import Quantity
 from jounce.model.coordinates import coordinate_units
@@ -39,7 +40,19 @@ def arrays(robot: Mechanism, first: int) -> list[tuple[str, list[str]]]:
     coordinates = [f"{j}  {name}, {unit}" for j, (name, unit) in enumerate(named, start=first)]
     bodies = [f"{i}  {printable(name)}" for i, name in enumerate(robot.body_names, start=first)]
     of_forces = f", those of forces behind the 6 of {printable(robot.base.name)}" if robot.base else " and of forces"
-    return [(f"Coordinates, the {robot.n} entries of q, qd, ...{of_forces}:", coordinates), ("Bodies:", bodies)]
+    titled = [(f"Coordinates, the {robot.n} entries of q, qd, ...{of_forces}:", coordinates)]
+    return [*titled, *_followers(robot, first), ("Bodies:", bodies)]
+
+
+def _followers(robot: Mechanism, first: int) -> list[tuple[str, list[str]]]:
+    """List, under a title, the coordinates that follow the others where loops are closed."""
+    if robot.closure is None:
+        return []
+    tree, units = robot.tree, coordinate_units(robot.tree)
+    entries = [
+        f"{j}  {printable(tree.coordinates[k])}, {units[k]}" for j, k in enumerate(robot.closure.dependent, start=first)
+    ]
+    return [(f"Dependent coordinates, the {len(entries)} entries of {DEPENDENT}:", entries)]
 
 
 def conventions(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
@@ -53,12 +66,26 @@ def conventions(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
     found += [f"{f.name}: {OF_PRODUCTS[f.computation.product]}." for f in functions if f.computation.product]
     found += elastic_joints(robot, functions)
     found += drive_trains(robot, functions)
+    found += closed_loops(robot)
     if loaded:
         found.append(
             "W: six entries per body, (moment; force), what the body EXERTS on its environment, in the axes of the"
             " frame of the body about its origin; Wd, W2d are the rates of these components. A load on it enters as -W."
         )
     return found + base_motion(robot, functions)
+
+
+def closed_loops(robot: Mechanism) -> list[str]:
+    """Return sentences on the loops of the robot and its dependent coordinates."""
+    if robot.closure is None:
+        return []
+    loops = ", ".join(f"{printable(loop.a.name)} and {printable(loop.b.name)} ({loop.joint})" for loop in robot.loops)
+    motors = ", ".join(printable(robot.closure.coordinates[j]) for j in robot.closure.actuated)
+    return [
+        f"Loops are closed by joints between {loops}. Motors: {motors}. {DEPENDENT}: the positions of all other joints"
+        " where the loops are closed, which is not checked. Robot.coordinates of jounce computes them from q by"
+        " Newton's method. Their rates are not needed, as they follow from those of q."
+    ]
 
 
 def base_motion(robot: Mechanism, functions: Sequence[Function]) -> list[str]:

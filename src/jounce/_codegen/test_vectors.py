@@ -9,8 +9,13 @@ from jounce._codegen.function import Function
 from jounce._codegen.parametric import Parametric
 from jounce.checks.derivatives import product, product_magnitudes
 from jounce.checks.magnitudes import magnitudes, scale
-from jounce.dynamics.computation import Port
+from jounce.dynamics.closing import closed
+from jounce.dynamics.computation import DEPENDENT, Port
+from jounce.dynamics.loops import closure_of
+from jounce.dynamics.newton import scales
+from jounce.errors import JounceError
 from jounce.model.casting import with_extended_precision
+from jounce.model.mechanism import Mechanism
 from jounce.robot.generic import compute_by_method
 from jounce.spatial.lie import pose
 
@@ -18,6 +23,7 @@ MOST_BODY_STATES = 100  # bodies times states: the closed form is dense
 MOST_STATES = 10  # states
 STEPS = 1000  # states are whole multiples of 1/STEPS: short to write, the same in every language
 QUATERNIONS = [[8, 6, 0, 0], [8, 4, 4, 2], [7, 5, 5, 1]]  # of which entries of rotations have two decimals
+WAY = 0.2  # rad or sizes of the robot, from the start of closed loops
 TOLERANCE = {False: 1e-13, True: 2e-4}  # of the test, in double and single precision
 
 
@@ -65,6 +71,9 @@ def vectors(
         return x.astype(np.float32).astype(float) if single else x
 
     inputs = {port.name: given(random(port)) for port in function.inputs}
+    if robot.origin.closure:
+        near = near_start(robot.origin, inputs["q"] / 2)
+        inputs |= {name: given(x) for name, x in zip(("q", DEPENDENT), near, strict=True)}
     batch = -(-count // MOST_STATES) if function.parameters else count  # states that share their parameters
     starts = np.arange(count) // batch * batch
     parameters = {
@@ -81,6 +90,22 @@ def vectors(
         results.append(compute(function.computation, method, mechanism, list(states.values())))
         sizes.append(size(mechanism, function.computation, list(states.values())))
     return Vectors(parameters, inputs, _by_name(function, results), _by_name(function, sizes))
+
+
+def near_start(m: Mechanism, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Independent and dependent coordinates (k, ...) with closed loops, ways (k, n) from the start of the closure.
+
+    Ways are shortened, if need be, until loops close; they are not where lengths are parameters.
+    """
+    c = closure_of(m)
+    own, others = list(c.independent), list(c.dependent)
+    for size in WAY * 0.5 ** np.arange(10):
+        u = np.round(c.start[own] + size * way * scales(m).coordinates[own], 6)
+        try:
+            return u, closed(m, u)[:, others]
+        except JounceError:
+            continue
+    return u, c.start[others] + 0 * u[:, :1]
 
 
 def _random_pose(rng: np.random.Generator) -> np.ndarray:

@@ -156,8 +156,8 @@ def symbolic(robot: Robot, base: bool = False) -> Symbolic:
         raise JounceError(f"symbolic() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     true_or_false("base", base, "whether the ground moves")
     found = expressions(robot.mechanism, base or robot.mechanism.base is not None)
-    rigid, open_ = robot.mechanism.elasticity is None, robot.mechanism.closure is None
-    absent = [row for row in OF_ROBOT.values() if (row.elastic and rigid) or (row.closed and open_)]
+    rigid = robot.mechanism.elasticity is None
+    absent = [row for row in OF_ROBOT.values() if row.closed or (row.elastic and rigid)]
     series = {symbol: found.quantity(row) for symbol, row in OF_ROBOT.items() if row not in absent}
     series |= {symbol: found.external(row, symbol) for symbol, row in OF_WRENCHES.items()}
 

@@ -15,7 +15,7 @@ from jounce._symbolic.trig_polynomial import TrigPolynomial, Variables
 from jounce.arguments import requests
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.quantities import Law, Quantity, State
-from jounce.errors import at
+from jounce.errors import JounceError, at
 from jounce.model.casting import with_exact_integers, with_inertias
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import pose
@@ -101,9 +101,15 @@ def expressions(mechanism: Mechanism, base: bool) -> Expressions:
 
     Raises
     ------
-    JounceError : if the mechanism holds what is neither a number nor a real SymPy expression, or a symbol that is named
-        as a coordinate, wrench or motion of the base.
+    JounceError : if loops are closed, or the mechanism holds what is neither a number nor a real SymPy expression, or
+        a symbol that is named as a coordinate, wrench or motion of the base.
     """
+    if mechanism.closure is not None:
+        raise JounceError(
+            f"{mechanism.name!r} has closed loops, and its equations are no sums of products; expected a tree, such as"
+            " jounce.Robot(robot.mechanism.tree); methods of the closed robot take SymPy symbols of all"
+            f" {mechanism.tree.n} coordinates"
+        )
     variables, symbols = Variables(MOST_OPERATIONS), state_symbols(mechanism, base)
     model = cast_mechanism(mechanism, variables)
     check_names(variables, symbols)

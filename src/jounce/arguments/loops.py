@@ -39,6 +39,7 @@ def with_loops(
         )
     tree = mechanism.tree
     tree = replace(tree, loops=_loops(tree, loops))
+    _check_numbers(tree)
     motors = _motors(mechanism, actuated)
     own = motors if coordinates is None else _places(tree, "coordinates", coordinates)
     closure = Closure(
@@ -75,7 +76,7 @@ def with_locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
     tree = locked(replace(mechanism.tree, elasticity=None), values)
     u = c.start[list(c.independent)]
     u = np.array([values.get(name, x) for name, x in zip(mechanism.coordinates, u, strict=True)], dtype=float)
-    start = dict(zip(c.coordinates, closing.closed(mechanism, u[None], c.start)[0], strict=True))
+    start = dict(zip(c.coordinates, closing.closed(mechanism, u[None])[0], strict=True))
     weights = {
         c.coordinates[j]: w for j, w in zip(c.actuated, c.weights, strict=True) if c.coordinates[j] not in values
     }
@@ -83,6 +84,16 @@ def with_locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
     free = [mechanism.coordinates[j] for j in places]
     closed = with_loops(tree, tree.loops, list(weights), free, start, weights)
     return replace(closed, elasticity=mechanism.elasticity and mechanism.elasticity.select(places))
+
+
+def _check_numbers(tree: Mechanism) -> None:
+    """Raise `JounceError` if positions at which loops are closed depend on symbols."""
+    placed = [tree.B, tree.X, tree.G, tree.g, *(frame.T for loop in tree.loops for frame in (loop.a, loop.b))]
+    if not all(is_numeric(asarray(array)) for array in placed):
+        raise JounceError(
+            f"{tree.name!r} has symbols in its joints or frames; expected numbers there, on which loops are closed;"
+            " masses, inertias and gravity may be symbols"
+        )
 
 
 def _check_mobility(m: Mechanism) -> None:

@@ -49,7 +49,7 @@ def _of_accelerations(
     accelerations = compute_by_method(computation, "recursion", mechanism, arrays)
     moving = _with_accelerations(mechanism, computation, arrays, accelerations)
     forces = magnitudes(mechanism, replace(computation, name=FORCES.name), moving)
-    squares = _inverse_squared(mechanism, arrays[0])
+    squares = _inverse_squared(mechanism, arrays)
     return tuple(np.sqrt((squares @ np.square(Q)[..., None])[..., 0]) for Q in forces)
 
 
@@ -59,7 +59,7 @@ def _of_forward_partials(
     q2d = compute_by_method(replace(computation, name="forward_dynamics"), "recursion", mechanism, arrays)
     moving = _with_accelerations(mechanism, computation, arrays, q2d)
     (P,) = magnitudes(mechanism, replace(computation, name="inverse_dynamics_partials"), moving)
-    squares = _inverse_squared(mechanism, arrays[0])[..., None, :, :]
+    squares = _inverse_squared(mechanism, arrays)[..., None, :, :]
     by = squares @ np.square(P)
     return tuple(np.sqrt(x) for x in (by[..., 0, :, :], by[..., 1, :, :], (by[..., 2:, :, :] @ squares)[..., 0, :, :]))
 
@@ -73,12 +73,19 @@ def _with_accelerations(
     """
     own, first = computation.quantity.coordinate_inputs(computation.rates), mechanism.nv - mechanism.n
     of_base = [x[..., :first] for x in found] if first else []
-    return [*arrays[:own], *(x[..., first:] for x in found), *arrays[computation.rates :], *of_base]
+    loads, dependent = _dependent_apart(mechanism, arrays[computation.rates :])
+    return [*arrays[:own], *(x[..., first:] for x in found), *loads, *of_base, *dependent]
 
 
-def _inverse_squared(mechanism: Mechanism, q: Array) -> np.ndarray:
+def _dependent_apart(mechanism: Mechanism, arrays: Sequence[Array]) -> tuple[Sequence[Array], Sequence[Array]]:
+    """The arrays without the last one of a closed robot, its dependent coordinates, and this one."""
+    return (arrays[:-1], arrays[-1:]) if mechanism.closure else (arrays, [])
+
+
+def _inverse_squared(mechanism: Mechanism, arrays: Sequence[Array]) -> np.ndarray:
     """The squares of the entries of M^-1."""
-    (M,) = compute_by_method(Computation("mass_matrix", 0), "recursion", mechanism, [q])
+    at = [arrays[0], *_dependent_apart(mechanism, arrays)[1]]
+    (M,) = compute_by_method(Computation("mass_matrix", 0), "recursion", mechanism, at)
     return np.square(np.linalg.inv(M.astype(float)))
 
 
@@ -150,6 +157,9 @@ class _Sized:
 
     def __rmatmul__(self, other: Any) -> "_Sized":
         return _make_sized(other) @ self
+
+    def __rtruediv__(self, other: int) -> "_Sized":
+        return _Sized(other / self.value, self.square * (other / self.value**2) ** 2)
 
     __radd__, __rmul__ = __add__, __mul__
 

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from jounce.cli.limits import LIMITS, load_robot
-from jounce.cli.options import ALL, Asked, on_robot
+from jounce.cli.options import ALL, Asked, on_robot_without_drives
 from jounce.cli.output import progress, tell
 from jounce.errors import escaped, shortened
 
@@ -15,7 +15,7 @@ EPILOG = """\b
 Example:
   jounce excite iiwa14 --limits iiwa14 -o excite.csv
   jounce check iiwa14 excite.csv --limits iiwa14 -o ratios.svg
-  jounce excite iiwa14 --limits iiwa14 --terms damping,friction -o excite.yaml
+  jounce excite iiwa14 --limits iiwa14 --drives damping,friction -o excite.yaml
 
 \b
 OUT.csv, .npz or .parquet holds t and NAME.q, NAME.qd, ... NAME.q4d; OUT.yaml
@@ -28,15 +28,17 @@ the motion before it runs, or narrow the ranges of positions by --limits.
 
 
 @click.command(epilog=EPILOG, short_help="A motion that excites the parameters of a robot, within all limits.")
-@on_robot
+@on_robot_without_drives
 @LIMITS
 @click.option(
     "-o", "--output", required=True, type=click.Path(path_type=Path), help="Table or YAML file of the motion to write."
 )
-@click.option("--duration", metavar="S", default=10.0, show_default=True, help="Length of one period in s.")
+@click.option("--period", metavar="S", default=10.0, show_default=True, help="Period of the Fourier series in s.")
+@click.option("--periods", metavar="N", default=1, show_default=True, help="Number of periods.")
 @click.option("--harmonics", metavar="N", default=5, show_default=True, help="Harmonics of the Fourier series.")
 @click.option(
-    "--terms",
+    "--drives",
+    "terms",
     metavar="TERMS",
     help="Drive terms to identify too: all, or a comma-separated list of armature, damping, friction, spring, offset.",
 )
@@ -68,7 +70,7 @@ def excite(
     It starts and ends at rest, so that it may be repeated. ROBOT needs limits: its own, or --limits.
     """
     from jounce.figures import canvas
-    from jounce.identification.excitation import excite
+    from jounce.identification import excite as excitation
     from jounce.io import files, tables
     from jounce.io.motions import SUFFIXES
     from jounce.io.motions import terms as analytic
@@ -81,9 +83,9 @@ def excite(
         files.check_writable(picture)
         canvas.check_installed()
     arm = load_robot(robot, limits)
-    drives: Any = False if terms is None else terms == ALL or terms.split(",")
+    columns: Any = False if terms is None else terms == ALL or terms.split(",")
     with progress("starts") as show:
-        found = excite(arm, drives=drives, progress=show, **options)
+        found = excitation(arm, drives=columns, progress=show, **options)
     motion = found.motion if step is None else found.motion.with_step(step)
     if in_terms:
         analytic.write(output, motion, arm.joint_names)

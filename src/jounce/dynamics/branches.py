@@ -6,8 +6,9 @@ only what the joint allows is left of it and ``E' = ad(V) E``: rates of E never 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
+from typing import Any
 
 import numpy as np
 
@@ -15,8 +16,8 @@ from jounce._scalars import Array
 from jounce.dynamics.base import moved
 from jounce.dynamics.recursion.joints import Joint, joints, rows
 from jounce.errors import JounceError
-from jounce.model.casting import with_numbers
 from jounce.model.equivalent import frame_shifts, on_axes
+from jounce.model.loops import in_scalars
 from jounce.model.mechanism import Frame, Mechanism, path_to
 from jounce.spatial.lie import Ad, ad, inverse, pose, position, rotation
 from jounce.spatial.series import Series, from_rates, joined
@@ -175,9 +176,21 @@ def pattern(m: Mechanism) -> np.ndarray:
     Entries are analytic functions: those that vanish at some arbitrary places are zero.
     """
     try:
-        of_numbers = with_numbers(m)
+        kinematic = _kinematic(m)
     except (TypeError, ValueError, RuntimeError):  # as symbols of SymPy, of a tape, of CasADi say
         return np.ones((sum(len(loop.rows) for loop in m.loops), m.tree.n), dtype=bool)
     q = np.random.default_rng(0).uniform(-2, 2, (3, m.tree.n, 1))
-    A = np.abs(Ends(of_numbers, Series.of([q])).held(Series.constant(np.eye(m.tree.n)))[0])
+    A = np.abs(Ends(kinematic, Series.of([q])).held(Series.constant(np.eye(m.tree.n)))[0])
     return np.asarray((ROUNDING * A.max() < A).any(axis=0))
+
+
+def _kinematic(m: Mechanism) -> Mechanism:
+    """A robot without what its loops do not depend on, in doubles; symbols raise an error."""
+
+    def convert(x: Array) -> Array:
+        return x.astype(float)
+
+    own: dict[str, Any] = {name: convert(getattr(m, name)) for name in ("B", "X", "G", "g")}
+    loops, closure = in_scalars(m.loops, m.closure, convert)
+    own |= {"M": np.zeros((m.nb, 6, 6)), "gravity": np.zeros(3)}
+    return replace(m, loops=loops, closure=closure, frames=(), base=None, elasticity=None, **own)

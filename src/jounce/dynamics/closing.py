@@ -25,20 +25,23 @@ def most(m: Mechanism) -> tuple[float, float]:
     return sum(len(loop.rows) for loop in m.loops) * CLOSED**2, SUSPECT**2
 
 
-def closed(m: Mechanism, u: np.ndarray, whole: np.ndarray | None = None, step: Step | None = None) -> np.ndarray:
-    """The coordinates (k, N) of the tree where the loops are closed, from the independent ones (k, n).
+def closed(m: Mechanism, u: np.ndarray, start: np.ndarray | None = None, step: Step | None = None) -> np.ndarray:
+    """The coordinates (k, N) of the tree where the loops are closed, from the independent ones (k, n) and a start.
 
-    They are continued from the start of the closure, or found near coordinates (k, N) that a caller gives. `step` is
-    that of `newton.step`, by default in NumPy.
+    The start, (N,) or (k, N), is by default that of the closure. Where it has the independent coordinates already, the
+    others are found nearby. `step` is that of `newton.step`, by default in NumPy.
 
     Raises
     ------
     JounceError : where the loops cannot be closed, or constraints are lost.
     """
     step = step or newton.step_of_arrays(m)
-    q, bounds = _continued(m, u, step) if whole is None else _near(m, whole, step)
+    c = closure_of(m)
+    q = np.array(np.broadcast_to(c.start if start is None else start, (len(u), len(c.coordinates))))
+    is_there = start is not None and np.array_equal(q[:, list(c.independent)], u, equal_nan=True)
+    q, bounds = _near(m, q, step) if is_there else _continued(m, u, q, step)
     if (bounds > SUSPECT**2).any():
-        found = inverse_conditions(m, q, closure_of(m).dependent)
+        found = inverse_conditions(m, q, c.dependent)
         if (found < SINGULAR).any():
             worst = int(np.nanargmin(found))
             raise _singular(m, found[worst], _sample(worst, len(q)))
@@ -58,11 +61,10 @@ def _near(m: Mechanism, whole: np.ndarray, step: Step) -> tuple[np.ndarray, np.n
     return q, bounds
 
 
-def _continued(m: Mechanism, u: np.ndarray, step: Step) -> tuple[np.ndarray, np.ndarray]:
-    """The same, continued from the start of the closure along a straight line."""
+def _continued(m: Mechanism, u: np.ndarray, q: np.ndarray, step: Step) -> tuple[np.ndarray, np.ndarray]:
+    """The same, continued from coordinates (k, N) with closed loops along straight lines."""
     c, s = closure_of(m), scales(m)
-    own, others = list(c.independent), list(c.dependent)
-    q, bounds = np.array(np.broadcast_to(c.start, (len(u), len(c.coordinates)))), np.zeros(len(u))
+    own, others, bounds = list(c.independent), list(c.dependent), np.zeros(len(u))
     left = np.isfinite(u).all(axis=1) * 1.0  # the share of the way that is left
     q[left == 0] = np.nan  # as all results are that depend on missing numbers
     way = u - q[:, own]

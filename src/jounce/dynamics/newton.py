@@ -91,6 +91,7 @@ def step_of_arrays(m: Mechanism) -> Step:
 
     def of_arrays(q: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         with np.errstate(all="ignore"):  # where constraints are lost, and far away
-            return step(m, q, change)
+            found, measures = step(m, q, change)
+        return found, np.broadcast_to(measures, (*q.shape[:-1], MEASURES))  # the same if constraints are constant
 
     return of_arrays

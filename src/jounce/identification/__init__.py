@@ -1,8 +1,9 @@
 """Identification: inertial parameters and drive terms of a robot from a motion and the forces measured along it."""
 
 from jounce.identification.estimation import identify
+from jounce.identification.excitation import Excitation, excite
 from jounce.identification.residuals import ForceResidual
 from jounce.identification.result import Identification
 from jounce.identification.table import IdentifiedParameter
 
-__all__ = ["ForceResidual", "Identification", "IdentifiedParameter", "identify"]
+__all__ = ["Excitation", "ForceResidual", "Identification", "IdentifiedParameter", "excite", "identify"]

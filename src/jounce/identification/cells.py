@@ -114,16 +114,17 @@ def _add(total: np.ndarray, values: np.ndarray, place: np.ndarray) -> None:
     total[place[starts]] += np.add.reduceat(values, starts)
 
 
-def band_of(robot: Robot, motion: Motion, samples: Measurements) -> float:
-    """The frequency in Hz up to which the forces of a motion have nearly all their power, friction included."""
-    step = float(np.median(np.diff(samples.t))) if len(samples.t) > 1 else 1.0
-    count = min(GRID, int((samples.t[-1] - samples.t[0]) / step) + 1)
-    t = samples.t[0] + step * np.arange(count)
-    qd = motion(t, 1)[1]
-    friction = np.tanh(qd @ robot.mechanism.G.T / robot.drives.eps)
-    columns = np.concatenate([robot.forces_along(motion, t, order=0).forces[0], friction], axis=1)
+def band_of(t: np.ndarray, forces: np.ndarray, velocities: np.ndarray, eps: np.ndarray) -> float:
+    """The frequency in Hz up to which forces (N, nv) of a model have nearly all their power, friction included.
+
+    Friction follows from the velocities (N, nb) of joints with smoothing velocities eps; times (N,) increase.
+    """
+    step = float(np.median(np.diff(t))) if len(t) > 1 else 1.0
+    even = t[0] + step * np.arange(min(GRID, int((t[-1] - t[0]) / step) + 1))
+    given = np.concatenate([forces, np.tanh(velocities / eps)], axis=1)
+    columns = np.stack([np.interp(even, t, column) for column in given.T], axis=1)
     columns = columns - columns.mean(axis=0)
     sizes = columns.std(axis=0)
     varying = sizes > QUIET * max(1.0, sizes.max())
     power = np.cumsum((np.abs(np.fft.rfft(columns[:, varying] / sizes[varying], axis=0)) ** 2).sum(axis=1))
-    return float(np.searchsorted(power, SHARE * power[-1]) / (count * step))
+    return float(np.searchsorted(power, SHARE * power[-1]) / (len(even) * step))

@@ -12,7 +12,7 @@ singular. At the minimum, with multipliers X_b,
 Newton's method follows the solutions of these equations from larger mu. With G such that S = G D G^T and
 D = G^T X G for a diagonal D (Nesterov's and Todd's scaling), a step ``S + G Z G^T`` minimises
 
-    |r + C G Z G^T + R (d - d_now)|^2 / 2 + |Z|^2 / 2 - tr((mu D^-1 - weight G^T G) Z) + weight |d - own|^2 / 2:
+    |C (S + G Z G^T) + R d - y|^2 / 2 + |Z|^2 / 2 - tr((mu D^-1 - weight G^T G) Z) + weight |d - own|^2 / 2:
 
 linear least squares, bounded in d alone, in which information is not squared.
 
@@ -57,19 +57,19 @@ def minimum(problem: Problem) -> tuple[Floats, Floats]:
     """
     one = np.tile(np.eye(4), (problem.C.shape[1], 1, 1))
     V, d, t, last = one, problem.own, 1.0, np.inf
-    start = max(problem.weight, np.abs(np.einsum("k,kbij->bij", _residual(problem, V, d), problem.C)).max())
-    W = np.sqrt(start) * one  # X = W W^T
+    slope = np.einsum("k,kbij->bij", problem.R @ d - _off(problem, V), problem.C)
+    W = np.sqrt(max(problem.weight, np.abs(slope).max())) * one  # X = W W^T
     for _ in range(STEPS):
         _, s, turn = np.linalg.svd(W.mT @ V)
         G, D, sizes = V @ turn.mT / np.sqrt(s)[:, None], s[:, None] * one, np.sqrt(s[:, :, None] * s[:, None])
         mu = max(problem.weight, max(LEAST, 1 - t) * float(np.mean(s * s)))
-        Z, new = _step(problem, G, s, d, mu)
+        Z, new = _step(problem, G, s, mu)
         back = mu * np.linalg.inv(D) - D - Z
         nearest = min(np.linalg.eigvalsh(change / sizes).min() for change in (Z, back))
         t = 1.0 if nearest > -FARTHEST else -FARTHEST / nearest
         V, W = G @ np.linalg.cholesky(D + t * Z), np.linalg.solve(G.mT, np.linalg.cholesky(D + t * back))
         d = d + t * (new - d)
-        change, r = float(np.abs(Z / sizes).max()), _residual(problem, V, d)
+        change, r = float(np.abs(Z / sizes).max()), problem.R @ d - _off(problem, V)
         rounding = last / 2 < change and mu * change**2 < ROUNDING * (mu + r @ r / 2)
         if mu == problem.weight and t == 1 and (change < CONVERGED or rounding):
             return V, d
@@ -77,31 +77,30 @@ def minimum(problem: Problem) -> tuple[Floats, Floats]:
     raise JounceError(f"no physically consistent parameters within {STEPS} steps; expected a larger weight")
 
 
-def _residual(problem: Problem, V: Floats, d: Floats) -> Floats:
-    return np.asarray(np.einsum("kbij,bij->k", problem.C, V @ V.mT) + problem.R @ d - problem.y)
-
-
-def _step(problem: Problem, G: Floats, s: Floats, d: Floats, mu: float) -> tuple[Floats, Floats]:
+def _step(problem: Problem, G: Floats, s: Floats, mu: float) -> tuple[Floats, Floats]:
     """Return Z, and d after the step."""
     from scipy.linalg import solve_triangular
-    from scipy.optimize import lsq_linear
+    from scipy.optimize import nnls
 
     J = _entries(G.mT @ problem.C @ G).reshape(len(problem.y), len(_NORM) * len(G))
-    r = _residual(problem, G * np.sqrt(s)[:, None], d)
-    wanted = _entries(mu / s[:, None] * np.eye(4) - problem.weight * G.mT @ G).ravel()
-    w, n = np.sqrt(problem.weight), J.shape[1]
-    A = np.block([[J, problem.R], [np.diag(np.repeat([1.0, w], [n, len(d)]))]])
-    b = np.concatenate([-r, wanted, w * (problem.own - d)])
+    target = _entries(mu / s[:, None] * np.eye(4) - problem.weight * G.mT @ G).ravel()
+    order = np.argsort(problem.positive, kind="stable")  # those with bounds last, to be found from the last rows alone
+    w, n, size = np.sqrt(problem.weight), J.shape[1], J.shape[1] + len(order)
+    A = np.block([[J, problem.R[:, order]], [np.diag(np.repeat([1.0, w], [n, len(order)]))]])
+    b = np.concatenate([_off(problem, G * np.sqrt(s)[:, None]), target, w * problem.own[order]])
     T = np.asarray(np.linalg.qr(np.column_stack([A, b]), mode="r"))
-    A, b = T[: n + len(d), :-1], T[: n + len(d), -1]
-    step = np.zeros(len(d))
-    if len(step):
-        least = np.where(problem.positive, -d, -np.inf)
-        step = lsq_linear(A[n:, n:], b[n:], (least, np.inf), method="bvls").x
-    z = solve_triangular(A[:n, :n], b[:n] - A[:n, n:] @ step)
+    k = size - np.count_nonzero(problem.positive)
+    bounded = nnls(T[k:size, k:size], T[k:size, -1])[0] if k < size else np.zeros(0)
+    x = np.append(solve_triangular(T[:k, :k], T[:k, -1] - T[:k, k:size] @ bounded), bounded)
+    z, d = x[:n], x[n:][np.argsort(order)]
     Z = np.zeros((len(G), 4, 4))
     Z[:, _ROWS, _COLUMNS] = Z[:, _COLUMNS, _ROWS] = z.reshape(-1, 10) / _NORM
-    return Z, np.where(problem.positive, np.maximum(d + step, 0.0), d + step)
+    return Z, d
+
+
+def _off(problem: Problem, V: Floats) -> Floats:
+    """What R d has to be, y - C S."""
+    return np.asarray(problem.y - np.einsum("kbij,bij->k", problem.C, V @ V.mT))
 
 
 def _entries(S: Floats) -> Floats:

@@ -6,29 +6,26 @@ from typing import get_args
 
 import numpy as np
 
-from jounce._scalars import is_finite
+from jounce._scalars import asarray, is_finite
 from jounce._typing import ArrayLike, DriveColumn, DriveColumns, Equations
 from jounce.errors import JounceError, listed, one_of, quoted, warn
-from jounce.identification.cells import CELLS, band_of, cells_of, regressors
-from jounce.identification.filtered import FILTERED
-from jounce.identification.measurements import Measurements, measurements
+from jounce.identification.measurements import measurements
 from jounce.identification.physical import ConsistentParameters, consistent_parameters
+from jounce.identification.problem import model_of, problem
 from jounce.identification.regression import regression, solve
 from jounce.identification.residuals import residuals
 from jounce.identification.result import Identification
 from jounce.identification.suspicions import suspicions
-from jounce.identification.table import IdentifiedParameter, drive_sizes, inertial_sizes, parameter_table
-from jounce.model.coordinates import force_names, force_units
-from jounce.model.drives import AMOUNTS, OFFSET, TERMS, select_columns, with_eps
+from jounce.identification.table import IdentifiedParameter, parameter_table
+from jounce.model.coordinates import force_names
+from jounce.model.drives import AMOUNTS, OFFSET, TERMS, select_columns
 from jounce.model.inertial import with_parameters
-from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
 from jounce.robot.along import checked_motion
 from jounce.robot.robot import Robot
 
 DRIVES: tuple[DriveColumn, ...] = ("damping", "friction", "offset")
-PRIOR = 0.3  # relative: as good as models of CAD are
-ROWS = 4  # cells of all forces per parameter, at least
+PRIOR = 0.3  # relative: about as good as models of CAD are
 
 
 def identify(
@@ -120,128 +117,66 @@ def identify(
     """
     one_of("method", method, get_args(Equations))
     terms = select_columns(drives)
-    start = _start(robot, terms, eps)
-    m, base, names = start.mechanism, start.base_parameters(), force_names(start.mechanism)
-    path = checked_motion(m, motion)
-    given = measurements(m, path, forces, t, weights, deviations)
-    weight = _positive(prior, "prior", "a relative standard deviation") ** -2
-    inside = _inside(span, given.t)
-    used = given.part(inside)
-    chosen = np.append(base.columns, len(base.parameters) + np.arange(len(terms) * m.nb))
-    _check_enough(used, len(chosen))
-    band = band_of(start, path, used) if band is None else _positive(band, "band", "a frequency in Hz")
-    width = _width(used, band, len(chosen))
-    along = start.forces_along(path, given.t, order=0)
-    model, spread = along.forces[0], None if along.deviations is None else along.deviations[0][inside]
-    if method in FILTERED:
-        cells = FILTERED[method](start, path, used, terms, width, band)
-    else:
-        cells = cells_of(start, path, used, model[inside], spread, terms, width)
-    weighed = regression(cells, chosen, known=deviations is not None)
-    information = weighed.information[np.ix_(chosen, chosen)]
-    solution = solve(information, weighed.right[chosen])
-    own = np.append(base.values, _acting(m, terms))
-    sizes = np.append(inertial_sizes(m, base), drive_sizes(cells, weighed.variances, chosen[base.count :]))
-    table = parameter_table(m, base, terms, own, solution, sizes)
-    suspicious = [*suspicions(cells, names), *_unseen(table, solution.rank)]
-    for text in suspicious:
+    model = model_of(robot, terms, eps)
+    if not is_finite(prior) or not prior > 0:
+        raise JounceError(f"prior is {quoted(prior)}; expected a relative standard deviation above 0")
+    path = checked_motion(model.mechanism, motion)
+    given = measurements(model.mechanism, path, forces, t, weights, deviations)
+    posed = problem(model, path, terms, given, _inside(span, given.t), band, method)
+    weighed = regression(posed.cells, posed.columns, known=deviations is not None)
+    information = weighed.information[np.ix_(posed.columns, posed.columns)]
+    solution = solve(information, weighed.right[posed.columns])
+    table = parameter_table(posed, solution, weighed.variances)
+    notes = [*suspicions(posed.cells, force_names(model.mechanism)), *_unseen(table, solution.rank)]
+    for text in notes:
         warn(text)
-    found = consistent_parameters(m, base, information, own + solution.x, terms, weight=weight)
-    identified, offsets = _identified(start, terms, found)
-    change = np.append(found.parameters - start.inertial_parameters, found.values[base.count :] - own[base.count :])
-    predicted = model + np.concatenate([Y @ change for _, Y in regressors(start, path, given.t, terms)])
-    rows = [
-        row
-        for part, which in (("used", inside), ("rest", ~inside))
-        for row in residuals(part, given.part(which), model[which], predicted[which], width, names, force_units(m))
-    ]
+    found = consistent_parameters(
+        model.mechanism, posed.base, information, posed.own + solution.x, terms, weight=float(prior) ** -2
+    )
+    predicted = posed.predicted(found.parameters, found.values[posed.base.count :])
+    times = given.t[posed.used]
     return Identification(
-        robot=identified,
-        offsets=offsets,
+        robot=_identified(model, terms, found),
+        offsets=found.drives.get(OFFSET, np.zeros(model.mechanism.nb)),
         table=table,
         covariance=solution.covariance,
         rank=solution.rank,
         condition=solution.condition,
         deviations=weighed.deviations,
-        residuals=tuple(rows),
-        span=(float(used.t[0]), float(used.t[-1])),
-        band=band,
-        cell=width,
-        samples=len(used.t),
-        cells=len(cells.off),
+        residuals=residuals(posed, predicted),
+        span=(float(times[0]), float(times[-1])),
+        band=posed.band,
+        cell=posed.width,
+        samples=len(times),
+        cells=len(posed.cells.off),
         t=given.t,
         measured=np.where(given.weights > 0, given.forces, np.nan),
-        model=model,
+        model=posed.model,
         predicted=predicted,
-        notes=(*suspicious, *_bodies(found)),
+        notes=(*notes, *_bodies(found)),
     )
-
-
-def _start(robot: Robot, terms: Sequence[DriveColumn], eps: float | None) -> Robot:
-    """The robot as its regressor sees it."""
-    if not isinstance(robot, Robot):
-        raise JounceError(f"identify() expects a jounce.Robot, got {type(robot).__name__}; jounce.load makes one")
-    if robot.mechanism.elasticity is not None and set(terms) - {"spring", OFFSET}:
-        raise JounceError(
-            f"{robot.name} has elastic joints: its drives act on motors, not on links; drives=False identifies links"
-            " from the torques of the springs"
-        )
-    if eps is None:
-        return robot
-    if "friction" not in terms:
-        raise JounceError(f"eps={quoted(eps)} is of friction, which drives={quoted(list(terms))} does not identify")
-    return Robot(replace(robot.mechanism, drives=with_eps(robot.drives, eps)))
 
 
 def _inside(span: tuple[float, float] | None, t: np.ndarray) -> np.ndarray:
     """Which of the times are used."""
     if span is None:
         return np.ones(len(t), dtype=bool)
-    try:
-        first, last = map(float, span)
-    except (TypeError, ValueError):
-        raise JounceError(f"span is {quoted(span)}; expected two times in s") from None
+    times = np.asarray(asarray(span, "span"))
+    if times.shape != (2,) or times.dtype.kind != "f":
+        raise JounceError(f"span is {quoted(span)}; expected two times in s")
+    first, last = times
     inside = (t >= first) & (t <= last)
     if not inside.any():
         raise JounceError(f"span is {quoted(span)}; expected times from {t[0]:.6g} to {t[-1]:.6g} s, which forces have")
     return inside
 
 
-def _positive(given: float, label: str, meaning: str) -> float:
-    if not is_finite(given) or not given > 0:
-        raise JounceError(f"{label} is {quoted(given)}; expected {meaning} above 0")
-    return float(given)
-
-
-def _check_enough(used: Measurements, parameters: int) -> None:
-    count = np.count_nonzero(used.weights)
-    if count < parameters:
-        raise JounceError(
-            f"{len(used.t)} samples hold {count} measured forces for {parameters} parameters; expected a longer motion,"
-            " or fewer drives="
-        )
-
-
-def _width(used: Measurements, band: float, parameters: int) -> float:
-    """The width of cells that a band needs, and as many cells as the parameters do."""
-    duration = float(used.t[-1] - used.t[0])
-    forces = np.count_nonzero(used.weights.any(axis=0))
-    return min(1 / (CELLS * band) if band else np.inf, duration * forces / (ROWS * parameters)) or 1.0
-
-
-def _acting(m: Mechanism, terms: Sequence[DriveColumn]) -> np.ndarray:
-    """The drive parameters with which the model's own forces are computed."""
-    own = [getattr(m.drives, AMOUNTS[term]) if term in m.acting else np.zeros(m.nb) for term in terms]
-    return np.concatenate([np.zeros(0), *own])
-
-
-def _identified(start: Robot, terms: Sequence[DriveColumn], found: ConsistentParameters) -> tuple[Robot, np.ndarray]:
-    """The robot with what was found, whose drive terms act, and the offsets, which robots do not state."""
-    m = with_parameters(start.mechanism, found.parameters)
+def _identified(robot: Robot, terms: Sequence[DriveColumn], found: ConsistentParameters) -> Robot:
+    """The robot with what was found; its drive terms act."""
+    m = with_parameters(robot.mechanism, found.parameters)
     values = {AMOUNTS[term]: x for term, x in found.drives.items() if term != OFFSET}
     acting = tuple(term for term in TERMS if term in {*m.acting, *terms})
-    offsets = found.drives.get(OFFSET, np.zeros(m.nb))
-    return Robot(replace(m, drives=replace(m.drives, **values), acting=acting)), offsets
+    return Robot(replace(m, drives=replace(m.drives, **values), acting=acting))
 
 
 def _unseen(table: Sequence[IdentifiedParameter], rank: int) -> list[str]:

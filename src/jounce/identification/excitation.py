@@ -18,9 +18,9 @@ from jounce.model.limits import KINDS, MOTION_KINDS, MOTOR_KINDS, Limits
 from jounce.motion import Motion
 from jounce.robot import Robot
 
-MOST = 50  # harmonics
-TYPICAL = 40  # states per column of the regressor, of which some columns are found to depend on others
-SINGULAR = 1e6  # condition number from which on parameters cannot be told from each other
+MOST, MANY = 50, 1000  # harmonics; starts and periods: more are slips of the pen
+TYPICAL = 4  # rows of typical states per column of the regressor, by which columns are found that depend on others
+SINGULAR = 1e5  # condition number from which on parameters cannot be told from each other
 DRAWN = 30  # times that a motion is drawn to a pose at rest, until it is within the limits between its points too
 LEAST = 1e-4  # of its size, by which it is drawn at first
 
@@ -32,7 +32,7 @@ class Excitation:
     Attributes
     ----------
     motion : Motion
-        One period of the Fourier series; it starts and ends at rest, q4d = 0 included.
+        The Fourier series; every period starts and ends at rest, q4d = 0 included.
     criterion : float
         log det of the information matrix, the time mean of Y^T W Y: Y the regressor of `parameters` in SI units, W the
         weights of the forces.
@@ -51,7 +51,7 @@ class Excitation:
     --------
     >>> import jounce
     >>> robot = jounce.load("planar2r").with_limits(lower=-2, upper=2, velocity=3, effort=[60, 20])
-    >>> found = jounce.excite(robot, duration=4, harmonics=4, starts=2)
+    >>> found = jounce.excite(robot, period=4, harmonics=4, starts=2)
     >>> found.check.ok, found.unseen, len(found.parameters)
     (True, (), 6)
     """
@@ -82,7 +82,7 @@ class Excitation:
             rows.append((row.words, row.joint, *numbers))
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         return "\n".join([
-            f"{self.motion.source}, {self.motion.duration:g} s",
+            self.motion.source,
             f"{len(self.parameters)} parameters seen, unseen: {listed(self.unseen) or '-'}",
             f"log det of the information matrix {self.criterion:.6g}, condition number {self.condition:.4g}",
             *self.notes,
@@ -94,7 +94,8 @@ class Excitation:
 def excite(
     robot: Robot,
     *,
-    duration: float = 10.0,
+    period: float = 10.0,
+    periods: int = 1,
     harmonics: int = 5,
     drives: DriveColumns = False,
     weights: ArrayLike | None = None,
@@ -107,7 +108,7 @@ def excite(
     """Find a motion whose forces tell most about the base parameters of a robot, within all its limits.
 
     Every coordinate follows a Fourier series with the same base frequency, and starts and ends at rest with all rates
-    up to q4d zero: the motion can follow itself, and Q2d has no jump. The series minimizes -log det of the information
+    up to q4d zero, so that Q2d has no jump. The series minimizes -log det of the information
     matrix, the time mean of ``Y^T W Y``, with the regressor Y of the base parameters: the volume of the confidence
     ellipsoid of identified parameters, whatever their units. All limits that the robot states hold, between samples
     too; obstacles and the robot's own links are not seen: position limits keep it from them.
@@ -116,10 +117,12 @@ def excite(
     ----------
     robot : Robot
         With limits, see `Robot.with_limits`. Drive terms that act enter its effort limits.
-    duration : float, optional
-        Of one period, s.
+    period : float, optional
+        Of the series, s.
+    periods : int, optional
+        How often the motion repeats it.
     harmonics : int, optional
-        Of the series, 3 or more.
+        Of the series, 3 to 50.
     drives : bool, str or iterable of str, optional
         Drive terms that are to be identified too, as `Robot.regressor` takes them: "armature", "damping", "friction",
         "spring", "offset"; True for all.
@@ -157,18 +160,19 @@ def excite(
     --------
     >>> import jounce
     >>> robot = jounce.load("planar2r").with_limits(lower=-2, upper=2, velocity=3, effort=[60, 20])
-    >>> found = jounce.excite(robot, duration=4, harmonics=4, starts=2, drives="friction")
+    >>> found = jounce.excite(robot, period=4, harmonics=4, starts=2, drives="friction")
     >>> found.check.ok, found.parameters[-1]
     (True, 'joint2 friction')
     """
-    search, notes = _search(robot, duration, harmonics, select_columns(drives), weights, reach, margin, seed)
-    count, rng = _whole("starts", starts, 1), np.random.default_rng(_whole("seed", seed, 0))
+    count, rng = _whole("starts", starts, 1, MANY), np.random.default_rng(_whole("seed", seed, 0))
+    times = _number("period", period, "s"), _whole("periods", periods, 1, MANY)
+    series = Harmonics(*times, _whole("harmonics", harmonics, FEWEST, MOST))
+    search, notes = _search(robot, series, select_columns(drives), weights, reach, margin, rng)
     rest = search.rest(rng)
-    x = search.best(count, rng, progress)
-    x, motion, found = _within(search, x, rest)
+    x, motion, found = _within(search, search.best(count, rng, progress), rest)
     rates, told = search.rates(x)[:3], search.information
     condition = told.condition(rates)
-    if condition > SINGULAR:
+    if not condition <= SINGULAR:
         raise JounceError(
             f"the motion does not tell the {len(told.names)} parameters from each other (condition number"
             f" {condition:.2g}); expected more than {harmonics} harmonics, or wider limits"
@@ -178,23 +182,23 @@ def excite(
 
 def _search(
     robot: object,
-    duration: object,
-    harmonics: object,
+    series: Harmonics,
     terms: tuple[DriveColumn, ...],
     weights: ArrayLike | None,
     reach: object,
     margin: object,
-    seed: int,
+    rng: np.random.Generator,
 ) -> tuple[Search, tuple[str, ...]]:
     """What is searched for the arguments of a caller, checked, and notes on what is assumed."""
     if not isinstance(robot, Robot):
         raise JounceError(f"excite() expects a jounce.Robot, got {type(robot).__name__}")
     if robot.mechanism.base:
         raise JounceError(f"the base of {quoted(robot.name)} floats; expected one at rest, load(..., base='fixed')")
-    series = Harmonics(_number("duration", duration, "s"), _whole("harmonics", harmonics, FEWEST, MOST))
     left = float(margin) if is_finite(margin) else -1.0  # type: ignore[arg-type]
     if not 0 <= left < 1:
         raise JounceError(f"margin is {quoted(margin)}; expected a share of the limits, 0 <= margin < 1")
+    if robot.mechanism.closure:
+        raise JounceError(f"the loops of {quoted(robot.name)} are closed; expected a robot without loops")
     limits, notes = _bounded_positions(robot, _number("reach", reach, "rad"))
     kinds = [kind for kind in limits.kinds if kind not in MOTOR_KINDS]
     _check_limits(robot, limits, kinds)
@@ -204,7 +208,7 @@ def _search(
         raise JounceError(f"the limits of {quoted(robot.name)} let no joint move; expected room for one at least")
     middle = limits.bounds("position").mean(axis=0)
     inverse, equal = _weights(robot, limits, weights)
-    told = _told(robot, terms, inverse, middle, reaches, seed)
+    told = _told(robot, terms, inverse, middle, reaches, rng)
     return Search(series, told, room, middle, reaches, 1 - left), (*notes, *equal)
 
 
@@ -268,12 +272,12 @@ def _told(
     weights: np.ndarray,
     middle: np.ndarray,
     reaches: np.ndarray,
-    seed: int,
+    rng: np.random.Generator,
 ) -> Information:
     """The information of motions that go as far as the limits let them."""
-    count = TYPICAL * 10 * len(robot.body_names) // robot.n
-    states = np.random.default_rng(seed).uniform(-1, 1, (3, count, robot.n)) * reaches[:3, None]
-    states[0] += middle
+    count = TYPICAL * (10 * len(robot.body_names) + len(terms) * robot.mechanism.nb) // robot.n + 1
+    states = rng.uniform(-1, 1, (3, count, robot.n)) * reaches[:3, None]
+    states[0] = middle + np.where(reaches[1] > 0, states[0], states[0, 0])  # a joint that stands still, anywhere
     found = information(robot, terms, weights, tuple(states))
     if not found.names:
         raise JounceError(f"no parameter of {quoted(robot.name)} enters the forces of joints that move")

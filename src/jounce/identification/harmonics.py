@@ -1,6 +1,6 @@
 """Fourier series at rest where their period begins: rates to q4d vanish there, so that a robot can start and stop.
 
-    q(t) = c + sum_k a_k cos(k w t) + b_k sin(k w t),   w = 2 pi / duration,
+    q(t) = c + sum_k a_k cos(k w t) + b_k sin(k w t),   w = 2 pi / period,
     sum_k k b_k = sum_k k^2 a_k = sum_k k^3 b_k = sum_k k^4 a_k = 0.
 
 The conditions leave each joint 2 N - 4 free amplitudes of N harmonics, and its mean c.
@@ -19,20 +19,21 @@ POINTS = 32  # of a period of the highest harmonic, at which series are evaluate
 
 @dataclass(frozen=True)
 class Harmonics:
-    """The series with `count` harmonics over a duration, linear in free amplitudes x (2 count - 3, n), means first."""
+    """Series with `count` harmonics over some periods, linear in free amplitudes x (2 count - 3, n), means first."""
 
-    duration: float
+    period: float
+    periods: int
     count: int
 
     @property
     def frequency(self) -> float:
         """Of the first harmonic, rad/s."""
-        return 2 * np.pi / self.duration
+        return 2 * np.pi / self.period
 
     @property
     def step(self) -> float:
         """Between the points at which the series are evaluated, s."""
-        return self.duration / (POINTS * self.count)
+        return self.period / (POINTS * self.count)
 
     @cached_property
     def cosines(self) -> np.ndarray:
@@ -59,10 +60,12 @@ class Harmonics:
         return found
 
     def motion(self, x: np.ndarray, joint_names: tuple[str, ...]) -> Motion:
-        """The motion over one period."""
+        """The motion over all periods."""
         a, b = self.cosines @ x, self.sines @ x
-        found = Motion.fourier(x[0], a, b, self.frequency, self.duration, joint_names=joint_names)
-        return replace(found, source=f"Fourier series, {self.count} harmonics of {1 / self.duration:.6g} Hz")
+        found = Motion.fourier(x[0], a, b, self.frequency, self.period * self.periods, joint_names=joint_names)
+        times = f"{self.periods} periods" if self.periods > 1 else "one period"
+        source = f"Fourier series, {self.count} harmonics of {1 / self.period:.6g} Hz, {times} of {self.period:g} s"
+        return replace(found, source=source)
 
 
 def _at_rest(count: int, powers: tuple[int, int]) -> np.ndarray:

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import cho_solve
 
 from jounce._typing import DriveColumn
 from jounce.model import drives
@@ -56,41 +55,41 @@ class Information:
     sizes: np.ndarray
     product: Kernel
 
-    def columns(self, rates: Rates) -> np.ndarray:
-        """The weighted columns (M n, count) at states, each over its typical size."""
-        Y = _weighted(self.robot, self.terms, self.roots, rates)
-        return Y.reshape(-1, Y.shape[-1])[:, self.places] / self.sizes
-
     def log_det(self, rates: Rates) -> float:
         """The log determinant of the information matrix, of parameters in SI units."""
-        A = self.columns(rates)
-        sign, log = np.linalg.slogdet(A.T @ A / len(rates[0]))
+        sign, log = np.linalg.slogdet(_mean_square(self._columns(self._regressor(rates))))
         return float(log + 2 * np.log(self.sizes).sum()) if sign > 0 else -np.inf
 
     def condition(self, rates: Rates) -> float:
         """The condition number of the weighted regressor with columns of unit length."""
-        A = self.columns(rates)
+        A = self._columns(self._regressor(rates)).reshape(-1, len(self.names))
         lengths = np.linalg.norm(A, axis=0)
         return float(np.linalg.cond(A / lengths)) if lengths.all() else np.inf
 
     def loss(self, rates: Rates) -> tuple[float, list[np.ndarray]]:
         """Minus the log determinant up to a constant, and its gradients by q, qd and q2d.
 
-        d log det H = 2 <Y H^-1, dY> / M for the columns Y with H = Y^T Y / M.
+        d log det H = 2 <A H^-1, dA> / M for the columns A with H = A^T A / M.
         """
-        count, m = len(rates[0]), self.robot.mechanism
-        Y = _weighted(self.robot, self.terms, self.roots, rates)
-        A = Y.reshape(-1, Y.shape[-1])[:, self.places] / self.sizes
-        eye = np.eye(A.shape[1])
-        L = np.linalg.cholesky(A.T @ A / count + FLOOR * eye)
-        pushes = np.zeros((A.shape[0], Y.shape[-1]))
-        pushes[:, self.places] = A @ (cho_solve((L, True), eye) * (-2 / count) / self.sizes)
-        by_state = pushes.reshape(Y.shape) * self.roots[:, None]
-        own = Y.shape[-1] - len(self.terms) * m.nb
-        gradients = list(self.product(*rates[:3], np.ascontiguousarray(by_state[..., :own])))
+        Y = self._regressor(rates)
+        A = self._columns(Y)
+        H = _mean_square(A) + FLOOR * np.eye(len(self.names))
+        pushes = np.zeros_like(Y)
+        pushes[..., self.places] = A @ (np.linalg.inv(H) * (-2 / len(A)) / self.sizes)
+        pushes *= self.roots[:, None]
+        own = Y.shape[-1] - len(self.terms) * self.robot.mechanism.nb
+        gradients = list(self.product(*rates[:3], np.ascontiguousarray(pushes[..., :own])))
         if self.terms:
-            self._add_drives(gradients, rates, by_state[..., own:])
-        return float(-2 * np.log(np.diag(L)).sum()), gradients
+            self._add_drives(gradients, rates, pushes[..., own:])
+        return -float(np.linalg.slogdet(H)[1]), gradients
+
+    def _regressor(self, rates: Rates) -> np.ndarray:
+        return _weighted(self.robot, self.terms, self.roots, rates)
+
+    def _columns(self, Y: np.ndarray) -> np.ndarray:
+        """The columns (M, n, count) of the parameters in a weighted regressor, each over its typical size."""
+        columns: np.ndarray = Y[..., self.places] / self.sizes
+        return columns
 
     def _add_drives(self, gradients: list[np.ndarray], rates: Rates, pushes: np.ndarray) -> None:
         """Add the gradients through the columns of drive terms, from pushes (M, n, terms nb) on these."""
@@ -118,6 +117,12 @@ def information(robot: "Robot", terms: tuple[DriveColumn, ...], weights: np.ndar
         robot, terms, np.sqrt(weights), tuple(names[seen].tolist()), tuple(names[~seen].tolist()),
         places[seen], sizes[seen], robot.compile("regressor", 0, product="vjp"),
     )  # fmt: skip
+
+
+def _mean_square(A: np.ndarray) -> np.ndarray:
+    """A^T A of columns (M, n, count), over M: by state, as BLAS makes threads for larger products that wait long."""
+    H: np.ndarray = (A.mT @ A).sum(axis=0) / len(A)
+    return H
 
 
 def _weighted(robot: "Robot", terms: tuple[DriveColumn, ...], roots: np.ndarray, rates: Rates) -> np.ndarray:

@@ -1,12 +1,13 @@
 """How far predicted forces are from measured ones, in the band of the motion and sample by sample."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from jounce.identification.cells import averages, places
-from jounce.identification.measurements import Measurements
+from jounce.identification.problem import Problem
+from jounce.model.coordinates import force_names, force_units
 
 
 @dataclass(frozen=True)
@@ -47,29 +48,23 @@ class ForceResidual:
     identified_samples: float
 
 
-def residuals(
-    part: str,
-    samples: Measurements,
-    model: np.ndarray,
-    predicted: np.ndarray,
-    width: float,
-    names: Sequence[str],
-    units: Sequence[str],
-) -> list[ForceResidual]:
-    """The residuals of forces (N, nv) of the model and of the identified robot, of the forces that are measured."""
-    if not len(samples.t):
-        return []
-    place, w = places(samples.t, width), samples.weights
-    off = [samples.forces, samples.forces - model, samples.forces - predicted]
+def residuals(posed: Problem, predicted: np.ndarray) -> tuple[ForceResidual, ...]:
+    """The residuals of the model and of predicted forces (N, nv): of the samples that are used, then of the rest."""
+    parts = (("used", posed.used), ("rest", ~posed.used))
+    return tuple(row for part, which in parts if which.any() for row in _of_part(posed, predicted, part, which))
+
+
+def _of_part(posed: Problem, predicted: np.ndarray, part: str, which: np.ndarray) -> Iterator[ForceResidual]:
+    """The residuals of a part of the samples, of the forces that are measured there."""
+    m, samples = posed.robot.mechanism, posed.given.part(which)
+    place, w = places(samples.t, posed.width), samples.weights
+    off = [samples.forces, samples.forces - posed.model[which], samples.forces - predicted[which]]
     counts = averages(np.ones_like(w), w, place)[1]
     band = [_rms(averages(values, w, place)[0], counts) for values in off]
-    single = [_rms(values, w) for values in off[1:]]
-    rows = np.stack([*band, *single], axis=1)
-    return [
-        ForceResidual(name, unit, part, *map(float, row))
-        for name, unit, row, count in zip(names, units, rows, counts.sum(axis=0), strict=True)
-        if count
-    ]
+    rows = np.stack([*band, *(_rms(values, w) for values in off[1:])], axis=1)
+    for j, (name, unit) in enumerate(zip(force_names(m), force_units(m), strict=True)):
+        if counts[:, j].any():
+            yield ForceResidual(name, unit, part, *map(float, rows[j]))
 
 
 def _rms(values: np.ndarray, weights: np.ndarray) -> np.ndarray:

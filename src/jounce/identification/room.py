@@ -29,17 +29,15 @@ Rates = Sequence[np.ndarray]  # q, qd, q2d, ..., (M, n) each
 
 
 class Side(NamedTuple):
-    """The finite bounds of a kind on one side: of which coordinates, where ratios begin, and the way to the bounds."""
+    """The finite bounds on one side: the columns of what they bound, where ratios begin, and the way to the bounds."""
 
-    kind: str
-    joints: np.ndarray
+    columns: np.ndarray
     centre: np.ndarray
     reach: np.ndarray
 
-    def ratios(self, values: Mapping[str, np.ndarray]) -> np.ndarray:
-        """The ratios (M, joints) of values to the bounds."""
-        ratios: np.ndarray = (values[self.kind][:, self.joints] - self.centre) / self.reach
-        return ratios
+    def ratios(self, values: np.ndarray) -> np.ndarray:
+        """The ratios (M, columns) of values to the bounds."""
+        return (values[:, self.columns] - self.centre) / self.reach
 
 
 class Force(NamedTuple):
@@ -65,56 +63,63 @@ class Force(NamedTuple):
 class Room:
     """The bounds of a robot's coordinates, and the forces Q and Qgrav with the rates that they bound, or None.
 
-    `order` is that of the highest rate of q that they take.
+    `kinds` are those of the limits: what they bound has n columns each, in their order. `order` is that of the highest
+    rate of q that they take.
     """
 
     limits: Limits
+    kinds: tuple[str, ...]
     sides: tuple[Side, ...]
     order: int
     Q: Force | None
     gravity: Force | None
 
-    def values(self, rates: Rates) -> dict[str, np.ndarray]:
-        """What the limits bound at states, (M, n) each; Q as "Q"."""
-        found = dict(zip(MOTION_KINDS, rates, strict=False))
-        if self.Q is None:
-            return found
-        Q = self.Q.values(rates)
-        found |= dict(zip(EFFORT_KINDS, Q, strict=False)) | {"Q": Q[0], "power": rates[1] * Q[0]}
-        for k, g in enumerate(self.gravity.values(rates) if self.gravity else ()):
-            if self.without_gravity(EFFORT_KINDS[k]):
-                found[EFFORT_KINDS[k]] = Q[k] - g
-        return found
-
-    def without_gravity(self, kind: str) -> bool:
-        """Whether an effort limit bounds Q - Qgrav."""
-        return self.limits.of(kind) == BOUND_FORCES[1]
-
     def worst(self, rates: Rates) -> tuple[float, str, int]:
         """The largest ratio at states, of which kind and coordinate."""
-        values, found = self.values(rates), []
+        values, found = self._stacked(self._values(rates)), []
         for side in self.sides:
             ratios = side.ratios(values).max(axis=0)
-            found.append((float(ratios.max()), side.kind, int(side.joints[ratios.argmax()])))
+            kind, joint = divmod(int(side.columns[ratios.argmax()]), rates[0].shape[1])
+            found.append((float(ratios.max()), self.kinds[kind], joint))
         return max(found)
 
     def loss(self, rates: Rates, share: float, delta: float) -> tuple[float, list[np.ndarray]]:
         """The barrier, a sum over bounds and a mean over states, and its gradients by q, qd, ..."""
-        values, total = self.values(rates), 0.0
-        pushes = {side.kind: np.zeros_like(rates[0]) for side in self.sides}
+        by_kind = self._values(rates)
+        values, total = self._stacked(by_kind), 0.0
+        pushes = np.zeros_like(values)
         for side in self.sides:
             z = share - side.ratios(values)
             beyond, y = z < delta, z / delta - 2
             inside = np.where(beyond, delta, z)
             total += float(np.where(beyond, (y * y - 1) / 2 - np.log(delta), -np.log(inside)).sum())
-            slope = np.where(beyond, y / delta, -1 / inside) / -side.reach
-            pushes[side.kind][:, side.joints] += slope / len(rates[0])
-        return total / len(rates[0]), self._gradients(rates, values, pushes)
+            pushes[:, side.columns] -= np.where(beyond, y / delta, -1 / inside) / (side.reach * len(z))
+        parts = np.split(pushes, len(self.kinds), axis=1)
+        return total / len(rates[0]), self._gradients(rates, by_kind, dict(zip(self.kinds, parts, strict=True)))
+
+    def _values(self, rates: Rates) -> dict[str, np.ndarray]:
+        """What limits bound at states by kind, (M, n) each; Q itself as "Q"."""
+        found = dict(zip(MOTION_KINDS, rates, strict=False))
+        if self.Q is None:
+            return found
+        Q = self.Q.values(rates)
+        found |= dict(zip(EFFORT_KINDS, Q, strict=False)) | {"Q": Q[0], "power": rates[1] * Q[0]}
+        for kind, g in zip(EFFORT_KINDS, self.gravity.values(rates) if self.gravity else (), strict=False):
+            if self._is_bare(kind):
+                found[kind] = found[kind] - g
+        return found
+
+    def _stacked(self, by_kind: Mapping[str, np.ndarray]) -> np.ndarray:
+        return np.concatenate([by_kind[kind] for kind in self.kinds], axis=1)
+
+    def _is_bare(self, kind: str) -> bool:
+        """Whether an effort limit bounds Q - Qgrav."""
+        return self.limits.of(kind) == BOUND_FORCES[1]
 
     def _gradients(
         self, rates: Rates, values: Mapping[str, np.ndarray], pushes: Mapping[str, np.ndarray]
     ) -> list[np.ndarray]:
-        """The gradients by q, qd, ... of the sum of values times pushes (M, n), by kind."""
+        """The gradients by q, qd, ... of the sum of what limits bound times pushes (M, n), by kind."""
         zero = np.zeros_like(rates[0])
         found = [pushes.get(kind, zero).copy() for kind in MOTION_KINDS[: len(rates)]]
         if self.Q is None:
@@ -122,7 +127,7 @@ class Room:
         onto = [pushes.get(kind, zero) for kind in EFFORT_KINDS[: self.Q.order + 1]]
         parts = []
         if self.gravity:
-            off = [-x if self.without_gravity(kind) else zero for kind, x in zip(EFFORT_KINDS, onto, strict=False)]
+            off = [-x if self._is_bare(kind) else zero for kind, x in zip(EFFORT_KINDS, onto, strict=False)]
             parts.append(self.gravity.gradients(rates, off[: self.gravity.order + 1]))
         if "power" in pushes:
             found[1] += pushes["power"] * values["Q"]
@@ -134,21 +139,20 @@ class Room:
 
 
 def room_of(robot: "Robot", limits: Limits, kinds: Sequence[str]) -> Room:
-    """The room within limits of some kinds of the coordinates of a robot; bounds of 0 of what rests leave it out."""
-    sides = []
-    for kind in kinds:
-        bounds = limits.bounds(kind)
-        centre = scale_of(bounds, kind).centre
-        for bound in bounds:
-            [joints] = np.nonzero(np.isfinite(bound) & (bound != centre))
-            if joints.size:
-                sides.append(Side(kind, joints, centre[joints], (bound - centre)[joints]))
+    """The room within limits of some kinds of the coordinates of a robot, but bounds of 0 of what stands still."""
+    bounds = np.concatenate([limits.bounds(kind) for kind in kinds], axis=1)
+    centre = np.concatenate([scale_of(limits.bounds(kind), kind).centre for kind in kinds])
+    finite = np.isfinite(bounds) & (bounds != centre)
+    sides = (
+        Side(np.flatnonzero(on), centre[on], (bound - centre)[on]) for bound, on in zip(bounds, finite, strict=True)
+    )
     forces = [kind for kind in kinds if kind not in MOTION_KINDS]
     order = max((rate_of_forces(robot, kind) for kind in forces), default=0)
     bare = [DERIVATIVE[kind] for kind in forces if kind in EFFORT_KINDS and limits.of(kind) == BOUND_FORCES[1]]
     return Room(
         limits,
-        tuple(sides),
+        tuple(kinds),
+        tuple(side for side in sides if side.columns.size),
         max([FIRST, order + FIRST, *(MOTION_KINDS.index(kind) for kind in kinds if kind in MOTION_KINDS)]),
         _force(robot, "inverse_dynamics", order, FIRST) if forces else None,
         _force(robot, "gravity_forces", max(bare), 0) if bare else None,

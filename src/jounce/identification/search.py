@@ -1,6 +1,6 @@
 """The search for the Fourier series whose forces tell most of the parameters, within limits.
 
--log det of the information matrix plus the barrier of the limits, with an ever smaller weight, is minimized by L-BFGS
+-log det of the information matrix plus the barrier of the limits, with an ever smaller weight, is minimized by BFGS
 from random series; all gradients are exact. A series beyond limits has a value too, so that any series is a start.
 """
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import fmin_l_bfgs_b
+from scipy.optimize import minimize
 
 from jounce.errors import JounceError, quoted
 from jounce.identification.harmonics import Harmonics
@@ -18,8 +18,10 @@ from jounce.identification.room import Room
 from jounce.model.limits import MOTION_KINDS, Limits
 
 STAGES = ((2.5, 0.15), (0.25, 0.015), (0.025, 0.0015))  # weight of the barrier per parameter, room that is kept
-STEPS = 400  # of L-BFGS in each stage: later ones gain less than another start
-MEMORY = 30  # pairs that L-BFGS keeps
+STEPS = 300  # of BFGS in each stage at most
+SLOPE = (
+    0.1  # of the loss in the units of amplitudes, at which a stage ends: what is left changes deviations by a percent
+)
 AMPLITUDE = 0.3  # of random series, in units of the limits
 RESTS = 20  # poses from which one is sought that effort limits let a robot hold
 
@@ -95,7 +97,7 @@ class Search:
     def _minimum(self, u: np.ndarray) -> np.ndarray:
         count = len(self.information.names)
         for weight, delta in STAGES:
-            u, *_ = fmin_l_bfgs_b(self.loss, u, args=(count * weight, delta), m=MEMORY, maxiter=STEPS)
+            u = _minimum(self.loss, u, count * weight, delta)
         return u
 
     def rest(self, rng: np.random.Generator) -> np.ndarray:
@@ -117,7 +119,7 @@ class Search:
         worst = []
         for i in range(RESTS):
             u = rng.uniform(-0.8, 0.8, len(self.middle)) if i else np.zeros(len(self.middle))
-            u, *_ = fmin_l_bfgs_b(barrier, u)
+            u = _minimum(barrier, u)
             worst.append(self.room.worst(rates(u)))
             if worst[-1][0] < self.share:
                 return rates(u)[0][0]
@@ -129,11 +131,22 @@ class Search:
         )
 
 
+def _minimum(loss: Callable[..., tuple[float, np.ndarray]], u: np.ndarray, *arguments: float) -> np.ndarray:
+    """A local minimum of a loss with its gradient, by BFGS: L-BFGS takes half as many steps again."""
+    found: np.ndarray = minimize(
+        loss, u, arguments, method="BFGS", jac=True, options={"maxiter": STEPS, "gtol": SLOPE}
+    ).x
+    return found
+
+
 def reaches_of(limits: Limits, series: Harmonics, order: int) -> np.ndarray:
-    """How far q and its rates may go, (order + 1, n): as limits say, and no rate further than series of such q do."""
+    """How far q and its rates may go, (order + 1, n): as limits say, and no rate further than series of such q do.
+
+    A coordinate stands still, with rates 0, if any limit of it leaves no way.
+    """
     lower, upper = limits.bounds(MOTION_KINDS[0])
     found = [(upper - lower) / 2]
     for k, kind in enumerate(MOTION_KINDS[1 : order + 1], 1):
         common = found[0] * (series.frequency * (series.count + 1) / 2) ** k
         found.append(np.minimum(common, np.abs(limits.bounds(kind)).min(axis=0)))
-    return np.stack(found)
+    return np.stack([found[0], *(np.array(found[1:]) * np.all(found, axis=0))])

@@ -25,7 +25,7 @@ def suspicions(cells: Cells, names: tuple[str, ...]) -> list[str]:
         worst = correlation[opposed].min()
         found.append(
             f"forces of {_of(names, opposed)} seem to have the wrong sign: their correlation with the model's is"
-            f" {worst:.2g}; they are those that the drives exert on the robot, Q = M q2d + ..."
+            f" {worst:.2g}; expected Q = M q2d + C qd + Qgrav, which the drives exert on the robot"
         )
     if (odd := alike & (np.abs(np.log(size)) > np.log(FACTOR))).any():
         ratio = float(np.exp(np.log(size[odd]).mean()))

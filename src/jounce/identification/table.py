@@ -1,6 +1,5 @@
 """The parameters that data tell: base parameters and those of drive terms, with deviations, and which are seen."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,6 +7,7 @@ import numpy as np
 from jounce._typing import DriveColumn
 from jounce.dynamics.base_parameters import BaseParameters
 from jounce.identification.cells import Cells
+from jounce.identification.problem import Problem
 from jounce.identification.regression import Solution, row_weights
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
@@ -53,29 +53,23 @@ class IdentifiedParameter:
     seen: bool
 
 
-def parameter_table(
-    m: Mechanism,
-    base: BaseParameters,
-    terms: Sequence[DriveColumn],
-    model: np.ndarray,
-    solution: Solution,
-    sizes: np.ndarray,
-) -> tuple[IdentifiedParameter, ...]:
-    """The table of a solution, which corrects the values (K,) of the model; sizes (K,) tell what is seen."""
+def parameter_table(posed: Problem, solution: Solution, variances: np.ndarray) -> tuple[IdentifiedParameter, ...]:
+    """The table of a solution, which corrects the model, with the variances (nv,) of the forces."""
+    m, base, model = posed.robot.mechanism, posed.base, posed.own
     revolute = [bool(np.any(X[:3])) for X in m.X]
-    names = [*base.names, *(f"{joint} {term}" for term in terms for joint in m.joints)]
+    names = [*base.names, *(f"{joint} {term}" for term in posed.terms for joint in m.joints)]
     units = [UNITS[column % len(UNITS)] for column in base.columns]
-    units += [_unit(term, turns) for term in terms for turns in revolute]
+    units += [_unit(term, turns) for term in posed.terms for turns in revolute]
     values, spreads = model + solution.x, np.sqrt(np.diag(solution.covariance))
-    sizes = np.maximum(sizes, np.maximum(np.abs(values), np.abs(model)))
-    seen = spreads <= sizes
+    sizes = np.append(_inertial_sizes(m, base), _drive_sizes(posed.cells, variances, posed.columns[base.count :]))
+    seen = spreads <= np.maximum(sizes, np.maximum(np.abs(values), np.abs(model)))
     return tuple(
         IdentifiedParameter(name, unit, float(values[k]), float(spreads[k]), float(model[k]), bool(seen[k]))
         for k, (name, unit) in enumerate(zip(names, units, strict=True))
     )
 
 
-def inertial_sizes(m: Mechanism, base: BaseParameters) -> np.ndarray:
+def _inertial_sizes(m: Mechanism, base: BaseParameters) -> np.ndarray:
     """The sizes of the base parameters: m, m r or m r^2 of a body, r its radius about the origin of its frame."""
     p = inertia.parameters(m.inertias).astype(float)
     mass, moments = np.abs(p[:, 0]), np.abs(p[:, TRACE].sum(axis=1)) / 2
@@ -84,7 +78,7 @@ def inertial_sizes(m: Mechanism, base: BaseParameters) -> np.ndarray:
     return (mass[:, None] * r[:, None] ** POWERS).ravel()[base.columns]
 
 
-def drive_sizes(cells: Cells, variances: np.ndarray, columns: np.ndarray) -> np.ndarray:
+def _drive_sizes(cells: Cells, variances: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """The sizes of drive parameters: each alone makes forces as large as those that the model leaves where it acts.
 
     A hundredth of the measured forces counts too: of a model that leaves nothing it is seen that it leaves nothing.

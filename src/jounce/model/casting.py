@@ -25,11 +25,6 @@ def with_extended_precision(mechanism: Mechanism) -> Mechanism:
     return _convert(mechanism, lambda array: array.astype(np.longdouble))
 
 
-def with_numbers(mechanism: Mechanism) -> Mechanism:
-    """Convert the data to doubles; symbols raise an error."""
-    return _convert(mechanism, lambda array: array.astype(float))
-
-
 def _convert(mechanism: Mechanism, convert: Callable[[Array], Array]) -> Mechanism:
     converted = with_arrays(mechanism, lambda _, array: convert(array))
     frames = tuple(replace(frame, T=convert(frame.T)) for frame in mechanism.frames)

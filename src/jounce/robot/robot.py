@@ -1091,7 +1091,7 @@ class Robot:
         -------
         Kernel
             To call as ``kernel(q, qd, q2d, q3d, q4d)`` on float64 arrays; ``kernel.bind(..., out=...)`` is for the same
-            arrays again and again. It can be pickled.
+            arrays again and again. It can be pickled. Where loops are closed, the dependent coordinates come last.
 
         Raises
         ------

@@ -75,7 +75,7 @@ def _cosine(cosine: Entry) -> Cosine:
 def write(path: Path, motion: Motion, joints: Sequence[str]) -> None:
     """Write a motion of joints in closed form, which is read again with the same bits; it exerts no wrenches."""
     if not isinstance(motion.curve, Analytic):
-        raise JounceError(f"{path}: {motion.source} have no analytic terms; expected a table, .csv or .npz")
+        raise JounceError(f"{path}: the motion has no analytic terms; expected a table, .csv or .npz")
     time = {"start": motion.start, "stop": motion.stop, "count": len(motion.times)}
     data = {"time": time, "joints": dict(zip(joints, map(_data, motion.curve.terms), strict=True))}
     text = writing.json_of(data) if path.suffix.lower() == ".json" else writing.yaml_of(data)

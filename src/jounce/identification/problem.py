@@ -1,0 +1,144 @@
+"""The least-squares problem of an identification: a model, the motion, measured forces, and what is sought."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jounce._scalars import is_finite
+from jounce._typing import DriveColumn, Equations
+from jounce.dynamics.base_parameters import BaseParameters
+from jounce.errors import JounceError, quoted
+from jounce.identification.cells import CELLS, Cells, band_of, cells_of, regressors
+from jounce.identification.filtered import FILTERED
+from jounce.identification.measurements import Measurements
+from jounce.model.drives import AMOUNTS, OFFSET, with_eps
+from jounce.motion.motion import Motion
+from jounce.robot.robot import Robot
+
+ROWS = 4  # cells of all forces per parameter, at least
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is known, and what is sought.
+
+    Attributes
+    ----------
+    robot : Robot
+        The model.
+    motion : Motion
+        Of its joints, in its order.
+    terms : tuple of str
+        Drive terms that are sought.
+    base : BaseParameters
+        Of the model.
+    given : Measurements
+        All measured forces.
+    used : (N,)
+        Which of their samples are used.
+    model : (N, nv)
+        Forces of the model.
+    band, width : float
+        Highest frequency of the forces, Hz, and width of the cells, s.
+    cells : Cells
+        Averages of the samples that are used.
+    """
+
+    robot: Robot
+    motion: Motion
+    terms: tuple[DriveColumn, ...]
+    base: BaseParameters
+    given: Measurements
+    used: np.ndarray
+    model: np.ndarray
+    band: float
+    width: float
+    cells: Cells
+
+    @property
+    def columns(self) -> np.ndarray:
+        """The columns of the regressor that are sought: those of base parameters and of drive terms."""
+        return _columns(self.robot, self.base, self.terms)
+
+    @property
+    def own(self) -> np.ndarray:
+        """The parameters with which the forces of the model are computed: drive terms that do not act are zero."""
+        m = self.robot.mechanism
+        drives = [getattr(m.drives, AMOUNTS[term]) if term in m.acting else np.zeros(m.nb) for term in self.terms]
+        return np.concatenate([self.base.values, *drives])
+
+    def predicted(self, parameters: np.ndarray, drives: np.ndarray) -> np.ndarray:
+        """The forces (N, nv) of a robot with other inertial parameters (10 nb,) and drive terms."""
+        change = np.append(parameters - self.robot.inertial_parameters, drives - self.own[self.base.count :])
+        pieces = regressors(self.robot, self.motion, self.given.t, self.terms)
+        return np.asarray(self.model + np.concatenate([Y @ change for _, Y in pieces]))
+
+
+def problem(
+    robot: Robot,
+    motion: Motion,
+    terms: tuple[DriveColumn, ...],
+    given: Measurements,
+    used: np.ndarray,
+    band: float | None,
+    method: Equations,
+) -> Problem:
+    """Pose the problem, in cells whose width suits the motion.
+
+    Raises
+    ------
+    JounceError : if there are fewer measured forces than parameters, or the band is not a positive number.
+    """
+    base, samples = robot.base_parameters(), given.part(used)
+    count = len(_columns(robot, base, terms))
+    if (measured := np.count_nonzero(samples.weights)) < count:
+        raise JounceError(
+            f"{len(samples.t)} samples hold {measured} measured forces for {count} parameters; expected a longer motion"
+            " or fewer drives="
+        )
+    along = robot.forces_along(motion, given.t, order=0)
+    model, deviations = along.forces[0], None if along.deviations is None else along.deviations[0][used]
+    if band is None:
+        theta = along.rates[1][used] @ robot.mechanism.G.T
+        band = band_of(samples.t, model[used], theta, robot.drives.eps)
+    elif not is_finite(band) or not band > 0:
+        raise JounceError(f"band is {quoted(band)}; expected a frequency in Hz above 0")
+    band = float(band)
+    width = _width(samples, band, count)
+    if method in FILTERED:
+        cells = FILTERED[method](robot, motion, samples, terms, width, band)
+    else:
+        cells = cells_of(robot, motion, samples, model[used], deviations, terms, width)
+    return Problem(robot, motion, terms, base, given, used, model, band, width, cells)
+
+
+def model_of(robot: object, terms: Sequence[DriveColumn], eps: float | None) -> Robot:
+    """Return a caller's robot with the smoothing velocity of friction that is asked for.
+
+    Raises
+    ------
+    JounceError : if it is no robot, its drives act on motors behind elastic joints, or eps has no use.
+    """
+    if not isinstance(robot, Robot):
+        raise JounceError(f"identify() expects a jounce.Robot, got {type(robot).__name__}; jounce.load makes one")
+    if robot.mechanism.elasticity is not None and set(terms) - {"spring", OFFSET}:
+        raise JounceError(
+            f"{robot.name} has elastic joints: its drives act on motors, not on links; drives=False identifies links"
+            " from the torques of the springs"
+        )
+    if eps is None:
+        return robot
+    if "friction" not in terms:
+        raise JounceError(f"eps={quoted(eps)} is of friction, which drives={quoted(list(terms))} does not identify")
+    return Robot(replace(robot.mechanism, drives=with_eps(robot.drives, eps)))
+
+
+def _columns(robot: Robot, base: BaseParameters, terms: Sequence[DriveColumn]) -> np.ndarray:
+    return np.append(base.columns, len(base.parameters) + np.arange(len(terms) * robot.mechanism.nb))
+
+
+def _width(samples: Measurements, band: float, count: int) -> float:
+    """The width of cells that a band needs, so that there are enough for the number of parameters."""
+    duration, forces = float(samples.t[-1] - samples.t[0]), np.count_nonzero(samples.weights.any(axis=0))
+    return min(1 / (CELLS * band) if band else np.inf, duration * forces / (ROWS * count)) or 1.0
