@@ -13,12 +13,15 @@ that follow others are no longer independent: combinations that they leave out a
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from jounce.dynamics.base import BaseMotion
-from jounce.dynamics.recursion.regressor import regressor
+from jounce.dynamics.closing import closed
+from jounce.dynamics.loops import closure_of
+from jounce.dynamics.quantities import QUANTITIES, State
 from jounce.errors import JounceError
 from jounce.model.coordinates import leading_joints
 from jounce.model.mechanism import Mechanism, ancestors, reference_poses
@@ -27,6 +30,7 @@ from jounce.spatial.inertia import PARAMETERS
 from jounce.spatial.lie import Ad, ad, inverse, wedge
 from jounce.spatial.series import columns
 
+SHARES = (0.3, 0.1, 0.03, 0.01)  # of ranges of coordinates, in which the loops of closed robots are tried
 RANK = 1e-9  # of directions, relative to the largest: what is smaller is rounding
 _POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])  # powers of a length in the units of the parameters
 _UNITS = inertia.from_parameters(np.eye(10))
@@ -216,7 +220,22 @@ def _samples(m: Mechanism, length: float) -> np.ndarray:
     size = np.where(m.X[leading_joints(m), :3].any(axis=1), np.pi, length)
     q = rng.uniform(-1, 1, (3, count, m.n)) * size
     base = BaseMotion(np.eye(4), columns(list(rng.uniform(-2, 2, (2, count, 6))))) if m.base else None
-    return regressor(m, columns(list(q)), base)[0].reshape(-1, len(PARAMETERS) * len(m.body_names))
+    position = None
+    if m.closure:
+        tree = _closed_near_start(m, q[0])
+        q[0], position = tree[:, m.closure.independent], tree[..., None]
+    law = QUANTITIES["regressor"].law("recursion", m)
+    found = law(m, State(columns(list(q)), base=base, position=position))[0]
+    return found.reshape(-1, len(PARAMETERS) * len(m.body_names))
+
+
+def _closed_near_start(m: Mechanism, offsets: np.ndarray) -> np.ndarray:
+    """Coordinates (k, N) of the tree of a closed robot, with loops closed, off its start by as much as they allow."""
+    start = closure_of(m).start[list(closure_of(m).independent)]
+    for share in SHARES:
+        with suppress(JounceError):
+            return closed(m, start + share * offsets)
+    raise JounceError(f"the loops of {m.name!r} stay closed at its start only; base parameters need other states too")
 
 
 def _tidy(x: np.ndarray) -> np.ndarray:
