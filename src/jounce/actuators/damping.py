@@ -82,7 +82,7 @@ def _forces(
 ) -> list[np.ndarray]:
     """Q, Qd, Q2d (N, n) of the joints."""
     W, base = motion.wrench(t, 2, side), motion.base(t, 4, side)
-    rates = on_tree(motion(t, 4, side), positions(robot.mechanism, motion, t, side))
+    rates = on_tree(motion(t, 4, side), positions(robot, motion, t, side))
     found = compute(robot, FORCES.name, rates, wrench=W, base=base, method=method)
     return [rate[:, -robot.n :] for rate in found]
 

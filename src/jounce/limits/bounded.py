@@ -128,7 +128,7 @@ class Bounded:
     def series(self, t: np.ndarray, side: Side = "right") -> Series:
         """The quantities that are bounded, with derivatives, at times (N,)."""
         rates, m = self.motion(t, self.rate_order, side), self.robot.mechanism
-        near = positions(m, self.motion, t, side)
+        near = positions(self.robot, self.motion, t, side)
         joints = joint_rates(self.robot, rates, near, self.follow)
         found = {kind: list(joints[k : k + SMOOTH + 1]) for k, kind in enumerate(MOTION_KINDS) if kind in self.kinds}
         if not self.forces:
@@ -143,7 +143,7 @@ class Bounded:
 
     def rates(self, t: np.ndarray, order: int, side: Side = "right") -> Rates:
         """The rates of the joints up to an order, (N, joints) each."""
-        near = positions(self.robot.mechanism, self.motion, t, side)
+        near = positions(self.robot, self.motion, t, side)
         return joint_rates(self.robot, self.motion(t, order, side), near, self.follow)
 
     def quantity(

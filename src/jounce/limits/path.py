@@ -110,7 +110,7 @@ def path_of(robot: "Robot", motion: "Motion", sigma: np.ndarray, order: int, lef
     side: Literal["left", "right"] = "left" if left else "right"
     q = motion(sigma, order + 2, side)
     W, base = motion.wrench(sigma, order, side), motion.base(sigma, order + 2, side)
-    m, near = robot.mechanism, positions(robot.mechanism, motion, sigma, side)
+    m, near = robot.mechanism, positions(robot, motion, sigma, side)
 
     def forces(speed: float) -> list[np.ndarray]:
         found = in_columns(m, at_speed(robot, FORCES.name, q, W, speed, order, base, near))

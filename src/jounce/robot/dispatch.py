@@ -85,17 +85,11 @@ def compute(
     base: Any = None,
     body: str | None = None,
     frame: str = "body",
-    position: Array | None = None,
     method: str | None = None,
     out: Any = None,
     threads: int = 1,
 ) -> Any:
-    """Compute a quantity for given rates of the coordinates with the first backend that accepts the call.
-
-    `position` (..., N) are all coordinates of the tree of a closed robot, with loops closed, if a caller knows them.
-    """
-    if position is not None:
-        given = (position, *given[1:])
+    """Compute a quantity for given rates of the coordinates with the first backend that accepts the call."""
     terms: Sequence[Any] = wrench if type(wrench) is tuple else () if wrench is None else (wrench,)
     moved: Sequence[Any] = base if type(base) is tuple else () if base is None else (base,)
     form = (name, body, frame, method, type(threads), threads, *map(type, given), type(wrench), *map(type, terms))
@@ -118,13 +112,13 @@ def compute(
     except Exception:  # the long way serves all others, and says what is wrong with them
         pass
     plain = {type(x) for x in (*given, *terms, *moved)} <= {np.ndarray, NoneType} and type(threads) is int
-    step = _step(robot) if robot.mechanism.closure and method in (None, NATIVE) else None
+    step = closing_step(robot) if robot.mechanism.closure and method in (None, NATIVE) else None
     asked, given = checked_arguments(robot.mechanism, name, given, wrench, base, body, frame, method, step)
     lasting = plain and threads == 1 and asked.base == bool(moved)
     return _run(Call(robot, asked, given, method, out, threads, form if lasting else None))
 
 
-def _step(robot: "Robot") -> NativeStep | None:
+def closing_step(robot: "Robot") -> NativeStep | None:
     """Return the step in native code that closes the loops of a robot, if there is one."""
     steps = robot._kernels.steps
     if not steps:
@@ -134,7 +128,7 @@ def _step(robot: "Robot") -> NativeStep | None:
 
 def _with_dependent(robot: "Robot", arrays: Sequence[Any]) -> tuple[Any, ...]:
     """Return the arrays of a plain call of a closed robot with the independent coordinates first, the others last."""
-    step, q = _step(robot), arrays[0]
+    step, q = closing_step(robot), arrays[0]
     try:
         if step is None:
             raise LookupError
@@ -392,7 +386,7 @@ def _compile(mechanism: Mechanism, computation: Computation, patience: float) ->
 
 def native_obstacle(mechanism: Mechanism, computation: Computation) -> str | None:
     """Return why native code does not support a computation, as the end of a sentence about native code, or None."""
-    if found := obstacle(computation):
+    if found := obstacle(computation, mechanism):
         return found
     if not mechanism.is_numeric:
         return "needs a robot of numbers; this one contains symbols"
