@@ -79,8 +79,9 @@ class Kernel(Generic[Results]):
             q, qd, ..., as many as the quantity and its order take; W, Wd, ... after them if it was compiled with
             wrenches; C, V, Vd, ... if with the motion of the base. float64; batch axes lead and broadcast. Poses C
             are not checked, unlike those that methods of a Robot take. If loops are closed, the last array is
-            q_dependent, (..., N - n): the positions of all other joints, in the order of ``mechanism.tree.coordinates``,
-            where the loops are closed. They are not checked, and `Robot.coordinates` computes them.
+            q_dependent, (..., N - n): the positions of all other joints, in the order of
+            ``mechanism.tree.coordinates``, where the loops are closed. They are not checked, and `Robot.coordinates`
+            computes them.
         out : array or tuple of arrays, optional
             Arrays to write the results into.
         threads : int, optional

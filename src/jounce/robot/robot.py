@@ -1002,10 +1002,12 @@ class Robot:
     def locked(self, values: Mapping[str, float]) -> Self:
         """The robot with some joints locked: their bodies merge into those that carry them.
 
+        The loops of a closed robot stay closed: joints that follow the locked ones move to where these hold them.
+
         Parameters
         ----------
         values : mapping
-            {joint: rad or m}.
+            {joint: rad or m}. Of a closed robot, independent coordinates.
 
         Returns
         -------
@@ -1014,7 +1016,8 @@ class Robot:
         Raises
         ------
         JounceError
-            If a joint is unknown or follows another, a value is not a finite number, or no joint remains.
+            If a joint is unknown or follows another, a value is not a finite number, no joint remains, or the loops
+            cannot be closed.
 
         Examples
         --------
