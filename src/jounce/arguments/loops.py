@@ -247,8 +247,8 @@ def dependent_of(mechanism: Mechanism, u: Array, whole: Array | None, step: Step
             f" the tree, as loops are closed on numbers of NumPy: {listed(closure.coordinates)}"
         )
     flat = np.asarray(u, dtype=float).reshape(-1, mechanism.n)
-    near = None if whole is None else np.asarray(whole, dtype=float).reshape(-1, len(closure.coordinates))
-    found = closing.closed(mechanism, flat, near, step)[:, others].reshape(*u.shape[:-1], len(others))
+    start = None if whole is None else np.asarray(whole, dtype=float).reshape(-1, len(closure.coordinates))
+    found = closing.closed(mechanism, flat, start, step)[:, others].reshape(*u.shape[:-1], len(others))
     if u.dtype == np.longdouble:  # closed to the precision of q
         model = cast_model(mechanism, [u])
         for _ in range(2):

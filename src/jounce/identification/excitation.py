@@ -170,7 +170,7 @@ def excite(
     search, notes = _search(robot, series, select_columns(drives), weights, reach, margin, rng)
     rest = search.rest(rng)
     x, motion, found = _within(search, search.best(count, rng, progress), rest)
-    rates, told = search.rates(x)[:3], search.information
+    rates, told = search.rates(x), search.information
     condition = told.condition(rates)
     if not condition <= SINGULAR:
         raise JounceError(

@@ -9,7 +9,6 @@ import numpy as np
 
 from jounce._typing import ArrayLike
 from jounce.arguments.rates import checked_order
-from jounce.dynamics import closing
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import FORCES, Quantity
 from jounce.errors import JounceError, at, quoted
@@ -18,7 +17,7 @@ from jounce.motion.base import perturbed
 from jounce.motion.matching import matched
 from jounce.motion.motion import Break, Motion
 from jounce.motion.units import warn_of_degrees
-from jounce.robot.closed_path import on_tree, positions
+from jounce.robot.closed_path import continued, on_tree, positions
 from jounce.robot.dispatch import closing_step, compute
 from jounce.robot.generic import as_tuple
 
@@ -204,9 +203,7 @@ def _computed(
     method: str | None,
     row: Quantity,
 ) -> Rates:
-    given = (
-        rates if near is None else on_tree(rates, closing.closed(robot.mechanism, rates[0], near, closing_step(robot)))
-    )
+    given = rates if near is None else on_tree(rates, continued(robot.mechanism, rates[0], near, closing_step(robot)))
     return as_tuple(compute(robot, row.name, given, wrench=W, base=base, method=method))
 
 

@@ -83,12 +83,12 @@ class ClosedCurve:
         """The states at times, with positions (N,) nearby, from which those are continued."""
         order = 2 if self.curve.highest is None else min(2, self.curve.highest)
         rates = self.curve.rates(t, order)
-        q = closing.closed(self.m, rates[0], near)
+        q = continued(self.m, rates[0], near[None])
         after = self.rates_of(q, rates)
         before, breaks = after.copy(), np.flatnonzero(np.isin(t, [jump.t for jump in self.curve.jumps(order)]))
         if breaks.size:
             left = self.curve.rates(t[breaks], order, True)
-            before[:, breaks] = self.rates_of(closing.closed(self.m, left[0], q[breaks]), left)
+            before[:, breaks] = self.rates_of(continued(self.m, left[0], q[breaks]), left)
             before[:, breaks[(left[0] != rates[0][breaks]).any(axis=1)]] = np.nan  # where q jumps, nothing is continued
         return States(t, q, after, before)
 
@@ -184,13 +184,13 @@ def positions(
     near = path.q[(np.searchsorted(path.t, inner, side="right") - 1).clip(0)]
     u, step = motion(t, 0, side)[0], closing_step(robot)
     try:
-        return closing.closed(m, u, near, step)
+        return continued(m, u, near, step)
     except JounceError:
         first, last = 0, len(t)
         while last - first > 1:  # which of the times it is
             middle = (first + last) // 2
             try:
-                closing.closed(m, u[first:middle], near[first:middle], step)
+                continued(m, u[first:middle], near[first:middle], step)
                 first = middle
             except JounceError:
                 last = middle
@@ -223,6 +223,17 @@ def positions_of_rows(robot: "Robot", t: np.ndarray, rates: Sequence[np.ndarray]
                 " leads elsewhere; expected rows of one branch"
             )
     return q
+
+
+def continued(m: Mechanism, u: np.ndarray, near: np.ndarray, step: newton.Step | None = None) -> np.ndarray:
+    """All coordinates (K, N) of the tree from the independent ones (K, n) and positions (K, N) or (1, N) nearby.
+
+    `step` is that of `newton.step`, by default in NumPy.
+    """
+    c, step = closure_of(m), step or newton.step_of_arrays(m)
+    start = np.broadcast_to(near, (len(u), near.shape[1]))
+    predicted, _ = step(start, u - start[:, list(c.independent)])
+    return closing.closed(m, u, all_coordinates(c, u, predicted), step)
 
 
 @lru_cache(maxsize=8)

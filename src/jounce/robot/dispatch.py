@@ -386,7 +386,7 @@ def _compile(mechanism: Mechanism, computation: Computation, patience: float) ->
 
 def native_obstacle(mechanism: Mechanism, computation: Computation) -> str | None:
     """Return why native code does not support a computation, as the end of a sentence about native code, or None."""
-    if found := obstacle(computation):
+    if found := obstacle(computation, mechanism):
         return found
     if not mechanism.is_numeric:
         return "needs a robot of numbers; this one contains symbols"
