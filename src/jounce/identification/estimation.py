@@ -25,6 +25,7 @@ from jounce.robot.robot import Robot
 
 DRIVES: tuple[DriveColumn, ...] = ("damping", "friction", "offset")
 PRIOR = 0.3  # relative: about as good as models of CAD are
+FIRMEST = 1e-9  # prior: no model is better, and squares of smaller ones overflow
 
 
 def identify(
@@ -117,8 +118,8 @@ def identify(
     one_of("method", method, get_args(Equations))
     terms = select_columns(drives)
     model = model_of(robot, terms, eps)
-    if not is_finite(prior) or not prior > 0:
-        raise JounceError(f"prior is {quoted(prior)}; expected a relative standard deviation above 0")
+    if not is_finite(prior) or not prior >= FIRMEST:
+        raise JounceError(f"prior is {quoted(prior)}; expected a relative standard deviation, {FIRMEST:g} or more")
     path = checked_motion(model.mechanism, motion)
     given = measurements(model.mechanism, path, forces, t, weights, deviations)
     posed = problem(model, path, terms, given, _inside(span, given.t), band, method)

@@ -20,7 +20,7 @@ CURE = (
 
 LEAST = {
     "weights": (0.0, "factors of inverse variances: 0, which leaves a force out, or more"),
-    "deviations": (np.finfo(float).tiny, "standard deviations above 0, N m or N"),
+    "deviations": (1e-100, "standard deviations above 0, N m or N"),  # of which the squares are not 0
 }
 
 

@@ -9,7 +9,7 @@ from jounce._scalars import is_finite
 from jounce._typing import DriveColumn, Equations
 from jounce.dynamics.base_parameters import BaseParameters
 from jounce.errors import JounceError, quoted
-from jounce.identification.cells import CELLS, Cells, band_of, cells_of, regressors
+from jounce.identification.cells import CELLS, Cells, band_of, cells_of, regressors, step_of
 from jounce.identification.filtered import FILTERED
 from jounce.identification.measurements import Measurements
 from jounce.model.drives import AMOUNTS, OFFSET, with_eps
@@ -88,7 +88,7 @@ def problem(
 
     Raises
     ------
-    JounceError : if there are fewer measured forces than parameters, or the band is not a positive number.
+    JounceError : if there are fewer measured forces than parameters, or the band is not one of the samples.
     """
     base, samples = robot.base_parameters(), given.part(used)
     count = len(_columns(robot, base, terms))
@@ -99,11 +99,15 @@ def problem(
         )
     along = robot.forces_along(motion, given.t, order=0)
     model, deviations = along.forces[0], None if along.deviations is None else along.deviations[0][used]
+    highest = 0.5 / step_of(samples.t)
     if band is None:
         theta = along.rates[1][used] @ robot.mechanism.G.T
         band = band_of(samples.t, model[used], theta, robot.drives.eps)
-    elif not is_finite(band) or not band > 0:
-        raise JounceError(f"band is {quoted(band)}; expected a frequency in Hz above 0")
+    elif not is_finite(band) or not 0 < band <= highest:
+        raise JounceError(
+            f"band is {quoted(band)}; expected a frequency in Hz above 0, at most {highest:.6g}, half the rate of"
+            " samples"
+        )
     band = float(band)
     width = _width(samples, band, count)
     if method in FILTERED:

@@ -31,7 +31,9 @@ def search_of(
     if not isinstance(robot, Robot):
         raise JounceError(f"excite() expects a jounce.Robot, got {type(robot).__name__}")
     if robot.mechanism.base:
-        raise JounceError(f"the base of {quoted(robot.name)} floats; expected one at rest, load(..., base='fixed')")
+        raise JounceError(
+            f"the base of {quoted(robot.name)} floats; expected one at rest, load(..., base='fixed') (--base)"
+        )
     left = float(margin) if is_finite(margin) else -1.0  # type: ignore[arg-type]
     if not 0 <= left < 1:
         raise JounceError(f"margin is {quoted(margin)}; expected a share of the limits, 0 <= margin < 1")

@@ -45,9 +45,9 @@ def _absent(posed: Problem, names: tuple[str, ...]) -> list[str]:
     first = np.take_along_axis(samples.forces, there.argmax(axis=0)[None], axis=0)
     same = (~there | (samples.forces == first)).all(axis=0) & (there.sum(axis=0) > 1)
     varies = np.ptp(model, axis=0) > EXACT * np.abs(model).max()
-    found = (
-        [f"forces of {_of(names, missing)} are not measured: no column, NaN or a weight of 0"] if missing.any() else []
-    )
+    found = []
+    if missing.any():
+        found.append(f"forces of {_of(names, missing)} are not measured: no column, NaN or a weight of 0")
     if (still := same & varies).any():
         found.append(
             f"forces of {_of(names, still)} are constant, and those of the model are not; expected measured ones:"
