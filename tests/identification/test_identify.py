@@ -202,6 +202,8 @@ def test_a_robot_on_moving_ground_feels_more(arm, motion):
         ({"forces": np.ones((COUNT, 2))}, (f"forces have shape ({COUNT}, 2)", f"({COUNT}, 3)")),
         ({"forces": np.ones((5, 3)), "t": np.arange(5) * 0.01}, ("5 samples hold 15 measured forces for 24",)),
         ({"forces": np.ones((3, 3)), "t": [0, 2, 1]}, ("t does not increase",)),
+        ({"forces": np.full((COUNT, 3), -np.inf)}, ("forces hold -inf", "NaN for those not measured")),
+        ({"t": 2 * T}, ("is outside of the motion", "from 0 to 6 s")),
         ({"forces": np.full((COUNT, 3), np.nan)}, ("no measured forces from 0 to 6 s",)),
         ({"span": (8, 9)}, ("span is (8, 9)", "0 to 6 s")),
         ({"span": 3}, ("span is 3", "two times")),

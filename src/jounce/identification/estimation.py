@@ -89,8 +89,8 @@ def identify(
     Raises
     ------
     JounceError
-        If there are no forces, a shape is wrong, times do not increase, a weight is negative, or there are fewer
-        measurements than parameters.
+        If there are no forces, a shape is wrong, a force is infinite, times do not increase or are outside of the
+        motion, a weight is negative, or there are fewer measurements than parameters.
 
     Warns
     -----

@@ -128,8 +128,8 @@ def model_of(robot: object, terms: Sequence[DriveColumn], eps: float | None) -> 
         raise JounceError(f"identify() expects a jounce.Robot, got {type(robot).__name__}; jounce.load makes one")
     if robot.mechanism.elasticity is not None and set(terms) - {"spring", OFFSET}:
         raise JounceError(
-            f"{robot.name} has elastic joints: its drives act on motors, not on links; drives=False identifies links"
-            " from the torques of the springs"
+            f"{robot.name} has elastic joints: its drives act on motors, not on links; drives=False (--drives none)"
+            " identifies links from the torques of the springs"
         )
     if eps is None:
         return robot
