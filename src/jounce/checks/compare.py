@@ -18,6 +18,7 @@ from jounce.checks.magnitudes import magnitudes, scale
 from jounce.checks.reference import Absence, peers
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import FORCES, QUANTITIES
+from jounce.errors import JounceError
 from jounce.robot import Robot
 from jounce.robot.dispatch import compute
 from jounce.robot.generic import as_tuple
@@ -50,6 +51,11 @@ def compare(
     robot: Robot, source: Path | None = None, *, order: int = 2, states: int = 20, seed: int = 0
 ) -> list[Check]:
     """Run the checks of a robot without drive terms; other libraries read its file `source`, if given."""
+    if robot.mechanism.closure:
+        raise JounceError(
+            f"the loops of {robot.name!r} are closed; expected a robot without loops, such as"
+            " jounce.Robot(robot.mechanism.tree), where they are open"
+        )
     rigid, rng = robot.with_drives(False), np.random.default_rng(seed)
     q = rng.uniform(-1, 1, (order + 3, states, robot.n))
     x = _Motion(q, None if robot.mechanism.base is None else rng.uniform(-1, 1, (order + 3, states, 6)))
