@@ -156,6 +156,8 @@ def test_deviations_of_smoothed_positions_enter(arm):
     for cells_of in (cells_of_momentum, cells_of_power):
         cells = cells_of(model, smoothed, samples, (), 0.2, 2.5)
         assert cells.spread[0].min() > 10 * np.median(cells.spread, axis=0).max()  # smoothing is worst at the ends
+        slow = cells_of(model, smoothed, samples, (), 0.2, 0.2).spread
+        assert (slow[1] > 0.05 * slow[0]).all()  # the filter remembers where it started
         assert not cells_of(model, motion, samples, (), 0.2, 2.5).spread.any()
 
 
