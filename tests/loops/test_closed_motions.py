@@ -8,7 +8,6 @@ from click import ClickException
 
 import jounce
 from jounce import JounceError, Motion
-from jounce.checks.compare import compare
 from jounce.cli import main
 from jounce.io.tables import read
 from jounce.robot.closed_path import positions
@@ -187,11 +186,3 @@ def test_rows_on_another_branch_are_told_with_their_time(robot, tmp_path, monkey
         ClickException, match=r"branch jumps between the rows at t = 0\.25 and 0\.26 s: joint 'left_elbow'"
     ):
         main(["run", "fivebar", "table.csv", "-o", "parts"], standalone_mode=False)
-
-
-def test_compare_knows_closed_robots(robot):
-    """Other libraries compute the tree where its loops are closed; other methods and differences the closed robot."""
-    checks = compare(robot, order=1, states=2)
-    assert all(check.passed for check in checks)
-    names = {check.quantity for check in checks}
-    assert {"Q", "Qd", "M of the tree"} <= names

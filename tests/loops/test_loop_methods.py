@@ -3,6 +3,7 @@
 import pickle
 from dataclasses import replace
 
+import dask.array
 import mujoco
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from robots import differentiated_at_once, relative_error
 
 import casadi
 import jounce
+import jounce.dask
+from jounce.checks.compare import compare
 from jounce.dynamics import assembly
 from jounce.errors import JounceError
 
@@ -149,6 +152,20 @@ def test_symbols_of_all_coordinates():
     assert relative_error(np.array(of_casadi(whole, qd)).ravel(), expected) < 1e-12
     with pytest.raises(JounceError, match=r"^q holds 2 symbols, or an array of JAX; expected all 4 coordinates"):
         robot.generalized_momentum(symbols[:2], rates)
+
+
+def test_compare_checks_closed_robots_against_themselves():
+    checks = compare(jounce.load("fivebar"), order=1, states=2)
+    assert all(check.passed for check in checks)
+    assert {check.against for check in checks} >= {"closed form", "long doubles", "differences of Q", "other libraries"}
+
+
+def test_dask_computes_blocks_of_closed_robots():
+    robot = jounce.load("fourbar_leg")
+    q = np.stack([state(robot, 1, seed)[0] for seed in range(4)])
+    for given in (q, robot.coordinates(q, **RECURSION)):  # zeros close no loop
+        found = jounce.dask.apply(robot, "mass_matrix", dask.array.from_array(given, chunks=(2, -1)), **RECURSION)
+        np.testing.assert_array_equal(found.compute(), robot.mass_matrix(given, **RECURSION))
 
 
 MODEL = mujoco.MjModel.from_xml_string("<mujoco><worldbody/></mujoco>")

@@ -5,7 +5,7 @@ is added up where that is larger, as where forces are zero.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from math import factorial
 from pathlib import Path
@@ -17,9 +17,9 @@ from jounce.arguments.requests import takes_base
 from jounce.checks.magnitudes import magnitudes, scale
 from jounce.checks.reference import Absence, peers
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.loops import closure_of
+from jounce.dynamics.newton import scales
 from jounce.dynamics.quantities import FORCES, QUANTITIES
-from jounce.errors import JounceError
+from jounce.model.mechanism import Mechanism
 from jounce.robot import Robot
 from jounce.robot.dispatch import compute
 from jounce.robot.generic import as_tuple
@@ -27,9 +27,8 @@ from jounce.spatial.series import rate_name
 
 STEPS = 0.2 * 2.0 ** -np.arange(9)  # s, of differences; the best one counts
 STENCIL = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])  # of nine points
+NEAR = 0.1  # rad or sizes of the robot, and per s, per s^2, ...: how states of closed robots vary about the start
 ALLOWED = {"exact": 1e-9, "differences": 1e-6}  # what an error may be; differences cannot show less
-
-SMALLER = 12  # times that motions of a closed robot are halved, until its loops close along them
 
 CARRIER = Robot.from_screws([np.eye(4)] * 6, np.roll(np.eye(6), 3, axis=0), np.zeros((6, 6, 6)))
 
@@ -53,18 +52,22 @@ class Check:
 def compare(
     robot: Robot, source: Path | None = None, *, order: int = 2, states: int = 20, seed: int = 0
 ) -> list[Check]:
-    """Run the checks of a robot without drive terms; other libraries read its file `source`, if given.
-
-    Of a robot with closed loops, these compute what they know: its tree, where the loops are closed.
-    """
+    """Run the checks of a robot without drive terms; other libraries read its file `source`, if given."""
     rigid, rng = robot.with_drives(False), np.random.default_rng(seed)
-    q = rng.uniform(-1, 1, (order + 3, states, robot.n))
-    x = _Motion(q, None if robot.mechanism.base is None else rng.uniform(-1, 1, (order + 3, states, 6)))
-    if robot.mechanism.closure is not None:
-        return _of_closed(rigid, replace(x, q=_within_reach(rigid, q)))
-    base = x.base(len(q))
-    sizes = magnitudes(rigid.mechanism, Computation(FORCES.name, order, base=base is not None), [*q, *(base or ())])
+    m, q = rigid.mechanism, rng.uniform(-1, 1, (order + 3, states, robot.n))
+    if m.closure:
+        own = list(m.closure.independent)
+        q *= NEAR * scales(m).coordinates[own]
+        q[0] += m.closure.start[own]
+    x = _Motion(q, None if m.base is None else rng.uniform(-1, 1, (order + 3, states, 6)))
+    sizes = x.forces(rigid) if m.closure else _sizes(m, order, x)  # squares outgrow what constraints are solved for
     return [*_with_peers(rigid, source, x), *_with_paths(rigid, x, sizes), *_with_differences(rigid, x, sizes)]
+
+
+def _sizes(m: Mechanism, order: int, x: "_Motion") -> Sequence[np.ndarray]:
+    """The magnitudes of forces and their rates."""
+    base = x.base(len(x.q))
+    return magnitudes(m, Computation(FORCES.name, order, base=base is not None), [*x.q, *(base or ())])
 
 
 @dataclass(frozen=True)
@@ -92,31 +95,11 @@ class _Motion:
         return _Motion(f(self.q), None if self.carrier is None else f(self.carrier))
 
 
-def _of_closed(robot: Robot, x: _Motion) -> list[Check]:
-    tree, sizes = Robot(robot.mechanism.tree), [np.abs(Q) for Q in x.forces(robot)]
-    on_tree = replace(x, q=np.stack(robot.coordinates(*x.q[:3])))
-    peers = [replace(check, quantity=f"{check.quantity} of the tree") for check in _with_peers(tree, None, on_tree)]
-    return [*peers, *_with_paths(robot, x, sizes), *_with_differences(robot, x, sizes)]
-
-
-def _within_reach(robot: Robot, q: np.ndarray) -> np.ndarray:
-    """Rates near the start of a closed robot, so small that its loops close at all times of the differences."""
-    closure = closure_of(robot.mechanism)
-    start, far = closure.start[list(closure.independent)], 4 * STEPS[0]
-    for _ in range(SMALLER):
-        q = q / 2
-        near = np.concatenate([q[:1] + start, q[1:]])
-        try:
-            for t in np.linspace(-far, far, 9):
-                robot.coordinates(_shift(near, t)[0])
-        except JounceError:
-            continue
-        return near
-    raise JounceError(f"{robot.name!r} cannot be closed near its start; expected a start that is not singular")
-
-
 def _with_peers(robot: Robot, source: Path | None, x: _Motion) -> Iterator[Check]:
     m, q = robot.mechanism, x.q
+    if m.closure:
+        yield Check("-", "other libraries", None, 0.0, "loops are closed: these would compute the forces of the tree")
+        return
     known = {row.symbol: row for row in QUANTITIES.values() if row.symbol in ("Q", "Qgrav", "M")}
     ours, sizes = {}, {}
     for symbol, row in known.items():
