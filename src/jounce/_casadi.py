@@ -63,9 +63,9 @@ def casadi_function(
     -------
     casadi.Function
         Named after the quantity, body and frame. Inputs q, qd, q2d, ... (n), then W, Wd, ..., the motion of the base,
-        q_dependent (N - n) if loops are closed, the positions of all other joints, and the parameters; outputs the quantity and its rates under the names of its symbol, Q, Qd, Q2d, ...: columns
-        of vectors, 1 x 1 of scalars. The matrices of partial derivatives P stand one below the other, (3 nv, nv), those
-        of Pd are (4 nv, nv).
+        q_dependent (N - n) if loops are closed, the positions of all other joints, and the parameters; outputs the
+        quantity and its rates under the names of its symbol, Q, Qd, Q2d, ...: columns of vectors, 1 x 1 of scalars. The
+        matrices of partial derivatives P stand one below the other, (3 nv, nv), those of Pd are (4 nv, nv).
 
     Raises
     ------

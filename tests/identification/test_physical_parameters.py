@@ -151,15 +151,15 @@ def test_exact_data_of_bodies_that_can_exist_are_met(far, floats):
 def test_what_the_data_do_not_see_stays(drawn, rank):
     """Data of few directions, whose estimate is that of the robot, or nothing."""
     m, rng = drawn
-    base, own = base_parameters(m), parameters_of(m)
+    m = replace(m, drives=replace(m.drives, friction=rng.uniform(0, 2, m.nb)))
+    base, own, terms = base_parameters(m), parameters_of(m), ("friction", "offset")
     Y = rng.normal(size=(rank, base.count + 2 * m.nb)) * 1e3
-    d = np.zeros(2 * m.nb)
-    found = consistent_parameters(m, base, Y.T @ Y, np.append(base.values, d), ("friction", "offset"))
+    d = np.append(m.drives.friction, np.zeros(m.nb))
+    found = consistent_parameters(m, base, Y.T @ Y, np.append(base.values, d), terms)
     scale = np.abs(own).max()
     np.testing.assert_allclose(found.parameters, own, rtol=1e-6, atol=1e-7 * scale)
-    nothing = consistent_parameters(
-        m, base, 0 * Y.T @ Y, rng.normal(size=base.count + 2 * m.nb), ("friction", "offset")
-    )
+    np.testing.assert_allclose(found.values[base.count :], d, atol=1e-6)
+    nothing = consistent_parameters(m, base, 0 * Y.T @ Y, rng.normal(size=base.count + 2 * m.nb), terms)
     np.testing.assert_allclose(nothing.parameters, own, rtol=1e-12, atol=1e-12 * scale)
     np.testing.assert_array_equal(nothing.values[base.count :], d)
 
@@ -217,6 +217,9 @@ def test_points_get_an_extent_and_what_has_no_mass_keeps_none():
     assert (found.thickened, found.massless) == (("body1", "body2"), ())
     assert np.linalg.eigvalsh(moments(found.parameters)).min() > 0
     np.testing.assert_allclose(found.values, 2 * base.values, atol=0.1)
+    blind = consistent_parameters(m, base, 0 * A, estimate).parameters - p
+    extent = 1e-3 * np.array([0, 0, 0, 0, 2, 0, 2, 0, 0, 2])  # of a thousandth of the squared distance of the joints
+    np.testing.assert_allclose(blind, np.tile(extent, 2), atol=1e-12)
     light = with_parameters(m, p * np.repeat([0, 1], 10))
     found = consistent_parameters(light, base_parameters(light), A, estimate)
     assert (found.thickened, found.massless) == (("body2",), ("body1",))

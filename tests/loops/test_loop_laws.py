@@ -225,3 +225,23 @@ def test_a_mass_matrix_is_regular_where_bodies_beyond_the_cut_have_mass(closed, 
     assert np.linalg.eigvalsh(rotors.mass_matrix(u[0], **RECURSION))[0] > 1e-3
     Q = rotors.inverse_dynamics(*u, **RECURSION)
     assert relative_error(rotors.forward_dynamics(*u[:2], Q, **RECURSION), u[2]) < 1e-10
+
+
+def test_drives_of_joints_that_follow_are_felt(driven, states):
+    u, d = at_zero(states["fivebar"][:4]), driven.drives
+    u[0] = u[0][list(driven.mechanism.closure.independent)]
+    expected = np.subtract(
+        driven.inverse_dynamics(*u, **RECURSION), driven.with_drives(False).inverse_dynamics(*u, **RECURSION)
+    )
+    for found, Q in zip(driven.drive_forces(*u), expected, strict=True):
+        assert relative_error(found, Q) < 1e-12
+    p = np.concatenate([driven.inertial_parameters, d.armature, d.damping, d.friction, d.stiffness])
+    terms = ("armature", "damping", "friction", "spring")
+    for Y, Q in zip(
+        driven.regressor(*u, drives=terms, **RECURSION), driven.inverse_dynamics(*u, **RECURSION), strict=True
+    ):
+        assert relative_error(Y @ p, Q) < 1e-12
+    momentum = driven.generalized_momentum(*u[:2], **RECURSION)
+    assert relative_error(driven.momentum_regressor(*u[:2], drives=terms, **RECURSION) @ p, momentum) < 1e-12
+    energy = driven.kinetic_energy(*u[:2], **RECURSION) + driven.potential_energy(u[0], **RECURSION)
+    assert relative_error(driven.energy_regressor(*u[:2], drives=terms, **RECURSION) @ p, energy) < 1e-12

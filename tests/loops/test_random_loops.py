@@ -90,11 +90,12 @@ def test_power_is_the_rate_of_the_energy(moving):
     assert abs(robot.inverse_dynamics(*q[:3], **first(base, 3)) @ velocities - gain) < 1e-12 * abs(gain)
 
 
-@pytest.mark.parametrize("method", ["recursion", "closed_form"])
-def test_forward_dynamics_inverts_inverse_dynamics(moving, method):
+def test_forward_dynamics_inverts_inverse_dynamics(moving):
     q, given = moving.now
     Q = moving.robot.inverse_dynamics(*q, **given)
-    found = moving.robot.robot.forward_dynamics(*q[:2], *Q, **first(given, 2), method=method)
+    found = moving.robot.robot.forward_dynamics(
+        *q[:2], *Q, **first(given, 2), method="closed_form" if moving.m.acting else "recursion"
+    )
     expected = q[2:] if not moving.m.base else [np.concatenate(x) for x in zip(given["base"][2:], q[2:], strict=True)]
     for x, y in zip(found, expected, strict=True):
         assert relative_error(x, y) < 1e-9

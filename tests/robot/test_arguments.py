@@ -330,6 +330,8 @@ CASES: dict[str, Case] = {
         {
             "robot": ROBOT.with_limits(velocity=2.0), "period": 2.0, "periods": 1, "harmonics": 3, "drives": False,
             "weights": None, "reach": 1.0, "margin": 0.01, "starts": 1, "seed": 0,
+        },
+    ),
     "identify": (
         jounce.identify,
         {

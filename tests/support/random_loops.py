@@ -16,8 +16,6 @@ from jounce.spatial import lie
 
 R, P, H = "revolute", "prismatic", "helical"
 LOOPED: dict[str, dict[str, Any]] = {  # the arguments of `random_closed`
-    "spherical": {"parent": [-1, 0, -1, 2, 3], "kinds": [R, R, R, P, H], "loops": [(1, 4, "spherical")]},
-    "planar to the ground": {"parent": [-1, 0, 1, 2, 3], "kinds": [R, R, P, R, R], "loops": [(-1, 4, "planar")]},
     "cylindrical with mimic joint and drives": {
         "parent": [-1, 0, 1, 2, 3, -1, 5], "kinds": [R] * 7, "loops": [(4, 6, "cylindrical")], "mimic": True,
         "drives": True,
@@ -26,8 +24,8 @@ LOOPED: dict[str, dict[str, Any]] = {  # the arguments of `random_closed`
         "parent": [-1, 0, 1, 2, 3, 4, 5], "kinds": [R] * 7, "loops": [(6, -1, "prismatic")], "drives": True,
     },
     "revolute": {"parent": [-1, 0, 1, -1, 3, 4, 5], "kinds": [R, R, R, R, P, R, H], "loops": [(2, 6, "revolute")]},
-    "fixed on a floating base": {
-        "parent": [-1, 0, 1, 2, 3, -1, 5], "kinds": [R] * 7, "loops": [(4, 6, "fixed")], "floats": True,
+    "fixed to a floating base": {
+        "parent": [-1, 0, 1, 2, 3, 4, 5], "kinds": [R] * 7, "loops": [(6, -1, "fixed")], "floats": True,
     },
     "two that share joints": {
         "parent": [-1, 0, 1, 2, 3, 1, 5, 6], "kinds": [R, R, P, R, R, R, H, R],

@@ -32,6 +32,7 @@ F, Fd = robot.base_wrench(q, qd, q2d, q3d, wrench=({"panda_hand": W[0]}, {"panda
 
 kernel = robot.compile(order=1)
 Q, Qd = kernel(samples, q, q, q, threads=2)
+gq = robot.compile("gravity_forces", 0, product="vjp")(q, q)
 bound = kernel.bind(q, qd, q2d, q3d, out=(Q[0].copy(), Qd[0].copy()))
 bound()
 

@@ -19,7 +19,7 @@ from jounce.model.limits import EFFORT_KINDS, FORCES, MOTION_KINDS, MOTOR_KINDS,
 from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
 from jounce.robot.along import FIRST, Along, forces_along
-from jounce.robot.closed_path import positions
+from jounce.robot.closed_path import on_tree, positions
 from jounce.robot.dispatch import compute
 from jounce.robot.generic import as_tuple
 from jounce.spatial.series import rate_name
@@ -150,7 +150,7 @@ def _quantities(
 ) -> tuple[Quantity, ...]:
     """The rates, the forces, and what else limits bound: forces without gravity, and the power."""
     m, count = robot.mechanism, len(along.forces)
-    near = positions(m, motion, along.t)
+    near = positions(robot, motion, along.t)
     rates, forces = joint_rates(robot, along.rates, near), [_of_drives(m, x) for x in along.forces]
     spread = [_placed(m, own_joints(m), x) for x in motion.deviations(along.t[frames], len(rates) - 1) or ()]
     values = dict(zip(MOTION_KINDS, rates, strict=False)) | dict(zip(EFFORT_KINDS, forces, strict=False))
@@ -170,7 +170,7 @@ def _quantities(
     ]
     inertial = [kind for kind in limits.without_gravity if kind in limits.kinds and kind in values]
     if inertial:
-        gravity = as_tuple(compute(robot, "gravity_forces", along.rates[:count], position=near))
+        gravity = as_tuple(compute(robot, "gravity_forces", on_tree(along.rates[:count], near)))
         for kind in inertial:
             k = EFFORT_KINDS.index(kind)
             symbol = " - ".join(rate_name(name, k) for name in FORCES[1].split(" - "))
@@ -186,8 +186,8 @@ def _quantities(
 def _loop_wrenches(robot: "Robot", motion: Motion, along: Along) -> np.ndarray | None:
     if robot.mechanism.closure is None:
         return None
-    W, near = motion.wrench(along.t, 0), positions(robot.mechanism, motion, along.t)
-    return np.asarray(compute(robot, "loop_wrenches", along.rates[: FIRST + 1], wrench=W, position=near))
+    W, near = motion.wrench(along.t, 0), positions(robot, motion, along.t)
+    return np.asarray(compute(robot, "loop_wrenches", on_tree(along.rates[: FIRST + 1], near), wrench=W))
 
 
 def own_joints(m: Mechanism) -> list[int]:

@@ -52,7 +52,7 @@ def track(robot: Robot, motion: "Motion") -> Track:
     W = motion.wrench(t, 0)
     loads = {} if W is None else W[0]
     q, *rates = along.rates[:3]
-    near = positions(robot.mechanism, motion, t)
+    near = positions(robot, motion, t)
     whole = q if near is None else near
     F = robot.base_wrench(whole, *rates, wrench=loads or None, base=along.base)
     C = np.tile(np.eye(4), (len(t), 1, 1)) if along.base is None else along.base[0]

@@ -21,7 +21,7 @@ from jounce.errors import JounceError
 from jounce.model.springs import CubicSpring, DampedSpring, Spring
 from jounce.motion.hermite import between, coefficients
 from jounce.motion.motion import Motion
-from jounce.robot.closed_path import positions
+from jounce.robot.closed_path import on_tree, positions
 from jounce.robot.dispatch import compute
 from jounce.spatial.series import columns
 
@@ -82,8 +82,8 @@ def _forces(
 ) -> list[np.ndarray]:
     """Q, Qd, Q2d (N, n) of the joints."""
     W, base = motion.wrench(t, 2, side), motion.base(t, 4, side)
-    position = positions(robot.mechanism, motion, t, side)
-    found = compute(robot, FORCES.name, motion(t, 4, side), wrench=W, base=base, position=position, method=method)
+    rates = on_tree(motion(t, 4, side), positions(robot, motion, t, side))
+    found = compute(robot, FORCES.name, rates, wrench=W, base=base, method=method)
     return [rate[:, -robot.n :] for rate in found]
 
 

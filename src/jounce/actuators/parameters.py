@@ -58,13 +58,22 @@ def with_elasticity(mechanism: Mechanism, stated: ElasticParameters) -> Mechanis
     _check(mechanism, e, stated.rotor)
     e = _with_dampers(mechanism, e, stated)
     _check_carriers(mechanism, e)
-    moved = [term for term in mechanism.acting if term in ON_MOTORS]
+    return replace(_with_moved_terms(mechanism), elasticity=e)
+
+
+def _with_moved_terms(mechanism: Mechanism) -> Mechanism:
+    """The mechanism without those terms of drives in Q that act on motors: of joints that coordinates move."""
+    own, left, moved = np.any(mechanism.G != 0, axis=1), {}, []
+    for term in [term for term in mechanism.acting if term in ON_MOTORS]:
+        amounts = getattr(mechanism.drives, term)
+        if amounts[~own].any():  # of joints that follow others in closed loops
+            left[term] = np.where(own, 0.0, amounts)
+        if term not in left or amounts[own].any():
+            moved.append(term)
     if moved:
         warn(f"{mechanism.name}: {listed(moved)} no longer acts in Q, but on the motors of the elastic joints")
-    mechanism = _without_motors(mechanism) if mechanism.closure else mechanism
-    left = [term for term in ON_MOTORS if mechanism.closure and getattr(mechanism.drives, term).any()]
     acting = tuple(term for term in mechanism.acting if term not in ON_MOTORS or term in left)
-    return replace(mechanism, elasticity=e, acting=acting)
+    return replace(mechanism, drives=replace(mechanism.drives, **left), acting=acting)
 
 
 def _check_closure(mechanism: Mechanism, stated: ElasticParameters) -> None:
@@ -90,13 +99,6 @@ def _check_closure(mechanism: Mechanism, stated: ElasticParameters) -> None:
                 f"{what} of joint {quoted(named[0])}: it follows others in closed loops and has no motor; expected one"
                 f" of {listed(mechanism.coordinates)}"
             )
-
-
-def _without_motors(mechanism: Mechanism) -> Mechanism:
-    """The mechanism with the terms of drives that act on motors left at joints that no coordinate moves alone."""
-    moved = np.any(mechanism.G != 0, axis=1)
-    terms = {term: np.where(moved, 0.0, getattr(mechanism.drives, term)) for term in ON_MOTORS}
-    return replace(mechanism, drives=replace(mechanism.drives, **terms))
 
 
 def _springs(mechanism: Mechanism, given: object) -> tuple[Spring | AntagonisticSprings | None, ...]:

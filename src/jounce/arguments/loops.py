@@ -9,12 +9,13 @@ import numpy as np
 from jounce._scalars import Array, asarray, is_numeric
 from jounce.arguments import names
 from jounce.arguments.rates import rates_of
-from jounce.dynamics import assembly, closing
+from jounce.dynamics import assembly, closing, newton
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.newton import Step
 from jounce.errors import JounceError, at, listed, one_of, quoted
+from jounce.model.casting import cast_model
 from jounce.model.locking import locked
-from jounce.model.loops import HELD, Closure, Loop, Z
+from jounce.model.loops import HELD, ROUNDING, Closure, Loop, Z, all_coordinates
 from jounce.model.mechanism import Mechanism
 
 
@@ -42,6 +43,11 @@ def with_loops(
     _check_numbers(tree)
     motors = _motors(mechanism, actuated)
     own = motors if coordinates is None else _places(tree, "coordinates", coordinates)
+    if len(own) == tree.n:
+        raise JounceError(
+            f"{tree.name!r}: all {tree.n} coordinates are named, so that none can follow where loops are closed; name"
+            " fewer by coordinates=, or leave out loops that hold nothing"
+        )
     closure = Closure(
         coordinates=tree.coordinates,
         G=tree.G,
@@ -155,7 +161,10 @@ def loop_between(tree: Mechanism, a: Any, b: Any, joint: Any = "spherical", axis
     along = np.array(asarray(axis, "axis"), dtype=float)
     if along.shape != (3,) or not np.isfinite(along).all() or not along.any():
         raise JounceError(f"axis is {quoted(axis)}; expected a direction (3,) in the axes of frame {quoted(a)}")
-    return Loop(*frames, joint, along / np.linalg.norm(along))
+    if joint in ("spherical", "fixed"):  # which have none
+        along = np.array(Z, dtype=float)
+    length = np.linalg.norm(along)  # of what a file states, 1 but for rounding: it is read as it was written
+    return Loop(*frames, joint, along if abs(length - 1) < ROUNDING else along / length)
 
 
 def _motors(mechanism: Mechanism, given: object) -> tuple[int, ...]:
@@ -239,10 +248,14 @@ def dependent_of(mechanism: Mechanism, u: Array, whole: Array | None, step: Step
         return whole[..., others]
     if whole is None and not is_numeric(u):
         raise JounceError(
-            f"q has {mechanism.n} symbols; expected all {len(closure.coordinates)} coordinates of the tree, as"
-            f" loops are closed on numbers: {listed(closure.coordinates)}"
+            f"q holds {mechanism.n} symbols, or an array of JAX; expected all {len(closure.coordinates)} coordinates of"
+            f" the tree, as loops are closed on numbers of NumPy: {listed(closure.coordinates)}"
         )
     flat = np.asarray(u, dtype=float).reshape(-1, mechanism.n)
-    near = None if whole is None else np.asarray(whole, dtype=float).reshape(-1, len(closure.coordinates))
-    found = closing.closed(mechanism, flat, near, step)[:, others]
-    return found.reshape(*u.shape[:-1], len(others))
+    start = None if whole is None else np.asarray(whole, dtype=float).reshape(-1, len(closure.coordinates))
+    found = closing.closed(mechanism, flat, start, step)[:, others].reshape(*u.shape[:-1], len(others))
+    if u.dtype == np.longdouble:  # closed to the precision of q
+        model = cast_model(mechanism, [u])
+        for _ in range(2):
+            found = newton.step(model, all_coordinates(closure, u, found), 0 * u)[0]
+    return found

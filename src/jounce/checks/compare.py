@@ -17,8 +17,9 @@ from jounce.arguments.requests import takes_base
 from jounce.checks.magnitudes import magnitudes, scale
 from jounce.checks.reference import Absence, peers
 from jounce.dynamics.computation import Computation
+from jounce.dynamics.newton import scales
 from jounce.dynamics.quantities import FORCES, QUANTITIES
-from jounce.errors import JounceError
+from jounce.model.mechanism import Mechanism
 from jounce.robot import Robot
 from jounce.robot.dispatch import compute
 from jounce.robot.generic import as_tuple
@@ -26,6 +27,7 @@ from jounce.spatial.series import rate_name
 
 STEPS = 0.2 * 2.0 ** -np.arange(9)  # s, of differences; the best one counts
 STENCIL = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])  # of nine points
+NEAR = 0.1  # rad or sizes of the robot, and per s, per s^2, ...: how states of closed robots vary about the start
 ALLOWED = {"exact": 1e-9, "differences": 1e-6}  # what an error may be; differences cannot show less
 
 CARRIER = Robot.from_screws([np.eye(4)] * 6, np.roll(np.eye(6), 3, axis=0), np.zeros((6, 6, 6)))
@@ -51,17 +53,21 @@ def compare(
     robot: Robot, source: Path | None = None, *, order: int = 2, states: int = 20, seed: int = 0
 ) -> list[Check]:
     """Run the checks of a robot without drive terms; other libraries read its file `source`, if given."""
-    if robot.mechanism.closure:
-        raise JounceError(
-            f"the loops of {robot.name!r} are closed; expected a robot without loops, such as"
-            " jounce.Robot(robot.mechanism.tree), where they are open"
-        )
     rigid, rng = robot.with_drives(False), np.random.default_rng(seed)
-    q = rng.uniform(-1, 1, (order + 3, states, robot.n))
-    x = _Motion(q, None if robot.mechanism.base is None else rng.uniform(-1, 1, (order + 3, states, 6)))
-    base = x.base(len(q))
-    sizes = magnitudes(rigid.mechanism, Computation(FORCES.name, order, base=base is not None), [*q, *(base or ())])
+    m, q = rigid.mechanism, rng.uniform(-1, 1, (order + 3, states, robot.n))
+    if m.closure:
+        own = list(m.closure.independent)
+        q *= NEAR * scales(m).coordinates[own]
+        q[0] += m.closure.start[own]
+    x = _Motion(q, None if m.base is None else rng.uniform(-1, 1, (order + 3, states, 6)))
+    sizes = x.forces(rigid) if m.closure else _sizes(m, order, x)  # squares outgrow what constraints are solved for
     return [*_with_peers(rigid, source, x), *_with_paths(rigid, x, sizes), *_with_differences(rigid, x, sizes)]
+
+
+def _sizes(m: Mechanism, order: int, x: "_Motion") -> Sequence[np.ndarray]:
+    """The magnitudes of forces and their rates."""
+    base = x.base(len(x.q))
+    return magnitudes(m, Computation(FORCES.name, order, base=base is not None), [*x.q, *(base or ())])
 
 
 @dataclass(frozen=True)
@@ -91,6 +97,9 @@ class _Motion:
 
 def _with_peers(robot: Robot, source: Path | None, x: _Motion) -> Iterator[Check]:
     m, q = robot.mechanism, x.q
+    if m.closure:
+        yield Check("-", "other libraries", None, 0.0, "loops are closed: these would compute the forces of the tree")
+        return
     known = {row.symbol: row for row in QUANTITIES.values() if row.symbol in ("Q", "Qgrav", "M")}
     ours, sizes = {}, {}
     for symbol, row in known.items():

@@ -13,9 +13,8 @@ from jounce.errors import escaped, shortened
 
 EPILOG = """\b
 Example:
-  jounce excite iiwa14 --limits iiwa14 -o excite.csv
-  jounce check iiwa14 excite.csv --limits iiwa14 -o ratios.svg
-  jounce excite iiwa14 --limits iiwa14 --drives damping,friction -o excite.yaml
+  jounce excite ur5 --starts 1 -o excite.csv
+  jounce check ur5 excite.csv
 
 \b
 OUT.csv, .npz or .parquet holds t and NAME.q, NAME.qd, ... NAME.q4d; OUT.yaml

@@ -93,6 +93,8 @@ def apply(
         takes = ", ".join(row.input_names(row.rates))
         raise JounceError(f"{quantity} of {arm.name!r} takes {takes}, and further rates; got {len(rates)} of them")
     q, W, C = (fill(pattern, arrays.samples()) for pattern in patterns)
+    if arm.mechanism.closure:  # at positions that are not known yet, where no loop has to close
+        q = (_unknown(q[0]), *q[1:])
     asked, _ = checked_arguments(arm.mechanism, quantity, q, W, C, body, frame, method)
     shapes = [port.shape for port in asked.signature(arm.mechanism).outputs]
     blocks = arrays.blocks(Block(keep(arm), quantity, *patterns, body, frame, method))
@@ -121,6 +123,11 @@ class Block:
         robot, body, frame, method = self.robot.value, self.body, self.frame, self.method
         found = compute(robot, self.quantity, rates, wrench=wrench, base=base, body=body, frame=frame, method=method)
         return as_tuple(found)
+
+
+def _unknown(q: Any) -> Any:
+    """Positions, or a dict of them, that are missing."""
+    return {name: x * np.nan for name, x in q.items()} if isinstance(q, dict) else q * np.nan
 
 
 def fill(pattern: Pattern, arrays: Sequence[Any]) -> Any:

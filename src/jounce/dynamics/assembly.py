@@ -116,3 +116,20 @@ def least_gaps(m: Mechanism, s: Scales, q: np.ndarray, free: Sequence[int]) -> t
         q = q.copy()
         q[:, free] += _solved(s, A, -gap, free)
     return best, least
+
+
+def samples(m: Mechanism, count: int) -> np.ndarray:
+    """Coordinates (count, N) of the tree at random places around the start, with loops closed; the start comes first.
+
+    They differ by about a radian, or the size of the robot, where the loops allow it.
+    """
+    c, s, rng = closure_of(m), scales(m), np.random.default_rng(0)
+    F = tangent(scaled_constraints(m, c.start[None])[0], c.independent, c.dependent)
+    found, size = c.start[None], 1.0
+    while len(found) < count:
+        moved = rng.uniform(-size, size, (count, m.n)) @ F.T * s.coordinates
+        q, off = least_gaps(m, s, c.start + moved, range(len(c.coordinates)))
+        near = np.abs((q - c.start) / s.coordinates).max(axis=1) < 3 * size
+        good = near & (off <= CLOSED) & (inverse_conditions(m, q, c.dependent) >= SINGULAR)
+        found, size = np.concatenate([found, q[good]]), size * 0.7
+    return found[:count]

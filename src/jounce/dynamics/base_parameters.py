@@ -9,7 +9,8 @@ joint. The regrouping of `equivalent.base_parameters` is one case of this rule: 
 
 So every body has a space of functions of ten parameters that must vanish, found from its parent's by closures of
 subspaces, without states; the base parameters are bases of these spaces, of composite inertias at theta = 0. Joints
-that follow others are no longer independent: combinations that they leave out are found at random states.
+that follow others, by a factor or as loops are closed, are no longer independent: combinations that they leave out
+are found at random states.
 """
 
 from collections.abc import Sequence
@@ -17,8 +18,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jounce.dynamics import assembly
 from jounce.dynamics.base import BaseMotion
-from jounce.dynamics.recursion.regressor import regressor
+from jounce.dynamics.quantities import QUANTITIES, State
 from jounce.errors import JounceError
 from jounce.model.coordinates import leading_joints
 from jounce.model.mechanism import Mechanism, ancestors, reference_poses
@@ -27,7 +29,9 @@ from jounce.spatial.inertia import PARAMETERS
 from jounce.spatial.lie import Ad, ad, inverse, wedge
 from jounce.spatial.series import columns
 
+REGRESSOR = QUANTITIES["regressor"]
 RANK = 1e-9  # of directions, relative to the largest: what is smaller is rounding
+CLOSED_RANK = 1e-13  # of those of closed robots, whose workspaces may be so small that little distinguishes parameters
 _POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])  # powers of a length in the units of the parameters
 _UNITS = inertia.from_parameters(np.eye(10))
 _MOMENTS = inertia.moment_matrix(_UNITS)
@@ -98,13 +102,13 @@ def base_parameters(m: Mechanism) -> BaseParameters:
     """
     if not m.is_numeric:
         raise JounceError(f"robot {m.name!r} contains symbols; base parameters need numbers")
-    length = max([1e-3, *np.linalg.norm(m.B[:, :3, 3], axis=1)])  # as unit, so that all moments are of one size
+    length = length_scale(m)  # as unit, so that all moments are of one size
     scale = np.tile(length**_POWERS, len(m.body_names))
     places, rows = _of_tree(_in_lengths(m, length))
-    if m.n < m.nb:  # joints that follow others
+    if m.n < m.nb:  # joints that follow others, as do those of closed loops
         Y = _samples(m, length)[:, places] * scale[places]
         sizes = np.maximum(np.linalg.norm(Y, axis=0), RANK)  # a joint may follow others by a factor of 0
-        found = _span(Y / sizes)
+        found = _span(Y / sizes, RANK if m.closure is None else CLOSED_RANK)
         named = _independent(found)
         combined = np.linalg.solve(found[:, named], found) * sizes / sizes[named, None]
         places, rows = places[named], combined @ rows
@@ -124,6 +128,11 @@ class _Spaces:
     vanishing: np.ndarray  # (k, 10)
     constant: np.ndarray  # (k, 10), those that must vanish among them
     velocities: np.ndarray  # (k, 6), and what gravity is equivalent to
+
+
+def length_scale(m: Mechanism) -> float:
+    """Return the largest distance from joint to joint, m."""
+    return float(max([1e-3, *np.linalg.norm(m.B[:, :3, 3], axis=1)]))
 
 
 def _in_lengths(m: Mechanism, length: float) -> Mechanism:
@@ -194,10 +203,10 @@ def _closed(rows: np.ndarray, A: np.ndarray) -> np.ndarray:
     return rows
 
 
-def _span(rows: np.ndarray) -> np.ndarray:
+def _span(rows: np.ndarray, rank: float = RANK) -> np.ndarray:
     """An orthonormal basis of the space of some rows."""
     _, s, basis = np.linalg.svd(rows, full_matrices=False)
-    return basis[s > RANK * max(1.0, s.max(initial=0))]
+    return basis[s > rank * max(1.0, s.max(initial=0))]
 
 
 def _independent(rows: np.ndarray) -> np.ndarray:
@@ -216,7 +225,12 @@ def _samples(m: Mechanism, length: float) -> np.ndarray:
     size = np.where(m.X[leading_joints(m), :3].any(axis=1), np.pi, length)
     q = rng.uniform(-1, 1, (3, count, m.n)) * size
     base = BaseMotion(np.eye(4), columns(list(rng.uniform(-2, 2, (2, count, 6))))) if m.base else None
-    return regressor(m, columns(list(q)), base)[0].reshape(-1, len(PARAMETERS) * len(m.body_names))
+    position = None
+    if m.closure:
+        position = assembly.samples(m, count)[..., None]
+        q[0] = position[:, list(m.closure.independent), 0]
+    x = State(columns(list(q)), base=base, position=position)
+    return REGRESSOR.law("recursion", m)(m, x)[0].reshape(-1, len(PARAMETERS) * len(m.body_names))
 
 
 def _tidy(x: np.ndarray) -> np.ndarray:

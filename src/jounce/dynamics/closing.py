@@ -26,20 +26,19 @@ def most(m: Mechanism) -> tuple[float, float]:
 
 
 def closed(m: Mechanism, u: np.ndarray, start: np.ndarray | None = None, step: Step | None = None) -> np.ndarray:
-    """The coordinates (k, N) of the tree where the loops are closed, from the independent ones (k, n) and a start.
+    """The coordinates (k, N) of the tree where the loops are closed, from the independent ones (k, n).
 
-    The start, (N,) or (k, N), is by default that of the closure. Where it has the independent coordinates already, the
-    others are found nearby. `step` is that of `newton.step`, by default in NumPy.
+    They are continued along a straight line from a start (k, N), by default that of the closure; where it has these
+    independent coordinates already, its loops need be nearly closed only. `step` is `newton.step` of the robot, by
+    default in NumPy.
 
     Raises
     ------
     JounceError : where the loops cannot be closed, or constraints are lost.
     """
-    step = step or newton.step_of_arrays(m)
     c = closure_of(m)
-    q = np.array(np.broadcast_to(c.start if start is None else start, (len(u), len(c.coordinates))))
-    is_there = start is not None and np.array_equal(q[:, list(c.independent)], u, equal_nan=True)
-    q, bounds = _near(m, q, step) if is_there else _continued(m, u, q, step)
+    start = np.broadcast_to(c.start if start is None else start, (len(u), len(c.coordinates)))
+    q, bounds = _continued(m, u, start, step or newton.step_of_arrays(m))
     if (bounds > SUSPECT**2).any():
         found = inverse_conditions(m, q, c.dependent)
         if (found < SINGULAR).any():
@@ -48,37 +47,28 @@ def closed(m: Mechanism, u: np.ndarray, start: np.ndarray | None = None, step: S
     return q
 
 
-def _near(m: Mechanism, whole: np.ndarray, step: Step) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates with closed loops near given ones, and the measures of conditions."""
+def _continued(m: Mechanism, u: np.ndarray, start: np.ndarray, step: Step) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates with closed loops, continued from a start, and the measures of their conditions."""
     c, s = closure_of(m), scales(m)
-    q, good, bounds = _newton(m, whole, step)
-    good &= (np.abs((q - whole) / s.coordinates) <= NEAR).all(axis=1)
-    missing = ~np.isfinite(whole[:, list(c.independent)]).all(axis=1)
-    if not (good | missing).all():
-        k = int(np.argmin(good | missing))
-        raise _not_closed(m, s, whole[k], whole[k, list(c.independent)], _sample(k, len(q)))
-    q[missing] = np.nan
-    return q, bounds
-
-
-def _continued(m: Mechanism, u: np.ndarray, q: np.ndarray, step: Step) -> tuple[np.ndarray, np.ndarray]:
-    """The same, continued from coordinates (k, N) with closed loops along straight lines."""
-    c, s = closure_of(m), scales(m)
-    own, others, bounds = list(c.independent), list(c.dependent), np.zeros(len(u))
+    own, others = list(c.independent), np.array(c.dependent)
+    q, bounds = np.array(start, dtype=float), np.zeros(len(u))
     left = np.isfinite(u).all(axis=1) * 1.0  # the share of the way that is left
     q[left == 0] = np.nan  # as all results are that depend on missing numbers
     way = u - q[:, own]
     size = np.minimum(1.0, STEP / np.maximum(np.abs(way / s.coordinates[own]).max(axis=1, initial=STEP), STEP))
     while len(k := np.flatnonzero(left)):
         share, before = np.minimum(size[k], left[k]), q[k]
+        moved = way[k] * share[:, None]
         predicted = before.copy()
-        predicted[:, others] = step(before, way[k] * share[:, None])[0]
+        moves = moved.any(axis=1)
+        if moves.any():
+            predicted[np.ix_(moves, others)] = step(before[moves], moved[moves])[0]
         predicted[:, own] = u[k] - way[k] * (left[k] - share)[:, None]
         found, good, bound = _newton(m, predicted, step)
         good &= _is_near(s, found - predicted, predicted - before)
         q[k[good]], bounds[k[good]] = found[good], bound[good]
         left[k[good]] -= share[good]
-        size[k] = np.where(good, 2 * share, share / 2)
+        size[k] = np.where(good, 2 * share, np.where(moves, share / 2, 0))  # no shorter way helps where there is none
         if len(stuck := k[~good & (size[k] < SHORTEST)]):
             raise _not_closed(m, s, q[stuck[0]], u[stuck[0]], _sample(stuck[0], len(u)))
     return q, bounds
@@ -110,7 +100,7 @@ def _newton(m: Mechanism, q: np.ndarray, step: Step) -> tuple[np.ndarray, np.nda
 def _is_near(s: Scales, bent: np.ndarray, straight: np.ndarray) -> np.ndarray:
     """Whether a step ended near where its tangent pointed: else it may have come to another branch."""
     far, long = (np.abs(x / s.coordinates).max(axis=1) for x in (bent, straight))
-    return np.asarray(far <= np.maximum(0.3 * long, 1e-6))
+    return np.asarray(far <= np.where(long > 0, np.maximum(0.3 * long, 1e-6), NEAR))
 
 
 def _sample(k: int, count: int) -> str:

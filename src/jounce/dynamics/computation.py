@@ -164,8 +164,10 @@ class Computation:
     def state_ports(self, mechanism: Mechanism) -> list[Port]:
         """The ports of q, qd, ..., and of Q, Qd, ..."""
         least, own = self.quantity.rates, self.quantity.coordinate_inputs(self.rates)
-        ports = coordinate_ports(mechanism, self.quantity.input_names(self.rates), least)
-        return [replace(port, shape=(mechanism.nv,)) if k >= own else port for k, port in enumerate(ports)]
+        names = self.quantity.input_names(self.rates)
+        sizes = [mechanism.n if k < own else mechanism.nv for k in range(self.rates)]
+        both = enumerate(zip(names, sizes, strict=True))
+        return [Port(name, (size,), "state", k, max(0, k + 1 - least)) for k, (name, size) in both]
 
     def base_terms(self, mechanism: Mechanism) -> int:
         """The number of terms C, V, Vd, ... of the motion of the base, where it enters: as many as q has."""
@@ -200,11 +202,6 @@ class Computation:
     def series(self, method: str, mechanism: Mechanism, arrays: Sequence[Array]) -> Series:
         """The quantity by a method, from the arrays of `state`; its terms are the results."""
         return self.quantity.law(method, mechanism)(mechanism, self.state(mechanism, arrays))
-
-
-def coordinate_ports(mechanism: Mechanism, names: Sequence[str], least: int) -> list[Port]:
-    """Return the ports of q, qd, ... by name; the quantity itself, without rates, takes the first `least`."""
-    return [Port(name, (mechanism.n,), "state", k, max(0, k + 1 - least)) for k, name in enumerate(names)]
 
 
 def base_name(k: int) -> str:

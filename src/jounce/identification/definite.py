@@ -56,19 +56,18 @@ def minimum(problem: Problem) -> tuple[Floats, Floats]:
     JounceError : if that takes too many steps.
     """
     one = np.tile(np.eye(4), (problem.C.shape[1], 1, 1))
-    V, d, t, last = one, problem.own, 1.0, np.inf
-    slope = np.einsum("k,kbij->bij", problem.R @ d - _off(problem, V), problem.C)
+    V, t, last = one, 1.0, np.inf
+    slope = np.einsum("k,kbij->bij", problem.R @ problem.own - _off(problem, V), problem.C)
     W = np.sqrt(max(problem.weight, np.abs(slope).max())) * one  # X = W W^T
     for _ in range(STEPS):
         _, s, turn = np.linalg.svd(W.mT @ V)
         G, D, sizes = V @ turn.mT / np.sqrt(s)[:, None], s[:, None] * one, np.sqrt(s[:, :, None] * s[:, None])
         mu = max(problem.weight, max(LEAST, 1 - t) * float(np.mean(s * s)))
-        Z, new = _step(problem, G, s, mu)
+        Z, d = _step(problem, G, s, mu)
         back = mu * np.linalg.inv(D) - D - Z
         nearest = min(np.linalg.eigvalsh(change / sizes).min() for change in (Z, back))
         t = 1.0 if nearest > -FARTHEST else -FARTHEST / nearest
         V, W = G @ np.linalg.cholesky(D + t * Z), np.linalg.solve(G.mT, np.linalg.cholesky(D + t * back))
-        d = d + t * (new - d)
         change, r = float(np.abs(Z / sizes).max()), problem.R @ d - _off(problem, V)
         rounding = last / 2 < change and mu * change**2 < ROUNDING * (mu + r @ r / 2)
         if mu == problem.weight and t == 1 and (change < CONVERGED or rounding):

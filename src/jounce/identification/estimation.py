@@ -47,8 +47,8 @@ def identify(
 
     Q = Y p is linear in the inertial parameters p and in those of drive terms. Weighted least squares find the base
     parameters, the combinations that the forces depend on, with standard deviations; each force has the variance of its
-    residuals. Regressor and forces are averaged over cells of a quarter of a period of the motion's highest frequency,
-    and the variances are those of the residuals at the frequencies of the motion, so that serially correlated noise
+    residuals. Regressor and forces are averaged over cells of half a period of the motion's highest frequency, and
+    the variances are those of the residuals at the frequencies of the motion, so that serially correlated noise
     does not make the deviations too small. The identified robot has bodies that can exist: the nearest to the data, and
     to the model's own values where the data say little.
 

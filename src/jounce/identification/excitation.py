@@ -1,25 +1,20 @@
 """Excitation: the motion within all limits whose forces tell most about the parameters of a robot."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from jounce._scalars import asarray, is_finite
-from jounce._typing import ArrayLike, DriveColumn, DriveColumns
-from jounce.errors import JounceError, listed, quoted
+from jounce._typing import ArrayLike, DriveColumns
+from jounce.errors import JounceError, listed
 from jounce.identification.harmonics import FEWEST, Harmonics
-from jounce.identification.information import Information, information
-from jounce.identification.room import room_of
-from jounce.identification.search import Progress, Search, reaches_of
+from jounce.identification.search import Progress, Search
+from jounce.identification.setup import number, search_of, whole
 from jounce.limits.check import Check, CheckedLimit
-from jounce.model.coordinates import coordinate_limits, coordinate_units
 from jounce.model.drives import select_columns
-from jounce.model.limits import KINDS, MOTION_KINDS, MOTOR_KINDS, Limits
 from jounce.motion import Motion
 from jounce.robot import Robot
 
 MOST, MANY = 50, 1000  # harmonics; starts and periods: more are slips of the pen
-TYPICAL = 4  # rows of typical states per column of the regressor, by which columns are found that depend on others
 SINGULAR = 1e5  # condition number from which on parameters cannot be told from each other
 DRAWN = 30  # times that a motion is drawn to a pose at rest, until it is within the limits between its points too
 LEAST = 1e-4  # of its size, by which it is drawn at first
@@ -107,11 +102,12 @@ def excite(
 ) -> Excitation:
     """Find a motion whose forces tell most about the base parameters of a robot, within all its limits.
 
-    Every coordinate follows a Fourier series with the same base frequency, and starts and ends at rest with all rates
-    up to q4d zero, so that Q2d has no jump. The series minimizes -log det of the information
-    matrix, the time mean of ``Y^T W Y``, with the regressor Y of the base parameters: the volume of the confidence
-    ellipsoid of identified parameters, whatever their units. All limits that the robot states hold, between samples
-    too; obstacles and the robot's own links are not seen: position limits keep it from them.
+    ``q(t) = c + sum_k a_k cos(k w t) + b_k sin(k w t)``, ``w = 2 pi / period``, for every coordinate, with all rates up
+    to q4d zero at the ends of each period: the robot starts and stops at rest, and Q2d has no jump. The amplitudes
+    maximize log det H of the information matrix H, the time mean of ``Y^T W Y`` with the regressor Y of the base
+    parameters and weights W of the forces: the confidence ellipsoid of identified parameters has the least volume,
+    whatever their units. All limits that the robot states hold, between samples too. Obstacles and the robot's own
+    links are not seen: position limits keep it from them.
 
     Parameters
     ----------
@@ -148,8 +144,9 @@ def excite(
     Raises
     ------
     JounceError
-        If the robot floats or states no limit of a rate or force, an argument is out of range, a prismatic joint has
-        no position limits, limits leave no room to move, or the motion does not tell the parameters from each other.
+        If the robot floats, has closed loops or states no limit of a rate or force, an argument is out of range, a
+        prismatic joint has no position limits, limits leave no room to move, or the motion does not tell the parameters
+        from each other.
 
     References
     ----------
@@ -164,13 +161,13 @@ def excite(
     >>> found.check.ok, found.parameters[-1]
     (True, 'joint2 friction')
     """
-    count, rng = _whole("starts", starts, 1, MANY), np.random.default_rng(_whole("seed", seed, 0))
-    times = _number("period", period, "s"), _whole("periods", periods, 1, MANY)
-    series = Harmonics(*times, _whole("harmonics", harmonics, FEWEST, MOST))
-    search, notes = _search(robot, series, select_columns(drives), weights, reach, margin, rng)
+    count, rng = whole("starts", starts, 1, MANY), np.random.default_rng(whole("seed", seed, 0))
+    times = number("period", period, "s"), whole("periods", periods, 1, MANY)
+    series = Harmonics(*times, whole("harmonics", harmonics, FEWEST, MOST))
+    search, notes = search_of(robot, series, select_columns(drives), weights, reach, margin, rng)
     rest = search.rest(rng)
     x, motion, found = _within(search, search.best(count, rng, progress), rest)
-    rates, told = search.rates(x)[:3], search.information
+    rates, told = search.rates(x), search.information
     condition = told.condition(rates)
     if not condition <= SINGULAR:
         raise JounceError(
@@ -178,110 +175,6 @@ def excite(
             f" {condition:.2g}); expected more than {harmonics} harmonics, or wider limits"
         )
     return Excitation(motion, told.log_det(rates), condition, told.names, told.unseen, found, notes)
-
-
-def _search(
-    robot: object,
-    series: Harmonics,
-    terms: tuple[DriveColumn, ...],
-    weights: ArrayLike | None,
-    reach: object,
-    margin: object,
-    rng: np.random.Generator,
-) -> tuple[Search, tuple[str, ...]]:
-    """What is searched for the arguments of a caller, checked, and notes on what is assumed."""
-    if not isinstance(robot, Robot):
-        raise JounceError(f"excite() expects a jounce.Robot, got {type(robot).__name__}")
-    if robot.mechanism.base:
-        raise JounceError(f"the base of {quoted(robot.name)} floats; expected one at rest, load(..., base='fixed')")
-    left = float(margin) if is_finite(margin) else -1.0  # type: ignore[arg-type]
-    if not 0 <= left < 1:
-        raise JounceError(f"margin is {quoted(margin)}; expected a share of the limits, 0 <= margin < 1")
-    if robot.mechanism.closure:
-        raise JounceError(f"the loops of {quoted(robot.name)} are closed; expected a robot without loops")
-    limits, notes = _bounded_positions(robot, _number("reach", reach, "rad"))
-    kinds = [kind for kind in limits.kinds if kind not in MOTOR_KINDS]
-    _check_limits(robot, limits, kinds)
-    room = room_of(robot, limits, kinds)
-    reaches = reaches_of(limits, series, room.order)
-    if not reaches[1].any():
-        raise JounceError(f"the limits of {quoted(robot.name)} let no joint move; expected room for one at least")
-    middle = limits.bounds("position").mean(axis=0)
-    inverse, equal = _weights(robot, limits, weights)
-    told = _told(robot, terms, inverse, middle, reaches, rng)
-    return Search(series, told, room, middle, reaches, 1 - left), (*notes, *equal)
-
-
-def _bounded_positions(robot: Robot, reach: float) -> tuple[Limits, list[str]]:
-    """The limits of the coordinates with two bounds of every position, and notes on those that were added."""
-    limits, units = coordinate_limits(robot.mechanism), coordinate_units(robot.mechanism)
-    lower, upper = limits.bounds("position").copy()
-    bare = ~(np.isfinite(lower) & np.isfinite(upper))
-    for j in np.flatnonzero(bare):
-        if units[j] == "m":
-            raise JounceError(
-                f"prismatic joint {quoted(robot.joint_names[j])} has no range; state one with"
-                " robot.with_limits(lower=..., upper=...) (--limits)"
-            )
-    first = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper - 2 * reach, -reach))
-    last = np.where(np.isfinite(upper), upper, first + 2 * reach)
-    table = limits.table.copy()
-    table[KINDS.index("position")] = first, last
-    notes = [
-        f"joint {quoted(robot.joint_names[j])} states no range of positions; it is kept within"
-        f" {first[j]:.6g} to {last[j]:.6g} rad"
-        for j in np.flatnonzero(bare)
-    ]
-    return replace(limits, table=table), notes
-
-
-def _check_limits(robot: Robot, limits: Limits, kinds: list[str]) -> None:
-    """Raise `JounceError` where nothing limits how fast a robot moves, or a force has no room on one side."""
-    if kinds == [MOTION_KINDS[0]]:
-        raise JounceError(
-            f"{quoted(robot.name)} states no limit of a rate or a force, and an excitation would go as far as it can;"
-            " state some with robot.with_limits(velocity=..., effort=...) (--limits)"
-        )
-    for kind in kinds:
-        zero = (limits.bounds(kind) == 0).any(axis=0)
-        if kind not in MOTION_KINDS and zero.any():
-            joint = quoted(robot.joint_names[int(zero.argmax())])
-            raise JounceError(f"a limit of {kind} of joint {joint} is 0; expected room on both sides of 0")
-
-
-def _weights(robot: Robot, limits: Limits, given: ArrayLike | None) -> tuple[np.ndarray, list[str]]:
-    """The weights (n,) of the forces, and a note where efforts do not give them."""
-    if given is None:
-        effort = np.abs(limits.bounds("effort")).max(axis=0)
-        if np.isfinite(effort).all():
-            return 1 / effort**2, []
-        return np.ones(robot.n), ["not every joint states an effort limit: forces have equal weights"]
-    weights = np.asarray(asarray(given, "weights"))
-    if weights.dtype.kind != "f" or weights.shape != (robot.n,):
-        raise JounceError(f"weights have shape {weights.shape}; expected numbers ({robot.n},), one per coordinate")
-    if not (np.isfinite(weights).all() and (weights >= 0).all() and weights.any()):
-        worst = weights[~((weights >= 0) & np.isfinite(weights))]
-        came = f"a weight is {worst[0]:g}" if worst.size else "all weights are 0"
-        raise JounceError(f"{came}; expected inverse variances: 0, which leaves a force out, or more")
-    return weights.astype(float), []
-
-
-def _told(
-    robot: Robot,
-    terms: tuple[DriveColumn, ...],
-    weights: np.ndarray,
-    middle: np.ndarray,
-    reaches: np.ndarray,
-    rng: np.random.Generator,
-) -> Information:
-    """The information of motions that go as far as the limits let them."""
-    count = TYPICAL * (10 * len(robot.body_names) + len(terms) * robot.mechanism.nb) // robot.n + 1
-    states = rng.uniform(-1, 1, (3, count, robot.n)) * reaches[:3, None]
-    states[0] = middle + np.where(reaches[1] > 0, states[0], states[0, 0])  # a joint that stands still, anywhere
-    found = information(robot, terms, weights, tuple(states))
-    if not found.names:
-        raise JounceError(f"no parameter of {quoted(robot.name)} enters the forces of joints that move")
-    return found
 
 
 def _within(search: Search, x: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, Motion, Check]:
@@ -296,15 +189,3 @@ def _within(search: Search, x: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray
             return near, motion, found
         size *= 1 - max(1 - search.share / found.worst.ratio, min(LEAST * 2**i, 0.5))
     raise JounceError(f"no excitation is found within the limits; the nearest one has {found.worst}")
-
-
-def _number(name: str, given: object, unit: str) -> float:
-    if not is_finite(given) or not given > 0:  # type: ignore[operator]
-        raise JounceError(f"{name} is {quoted(given)}; expected a number of {unit} > 0")
-    return float(given)  # type: ignore[arg-type]
-
-
-def _whole(name: str, given: object, least: int, most: int | None = None) -> int:
-    if isinstance(given, bool) or not isinstance(given, int | np.integer) or not least <= given <= (most or given):
-        raise JounceError(f"{name} is {quoted(given)}; expected {least}{f' to {most}' if most else ' or more'}")
-    return int(given)

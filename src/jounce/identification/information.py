@@ -41,7 +41,7 @@ class Information:
     places : (count,)
         The columns of the parameters in the regressor with those terms.
     sizes : (count,)
-        Root mean squares of these columns, weighted, at typical states.
+        Root mean squares over typical states of the lengths of these columns, weighted.
     product : Kernel
         Vector-Jacobian products of the regressor.
     """

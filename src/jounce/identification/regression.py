@@ -14,6 +14,7 @@ import numpy as np
 from jounce.identification.cells import Cells
 
 RANK = 1e-12  # of an eigenvalue of the scaled information, relative to the largest: what is smaller is rounding
+BLIND = 1e-8  # square of what a parameter has of directions without information: below, it is rounding
 ROUNDS, SETTLED = 30, 1e-3  # of the weights, and the change of their logarithm at which they stay
 EXACT = 1e-6  # least deviation of forces relative to their size: no sensor is better
 
@@ -49,7 +50,7 @@ class Solution:
     x : (P,)
         The shortest solution, in the scales of the columns.
     covariance : (P, P)
-        Covariance of x; infinite rows of what has no solution have an infinite diagonal.
+        Covariance of x; its diagonal is infinite where there is no solution.
     rank : int
         Number of directions with information.
     condition : float
@@ -64,14 +65,11 @@ class Solution:
 
 def solve(information: np.ndarray, right: np.ndarray) -> Solution:
     """Solve information x = right in columns scaled to one."""
-    scale, values, vectors = _decomposed(information)
-    seen = values > RANK * values.max(initial=0.0)
-    basis = vectors[:, seen] / scale[:, None]
-    covariance = (basis / values[seen]) @ basis.T
-    blind = (vectors[:, ~seen] ** 2).sum(axis=1) > 1e-8
+    directions, values, blind = _directions(information)
+    covariance = directions @ directions.T
     covariance[blind, blind] = np.inf
-    condition = float(np.sqrt(values[seen].max() / values[seen].min())) if seen.any() else np.inf
-    return Solution(basis @ ((basis.T @ right) / values[seen]), covariance, int(seen.sum()), condition)
+    condition = float(np.sqrt(values.max() / values.min())) if len(values) else np.inf
+    return Solution(directions @ (directions.T @ right), covariance, len(values), condition)
 
 
 def regression(cells: Cells, chosen: np.ndarray, known: bool) -> Regression:
@@ -107,9 +105,7 @@ def _excess(cells: Cells, chosen: np.ndarray, variances: np.ndarray) -> np.ndarr
     """How many times as large the residuals' variances (nv,) are as those that weigh them, by their periodograms."""
     Y, off = _weighted(cells, variances)
     Y = Y[:, chosen]
-    scale, values, vectors = _decomposed(Y.T @ Y)
-    seen = values > RANK * values.max(initial=0.0)
-    orthonormal = Y @ (vectors[:, seen] / scale[:, None] / np.sqrt(values[seen]))
+    orthonormal = Y @ _directions(Y.T @ Y)[0]
     rest = (off - orthonormal @ (orthonormal.T @ off)).reshape(cells.off.shape)
     orthonormal = orthonormal.reshape(*rest.shape, -1)
     leverage = (np.abs(np.fft.fft(orthonormal, axis=0, norm="ortho")) ** 2).sum(axis=-1)
@@ -132,9 +128,14 @@ def _mean_square(cells: Cells, values: np.ndarray) -> np.ndarray:
     return found
 
 
-def _decomposed(information: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Scales of the columns, and eigenvalues and eigenvectors of the information in columns scaled to one."""
+def _directions(information: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Directions X (P, r) with X^T information X = 1, their eigenvalues in columns scaled to one, and what they leave.
+
+    What they leave is a mask (P,): parameters of which the data hold nothing, alone or in combination.
+    """
     scale = np.sqrt(np.diag(information))
     scale = np.where(scale > 0, scale, 1.0)
     values, vectors = np.linalg.eigh(information / scale / scale[:, None])
-    return scale, values, vectors
+    seen = values > RANK * values.max(initial=0.0)
+    blind = (vectors[:, ~seen] ** 2).sum(axis=1) > BLIND
+    return vectors[:, seen] / scale[:, None] / np.sqrt(values[seen]), values[seen], blind

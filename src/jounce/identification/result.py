@@ -7,10 +7,13 @@ import numpy as np
 
 from jounce._typing import ArrayLike
 from jounce.errors import shortened
+from jounce.identification.cells import regressors
 from jounce.identification.residuals import ForceResidual
 from jounce.identification.table import IdentifiedParameter
 from jounce.model.coordinates import generalized_forces
+from jounce.model.drives import OFFSET
 from jounce.motion.motion import Motion
+from jounce.robot.along import checked_motion
 from jounce.robot.robot import Robot
 
 PARTS = {"used": "residual", "rest": "rest of the data"}  # of the samples, and their titles
@@ -119,9 +122,13 @@ class Identification:
         >>> found.forces_along(motion, [0.0, 1.0]).shape
         (2, 2)
         """
-        m = self.robot.mechanism
-        constant = np.append(np.zeros(m.nv - m.n), generalized_forces(m, self.offsets[:, None])[:, 0])
-        found: np.ndarray = self.robot.forces_along(motion, t, order=0).forces[0] + constant
+        m, along = self.robot.mechanism, self.robot.forces_along(motion, t, order=0)
+        if m.closure:  # offsets of joints that others carry along act through the loops
+            pieces = regressors(self.robot, checked_motion(m, motion), along.t, (OFFSET,))
+            constant = np.concatenate([Y[..., -m.nb :] @ self.offsets for _, Y in pieces])
+        else:
+            constant = np.append(np.zeros(m.nv - m.n), generalized_forces(m, self.offsets[:, None])[:, 0])
+        found: np.ndarray = along.forces[0] + constant
         return found
 
     def __repr__(self) -> str:

@@ -19,9 +19,7 @@ from jounce.model.limits import MOTION_KINDS, Limits
 
 STAGES = ((2.5, 0.15), (0.25, 0.015), (0.025, 0.0015))  # weight of the barrier per parameter, room that is kept
 STEPS = 300  # of BFGS in each stage at most
-SLOPE = (
-    0.1  # of the loss in the units of amplitudes, at which a stage ends: what is left changes deviations by a percent
-)
+SLOPE = 0.1  # of the loss, per unit of amplitudes, at which a stage ends: more changes deviations by less than 1 %
 AMPLITUDE = 0.3  # of random series, in units of the limits
 RESTS = 20  # poses from which one is sought that effort limits let a robot hold
 
@@ -82,10 +80,10 @@ class Search:
         """The free amplitudes of the best series from some random ones."""
         found = []
         for i in range(starts):
-            if progress is not None:
-                progress(i, starts)
             x = self.amplitudes(self._minimum(self.random(rng)))
-            found.append((self.information.log_det(self.rates(x)[:3]), i, x))
+            found.append((self.information.log_det(self.rates(x)), i, x))
+            if progress is not None:
+                progress(i + 1, starts)
         return max(found)[2]
 
     def random(self, rng: np.random.Generator) -> np.ndarray:

@@ -25,7 +25,7 @@ from jounce.model.limits import FORCES as BOUND_FORCES
 from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
 from jounce.robot.along import FIRST, checked_motion
-from jounce.robot.closed_path import positions
+from jounce.robot.closed_path import on_tree, positions
 from jounce.robot.dispatch import compute
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ class Bounded:
     def series(self, t: np.ndarray, side: Side = "right") -> Series:
         """The quantities that are bounded, with derivatives, at times (N,)."""
         rates, m = self.motion(t, self.rate_order, side), self.robot.mechanism
-        near = positions(m, self.motion, t, side)
+        near = positions(self.robot, self.motion, t, side)
         joints = joint_rates(self.robot, rates, near, self.follow)
         found = {kind: list(joints[k : k + SMOOTH + 1]) for k, kind in enumerate(MOTION_KINDS) if kind in self.kinds}
         if not self.forces:
@@ -143,7 +143,7 @@ class Bounded:
 
     def rates(self, t: np.ndarray, order: int, side: Side = "right") -> Rates:
         """The rates of the joints up to an order, (N, joints) each."""
-        near = positions(self.robot.mechanism, self.motion, t, side)
+        near = positions(self.robot, self.motion, t, side)
         return joint_rates(self.robot, self.motion(t, order, side), near, self.follow)
 
     def quantity(
@@ -279,12 +279,12 @@ def at_speed(
     W = wrench and tuple({body: w * c**k for body, w in of.items()} for k, of in enumerate(wrench))
     scaled = tuple(rate * c**k for k, rate in enumerate(rates[: order + _row(robot, name).rates]))
     moved = base and tuple(term * c**k for k, term in enumerate(base))
-    return of_motors(robot, compute(robot, name, scaled, wrench=W, base=moved, position=near))
+    return of_motors(robot, compute(robot, name, on_tree(scaled, near), wrench=W, base=moved))
 
 
 def gravity(robot: "Robot", rates: Rates, base: Rates | None, near: np.ndarray | None) -> list[np.ndarray]:
     """The gravity forces of the joints and their rates."""
-    return of_motors(robot, compute(robot, "gravity_forces", rates, base=base, position=near))
+    return of_motors(robot, compute(robot, "gravity_forces", on_tree(rates, near), base=base))
 
 
 def power(rates: Rates, Q: list[np.ndarray]) -> list[np.ndarray]:

@@ -15,6 +15,7 @@ from jounce.dynamics.quantities import FORCES, QUANTITIES, Quantity
 from jounce.model.coordinates import coordinate_limits, coordinate_units
 from jounce.model.limits import KINDS, MOTION_KINDS, Limits
 from jounce.model.mechanism import Mechanism
+from jounce.robot.closed_path import on_tree
 from jounce.robot.dispatch import compute
 from jounce.robot.generic import as_tuple
 
@@ -78,7 +79,7 @@ def joint_rates(
         return tuple(rates)
     if not needed:
         return tuple(_placed(x, closure_of(m).independent, m.tree.n) for x in rates)
-    return as_tuple(compute(robot, "coordinates", rates, position=position))
+    return as_tuple(compute(robot, "coordinates", on_tree(tuple(rates), position)))
 
 
 def _placed(x: np.ndarray, places: Sequence[int], count: int) -> np.ndarray:

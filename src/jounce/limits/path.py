@@ -18,7 +18,7 @@ from jounce.dynamics.quantities import FORCES
 from jounce.limits import pace
 from jounce.limits.bounded import at_speed, gravity
 from jounce.limits.joints import in_columns, joint_rates, of_motors
-from jounce.robot.closed_path import positions
+from jounce.robot.closed_path import on_tree, positions
 from jounce.robot.dispatch import compute
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def path_of(robot: "Robot", motion: "Motion", sigma: np.ndarray, order: int, lef
     side: Literal["left", "right"] = "left" if left else "right"
     q = motion(sigma, order + 2, side)
     W, base = motion.wrench(sigma, order, side), motion.base(sigma, order + 2, side)
-    m, near = robot.mechanism, positions(robot.mechanism, motion, sigma, side)
+    m, near = robot.mechanism, positions(robot, motion, sigma, side)
 
     def forces(speed: float) -> list[np.ndarray]:
         found = in_columns(m, at_speed(robot, FORCES.name, q, W, speed, order, base, near))
@@ -122,7 +122,7 @@ def path_of(robot: "Robot", motion: "Motion", sigma: np.ndarray, order: int, lef
         b.append((double - 2 * odd - even) / 3)
         v.append(odd)
         g.append(even - b[-1])
-    p = compute(robot, "generalized_momentum", q[: order + 2], base=base and base[: order + 2], position=near)
+    p = compute(robot, "generalized_momentum", on_tree(q[: order + 2], near), base=base and base[: order + 2])
     weight = gravity(robot, q[: order + 1], base and base[: order + 1], near)
     a, weight = (in_columns(m, found) for found in (of_motors(robot, p), weight))
     return Path(joint_rates(robot, q, near), a, b, v, g, weight)

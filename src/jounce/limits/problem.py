@@ -175,7 +175,7 @@ def _check_zero(robot: "Robot", motion: Motion, limits: Limits, kinds: Sequence[
         zero = np.flatnonzero((limits.bounds(kind) == 0).all(axis=0)).tolist()
         for j in zero:
             t = np.linspace(motion.start, motion.stop, 101)
-            q = positions(robot.mechanism, motion, t)
+            q = positions(robot, motion, t)
             if np.ptp((motion(t, 0)[0] if q is None else q)[:, j]) > 0:
                 joint = quoted(joint_names(robot.mechanism)[j])
                 raise JounceError(f"the {kind} limit of joint {joint} is 0, and the joint moves")

@@ -38,7 +38,7 @@ def polynomials(b: Bounded, t: np.ndarray, side: Side = "right") -> Polynomials:
     motion_orders = [MOTION_KINDS.index(kind) for kind in b.kinds if kind in MOTION_KINDS]
     order = max((rate_of_forces(b.robot, kind) for kind in b.kinds if kind not in MOTION_KINDS), default=0)
     rates, m = b.motion(t, max([*motion_orders, (order + FIRST) * b.forces]), side), b.robot.mechanism
-    near = positions(m, b.motion, t, side)
+    near = positions(b.robot, b.motion, t, side)
     joints = joint_rates(b.robot, rates, near, b.follow)
     found = {kind: _monomial(joints[k], k) for k, kind in enumerate(MOTION_KINDS) if kind in b.kinds}
     found |= {kind: _of_motors(b, kind, rates, t, side, near) for kind in MOTORS if kind in b.kinds}

@@ -79,8 +79,9 @@ class Kernel(Generic[Results]):
             q, qd, ..., as many as the quantity and its order take; W, Wd, ... after them if it was compiled with
             wrenches; C, V, Vd, ... if with the motion of the base. float64; batch axes lead and broadcast. Poses C
             are not checked, unlike those that methods of a Robot take. If loops are closed, the last array is
-            q_dependent, (..., N - n): the positions of all other joints, in the order of ``mechanism.tree.coordinates``,
-            where the loops are closed. They are not checked, and `Robot.coordinates` computes them.
+            q_dependent, (..., N - n): the positions of all other joints, in the order of
+            ``mechanism.tree.coordinates``, where the loops are closed. They are not checked, and `Robot.coordinates`
+            computes them.
         out : array or tuple of arrays, optional
             Arrays to write the results into.
         threads : int, optional
@@ -207,7 +208,8 @@ class Kernel(Generic[Results]):
             gq, gqd, ..., gW, ..., one for each input, in the unit of the weighted sum per unit of the input. Batch axes
             broadcast: there is a gradient for each state, also by an input that all states share. Wrenches are constant
             in the axes of their bodies while q varies. The gradient by the pose C of the base, (..., 6), is that along
-            twists d in its axes, for steps C exp(wedge(d)).
+            twists d in its axes, for steps C exp(wedge(d)). Dependent coordinates of a closed robot follow q: there is
+            no gradient by them, the one by q contains it.
 
         Raises
         ------
@@ -254,7 +256,7 @@ class Kernel(Generic[Results]):
             What a call of the kernel takes: q, qd, ..., W, Wd, ..., C, V, Vd, ...
         directions : tuple of arrays, each of the shape of an input
             dq, dqd, ..., dW, ..., one for each input; None is zero. That of the pose C of the base is a twist d in its
-            axes, (..., 6), of a step C exp(wedge(d)).
+            axes, (..., 6), of a step C exp(wedge(d)). Dependent coordinates of a closed robot have none: they follow q.
         out : array or tuple of arrays, optional
             Arrays to write the tangents into.
         threads : int, optional
@@ -302,7 +304,7 @@ class Kernel(Generic[Results]):
         if self.computation.product:
             raise JounceError(f"{self!r} has no {name}: it computes derivatives itself; compile the values for theirs")
         asked = replace(self.computation, product=name)
-        if refusal := plan.obstacle(asked):
+        if refusal := plan.obstacle(asked, self.mechanism):
             raise JounceError(f"{name} of {self!r}: native code {refusal}; choose a lower order")
         try:
             return compile_kernel(self.mechanism, asked, plan.PATIENCE)

@@ -34,16 +34,20 @@ def is_straight(computation: Computation, mechanism: Mechanism) -> bool:
     return not looped or mechanism.nb * (computation.order + 1) ** 2 <= STRAIGHT_LIMIT
 
 
-def highest_order(computation: Computation) -> int:
-    """Return the highest order with native code: motor torques have the arrays of forces two orders higher."""
-    of_product = HIGHEST_PRODUCT_ORDER_WITH_BASE if computation.base else HIGHEST_PRODUCT_ORDER
+def highest_order(computation: Computation, mechanism: Mechanism) -> int:
+    """Return the highest order with native code: motor torques have the arrays of forces two orders higher.
+
+    The dependent coordinates of closed robots are one array more.
+    """
+    with_base = HIGHEST_PRODUCT_ORDER_WITH_BASE - bool(mechanism.closure)
+    of_product = with_base if computation.base else HIGHEST_PRODUCT_ORDER
     highest = of_product if computation.product else HIGHEST_NATIVE_ORDER
     return highest + 1 - computation.quantity.wrench_rates
 
 
-def obstacle(computation: Computation) -> str | None:
+def obstacle(computation: Computation, mechanism: Mechanism) -> str | None:
     """Return why a computation has no native code, as the end of a sentence about native code; None if it has."""
-    highest = highest_order(computation)
+    highest = highest_order(computation, mechanism)
     return None if computation.order <= highest else f"supports orders up to {highest}, not {computation.order}"
 
 

@@ -17,8 +17,8 @@ from jounce.motion.base import perturbed
 from jounce.motion.matching import matched
 from jounce.motion.motion import Break, Motion
 from jounce.motion.units import warn_of_degrees
-from jounce.robot.closed_path import continued, positions
-from jounce.robot.dispatch import compute
+from jounce.robot.closed_path import continued, on_tree, positions
+from jounce.robot.dispatch import closing_step, compute
 from jounce.robot.generic import as_tuple
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ def pieces_along(
     for start in range(0, len(times), PIECE):
         t = times[start : start + PIECE]
         rates, base = motion(t, order + row.rates - 1), motion.base(t, order + row.rates - 1)
-        W, near = motion.wrench(t, order + row.wrench_rates - 1), positions(robot.mechanism, motion, t)
+        W, near = motion.wrench(t, order + row.wrench_rates - 1), positions(robot, motion, t)
         forces = _computed(robot, rates, W, base, near, method, row)
         if progress is not None:
             progress(start + len(t), len(times))
@@ -190,7 +190,7 @@ def _one_sided(
 ) -> Rates:
     highest = order + row.rates - 1
     rates, base = motion(t, highest, side), motion.base(t, highest, side)
-    W, near = motion.wrench(t, order + row.wrench_rates - 1, side), positions(robot.mechanism, motion, t, side)
+    W, near = motion.wrench(t, order + row.wrench_rates - 1, side), positions(robot, motion, t, side)
     return _computed(robot, rates, W, base, near, method, row)
 
 
@@ -203,8 +203,8 @@ def _computed(
     method: str | None,
     row: Quantity,
 ) -> Rates:
-    position = None if near is None else continued(robot.mechanism, rates[0], near)
-    return as_tuple(compute(robot, row.name, rates, wrench=W, base=base, position=position, method=method))
+    given = rates if near is None else on_tree(rates, continued(robot.mechanism, rates[0], near, closing_step(robot)))
+    return as_tuple(compute(robot, row.name, given, wrench=W, base=base, method=method))
 
 
 def _size(robot: "Robot", row: Quantity) -> int:
@@ -232,7 +232,7 @@ def _spreads(
     for start in range(0, len(t), PIECE):
         part = t[start : start + PIECE]
         rates, W, base = motion(part, highest), motion.wrench(part, of_wrench), motion.base(part, highest)
-        near = positions(robot.mechanism, motion, part)
+        near = positions(robot, motion, part)
         true = np.array(_computed(robot, rates, W, base, near, method, row))
         for other in _perturbed(motion, part, rates, W, base, highest, of_wrench):
             total[:, start : start + PIECE] += (np.array(_computed(robot, *other, near, method, row)) - true) ** 2

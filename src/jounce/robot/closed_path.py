@@ -8,20 +8,26 @@ at any distance.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from jounce.dynamics import assembly, closing, newton
+from jounce.dynamics import closing, newton
+from jounce.dynamics.assembly import inverse_conditions, scaled_constraints
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loops import closure_of
-from jounce.errors import JounceError, listed
+from jounce.errors import JounceError, at, listed
+from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
 from jounce.motion.curves import Curve
 from jounce.motion.hermite import Hermite
 from jounce.motion.matching import Columns, unwrapped
 from jounce.motion.motion import STEP, Motion
+from jounce.robot.dispatch import closing_step
 from jounce.robot.generic import compute_by_method
+
+if TYPE_CHECKING:
+    from jounce.robot.robot import Robot
 
 FEWEST, MOST = 512, 2**20  # even intervals of a motion, at whose ends it is looked at
 STRIDE = 8  # samples of a motion in such an interval
@@ -31,6 +37,8 @@ FAILURES = 4  # of these, where loops cannot be closed at all
 AGREEMENT = 0.5  # of the way between neighbours: what their rates may leave unexplained
 FLOOR = 1e-10  # rad or sizes of the robot: shorter ways need no explanation
 SAME = 1e-6  # rad or sizes of the robot: positions no further apart are of one branch
+SINGULAR = 1e-5  # 1/cond, which a singular configuration has because of rounding
+CURE = "expected a motion that keeps away from singular configurations"
 COORDINATES = Computation("coordinates", 2)
 
 
@@ -62,21 +70,26 @@ class ClosedCurve:
     curve: Curve
 
     @property
+    def own(self) -> list[int]:
+        """The places of the independent coordinates."""
+        return list(closure_of(self.m).independent)
+
+    @property
     def dependent(self) -> list[int]:
         """The places of the dependent coordinates."""
         return list(closure_of(self.m).dependent)
 
     def states(self, t: np.ndarray, near: np.ndarray) -> States:
-        """The states at times, with positions continued straight from those (N,) nearby."""
+        """The states at times, with positions (N,) nearby, from which those are continued."""
         order = 2 if self.curve.highest is None else min(2, self.curve.highest)
         rates = self.curve.rates(t, order)
-        q = closing.closed(self.m, rates[0], near)
+        q = continued(self.m, rates[0], near[None])
         after = self.rates_of(q, rates)
-        before, at = after.copy(), np.flatnonzero(np.isin(t, [jump.t for jump in self.curve.jumps(order)]))
-        if at.size:
-            left = self.curve.rates(t[at], order, True)
-            before[:, at] = self.rates_of(closing.closed(self.m, left[0], q[at]), left)
-            before[:, at[(left[0] != rates[0][at]).any(axis=1)]] = np.nan  # where q jumps, nothing is continued
+        before, breaks = after.copy(), np.flatnonzero(np.isin(t, [jump.t for jump in self.curve.jumps(order)]))
+        if breaks.size:
+            left = self.curve.rates(t[breaks], order, True)
+            before[:, breaks] = self.rates_of(continued(self.m, left[0], q[breaks]), left)
+            before[:, breaks[(left[0] != rates[0][breaks]).any(axis=1)]] = np.nan  # where q jumps, nothing is continued
         return States(t, q, after, before)
 
     def rates_of(self, q: np.ndarray, rates: Sequence[np.ndarray]) -> np.ndarray:
@@ -96,22 +109,21 @@ class ClosedCurve:
         return np.asarray(explained & ~self.crossing(s) | np.isnan(s.before[0, 1:]).any(axis=1))
 
     def crossing(self, s: States) -> np.ndarray:
-        """Which neighbours, (K - 1,), have a singular configuration between them, by the sign of a determinant."""
-        A = assembly.scaled_constraints(self.m, s.q)[..., self.dependent]
-        return np.asarray(np.linalg.slogdet(A[:-1].mT @ A[1:])[0] <= 0)
+        """Which neighbours, (K - 1,), have a singular configuration between them: a determinant changes its sign.
+
+        Or the later one is singular itself.
+        """
+        A = scaled_constraints(self.m, s.q)[..., self.dependent]
+        singular = inverse_conditions(self.m, s.q[1:], self.dependent) < SINGULAR
+        return np.asarray(singular | (np.linalg.slogdet(A[:-1].mT @ A[1:])[0] <= 0))
 
     def path(self, t: np.ndarray, start: np.ndarray) -> States:
         """States on one branch at times (K,), and between them where neighbours do not agree at once."""
-        own = list(closure_of(self.m).independent)
-        reach, longest = closing.STEP * newton.scales(self.m).coordinates[own], np.diff(t).max()
-        try:
-            done = [self.states(t[:1], start)]
-        except JounceError as error:
-            raise JounceError(f"at t = {t[0]:.6g} s, the start of the motion: {error}") from None
-        todo, size = t[1:], BLOCK
+        reach, longest = closing.STEP * newton.scales(self.m).coordinates[self.own], np.diff(t).max()
+        done, todo, size = [self.states(t[:1], start)], t[1:], BLOCK
         while todo.size:
             last = done[-1].taken(slice(-1, None))
-            far = np.abs(self.curve.rates(todo[:size], 0)[0] - last.q[:, own]) > reach
+            far = np.abs(self.curve.rates(todo[:size], 0)[0] - last.q[:, self.own]) > reach
             part = todo[: max(1, *np.flatnonzero(far.any(axis=1))[:1])] if far.any() else todo[:size]
             try:
                 found: States | None = self.states(part, last.q[0])
@@ -124,27 +136,36 @@ class ClosedCurve:
                 todo = todo[count:]
             elif len(part) == 1:
                 if part[0] - last.t[0] < longest / 2 ** (HALVINGS if found else FAILURES):
-                    raise self._error(last, float(part[0]), found)
+                    raise self.error(last, float(part[0]), found)
                 todo = np.insert(todo, 0, (last.t[0] + part[0]) / 2)
             size = min(BLOCK, 2 * len(part)) if count == len(part) else 1
         return joined(done)
 
-    def _error(self, last: States, t: float, found: States | None) -> JounceError:
+    def error(self, last: States, t: float, found: States | None) -> JounceError:
         """The error where a branch ends between two times, or jumps."""
-        m, names = self.m, np.array(closure_of(self.m).coordinates)[self.dependent].tolist()
-        lost = found is None or self.crossing(joined([last, found])).any()
-        came = "constraints are lost" if lost else "the branch jumps"
-        more = " and the loops cannot be closed beyond" if found is None else ""
-        jumps = "" if lost else f" and rates of {listed(names)} jump where those of {listed(m.coordinates)} do not"
-        inverse = assembly.inverse_conditions(m, last.q, self.dependent)[0]
+        s = last if found is None else joined([last, found])
+        if found is None or self.crossing(s).any():
+            return lost(self.m, t, s.q, found is None)
+        others, own = (listed(self.m.tree.coordinates[j] for j in places) for places in (self.dependent, self.own))
+        inverse = inverse_conditions(self.m, s.q, self.dependent).min()
         return JounceError(
-            f"{m.name!r}: {came} along the motion at t = {t:.6g} s, where 1/cond is {inverse:.2g}{more}{jumps};"
-            " expected a motion that keeps away from singular configurations"
+            f"{self.m.name!r}: the branch jumps along the motion at t = {t:.9g} s, where 1/cond is {inverse:.2g}: rates"
+            f" of {others} jump, and those of {own} do not; {CURE}"
         )
 
 
+def lost(m: Mechanism, t: float, q: np.ndarray, stuck: bool) -> JounceError:
+    """The error where constraints are lost along a motion, near positions (K, N), and loops stay open or not."""
+    inverse = inverse_conditions(m, q, closure_of(m).dependent).min()
+    beyond = ", and the loops cannot be closed beyond" if stuck else ""
+    return JounceError(
+        f"{m.name!r}: constraints are lost along the motion at t = {t:.9g} s, where 1/cond is {inverse:.2g}{beyond};"
+        f" {CURE}"
+    )
+
+
 def positions(
-    m: Mechanism, motion: Motion, t: np.ndarray, side: Literal["right", "left"] = "right"
+    robot: "Robot", motion: Motion, t: np.ndarray, side: Literal["right", "left"] = "right"
 ) -> np.ndarray | None:
     """All coordinates (K, N) of the tree of a closed robot at times of a motion; None for robots without loops.
 
@@ -152,6 +173,7 @@ def positions(
     ------
     JounceError : where loops cannot be closed along the motion, or the branch jumps, with the time.
     """
+    m = robot.mechanism
     if m.closure is None:
         return None
     curve, inner, order = unwrapped(motion.curve, t)
@@ -160,17 +182,35 @@ def positions(
     fixed: Any = curve  # curves are immutable, hence keys
     path = _path(m, fixed, order, count, tuple(motion.branch.items()))
     near = path.q[(np.searchsorted(path.t, inner, side="right") - 1).clip(0)]
-    return continued(m, motion(t, 0, side)[0], near)
+    u, step = motion(t, 0, side)[0], closing_step(robot)
+    try:
+        return continued(m, u, near, step)
+    except JounceError:
+        first, last = 0, len(t)
+        while last - first > 1:  # which of the times it is
+            middle = (first + last) // 2
+            try:
+                continued(m, u[first:middle], near[first:middle], step)
+                first = middle
+            except JounceError:
+                last = middle
+        raise lost(m, t[first], near[first:last], stuck=True) from None
 
 
-def positions_of_rows(m: Mechanism, t: np.ndarray, rates: Sequence[np.ndarray], q: np.ndarray) -> np.ndarray:
+def on_tree(rates: tuple[np.ndarray, ...], q: np.ndarray | None) -> tuple[np.ndarray, ...]:
+    """Rates of coordinates with all those of the tree first, as a closed robot takes them, if there are any."""
+    return rates if q is None else (q, *rates[1:])
+
+
+def positions_of_rows(robot: "Robot", t: np.ndarray, rates: Sequence[np.ndarray], q: np.ndarray) -> np.ndarray:
     """All coordinates (K, N) at rows that state those (K, N) and rates of the independent ones, with loops closed.
 
     Raises
     ------
     JounceError : where the branch jumps between neighbouring rows, with the time.
     """
-    q = closing.closed(m, rates[0], q)
+    m = robot.mechanism
+    q = closing.closed(m, rates[0], q, closing_step(robot))
     closed = ClosedCurve(m, Hermite(t, tuple(rates)))
     both = closed.rates_of(q, rates)
     for i in np.flatnonzero(~closed.agreeing(States(t, q, both, both))):
@@ -185,12 +225,15 @@ def positions_of_rows(m: Mechanism, t: np.ndarray, rates: Sequence[np.ndarray], 
     return q
 
 
-def continued(m: Mechanism, u: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """All coordinates (K, N) of the tree from the independent ones (K, n) and positions (K, N) nearby."""
-    q, moved = near.copy(), (u != near[:, list(closure_of(m).independent)]).any(axis=1)
-    if moved.any():
-        q[moved] = closing.closed(m, u[moved], near[moved])
-    return q
+def continued(m: Mechanism, u: np.ndarray, near: np.ndarray, step: newton.Step | None = None) -> np.ndarray:
+    """All coordinates (K, N) of the tree from the independent ones (K, n) and positions (K, N) or (1, N) nearby.
+
+    `step` is that of `newton.step`, by default in NumPy.
+    """
+    c, step = closure_of(m), step or newton.step_of_arrays(m)
+    start = np.broadcast_to(near, (len(u), near.shape[1]))
+    predicted, _ = step(start, u - start[:, list(c.independent)])
+    return closing.closed(m, u, all_coordinates(c, u, predicted), step)
 
 
 @lru_cache(maxsize=8)
@@ -201,7 +244,8 @@ def _path(
     c, curve = closure_of(m), Columns(curve, np.array(columns))
     jumps = [jump.t for jump in curve.jumps(2) if curve.start < jump.t < curve.stop]
     t = np.unique([*np.linspace(curve.start, curve.stop, count + 1), *jumps])
-    start = np.array([dict(branch).get(name, x) for name, x in zip(c.coordinates, c.start, strict=True)])
-    if branch:
-        start[list(c.independent)] = curve.rates(t[:1], 0)[0][0]
-    return ClosedCurve(m, curve).path(t, start)
+    u, given = curve.rates(t[:1], 0)[0], dict(branch)
+    whole = np.array([given.get(name, x) for name, x in zip(c.coordinates, c.start, strict=True)])
+    with at(f"at t = {t[0]:.6g} s, the start of the motion"):
+        q = closing.closed(m, u, all_coordinates(c, u, whole[None, list(c.dependent)]) if branch else None)
+    return ClosedCurve(m, curve).path(t, q[0])

@@ -15,10 +15,12 @@ from jounce._typing import DriveColumn
 from jounce.arguments import loads, loops, rates, requests, wrenches
 from jounce.arguments.base import base_of
 from jounce.dynamics import drive_terms, elastic
-from jounce.dynamics.computation import Computation, Port, coordinate_ports
+from jounce.dynamics.computation import Computation, Port
 from jounce.dynamics.loads import wrench_of
+from jounce.dynamics.loops import closed_motion
+from jounce.dynamics.loops import law as closed_law
 from jounce.dynamics.newton import Step
-from jounce.dynamics.quantities import FORCES, Quantity, row_of
+from jounce.dynamics.quantities import FORCES, Quantity, State, row_of
 from jounce.errors import JounceError, one_of, quoted, warn
 from jounce.model.casting import cast_model
 from jounce.model.mechanism import Mechanism
@@ -29,7 +31,7 @@ from jounce.native.kernel import Kernel, compile_kernel
 from jounce.native.plan import PATIENCE, LongCompilationError, obstacle
 from jounce.native.poses import are_poses
 from jounce.robot.generic import as_tuple, batch_shape, checked_out, compute_by_method, evaluate, is_fit, results_into
-from jounce.spatial.series import Series, columns
+from jounce.spatial.series import Series
 
 if TYPE_CHECKING:
     from jounce.robot.robot import Robot
@@ -83,17 +85,11 @@ def compute(
     base: Any = None,
     body: str | None = None,
     frame: str = "body",
-    position: Array | None = None,
     method: str | None = None,
     out: Any = None,
     threads: int = 1,
 ) -> Any:
-    """Compute a quantity for given rates of the coordinates with the first backend that accepts the call.
-
-    `position` (..., N) are all coordinates of the tree of a closed robot, with loops closed, if a caller knows them.
-    """
-    if position is not None:
-        given = (position, *given[1:])
+    """Compute a quantity for given rates of the coordinates with the first backend that accepts the call."""
     terms: Sequence[Any] = wrench if type(wrench) is tuple else () if wrench is None else (wrench,)
     moved: Sequence[Any] = base if type(base) is tuple else () if base is None else (base,)
     form = (name, body, frame, method, type(threads), threads, *map(type, given), type(wrench), *map(type, terms))
@@ -116,13 +112,14 @@ def compute(
     except Exception:  # the long way serves all others, and says what is wrong with them
         pass
     plain = {type(x) for x in (*given, *terms, *moved)} <= {np.ndarray, NoneType} and type(threads) is int
-    step = _step(robot) if robot.mechanism.closure and method in (None, NATIVE) else None
+    natively = isinstance(method, str | None) and method in (None, NATIVE)
+    step = closing_step(robot) if robot.mechanism.closure and natively else None
     asked, given = checked_arguments(robot.mechanism, name, given, wrench, base, body, frame, method, step)
     lasting = plain and threads == 1 and asked.base == bool(moved)
     return _run(Call(robot, asked, given, method, out, threads, form if lasting else None))
 
 
-def _step(robot: "Robot") -> NativeStep | None:
+def closing_step(robot: "Robot") -> NativeStep | None:
     """Return the step in native code that closes the loops of a robot, if there is one."""
     steps = robot._kernels.steps
     if not steps:
@@ -132,7 +129,7 @@ def _step(robot: "Robot") -> NativeStep | None:
 
 def _with_dependent(robot: "Robot", arrays: Sequence[Any]) -> tuple[Any, ...]:
     """Return the arrays of a plain call of a closed robot with the independent coordinates first, the others last."""
-    step, q = _step(robot), arrays[0]
+    step, q = closing_step(robot), arrays[0]
     try:
         if step is None:
             raise LookupError
@@ -157,10 +154,7 @@ def checked_arguments(
     """Check the arguments of a call, and return its computation and input arrays; `step` closes the loops."""
     more = requests.more_rates(mechanism, name)
     quantity = row_of(name, more)
-    whole = None
-    if mechanism.closure and given:
-        first, whole = loops.split(mechanism, given[0])
-        given = [first, *given[1:]]
+    given, whole = _split(mechanism, given)
     q = rates.rates_of(given, quantity.rates, mechanism, quantity.input_names, quantity.coordinate_inputs(len(given)))
     order = len(q) - quantity.rates
     requests.check_rates(name, order)
@@ -177,11 +171,24 @@ def checked_arguments(
         requests.check_invertible(mechanism, name)
     enters = moves and requests.takes_base(name, frame)
     asked = requests.known(name, order, bool(W), body, frame, more, enters)
-    d = [loops.dependent_of(mechanism, q[0], whole, step)] if mechanism.closure else []
+    d = _dependent(mechanism, q[0], whole, step)
     if base is None and not enters:
         return asked, [*q, *W, *d]
     C = base_of(mechanism, base, asked.base_terms(mechanism), f"{name} of order {order}")  # wrong ones never pass
     return asked, [*q, *W, *C, *d] if enters else [*q, *W, *d]
+
+
+def _split(mechanism: Mechanism, given: Sequence[Any]) -> tuple[Sequence[Any], Any]:
+    """The rates of the coordinates, and all coordinates of the tree of a closed robot where q states these."""
+    if not mechanism.closure or not given:
+        return given, None
+    first, whole = loops.split(mechanism, given[0])
+    return [first, *given[1:]], whole
+
+
+def _dependent(mechanism: Mechanism, q: Array, whole: Any, step: Step | None = None) -> list[Array]:
+    """The last array of all computations of closed robots: the dependent coordinates."""
+    return [loops.dependent_of(mechanism, q, whole, step)] if mechanism.closure else []
 
 
 def _run(call: Call) -> Any:
@@ -198,13 +205,29 @@ def _run(call: Call) -> Any:
 
 def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str], out: Any) -> Any:
     """Compute the forces of drive terms for given rates of the coordinates, whether or not the terms act in Q."""
-    q = rates.rates_of(given, FORCES.rates, mechanism)
-    model, ports = cast_model(mechanism, q), coordinate_ports(mechanism, FORCES.input_names(len(q)), FORCES.rates)
 
-    def law(arrays: Sequence[Array]) -> Series:
-        return drive_terms.forces(model, columns(arrays), terms).map(lambda Q: Q[..., 0])
+    def law(m: Mechanism, q: Series) -> Series:
+        forces = drive_terms.behind_base(m, drive_terms.forces(m, q, terms), (-2,))
+        return forces.map(lambda Q: Q[..., 0])
 
-    return results_into(evaluate(law, ports, q, len(q) - FORCES.rates + 1, 4 * model.nb), out)
+    forces = _of_drives(mechanism, FORCES.name, given, 4 * mechanism.nb, law)
+    return results_into(tuple(Q[..., -mechanism.n :] for Q in forces), out)
+
+
+def _of_drives(
+    mechanism: Mechanism, name: str, given: Sequence[Any], width: int, law: Callable[[Mechanism, Series], Series]
+) -> tuple[Array, ...]:
+    """Compute what drives contribute to a quantity, by their law, for given rates of the coordinates."""
+    row, (given, whole) = row_of(name), _split(mechanism, given)
+    q = rates.rates_of(given, row.rates, mechanism)
+    model, asked = cast_model(mechanism, q), Computation(name, len(q) - row.rates)
+
+    def on_tree(m: Mechanism, x: State) -> Series:
+        return law(m, x.q)
+
+    of_drives = closed_law(on_tree, row.shape, None) if model.closure else on_tree
+    arrays, ports = [*q, *_dependent(mechanism, q[0], whole)], asked.signature(model).inputs
+    return evaluate(lambda x: of_drives(model, asked.state(model, x)), ports, arrays, asked.count, width)
 
 
 def regressor(
@@ -213,17 +236,10 @@ def regressor(
     """Compute a regressor for given rates of the coordinates, with columns of drive terms behind its own."""
     if not terms:
         return compute(robot, name, given, out=out, **options)
-    own, row = as_tuple(compute(robot, name, given, **options)), row_of(name)
-    q = rates.rates_of(given, row.rates, robot.mechanism)
-    model = cast_model(robot.mechanism, q)
-    ports = coordinate_ports(model, row.input_names(len(q)), row.rates)
-
-    def law(arrays: Sequence[Array]) -> Series:
-        of_units: Callable[..., Series] = getattr(drive_terms, name)
-        return of_units(model, columns(arrays), terms)
-
-    added = evaluate(law, ports, q, len(own), model.nb * model.nv * len(terms))
-    axes = [len(row.shape)] * 2
+    own, m = as_tuple(compute(robot, name, given, **options)), robot.mechanism
+    of_units: Callable[..., Series] = getattr(drive_terms, name)
+    added = _of_drives(m, name, given, m.nb * m.nv * len(terms), lambda m, q: of_units(m, q, terms))
+    axes = [len(row_of(name).shape)] * 2
     pairs = (broadcast(pair, axes, ["Y", "drives"]) for pair in zip(own, added, strict=True))
     return results_into(tuple(concatenate(pair, axis=-1) for pair in pairs), out)
 
@@ -239,6 +255,7 @@ def wrench_of_load(
     point: Any,
 ) -> Any:
     """Compute the wrenches W that correspond to a load on a body, for given rates of the coordinates."""
+    given, whole = _split(mechanism, given)
     q = rates.rates_of(given, 1, mechanism)
     place, load = loads.place_of(frame, point, force), loads.load_of(force, torque, len(q) - 1, q)
     moving = base is not None or (mechanism.base is not None and frame == "world")
@@ -250,9 +267,11 @@ def wrench_of_load(
     def law(arrays: Sequence[Array]) -> Series:
         terms = Series.of([x.swapaxes(-1, -2) for x in arrays[-len(q) :]])
         x = poses.state(model, arrays[: -len(q)])
-        return wrench_of(model, x.q, x.motion_of_base, terms, body, frame, place)
+        on_tree = closed_motion(model, x).q if model.closure else x.q
+        return wrench_of(model.tree, on_tree, x.motion_of_base, terms, body, frame, place)
 
-    return results_into(evaluate(law, ports, [*q, *C, *load], len(q), 6 * model.nb), None)
+    arrays = [*q, *C, *_dependent(mechanism, q[0], whole), *load]
+    return results_into(evaluate(law, ports, arrays, len(q), 6 * model.nb), None)
 
 
 def compile_ahead(robot: "Robot", computation: Computation) -> Kernel:
@@ -368,7 +387,7 @@ def _compile(mechanism: Mechanism, computation: Computation, patience: float) ->
 
 def native_obstacle(mechanism: Mechanism, computation: Computation) -> str | None:
     """Return why native code does not support a computation, as the end of a sentence about native code, or None."""
-    if found := obstacle(computation):
+    if found := obstacle(computation, mechanism):
         return found
     if not mechanism.is_numeric:
         return "needs a robot of numbers; this one contains symbols"

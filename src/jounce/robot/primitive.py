@@ -62,7 +62,7 @@ class Request:
 
     def kernel(self) -> Kernel | None:
         """Return its native code, or None if it has none, however long it takes to compile: XLA takes longer."""
-        supported = plan.obstacle(self.computation) is None
+        supported = plan.obstacle(self.computation, self.mechanism) is None
         return compile_kernel(self.mechanism, self.computation) if supported else None
 
 

@@ -966,7 +966,8 @@ class Robot:
         """The base inertial parameters: the fewest combinations of `inertial_parameters` that determine Q.
 
         They are those that forces of the joints let identify, found without states from the geometry of the joints, for
-        a base at rest unless it floats. The direction of gravity counts, and joints that follow others.
+        a base at rest unless it floats. The direction of gravity counts, and joints that follow others. Those of closed
+        robots are fewer than those of their trees; they are found at random states around the start.
 
         Returns
         -------
@@ -1002,10 +1003,12 @@ class Robot:
     def locked(self, values: Mapping[str, float]) -> Self:
         """The robot with some joints locked: their bodies merge into those that carry them.
 
+        The loops of a closed robot stay closed: joints that follow the locked ones move to where these hold them.
+
         Parameters
         ----------
         values : mapping
-            {joint: rad or m}.
+            {joint: rad or m}. Of a closed robot, independent coordinates.
 
         Returns
         -------
@@ -1014,7 +1017,8 @@ class Robot:
         Raises
         ------
         JounceError
-            If a joint is unknown or follows another, a value is not a finite number, or no joint remains.
+            If a joint is unknown or follows another, a value is not a finite number, no joint remains, or the loops
+            cannot be closed.
 
         Examples
         --------
@@ -1271,7 +1275,8 @@ class Robot:
 
         If the robot floats, the first six rows are those of the wrench on the base, and the first six columns the
         derivatives along a displacement of the base by a twist d in its own axes, C exp(wedge(d)) (j = 0), by its twist
-        V (j = 1), by Vd (j = 2) and so on, with the other components held.
+        V (j = 1), by Vd (j = 2) and so on, with the other components held. Those of a closed robot are derivatives by
+        its independent coordinates, which the others follow.
 
         Parameters
         ----------

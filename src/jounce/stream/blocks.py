@@ -79,7 +79,9 @@ def _positions(
     with at(str(part.path)):
         for run in runs:
             here = slice(run.start, run.stop)
-            found[here] = positions_of_rows(m, si[TIME][here], [rate[here] for rate in rates[:3]], found[here])
+            found[here] = positions_of_rows(
+                task.job.links, si[TIME][here], [rate[here] for rate in rates[:3]], found[here]
+            )
     return found
 
 

@@ -15,6 +15,7 @@ from jounce.model.coordinates import force_names
 from jounce.model.elasticity import motor_names
 from jounce.motion import Motion
 from jounce.robot.along import force_breaks, pieces_along
+from jounce.robot.closed_path import on_tree
 from jounce.robot.dispatch import compute
 from jounce.robot.generic import as_tuple
 from jounce.stream.job import Job
@@ -46,13 +47,14 @@ def of_rows(
     """The quantities at states that do not depend on each other; those of closed robots with all positions (N,)."""
     given = rates[: job.highest + 1]
     own = [Output("q", job.links.joint_names, given)] if job.with_rates else []
+    given = on_tree(given, position)
     if not isinstance(job.robot, ElasticRobot):
-        Q = as_tuple(compute(job.links, FORCES.name, given, wrench=W, base=base, position=position, method=job.method))
+        Q = as_tuple(compute(job.links, FORCES.name, given, wrench=W, base=base, method=job.method))
         return [*own, Output(FORCES.symbol, force_names(job.links.mechanism), Q)]
     rows = [row_of(name, job.robot.elasticity.more_rates) for name in ("motor_positions", "motor_torques")]
     terms = [W and W[: len(given) - row.rates + row.wrench_rates] for row in rows]
     theta, tau = (
-        as_tuple(compute(job.links, row.name, given, wrench=term, base=base, position=position, method=job.method))
+        as_tuple(compute(job.links, row.name, given, wrench=term, base=base, method=job.method))
         for row, term in zip(rows, terms, strict=True)
     )
     return _of_motors(job.robot, theta, tau, None)

@@ -53,10 +53,10 @@ class RobotState:
 
 def state_from(mechanism: Mechanism, layout: Layout, given: Sequence[object], labels: Sequence[str]) -> RobotState:
     """The state of a robot from q, v, a of a library, called by labels in messages."""
+    found = match(mechanism, layout)
     count = max(k for k, term in enumerate(given) if term is not None or k == 0) + 1
     sizes = (layout.nq, layout.nv, layout.nv)
     terms = [_vector(layout, *item) for item in zip(given[:count], labels[:count], sizes[:count], strict=True)]
-    found = match(mechanism, layout)
     theta = {i: _position(terms[0], place, mechanism.joints[i], labels[0]) for i, place in found.joints.items()}
     own = [mechanism.joints.index(name) for name in mechanism.coordinates]
     q = np.stack([theta[i] for i in own], axis=-1)

@@ -53,6 +53,11 @@ class Match:
 
 def match(mechanism: Mechanism, layout: Layout) -> Match:
     """Return the joints of a robot in a model; raise unless all that move its bodies are joints of both."""
+    if mechanism.closure:
+        raise JounceError(
+            f"{quoted(mechanism.name)} has closed loops, {layout.what} has the joints of its tree; convert states of"
+            " jounce.Robot(robot.mechanism.tree), whose q the closed robot takes as it is"
+        )
     joints = {i: layout.places[name] for i, name in enumerate(mechanism.joints) if name in layout.places}
     for name in mechanism.coordinates:
         if name not in mechanism.joints or name not in layout.places:

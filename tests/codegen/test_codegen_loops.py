@@ -1,0 +1,82 @@
+"""Generated code of closed robots: dependent coordinates are an input, and test vectors have closed loops."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import sympy
+from robots import relative_error
+from test_codegen import PROGRAMS, passes
+from tools import needs
+
+import jounce
+from jounce._codegen.test_vectors import near_start
+from jounce.dynamics.assembly import gaps
+from jounce.errors import JounceError
+
+OUTPUTS = ("inverse_dynamics", "mass_matrix", "coordinates", "loop_wrenches")
+TITLE = "Dependent coordinates, the 2 entries of q_dependent:"
+
+
+@pytest.fixture(scope="module")
+def fivebar():
+    return jounce.load("fivebar")
+
+
+@pytest.mark.parametrize(
+    ("lang", "asked"),
+    [
+        pytest.param("c", {"order": 1, "outputs": OUTPUTS}, marks=needs("make", "gcc")),
+        pytest.param("python", {"order": 0, "parameters": ["gravity", "payload:right_tip"]}, marks=needs("make")),
+    ],
+)
+def test_generated_code_passes_its_own_tests(fivebar, lang, asked, tmp_path):
+    jounce.codegen(fivebar, lang, directory=tmp_path / lang, **asked)
+    passed, output = passes(tmp_path / lang, lang)
+    assert passed, output
+
+
+@pytest.mark.parametrize("lang", PROGRAMS)
+def test_every_language_explains_the_dependent_coordinates(fivebar, lang, tmp_path):
+    jounce.codegen(fivebar, lang, 0, tmp_path / lang)
+    [explained] = [text for text in texts(tmp_path / lang) if TITLE in text][:1]
+    assert "left_elbow, rad" in explained
+    assert "left_tip and right_tip (spherical). Motors: left_shoulder, right_shoulder." in explained
+    assert "q_dependent" in explained
+
+
+def texts(folder):
+    return [path.read_text(encoding="utf-8") for path in sorted(folder.iterdir()) if path.is_file()]
+
+
+def test_vectors_have_closed_loops(fivebar):
+    m = fivebar.mechanism
+    u, d = near_start(m, np.random.default_rng(0).uniform(-5, 5, (4, 2)))  # as far as ways that are shortened
+    q = np.empty((4, 4))
+    q[:, list(m.closure.independent)], q[:, list(m.closure.dependent)] = u, d
+    assert np.abs(gaps(m, q)[0]).max() < 1e-13
+    assert np.ptp(u, axis=0).min() > 0.1
+
+
+def test_casadi_function_takes_the_dependent_coordinates(fivebar):
+    casadi = pytest.importorskip("casadi")
+    F = jounce.casadi_function(fivebar, order=0, parameters=["gravity"])
+    assert F.name_in() == ["q", "qd", "q2d", "q_dependent", "gravity"]
+    q = fivebar.coordinates([2.2, 0.9])
+    u, d, qd, q2d = q[[0, 2]], q[[1, 3]], [1.0, 0.5], [0.2, 0.3]
+    Q = F(q=u, qd=qd, q2d=q2d, q_dependent=d, gravity=fivebar.gravity)["Q"]
+    assert relative_error(np.array(casadi.DM(Q))[:, 0], fivebar.inverse_dynamics(q, qd, q2d)) < 1e-13
+
+
+def test_symbols_are_refused_where_loops_need_numbers(fivebar):
+    tree, loops = jounce.Robot(fivebar.mechanism.tree), [("left_tip", "right_tip")]
+    motors, start = ["left_shoulder", "right_shoulder"], fivebar.mechanism.closure.start
+    m, L = tree.mechanism, sympy.Symbol("L")
+    B, M = m.B.astype(object), m.M.astype(object)
+    B[1, 0, 3], M[0] = L, M[0] * L
+    with pytest.raises(JounceError, match="symbols in its joints or frames; expected numbers"):
+        jounce.Robot(replace(m, B=B)).closed(loops, motors, start=start)
+    heavy = jounce.Robot(replace(m, M=M)).closed(loops, motors, start=start)
+    assert heavy.gravity_forces(start)[0].free_symbols == {L}
+    with pytest.raises(JounceError, match="has closed loops, and its equations are no sums of products"):
+        jounce.symbolic(fivebar)

@@ -1,0 +1,189 @@
+"""Motions of robots with closed loops: branches, lost constraints, limits of passive joints, tables."""
+
+import json
+
+import numpy as np
+import pytest
+from click import ClickException
+
+import jounce
+from jounce import JounceError, Motion
+from jounce.cli import main
+from jounce.io.tables import read
+from jounce.robot.closed_path import positions
+
+
+def body(name, joint, parent, x):
+    rod = {"mass": 1, "com": [0.1, 0, 0], "inertia": [0.01, 0, 0, 0.01, 0, 0.01]}
+    revolute = {"name": joint, "type": "revolute", "axis": [0, 0, 1]}
+    return {"name": name, "parent": parent, "pose": {"position": [x, 0, 0]}, "joint": revolute, "inertia": rod}
+
+
+# rods of 0.2 and 0.3 m on a base of 0.2 m: stretched, and singular, only where the shoulders are at pi and 0
+SHORT = {
+    "name": "short",
+    "units": "SI",
+    "gravity": [0, -9.81, 0],
+    "bodies": [
+        body("l1", "a1", "ground", -0.1),
+        body("l2", "p1", "l1", 0.2),
+        body("r1", "a2", "ground", 0.1),
+        body("r2", "p2", "r1", 0.2),
+    ],
+    "frames": [{"name": f"t{body[0]}", "body": body, "pose": {"position": [0.3, 0, 0]}} for body in ("l2", "r2")],
+    "loops": [{"frames": ["tl", "tr"]}],
+    "actuated": ["a1", "a2"],
+    "start": {"a1": 2.2, "p1": -1, "a2": 0.9, "p2": 1.0},
+}
+OTHER = {"left_shoulder": 2.2, "left_elbow": -3.4, "right_shoulder": 0.94, "right_elbow": 3.4}  # another branch
+PASSIVE = ("left_elbow", "right_elbow")
+
+
+@pytest.fixture(scope="module")
+def robot(closed):
+    return closed["fivebar"]
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    path = tmp_path_factory.mktemp("robots") / "short.json"
+    path.write_text(json.dumps(SHORT))
+    return jounce.load(path)
+
+
+def swing(duration=2.0):
+    return Motion.fourier([2.2, 0.94], [[0.05, 0.1]], [[0.1, 0.1]], 3.0, duration)
+
+
+def through(short, at, off=0.0):
+    """From the start in a straight line to the stretched configuration, or past it, and as far beyond."""
+    way = np.array([np.pi - off, 0.0]) - short.mechanism.closure.start[[0, 2]]
+    return Motion.polynomial([[x, v / at] for x, v in zip(short.mechanism.closure.start[[0, 2]], way, strict=True)], 1)
+
+
+def test_forces_along_are_those_of_the_states(robot):
+    motion = swing()
+    along = robot.forces_along(motion, [0.3, 1.7])
+    for found, expected in zip(along.forces, robot.inverse_dynamics(*motion([0.3, 1.7])), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-11)
+
+
+def test_a_motion_leads_where_no_straight_line_from_the_start_does(short):
+    """Both shoulders turn round once; the straight line from the start to any time leads along another branch."""
+    motion = Motion.polynomial([[2.2, 2 * np.pi], [0.9, 2 * np.pi]], 1.0)
+    along = short.forces_along(motion, [0.0, 1.0], order=0)
+    np.testing.assert_allclose(*along.forces[0], atol=1e-12)
+
+
+@pytest.mark.parametrize("at", [0.5, 1 / np.sqrt(5)])  # at a time that is looked at, and between such times
+def test_a_singular_configuration_on_the_way_is_told_with_its_time(short, at):
+    with pytest.raises(JounceError, match=rf"constraints are lost along the motion at t = {at:.3f}.*1/cond is \d"):
+        short.forces_along(through(short, at), [0.0], order=0)
+
+
+def test_near_a_singular_configuration_the_branch_stays(short):
+    """Rods that are nearly stretched bend to the same side again: the pin stays above the line between the elbows."""
+    motion, t = through(short, 0.5, off=1e-3), np.linspace(0.4, 0.6, 5)
+    a1, p1, a2, _ = positions(short, motion, t).T
+    left, right = (0.2 * np.array([np.cos(a), np.sin(a)]) for a in (a1, a2))
+    line, rod = right - left + [[0.2], [0]], np.array([np.cos(a1 + p1), np.sin(a1 + p1)])
+    assert (line[0] * rod[1] > line[1] * rod[0]).all()
+
+
+def test_a_motion_that_leaves_the_workspace_is_told_with_its_time(robot):
+    with pytest.raises(JounceError, match=r"constraints are lost along the motion at t = 0\.44.*cannot be closed"):
+        robot.forces_along(Motion.polynomial([[2.2, 0.8], [0.94, -0.8]], 2.0), [0.0], order=0)
+
+
+def test_limits_of_joints_that_follow_others(robot):
+    """Passive joints are checked against rates that differences confirm, between samples too."""
+    ends = {"lower": {"right_elbow": 1.0}, "upper": {"right_elbow": 1.6}}
+    limited = robot.with_limits(velocity={"left_elbow": 0.1}, effort={"left_elbow": 1.0}, **ends)
+    motion, names = swing(), robot.mechanism.tree.coordinates
+    t = np.linspace(0, 2, 4001)
+    q = robot.coordinates(motion(t, 0)[0])
+    found = {(row.joint, row.limit): row for row in limited.check(motion).table}
+    row = found["left_elbow", "velocity"]
+    expected = np.gradient(q[:, names.index("left_elbow")], t)[1:-1]
+    assert abs(row.value) == pytest.approx(np.abs(expected).max(), rel=1e-4)
+    assert not row.ok
+    assert row.violations
+    assert found["right_elbow", "position"].value == pytest.approx(q[:, names.index("right_elbow")].max(), abs=1e-6)
+    assert ("left_elbow", "effort") not in found
+
+
+def test_a_slowdown_and_a_retiming_keep_limits_of_passive_joints(robot):
+    limits = {"left_elbow": 0.2, "left_shoulder": 5, "right_shoulder": 5}
+    limited = robot.with_limits(velocity=limits, effort=np.inf)
+    motion = Motion.polynomial([[2.2, 0, 0, 2, -3, 1.2], [0.94, 0, 0, 1, -1.5, 0.6]], 1.0)
+    slow = limited.slowdown(motion)
+    assert slow.binding.joint == "left_elbow"
+    assert limited.check(slow.motion).worst.ratio == pytest.approx(1.0, abs=1e-8)
+    fast = limited.retime(motion)
+    assert fast.duration < slow.motion.duration
+    assert 0.98 < limited.check(fast.motion).worst.ratio < 1.0
+
+
+def test_limits_of_redundant_motors_bound_their_shares(robot):
+    """Three motors in two coordinates: efforts of the third are checked, and retiming tells that it does not know."""
+    motors = [*robot.joint_names, "left_elbow"]
+    redundant = robot.closed(actuated=motors, coordinates=robot.joint_names).with_limits(effort={"left_elbow": 1e-3})
+    motion = swing()
+    row = next(row for row in redundant.check(motion).table if (row.joint, row.limit) == ("left_elbow", "effort"))
+    u = redundant.actuator_forces(*motion(np.linspace(0, 2, 1001), 2))
+    assert abs(row.value) == pytest.approx(np.abs(u[:, 2]).max(), rel=1e-4)
+    with pytest.raises(JounceError, match="retime knows limits of effort only where motors are at the coordinates"):
+        redundant.retime(motion)
+
+
+def columns(robot, motion, t, followers=()):
+    """A table of all rates, and of the positions of joints that follow others."""
+    table = {"t": t}
+    for k, rate in enumerate(motion(t, 4)):
+        table |= {f"{name}.{'q' if not k else 'qd' if k == 1 else f'q{k}d'}": rate[:, j]
+                  for j, name in enumerate(robot.joint_names)}  # fmt: skip
+    q = robot.coordinates(motion(t, 0)[0])
+    return table | {f"{name}.q": q[:, robot.mechanism.tree.coordinates.index(name)] for name in followers}
+
+
+def test_a_table_of_all_joints_states_the_branch(robot):
+    """The first row decides, whatever the robot's own start is."""
+    other, t = robot.closed(start=OTHER), np.linspace(0, 0.5, 51)
+    table = columns(other, swing(), t, PASSIVE)
+    expected = other.forces_along(swing(), t, order=0).forces[0]
+    assert np.abs(expected - robot.forces_along(swing(), t, order=0).forces[0]).max() > 0.1
+    np.testing.assert_allclose(
+        robot.forces_along(jounce.load_motion(table, robot), order=0).forces[0], expected, atol=1e-9
+    )
+
+
+def save(path, table):
+    np.savetxt(
+        path, np.column_stack([*table.values()]), delimiter=",", header=",".join(table), comments="", fmt="%.17g"
+    )
+
+
+@pytest.mark.parametrize("followers", [(), PASSIVE])
+def test_parts_of_a_table_give_what_the_whole_does(robot, followers, tmp_path, monkeypatch):
+    """With and without the positions of passive joints; only with them rows do not depend on each other."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("jounce.stream.plan.CELLS", 500)
+    save("table.csv", columns(robot, swing(), np.linspace(0, 2, 201), followers))
+    for output in ("whole.csv", "parts"):
+        main(["run", "fivebar", "table.csv", "-o", output, "--order", "1"], standalone_mode=False)
+    parts = sorted((tmp_path / "parts").glob("*.parquet"))
+    assert (len(parts) > 1) == bool(followers)
+    whole, found = read(tmp_path / "whole.csv"), [read(path) for path in parts]
+    for name, column in whole.items():
+        np.testing.assert_allclose(np.concatenate([part[name] for part in found]), column, rtol=1e-9, atol=1e-9)
+
+
+def test_rows_on_another_branch_are_told_with_their_time(robot, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    t = np.linspace(0, 0.5, 51)
+    table, flipped = (columns(x, swing(), t, PASSIVE) for x in (robot, robot.closed(start=OTHER)))
+    save("table.csv", {name: np.where(t > 0.255, flipped[name], column) for name, column in table.items()})
+    with pytest.raises(
+        ClickException, match=r"branch jumps between the rows at t = 0\.25 and 0\.26 s: joint 'left_elbow'"
+    ):
+        main(["run", "fivebar", "table.csv", "-o", "parts"], standalone_mode=False)

@@ -1,0 +1,191 @@
+"""Methods of Robot on closed robots: each holds for the closed robot, or says in one line what it takes."""
+
+import pickle
+from dataclasses import replace
+
+import dask.array
+import mujoco
+import numpy as np
+import pytest
+import sympy
+from random_loops import looped
+from robots import differentiated_at_once, relative_error
+
+import casadi
+import jounce
+import jounce.dask
+from jounce.checks.compare import compare
+from jounce.dynamics import assembly
+from jounce.errors import JounceError
+
+RECURSION = {"method": "recursion"}
+DRIVEN = looped("cylindrical with mimic joint and drives")
+SHARED = looped("two that share joints")
+FLOATING = looped("fixed to a floating base")
+
+
+def state(robot, count=3, seed=3):
+    """q near the start, and rates."""
+    closure, rng = robot.mechanism.closure, np.random.default_rng(seed)
+    q = closure.start[list(closure.independent)] + rng.uniform(-0.05, 0.05, robot.n)
+    return [q, *rng.uniform(-1, 1, (count - 1, robot.n))]
+
+
+def tree_of(robot):
+    return jounce.Robot(robot.mechanism.tree)
+
+
+def test_forces_of_drives_are_what_they_add():
+    q = state(DRIVEN, 5)
+    with_all, without = (DRIVEN.with_drives(x).inverse_dynamics(*q, **RECURSION) for x in (True, False))
+    for found, a, b in zip(DRIVEN.drive_forces(*q), with_all, without, strict=True):
+        assert relative_error(found, a - b) < 1e-11
+
+
+def test_regressor_with_columns_of_drives():
+    q, m = state(DRIVEN, 4), DRIVEN.mechanism
+    parts = [DRIVEN.inertial_parameters, m.drives.armature, m.drives.damping]
+    expected = DRIVEN.with_drives(["armature", "damping"]).inverse_dynamics(*q, **RECURSION)
+    for Y, Q in zip(DRIVEN.regressor(*q, drives=("armature", "damping"), **RECURSION), expected, strict=True):
+        assert relative_error(Y @ np.concatenate(parts), Q) < 1e-11
+
+
+@pytest.mark.parametrize(("quantity", "size"), [("momentum_regressor", 1), ("energy_regressor", 0)])
+def test_regressors_without_accelerations(quantity, size):
+    q, m = state(DRIVEN, 2), DRIVEN.mechanism
+    Y = getattr(DRIVEN, quantity)(*q, drives=("armature",), **RECURSION)
+    p = np.concatenate([DRIVEN.inertial_parameters, m.drives.armature])
+    driven = DRIVEN.with_drives("armature")
+    kinetic, potential = driven.kinetic_energy(*q, **RECURSION), driven.potential_energy(q[0], **RECURSION)
+    expected = driven.generalized_momentum(*q, **RECURSION) if size else kinetic + potential
+    assert relative_error(Y @ p, expected) < 1e-11
+
+
+@pytest.mark.parametrize("frame", ["world", "body"])
+def test_wrench_of_a_load_is_that_of_the_tree(frame):
+    q, load = state(SHARED), {"body": "body8", "force": (1, 2, 3), "point": (0.1, 0.2, 0.3), "frame": frame}
+    on_tree = SHARED.coordinates(*q, **RECURSION)
+    for x, y in zip(SHARED.wrench(*q, **load), tree_of(SHARED).wrench(*on_tree, **load), strict=True):
+        assert relative_error(x, y) < 1e-12
+
+
+def test_wrench_of_a_load_on_a_floating_robot():
+    (q,), base = state(FLOATING, 1), np.eye(4)
+    load = {"body": "body3", "force": (0, 0, -1), "base": base}
+    expected = tree_of(FLOATING).wrench(FLOATING.coordinates(q, **RECURSION), **load)
+    assert relative_error(FLOATING.wrench(q, **load), expected) < 1e-12
+
+
+@pytest.mark.parametrize("robot", [DRIVEN, SHARED], ids=["driven", "shared"])
+def test_base_parameters_are_the_fewest_that_determine_the_forces(robot):
+    rng, found, places = np.random.default_rng(5), robot.base_parameters(), assembly.samples(robot.mechanism, 40)
+    Y = robot.regressor(places, *rng.uniform(-2, 2, (2, 40, robot.n)), **RECURSION)
+    assert relative_error(Y[..., found.columns] @ found.values, Y @ robot.inertial_parameters) < 1e-10
+    assert found.count < tree_of(robot).base_parameters().count
+    if robot is not DRIVEN:  # whose workspace is so small that the rank is not clear
+        sizes = np.linalg.svd(Y.reshape(-1, Y.shape[-1]), compute_uv=False)
+        assert sizes[found.count - 1] > 1e-10 * sizes[0] > 1e3 * sizes[found.count]
+
+
+def test_locking_an_independent_coordinate():
+    q, (first, _) = state(SHARED, 4), SHARED.mechanism.coordinates
+    locked = SHARED.locked({first: q[0][0]})
+    q[1:] = [x * [0, 1] for x in q[1:]]
+    found = locked.inverse_dynamics(*(x[1:] for x in q), **RECURSION)
+    for x, y in zip(found, SHARED.inverse_dynamics(*q, **RECURSION), strict=True):
+        assert relative_error(x, y[1:]) < 1e-11
+
+
+def test_massless_bodies_behind_the_cut():
+    """The mass matrix of the tree is singular, that of the closed robot is not: the motors feel the other bodies."""
+    m = SHARED.mechanism
+    light = jounce.Robot(replace(m, M=np.where(np.isin(np.arange(m.nb), (3, 4, 7))[:, None, None], 0.0, m.M)))
+    q = state(light)
+    Q = light.inverse_dynamics(*q, **RECURSION)
+    assert relative_error(light.forward_dynamics(*q[:2], Q, **RECURSION), q[2]) < 1e-9
+    with pytest.raises(JounceError, match="the mass matrix is singular"):
+        tree_of(light).forward_dynamics(*np.zeros((3, 8)), **RECURSION)
+    with pytest.raises(JounceError, match="singular, of rank 0 for 2 coordinates"):
+        jounce.Robot(replace(m, M=0 * m.M)).forward_dynamics(*q[:2], Q, **RECURSION)
+
+
+def test_limits_of_dependent_joints_stay():
+    robot = SHARED.with_limits(velocity={"joint8": 2.0}, effort={SHARED.joint_names[0]: 3.0})
+    assert robot.limits.velocity[7] == 2.0
+    assert robot.with_drives(False).with_inertial_parameters(2 * robot.inertial_parameters).limits is robot.limits
+
+
+@pytest.mark.parametrize("robot", [SHARED, FLOATING], ids=["shared", "floating"])
+def test_copies_are_equal(robot, tmp_path):
+    assert pickle.loads(pickle.dumps(robot)) == robot != tree_of(robot)
+    assert robot.closed() == robot
+    if not robot.mechanism.base:
+        jounce.save(robot, tmp_path / "robot.yaml")
+        assert jounce.load(tmp_path / "robot.yaml") == robot
+
+
+def test_long_doubles_close_to_their_precision():
+    """So that differences of rates show fifteen digits."""
+    u, *rates = (x.astype(np.longdouble) / (1 + 19 * (k > 0)) for k, x in enumerate(state(SHARED, 5)))
+
+    def along(t):
+        powers = [np.multiply.outer(t.astype(np.longdouble) ** j, x) for j, x in enumerate((u, *rates))]
+        q = powers[0] + powers[1] + powers[2] / 2
+        return np.stack([SHARED.potential_energy(q)], axis=1)
+
+    assert SHARED.coordinates(u).dtype == np.longdouble
+    found = SHARED.potential_energy(u, rates[0])[1]
+    assert abs(float(found - differentiated_at_once(along, 0.02)[0])) < 1e-14 * abs(float(found)) + 1e-15
+
+
+def test_symbols_of_all_coordinates():
+    """SymPy and CasADi: positions are those of the tree, which symbols cannot close."""
+    robot = jounce.load("fourbar_leg")
+    q, qd = state(robot, 2)
+    whole, names = robot.coordinates(q, **RECURSION), robot.mechanism.closure.coordinates
+    expected = robot.generalized_momentum(q, qd, **RECURSION)
+    symbols, rates = list(sympy.symbols(names)), list(sympy.symbols(["rate1", "rate2"]))
+    of_symbols = sympy.lambdify([symbols, rates], list(robot.generalized_momentum(symbols, rates)))
+    assert relative_error(of_symbols(whole, qd), expected) < 1e-12
+    x = [casadi.SX.sym("q", len(names)), casadi.SX.sym("qd", 2)]
+    of_casadi = casadi.Function("p", x, [casadi.vertcat(*robot.generalized_momentum(*x))])
+    assert relative_error(np.array(of_casadi(whole, qd)).ravel(), expected) < 1e-12
+    with pytest.raises(JounceError, match=r"^q holds 2 symbols, or an array of JAX; expected all 4 coordinates"):
+        robot.generalized_momentum(symbols[:2], rates)
+
+
+def test_compare_checks_closed_robots_against_themselves():
+    checks = compare(jounce.load("fivebar"), order=1, states=2)
+    assert all(check.passed for check in checks)
+    assert {check.against for check in checks} >= {"closed form", "long doubles", "differences of Q", "other libraries"}
+
+
+def test_dask_computes_blocks_of_closed_robots():
+    robot = jounce.load("fourbar_leg")
+    q = np.stack([state(robot, 1, seed)[0] for seed in range(4)])
+    for given in (q, robot.coordinates(q, **RECURSION)):  # zeros close no loop
+        found = jounce.dask.apply(robot, "mass_matrix", dask.array.from_array(given, chunks=(2, -1)), **RECURSION)
+        np.testing.assert_array_equal(found.compute(), robot.mass_matrix(given, **RECURSION))
+
+
+MODEL = mujoco.MjModel.from_xml_string("<mujoco><worldbody/></mujoco>")
+REFUSED = {
+    "a dependent joint": (lambda: SHARED.locked({"joint8": 0.1}), "'joint8'.*available: joint1, joint2"),
+    "all joints": (lambda: SHARED.locked(dict.fromkeys(SHARED.mechanism.coordinates, 0.1)), "all 2 joints are locked"),
+    "a state of MuJoCo": (lambda: SHARED.state_from_mujoco([], model=MODEL), "closed loops, .* convert states of"),
+    "forces of MuJoCo": (lambda: SHARED.forces_to_mujoco([1, 2], model=MODEL), "closed loops, .* convert states of"),
+    "no joint that follows": (
+        lambda: SHARED.closed(coordinates=SHARED.mechanism.closure.coordinates), "all 8 coordinates are named",
+    ),
+    "the ground of a floating robot": (
+        lambda: tree_of(FLOATING).closed([("body3", "ground")], ["joint1"]), "unknown body 'ground'",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_closed_robots_do_not_take_is_refused_in_one_line(case):
+    call, match = REFUSED[case]
+    with pytest.raises(JounceError, match=match) as caught:
+        call()
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,65 @@
+"""Products of derivatives of closed robots: the dependent coordinates follow those by which they differentiate."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+from closed_robots import motion_near_start
+from robots import differentiated_at_once, relative_error
+
+import jounce
+from jounce.checks.derivatives import product
+
+ROBOT = jounce.load("fivebar")
+DEPENDENT = list(ROBOT.mechanism.closure.dependent)
+
+
+@pytest.fixture(scope="module")
+def kernel():
+    return ROBOT.compile(order=0)
+
+
+@pytest.fixture(scope="module")
+def given():
+    """A state with its dependent coordinates, directions and weights."""
+    rng = np.random.default_rng(0)
+    x = [x[0] for x in motion_near_start(ROBOT, rng, 2)(np.zeros(1))]
+    dependent = ROBOT.coordinates(x[0], method="recursion")[DEPENDENT]
+    return (*x, dependent), tuple(rng.uniform(-1, 1, (3, 2))), rng.uniform(-1, 1, 2)
+
+
+def test_native_products_follow_the_motion(kernel, given):
+    """Against differences of forces whose loops are closed at every step, and against the complex step."""
+    x, directions, weights = given
+    gradients, tangents = kernel.vjp(x, weights), kernel.jvp(x, directions)
+    assert [g.shape for g in gradients] == [(2,)] * 3  # none by the dependent coordinates
+    moved = lambda t: [a + np.multiply.outer(t, d) for a, d in zip(x, directions, strict=False)]  # noqa: E731
+    along = lambda t: ROBOT.inverse_dynamics(*moved(t), method="recursion")  # noqa: E731
+    assert relative_error(tangents, differentiated_at_once(along, 0.01)) < 1e-9
+    assert abs(np.sum(np.multiply(gradients, directions)) - tangents @ weights) < 1e-12 * np.abs(tangents).max()
+    m = ROBOT.mechanism
+    for name, others, found in (("vjp", [weights], gradients), ("jvp", directions, [tangents])):
+        expected = product(replace(kernel.computation, product=name), "closed_form", m, [*x, *others])
+        for a, b in zip(found, expected, strict=True):
+            assert relative_error(a, b) < 1e-12
+
+
+def test_gradients_hold_more_than_those_at_held_dependent_coordinates(kernel, given):
+    (q, *rates, dependent), _, weights = given
+    held = lambda t: kernel(q + np.multiply.outer(t, [1, 0]), *rates, dependent) @ weights  # noqa: E731
+    at_held = differentiated_at_once(held, 0.01)
+    assert abs(kernel.vjp((q, *rates, dependent), weights)[0][0] - at_held) > 0.1 * abs(at_held)
+
+
+def test_jax_differentiates_along_the_motion(given):
+    """Both its primitive and its own derivatives of the traced law; the dependent coordinates have none of it."""
+    whole, own = ROBOT.coordinates(given[0][0], method="recursion"), list(ROBOT.mechanism.closure.independent)
+    expected = np.zeros(4)
+    expected[own] = ROBOT.gravity_forces(given[0][0], method="recursion")
+    with jax.enable_x64(True):
+        gradient = jax.grad(ROBOT.potential_energy)(jax.numpy.asarray(whole))
+        traced = jax.jit(lambda q: ROBOT.potential_energy(q, method="recursion"))
+        tangent = jax.jit(lambda q, d: jax.jvp(traced, (q,), (d,))[1])(whole, np.arange(1.0, 5.0))
+    assert relative_error(gradient, expected) < 1e-12
+    assert relative_error(tangent, expected @ np.arange(1.0, 5.0)) < 1e-12
