@@ -1,11 +1,10 @@
-"""The live view and `jounce compare` of robots with closed loops."""
+"""The live view of robots with closed loops."""
 
 import numpy as np
 import pytest
 
 import jounce
 from jounce._view.track import at_rest, start_of, track
-from jounce.checks.compare import compare
 
 ROBOT = jounce.load("fivebar")
 
@@ -30,8 +29,3 @@ def test_sliders_stay_where_the_loops_close():
         np.testing.assert_allclose(served.positions[[0, 2]], [slider.value for slider in served.joints])
         served.joints[1].value = before[1] + 0.01
         assert "cannot be closed" not in served.table.content
-
-
-def test_compare_takes_trees():
-    with pytest.raises(jounce.JounceError, match="loops of 'fivebar' are closed"):
-        compare(ROBOT)
