@@ -15,9 +15,8 @@ from jounce.identification.problem import model_of, problem
 from jounce.identification.regression import regression, solve
 from jounce.identification.residuals import residuals
 from jounce.identification.result import Identification
-from jounce.identification.suspicions import suspicions
+from jounce.identification.suspicions import suspicions, unexplained
 from jounce.identification.table import IdentifiedParameter, parameter_table
-from jounce.model.coordinates import force_names
 from jounce.model.drives import AMOUNTS, OFFSET, TERMS, select_columns
 from jounce.model.inertial import with_parameters
 from jounce.motion.motion import Motion
@@ -127,14 +126,17 @@ def identify(
     information = weighed.information[np.ix_(posed.columns, posed.columns)]
     solution = solve(information, weighed.right[posed.columns])
     table = parameter_table(posed, solution, weighed.variances)
-    notes = [*suspicions(posed.cells, force_names(model.mechanism)), *_unseen(table, solution.rank)]
+    notes = [*suspicions(posed), *_unseen(table, solution.rank)]
     for text in notes:
         warn(text)
     found = consistent_parameters(
         model.mechanism, posed.base, information, posed.own + solution.x, terms, weight=float(prior) ** -2
     )
     predicted = posed.predicted(found.parameters, found.values[posed.base.count :])
-    times = given.t[posed.used]
+    rows, times = residuals(posed, predicted), given.t[posed.used]
+    notes += (left := unexplained(rows))
+    for text in left:
+        warn(text)
     return Identification(
         robot=_identified(model, terms, found),
         offsets=found.drives.get(OFFSET, np.zeros(model.mechanism.nb)),
@@ -143,7 +145,7 @@ def identify(
         rank=solution.rank,
         condition=solution.condition,
         deviations=weighed.deviations,
-        residuals=residuals(posed, predicted),
+        residuals=rows,
         span=(float(times[0]), float(times[-1])),
         band=posed.band,
         cell=posed.width,
