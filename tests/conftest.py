@@ -11,6 +11,7 @@ from random import SystemRandom
 import pytest
 from hypothesis import settings
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # each core has a worker: threads of small products only wait
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")  # every function is compiled for a call or two
 
 # data, generated tests in Python among them; programs for type checkers

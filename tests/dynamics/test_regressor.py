@@ -37,8 +37,8 @@ def test_it_gives_the_forces_and_their_rates_from_the_parameters(drawn):
         assert relative_error(Y @ robot.inertial_parameters, Q) < 1e-12
 
 
-@settings(max_examples=12)
-@given(moved_mechanisms(largest=5))
+@settings(max_examples=8)
+@given(moved_mechanisms(largest=4))
 def test_those_of_momentum_and_energy_give_them_and_their_rates(drawn):
     robot, q, base = of_one_state(drawn)
     p = robot.inertial_parameters

@@ -89,17 +89,17 @@ def test_the_balance_of_energy_is_the_power_of_the_forces():
 @pytest.mark.parametrize("law", [momentum, energy])
 def test_filtered_rows_fit_filtered_forces_whatever_the_pieces(law, monkeypatch):
     robot, p, motion = moving_robot()
-    t = uneven(np.random.default_rng(2), 500, 2.0)
+    t = uneven(np.random.default_rng(2), 250, 2.0)
     through = low_pass(t, 3.0)
     rates = motion(t, 2)
     rows = np.concatenate([y for _, y in filtered_rows(law, robot, motion, COLUMNS, through)])
     for found, W in ((rows[..., :-1] @ p, None), (rows[..., -1], motion.wrench(t, 0))):
         Q = robot.inverse_dynamics(*rates, wrench=W)
         right = Q if law is momentum else np.einsum("ti,ti->t", rates[1], Q)[:, None]
-        assert relative_error(found, through.of(right)) < 1e-5
+        assert relative_error(found, through.of(right)) < 1e-4
     monkeypatch.setattr(filters, "PIECE", 37)
     parts = list(filtered_rows(law, robot, motion, COLUMNS, through))
-    assert [part.stop for part, _ in parts][-2:] == [482, 500]
+    assert [part.stop for part, _ in parts][-2:] == [223, 250]
     np.testing.assert_allclose(np.concatenate([y for _, y in parts]), rows, rtol=0, atol=1e-12 * np.abs(rows).max())
 
 
@@ -156,6 +156,8 @@ def test_deviations_of_smoothed_positions_enter(arm):
     for cells_of in (cells_of_momentum, cells_of_power):
         cells = cells_of(model, smoothed, samples, (), 0.2, 2.5)
         assert cells.spread[0].min() > 10 * np.median(cells.spread, axis=0).max()  # smoothing is worst at the ends
+        slow = cells_of(model, smoothed, samples, (), 0.2, 0.2).spread
+        assert (slow[1] > 0.05 * slow[0]).all()  # the filter remembers where it started
         assert not cells_of(model, motion, samples, (), 0.2, 2.5).spread.any()
 
 

@@ -97,7 +97,8 @@ def test_a_motion_that_leaves_the_workspace_is_told_with_its_time(robot):
 
 def test_limits_of_joints_that_follow_others(robot):
     """Passive joints are checked against rates that differences confirm, between samples too."""
-    limited = robot.with_limits(velocity={"left_elbow": 0.1}, lower={"right_elbow": 1.0}, upper={"right_elbow": 1.6})
+    ends = {"lower": {"right_elbow": 1.0}, "upper": {"right_elbow": 1.6}}
+    limited = robot.with_limits(velocity={"left_elbow": 0.1}, effort={"left_elbow": 1.0}, **ends)
     motion, names = swing(), robot.mechanism.tree.coordinates
     t = np.linspace(0, 2, 4001)
     q = robot.coordinates(motion(t, 0)[0])

@@ -174,6 +174,9 @@ REFUSED = {
     "all joints": (lambda: SHARED.locked(dict.fromkeys(SHARED.mechanism.coordinates, 0.1)), "all 2 joints are locked"),
     "a state of MuJoCo": (lambda: SHARED.state_from_mujoco([], model=MODEL), "closed loops, .* convert states of"),
     "forces of MuJoCo": (lambda: SHARED.forces_to_mujoco([1, 2], model=MODEL), "closed loops, .* convert states of"),
+    "no joint that follows": (
+        lambda: SHARED.closed(coordinates=SHARED.mechanism.closure.coordinates), "all 8 coordinates are named",
+    ),
     "the ground of a floating robot": (
         lambda: tree_of(FLOATING).closed([("body3", "ground")], ["joint1"]), "unknown body 'ground'",
     ),

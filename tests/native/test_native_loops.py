@@ -103,6 +103,7 @@ def test_positions_do_not_depend_on_the_batch_or_the_way_they_are_closed(closed,
         range(robot.mechanism.tree.n), robot.mechanism.closure.dependent
     )
     assert relative_error(robot.coordinates(near), q[known]) < 1e-13
+    assert relative_error(robot.coordinates(near[0]), q[known[0]]) < 1e-13  # by the short way, as one state
     assert np.abs(newton.gaps(robot.mechanism, q[known])[0]).max() < 1e-14
 
 

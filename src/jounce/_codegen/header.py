@@ -66,7 +66,7 @@ def conventions(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
     found += [f"{f.name}: {OF_PRODUCTS[f.computation.product]}." for f in functions if f.computation.product]
     found += elastic_joints(robot, functions)
     found += drive_trains(robot, functions)
-    found += closed_loops(robot)
+    found += closed_loops(robot, functions)
     if loaded:
         found.append(
             "W: six entries per body, (moment; force), what the body EXERTS on its environment, in the axes of the"
@@ -75,16 +75,18 @@ def conventions(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
     return found + base_motion(robot, functions)
 
 
-def closed_loops(robot: Mechanism) -> list[str]:
+def closed_loops(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
     """Return sentences on the loops of the robot and its dependent coordinates."""
     if robot.closure is None:
         return []
     loops = ", ".join(f"{printable(loop.a.name)} and {printable(loop.b.name)} ({loop.joint})" for loop in robot.loops)
     motors = ", ".join(printable(robot.closure.coordinates[j]) for j in robot.closure.actuated)
+    products = f" Derivatives by q contain what follows through {DEPENDENT}, by which they have none."
     return [
         f"Loops are closed by joints between {loops}. Motors: {motors}. {DEPENDENT}: the positions of all other joints"
         " where the loops are closed, which is not checked. Robot.coordinates of jounce computes them from q by"
         " Newton's method. Their rates are not needed, as they follow from those of q."
+        f"{products if any(f.computation.product for f in functions) else ''}"
     ]
 
 

@@ -43,6 +43,11 @@ def with_loops(
     _check_numbers(tree)
     motors = _motors(mechanism, actuated)
     own = motors if coordinates is None else _places(tree, "coordinates", coordinates)
+    if len(own) == tree.n:
+        raise JounceError(
+            f"{tree.name!r}: all {tree.n} coordinates are named, so that none can follow where loops are closed; name"
+            " fewer by coordinates=, or leave out loops that hold nothing"
+        )
     closure = Closure(
         coordinates=tree.coordinates,
         G=tree.G,

@@ -3,17 +3,17 @@
 from dataclasses import asdict
 from math import isinf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce._typing import Equations
 from jounce.cli.motions import AskedMotion, of_motion
 from jounce.cli.options import Asked, drive_terms, on_robot_without_drives
 from jounce.cli.output import check_distinct, tell
 from jounce.errors import JounceError, collected_warnings, warn
 
 if TYPE_CHECKING:
+    from jounce._typing import Equations
     from jounce.identification import Identification
 
 DEFAULT = "damping,friction,offset"
@@ -59,7 +59,7 @@ Deviations are those of the data alone; what they do not see is named.
 @click.option("--prior", type=float, default=0.3, show_default=True, help="Relative deviation of the robot's own data.")
 @click.option(
     "--method",
-    type=click.Choice(get_args(Equations)),
+    type=click.Choice(["inverse_dynamics", "momentum", "power"]),
     default="inverse_dynamics",
     show_default=True,
     help="Equations; those of momentum and power need no accelerations.",
@@ -79,7 +79,7 @@ def identify(
     eps: float | None,
     deviation: float | None,
     prior: float,
-    method: Equations,
+    method: "Equations",
     table: Path | None,
     plot: Path | None,
     as_json: bool,

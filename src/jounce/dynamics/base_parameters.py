@@ -102,7 +102,7 @@ def base_parameters(m: Mechanism) -> BaseParameters:
     """
     if not m.is_numeric:
         raise JounceError(f"robot {m.name!r} contains symbols; base parameters need numbers")
-    length = max([1e-3, *np.linalg.norm(m.B[:, :3, 3], axis=1)])  # as unit, so that all moments are of one size
+    length = length_scale(m)  # as unit, so that all moments are of one size
     scale = np.tile(length**_POWERS, len(m.body_names))
     places, rows = _of_tree(_in_lengths(m, length))
     if m.n < m.nb:  # joints that follow others, as do those of closed loops
@@ -128,6 +128,11 @@ class _Spaces:
     vanishing: np.ndarray  # (k, 10)
     constant: np.ndarray  # (k, 10), those that must vanish among them
     velocities: np.ndarray  # (k, 6), and what gravity is equivalent to
+
+
+def length_scale(m: Mechanism) -> float:
+    """Return the largest distance from joint to joint, m."""
+    return float(max([1e-3, *np.linalg.norm(m.B[:, :3, 3], axis=1)]))
 
 
 def _in_lengths(m: Mechanism, length: float) -> Mechanism:

@@ -60,14 +60,15 @@ def _continued(m: Mechanism, u: np.ndarray, start: np.ndarray, step: Step) -> tu
         share, before = np.minimum(size[k], left[k]), q[k]
         moved = way[k] * share[:, None]
         predicted = before.copy()
-        if (moves := moved.any(axis=1)).any():
+        moves = moved.any(axis=1)
+        if moves.any():
             predicted[np.ix_(moves, others)] = step(before[moves], moved[moves])[0]
         predicted[:, own] = u[k] - way[k] * (left[k] - share)[:, None]
         found, good, bound = _newton(m, predicted, step)
         good &= _is_near(s, found - predicted, predicted - before)
         q[k[good]], bounds[k[good]] = found[good], bound[good]
         left[k[good]] -= share[good]
-        size[k] = np.where(good, 2 * share, share / 2)
+        size[k] = np.where(good, 2 * share, np.where(moves, share / 2, 0))  # no shorter way helps where there is none
         if len(stuck := k[~good & (size[k] < SHORTEST)]):
             raise _not_closed(m, s, q[stuck[0]], u[stuck[0]], _sample(stuck[0], len(u)))
     return q, bounds

@@ -31,7 +31,7 @@ import numpy as np
 
 from jounce._scalars import Array
 from jounce._typing import DriveColumn, Floats
-from jounce.dynamics.base_parameters import BaseParameters
+from jounce.dynamics.base_parameters import BaseParameters, length_scale
 from jounce.errors import JounceError, shortened
 from jounce.identification.definite import Problem, minimum
 from jounce.model.drives import AMOUNTS, OFFSET
@@ -107,7 +107,7 @@ def consistent_parameters(
     """
     Pi = inertia.moment_matrix(mechanism.inertias)
     massive = _massive(mechanism, Pi)
-    start = _inside(Pi[massive], _length(mechanism))
+    start = _inside(Pi[massive], length_scale(mechanism))
     thickened = massive[(start != Pi[massive]).any(axis=(1, 2))]
     T = np.asarray(np.linalg.cholesky(start))
     d, R = _own_drives(mechanism, terms), _root(information)
@@ -167,11 +167,6 @@ def _inside(Pi: Floats, length: float) -> Floats:
     raised = Pi.copy()
     raised[:, :3, :3] = axes * np.maximum(size, THICKNESS * largest)[:, None] @ axes.mT + m * c @ c.mT
     return np.where((size[:, :1] < SINGULAR * largest)[..., None], raised, Pi)
-
-
-def _length(mechanism: Mechanism) -> float:
-    """The largest distance from joint to joint."""
-    return float(max([1e-3, *np.linalg.norm(mechanism.B[:, :3, 3], axis=1)]))
 
 
 def _own_drives(mechanism: Mechanism, terms: Sequence[DriveColumn]) -> Floats:

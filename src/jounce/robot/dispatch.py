@@ -112,7 +112,8 @@ def compute(
     except Exception:  # the long way serves all others, and says what is wrong with them
         pass
     plain = {type(x) for x in (*given, *terms, *moved)} <= {np.ndarray, NoneType} and type(threads) is int
-    step = closing_step(robot) if robot.mechanism.closure and method in (None, NATIVE) else None
+    natively = isinstance(method, str | None) and method in (None, NATIVE)
+    step = closing_step(robot) if robot.mechanism.closure and natively else None
     asked, given = checked_arguments(robot.mechanism, name, given, wrench, base, body, frame, method, step)
     lasting = plain and threads == 1 and asked.base == bool(moved)
     return _run(Call(robot, asked, given, method, out, threads, form if lasting else None))
