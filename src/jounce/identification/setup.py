@@ -86,7 +86,10 @@ def _check_limits(robot: Robot, limits: Limits, kinds: list[str]) -> None:
         zero = (limits.bounds(kind) == 0).any(axis=0)
         if kind not in MOTION_KINDS and zero.any():
             joint = quoted(robot.joint_names[int(zero.argmax())])
-            raise JounceError(f"a limit of {kind} of joint {joint} is 0; expected room on both sides of 0")
+            raise JounceError(
+                f"a limit of {kind} of joint {joint} is 0; expected room on both sides of 0: state another with"
+                f" robot.with_limits({kind}=...) (--limits)"
+            )
 
 
 def _weights(robot: Robot, limits: Limits, given: ArrayLike | None) -> tuple[np.ndarray, list[str]]:
