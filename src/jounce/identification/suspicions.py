@@ -33,7 +33,8 @@ def unexplained(rows: Sequence[ForceResidual]) -> list[str]:
     return [
         f"the identified robot does not explain the forces of {listed(row.force for row in left)}: it leaves"
         f" {worst.identified:.3g} of {worst.measured:.3g} {worst.unit} of {shortened(worst.force)}; expected torques of"
-        " these joints at these times: check the order of columns, times, gravity, wild samples, noise (--plot shows them)"
+        " these joints at these times: check the order of columns, times, gravity, wild samples and noise"
+        " (--plot shows them)"
     ]
 
 
