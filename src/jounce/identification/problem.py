@@ -99,14 +99,15 @@ def problem(
         )
     along = robot.forces_along(motion, given.t, order=0)
     model, deviations = along.forces[0], None if along.deviations is None else along.deviations[0][used]
-    highest = 0.5 / step_of(samples.t)
+    step = step_of(samples.t)
+    lowest, highest = 1 / (len(samples.t) * step), 0.5 / step
     if band is None:
         theta = along.rates[1][used] @ robot.mechanism.G.T
         band = band_of(samples.t, model[used], theta, robot.drives.eps)
-    elif not is_finite(band) or not 0 < band <= highest:
+    elif not is_finite(band) or not lowest <= band <= highest:
         raise JounceError(
-            f"band is {quoted(band)}; expected a frequency in Hz above 0, at most {highest:.6g}, half the rate of"
-            " samples"
+            f"band is {quoted(band)}; expected a frequency from {lowest:.4g} Hz, one period of the samples, to"
+            f" {highest:.4g} Hz, half their rate"
         )
     band = float(band)
     width = _width(samples, band, count)
