@@ -79,14 +79,14 @@ def with_locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
     places = [j for j, name in enumerate(mechanism.coordinates) if name not in values]
     if not places:
         raise JounceError(f"all {mechanism.n} joints are locked; expected one that moves")
-    tree = locked(replace(mechanism.tree, elasticity=None), values)
+    tree = locked(mechanism.tree, values)
     u = c.start[list(c.independent)]
     u = np.array([values.get(name, x) for name, x in zip(mechanism.coordinates, u, strict=True)], dtype=float)
-    start = dict(zip(c.coordinates, closing.closed(mechanism, u[None])[0], strict=True))
+    q = dict(zip(c.coordinates, closing.closed(mechanism, u[None])[0], strict=True))
+    start = {name: q[name] for name in tree.coordinates}
     weights = {
         c.coordinates[j]: w for j, w in zip(c.actuated, c.weights, strict=True) if c.coordinates[j] not in values
     }
-    start = {name: start[name] for name in tree.coordinates}
     free = [mechanism.coordinates[j] for j in places]
     closed = with_loops(tree, tree.loops, list(weights), free, start, weights)
     return replace(closed, elasticity=mechanism.elasticity and mechanism.elasticity.select(places))
@@ -214,7 +214,7 @@ def _weights(tree: Mechanism, motors: Sequence[int], given: object) -> np.ndarra
             one_of("actuated joint", name, joints, "weights")
     listed_ = given if entries is None else [entries.get(name, 1.0) for name in joints]
     weights = np.asarray(asarray(listed_, "weights"))
-    if weights.shape != (len(motors),) or not is_numeric(weights) or not (weights > 0).all():
+    if weights.shape != (len(motors),) or not is_numeric(weights) or not np.all((weights > 0) & np.isfinite(weights)):
         raise JounceError(f"weights is {quoted(given)}; expected positive numbers, one for each of {listed(joints)}")
     return weights
 
