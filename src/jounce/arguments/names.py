@@ -75,7 +75,8 @@ def followers(mechanism: Mechanism) -> dict[Any, str]:
     for joint, row in zip(mechanism.joints, mechanism.G, strict=True):
         if joint not in mechanism.coordinates:
             leaders = [mechanism.coordinates[j] for j in np.flatnonzero([not is_zero(factor) for factor in row])]
-            follows[joint] = f"which follows {listed(leaders) or 'none'} (mimic)"
+            others = f"{listed(leaders)} (mimic)" if leaders else "others in closed loops"
+            follows[joint] = f"which follows {others}"
     return follows
 
 
