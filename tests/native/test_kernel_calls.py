@@ -181,7 +181,7 @@ def test_high_orders_of_many_bodies_take_the_loop_form():
     expected = robot.inverse_dynamics(*q, method="recursion")
     for order, straight in ((6, True), (7, False)):
         kernel = robot.compile(order=order)
-        assert is_straight(kernel.computation, kernel.mechanism.nb) == straight
+        assert is_straight(kernel.computation, kernel.mechanism) == straight
         for found, other in zip(kernel(*q[: order + 3]), expected, strict=False):
             assert relative_error(found, other) < 1e-14
 

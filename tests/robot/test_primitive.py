@@ -201,7 +201,7 @@ def test_threads_call_at_once():
     robot = jounce.Robot(random_mechanism(np.random.default_rng(0), range(-1, 11), ["revolute"] * 12, np.ones(12)))
     kernel = robot.compile(order=5)
     assert kernel.addresses[1]
-    assert not plan.is_straight(kernel.computation, robot.mechanism.nb)
+    assert not plan.is_straight(kernel.computation, robot.mechanism)
     q = states(*[(50,)] * 8, n=robot.n)
     expected, law = kernel(*q), jax.jit(robot.inverse_dynamics)
     arrays = [jnp.asarray(x) for x in q]

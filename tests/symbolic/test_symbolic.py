@@ -50,7 +50,8 @@ CHAINS = {
 
 def members(S, highest=2, bodies=(), partials=0):
     """(quantity, member with its rates, the same of a robot of numbers, a function of q and W) of all that S holds."""
-    own = [row for row in QUANTITIES.values() if not row.forces and (not row.elastic or "theta" in dir(S))]
+    there = [row for row in QUANTITIES.values() if row.everywhere or (row.elastic and "theta" in dir(S))]
+    own = [row for row in there if not row.forces]
     for quantity in own:
         order = affordable(quantity, highest, partials)
         if not quantity.of_bodies:
@@ -264,7 +265,7 @@ def test_matrices_are_kept_and_frozen():
     assert S.Q2d is S.Q2d
     assert isinstance(S.Q, sympy.ImmutableMatrix)
     assert {"q4d", "Q2d", "Cbar2d", "W2d", "dot"} <= set(dir(S))
-    rigid = [row for row in QUANTITIES.values() if not row.of_bodies and not row.forces and not row.elastic]
+    rigid = [row for row in QUANTITIES.values() if row.everywhere and not row.of_bodies and not row.forces]
     members = [row.symbol for row in rigid]
     members += [f"{row.symbol}ext" for row in rigid if row.wrenches]
     of_bodies = [row.name for row in QUANTITIES.values() if row.of_bodies]

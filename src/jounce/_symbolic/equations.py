@@ -21,7 +21,7 @@ NAMED = 12  # rates of the coordinates that `Symbolic.dot` knows
 SYMBOLS = {"q": NAMED, "W": NAMED, "base_twist": NAMED, "base_pose": 1}  # of a pose, rates are no symbols
 NOTHING: Series = Series.constant(np.empty(0))
 OF_BODIES = {row.name: row for row in QUANTITIES.values() if row.of_bodies}
-OF_ROBOT = {row.symbol: row for row in QUANTITIES.values() if not row.of_bodies and not row.forces}
+OF_ROBOT = {row.symbol: row for row in QUANTITIES.values() if not (row.of_bodies or row.forces or row.closed)}
 OF_WRENCHES = {row.symbol + EXTERNAL: row for row in OF_ROBOT.values() if row.wrenches and row.everywhere}
 
 
@@ -157,8 +157,7 @@ def symbolic(robot: Robot, base: bool = False) -> Symbolic:
     true_or_false("base", base, "whether the ground moves")
     found = expressions(robot.mechanism, base or robot.mechanism.base is not None)
     rigid = robot.mechanism.elasticity is None
-    absent = [row for row in OF_ROBOT.values() if row.closed or (row.elastic and rigid)]
-    series = {symbol: found.quantity(row) for symbol, row in OF_ROBOT.items() if row not in absent}
+    series = {symbol: found.quantity(row) for symbol, row in OF_ROBOT.items() if not (row.elastic and rigid)}
     series |= {symbol: found.external(row, symbol) for symbol, row in OF_WRENCHES.items()}
 
     @cache

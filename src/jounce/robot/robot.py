@@ -1445,8 +1445,8 @@ class Robot:
         >>> Yp = robot.momentum_regressor([0, 0], [0, 1])
         >>> Yp.shape, (Yp @ robot.inertial_parameters).round(6)
         ((2, 20), array([2., 1.]))
-        >>> robot.momentum_regressor([0, 0], [0, 1], drives=("armature", "damping"))[:, 20:]
-        array([[0., 1., 0., 0.],
+        >>> robot.momentum_regressor([0, 0], [2, 1], drives=("armature", "damping"))[:, 20:]
+        array([[2., 0., 0., 0.],
                [0., 1., 0., 0.]])
         """
         options = {"base": base, "method": method, "threads": threads}
