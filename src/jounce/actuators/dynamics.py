@@ -12,7 +12,7 @@ import numpy as np
 
 from jounce._scalars import Array, broadcast, reciprocal
 from jounce.actuators.rotors import coupled_accelerations
-from jounce.arguments import loops
+from jounce.arguments import positions
 from jounce.arguments.rates import rates_of
 from jounce.arguments.wrenches import wrenches_of
 from jounce.dynamics import coupling, elastic, stretch
@@ -148,7 +148,7 @@ def _checked(mechanism: Mechanism, given: Sequence[Any], *last: str) -> tuple[Me
     """
     e, labels, whole = elasticity_of(mechanism), (*STATE, *last), None
     if mechanism.closure:
-        first, whole = loops.split(mechanism, given[0])
+        first, whole = positions.split(mechanism, given[0])
         given = [first, *given[1:]]
     motors = replace(mechanism, coordinates=motor_names(e, mechanism.coordinates)) if e.pairs else mechanism
     links = rates_of(given[:2], 2, mechanism, lambda count: labels[:count])

@@ -12,7 +12,7 @@ import numpy as np
 
 from jounce._scalars import FLOAT, Array, broadcast, concatenate, is_jax
 from jounce._typing import DriveColumn
-from jounce.arguments import loads, loops, rates, requests, wrenches
+from jounce.arguments import loads, positions, rates, requests, wrenches
 from jounce.arguments.base import base_of
 from jounce.dynamics import drive_terms, elastic
 from jounce.dynamics.computation import Computation, Port
@@ -133,10 +133,10 @@ def _with_dependent(robot: "Robot", arrays: Sequence[Any]) -> tuple[Any, ...]:
     try:
         if step is None:
             raise LookupError
-        u, d = step.apart(q)
+        u, d = step.close(q)
     except LookupError:
-        u, whole = loops.split(robot.mechanism, q)
-        d = loops.dependent_of(robot.mechanism, u, whole, step)
+        u, whole = positions.split(robot.mechanism, q)
+        d = positions.dependent_of(robot.mechanism, u, whole, step)
     return u, *arrays[1:], d
 
 
@@ -182,13 +182,13 @@ def _split(mechanism: Mechanism, given: Sequence[Any]) -> tuple[Sequence[Any], A
     """The rates of the coordinates, and all coordinates of the tree of a closed robot where q states these."""
     if not mechanism.closure or not given:
         return given, None
-    first, whole = loops.split(mechanism, given[0])
+    first, whole = positions.split(mechanism, given[0])
     return [first, *given[1:]], whole
 
 
 def _dependent(mechanism: Mechanism, q: Array, whole: Any, step: Step | None = None) -> list[Array]:
     """The last array of all computations of closed robots: the dependent coordinates."""
-    return [loops.dependent_of(mechanism, q, whole, step)] if mechanism.closure else []
+    return [positions.dependent_of(mechanism, q, whole, step)] if mechanism.closure else []
 
 
 def _run(call: Call) -> Any:
