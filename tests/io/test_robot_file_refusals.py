@@ -156,6 +156,10 @@ FILES = {
     "no YAML": (b"a: [1, 2\nb: {", ["not YAML", "arm.yaml:"]),
     "no bodies in it": (b"units: SI\nbodies: []", ["arm.yaml:2", "bodies of the robot is empty", "at least 1"]),
     "bodies as text": (b"units: SI\nbodies: arm", ["'arm'; expected a list"]),
+    "half a loop": (
+        GOOD.encode() + b"\nloops:\n- {frames: [shoulder]}\n",
+        ["['shoulder']; expected two names of frames"],
+    ),
     "body as text": (b"units: SI\nbodies:\n- arm", ["arm.yaml:3", "entry 1 of bodies", "'arm'"]),
     "two documents": (GOOD.encode() + b"---\n" + GOOD.encode(), ["not YAML", "document"]),
     "binary": (bytes(range(256)), ["not YAML"]),

@@ -81,6 +81,13 @@ def test_a_singular_configuration_on_the_way_is_told_with_its_time(short, at):
         short.forces_along(through(short, at), [0.0], order=0)
 
 
+@pytest.mark.parametrize("near", [0, 1e-7])
+def test_a_singular_position_is_refused(short, near):
+    """Newton's method comes near it, where 1/cond is the root of rounding: forces would have no right digit."""
+    with pytest.raises(JounceError, match="constraints are lost at q, where 1/cond is "):
+        short.inverse_dynamics([np.pi - near, near], [1, 0], [0, 0])
+
+
 def test_near_a_singular_configuration_the_branch_stays(short):
     """Rods that are nearly stretched bend to the same side again: the pin stays above the line between the elbows."""
     motion, t = through(short, 0.5, off=1e-3), np.linspace(0.4, 0.6, 5)
@@ -98,7 +105,10 @@ def test_a_motion_that_leaves_the_workspace_is_told_with_its_time(robot):
 def test_limits_of_joints_that_follow_others(robot):
     """Passive joints are checked against rates that differences confirm, between samples too."""
     ends = {"lower": {"right_elbow": 1.0}, "upper": {"right_elbow": 1.6}}
-    limited = robot.with_limits(velocity={"left_elbow": 0.1}, effort={"left_elbow": 1.0}, **ends)
+    tree = jounce.Robot(robot.mechanism.tree).with_limits(effort={"left_elbow": 1.0})
+    limited = tree.closed(actuated=robot.joint_names, start=robot.mechanism.closure.start).with_limits(
+        velocity={"left_elbow": 0.1}, **ends
+    )
     motion, names = swing(), robot.mechanism.tree.coordinates
     t = np.linspace(0, 2, 4001)
     q = robot.coordinates(motion(t, 0)[0])

@@ -22,6 +22,7 @@ RECURSION = {"method": "recursion"}
 DRIVEN = looped("cylindrical with mimic joint and drives")
 SHARED = looped("two that share joints")
 FLOATING = looped("fixed to a floating base")
+FIVEBAR = jounce.load("fivebar")
 
 
 def state(robot, count=3, seed=3):
@@ -170,7 +171,7 @@ def test_dask_computes_blocks_of_closed_robots():
 
 MODEL = mujoco.MjModel.from_xml_string("<mujoco><worldbody/></mujoco>")
 REFUSED = {
-    "a dependent joint": (lambda: SHARED.locked({"joint8": 0.1}), "'joint8'.*available: joint1, joint2"),
+    "a dependent joint": (lambda: SHARED.locked({"joint8": 0.1}), "'joint8'.*follows others in closed loops"),
     "all joints": (lambda: SHARED.locked(dict.fromkeys(SHARED.mechanism.coordinates, 0.1)), "all 2 joints are locked"),
     "a state of MuJoCo": (lambda: SHARED.state_from_mujoco([], model=MODEL), "closed loops, .* convert states of"),
     "forces of MuJoCo": (lambda: SHARED.forces_to_mujoco([1, 2], model=MODEL), "closed loops, .* convert states of"),
@@ -185,7 +186,35 @@ REFUSED = {
     "the ground of a floating robot": (
         lambda: tree_of(FLOATING).closed([("body3", "ground")], ["joint1"]), "unknown body 'ground'",
     ),
+    "a weight without end": (lambda: SHARED.closed(weights=[1, np.inf]), "weights is .*expected positive finite"),
+    "some of the joints that follow": (
+        lambda: SHARED.mass_matrix({"joint1": 0, "joint2": 0, "joint8": 0}), "leave out 'joint8', which follows others",
+    ),
+    "effort of a joint without a motor": (
+        lambda: SHARED.with_limits(effort={"joint8": 1}), "'joint8': it has no motor, .*one of joint1, joint2,",
+    ),
+    "positions far from closed": (
+        lambda: FIVEBAR.mass_matrix([2.2, 0, 0.9, 0]), "given: .*open by 0.459 m.*close with right_elbow = 1.6",
+    ),
+    "a branch that no line leads to": (
+        lambda: FIVEBAR.mass_matrix([2.2 + 4 * np.pi, 0.9]), "no straight line of the coordinates leads there; from",
+    ),
 }  # fmt: skip
+
+
+def test_efforts_are_limited_at_motors_that_are_no_coordinates():
+    platform = jounce.load("delta").closed(coordinates=["x", "y", "z"]).with_limits(effort=2.0)
+    assert (
+        platform.limits.effort[[platform.mechanism.joints.index(f"motor{k}") for k in (1, 2, 3)]].tolist() == [2.0] * 3
+    )
+    with pytest.raises(JounceError, match=r"expected one number, \(3,\) one per motor"):
+        platform.with_limits(effort=[1, 2])
+
+
+def test_a_start_in_degrees_is_told():
+    tree, start = tree_of(FIVEBAR), np.rad2deg(FIVEBAR.mechanism.closure.start)
+    with pytest.warns(jounce.JounceWarning, match="'left_shoulder' starts, .* 126.* deg are 2.2"):
+        tree.closed(actuated=FIVEBAR.joint_names, start=start)
 
 
 @pytest.mark.parametrize("case", REFUSED)

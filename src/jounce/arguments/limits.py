@@ -6,10 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from jounce._scalars import asarray, is_numeric
-from jounce.errors import JounceError, one_of, quoted
+from jounce.errors import JounceError, listed, one_of, quoted
 from jounce.model.coordinates import joint_places, leading_joints
-from jounce.model.limits import EFFORT_KINDS, FORCES, KEYS, Limits, Stated, limits_with
+from jounce.model.limits import EFFORT_KINDS, FORCES, KEYS, MOTION_KINDS, Limits, Stated, limits_with
 from jounce.model.mechanism import Mechanism
+
+MOTIONS = ("lower", "upper", *MOTION_KINDS)  # keys of limits that bound motions, not forces or motors
 
 
 def with_limits(mechanism: Mechanism, given: Mapping[str, object], of: object = None) -> Mechanism:
@@ -25,20 +27,44 @@ def with_limits(mechanism: Mechanism, given: Mapping[str, object], of: object = 
 
 def _by_joint(mechanism: Mechanism, key: str, given: object) -> dict[int, Stated]:
     """What is given for a kind of limit, by the index of the joint variable."""
-    leaders = leading_joints(mechanism)
+    each, leaders = _limited(mechanism, key)
     if isinstance(given, Mapping):
         places = joint_places(mechanism)
-        return {places[one_of("joint", name, places)]: _number(key, value, name) for name, value in given.items()}
-    numbers = np.asarray(asarray(given, key))
+        stated = {places[one_of("joint", name, places)]: _number(key, value, name) for name, value in given.items()}
+        if mechanism.closure and each == "motor":
+            _check_motors(mechanism, key, stated)
+        return stated
+    numbers, count = np.asarray(asarray(given, key)), len(leaders)
     pairs = key not in ("lower", "upper")
-    if not is_numeric(numbers) or numbers.shape not in [(), (mechanism.n,), *[(mechanism.n, 2)] * pairs]:
-        more = f", ({mechanism.n}, 2) for (lower, upper)" if pairs else ""
+    if not is_numeric(numbers) or numbers.shape not in [(), (count,), *[(count, 2)] * pairs]:
+        more = f", ({count}, 2) for (lower, upper)" if pairs else ""
         raise JounceError(
-            f"{key} has shape {numbers.shape}; expected one number, ({mechanism.n},) one per coordinate{more},"
+            f"{key} has shape {numbers.shape}; expected one number, ({count},) one per {each}{more},"
             " or a mapping {joint: number}"
         )
-    numbers = numbers if numbers.ndim else np.full(mechanism.n, numbers)
+    numbers = numbers if numbers.ndim else np.full(count, numbers)
     return dict(zip(leaders, numbers.tolist(), strict=True))
+
+
+def _limited(mechanism: Mechanism, key: str) -> tuple[str, list[int]]:
+    """What a kind of limit is stated for, coordinates or motors, and their joint variables in this order."""
+    c = mechanism.closure
+    if c is None or key in MOTIONS:
+        return "coordinate", leading_joints(mechanism)
+    order = c.independent if sorted(c.actuated) == sorted(c.independent) else c.actuated
+    every = leading_joints(mechanism.tree)
+    return "motor", [every[j] for j in order]
+
+
+def _check_motors(mechanism: Mechanism, key: str, stated: Mapping[int, Stated]) -> None:
+    """Raise `JounceError` if a limit of forces is stated for a joint of a closed robot that has no motor."""
+    motors = [mechanism.joints[i] for i in _limited(mechanism, key)[1]]
+    for i in stated:
+        if mechanism.joints[i] not in motors:
+            raise JounceError(
+                f"{key} of joint {quoted(mechanism.joints[i])}: it has no motor, so that nothing would check this"
+                f" limit; expected one of {listed(motors)}, or robot.closed(actuated=[...]) with it"
+            )
 
 
 def _number(key: str, given: object, joint: object) -> Stated:

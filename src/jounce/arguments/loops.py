@@ -11,7 +11,7 @@ from jounce.arguments import names
 from jounce.dynamics import assembly, closing
 from jounce.dynamics.loops import closure_of
 from jounce.errors import JounceError, at, listed, one_of, quoted
-from jounce.model.locking import locked
+from jounce.model.locking import locked, warn_of_limits
 from jounce.model.loops import HELD, ROUNDING, Closure, Loop, Z
 from jounce.model.mechanism import Mechanism
 
@@ -58,6 +58,13 @@ def with_loops(
     closed = replace(tree, G=tree.G[:, own], coordinates=names_of, closure=closure)
     closed = replace(closed, closure=replace(closure, start=assembly.assemble(closed, closure.start)))
     _check_mobility(closed)
+    if start is not None:
+        warn_of_limits(
+            tree,
+            range(tree.nb),
+            np.asarray(tree.G @ closure_of(closed).start + tree.g, dtype=float),
+            "starts, where loops are closed, at",
+        )
     return closed
 
 
@@ -72,6 +79,11 @@ def with_locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
     if c is None or not isinstance(values, Mapping):
         return locked(mechanism, values)
     for name in values:
+        if name in mechanism.joints and name not in mechanism.coordinates:
+            raise JounceError(
+                f"joint {name!r} cannot be locked: it follows others in closed loops; lock one of"
+                f" {listed(mechanism.coordinates)}, or name it by robot.closed(coordinates=[...]) first"
+            )
         one_of("joint to lock", name, mechanism.coordinates)
     places = [j for j, name in enumerate(mechanism.coordinates) if name not in values]
     if not places:
@@ -211,6 +223,8 @@ def _weights(tree: Mechanism, motors: Sequence[int], given: object) -> np.ndarra
             one_of("actuated joint", name, joints, "weights")
     listed_ = given if entries is None else [entries.get(name, 1.0) for name in joints]
     weights = np.asarray(asarray(listed_, "weights"))
-    if weights.shape != (len(motors),) or not is_numeric(weights) or not np.all((weights > 0) & np.isfinite(weights)):
-        raise JounceError(f"weights is {quoted(given)}; expected positive numbers, one for each of {listed(joints)}")
+    if weights.shape != (len(motors),) or not is_numeric(weights) or not ((weights > 0) & (weights < np.inf)).all():
+        raise JounceError(
+            f"weights is {quoted(given)}; expected positive finite numbers, one for each of {listed(joints)}"
+        )
     return weights

@@ -1,5 +1,6 @@
 """The positions of closed robots that callers give: independent coordinates, or all of the tree near a branch."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,14 @@ def split(mechanism: Mechanism, q: Any) -> tuple[Any, Any]:
         if whole.ndim == 0 or whole.shape[-1] != len(closure.coordinates) or not closure.dependent:
             return q, None
     return whole[..., list(closure.independent)], whole
+
+
+def split_rates(mechanism: Mechanism, given: Sequence[Any]) -> tuple[Sequence[Any], Any]:
+    """The rates of the coordinates, and all coordinates of the tree of a closed robot where q states these."""
+    if not mechanism.closure or not given:
+        return given, None
+    first, whole = split(mechanism, given[0])
+    return [first, *given[1:]], whole
 
 
 def dependent_of(mechanism: Mechanism, u: Array, whole: Array | None, step: Step | None = None) -> Array:

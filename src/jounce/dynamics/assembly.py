@@ -12,6 +12,7 @@ from jounce.model.mechanism import Mechanism
 
 ROUNDING = 1e-16  # of a gap that nothing can make smaller
 SINGULAR = 1e-8  # of the smallest singular value of the constraints, relative to the largest
+LOST = 1e-5  # of it at positions that Newton's method finds: where they are singular, errors are roots of rounding
 ITERATIONS = 20
 HALF_TURN = 1e8  # of a gap where axes point in opposite directions: a large turn is due
 
@@ -130,6 +131,6 @@ def samples(m: Mechanism, count: int) -> np.ndarray:
         moved = rng.uniform(-size, size, (count, m.n)) @ F.T * s.coordinates
         q, off = least_gaps(m, s, c.start + moved, range(len(c.coordinates)))
         near = np.abs((q - c.start) / s.coordinates).max(axis=1) < 3 * size
-        good = near & (off <= CLOSED) & (inverse_conditions(m, q, c.dependent) >= SINGULAR)
+        good = near & (off <= CLOSED) & (inverse_conditions(m, q, c.dependent) >= LOST)
         found, size = np.concatenate([found, q[good]]), size * 0.7
     return found[:count]

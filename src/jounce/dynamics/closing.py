@@ -8,7 +8,7 @@ batch do not depend on each other.
 import numpy as np
 
 from jounce.dynamics import newton
-from jounce.dynamics.assembly import SINGULAR, inverse_conditions, least_gaps, worst_gap
+from jounce.dynamics.assembly import LOST, inverse_conditions, least_gaps, worst_gap
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.newton import CLOSED, NEAR, Scales, Step, scales
 from jounce.errors import JounceError, listed
@@ -41,7 +41,7 @@ def close_loops(m: Mechanism, u: np.ndarray, start: np.ndarray | None = None, st
     q, bounds = _continued(m, u, start, step or newton.step_of_arrays(m))
     if (bounds > SUSPECT**2).any():
         found = inverse_conditions(m, q, c.dependent)
-        if (found < SINGULAR).any():
+        if (found < LOST).any():
             worst = int(np.nanargmin(found))
             raise _singular(m, found[worst], _sample(worst, len(q)))
     return q
@@ -109,19 +109,31 @@ def _sample(k: int, count: int) -> str:
 
 def _not_closed(m: Mechanism, s: Scales, q: np.ndarray, u: np.ndarray, sample: str) -> JounceError:
     c = closure_of(m)
+    own = list(c.independent)
     trial = q.copy()
-    trial[list(c.independent)] = u
-    trial, _ = least_gaps(m, s, trial[None], list(c.dependent))
-    at = ", ".join(f"{name} = {x:.4g}" for name, x in zip(m.coordinates, q[list(c.independent)], strict=True))
+    trial[own] = u
+    [found], [off] = least_gaps(m, s, trial[None], list(c.dependent))
+    if (q[own] == u).all():  # all coordinates were given
+        far = np.abs((found - q) / s.coordinates)
+        joint = int(far.argmax())
+        closes = f"they close with {c.coordinates[joint]} = {found[joint]:.4g}, not {q[joint]:.4g}"
+        gap = worst_gap(m, s, q if off <= CLOSED else found)
+        return JounceError(
+            f"{m.name!r} cannot be closed near the coordinates given{sample}: {gap}"
+            f"{'; ' + closes if off <= CLOSED else ''}; expected all {len(c.coordinates)} coordinates of the tree near"
+            f" positions in which loops are closed, or {listed(m.coordinates)} alone"
+        )
+    at = ", ".join(f"{name} = {x:.4g}" for name, x in zip(m.coordinates, q[own], strict=True))
+    gap = "no straight line of the coordinates leads there" if off <= CLOSED else worst_gap(m, s, found)
     return JounceError(
-        f"{m.name!r} cannot be closed at q{sample}: {worst_gap(m, s, trial[0])}; from the start it comes to {at},"
-        f" where 1/cond of the constraints is {inverse_conditions(m, q[None], c.dependent)[0]:.2g}; give all"
-        f" {len(c.coordinates)} coordinates of the tree, near the wanted branch, in place of q"
+        f"{m.name!r} cannot be closed at q{sample}: {gap}; from the start it comes to {at},"
+        f" where 1/cond of the constraints is {inverse_conditions(m, q[None], c.dependent)[0]:.2g}; expected q in the"
+        f" workspace, or all {len(c.coordinates)} coordinates of the tree, near the wanted branch, in place of q"
     )
 
 
 def _singular(m: Mechanism, inverse_cond: float, sample: str) -> JounceError:
     return JounceError(
-        f"{m.name!r}: constraints are lost at q{sample}, where 1/cond is {inverse_cond:.2g}, expected {SINGULAR:g} or"
-        f" more: {listed(m.coordinates)} do not determine the other joints there"
+        f"{m.name!r}: constraints are lost at q{sample}, where 1/cond is {inverse_cond:.2g}, expected {LOST:g} or"
+        f" more: {listed(m.coordinates)} do not determine the other joints there, or with few digits"
     )

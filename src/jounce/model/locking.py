@@ -1,6 +1,6 @@
 """Locking: joints are held at a value, and their bodies merge into those that carry them."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -43,7 +43,7 @@ def locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
         still = [not row.any() for row in held.G]
         welded = _without(held, still)
     if is_numeric(g) and is_numeric(mechanism.X):
-        _warn_of_limits(mechanism, np.flatnonzero(still), g)
+        warn_of_limits(mechanism, np.flatnonzero(still), g, "is locked at")
     for array in (*welded.arrays.values(), *(frame.T for frame in welded.frames)):
         if is_numeric(array) and not np.isfinite(array).all():
             raise JounceError(f"locking {listed(values)} overflows: a pose, inertia or offset is not finite")
@@ -53,8 +53,8 @@ def locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
     return welded
 
 
-def _warn_of_limits(mechanism: Mechanism, still: np.ndarray, theta: np.ndarray) -> None:
-    """Warn of joints that are locked where they cannot be, and tell where degrees would be right."""
+def warn_of_limits(mechanism: Mechanism, still: Iterable[int], theta: np.ndarray, state: str) -> None:
+    """Warn of joints that are held where they cannot be, and tell where degrees would be right."""
     limits, (lower, upper) = mechanism.limits, likely_positions(mechanism)
     slack = np.where(np.isfinite(upper - lower), SLACK * (upper - lower), 0)
     revolute = mechanism.X[:, :3].any(axis=1)
@@ -71,7 +71,7 @@ def _warn_of_limits(mechanism: Mechanism, still: np.ndarray, theta: np.ndarray) 
         turns = revolute[i] and abs(theta[i]) > TURN and not is_beyond(radians)[i]
         cure = f"; {theta[i]:.6g} deg are {radians[i]:.6g} rad" if turns else ""
         more = f" (and {len(found) - 1} more joints)" if found[1:] else ""
-        came = f"joint {quoted(mechanism.joints[i])} is locked at {theta[i]:.6g} {unit}"
+        came = f"joint {quoted(mechanism.joints[i])} {state} {theta[i]:.6g} {unit}"
         warn(f"{came}: {reach if stated else 'more than four turns'}{cure}{more}")
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from jounce.dynamics import closing, newton
-from jounce.dynamics.assembly import inverse_conditions, scaled_constraints
+from jounce.dynamics.assembly import LOST, inverse_conditions, scaled_constraints
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loops import closure_of
 from jounce.errors import JounceError, at, listed
@@ -37,7 +37,6 @@ FAILURES = 4  # of these, where loops cannot be closed at all
 AGREEMENT = 0.5  # of the way between neighbours: what their rates may leave unexplained
 FLOOR = 1e-10  # rad or sizes of the robot: shorter ways need no explanation
 SAME = 1e-6  # rad or sizes of the robot: positions no further apart are of one branch
-SINGULAR = 1e-5  # 1/cond, which a singular configuration has because of rounding
 CURE = "expected a motion that keeps away from singular configurations"
 COORDINATES = Computation("coordinates", 2)
 
@@ -115,7 +114,7 @@ class ClosedCurve:
         Or the later one is singular itself.
         """
         A = scaled_constraints(self.m, s.q)[..., self.dependent]
-        singular = inverse_conditions(self.m, s.q[1:], self.dependent) < SINGULAR
+        singular = inverse_conditions(self.m, s.q[1:], self.dependent) < LOST
         return np.asarray(singular | (np.linalg.slogdet(A[:-1].mT @ A[1:])[0] <= 0))
 
     def path(self, t: np.ndarray, start: np.ndarray) -> States:

@@ -866,7 +866,8 @@ class Robot:
         They come from a file, from the published table of an arm, or as numbers, which come last: one number for all
         coordinates, an array (n,), or a mapping {joint: number}. Except `lower` and `upper`, which bound the position,
         a limit has two sides where (lower, upper) stands in place of a number, (n, 2) in place of (n,). Infinity takes
-        a limit away. What is left out keeps its limits.
+        a limit away. What is left out keeps its limits. Closed loops: forces and power are limited at the motors, in
+        the order of `actuator_forces` if these are not at the coordinates.
 
         Parameters
         ----------
@@ -897,7 +898,7 @@ class Robot:
         ------
         JounceError
             If a joint, a kind or the name of an arm is unknown, a file cannot be read, a lower limit is above the upper
-            one, or a number is negative.
+            one, a number is negative, or a force is limited at a joint of a closed robot without a motor.
 
         Warns
         -----

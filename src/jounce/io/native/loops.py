@@ -33,7 +33,7 @@ def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
     loops = []
     for entry in robot.get(SECTION).items(least=1):
         given = entry.keys(("frames",), ("joint", "axis"))
-        frames = [frame.text() for frame in given.get("frames").items(least=2)]
+        frames = [frame.text() for frame in given.get("frames").items()]
         if len(frames) != 2:
             raise given.get("frames").error("two names of frames")
         with at(given.place):
