@@ -9,7 +9,7 @@ from jounce._codegen.function import Function
 from jounce._codegen.parametric import Parametric
 from jounce.checks.derivatives import product, product_magnitudes
 from jounce.checks.magnitudes import magnitudes, scale
-from jounce.dynamics.closing import closed
+from jounce.dynamics.closing import close_loops
 from jounce.dynamics.computation import DEPENDENT, Port
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.newton import scales
@@ -102,7 +102,7 @@ def near_start(m: Mechanism, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     for size in WAY * 0.5 ** np.arange(10):
         u = np.round(c.start[own] + size * way * scales(m).coordinates[own], 6)
         try:
-            return u, closed(m, u)[:, others]
+            return u, close_loops(m, u)[:, others]
         except JounceError:
             continue
     return u, c.start[others] + 0 * u[:, :1]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.dynamics.closing import closed
+from jounce.dynamics.closing import close_loops
 from jounce.robot import Robot
 from jounce.robot.closed_path import positions
 
@@ -72,7 +72,7 @@ def at_rest(robot: Robot, q: np.ndarray, C: np.ndarray, near: np.ndarray | None 
     ------
     JounceError : where loops cannot be closed.
     """
-    whole = closed(robot.mechanism, q[None], near)[0] if robot.mechanism.closure else q
+    whole = close_loops(robot.mechanism, q[None], near)[0] if robot.mechanism.closure else q
     rest, base = np.zeros(robot.n), (C, np.zeros(6), np.zeros(6))
     Q, F = (np.asarray(f(whole, rest, rest, base=base)) for f in (robot.inverse_dynamics, robot.base_wrench))
     return Track(np.zeros(()), q, Q[-robot.n :], F, {}, C, whole)

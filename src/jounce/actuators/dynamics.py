@@ -12,7 +12,7 @@ import numpy as np
 
 from jounce._scalars import Array, broadcast, reciprocal
 from jounce.actuators.rotors import coupled_accelerations
-from jounce.arguments import loops
+from jounce.arguments import positions
 from jounce.arguments.rates import rates_of
 from jounce.arguments.wrenches import wrenches_of
 from jounce.dynamics import coupling, elastic, stretch
@@ -146,10 +146,8 @@ def _checked(mechanism: Mechanism, given: Sequence[Any], *last: str) -> tuple[Me
 
     Before these stand the coordinates of the links as methods of the robot take them: all of the tree, if they came.
     """
-    e, labels, whole = elasticity_of(mechanism), (*STATE, *last), None
-    if mechanism.closure:
-        first, whole = loops.split(mechanism, given[0])
-        given = [first, *given[1:]]
+    e, labels = elasticity_of(mechanism), (*STATE, *last)
+    given, whole = positions.split_rates(mechanism, given)
     motors = replace(mechanism, coordinates=motor_names(e, mechanism.coordinates)) if e.pairs else mechanism
     links = rates_of(given[:2], 2, mechanism, lambda count: labels[:count])
     arrays = [*links, *rates_of(given[2:], len(labels) - 2, motors, lambda count: labels[2 : 2 + count])]

@@ -1,4 +1,4 @@
-"""The loops of a robot as a caller states them, checked, and the positions of closed robots."""
+"""The loops of a robot as a caller states them, checked."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -6,26 +6,23 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import Array, asarray, is_numeric
+from jounce._scalars import asarray, is_numeric
 from jounce.arguments import names
-from jounce.arguments.rates import rates_of
-from jounce.dynamics import assembly, closing, newton
+from jounce.dynamics import assembly, closing
 from jounce.dynamics.loops import closure_of
-from jounce.dynamics.newton import Step
 from jounce.errors import JounceError, at, listed, one_of, quoted
-from jounce.model.casting import cast_model
 from jounce.model.locking import locked, warn_of_limits
-from jounce.model.loops import HELD, ROUNDING, Closure, Loop, Z, all_coordinates
+from jounce.model.loops import HELD, ROUNDING, Closure, Loop, Z
 from jounce.model.mechanism import Mechanism
 
 
 def with_loops(
     mechanism: Mechanism,
-    loops: object,
-    actuated: object,
-    coordinates: object,
-    start: object,
-    weights: object,
+    loops: object = None,
+    actuated: object = None,
+    coordinates: object = None,
+    start: object = None,
+    weights: object = None,
 ) -> Mechanism:
     """The closed robot of a tree.
 
@@ -59,7 +56,7 @@ def with_loops(
     )
     names_of = tuple(tree.coordinates[j] for j in own)
     closed = replace(tree, G=tree.G[:, own], coordinates=names_of, closure=closure)
-    closed = replace(closed, closure=replace(closure, start=assembly.assembled(closed, closure.start)))
+    closed = replace(closed, closure=replace(closure, start=assembly.assemble(closed, closure.start)))
     _check_mobility(closed)
     if start is not None:
         warn_of_limits(
@@ -94,13 +91,13 @@ def with_locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
     tree = locked(mechanism.tree, values)
     u = c.start[list(c.independent)]
     u = np.array([values.get(name, x) for name, x in zip(mechanism.coordinates, u, strict=True)], dtype=float)
-    q = dict(zip(c.coordinates, closing.closed(mechanism, u[None])[0], strict=True))
+    q = dict(zip(c.coordinates, closing.close_loops(mechanism, u[None])[0], strict=True))
     start = {name: q[name] for name in tree.coordinates}
     weights = {
         c.coordinates[j]: w for j, w in zip(c.actuated, c.weights, strict=True) if c.coordinates[j] not in values
     }
     free = [mechanism.coordinates[j] for j in places]
-    closed = with_loops(tree, tree.loops, list(weights), free, start, weights)
+    closed = with_loops(tree, None, list(weights), free, start, weights)
     return replace(closed, elasticity=mechanism.elasticity and mechanism.elasticity.select(places))
 
 
@@ -124,7 +121,7 @@ def _check_mobility(m: Mechanism) -> None:
             f"{m.name!r} with its loops closed moves in {free} ways, yet {m.n} coordinates are named:"
             f" {listed(m.coordinates)}; name {free} of them by coordinates=, those of more motors by actuated="
         )
-    loose = assembly.undetermined(A, c.dependent)
+    loose = assembly.loose_coordinates(A, c.dependent)
     if loose.any():
         names_of = listed(c.coordinates[j] for j, moves in zip(c.dependent, loose, strict=True) if moves)
         raise JounceError(
@@ -231,45 +228,3 @@ def _weights(tree: Mechanism, motors: Sequence[int], given: object) -> np.ndarra
             f"weights is {quoted(given)}; expected positive finite numbers, one for each of {listed(joints)}"
         )
     return weights
-
-
-def split(mechanism: Mechanism, q: Any) -> tuple[Any, Any]:
-    """The independent coordinates and those (..., N) of the tree that a caller's q contains, or None.
-
-    A q of N entries, or one that names all coordinates of the tree, has the dependent ones too.
-    """
-    closure = closure_of(mechanism)
-    named = names.listed_in(q)
-    if named is not None:
-        if not set(closure.coordinates) <= set(named):
-            return q, None
-        whole = rates_of([q], 1, mechanism.tree)[0]
-    else:
-        whole = asarray(q, "q")
-        if whole.ndim == 0 or whole.shape[-1] != len(closure.coordinates) or not closure.dependent:
-            return q, None
-    return whole[..., list(closure.independent)], whole
-
-
-def dependent_of(mechanism: Mechanism, u: Array, whole: Array | None, step: Step | None = None) -> Array:
-    """The dependent coordinates (..., N - n), with loops closed: from those given, if any, else from the start.
-
-    Symbols are taken as they are. `step` is one of `closing.closed`.
-    """
-    closure = closure_of(mechanism)
-    others = list(closure.dependent)
-    if whole is not None and not is_numeric(whole):
-        return whole[..., others]
-    if whole is None and not is_numeric(u):
-        raise JounceError(
-            f"q holds {mechanism.n} symbols, or an array of JAX; expected all {len(closure.coordinates)} coordinates of"
-            f" the tree, as loops are closed on numbers of NumPy: {listed(closure.coordinates)}"
-        )
-    flat = np.asarray(u, dtype=float).reshape(-1, mechanism.n)
-    start = None if whole is None else np.asarray(whole, dtype=float).reshape(-1, len(closure.coordinates))
-    found = closing.closed(mechanism, flat, start, step)[:, others].reshape(*u.shape[:-1], len(others))
-    if u.dtype == np.longdouble:  # closed to the precision of q
-        model = cast_model(mechanism, [u])
-        for _ in range(2):
-            found = newton.step(model, all_coordinates(closure, u, found), 0 * u)[0]
-    return found

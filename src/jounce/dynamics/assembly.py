@@ -42,7 +42,7 @@ def scaled_constraints(m: Mechanism, q: np.ndarray) -> np.ndarray:
     return np.asarray(s.rows[:, None] * gaps(m, q)[1] * s.coordinates)
 
 
-def undetermined(A: np.ndarray, dependent: Sequence[int]) -> np.ndarray:
+def loose_coordinates(A: np.ndarray, dependent: Sequence[int]) -> np.ndarray:
     """Which dependent coordinates can move while the others are held."""
     _, sizes, ways = np.linalg.svd(A[:, list(dependent)])
     rank = (sizes > SINGULAR * sizes.max(initial=0.0)).sum()
@@ -57,7 +57,7 @@ def tangent(A: np.ndarray, own: Sequence[int], dependent: Sequence[int]) -> np.n
     return F
 
 
-def assembled(m: Mechanism, start: np.ndarray) -> np.ndarray:
+def assemble(m: Mechanism, start: np.ndarray) -> np.ndarray:
     """The configuration (N,) near a start in which the loops are closed.
 
     The independent coordinates stay if they can; else all move, as little as possible.

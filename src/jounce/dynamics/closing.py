@@ -25,7 +25,7 @@ def most(m: Mechanism) -> tuple[float, float]:
     return sum(len(loop.rows) for loop in m.loops) * CLOSED**2, SUSPECT**2
 
 
-def closed(m: Mechanism, u: np.ndarray, start: np.ndarray | None = None, step: Step | None = None) -> np.ndarray:
+def close_loops(m: Mechanism, u: np.ndarray, start: np.ndarray | None = None, step: Step | None = None) -> np.ndarray:
     """The coordinates (k, N) of the tree where the loops are closed, from the independent ones (k, n).
 
     They are continued along a straight line from a start, (k, N) or (N,), by default that of the closure; where it has

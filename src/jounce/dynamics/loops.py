@@ -59,7 +59,7 @@ class ClosedMotion:
     @cached_property
     def q(self) -> Series:
         """The coordinates of the tree, (..., N, 1)."""
-        rates = self.following(self.u.dot.map(self._behind_base)).map(self._of_joints)
+        rates = self.velocities(self.u.dot.map(self._behind_base)).map(self._of_joints)
         return Series(lambda k: rates[k - 1] if k else self.position)
 
     def _behind_base(self, x: Array) -> Array:
@@ -73,7 +73,7 @@ class ClosedMotion:
     @cached_property
     def F(self) -> Series:
         """The velocities of the tree from the independent ones."""
-        return self.following(Series.constant(np.eye(self.m.nv, dtype=int)))
+        return self.velocities(Series.constant(np.eye(self.m.nv, dtype=int)))
 
     @cached_property
     def ends(self) -> Ends:
@@ -87,7 +87,7 @@ class ClosedMotion:
         columns = np.eye(self.m.tree.n, dtype=int)[:, dependent]
         return OrthogonalFactors.of(self.ends.held(Series.constant(columns))[0], pattern(self.m)[:, dependent])
 
-    def following(self, own: Series) -> Series:
+    def velocities(self, own: Series) -> Series:
         """The velocities x of the tree, (..., k), from the independent ones: dependent ones d obey A_d d = -A_u x_u.
 
         Their rates follow one after the other, with d = 0 in ``A_d[0] d[k] = -(A x)[k]``: no rate of A is needed.

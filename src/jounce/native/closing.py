@@ -39,7 +39,7 @@ class NativeStep:
         with np.errstate(all="ignore"):  # where constraints are lost, and far away
             return self.ufunc(q, change)
 
-    def apart(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def close(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The independent coordinates (..., n) of q, (..., N), and the dependent ones, with loops closed.
 
         Raises

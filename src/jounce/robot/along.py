@@ -235,7 +235,7 @@ def _spreads(
         near = positions(robot, motion, part)
         true = np.array(_computed(robot, rates, W, base, near, method, row))
         for q, load, moved in _perturbed(motion, part, rates, W, base, highest, of_wrench):
-            there = near if near is None else closing.closed(robot.mechanism, q[0], near, closing_step(robot))
+            there = near if near is None else closing.close_loops(robot.mechanism, q[0], near, closing_step(robot))
             found = np.array(_computed(robot, q, load, moved, there, method, row))
             total[:, start : start + PIECE] += (found - true) ** 2
     known = np.sqrt(total)

@@ -83,12 +83,12 @@ class ClosedCurve:
         """The states at times, continued from positions (N,) nearby."""
         order = 2 if self.curve.highest is None else min(2, self.curve.highest)
         rates = self.curve.rates(t, order)
-        q = closing.closed(self.m, rates[0], near, self.step)
+        q = closing.close_loops(self.m, rates[0], near, self.step)
         after = self.rates_of(q, rates)
         before, breaks = after.copy(), np.flatnonzero(np.isin(t, [jump.t for jump in self.curve.jumps(order)]))
         if breaks.size:
             left = self.curve.rates(t[breaks], order, True)
-            before[:, breaks] = self.rates_of(closing.closed(self.m, left[0], q[breaks], self.step), left)
+            before[:, breaks] = self.rates_of(closing.close_loops(self.m, left[0], q[breaks], self.step), left)
             before[:, breaks[(left[0] != rates[0][breaks]).any(axis=1)]] = np.nan  # where q jumps, nothing is continued
         return States(t, q, after, before)
 
@@ -185,13 +185,13 @@ def positions(
     near = path.q[(np.searchsorted(path.t, inner, side="right") - 1).clip(0)]
     u = motion(t, 0, side)[0]
     try:
-        return closing.closed(m, u, near, step)
+        return closing.close_loops(m, u, near, step)
     except JounceError:
         first, last = 0, len(t)
         while last - first > 1:  # which of the times it is
             middle = (first + last) // 2
             try:
-                closing.closed(m, u[first:middle], near[first:middle], step)
+                closing.close_loops(m, u[first:middle], near[first:middle], step)
                 first = middle
             except JounceError:
                 last = middle
@@ -211,7 +211,7 @@ def positions_of_rows(robot: "Robot", t: np.ndarray, rates: Sequence[np.ndarray]
     JounceError : where the branch jumps between neighbouring rows, with the time.
     """
     m, step = robot.mechanism, closing_step(robot)
-    q = closing.closed(m, rates[0], q, step)
+    q = closing.close_loops(m, rates[0], q, step)
     closed = ClosedCurve(m, Hermite(t, tuple(rates)), step)
     both = closed.rates_of(q, rates)
     for i in np.flatnonzero(~closed.agreeing(States(t, q, both, both))):
@@ -242,5 +242,5 @@ def _path(
     u, given = curve.rates(t[:1], 0)[0], dict(branch)
     whole = np.array([given.get(name, x) for name, x in zip(c.coordinates, c.start, strict=True)])
     with at(f"at t = {t[0]:.6g} s, the start of the motion"):
-        q = closing.closed(m, u, all_coordinates(c, u, whole[None, list(c.dependent)]) if branch else None, step)
+        q = closing.close_loops(m, u, all_coordinates(c, u, whole[None, list(c.dependent)]) if branch else None, step)
     return ClosedCurve(m, curve, step).path(t, q[0])

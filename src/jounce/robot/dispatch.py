@@ -12,7 +12,7 @@ import numpy as np
 
 from jounce._scalars import FLOAT, Array, broadcast, concatenate, is_jax
 from jounce._typing import DriveColumn
-from jounce.arguments import loads, loops, rates, requests, wrenches
+from jounce.arguments import loads, positions, rates, requests, wrenches
 from jounce.arguments.base import base_of
 from jounce.dynamics import drive_terms, elastic
 from jounce.dynamics.computation import Computation, Port
@@ -133,10 +133,10 @@ def _with_dependent(robot: "Robot", arrays: Sequence[Any]) -> tuple[Any, ...]:
     try:
         if step is None:
             raise LookupError
-        u, d = step.apart(q)
+        u, d = step.close(q)
     except LookupError:
-        u, whole = loops.split(robot.mechanism, q)
-        d = loops.dependent_of(robot.mechanism, u, whole, step)
+        u, whole = positions.split(robot.mechanism, q)
+        d = positions.dependent_of(robot.mechanism, u, whole, step)
     return u, *arrays[1:], d
 
 
@@ -154,7 +154,7 @@ def checked_arguments(
     """Check the arguments of a call, and return its computation and input arrays; `step` closes the loops."""
     more = requests.more_rates(mechanism, name)
     quantity = row_of(name, more)
-    given, whole = _split(mechanism, given)
+    given, whole = positions.split_rates(mechanism, given)
     q = rates.rates_of(given, quantity.rates, mechanism, quantity.input_names, quantity.coordinate_inputs(len(given)))
     order = len(q) - quantity.rates
     requests.check_rates(name, order)
@@ -178,17 +178,9 @@ def checked_arguments(
     return asked, [*q, *W, *C, *d] if enters else [*q, *W, *d]
 
 
-def _split(mechanism: Mechanism, given: Sequence[Any]) -> tuple[Sequence[Any], Any]:
-    """The rates of the coordinates, and all coordinates of the tree of a closed robot where q states these."""
-    if not mechanism.closure or not given:
-        return given, None
-    first, whole = loops.split(mechanism, given[0])
-    return [first, *given[1:]], whole
-
-
 def _dependent(mechanism: Mechanism, q: Array, whole: Any, step: Step | None = None) -> list[Array]:
     """The last array of all computations of closed robots: the dependent coordinates."""
-    return [loops.dependent_of(mechanism, q, whole, step)] if mechanism.closure else []
+    return [positions.dependent_of(mechanism, q, whole, step)] if mechanism.closure else []
 
 
 def _run(call: Call) -> Any:
@@ -218,7 +210,7 @@ def _of_drives(
     mechanism: Mechanism, name: str, given: Sequence[Any], width: int, law: Callable[[Mechanism, Series], Series]
 ) -> tuple[Array, ...]:
     """Compute what drives contribute to a quantity, by their law, for given rates of the coordinates."""
-    row, (given, whole) = row_of(name), _split(mechanism, given)
+    row, (given, whole) = row_of(name), positions.split_rates(mechanism, given)
     q = rates.rates_of(given, row.rates, mechanism)
     model, asked = cast_model(mechanism, q), Computation(name, len(q) - row.rates)
 
@@ -255,7 +247,7 @@ def wrench_of_load(
     point: Any,
 ) -> Any:
     """Compute the wrenches W that correspond to a load on a body, for given rates of the coordinates."""
-    given, whole = _split(mechanism, given)
+    given, whole = positions.split_rates(mechanism, given)
     q = rates.rates_of(given, 1, mechanism)
     place, load = loads.place_of(frame, point, force), loads.load_of(force, torque, len(q) - 1, q)
     moving = base is not None or (mechanism.base is not None and frame == "world")

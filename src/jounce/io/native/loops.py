@@ -42,25 +42,18 @@ def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
     mechanism = replace(mechanism, loops=tuple(loops))
     if "actuated" not in robot.value:
         return mechanism
-    names = {
+    stated: dict[str, Any] = {
         key: [name.text() for name in robot.get(key).items(least=1)]
         for key in ("actuated", "independent")
         if key in robot.value
     }
-    numbers = {
+    stated |= {
         key: {name: value.number() for name, value in robot.get(key).members().items()}
         for key in ("weights", "start")
         if key in robot.value
     }
     with at(robot.get(SECTION).place):
-        return with_loops(
-            mechanism,
-            None,
-            names["actuated"],
-            names.get("independent"),
-            numbers.get("start"),
-            numbers.get("weights"),
-        )
+        return with_loops(mechanism, coordinates=stated.pop("independent", None), **stated)
 
 
 def section(mechanism: Mechanism) -> dict[str, Any]:

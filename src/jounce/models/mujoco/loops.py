@@ -85,7 +85,7 @@ def close(m: Arrays, mechanism: Mechanism, tied: Sequence[Tie]) -> Mechanism:
     try:
         if not motors:
             raise JounceError("no joint has an actuator")
-        return with_loops(mechanism, None, motors, None, start, None)
+        return with_loops(mechanism, actuated=motors, start=start)
     except JounceError as error:
         warn(f"{m.place}: its loops stay open, robot.closed(actuated=[...]) closes them: {error}")
         return mechanism

@@ -1,0 +1,67 @@
+"""The positions of closed robots that callers give: independent coordinates, or all of the tree near a branch."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from jounce._scalars import Array, asarray, is_numeric
+from jounce.arguments import names
+from jounce.arguments.rates import rates_of
+from jounce.dynamics import closing, newton
+from jounce.dynamics.loops import closure_of
+from jounce.dynamics.newton import Step
+from jounce.errors import JounceError, listed
+from jounce.model.casting import cast_model
+from jounce.model.loops import all_coordinates
+from jounce.model.mechanism import Mechanism
+
+
+def split(mechanism: Mechanism, q: Any) -> tuple[Any, Any]:
+    """The independent coordinates and those (..., N) of the tree that a caller's q contains, or None.
+
+    A q of N entries, or one that names all coordinates of the tree, has the dependent ones too.
+    """
+    closure = closure_of(mechanism)
+    named = names.listed_in(q)
+    if named is not None:
+        if not set(closure.coordinates) <= set(named):
+            return q, None
+        whole = rates_of([q], 1, mechanism.tree)[0]
+    else:
+        whole = asarray(q, "q")
+        if whole.ndim == 0 or whole.shape[-1] != len(closure.coordinates) or not closure.dependent:
+            return q, None
+    return whole[..., list(closure.independent)], whole
+
+
+def split_rates(mechanism: Mechanism, given: Sequence[Any]) -> tuple[Sequence[Any], Any]:
+    """The rates of the coordinates, and all coordinates of the tree of a closed robot where q states these."""
+    if not mechanism.closure or not given:
+        return given, None
+    first, whole = split(mechanism, given[0])
+    return [first, *given[1:]], whole
+
+
+def dependent_of(mechanism: Mechanism, u: Array, whole: Array | None, step: Step | None = None) -> Array:
+    """The dependent coordinates (..., N - n), with loops closed: from those given, if any, else from the start.
+
+    Symbols are taken as they are. `step` is one of `closing.close_loops`.
+    """
+    closure = closure_of(mechanism)
+    others = list(closure.dependent)
+    if whole is not None and not is_numeric(whole):
+        return whole[..., others]
+    if whole is None and not is_numeric(u):
+        raise JounceError(
+            f"q holds {mechanism.n} symbols, or an array of JAX; expected all {len(closure.coordinates)} coordinates of"
+            f" the tree, as loops are closed on numbers of NumPy: {listed(closure.coordinates)}"
+        )
+    flat = np.asarray(u, dtype=float).reshape(-1, mechanism.n)
+    start = None if whole is None else np.asarray(whole, dtype=float).reshape(-1, len(closure.coordinates))
+    found = closing.close_loops(mechanism, flat, start, step)[:, others].reshape(*u.shape[:-1], len(others))
+    if u.dtype == np.longdouble:  # closed to the precision of q
+        model = cast_model(mechanism, [u])
+        for _ in range(2):
+            found = newton.step(model, all_coordinates(closure, u, found), 0 * u)[0]
+    return found
