@@ -15,6 +15,7 @@ PAGES = [
     "tutorials/from-a-log-to-torques.md",
     "tutorials/elastic-panda.md",
     "tutorials/humanoid.md",
+    "tutorials/delta.md",
     "tutorials/identify-a-robot.md",
     "howto/minimum-torque-change.md",
 ]

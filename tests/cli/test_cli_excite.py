@@ -29,9 +29,9 @@ def test_table_terms_and_summary_hold_the_same_motion(tmp_path):
     limits.write_text(LIMITS)
     words = ("excite", "planar2r", "--limits", limits, *ASKED, "--step", 0.01)
     found = json.loads(call(*words, "-o", table, "--picture", picture, "--json").stdout)
-    text = call(*words, "-o", series, "--drives", "damping").stdout
-    assert text.startswith(f"planar2r: 801 rows written to {series}\nFourier series, 3 harmonics of 0.25 Hz, 2 periods")
-    assert "8 parameters seen, unseen: -" in text
+    text = call(*words, "-o", series, "--drives", "damping, friction").stdout
+    assert text.startswith(f"planar2r: series written to {series}\nFourier series, 3 harmonics of 0.25 Hz, 2 periods")
+    assert "10 parameters seen, unseen: -" in text
     assert (len(found["parameters"]), found["unseen"], found["states"]) == (6, [], 801)
     assert {row["limit"] for row in found["limits"]} == {"position", "velocity", "effort"}
     assert max(row["ratio"] for row in found["limits"]) <= 0.99
@@ -71,3 +71,14 @@ def test_what_cannot_be_is_refused_in_one_line(tmp_path, monkeypatch, words, sai
     assert said in refused.stderr
     assert refused.stderr.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_the_files_that_it_reads_are_kept(tmp_path):
+    arm, limits = tmp_path / "arm.yaml", tmp_path / "limits.yaml"
+    call("convert", "planar2r", "-o", arm)
+    limits.write_text(LIMITS)
+    for path in (arm, limits):
+        before = path.read_text()
+        refused = call("excite", arm, "--limits", limits, "-o", path, code=2)
+        assert f"{path}: the output file is the input file" in refused.stderr
+        assert path.read_text() == before

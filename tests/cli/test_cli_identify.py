@@ -74,3 +74,10 @@ def test_a_table_without_torques_is_refused(log, tmp_path):
     log.write_text(columns)
     said = call("identify", "planar2r", log, "-o", tmp_path / "out.yaml", code=2).stderr
     assert "the motion has no measured forces; expected columns such as tau_JOINT" in said
+
+
+def test_a_table_does_not_replace_the_log(log, tmp_path):
+    before = log.read_text()
+    said = call("identify", "planar2r", log, "-o", tmp_path / "out.yaml", "--table", log, code=2).stderr
+    assert f"{log}: the output file is the input file" in said
+    assert log.read_text() == before

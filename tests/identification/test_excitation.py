@@ -152,7 +152,7 @@ def test_it_is_shown_as_a_table(found):
     [
         (3, {}, "excite() expects a jounce.Robot, got int"),
         (ARM, {}, "states no limit of a rate or a force"),
-        (jounce.load("solo12", base="floating"), {}, "floats; expected one at rest"),
+        (jounce.load("solo12", base="floating"), {}, "floats; expected one at rest, load(..., base='fixed') (--base)"),
         (LIMITED, {"period": 0}, "period is 0; expected a number of s > 0"),
         (LIMITED, {"period": -2.0}, "period is -2.0; expected a number of s > 0"),
         (LIMITED, {"periods": 0}, "periods is 0; expected 1 to 1000"),
@@ -167,9 +167,10 @@ def test_it_is_shown_as_a_table(found):
         (LIMITED, {"weights": [0, 0]}, "all weights are 0; expected inverse variances"),
         (LIMITED, {"weights": [1]}, "weights have shape (1,); expected numbers (2,)"),
         (LIMITED.with_limits(velocity=0), {}, "let no joint move"),
-        (LIMITED.with_limits(effort=0), {}, "a limit of effort of joint 'joint1' is 0"),
+        (LIMITED.with_limits(effort=0), {}, "'joint1' is 0; expected room on both sides of 0: state another"),
         (LIMITED.with_limits(lower=-0.1, upper=0.1, effort=5), {}, "no pose is found that the limits let the robot"),
         (ARM.with_limits(velocity=1e-4), {"drives": ["damping", "friction"]}, "does not tell the 10 parameters from"),
+        (LIMITED, {"period": 1e-3, "harmonics": 3}, "expected a longer period, more than 3 harmonics, or wider limits"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused(robot, options, said):

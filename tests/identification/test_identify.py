@@ -98,8 +98,9 @@ def test_samples_of_weight_zero_do_not_count(arm, motion, Q):
 
 
 def test_a_force_that_is_not_measured_is_left_out(arm, motion, Q):
-    with pytest.warns(jounce.JounceWarning, match="do not see"):
+    with pytest.warns(jounce.JounceWarning, match="not measured|do not see"):
         found = jounce.identify(arm, motion, Q, t=T, weights=[1, 0, 1])
+    assert found.notes[0] == "forces of shoulder_lift_joint are not measured: no column, NaN or a weight of 0"
     assert [row.force for row in found.residuals] == [arm.joint_names[0], arm.joint_names[2]]
     assert np.isinf(found.deviations[1])
     assert {"shoulder_lift_joint friction", "shoulder_lift_joint offset"} <= set(found.unseen)
@@ -140,8 +141,22 @@ def test_a_part_of_the_samples_tests_the_rest(arm, motion, Q):
 )
 def test_a_wrong_sign_or_unit_is_suspected(arm, motion, factor, words):
     forces = arm.forces_along(motion, T, order=0).forces[0] + 0.1 * np.random.default_rng(6).normal(size=(COUNT, 3))
-    with pytest.warns(jounce.JounceWarning, match=words):
-        jounce.identify(arm, motion, factor * forces, t=T, drives=False)
+    with pytest.warns(jounce.JounceWarning, match=f"{words}|does not explain"):
+        found = jounce.identify(arm, motion, factor * forces, t=T, drives=False)
+    assert words in found.notes[0]
+
+
+def test_forces_that_no_robot_of_this_kind_makes_are_reported(arm, motion, Q):
+    """Torques of other joints, a wild sample, and a sensor that is dead."""
+    wild, dead = Q.copy(), Q.copy()
+    wild[100, 1], dead[:, 1] = 1e6, 3.0
+    for forces, joints in ((Q[:, [1, 0, 2]], "shoulder_pan_joint, shoulder_lift_joint"), (wild, "shoulder_lift_joint")):
+        with pytest.warns(jounce.JounceWarning):
+            found = jounce.identify(arm, motion, forces, t=T)
+        assert f"does not explain the forces of {joints}: it leaves" in found.notes[-1]
+    with pytest.warns(jounce.JounceWarning):
+        found = jounce.identify(arm, motion, dead, t=T)
+    assert found.notes[0].startswith("forces of shoulder_lift_joint are constant, and those of the model are not")
 
 
 def test_terms_that_act_and_loads_are_no_parameters(arm, motion):
@@ -187,11 +202,18 @@ def test_a_robot_on_moving_ground_feels_more(arm, motion):
         ({"forces": np.ones((COUNT, 2))}, (f"forces have shape ({COUNT}, 2)", f"({COUNT}, 3)")),
         ({"forces": np.ones((5, 3)), "t": np.arange(5) * 0.01}, ("5 samples hold 15 measured forces for 24",)),
         ({"forces": np.ones((3, 3)), "t": [0, 2, 1]}, ("t does not increase",)),
+        ({"forces": np.full((COUNT, 3), -np.inf)}, ("forces hold -inf", "NaN for those not measured")),
+        ({"t": 2 * T}, ("is outside of the motion", "from 0 to 6 s")),
         ({"forces": np.full((COUNT, 3), np.nan)}, ("no measured forces from 0 to 6 s",)),
         ({"span": (8, 9)}, ("span is (8, 9)", "0 to 6 s")),
         ({"span": 3}, ("span is 3", "two times")),
         ({"prior": 0}, ("prior is 0",)),
+        ({"prior": 1e-200}, ("prior is 1e-200", "1e-09 or more")),
+        ({"prior": 1e9}, ("no physically consistent parameters", "expected a smaller prior")),
+        ({"deviations": 1e-200}, ("deviations hold 1e-200",)),
         ({"band": -1.0}, ("band is -1.0",)),
+        ({"band": 1e6}, ("band is 1000000.0", "0.1666 Hz, one period", "to 125 Hz")),
+        ({"band": 1e-6}, ("band is 1e-06",)),
         ({"drives": "stiction"}, ("unknown drive column 'stiction'",)),
         ({"drives": False, "eps": 0.1}, ("eps=0.1 is of friction",)),
     ],

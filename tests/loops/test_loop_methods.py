@@ -175,6 +175,11 @@ REFUSED = {
     "all joints": (lambda: SHARED.locked(dict.fromkeys(SHARED.mechanism.coordinates, 0.1)), "all 2 joints are locked"),
     "a state of MuJoCo": (lambda: SHARED.state_from_mujoco([], model=MODEL), "closed loops, .* convert states of"),
     "forces of MuJoCo": (lambda: SHARED.forces_to_mujoco([1, 2], model=MODEL), "closed loops, .* convert states of"),
+    "some of those that follow": (
+        lambda: SHARED.mass_matrix(dict.fromkeys(SHARED.mechanism.tree.coordinates[:4], 0.1)),
+        "^q: leave out 'joint3', which follows others in closed loops",
+    ),
+    "endless weights": (lambda: SHARED.closed(weights=[1, np.inf]), r"weights is \[1, inf\]; expected positive"),
     "no joint that follows": (
         lambda: SHARED.closed(coordinates=SHARED.mechanism.closure.coordinates), "all 8 coordinates are named",
     ),

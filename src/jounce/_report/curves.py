@@ -48,9 +48,9 @@ def figure(s: Subject) -> dict[str, Any]:
 def charts_of(s: Subject) -> list[Chart]:
     """The charts from above."""
     return [
-        Chart(quantity, unit, [j for j, own in enumerate(quantity.units) if own == unit])
+        Chart(quantity, unit, [j for j in quantity.joints if quantity.units[j] == unit])
         for quantity in s.quantities
-        for unit in dict.fromkeys(quantity.units)
+        for unit in dict.fromkeys(quantity.units[j] for j in quantity.joints)
     ]
 
 
@@ -72,10 +72,10 @@ def _traces(s: Subject, quantity: Quantity, j: int, most: int) -> Iterator[dict[
     t = packed_times(s.t[at])
     if np.isfinite(quantity.bounds[:, j]).any():
         yield _limits(s, quantity.bounds[:, j], style["color"])
-    if quantity.deviations is not None:
+    if quantity.deviations is not None and np.isfinite(quantity.deviations[:, j]).all():
         yield _band(s, quantity, j, style["color"])
-    if quantity.symbol == "Q" and s.motion.torques is not None:
-        yield from _measured(s, j, most, style["color"])
+    if quantity.symbol == "Q" and s.motion.torques is not None and j in s.own:
+        yield from _measured(s, s.own.index(j), most, style["color"])
     if len(ends):
         beyond = np.full(len(values), np.nan)
         for start, stop in ends:
@@ -111,7 +111,7 @@ def _edges(s: Subject, quantity: Quantity, j: int) -> tuple[np.ndarray, np.ndarr
 
 
 def _measured(s: Subject, j: int, most: int, colour: str) -> Iterator[dict[str, Any]]:
-    """The torques that the log of a motion holds, as dots."""
+    """The torques that the log of a motion holds of its joint j, as dots."""
     assert s.motion.torques is not None
     t, torques = s.motion.torques
     known = np.flatnonzero(np.isfinite(torques[:, j]))
@@ -123,7 +123,7 @@ def _measured(s: Subject, j: int, most: int, colour: str) -> Iterator[dict[str, 
 
 def _checked(s: Subject, quantity: Quantity, j: int) -> CheckedLimit | None:
     rows = s.check.table if s.check and quantity.bounded else ()
-    joint = s.robot.joint_names[j]
+    joint = s.joints[j]
     return next((row for row in rows if row.joint == joint and row.limit == quantity.kind), None)
 
 

@@ -1,8 +1,10 @@
 """A robot as triangles: links as meshes or as capsules between joints, joints as short cylinders along their axes.
 
-Each part is given in the frame of its body, so that the page moves it by the pose of the body.
+Joints at which loops are cut join links as others do; a body with many of them is drawn by its edges. Each part is
+given in the frame of its body, so that the page moves it by the pose of the body.
 """
 
+from collections.abc import Iterator
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -13,13 +15,17 @@ from jounce._report.packing import packed
 from jounce._report.subject import Subject
 from jounce.figures.drawing import skeleton
 from jounce.model.coordinates import leading_joints
+from jounce.model.loops import Loop
 from jounce.model.mechanism import Mechanism
+from jounce.robot.robot import Robot
 from jounce.spatial.inertia import moments
 
 AROUND = 12  # corners of a circle
-LINK = "#b9bdc4"
-LINK_RADIUS, JOINT_RADIUS, JOINT_HEIGHT = 0.032, 0.05, 0.06  # of the robot's size
+LINK, CUT = "#b9bdc4", "#6a6e75"
+LINK_RADIUS, SLIDE_RADIUS, JOINT_RADIUS, JOINT_HEIGHT = 0.032, 0.024, 0.05, 0.06  # of the robot's size
 LEAST_SIZE = 1e-3  # m
+PLATE = 3  # cut joints of a body that is drawn by its edges
+FLATTEST = 0.6  # of the widest extent of the drawn space
 MARGIN = 0.03  # of the robot's size, around what it sweeps
 GROUND = -1
 DIRECTIONS = np.array(list(product((-1, 0, 1), repeat=3))).T
@@ -36,11 +42,11 @@ class Part(NamedTuple):
 
 def drawing(s: Subject) -> dict[str, Any]:
     """What the page draws a robot by: its triangles, the data of its poses, and the space that it sweeps."""
-    m = s.robot.mechanism
-    poses = s.robot.poses(s.along.rates[0][s.frames])
+    m = s.robot.mechanism.tree
+    poses = Robot(m).poses(s.positions)
     size = robot_size(m, poses[0])
     shown = {mesh.body for mesh in s.meshes.shapes}
-    parts = [part for part in parts_of(m, size) if part.body not in shown]
+    parts = [part for part in parts_of(m, size, s.positions) if part.body not in shown]
     parts += [Part(*mesh, _colour(m, mesh.body)) for mesh in s.meshes.shapes]
     colours = dict.fromkeys(part.colour for part in parts)
     swept = [
@@ -50,7 +56,6 @@ def drawing(s: Subject) -> dict[str, Any]:
     ]  # fmt: skip
     lowest, highest = (f([f(points, axis=0) for points in swept] + [np.zeros(3)], axis=0) for f in (np.min, np.max))
     return {
-        "n": m.n,
         "parent": list(m.parent),
         "B": packed(m.B[:, :3]),
         "X": packed(m.X),
@@ -58,7 +63,7 @@ def drawing(s: Subject) -> dict[str, Any]:
         "g": packed(m.g),
         "solids": [_solid([part for part in parts if part.colour == colour]) for colour in colours],
         "ends": [packed(poses[:, body, :3, 3] + poses[:, body, :3, :3] @ point, "f4") for body, point in tips(m)],
-        "space": np.stack([lowest - MARGIN * size, highest + MARGIN * size], axis=1).tolist(),
+        "space": np.stack(_space(lowest - MARGIN * size, highest + MARGIN * size), axis=1).tolist(),
     }
 
 
@@ -73,6 +78,13 @@ def _solid(parts: list[Part]) -> dict[str, Any]:
     }
 
 
+def _space(lowest: np.ndarray, highest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A space that is nowhere flat: of a flat one, the camera would see a part only."""
+    span = highest - lowest
+    room = (FLATTEST * span.max() - span).clip(min=0) / 2
+    return lowest - room, highest + room
+
+
 def outermost(points: np.ndarray) -> np.ndarray:
     """The points that are farthest in each of some directions: they span nearly the space that all do."""
     return points[np.unique((points @ DIRECTIONS).argmax(axis=0))]
@@ -83,19 +95,24 @@ def robot_size(m: Mechanism, poses: np.ndarray) -> float:
     return max(skeleton(m, poses).size, LEAST_SIZE)
 
 
-def parts_of(m: Mechanism, size: float) -> list[Part]:
-    """The parts of a robot of a size, m."""
+def parts_of(m: Mechanism, size: float, q: np.ndarray | None = None) -> list[Part]:
+    """The parts of a robot of a size, m; slides are as long as its limits and positions q (K, n) need."""
     centres = np.cross(m.X[:, :3], m.X[:, 3:])  # of the joints, in the frames of their bodies
     radius = LINK_RADIUS * size
-    parts = []
-    for i, p in enumerate(m.parent):
+    parts, drawn = [], [i for i in range(m.nb) if not _is_virtual(m, i)]
+    for i in drawn:
+        p = m.parent[i]
         start = centres[p] if p != GROUND else np.zeros(3)
         end = m.B[i, :3, :3] @ centres[i] + m.B[i, :3, 3]
         parts.append(_capsule(p, start, end, radius, LINK))
-    parts += [_capsule(body, centres[body], end, radius, LINK) for body, end in tips(m)]
+    parts += [
+        _capsule(body, start, end, radius, LINK) for body, start, end in [*_ends(m, centres), *_plates(m, centres)]
+    ]
+    parts += _slides(m, drawn, centres, size, q)
+    parts += [_cut(loop, JOINT_RADIUS * size) for loop in m.loops]
     turns = m.X[:, :3].any(axis=1)
     axes = np.where(turns[:, None], m.X[:, :3], m.X[:, 3:])
-    for i, (centre, axis) in enumerate(zip(centres, axes, strict=True)):
+    for i, centre, axis in ((i, centres[i], axes[i]) for i in drawn):
         thick, high = (1.0, 1.0) if turns[i] else (0.7, 2.0)
         half, r = high * JOINT_HEIGHT * size, thick * JOINT_RADIUS * size
         profile = np.array([[0, -half], [r, -half], [r, half], [0, half]])
@@ -103,10 +120,80 @@ def parts_of(m: Mechanism, size: float) -> list[Part]:
     return parts
 
 
+def _is_virtual(m: Mechanism, i: int) -> bool:
+    """Whether a joint is a slide next to a massless body of a robot with loops: it counts motions, nothing slides."""
+    massless = [not m.M[body, 3, 3] for body in (i, m.parent[i]) if body != GROUND]
+    return bool(m.loops) and not m.X[i, :3].any() and any(massless)
+
+
+def _slides(m: Mechanism, drawn: list[int], centres: np.ndarray, size: float, q: np.ndarray | None) -> Iterator[Part]:
+    """Rails on the bodies that carry slides, and rods on those that slide: they reach each other everywhere."""
+    theta = m.g + (np.zeros((1, m.n)) if q is None else q) @ m.G.T
+    bounds = np.stack([m.limits.lower, m.limits.upper])
+    reached = np.concatenate([theta, np.where(np.abs(bounds) <= 2 * size, bounds, theta[0])])
+    for i in drawn:
+        if not m.X[i, :3].any():
+            low, high = reached[:, i].min(), reached[:, i].max()
+            at, axis = m.B[i, :3, :3] @ centres[i] + m.B[i, :3, 3], m.X[i, 3:]
+            within = low <= 0 <= high  # else a rod reaches what the rail does not
+            first, last = (low, high) if within else (min(0.0, high), max(0.0, low))
+            start, end = (at + x * (m.B[i, :3, :3] @ axis) for x in (first, last))
+            yield _capsule(m.parent[i], start, end, SLIDE_RADIUS * size, LINK)
+            if not within:
+                back = (low - high if low > 0 else high - low) * axis
+                yield _capsule(i, centres[i] + back, centres[i], SLIDE_RADIUS * size, LINK)
+
+
+def _ends(m: Mechanism, centres: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    """Links from the joint of a body to its outermost point, and to cut joints where these are few."""
+    cut = cut_points(m)
+    few = {body: points for body, points in cut.items() if len(points) < PLATE or body == GROUND}
+    ends = {body: [*points] for body, points in few.items()}
+    for body, end in tips(m):
+        if len(cut.get(body, ())) < PLATE and not any(np.allclose(end, point) for point in ends.get(body, ())):
+            ends.setdefault(body, []).append(end)
+    yield from ((body, np.zeros(3) if body == GROUND else centres[body], end) for body in ends for end in ends[body])
+
+
+def _plates(m: Mechanism, centres: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    """The edges of bodies with many cut joints: these and the body's own joint are corners, unless it lies inside."""
+    for body, points in cut_points(m).items():
+        if len(points) < PLATE or body == GROUND:
+            continue
+        corners = np.array([*points, centres[body]])
+        away = corners - corners.mean(axis=0)
+        far = np.linalg.norm(away, axis=1)
+        first, second = np.linalg.svd(away)[2][:2]
+        around = np.argsort(np.arctan2(away @ second, away @ first))
+        ring = corners[around[far[around] > far.max() / 2]]
+        yield from ((body, start, end) for start, end in zip(ring, np.roll(ring, -1, axis=0), strict=True))
+
+
+def _cut(loop: Loop, radius: float) -> Part:
+    """A cut joint: a ball where it turns in every direction, else a short cylinder along its axis."""
+    place, axis = np.asarray(loop.a.T, dtype=float), np.asarray(loop.axis, dtype=float)
+    half = JOINT_HEIGHT / JOINT_RADIUS * radius
+    profile = np.array([[0, -half], [radius, -half], [radius, half], [0, half]])
+    if loop.joint == "spherical":
+        turn = np.linspace(-np.pi / 2, np.pi / 2, 7)
+        profile = radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    return _revolved(loop.a.body, place[:3, 3], place[:3, :3] @ axis, profile, CUT)
+
+
 def _colour(m: Mechanism, body: int) -> str:
     """That of the curves of the joint that moves a body."""
     leaders = leading_joints(m)
     return joint_style(leaders.index(body))["color"] if body in leaders else LINK
+
+
+def cut_points(m: Mechanism) -> dict[int, list[np.ndarray]]:
+    """The points of bodies at which cut joints hold them, each once."""
+    found: dict[int, list[np.ndarray]] = {}
+    for frame in (frame for loop in m.loops for frame in (loop.a, loop.b)):
+        point, points = np.asarray(frame.T[:3, 3], dtype=float), found.setdefault(frame.body, [])
+        if not any(np.allclose(point, other) for other in points):
+            points.append(point)
+    return found
 
 
 def tips(m: Mechanism) -> list[tuple[int, np.ndarray]]:

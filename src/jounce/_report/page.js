@@ -59,7 +59,7 @@ all("[data-frame]").forEach(button => button.addEventListener("click", () => { s
 const cells = all("#values tbody tr").map(row => [...row.querySelectorAll("td")]);
 document.addEventListener("cursor", ({detail: frame}) => cells.forEach((row, j) => row.forEach((cell, k) => {
   const value = values[k][frame * n + j], [lower, upper] = frames.bounds[k].map(bound => bound[j]);
-  cell.textContent = +value.toPrecision(5);
+  cell.textContent = Number.isNaN(value) ? "–" : +value.toPrecision(5);
   cell.classList.toggle("beyond", lower !== null && value < lower || upper !== null && value > upper);
 })));
 
@@ -173,10 +173,12 @@ function robotFigure() {
   });
   const look = {autorange: false, gridcolor: "#d8d8d8", showbackground: false, showspikes: false};
   const [xaxis, yaxis, zaxis] = ["x", "y", "z"].map((name, side) => ({title: {text: name + " [m]"}, range: robot.space[side], ...look}));
+  const spans = robot.space.map(([low, high]) => high - low), mean = Math.cbrt(spans[0] * spans[1] * spans[2]);
+  const [rx, ry, rz] = spans.map(span => span / mean); // of the space, not of what lies in it
   const camera = {eye: {x: 1.35, y: -1.35, z: 0.6}, center: {x: 0, y: 0, z: -0.06}};
   return [[...surfaces, ...ends], {
     margin: {l: 0, r: 0, t: 0, b: 0}, paper_bgcolor: "rgba(0,0,0,0)", showlegend: false, font: {color: "#222222", size: 11},
-    scene: {aspectmode: "data", xaxis, yaxis, zaxis, camera},
+    scene: {aspectmode: "manual", aspectratio: {x: rx, y: ry, z: rz}, xaxis, yaxis, zaxis, camera},
   }];
 }
 Plotly.newPlot(drawing, ...robotFigure(), OPTIONS);

@@ -210,7 +210,7 @@ def _read(name: str) -> str:
 def _frames(s: Subject) -> dict[str, Any]:
     """Where the cursor can stand: times, and all values there, with their bounds (2, n)."""
     return {
-        "n": s.robot.n,
+        "n": len(s.joints),
         "t": packed(s.t[s.frames]),
         "values": [packed(x.values[s.frames]) for x in s.quantities],
         "bounds": [[[y if np.isfinite(y) else None for y in row] for row in x.bounds.tolist()] for x in s.quantities],

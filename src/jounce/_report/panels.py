@@ -45,7 +45,7 @@ def robot(s: Subject) -> Panel:
 def values(s: Subject) -> Panel:
     """The values under the cursor, and which joints are drawn."""
     charts = [{"symbol": x.symbol, "units": list(dict.fromkeys(map(powers, x.units)))} for x in s.quantities]
-    joints = [joint_style(j) | {"name": joint} for j, joint in enumerate(s.robot.joint_names)]
+    joints = [joint_style(j) | {"name": joint} for j, joint in enumerate(s.joints)]
     return Panel("values", "Values at the cursor", "side", {"quantities": charts, "joints": joints})
 
 
@@ -66,8 +66,9 @@ def sliders(s: Subject) -> Panel | None:
     if s.robot.mechanism.nb > MOST_BODIES:
         return None
     data = sliders_data(s)
-    joints = [joint_style(j) | {"name": joint} for j, joint in enumerate(s.robot.joint_names)]
-    content = {"joints": joints, "ends": end_names(s.robot.mechanism), "first": data["first"], "force": data["force"]}
+    joints = [joint_style(j) | {"name": s.joints[j]} for j in s.own]
+    content = {"joints": joints, "ends": end_names(s.robot.mechanism), "first": data["first"], "force": data["force"],
+               "closed": bool(data["loops"])}  # fmt: skip
     return Panel("sliders", "Forces at rest", "wide", content, data, sliders_code(s.robot))
 
 
@@ -106,7 +107,7 @@ def motion(s: Subject) -> Panel:
         "breaks": breaks,
         "all_breaks": len(m.breaks),
         "uncertain": uncertain,
-        "joints": names,
+        "joints": s.joints,
     }
     return Panel("motion", "Motion", "below", content)
 
@@ -115,7 +116,7 @@ def robot_data(s: Subject) -> Panel:
     """The joints of the robot and the bodies that they move."""
     m = s.robot.mechanism
     masses = np.asarray(m.M[:, 3, 3], dtype=float)
-    leads = set(leading_joints(m))
+    leads, moved = set(leading_joints(m)), set(leading_joints(m.tree))
     joints = [
         {
             "name": m.joints[i],
@@ -123,13 +124,30 @@ def robot_data(s: Subject) -> Panel:
             "parent": body_name(m, m.parent[i]),
             "body": m.bodies[i],
             "mass": masses[i],
-            "follows": i not in leads,
+            "role": "" if i in leads else ", follows others" if i in moved else ", follows another",
         }
         for i, X in enumerate(np.asarray(m.X, dtype=float))
     ]
     content = {"robot": s.robot, "joints": joints, "mass": masses.sum(), "gravity": np.asarray(m.gravity).tolist()}
-    content["notes"] = s.meshes.notes
+    content["notes"], content["loops"] = s.meshes.notes, _cut_joints(s)
     return Panel("robot_data", "Robot data", "below", content)
+
+
+def _cut_joints(s: Subject) -> list[dict[str, Any]]:
+    """The joints at which loops are cut, with the largest force and moment of each."""
+    W, loops = s.loop_wrenches, s.robot.mechanism.loops
+    if W is None:
+        return []
+
+    def worst(sizes: np.ndarray) -> dict[str, Any]:
+        k = int(sizes.argmax())
+        return {"value": float(sizes[k]), "t": s.t[k], "frame": s.frame(s.t[k])}
+
+    sizes = [np.linalg.norm(part, axis=-1).T for part in (W[..., 3:], W[..., :3])]
+    return [
+        {"name": f"{loop.a.name} - {loop.b.name}", "joint": loop.joint, "force": worst(force), "moment": worst(moment)}
+        for loop, force, moment in zip(loops, *sizes, strict=True)
+    ]
 
 
 def conventions(s: Subject) -> Panel:

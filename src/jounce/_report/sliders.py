@@ -1,6 +1,7 @@
 """Sliders that compute on the page: generated JavaScript of the forces of a robot that rests and is pulled."""
 
 import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,11 +9,14 @@ import numpy as np
 from jounce._codegen import generate
 from jounce._report.drawing import GROUND, tips
 from jounce._report.subject import Subject
+from jounce.dynamics.newton import scales
 from jounce.model.coordinates import coordinate_limits, coordinate_units
 from jounce.model.limits import unit_of
+from jounce.model.loops import Loop
 from jounce.model.mechanism import Mechanism
 from jounce.robot.robot import Robot
 
+HERE = Path(__file__).parent
 FREE = {"rad": np.pi, "m": 0.5}  # how far a joint without limits goes either way
 FORCES = (10.0, 20.0, 50.0)  # N, times powers of ten: the largest pull, at least the weight
 COMMENT = re.compile(r"^(//| ?\*|/\*\*).*\n", re.MULTILINE)
@@ -26,18 +30,25 @@ def sliders_code(robot: Robot) -> str:
     outputs = ("inverse_dynamics", "gravity_forces")
     code = generate.code(robot, "javascript", "PREFIX.mjs", 0, outputs, wrench=True)
     functions = COMMENT.sub("", code).replace("export function", "function")
-    return f"const forcesAtRest = (() => {{\n{functions}return {{{', '.join(outputs)}}};\n}})();\n"
+    closing = (HERE / "closing.js").read_text(encoding="utf-8") if robot.mechanism.closure else ""
+    return f"{closing}const forcesAtRest = (() => {{\n{functions}return {{{', '.join(outputs)}}};\n}})();\n"
 
 
 def sliders_data(s: Subject) -> dict[str, Any]:
     """The stretches of the joints, the points that may be pulled, and the bounds of Q."""
     m, ends = s.robot.mechanism, _ends(s.robot.mechanism)
+    units = coordinate_units(m)
     lower, upper = slider_ranges(m, s.along.rates[0])
     return {
         "lower": lower.tolist(),
         "upper": upper.tolist(),
-        "units": [unit_of("effort", unit) for unit in coordinate_units(m)],
-        "effort": [[x if np.isfinite(x) else None for x in row] for row in s.limits.bounds("effort").tolist()],
+        "units": [unit_of("effort", unit) for unit in units],
+        "effort": [
+            [x if np.isfinite(x) else None for x in row] for row in s.limits.bounds("effort")[:, s.own].tolist()
+        ],
+        "own": s.own,
+        "loops": [_loop(loop) for loop in m.loops],
+        "lengths": (scales(m).coordinates if m.closure else np.ones(m.n)).tolist(),
         "inertial": "effort" in s.limits.without_gravity,
         "ends": ends,
         "first": _first(m, ends),
@@ -51,6 +62,15 @@ def slider_ranges(m: Mechanism, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     free = np.array([FREE[unit] for unit in coordinate_units(m)])
     lower, upper = np.where(np.isfinite(bounds), bounds, [-free, free])
     return q.min(axis=0, initial=np.inf).clip(max=lower), q.max(axis=0, initial=-np.inf).clip(min=upper)
+
+
+def _loop(loop: Loop) -> dict[str, Any]:
+    """A cut joint for the page: its frames, and the directions in which it allows no turn and no slide."""
+    frames = [
+        {"body": frame.body, "T": np.asarray(frame.T[:3], dtype=float).ravel().tolist()} for frame in (loop.a, loop.b)
+    ]
+    turns, slides = (directions.tolist() for directions in loop.held)
+    return {"frames": frames, "turns": turns, "slides": slides, "axis": np.asarray(loop.axis, dtype=float).tolist()}
 
 
 def end_names(m: Mechanism) -> list[str]:

@@ -1,4 +1,7 @@
-"""What a report is about: a robot along a motion, with all that its panels draw and list, computed once."""
+"""What a report is about: a robot along a motion, with all that its panels draw and list, computed once.
+
+Its joints are the coordinates of the robot, and where loops are closed those that follow them too.
+"""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,11 +13,14 @@ from jounce._report.meshes import Meshes, meshes_of
 from jounce.errors import JounceError
 from jounce.limits.bounded import known_kinds
 from jounce.limits.check import Check
+from jounce.limits.joints import drives_coordinates, efforts, joint_limits, joint_names, joint_rates, joint_units
 from jounce.limits.slowdown import Slowdown
-from jounce.model.coordinates import coordinate_limits, coordinate_units
 from jounce.model.limits import EFFORT_KINDS, FORCES, MOTION_KINDS, MOTOR_KINDS, Limits, unit_of
+from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
-from jounce.robot.along import FIRST, Along
+from jounce.robot.along import FIRST, Along, forces_along
+from jounce.robot.closed_path import on_tree, positions
+from jounce.robot.dispatch import compute
 from jounce.robot.generic import as_tuple
 from jounce.spatial.series import rate_name
 
@@ -35,8 +41,9 @@ NAMES |= dict(zip(MOTOR_KINDS, ("theta", "thetad", "tau", "i", "u"), strict=True
 class Quantity:
     """A quantity along the motion: its symbol, the kind of limit that it is named after, and whether limits bound it.
 
-    `values` are (N, n), `bounds` (2, n), infinite where none is stated; `deviations` (K, n) are those of the frames, or
-    None. `units` are of each coordinate.
+    `values` are (N, joints), NaN for joints that have none, such as forces of those without a motor; `bounds`
+    (2, joints) are infinite where none is stated; `deviations` (K, joints) are those of the frames, NaN where they are
+    not known, or None. `units` are of each joint.
     """
 
     symbol: str
@@ -51,12 +58,18 @@ class Quantity:
         """Whether any limit bounds it."""
         return bool(np.isfinite(self.bounds).any())
 
+    @property
+    def joints(self) -> list[int]:
+        """The joints that have it."""
+        return [j for j, has in enumerate(~np.isnan(self.values[0])) if has]
+
 
 @dataclass(frozen=True, eq=False)
 class Subject:
     """A robot along a motion; `frames` are the indices (K,) of those of the times `t` at which the cursor can stand.
 
     `check` is None where the robot states no limits; `slowdown` is then None too, or the reason why no factor exists.
+    `loop_wrenches` (N, loops, 6) are those of cut joints, None where no loop is closed.
     """
 
     robot: "Robot"
@@ -68,6 +81,22 @@ class Subject:
     check: Check | None
     slowdown: Slowdown | str | None
     meshes: Meshes
+    loop_wrenches: np.ndarray | None
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The names of the joints."""
+        return joint_names(self.robot.mechanism)
+
+    @property
+    def own(self) -> list[int]:
+        """The joints that are the coordinates of the robot."""
+        return own_joints(self.robot.mechanism)
+
+    @property
+    def positions(self) -> np.ndarray:
+        """q (K, joints) at the frames."""
+        return self.quantities[0].values[self.frames]
 
     @property
     def t(self) -> np.ndarray:
@@ -84,22 +113,25 @@ def subject_of(robot: "Robot", motion: Motion, order: int, visuals: Path | None 
 
     The URDF `visuals` shows the links.
     """
-    limits = coordinate_limits(robot.mechanism)
+    m = robot.mechanism
+    limits = joint_limits(m)
     check = robot.check(motion) if known_kinds(robot, limits) else None
     rows = check.table if check else ()
     worst = np.array([row.t for row in rows])
     ends = np.array([end for row in rows for span in row.violations for end in span])
     breaks = np.array([found.t for found in motion.breaks])
     before = (breaks - BEFORE * motion.duration).clip(motion.start)
-    along = robot.forces_along(motion, np.unique(np.concatenate([motion.times, worst, ends, breaks, before])), order)
+    t = np.unique(np.concatenate([motion.times, worst, ends, breaks, before]))
+    along = forces_along(robot, motion, t, order, None, None, efforts(m))
     shown = (order + 1) * 2 + FIRST + len(limits.without_gravity) + 1 + len(MOTOR_KINDS)  # quantities, at most
-    count = int(np.clip(SHOWN_VALUES // (shown * robot.n), LEAST_FRAMES, FRAMES))
+    count = int(np.clip(SHOWN_VALUES // (shown * m.tree.n), LEAST_FRAMES, FRAMES))
     even = np.linspace(0, len(along.t) - 1, min(count, len(along.t))).astype(int)
     frames = np.union1d(even, np.searchsorted(along.t, [*worst, *breaks[:count]]))
     quantities = _quantities(robot, motion, along, limits, frames)
     slowdown = _slowdown(robot, motion, worst) if check else None
-    meshes = Meshes() if visuals is None else meshes_of(robot.mechanism, visuals)
-    return Subject(robot, motion, along, limits, quantities, frames, check, slowdown, meshes)
+    meshes = Meshes() if visuals is None else meshes_of(m, visuals)
+    wrenches = _loop_wrenches(robot, motion, along)
+    return Subject(robot, motion, along, limits, quantities, frames, check, slowdown, meshes, wrenches)
 
 
 def _slowdown(robot: "Robot", motion: Motion, worst: np.ndarray) -> Slowdown | str:
@@ -117,13 +149,16 @@ def _quantities(
     robot: "Robot", motion: Motion, along: Along, limits: Limits, frames: np.ndarray
 ) -> tuple[Quantity, ...]:
     """The rates, the forces, and what else limits bound: forces without gravity, and the power."""
-    rates, forces = along.rates, along.forces
-    spread = motion.deviations(along.t[frames], len(rates) - 1)
+    m, count = robot.mechanism, len(along.forces)
+    near = positions(robot, motion, along.t)
+    rates, forces = joint_rates(robot, along.rates, near), [_of_drives(m, x) for x in along.forces]
+    spread = [_placed(m, own_joints(m), x) for x in motion.deviations(along.t[frames], len(rates) - 1) or ()]
     values = dict(zip(MOTION_KINDS, rates, strict=False)) | dict(zip(EFFORT_KINDS, forces, strict=False))
-    deviations = dict(zip(MOTION_KINDS, spread or (), strict=False))
-    deviations |= {kind: rate[frames] for kind, rate in zip(EFFORT_KINDS, along.deviations or (), strict=False)}
-    free = np.full((2, robot.n), [[-np.inf], [np.inf]])
-    units = coordinate_units(robot.mechanism)
+    deviations = dict(zip(MOTION_KINDS, spread, strict=False))
+    off = [_of_drives(m, rate)[frames] for rate in along.deviations or ()]
+    deviations |= dict(zip(EFFORT_KINDS, off, strict=False))
+    units = joint_units(m)
+    free = np.full((2, len(units)), [[-np.inf], [np.inf]])
 
     def quantity(kind: str, values: np.ndarray, symbol: str, bounds: np.ndarray) -> Quantity:
         of_kind = tuple(unit_of(kind, unit) for unit in units)
@@ -135,17 +170,40 @@ def _quantities(
     ]
     inertial = [kind for kind in limits.without_gravity if kind in limits.kinds and kind in values]
     if inertial:
-        gravity = as_tuple(robot.gravity_forces(*rates[: len(forces)]))
+        gravity = as_tuple(compute(robot, "gravity_forces", on_tree(along.rates[:count], near)))
         for kind in inertial:
             k = EFFORT_KINDS.index(kind)
             symbol = " - ".join(rate_name(name, k) for name in FORCES[1].split(" - "))
-            found.append(quantity(kind, forces[k] - gravity[k], symbol, limits.bounds(kind)))
-    if robot.mechanism.elasticity is not None and len(forces) > HIGHEST:
+            found.append(quantity(kind, forces[k] - _of_drives(m, gravity[k]), symbol, limits.bounds(kind)))
+    if m.elasticity is not None and count > HIGHEST:
         motors = _motors(robot, motion, along.t)
-        found += [quantity(kind, value, NAMES[kind], limits.bounds(kind)) for kind, value in motors.items()]
+        found += [quantity(kind, _of_drives(m, x), NAMES[kind], limits.bounds(kind)) for kind, x in motors.items()]
     if "power" in limits.kinds:
         found.append(quantity("power", rates[1] * forces[0], NAMES["power"], limits.bounds("power")))
     return tuple(found)
+
+
+def _loop_wrenches(robot: "Robot", motion: Motion, along: Along) -> np.ndarray | None:
+    if robot.mechanism.closure is None:
+        return None
+    W, near = motion.wrench(along.t, 0), positions(robot, motion, along.t)
+    return np.asarray(compute(robot, "loop_wrenches", on_tree(along.rates[: FIRST + 1], near), wrench=W))
+
+
+def own_joints(m: Mechanism) -> list[int]:
+    """The joints, coordinates of the tree, that are the coordinates of a robot."""
+    return list(m.closure.independent) if m.closure else list(range(m.n))
+
+
+def _of_drives(m: Mechanism, x: np.ndarray) -> np.ndarray:
+    """Columns of all joints from those of the drives: of the coordinates, or of actuated joints where these differ."""
+    return _placed(m, own_joints(m) if drives_coordinates(m) or not m.closure else list(m.closure.actuated), x)
+
+
+def _placed(m: Mechanism, joints: list[int], x: np.ndarray) -> np.ndarray:
+    whole = np.full((len(x), m.tree.n), np.nan)
+    whole[:, joints] = x
+    return whole
 
 
 def _motors(robot: "Robot", motion: Motion, t: np.ndarray) -> dict[str, np.ndarray]:

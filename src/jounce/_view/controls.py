@@ -21,7 +21,9 @@ def joint_sliders(gui: Any, robot: Robot, along: Track | None) -> list[Any]:
     """A slider for each joint: from limit to limit, and as far as the motion goes."""
     q = np.zeros((0, robot.n)) if along is None else along.q
     lowest, highest = slider_ranges(robot.mechanism, q)
-    starts = np.clip(0, lowest, highest) if along is None else q[0]
+    closure = robot.mechanism.closure
+    rest = closure.start[list(closure.independent)] if closure else np.zeros(robot.n)
+    starts = rest.clip(lowest, highest) if along is None else q[0]
     found = []
     columns = (robot.joint_names, coordinate_units(robot.mechanism), *(x.tolist() for x in (lowest, highest, starts)))
     for name, unit, lower, upper, start in zip(*columns, strict=True):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jounce._report.drawing import GROUND, parts_of, robot_size
-from jounce._view.track import Track
+from jounce._view.track import Track, start_of
 from jounce.errors import JounceError, listed
 from jounce.figures.drawing import poses_on
 from jounce.io.visuals import read_mesh, visuals_of
@@ -39,8 +39,8 @@ class Scene:
 
 def draw_scene(server: "viser.ViserServer", robot: Robot, file: Path, along: Track | None) -> Scene:
     """Draw a robot as its file shows it; links without shapes there are drawn from their joints and frames."""
-    m = robot.mechanism
-    size = robot_size(m, poses_on(robot, np.zeros(robot.n), np.eye(4)))
+    m, start = robot.mechanism.tree, start_of(robot)
+    size = robot_size(m, poses_on(robot, start, np.eye(4)))
     server.scene.add_grid("/grid", width=4 * size, height=4 * size, cell_size=size / 5, section_size=size)
     ground = server.scene.add_frame(_body(GROUND), show_axes=False)
     bodies, frames = [], []
@@ -49,7 +49,7 @@ def draw_scene(server: "viser.ViserServer", robot: Robot, file: Path, along: Tra
         name, long, thick = f"/body{i}/frame", 0.12 * size, 0.005 * size
         frames.append(server.scene.add_frame(name, axes_length=long, axes_radius=thick, visible=False))
     seen, notes = _draw_visuals(server, robot, file)
-    for k, part in enumerate(parts_of(m, size)):
+    for k, part in enumerate(parts_of(m, size, start[None])):
         if part.body not in seen:
             colour = np.frombuffer(bytes.fromhex(part.colour.removeprefix("#")), np.uint8)
             server.scene.add_mesh_simple(f"{_body(part.body)}/part{k}", part.vertices, part.triangles, color=colour)
@@ -63,7 +63,7 @@ def draw_scene(server: "viser.ViserServer", robot: Robot, file: Path, along: Tra
 def show(scene: Scene, now: Track) -> None:
     """Move the robot to a state, and draw the forces and moments of it."""
     m = scene.robot.mechanism
-    poses = poses_on(scene.robot, now.q, now.C)
+    poses = poses_on(scene.robot, now.positions, now.C)
     for body, C in zip((scene.ground, *scene.bodies), (now.C, *poses), strict=True):
         body.wxyz, body.position = lie.to_quaternion(C[:3, :3]), C[:3, 3]
     vectors = {"base moment": (np.zeros(3), now.F[:3]), "base force": (np.zeros(3), now.F[3:])}

@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jounce.dynamics.closing import closed
 from jounce.robot import Robot
+from jounce.robot.closed_path import positions
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
@@ -16,7 +18,10 @@ STATES = 2000  # of a motion, at most
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """A motion at times (N,): q, Q (N, n), the base wrench F (N, 6), what bodies exert, (N, 6) by name, base poses."""
+    """A motion at times (N,): q, Q (N, n), the base wrench F (N, 6), what bodies exert, (N, 6) by name, base poses.
+
+    `positions` (N, joints) are q, and where loops are closed the positions of the joints that follow too.
+    """
 
     t: np.ndarray
     q: np.ndarray
@@ -24,12 +29,13 @@ class Track:
     F: np.ndarray
     wrenches: Mapping[str, np.ndarray]
     C: np.ndarray  # (N, 4, 4)
+    positions: np.ndarray
 
     def at(self, t: float) -> "Track":
         """The state at a time, every array without its first axis: the nearest of those that are kept."""
         k = int(np.abs(self.t - t).argmin())
         wrenches = {name: W[k] for name, W in self.wrenches.items()}
-        return Track(self.t[k], self.q[k], self.Q[k], self.F[k], wrenches, self.C[k])
+        return Track(self.t[k], self.q[k], self.Q[k], self.F[k], wrenches, self.C[k], self.positions[k])
 
 
 def track(robot: Robot, motion: "Motion") -> Track:
@@ -45,13 +51,28 @@ def track(robot: Robot, motion: "Motion") -> Track:
     along = robot.forces_along(motion, t, order=0)
     W = motion.wrench(t, 0)
     loads = {} if W is None else W[0]
-    F = robot.base_wrench(*along.rates[:3], wrench=loads or None, base=along.base)
+    q, *rates = along.rates[:3]
+    near = positions(robot, motion, t)
+    whole = q if near is None else near
+    F = robot.base_wrench(whole, *rates, wrench=loads or None, base=along.base)
     C = np.tile(np.eye(4), (len(t), 1, 1)) if along.base is None else along.base[0]
-    return Track(t, along.rates[0], along.forces[0][:, -robot.n :], np.asarray(F), loads, C)
+    return Track(t, along.rates[0], along.forces[0][:, -robot.n :], np.asarray(F), loads, C, whole)
 
 
-def at_rest(robot: Robot, q: np.ndarray, C: np.ndarray) -> Track:
-    """The state of a robot that rests at q, its base at C, without loads."""
+def start_of(robot: Robot) -> np.ndarray:
+    """The positions (joints,) of all joints of a robot at zero, or where its loops are closed at first."""
+    closure = robot.mechanism.closure
+    return closure.start if closure else np.zeros(robot.n)
+
+
+def at_rest(robot: Robot, q: np.ndarray, C: np.ndarray, near: np.ndarray | None = None) -> Track:
+    """The state of a robot that rests at q, its base at C, without loads; loops are closed from positions nearby.
+
+    Raises
+    ------
+    JounceError : where loops cannot be closed.
+    """
+    whole = closed(robot.mechanism, q[None], near)[0] if robot.mechanism.closure else q
     rest, base = np.zeros(robot.n), (C, np.zeros(6), np.zeros(6))
-    Q, F = (np.asarray(f(q, rest, rest, base=base)) for f in (robot.inverse_dynamics, robot.base_wrench))
-    return Track(np.zeros(()), q, Q[-robot.n :], F, {}, C)
+    Q, F = (np.asarray(f(whole, rest, rest, base=base)) for f in (robot.inverse_dynamics, robot.base_wrench))
+    return Track(np.zeros(()), q, Q[-robot.n :], F, {}, C, whole)

@@ -13,7 +13,7 @@ import numpy as np
 
 from jounce._view.controls import curves_of, joint_sliders, legend_of, series_of, table_of, text
 from jounce._view.scene import Scene, draw_scene, show
-from jounce._view.track import Track, at_rest
+from jounce._view.track import Track, at_rest, start_of
 from jounce.errors import JounceError
 from jounce.robot import Robot
 
@@ -41,6 +41,7 @@ class Viewer:
     busy: RLock = field(default_factory=RLock)
     setting: bool = False  # whether sliders are set from here, and not by the user
     drawn: float = -np.inf  # when the curves were drawn last
+    positions: np.ndarray = field(default_factory=lambda: np.zeros(0))  # of all joints, as they are shown
 
     @property
     def base(self) -> np.ndarray:
@@ -58,18 +59,29 @@ class Viewer:
             if not self.setting:
                 if self.playing is not None:
                     self.playing.value = False
-                self._show(at_rest(self.scene.robot, np.array([slider.value for slider in self.joints]), self.base))
+                q = np.array([slider.value for slider in self.joints])
+                try:
+                    self._show(at_rest(self.scene.robot, q, self.base, self.positions))
+                except JounceError as error:  # where loops cannot be closed
+                    closure = self.scene.robot.mechanism.closure
+                    assert closure is not None
+                    self._set(self.positions[list(closure.independent)])
+                    self.table.content = text(str(error))
 
     def move(self) -> None:
         """Show the motion at the time of its slider."""
         with self.busy:
             assert self.along is not None
             now = self.along.at(self.time.value)
-            self.setting = True
-            for slider, q in zip(self.joints, now.q, strict=True):
-                slider.value = float(q)
-            self.setting = False
+            self._set(now.q)
             self._show(now)
+
+    def _set(self, q: np.ndarray) -> None:
+        """Put the sliders of the joints at q."""
+        self.setting = True
+        for slider, x in zip(self.joints, q, strict=True):
+            slider.value = float(x)
+        self.setting = False
 
     def tick(self, seconds: float, clock: float) -> None:
         """Let the motion run on for some time, from its start again after its end; the clock is that of the curves."""
@@ -86,6 +98,7 @@ class Viewer:
                 self.plot.data = data
 
     def _show(self, now: Track) -> None:
+        self.positions = now.positions
         with self.server.atomic():
             show(self.scene, now)
             self.table.content = table_of(self.scene.robot, now)
@@ -132,7 +145,7 @@ def _fill(server: "viser.ViserServer", robot: Robot, file: Path, along: Track | 
         frames = gui.add_checkbox("frames", False)
         arrows = gui.add_checkbox("wrenches", True)
         gui.add_html(legend_of(scene))
-    viewer = Viewer(server, scene, along, joints, time, table, plot, playing, speed)
+    viewer = Viewer(server, scene, along, joints, time, table, plot, playing, speed, positions=start_of(robot))
     for slider in joints:
         slider.on_update(lambda _: viewer.rest())
     if time is not None:

@@ -91,14 +91,14 @@ def with_locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
     places = [j for j, name in enumerate(mechanism.coordinates) if name not in values]
     if not places:
         raise JounceError(f"all {mechanism.n} joints are locked; expected one that moves")
-    tree = locked(replace(mechanism.tree, elasticity=None), values)
+    tree = locked(mechanism.tree, values)
     u = c.start[list(c.independent)]
     u = np.array([values.get(name, x) for name, x in zip(mechanism.coordinates, u, strict=True)], dtype=float)
-    start = dict(zip(c.coordinates, closing.closed(mechanism, u[None])[0], strict=True))
+    q = dict(zip(c.coordinates, closing.closed(mechanism, u[None])[0], strict=True))
+    start = {name: q[name] for name in tree.coordinates}
     weights = {
         c.coordinates[j]: w for j, w in zip(c.actuated, c.weights, strict=True) if c.coordinates[j] not in values
     }
-    start = {name: start[name] for name in tree.coordinates}
     free = [mechanism.coordinates[j] for j in places]
     closed = with_loops(tree, tree.loops, list(weights), free, start, weights)
     return replace(closed, elasticity=mechanism.elasticity and mechanism.elasticity.select(places))

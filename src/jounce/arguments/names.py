@@ -71,12 +71,12 @@ def check(given: Collection[Any], expected: Sequence[str], unfit: Mapping[Any, s
 
 def followers(mechanism: Mechanism) -> dict[Any, str]:
     """Map the joints that are not coordinates, and so not part of a state, to the joints that they follow."""
-    follows: dict[Any, str] = {}
-    for joint, row in zip(mechanism.joints, mechanism.G, strict=True):
-        if joint not in mechanism.coordinates:
-            leaders = [mechanism.coordinates[j] for j in np.flatnonzero([not is_zero(factor) for factor in row])]
-            others = f"{listed(leaders)} (mimic)" if leaders else "others in closed loops"
-            follows[joint] = f"which follows {others}"
+    in_loops = [name for name in mechanism.tree.coordinates if name not in mechanism.coordinates]
+    follows: dict[Any, str] = dict.fromkeys(in_loops, "which follows others in closed loops")
+    for joint, row in zip(mechanism.joints, mechanism.tree.G, strict=True):
+        if joint not in mechanism.tree.coordinates:
+            leaders = [mechanism.tree.coordinates[j] for j in np.flatnonzero([not is_zero(factor) for factor in row])]
+            follows[joint] = f"which follows {listed(leaders) or 'none'} (mimic)"
     return follows
 
 

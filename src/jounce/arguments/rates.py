@@ -104,6 +104,8 @@ def _cure(shape: tuple[int, ...], label: str, mechanism: Mechanism) -> str:
         return f"; transpose it: {label}.swapaxes(-1, -2) has the coordinates last"
     if 0 < count < n:
         return f"; {names.LOCK}"
+    if mechanism.closure and label == "q":
+        return f"; or all {mechanism.tree.n} of the tree: {listed(mechanism.tree.coordinates)}"
     followers = [name for name in mechanism.joints if name not in mechanism.coordinates]
     if followers and count == mechanism.nb:
         return f"; leave out joints that follow others: {listed(followers)}"

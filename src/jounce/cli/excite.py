@@ -7,8 +7,8 @@ from typing import Any
 import click
 
 from jounce.cli.limits import LIMITS, load_robot
-from jounce.cli.options import ALL, Asked, on_robot_without_drives
-from jounce.cli.output import progress, tell
+from jounce.cli.options import Asked, drive_terms, on_robot_without_drives
+from jounce.cli.output import check_distinct, progress, tell
 from jounce.errors import escaped, shortened
 
 EPILOG = """\b
@@ -77,12 +77,13 @@ def excite(
 
     in_terms = output.suffix.lower() in SUFFIXES
     (files if in_terms else tables).check_writable(output)
+    check_distinct(output, robot.path, limits)
     if picture is not None:
         canvas.check_format(picture)
         files.check_writable(picture)
         canvas.check_installed()
     arm = load_robot(robot, limits)
-    columns: Any = False if terms is None else terms == ALL or terms.split(",")
+    columns = False if terms is None else drive_terms(terms)
     with progress("starts") as show:
         found = excitation(arm, drives=columns, progress=show, **options)
     motion = found.motion if step is None else found.motion.with_step(step)
@@ -110,6 +111,7 @@ def excite(
         "states": len(motion.times),
     }
     drawn = f", ratios to limits drawn to {picture}" if picture else ""
-    head = f"{shortened(arm.name)}: {summary['states']} rows written to {output}{drawn}"
+    what = "series" if in_terms else f"{summary['states']} rows"
+    head = f"{shortened(arm.name)}: {what} written to {output}{drawn}"
     lines = [head, *str(found).splitlines()]
     tell(summary, lambda _: "\n".join(map(escaped, lines)), as_json)

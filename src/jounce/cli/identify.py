@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jounce.cli.motions import AskedMotion, of_motion
-from jounce.cli.options import ALL, Asked, on_robot_without_drives
+from jounce.cli.options import Asked, drive_terms, on_robot_without_drives
 from jounce.cli.output import check_distinct, tell
 from jounce.errors import JounceError, collected_warnings, warn
 
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from jounce._typing import Equations
     from jounce.identification import Identification
 
-NONE = "none"  # of the drive terms
 DEFAULT = "damping,friction,offset"
 
 EPILOG = """\b
@@ -91,8 +90,8 @@ def identify(
     from jounce.io import files, saving
 
     saving.check_writable(output)
-    for source in (motion.path, robot.path):
-        check_distinct(output, source)
+    for path in filter(None, (output, table, plot)):
+        check_distinct(path, motion.path, robot.path)
     if table is not None:
         if table.suffix.lower() != ".csv":
             raise JounceError(f"{table}: unknown type of table {table.suffix!r} for --table; available: .csv")
@@ -102,11 +101,18 @@ def identify(
         files.check_writable(plot)
         canvas.check_installed()
     arm = robot.load()
-    path = motion.load(arm, 0)
-    drives: Any = {ALL: True, NONE: False}.get(terms, terms.split(","))
+    log = motion.load(arm, 0)
     with collected_warnings() as said:
         found = identified(
-            arm, path, drives=drives, eps=eps, span=span, band=band, deviations=deviation, prior=prior, method=method
+            arm,
+            log,
+            drives=drive_terms(terms),
+            eps=eps,
+            span=span,
+            band=band,
+            deviations=deviation,
+            prior=prior,
+            method=method,
         )
     for text in said:
         if text not in found.notes:  # which are printed
@@ -116,7 +122,7 @@ def identify(
         _write_table(found, table)
     if plot is not None:
         _draw(found, plot)
-    tell(_summary(found, motion.path, path.notes, output, table, plot), lambda of: _in_words(found, of), as_json)
+    tell(_summary(found, motion.path, log.notes, output, table, plot), lambda of: _in_words(found, of), as_json)
 
 
 def _write_table(found: "Identification", table: Path) -> None:

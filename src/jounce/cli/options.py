@@ -45,7 +45,6 @@ def _motions() -> Iterable[str]:
 
 ROBOT = FileOrName("robot", _robots)
 MOTION = FileOrName("motion", _motions)
-ALL = "all"  # drives
 
 
 @dataclass(frozen=True)
@@ -119,7 +118,7 @@ def _with_options(verb: Callable[..., None], options: Sequence[Decorator]) -> Ca
             "base": base,
             "root": root,
             "lock": _lock_values(lock) or None,
-            "drives": None if drives is None else drives == ALL or drives.split(","),
+            "drives": None if drives is None else drive_terms(drives),
             "gravity": gravity,
             "xacro_args": _pairs("--xacro-arg", xacro_args) or None,
         }
@@ -129,6 +128,11 @@ def _with_options(verb: Callable[..., None], options: Sequence[Decorator]) -> Ca
     for option in reversed(options):
         command = option(command)
     return command
+
+
+def drive_terms(given: str) -> Any:
+    """Drive terms of an option: True for all, False for none, or names between commas."""
+    return {"all": True, "none": False}.get(given, [name.strip() for name in given.split(",")])
 
 
 def _pairs(option: str, given: Sequence[str]) -> dict[str, str]:

@@ -21,9 +21,9 @@ def styled(text: str, **style: Any) -> str:
     return text if os.environ.get("NO_COLOR") else click.style(text, **style)
 
 
-def check_distinct(output: Path, source: Path) -> None:
-    """Raise `JounceError` if a command would write over the file that it reads."""
-    if output.resolve() == source.resolve():
+def check_distinct(output: Path, *sources: Path | None) -> None:
+    """Raise `JounceError` if a command would write over a file that it reads."""
+    if output.resolve() in [source.resolve() for source in sources if source is not None]:
         raise JounceError(f"{output}: the output file is the input file; choose another path")
 
 

@@ -29,9 +29,9 @@ def most(m: Mechanism) -> tuple[float, float]:
 def closed(m: Mechanism, u: np.ndarray, start: np.ndarray | None = None, step: Step | None = None) -> np.ndarray:
     """The coordinates (k, N) of the tree where the loops are closed, from the independent ones (k, n).
 
-    They are continued along a straight line from a start (k, N), by default that of the closure; where it has these
-    independent coordinates already, its loops need be nearly closed only. `step` is `newton.step` of the robot, by
-    default in NumPy.
+    They are continued along a straight line from a start, (k, N) or (N,), by default that of the closure; where it has
+    these independent coordinates already, its loops need be nearly closed only. `step` is `newton.step` of the robot,
+    by default in NumPy.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def _continued(m: Mechanism, u: np.ndarray, start: np.ndarray, step: Step) -> tu
     c, s = closure_of(m), scales(m)
     own, others = list(c.independent), np.array(c.dependent)
     q, bounds = np.array(start, dtype=float), np.zeros(len(u))
-    left = np.isfinite(u).all(axis=1) * 1.0  # the share of the way that is left
+    left = (np.isfinite(u).all(axis=1) & np.isfinite(q).all(axis=1)) * 1.0  # the share of the way that is left
     q[left == 0] = np.nan  # as all results are that depend on missing numbers
     way = u - q[:, own]
     size = np.minimum(1.0, STEP / np.maximum(np.abs(way / s.coordinates[own]).max(axis=1, initial=STEP), STEP))
@@ -92,8 +92,8 @@ def _newton(m: Mechanism, q: np.ndarray, step: Step) -> tuple[np.ndarray, np.nda
         least[k], bounds[k] = gap, measures[:, 1]
         closed = gap <= limit
         good[k] = closed
-        better |= closed
-        q[np.ix_(k[better], others)] = found[better]
+        useful = np.where(closed, measures[:, 1] <= SUSPECT**2, better)  # of closed ones, none that rounding makes
+        q[np.ix_(k[useful], others)] = found[useful]
         k = k[better & ~closed]
         if not len(k):
             break

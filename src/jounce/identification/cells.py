@@ -119,7 +119,7 @@ def band_of(t: np.ndarray, forces: np.ndarray, velocities: np.ndarray, eps: np.n
 
     Friction follows from the velocities (N, nb) of joints with smoothing velocities eps; times (N,) increase.
     """
-    step = float(np.median(np.diff(t))) if len(t) > 1 else 1.0
+    step = step_of(t)
     even = t[0] + step * np.arange(min(GRID, int((t[-1] - t[0]) / step) + 1))
     given = np.concatenate([forces, np.tanh(velocities / eps)], axis=1)
     columns = np.stack([np.interp(even, t, column) for column in given.T], axis=1)
@@ -128,3 +128,8 @@ def band_of(t: np.ndarray, forces: np.ndarray, velocities: np.ndarray, eps: np.n
     varying = sizes > QUIET * max(1.0, sizes.max())
     power = np.cumsum((np.abs(np.fft.rfft(columns[:, varying] / sizes[varying], axis=0)) ** 2).sum(axis=1))
     return float(np.searchsorted(power, SHARE * power[-1]) / (len(even) * step))
+
+
+def step_of(t: np.ndarray) -> float:
+    """The usual step between increasing times (N,), s."""
+    return float(np.median(np.diff(t))) if len(t) > 1 else 1.0

@@ -73,7 +73,7 @@ def minimum(problem: Problem) -> tuple[Floats, Floats]:
         if mu == problem.weight and t == 1 and (change < CONVERGED or rounding):
             return V, d
         last = change
-    raise JounceError(f"no physically consistent parameters within {STEPS} steps; expected a larger weight")
+    raise JounceError(f"no physically consistent parameters within {STEPS} steps; expected a smaller prior")
 
 
 def _step(problem: Problem, G: Floats, s: Floats, mu: float) -> tuple[Floats, Floats]:

@@ -15,9 +15,8 @@ from jounce.identification.problem import model_of, problem
 from jounce.identification.regression import regression, solve
 from jounce.identification.residuals import residuals
 from jounce.identification.result import Identification
-from jounce.identification.suspicions import suspicions
+from jounce.identification.suspicions import suspicions, unexplained
 from jounce.identification.table import IdentifiedParameter, parameter_table
-from jounce.model.coordinates import force_names
 from jounce.model.drives import AMOUNTS, OFFSET, TERMS, select_columns
 from jounce.model.inertial import with_parameters
 from jounce.motion.motion import Motion
@@ -26,6 +25,7 @@ from jounce.robot.robot import Robot
 
 DRIVES: tuple[DriveColumn, ...] = ("damping", "friction", "offset")
 PRIOR = 0.3  # relative: about as good as models of CAD are
+FIRMEST = 1e-9  # prior: no model is better, and squares of smaller ones overflow
 
 
 def identify(
@@ -89,8 +89,8 @@ def identify(
     Raises
     ------
     JounceError
-        If there are no forces, a shape is wrong, times do not increase, a weight is negative, or there are fewer
-        measurements than parameters.
+        If there are no forces, a shape is wrong, a force is infinite, times do not increase or are outside of the
+        motion, a weight is negative, or there are fewer measurements than parameters.
 
     Warns
     -----
@@ -118,8 +118,8 @@ def identify(
     one_of("method", method, get_args(Equations))
     terms = select_columns(drives)
     model = model_of(robot, terms, eps)
-    if not is_finite(prior) or not prior > 0:
-        raise JounceError(f"prior is {quoted(prior)}; expected a relative standard deviation above 0")
+    if not is_finite(prior) or not prior >= FIRMEST:
+        raise JounceError(f"prior is {quoted(prior)}; expected a relative standard deviation, {FIRMEST:g} or more")
     path = checked_motion(model.mechanism, motion)
     given = measurements(model.mechanism, path, forces, t, weights, deviations)
     posed = problem(model, path, terms, given, _inside(span, given.t), band, method)
@@ -127,14 +127,17 @@ def identify(
     information = weighed.information[np.ix_(posed.columns, posed.columns)]
     solution = solve(information, weighed.right[posed.columns])
     table = parameter_table(posed, solution, weighed.variances)
-    notes = [*suspicions(posed.cells, force_names(model.mechanism)), *_unseen(table, solution.rank)]
+    notes = [*suspicions(posed), *_unseen(table, solution.rank)]
     for text in notes:
         warn(text)
     found = consistent_parameters(
         model.mechanism, posed.base, information, posed.own + solution.x, terms, weight=float(prior) ** -2
     )
     predicted = posed.predicted(found.parameters, found.values[posed.base.count :])
-    times = given.t[posed.used]
+    rows, times = residuals(posed, predicted), given.t[posed.used]
+    notes += (left := unexplained(rows))
+    for text in left:
+        warn(text)
     return Identification(
         robot=_identified(model, terms, found),
         offsets=found.drives.get(OFFSET, np.zeros(model.mechanism.nb)),
@@ -143,7 +146,7 @@ def identify(
         rank=solution.rank,
         condition=solution.condition,
         deviations=weighed.deviations,
-        residuals=residuals(posed, predicted),
+        residuals=rows,
         span=(float(times[0]), float(times[-1])),
         band=posed.band,
         cell=posed.width,

@@ -172,7 +172,7 @@ def excite(
     if not condition <= SINGULAR:
         raise JounceError(
             f"the motion does not tell the {len(told.names)} parameters from each other (condition number"
-            f" {condition:.2g}); expected more than {harmonics} harmonics, or wider limits"
+            f" {condition:.2g}); expected a longer period, more than {harmonics} harmonics, or wider limits"
         )
     return Excitation(motion, told.log_det(rates), condition, told.names, told.unseen, found, notes)
 

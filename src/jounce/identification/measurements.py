@@ -20,7 +20,7 @@ CURE = (
 
 LEAST = {
     "weights": (0.0, "factors of inverse variances: 0, which leaves a force out, or more"),
-    "deviations": (np.finfo(float).tiny, "standard deviations above 0, N m or N"),
+    "deviations": (1e-100, "standard deviations above 0, N m or N"),  # of which the squares are not 0
 }
 
 
@@ -59,7 +59,8 @@ def measurements(
 
     Raises
     ------
-    JounceError : if no force is measured, a shape is wrong, times do not increase, or a weight is negative.
+    JounceError : if no force is measured, a shape is wrong, a force is infinite, times do not increase or are
+        outside of the motion, or a weight is negative.
     """
     names = force_names(mechanism)
     if forces is None:
@@ -68,10 +69,12 @@ def measurements(
         times, values = _of_motion(mechanism, motion)
     else:
         values = _numbers(forces, "forces")
-        times = motion.times if t is None else _numbers(t, "t")
+        times = motion.times if t is None else motion.checked(_numbers(t, "t"))
     if times.ndim != 1 or values.shape != (len(times), len(names)):
         whose = "times of the motion" if t is None else "times t"
         raise JounceError(f"forces have shape {values.shape}; expected {(times.size, len(names))}: {whose}, forces")
+    if np.isinf(values).any():
+        raise JounceError(f"forces hold {values[np.isinf(values)][0]:g}; expected numbers, NaN for those not measured")
     if not np.isfinite(times).all() or (np.diff(times) <= 0).any():
         raise JounceError("t does not increase from sample to sample; expected increasing times in s")
     factors = np.broadcast_to(_factors("weights", weights, values.shape), values.shape)

@@ -9,7 +9,7 @@ from jounce._scalars import is_finite
 from jounce._typing import DriveColumn, Equations
 from jounce.dynamics.base_parameters import BaseParameters
 from jounce.errors import JounceError, quoted
-from jounce.identification.cells import CELLS, Cells, band_of, cells_of, regressors
+from jounce.identification.cells import CELLS, Cells, band_of, cells_of, regressors, step_of
 from jounce.identification.filtered import FILTERED
 from jounce.identification.measurements import Measurements
 from jounce.model.drives import AMOUNTS, OFFSET, with_eps
@@ -88,7 +88,7 @@ def problem(
 
     Raises
     ------
-    JounceError : if there are fewer measured forces than parameters, or the band is not a positive number.
+    JounceError : if there are fewer measured forces than parameters, or the band is not one of the samples.
     """
     base, samples = robot.base_parameters(), given.part(used)
     count = len(_columns(robot, base, terms))
@@ -99,11 +99,16 @@ def problem(
         )
     along = robot.forces_along(motion, given.t, order=0)
     model, deviations = along.forces[0], None if along.deviations is None else along.deviations[0][used]
+    step = step_of(samples.t)
+    lowest, highest = 1 / (len(samples.t) * step), 0.5 / step
     if band is None:
         theta = along.rates[1][used] @ robot.mechanism.G.T
         band = band_of(samples.t, model[used], theta, robot.drives.eps)
-    elif not is_finite(band) or not band > 0:
-        raise JounceError(f"band is {quoted(band)}; expected a frequency in Hz above 0")
+    elif not is_finite(band) or not lowest <= band <= highest:
+        raise JounceError(
+            f"band is {quoted(band)}; expected a frequency from {lowest:.4g} Hz, one period of the samples, to"
+            f" {highest:.4g} Hz, half their rate"
+        )
     band = float(band)
     width = _width(samples, band, count)
     if method in FILTERED:
@@ -124,8 +129,8 @@ def model_of(robot: object, terms: Sequence[DriveColumn], eps: float | None) -> 
         raise JounceError(f"identify() expects a jounce.Robot, got {type(robot).__name__}; jounce.load makes one")
     if robot.mechanism.elasticity is not None and set(terms) - {"spring", OFFSET}:
         raise JounceError(
-            f"{robot.name} has elastic joints: its drives act on motors, not on links; drives=False identifies links"
-            " from the torques of the springs"
+            f"{robot.name} has elastic joints: its drives act on motors, not on links; drives=False (--drives none)"
+            " identifies links from the torques of the springs"
         )
     if eps is None:
         return robot

@@ -31,7 +31,9 @@ def search_of(
     if not isinstance(robot, Robot):
         raise JounceError(f"excite() expects a jounce.Robot, got {type(robot).__name__}")
     if robot.mechanism.base:
-        raise JounceError(f"the base of {quoted(robot.name)} floats; expected one at rest, load(..., base='fixed')")
+        raise JounceError(
+            f"the base of {quoted(robot.name)} floats; expected one at rest, load(..., base='fixed') (--base)"
+        )
     left = float(margin) if is_finite(margin) else -1.0  # type: ignore[arg-type]
     if not 0 <= left < 1:
         raise JounceError(f"margin is {quoted(margin)}; expected a share of the limits, 0 <= margin < 1")
@@ -84,7 +86,10 @@ def _check_limits(robot: Robot, limits: Limits, kinds: list[str]) -> None:
         zero = (limits.bounds(kind) == 0).any(axis=0)
         if kind not in MOTION_KINDS and zero.any():
             joint = quoted(robot.joint_names[int(zero.argmax())])
-            raise JounceError(f"a limit of {kind} of joint {joint} is 0; expected room on both sides of 0")
+            raise JounceError(
+                f"a limit of {kind} of joint {joint} is 0; expected room on both sides of 0: state another with"
+                f" robot.with_limits({kind}=...) (--limits)"
+            )
 
 
 def _weights(robot: Robot, limits: Limits, given: ArrayLike | None) -> tuple[np.ndarray, list[str]]:

@@ -1,17 +1,65 @@
-"""Measured forces whose sign or unit is not that of the model."""
+"""Measured forces that are not what they should be: of another sign or unit, missing, constant, or not explained."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
-from jounce.errors import listed
-from jounce.identification.cells import Cells
+from jounce.errors import listed, shortened
+from jounce.identification.problem import Problem
+from jounce.identification.regression import EXACT
+from jounce.identification.residuals import ForceResidual
+from jounce.model.coordinates import force_names
 
 OPPOSED = -0.5  # correlation of measured forces with those of the model, below which their sign is suspected
 ALIKE = 0.8  # and that above which their size is compared
 FACTOR = 10.0  # in size, beyond which the unit is suspected: no parameters are that wrong
+MOST = 0.5  # of a force, from which on what remains of it is more than friction or noise
 
 
-def suspicions(cells: Cells, names: tuple[str, ...]) -> list[str]:
-    """Return what is suspicious about measured forces, by their correlation with the forces of the model."""
+def suspicions(posed: Problem) -> list[str]:
+    """Return what is suspicious about measured forces next to the forces of the model."""
+    names = force_names(posed.robot.mechanism)
+    return [*_absent(posed, names), *_unlike(posed, names)]
+
+
+def unexplained(rows: Sequence[ForceResidual]) -> list[str]:
+    """Return which of the forces that were used the identified robot explains less than half of."""
+    used = [row for row in rows if row.part == "used"]
+    least = EXACT * max((row.measured for row in used), default=0.0)
+    left = [row for row in used if row.measured > 0 and row.identified > max(MOST * row.measured, least)]
+    if not left:
+        return []
+    worst = max(left, key=lambda row: row.identified)
+    return [
+        f"the identified robot does not explain the forces of {listed(row.force for row in left)}: it leaves"
+        f" {worst.identified:.3g} of {worst.measured:.3g} {worst.unit} of {shortened(worst.force)}; expected torques of"
+        " these joints at these times: check the order of columns, times, gravity, wild samples and noise"
+        " (--plot shows them)"
+    ]
+
+
+def _absent(posed: Problem, names: tuple[str, ...]) -> list[str]:
+    """What is said of forces that are not measured, but for those on a base, and of sensors that stand still."""
+    samples, model = posed.given.part(posed.used), posed.model[posed.used]
+    there, joints = samples.weights > 0, np.arange(len(names)) >= len(names) - posed.robot.n
+    missing = joints & ~there.any(axis=0)
+    first = np.take_along_axis(samples.forces, there.argmax(axis=0)[None], axis=0)
+    same = (~there | (samples.forces == first)).all(axis=0) & (there.sum(axis=0) > 1)
+    varies = np.ptp(model, axis=0) > EXACT * np.abs(model).max()
+    found = []
+    if missing.any():
+        found.append(f"forces of {_of(names, missing)} are not measured: no column, NaN or a weight of 0")
+    if (still := same & varies).any():
+        found.append(
+            f"forces of {_of(names, still)} are constant, and those of the model are not; expected measured ones:"
+            " leave the columns of dead sensors out"
+        )
+    return found
+
+
+def _unlike(posed: Problem, names: tuple[str, ...]) -> list[str]:
+    """What the correlation of measured forces with those of the model tells of their sign and unit."""
+    cells = posed.cells
     measured = cells.off + cells.model
     shared = (cells.counts * measured * cells.model).sum(axis=0)
     of_model = (cells.counts * cells.model**2).sum(axis=0)

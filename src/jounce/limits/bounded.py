@@ -9,7 +9,7 @@ import numpy as np
 
 from jounce.arguments.requests import more_rates
 from jounce.dynamics import electrical
-from jounce.dynamics.quantities import FORCES, Quantity, row_of
+from jounce.dynamics.quantities import FORCES, QUANTITIES, Quantity, row_of
 from jounce.errors import JounceError, listed, quoted
 from jounce.limits.joints import (
     drives_coordinates,
@@ -18,7 +18,7 @@ from jounce.limits.joints import (
     joint_limits,
     joint_names,
     joint_rates,
-    of_motors,
+    of_joints,
 )
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, MOTOR_KINDS, Limits
 from jounce.model.limits import FORCES as BOUND_FORCES
@@ -134,12 +134,12 @@ class Bounded:
         if not self.forces:
             return found
         values = {name: self.quantity(name, order, rates, t, side, near) for name, order in self.orders.items()}
-        found |= {kind: in_columns(m, self.of_motor(kind, values)) for kind in MOTORS if kind in self.kinds}
+        found |= {kind: in_columns(m, self.of_motor(kind, values), FORCES) for kind in MOTORS if kind in self.kinds}
         if self.efforts.name not in values:
             return found
         Q, base = values[self.efforts.name], self.motion.base(t, self.orders[self.efforts.name], side)
-        found |= {kind: in_columns(m, own) for kind, own in self._efforts(Q, rates, base, near).items()}
-        return found | ({"power": power(joints[1:], in_columns(m, Q))} if "power" in self.kinds else {})
+        found |= {kind: in_columns(m, own, self.efforts) for kind, own in self._efforts(Q, rates, base, near).items()}
+        return found | ({"power": power(joints[1:], in_columns(m, Q, self.efforts))} if "power" in self.kinds else {})
 
     def rates(self, t: np.ndarray, order: int, side: Side = "right") -> Rates:
         """The rates of the joints up to an order, (N, joints) each."""
@@ -277,14 +277,16 @@ def at_speed(
     Wrenches over time and the base go with the path.
     """
     W = wrench and tuple({body: w * c**k for body, w in of.items()} for k, of in enumerate(wrench))
-    scaled = tuple(rate * c**k for k, rate in enumerate(rates[: order + _row(robot, name).rates]))
+    row = _row(robot, name)
+    scaled = tuple(rate * c**k for k, rate in enumerate(rates[: order + row.rates]))
     moved = base and tuple(term * c**k for k, term in enumerate(base))
-    return of_motors(robot, compute(robot, name, on_tree(scaled, near), wrench=W, base=moved))
+    return of_joints(robot.mechanism, compute(robot, name, on_tree(scaled, near), wrench=W, base=moved), row)
 
 
 def gravity(robot: "Robot", rates: Rates, base: Rates | None, near: np.ndarray | None) -> list[np.ndarray]:
     """The gravity forces of the joints and their rates."""
-    return of_motors(robot, compute(robot, "gravity_forces", on_tree(rates, near), base=base))
+    found = compute(robot, "gravity_forces", on_tree(rates, near), base=base)
+    return of_joints(robot.mechanism, found, QUANTITIES["gravity_forces"])
 
 
 def power(rates: Rates, Q: list[np.ndarray]) -> list[np.ndarray]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from jounce.errors import listed, quoted
 from jounce.limits.bounded import DERIVATIVE, Bounded, bounded, rate_of_forces
-from jounce.limits.joints import in_columns, joint_units, of_motors
+from jounce.limits.joints import in_columns, joint_units, of_joints
 from jounce.limits.pieces import pieces_of
 from jounce.limits.worst import ROUNDING, Worst
 from jounce.model.coordinates import following_efforts
@@ -182,7 +182,10 @@ def _with_deviations(b: Bounded, worst: Worst, rows: list[CheckedLimit]) -> tupl
     m, names = b.robot.mechanism, b.robot.joint_names
     rates = b.rates(t, 1)
     along = forces_along(b.robot, b.motion, t, b.force_order, None, None, b.efforts) if b.forces else None
-    spread = [] if along is None or along.deviations is None else in_columns(m, of_motors(b.robot, along.deviations))
+    spread, Q = (
+        in_columns(m, of_joints(m, found, b.efforts), b.efforts)
+        for found in ((along.deviations or (), along.forces) if along else ((), ()))
+    )
     found = []
     for i, row in enumerate(rows):
         j = b.joints.index(row.joint)
@@ -192,9 +195,8 @@ def _with_deviations(b: Bounded, worst: Worst, rows: list[CheckedLimit]) -> tupl
             continue
         if row.limit in MOTION_KINDS:
             deviation = motion[MOTION_KINDS.index(row.limit)][i, own]
-        elif row.limit == "power" and along is not None:
-            [Q, *_] = in_columns(m, of_motors(b.robot, along.forces))
-            deviation = np.hypot(rates[1][i, j] * spread[0][i, j], Q[i, j] * motion[1][i, own])
+        elif row.limit == "power":
+            deviation = np.hypot(rates[1][i, j] * spread[0][i, j], Q[0][i, j] * motion[1][i, own])
         else:
             deviation = spread[DERIVATIVE[row.limit]][i, j]
         reach = abs(row.bound - float(worst.scales[row.limit].centre[j]))

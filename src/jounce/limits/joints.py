@@ -55,19 +55,23 @@ def efforts(m: Mechanism) -> Quantity:
     return FORCES if drives_coordinates(m) else QUANTITIES["actuator_forces"]
 
 
-def of_motors(robot: "Robot", found: Any) -> list[np.ndarray]:
-    """Forces, or positions of motors, and their rates without those on a base, which no limit bounds."""
-    closure = robot.mechanism.closure
-    count = len(closure.actuated) if closure else robot.n
-    return [x[..., -count:] for x in as_tuple(found)]
+def columns_of(m: Mechanism, row: Quantity) -> Sequence[int]:
+    """The columns of what a quantity has of motors, or else of coordinates."""
+    if m.closure is None:
+        return range(m.n)
+    return m.closure.actuated if "motors" in row.shape else m.closure.independent
 
 
-def in_columns(m: Mechanism, found: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Columns of all joints from those of motors, (..., motors)."""
+def of_joints(m: Mechanism, found: Any, row: Quantity) -> list[np.ndarray]:
+    """A quantity and its rates without what it has of a base, which no limit bounds."""
+    return [x[..., -len(columns_of(m, row)) :] for x in as_tuple(found)]
+
+
+def in_columns(m: Mechanism, found: Sequence[np.ndarray], row: Quantity) -> list[np.ndarray]:
+    """Columns of all joints from those of a quantity."""
     if m.closure is None:
         return list(found)
-    places = m.closure.independent if drives_coordinates(m) else m.closure.actuated
-    return [_placed(x, places, m.tree.n) for x in found]
+    return [_placed(x, columns_of(m, row), m.tree.n) for x in found]
 
 
 def joint_rates(

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from jounce.dynamics.quantities import FORCES
+from jounce.dynamics.quantities import FORCES, QUANTITIES
 from jounce.limits import pace
 from jounce.limits.bounded import at_speed, gravity
-from jounce.limits.joints import in_columns, joint_rates, of_motors
+from jounce.limits.joints import in_columns, joint_rates, of_joints
 from jounce.robot.closed_path import on_tree, positions
 from jounce.robot.dispatch import compute
 
@@ -113,7 +113,7 @@ def path_of(robot: "Robot", motion: "Motion", sigma: np.ndarray, order: int, lef
     m, near = robot.mechanism, positions(robot, motion, sigma, side)
 
     def forces(speed: float) -> list[np.ndarray]:
-        found = in_columns(m, at_speed(robot, FORCES.name, q, W, speed, order, base, near))
+        found = in_columns(m, at_speed(robot, FORCES.name, q, W, speed, order, base, near), FORCES)
         return [rate / speed**k for k, rate in enumerate(found)]
 
     b, v, g = [], [], []
@@ -122,7 +122,8 @@ def path_of(robot: "Robot", motion: "Motion", sigma: np.ndarray, order: int, lef
         b.append((double - 2 * odd - even) / 3)
         v.append(odd)
         g.append(even - b[-1])
-    p = compute(robot, "generalized_momentum", on_tree(q[: order + 2], near), base=base and base[: order + 2])
+    momentum = QUANTITIES["generalized_momentum"]
+    p = compute(robot, momentum.name, on_tree(q[: order + 2], near), base=base and base[: order + 2])
     weight = gravity(robot, q[: order + 1], base and base[: order + 1], near)
-    a, weight = (in_columns(m, found) for found in (of_motors(robot, p), weight))
-    return Path(joint_rates(robot, q, near), a, b, v, g, weight)
+    a = in_columns(m, of_joints(m, p, momentum), momentum)
+    return Path(joint_rates(robot, q, near), a, b, v, g, in_columns(m, weight, FORCES))

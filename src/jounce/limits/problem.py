@@ -116,10 +116,12 @@ def problem_of(robot: "Robot", motion: Motion, share: float) -> Problem:
         )
     forces = [kind for kind in kinds if kind in (*EFFORT_KINDS, "power")]
     if forces and not drives_coordinates(robot.mechanism):
+        bounds, names = limits.bounds(forces[0]), joint_names(robot.mechanism)
+        bounded = [name for j, name in enumerate(names) if np.isfinite(bounds[:, j]).any()]
         raise JounceError(
             f"retime knows limits of {listed(forces)} only where motors are at the coordinates,"
-            f" {listed(robot.joint_names)}; take them away, robot.with_limits({forces[0]}=float('inf')), and check the"
-            " result with them: robot.slowdown keeps them"
+            f" {listed(robot.joint_names)}; take them away, robot.with_limits({forces[0]}=dict.fromkeys({bounded},"
+            " float('inf'))), and check the result with them: robot.slowdown keeps them"
         )
     _check_zero(robot, motion, limits, kinds)
     if not kinds:

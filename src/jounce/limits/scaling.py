@@ -13,6 +13,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from jounce.dynamics.quantities import FORCES
 from jounce.limits.bounded import (
     DERIVATIVE,
     MOTORS,
@@ -52,7 +53,7 @@ def polynomials(b: Bounded, t: np.ndarray, side: Side = "right") -> Polynomials:
             c = np.pad(np.stack(parts[k]), ((k, 0), (0, 0), (0, 0)))
             if kind != "power" and b.limits.of(kind) == BOUND_FORCES[1]:
                 c[k] -= gravity(b.robot, rates[: k + 1], b.motion.base(t, k, side), near)[k]
-            [c] = in_columns(m, [c])
+            [c] = in_columns(m, [c], b.efforts)
             found[kind] = np.concatenate([0 * c[:1], joints[1] * c]) if kind == "power" else c
     return found
 
@@ -93,7 +94,7 @@ def _of_motors(
         known = {name: b.quantity(name, order, rates, t, side, near, float(speed)) for name, order in orders.items()}
         values.append(b.of_motor(kind, known)[DERIVATIVE.get(kind, 0)])
     found = np.tensordot(np.linalg.inv(np.vander(c, increasing=True)), np.stack(values), axes=1)
-    return in_columns(b.robot.mechanism, [found])[0]
+    return in_columns(b.robot.mechanism, [found], FORCES)[0]
 
 
 def positive_roots(f: np.ndarray) -> np.ndarray:

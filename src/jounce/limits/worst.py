@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jounce.limits.bounded import Bounded, rate_of_forces
-from jounce.limits.joints import in_columns, of_motors
+from jounce.limits.joints import columns_of, in_columns, of_joints
 from jounce.limits.peaks import Peaks, peaks_of, picked, root
 from jounce.limits.pieces import Pieces
 from jounce.limits.ratios import Scale, scale_of
@@ -61,9 +61,10 @@ class Worst:
                     for kind in MOTION_KINDS[found.order + 1 :]:
                         self._jump(kind, j, found.t, jump)
         for met in breaks:
-            unknown = [-np.ones(self.b.robot.n), np.ones(self.b.robot.n)]  # where q or qd jumps: an impulse
-            forces = unknown if met.jump is None else of_motors(self.b.robot, met.jump)
-            for force in in_columns(self.b.robot.mechanism, forces):
+            m, row = self.b.robot.mechanism, self.b.efforts
+            size = len(columns_of(m, row))
+            unknown = [-np.ones(size), np.ones(size)]  # where q or qd jumps: an impulse
+            for force in in_columns(m, unknown if met.jump is None else of_joints(m, met.jump, row), row):
                 for i in np.flatnonzero(np.abs(force) > ROUNDING * np.abs(force).max()):
                     for kind in self.b.kinds:
                         if kind not in MOTION_KINDS and met.order < rate_of_forces(self.b.robot, kind):

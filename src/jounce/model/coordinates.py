@@ -56,7 +56,7 @@ def leading_joints(mechanism: Mechanism) -> list[int]:
 
 def joint_places(mechanism: Mechanism) -> dict[str, int]:
     """The joint variable that each name of a joint, or else of a coordinate, belongs to."""
-    leaders = dict(zip(mechanism.coordinates, leading_joints(mechanism), strict=True))
+    leaders = dict(zip(mechanism.tree.coordinates, leading_joints(mechanism.tree), strict=True))
     return leaders | {joint: i for i, joint in enumerate(mechanism.joints)}
 
 

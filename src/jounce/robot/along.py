@@ -9,6 +9,7 @@ import numpy as np
 
 from jounce._typing import ArrayLike
 from jounce.arguments.rates import checked_order
+from jounce.dynamics import closing
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import FORCES, Quantity
 from jounce.errors import JounceError, at, quoted
@@ -17,7 +18,7 @@ from jounce.motion.base import perturbed
 from jounce.motion.matching import matched
 from jounce.motion.motion import Break, Motion
 from jounce.motion.units import warn_of_degrees
-from jounce.robot.closed_path import continued, on_tree, positions
+from jounce.robot.closed_path import on_tree, positions
 from jounce.robot.dispatch import closing_step, compute
 from jounce.robot.generic import as_tuple
 
@@ -203,8 +204,7 @@ def _computed(
     method: str | None,
     row: Quantity,
 ) -> Rates:
-    given = rates if near is None else on_tree(rates, continued(robot.mechanism, rates[0], near, closing_step(robot)))
-    return as_tuple(compute(robot, row.name, given, wrench=W, base=base, method=method))
+    return as_tuple(compute(robot, row.name, on_tree(rates, near), wrench=W, base=base, method=method))
 
 
 def _size(robot: "Robot", row: Quantity) -> int:
@@ -234,8 +234,10 @@ def _spreads(
         rates, W, base = motion(part, highest), motion.wrench(part, of_wrench), motion.base(part, highest)
         near = positions(robot, motion, part)
         true = np.array(_computed(robot, rates, W, base, near, method, row))
-        for other in _perturbed(motion, part, rates, W, base, highest, of_wrench):
-            total[:, start : start + PIECE] += (np.array(_computed(robot, *other, near, method, row)) - true) ** 2
+        for q, load, moved in _perturbed(motion, part, rates, W, base, highest, of_wrench):
+            there = near if near is None else closing.closed(robot.mechanism, q[0], near, closing_step(robot))
+            found = np.array(_computed(robot, q, load, moved, there, method, row))
+            total[:, start : start + PIECE] += (found - true) ** 2
     known = np.sqrt(total)
 
     def interpolated(times: np.ndarray) -> Rates:

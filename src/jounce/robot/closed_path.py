@@ -67,6 +67,7 @@ class ClosedCurve:
 
     m: Mechanism
     curve: Curve
+    step: newton.Step | None  # that closes the loops, by default in NumPy
 
     @property
     def own(self) -> list[int]:
@@ -79,15 +80,15 @@ class ClosedCurve:
         return list(closure_of(self.m).dependent)
 
     def states(self, t: np.ndarray, near: np.ndarray) -> States:
-        """The states at times, with positions (N,) nearby, from which those are continued."""
+        """The states at times, continued from positions (N,) nearby."""
         order = 2 if self.curve.highest is None else min(2, self.curve.highest)
         rates = self.curve.rates(t, order)
-        q = continued(self.m, rates[0], near[None])
+        q = closing.closed(self.m, rates[0], near, self.step)
         after = self.rates_of(q, rates)
         before, breaks = after.copy(), np.flatnonzero(np.isin(t, [jump.t for jump in self.curve.jumps(order)]))
         if breaks.size:
             left = self.curve.rates(t[breaks], order, True)
-            before[:, breaks] = self.rates_of(continued(self.m, left[0], q[breaks]), left)
+            before[:, breaks] = self.rates_of(closing.closed(self.m, left[0], q[breaks], self.step), left)
             before[:, breaks[(left[0] != rates[0][breaks]).any(axis=1)]] = np.nan  # where q jumps, nothing is continued
         return States(t, q, after, before)
 
@@ -178,17 +179,18 @@ def positions(
     samples = (curve.stop - curve.start) / STEP if motion.grid is None else len(motion.grid)
     count = max(FEWEST, min(MOST, int(samples / STRIDE)))
     fixed: Any = curve  # curves are immutable, hence keys
-    path = _path(m, fixed, order, count, tuple(motion.branch.items()))
+    step = closing_step(robot)
+    path = _path(m, fixed, order, count, tuple(motion.branch.items()), step)
     near = path.q[(np.searchsorted(path.t, inner, side="right") - 1).clip(0)]
-    u, step = motion(t, 0, side)[0], closing_step(robot)
+    u = motion(t, 0, side)[0]
     try:
-        return continued(m, u, near, step)
+        return closing.closed(m, u, near, step)
     except JounceError:
         first, last = 0, len(t)
         while last - first > 1:  # which of the times it is
             middle = (first + last) // 2
             try:
-                continued(m, u[first:middle], near[first:middle], step)
+                closing.closed(m, u[first:middle], near[first:middle], step)
                 first = middle
             except JounceError:
                 last = middle
@@ -207,9 +209,9 @@ def positions_of_rows(robot: "Robot", t: np.ndarray, rates: Sequence[np.ndarray]
     ------
     JounceError : where the branch jumps between neighbouring rows, with the time.
     """
-    m = robot.mechanism
-    q = closing.closed(m, rates[0], q, closing_step(robot))
-    closed = ClosedCurve(m, Hermite(t, tuple(rates)))
+    m, step = robot.mechanism, closing_step(robot)
+    q = closing.closed(m, rates[0], q, step)
+    closed = ClosedCurve(m, Hermite(t, tuple(rates)), step)
     both = closed.rates_of(q, rates)
     for i in np.flatnonzero(~closed.agreeing(States(t, q, both, both))):
         off = np.abs((closed.path(t[i : i + 2], q[i]).q[-1] - q[i + 1]) / newton.scales(m).coordinates)
@@ -223,20 +225,14 @@ def positions_of_rows(robot: "Robot", t: np.ndarray, rates: Sequence[np.ndarray]
     return q
 
 
-def continued(m: Mechanism, u: np.ndarray, near: np.ndarray, step: newton.Step | None = None) -> np.ndarray:
-    """All coordinates (K, N) of the tree from the independent ones (K, n) and positions (K, N) or (1, N) nearby.
-
-    `step` is that of `newton.step`, by default in NumPy.
-    """
-    c, step = closure_of(m), step or newton.step_of_arrays(m)
-    start = np.broadcast_to(near, (len(u), near.shape[1]))
-    predicted, _ = step(start, u - start[:, list(c.independent)])
-    return closing.closed(m, u, all_coordinates(c, u, predicted), step)
-
-
 @lru_cache(maxsize=8)
 def _path(
-    m: Mechanism, curve: Curve, columns: tuple[int, ...], count: int, branch: tuple[tuple[str, float], ...]
+    m: Mechanism,
+    curve: Curve,
+    columns: tuple[int, ...],
+    count: int,
+    branch: tuple[tuple[str, float], ...],
+    step: newton.Step | None,
 ) -> States:
     """States along some columns of a curve, so close together that positions between are near those before them."""
     c, curve = closure_of(m), Columns(curve, np.array(columns))
@@ -245,5 +241,5 @@ def _path(
     u, given = curve.rates(t[:1], 0)[0], dict(branch)
     whole = np.array([given.get(name, x) for name, x in zip(c.coordinates, c.start, strict=True)])
     with at(f"at t = {t[0]:.6g} s, the start of the motion"):
-        q = closing.closed(m, u, all_coordinates(c, u, whole[None, list(c.dependent)]) if branch else None)
-    return ClosedCurve(m, curve).path(t, q[0])
+        q = closing.closed(m, u, all_coordinates(c, u, whole[None, list(c.dependent)]) if branch else None, step)
+    return ClosedCurve(m, curve, step).path(t, q[0])

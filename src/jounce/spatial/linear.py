@@ -5,7 +5,7 @@ without fill-in (Featherstone, Rigid Body Dynamics Algorithms, 6.3). Others, of 
 columns of Q that are orthogonal (modified Gram-Schmidt); rows may be redundant.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import comb
 
@@ -130,20 +130,17 @@ def elimination(pattern: np.ndarray) -> list[tuple[int, int | None]]:
     return steps
 
 
-def solved(A: Series, B: Series, solve: Callable[[Array], Array] | None = None) -> Series:
-    """X of A X = B with its rates: A X[k] = B[k] - sum of binom(k, j) A[j] X[k - j], with A factored once.
-
-    `solve` solves equations of A[0]; by default it is symmetric positive definite.
-    """
-    solvers = [] if solve is None else [solve]
+def solved(A: Series, B: Series) -> Series:
+    """X of A X = B with its rates: A X[k] = B[k] - sum of binom(k, j) A[j] X[k - j], with A factored once."""
+    factors: list[Factors] = []
 
     def term(k: int) -> Array:
-        if not solvers:
-            solvers.append(Factors.of(A[0]).solve)
+        if not factors:
+            factors.append(Factors.of(A[0]))
         rest = B[k]
         for j in range(1, k + 1):
             rest = rest - comb(k, j) * (A[j] @ X[k - j])
-        return solvers[0](rest)
+        return factors[0].solve(rest)
 
     X = Series(term)
     return X

@@ -8,28 +8,45 @@ function wrench(C, {body, point}, pull) {
   return W;
 }
 
-function atRest(q, pull, at) {
-  const C = pose(q), rest = new Float64Array(n), still = wrench(C, at, [0, 0, 0]);
-  const [Q] = forcesAtRest.inverse_dynamics(q, rest, rest, wrench(C, at, pull));
-  const [alone] = forcesAtRest.inverse_dynamics(q, rest, rest, still), [gravity] = forcesAtRest.gravity_forces(q);
+// At q of all joints, of which some are coordinates: forces also take the others, where there are any
+function atRest(q, pull, at, own = [...q.keys()]) {
+  const C = pose(q), rest = new Float64Array(own.length), still = wrench(C, at, [0, 0, 0]);
+  const u = Float64Array.from(own, j => q[j]), others = own.length < n ? [q.filter((_, j) => !own.includes(j))] : [];
+  const [Q] = forcesAtRest.inverse_dynamics(u, rest, rest, wrench(C, at, pull), ...others);
+  const [alone] = forcesAtRest.inverse_dynamics(u, rest, rest, still, ...others), [gravity] = forcesAtRest.gravity_forces(u, ...others);
   return {Q, gravity, pulled: Q.map((x, j) => x - alone[j])};
 }
 
 {
-const {lower, upper, units, effort, inertial, ends, force} = panelData("sliders");
+const data = panelData("sliders"), {lower, upper, units, effort, inertial, ends, force, own, loops} = data;
 const sliders = all("[data-slider]"), pulls = all("[data-pull]"), rows = all("#rest tbody tr").map(row => [...row.querySelectorAll(".number")]);
-const [end, pulled, release] = ["end", "pull", "release"].map(id => document.getElementById(id));
+const [end, pulled, release, stuck] = ["end", "pull", "release", "stuck"].map(id => document.getElementById(id));
 const reach = 0.4 * Math.max(...robot.space.map(([low, high]) => high - low)) / force;
 const line = {type: "scatter3d", mode: "lines", x: [], y: [], z: [], line: {color: "#d55e00", width: 8}, hoverinfo: "skip"};
 const arrow = drawing.data.length;
 sliders.forEach((slider, j) => Object.assign(slider, {min: lower[j], max: upper[j]}));
 Plotly.addTraces(drawing, line);
 
-function compute() {
-  const q = Float64Array.from(sliders, slider => +slider.value), pull = pulls.map(slider => +slider.value), at = ends[end.value];
-  const {Q, gravity, pulled: share} = atRest(q, pull, at);
+let shown = stateAt(0).q;
+
+// All joints where the sliders are; where loops do not close there, as far on as they do
+function closed() {
+  const wanted = Float64Array.from(sliders, slider => +slider.value);
+  if (!loops.length) return wanted;
+  const {q, arrived} = closedOn(data, shown, wanted);
+  stuck.hidden = arrived;
+  if (!arrived) setSliders(q);
+  return q;
+}
+
+const setSliders = q => own.forEach((j, k) => { sliders[k].value = q[j]; });
+
+function compute(q) {
+  const pull = pulls.map(slider => +slider.value), at = ends[end.value];
+  const {Q, gravity, pulled: share} = atRest(q, pull, at, own);
+  shown = q;
   rows.forEach((cells, j) => {
-    [q[j], gravity[j], share[j], Q[j]].forEach((x, k) => { cells[k].textContent = +(+x.toFixed(9)).toPrecision(5) + (k ? " " + units[j] : ""); });
+    [q[own[j]], gravity[j], share[j], Q[j]].forEach((x, k) => { cells[k].textContent = +(+x.toFixed(9)).toPrecision(5) + (k ? " " + units[j] : ""); });
     const bounded = inertial ? Q[j] - gravity[j] : Q[j], [least, most] = effort.map(bound => bound[j]);
     cells[3].classList.toggle("beyond", least !== null && bounded < least || most !== null && bounded > most);
   });
@@ -43,12 +60,13 @@ function drawPull({q, pull, at}) {
   Plotly.restyle(drawing, {x: [x], y: [y], z: [z]}, [arrow]);
 }
 
-const moved = () => { stop(); const state = compute(); drawRobot(state.q); drawPull(state); };
+const moved = () => { stop(); const state = compute(closed()); drawRobot(state.q); drawPull(state); };
 [...sliders, ...pulls, end].forEach(input => input.addEventListener("input", moved));
 release.addEventListener("click", () => { pulls.forEach(slider => { slider.value = 0; }); moved(); });
 document.addEventListener("cursor", ({detail: frame}) => {
-  stateAt(frame).q.forEach((x, j) => { sliders[j].value = x; });
-  const state = compute();
+  const {q} = stateAt(frame);
+  setSliders(q);
+  const state = compute(q);
   if (state.pull.some(x => x)) drawPull(state);
 });
 moveTo(cursor);
