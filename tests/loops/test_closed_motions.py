@@ -81,6 +81,18 @@ def test_a_singular_configuration_on_the_way_is_told_with_its_time(short, at):
         short.forces_along(through(short, at), [0.0], order=0)
 
 
+def test_a_step_does_not_end_on_a_branch_nearby(tmp_path):
+    """Of a parallelogram of 0.2 and 0.3 m that is crossed, tan(d/2) = -5 tan(a/2); at a = 0 it meets the other one."""
+    bodies = [body("c", "a", "ground", 0), body("r", "b", "c", 0.2), body("o", "d", "ground", 0.3)]
+    frames = [
+        {"name": f"t{name}", "body": name, "pose": {"position": [x, 0, 0]}} for name, x in (("r", 0.3), ("o", 0.2))
+    ]
+    crossed = {"bodies": bodies, "frames": frames, "loops": [{"frames": ["tr", "to"]}], "actuated": ["a"]}
+    (tmp_path / "crossed.json").write_text(json.dumps(SHORT | crossed | {"start": {"a": 0.3, "b": -1.3, "d": -1.3}}))
+    found = jounce.load(tmp_path / "crossed.json").coordinates([0.01], method="recursion")
+    assert found[2] == pytest.approx(-2 * np.arctan(5 * np.tan(0.005)), abs=1e-9)
+
+
 @pytest.mark.parametrize("near", [0, 1e-7])
 def test_a_singular_position_is_refused(short, near):
     """Newton's method comes near it, where 1/cond is the root of rounding: forces would have no right digit."""

@@ -36,6 +36,12 @@ def inverse_conditions(m: Mechanism, q: np.ndarray, free: Sequence[int]) -> np.n
     return found
 
 
+def crossing(m: Mechanism, before: np.ndarray, after: np.ndarray, free: Sequence[int]) -> np.ndarray:
+    """Whether a singular configuration lies between coordinates (k, N): a determinant of some changes its sign."""
+    A, B = (scaled_constraints(m, q)[..., free] for q in (before, after))
+    return np.asarray(np.linalg.slogdet(A.mT @ B)[0] <= 0)
+
+
 def scaled_constraints(m: Mechanism, q: np.ndarray) -> np.ndarray:
     """The constraints (k, c, N) at coordinates (k, N), of numbers without units."""
     s = scales(m)

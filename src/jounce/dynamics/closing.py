@@ -8,13 +8,14 @@ batch do not depend on each other.
 import numpy as np
 
 from jounce.dynamics import newton
-from jounce.dynamics.assembly import LOST, inverse_conditions, least_gaps, worst_gap
+from jounce.dynamics.assembly import LOST, crossing, inverse_conditions, least_gaps, worst_gap
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.newton import CLOSED, NEAR, Scales, Step, scales
 from jounce.errors import JounceError, listed
 from jounce.model.mechanism import Mechanism
 
 SUSPECT = 1e5  # bound of the condition number from which on singular values are computed
+CLOSE = 1e2  # of that bound from which on other branches may be near
 ITERATIONS = 20
 STEP = 0.25  # rad or sizes of the robot, of a continuation
 SHORTEST = 1e-4  # of the way from the start: shorter steps tell that there is no way
@@ -66,6 +67,8 @@ def _continued(m: Mechanism, u: np.ndarray, start: np.ndarray, step: Step) -> tu
         predicted[:, own] = u[k] - way[k] * (left[k] - share)[:, None]
         found, good, bound = _newton(m, predicted, step)
         good &= _is_near(s, found - predicted, predicted - before)
+        close = np.flatnonzero(good & moves & (bound > CLOSE**2))
+        good[close] &= ~crossing(m, before[close], found[close], c.dependent)
         q[k[good]], bounds[k[good]] = found[good], bound[good]
         left[k[good]] -= share[good]
         size[k] = np.where(good, 2 * share, np.where(moves, share / 2, 0))  # no shorter way helps where there is none
