@@ -5,6 +5,8 @@ independent coordinates, in steps that the tangent predicts well: the start deci
 batch do not depend on each other.
 """
 
+from functools import lru_cache
+
 import numpy as np
 
 from jounce.dynamics import newton
@@ -21,6 +23,7 @@ STEP = 0.25  # rad or sizes of the robot, of a continuation
 SHORTEST = 1e-4  # of the way from the start: shorter steps tell that there is no way
 
 
+@lru_cache(maxsize=64)
 def most(m: Mechanism) -> tuple[float, float]:
     """The measures of a step up to which loops are closed, and surely not singular."""
     return sum(len(loop.rows) for loop in m.loops) * CLOSED**2, SUSPECT**2
@@ -67,8 +70,8 @@ def _continued(m: Mechanism, u: np.ndarray, start: np.ndarray, step: Step) -> tu
         predicted[:, own] = u[k] - way[k] * (left[k] - share)[:, None]
         found, good, bound = _newton(m, predicted, step)
         good &= _is_near(s, found - predicted, predicted - before)
-        close = np.flatnonzero(good & moves & (bound > CLOSE**2))
-        good[close] &= ~crossing(m, before[close], found[close], c.dependent)
+        if len(close := np.flatnonzero(good & moves & (bound > CLOSE**2))):
+            good[close] &= ~crossing(m, before[close], found[close], c.dependent)
         q[k[good]], bounds[k[good]] = found[good], bound[good]
         left[k[good]] -= share[good]
         size[k] = np.where(good, 2 * share, np.where(moves, share / 2, 0))  # no shorter way helps where there is none
