@@ -22,6 +22,7 @@ pub trait Functions {
 }
 
 /// Q, Qd, Q2d; 100 operations: 52 products, 25 sums, 19 differences, 2 cos, 2 sin.
+#[inline(never)] // in a loop of its caller LLVM may take minutes to optimize it
 #[rustfmt::skip]
 pub fn inverse_dynamics<F: Functions>(
     q: &[f64; 2], qd: &[f64; 2], q2d: &[f64; 2], q3d: &[f64; 2], q4d: &[f64; 2],
