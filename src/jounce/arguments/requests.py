@@ -95,8 +95,7 @@ def check_invertible(mechanism: Mechanism, quantity: str) -> None:
 def check_existence(mechanism: Mechanism, quantity: str, moving: bool) -> None:
     """Raise `JounceError` if a quantity is one of closed loops and the robot has none, or one of elastic joints.
 
-    These may not have two motors on one.
-    Rotors that links carry take a base at rest.
+    These may not have two motors on one, and rotors that links carry take a base at rest.
     """
     if QUANTITIES[quantity].closed and mechanism.closure is None:
         raise JounceError(

@@ -28,17 +28,19 @@ def gaps(m: Mechanism, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def inverse_conditions(m: Mechanism, q: np.ndarray, free: Sequence[int]) -> np.ndarray:
     """1 / cond, (k,), of the constraints of some coordinates (k, N): zero where these do not follow the others."""
-    finite = np.isfinite(q).all(axis=1)
-    A = scaled_constraints(m, q[finite])[..., free]
-    sizes = np.linalg.svd(A, compute_uv=False)
-    found = np.full(len(q), np.nan)
-    found[finite] = sizes[:, -1] / sizes[:, 0] if A.shape[-2] >= len(free) else 0.0
+    finite, found = np.isfinite(q).all(axis=1), np.full(len(q), np.nan)
+    found[finite] = inverse_conditions_of(scaled_constraints(m, q[finite])[..., free])
     return found
 
 
-def crossing(m: Mechanism, before: np.ndarray, after: np.ndarray, free: Sequence[int]) -> np.ndarray:
-    """Whether a singular configuration lies between coordinates (k, N): a determinant of some changes its sign."""
-    A, B = (scaled_constraints(m, q)[..., free] for q in (before, after))
+def inverse_conditions_of(A: np.ndarray) -> np.ndarray:
+    """1 / cond, (k,), of constraints (k, c, d): zero where there are fewer rows than columns."""
+    sizes = np.linalg.svd(A, compute_uv=False)
+    return np.asarray(sizes[:, -1] / sizes[:, 0] if A.shape[-2] >= A.shape[-1] else np.zeros(len(A)))
+
+
+def crossing(A: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """Whether a singular configuration lies between constraints (k, c, d): a determinant changes its sign."""
     return np.asarray(np.linalg.slogdet(A.mT @ B)[0] <= 0)
 
 

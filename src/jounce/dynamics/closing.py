@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from jounce.dynamics import newton
-from jounce.dynamics.assembly import LOST, crossing, inverse_conditions, least_gaps, worst_gap
+from jounce.dynamics.assembly import LOST, crossing, inverse_conditions, least_gaps, scaled_constraints, worst_gap
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.newton import CLOSED, NEAR, Scales, Step, scales
 from jounce.errors import JounceError, listed
@@ -71,7 +71,8 @@ def _continued(m: Mechanism, u: np.ndarray, start: np.ndarray, step: Step) -> tu
         found, good, bound = _newton(m, predicted, step)
         good &= _is_near(s, found - predicted, predicted - before)
         if len(close := np.flatnonzero(good & moves & (bound > CLOSE**2))):
-            good[close] &= ~crossing(m, before[close], found[close], c.dependent)
+            A, B = (scaled_constraints(m, x[close])[..., c.dependent] for x in (before, found))
+            good[close] &= ~crossing(A, B)
         q[k[good]], bounds[k[good]] = found[good], bound[good]
         left[k[good]] -= share[good]
         size[k] = np.where(good, 2 * share, np.where(moves, share / 2, 0))  # no shorter way helps where there is none

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from jounce.dynamics import closing, newton
-from jounce.dynamics.assembly import LOST, crossing, inverse_conditions
+from jounce.dynamics.assembly import LOST, crossing, inverse_conditions, inverse_conditions_of, scaled_constraints
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loops import closure_of
 from jounce.errors import JounceError, at, listed
@@ -113,8 +113,8 @@ class ClosedCurve:
 
         Or the later one is singular itself.
         """
-        singular = inverse_conditions(self.m, s.q[1:], self.dependent) < LOST
-        return np.asarray(singular | crossing(self.m, s.q[:-1], s.q[1:], self.dependent))
+        A = scaled_constraints(self.m, s.q)[..., self.dependent]
+        return np.asarray((inverse_conditions_of(A[1:]) < LOST) | crossing(A[:-1], A[1:]))
 
     def path(self, t: np.ndarray, start: np.ndarray) -> States:
         """States on one branch at times (K,), and between them where neighbours do not agree at once."""
