@@ -60,11 +60,8 @@ def check(
 
     if picture is not None:
         from jounce.figures import canvas
-        from jounce.io import files
 
-        canvas.check_format(picture)
-        files.check_writable(picture)
-        canvas.check_installed()
+        canvas.check_writable(picture)
     arm = load_robot(robot, limits)
     job = Job("limits", arm, order_needed(arm), stream.reading(motion), None)
     if table is not None or is_asked(stream, motion, table) or is_by_parts(job, motion.path):

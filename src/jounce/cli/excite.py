@@ -79,9 +79,7 @@ def excite(
     (files if in_terms else tables).check_writable(output)
     check_distinct(output, robot.path, limits)
     if picture is not None:
-        canvas.check_format(picture)
-        files.check_writable(picture)
-        canvas.check_installed()
+        canvas.check_writable(picture)
     arm = load_robot(robot, limits)
     columns = False if terms is None else drive_terms(terms)
     with progress("starts") as show:

@@ -97,9 +97,7 @@ def identify(
             raise JounceError(f"{table}: unknown type of table {table.suffix!r} for --table; available: .csv")
         files.check_writable(table)
     if plot is not None:
-        canvas.check_format(plot)
-        files.check_writable(plot)
-        canvas.check_installed()
+        canvas.check_writable(plot)
     arm = robot.load()
     log = motion.load(arm, 0)
     with collected_warnings() as said:

@@ -66,14 +66,11 @@ def plot(
     from jounce.figures.curves import laid_over, over_time
     from jounce.figures.grid import width_of
     from jounce.figures.table import rows_between, run_of
-    from jounce.io import files
     from jounce.io.motions import is_analytic
     from jounce.io.tables import read
 
     inches = None if width is None else width_of(width)
-    canvas.check_format(output)
-    files.check_writable(output)
-    canvas.check_installed()
+    canvas.check_writable(output)
     if base is not None and robot is None:
         raise JounceError("--base needs --robot, the robot whose joints it welds")
     mechanism = None if robot is None else Asked(robot, {} if base is None else {"base": base}).load().mechanism

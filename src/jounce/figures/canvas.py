@@ -142,6 +142,13 @@ def check_format(path: Path) -> None:
         raise JounceError(f"{path}: {no_such('type of picture', path.suffix, [f'.{name}' for name in FORMATS])}")
 
 
+def check_writable(path: Path) -> None:
+    """Raise `JounceError`, before anything is computed, where a picture cannot be drawn to a file."""
+    check_format(path)
+    files.check_writable(path)
+    check_installed()
+
+
 def save(figure: "Figure", path: Path, look: Any = LOOK) -> None:
     """Write a figure whole, as PNG, SVG or PDF by its suffix; the same figure gives the same file."""
     import matplotlib
