@@ -12,7 +12,8 @@ from jounce.model.mechanism import Mechanism
 
 ROUNDING = 1e-16  # of a gap that nothing can make smaller
 SINGULAR = 1e-8  # of the smallest singular value of the constraints, relative to the largest
-LOST = 1e-5  # of it at positions that Newton's method finds: where they are singular, errors are roots of rounding
+LOST = 1e-7  # of it, below which positions are lost: their error eps / LOST is no longer small against LOST itself
+REGULAR = 1e-5  # of it at samples that stand for the others
 ITERATIONS = 20
 HALF_TURN = 1e8  # of a gap where axes point in opposite directions: a large turn is due
 
@@ -139,6 +140,6 @@ def samples(m: Mechanism, count: int) -> np.ndarray:
         moved = rng.uniform(-size, size, (count, m.n)) @ F.T * s.coordinates
         q, off = least_gaps(m, s, c.start + moved, range(len(c.coordinates)))
         near = np.abs((q - c.start) / s.coordinates).max(axis=1) < 3 * size
-        good = near & (off <= CLOSED) & (inverse_conditions(m, q, c.dependent) >= LOST)
+        good = near & (off <= CLOSED) & (inverse_conditions(m, q, c.dependent) >= REGULAR)
         found, size = np.concatenate([found, q[good]]), size * 0.7
     return found[:count]

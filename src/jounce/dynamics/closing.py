@@ -1,8 +1,13 @@
 """Positions of closed robots: the dependent coordinates for which the loops close, by Newton's method, on numbers.
 
 Loops close in several ways, called branches. Positions are continued from a start along a straight line of the
-independent coordinates, in steps that the tangent predicts well: the start decides on the branch, and samples of a
-batch do not depend on each other.
+independent coordinates (predictor: the tangent; corrector: Newton's method): the start decides on the branch, and
+samples of a batch do not depend on each other.
+
+A step from q to p stays on its branch where the determinant of A_d keeps its sign, det(A_d(q)^T A_d(p)) > 0, and the
+tangent at p is much like that at q. Neither suffices alone. Where two branches nearly meet, each is nearly straight,
+and a step that crosses the gap between them finds its tangent again, but the determinant has changed its sign. Where
+two such gaps are crossed, or one of several loops does not matter to the sign, the tangents differ.
 """
 
 from functools import lru_cache
@@ -10,23 +15,27 @@ from functools import lru_cache
 import numpy as np
 
 from jounce.dynamics import newton
-from jounce.dynamics.assembly import LOST, crossing, inverse_conditions, least_gaps, scaled_constraints, worst_gap
+from jounce.dynamics.assembly import LOST, crossing, inverse_conditions, inverse_conditions_of, least_gaps, worst_gap
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.newton import CLOSED, NEAR, Scales, Step, scales
 from jounce.errors import JounceError, listed
 from jounce.model.mechanism import Mechanism
 
-SUSPECT = 1e5  # bound of the condition number from which on singular values are computed
-CLOSE = 1e2  # of that bound from which on other branches may be near
-ITERATIONS = 20
-STEP = 0.25  # rad or sizes of the robot, of a continuation
-SHORTEST = 1e-4  # of the way from the start: shorter steps tell that there is no way
+MAX_BOUND = (
+    1e4  # of the condition number, up to which one step from a gap of CLOSED leaves rounding alone: (1e4 CLOSED)^2
+)
+MAX_NEWTON_STEPS = 20
+FIRST_STEP = 0.25  # rad or sizes of the robot, of a continuation
+SHORTEST_STEP = 1e-5  # of what is left of the way: where shorter steps fail too, there is no way
+MAX_CORRECTION = 0.3  # of the length of a step: Newton's method goes no further from where the tangent pointed
+MAX_TURN = 0.7  # of the tangents at both ends of a step, relative to that at its start, or to the way: 45 degrees
+INDISTINCT = 1e-8  # rad or sizes of the robot: steps as short are not compared with tangents, which rounding turns
 
 
 @lru_cache(maxsize=64)
-def most(m: Mechanism) -> tuple[float, float]:
-    """The measures of a step up to which loops are closed, and surely not singular."""
-    return sum(len(loop.rows) for loop in m.loops) * CLOSED**2, SUSPECT**2
+def thresholds(m: Mechanism) -> tuple[float, float]:
+    """The measures of a step up to which loops are closed, and surely not nearly singular."""
+    return sum(len(loop.rows) for loop in m.loops) * CLOSED**2, MAX_BOUND**2
 
 
 def close_loops(m: Mechanism, u: np.ndarray, start: np.ndarray | None = None, step: Step | None = None) -> np.ndarray:
@@ -42,72 +51,82 @@ def close_loops(m: Mechanism, u: np.ndarray, start: np.ndarray | None = None, st
     """
     c = closure_of(m)
     start = np.broadcast_to(c.start if start is None else start, (len(u), len(c.coordinates)))
-    q, bounds = _continued(m, u, start, step or newton.step_of_arrays(m))
-    if (bounds > SUSPECT**2).any():
-        found = inverse_conditions(m, q, c.dependent)
+    q, A, bounds = _continue(m, u, start, step or newton.step_of_arrays(m))
+    if len(near := np.flatnonzero(bounds > MAX_BOUND**2)):
+        found = inverse_conditions_of(A[near])
         if (found < LOST).any():
-            worst = int(np.nanargmin(found))
-            raise _singular(m, found[worst], _sample(worst, len(q)))
+            worst = int(found.argmin())
+            raise _singular(m, found[worst], _sample(int(near[worst]), len(q)))
     return q
 
 
-def _continued(m: Mechanism, u: np.ndarray, start: np.ndarray, step: Step) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates with closed loops, continued from a start, and the measures of their conditions."""
+def _continue(m: Mechanism, u: np.ndarray, start: np.ndarray, step: Step) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Coordinates with closed loops, continued from a start, A_d there, and the measures of its condition."""
     c, s = closure_of(m), scales(m)
     own, others = list(c.independent), np.array(c.dependent)
-    q, bounds = np.array(start, dtype=float), np.zeros(len(u))
+    q = np.array(start, dtype=float)
     left = (np.isfinite(u).all(axis=1) & np.isfinite(q).all(axis=1)) * 1.0  # the share of the way that is left
     q[left == 0] = np.nan  # as all results are that depend on missing numbers
     way = u - q[:, own]
-    size = np.minimum(1.0, STEP / np.maximum(np.abs(way / s.coordinates[own]).max(axis=1, initial=STEP), STEP))
+    moves = way.any(axis=1)[:, None]
+    length = np.abs(way / s.coordinates[own]).max(axis=1, initial=0)
+    size = FIRST_STEP / np.maximum(length, FIRST_STEP)
+    moved, measures, A = step(q, way)
+    bounds = np.where(left > 0, measures[:, 1], 0)
+    tangent = np.where(moves, moved - q[:, others], 0)  # of the dependent coordinates, per whole way
     while len(k := np.flatnonzero(left)):
+        # predict: along the tangent, the independent coordinates exactly on their line
         share, before = np.minimum(size[k], left[k]), q[k]
-        moved = way[k] * share[:, None]
         predicted = before.copy()
-        moves = moved.any(axis=1)
-        if moves.any():
-            predicted[np.ix_(moves, others)] = step(before[moves], moved[moves])[0]
+        predicted[:, others] += share[:, None] * tangent[k]
         predicted[:, own] = u[k] - way[k] * (left[k] - share)[:, None]
-        found, good, bound = _newton(m, predicted, step)
+        # correct: close the loops, and look at tangent and constraints there
+        found, good = _newton(m, predicted, step)
+        moved, measures, A_found = step(found, way[k])
+        turned = moved - found[:, others] - tangent[k]
+        # accept where the branch is surely the same; else try half of the step
         good &= _is_near(s, found - predicted, predicted - before)
-        if len(close := np.flatnonzero(good & moves & (bound > CLOSE**2))):
-            A, B = (scaled_constraints(m, x[close])[..., c.dependent] for x in (before, found))
-            good[close] &= ~crossing(A, B)
-        q[k[good]], bounds[k[good]] = found[good], bound[good]
-        left[k[good]] -= share[good]
-        size[k] = np.where(good, 2 * share, np.where(moves, share / 2, 0))  # no shorter way helps where there is none
-        if len(stuck := k[~good & (size[k] < SHORTEST)]):
+        turn, longest = (np.abs(x / s.coordinates[others]).max(axis=1) for x in (turned, tangent[k]))
+        good &= (turn * share <= INDISTINCT) | (turn <= MAX_TURN * np.maximum(longest, length[k]))
+        good &= ~(moves[k, 0] & crossing(A[k], A_found))
+        done = k[good]
+        q[done], A[done], bounds[done] = found[good], A_found[good], measures[good, 1]
+        tangent[done] += turned[good]
+        left[done] -= share[good]
+        size[k] = np.where(good, 2 * share, np.where(moves[k, 0], share / 2, 0))
+        if len(stuck := k[~good & (size[k] < SHORTEST_STEP * left[k])]):
             raise _not_closed(m, s, q[stuck[0]], u[stuck[0]], _sample(stuck[0], len(u)))
-    return q, bounds
+    return q, A, bounds
 
 
-def _newton(m: Mechanism, q: np.ndarray, step: Step) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Coordinates (k, N) with dependent ones found by Newton's method, whether loops are closed, and their conditions.
+def _newton(m: Mechanism, q: np.ndarray, step: Step) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates (k, N) with dependent ones found by Newton's method, and whether loops are closed.
 
-    Samples leave the iteration one by one: where they are closed, or where their gaps stay as they are.
+    Samples leave the iteration one by one: with the step after they are closed, and nearly singular ones where their
+    gaps become no smaller.
     """
     c, still = closure_of(m), np.zeros(m.n)
-    others, limit = np.array(c.dependent), most(m)[0]
-    q, good, least, bounds = q.copy(), np.zeros(len(q), dtype=bool), np.full(len(q), np.inf), np.zeros(len(q))
+    others, (limit, regular) = np.array(c.dependent), thresholds(m)
+    q, good, least = q.copy(), np.zeros(len(q), dtype=bool), np.full(len(q), np.inf)
     k = np.arange(len(q))
-    for _ in range(ITERATIONS):
-        found, measures = step(q[k], still)
-        gap, better = measures[:, 0], measures[:, 0] < least[k]
-        least[k], bounds[k] = gap, measures[:, 1]
-        closed = gap <= limit
-        good[k] = closed
-        useful = np.where(closed, measures[:, 1] <= SUSPECT**2, better)  # of closed ones, none that rounding makes
+    for _ in range(MAX_NEWTON_STEPS):
+        found, measures, _ = step(q[k], still)
+        gap, bound = measures[:, 0], measures[:, 1]
+        better = gap < least[k]
+        least[k] = np.minimum(gap, least[k])
+        good[k] = least[k] <= limit
+        useful = better & (~good[k] | (bound <= LOST**-2))  # of closed ones, none that rounding makes
         q[np.ix_(k[useful], others)] = found[useful]
-        k = k[better & ~closed]
+        k = k[better & ~(good[k] & (bound <= regular))]
         if not len(k):
             break
-    return q, good, bounds
+    return q, good
 
 
 def _is_near(s: Scales, bent: np.ndarray, straight: np.ndarray) -> np.ndarray:
     """Whether a step ended near where its tangent pointed: else it may have come to another branch."""
     far, long = (np.abs(x / s.coordinates).max(axis=1) for x in (bent, straight))
-    return np.asarray(far <= np.where(long > 0, np.maximum(0.3 * long, 1e-6), NEAR))
+    return np.asarray(far <= np.where(long > 0, np.maximum(MAX_CORRECTION * long, INDISTINCT), NEAR))
 
 
 def _sample(k: int, count: int) -> str:

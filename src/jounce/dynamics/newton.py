@@ -23,7 +23,7 @@ from jounce.spatial.series import Series, columns
 MEASURES = 2  # of a step: squares of the gap before it, and of a bound of the condition number
 CLOSED = 1e-13  # of a gap, relative to the size of the robot: rounding leaves less
 NEAR = 0.5  # rad or sizes of the robot: loops close there by Newton's method without a way that leads to it
-Step: TypeAlias = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+Step: TypeAlias = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -65,10 +65,10 @@ def _gap(loop: Loop, C: Array) -> Array:
     return concatenate([turns @ (2 * sine / rest), slides @ position(C)], axis=-2)
 
 
-def step(m: Mechanism, q: Array, change: Array) -> tuple[Array, Array]:
-    """Return the dependent coordinates (..., N - n) after a step from q (..., N), and its `MEASURES`.
+def step(m: Mechanism, q: Array, change: Array) -> tuple[Array, Array, Array]:
+    """Return the dependent coordinates (..., N - n) after a step from q (..., N), its `MEASURES`, and A_d at q.
 
-    `change`, (..., n), is that of the independent coordinates.
+    `change`, (..., n), is that of the independent coordinates; A_d, (..., c, N - n), has no units.
     """
     c, s = closure_of(m), scales(m)
     own, others = list(c.independent), list(c.dependent)
@@ -78,7 +78,7 @@ def step(m: Mechanism, q: Array, change: Array) -> tuple[Array, Array]:
     factors = OrthogonalFactors.of(A_d, pattern(m)[:, others])
     moved = factors.solve(-(gap + A[..., own] @ (change / s.coordinates[own])[..., None]))
     measures = concatenate([_square(gap), _square(concatenate(factors.inverse_Q, axis=-2)) * _square(A_d)], axis=-1)
-    return q[..., others] + s.coordinates[others] * moved[..., 0], measures
+    return q[..., others] + s.coordinates[others] * moved[..., 0], measures, A_d
 
 
 def _square(x: Array) -> Array:
@@ -89,9 +89,10 @@ def _square(x: Array) -> Array:
 def step_of_arrays(m: Mechanism) -> Step:
     """The step of a robot, by NumPy."""
 
-    def of_arrays(q: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def of_arrays(q: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         with np.errstate(all="ignore"):  # where constraints are lost, and far away
-            found, measures = step(m, q, change)
-        return found, np.broadcast_to(measures, (*q.shape[:-1], MEASURES))  # the same if constraints are constant
+            found, *others = step(m, q, change)
+        measures, A = (np.broadcast_to(x, (*q.shape[:-1], *x.shape[-k:])) for k, x in enumerate(others, start=1))
+        return found, measures, A.astype(float)  # the same everywhere if constraints are constant
 
     return of_arrays

@@ -4,7 +4,7 @@ import hashlib
 
 import numpy as np
 
-from jounce.dynamics.closing import most
+from jounce.dynamics.closing import MAX_BOUND, thresholds
 from jounce.dynamics.computation import DEPENDENT, Computation, Port, Signature, in_a_row
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.newton import MEASURES, NEAR, scales, step
@@ -27,34 +27,35 @@ class NativeStep:
         signature = _signature(mechanism)
         self.own, self.others = np.array(closure.independent), np.array(closure.dependent)
         self.still, self.count = np.zeros(mechanism.n), len(closure.coordinates)
-        self.most, self.near = most(mechanism), NEAR * scales(mechanism).coordinates[self.others]
+        self.closed, self.near = thresholds(mechanism)[0], NEAR * scales(mechanism).coordinates[self.others]
         self._code = jit.load_object(_code(mechanism, signature), host())
         size = plan.call_size(signature, 0, host().lanes)
         self._pool = Pool(size) if size > plan.STACK else None
         address = self._pool.address if self._pool else 0
         self.ufunc, self._alive = jit.ufunc(self._code.address("states"), signature, "closing", address)
 
-    def __call__(self, q: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The dependent coordinates (..., N - n) after the step, and its measures."""
+    def __call__(self, q: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The dependent coordinates (..., N - n) after the step, its measures, and A_d."""
         with np.errstate(all="ignore"):  # where constraints are lost, and far away
             return self.ufunc(q, change)
 
-    def close(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def close(self, q: np.ndarray, limit: float) -> tuple[np.ndarray, np.ndarray]:
         """The independent coordinates (..., n) of q, (..., N), and the dependent ones, with loops closed.
 
         Raises
         ------
-        LookupError : if they are not nearly closed or are nearly singular, or q has another shape.
+        LookupError : if they are not nearly closed, a condition number exceeds a limit, or q has another shape.
         """
         if q.shape[-1] != self.count:
             raise LookupError
-        found, measures = self.ufunc(q, self.still)
-        if not self._is_closed(measures):
+        found, measures, _ = self.ufunc(q, self.still)
+        most = self.closed, min(limit, MAX_BOUND) ** 2
+        if not _is_within(measures, most):
             x = q.copy()
             for _ in range(ITERATIONS):
                 x[..., self.others] = found
-                found, measures = self.ufunc(x, self.still)
-                if self._is_closed(measures):
+                found, measures, _ = self.ufunc(x, self.still)
+                if _is_within(measures, most):
                     break
             else:
                 raise LookupError
@@ -62,18 +63,20 @@ class NativeStep:
                 raise LookupError
         return q.take(self.own, -1), found
 
-    def _is_closed(self, measures: np.ndarray) -> bool:
-        """Whether all loops were closed before a step, and far from singular."""
-        if measures.ndim > 1:
-            return bool((measures <= self.most).all())
-        gap, bound = measures.tolist()
-        return bool(gap <= self.most[0] and bound <= self.most[1])
+
+def _is_within(measures: np.ndarray, most: tuple[float, float]) -> bool:
+    """Whether all loops were closed before a step, and far from singular."""
+    if measures.ndim > 1:
+        return bool((measures <= most).all())
+    gap, bound = measures.tolist()
+    return bool(gap <= most[0] and bound <= most[1])
 
 
 def _signature(m: Mechanism) -> Signature:
     c = closure_of(m)
     inputs = [Port("q", (len(c.coordinates),), "state"), Port("change", (m.n,), "state")]
     outputs = [Port(DEPENDENT, (len(c.dependent),), "result"), Port("measures", (MEASURES,), "result")]
+    outputs.append(Port("constraints", (sum(len(loop.rows) for loop in m.loops), len(c.dependent)), "result"))
     return Signature(in_a_row(inputs), in_a_row(outputs))
 
 
@@ -88,7 +91,7 @@ def _code(m: Mechanism, signature: Signature) -> bytes:
 
         tape = Tape(PATIENCE / OPERATION)
         q, change = (tape.variables(*port.shape) for port in signature.inputs)
-        results = [x for result in step(with_exact_integers(m), q, change) for x in result]
+        results = [x for result in step(with_exact_integers(m), q, change) for x in result.ravel()]
         steps = fuse(factor(tape.program(results)))
         return jit.assemble(calls.modules(emit.straight(steps, signature), signature, target), target)
 

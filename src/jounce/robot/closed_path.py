@@ -118,7 +118,7 @@ class ClosedCurve:
 
     def path(self, t: np.ndarray, start: np.ndarray) -> States:
         """States on one branch at times (K,), and between them where neighbours do not agree at once."""
-        reach, longest = closing.STEP * newton.scales(self.m).coordinates[self.own], np.diff(t).max()
+        reach, longest = closing.FIRST_STEP * newton.scales(self.m).coordinates[self.own], np.diff(t).max()
         done, todo, size = [self.states(t[:1], start)], t[1:], BLOCK
         while todo.size:
             last = done[-1].taken(slice(-1, None))

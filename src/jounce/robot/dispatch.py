@@ -30,6 +30,7 @@ from jounce.native.jit import host
 from jounce.native.kernel import Kernel, compile_kernel
 from jounce.native.plan import PATIENCE, LongCompilationError, obstacle
 from jounce.native.poses import are_poses
+from jounce.robot import digits
 from jounce.robot.generic import as_tuple, batch_shape, checked_out, compute_by_method, evaluate, is_fit, results_into
 from jounce.spatial.series import Series
 
@@ -46,11 +47,12 @@ class Kernels:
     """The native code of one robot, dropped with it.
 
     `known` maps a computation to its kernel, or to the reason that it has none; `ready` maps the form of plain calls to
-    their kernel and the number of rates of the coordinates that it takes; `steps` holds the step that closes loops.
+    their kernel, the number of rates of the coordinates that it takes, and the condition number up to which closed
+    robots are surely far from singular; `steps` holds the step that closes loops.
     """
 
     known: dict[Computation, tuple[Kernel | None, str | None]] = field(default_factory=dict)
-    ready: dict[Form, tuple[Kernel, int]] = field(default_factory=dict)
+    ready: dict[Form, tuple[Kernel, int, float]] = field(default_factory=dict)
     steps: list[NativeStep | None] = field(default_factory=list)
 
 
@@ -96,10 +98,10 @@ def compute(
     if moved:
         form = (*form, type(base), *map(type, moved))
     try:  # the short way, of calls like an earlier one: NumPy itself checks shapes and kinds of numbers
-        kernel, count = robot._kernels.ready[form]
+        kernel, count, limit = robot._kernels.ready[form]
         arrays = (*given[:count], *terms, *moved)
         if robot.mechanism.closure:
-            arrays = _with_dependent(robot, arrays)
+            arrays = _with_dependent(robot, arrays, limit)
         if moved and not are_poses(moved[0]):
             raise LookupError  # NaN, or what `check_pose` refuses
         if out is None:
@@ -127,16 +129,23 @@ def closing_step(robot: "Robot") -> NativeStep | None:
     return steps[0]
 
 
-def _with_dependent(robot: "Robot", arrays: Sequence[Any]) -> tuple[Any, ...]:
-    """Return the arrays of a plain call of a closed robot with the independent coordinates first, the others last."""
+def _with_dependent(robot: "Robot", arrays: Sequence[Any], limit: float) -> tuple[Any, ...]:
+    """Return the arrays of a plain call of a closed robot with the independent coordinates first, the others last.
+
+    Raises
+    ------
+    LookupError : if the condition number of the constraints exceeds a limit.
+    """
     step, q = closing_step(robot), arrays[0]
     try:
         if step is None:
             raise LookupError
-        u, d = step.close(q)
+        u, d = step.close(q, limit)
     except LookupError:
         u, whole = positions.split(robot.mechanism, q)
         d = positions.dependent_of(robot.mechanism, u, whole, step)
+        if digits.displaced(robot.mechanism, u, d, limit, step) is not None:
+            raise
     return u, *arrays[1:], d
 
 
@@ -184,6 +193,23 @@ def _dependent(mechanism: Mechanism, q: Array, whole: Any, step: Step | None = N
 
 
 def _run(call: Call) -> Any:
+    """Run a call; of a closed robot near singular positions once more, to see which digits there are."""
+    robot, asked = call.robot, call.computation
+    if robot.mechanism.closure:
+        step = closing_step(robot) if call.method in (None, NATIVE) else None
+        u, *_, d = call.arrays
+        moved = digits.displaced(robot.mechanism, u, d, digits.max_condition(asked), step)
+        if moved is not None:
+            bare = call._replace(out=None, form=None)
+            results, again = (
+                as_tuple(_run_by_backend(bare._replace(arrays=[*call.arrays[:-1], x]))) for x in (d, moved)
+            )
+            digits.check(robot.mechanism, asked, results, again)
+            return results_into(results, call.out)
+    return _run_by_backend(call)
+
+
+def _run_by_backend(call: Call) -> Any:
     """Run a call with the first backend that accepts it."""
     reasons = []
     for backend in BACKENDS:
@@ -290,7 +316,8 @@ def _prepare_native(call: Call) -> tuple[Kernel | None, str | None]:
             return None, "" if is_jax(x) else f"native code needs NumPy arrays of float64, got {came}"
     kernel, refusal = _kernel(call.robot, call.computation, PATIENCE if call.method is None else inf)
     if kernel is not None and call.form is not None:
-        call.robot._kernels.ready[call.form] = kernel, call.computation.rates
+        known = kernel, call.computation.rates, digits.max_condition(call.computation)
+        call.robot._kernels.ready[call.form] = known
     return kernel, refusal and f"native code {refusal}"
 
 

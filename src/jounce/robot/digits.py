@@ -1,0 +1,110 @@
+"""Which results for closed robots have digits near singular positions: an estimate of their errors, order by order.
+
+Rounding leaves a gap of some eps where loops are closed, so that positions are off by eps / sigma along the direction
+that the constraints hold least, sigma the least singular value of A_d. At a fold, where two branches end, relative
+errors are eps cond^2 at every order; at a change point, where branches cross, those of the k-th rate of Q are
+eps cond^(k + 3). One threshold of the condition number serves neither. The estimate is the difference to the results at
+the position moved by eps / sigma: of 12,000 states of three robots it was never below 0.6 times the true error.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from jounce._scalars import Array, is_numeric
+from jounce.dynamics import newton
+from jounce.dynamics.computation import Computation
+from jounce.dynamics.loops import closure_of
+from jounce.dynamics.newton import Step
+from jounce.errors import JounceError, listed
+from jounce.model.loops import all_coordinates
+from jounce.model.mechanism import Mechanism
+
+EPS = float(np.finfo(float).eps)
+MAX_ERROR = 1e-6  # of a result, relative to its size: a control loop's other errors are larger
+
+
+class UncertainError(JounceError):
+    """Results of a closed robot near a singular position have errors above `MAX_ERROR`.
+
+    Attributes
+    ----------
+    results : tuple of arrays
+        The results, NaN where they are uncertain.
+    names : tuple of str
+        Their names.
+    uncertain : tuple of arrays of bool
+        Where they are, over the batch.
+    """
+
+    def __init__(self, text: str, results: tuple[np.ndarray, ...], names: Sequence[str], uncertain: Any) -> None:
+        super().__init__(text)
+        self.results, self.names, self.uncertain = results, tuple(names), tuple(uncertain)
+
+
+def max_condition(computation: Computation) -> float:
+    """The condition number up to which no result can have an error above `MAX_ERROR`: at a change point.
+
+    An error eps cond of positions grows by cond with every rate of the dependent coordinates. A quantity takes as many
+    of these as of q, and F, which counts as a velocity.
+    """
+    return float((MAX_ERROR / EPS) ** (1 / (computation.rates + 1)))
+
+
+def displaced(m: Mechanism, u: Array, dependent: Array, limit: float, step: Step | None = None) -> np.ndarray | None:
+    """The dependent coordinates moved by what rounding leaves open, where the condition number exceeds a limit.
+
+    None where it exceeds the limit nowhere, and for symbols.
+    """
+    if not (is_numeric(u) and is_numeric(dependent)):
+        return None
+    c, s = closure_of(m), newton.scales(m)
+    q = all_coordinates(c, np.asarray(u, dtype=float), np.asarray(dependent, dtype=float)).reshape(
+        -1, len(c.coordinates)
+    )
+    _, measures, A = (step or newton.step_of_arrays(m))(q, np.zeros(m.n))
+    near = np.flatnonzero(measures[:, 1] > limit**2)  # a bound of the condition number, which is computed there alone
+    if not len(near):
+        return None
+    _, sizes, ways = np.linalg.svd(A[near], full_matrices=False)
+    near, sizes, ways = (x[sizes[:, 0] > limit * sizes[:, -1]] for x in (near, sizes, ways))
+    if not len(near):
+        return None
+    eps = np.finfo(dependent.dtype).eps
+    moved = dependent.reshape(len(q), -1).copy()
+    moved[near] += eps / sizes[:, -1:] * ways[:, -1] * s.coordinates[list(c.dependent)]
+    return np.asarray(moved.reshape(dependent.shape))
+
+
+def check(m: Mechanism, computation: Computation, results: Sequence[np.ndarray], again: Sequence[np.ndarray]) -> None:
+    """Compare results with those at the displaced position.
+
+    Raises
+    ------
+    UncertainError : where they differ by more than `MAX_ERROR` of their size.
+    """
+    names, errors, uncertain, kept = computation.quantity.names(computation.order), [0.0], [], []
+    for k, (x, y) in enumerate(zip(results, again, strict=True)):
+        axes = tuple(range(-len(computation.shape(m, 0 if computation.quantity.results else k)), 0))
+        size, off = (np.abs(z).max(axis=axes, keepdims=True) for z in (x, y - x))
+        known = ~np.isnan(size)  # those of missing numbers are missing
+        bad = known & ~(off <= MAX_ERROR * size)
+        with np.errstate(all="ignore"):
+            errors.append(float(np.max(off / size, where=bad, initial=0.0)))
+        kept.append(np.where(bad, np.nan, x))
+        uncertain.append(bad.reshape(bad.shape[: bad.ndim - len(axes)]))
+    if not any(bad.any() for bad in uncertain):
+        return
+    bad = [name for name, where in zip(names, uncertain, strict=True) if where.any()]
+    good = [name for name in names if name not in bad]
+    states = np.logical_or.reduce([x.ravel() for x in uncertain])
+    which = f" of {states.sum()} of {states.size} samples, first {states.argmax()}," if states.size > 1 else ""
+    cure = f"; {listed(good)} {'is' if len(good) == 1 else 'are'} certain there: give fewer rates" if good else ""
+    raise UncertainError(
+        f"{m.name!r}: {listed(bad)} at q{which} would be off by up to {max(errors):.2g} of the size, since the loops"
+        f" are nearly singular there; expected an error below {MAX_ERROR:g}{cure or '; expected q farther away'}",
+        tuple(kept),
+        names,
+        uncertain,
+    )
