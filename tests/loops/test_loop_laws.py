@@ -177,20 +177,41 @@ def test_redundant_motors_share_the_forces(closed, states):
         assert relative_error(found, np.tensordot(DIFFERENCE, along, axes=1)) < 1e-8
 
 
-@pytest.mark.parametrize("name", LOOP_ROBOTS)
-def test_cut_joints_transmit_what_keeps_the_tree_in_motion(closed, states, name):
-    """The tree under the wrenches of its cut joints needs the forces of the motors, and none at the other joints."""
-    robot, u = closed[name], at_zero(states[name][:3])
+@pytest.mark.parametrize(
+    ("name", "coordinates", "motors"),
+    [
+        *((name, None, None) for name in LOOP_ROBOTS),
+        ("delta", ["x", "y", "z"], None),
+        ("delta", ["x", "motor2", "z"], None),
+        ("fivebar", ["left_elbow", "right_elbow"], None),
+        ("fivebar", ["left_shoulder", "right_elbow"], ["left_shoulder", "right_shoulder", "left_elbow"]),
+    ],
+)
+def test_cut_joints_transmit_what_keeps_the_tree_in_motion(closed, name, coordinates, motors):
+    """The tree under the wrenches of its cut joints needs the forces of the motors, and none at the other joints.
+
+    So it does at every order, whichever coordinates move the robot.
+    """
+    robot = closed[name] if coordinates is None else closed[name].closed(actuated=motors, coordinates=coordinates)
     m, tree = robot.mechanism, jounce.Robot(robot.mechanism.tree)
-    q, qd, q2d = robot.coordinates(*u, **RECURSION)
-    C, W = tree.poses(q, **RECURSION), np.zeros((m.nb, 6))
-    for loop, wrench in zip(m.loops, robot.loop_wrenches(*u, **RECURSION), strict=True):
-        at_cut = C[loop.a.body] @ loop.a.T
+    u = motion_near_start(robot, np.random.default_rng(2), 4)(TIMES)
+    q = robot.coordinates(*u, **RECURSION)
+    C, W = tree.poses(q[0], **RECURSION), np.zeros((len(TIMES), m.nb, 6))
+    cuts, forces = robot.loop_wrenches(*u, **RECURSION), robot.actuator_forces(*u, **RECURSION)
+    for k, loop in enumerate(m.loops):
+        at_cut = C[:, loop.a.body] @ loop.a.T
         for sign, body in ((1, loop.a.body), (-1, loop.b.body)):  # W is what a body exerts on others
-            W[body] += sign * lie.Ad(lie.inverse(lie.inverse(C[body]) @ at_cut)).T @ wrench
-    expected = np.zeros(tree.n)
-    expected[list(m.closure.independent)] = robot.inverse_dynamics(*u, **RECURSION)
-    assert relative_error(tree.inverse_dynamics(q, qd, q2d, wrench=W, **RECURSION), expected) < 1e-11
+            W[:, body] += (
+                sign * (lie.Ad(lie.inverse(lie.inverse(C[:, body]) @ at_cut)).mT @ cuts[0][:, k, :, None])[..., 0]
+            )
+    rates = [np.tensordot(DIFFERENCE, W, axes=1)]
+    found = tree.inverse_dynamics(*(x[0] for x in q[:4]), wrench=(W[0], *rates), **RECURSION)
+    for order, exact in enumerate((1e-11, 1e-8)):
+        expected = np.zeros(tree.n)
+        expected[list(m.closure.actuated)] = forces[order][0]
+        assert relative_error(found[order], expected) < exact
+    for order in (1, 2):
+        assert relative_error(cuts[order][0], np.tensordot(DIFFERENCE, cuts[order - 1], axes=1)) < 1e-8
 
 
 @pytest.mark.parametrize("name", ["fivebar", "delta"])

@@ -18,17 +18,15 @@ def shift(x: float) -> np.ndarray:
     return T
 
 
-def rods(
-    chains: Sequence[tuple[float, Sequence[float]]], gravity: float = 9.81, masses: Sequence[float] | None = None
-) -> jounce.Robot:
-    """The tree of rods in the x-y plane: per chain the place of its first pin on the x axis, and lengths of its rods.
+def rods(chains: Sequence[tuple[int, float, Sequence[float]]], masses: Sequence[float] | None = None) -> jounce.Robot:
+    """The tree of rods in the x-y plane: per chain its carrier, the place of its first pin there, lengths of its rods.
 
     Frames "end0", "end1", ... are at the ends of the chains.
     """
     parent, B, lengths, frames = [], [], [], []
-    for k, (place, chain) in enumerate(chains):
+    for k, (carrier, place, chain) in enumerate(chains):
         for i, length in enumerate(chain):
-            parent.append(len(parent) - 1 if i else -1)
+            parent.append(len(parent) - 1 if i else carrier)
             B.append(shift(chain[i - 1] if i else place))
             lengths.append(length)
         frames.append(Frame(f"end{k}", len(parent) - 1, shift(chain[-1])))
@@ -37,21 +35,28 @@ def rods(
         jounce.inertia_matrix(m, [x / 2, 0, 0], np.diag([1e-4, m * x**2 / 12, m * x**2 / 12]))
         for m, x in zip(given, lengths, strict=True)
     ]
-    tree = jounce.Robot.from_screws(B, [Z] * len(parent), M, parent, gravity=[0, -gravity, 0]).mechanism
+    tree = jounce.Robot.from_screws(B, [Z] * len(parent), M, parent, gravity=[0, -9.81, 0]).mechanism
     return jounce.Robot(replace(tree, frames=tuple(frames)))
 
 
 def fivebar(base: float, left: Sequence[float], right: Sequence[float], start: Sequence[float]) -> jounce.Robot:
     """The closed five-bar with shoulders at 0 and `base` on the x axis; its coordinates are 0 and 2."""
-    tree = rods([(0.0, left), (base, right)])
+    tree = rods([(-1, 0.0, left), (-1, base, right)])
     names = tree.joint_names
     return tree.closed([("end0", "end1")], [names[0], names[2]], start=start)
 
 
 def fourbar(ground: float, crank: float, coupler: float, rocker: float, start: Sequence[float]) -> jounce.Robot:
     """The closed four-bar, moved by its crank; start is crank, coupler and rocker, relative angles."""
-    tree = rods([(0.0, [crank, coupler]), (ground, [rocker])])
+    tree = rods([(-1, 0.0, [crank, coupler]), (-1, ground, [rocker])])
     return tree.closed([("end0", "end1")], [tree.joint_names[0]], start=start)
+
+
+def palletizer() -> jounce.Robot:
+    """A parallelogram whose coupler moves a rocker by a rod: one loop with constant ratios, and one without."""
+    tree = rods([(-1, 0.0, [0.5, 1.0]), (-1, 1.0, [0.5]), (1, 0.7, [0.9]), (-1, 1.5, [0.8])])
+    loops = [("end0", "end1"), ("end2", "end3")]
+    return tree.closed(loops, [tree.joint_names[0]], start=[0.7, -0.7, 0.7, 0.4, 1.0])
 
 
 def unit(angle: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from jounce._scalars import asarray, is_numeric
 from jounce.arguments import names
-from jounce.dynamics import assembly, closing
+from jounce.dynamics import assembly, closing, followers
 from jounce.dynamics.loops import closure_of
 from jounce.errors import JounceError, at, listed, one_of, quoted
 from jounce.model.locking import locked, warn_of_limits
@@ -58,6 +58,7 @@ def with_loops(
     closed = replace(tree, G=tree.G[:, own], coordinates=names_of, closure=closure)
     closed = replace(closed, closure=replace(closure, start=assembly.assemble(closed, closure.start)))
     _check_mobility(closed)
+    closed = followers.with_ratios(closed)
     if start is not None:
         warn_of_limits(
             tree,

@@ -52,6 +52,8 @@ def dependent_of(mechanism: Mechanism, u: Array, whole: Array | None, step: Step
     others = list(closure.dependent)
     if whole is not None and not is_numeric(whole):
         return whole[..., others]
+    if whole is None and not closure.solved:
+        return closure.ratios.positions(u)
     if whole is None and not is_numeric(u):
         raise JounceError(
             f"q holds {mechanism.n} symbols, or an array of JAX; expected all {len(closure.coordinates)} coordinates of"

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jounce.dynamics import newton
+from jounce.dynamics.branches import with_solved_loops
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.newton import CLOSED, NEAR, Scales, scales
 from jounce.errors import JounceError
@@ -27,15 +28,23 @@ def gaps(m: Mechanism, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.where(opposite, HALF_TURN, gap[..., 0]), A.astype(float)
 
 
-def inverse_conditions(m: Mechanism, q: np.ndarray, free: Sequence[int]) -> np.ndarray:
-    """1 / cond, (k,), of the constraints of some coordinates (k, N): zero where these do not follow the others."""
+def inverse_conditions(m: Mechanism, q: np.ndarray) -> np.ndarray:
+    """1 / cond, (k,), of A_d at coordinates (k, N): zero where the dependent ones do not follow the others."""
     finite, found = np.isfinite(q).all(axis=1), np.full(len(q), np.nan)
-    found[finite] = inverse_conditions_of(scaled_constraints(m, q[finite])[..., free])
+    found[finite] = inverse_conditions_of(solved_constraints(m, q[finite]))
     return found
+
+
+def solved_constraints(m: Mechanism, q: np.ndarray) -> np.ndarray:
+    """A_d, (k, c, d), at coordinates (k, N), of numbers without units."""
+    solved, m = list(closure_of(m).solved), with_solved_loops(m)
+    return scaled_constraints(m, q)[..., solved] if solved else np.zeros((len(q), 0, 0))
 
 
 def inverse_conditions_of(A: np.ndarray) -> np.ndarray:
     """1 / cond, (k,), of constraints (k, c, d): zero where there are fewer rows than columns."""
+    if not A.shape[-1]:  # all others follow by constant ratios
+        return np.ones(len(A))
     sizes = np.linalg.svd(A, compute_uv=False)
     return np.asarray(sizes[:, -1] / sizes[:, 0] if A.shape[-2] >= A.shape[-1] else np.zeros(len(A)))
 
@@ -140,6 +149,6 @@ def samples(m: Mechanism, count: int) -> np.ndarray:
         moved = rng.uniform(-size, size, (count, m.n)) @ F.T * s.coordinates
         q, off = least_gaps(m, s, c.start + moved, range(len(c.coordinates)))
         near = np.abs((q - c.start) / s.coordinates).max(axis=1) < 3 * size
-        good = near & (off <= CLOSED) & (inverse_conditions(m, q, c.dependent) >= REGULAR)
+        good = near & (off <= CLOSED) & (inverse_conditions(m, q) >= REGULAR)
         found, size = np.concatenate([found, q[good]]), size * 0.7
     return found[:count]

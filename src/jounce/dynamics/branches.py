@@ -184,6 +184,19 @@ def pattern(m: Mechanism) -> np.ndarray:
     return np.asarray((ROUNDING * A.max() < A).any(axis=0))
 
 
+@lru_cache(maxsize=64)
+def with_solved_loops(m: Mechanism) -> Mechanism:
+    """A closed robot with those of its loops alone in which constraints are solved for a coordinate.
+
+    The others are closed wherever followers with constant ratios are in their places.
+    """
+    if m.closure is None or not m.closure.ratios.places:
+        return m
+    ends = np.cumsum([len(loop.rows) for loop in m.loops])
+    parts = np.split(pattern(m)[:, list(m.closure.solved)], ends[:-1])
+    return replace(m, loops=tuple(loop for loop, part in zip(m.loops, parts, strict=True) if part.any()))
+
+
 def _kinematic(m: Mechanism) -> Mechanism:
     """A robot without what its loops do not depend on, in doubles; symbols raise an error."""
 

@@ -15,7 +15,15 @@ from functools import lru_cache
 import numpy as np
 
 from jounce.dynamics import newton
-from jounce.dynamics.assembly import LOST, crossing, inverse_conditions, inverse_conditions_of, least_gaps, worst_gap
+from jounce.dynamics.assembly import (
+    LOST,
+    crossing,
+    gaps,
+    inverse_conditions,
+    inverse_conditions_of,
+    least_gaps,
+    worst_gap,
+)
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.newton import CLOSED, NEAR, Scales, Step, scales
 from jounce.errors import JounceError, listed
@@ -29,6 +37,8 @@ FIRST_STEP = 0.25  # rad or sizes of the robot, of a continuation
 SHORTEST_STEP = 1e-5  # of what is left of the way: where shorter steps fail too, there is no way
 MAX_CORRECTION = 0.3  # of the length of a step: Newton's method goes no further from where the tangent pointed
 MAX_TURN = 0.7  # of the tangents at both ends of a step, relative to that at its start, or to the way: 45 degrees
+OFF_PLACE = 1e-6  # rad or sizes of the robot, of followers: numbers in files are rounded
+OTHER_BRANCH = 1e-3  # of the distance from followers' places to given ones: smaller gaps there are of another branch
 INDISTINCT = 1e-8  # rad or sizes of the robot: steps as short are not compared with tangents, which rounding turns
 
 
@@ -51,6 +61,8 @@ def close_loops(m: Mechanism, u: np.ndarray, start: np.ndarray | None = None, st
     """
     c = closure_of(m)
     start = np.broadcast_to(c.start if start is None else start, (len(u), len(c.coordinates)))
+    if c.ratios.places:
+        _check_followers(m, start, u)
     q, A, bounds = _continue(m, u, start, step or newton.step_of_arrays(m))
     if len(near := np.flatnonzero(bounds > MAX_BOUND**2)):
         found = inverse_conditions_of(A[near])
@@ -129,6 +141,24 @@ def _is_near(s: Scales, bent: np.ndarray, straight: np.ndarray) -> np.ndarray:
     return np.asarray(far <= np.where(long > 0, np.maximum(MAX_CORRECTION * long, INDISTINCT), NEAR))
 
 
+def _check_followers(m: Mechanism, start: np.ndarray, u: np.ndarray) -> None:
+    """Raise `JounceError` where loops are closed at a start too, and followers are not at their places there."""
+    c, s = closure_of(m), scales(m)
+    own, following = list(c.independent), list(c.ratios.places)
+    away = (start[:, following] - c.ratios.positions(u)) / s.coordinates[following]
+    far = np.abs(away).max(axis=1)
+    off = np.flatnonzero((far > OFF_PLACE) & (start[:, own] == u).all(axis=1))
+    other = off[np.abs(gaps(m, start[off])[0] * s.rows).max(axis=1) < OTHER_BRANCH * far[off]]
+    if len(other):
+        k, j = other[0], np.abs(away[other[0]]).argmax()
+        name, given, place = c.coordinates[following[j]], start[k, following[j]], c.ratios.positions(u[k])[j]
+        raise JounceError(
+            f"{m.name!r}: {name} = {given:.4g}{_sample(int(k), len(u))} is on another branch; on that"
+            f" of the start it follows {listed(m.coordinates)} by constant ratios, to {place:.4g}; expected that, or"
+            " robot.closed(start=...) with a start on the other branch"
+        )
+
+
 def _sample(k: int, count: int) -> str:
     return f" of sample {k}" if count > 1 else ""
 
@@ -153,7 +183,7 @@ def _not_closed(m: Mechanism, s: Scales, q: np.ndarray, u: np.ndarray, sample: s
     gap = "no straight line of the coordinates leads there" if off <= CLOSED else worst_gap(m, s, found)
     return JounceError(
         f"{m.name!r} cannot be closed at q{sample}: {gap}; from the start it comes to {at},"
-        f" where 1/cond of the constraints is {inverse_conditions(m, q[None], c.dependent)[0]:.2g}; expected q in the"
+        f" where 1/cond of the constraints is {inverse_conditions(m, q[None])[0]:.2g}; expected q in the"
         f" workspace, or all {len(c.coordinates)} coordinates of the tree, near the wanted branch, in place of q"
     )
 

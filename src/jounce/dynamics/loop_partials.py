@@ -36,7 +36,8 @@ def partials(motion: ClosedMotion, of_tree: tuple[Series, Series, Series], Q: Se
 
 def _of_tangents(motion: ClosedMotion, Q: Series) -> Series:
     """H, (..., nv, nv)."""
-    m, y, theta = motion.m, motion.multipliers(Q), joint_variables(motion.m.tree, motion.q)
+    m, theta = motion.ends.m, joint_variables(motion.m.tree, motion.q)
+    y = motion.multipliers(Q) if m.loops else Q
     by_joint = closure_of(m).G @ motion.F.map(lambda F: F[..., m.nv - m.n :, :])
     total, start = Series.constant(np.zeros((m.nv, m.nv), dtype=int)), 0
     for loop in m.loops:

@@ -4,6 +4,9 @@ Constraints A q' = 0 hold along every motion of the closed robot, q the coordina
 and dependent ones d, q' = F u' with F = [1; -A_d^-1 A_u]. The principle of virtual work makes quantities of the closed
 robot of those of the tree: forces F^T Q, matrices F^T M F, Jacobians J F. Forces take no F: F^T Q = Q_u - A_u^T y with
 A_d^T y = Q_d, where the y are what the cut joints exert.
+
+Followers with constant ratios, d = F_d u + offset, count as independent where constraints are solved: with x_d = F_d u'
+where velocities are, and F_d^T Q_d added to Q_u where forces are. Loops that nothing else moves then need no solution.
 """
 
 from collections.abc import Sequence
@@ -14,8 +17,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce._scalars import Array, concatenate, reciprocal, zeros_like
-from jounce.dynamics.branches import Ends, pattern
-from jounce.model.loops import Closure
+from jounce.dynamics.branches import Ends, pattern, with_solved_loops
+from jounce.model.loops import Closure, without_ratios
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.linear import OrthogonalFactors, mirrored, solved
 from jounce.spatial.series import Series
@@ -47,14 +50,18 @@ class ClosedMotion:
         return self.m.nv - self.m.n
 
     @cached_property
-    def _places(self) -> tuple[list[int], list[int]]:
-        """The places of the independent velocities, those of the base among them, and of the dependent ones."""
-        closure, first = closure_of(self.m), self._first
-        return [*range(first), *(first + j for j in closure.independent)], [first + j for j in closure.dependent]
+    def _places(self) -> tuple[list[int], list[int], list[int]]:
+        """The places of independent velocities, the base's among them, of followers, and of those solved for."""
+        c, first = closure_of(self.m), self._first
+        groups = (c.independent, c.ratios.places, c.solved)
+        own, following, solved = ([first + j for j in group] for group in groups)
+        return [*range(first), *own], following, solved
 
-    def _in_order(self, own: Array, others: Array) -> Array:
-        """Rows of the independent velocities and of the dependent ones in the order of the tree."""
-        return concatenate([own, others], axis=-2)[..., np.argsort(np.concatenate(self._places)), :]
+    def _whole(self, own: Array, solved: Array) -> Array:
+        """Velocities in the order of the tree from the independent ones and those solved for."""
+        following = closure_of(self.m).ratios.F @ own[..., self._first :, :] if self._places[1] else _zeros(0, own)
+        parts = concatenate([own, following, solved], axis=-2)
+        return parts[..., np.argsort([*self._places[0], *self._places[1], *self._places[2]]), :]
 
     @cached_property
     def q(self) -> Series:
@@ -77,15 +84,15 @@ class ClosedMotion:
 
     @cached_property
     def ends(self) -> Ends:
-        """The motion of the ends of loops."""
-        return Ends(self.m, self.q)
+        """The motion of the ends of loops in which constraints are solved."""
+        return Ends(with_solved_loops(self.m), self.q)
 
     @cached_property
     def _factors(self) -> OrthogonalFactors:
         """Those of A_d."""
-        dependent = list(closure_of(self.m).dependent)
-        columns = np.eye(self.m.tree.n, dtype=int)[:, dependent]
-        return OrthogonalFactors.of(self.ends.held(Series.constant(columns))[0], pattern(self.m)[:, dependent])
+        solved = list(closure_of(self.m).solved)
+        columns = np.eye(self.m.tree.n, dtype=int)[:, solved]
+        return OrthogonalFactors.of(self.ends.held(Series.constant(columns))[0], pattern(self.ends.m)[:, solved])
 
     def velocities(self, own: Series) -> Series:
         """The velocities x of the tree, (..., k), from the independent ones: dependent ones d obey A_d d = -A_u x_u.
@@ -95,10 +102,12 @@ class ClosedMotion:
         known: list[Array] = []
 
         def term(k: int) -> Array:
-            still = _zeros(len(self._places[1]), own[k])
-            x = Series.of([*known, self._in_order(own[k], still)]).map(self._of_joints)
-            known.append(self._in_order(own[k], -self._factors.solve(self.ends.held(x)[k])))
-            return known[-1]
+            found = self._whole(own[k], _zeros(len(self._places[2]), own[k]))
+            if self._places[2]:
+                x = Series.of([*known, found]).map(self._of_joints)
+                found = self._whole(own[k], -self._factors.solve(self.ends.held(x)[k]))
+            known.append(found)
+            return found
 
         return Series(term)
 
@@ -122,7 +131,7 @@ class ClosedMotion:
 
         def along(z: Series) -> Series:
             still = len(self._places[0])
-            return self.ends.held(z.map(lambda z: self._of_joints(self._in_order(_zeros(still, z), z))))
+            return self.ends.held(z.map(lambda z: self._of_joints(self._whole(_zeros(still, z), z))))
 
         def term(k: int) -> Array:
             rest = self.dependent(Q)[k]
@@ -135,8 +144,8 @@ class ClosedMotion:
         return along(Series(term))
 
     def dependent(self, Q: Series) -> Series:
-        """The rows of the dependent velocities."""
-        return Q.map(lambda Q: Q[..., self._places[1], :])
+        """The rows of the velocities that constraints are solved for."""
+        return Q.map(lambda Q: Q[..., self._places[2], :])
 
     def _exerted(self, y: Series) -> Series:
         """A^T y, (..., nv, k)."""
@@ -144,7 +153,15 @@ class ClosedMotion:
 
     def pull(self, Q: Series) -> Series:
         """F^T Q = Q_u - A_u^T y: forces on the tree as those on the independent coordinates, (..., nv, k)."""
-        return (Q - self._exerted(self.multipliers(Q))).map(lambda Q: Q[..., self._places[0], :])
+        return (Q - self._exerted(self.multipliers(Q)) if self._places[2] else Q).map(self._independent)
+
+    def _independent(self, Q: Array) -> Array:
+        """The rows of the independent velocities, with the forces on followers."""
+        own, following, _ = (Q[..., places, :] for places in self._places)
+        if not self._places[1]:
+            return own
+        pulled = closure_of(self.m).ratios.F.mT @ following
+        return concatenate([own[..., : self._first, :], own[..., self._first :, :] + pulled], axis=-2)
 
 
 def _zeros(count: int, like: Array) -> Array:
@@ -199,12 +216,16 @@ def actuator_forces(m: Mechanism, F: Series, Q: Series) -> Series:
 def loop_wrenches(m: Mechanism, motion: ClosedMotion, Q: Series) -> Series:
     """R^T y, (..., loops, 6), of forces Q on the tree: the wrenches of cut joints with rows R of constraints.
 
-    The y are the shortest; where constraints are redundant, others would serve.
+    A^T y = Q - S u, where the motors exert u. The y are the shortest of A_d^T y = (Q - S u)_d; where constraints are
+    redundant, others would serve.
     """
+    S = np.eye(m.nv - m.n + m.tree.n, dtype=int)[:, [m.nv - m.n + j for j in closure_of(m).actuated]]
+    Q = Q - S @ actuator_forces(m, motion.F, motion.pull(Q).map(lambda Q: Q[..., m.nv - m.n :, :]))
     ends = np.cumsum([len(loop.rows) for loop in m.loops])[:-1]
 
     def wrenches(y: Array) -> Array:
         parts = zip(m.loops, np.split(np.arange(y.shape[-2]), ends), strict=True)
         return concatenate([(loop.rows.T @ y[..., places, :]).mT for loop, places in parts], axis=-2)
 
-    return motion.shortest_multipliers(Q).map(wrenches)
+    full = replace(motion, m=without_ratios(m))
+    return full.shortest_multipliers(Q).map(wrenches)

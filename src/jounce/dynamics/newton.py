@@ -1,7 +1,8 @@
 """Newton's method for the dependent coordinates of closed robots: one step, over any scalar type.
 
 With gaps r of the loops, constraints A and a change h of the independent coordinates, the step of the dependent ones is
-``A_d step = -(r + A_u h)``: a correction where h = 0, else a prediction along the tangent.
+``A_d step = -(r + A_u h)``: a correction where h = 0, else a prediction along the tangent. Followers with constant
+ratios are set to their places, and count as independent then.
 """
 
 from collections.abc import Callable
@@ -12,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from jounce._scalars import Array, concatenate
-from jounce.dynamics.branches import Ends, pattern
+from jounce.dynamics.branches import Ends, pattern, with_solved_loops
 from jounce.dynamics.loops import closure_of
 from jounce.model.loops import Loop
 from jounce.model.mechanism import Mechanism
@@ -68,17 +69,27 @@ def _gap(loop: Loop, C: Array) -> Array:
 def step(m: Mechanism, q: Array, change: Array) -> tuple[Array, Array, Array]:
     """Return the dependent coordinates (..., N - n) after a step from q (..., N), its `MEASURES`, and A_d at q.
 
-    `change`, (..., n), is that of the independent coordinates; A_d, (..., c, N - n), has no units.
+    `change`, (..., n), is that of the independent coordinates; A_d has no units, and a column for each coordinate that
+    constraints are solved for.
     """
-    c, s = closure_of(m), scales(m)
-    own, others = list(c.independent), list(c.dependent)
+    m = with_solved_loops(m)
+    c = closure_of(m)
+    own, others, following = list(c.independent), list(c.solved), q[..., []]
+    if not others:
+        return c.ratios.positions(q[..., own] + change), np.array([0.0, 1.0]), np.zeros((0, 0))
+    s = scales(m)
+    if c.ratios.places:
+        following = c.ratios.positions(q[..., own] + change)
+        change = concatenate([change, following - q[..., list(c.ratios.places)]], axis=-1)
+        own += c.ratios.places
     gap, A = gaps(m, q)
     gap, A = s.rows[:, None] * gap, s.rows[:, None] * A * s.coordinates
     A_d = A[..., others]
     factors = OrthogonalFactors.of(A_d, pattern(m)[:, others])
     moved = factors.solve(-(gap + A[..., own] @ (change / s.coordinates[own])[..., None]))
     measures = concatenate([_square(gap), _square(concatenate(factors.inverse_Q, axis=-2)) * _square(A_d)], axis=-1)
-    return q[..., others] + s.coordinates[others] * moved[..., 0], measures, A_d
+    found = concatenate([following, q[..., others] + s.coordinates[others] * moved[..., 0]], axis=-1)
+    return found[..., np.argsort([*c.ratios.places, *others])], measures, A_d
 
 
 def _square(x: Array) -> Array:

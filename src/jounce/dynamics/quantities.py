@@ -94,6 +94,7 @@ class Quantity:
     wrench_rates: int = 1  # how many of W, Wd, ... the quantity itself takes, where they enter
     elastic: bool = False  # whether it is one of robots with elastic joints only
     closed: bool = False  # whether it is one of robots with closed loops only
+    all_constraints: bool = False  # whether constraints are solved for followers with constant ratios too
     drive_terms: tuple[str, ...] = ()  # which of those that act enter
     drive_law: Law | None = None  # what they add
     results: tuple[str, ...] = ()  # of a quantity of several results, which has no rates: the terms of its law
@@ -695,6 +696,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         ),
         Quantity(
             name="loop_wrenches",
+            all_constraints=True,
             symbol="Wl",
             rates=3,
             shape=("loops", 6),

@@ -7,11 +7,12 @@ on the relative twist, seen from the first frame, wherever the loop is closed.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
 from jounce._scalars import Array, concatenate
-from jounce.model.mechanism import Frame
+from jounce.model.mechanism import Frame, Mechanism
 
 Z = (0, 0, 1)
 ROUNDING = 1e-15  # what rounding leaves of an exact 0
@@ -97,6 +98,32 @@ class Loop:
 
 
 @dataclass(frozen=True, eq=False)
+class FollowerRatios:
+    """Dependent coordinates that follow the independent ones by constant ratios, as those of parallelograms do.
+
+    Attributes
+    ----------
+    places : tuple of int
+        Their places among the coordinates of the tree.
+    F : (len(places), n)
+        The ratios: d = F u + offset.
+    offset : (len(places),)
+        Their values at u = 0, rad or m.
+    """
+
+    places: tuple[int, ...]
+    F: Array
+    offset: Array
+
+    def positions(self, u: Array) -> Array:
+        """The followers (..., k) of independent coordinates (..., n)."""
+        return (self.F @ u[..., None])[..., 0] + self.offset
+
+
+NO_RATIOS = FollowerRatios((), np.zeros((0, 0)), np.zeros(0))
+
+
+@dataclass(frozen=True, eq=False)
 class Closure:
     """Which of the coordinates of a tree move the robot that is left where its loops are closed.
 
@@ -115,6 +142,8 @@ class Closure:
     weights : (len(actuated),)
         Of their forces, where there are more than independent coordinates: the sum of weight times force squared
         is least.
+    ratios : FollowerRatios
+        Those of the dependent coordinates that follow by constant ratios; constraints are solved for the others.
 
     Examples
     --------
@@ -131,6 +160,7 @@ class Closure:
     start: np.ndarray
     actuated: tuple[int, ...]
     weights: np.ndarray
+    ratios: FollowerRatios = NO_RATIOS
 
     @property
     def dependent(self) -> tuple[int, ...]:
@@ -138,9 +168,15 @@ class Closure:
         return tuple(j for j in range(len(self.coordinates)) if j not in self.independent)
 
     @property
+    def solved(self) -> tuple[int, ...]:
+        """Those of the dependent coordinates that constraints are solved for."""
+        return tuple(j for j in self.dependent if j not in self.ratios.places)
+
+    @property
     def arrays(self) -> dict[str, Array]:
         """The numbers that quantities depend on, by name."""
-        return {"tree G": self.G, "tree g": self.g, "weights": self.weights}
+        own = {"tree G": self.G, "tree g": self.g, "weights": self.weights}
+        return own | {"ratios": self.ratios.F, "offset": self.ratios.offset}
 
 
 def in_scalars(
@@ -149,7 +185,16 @@ def in_scalars(
     """Loops and their closure with the numbers converted to other scalars."""
     placed = [[replace(frame, T=convert(frame.T)) for frame in (loop.a, loop.b)] for loop in loops]
     converted = tuple(replace(loop, a=a, b=b) for loop, (a, b) in zip(loops, placed, strict=True))
-    return converted, closure and replace(closure, G=convert(closure.G), g=convert(closure.g))
+    if closure is None:
+        return converted, None
+    ratios = replace(closure.ratios, F=convert(closure.ratios.F), offset=convert(closure.ratios.offset))
+    return converted, replace(closure, G=convert(closure.G), g=convert(closure.g), ratios=ratios)
+
+
+@lru_cache(maxsize=64)
+def without_ratios(m: Mechanism) -> Mechanism:
+    """A closed robot of which constraints are solved for all dependent coordinates."""
+    return replace(m, closure=replace(m.closure, ratios=NO_RATIOS)) if m.closure and m.closure.ratios.places else m
 
 
 def all_coordinates(closure: Closure, independent: Array, dependent: Array) -> Array:

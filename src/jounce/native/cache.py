@@ -56,13 +56,13 @@ def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
         arrays |= {f"elastic {name}": array for name, array in e.arrays.items()}
         digest.update(repr((e.springs, e.level)).encode())
         arrays |= {f"rotor {x.coordinate} on {x.body}": x.momentum for x in coupling.rotors(mechanism)}
-    if mechanism.closure:
-        arrays |= mechanism.closure.arrays
+    if c := mechanism.closure:
+        arrays |= c.arrays
         arrays |= {
             f"loop {k} {i}": array for k, loop in enumerate(mechanism.loops) for i, array in enumerate(loop.arrays)
         }
         joints = [(loop.a.body, loop.b.body, loop.joint) for loop in mechanism.loops]
-        digest.update(repr((joints, mechanism.closure.independent, mechanism.closure.actuated)).encode())
+        digest.update(repr((joints, c.independent, c.actuated, c.ratios.places)).encode())
     if computation.body is not None:
         frame = mechanism.frame(computation.body)
         arrays |= {f"frame on {frame.body}": frame.T}

@@ -4,6 +4,7 @@ import hashlib
 
 import numpy as np
 
+from jounce.dynamics.branches import with_solved_loops
 from jounce.dynamics.closing import MAX_BOUND, thresholds
 from jounce.dynamics.computation import DEPENDENT, Computation, Port, Signature, in_a_row
 from jounce.dynamics.loops import closure_of
@@ -73,10 +74,10 @@ def _is_within(measures: np.ndarray, most: tuple[float, float]) -> bool:
 
 
 def _signature(m: Mechanism) -> Signature:
-    c = closure_of(m)
+    c, rows = closure_of(m), sum(len(loop.rows) for loop in with_solved_loops(m).loops)
     inputs = [Port("q", (len(c.coordinates),), "state"), Port("change", (m.n,), "state")]
     outputs = [Port(DEPENDENT, (len(c.dependent),), "result"), Port("measures", (MEASURES,), "result")]
-    outputs.append(Port("constraints", (sum(len(loop.rows) for loop in m.loops), len(c.dependent)), "result"))
+    outputs.append(Port("constraints", (rows, len(c.solved)), "result"))
     return Signature(in_a_row(inputs), in_a_row(outputs))
 
 
@@ -100,7 +101,9 @@ def _code(m: Mechanism, signature: Signature) -> bytes:
 
 
 def native_step(mechanism: Mechanism) -> NativeStep | None:
-    """The step of a closed robot of numbers, unless it takes long to compile."""
+    """The step of a closed robot of numbers, unless it takes long to compile, or nothing is solved for."""
+    if not closure_of(mechanism).solved:
+        return None
     try:
         return NativeStep(mechanism)
     except TapeFullError:

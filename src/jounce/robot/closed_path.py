@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from jounce.dynamics import closing, newton
-from jounce.dynamics.assembly import LOST, crossing, inverse_conditions, inverse_conditions_of, scaled_constraints
+from jounce.dynamics.assembly import LOST, crossing, inverse_conditions, inverse_conditions_of, solved_constraints
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loops import closure_of
 from jounce.errors import JounceError, at, listed
@@ -113,7 +113,7 @@ class ClosedCurve:
 
         Or the later one is singular itself.
         """
-        A = scaled_constraints(self.m, s.q)[..., self.dependent]
+        A = solved_constraints(self.m, s.q)
         return np.asarray((inverse_conditions_of(A[1:]) < LOST) | crossing(A[:-1], A[1:]))
 
     def path(self, t: np.ndarray, start: np.ndarray) -> States:
@@ -146,7 +146,7 @@ class ClosedCurve:
         if found is None or self.crossing(s).any():
             return lost(self.m, t, s.q, found is None)
         others, own = (listed(self.m.tree.coordinates[j] for j in places) for places in (self.dependent, self.own))
-        inverse = inverse_conditions(self.m, s.q, self.dependent).min()
+        inverse = inverse_conditions(self.m, s.q).min()
         return JounceError(
             f"{self.m.name!r}: the branch jumps along the motion at t = {t:.9g} s, where 1/cond is {inverse:.2g}: rates"
             f" of {others} jump, and those of {own} do not; {CURE}"
@@ -155,7 +155,7 @@ class ClosedCurve:
 
 def lost(m: Mechanism, t: float, q: np.ndarray, stuck: bool) -> JounceError:
     """The error where constraints are lost along a motion, near positions (K, N), and loops stay open or not."""
-    inverse = inverse_conditions(m, q, closure_of(m).dependent).min()
+    inverse = inverse_conditions(m, q).min()
     beyond = ", and the loops cannot be closed beyond" if stuck else ""
     return JounceError(
         f"{m.name!r}: constraints are lost along the motion at t = {t:.9g} s, where 1/cond is {inverse:.2g}{beyond};"

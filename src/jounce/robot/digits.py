@@ -57,9 +57,9 @@ def displaced(m: Mechanism, u: Array, dependent: Array, limit: float, step: Step
 
     None where it exceeds the limit nowhere, and for symbols.
     """
-    if not (is_numeric(u) and is_numeric(dependent)):
-        return None
     c, s = closure_of(m), newton.scales(m)
+    if not (is_numeric(u) and is_numeric(dependent) and c.solved):
+        return None
     q = all_coordinates(c, np.asarray(u, dtype=float), np.asarray(dependent, dtype=float)).reshape(
         -1, len(c.coordinates)
     )
@@ -73,7 +73,8 @@ def displaced(m: Mechanism, u: Array, dependent: Array, limit: float, step: Step
         return None
     eps = np.finfo(dependent.dtype).eps
     moved = dependent.reshape(len(q), -1).copy()
-    moved[near] += eps / sizes[:, -1:] * ways[:, -1] * s.coordinates[list(c.dependent)]
+    solved = np.searchsorted(c.dependent, c.solved)
+    moved[np.ix_(near, solved)] += eps / sizes[:, -1:] * ways[:, -1] * s.coordinates[list(c.solved)]
     return np.asarray(moved.reshape(dependent.shape))
 
 

@@ -23,6 +23,7 @@ from jounce.dynamics.newton import Step
 from jounce.dynamics.quantities import FORCES, Quantity, State, row_of
 from jounce.errors import JounceError, one_of, quoted, warn
 from jounce.model.casting import cast_model
+from jounce.model.loops import without_ratios
 from jounce.model.mechanism import Mechanism
 from jounce.native import closing, plan
 from jounce.native.closing import NativeStep
@@ -196,9 +197,9 @@ def _run(call: Call) -> Any:
     """Run a call; of a closed robot near singular positions once more, to see which digits there are."""
     robot, asked = call.robot, call.computation
     if robot.mechanism.closure:
-        step = closing_step(robot) if call.method in (None, NATIVE) else None
-        u, *_, d = call.arrays
-        moved = digits.displaced(robot.mechanism, u, d, digits.max_condition(asked), step)
+        m, (u, *_, d) = _with_constraints(robot, asked), call.arrays
+        step = closing_step(robot) if call.method in (None, NATIVE) and m is robot.mechanism else None
+        moved = digits.displaced(m, u, d, digits.max_condition(asked), step)
         if moved is not None:
             bare = call._replace(out=None, form=None)
             results, again = (
@@ -207,6 +208,11 @@ def _run(call: Call) -> Any:
             digits.check(robot.mechanism, asked, results, again)
             return results_into(results, call.out)
     return _run_by_backend(call)
+
+
+def _with_constraints(robot: "Robot", asked: Computation) -> Mechanism:
+    """Return a closed robot with the constraints that a computation solves."""
+    return without_ratios(robot.mechanism) if asked.quantity.all_constraints else robot.mechanism
 
 
 def _run_by_backend(call: Call) -> Any:
@@ -315,7 +321,8 @@ def _prepare_native(call: Call) -> tuple[Kernel | None, str | None]:
             came = x.dtype if type(x) is np.ndarray else type(x).__name__
             return None, "" if is_jax(x) else f"native code needs NumPy arrays of float64, got {came}"
     kernel, refusal = _kernel(call.robot, call.computation, PATIENCE if call.method is None else inf)
-    if kernel is not None and call.form is not None:
+    m = call.robot.mechanism
+    if kernel is not None and call.form is not None and _with_constraints(call.robot, call.computation) is m:
         known = kernel, call.computation.rates, digits.max_condition(call.computation)
         call.robot._kernels.ready[call.form] = known
     return kernel, refusal and f"native code {refusal}"

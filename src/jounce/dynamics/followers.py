@@ -1,0 +1,60 @@
+"""Coordinates of closed robots that follow by constant ratios: parallelograms of palletizers and of parallel grippers.
+
+Entries of F are analytic along a branch: one that is the same at several arbitrary positions is constant. Such a
+coordinate has no singular position, where constraints, solved for it, lose all digits near their change points.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from jounce.dynamics import closing
+from jounce.dynamics.assembly import REGULAR, inverse_conditions_of, scaled_constraints, tangent
+from jounce.dynamics.loops import closure_of
+from jounce.dynamics.newton import scales
+from jounce.errors import JounceError
+from jounce.model.loops import FollowerRatios
+from jounce.model.mechanism import Mechanism
+
+POSITIONS = 6  # at which F is compared with that at the start
+REACH = 0.3  # rad or sizes of the robot, of these around the start
+RATIO_TOLERANCE = 1e-10  # of F and positions: lengths rounded to doubles leave less, those rounded to micrometers more
+
+
+def with_ratios(m: Mechanism) -> Mechanism:
+    """A closed robot with its followers found; the start must be regular."""
+    c, s, rng = closure_of(m), scales(m), np.random.default_rng(0)
+    own = list(c.independent)
+    sizes = s.coordinates[:, None] / s.coordinates[own]
+    F = _tangent(m, c.start) * sizes
+    constant = np.isin(range(len(F)), c.dependent)
+    found = 0
+    for _ in range(3 * POSITIONS):
+        u = c.start[own] + rng.uniform(-REACH, REACH, m.n) * s.coordinates[own]
+        try:
+            [q] = closing.close_loops(m, u[None])
+        except JounceError:  # out of reach
+            continue
+        A = scaled_constraints(m, q[None])[..., c.dependent]
+        if inverse_conditions_of(A)[0] < np.sqrt(REGULAR):
+            continue
+        found += 1
+        turned = np.abs((_tangent(m, q) * sizes - F) / sizes).max(axis=1)
+        off = np.abs(q - c.start - F @ (u - c.start[own])) / s.coordinates
+        constant &= np.maximum(turned, off) <= RATIO_TOLERANCE
+        if found == POSITIONS or not constant.any():
+            break
+    if found < POSITIONS or not constant.any():
+        return m
+    places = np.flatnonzero(constant)
+    F = F[places]
+    whole = np.rint(F)
+    F = np.where(np.abs(F - whole) <= RATIO_TOLERANCE, whole + 0.0, F)
+    ratios = FollowerRatios(tuple(places.tolist()), F, c.start[places] - F @ c.start[own])
+    return replace(m, closure=replace(c, ratios=ratios))
+
+
+def _tangent(m: Mechanism, q: np.ndarray) -> np.ndarray:
+    """F (N, n) at coordinates (N,), without units."""
+    c = closure_of(m)
+    return tangent(scaled_constraints(m, q[None])[0], c.independent, c.dependent)
