@@ -32,7 +32,7 @@ def worst_sample(
     for kind, value in (values | {"power": rates[1] * forces[0]}).items():
         if np.isfinite(limits.bounds(kind)).any():
             scale = scale_of(limits.bounds(kind), kind)
-            ratio = np.maximum(*(scale.ratio(value, sign) for sign in SIGNS))
+            ratio = np.nan_to_num(np.maximum(*(scale.ratio(value, sign) for sign in SIGNS)), nan=0.0)  # where unknown
             i, j = np.unravel_index(ratio.argmax(), ratio.shape)
             found.append(Sample(float(ratio[i, j]), kind, int(j), float(t[i])))
     return max(found, default=None)

@@ -9,6 +9,7 @@ COVERS = 1.96  # standard deviations on either side
 
 
 def surest_peaks(values: np.ndarray, deviations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The absolute values along the first axis that are largest less their bands, and their deviations."""
-    at = np.argmax(np.abs(values) - COVERS * deviations, axis=0)[None]
+    """The absolute values along the first axis that are largest less their bands, and their deviations; no NaN."""
+    sure = np.abs(values) - COVERS * deviations
+    at = np.argmax(np.where(np.isnan(sure), -np.inf, sure), axis=0)[None]
     return np.abs(np.take_along_axis(values, at, 0)[0]), np.take_along_axis(deviations, at, 0)[0]

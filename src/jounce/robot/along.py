@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import groupby
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -12,12 +12,13 @@ from jounce.arguments.rates import checked_order
 from jounce.dynamics import closing
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import FORCES, Quantity
-from jounce.errors import JounceError, at, quoted
+from jounce.errors import JounceError, at, quoted, warn
 from jounce.model.mechanism import Mechanism
 from jounce.motion.base import perturbed
 from jounce.motion.matching import matched
 from jounce.motion.motion import Break, Motion
 from jounce.motion.units import warn_of_degrees
+from jounce.robot import digits
 from jounce.robot.closed_path import on_tree, positions
 from jounce.robot.dispatch import closing_step, compute
 from jounce.robot.generic import as_tuple
@@ -60,7 +61,8 @@ class Along:
         q, qd, q2d, ... of the motion at these times: rad or m, per s, per s^2, ...; at a break those after it.
     forces : tuple of (N, nv)
         Q, Qd, ...: N m for revolute and N for prismatic coordinates, per s, ...; a tuple for order 0 too. If the robot
-        floats, the first 6 columns are the wrench (moment; force) that acts on its base, in its axes.
+        floats, the first 6 columns are the wrench (moment; force) that acts on its base, in its axes. NaN where loops
+        are so nearly singular that no digits are certain: a `JounceWarning` counts these rows.
     deviations : tuple of (N, nv), or None
         Standard deviations of the forces that follow from those of q, qd, ...; None where these are exact.
     breaks : tuple of ForceBreak
@@ -140,17 +142,29 @@ def pieces_along(
 ) -> Iterator[Along]:
     """Yield the forces along a motion in pieces of some states, without breaks.
 
-    After each piece, `progress` is called with the number of states done and the total.
+    After each piece, `progress` is called with the number of states done and the total. A warning in the end counts
+    rows without certain digits, which are NaN.
     """
+    uncertain: list[list[np.ndarray]] = []  # times of each piece, by order
     spread = _spreads(robot, motion, times, order, method, row)
     for start in range(0, len(times), PIECE):
         t = times[start : start + PIECE]
         rates, base = motion(t, order + row.rates - 1), motion.base(t, order + row.rates - 1)
         W, near = motion.wrench(t, order + row.wrench_rates - 1), positions(robot, motion, t)
-        forces = _computed(robot, rates, W, base, near, method, row)
+        try:
+            forces = _compute(robot, rates, W, base, near, method, row)
+        except digits.UncertainError as error:
+            forces = error.results
+            uncertain.append([t[where] for where in error.uncertain])
         if progress is not None:
             progress(start + len(t), len(times))
         yield Along(t, rates, forces, spread and spread(t), base=base)
+    if uncertain:
+        warn(
+            digits.describe(
+                robot.mechanism, row.names(order), map(np.concatenate, zip(*uncertain, strict=True)), len(times)
+            )
+        )
 
 
 def force_breaks(
@@ -192,10 +206,18 @@ def _one_sided(
     highest = order + row.rates - 1
     rates, base = motion(t, highest, side), motion.base(t, highest, side)
     W, near = motion.wrench(t, order + row.wrench_rates - 1, side), positions(robot, motion, t, side)
-    return _computed(robot, rates, W, base, near, method, row)
+    return _compute_certain(robot, rates, W, base, near, method, row)
 
 
-def _computed(
+def _compute_certain(*given: Any) -> Rates:
+    """A quantity with its rates, NaN where no digits are certain."""
+    try:
+        return _compute(*given)
+    except digits.UncertainError as error:
+        return error.results
+
+
+def _compute(
     robot: "Robot",
     rates: Rates,
     W: Wrenches | None,
@@ -233,12 +255,13 @@ def _spreads(
         part = t[start : start + PIECE]
         rates, W, base = motion(part, highest), motion.wrench(part, of_wrench), motion.base(part, highest)
         near = positions(robot, motion, part)
-        true = np.array(_computed(robot, rates, W, base, near, method, row))
+        true = np.array(_compute_certain(robot, rates, W, base, near, method, row))
         for q, load, moved in _perturbed(motion, part, rates, W, base, highest, of_wrench):
             there = near if near is None else closing.close_loops(robot.mechanism, q[0], near, closing_step(robot))
-            found = np.array(_computed(robot, q, load, moved, there, method, row))
+            found = np.array(_compute_certain(robot, q, load, moved, there, method, row))
             total[:, start : start + PIECE] += (found - true) ** 2
-    known = np.sqrt(total)
+    certain = np.isfinite(total).all(axis=(0, 2))
+    t, known = (t[certain], np.sqrt(total[:, certain])) if certain.any() else (t, np.sqrt(total))
 
     def interpolated(times: np.ndarray) -> Rates:
         return tuple(np.stack([np.interp(times, t, column) for column in rate.T], axis=1) for rate in known)

@@ -7,7 +7,7 @@ eps cond^(k + 3). One threshold of the condition number serves neither. The esti
 the position moved by eps / sigma: of 12,000 states of three robots it was never below 0.6 times the true error.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -76,6 +76,19 @@ def displaced(m: Mechanism, u: Array, dependent: Array, limit: float, step: Step
     solved = np.searchsorted(c.dependent, c.solved)
     moved[np.ix_(near, solved)] += eps / sizes[:, -1:] * ways[:, -1] * s.coordinates[list(c.solved)]
     return np.asarray(moved.reshape(dependent.shape))
+
+
+def describe(m: Mechanism, names: Sequence[str], times: Iterable[np.ndarray], count: int) -> str:
+    """How many of the rows along a motion have results without certain digits, and when, in words."""
+    parts = [
+        f"{name} in {len(t)} of {count} rows, t = {t.min():.6g}{f' .. {t.max():.6g}' if len(t) > 1 else ''} s"
+        for name, t in zip(names, times, strict=True)
+        if len(t)
+    ]
+    return (
+        f"{m.name!r}: the loops are so nearly singular that results have errors above {MAX_ERROR:g} of their size, and"
+        f" are NaN: {'; '.join(parts)}"
+    )
 
 
 def check(m: Mechanism, computation: Computation, results: Sequence[np.ndarray], again: Sequence[np.ndarray]) -> None:

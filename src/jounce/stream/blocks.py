@@ -61,7 +61,7 @@ def _block(task: Task, part: Part, rows: Rows, check: bool) -> Block:
     positions = _positions(task, part, si, rows.runs, states)
     outputs = [
         output._replace(rates=tuple(map(np.asfortranarray, output.rates)))  # by columns, as they are written
-        for output in of_rows(job, states, _wrenches(task, part, si), _base(task, part, si), positions)
+        for output in of_rows(job, si[TIME], states, _wrenches(task, part, si), _base(task, part, si), positions)
     ]
     _check_finite(part, rows, outputs)
     of_base = poses.named(list(si), job.links.mechanism) if job.with_rates else ()

@@ -8,12 +8,14 @@ import numpy as np
 from jounce.actuators.along import order_of_voltages
 from jounce.actuators.elastic import ElasticRobot
 from jounce.dynamics import electrical
-from jounce.dynamics.quantities import FORCES, row_of
+from jounce.dynamics.quantities import FORCES, Quantity, row_of
+from jounce.errors import warn
 from jounce.io.columns import Columns
 from jounce.io.motions.writing import BREAK, MEASURED, break_marks, named, of_base
 from jounce.model.coordinates import force_names
 from jounce.model.elasticity import motor_names
 from jounce.motion import Motion
+from jounce.robot import digits
 from jounce.robot.along import force_breaks, pieces_along
 from jounce.robot.closed_path import on_tree
 from jounce.robot.dispatch import compute
@@ -42,21 +44,29 @@ class Block(NamedTuple):
 
 
 def of_rows(
-    job: Job, rates: Rates, W: Wrenches, base: Rates | None = None, position: np.ndarray | None = None
+    job: Job, t: np.ndarray, rates: Rates, W: Wrenches, base: Rates | None = None, position: np.ndarray | None = None
 ) -> list[Output]:
-    """The quantities at states that do not depend on each other; those of closed robots with all positions (N,)."""
+    """The quantities at states that do not depend on each other; those of closed robots with all positions (N,).
+
+    A warning counts rows without certain digits, which are NaN.
+    """
+
+    def certain(row: Quantity, W: Wrenches) -> Rates:
+        try:
+            return as_tuple(compute(job.links, row.name, given, wrench=W, base=base, method=job.method))
+        except digits.UncertainError as error:
+            times = [t[where] for where in error.uncertain]
+            warn(digits.describe(job.links.mechanism, error.names, times, len(t)))
+            return error.results
+
     given = rates[: job.highest + 1]
     own = [Output("q", job.links.joint_names, given)] if job.with_rates else []
     given = on_tree(given, position)
     if not isinstance(job.robot, ElasticRobot):
-        Q = as_tuple(compute(job.links, FORCES.name, given, wrench=W, base=base, method=job.method))
-        return [*own, Output(FORCES.symbol, force_names(job.links.mechanism), Q)]
+        return [*own, Output(FORCES.symbol, force_names(job.links.mechanism), certain(FORCES, W))]
     rows = [row_of(name, job.robot.elasticity.more_rates) for name in ("motor_positions", "motor_torques")]
     terms = [W and W[: len(given) - row.rates + row.wrench_rates] for row in rows]
-    theta, tau = (
-        as_tuple(compute(job.links, row.name, given, wrench=term, base=base, method=job.method))
-        for row, term in zip(rows, terms, strict=True)
-    )
+    theta, tau = (certain(row, term) for row, term in zip(rows, terms, strict=True))
     return _of_motors(job.robot, theta, tau, None)
 
 

