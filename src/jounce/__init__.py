@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from jounce.actuators.along import ElasticAlong
     from jounce.actuators.elastic import ElasticRobot
     from jounce.dynamics.base_parameters import BaseParameters
-    from jounce.errors import JounceError, JounceWarning
+    from jounce.errors import JounceError, JounceWarning, UncertainError
     from jounce.identification import (
         Excitation,
         ForceResidual,
@@ -75,6 +75,7 @@ __all__ = [
     "Slowdown",
     "SpringFunction",
     "SpringTable",
+    "UncertainError",
     "__version__",
     "casadi_function",
     "codegen",
@@ -104,6 +105,7 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "Identification": "jounce.identification",
     "IdentifiedParameter": "jounce.identification",
     "JounceError": "jounce.errors",
+    "UncertainError": "jounce.errors",
     "JounceWarning": "jounce.errors",
     "Kernel": "jounce.native.kernel",
     "Limits": "jounce.model.limits",

@@ -20,6 +20,27 @@ class JounceError(Exception):
         super().__init__(escaped(str(text)))
 
 
+class UncertainError(JounceError):
+    """Results for a closed robot near a singular position have errors above 1e-6 of their size.
+
+    Attributes
+    ----------
+    results : tuple of arrays
+        The results, NaN where they are uncertain.
+    names : tuple of str
+        Their names.
+    uncertain : tuple of arrays of bool
+        Where they are uncertain, over the batch.
+    """
+
+    def __init__(self, text: str, results: tuple[Any, ...], names: Iterable[str], uncertain: Iterable[Any]) -> None:
+        super().__init__(text)
+        self.results, self.names, self.uncertain = results, tuple(names), tuple(uncertain)
+
+    def __reduce__(self) -> tuple[Any, ...]:  # between processes
+        return type(self), (str(self), self.results, self.names, self.uncertain)
+
+
 class JounceWarning(UserWarning):
     """Base class of all warnings of jounce."""
 

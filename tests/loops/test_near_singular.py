@@ -10,10 +10,10 @@ from precise import Precise
 from scipy.optimize import brentq
 
 import jounce
-from jounce import JounceError, JounceWarning
+from jounce import JounceError, JounceWarning, UncertainError
 from jounce.dynamics.assembly import LOST, inverse_conditions
 from jounce.dynamics.computation import Computation
-from jounce.robot.digits import MAX_ERROR, UncertainError, max_condition
+from jounce.robot.digits import MAX_ERROR, max_condition
 
 COUNT = 25  # positions
 RIGHT = 2e-8  # of the size of a result: such errors are smaller than any estimate may excuse

@@ -12,7 +12,7 @@ from jounce.arguments.rates import checked_order
 from jounce.dynamics import closing
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import FORCES, Quantity
-from jounce.errors import JounceError, at, quoted, warn
+from jounce.errors import JounceError, UncertainError, at, quoted, warn
 from jounce.model.mechanism import Mechanism
 from jounce.motion.base import perturbed
 from jounce.motion.matching import matched
@@ -153,7 +153,7 @@ def pieces_along(
         W, near = motion.wrench(t, order + row.wrench_rates - 1), positions(robot, motion, t)
         try:
             forces = _compute(robot, rates, W, base, near, method, row)
-        except digits.UncertainError as error:
+        except UncertainError as error:
             forces = error.results
             uncertain.append([t[where] for where in error.uncertain])
         if progress is not None:
@@ -213,7 +213,7 @@ def _compute_certain(*given: Any) -> Rates:
     """A quantity with its rates, NaN where no digits are certain."""
     try:
         return _compute(*given)
-    except digits.UncertainError as error:
+    except UncertainError as error:
         return error.results
 
 

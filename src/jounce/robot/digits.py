@@ -8,7 +8,6 @@ the position moved by eps / sigma: of 12,000 states of three robots it was never
 """
 
 from collections.abc import Iterable, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -17,30 +16,12 @@ from jounce.dynamics import newton
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.newton import Step
-from jounce.errors import JounceError, listed
+from jounce.errors import UncertainError, listed
 from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
 
 EPS = float(np.finfo(float).eps)
 MAX_ERROR = 1e-6  # of a result, relative to its size: a control loop's other errors are larger
-
-
-class UncertainError(JounceError):
-    """Results of a closed robot near a singular position have errors above `MAX_ERROR`.
-
-    Attributes
-    ----------
-    results : tuple of arrays
-        The results, NaN where they are uncertain.
-    names : tuple of str
-        Their names.
-    uncertain : tuple of arrays of bool
-        Where they are, over the batch.
-    """
-
-    def __init__(self, text: str, results: tuple[np.ndarray, ...], names: Sequence[str], uncertain: Any) -> None:
-        super().__init__(text)
-        self.results, self.names, self.uncertain = results, tuple(names), tuple(uncertain)
 
 
 def max_condition(computation: Computation) -> float:

@@ -9,7 +9,7 @@ from jounce.actuators.along import order_of_voltages
 from jounce.actuators.elastic import ElasticRobot
 from jounce.dynamics import electrical
 from jounce.dynamics.quantities import FORCES, Quantity, row_of
-from jounce.errors import warn
+from jounce.errors import UncertainError, warn
 from jounce.io.columns import Columns
 from jounce.io.motions.writing import BREAK, MEASURED, break_marks, named, of_base
 from jounce.model.coordinates import force_names
@@ -54,7 +54,7 @@ def of_rows(
     def certain(row: Quantity, W: Wrenches) -> Rates:
         try:
             return as_tuple(compute(job.links, row.name, given, wrench=W, base=base, method=job.method))
-        except digits.UncertainError as error:
+        except UncertainError as error:
             times = [t[where] for where in error.uncertain]
             warn(digits.describe(job.links.mechanism, error.names, times, len(t)))
             return error.results
