@@ -225,8 +225,8 @@ def _check_stiffness(robot: "Robot", kinds: Sequence[str]) -> None:
     e, of_motors = robot.mechanism.elasticity, [kind for kind in kinds if kind in MOTORS]
     if e and e.slack and of_motors:
         raise JounceError(
-            f"joint {quoted(robot.joint_names[e.slack[0]])}: its spring has no stiffness at rest, so its motor moves"
-            f" infinitely fast where it carries no force; limits of {listed(of_motors)} need a CubicSpring with k above 0"
+            f"joint {quoted(robot.joint_names[e.slack[0]])}: its spring has no stiffness at rest, and its motor moves"
+            f" infinitely fast where no force acts; limits of {listed(of_motors)} need a CubicSpring with k above 0"
         )
 
 
