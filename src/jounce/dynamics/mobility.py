@@ -55,7 +55,7 @@ def is_singular(M: np.ndarray) -> np.ndarray:
     moves = own > SINGULAR * own.max(axis=-1, keepdims=True)
     scale = np.sqrt(np.where(moves, own, 1.0))
     scaled = np.where(moves[..., None, :] & moves[..., None], M / (scale[..., None, :] * scale[..., None]), 0.0)
-    known = np.isfinite(scaled).all(axis=(-2, -1))
+    known = np.asarray(np.isfinite(scaled).all(axis=(-2, -1)))
     least = np.linalg.eigvalsh(np.where(known[..., None, None], scaled, np.eye(M.shape[-1])))[..., 0]
     return np.asarray(known & (least <= SINGULAR * M.shape[-1]))
 
