@@ -248,6 +248,7 @@ sin = _elementwise("sin")
 cos = _elementwise("cos")
 tanh = _elementwise("tanh")
 exp = _elementwise("exp")
+sqrt = _elementwise("sqrt")
 
 
 def reciprocal(x: Array) -> Array:

@@ -2,16 +2,22 @@
 
 import pickle
 
+import jax
+import jax.numpy as jnp
 import mpmath
 import numpy as np
 import pytest
 import sympy
+from natives import native, signature
 
+import casadi
 from jounce.dynamics import deflections
 from jounce.errors import JounceError
+from jounce.model import inversion
 from jounce.model.inversion import UnreachableError, deflection
 from jounce.model.spring_table import SpringTable
 from jounce.model.springs import CubicSpring, SpringFunction, force_along
+from jounce.program.trace import Tape
 from jounce.spatial.series import Series
 
 CUBIC = CubicSpring(500.0, 2e4)
@@ -23,8 +29,8 @@ LAWS = {
     "sinh": (SpringFunction.of(lambda d: 300 * np.sinh(2 * d) / 2), lambda d: 150 * mpmath.sinh(2 * d)),
     "quotient": (SpringFunction.of(lambda d: 90 * d / (4 - d * d)), lambda d: 90 * d / (4 - d * d)),
     "waves": (
-        SpringFunction.of(lambda d: 90 * d + np.sin(5 * d) - np.cos(3 * d) + np.tanh(d) + np.exp(-d) + np.cosh(d)),
-        lambda d: 90 * d + mpmath.sin(5 * d) - mpmath.cos(3 * d) + mpmath.tanh(d) + mpmath.exp(-d) + mpmath.cosh(d),
+        SpringFunction.of(lambda d: 90 * d + np.sin(5 * d) - np.cos(3 * d) + np.tanh(d) + np.exp(-d) + np.sqrt(d + 2)),
+        lambda d: 90 * d + mpmath.sin(5 * d) - mpmath.cos(3 * d) + mpmath.tanh(d) + mpmath.exp(-d) + mpmath.sqrt(d + 2),
     ),
 }
 laws = pytest.mark.parametrize("name", LAWS)
@@ -73,14 +79,103 @@ def test_deflections_of_any_size_are_found(force):
         np.testing.assert_allclose(spring._derivatives(d)[0], [force], rtol=1e-13)
 
 
-def test_cubic_springs_have_the_same_steps_for_every_scalar_type():
-    Q = np.geomspace(1e-6, 4e4, 60) * CUBIC.k * (CUBIC.k / CUBIC.k3) ** 0.5
-    expected = deflection(CUBIC, Q)
-    found = deflection(CUBIC, np.array([sympy.Float(x, 25) for x in Q.tolist()], dtype=object))
-    np.testing.assert_allclose(found.astype(float), expected, rtol=1e-14)
+def exact_deflection(spring, force):
+    """x + x^3 = y, x = 2/sqrt(3) sinh(asinh(3 sqrt(3) y/2) / 3), to 60 digits."""
+    with mpmath.workdps(60):
+        k, k3, Q = map(mpmath.mpf, (spring.k, spring.k3, float(force)))
+        y, root = Q / k * mpmath.sqrt(k3 / k), mpmath.sqrt(3)
+        return float(mpmath.sqrt(k / k3) * 2 / root * mpmath.sinh(mpmath.asinh(3 * root * y / 2) / 3))
+
+
+def traced(spring, Q):
+    tape = Tape()
+    return tape.program(deflection(spring, tape.variables(1)))
+
+
+def by_casadi(spring, Q):
+    symbol = casadi.SX.sym("Q")
+    function = casadi.Function("f", [symbol], list(deflection(spring, np.array([symbol], dtype=object))))
+    return [float(function(x)) for x in Q]
+
+
+def by_jax(spring, Q):
+    with jax.enable_x64(True):
+        return np.asarray(deflection(spring, jnp.asarray(Q)))
+
+
+ON_SCALARS = {
+    "NumPy": deflection,
+    "long doubles": lambda spring, Q: deflection(spring, Q.astype(np.longdouble)),
+    "tape": lambda spring, Q: [traced(spring, Q).run([x])[0] for x in Q.tolist()],
+    "native": lambda spring, Q: native(traced(spring, Q), signature(((1,),), ((1,),), (0,)))(Q[:, None])[:, 0],
+    "SymPy": lambda spring, Q: deflection(spring, np.array([sympy.Float(x, 25) for x in Q.tolist()], dtype=object)),
+    "CasADi": by_casadi,
+    "JAX": by_jax,
+}
+SIZES = np.concatenate([[0.0, 1e-300, 3e-200], np.geomspace(1e-150, 1e150, 61), np.geomspace(1e-3, 1e7, 61)])
+
+
+@pytest.mark.parametrize("kind", ON_SCALARS)
+@pytest.mark.parametrize("spring", [CUBIC, CubicSpring(1e-3, 1e4), CubicSpring(1e9, 1e-200), CubicSpring(1e-20, 1e10)])
+def test_cubic_springs_are_inverted_to_rounding_on_every_scalar_type(spring, kind):
+    """Forces Q of all sizes, in units of k sqrt(k / k3) from 1e-300 to 1e150."""
+    Q = SIZES[::3] if kind == "SymPy" else SIZES
+    Q = Q * min(spring.k * (spring.k / spring.k3) ** 0.5, 1.0) * np.resize([1, -1], Q.size)
+    expected = [exact_deflection(spring, x) for x in Q]
+    found = np.asarray(ON_SCALARS[kind](spring, Q), dtype=float)
+    np.testing.assert_allclose(found, expected, rtol=1e-15, atol=1e-307)  # JAX takes denormal numbers for 0
+
+
+@pytest.mark.parametrize("kind", ["NumPy", "SymPy", "native"])
+def test_start_values_and_steps_have_room(kind, monkeypatch):
+    """One step less is not enough; so the test above sees whether they are."""
+    monkeypatch.setattr(inversion, "HALLEY_STEPS", 2)
+    Q = np.array([1e150])
+    found = np.asarray(ON_SCALARS[kind](CubicSpring(1.0, 1.0), Q), dtype=float)
+    assert 1e-8 < abs(found[0] / exact_deflection(CubicSpring(1.0, 1.0), Q[0]) - 1) < 1e-6
+
+
+def test_linear_springs_divide():
     np.testing.assert_array_equal(
         deflection(CubicSpring(4.0), np.array([sympy.Symbol("Q")])), [sympy.Symbol("Q") * 0.25]
     )
+
+
+def test_springs_without_stiffness_at_rest_have_deflections_and_rates_where_they_carry_a_force():
+    spring, Q = CubicSpring(0.0, 64.0), np.array([0.0, 1e-300, -8.0, 1e200])
+    np.testing.assert_allclose(deflection(spring, Q), np.cbrt(Q) / 4, rtol=1e-15)
+    given = Series.of([np.array([-8.0, 1.0]), np.array([1.0, 3.0]), np.zeros(2)])
+    found = deflections.of_spring(spring, given)
+    for found_rate, rate in zip(force_along(spring, found).upto(2), given.upto(2), strict=True):
+        np.testing.assert_allclose(found_rate, rate, rtol=1e-14, atol=1e-14)
+
+
+@pytest.mark.parametrize(("Q", "refused"), [(0.0, True), (0.9e-8, True), (1.2e-8, False)])
+def test_rates_are_refused_where_a_force_is_rounding_of_others(Q, refused):
+    forces = Series.of([np.array([1.0, Q]), np.array([1.0, 1e-3])])
+    found = deflections.of_spring(CubicSpring(0.0, 64.0), forces, 1.0)
+    assert np.isfinite(found[0]).all()
+    if refused:
+        with pytest.raises(UnreachableError, match=r"^the spring has no stiffness where it carries .* k above 0") as e:
+            found[1]
+        assert e.value.state == 1
+    else:
+        np.testing.assert_allclose(found[1][1], 1e-3 / (3 * 4 * Q ** (2 / 3)), rtol=1e-14)
+
+
+def test_forces_beyond_the_steps_are_refused():
+    with pytest.raises(UnreachableError, match=r"^no deflection of the spring carries 1e\+200"):
+        deflection(CubicSpring(1.0, 1.0), np.array([1e200]))
+
+
+@pytest.mark.parametrize(("k", "fixed"), [(1.01e-60, True), (0.99e-60, False), (0.0, False)])
+def test_springs_of_hardly_any_stiffness_have_no_fixed_steps(k, fixed):
+    """sqrt(k3 / k) / k = 1e100 at k = 1e-60, k3 = 1e20."""
+    spring = CubicSpring(k, 1e20)
+    assert spring.has_fixed_steps == fixed
+    if not fixed:
+        with pytest.raises(JounceError, match=r"springs for symbols are linear or stiffen$"):
+            deflection(spring, np.array([sympy.Symbol("Q")]))
 
 
 def test_a_table_is_the_function_that_it_samples():
@@ -130,8 +225,12 @@ FUNCTION = r"^a spring function may use \+ - \* / \*\*, and the functions sin, .
     ("make", "said"),
     [
         (lambda: CubicSpring(0.0), r"^CubicSpring\(k=0.0, k3=0.0\): expected a stiffness k above 0"),
+        (lambda: CubicSpring(0.0, -1.0), r"expected a stiffness k above 0, .*; or k=0 with k3 above 0$"),
         (lambda: CubicSpring(np.nan), r"^CubicSpring\(k=nan"),
-        (lambda: CubicSpring(1.0, np.inf), r"expected a stiffness k above 0, in N m/rad or N/m, and a finite k3$"),
+        (
+            lambda: CubicSpring(1.0, np.inf),
+            r"expected a stiffness k above 0, in N m/rad or N/m, and a finite k3; or k=0",
+        ),
         (lambda: SpringFunction.of(lambda d: -d), r"^a spring function has stiffness -1 at rest; expected a force"),
         (lambda: SpringFunction.of(lambda d: np.arctan(d)), FUNCTION),
         (lambda: SpringFunction.of(lambda d: d if d > 0 else 2 * d), FUNCTION),
@@ -177,5 +276,5 @@ def test_forces_that_are_not_known_have_no_deflection():
 
 @pytest.mark.parametrize("spring", [SpringTable(ROW, ROW), LAWS["sinh"][0], CubicSpring(1.0, -1.0)])
 def test_springs_that_need_numbers_say_so(spring):
-    with pytest.raises(JounceError, match=r"needs NumPy arrays of floats; springs for symbols are linear or CubicSpr"):
+    with pytest.raises(JounceError, match=r"needs NumPy arrays of floats; springs for symbols are linear or stiffen$"):
         deflection(spring, np.array([sympy.Symbol("Q")]))

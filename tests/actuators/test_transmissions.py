@@ -9,6 +9,7 @@ from files import refusal
 
 import jounce
 from jounce import AntagonisticSprings, CubicSpring, Motion, Motor, SpringFunction, SpringTable
+from jounce.robot import generic
 
 ROBOT = jounce.load("planar2r")
 K = 500.0
@@ -81,13 +82,68 @@ def test_native_code_has_cubic_springs_and_linear_ones_beside_others(tmp_path):
     linear = ROBOT.elastic(K, rotor=0.1).inverse_dynamics(*q, **SLOW)
     np.testing.assert_allclose(arm.inverse_dynamics(*q)[0][:, 1], linear[0][:, 1], rtol=1e-12)
     other = ROBOT.elastic(spring=SPRINGS["function"], rotor=0.1)
-    said = "supports springs that are linear or stiffen cubically; that of joint 'joint1' is another"
+    said = "stiffen cubically from a stiffness k above 0; that of joint 'joint1' is another"
     refusal(lambda: other.inverse_dynamics(*q, method="kernel"), said)
     refusal(
         lambda: jounce.codegen(other.robot, "c", 0, tmp_path / "c", outputs=["motor_torques"]),
         "needs NumPy arrays of floats",
     )
     assert pickle.loads(pickle.dumps(other)) == other
+
+
+@pytest.mark.parametrize("k", [1e-3, 0.5, 500.0])
+def test_native_code_inverts_springs_whatever_they_carry(k):
+    """Forces are 4e-3 to 8e7 times as large as k sqrt(k / k3)."""
+    arm, q = ROBOT.elastic(spring=CubicSpring(k, 1e4), rotor=0.1), waves(np.linspace(0, 1, 9), 5)
+    found = [*arm.motor_positions(*q, method="kernel"), *arm.inverse_dynamics(*q, method="kernel")]
+    expected = [*arm.motor_positions(*q, **SLOW), *arm.inverse_dynamics(*q, **SLOW)]
+    for x, y in zip(found, expected, strict=True):
+        np.testing.assert_allclose(x, y, rtol=1e-10, atol=1e-12 * np.abs(y).max())
+    np.testing.assert_allclose(CubicSpring(k, 1e4).force(found[0] - q[0]), ROBOT.inverse_dynamics(*q[:3]), rtol=1e-12)
+
+
+def test_a_spring_without_stiffness_at_rest_has_positions_and_refuses_infinite_rates(tmp_path):
+    spring = CubicSpring(0, 1e4)
+    arm = ROBOT.elastic(spring={"joint1": spring}, stiffness={"joint2": K}, rotor=0.1)
+    upright, zero = np.array([[0.3, 0.2], [np.pi / 2, 0.0]]), np.zeros((2, 2))
+    theta = arm.motor_positions(upright, zero, zero)
+    np.testing.assert_allclose(spring.force((theta - upright)[:, 0]), ROBOT.gravity_forces(upright)[:, 0], atol=1e-14)
+    said = "joint 'joint1': the spring has no stiffness where it carries 1.8", "give CubicSpring a k above 0"
+    refusal(lambda: arm.motor_positions(upright, zero, zero, zero), *said, "; state [1]")
+    refusal(lambda: arm.motor_positions(upright[1], zero[1], zero[1], [1.0, 0]), *said)
+    swing = Motion.polynomial([[np.pi / 2 - 0.5, 1.0], [0.0, 0.0]], 1.0)
+    refusal(lambda: arm.along(swing, np.linspace(0, 1, 11)), *said, "t = 0.5 s")
+    crossing = "joint 'joint1': the force of its spring crosses zero between t = 0.4 s and 0.6 s", "k above 0"
+    refusal(lambda: arm.along(swing, [0.0, 0.6, 0.4, 0.2]), *crossing)
+    for kind in ("motor_position", "motor_velocity", "motor_torque"):
+        refusal(
+            lambda kind=kind: arm.with_limits(**{kind: 9.0}).check(swing), "joint 'joint1'", f"limits of {kind} need"
+        )
+    still = Motion.polynomial([[0.3, 0.4], [0.2, 0.1]], 0.5)
+    along = arm.along(still, np.linspace(0, 0.5, 3))
+    np.testing.assert_allclose(spring.force((along.positions[0] - along.rates[0])[:, 0]), force_of(along), rtol=1e-12)
+    native = "stiffen cubically from a stiffness k above 0; that of joint 'joint1' is another"
+    refusal(lambda: arm.motor_positions(upright, zero, zero, method="kernel"), native)
+    refusal(lambda: arm.robot.compile("motor_positions", order=0), native)
+    refusal(
+        lambda: jounce.codegen(arm.robot, "c", 0, tmp_path / "c", outputs=["motor_positions"]),
+        "has no stiffness k at rest needs NumPy arrays",
+    )
+    refusal(lambda: ROBOT.elastic(spring=spring, rotor=0.1, damping=1.0), "'joint1' has no stiffness at rest")
+    refusal(lambda: AntagonisticSprings(SINH, spring), "AntagonisticSprings: second has no stiffness at rest")
+
+
+def force_of(along):
+    return ROBOT.inverse_dynamics(*along.rates[:3])[:, 0]
+
+
+def test_long_batches_name_the_state_without_stiffness(monkeypatch):
+    """Batches are cut in pieces, and the index is that in the whole."""
+    monkeypatch.setattr(generic, "PIECE", 1)
+    arm = ROBOT.elastic(spring=CubicSpring(0, 1e4), rotor=0.1)
+    q, zero = np.tile([0.3, 0.2], (2, 3, 1)), np.zeros((2, 3, 2))
+    q[1, 0] = np.pi / 2, 0
+    refusal(lambda: arm.motor_positions(q, zero, zero, zero + 1.0), "joint 'joint1'", "; state [1, 0]")
 
 
 def test_limits_of_motors_hold_springs_and_couplings_of_every_kind():

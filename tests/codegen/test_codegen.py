@@ -58,6 +58,12 @@ def driven(terms):
     return robot.with_drives(terms)
 
 
+def stiffening(*springs):
+    """The planar 2R on cubic springs (k, k3), some of which its forces deflect far beyond where they are linear."""
+    laws = dict(zip(("joint1", "joint2"), (jounce.CubicSpring(*numbers) for numbers in springs), strict=True))
+    return jounce.load("planar2r").elastic(spring=laws, rotor=0.1).robot
+
+
 ROBOTS = {
     "iiwa14": lambda: jounce.load("iiwa14"),
     "panda": lambda: jounce.load(PANDA),
@@ -66,6 +72,7 @@ ROBOTS = {
     "mixed5": lambda: jounce.Robot(golden("mixed5")[0]),
     "driven": lambda: driven(True),
     "elastic": lambda: jounce.Robot(replace(driven(True).mechanism, elasticity=springs(2))),
+    "stiffening": lambda: stiffening((1e-3, 1e4), (1e2, 1e4)),
     "damped": lambda: driven(["damping"]),
     "balanced": on_its_axis,
     "counter": lambda: counter_rotating(),
@@ -111,6 +118,12 @@ CASES = {  # the robot, what is asked for, how many states, and in which languag
     "iiwa14, order 2, single": ("iiwa14", {"order": 2, "wrench": True, "float32": True}, 100, "all"),
     "elastic, order 1": (
         "elastic", {"order": 1, "wrench": True, "outputs": ("motor_positions", "motor_torques")}, 20, "c python",
+    ),
+    "stiffening springs": (
+        "stiffening", {"order": 2, "outputs": ("motor_positions", "motor_torques")}, 20, "c cpp javascript python rust",
+    ),
+    "stiffening springs, single": (
+        "stiffening", {"order": 0, "outputs": ("motor_positions",), "float32": True}, 20, "c python rust",
     ),
     "panda, order 0": ("panda", {"order": 0}, 100, "julia rust"),
     "panda, order 1": ("panda", {"order": 1, "parameters": ("gravity", "payload:panda_hand_tcp")}, 30, "cpp python"),
@@ -229,6 +242,17 @@ def test_the_test_beside_the_code_proves_it(lang, tmp_path):
     changed = next(path for path in code if "37.7685" in path.read_text())  # (m1 + m2) g L1
     changed.write_text(re.sub(r"37\.7685\d*", "37.76850004", changed.read_text()))
     assert not passes(made.directory, lang)[0]
+
+
+@pytest.mark.parametrize(
+    "lang", [pytest.param(x, marks=needs(*LANGUAGES[x][0])) for x in ("c", "javascript", "python")]
+)
+def test_the_test_beside_the_code_knows_the_size_of_deflections(lang, tmp_path):
+    """Written as users get it, with states whose forces deflect springs far beyond where they are linear."""
+    robot = stiffening((1e2, 1e4), (1e-3, 1e4))
+    made = jounce.codegen(robot, lang, 0, tmp_path / "arm", outputs=["motor_positions", "motor_torques"])
+    passed, output = passes(made.directory, lang)
+    assert passed, output
 
 
 @programs

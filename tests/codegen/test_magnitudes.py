@@ -8,11 +8,14 @@ from hypothesis import given, settings
 from quantities import REQUESTS, branched
 from robots import mechanisms, on_its_axis, springs
 
-from jounce.checks.magnitudes import magnitudes, scale
+import jounce
+from jounce.checks.magnitudes import _Sized, magnitudes, scale
 from jounce.dynamics.computation import Computation
+from jounce.dynamics.deflections import of_spring
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.model.drives import Drives
 from jounce.robot.generic import compute_by_method
+from jounce.spatial.series import Series
 
 OF_TREES = [row for row in QUANTITIES.values() if not row.closed]
 every = pytest.mark.parametrize("quantity", OF_TREES, ids=lambda row: row.name)
@@ -78,6 +81,26 @@ def test_magnitudes_stay_where_results_cancel():
     for k, size in enumerate(magnitudes(m, Computation("gravity_forces", 1), q)):
         assert 0.5**k * 2.0 * 9.81 * 0.1 < size.min() < 2.0 * 9.81
     assert magnitudes(m, Computation("mass_matrix", 1), q)[1].min() > 0.1
+
+
+@pytest.mark.parametrize(("k", "k3"), [(1e2, 1e4), (1e3, 50.0), (5e2, 1e8), (1e-3, 1e4)])
+@pytest.mark.parametrize("name", ["motor_positions", "motor_torques"])
+def test_deflections_of_stiffening_springs_are_about_as_large_as_what_causes_them(name, k, k3):
+    """However many steps lead to them: a change P of Q moves a spring by P / phi'."""
+    m = jounce.load("planar2r").elastic(spring=jounce.CubicSpring(k, k3), rotor=0.1).robot.mechanism
+    asked = Computation(name, 2)
+    q = states(np.random.default_rng(0), m, asked)
+    for size, result in zip(magnitudes(m, asked, q), compute_by_method(asked, "recursion", m, q), strict=True):
+        assert 0.1 * np.abs(result).max() <= size.max() <= (200 if k < 1 else 20) * np.abs(result).max()
+
+
+def test_sizes_of_deflections_follow_forces_that_cancel():
+    """Q = 0 of terms of 3 N m: the spring k delta + k3 delta^3 is off by rounding of 3 / k, not of the root of 3."""
+    Q = [np.zeros((1, 1)), np.full((1, 1), 2.0)]
+    sized = Series.of([_Sized(Q[0], np.full((1, 1), 9.0)), _Sized(Q[1])])
+    delta = of_spring(jounce.CubicSpring(4.0, 1e6), sized)
+    assert [x.value.item() for x in delta.upto(1)] == [0.0, 0.5]
+    np.testing.assert_allclose([np.sqrt(x.square).item() for x in delta.upto(1)], [0.75, 0.5], rtol=1e-15)
 
 
 def test_where_nothing_is_added_up_errors_are_absolute():

@@ -15,6 +15,7 @@ from robots import Interpreted, floating, mechanisms, on_its_axis, random_mechan
 import casadi
 import jounce
 from jounce.checks.reference.pinocchio import build_model
+from jounce.dynamics.mobility import may_be_singular
 from jounce.dynamics.recursion import matrices
 from jounce.dynamics.recursion.articulated import ArticulatedBodies, has_deep_branches
 from jounce.model.casting import with_exact_integers
@@ -198,6 +199,61 @@ def test_a_singular_mass_matrix_is_refused_by_the_names_of_its_joints():
     assert np.isfinite(robot.inverse_dynamics([0.1], [0.2], [0.3])).all()
     refusal(lambda: robot.forward_dynamics([0.1], [0.2], [0.3]), "mass matrix", "singular", *m.coordinates)
     refusal(lambda: robot.compile("forward_dynamics"), "mass matrix", "singular", *m.coordinates)
+
+
+def with_massless_wrist():
+    """The iiwa14 without the mass of links 5 and 6: where joints 5 and 7 are parallel, at q6 = 0, M is singular."""
+    m = jounce.load("iiwa14").mechanism
+    return jounce.Robot(replace(m, M=np.where(np.isin(np.arange(7), (4, 5))[:, None, None], 0.0, m.M)))
+
+
+SINGULAR_WARNING = "(divide by zero|invalid value) encountered"
+
+
+@pytest.mark.parametrize("method", [None, "kernel", "recursion", "closed_form"])
+@pytest.mark.parametrize("given_out", [False, True])
+def test_results_are_infinite_where_the_mass_matrix_is_singular_at_one_position(method, given_out):
+    """Pivots are rounding there, not zero: plain results would be numbers that no two methods agree on."""
+    robot, rng = with_massless_wrist(), np.random.default_rng(2)
+    q, qd, Q = rng.uniform(-1, 1, (3, 2, 3, 7))
+    q[0, 1, 5] = q[1, 2, 5] = 0.0
+    singular = q[..., 5] == 0
+    out = (np.empty((2, 3, 7)),) * given_out or None
+    for _ in range(2):  # later calls take no shorter way
+        with pytest.warns(RuntimeWarning, match=SINGULAR_WARNING):
+            found = robot.forward_dynamics(q, qd, Q, method=method, out=out and out[0])
+        assert not np.isfinite(found[singular]).any()
+        accelerations = found[~singular]
+        back = robot.inverse_dynamics(q[~singular], qd[~singular], accelerations)
+        np.testing.assert_allclose(back, Q[~singular], atol=1e-8)
+    assert out is None or found is out[0]
+    with pytest.warns(RuntimeWarning, match=SINGULAR_WARNING):
+        partials = robot.forward_dynamics_partials(q[0, 1], qd, Q)  # at one position, for many velocities
+    assert not any(np.isfinite(x).any() for x in partials)
+
+
+@pytest.mark.parametrize(("q6", "singular"), [(1e-7, True), (1e-9, True), (1e-4, False), (0.3, False)])
+def test_mass_matrices_are_singular_where_rounding_is_all_that_is_left(q6, singular):
+    """The least pivot grows with the square of q6."""
+    robot, q = with_massless_wrist(), np.array([0.3, 0.4, 0.5, 0.6, 0.7, q6, 0.2])
+    with warnings.catch_warnings(record=True) as said, np.errstate(all="warn"):
+        warnings.simplefilter("always")
+        found = robot.forward_dynamics(q, np.zeros(7), np.ones(7))
+    assert (bool(said), np.isfinite(found).all()) == (singular, not singular)
+
+
+def test_mass_matrices_are_looked_at_only_where_a_body_does_not_resist_its_joint():
+    for name in ("iiwa14", "planar2r", "g1"):
+        assert not may_be_singular(jounce.load(name).mechanism)
+    robot = with_massless_wrist()
+    assert may_be_singular(robot.mechanism)
+    m = on_its_axis().mechanism
+    geared = replace(m, M=0 * m.M, drives=replace(m.drives, armature=np.ones(1)))
+    assert not may_be_singular(replace(geared, acting=("armature",)))
+    assert may_be_singular(geared)
+    base = FloatingBase("base", np.diag([1.0, 1, 0, 1, 1, 1]))
+    assert may_be_singular(replace(m, base=base))
+    assert not may_be_singular(replace(m, base=replace(base, M=np.eye(6))))
 
 
 @pytest.mark.parametrize(("of_base", "of_body", "idle"), [(0, 1, "base, joint1"), (1, 0, "joint1")])

@@ -83,9 +83,9 @@ def test_base_parameters_are_the_fewest_that_determine_the_forces(robot):
     Y = robot.regressor(places, *rng.uniform(-2, 2, (2, 40, robot.n)), **RECURSION)
     assert relative_error(Y[..., found.columns] @ found.values, Y @ robot.inertial_parameters) < 1e-10
     assert found.count < tree_of(robot).base_parameters().count
-    if robot is not DRIVEN:  # whose workspace is so small that the rank is not clear
-        sizes = np.linalg.svd(Y.reshape(-1, Y.shape[-1]), compute_uv=False)
-        assert sizes[found.count - 1] > 1e-10 * sizes[0] > 1e3 * sizes[found.count]
+    Y = (Y / np.abs(Y).max(axis=(1, 2), keepdims=True)).reshape(-1, Y.shape[-1])  # loops may be near singular
+    sizes = np.linalg.svd(Y, compute_uv=False)
+    assert sizes[found.count - 1] > 1e-8 * sizes[0] > 1e4 * sizes[found.count]
 
 
 def test_locking_an_independent_coordinate():

@@ -94,7 +94,8 @@ def test_passes_keep_the_values_of_functions(run):
 def test_functions_of_numbers_are_numbers(name, x):
     tape = Tape()
     node = tape.function(name, tape.node(x))
-    assert (node.kind, node.value) == ("constant", OPERATIONS[name].value(x))
+    assert node.kind == "constant"
+    np.testing.assert_array_equal(node.value, OPERATIONS[name].value(x))  # NaN of the root of a negative number
 
 
 def test_reciprocals_are_folded():
@@ -134,6 +135,7 @@ SCALAR_FUNCTIONS = {
     "cos": _scalars.cos,
     "tanh": _scalars.tanh,
     "exp": _scalars.exp,
+    "sqrt": _scalars.sqrt,
 }
 
 
@@ -163,7 +165,7 @@ ON_SCALARS = {
 @pytest.mark.parametrize("kind", ON_SCALARS)
 @pytest.mark.parametrize("name", SCALAR_FUNCTIONS)
 def test_functions_take_every_scalar_type(name, kind):
-    for x in (0.7, -1.75):
+    for x in (0.7, 1.75 if name == "sqrt" else -1.75):
         found = ON_SCALARS[kind](SCALAR_FUNCTIONS[name], x)
         assert abs(float(found) - OPERATIONS[name].value(x)) < (1e-6 if kind == "JAX" else 1e-15)
     assert set(SCALAR_FUNCTIONS) == {*FUNCTIONS, "inv"}

@@ -36,7 +36,13 @@ def run_exactly(program, inputs):
 
 def nested(x, y, z):
     """A node that every operation which is not fused leads to, by more than one way."""
-    return (x * y - z).sin() / (y + (x - z).cos() * 3) - (-x * z).tanh() + 1 / (2 + z * z) - (y * z).exp()
+    return (
+        (x * y - z).sin() / (y + (x - z).cos() * 3)
+        - (-x * z).tanh()
+        + 1 / (2 + z * z)
+        - (y * z).exp()
+        + (x * x + 1).sqrt()
+    )
 
 
 @st.composite

@@ -16,9 +16,10 @@ from jounce.arguments.rates import checked_order, rates_in
 from jounce.dynamics import elastic, electrical
 from jounce.dynamics.quantities import QUANTITIES, row_of
 from jounce.dynamics.stretch import elasticity_of
-from jounce.errors import JounceError
+from jounce.errors import JounceError, quoted
 from jounce.model.elasticity import Elasticity
 from jounce.model.inversion import UnreachableError
+from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
 from jounce.robot.along import Along, ForceBreak, Progress, forces_along
 from jounce.spatial.series import columns
@@ -99,8 +100,24 @@ def motors_along(
     except UnreachableError:
         _of_integrals(robot, motion, t, checked_order(order), None, *options)  # which tells the time
         raise
+    _check_stiffness_between(robot.mechanism, found.t, theta[0] - found.rates[0])
     outputs = electrical.outputs(e, theta, found.forces)
     return ElasticAlong(found.t, found.rates, theta, found.forces, *outputs, found.deviations, found.breaks)
+
+
+def _check_stiffness_between(m: Mechanism, t: np.ndarray, deflections: np.ndarray) -> None:
+    """Raise `JounceError` where a spring without stiffness at rest turns round between two times."""
+    order = np.argsort(t)
+    for j in elasticity_of(m).slack:
+        signs = np.sign(deflections[order, j])
+        turned = np.flatnonzero(signs[:-1] * signs[1:] < 0)
+        if turned.size:
+            before, after = t[order][turned[0] : turned[0] + 2]
+            raise JounceError(
+                f"joint {quoted(m.coordinates[j])}: the force of its spring crosses zero between t = {before:g} s and"
+                f" {after:g} s, where the spring has no stiffness and its motor would move infinitely fast; give"
+                " CubicSpring a k above 0"
+            )
 
 
 def order_of_voltages(e: Elasticity, known: int | None) -> int:

@@ -199,6 +199,11 @@ def _with_dampers(mechanism: Mechanism, e: Elasticity, stated: ElasticParameters
         if not isinstance(spring, Spring):
             kind = "is rigid" if spring is None else "has two motors"
             raise JounceError(f"joint {quoted(name)} {kind}; expected no damper parallel to its spring")
+        if spring.stiffness(0.0) == 0:
+            raise JounceError(
+                f"the spring of joint {quoted(name)} has no stiffness at rest, and its damper no time constant there;"
+                " give CubicSpring a k above 0"
+            )
         springs[j] = DampedSpring(spring, D, terms)
     return replace(e, springs=tuple(springs) if any(springs) else ())
 
@@ -244,9 +249,10 @@ def _per_coordinate(mechanism: Mechanism, what: str, given: object, others: np.n
 
 def _check(mechanism: Mechanism, e: Elasticity, rotor: object) -> None:
     """Raise `JounceError` unless stiffnesses and rotors are positive; a rigid joint may go without a rotor."""
-    for name, unit, K, B in zip(mechanism.coordinates, coordinate_units(mechanism), e.stiffness, e.rotor, strict=True):
+    units, springs = coordinate_units(mechanism), e.springs or (None,) * mechanism.n
+    for name, unit, K, B, law in zip(mechanism.coordinates, units, e.stiffness, e.rotor, springs, strict=True):
         joint, rad = f"joint {quoted(name)}", unit == "rad"
-        if not K > 0:
+        if not K > 0 and law is None:  # springs check their own
             expected = f"a positive number, {'N m/rad' if rad else 'N/m'}, or infinity for a rigid joint"
             raise JounceError(f"stiffness of {joint} is {K:g}; expected {expected}")
         if B == 0 and np.isinf(K):

@@ -18,9 +18,13 @@ import numpy as np
 
 from jounce._scalars import Array
 from jounce.dynamics.computation import Computation
+from jounce.dynamics.deflections import of_spring, solution
 from jounce.dynamics.quantities import FORCES
+from jounce.model.functions import inverse
 from jounce.model.mechanism import Mechanism
+from jounce.model.springs import Spring, force_along
 from jounce.robot.generic import compute_by_method
+from jounce.spatial.series import Series
 
 METHODS = ("closed_form", "recursion")  # in the body frames as they are given; in those on the joint axes
 
@@ -162,6 +166,18 @@ class _Sized:
         return _Sized(other / self.value, self.square * (other / self.value**2) ** 2)
 
     __radd__, __rmul__ = __add__, __mul__
+
+
+@solution.register
+def _(force: _Sized, spring: Spring, Q: Series, largest: float) -> Series:
+    """Solutions of phi(delta) = Q: of small changes P of Q, delta changes by P / phi'(delta), with all rates.
+
+    The steps that lead to a solution add no terms, since later ones correct what earlier ones round.
+    """
+    delta = of_spring(spring, Q.map(lambda x: x.value), largest)
+    compliance = inverse(force_along(spring, delta, 1)).map(_make_sized)
+    changes = compliance * Q
+    return Series(lambda k: _Sized(delta[k], np.maximum(changes[k].square, np.square(delta[k]))))
 
 
 def _make_sized(x: Any) -> _Sized:

@@ -31,7 +31,6 @@ from jounce.spatial.series import columns
 
 REGRESSOR = QUANTITIES["regressor"]
 RANK = 1e-9  # of directions, relative to the largest: what is smaller is rounding
-CLOSED_RANK = 1e-13  # of those of closed robots, whose workspaces may be so small that little distinguishes parameters
 _POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])  # powers of a length in the units of the parameters
 _UNITS = inertia.from_parameters(np.eye(10))
 _MOMENTS = inertia.moment_matrix(_UNITS)
@@ -106,9 +105,8 @@ def base_parameters(m: Mechanism) -> BaseParameters:
     scale = np.tile(length**_POWERS, len(m.body_names))
     places, rows = _of_tree(_in_lengths(m, length))
     if m.n < m.nb:  # joints that follow others, as do those of closed loops
-        Y = _samples(m, length)[:, places] * scale[places]
-        sizes = np.maximum(np.linalg.norm(Y, axis=0), RANK)  # a joint may follow others by a factor of 0
-        found = _span(Y / sizes, RANK if m.closure is None else CLOSED_RANK)
+        Y, sizes = _relative_columns(m, length, places, scale[places])
+        found = _span(Y, RANK)
         named = _independent(found)
         combined = np.linalg.solve(found[:, named], found) * sizes / sizes[named, None]
         places, rows = places[named], combined @ rows
@@ -219,8 +217,27 @@ def _independent(rows: np.ndarray) -> np.ndarray:
     return np.sort(np.array(found, dtype=int))
 
 
+def _relative_columns(
+    m: Mechanism, length: float, places: np.ndarray, scale: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Columns of the regressor at random states, of size 1 or, of bodies that cannot move, of rounding; their sizes.
+
+    Their sizes are relative to those that they have where all joints are independent, and to the largest at each state:
+    near singular positions of loops, all of them are large.
+    """
+    tree = m.tree if m.closure else m
+    free = replace(tree, G=np.eye(m.nb), g=np.zeros(m.nb), coordinates=m.joints)
+    most = np.linalg.norm(_samples(free, length)[..., places] * scale, axis=(0, 1))
+    Y = _samples(m, length)[..., places] * scale / most
+    largest = np.abs(Y).max(axis=(1, 2), keepdims=True)
+    Y = (Y / np.where(largest > 0, largest, 1.0)).reshape(-1, len(places))
+    sizes = np.linalg.norm(Y, axis=0)
+    sizes = np.where(sizes > RANK * sizes.max(initial=0.0), sizes, sizes.max(initial=1.0))
+    return Y / sizes, sizes * most
+
+
 def _samples(m: Mechanism, length: float) -> np.ndarray:
-    """Rows of the regressor at random states, twice as many as there are parameters."""
+    """The regressor at random states, (states, nv, parameters), in twice as many rows as there are parameters."""
     rng, count = np.random.default_rng(0), 2 * len(PARAMETERS) * len(m.body_names) // m.nv + 10
     size = np.where(m.X[leading_joints(m), :3].any(axis=1), np.pi, length)
     q = rng.uniform(-1, 1, (3, count, m.n)) * size
@@ -230,7 +247,7 @@ def _samples(m: Mechanism, length: float) -> np.ndarray:
         position = assembly.samples(m, count)[..., None]
         q[0] = position[:, list(m.closure.independent), 0]
     x = State(columns(list(q)), base=base, position=position)
-    return REGRESSOR.law("recursion", m)(m, x)[0].reshape(-1, len(PARAMETERS) * len(m.body_names))
+    return np.asarray(REGRESSOR.law("recursion", m)(m, x)[0])
 
 
 def _tidy(x: np.ndarray) -> np.ndarray:

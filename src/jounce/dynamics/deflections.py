@@ -7,6 +7,7 @@ the deflection is a state with the time constant D / phi'. At one instant it is 
 """
 
 from collections.abc import Sequence
+from functools import singledispatch
 from itertools import pairwise
 
 import numpy as np
@@ -14,18 +15,46 @@ import numpy as np
 from jounce._scalars import Array
 from jounce.errors import JounceError
 from jounce.model.functions import inverse
-from jounce.model.inversion import deflection
+from jounce.model.inversion import UnreachableError, deflection
 from jounce.model.springs import CubicSpring, Spring, force_along
 from jounce.spatial.series import Series, from_rate
 
+FORCE_ROUNDING = 1e-8  # of the largest force: smaller ones have lost the digits that rates near zero stiffness need
 NEGLIGIBLE = 1e-13  # of a deflection: smaller terms of its series are rounding
 
 
-def of_spring(spring: Spring, Q: Series) -> Series:
-    """delta with phi(delta) = Q."""
+def of_spring(spring: Spring, Q: Series, largest: float = 0.0) -> Series:
+    """delta with phi(delta) = Q; `largest` is the largest force of the robot, of which the others have the rounding."""
     if isinstance(spring, CubicSpring) and spring.k3 == 0:
         return Q * (1 / spring.k)
-    return from_rate(deflection(spring, Q[0]), lambda delta: Q.dot * inverse(force_along(spring, delta, 1)))
+    return solution(Q[0], spring, Q, largest)
+
+
+@singledispatch
+def solution(force: Array, spring: Spring, Q: Series, largest: float) -> Series:
+    """delta with phi(delta) = Q, Q[0] being `force`: other kinds of arrays may register a rule of their own."""
+
+    def rate(delta: Series) -> Series:
+        _check_stiffness(spring, Q, largest)
+        return Q.dot * inverse(force_along(spring, delta, 1))
+
+    return from_rate(deflection(spring, force), rate)
+
+
+def _check_stiffness(spring: Spring, Q: Series, largest: float) -> None:
+    """Raise `UnreachableError` where rates of a deflection are asked for and the spring has no stiffness.
+
+    A force that crosses zero within 1e-8 s counts as zero.
+    """
+    if not (isinstance(spring, CubicSpring) and spring.k == 0):
+        return
+    slack = np.flatnonzero(np.abs(Q[0]) <= FORCE_ROUNDING * (largest + np.abs(Q[1])))
+    if slack.size:
+        raise UnreachableError(
+            f"the spring has no stiffness where it carries {Q[0].flat[slack[0]]:.3g}, so its motor would move"
+            " infinitely fast; give CubicSpring a k above 0, or ask for motor positions without rates",
+            int(slack[0]),
+        )
 
 
 def of_damped_spring(spring: Spring, damping: float, Q: Series, terms: int) -> list[Series]:

@@ -52,8 +52,11 @@ def _motion(m: Mechanism, q: Series, forces: Forces, inputs: SpringInputs) -> tu
 def native_obstacle(m: Mechanism) -> str | None:
     """Why native code has no motor positions and torques, as the end of a sentence about native code, or None."""
     for name, law in zip(m.coordinates, elasticity_of(m).springs, strict=False):
-        if law is not None and not (isinstance(law, CubicSpring) and law.k3 >= 0):
-            return f"supports springs that are linear or stiffen cubically; that of joint {quoted(name)} is another"
+        if law is not None and not (isinstance(law, CubicSpring) and law.has_fixed_steps):
+            return (
+                "supports springs that are linear, or stiffen cubically from a stiffness k above 0; that of joint"
+                f" {quoted(name)} is another"
+            )
     return None
 
 

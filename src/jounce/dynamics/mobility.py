@@ -36,6 +36,30 @@ def idle_coordinates(mechanism: Mechanism) -> tuple[int, tuple[str, ...]]:
     return rank, (*base, *(mechanism.coordinates[j] for j in np.flatnonzero(own)))
 
 
+@lru_cache(maxsize=64)
+def may_be_singular(mechanism: Mechanism) -> bool:
+    """Whether the mass matrix can be singular at some positions: not where every body resists its own joint.
+
+    Of the joints that move, those nearest to the base then take energy, whatever the others do.
+    """
+    tree = mechanism.tree if mechanism.closure else mechanism
+    largest = np.abs(tree.M).max(axis=(1, 2))
+    own = np.einsum("ia,iab,ib->i", tree.X, tree.M, tree.X) + tree.drives.armature * ("armature" in mechanism.acting)
+    of_base = np.linalg.eigvalsh(mechanism.base_inertia)
+    return bool((mechanism.base and not of_base[0] > SINGULAR * of_base[-1]) or not (own > SINGULAR * largest).all())
+
+
+def is_singular(M: np.ndarray) -> np.ndarray:
+    """Which of some mass matrices (..., nv, nv) are singular to rounding, (...)."""
+    own = np.einsum("...jj->...j", M)
+    moves = own > SINGULAR * own.max(axis=-1, keepdims=True)
+    scale = np.sqrt(np.where(moves, own, 1.0))
+    scaled = np.where(moves[..., None, :] & moves[..., None], M / (scale[..., None, :] * scale[..., None]), 0.0)
+    known = np.asarray(np.isfinite(scaled).all(axis=(-2, -1)))
+    least = np.linalg.eigvalsh(np.where(known[..., None, None], scaled, np.eye(M.shape[-1])))[..., 0]
+    return np.asarray(known & (least <= SINGULAR * M.shape[-1]))
+
+
 def _is_regular(mechanism: Mechanism, q: np.ndarray) -> bool:
     """Whether every joint feels inertia while all the others are free: the pivots of the mass matrix, in O(n).
 

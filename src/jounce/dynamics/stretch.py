@@ -53,27 +53,29 @@ def at_motors(m: Mechanism, q: Series) -> Series:
 def stretch(m: Mechanism, Q: Series, inputs: SpringInputs = NO_INPUTS) -> Pull:
     """The deflections of the springs that carry Q, and their forces, one row per motor."""
     e = elasticity_of(m)
-    linear = reciprocal(e.stiffness)[:, None] * Q
     if not e.springs:
-        return linear, Q
+        return reciprocal(e.stiffness)[:, None] * Q, Q
+    largest = float(np.nanmax(np.abs(Q[0]), initial=0.0)) if is_numeric(Q[0]) else 0.0
     pulls: list[Pull] = []
     for j, law in enumerate(e.springs):
+        own = rows(Q, j, j + 1)
         if law is None:
-            pulls.append((rows(linear, j, j + 1), rows(Q, j, j + 1)))
+            pulls.append((reciprocal(e.stiffness[j : j + 1])[:, None] * own, own))
         else:
             with _of_joint(m, j):
-                pulls += _pulls(law, rows(Q, j, j + 1), inputs.deflections.get(j), inputs.stiffness.get(j))
+                found = _pulls(law, own, inputs.deflections.get(j), inputs.stiffness.get(j), largest)
+            pulls += [(_with_joint(m, j, delta), phi) for delta, phi in found]
     delta, phi = (joined([pull[k] for pull in pulls], axis=-2) for k in (0, 1))
     return delta, phi
 
 
-def _pulls(law: Law, Q: Series, known: Array | None, stiffness: Series | None) -> list[Pull]:
+def _pulls(law: Law, Q: Series, known: Array | None, stiffness: Series | None, largest: float) -> list[Pull]:
     if isinstance(law, AntagonisticSprings):
         assert stiffness is not None, law  # requests are refused without
         both = antagonists.deflection_series(law, Q, stiffness)
         return [(d, force_along(spring, d)) for spring, d in zip((law.first, law.second), both, strict=True)]
     if isinstance(law, Spring):
-        return [(deflections.of_spring(law, Q), Q)]
+        return [(deflections.of_spring(law, Q, largest), Q)]
     if known is not None:
         return [(deflections.of_moving_damper(law.spring, law.damping, Q, known), Q)]
     if not is_numeric(Q[0]):
@@ -81,6 +83,16 @@ def _pulls(law: Law, Q: Series, known: Array | None, stiffness: Series | None) -
     sums = deflections.of_damped_spring(law.spring, law.damping, Q, law.terms)
     deflections.check_series(sums, law.time_constant)
     return [(sums[-1], Q)]
+
+
+def _with_joint(m: Mechanism, j: int, delta: Series) -> Series:
+    """A series whose terms, computed when they are asked for, raise errors that begin with the name of a joint."""
+
+    def term(k: int) -> Array:
+        with _of_joint(m, j):
+            return delta[k]
+
+    return Series(term)
 
 
 @contextmanager

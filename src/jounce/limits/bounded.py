@@ -200,6 +200,7 @@ def bounded(robot: "Robot", motion: object) -> Bounded:
         ways = "robot.with_limits(effort=..., velocity=...) or robot.with_limits('panda') states some"
         raise JounceError(f"robot {robot.name!r} states no limits; {ways} (--limits)")
     _check_data(robot, limits, kinds)
+    _check_stiffness(robot, kinds)
     check_gravity(robot.mechanism, limits, kinds)
     return Bounded(robot, path, limits, kinds)
 
@@ -217,6 +218,16 @@ def _check_data(robot: "Robot", limits: Limits, kinds: Sequence[str]) -> None:
                     f"joint {quoted(robot.joint_names[j])} has a limit of {kind}, and its motor states no"
                     f" {' and no '.join(lacking)}; robot.elastic(motors={{joint: jounce.Motor(...)}}) states it"
                 )
+
+
+def _check_stiffness(robot: "Robot", kinds: Sequence[str]) -> None:
+    """Raise `JounceError` where motors are bounded whose rates may be infinite between the times looked at."""
+    e, of_motors = robot.mechanism.elasticity, [kind for kind in kinds if kind in MOTORS]
+    if e and e.slack and of_motors:
+        raise JounceError(
+            f"joint {quoted(robot.joint_names[e.slack[0]])}: its spring has no stiffness at rest, and its motor moves"
+            f" infinitely fast where no force acts; limits of {listed(of_motors)} need a CubicSpring with k above 0"
+        )
 
 
 def check_gravity(m: Mechanism, limits: Limits, kinds: Sequence[str]) -> None:

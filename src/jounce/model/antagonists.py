@@ -17,7 +17,7 @@ from jounce._scalars import is_numeric
 from jounce.errors import JounceError
 from jounce.model.functions import inverse
 from jounce.model.inversion import UnreachableError, rising_root
-from jounce.model.springs import Spring, force_along, spring_of
+from jounce.model.springs import CubicSpring, Spring, force_along, spring_of
 from jounce.spatial.series import Series, from_rate
 
 FIRST_STEP = 1e-3  # rad or m, of a search for a difference, doubled from step to step
@@ -60,7 +60,10 @@ class AntagonisticSprings:
 
     def __init__(self, first: Spring | Callable[[Any], Any], second: Spring | Callable[[Any], Any]) -> None:
         for name, spring in {"first": first, "second": second}.items():
-            object.__setattr__(self, name, spring_of(spring, f"AntagonisticSprings: {name}"))
+            found = spring_of(spring, f"AntagonisticSprings: {name}")
+            if isinstance(found, CubicSpring) and found.k == 0:
+                raise JounceError(f"AntagonisticSprings: {name} has no stiffness at rest; give CubicSpring a k above 0")
+            object.__setattr__(self, name, found)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from jounce._scalars import Array
 from jounce._typing import Floats
 from jounce.model.antagonists import AntagonisticSprings
 from jounce.model.motors import Motor
-from jounce.model.springs import DampedSpring, Spring
+from jounce.model.springs import CubicSpring, DampedSpring, Spring
 
 Law: TypeAlias = Spring | DampedSpring | AntagonisticSprings
 SpringLaw: TypeAlias = Spring | AntagonisticSprings | Callable[[Any], Any]  # as callers give it
@@ -98,6 +98,11 @@ class Elasticity:
     def dampers(self) -> list[int]:
         """The coordinates whose springs have dampers."""
         return [j for j, law in enumerate(self.springs) if isinstance(law, DampedSpring)]
+
+    @property
+    def slack(self) -> list[int]:
+        """The coordinates whose springs have no stiffness at rest: where these carry no force, rates are infinite."""
+        return [j for j, law in enumerate(self.springs) if isinstance(law, CubicSpring) and law.k == 0]
 
     @property
     def of_motors(self) -> "Elasticity":

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from jounce._scalars import cos, exp, reciprocal, sin, tanh
+from jounce._scalars import cos, exp, reciprocal, sin, sqrt, tanh
 from jounce.program.program import Program
 from jounce.spatial.series import Series, from_rate
 
@@ -36,6 +36,7 @@ RULES: Mapping[str, Callable[..., Series]] = {
     "cos": lambda x: sine_cosine(x)[1],
     "tanh": hyperbolic_tangent,
     "exp": lambda x: from_rate(exp(x[0]), lambda y: y * x.dot),
+    "sqrt": lambda x: from_rate(sqrt(x[0]), lambda y: inverse(y) * x.dot * 0.5),
 }
 
 

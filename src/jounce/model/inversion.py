@@ -1,14 +1,15 @@
-"""The deflection of a spring that carries a force: Newton's method inside a bracket, on arrays of floats.
+"""The deflection of a spring that carries a force.
 
-Springs rise, so that a bracket holds one solution; a Newton step that leaves it, or does not halve the last but one,
-gives way to bisection. Cubic springs that do not soften have a fixed number of steps too, for every scalar type.
+Cubic springs that do not soften have a fixed number of steps, for every scalar type. Others take Newton's method inside
+a bracket, on arrays of floats. Springs rise, so that a bracket holds one solution; a Newton step that leaves it, or
+does not halve the last but one, gives way to bisection.
 """
 
 from collections.abc import Callable
 
 import numpy as np
 
-from jounce._scalars import Array, is_numeric, reciprocal
+from jounce._scalars import Array, is_numeric, reciprocal, sqrt
 from jounce.errors import JounceError
 from jounce.model.springs import CubicSpring, Spring
 
@@ -16,7 +17,8 @@ Slope = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # of deflections,
 
 STEPS = 200  # of which bisection alone takes some 60
 DOUBLINGS = 60  # of a bracket that is not bounded
-HALLEY = 8  # steps: to rounding for forces up to 4e4 k sqrt(k / k3), where the stiffness is 4,000 times that at rest
+START_TERMS = 5  # of the exponent 1/3 in the start value: what is left out is below 1/3072
+HALLEY_STEPS = 3  # which take errors from 26 % to 0.7 %, 3e-7 and 2e-20
 
 
 class UnreachableError(JounceError):
@@ -36,23 +38,33 @@ def deflection(spring: Spring, force: Array) -> Array:
     """
     if is_numeric(force):
         return _numeric(spring, np.asarray(force))
-    if isinstance(spring, CubicSpring) and spring.k3 >= 0:
+    if isinstance(spring, CubicSpring) and spring.has_fixed_steps:
         return _cubic(spring, force)
-    kind = "that softens" if isinstance(spring, CubicSpring) else "given by a function or table"
-    raise JounceError(f"a spring {kind} needs NumPy arrays of floats; springs for symbols are linear or CubicSpring")
+    kind = "is given by a function or table"
+    if isinstance(spring, CubicSpring):
+        kind = "softens" if spring.k3 < 0 else "has no stiffness k at rest"
+    raise JounceError(f"a spring that {kind} needs NumPy arrays of floats; springs for symbols are linear or stiffen")
 
 
 def _cubic(spring: CubicSpring, force: Array) -> Array:
-    """Halley's method for x + x^3 = y, where x is the deflection over sqrt(k / k3)."""
-    if spring.k3 == 0:
-        return force * (1 / spring.k)
-    size = (spring.k / spring.k3) ** 0.5
-    y = force * (1 / (spring.k * size))
-    x = y * reciprocal(y * y * 0.05 + 1)
-    for _ in range(HALLEY):
-        z = x * x
-        x = x - (x + z * x - y) * (z * 3 + 1) * reciprocal(z * 3 + z * z * 6 + x * y * 3 + 1)
-    return x * size
+    """Halley's method for m + y^2 m^3 = 1, where y is the force over k sqrt(k / k3), and the deflection force m / k.
+
+    m is near v^(-1/3), v = 1 + y^2, and 1/3 = 1/4 + 1/16 + 1/64 + ...: with five terms, the start value is within 26 %
+    of m for all |y| < 1e154, and three steps reduce the error below 1e-19. Beyond, v overflows and m is NaN.
+    """
+    ratio = (spring.k3 / spring.k) ** 0.5
+    y = force * (ratio / spring.k)
+    w = y * y
+    root = product = sqrt(sqrt(w + 1))
+    for _ in range(START_TERMS - 1):
+        root = sqrt(sqrt(root))
+        product = product * root
+    m = reciprocal(product)
+    for _ in range(HALLEY_STEPS):
+        t = w * m
+        u = t * m
+        m = m - (m + u * m - 1) * (u * 3 + 1) * reciprocal(u * 3 + u * u * 6 + t * 3 + 1)
+    return force * (1 / spring.k) * m
 
 
 def _numeric(spring: Spring, force: np.ndarray) -> np.ndarray:
@@ -60,7 +72,13 @@ def _numeric(spring: Spring, force: np.ndarray) -> np.ndarray:
         found = spring._derivatives(d)
         return found[0], found[1]
 
-    found = rising_root(slope, force, spring.range)
+    with np.errstate(all="ignore"):  # overflow leaves NaN
+        if isinstance(spring, CubicSpring) and spring.k == 0:
+            found = np.cbrt(force) / np.cbrt(spring.k3)
+        elif isinstance(spring, CubicSpring) and spring.has_fixed_steps:
+            found = _cubic(spring, force)
+        else:
+            found = rising_root(slope, force, spring.range)
     lost = np.isnan(found) & np.isfinite(force)
     if lost.any():
         state = int(np.flatnonzero(lost)[0])

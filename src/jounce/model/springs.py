@@ -22,7 +22,8 @@ from jounce.program.trace import Tape
 from jounce.spatial.series import Series
 
 NODES = 40  # of the quadrature for the energy of a function: exact for polynomials of degree 79
-FUNCTIONS = "+ - * / **, and the functions sin, cos, tanh, exp, sinh, cosh of NumPy"
+MAX_CUBIC_RATIO = 1e100  # of sqrt(k3 / k) / k, 1/(N m): forces up to 1e50 N m keep y y below 1e300, see `inversion`
+FUNCTIONS = "+ - * / **, and the functions sin, cos, tanh, exp, sqrt, sinh, cosh of NumPy"
 
 
 class Spring(ABC):
@@ -57,7 +58,8 @@ class CubicSpring(Spring):
     Parameters
     ----------
     k : float
-        The stiffness at rest, N m/rad or N/m, positive.
+        The stiffness at rest, N m/rad or N/m, positive, or zero if k3 is positive. With zero there is no native or
+        generated code, and rates of deflections are refused where the spring carries no force: they are infinite there.
     k3 : float, optional
         The cubic coefficient, N m/rad^3 or N/m^3. A negative one softens the spring, which ends where the stiffness is
         zero.
@@ -72,11 +74,20 @@ class CubicSpring(Spring):
     k3: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (is_finite(self.k) and self.k > 0 and is_finite(self.k3)):
+        rises = is_finite(self.k) and is_finite(self.k3) and (self.k > 0 or (self.k == 0 and self.k3 > 0))
+        if not rises:
             raise JounceError(
                 f"CubicSpring(k={quoted(self.k)}, k3={quoted(self.k3)}): expected a stiffness k above 0, in N m/rad or"
-                " N/m, and a finite k3"
+                " N/m, and a finite k3; or k=0 with k3 above 0"
             )
+
+    @property
+    def has_fixed_steps(self) -> bool:
+        """Whether a fixed number of steps inverts it for every scalar type: it does not soften, and k is above 0.
+
+        Nor is k so small that the square of a force in units of k sqrt(k / k3) may overflow.
+        """
+        return self.k > 0 and self.k3 >= 0 and (self.k3 / self.k) ** 0.5 <= MAX_CUBIC_RATIO * self.k
 
     @property
     def range(self) -> tuple[float, float]:
@@ -123,7 +134,7 @@ class SpringFunction(Spring):
         ----------
         function : callable
             It takes the deflection, rad or m, and returns the force phi, N m or N. It is called once, with a symbol:
-            it may use + - * / **, and sin, cos, tanh, exp, sinh, cosh of NumPy, and no comparisons.
+            it may use + - * / **, and sin, cos, tanh, exp, sqrt, sinh, cosh of NumPy, and no comparisons.
 
         Returns
         -------

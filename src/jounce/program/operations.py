@@ -78,6 +78,11 @@ def _exponential(x: float) -> float:
         return math.inf
 
 
+def _square_root(x: float) -> float:
+    """The square root, NaN of negative numbers; Python raises an error there."""
+    return math.sqrt(x) if not x < 0 else math.nan
+
+
 OPERATIONS: Mapping[str, Operation] = {
     operation.name: operation
     for operation in (
@@ -160,6 +165,14 @@ OPERATIONS: Mapping[str, Operation] = {
             value=_exponential,
             partials=lambda x: (x.exp(),),
             function=VectorFunction("exp"),
+        ),
+        Operation(
+            name="sqrt",
+            noun="sqrt",
+            arity=1,
+            value=_square_root,
+            partials=lambda x: (0.5 / x.sqrt(),),
+            llvm=(("llvm.sqrt", 0),),
         ),
         Operation(
             name="fma",

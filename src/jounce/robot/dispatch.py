@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from jounce._scalars import FLOAT, Array, broadcast, concatenate, is_jax
+from jounce._scalars import FLOAT, Array, broadcast, concatenate, is_jax, is_numeric
 from jounce._typing import DriveColumn
 from jounce.arguments import loads, positions, rates, requests, wrenches
 from jounce.arguments.base import base_of
@@ -19,6 +19,7 @@ from jounce.dynamics.computation import Computation, Port
 from jounce.dynamics.loads import wrench_of
 from jounce.dynamics.loops import closed_motion
 from jounce.dynamics.loops import law as closed_law
+from jounce.dynamics.mobility import is_singular, may_be_singular
 from jounce.dynamics.newton import Step
 from jounce.dynamics.quantities import FORCES, Quantity, State, row_of
 from jounce.errors import JounceError, one_of, quoted, warn
@@ -118,7 +119,7 @@ def compute(
     natively = isinstance(method, str | None) and method in (None, NATIVE)
     step = closing_step(robot) if robot.mechanism.closure and natively else None
     asked, given = checked_arguments(robot.mechanism, name, given, wrench, base, body, frame, method, step)
-    lasting = plain and threads == 1 and asked.base == bool(moved)
+    lasting = plain and threads == 1 and asked.base == bool(moved) and not _needs_inverse(robot, asked)
     return _run(Call(robot, asked, given, method, out, threads, form if lasting else None))
 
 
@@ -221,10 +222,30 @@ def _run_by_backend(call: Call) -> Any:
     for backend in BACKENDS:
         ready, refusal = backend.prepare(call)
         if refusal is None:
-            return backend.run(call, ready)
+            found = backend.run(call, ready)
+            return _infinite_where_singular(call, found) if _needs_inverse(call.robot, call.computation) else found
         reasons += [refusal] if refusal else []
     cure = f"use method={_default(call.computation.quantity)!r}" if call.method == NATIVE else "leave threads out"
     raise JounceError(f"{': '.join(reversed(reasons))}; {cure}")
+
+
+def _needs_inverse(robot: "Robot", computation: Computation) -> bool:
+    """Whether a quantity takes the inverse of a mass matrix that may be singular at some positions."""
+    return bool(computation.quantity.forces) and robot.mechanism.is_numeric and may_be_singular(robot.mechanism)
+
+
+def _infinite_where_singular(call: Call, found: Any) -> Any:
+    """Results that are infinite, with NumPy's warning, where pivots of the mass matrix are rounding instead of zero."""
+    m = call.robot.mechanism
+    at = [call.arrays[0], *(call.arrays[-1:] if m.closure else [])]
+    if not all(map(is_numeric, call.arrays)):
+        return found
+    M = _run(Call(call.robot, Computation("mass_matrix", 0), at, None, None, 1, None))
+    regular = 1.0 - is_singular(M)
+    if not regular.all():
+        for array, port in zip(as_tuple(found), call.computation.signature(m).outputs, strict=True):
+            np.divide(array, regular.reshape(regular.shape + (1,) * len(port.shape)), out=array)
+    return found
 
 
 def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str], out: Any) -> Any:

@@ -1,6 +1,7 @@
 """Evaluate methods on arrays of any scalar type: long batches in pieces, results written into `out`."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from itertools import combinations, starmap
 from typing import Any
 
@@ -10,6 +11,7 @@ from jounce._scalars import Array, batch_of, broadcast, is_jax, is_numeric
 from jounce.dynamics.computation import Computation, Port
 from jounce.dynamics.loops import closure_of
 from jounce.errors import JounceError
+from jounce.model.inversion import UnreachableError
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
@@ -24,11 +26,26 @@ def evaluate(law: Law, ports: Sequence[Port], arrays: Sequence[Array], count: in
     batch = arrays[0].shape[:-1]
     size, piece = int(np.prod(batch)), max(1, PIECE // (8 * width))
     if size <= piece or not all(is_numeric(x) for x in arrays):
-        return law(arrays).upto(count - 1)
+        with _of_state(batch, 0):
+            return law(arrays).upto(count - 1)
     flat = [x.reshape((size, *x.shape[len(batch) :])) for x in arrays]
-    pieces = [law([x[i : i + piece] for x in flat]).upto(count - 1) for i in range(0, size, piece)]
+    pieces = []
+    for i in range(0, size, piece):
+        with _of_state(batch, i):
+            pieces.append(law([x[i : i + piece] for x in flat]).upto(count - 1))
     joined = (np.concatenate(terms) for terms in zip(*pieces, strict=True))
     return tuple(x.reshape((*batch, *x.shape[1:])) for x in joined)
+
+
+@contextmanager
+def _of_state(batch: tuple[int, ...], first: int) -> Iterator[None]:
+    """Within this context, errors of one state of a batch end with its index; `first` is that of the piece."""
+    try:
+        yield
+    except UnreachableError as error:
+        state = first + error.state
+        index = ", ".join(str(k) for k in np.unravel_index(state, batch))
+        raise UnreachableError(f"{error}; state [{index}]" if batch else str(error), state) from None
 
 
 def compute_by_method(

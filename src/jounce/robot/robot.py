@@ -1232,7 +1232,8 @@ class Robot:
         ------
         JounceError
             If a shape or name does not fit, a rate is skipped, or the mass matrix is singular at all positions.
-            Where it is singular at one, results are infinite or NaN, with NumPy's warning.
+            Where it is singular at one, results are infinite or NaN, with NumPy's warning. Compiled kernels, generated
+            code and arrays of JAX do not look at it: they may give large numbers that are rounding there.
 
         References
         ----------

@@ -11,7 +11,7 @@ SYMBOLS = ("q", "W", "base_twist", *(quantity.symbol for quantity in QUANTITIES.
 ARRAYS = " ".join(rate_name(symbol, k) for symbol in SYMBOLS for k in range(10))  # more rates than code has
 TAKEN = f"""DimensionMismatch Entry Float32 Float64 OWN Parameters Scalar TOLERANCE abs all base_pose cos eltype error
 exit found include k larger max maximum params passed permutedims promote_type reshape scratch sin size sized so_far
-tanh throw worst zeros {ARRAYS}"""
+sqrt tanh throw worst zeros {ARRAYS}"""
 
 
 def literal(digits: str, single: bool) -> str:
