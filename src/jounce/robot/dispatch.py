@@ -240,7 +240,7 @@ def _infinite_where_singular(call: Call, found: Any) -> Any:
     at = [call.arrays[0], *(call.arrays[-1:] if m.closure else [])]
     if not all(map(is_numeric, call.arrays)):
         return found
-    M = _run(Call(call.robot, Computation("mass_matrix", 0), at, None, None, 1, None))
+    M = _run_by_backend(Call(call.robot, Computation("mass_matrix", 0), at, None, None, 1, None))
     regular = 1.0 - is_singular(M)
     if not regular.all():
         for array, port in zip(as_tuple(found), call.computation.signature(m).outputs, strict=True):
