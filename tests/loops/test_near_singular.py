@@ -128,3 +128,19 @@ def test_rows_of_a_motion_without_digits_are_missing_and_counted():
         assert least <= known.sum() <= 2001
         assert known[:1900].all()
     np.testing.assert_allclose(along.forces[2][:1900], robot.inverse_dynamics(*motion(t[:1900]))[2], rtol=1e-6)
+
+
+def test_loads_and_drives_are_refused_too():
+    robot, _ = crossed(np.random.default_rng(0))
+    body = robot.body_names[1]
+    far, near = [[0.5], [1.0], [1.0]], [[1e-5], [1.0], [1.0]]
+    assert all(
+        np.isfinite(W).all()
+        for W in robot.wrench(*far, body=body, force=tuple([1.0, 0, 0] for _ in range(3)), frame="world")
+    )
+    with pytest.raises(UncertainError, match="W2d at q would be off"):
+        robot.wrench(*near, body=body, force=tuple([1.0, 0, 0] for _ in range(3)), frame="world")
+    damped = fourbar(1.0, 0.5, 1.0, 0.5, [0.7, -1.9, -1.0], damping=0.3)
+    assert np.isfinite(damped.drive_forces(*far[:3])).all()
+    with pytest.raises(UncertainError, match="Q at q would be off"):
+        damped.drive_forces([1e-7 * 5], [1.0], [1.0])

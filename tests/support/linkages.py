@@ -18,8 +18,8 @@ def shift(x: float) -> np.ndarray:
     return T
 
 
-def rods(chains: Sequence[tuple[int, float, Sequence[float]]], masses: Sequence[float] | None = None) -> jounce.Robot:
-    """The tree of rods in the x-y plane: per chain its carrier, the place of its first pin there, lengths of its rods.
+def rods(chains: Sequence[tuple[int, float, Sequence[float]]], damping: float = 0.0) -> jounce.Robot:
+    """The tree of rods of 1 kg in the x-y plane: per chain its carrier, the place of its pin, lengths of its rods.
 
     Frames "end0", "end1", ... are at the ends of the chains.
     """
@@ -30,12 +30,9 @@ def rods(chains: Sequence[tuple[int, float, Sequence[float]]], masses: Sequence[
             B.append(shift(chain[i - 1] if i else place))
             lengths.append(length)
         frames.append(Frame(f"end{k}", len(parent) - 1, shift(chain[-1])))
-    given = np.ones(len(parent)) if masses is None else masses
-    M = [
-        jounce.inertia_matrix(m, [x / 2, 0, 0], np.diag([1e-4, m * x**2 / 12, m * x**2 / 12]))
-        for m, x in zip(given, lengths, strict=True)
-    ]
-    tree = jounce.Robot.from_screws(B, [Z] * len(parent), M, parent, gravity=[0, -9.81, 0]).mechanism
+    M = [jounce.inertia_matrix(1.0, [x / 2, 0, 0], np.diag([1e-4, x**2 / 12, x**2 / 12])) for x in lengths]
+    drives = {"damping": np.full(len(parent), damping)}
+    tree = jounce.Robot.from_screws(B, [Z] * len(parent), M, parent, gravity=[0, -9.81, 0], drives=drives).mechanism
     return jounce.Robot(replace(tree, frames=tuple(frames)))
 
 
@@ -46,9 +43,11 @@ def fivebar(base: float, left: Sequence[float], right: Sequence[float], start: S
     return tree.closed([("end0", "end1")], [names[0], names[2]], start=start)
 
 
-def fourbar(ground: float, crank: float, coupler: float, rocker: float, start: Sequence[float]) -> jounce.Robot:
+def fourbar(
+    ground: float, crank: float, coupler: float, rocker: float, start: Sequence[float], damping: float = 0.0
+) -> jounce.Robot:
     """The closed four-bar, moved by its crank; start is crank, coupler and rocker, relative angles."""
-    tree = rods([(-1, 0.0, [crank, coupler]), (-1, ground, [rocker])])
+    tree = rods([(-1, 0.0, [crank, coupler]), (-1, ground, [rocker])], damping)
     return tree.closed([("end0", "end1")], [tree.joint_names[0]], start=start)
 
 

@@ -34,7 +34,7 @@ from jounce.native.plan import PATIENCE, LongCompilationError, obstacle
 from jounce.native.poses import are_poses
 from jounce.robot import digits
 from jounce.robot.generic import as_tuple, batch_shape, checked_out, compute_by_method, evaluate, is_fit, results_into
-from jounce.spatial.series import Series
+from jounce.spatial.series import Series, rate_name
 
 if TYPE_CHECKING:
     from jounce.robot.robot import Robot
@@ -198,15 +198,14 @@ def _run(call: Call) -> Any:
     """Run a call; of a closed robot near singular positions once more, to see which digits there are."""
     robot, asked = call.robot, call.computation
     if robot.mechanism.closure:
-        m, (u, *_, d) = _with_constraints(robot, asked), call.arrays
+        m, names = _with_constraints(robot, asked), asked.quantity.names(asked.order)
         step = closing_step(robot) if call.method in (None, NATIVE) and m is robot.mechanism else None
-        moved = digits.displaced(m, u, d, digits.max_condition(asked), step)
-        if moved is not None:
-            bare = call._replace(out=None, form=None)
-            results, again = (
-                as_tuple(_run_by_backend(bare._replace(arrays=[*call.arrays[:-1], x]))) for x in (d, moved)
-            )
-            digits.check(robot.mechanism, asked, results, again)
+
+        def run(arrays: Sequence[Array]) -> tuple[Array, ...]:
+            return as_tuple(_run_by_backend(call._replace(arrays=arrays, out=None, form=None)))
+
+        results = digits.certain_results(m, asked, names, call.arrays, run, step)
+        if results is not None:
             return results_into(results, call.out)
     return _run_by_backend(call)
 
@@ -272,7 +271,12 @@ def _of_drives(
 
     of_drives = closed_law(on_tree, row.shape, None) if model.closure else on_tree
     arrays, ports = [*q, *_dependent(mechanism, q[0], whole)], asked.signature(model).inputs
-    return evaluate(lambda x: of_drives(model, asked.state(model, x)), ports, arrays, asked.count, width)
+
+    def run(arrays: Sequence[Array]) -> tuple[Array, ...]:
+        return evaluate(lambda x: of_drives(model, asked.state(model, x)), ports, arrays, asked.count, width)
+
+    names = row.names(asked.order)
+    return (digits.certain_results(mechanism, asked, names, arrays, run) if mechanism.closure else None) or run(arrays)
 
 
 def regressor(
@@ -307,16 +311,23 @@ def wrench_of_load(
     poses = Computation("poses", len(q) - 1, base=moving)
     C = base_of(mechanism, base, len(q), "wrench") if moving else []
     model = cast_model(mechanism, [*q, *C, *load])
-    ports = [*poses.signature(model).inputs, *(Port(f"load[{k}]", (1, 6), "load", k) for k in range(len(load)))]
+    first, last = len(q) + len(C), len(q) + len(C) + len(load)  # the places of loads among the arrays
+    ports = list(poses.signature(model).inputs)
+    ports[first:first] = [Port(f"load[{k}]", (1, 6), "load", k) for k in range(len(load))]
 
     def law(arrays: Sequence[Array]) -> Series:
-        terms = Series.of([x.swapaxes(-1, -2) for x in arrays[-len(q) :]])
-        x = poses.state(model, arrays[: -len(q)])
+        terms = Series.of([x.swapaxes(-1, -2) for x in arrays[first:last]])
+        x = poses.state(model, [*arrays[:first], *arrays[last:]])
         on_tree = closed_motion(model, x).q if model.closure else x.q
         return wrench_of(model.tree, on_tree, x.motion_of_base, terms, body, frame, place)
 
-    arrays = [*q, *C, *_dependent(mechanism, q[0], whole), *load]
-    return results_into(evaluate(law, ports, arrays, len(q), 6 * model.nb), None)
+    def run(arrays: Sequence[Array]) -> tuple[Array, ...]:
+        return evaluate(law, ports, arrays, len(q), 6 * model.nb)
+
+    arrays = [*q, *C, *load, *_dependent(mechanism, q[0], whole)]
+    asked, names = Computation("twists", len(q) - 1), [rate_name("W", k) for k in range(len(q))]  # as many axes
+    found = digits.certain_results(mechanism, asked, names, arrays, run) if mechanism.closure else None
+    return results_into(found or run(arrays), None)
 
 
 def compile_ahead(robot: "Robot", computation: Computation) -> Kernel:
