@@ -249,6 +249,21 @@ def test_a_motion_with_a_jump_leaves_deflections_continuous():
     assert [(b.t, b.order) for b in arm.along(motion).breaks] == [(0.5, -1)]
 
 
+@pytest.mark.parametrize("seconds", [10.0, -1e5, 123456.789])
+def test_jumps_of_motions_that_are_shifted_keep_their_sides(seconds):
+    """Times of jumps are rounded; both sides were those after or before it, so that dampers were integrated wrongly."""
+    motion = Motion.piecewise(
+        [0, 0.37, 1], [[[0.4, 0.2], [-0.4, 0.3]], [[0, 0], [0.296, 0.148]], [[1, 0], [1.05, 0.03]]]
+    )
+    shifted = motion.shifted(seconds)
+    [time] = {b.t for b in shifted.breaks_to(2)} - {shifted.start, shifted.stop}
+    for side in ("left", "right"):
+        np.testing.assert_allclose(shifted([time], 2, side)[2], motion([0.37], 2, side)[2])
+    arm = ROBOT.elastic(K, rotor=0.1, damping=10.0)
+    found, expected = (arm.along(m, [0.9 + by]).positions[0] for m, by in ((shifted, seconds), (motion, 0.0)))
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
 @pytest.fixture(scope="module")
 def variable():
     """A joint of variable stiffness, and a linear one."""
