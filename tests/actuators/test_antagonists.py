@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import sympy
+from scipy.optimize import brentq, minimize_scalar
 
 from jounce.errors import JounceError
 from jounce.model.antagonists import AntagonisticSprings, deflection_series, deflections
@@ -50,8 +51,24 @@ def test_the_least_stiffness_of_equal_sinh_springs_is_known():
     d1, d2 = deflections(PAIRS["sinh"], Q, least * (1 + 1e-8))
     np.testing.assert_allclose(d1, d2, atol=1e-3)
     for i in (0, 2):
-        with pytest.raises(UnreachableError, match=rf"at force {Q[i]:g}; it is above {least[i]:g}$"):
+        with pytest.raises(UnreachableError, match=rf"at force {Q[i]:g}; it is above {least[i]:g}, where it rises"):
             deflections(PAIRS["sinh"], Q[i : i + 1], least[i : i + 1] * (1 - 1e-8))
+
+
+@pytest.mark.parametrize("above", [1e-1, 1e-2, 1e-4, 1e-7])
+def test_stiffnesses_close_above_the_least_are_reached(above):
+    """The least by a search over settings that carry the force, found by bisection; 20 forces."""
+    first, second = CubicSpring(40.0, 100.0), CubicSpring(100.0, 500.0)
+    for Q in np.random.default_rng(0).uniform(-25, 25, 20):
+
+        def stiffness(d, Q=Q):
+            other = brentq(lambda x: first.force(d) + second.force(x) - Q, -5, 5, xtol=1e-15)
+            return first.stiffness(d) + second.stiffness(other)
+
+        least = minimize_scalar(stiffness, bounds=(-1.5, 1.5), method="bounded", options={"xatol": 1e-9}).fun
+        S = np.array([least * (1 + above)])
+        d1, d2 = deflections(AntagonisticSprings(first, second), np.array([Q]), S)
+        np.testing.assert_allclose(first.stiffness(d1) + second.stiffness(d2), S, rtol=1e-13)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ import sympy
 from natives import native, signature
 
 import casadi
+import jounce
 from jounce.dynamics import deflections
 from jounce.errors import JounceError
 from jounce.model import inversion
@@ -267,6 +268,25 @@ def test_forces_that_a_spring_cannot_carry_are_refused(spring, Q):
     with pytest.raises(UnreachableError, match=rf"^no deflection of the spring carries {Q:g}; it carries -") as error:
         deflection(spring, np.array([1.0, 2.0, Q, np.nan]))
     assert error.value.state == 2
+
+
+@pytest.mark.parametrize("spring", [SpringTable(ROW, CUBIC._derivatives(ROW)[0]), CubicSpring(5.0, -1.0)])
+def test_springs_say_nothing_of_deflections_beyond_their_ends(spring):
+    """Rounding of theta - q at the ends is no such deflection."""
+    low, high = spring.range
+    arm = jounce.load("planar2r").elastic(spring=spring, rotor=0.1)
+    inside, rest = [[low * (1 + 1e-12), high], [high, np.nan]], np.zeros(2)
+    assert np.isfinite(spring.force(inside)).tolist() == [[True, True], [True, False]]
+    assert np.isfinite(arm.energy(rest, rest, inside[0], rest).total)
+    said = r"a deflection of -?[\d.]+ is beyond the ends of the spring, -"
+    for beyond in (1.0001 * low, 1.0001 * high):
+        theta = np.array([[0.0, 0.1 * high], [0.0, beyond]])
+        for call in (spring.force, spring.stiffness):
+            with pytest.raises(JounceError, match=f"^{said}"):
+                call(theta)
+        for call in (arm.energy, arm.forward_dynamics, arm.feedback_linearization):
+            with pytest.raises(JounceError, match=f"^joint 'joint2': {said}"):
+                call(rest, rest, theta, rest, *[rest] * (call != arm.energy))
 
 
 def test_forces_that_are_not_known_have_no_deflection():

@@ -9,6 +9,7 @@ from files import refusal
 
 import jounce
 from jounce import AntagonisticSprings, CubicSpring, Motion, Motor, SpringFunction, SpringTable
+from jounce.actuators import damping
 from jounce.robot import generic
 
 ROBOT = jounce.load("planar2r")
@@ -260,6 +261,40 @@ def test_dampers_may_be_replaced_and_taken_away():
     np.testing.assert_allclose(without, ROBOT.elastic(K, 0.1).inverse_dynamics(*q, **SLOW), rtol=1e-12)
 
 
+def test_motions_that_steps_do_not_resolve_are_refused(monkeypatch):
+    """The exact deflection of a linear spring by quadrature: Q over the memory of 40 time constants, e^-40 = 4e-18."""
+    arm, end = ROBOT.elastic(K, rotor=0.1, damping=5.0), 0.9
+    motion = Motion.fourier([0.3, 0.2], [[1e-4, 2e-4]], [[1e-4, 1e-4]], 2 * np.pi * 250, 1.0)
+    times = np.linspace(end - 0.4, end, 301)
+    s = inside(times)[: -len(times)]
+    Q = ROBOT.inverse_dynamics(*motion(s, 2)) * np.exp(-K / 5.0 * (end - s))[:, None] / 5.0
+    expected = [work(times, Q[:, j]).sum() for j in range(2)]
+
+    def check(t):
+        found = arm.along(motion, t)
+        delta = found.positions[0] - found.rates[0]
+        np.testing.assert_allclose(delta[-1], expected, atol=1e-10 * np.abs(expected).max())
+
+    check([end])
+    monkeypatch.setattr(damping, "ROUNDS", 4)
+    refusal(lambda: arm.along(motion, [end]), "joint 'joint1': the deflection of", "by 3200 steps", "give more times t")
+    check(np.linspace(0, end, 2001))
+
+
+@pytest.mark.parametrize("spring", [SpringTable(ROW / 6, CUBIC.force(ROW / 6)), CubicSpring(K, -3e4)])
+def test_springs_with_dampers_end_where_those_without_do(spring):
+    """At rest near the upright pose, which takes no force, the first arm then falls."""
+    coefficients = np.zeros((2, 7))
+    coefficients[:, [0, 5, 6]] = [np.pi / 2, -2, 1], [0, 0.2, -0.1]
+    motion, said = Motion.polynomial(coefficients, 1.2), "joint 'joint1': "
+    for D in (0.5, 20.0):
+        arm = ROBOT.elastic(spring=spring, rotor=0.1, damping=D)
+        refusal(lambda arm=arm: arm.along(motion, [0.5, 1.2]), said, "deflected beyond its ends", "at t = 0.")
+        arm.along(motion, [0.5])
+    arm = ROBOT.elastic(spring=spring, rotor=0.1)
+    refusal(lambda: arm.along(motion, np.linspace(0, 1.2, 31)), said, "no deflection of the spring carries")
+
+
 def test_a_motion_with_a_jump_leaves_deflections_continuous():
     """q2d jumps: the force does, and a damper bears it at once."""
     motion = Motion.piecewise([0, 0.5, 1], [[[0.4, 0.2], [-0.4, 0.3]], [[0, 0], [0.4, 0.2]], [[0, 0], [0.1, 0.05]]])
@@ -268,6 +303,21 @@ def test_a_motion_with_a_jump_leaves_deflections_continuous():
     np.testing.assert_allclose(theta[0], theta[1], atol=1e-7)
     assert (np.abs(thetad[1] - thetad[0]) > 0.01).all()
     assert [(b.t, b.order) for b in arm.along(motion).breaks] == [(0.5, -1)]
+
+
+@pytest.mark.parametrize("seconds", [10.0, -1e5, 123456.789])
+def test_jumps_of_motions_that_are_shifted_keep_their_sides(seconds):
+    """Times of jumps are rounded; both sides were those after or before it, so that dampers were integrated wrongly."""
+    motion = Motion.piecewise(
+        [0, 0.37, 1], [[[0.4, 0.2], [-0.4, 0.3]], [[0, 0], [0.296, 0.148]], [[1, 0], [1.05, 0.03]]]
+    )
+    shifted = motion.shifted(seconds)
+    [time] = {b.t for b in shifted.breaks_to(2)} - {shifted.start, shifted.stop}
+    for side in ("left", "right"):
+        np.testing.assert_allclose(shifted([time], 2, side)[2], motion([0.37], 2, side)[2])
+    arm = ROBOT.elastic(K, rotor=0.1, damping=10.0)
+    found, expected = (arm.along(m, [0.9 + by]).positions[0] for m, by in ((shifted, seconds), (motion, 0.0)))
+    np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
 @pytest.fixture(scope="module")

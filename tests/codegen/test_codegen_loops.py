@@ -36,6 +36,16 @@ def test_generated_code_passes_its_own_tests(fivebar, lang, asked, tmp_path):
     assert passed, output
 
 
+@pytest.mark.parametrize(
+    "lang", [pytest.param("c", marks=needs("make", "gcc")), pytest.param("python", marks=needs("make"))]
+)
+def test_code_of_a_closed_robot_has_its_motors(fivebar, lang, tmp_path):
+    arm = fivebar.elastic({"left_shoulder": 90.0}, spring={"right_shoulder": jounce.CubicSpring(70.0, 5.0)}, rotor=0.01)
+    jounce.codegen(arm.robot, lang, 0, tmp_path / lang, outputs=["motor_torques", "motor_positions"])
+    passed, output = passes(tmp_path / lang, lang)
+    assert passed, output
+
+
 @pytest.mark.parametrize("lang", PROGRAMS)
 def test_every_language_explains_the_dependent_coordinates(fivebar, lang, tmp_path):
     jounce.codegen(fivebar, lang, 0, tmp_path / lang)

@@ -17,7 +17,7 @@ from jounce.dynamics import deflections
 from jounce.dynamics.quantities import FORCES
 from jounce.dynamics.recursion.joints import rows
 from jounce.dynamics.stretch import elasticity_of
-from jounce.errors import JounceError
+from jounce.errors import JounceError, quoted
 from jounce.model.springs import CubicSpring, DampedSpring, Spring
 from jounce.motion.hermite import between, coefficients
 from jounce.motion.motion import Motion
@@ -34,6 +34,7 @@ NEWTON, ROUNDING = 20, 1e-15  # its iterations at most, and the relative change 
 STEPS = 200  # of a motion at first, which resolve most motions
 ROUNDS = 8  # of halving the steps: the error, which goes with their sixth power, is then 3e14 times smaller
 AGREEMENT = 1e-12  # relative change of deflections by halved steps: the error that is left is a small part of it
+MAX_CHANGE = 1e-8  # relative, by the last halving: steps that resolve the motion leave less than a tenth of it as error
 SIDES: tuple[Literal["left"], Literal["right"]] = ("left", "right")
 Sides = tuple[Sequence[np.ndarray], Sequence[np.ndarray]]  # Q, Qd, Q2d (N, n) just before and just after times
 Sampled = Callable[[np.ndarray], Sides]
@@ -57,12 +58,33 @@ def integrate_deflections(robot: "Robot", motion: Motion, t: np.ndarray, method:
         better = _solve(list(laws.values()), finer, sampled, start)
         change = np.abs(better[np.searchsorted(finer, grid)] - known).max(axis=0)
         grid, known = finer, better
-        close = change <= AGREEMENT * np.abs(known).max(axis=0)
-        if (close | (change > before / 2)).all():  # or rounding is what is left
+        _check_ends(robot, laws, grid, known)
+        size = np.abs(known).max(axis=0)
+        resolved = change <= MAX_CHANGE * size
+        close = change <= AGREEMENT * size
+        if (close | (resolved & (change > before / 2))).all():  # or rounding is what is left
             break
         before = change
+    if not resolved.all():
+        i = int(np.argmin(resolved))
+        raise JounceError(
+            f"joint {quoted(robot.joint_names[joints[i]])}: the deflection of the spring with a damper is not resolved"
+            f" by {len(grid) - 1} steps; the last halving changed it by {change[i] / size[i]:.1g} of its size; give"
+            " more times t, which become steps"
+        )
     at = known[np.searchsorted(grid, t)]
     return {j: at[:, i : i + 1, None] for i, j in enumerate(joints)}
+
+
+def _check_ends(robot: "Robot", laws: dict[int, DampedSpring], t: np.ndarray, known: np.ndarray) -> None:
+    """Raise `JounceError` where a deflection (N, k) has left its spring; it is NaN after that."""
+    for i, (j, law) in enumerate(laws.items()):
+        if (gone := np.flatnonzero(np.isnan(known[:, i]))).size:
+            low, high = law.spring.range
+            raise JounceError(
+                f"joint {quoted(robot.joint_names[j])}: the spring with a damper is deflected beyond its ends,"
+                f" {low:g} to {high:g}, at t = {t[gone[0]]:g} s"
+            )
 
 
 def _sample_forces(robot: "Robot", motion: Motion, joints: Sequence[int], method: Any) -> Sampled:
@@ -151,14 +173,19 @@ def linear(K: np.ndarray, D: np.ndarray, t: np.ndarray, Q: Sides, start: np.ndar
 
 
 def nonlinear(spring: Spring, D: float, t: np.ndarray, Q: Sides, start: float) -> np.ndarray:
-    """Deflections (N,) of one spring with a damper at times t (N,); Q is that of its joint, (N, 1)."""
+    """Deflections (N,) of one spring with a damper at times t (N,); Q is that of its joint, (N, 1).
+
+    They are NaN once they have left the range of the spring.
+    """
     nodes, A = _radau()
     before, after = Q
     h = np.diff(t)[:, None]
     ends = [rate[:-1] for rate in after], [rate[1:] for rate in before]
     forces = np.hstack([between(*ends, h, np.full_like(h, u), 0)[0] for u in nodes])
-    found = [start]
+    found, (low, high) = [start], spring.range
     for step, force in zip(h[:, 0] / D, forces, strict=True):
+        if not low <= found[-1] <= high:
+            break
         stages = np.full(len(nodes), found[-1])
         for _ in range(NEWTON):
             phi = spring._derivatives(stages)
@@ -168,7 +195,9 @@ def nonlinear(spring: Spring, D: float, t: np.ndarray, Q: Sides, start: float) -
             if np.abs(change).max() <= ROUNDING * np.abs(stages).max():
                 break
         found.append(float(stages[-1]))
-    return np.array(found)
+    deflection = np.full(len(t), np.nan)
+    deflection[: len(found)] = found
+    return np.where((low <= deflection) & (deflection <= high), deflection, np.nan)
 
 
 @cache

@@ -110,6 +110,7 @@ def _of_joint(m: Mechanism, j: int) -> Iterator[None]:
 def spring_force(m: Mechanism, delta: Series) -> Series:
     """phi(delta) + D delta' of springs and dampers, one row per motor; zero at rigid joints, whose force is unknown."""
     e = elasticity_of(m)
+    _check_ends(m, delta[0])
     linear = _linear_stiffness(e) * delta
     parts = [
         rows(linear, i, i + 1) if law is None else _force(law, rows(delta, i, i + 1)) for i, law in enumerate(e.laws)
@@ -123,6 +124,15 @@ def _force(law: Spring | DampedSpring, delta: Series) -> Series:
     return force_along(law.spring, delta) + delta.dot * law.damping
 
 
+def _check_ends(m: Mechanism, delta: Array) -> None:
+    """Raise `JounceError` where a deflection, (..., m, 1), is beyond the ends of its spring."""
+    e = elasticity_of(m)
+    for i, (j, law) in enumerate(zip(e.joints_of_motors, e.laws, strict=False)):
+        if law is not None:
+            with _of_joint(m, j):
+                (law.spring if isinstance(law, DampedSpring) else law).checked(delta[..., i, :])
+
+
 def on_joints(m: Mechanism, phi: Array) -> Array:
     """The forces on the links of those of springs, (..., m, 1) to (..., n, 1)."""
     e = elasticity_of(m)
@@ -132,6 +142,7 @@ def on_joints(m: Mechanism, phi: Array) -> Array:
 def spring_energy(m: Mechanism, delta: Array) -> Array:
     """The energy of the springs, (..., 1, 1)."""
     e = elasticity_of(m)
+    _check_ends(m, delta)
     linear = _linear_stiffness(e) * delta * delta * 0.5
     energies = [linear[..., i : i + 1, :] for i in range(delta.shape[-2])]
     for i, law in enumerate(e.laws):

@@ -3,7 +3,8 @@
     phi1(d1) + phi2(d2) = Q,   phi1'(d1) + phi2'(d2) = S
 
 Along the curve of one force, which the difference e = d1 - d2 runs through, springs that stiffen have a least
-stiffness. Beyond it two settings reach each stiffness; the one with the larger e is taken.
+stiffness. Beyond it two settings reach each stiffness. The one is taken at which the stiffness rises with e: with the
+larger e if springs stiffen, with the smaller if they soften.
 """
 
 from collections.abc import Callable
@@ -34,8 +35,9 @@ class AntagonisticSprings:
     """Two springs of one joint, each with a motor of its own: a joint of variable stiffness.
 
     Both act on the joint in its own direction, ``Q = phi1(theta1 - q) + phi2(theta2 - q)``, and at least one of them
-    changes its stiffness with its deflection. A wanted stiffness S goes with each state. Motor 1 is the one that is
-    wound up further.
+    changes its stiffness with its deflection. A wanted stiffness S goes with each state. Of several settings
+    that have it, the one is taken at which it rises with theta1 - theta2: if springs stiffen, motor 1 is the one that
+    is wound up further.
 
     Parameters
     ----------
@@ -96,7 +98,8 @@ def deflections(springs: AntagonisticSprings, Q: np.ndarray, S: np.ndarray) -> t
     def check(reached: np.ndarray, bound: np.ndarray, word: str) -> None:
         if (lost := known & ~reached).any():
             i = int(np.flatnonzero(lost)[0])
-            reason = f"it is {word} {bound.flat[i]:g}" if bound.flat[i] > 0 else "no setting carries this force"
+            reason = f"it is {word} {bound.flat[i]:g}, where it rises with theta1 - theta2"
+            reason = reason if bound.flat[i] > 0 else "no setting carries this force"
             raise UnreachableError(f"no setting has stiffness {S.flat[i]:g} at force {Q.flat[i]:g}; {reason}", i)
 
     with np.errstate(all="ignore"):
@@ -151,12 +154,12 @@ def _below(springs: AntagonisticSprings, curve: Curve, S: np.ndarray, known: np.
     start = np.full(S.shape, 0.0 if low1 - high2 < 0 < high1 - low2 else (low1 - high2 + high1 - low2) / 2)
     way = -curve(start).rise
 
-    def passed(x: _Setting) -> np.ndarray:
-        return ~(x.rise * way < 0) | (x.S < S)
+    def turned(x: _Setting) -> np.ndarray:
+        return ~(x.rise * way < 0)
 
-    near, far = _bracket(curve, passed, start, way, known)
-    if not (curve(far).S < S)[known].all():
-        near, far = _halve(curve, passed, near, far, PRECISE)
+    near, far = _bracket(curve, lambda x: turned(x) | (x.S < S), start, way, known)
+    if not (curve(far).S < S)[known].all():  # steps went over the least, which may still be below
+        near, far = _halve(curve, turned, near, far, PRECISE)
     return np.where(np.isnan(curve(far).S), near, far)
 
 

@@ -22,6 +22,7 @@ from jounce.program.trace import Tape
 from jounce.spatial.series import Series
 
 NODES = 40  # of the quadrature for the energy of a function: exact for polynomials of degree 79
+END_SLACK = 1e-9  # of the range of a spring: rounding of a difference theta - q may go beyond its ends by this much
 MAX_CUBIC_RATIO = 1e100  # of sqrt(k3 / k) / k, 1/(N m): forces up to 1e50 N m keep y y below 1e300, see `inversion`
 FUNCTIONS = "+ - * / **, and the functions sin, cos, tanh, exp, sqrt, sinh, cosh of NumPy"
 
@@ -35,12 +36,24 @@ class Spring(ABC):
         """The least and the largest deflection, rad or m."""
 
     def force(self, deflection: ArrayLike) -> Array:
-        """The force phi at deflections of any shape: N m, or N."""
-        return self._derivatives(np.asarray(deflection, dtype=float))[0]
+        """The force phi at deflections of any shape, within its range: N m, or N."""
+        return self._derivatives(self.checked(np.asarray(deflection, dtype=float)))[0]
 
     def stiffness(self, deflection: ArrayLike) -> Array:
-        """The stiffness phi' at deflections of any shape: N m/rad, or N/m."""
-        return self._derivatives(np.asarray(deflection, dtype=float))[1]
+        """The stiffness phi' at deflections of any shape, within its range: N m/rad, or N/m."""
+        return self._derivatives(self.checked(np.asarray(deflection, dtype=float)))[1]
+
+    def checked(self, deflection: Array) -> Array:
+        """The deflections, or `JounceError` where one of them is beyond the ends of the spring."""
+        low, high = self.range
+        if (low == -inf and high == inf) or not is_numeric(deflection) or np.iscomplexobj(deflection):
+            return deflection
+        slack = END_SLACK * (high - low)
+        if (beyond := (deflection < low - slack) | (deflection > high + slack)).any():
+            raise JounceError(
+                f"a deflection of {deflection[beyond].flat[0]:g} is beyond the ends of the spring, {low:g} to {high:g}"
+            )
+        return deflection
 
     @abstractmethod
     def _derivatives(self, deflection: Array) -> Series:

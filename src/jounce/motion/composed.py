@@ -32,7 +32,7 @@ class Retimed(OfCurve):
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
         """The values and their derivatives up to `order`."""
-        found = self.base.rates(self.inner(t), order, left)
+        found = self.base.rates(self._inner_at_jumps(t, order), order, left)
         return [rate / self.factor**k for k, rate in enumerate(found)]
 
     def jumps(self, order: int) -> list[Jump]:
@@ -54,6 +54,15 @@ class Retimed(OfCurve):
     def inner(self, t: np.ndarray) -> np.ndarray:
         """The times at which `base` is where the curve is at t."""
         return (self.origin + (t - self.place) / self.factor).clip(self.base.start, self.base.stop)
+
+    def _inner_at_jumps(self, t: np.ndarray, order: int) -> np.ndarray:
+        """Those times, the ones of jumps without rounding, which would lead to their other side."""
+        inner, jumps = self.inner(t), np.unique([jump.t for jump in self.base.jumps(order)])
+        if not jumps.size:
+            return inner
+        outer = np.asarray(self.outer(jumps))
+        near = np.searchsorted(outer, t).clip(0, len(outer) - 1)
+        return np.where(outer[near] == t, jumps[near], inner)
 
 
 @dataclass(frozen=True, eq=False)
