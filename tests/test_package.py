@@ -1,10 +1,17 @@
 """What the files around the package say agrees with the package, and with one another."""
 
+import ast
 import re
+import sys
 import tomllib
+from doctest import DocTestParser
 from importlib.metadata import distribution
 from pathlib import Path
 
+import nbformat
+import notebooks
+import page_pictures
+import pytest
 from ruamel.yaml import YAML
 
 import jounce
@@ -50,3 +57,47 @@ def test_a_bundled_robot_that_has_a_file_has_a_licence_that_the_package_names():
         assert robot.licence in licences
         folder = ROOT / "src" / "jounce" / "io" / "robots" / robot.name
         assert (folder / "LICENSE").is_file() == (robot.urdf is not None)
+
+
+def site_code():
+    """The Python that runs when the site is built, of pages and notebooks."""
+    for page in page_pictures.PAGES:
+        for example in DocTestParser().get_examples((page_pictures.DOCS / page).read_text(encoding="utf-8")):
+            yield example.source
+    for path in notebooks.FOLDER.glob("*.ipynb"):
+        yield from (cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code")
+
+
+def benchmark_code():
+    """The Python of the benchmarks, but for that of CUDA, which has an extra of its own."""
+    files = sorted((ROOT / "benchmarks").rglob("*.py"))
+    return (path.read_text(encoding="utf-8") for path in files if path.name != "cuda.py")
+
+
+def imported(sources):
+    """The names of packages that code imports, without those of Python and of this repository."""
+    nodes = [node for source in sources for node in ast.walk(ast.parse(source))]
+    modules = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
+    modules += [node.module for node in nodes if isinstance(node, ast.ImportFrom)]
+    return {module.partition(".")[0] for module in modules} - {*sys.stdlib_module_names, "jounce", "benchmarks"}
+
+
+def installed_by(requirements):
+    """The names of packages that requirements state, those of jounce's own extras included."""
+    extras = PROJECT["project"]["optional-dependencies"]
+    for requirement in requirements:
+        name, chosen = re.match(r"([\w-]+)(?:\[([\w,-]+)\])?", requirement).groups()
+        if name == "jounce":
+            yield from installed_by(line for extra in chosen.split(",") for line in extras[extra])
+        else:
+            yield name
+
+
+@pytest.mark.parametrize(("extra", "code"), [("docs", site_code), ("bench", benchmark_code)])
+def test_an_extra_installs_what_its_code_imports(extra, code):
+    """The tests' own packages would hide a missing one wherever the tests run."""
+    stated = {*installed_by(PROJECT["project"]["dependencies"]), *installed_by([f"jounce[{extra}]"])}
+    packages = {"distributed": "dask", "pinocchio": "pin"}  # those of another name than their module
+    modules = imported(code())
+    assert {"pinocchio", "sympy"} <= modules
+    assert {packages.get(module, module) for module in modules} <= stated

@@ -214,7 +214,6 @@ def test_rows_on_another_branch_are_told_with_their_time(robot, tmp_path, monkey
     t = np.linspace(0, 0.5, 51)
     table, flipped = (columns(x, swing(), t, PASSIVE) for x in (robot, robot.closed(start=OTHER)))
     save("table.csv", {name: np.where(t > 0.255, flipped[name], column) for name, column in table.items()})
-    with pytest.raises(
-        ClickException, match=r"branch jumps between the rows at t = 0\.25 and 0\.26 s: joint 'left_elbow'"
-    ):
+    said = r"branch jumps between the rows at t = 0\.25 and 0\.26 s: joint '(left|right)_elbow'"  # both jump as far
+    with pytest.raises(ClickException, match=said):
         main(["run", "fivebar", "table.csv", "-o", "parts"], standalone_mode=False)

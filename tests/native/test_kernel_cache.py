@@ -261,7 +261,7 @@ def test_the_key_tells_apart_whatever_the_code_depends_on():
         *(floating(m, np.random.default_rng(0), mass) for mass in (1.0, 2.0)),
     ]
     quantities = [replace(QUANTITY, **x) for x in CHANGES]
-    targets = [replace(host(), **x) for x in ({"cpu": "other"}, {"features": ""}, {"lanes": 1}, {"fma": None})]
+    targets = [replace(host(), **x) for x in ({"cpu": "other"}, {"features": "other"}, {"lanes": 1}, {"fma": None})]
     keys = [
         cache.key(m, what, host()),
         *(cache.key(other, what, host()) for other in others),

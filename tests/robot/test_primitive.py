@@ -197,8 +197,8 @@ def test_robots_of_equal_data_share_a_handler_that_outlives_them():
 
 
 def test_threads_call_at_once():
-    """A kernel in the loop form whose scratch memory is from a pool."""
-    robot = jounce.Robot(random_mechanism(np.random.default_rng(0), range(-1, 11), ["revolute"] * 12, np.ones(12)))
+    """A kernel in the loop form whose scratch memory is from a pool, even where two states are computed at once."""
+    robot = jounce.Robot(random_mechanism(np.random.default_rng(0), range(-1, 29), ["revolute"] * 30, np.ones(30)))
     kernel = robot.compile(order=5)
     assert kernel.addresses[1]
     assert not plan.is_straight(kernel.computation, robot.mechanism)

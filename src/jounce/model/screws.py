@@ -137,7 +137,7 @@ def exact_pose(T: np.ndarray, label: str) -> np.ndarray:
     if not is_numeric(T):
         return T
     R = T[:3, :3]
-    error = np.abs(R.T @ R - np.eye(3)).max()
+    error = np.abs(lie.portable_product(R.T, R) - np.eye(3)).max()
     if not error <= UNIT_TOLERANCE or np.linalg.det(R) < 0 or np.any(T[3] != [0, 0, 0, 1]):
         what = f"R^T R differs from I by {error:.2g}, det R = {np.linalg.det(R):.6g}, last row {T[3].tolist()}"
         raise JounceError(f"{label} is not a pose [[R, r], [0, 1]]: {what}")
@@ -148,10 +148,15 @@ def exact_screw(X: np.ndarray, label: str) -> np.ndarray:
     """Check a unit screw, and make its length 1 to rounding."""
     if not is_numeric(X):
         return X
-    length = np.linalg.norm(X[:3]) or np.linalg.norm(X[3:])
+    length = _length(X[:3]) or _length(X[3:])
     if not abs(length - 1) <= UNIT_TOLERANCE:
         raise JounceError(f"{label} = {X.tolist()} is not a unit screw (xi; eta): |xi| = 1, or xi = 0 and |eta| = 1")
     return X if abs(length - 1) <= ROUNDING else X / length
+
+
+def _length(v: np.ndarray) -> Any:
+    """The length of a vector, without the product of BLAS that `numpy.linalg.norm` takes, as in `portable_product`."""
+    return np.sqrt((v * v).sum())
 
 
 def exact_inertia(M: np.ndarray, label: str) -> np.ndarray:

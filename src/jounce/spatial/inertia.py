@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from jounce._scalars import Array, asarray, broadcast, concatenate, element, exact_integers, is_numeric, is_symbolic
 from jounce._typing import ArrayLike
 from jounce.errors import JounceError
-from jounce.spatial.lie import Ad, axial, hat, inverse
+from jounce.spatial.lie import Ad, axial, hat, inverse, portable_product
 
 _I = np.eye(3, dtype=int)
 PARAMETERS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # of one body, as Pinocchio has them
@@ -74,7 +74,7 @@ def inertia_matrix(
             raise JounceError(f"rotation is not a rotation matrix: max abs(R^T R - I) = {error:.3g}")
         theta = R @ theta @ R.mT
     m, c, theta = broadcast([m[..., None, None], hat(c), theta], [2, 2, 2], ["mass", "com", "inertia_com"])
-    theta = theta - m * (c @ c)  # Steiner, after (eqn_body_fixed_mass_inertia_matrix)
+    theta = theta - m * portable_product(c, c)  # Steiner, after (eqn_body_fixed_mass_inertia_matrix)
     return _matrix(m, c * m, theta)
 
 

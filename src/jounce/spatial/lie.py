@@ -20,6 +20,11 @@ _WEDGE = np.stack(
 ).reshape(6, 16)
 
 
+def portable_product(A: Array, B: Array) -> Array:
+    """The product ``A @ B`` to the same bits on every processor, for data of files; BLAS rounds differently on each."""
+    return (A[..., :, :, None] * B[..., None, :, :]).sum(axis=-2)
+
+
 def hat(v: Array) -> Array:
     """The skew matrix of a vector, ``hat(x) @ y = x cross y``: (..., 3) to (..., 3, 3)."""
     return (v @ _HAT).reshape((*v.shape[:-1], 3, 3))

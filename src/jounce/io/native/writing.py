@@ -15,7 +15,7 @@ from jounce.model.drives import UNDRIVEN
 from jounce.model.limits import FORCES
 from jounce.model.mechanism import Mechanism, body_name
 from jounce.spatial.inertia import inertia_matrix, moments, symmetric
-from jounce.spatial.lie import hat
+from jounce.spatial.lie import hat, portable_product
 
 
 def yaml(mechanism: Mechanism) -> str:
@@ -131,7 +131,7 @@ def _inertia(M: np.ndarray) -> dict[str, Any]:
     mass, h = m[0, 0], h[:, 0]
     com = _shortest(h / mass if mass else h, lambda c: np.array_equal(c * mass, h))
     if com is not None:
-        theta = M[:3, :3] + mass * hat(com) @ hat(com)
+        theta = M[:3, :3] + mass * portable_product(hat(com), hat(com))
         six = theta[np.triu_indices(3)]
         about = _shortest(six, lambda x: np.array_equal(inertia_matrix(mass, com, symmetric(x)), M))
         if about is not None:
