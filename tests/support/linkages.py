@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -11,23 +12,26 @@ from jounce.model.mechanism import Frame
 Z = [0, 0, 1, 0, 0, 0]
 
 
-def shift(x: float) -> np.ndarray:
-    """The pose at a distance along x."""
+def shift(x: float, turn: float = 0.0) -> np.ndarray:
+    """The pose at a distance along x, turned about z."""
     T = np.eye(4)
     T[0, 3] = x
+    T[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
     return T
 
 
-def rods(chains: Sequence[tuple[int, float, Sequence[float]]], damping: float = 0.0) -> jounce.Robot:
+def rods(
+    chains: Sequence[tuple[int, float, Sequence[float]]], damping: float = 0.0, zeros: Sequence[float] = ()
+) -> jounce.Robot:
     """The tree of rods of 1 kg in the x-y plane: per chain its carrier, the place of its pin, lengths of its rods.
 
-    Frames "end0", "end1", ... are at the ends of the chains.
+    Frames "end0", "end1", ... are at the ends of the chains; `zeros` are added to all coordinates.
     """
     parent, B, lengths, frames = [], [], [], []
     for k, (carrier, place, chain) in enumerate(chains):
         for i, length in enumerate(chain):
             parent.append(len(parent) - 1 if i else carrier)
-            B.append(shift(chain[i - 1] if i else place))
+            B.append(shift(chain[i - 1] if i else place, -zeros[len(B)] if zeros else 0.0))
             lengths.append(length)
         frames.append(Frame(f"end{k}", len(parent) - 1, shift(chain[-1])))
     M = [jounce.inertia_matrix(1.0, [x / 2, 0, 0], np.diag([1e-4, x**2 / 12, x**2 / 12])) for x in lengths]
@@ -44,11 +48,11 @@ def fivebar(base: float, left: Sequence[float], right: Sequence[float], start: S
 
 
 def fourbar(
-    ground: float, crank: float, coupler: float, rocker: float, start: Sequence[float], damping: float = 0.0
+    ground: float, crank: float, coupler: float, rocker: float, start: Sequence[float], **options: Any
 ) -> jounce.Robot:
     """The closed four-bar, moved by its crank; start is crank, coupler and rocker, relative angles."""
-    tree = rods([(-1, 0.0, [crank, coupler]), (-1, ground, [rocker])], damping)
-    return tree.closed([("end0", "end1")], [tree.joint_names[0]], start=start)
+    tree = rods([(-1, 0.0, [crank, coupler]), (-1, ground, [rocker])], **options)
+    return tree.closed([("end0", "end1")], [tree.joint_names[0]], start=np.add(start, options.get("zeros", 0.0)))
 
 
 def palletizer() -> jounce.Robot:
