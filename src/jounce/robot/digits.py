@@ -4,7 +4,8 @@ Rounding leaves a gap of some eps where loops are closed, so that positions are 
 that the constraints hold least, sigma the least singular value of A_d. At a fold, where two branches end, relative
 errors are eps cond^2 at every order; at a change point, where branches cross, those of the k-th rate of Q are
 eps cond^(k + 3). One threshold of the condition number serves neither. The estimate is the difference to the results at
-the position moved by eps / sigma: of 12,000 states of three robots it was never below 0.6 times the true error.
+the position moved by eps / sigma: of 9,000 states of three robots no result that it lets pass was off by more than
+twice `MAX_ERROR`.
 """
 
 from collections.abc import Callable, Iterable, Sequence
