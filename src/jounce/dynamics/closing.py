@@ -29,9 +29,7 @@ from jounce.dynamics.newton import CLOSED, NEAR, Scales, Step, scales
 from jounce.errors import JounceError, listed
 from jounce.model.mechanism import Mechanism
 
-MAX_BOUND = (
-    1e4  # of the condition number, up to which one step from a gap of CLOSED leaves rounding alone: (1e4 CLOSED)^2
-)
+MAX_BOUND = 1e4  # of the condition number: up to it one step from a gap of CLOSED leaves rounding alone, (1e4 CLOSED)^2
 MAX_NEWTON_STEPS = 20
 FIRST_STEP = 0.25  # rad or sizes of the robot, of a continuation
 SHORTEST_STEP = 1e-5  # of what is left of the way: where shorter steps fail too, there is no way
@@ -43,9 +41,9 @@ INDISTINCT = 1e-8  # rad or sizes of the robot: steps as short are not compared 
 
 
 @lru_cache(maxsize=64)
-def thresholds(m: Mechanism) -> tuple[float, float]:
-    """The measures of a step up to which loops are closed, and surely not nearly singular."""
-    return sum(len(loop.rows) for loop in m.loops) * CLOSED**2, MAX_BOUND**2
+def max_gap(m: Mechanism) -> float:
+    """The square of the gap up to which loops are closed."""
+    return sum(len(loop.rows) for loop in m.loops) * CLOSED**2
 
 
 def close_loops(m: Mechanism, u: np.ndarray, start: np.ndarray | None = None, step: Step | None = None) -> np.ndarray:
@@ -118,7 +116,7 @@ def _newton(m: Mechanism, q: np.ndarray, step: Step) -> tuple[np.ndarray, np.nda
     gaps become no smaller.
     """
     c, still = closure_of(m), np.zeros(m.n)
-    others, (limit, regular) = np.array(c.dependent), thresholds(m)
+    others, limit = np.array(c.dependent), max_gap(m)
     q, good, least = q.copy(), np.zeros(len(q), dtype=bool), np.full(len(q), np.inf)
     k = np.arange(len(q))
     for _ in range(MAX_NEWTON_STEPS):
@@ -129,7 +127,7 @@ def _newton(m: Mechanism, q: np.ndarray, step: Step) -> tuple[np.ndarray, np.nda
         good[k] = least[k] <= limit
         useful = better & (~good[k] | (bound <= LOST**-2))  # of closed ones, none that rounding makes
         q[np.ix_(k[useful], others)] = found[useful]
-        k = k[better & ~(good[k] & (bound <= regular))]
+        k = k[better & ~(good[k] & (bound <= MAX_BOUND**2))]
         if not len(k):
             break
     return q, good

@@ -5,7 +5,7 @@ import hashlib
 import numpy as np
 
 from jounce.dynamics.branches import with_solved_loops
-from jounce.dynamics.closing import MAX_BOUND, thresholds
+from jounce.dynamics.closing import MAX_BOUND, max_gap
 from jounce.dynamics.computation import DEPENDENT, Computation, Port, Signature, in_a_row
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.newton import MEASURES, NEAR, scales, step
@@ -28,7 +28,7 @@ class NativeStep:
         signature = _signature(mechanism)
         self.own, self.others = np.array(closure.independent), np.array(closure.dependent)
         self.still, self.count = np.zeros(mechanism.n), len(closure.coordinates)
-        self.closed, self.near = thresholds(mechanism)[0], NEAR * scales(mechanism).coordinates[self.others]
+        self.closed, self.near = max_gap(mechanism), NEAR * scales(mechanism).coordinates[self.others]
         self._code = jit.load_object(_code(mechanism, signature), host())
         size = plan.call_size(signature, 0, host().lanes)
         self._pool = Pool(size) if size > plan.STACK else None
