@@ -167,6 +167,22 @@ def is_symbolic(x: Array) -> bool:
     return isinstance(x, np.ndarray) and x.dtype == object
 
 
+class Recorder:
+    """A scalar that records the operations on it, whose operators never raise: they note what stops them."""
+
+    __slots__ = ()
+
+    def check_recording(self) -> None:
+        """Raise what has stopped the recording, if anything has."""
+        raise NotImplementedError
+
+
+def check_recording(x: Array) -> None:
+    """Raise what has stopped the recording of scalars in an array, if there are any."""
+    if is_symbolic(x) and (recorder := next((v for v in x.flat if isinstance(v, Recorder)), None)) is not None:
+        recorder.check_recording()
+
+
 def exact_integers(x: np.ndarray) -> np.ndarray:
     """Convert integer-valued floats to ints in an object array, so that symbolic results show L, not 1.0*L.
 
