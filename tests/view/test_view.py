@@ -6,6 +6,8 @@ import signal
 import socket
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from http.client import HTTPConnection
 from pathlib import Path
 from urllib.request import urlopen
 
@@ -23,6 +25,7 @@ from jounce.cli import main
 from jounce.io.visuals import mesh_file, read_mesh, read_visuals, visuals_of
 
 trimesh = pytest.importorskip("trimesh")
+rich = pytest.importorskip("rich")
 ARM = jounce.load("planar2r").with_limits(effort=[25.0, np.inf], lower=[-1.95, -np.inf], upper=[1.95, np.inf])
 MOTION = """
 time: {start: 1, stop: 3, count: 9000}
@@ -75,6 +78,46 @@ def test_the_page_is_served_to_this_machine(served):
     assert served.address.startswith("http://127.0.0.1:")
     with urlopen(served.address, timeout=20) as page:
         assert b"<!doctype html>" in page.read()[:100].lower()
+
+
+@pytest.mark.parametrize(
+    ("origin", "host", "status"),
+    [
+        (None, "127.0.0.1", 101),
+        ("http://127.0.0.1", "127.0.0.1", 101),
+        ("http://localhost", "localhost", 101),
+        ("http://site.example", "127.0.0.1", 403),
+        ("https://127.0.0.1", "127.0.0.1", 403),
+        ("http://127.0.0.1:1", "127.0.0.1", 403),
+        ("null", "127.0.0.1", 403),
+        ("http://site.example", "site.example", 403),
+        (None, "site.example", 403),
+    ],
+)
+def test_websockets_are_for_the_page_of_this_server(served, origin, host, status):
+    """A browser lets any page connect to this machine, under any name that leads here, and states its origin."""
+    port = served.server.get_port()
+    origin = f"{origin}:{port}" if origin == f"http://{host}" else origin
+    key = {"Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==", "Sec-WebSocket-Version": "13"}
+    headers = {"Host": f"{host}:{port}", "Connection": "Upgrade", "Upgrade": "websocket"} | key
+    connection = HTTPConnection("127.0.0.1", port, timeout=20)
+    connection.request("GET", "/", headers=headers | ({"Origin": origin} if origin else {}))
+    assert connection.getresponse().status == status
+    connection.close()
+
+
+def test_starting_and_stopping_prints_nothing_and_leaves_stdout_to_all(along, capfd):
+    stdout = sys.stdout
+
+    def start(_):
+        with viewer.serving(ARM, Path("planar2r"), None, 0):
+            return sys.stdout is stdout
+
+    with ThreadPoolExecutor(2) as threads:
+        assert all(threads.map(start, range(4)))
+    assert sys.stdout is stdout
+    assert capfd.readouterr().out == ""
+    assert not rich.get_console().quiet
 
 
 @pytest.mark.parametrize("t", [1.0, 1.7, 3.0])
