@@ -207,8 +207,10 @@ def namespace(*arrays: Array) -> Any:
 
 def concatenate(arrays: Sequence[Array], axis: int) -> Array:
     """The arrays joined along `axis`, their leading (batch) axes broadcast against each other."""
-    xp = namespace(*arrays)
-    lead = np.broadcast_shapes(*(x.shape[:axis] for x in arrays))
+    xp, leads = namespace(*arrays), {x.shape[:axis] for x in arrays}
+    if len(leads) == 1:
+        return xp.concatenate(arrays, axis=axis)
+    lead = np.broadcast_shapes(*leads)
     return xp.concatenate([xp.broadcast_to(x, lead + x.shape[axis:]) for x in arrays], axis=axis)
 
 

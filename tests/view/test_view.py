@@ -26,6 +26,7 @@ from jounce.io.visuals import mesh_file, read_mesh, read_visuals, visuals_of
 
 trimesh = pytest.importorskip("trimesh")
 rich = pytest.importorskip("rich")
+viser = pytest.importorskip("viser")
 ARM = jounce.load("planar2r").with_limits(effort=[25.0, np.inf], lower=[-1.95, -np.inf], upper=[1.95, np.inf])
 MOTION = """
 time: {start: 1, stop: 3, count: 9000}
@@ -99,6 +100,7 @@ def test_websockets_are_for_the_page_of_this_server(served, origin, host, status
     port = served.server.get_port()
     origin = f"{origin}:{port}" if origin == f"http://{host}" else origin
     key = {"Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==", "Sec-WebSocket-Version": "13"}
+    key["Sec-WebSocket-Protocol"] = f"viser-v{viser.__version__}"  # the server prints a line about others
     headers = {"Host": f"{host}:{port}", "Connection": "Upgrade", "Upgrade": "websocket"} | key
     connection = HTTPConnection("127.0.0.1", port, timeout=20)
     connection.request("GET", "/", headers=headers | ({"Origin": origin} if origin else {}))

@@ -53,7 +53,8 @@ def read_visuals(path: Path) -> list[Visual]:
 
 def visuals_of(m: "Mechanism", path: Path) -> list[Visual]:
     """The visuals of links that the robot has: `--root` may have left some out."""
-    return [visual for visual in read_visuals(path) if visual.link in m.frame_names]
+    names = set(m.frame_names)
+    return [visual for visual in read_visuals(path) if visual.link in names]
 
 
 def _read(visual: etree._Element, link: etree._Element, path: Path) -> Iterator[Visual]:
