@@ -565,7 +565,7 @@ def test_a_second_run_into_one_output_is_refused_until_the_first_has_ended(tmp_p
     with subprocess.Popen([sys.executable, "-c", HELD], **pipes) as first:
         assert first.stdout.readline() == b"held\n"
         assert f"out.csv: another run writes there (process {first.pid})" in refusal(*words)
-        first.kill()  # its lock stays on the disk, and is none
+        first.kill()  # its file stays on the disk
     assert (tmp_path / "out.csv.unfinished" / "_jounce.lock").exists()
     assert call(*words).exit_code == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out.csv", "states.csv"]

@@ -22,7 +22,8 @@ import jounce
 from jounce._view import controls, scene, viewer
 from jounce._view.track import STATES, at_rest, track
 from jounce.cli import main
-from jounce.io.visuals import mesh_file, read_mesh, read_visuals, visuals_of
+from jounce.io.mesh_files import MISSING, OUTSIDE, mesh_file
+from jounce.io.visuals import read_mesh, read_visuals, visuals_of
 
 trimesh = pytest.importorskip("trimesh")
 rich = pytest.importorskip("rich")
@@ -196,6 +197,7 @@ def shapes(tmp_path):
     folder = tmp_path / "arm_description" / "urdf"
     folder.mkdir(parents=True)
     (folder.parent / "meshes").mkdir()
+    (folder.parent / "package.xml").write_text("<package/>")
     trimesh.creation.box((1, 1, 1)).export(folder.parent / "meshes" / "box.stl")
     (folder / "odd.stl").write_bytes(b"solid nothing")
     files = ("package://arm_description/meshes/box.stl", "no.stl", "odd.stl", "../meshes/box.stl")
@@ -228,14 +230,68 @@ def test_meshes_are_found_by_path_and_by_package(shapes, tmp_path, monkeypatch):
     box = shapes.parent.parent / "meshes" / "box.stl"
     found = [box.as_uri().replace("%20", " "), "../meshes/box.stl", "package://arm_description/meshes/box.stl"]
     assert all(mesh_file(uri, shapes).samefile(box) for uri in found)
-    assert mesh_file("package://arm_description/meshes/box.stl", tmp_path.parent / "elsewhere.urdf") is None
+    assert mesh_file("package://arm_description/meshes/box.stl", tmp_path.parent / "elsewhere.urdf") == MISSING
+    sibling = tmp_path / "robot" / "urdf" / "robot.urdf"
+    assert mesh_file("package://arm_description/meshes/box.stl", sibling).samefile(box)
     for name, folder in (("ROS_PACKAGE_PATH", tmp_path), ("AMENT_PREFIX_PATH", tmp_path / "install")):
         (tmp_path / "install").mkdir(exist_ok=True)
         (tmp_path / "install" / "share").exists() or (tmp_path / "install" / "share").symlink_to(tmp_path)
         monkeypatch.setenv(name, f"/no/such{os.pathsep}{folder}")
         assert mesh_file("package://arm_description/meshes/box.stl", Path("/elsewhere.urdf")).samefile(box)
+        (tmp_path / "secret.stl").touch()
+        assert mesh_file("package://arm_description/../secret.stl", Path("/elsewhere.urdf")) == OUTSIDE
         monkeypatch.delenv(name)
-    assert mesh_file("", shapes) is None
+    assert mesh_file("", shapes) == MISSING
+
+
+def test_meshes_elsewhere_are_not_read_unless_their_folder_is_named(shapes, tmp_path):
+    secret = tmp_path / "private" / "secret.stl"
+    secret.parent.mkdir()
+    box = shapes.parent.parent / "meshes" / "box.stl"
+    secret.write_bytes(box.read_bytes())
+    (shapes.parent / "link.stl").symlink_to(secret)
+    for uri in (str(secret), secret.as_uri(), "../../private/secret.stl", "link.stl"):
+        assert mesh_file(uri, shapes) == OUTSIDE
+        assert mesh_file(uri, shapes, [tmp_path / "other"]) == OUTSIDE
+        assert mesh_file(uri, shapes, [secret.parent]).samefile(secret)
+    for package in ("private", "arm_description/../private"):
+        assert mesh_file(f"package://{package}/secret.stl", shapes) == OUTSIDE
+    for package in ("..", ".", "", str(tmp_path)):
+        assert mesh_file(f"package://{package}/secret.stl", shapes) == MISSING
+    assert mesh_file("package://private/secret.stl", shapes, [tmp_path]).samefile(secret)
+    assert mesh_file("package://private/secret.stl", shapes, [secret.parent]).samefile(secret)
+    (shapes.parent.parent / "package.xml").unlink()
+    assert mesh_file("../meshes/box.stl", shapes) == OUTSIDE
+    assert mesh_file("package://arm_description/meshes/box.stl", shapes) == OUTSIDE
+
+
+def test_a_mesh_names_materials_in_its_own_folder_only(tmp_path):
+    (tmp_path / "material.mtl").write_text("newmtl red\nKd 1 0 0\n")
+    (tmp_path / "sub").mkdir()
+    vertices = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+    for place, red in (("material.mtl", True), ("../material.mtl", False)):
+        mesh = tmp_path / ("mesh.obj" if red else "sub/mesh.obj")
+        mesh.write_text(f"mtllib {place}\n{vertices}usemtl red\nf 1 2 3\n")
+        path = robot_file(tmp_path, link("base", inner=MESH.format("", mesh.relative_to(tmp_path))), link("arm", BODY),
+                          joint("a", "base", "arm"))  # fmt: skip
+        found = read_mesh(read_visuals(path)[0], path)
+        colour = getattr(getattr(found.visual, "material", None), "main_color", np.zeros(4))
+        assert (list(colour[:3]) == [255, 0, 0]) is red
+
+
+def test_commands_name_folders_of_meshes(shapes, tmp_path):
+    (shapes.parent.parent / "package.xml").unlink()
+    (tmp_path / "still.yaml").write_text(
+        "time: {stop: 1, count: 9}\njoints: {a: {offset: 0}, b: {offset: 0}, c: {offset: 0}}\n"
+    )
+    words = ["report", str(shapes), str(tmp_path / "still.yaml"), "-o", str(tmp_path / "page.html")]
+    notes = []
+    for more in ([], ["--meshes", str(shapes.parent.parent)]):
+        result = CliRunner().invoke(main, [*words, *more])
+        assert result.exit_code == 0, result.output
+        notes.append((tmp_path / "page.html").read_text())
+    assert "--meshes FOLDER" in notes[0]
+    assert "--meshes FOLDER" not in notes[1]
 
 
 def test_shapes_of_a_floating_base_are_drawn(shapes):

@@ -1,6 +1,6 @@
 """The live view: a server on this machine that shows a robot, what its controls do, and a player of the motion."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -102,19 +102,25 @@ class Viewer:
 
 
 @contextmanager
-def serving(robot: Robot, file: Path, along: Track | None, port: int | None = None) -> Iterator[Viewer]:
+def serving(
+    robot: Robot, file: Path, along: Track | None, port: int | None = None, folders: Sequence[Path] = ()
+) -> Iterator[Viewer]:
     """Serve a robot, of a file that may show its shapes, along a motion or none, as long as the context lasts.
+
+    Meshes may be in further folders.
 
     Raises
     ------
     JounceError : where the port is taken.
     """
     with serve(port) as server:
-        yield _fill(server, robot, file, along)
+        yield _fill(server, robot, file, along, folders)
 
 
-def _fill(server: "viser.ViserServer", robot: Robot, file: Path, along: Track | None) -> Viewer:
-    scene, gui = draw_scene(server, robot, file, along), server.gui
+def _fill(
+    server: "viser.ViserServer", robot: Robot, file: Path, along: Track | None, folders: Sequence[Path]
+) -> Viewer:
+    scene, gui = draw_scene(server, robot, file, along, folders), server.gui
     server.initial_camera.position = tuple(scene.size * np.array([1.3, -1.3, 1.0]))
     server.initial_camera.look_at = (0.0, 0.0, 0.35 * scene.size)
     gui.add_html(f"<b>{text(robot.name)}</b>")

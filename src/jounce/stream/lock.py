@@ -13,7 +13,7 @@ LOCK = "_jounce.lock"
 
 @contextmanager
 def locked(work: Path, output: Path) -> Iterator[None]:
-    """Hold the lock of a work folder; a lock whose process has ended, however it ended, is none.
+    """Hold the lock of a work folder; a lock ends with its process, however that ends.
 
     Raises
     ------
