@@ -4,23 +4,41 @@ import os
 import signal
 import sys
 
+INTERRUPTED = 130  # 128 + SIGINT, as shells have it
+
 
 def main() -> None:
     """Run the command; Ctrl-C ends it in one line, with the exit code that shells give it, from the first import on."""
-    signal.signal(signal.SIGINT, _stop)
-    try:
-        from jounce.cli import main as command
+    stopped = False
 
+    def stop(*_: object) -> None:
+        nonlocal stopped
+        stopped = True
+        _say_so()
+        sys.exit(INTERRUPTED)
+
+    signal.signal(signal.SIGINT, _stop_at_once)
+    from jounce.cli import main as command
+
+    signal.signal(signal.SIGINT, stop)
+    try:
         command()
     finally:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is done; Python itself would end with a traceback
+        if stopped:  # what `stop` raised may be lost in C code, or be a SystemError by now: NumPy's loops of objects
+            sys.exit(INTERRUPTED)
 
 
-def _stop(*_: object) -> None:
+def _stop_at_once(*_: object) -> None:
+    """End while there is nothing to clean up: modules that are being imported drop exceptions."""
+    _say_so()
+    os._exit(INTERRUPTED)
+
+
+def _say_so() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # a second one does not wait until what is half-written is removed
     if sys.__stderr__:  # else 2 may be another file
         os.write(2, b"\nAborted!\n")
-    sys.exit(130)
 
 
 if __name__ == "__main__":

@@ -167,6 +167,22 @@ def is_symbolic(x: Array) -> bool:
     return isinstance(x, np.ndarray) and x.dtype == object
 
 
+class Recorder:
+    """A scalar that records the operations on it, whose operators never raise: they note what stops them."""
+
+    __slots__ = ()
+
+    def check_recording(self) -> None:
+        """Raise what has stopped the recording, if anything has."""
+        raise NotImplementedError
+
+
+def check_recording(x: Array) -> None:
+    """Raise what has stopped the recording of scalars in an array, if there are any."""
+    if is_symbolic(x) and (recorder := next((v for v in x.flat if isinstance(v, Recorder)), None)) is not None:
+        recorder.check_recording()
+
+
 def exact_integers(x: np.ndarray) -> np.ndarray:
     """Convert integer-valued floats to ints in an object array, so that symbolic results show L, not 1.0*L.
 
@@ -191,8 +207,10 @@ def namespace(*arrays: Array) -> Any:
 
 def concatenate(arrays: Sequence[Array], axis: int) -> Array:
     """The arrays joined along `axis`, their leading (batch) axes broadcast against each other."""
-    xp = namespace(*arrays)
-    lead = np.broadcast_shapes(*(x.shape[:axis] for x in arrays))
+    xp, leads = namespace(*arrays), {x.shape[:axis] for x in arrays}
+    if len(leads) == 1:
+        return xp.concatenate(arrays, axis=axis)
+    lead = np.broadcast_shapes(*leads)
     return xp.concatenate([xp.broadcast_to(x, lead + x.shape[axis:]) for x in arrays], axis=axis)
 
 

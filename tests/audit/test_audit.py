@@ -132,6 +132,11 @@ FINDINGS = {  # what is given, what is found, where, its number and a part of it
         "170 rad, 27.1 turns: it looks like degrees",
         {"limits": LIMITS | {"lower": [-25.0, -2.0, -1e9], "upper": [25.0, 2.0, 1e9]}},
     ),
+    "name": (
+        {"joint_names": ["joint1", "=HYPERLINK(1)", "@j"]}, "warning", ["=HYPERLINK(1)", "@j"], 2.0,
+        "the name begins with '='",
+        {"joint_names": ["joint1", "j=1", "j-2"]},
+    ),
     "gravity": (
         {"gravity": (0, 0, -9810)}, "warning", [], 9810.0, "gravity is 9810 m/s^2",
         {"gravity": (0, 9.80665 * 0.6, -9.80665 * 0.8)},

@@ -42,6 +42,7 @@ def summary(*words):
 def test_it_counts_kernels_alone(filled):
     size = sum((filled / (name + cache.KERNEL_SUFFIX)).stat().st_size for name in CODE)
     expected = {"folder": str(filled), "private": True, "cleared": False, "kernels": 2, "bytes": size, "limit": 2**28}
+    expected["obstacle"] = None
     assert summary() == expected
     assert call().stdout == f"{filled}\nkernels kept: 2, {size} bytes of at most {2**28}\n"
 
@@ -101,16 +102,22 @@ def led_elsewhere(filled):
 
 
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="Windows keeps users' folders apart itself")
-@pytest.mark.parametrize("spoilt", [writable_by_others, led_elsewhere])
-def test_a_folder_that_is_not_private_is_told_and_not_cleared(filled, spoilt):
+@pytest.mark.parametrize(
+    ("spoilt", "reason"),
+    [
+        (writable_by_others, "others may write into the cache folder; make it private (mode 0700)"),
+        (led_elsewhere, "it is a link, not a folder; JOUNCE_CACHE_DIR selects another"),
+    ],
+)
+def test_a_folder_that_is_not_private_is_told_and_not_cleared(filled, spoilt, reason):
     spoilt(filled)
     before = set(filled.iterdir())
     assert (summary()["private"], summary()["kernels"]) == (False, 2)
-    assert call().stdout.endswith("others may write into the folder; make it private (mode 0700)\n")
+    assert call().stdout.endswith(f"not used: {reason}\n")
     result = call("--clear")
     assert (result.exit_code, result.stdout) == (2, "")
     [line] = result.stderr.splitlines()
-    assert line.startswith(f"Error: {filled}: others may write into the cache folder")
+    assert line == f"Error: {filled}: {reason}"
     assert set(filled.iterdir()) == before
 
 
@@ -120,3 +127,15 @@ def test_a_file_in_place_of_the_folder(folder, words):
     result = call(*words)
     assert result.exit_code == (2 if words else 0)
     assert folder.read_text() == "a file"
+
+
+def test_a_file_or_link_in_the_place_of_the_folder_is_named(tmp_path, monkeypatch):
+    path = tmp_path / "kernels"
+    path.write_text("")
+    for place, words in (
+        (path, "it is a file, not a folder; JOUNCE_CACHE_DIR selects another"),
+        (path / "below", "the cache folder cannot be used: Not a directory; JOUNCE_CACHE_DIR selects another"),
+    ):
+        monkeypatch.setenv("JOUNCE_CACHE_DIR", str(place))
+        assert call().stdout.endswith(f"not used: {words}\n")
+        assert f"{place}: {words}" in call("--clear").output

@@ -26,6 +26,11 @@ class Finder:
     def find_spec(self, name, *_):
         if name == when:
             stop()
+        elif name == when.removeprefix("lost "):
+            try:
+                stop()
+            except BaseException:
+                pass
 
 when, *sys.argv[1:] = sys.argv[1:]
 sys.meta_path.insert(0, Finder())
@@ -65,6 +70,13 @@ def test_from_the_first_import_to_the_last_moment(folder, when):
     done = interrupted(folder, when)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "\nAborted!\n")
     assert contents(folder) == before
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no signal is sent like this")
+@pytest.mark.parametrize("when", ["numpy", "llvmlite.binding"])
+def test_an_import_that_drops_the_exception_does_not_hide_the_interruption(folder, when):
+    done = interrupted(folder, f"lost {when}")
+    assert (done.returncode, done.stderr) == (130, "\nAborted!\n")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no signal is sent like this")

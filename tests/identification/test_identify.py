@@ -146,6 +146,33 @@ def test_a_wrong_sign_or_unit_is_suspected(arm, motion, factor, words):
     assert words in found.notes[0]
 
 
+def delayed(forces, delay):
+    return np.stack([np.interp(T - delay, T, column) for column in forces.T], axis=1)
+
+
+@pytest.mark.parametrize(("delay", "words"), [(0.05, "50 ms after"), (0.01, "10 ms after"), (-0.03, "30 ms before")])
+def test_forces_that_are_late_are_reported(arm, motion, Q, delay, words):
+    """Parameters hide some of a delay, and cannot hide all of it."""
+    noisy = Q + 0.1 * np.random.default_rng(3).normal(size=Q.shape)
+    with pytest.warns(jounce.JounceWarning, match="seem to come|do not see"):
+        found = jounce.identify(arm, motion, delayed(noisy, delay), t=T)
+    assert found.notes[0].startswith(f"measured forces seem to come {words} the positions")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_forces_in_time_raise_no_suspicion_of_a_delay(arm, motion, Q, seed):
+    rng = np.random.default_rng(seed)
+    ripple = 0.3 * np.sin(40 * motion(T, 0)[0] + rng.uniform(0, 6, Q.shape[1]))
+    found = jounce.identify(arm, motion, Q + ripple + 0.2 * rng.normal(size=Q.shape), t=T)
+    assert not [note for note in found.notes if "seem to come" in note]
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-3])
+def test_forces_that_are_zero_are_reported(arm, motion, Q, size):
+    with pytest.warns(jounce.JounceWarning, match="are constant|does not explain"):
+        jounce.identify(arm, motion, size * np.random.default_rng(5).normal(size=Q.shape), t=T)
+
+
 def test_forces_that_no_robot_of_this_kind_makes_are_reported(arm, motion, Q):
     """Torques of other joints, a wild sample, and a sensor that is dead."""
     wild, dead = Q.copy(), Q.copy()

@@ -1,10 +1,15 @@
 """xacro files: expanded by xacrodoc, then read as any URDF; what goes wrong is one line."""
 
 import builtins
+import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+import xacro
+import xacro.color
 from files import GOOD, refusal, robot_file
+from xacrodoc import packages
 
 import jounce
 
@@ -180,3 +185,45 @@ def test_a_missing_package_is_named(written, monkeypatch):
 
     monkeypatch.setattr(builtins, "__import__", absent)
     refusal(lambda: jounce.load(written()), "xacrodoc", "pip install 'jounce[xacro]'")
+
+
+def test_threads_expand_files_of_their_own(tmp_path):
+    """xacro keeps in variables of its module what it is at: one expansion comes after the other."""
+    paths = [tmp_path / f"arm{i}" / "arm.urdf.xacro" for i in range(16)]
+    for i, path in enumerate(paths):
+        path.parent.mkdir()
+        (path.parent / "rod.xacro").write_text(ROD.replace('"${name}"', f'"${{name}}{i}"'))
+        path.write_text(ARM.replace('child link="rod"', f'child link="rod{i}"'))
+    before, interval = state_of_modules(), sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    try:
+        with ThreadPoolExecutor(8) as threads:
+            robots = list(threads.map(jounce.load, paths))
+    finally:
+        sys.setswitchinterval(interval)
+    assert [robot.body_names for robot in robots] == [(f"rod{i}",) for i in range(16)]
+    assert state_of_modules() == before
+
+
+def state_of_modules():
+    return sys.stderr, xacro.parse, xacro.handle_macro_call, xacro.sys, xacro.color.sys, packages._finder
+
+
+def test_what_fails_leaves_the_modules_as_they_were(written):
+    before = state_of_modules()
+    path = written('name="length"', 'name="breadth"')
+    refusal(lambda: jounce.load(path), "length")
+    assert state_of_modules() == before
+
+
+def test_what_other_threads_print_is_theirs(written, monkeypatch, capfd):
+    path, process = written(), xacro.process_file
+
+    def process_meanwhile(*arguments, **options):
+        with ThreadPoolExecutor(1) as another:
+            another.submit(print, "of another thread", file=sys.stderr).result()
+        return process(*arguments, **options)
+
+    monkeypatch.setattr(xacro, "process_file", process_meanwhile)
+    jounce.load(path)
+    assert capfd.readouterr().err == "of another thread\n"

@@ -2,6 +2,7 @@
 
 import copy
 import json
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from jounce.cli import main
 from jounce.model import equivalent
 from jounce.model.casting import with_exact_integers, with_extended_precision
 from jounce.model.coordinates import coordinate_limits, following_efforts
-from jounce.model.limits import KEYS
+from jounce.model.limits import KEYS, Limits
 from jounce.model.screws import ROUNDING, exact_inertia, exact_pose, exact_screw
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
@@ -259,3 +260,16 @@ def test_forces_of_actuators_bound_the_effort(tmp_path, actuators, expected):
     path = tmp_path / "arm.xml"
     path.write_text(f"<mujoco><worldbody>{body}</worldbody><actuator>{actuators}</actuator></mujoco>")
     assert jounce.load(path).limits.bounds("effort")[:, 0].tolist() == expected
+
+
+def test_limits_equal_their_copies_and_no_others():
+    limits = jounce.load("panda").with_limits("panda").limits
+    again = pickle.loads(pickle.dumps(limits))
+    assert again == limits
+    assert hash(again) == hash(limits)
+    other = Limits(limits.table * np.where(np.arange(limits.table.shape[-1]) == 2, 2.0, 1.0), limits.without_gravity)
+    assert other != limits
+    assert Limits(limits.table, ()) != limits
+    assert limits != 3
+    zero, negative = (Limits(np.full((14, 2, 1), x)) for x in (0.0, -0.0))
+    assert (zero == negative, hash(zero) == hash(negative)) == (True, True)

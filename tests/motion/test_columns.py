@@ -220,6 +220,25 @@ def test_broken_limits_are_warned_of():
         jounce.load_motion(open_hand, jounce.load(EXAMPLES / "panda.urdf"))
 
 
+def turning(speed):
+    """Samples of a joint without limits that turns over at a speed, rad/s or deg/s, next to one that swings."""
+    t = np.linspace(0, 20, 201)
+    return {"t": t, "joint1": speed * t, "joint2": 0.3 * np.sin(t)}
+
+
+def test_a_joint_that_turns_over_is_not_refused():
+    """Its range is nowhere stated, and its speed is one of radians: 40 rad in 20 s."""
+    with pytest.warns(jounce.JounceWarning, match="'joint1' goes from 0 to 40 rad .* right if it turns over"):
+        jounce.load_motion(turning(2.0), PLANAR)
+    jounce.load_motion(turning(2.0), PLANAR, angles="rad")
+    jounce.load_motion(turning(1.2), PLANAR)  # 24 rad are less than four turns
+    refusal(lambda: jounce.load_motion(turning(70.0), PLANAR), "as degrees it would be right")
+    slow = PLANAR.with_limits(velocity=[0.5, np.inf])
+    refusal(lambda: jounce.load_motion(turning(2.0), slow), "as degrees it would be right")
+    bounded = PLANAR.with_limits(lower=[-3, -np.inf], upper=[3, np.inf])
+    refusal(lambda: jounce.load_motion(turning(2.0), bounded), "as degrees it would be right")
+
+
 def test_the_command_takes_the_same_options(tmp_path):
     table = {"stamp": 1e3 * T} | {f"q_{name}": DEGREES * ARM[:, j] for j, name in enumerate(NAMES)} | {"load": T}
     tables.write(tmp_path / "log.csv", table)

@@ -376,3 +376,38 @@ def test_native_code_is_freed_with_its_kernel(monkeypatch):
     del call
     gc.collect()
     assert len(engines) == 1
+
+
+@pytest.fixture
+def _unknown_table(monkeypatch):
+    """NumPy with another table of functions, in which the type of ufuncs stands elsewhere."""
+    monkeypatch.setattr(jit, "UFUNC_TYPE", jit.FROM_SIGNATURE)
+    monkeypatch.setattr(module, "_living", {})
+    jit.has_known_table.cache_clear()
+    yield
+    jit.has_known_table.cache_clear()
+
+
+def test_the_table_of_functions_of_numpy_is_the_known_one():
+    assert jit.has_known_table()
+
+
+@pytest.mark.usefixtures("_unknown_table")
+@pytest.mark.parametrize(("name", "order"), [("mass_matrix", 0), ("inverse_dynamics", 2), ("kinetic_energy", 0)])
+def test_with_another_table_plain_calls_give_the_same(name, order):
+    robot, rng = jounce.load("iiwa14"), np.random.default_rng(4)
+    with pytest.warns(JounceWarning, match="the table of C functions of NumPy"):
+        kernel = robot.compile(name, order=order)
+    assert isinstance(kernel.ufunc, jit.PlainCall)
+    arrays = [rng.normal(size=(4, 1, 7)), *rng.normal(size=(len(kernel.signature.inputs) - 1, 5, 7))]
+    found, expected = (
+        results if isinstance(results, tuple) else (results,)
+        for results in (kernel(*arrays), getattr(robot, name)(*arrays, method="recursion"))
+    )
+    into = tuple(map(np.empty_like, found))
+    kernel(*arrays, out=into)
+    assert len(found) == len(expected)
+    for x, y, z in zip(found, expected, into, strict=True):
+        assert relative_error(x, y) < 1e-12
+        assert np.array_equal(x, z)
+    one_line(lambda: kernel(np.zeros(6), *arrays[1:]), "expected")

@@ -7,14 +7,14 @@ from hypothesis import strategies as st
 from natives import WAYS, native, signature
 from programs import expressions
 from recursion import inverse_dynamics
-from robots import loads, mechanisms, random_state, relative_error
+from robots import loads, mechanisms, random_mechanism, random_state, relative_error
 
 import jounce
 from jounce.dynamics.computation import Computation
 from jounce.native import forms
 from jounce.program.passes import factor, fuse
 from jounce.program.program import OPERATIONS, WITHOUT_COST, prune, topological_order
-from jounce.program.trace import Tape
+from jounce.program.trace import Tape, TapeFullError
 from jounce.spatial.series import Series, columns
 
 PASSES = {"traced": lambda program: program, "factored": factor, "fused": lambda program: fuse(factor(program))}
@@ -155,3 +155,28 @@ def test_native_code_does_every_operation_in_every_lane(way, run):
     states = np.random.default_rng(0).uniform(-3, 3, (37, 3))
     expected = [program.run(list(state)) for state in states]
     np.testing.assert_allclose(function(states), expected, rtol=1e-14, atol=1e-14)
+
+
+def test_wherever_a_tape_fills_the_trace_ends_with_its_own_error():
+    """Products of object arrays with batch axes, as regressors have, go on calling operators after one has raised."""
+    mechanism, regressor = random_mechanism(np.random.default_rng(0), [-1, 0], ["helical"] * 2, [1.0, 1.0]), "regressor"
+    whole = Tape()
+    forms.program(mechanism, Computation(regressor, 1), whole)
+    for most in range(500, len(whole.nodes), 150):
+        with pytest.raises(TapeFullError):
+            forms.program(mechanism, Computation(regressor, 1), Tape(most))
+    forms.program(mechanism, Computation(regressor, 1), Tape(len(whole.nodes)))
+
+
+def test_series_compute_no_further_term_on_a_full_tape():
+    tape, asked = Tape(8), []
+    (x,) = tape.variables(1)
+
+    def term(k):
+        asked.append(k)
+        return np.array([x + k + 1, x * (k + 2)])
+
+    with pytest.raises(TapeFullError):
+        Series(term).upto(9)
+    assert asked == [0, 1]
+    assert len(tape.nodes) == 8

@@ -544,3 +544,29 @@ def test_large_tables_of_rates_are_read_by_parts(tmp_path, small_parts, monkeypa
     assert found["parts"] > 1
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
     assert before.exit_code == 0
+
+
+HELD = """
+import sys
+from pathlib import Path
+from jounce.stream.lock import locked
+
+with locked(Path("out.csv.unfinished"), Path("out.csv")):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no locks of files there")
+def test_a_second_run_into_one_output_is_refused_until_the_first_has_ended(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ["run", "planar2r", write(tmp_path / "states.csv", table(9)), "-o", "out.csv", "--on-error", "skip"]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-c", HELD], **pipes) as first:
+        assert first.stdout.readline() == b"held\n"
+        assert f"out.csv: another run writes there (process {first.pid})" in refusal(*words)
+        first.kill()  # its file stays on the disk
+    assert (tmp_path / "out.csv.unfinished" / "_jounce.lock").exists()
+    assert call(*words).exit_code == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.csv", "states.csv"]
+    assert call(*words).exit_code == 0

@@ -6,6 +6,8 @@ import signal
 import socket
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from http.client import HTTPConnection
 from pathlib import Path
 from urllib.request import urlopen
 
@@ -20,9 +22,12 @@ import jounce
 from jounce._view import controls, scene, viewer
 from jounce._view.track import STATES, at_rest, track
 from jounce.cli import main
-from jounce.io.visuals import mesh_file, read_mesh, read_visuals, visuals_of
+from jounce.io.mesh_files import MISSING, OUTSIDE, mesh_file
+from jounce.io.visuals import read_mesh, read_visuals, visuals_of
 
 trimesh = pytest.importorskip("trimesh")
+rich = pytest.importorskip("rich")
+viser = pytest.importorskip("viser")
 ARM = jounce.load("planar2r").with_limits(effort=[25.0, np.inf], lower=[-1.95, -np.inf], upper=[1.95, np.inf])
 MOTION = """
 time: {start: 1, stop: 3, count: 9000}
@@ -75,6 +80,47 @@ def test_the_page_is_served_to_this_machine(served):
     assert served.address.startswith("http://127.0.0.1:")
     with urlopen(served.address, timeout=20) as page:
         assert b"<!doctype html>" in page.read()[:100].lower()
+
+
+@pytest.mark.parametrize(
+    ("origin", "host", "status"),
+    [
+        (None, "127.0.0.1", 101),
+        ("http://127.0.0.1", "127.0.0.1", 101),
+        ("http://localhost", "localhost", 101),
+        ("http://site.example", "127.0.0.1", 403),
+        ("https://127.0.0.1", "127.0.0.1", 403),
+        ("http://127.0.0.1:1", "127.0.0.1", 403),
+        ("null", "127.0.0.1", 403),
+        ("http://site.example", "site.example", 403),
+        (None, "site.example", 403),
+    ],
+)
+def test_websockets_are_for_the_page_of_this_server(served, origin, host, status):
+    """A browser lets any page connect to this machine, under any name that leads here, and states its origin."""
+    port = served.server.get_port()
+    origin = f"{origin}:{port}" if origin == f"http://{host}" else origin
+    key = {"Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==", "Sec-WebSocket-Version": "13"}
+    key["Sec-WebSocket-Protocol"] = f"viser-v{viser.__version__}"  # the server prints a line about others
+    headers = {"Host": f"{host}:{port}", "Connection": "Upgrade", "Upgrade": "websocket"} | key
+    connection = HTTPConnection("127.0.0.1", port, timeout=20)
+    connection.request("GET", "/", headers=headers | ({"Origin": origin} if origin else {}))
+    assert connection.getresponse().status == status
+    connection.close()
+
+
+def test_starting_and_stopping_prints_nothing_and_leaves_stdout_to_all(along, capfd):
+    stdout = sys.stdout
+
+    def start(_):
+        with viewer.serving(ARM, Path("planar2r"), None, 0):
+            return sys.stdout is stdout
+
+    with ThreadPoolExecutor(2) as threads:
+        assert all(threads.map(start, range(4)))
+    assert sys.stdout is stdout
+    assert capfd.readouterr().out == ""
+    assert not rich.get_console().quiet
 
 
 @pytest.mark.parametrize("t", [1.0, 1.7, 3.0])
@@ -151,6 +197,7 @@ def shapes(tmp_path):
     folder = tmp_path / "arm_description" / "urdf"
     folder.mkdir(parents=True)
     (folder.parent / "meshes").mkdir()
+    (folder.parent / "package.xml").write_text("<package/>")
     trimesh.creation.box((1, 1, 1)).export(folder.parent / "meshes" / "box.stl")
     (folder / "odd.stl").write_bytes(b"solid nothing")
     files = ("package://arm_description/meshes/box.stl", "no.stl", "odd.stl", "../meshes/box.stl")
@@ -183,14 +230,68 @@ def test_meshes_are_found_by_path_and_by_package(shapes, tmp_path, monkeypatch):
     box = shapes.parent.parent / "meshes" / "box.stl"
     found = [box.as_uri().replace("%20", " "), "../meshes/box.stl", "package://arm_description/meshes/box.stl"]
     assert all(mesh_file(uri, shapes).samefile(box) for uri in found)
-    assert mesh_file("package://arm_description/meshes/box.stl", tmp_path.parent / "elsewhere.urdf") is None
+    assert mesh_file("package://arm_description/meshes/box.stl", tmp_path.parent / "elsewhere.urdf") == MISSING
+    sibling = tmp_path / "robot" / "urdf" / "robot.urdf"
+    assert mesh_file("package://arm_description/meshes/box.stl", sibling).samefile(box)
     for name, folder in (("ROS_PACKAGE_PATH", tmp_path), ("AMENT_PREFIX_PATH", tmp_path / "install")):
         (tmp_path / "install").mkdir(exist_ok=True)
         (tmp_path / "install" / "share").exists() or (tmp_path / "install" / "share").symlink_to(tmp_path)
         monkeypatch.setenv(name, f"/no/such{os.pathsep}{folder}")
         assert mesh_file("package://arm_description/meshes/box.stl", Path("/elsewhere.urdf")).samefile(box)
+        (tmp_path / "secret.stl").touch()
+        assert mesh_file("package://arm_description/../secret.stl", Path("/elsewhere.urdf")) == OUTSIDE
         monkeypatch.delenv(name)
-    assert mesh_file("", shapes) is None
+    assert mesh_file("", shapes) == MISSING
+
+
+def test_meshes_elsewhere_are_not_read_unless_their_folder_is_named(shapes, tmp_path):
+    secret = tmp_path / "private" / "secret.stl"
+    secret.parent.mkdir()
+    box = shapes.parent.parent / "meshes" / "box.stl"
+    secret.write_bytes(box.read_bytes())
+    (shapes.parent / "link.stl").symlink_to(secret)
+    for uri in (str(secret), secret.as_uri(), "../../private/secret.stl", "link.stl"):
+        assert mesh_file(uri, shapes) == OUTSIDE
+        assert mesh_file(uri, shapes, [tmp_path / "other"]) == OUTSIDE
+        assert mesh_file(uri, shapes, [secret.parent]).samefile(secret)
+    for package in ("private", "arm_description/../private"):
+        assert mesh_file(f"package://{package}/secret.stl", shapes) == OUTSIDE
+    for package in ("..", ".", "", str(tmp_path)):
+        assert mesh_file(f"package://{package}/secret.stl", shapes) == MISSING
+    assert mesh_file("package://private/secret.stl", shapes, [tmp_path]).samefile(secret)
+    assert mesh_file("package://private/secret.stl", shapes, [secret.parent]).samefile(secret)
+    (shapes.parent.parent / "package.xml").unlink()
+    assert mesh_file("../meshes/box.stl", shapes) == OUTSIDE
+    assert mesh_file("package://arm_description/meshes/box.stl", shapes) == OUTSIDE
+
+
+def test_a_mesh_names_materials_in_its_own_folder_only(tmp_path):
+    (tmp_path / "material.mtl").write_text("newmtl red\nKd 1 0 0\n")
+    (tmp_path / "sub").mkdir()
+    vertices = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+    for place, red in (("material.mtl", True), ("../material.mtl", False)):
+        mesh = tmp_path / ("mesh.obj" if red else "sub/mesh.obj")
+        mesh.write_text(f"mtllib {place}\n{vertices}usemtl red\nf 1 2 3\n")
+        path = robot_file(tmp_path, link("base", inner=MESH.format("", mesh.relative_to(tmp_path))), link("arm", BODY),
+                          joint("a", "base", "arm"))  # fmt: skip
+        found = read_mesh(read_visuals(path)[0], path)
+        colour = getattr(getattr(found.visual, "material", None), "main_color", np.zeros(4))
+        assert (list(colour[:3]) == [255, 0, 0]) is red
+
+
+def test_commands_name_folders_of_meshes(shapes, tmp_path):
+    (shapes.parent.parent / "package.xml").unlink()
+    (tmp_path / "still.yaml").write_text(
+        "time: {stop: 1, count: 9}\njoints: {a: {offset: 0}, b: {offset: 0}, c: {offset: 0}}\n"
+    )
+    words = ["report", str(shapes), str(tmp_path / "still.yaml"), "-o", str(tmp_path / "page.html")]
+    notes = []
+    for more in ([], ["--meshes", str(shapes.parent.parent)]):
+        result = CliRunner().invoke(main, [*words, *more])
+        assert result.exit_code == 0, result.output
+        notes.append((tmp_path / "page.html").read_text())
+    assert "--meshes FOLDER" in notes[0]
+    assert "--meshes FOLDER" not in notes[1]
 
 
 def test_shapes_of_a_floating_base_are_drawn(shapes):

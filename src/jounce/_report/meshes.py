@@ -1,5 +1,6 @@
 """The meshes by which a robot file shows its links, with so few triangles that the page plays."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -31,7 +32,7 @@ class Meshes:
     notes: tuple[str, ...] = ()
 
 
-def meshes_of(m: Mechanism, path: Path) -> Meshes:
+def meshes_of(m: Mechanism, path: Path, folders: Sequence[Path] = ()) -> Meshes:
     """The visuals of a robot file as triangles, `TRIANGLES` at most; none where trimesh, which reads them, is missing.
 
     Raises
@@ -48,7 +49,7 @@ def meshes_of(m: Mechanism, path: Path) -> Meshes:
         return Meshes(notes=(f"Capsules stand for the visuals of {path.name}: {cure}.",))
     shapes, missed = [], []
     for visual in visuals:
-        found = read_mesh(visual, path)
+        found = read_mesh(visual, path, folders)
         if isinstance(found, str):
             missed.append(found)
             continue

@@ -1,6 +1,7 @@
 """`report`: a page about a robot along a motion, in one file."""
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -93,6 +94,7 @@ def report(
     motion: Motion,
     order: int | None = None,
     visuals: str | os.PathLike[str] | None = None,
+    mesh_folders: Sequence[str | os.PathLike[str]] = (),
 ) -> Report:
     """A page about a robot along a motion: the moving robot, its curves, its limits, in one file.
 
@@ -108,6 +110,8 @@ def report(
     visuals : str or path, optional
         A URDF whose visuals show the links: boxes, cylinders, spheres and meshes, which trimesh reads; it is the file
         of the robot as a rule. Capsules stand for links without any.
+    mesh_folders : sequence of str or path, optional
+        Folders in which its meshes may be, besides that of the file and its packages.
 
     Returns
     -------
@@ -139,7 +143,9 @@ def report(
         raise JounceError(f"report() expects a jounce.Motion, got {type(motion).__name__}; try jounce.load_motion")
     file = None if visuals is None else _visuals_file(visuals)
     _check_still(robot, motion)
-    subject = subject_of(robot, checked_motion(robot.mechanism, motion), _order(motion, order), file)
+    subject = subject_of(
+        robot, checked_motion(robot.mechanism, motion), _order(motion, order), file, [*map(files.path_of, mesh_folders)]
+    )
     slowdown = subject.slowdown if isinstance(subject.slowdown, Slowdown) else None
     return Report(_page(subject), subject.check, slowdown)
 

@@ -3,6 +3,7 @@
 Its joints are the coordinates of the robot, and where loops are closed those that follow them too.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -108,7 +109,9 @@ class Subject:
         return int(np.abs(self.t[self.frames] - t).argmin())
 
 
-def subject_of(robot: "Robot", motion: Motion, order: int, visuals: Path | None = None) -> Subject:
+def subject_of(
+    robot: "Robot", motion: Motion, order: int, visuals: Path | None = None, folders: Sequence[Path] = ()
+) -> Subject:
     """Check the motion, and compute it and the forces up to an order at its times and at those that stand out.
 
     The URDF `visuals` shows the links.
@@ -129,7 +132,7 @@ def subject_of(robot: "Robot", motion: Motion, order: int, visuals: Path | None 
     frames = np.union1d(even, np.searchsorted(along.t, [*worst, *breaks[:count]]))
     quantities = _quantities(robot, motion, along, limits, frames)
     slowdown = _slowdown(robot, motion, worst) if check else None
-    meshes = Meshes() if visuals is None else meshes_of(m, visuals)
+    meshes = Meshes() if visuals is None else meshes_of(m, visuals, folders)
     wrenches = _loop_wrenches(robot, motion, along)
     return Subject(robot, motion, along, limits, quantities, frames, check, slowdown, meshes, wrenches)
 

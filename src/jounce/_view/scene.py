@@ -37,7 +37,9 @@ class Scene:
     notes: Sequence[str]  # on meshes that are not drawn
 
 
-def draw_scene(server: "viser.ViserServer", robot: Robot, file: Path, along: Track | None) -> Scene:
+def draw_scene(
+    server: "viser.ViserServer", robot: Robot, file: Path, along: Track | None, folders: Sequence[Path]
+) -> Scene:
     """Draw a robot as its file shows it; links without shapes there are drawn from their joints and frames."""
     m, start = robot.mechanism.tree, start_of(robot)
     size = robot_size(m, poses_on(robot, start, np.eye(4)))
@@ -48,7 +50,7 @@ def draw_scene(server: "viser.ViserServer", robot: Robot, file: Path, along: Tra
         bodies.append(server.scene.add_frame(f"/body{i}", show_axes=False))
         name, long, thick = f"/body{i}/frame", 0.12 * size, 0.005 * size
         frames.append(server.scene.add_frame(name, axes_length=long, axes_radius=thick, visible=False))
-    seen, notes = _draw_visuals(server, robot, file)
+    seen, notes = _draw_visuals(server, robot, file, folders)
     for k, part in enumerate(parts_of(m, size, start[None])):
         if part.body not in seen:
             colour = np.frombuffer(bytes.fromhex(part.colour.removeprefix("#")), np.uint8)
@@ -87,13 +89,15 @@ def _largest(robot: Robot, along: Track | None, size: float) -> dict[str, float]
     return {"force": max(weight, *forces) or 1.0, "moment": max(moment, weight * size / 4) or 1.0}
 
 
-def _draw_visuals(server: "viser.ViserServer", robot: Robot, file: Path) -> tuple[set[int], list[str]]:
+def _draw_visuals(
+    server: "viser.ViserServer", robot: Robot, file: Path, folders: Sequence[Path]
+) -> tuple[set[int], list[str]]:
     """Draw the visuals of a robot file; the bodies that they show, and what could not be drawn."""
     seen: set[int] = set()
     missed = []
     for k, visual in enumerate(visuals_of(robot.mechanism, file)):
         frame = robot.mechanism.frame(visual.link)
-        mesh = read_mesh(visual, file)
+        mesh = read_mesh(visual, file, folders)
         if isinstance(mesh, str):
             missed.append(mesh)
             continue

@@ -1,10 +1,8 @@
 """The live view: a server on this machine that shows a robot, what its controls do, and a player of the motion."""
 
-import socket
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stdout
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from io import StringIO
 from pathlib import Path
 from threading import RLock
 from typing import TYPE_CHECKING, Any
@@ -13,6 +11,7 @@ import numpy as np
 
 from jounce._view.controls import curves_of, joint_sliders, legend_of, series_of, table_of, text
 from jounce._view.scene import Scene, draw_scene, show
+from jounce._view.server import HOST, serve
 from jounce._view.track import Track, at_rest, start_of
 from jounce.errors import JounceError
 from jounce.robot import Robot
@@ -20,8 +19,6 @@ from jounce.robot import Robot
 if TYPE_CHECKING:
     import viser
 
-HOST = "127.0.0.1"  # other machines see nothing
-PORT = 8080  # the first that is tried
 CURVES = 0.2  # s between two updates of the curves
 
 
@@ -105,27 +102,25 @@ class Viewer:
 
 
 @contextmanager
-def serving(robot: Robot, file: Path, along: Track | None, port: int | None = None) -> Iterator[Viewer]:
+def serving(
+    robot: Robot, file: Path, along: Track | None, port: int | None = None, folders: Sequence[Path] = ()
+) -> Iterator[Viewer]:
     """Serve a robot, of a file that may show its shapes, along a motion or none, as long as the context lasts.
+
+    Meshes may be in further folders.
 
     Raises
     ------
     JounceError : where the port is taken.
     """
-    import viser
-
-    first = PORT if port is None else _free_port(port)
-    with redirect_stdout(StringIO()):  # it prints an address of its own
-        server = viser.ViserServer(host=HOST, port=first, label="jounce", verbose=False)
-    try:
-        yield _fill(server, robot, file, along)
-    finally:
-        with redirect_stdout(StringIO()):
-            server.stop()
+    with serve(port) as server:
+        yield _fill(server, robot, file, along, folders)
 
 
-def _fill(server: "viser.ViserServer", robot: Robot, file: Path, along: Track | None) -> Viewer:
-    scene, gui = draw_scene(server, robot, file, along), server.gui
+def _fill(
+    server: "viser.ViserServer", robot: Robot, file: Path, along: Track | None, folders: Sequence[Path]
+) -> Viewer:
+    scene, gui = draw_scene(server, robot, file, along, folders), server.gui
     server.initial_camera.position = tuple(scene.size * np.array([1.3, -1.3, 1.0]))
     server.initial_camera.look_at = (0.0, 0.0, 0.35 * scene.size)
     gui.add_html(f"<b>{text(robot.name)}</b>")
@@ -159,16 +154,6 @@ def _fill(server: "viser.ViserServer", robot: Robot, file: Path, along: Track | 
 def _set_visible(handles: Any, visible: bool) -> None:
     for handle in handles:
         handle.visible = visible
-
-
-def _free_port(port: int) -> int:
-    """A port that is free, any for 0."""
-    with socket.socket() as trial:
-        try:
-            trial.bind((HOST, port))
-        except OSError as error:
-            raise JounceError(f"port {port} cannot be used: {error.strerror}; choose another by --port") from None
-        return int(trial.getsockname()[1])
 
 
 def run(viewer: Viewer, stopped: Callable[[float], bool]) -> None:

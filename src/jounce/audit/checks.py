@@ -8,6 +8,7 @@ from jounce.audit.finding import SEVERITIES, Finding
 from jounce.audit.inertias import impossible, placeholders, point_masses, unit_masses
 from jounce.audit.limits import axes, degrees, limits
 from jounce.audit.mobility import massless, singular
+from jounce.audit.names import formulas
 from jounce.audit.units import densities, gravity, masses, sizes
 from jounce.errors import JounceError
 from jounce.model.mechanism import Mechanism
@@ -26,6 +27,7 @@ CHECKS: tuple[Callable[[Mechanism], list[Finding]], ...] = (
     degrees,
     axes,
     gravity,
+    formulas,
 )
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from jounce.audit.finding import Finding
 from jounce.dynamics.mobility import idle_coordinates
-from jounce.model.mechanism import Mechanism, ancestors
+from jounce.model.mechanism import Mechanism
 
 
 def massless(mechanism: Mechanism) -> list[Finding]:
@@ -16,7 +16,10 @@ def massless(mechanism: Mechanism) -> list[Finding]:
     loaded = ~empty
     if mechanism.closure:
         loaded[[frame.body for loop in mechanism.loops for frame in (loop.a, loop.b) if frame.body >= 0]] = True
-    carries = (ancestors(mechanism)[loaded] > 0).any(axis=0)
+    carries = loaded.copy()
+    for i, p in reversed(list(enumerate(mechanism.parent))):
+        if p >= 0:
+            carries[p] |= carries[i]
     between, tips = np.flatnonzero(empty & carries), np.flatnonzero(empty & ~carries)
     found = []
     if between.size:

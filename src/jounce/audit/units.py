@@ -147,8 +147,9 @@ def _size(mechanism: Mechanism, anchors: Sequence[np.ndarray]) -> float:
     roots: list[int] = []
     for i, p in enumerate(mechanism.parent):
         roots.append(roots[p] if p >= 0 else -1 if mechanism.base else i)
-    trees = [places[np.equal(roots, root)] for root in set(roots)]
-    size = max(float(np.linalg.norm(tree[:, None] - tree, axis=-1).max()) for tree in trees)
+    of_root = np.array(roots)
+    trees = [places[of_root == root] for root in set(roots)]
+    size = max(float(np.linalg.norm(tree - x, axis=-1).max()) for tree in trees for x in tree)
     return size if size > 1e-9 else 0.0  # axes that meet but for rounding
 
 

@@ -26,7 +26,8 @@ def cache(clear: bool, as_json: bool) -> None:
     sizes = kernels.clear() if clear else [path.stat().st_size for path in kernels.entries()]
     summary = {
         "folder": str(kernels.folder()),
-        "private": kernels.private(),
+        "private": (obstacle := kernels.obstacle()) is None,
+        "obstacle": obstacle,
         "cleared": clear,
         "kernels": len(sizes),
         "bytes": sum(sizes),
@@ -38,5 +39,5 @@ def cache(clear: bool, as_json: bool) -> None:
 def _in_words(summary: dict[str, object]) -> str:
     found = f"kernels {'removed' if summary['cleared'] else 'kept'}: {summary['kernels']}, {summary['bytes']} bytes"
     found += "" if summary["cleared"] else f" of at most {summary['limit']}"
-    unused = "" if summary["private"] else "\nnot used: others may write into the folder; make it private (mode 0700)"
+    unused = "" if summary["private"] else f"\nnot used: {summary['obstacle']}"
     return f"{summary['folder']}\n{found}{unused}"

@@ -68,6 +68,13 @@ DRIVES = click.option(
     metavar="TERMS",
     help="Drive terms to include in Q: all, or a comma-separated list of armature, damping, friction, spring.",
 )
+MESHES = click.option(
+    "--meshes",
+    metavar="FOLDER",
+    multiple=True,
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Folder in which meshes may be, besides that of ROBOT and its packages; may be repeated.",
+)
 OPTIONS: tuple[Decorator, ...] = (
     click.argument("robot", type=ROBOT),
     click.option("--base", metavar="BASE", help="floating: the base moves freely. fixed: weld free joints at zero."),

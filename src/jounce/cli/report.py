@@ -7,7 +7,7 @@ import click
 
 from jounce.cli.limits import LIMITS, load
 from jounce.cli.motions import AskedMotion, of_motion
-from jounce.cli.options import Asked, on_robot
+from jounce.cli.options import MESHES, Asked, on_robot
 from jounce.cli.output import check_distinct, tell
 from jounce.errors import shortened
 
@@ -32,7 +32,16 @@ server for anything.
     "--order", default=2, show_default=True, type=click.IntRange(0, 2), help="Highest time derivative of Q on the page."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print a summary of the page as JSON.")
-def report(robot: Asked, motion: AskedMotion, limits: Path | None, output: Path, order: int, as_json: bool) -> None:
+@MESHES
+def report(
+    robot: Asked,
+    motion: AskedMotion,
+    limits: Path | None,
+    output: Path,
+    order: int,
+    as_json: bool,
+    meshes: tuple[Path, ...],
+) -> None:
     """Make a page about MOTION of ROBOT: the robot that moves, q to q4d, Q, Qd, Q2d, limits, slow-down factor.
 
     A URDF is shown by its meshes and shapes, other robots by capsules between their joints.
@@ -46,7 +55,7 @@ def report(robot: Asked, motion: AskedMotion, limits: Path | None, output: Path,
     check_installed()
     arm, path = load(robot, motion, limits, order)
     visuals = robot.path if robot.path.suffix.lower() == SUFFIX else None
-    page = _report.report(arm, path, order, visuals)
+    page = _report.report(arm, path, order, visuals, meshes)
     page.save(output)
     worst = page.check and page.check.worst
     summary = {

@@ -1,12 +1,13 @@
 """`jounce view`: a robot in the browser, with sliders, along a motion."""
 
 import signal
+from pathlib import Path
 from threading import Event
 
 import click
 
 from jounce.cli.motions import AskedMotion, of_optional_motion
-from jounce.cli.options import Asked, on_robot
+from jounce.cli.options import MESHES, Asked, on_robot
 from jounce.errors import escaped
 
 EPILOG = """\b
@@ -23,7 +24,8 @@ Ctrl-C ends it. Only browsers on this machine see it.
 @on_robot
 @of_optional_motion
 @click.option("--port", type=click.IntRange(0, 65535), help="Port of the server; default: a free one from 8080 on.")
-def view(robot: Asked, motion: AskedMotion | None, port: int | None) -> None:
+@MESHES
+def view(robot: Asked, motion: AskedMotion | None, port: int | None, meshes: tuple[Path, ...]) -> None:
     """Show ROBOT in the browser, at rest at the positions of its sliders, or along MOTION.
 
     A URDF is shown by its meshes and shapes, other robots by their joints. Q, its curves along the motion, frames and
@@ -38,7 +40,7 @@ def view(robot: Asked, motion: AskedMotion | None, port: int | None) -> None:
     stopped = Event()
     before = signal.signal(signal.SIGINT, lambda *_: stopped.set())
     try:
-        with viewer.serving(arm, robot.path, along, port) as served:
+        with viewer.serving(arm, robot.path, along, port, meshes) as served:
             for note in served.scene.notes:
                 click.echo(escaped(note))
             click.echo(f"{escaped(arm.name)} is shown at {served.address}; Ctrl-C ends it")

@@ -127,7 +127,7 @@ def identify(
     information = weighed.information[np.ix_(posed.columns, posed.columns)]
     solution = solve(information, weighed.right[posed.columns])
     table = parameter_table(posed, solution, weighed.variances)
-    notes = [*suspicions(posed), *_unseen(table, solution.rank)]
+    notes = [*suspicions(posed, method), *_unseen(table, solution.rank)]
     for text in notes:
         warn(text)
     found = consistent_parameters(

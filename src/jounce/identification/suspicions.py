@@ -4,7 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jounce._typing import Equations
 from jounce.errors import listed, shortened
+from jounce.identification.delay import find_delay
+from jounce.identification.filtered import FILTERED
 from jounce.identification.problem import Problem
 from jounce.identification.regression import EXACT
 from jounce.identification.residuals import ForceResidual
@@ -16,17 +19,20 @@ FACTOR = 10.0  # in size, beyond which the unit is suspected: no parameters are 
 MOST = 0.5  # of a force, from which on what remains of it is more than friction or noise
 
 
-def suspicions(posed: Problem) -> list[str]:
-    """Return what is suspicious about measured forces next to the forces of the model."""
+def suspicions(posed: Problem, method: Equations) -> list[str]:
+    """Return what is suspicious about measured forces next to the forces of the model.
+
+    Equations of momentum and power are integrals, in which no delay is looked for.
+    """
     names = force_names(posed.robot.mechanism)
-    return [*_absent(posed, names), *_unlike(posed, names)]
+    return [*_absent(posed, names), *_unlike(posed, names), *([] if method in FILTERED else _late(posed))]
 
 
 def unexplained(rows: Sequence[ForceResidual]) -> list[str]:
     """Return which of the forces that were used the identified robot explains less than half of."""
     used = [row for row in rows if row.part == "used"]
-    least = EXACT * max((row.measured for row in used), default=0.0)
-    left = [row for row in used if row.measured > 0 and row.identified > max(MOST * row.measured, least)]
+    least = EXACT * max((max(row.measured, row.model) for row in used), default=0.0)
+    left = [row for row in used if row.identified > max(MOST * row.measured, least)]
     if not left:
         return []
     worst = max(left, key=lambda row: row.identified)
@@ -55,6 +61,19 @@ def _absent(posed: Problem, names: tuple[str, ...]) -> list[str]:
             " leave the columns of dead sensors out"
         )
     return found
+
+
+def _late(posed: Problem) -> list[str]:
+    """What is said of a delay between forces and positions."""
+    found = find_delay(posed)
+    if found is None:
+        return []
+    delay, ratio = found
+    return [
+        f"measured forces seem to come {1e3 * abs(delay):.3g} ms {'after' if delay > 0 else 'before'} the positions:"
+        f" {np.sqrt(ratio):.0%} of what is unexplained would remain if they came together; expected one clock and one"
+        " filter: shift the times of the forces (t=), or filter positions and forces alike"
+    ]
 
 
 def _unlike(posed: Problem, names: tuple[str, ...]) -> list[str]:

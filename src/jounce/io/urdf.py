@@ -7,12 +7,13 @@ import numpy as np
 from lxml import etree
 
 from jounce._scalars import finite
-from jounce.errors import JounceError, no_such, one_line, quoted, shortened
+from jounce.errors import JounceError, at, no_such, one_line, quoted, shortened
 from jounce.io.doctype import refuse_declarations
 from jounce.io.files import read_bytes
 from jounce.io.orientation import direction, from_rpy
 from jounce.model import tree
 from jounce.model.mechanism import GRAVITY, Mechanism
+from jounce.model.size import check_size
 from jounce.spatial.inertia import inertia_matrix, symmetric
 from jounce.spatial.lie import pose
 
@@ -30,6 +31,9 @@ def read(path: Path, gravity: object = None, base: str | None = None, root: str 
 def parse(content: bytes, file: str, name: str, gravity: object, base: str | None, root: str | None) -> Mechanism:
     """The mechanism of a URDF's text; messages call it `file`, and a robot without a name is called `name`."""
     robot = parse_xml(content, file)
+    if root is None:
+        with at(file):  # before minutes of reading
+            check_size(sum(element.get("type") in MOVING for element in robot.iterchildren("joint")))
     links = [_link(element, file) for element in robot.iterchildren("link")]
     joints = [_joint(element, file) for element in robot.iterchildren("joint")]
     given = GRAVITY if gravity is None else gravity

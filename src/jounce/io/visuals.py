@@ -1,7 +1,6 @@
 """The shapes by which a URDF shows its links: boxes, cylinders, spheres and meshes."""
 
-import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +10,7 @@ from lxml import etree
 
 from jounce.errors import one_line, quoted
 from jounce.io.files import read_bytes
+from jounce.io.mesh_files import mesh_file
 from jounce.io.urdf import origin_pose, parse_xml, read_numbers
 
 if TYPE_CHECKING:
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 SHAPES = {"box": ("size", 3), "cylinder": ("radius length", 1), "sphere": ("radius", 1)}  # attributes, numbers of each
 SUFFIX = ".urdf"
 GREY = (185, 189, 196)
-PACKAGES = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH")  # environment variables
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +52,8 @@ def read_visuals(path: Path) -> list[Visual]:
 
 def visuals_of(m: "Mechanism", path: Path) -> list[Visual]:
     """The visuals of links that the robot has: `--root` may have left some out."""
-    return [visual for visual in read_visuals(path) if visual.link in m.frame_names]
+    names = set(m.frame_names)
+    return [visual for visual in read_visuals(path) if visual.link in names]
 
 
 def _read(visual: etree._Element, link: etree._Element, path: Path) -> Iterator[Visual]:
@@ -68,30 +68,11 @@ def _read(visual: etree._Element, link: etree._Element, path: Path) -> Iterator[
             yield Visual(name, T, shape.tag, np.concatenate(size))
 
 
-def mesh_file(uri: str, robot_file: Path) -> Path | None:
-    """The file that a mesh of a robot file names; None if it does not exist.
+def read_mesh(visual: Visual, path: Path, folders: Sequence[Path] = ()) -> Any:
+    """The triangles of a visual, a `trimesh.Trimesh`, or in words why it cannot be drawn.
 
-    A path is relative to the robot file. A package is searched among the folders above the robot file, and those that
-    ROS names in the environment.
+    Meshes are in the folder of the robot file, in its packages, or in further folders that the user names.
     """
-    scheme, _, rest = uri.partition("://")
-    if not rest:
-        candidates = [robot_file.parent / uri]
-    elif scheme == "file":
-        candidates = [Path(rest)]
-    else:
-        package, _, inside = rest.partition("/")
-        above = list(robot_file.resolve().parents)
-        stated = [Path(p) for name in PACKAGES for p in os.environ.get(name, "").split(os.pathsep) if p]
-        roots = [*above, *stated, *(root / "share" for root in stated)]
-        candidates = [root / package / inside for root in roots] + [
-            root / inside for root in above if root.name == package
-        ]
-    return next((path for path in candidates if path.is_file()), None)
-
-
-def read_mesh(visual: Visual, path: Path) -> Any:
-    """The triangles of a visual, a `trimesh.Trimesh`, or in words why it cannot be drawn."""
     import trimesh
 
     mesh: Any
@@ -104,11 +85,11 @@ def read_mesh(visual: Visual, path: Path) -> Any:
             mesh = trimesh.creation.icosphere(3, *visual.size)
         case _:
             name = quoted(visual.mesh.rpartition("/")[2])  # lists of whole addresses leave no space for reasons
-            found = mesh_file(visual.mesh, path)
-            if found is None:
-                return f"{name} (no such file)"
+            found = mesh_file(visual.mesh, path, folders)
+            if isinstance(found, str):
+                return f"{name} ({found})"
             try:
-                mesh = trimesh.load(found, force="mesh")
+                mesh = trimesh.load(found, force="mesh", resolver=_resolver(found))
             except Exception as error:  # readers of meshes raise anything
                 return f"{name} ({one_line(str(error))})"
             if not len(mesh.faces):
@@ -117,3 +98,18 @@ def read_mesh(visual: Visual, path: Path) -> Any:
             return mesh
     mesh.visual.face_colors = GREY
     return mesh
+
+
+def _resolver(mesh: Path) -> Any:
+    """What finds the materials and textures that a mesh names: in its own folder only."""
+    from trimesh.resolvers import FilePathResolver
+
+    class OwnFolder(FilePathResolver):
+        def get(self, name: str) -> bytes:
+            folder = mesh.resolve().parent
+            if not (folder / name.strip()).resolve().is_relative_to(folder):
+                raise ValueError(f"{quoted(name)} is outside of the folder of the mesh")
+            found: bytes = super().get(name)
+            return found
+
+    return OwnFolder(str(mesh))

@@ -1,10 +1,13 @@
 """xacro: a URDF file written with macros, expanded to plain URDF by the package xacrodoc."""
 
+import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, redirect_stderr
+from contextlib import contextmanager
 from io import StringIO
 from pathlib import Path
+from threading import Lock
+from types import SimpleNamespace
 from typing import Any
 
 from jounce.errors import JounceError, no_such, one_line, quoted, shortened, warn
@@ -12,6 +15,7 @@ from jounce.io.doctype import refuse_declarations
 from jounce.io.files import read_bytes
 
 DEEPEST = 32  # calls of a macro with the same arguments within one another: a counter of another kind ends earlier
+_EXPANDING = Lock()  # xacro and xacrodoc keep files, macros and packages in variables of their modules
 
 
 class _Arguments(dict[str, str]):
@@ -46,10 +50,14 @@ def expand(path: Path, arguments: Mapping[str, object]) -> bytes:
     import xacro
 
     said, given = StringIO(), _Arguments(arguments)
-    packages.reset()  # it remembers where each package was: two checkouts may hold one of the same name
-    packages.walk_up_from(path)
     try:
-        with redirect_stderr(said), _declarations_refused(xacro), _endless_calls_refused(xacro):
+        with (
+            _EXPANDING,
+            _packages_above(path, packages),
+            _messages_into(said, xacro),
+            _declarations_refused(xacro),
+            _endless_calls_refused(xacro),
+        ):
             document = xacro.process_file(str(path), mappings=given)
     except Exception as error:  # of xacro, its parser, or of the expressions in the file
         absent = getattr(error, "exc", None)
@@ -64,6 +72,35 @@ def expand(path: Path, arguments: Mapping[str, object]) -> bytes:
     if said.getvalue().strip():
         warn(f"{path}: xacro: {one_line(said.getvalue())}")
     return document.toprettyxml(indent="  ").encode()  # the lines that `xacro FILE` writes
+
+
+@contextmanager
+def _packages_above(path: Path, packages: Any) -> Iterator[None]:
+    """Inside, packages are searched in the folders above a file too.
+
+    A new finder does it, since a finder remembers where each package was: two checkouts may hold one of the same name.
+    """
+    before = packages._finder
+    packages.reset()
+    packages.walk_up_from(path)
+    try:
+        yield
+    finally:
+        packages._finder = before
+
+
+@contextmanager
+def _messages_into(said: StringIO, xacro: Any) -> Iterator[None]:
+    """Inside, xacro prints its messages there; stderr stays as it is for the other threads."""
+
+    modules, own = (xacro, xacro.color), SimpleNamespace(**vars(sys) | {"stderr": said})
+    for module in modules:
+        module.sys = own
+    try:
+        yield
+    finally:
+        for module in modules:
+            module.sys = sys
 
 
 @contextmanager

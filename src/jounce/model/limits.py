@@ -73,6 +73,14 @@ class Limits:
     table: Floats
     without_gravity: tuple[str, ...] = ()
 
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Limits):
+            return NotImplemented
+        return self.without_gravity == other.without_gravity and np.array_equal(self.table, other.table)
+
+    def __hash__(self) -> int:
+        return hash((self.without_gravity, (self.table + 0.0).tobytes()))
+
     def __repr__(self) -> str:
         return f"<Limits of {self.table.shape[-1]} joint variables: {', '.join(self.kinds) or 'none stated'}>"
 

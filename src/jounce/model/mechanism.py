@@ -242,19 +242,20 @@ def body_name(mechanism: Mechanism, body: int, ground: str = "ground") -> str:
 
 def ancestors(mechanism: Mechanism) -> np.ndarray:
     """(nb, nb) integers: 1 where body j is body i itself or carries it."""
-    rows: list[np.ndarray] = []
+    carriers = np.eye(mechanism.nb, dtype=int)
     for i, p in enumerate(mechanism.parent):
-        rows.append(np.eye(mechanism.nb, dtype=int)[i] + (rows[p] if p >= 0 else 0))
-    return np.stack(rows)
+        if p >= 0:
+            carriers[i] += carriers[p]
+    return carriers
 
 
 def path_to(mechanism: Mechanism, body: int) -> list[int]:
     """Return the bodies on the path from the ground to a body, the body last; none for the ground, -1."""
     path: list[int] = []
     while body >= 0:
-        path.insert(0, body)
+        path.append(body)
         body = mechanism.parent[body]
-    return path
+    return path[::-1]
 
 
 def reference_poses(mechanism: Mechanism) -> list[Array]:

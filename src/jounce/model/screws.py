@@ -11,6 +11,7 @@ from jounce.model.casting import with_exact_integers
 from jounce.model.drives import UNDRIVEN, Drives, drive_error
 from jounce.model.limits import Limits, checked_limits
 from jounce.model.mechanism import GRAVITY, FloatingBase, Mechanism, reference_poses
+from jounce.model.size import check_size
 from jounce.spatial import inertia, lie
 
 UNIT_TOLERANCE = 1e-9  # how far a direction or rotation may be from unit length before it is taken for a mistake
@@ -38,6 +39,7 @@ def from_screws(
     given = {"B": B, "X": X, "M": M, "gravity": gravity}
     data: dict[str, Any] = {label: _data(array, label) for label, array in given.items()}
     nb = data["B"].shape[0] if data["B"].ndim == 3 else 0
+    check_size(nb)
     data["G"] = np.eye(nb) if G is None else _data(G, "G")
     data["g"] = np.zeros(nb) if g is None else _data(g, "g")
     _check_shapes(data, nb)

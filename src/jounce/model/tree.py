@@ -19,6 +19,7 @@ from jounce.model.drives import UNDRIVEN, drive_error
 from jounce.model.limits import Stated, limit_error, limits_of_joints
 from jounce.model.mechanism import Frame, Mechanism
 from jounce.model.screws import from_screws
+from jounce.model.size import check_size
 from jounce.spatial import inertia
 
 
@@ -96,6 +97,8 @@ def mechanism(
         stated = f"{len(by_name)} link{'s' * (len(by_name) != 1)} and {len(ordered)} joint{'s' * (len(ordered) != 1)}"
         raise JounceError(f"{file}: no movable joint among {stated}; expected at least one")
 
+    with at(file):
+        check_size(len(movable))
     frames = {link: Frame(link, -1, np.eye(4)) for link in by_name}  # the roots stand on the ground, or are the base
     parent: list[Frame] = []
     for joint in ordered:
@@ -130,7 +133,8 @@ def mechanism(
             base_name=floating or "",
             name=name,
         )
-    merged = tuple(frame for link, frame in frames.items() if link not in built.body_names)
+    own = set(built.body_names)
+    merged = tuple(frame for link, frame in frames.items() if link not in own)
     return replace(built, joints=tuple(joint.name for joint in movable), frames=merged)
 
 
@@ -267,6 +271,7 @@ def _coordinates(
     """G, g and the names of the coordinates: the joints that follow no other."""
     known, kept = {joint.name: joint for joint in joints}, {joint.name for joint in ordered}
     free = [joint.name for joint in movable if joint.mimic is None]
+    column = {name: j for j, name in enumerate(free)}
     G, g = np.zeros((len(movable), len(free))), np.zeros(len(movable))
     for i, joint in enumerate(movable):
         factor, offset, followed = 1.0, 0.0, [joint.name]
@@ -283,5 +288,5 @@ def _coordinates(
                 raise JounceError(f"{joint.place}: {both}, which is {held}")
             factor, offset = factor * mimic.multiplier, offset + factor * mimic.offset
             followed.append(mimic.joint)
-        G[i, free.index(followed[-1])], g[i] = factor, offset
+        G[i, column[followed[-1]]], g[i] = factor, offset
     return G, g, free

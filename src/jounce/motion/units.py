@@ -77,10 +77,11 @@ def check_units(
         return
     came, allowed = _described(q, speeds, mechanism, int(here.argmax()))
     if not stated[0] and _look_like_degrees(q, speeds, mechanism):
-        raise JounceError(
-            f"{place}: {came}: {allowed}, as degrees it would be right;"
-            " state the unit by --angles deg or --angles rad (angles=)"
-        )
+        cure = "state the unit by --angles deg or --angles rad (angles=)"
+        if not _only_turn_over(q, speeds, mechanism):
+            raise JounceError(f"{place}: {came}: {allowed}, as degrees it would be right; {cure}")
+        warn(f"{place}: {came}: {allowed}, which is right if it turns over, and in degrees if it does not; {cure}")
+        return
     if np.isfinite([*_stated_limits(mechanism, int(here.argmax()))]).any():
         warn(f"{place}: {came}, but {allowed}; check units, joint names and --lock")
 
@@ -105,6 +106,14 @@ def _look_like_degrees(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism) 
     scale = np.where(revolute, ANGLES["deg"], 1.0)
     now, then = _broken(q, speeds, mechanism), _broken(q * scale, speeds * scale, mechanism)
     return bool(now[revolute].any() and not then.any())
+
+
+def _only_turn_over(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism) -> bool:
+    """Whether joints leave nothing but a range that no file states, at speeds that they may have in rad/s too."""
+    leading = leading_joints(mechanism)
+    lower, upper = mechanism.limits.lower[leading], mechanism.limits.upper[leading]
+    turning = np.isinf(lower) & np.isinf(upper) & (speeds <= FASTER * _limits(mechanism)[2])
+    return bool(turning[_broken(q, speeds, mechanism)].all())
 
 
 def _broken(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism) -> np.ndarray:

@@ -162,14 +162,22 @@ def _listed() -> list[os.DirEntry[str]]:
         return []
 
 
-def private() -> bool:
-    """Whether kernels are read and written: the folder is its owner's alone, or still to be made."""
+def obstacle() -> str | None:
+    """Return why kernels are neither read nor written; None if the folder is its owner's alone, or still to be made."""
     try:
-        return stat.S_ISDIR(os.lstat(folder()).st_mode) and _private(folder())
+        found = os.lstat(folder())
     except FileNotFoundError:
-        return True
-    except OSError:
-        return False
+        return None
+    except OSError as error:  # where a file is in the place of a folder above it, for one
+        return f"the cache folder cannot be used: {error.strerror or error}; JOUNCE_CACHE_DIR selects another"
+    if not stat.S_ISDIR(found.st_mode):
+        kind = "a link" if stat.S_ISLNK(found.st_mode) else "a file"
+        return f"it is {kind}, not a folder; JOUNCE_CACHE_DIR selects another"
+    if _private(folder()):
+        return None
+    if found.st_uid != os.getuid():
+        return "the cache folder belongs to another user; JOUNCE_CACHE_DIR selects another"
+    return "others may write into the cache folder; make it private (mode 0700)"
 
 
 def clear() -> list[int]:
@@ -177,10 +185,10 @@ def clear() -> list[int]:
 
     Raises
     ------
-    JounceError : where others may write into the folder, or a kernel cannot be removed.
+    JounceError : where the folder is not its owner's alone, or a kernel cannot be removed.
     """
-    if not private():
-        raise JounceError(f"{folder()}: others may write into the cache folder; make it private (mode 0700)")
+    if found := obstacle():
+        raise JounceError(f"{folder()}: {found}")
     remove_abandoned(folder())
     sizes = []
     for path in entries():

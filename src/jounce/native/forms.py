@@ -73,6 +73,8 @@ def _block(mechanism: Mechanism, computation: Computation, signature: Signature,
             raise LongCompilationError
         acting = tuple(term for term in mechanism.acting if term in computation.quantity.drive_terms)
         return loop.emit_loop(mechanism, Sweeps(computation, acting), signature)
+    if signature.outputs[-1].end * OPERATION > patience:  # each is stored at least: no trace is needed to see it
+        raise LongCompilationError
     try:
         tape = Tape(patience / (DERIVATIVE if computation.product else OPERATION))
         steps = fuse(program(mechanism, computation, tape))

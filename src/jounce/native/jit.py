@@ -4,16 +4,20 @@ NumPy then does the broadcasting, casting, strides and `out`, and releases the i
 """
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from math import prod
+from typing import Any, cast
 
 import numpy as np
 
 from jounce.dynamics.computation import Signature
+from jounce.errors import warn
 
 Bound = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
+Loop = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)  # of a ufunc
+UFUNC_TYPE = 0  # the type's place in the table of NumPy's C interface
 FROM_SIGNATURE = 31  # PyUFunc_FromFuncAndDataAndSignature's place in the table of NumPy's C interface, part of its ABI
 NO_IDENTITY = -1
 
@@ -82,8 +86,13 @@ def load_object(code: bytes, target: Target) -> Code:
     return Code(engine)
 
 
-def ufunc(address: int, signature: Signature, name: str, pool: int | None) -> tuple[np.ufunc, Any]:
-    """The ufunc of a loop at an address that is given the address of a pool, and what must live as long as it does."""
+def ufunc(address: int, signature: Signature, name: str, pool: int | None) -> tuple[Callable[..., Any], Any]:
+    """The ufunc of a loop at an address that is given the address of a pool, and what must live as long as it does.
+
+    Where NumPy's table of functions is another one than expected, a plain function does the same, more slowly.
+    """
+    if not has_known_table():
+        return PlainCall(address, signature, pool), None
     taken, given = ([port.shape for port in ports] for ports in (signature.inputs, signature.outputs))
     count = len(taken) + len(given)
     loops, data = (ctypes.c_void_p * 1)(address), (ctypes.c_void_p * 1)(pool)
@@ -94,11 +103,71 @@ def ufunc(address: int, signature: Signature, name: str, pool: int | None) -> tu
     return made, (loops, data, types, texts)
 
 
-def _maker() -> Any:
+class PlainCall:
+    """A loop that is called as a generalized ufunc is, with arrays that broadcast and `out`."""
+
+    def __init__(self, address: int, signature: Signature, pool: int | None) -> None:
+        self.taken, self.given = ([port.shape for port in ports] for ports in (signature.inputs, signature.outputs))
+        self._loop, self._pool = Loop(address), pool
+
+    def __call__(self, *arrays: Any, out: Sequence[np.ndarray] | None = None) -> Any:
+        """Compute from arrays with leading batch axes; the results, or `out` with them written into it."""
+        inputs = [np.asarray(array, dtype=float) for array in arrays]
+        for x, shape in zip(inputs, self.taken, strict=True):
+            if x.shape[x.ndim - len(shape) :] != shape:
+                raise ValueError(f"an array has shape {x.shape}; expected (..., {', '.join(map(str, shape))})")
+        batch = np.broadcast_shapes(
+            *(x.shape[: x.ndim - len(shape)] for x, shape in zip(inputs, self.taken, strict=True))
+        )
+        whole = [
+            np.ascontiguousarray(np.broadcast_to(x, (*batch, *shape)))
+            for x, shape in zip(inputs, self.taken, strict=True)
+        ]
+        results = [np.empty((*batch, *shape)) for shape in self.given]
+        everything = [*whole, *results]
+        steps = [8 * prod(shape) for shape in (*self.taken, *self.given)]
+        within = [8 * prod(shape[k + 1 :]) for shape in (*self.taken, *self.given) for k in range(len(shape))]
+        self._loop(
+            (ctypes.c_void_p * len(everything))(*(array.ctypes.data for array in everything)),
+            (ctypes.c_ssize_t * 1)(prod(batch)),
+            (ctypes.c_ssize_t * len(steps + within))(*steps, *within),
+            self._pool,
+        )
+        if out is not None:
+            for array, result in zip(out, results, strict=True):
+                array[...] = result
+            results = list(out)
+        return results[0] if len(results) == 1 else tuple(results)
+
+
+@cache
+def has_known_table() -> bool:
+    """Whether NumPy's table of functions begins with the type of ufuncs, as its ABI says; warn once if it does not."""
+    table = _table()
+    if table and _entry(table, UFUNC_TYPE) == id(np.ufunc) and _entry(table, FROM_SIGNATURE):
+        return True
+    warn(f"the table of C functions of NumPy {np.__version__} is not the known one: native code takes longer to call")
+    return False
+
+
+def _table() -> int | None:
+    """The address of the table of NumPy's C interface to ufuncs."""
     get = ctypes.pythonapi.PyCapsule_GetPointer
     get.restype, get.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
-    table = get(np._core._multiarray_umath._UFUNC_API, None)  # type: ignore[attr-defined]
-    address = ctypes.c_void_p.from_address(table + FROM_SIGNATURE * ctypes.sizeof(ctypes.c_void_p)).value
+    try:
+        return cast("int | None", get(np._core._multiarray_umath._UFUNC_API, None))  # type: ignore[attr-defined]
+    except (AttributeError, ValueError):  # another module, or no capsule
+        return None
+
+
+def _entry(table: int, place: int) -> int | None:
+    return ctypes.c_void_p.from_address(table + place * ctypes.sizeof(ctypes.c_void_p)).value
+
+
+def _maker() -> Any:
+    table = _table()
+    assert table is not None
+    address = _entry(table, FROM_SIGNATURE)
     text, integer, pointer = ctypes.c_char_p, ctypes.c_int, ctypes.c_void_p
     kinds = [pointer, pointer, pointer, integer, integer, integer, integer, text, text, integer, text]
     return ctypes.PYFUNCTYPE(ctypes.py_object, *kinds)(address or 0)

@@ -1,5 +1,6 @@
 """A quick check of many poses, as native code: NumPy would take longer for it than kernels for the forces."""
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -23,7 +24,7 @@ def are_poses(C: Any) -> bool:
 
 
 @cache
-def _function() -> tuple[np.ufunc, Any]:
+def _function() -> tuple[Callable[..., Any], Any]:
     """The ufunc of the sum of squares, and what must live as long as it does."""
     target = host()
     code = jit.load_object(kept.read_or_make(kept.key_of("poses", target), lambda: _code(target)), target)

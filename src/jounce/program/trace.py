@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from jounce._scalars import Recorder
 from jounce.program.operations import FUNCTIONS, OPERATIONS
 from jounce.program.program import Program, prune
 
 
-class Node:
+class Node(Recorder):
     """A scalar of a trace: a step on its tape, and its number there."""
 
     __slots__ = ("i", "kind", "operands", "tape", "value")
@@ -62,6 +63,10 @@ class Node:
         e = self.exp()
         return (e + 1 / e) * 0.5
 
+    def check_recording(self) -> None:
+        """Raise TapeFullError if the tape is full."""
+        self.tape.check()
+
     def __getattr__(self, name: str) -> Callable[[], "Node"]:
         """The functions of one operand as NumPy's object arrays ask for them: x.sin()."""
         if name not in FUNCTIONS:
@@ -77,10 +82,14 @@ class Tape:
     """The steps written so far, each distinct one once, up to a number of them.
 
     Most operations on dense matrices are trivial, times 0 and plus 0: these are tested first.
+
+    A full tape records no more: every new step is the number 0 from then on. TapeFullError is raised by `program`, and
+    between the terms of series, but never by an operator: NumPy's products of object arrays with batch axes go on
+    calling operators after one of them has raised, which ends in a SystemError.
     """
 
     def __init__(self, most: float = inf) -> None:
-        self.most = most
+        self.most, self.full = most, False
         self.nodes: list[Node] = []
         self.inputs = 0
         self._written: dict[tuple[Any, ...], Node] = {}
@@ -100,8 +109,9 @@ class Tape:
         key = (kind, operands, value)
         node = self._written.get(key)
         if node is None:
-            if len(self.nodes) >= self.most:
-                raise TapeFullError
+            if self.full or len(self.nodes) >= self.most:
+                self.full = True
+                return self._zero
             node = self._written[key] = Node(self, len(self.nodes), kind, operands, value)
             self.nodes.append(node)
         return node
@@ -170,6 +180,17 @@ class Tape:
                     return self.nodes[rest] * (x.value * factor.value)
         return self.write("mul", *((x.i, y.i) if x.i < y.i else (y.i, x.i)))
 
+    def check(self) -> None:
+        """Raise TapeFullError if the tape could not hold all steps."""
+        if self.full:
+            raise TapeFullError
+
     def program(self, outputs: Sequence[Any]) -> Program:
-        """Return the program of the outputs: the steps of the tape that they need."""
+        """Return the program of the outputs: the steps of the tape that they need.
+
+        Raises
+        ------
+        TapeFullError : if the tape could not hold all steps.
+        """
+        self.check()
         return prune(self.nodes, [self.node(x).i for x in outputs], self.inputs)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import Array, concatenate, zeros_like
+from jounce._scalars import Array, check_recording, concatenate, zeros_like
 
 SUFFIX = r"(d|[2-9]d|[1-9]\d+d)?"  # what `rate_name` adds to a symbol, as a regular expression
 
@@ -44,7 +44,9 @@ class Series:
 
     def __getitem__(self, k: int) -> Array:
         while len(self._terms) <= k:
-            self._terms.append(self._term(len(self._terms)))
+            term = self._term(len(self._terms))
+            check_recording(term)  # here no loop of NumPy is under way
+            self._terms.append(term)
         return self._terms[k]
 
     def upto(self, order: int) -> tuple[Array, ...]:

@@ -14,6 +14,7 @@ from jounce.io.motions.writing import about
 from jounce.stream import publish
 from jounce.stream.job import Job
 from jounce.stream.limits import add_limits, table_of
+from jounce.stream.lock import locked
 from jounce.stream.plan import Part, Plan, make_plan
 from jounce.stream.records import Record
 from jounce.stream.runner import Runner, Show, here, records, run
@@ -65,16 +66,17 @@ def stream(
     if _is_folder(job, output) and publish.is_published(plan, output):
         return _summary(plan, publish.published(output), 0)
     work = publish.work_folder(output)
-    try:
-        computed = run(plan, work, runner, show)
-    except BaseException:
-        publish.remove_empty(work)
-        raise
-    _write_skipped(skipped_path(output), plan.task.match.names, records(plan, work))
-    summary = _summary(plan, records(plan, work), computed)
-    _write(summary, work, reduce, output)
-    publish.remove_work(work)
-    return summary
+    with locked(work, output):
+        try:
+            computed = run(plan, work, runner, show)
+        except BaseException:
+            publish.remove_empty(work)
+            raise
+        _write_skipped(skipped_path(output), plan.task.match.names, records(plan, work))
+        summary = _summary(plan, records(plan, work), computed)
+        _write(summary, work, reduce, output)
+        publish.remove_work(work)
+        return summary
 
 
 def check_output(job: Job, source: Path, output: Path | None) -> None:

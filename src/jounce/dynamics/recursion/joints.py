@@ -89,7 +89,8 @@ class Joint(Placement):
 
     def wrenches(self, x: Series) -> Series:
         """Transport wrenches (..., 6, k) from the body's frame to the parent's."""
-        return self.Ad_offset.mT @ (self.Ad_turn.mT @ transport(self.A.mT, -self.ad_X.mT, self.rate, x))
+        y = transport(self.A.mT, -self.ad_X.mT, self.rate, x)
+        return y.map(lambda y: self.Ad_offset.mT @ (self.Ad_turn.mT @ y))
 
     def points(self, x: Series) -> Series:
         """Transport points and weighted sums of points (..., 4, k), (m r; m), from the body's frame to the parent's."""

@@ -20,7 +20,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from jounce._scalars import Array, concatenate, is_zero, zeros_like
+from jounce._scalars import Array, concatenate, is_zero
 from jounce.dynamics.base import STILL, BaseMotion
 from jounce.dynamics.recursion.forces import base_motion, ground
 from jounce.dynamics.recursion.joints import batch_zeros
@@ -34,7 +34,7 @@ from jounce.dynamics.recursion.steps import (
     outward,
     outward_velocity,
 )
-from jounce.dynamics.recursion.sweeps import evaluate_in_order
+from jounce.dynamics.recursion.sweeps import evaluate_in_order, spread
 from jounce.model.coordinates import generalized_forces
 from jounce.model.equivalent import frame_shifts, on_axes
 from jounce.model.mechanism import Mechanism
@@ -84,14 +84,14 @@ def _projected(
     steps = [motions[i].a for i in range(chain.nb)]
     for i, joint in reversed(list(enumerate(joints))):
         total = _together(on[i])
-        rows[i] = _spread(joint_force(joint, total.force), total.numbers, size)
+        rows[i] = spread(joint_force(joint, total.force), total.numbers, size)
         on[joint.parent].append(Columns(total.numbers, inward(joint, total.force)))
         steps.append(total.force.n)
     Y = generalized_forces(chain, joined([rows[i] for i in range(chain.nb)], axis=-2))
     if chain.base:
         root_total = _together(on[-1])
         parts = (root_total.force.n, root_total.force.f)
-        Y = joined([*(_spread(part, root_total.numbers, size) for part in parts), Y], axis=-2)
+        Y = joined([*(spread(part, root_total.numbers, size) for part in parts), Y], axis=-2)
     return evaluate_in_order(Y.map(_with_Iyy) + batch_zeros(q), steps)
 
 
@@ -119,13 +119,6 @@ def _momenta(motion: BodyMotion, m: Array, h: Array, tensors: Array) -> Force:
 def _together(parts: Sequence[Columns]) -> Columns:
     f, n = (joined([getattr(part.force, name) for part in parts], axis=-1) for name in "fn")
     return Columns([number for part in parts for number in part.numbers], Force(f, n))
-
-
-def _spread(columns: Series, numbers: Sequence[int], size: int) -> Series:
-    """Numbered columns among all, zeros in the place of the others."""
-    place = np.full(size, len(numbers))  # of the others, a column of zeros behind the last
-    place[numbers] = np.arange(len(numbers))
-    return columns.map(lambda x: concatenate([x, zeros_like(x[..., :1])], axis=-1)[..., place])
 
 
 def _with_Iyy(Y: Array) -> Array:

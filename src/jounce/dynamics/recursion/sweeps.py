@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce._scalars import Array
+from jounce._scalars import Array, concatenate, zeros_like
 from jounce.dynamics.recursion.joints import Joint
 from jounce.dynamics.recursion.tree import AnyJoint
 from jounce.spatial.series import Series, joined
@@ -55,8 +55,15 @@ def collect(tree: Sequence[AnyJoint], own: Sequence[Series]) -> list[Columns]:
 
 def project(screws: Sequence[Series], columns: Sequence[Columns]) -> Series:
     """Project wrenches onto screws: the upper triangle, in blocks of joints, of all products S_i . W_j."""
-    unit = np.eye(1 + max(max(c.screws) for c in columns), dtype=int)
-    return joined([S.mT @ c.values @ unit[c.screws] for S, c in zip(screws, columns, strict=True)], axis=-2)
+    size = 1 + max(max(c.screws) for c in columns)
+    return joined([spread(S.mT @ c.values, c.screws, size) for S, c in zip(screws, columns, strict=True)], axis=-2)
+
+
+def spread(columns: Series, numbers: Sequence[int], size: int) -> Series:
+    """Numbered columns among all, zeros in the place of the others."""
+    place = np.full(size, len(numbers))  # of the others, a column of zeros behind the last
+    place[numbers] = np.arange(len(numbers))
+    return columns.map(lambda x: concatenate([x, zeros_like(x[..., :1])], axis=-1)[..., place])
 
 
 def above(triangle: Series, tree: Sequence[AnyJoint]) -> Series:

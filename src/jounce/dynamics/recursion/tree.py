@@ -80,7 +80,7 @@ class KinematicTree:
 
     def generalized_matrix(self, M: Series) -> Series:
         """G^T M G of a matrix of all joints: (..., nv, nv)."""
-        return self.G.T @ M @ self.G
+        return M.map(lambda M: self.G.T @ M @ self.G)
 
 
 def kinematic_tree(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> KinematicTree:

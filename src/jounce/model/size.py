@@ -1,0 +1,21 @@
+"""How many bodies a robot may have: memory grows with the square of it, so it is bounded before anything is built."""
+
+import os
+
+from jounce.errors import JounceError, quoted
+
+MAX_BODIES = 5000  # a matrix of all joint variables by all coordinates takes 200 MB then, and a robot keeps a few
+VARIABLE = "JOUNCE_MAX_BODIES"
+
+
+def check_size(bodies: int) -> None:
+    """Raise `JounceError` where a robot would have more bodies on movable joints than are allowed."""
+    stated = os.environ.get(VARIABLE) or str(MAX_BODIES)
+    if not (stated.isascii() and stated.isdigit()):
+        raise JounceError(f"{VARIABLE}={quoted(stated)}; expected the largest number of bodies")
+    if bodies > int(stated):
+        size = 8e-9 * bodies**2
+        raise JounceError(
+            f"{bodies} movable joints; expected up to {stated}: a mass matrix would take {size:.2g} GB;"
+            f" the environment variable {VARIABLE} raises this"
+        )

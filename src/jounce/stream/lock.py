@@ -1,0 +1,59 @@
+"""One run at a time writes into an output: the lock of a file in its work folder, which ends with the process."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from jounce.errors import JounceError
+from jounce.io.files import make_folder
+
+LOCK = "_jounce.lock"
+
+
+@contextmanager
+def locked(work: Path, output: Path) -> Iterator[None]:
+    """Hold the lock of a work folder; a lock ends with its process, however that ends.
+
+    Raises
+    ------
+    JounceError : where another run holds it.
+    """
+    make_folder(work)
+    file = _lock(work / LOCK, output)
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            (work / LOCK).unlink()
+            work.rmdir()  # if nothing is left to go on with
+        if file is not None:
+            os.close(file)
+
+
+def _lock(path: Path, output: Path) -> int | None:
+    """The file of the lock; None on systems and disks without locks."""
+    try:
+        import fcntl
+    except ImportError:
+        return None
+    while True:
+        file = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            holder = os.read(file, 20).decode(errors="replace")
+            os.close(file)
+            raise JounceError(
+                f"{output}: another run writes there (process {holder or 'unknown'}); wait until it ends, or choose"
+                " another output"
+            ) from None
+        except OSError:
+            os.close(file)
+            return None
+        with suppress(FileNotFoundError):
+            if os.fstat(file).st_ino == path.stat().st_ino:
+                os.ftruncate(file, 0)
+                os.write(file, str(os.getpid()).encode())
+                return file
+        os.close(file)  # of a run that has removed it in between
