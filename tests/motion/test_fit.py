@@ -342,3 +342,20 @@ def test_a_hole_that_the_motion_cannot_be_continued_over_is_refused():
     kept = (measured.t < 3) | (measured.t > 5)
     with pytest.raises(JounceError, match=r"no samples from t = 2\.999 to 5\.001 s: 2 s, .* continued over 0\.\d+ s"):
         fit(measured.t[kept], measured.q[kept])
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_bandwidths_suit_logs_of_any_duration_and_start_whose_stamps_scatter(seed):
+    """Corrected rows may bear fewer breaks than those as they are stamped, as that of seed 6."""
+    rng = np.random.default_rng(seed)
+    truth, rate, start = harmonics(rng), rng.choice([100, 250, 500, 1000]), rng.choice([0, 3600, 1e5])
+    at = np.arange(0, rng.uniform(2, 5), 1 / rate)
+    t = np.sort(at + rng.uniform(-0.5, 0.5, len(at)) / rate)
+    q = np.round(truth(at), 6)
+    stale = 1 + np.flatnonzero(rng.random(len(t) - 1) < 0.06)
+    q[stale] = q[stale - 1]
+    smooth = fit(t + start, q, bandwidth=rng.uniform(0.08, 0.14) * rate)
+    s = inside(smooth, 50)
+    off = [rate - truth(s - start, k) for k, rate in enumerate(rates(smooth.spline, s))]
+    assert smooth.stamps
+    assert covered(off, smooth.deviations(s)) > 0.8

@@ -9,7 +9,7 @@ from jounce.errors import JounceError
 from jounce.motion.choice import Choice, again, bounded, by_schwarz, choose
 from jounce.motion.correction import colour, corrected
 from jounce.motion.deviations import Spread, stamp_covariances
-from jounce.motion.knots import most_intervals
+from jounce.motion.knots import fitted, most_intervals
 from jounce.motion.least_squares import CELLS, DEGREE, Solution, rows_of, solve
 from jounce.motion.noise import Beats, beats_of, local_noise, rest_weights, whiteness
 from jounce.motion.samples import Samples
@@ -91,7 +91,7 @@ def smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | Non
     notes += note
     if found:
         rows = stamped.rows(cells)
-        raw = solve(rows, chosen.solution.breaks)
+        raw = fitted(rows, chosen.solution.breaks)
         samples, times = corrected(stamped, raw, cells, 2) or found
         sigma = colour(samples, stamped.t, raw, times.sigma) * times.sigma
         left = stamp_covariances(rows, raw, sigma, times.own)
