@@ -50,15 +50,18 @@ def found_from(
     highest: int,
     place: str,
     symbol: str = "q",
+    rounding: float = 0.0,
 ) -> Found:
     """The curve of samples q (N, n), or of others, of which the derivative of order `highest` is asked.
+
+    `rounding` is the standard deviation of the times' rounding in s, beyond that of doubles; a fit finds it as noise.
 
     Raises
     ------
     JounceError : where no curve follows from the samples, or they cannot carry that derivative and are not forced to.
     """
     if isinstance(way, Spline):
-        return _by_hand(t, q, way, highest, place, symbol)
+        return _by_hand(t, q, way, highest, place, symbol, rounding)
     if len(t) < LEAST:
         least = f"smoothing needs at least {LEAST}; {THROUGH} takes them as exact"
         raise JounceError(f"{place}: {len(t)} samples; {least}")
@@ -94,12 +97,14 @@ def _jumps(t: np.ndarray, q: np.ndarray, off: np.ndarray, fitted: Fit, symbol: s
     return of_samples(t[usual], q[usual], noise, symbol)
 
 
-def _by_hand(t: np.ndarray, q: np.ndarray, way: Spline, highest: int, place: str, symbol: str) -> Found:
+def _by_hand(
+    t: np.ndarray, q: np.ndarray, way: Spline, highest: int, place: str, symbol: str, rounding: float = 0.0
+) -> Found:
     if way.intervals is None and (
         jumps := of_samples(t, q, symbol=symbol)
     ):  # what a fit does not follow, its residual tells
         warn(f"{place}: {jumps}")
-    curve = curve_of(t, q, way, place, highest, symbol)
+    curve = curve_of(t, q, way, place, highest, symbol, rounding)
     residual = None if way.intervals is None else np.abs(curve.rates(t, 0)[0] - q).max(axis=0)
     return Found(curve, f"samples, rates from a {way}", residual=residual)
 
