@@ -15,7 +15,7 @@ from jounce.motion.noise import local_noise
 from jounce.motion.smoothing import ROUNDING
 from jounce.motion.smoothness import BEYOND_NOISE, of_samples
 from jounce.motion.spline import Smoothing, Spline, SplineCurve, curve_of
-from jounce.motion.stamps import LEAST, fresh, spikes
+from jounce.motion.stamps import LEAST
 from jounce.spatial.series import rate_name
 
 THROUGH = "--degree 7 (degree=7)"
@@ -90,11 +90,11 @@ def found_from(
 def _jumps(t: np.ndarray, q: np.ndarray, off: np.ndarray, fitted: Fit, symbol: str) -> str | None:
     """What jumps in samples (N, n), where a fit does not follow them and their stamps are right."""
     steps = np.array([noise.step for noise in fitted.noise])
-    noise = np.maximum(local_noise(q), steps)
-    usual = ~spikes(t, q, steps) & fresh(t, q, fitted.spline(t, nu=1), noise)
-    if fitted.stamps or not (off[usual].max(axis=0) > BEYOND_NOISE * noise).any():
+    noise = np.maximum(local_noise(q[fitted.rows]), steps)
+    rows = fitted.rows
+    if fitted.stamps or not (off[rows].max(axis=0) > BEYOND_NOISE * noise).any():
         return None
-    return of_samples(t[usual], q[usual], noise, symbol)
+    return of_samples(t[rows], q[rows], noise, symbol)
 
 
 def _by_hand(

@@ -13,7 +13,6 @@ from jounce.motion.knots import fitted, most_intervals
 from jounce.motion.least_squares import CELLS, DEGREE, Solution, rows_of, solve
 from jounce.motion.noise import Beats, beats_of, local_noise, rest_weights, whiteness
 from jounce.motion.samples import Samples
-from jounce.motion.stamps import fresh
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -77,7 +76,6 @@ def moves(samples: Samples, first: Solution) -> np.ndarray:
 def smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | None) -> Smoothed:
     """The smoothing spline of joints that move."""
     scatter = np.sqrt(first.energy / len(samples.t))
-    samples, notes = _without_repetitions(samples, first, scatter)
     samples = replace(samples, weight=rest_weights(samples.t, samples.q, float(np.ptp(samples.t)) / first.intervals))
     velocity = first.spline(samples.t, nu=1)
     beats = beats_of(samples.t, samples.q, velocity, samples.steps, scatter, samples.weight)
@@ -88,7 +86,7 @@ def smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | Non
         samples = replace(found[0], drift=(first.spline, found[1].own))
         setting = replace(setting, floor=np.maximum(setting.floor, scatter**2))
     chosen, samples, note = _without_outliers(samples, setting)
-    notes += note
+    notes = note
     if found:
         rows = stamped.rows(cells)
         raw = fitted(rows, chosen.solution.breaks)
@@ -110,14 +108,6 @@ def _unexplained(samples: Samples, residual: np.ndarray) -> tuple[str, ...]:
     if not (slow & (residual.std(axis=0) > UNEXPLAINED * samples.q.std(axis=0))).any():
         return ()
     return ("much of the samples' scatter is no white noise: there may be motion faster than they carry",)
-
-
-def _without_repetitions(samples: Samples, first: Solution, scatter: np.ndarray) -> tuple[Samples, tuple[str, ...]]:
-    new = fresh(samples.t, samples.q, first.spline(samples.t, nu=1), np.maximum(samples.steps, scatter))
-    if new.all():
-        return samples, ()
-    count = f"{(~new).sum()} of {len(new)}"
-    return samples.part(new), (f"{count} rows repeat the row before while the robot moves; they are left out",)
 
 
 def interpolate(samples: Samples) -> Smoothed:

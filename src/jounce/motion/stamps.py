@@ -28,8 +28,13 @@ class Scatter:
     own: np.ndarray
 
 
-def check(t: object, q: object, names: Sequence[str] | None) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Samples as arrays (N,) and (N, n), and the joints' names; raises `JounceError` if they are invalid."""
+def check(
+    t: object, q: object, names: Sequence[str] | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Samples as arrays (N,) and (N, n), the numbers of their rows, and the joints' names.
+
+    Raises `JounceError` if they are invalid. Rows that are equal to the one before, time included, are left out.
+    """
     times, samples = (_numbers(x, label) for x, label in ((t, "t"), (q, "q")))
     samples = samples[:, None] if samples.ndim == 1 else samples
     if times.ndim != 1 or samples.ndim != 2 or len(times) != len(samples):
@@ -55,7 +60,7 @@ def check(t: object, q: object, names: Sequence[str] | None) -> tuple[np.ndarray
         )
     if len(times) < LEAST:
         raise JounceError(f"{len(times)} samples; smoothing needs at least {LEAST}: give a longer log, or through()")
-    return times, samples, joints
+    return times, samples, np.flatnonzero(kept), joints
 
 
 def spikes(t: np.ndarray, q: np.ndarray, steps: np.ndarray) -> np.ndarray:
@@ -70,16 +75,6 @@ def spikes(t: np.ndarray, q: np.ndarray, steps: np.ndarray) -> np.ndarray:
     wild = np.zeros(len(t), bool)
     wild[row[alone] - 3] = True
     return wild
-
-
-def fresh(t: np.ndarray, q: np.ndarray, velocity: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Which rows, (N,), are no mere repetitions of the one before, from which the joints should have moved.
-
-    `size` (n,) is what a joint moves at least, twice, where repetition is no accident: its steps and its noise.
-    """
-    same = np.append(False, (np.diff(q, axis=0) == 0).all(axis=1))
-    moved = (np.abs(velocity) * np.diff(t, prepend=t[0])[:, None] > 2 * size).any(axis=1)
-    return ~(same & moved)
 
 
 def scatter_of(r: np.ndarray, v: np.ndarray) -> Scatter | None:
