@@ -384,15 +384,14 @@ def fast_reach(seed, joints, rate=50, seconds=0.15):
 @pytest.mark.parametrize("joints", [1, 7])
 @pytest.mark.parametrize("seed", range(4))
 def test_a_fast_move_in_a_slow_log_is_neither_outliers_nor_a_wrong_clock(seed, joints):
-    """Seven rows hold it: the fit is off, in q by up to 0.1 of the peak, and its deviations hold that."""
+    """Seven rows hold it: the fit is off it, and its deviations hold that; errors were up to 8 of them."""
     t, q, truth, around = fast_reach(seed, joints)
     smooth = fit(t, q)
-    assert not any("stamps" in note for note in smooth.notes)
-    assert all(note.startswith("1 rows") for note in smooth.notes if "count less" in note)  # and not fifteen
+    assert not any("count less" in note or "stamps" in note for note in smooth.notes)
     assert any("does not follow the samples" in note for note in smooth.notes)
     s = np.linspace(*around, 200)
     off = [(smooth.spline(s, nu=k) - truth(s, k)) / d for k, d in enumerate(smooth.deviations(s))]
-    assert (np.sqrt([(x**2).mean() for x in off]) < [2, 3, 4, 5, 6]).all()
+    assert (np.sqrt([(x**2).mean() for x in off]) < [2, 2, 3, 3.5, 4.5]).all()
 
 
 def test_wild_rows_alone_or_in_pairs_count_less():

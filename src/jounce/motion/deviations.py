@@ -48,6 +48,8 @@ class Spread:
         How many times fewer.
     stamps : StampCovariances or None
         Where stamps are corrected. Their times are not those of `solution`: corrected rows may bear fewer breaks.
+    unfollowed : (M, n) or None
+        Mean squares of what an interval's fit leaves beyond noise: taken for a vibration at the end of its band.
     """
 
     solution: Solution
@@ -55,6 +57,7 @@ class Spread:
     coarser: "BSpline | None" = None
     ratio: float = 1.0
     stamps: StampCovariances | None = None
+    unfollowed: np.ndarray | None = None
 
     def covariances(self, t: np.ndarray, order: int) -> np.ndarray:
         """Covariances of q, qd, ... with each other at times (P,), (P, n, order + 1, order + 1)."""
@@ -65,6 +68,10 @@ class Spread:
         total = self.variance[place][:, :, None, None] * unit[:, None]
         if self.stamps is not None:
             total += self.stamps.at(t, order)
+        if self.unfollowed is not None and self.unfollowed.any():
+            rate = np.pi / np.diff(self.solution.breaks)[place, None]
+            for k in range(order + 1):
+                total[:, :, k, k] += self.unfollowed[place] * rate ** (2 * k)
         if self.coarser is not None:
             for k, model in enumerate(self._model[: order + 1]):
                 middles = (self.solution.breaks[1:] + self.solution.breaks[:-1]) / 2

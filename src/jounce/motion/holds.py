@@ -76,13 +76,14 @@ def find_holds(samples: Samples, first: Solution, cells: int) -> Holds:
     size = np.maximum(SIZES * np.maximum(samples.steps, np.sqrt(own.energy / len(starts))), scatter / 2)
     curve = first.spline(samples.t)
 
-    def passes(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        return (np.abs(curve[b] - curve[a]) > size).any(axis=1)
+    def passes(x: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return np.asarray(np.abs(x[b] - x[a]) > size)
 
-    certain = passes(starts[:-1], starts[1:])
+    catches_up = passes(samples.q, starts, (ends + 1).clip(max=len(changed) - 1))
+    certain = np.asarray(passes(curve, starts[:-1], starts[1:]).any(axis=1))
     usual = float(np.median(np.diff(starts)[certain])) if certain.any() else 1.0
     # a longer run is a rest, at whose ends a fit that is not resolved swings; while a joint is fast it is none
-    is_hold = passes(starts, ends) & (ends - starts < MAX_HOLD * usual)
+    is_hold = (passes(curve, starts, ends) & catches_up).any(axis=1) & (ends - starts < MAX_HOLD * usual)
     fast = (np.abs(np.diff(curve, axis=0)) > SIZES * np.maximum(samples.steps, scatter)).any(axis=1)
     period = _period(samples.t, starts, certain)
     held = ~changed & (is_hold[np.cumsum(changed) - 1] | np.append(False, fast) | (period is not None))

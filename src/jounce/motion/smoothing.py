@@ -102,8 +102,8 @@ def smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | Non
     solution = chosen.solution
     residual = samples.q - solution.spline(samples.t)
     unfollowed = _unfollowed(samples, residual, solution.breaks, chosen.variance)
-    variance = chosen.variance * np.maximum(beats.inflation(solution.breaks, rests=True), unfollowed)
-    spread = Spread(solution, variance, chosen.coarser.spline, chosen.ratio, left)
+    variance = chosen.variance * beats.inflation(solution.breaks, rests=True)
+    spread = Spread(solution, variance, chosen.coarser.spline, chosen.ratio, left, chosen.variance * (unfollowed - 1))
     sigma_of = np.sqrt((residual**2).mean(axis=0))
     notes += _unexplained(samples, residual) + _notes_of_unfollowed(solution.breaks, unfollowed)
     return Smoothed(samples, solution.spline, spread, sigma_of, notes)
