@@ -10,6 +10,7 @@ from jounce.errors import JounceError, listed, quoted
 from jounce.motion.deviations import HIGHEST, Spread
 from jounce.motion.holds import Holds, find_holds
 from jounce.motion.least_squares import DEGREE, knots
+from jounce.motion.lines import Line
 from jounce.motion.noise import Noise, noise_of, step_of
 from jounce.motion.samples import Samples
 from jounce.motion.smoothing import Smoothed, first_fit, interpolate, moves, rounded, smooth
@@ -178,9 +179,24 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
     if not moving.all():
         still = listed(name for name, moved in zip(joints, moving, strict=True) if not moved)
         notes.append(f"at rest but for noise, hence constant: {still}")
+    lines = [(int(np.flatnonzero(moving)[line.joint]), line) for line in (smoothed.lines if smoothed else ())]
     followed = np.flatnonzero(~wild)[~holds.held]
-    return _described(
+    found = _described(
         times, samples, moving, smoothed, joints=joints, noise=tuple(noise), notes=tuple(notes), rows=rows[followed]
+    )
+    return replace(found, notes=(*found.notes, *(_note_of_line(found, joint, line) for joint, line in lines)))
+
+
+def _note_of_line(found: Fit, joint: int, line: Line) -> str:
+    """What a vibration that stands out of the noise means in q4d, and whether the fit holds it."""
+    rate = line.amplitude * (2 * np.pi * line.frequency) ** 4
+    if found.bandwidth > line.frequency:
+        meaning = f"the fit follows it up to {found.bandwidth:.3g} Hz, unless a lower bandwidth makes it noise"
+    else:
+        meaning = f"the fit up to {found.bandwidth:.3g} Hz leaves it out, and its deviations do not hold it"
+    return (
+        f"{found.joints[joint]} vibrates at {line.frequency:.4g} Hz by {line.amplitude:.2g} rad or m, which is"
+        f" {rate:.2g} in q4d, whose peak is {found.peaks[4, joint]:.2g}: {meaning}"
     )
 
 

@@ -11,6 +11,7 @@ from jounce.motion.correction import colour, corrected
 from jounce.motion.deviations import Spread, stamp_covariances
 from jounce.motion.knots import fitted, most_intervals
 from jounce.motion.least_squares import CELLS, DEGREE, Solution, rows_of, solve
+from jounce.motion.lines import BAND, Line, find_lines
 from jounce.motion.noise import Beats, beats_of, local_noise, rest_weights, whiteness
 from jounce.motion.samples import Samples
 from jounce.motion.stamps import are_wild
@@ -41,6 +42,7 @@ class Smoothed:
     spread: Spread
     sigma: np.ndarray
     notes: tuple[str, ...]
+    lines: tuple[Line, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +80,18 @@ def moves(samples: Samples, first: Solution) -> np.ndarray:
 
 
 def smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | None) -> Smoothed:
-    """The smoothing spline of joints that move."""
+    """The smoothing spline of joints that move; without a bandwidth, of vibrations too that stand out of the noise."""
+    found = _smooth(samples, first, cells, bandwidth)
+    if not found.lines or bandwidth is not None:
+        return found
+    try:
+        wider = _smooth(samples, first, cells, BAND * max(line.frequency for line in found.lines))
+    except JounceError:  # the samples do not carry such a band
+        return found
+    return replace(wider, lines=found.lines)
+
+
+def _smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | None) -> Smoothed:
     scatter = np.sqrt(first.energy / len(samples.t))
     samples = replace(samples, weight=rest_weights(samples.t, samples.q, float(np.ptp(samples.t)) / first.intervals))
     velocity = first.spline(samples.t, nu=1)
@@ -106,7 +119,8 @@ def smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | Non
     spread = Spread(solution, variance, chosen.coarser.spline, chosen.ratio, left, chosen.variance * (unfollowed - 1))
     sigma_of = np.sqrt((residual**2).mean(axis=0))
     notes += _unexplained(samples, residual) + _notes_of_unfollowed(solution.breaks, unfollowed)
-    return Smoothed(samples, solution.spline, spread, sigma_of, notes)
+    lines = tuple(find_lines(samples, residual, solution.spline(samples.t, nu=1)))
+    return Smoothed(samples, solution.spline, spread, sigma_of, notes, lines)
 
 
 def _unfollowed(samples: Samples, residual: np.ndarray, breaks: np.ndarray, variance: np.ndarray) -> np.ndarray:
