@@ -167,7 +167,7 @@ def test_warns_where_the_digits_of_a_table_do_not_carry_its_rates_between_rows()
     motion = from_table({"t": t} | rows, PLANAR.mechanism, 4, "m.csv")
     motion(t)
     with pytest.warns(
-        jounce.JounceWarning, match="rounding of q in the table may make up 100% of q4d between its rows"
+        jounce.JounceWarning, match="rounding of q or t in the table may make up 100% of q4d between its rows"
     ):
         motion(0.50005)
 

@@ -4,8 +4,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from logs import NAMES, harmonics, log
-from scipy.interpolate import make_lsq_spline
+from logs import NAMES, encoder, harmonics, log
+from scipy.interpolate import BPoly, make_lsq_spline
 
 import jounce
 from jounce.errors import JounceError
@@ -71,7 +71,7 @@ def test_errors_lie_within_the_stated_deviations(name):
     t = inside(smooth)
     deviations = smooth.deviations(t)
     within = [np.abs(smooth.spline(t, nu=k) - measured.truth(t, k)) < 1.96 * deviations[k] for k in range(5)]
-    assert 0.90 <= np.mean(within) <= 0.99
+    assert 0.90 <= np.mean(within) <= 0.995
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -342,3 +342,64 @@ def test_a_hole_that_the_motion_cannot_be_continued_over_is_refused():
     kept = (measured.t < 3) | (measured.t > 5)
     with pytest.raises(JounceError, match=r"no samples from t = 2\.999 to 5\.001 s: 2 s, .* continued over 0\.\d+ s"):
         fit(measured.t[kept], measured.q[kept])
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_bandwidths_suit_logs_of_any_duration_and_start_whose_stamps_scatter(seed):
+    """Corrected rows may bear fewer breaks than those as they are stamped, as that of seed 6."""
+    rng = np.random.default_rng(seed)
+    truth, rate, start = harmonics(rng), rng.choice([100, 250, 500, 1000]), rng.choice([0, 3600, 1e5])
+    at = np.arange(0, rng.uniform(2, 5), 1 / rate)
+    t = np.sort(at + rng.uniform(-0.5, 0.5, len(at)) / rate)
+    q = np.round(truth(at), 6)
+    stale = 1 + np.flatnonzero(rng.random(len(t) - 1) < 0.06)
+    q[stale] = q[stale - 1]
+    smooth = fit(t + start, q, bandwidth=rng.uniform(0.08, 0.14) * rate)
+    s = inside(smooth, 50)
+    off = [rate - truth(s - start, k) for k, rate in enumerate(rates(smooth.spline, s))]
+    assert smooth.stamps
+    assert covered(off, smooth.deviations(s)) > 0.8
+
+
+def reach(t, start, seconds, order):
+    """A derivative of a C^5 step from 0 to 1 in some seconds."""
+    step = BPoly.from_derivatives([0, 1], [[0, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0]])
+    x = (t - start) / seconds
+    return np.where((x < 0) | (x > 1), (order == 0) * (x >= 1), step(x.clip(0, 1), nu=order)) / seconds**order
+
+
+def fast_reach(seed, joints, rate=50, seconds=0.15):
+    """Slow harmonics with a reach of 0.3 rad, and its truth."""
+    rng = np.random.default_rng(seed)
+    start, size = rng.uniform(3, 5), rng.uniform(0.2, 0.3, joints) * rng.choice([-1, 1], joints)
+    slow = harmonics(rng, base=0.02, amplitude=0.3)
+    t = np.arange(0, rng.uniform(7, 9), 1 / rate)
+
+    def truth(t, k=0):
+        return slow(t, k)[..., :joints] + size * reach(t, start, seconds, k)[..., None]
+
+    return t, encoder(truth(t) + 1e-5 * rng.normal(size=(len(t), joints)), 17), truth, (start - 0.1, start + 0.25)
+
+
+@pytest.mark.parametrize("joints", [1, 7])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_fast_move_in_a_slow_log_is_neither_outliers_nor_a_wrong_clock(seed, joints):
+    """Seven rows hold it: the fit is off it, and its deviations hold that; errors were up to 8 of them."""
+    t, q, truth, around = fast_reach(seed, joints)
+    smooth = fit(t, q)
+    assert not any("count less" in note or "stamps" in note for note in smooth.notes)
+    assert any("does not follow the samples" in note for note in smooth.notes)
+    s = np.linspace(*around, 200)
+    off = [(smooth.spline(s, nu=k) - truth(s, k)) / d for k, d in enumerate(smooth.deviations(s))]
+    assert (np.sqrt([(x**2).mean() for x in off]) < [2, 2, 3, 3.5, 4.5]).all()
+
+
+def test_wild_rows_alone_or_in_pairs_count_less():
+    measured = log("noise 1e-4")
+    wild = measured.q.copy()
+    wild[[2000, 4000, 4001, 6000]] += 0.003
+    smooth = fit(measured.t, wild)
+    assert len(smooth.rows) == len(wild) - 1  # the one far from its neighbours on either side
+    assert any("3 rows lie far from the others and count less" in note for note in smooth.notes)
+    t = inside(smooth)
+    assert (np.abs(smooth.spline(t) - measured.truth(t)) < 5 * smooth.deviations(t)[0]).mean() > 0.97

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from jounce.errors import JounceError, quoted
+from jounce.io.remainders import split_names, with_remainders
 
 Columns = dict[str, np.ndarray]
 Select = Callable[[Sequence[str]], Iterable[str]]  # of the names that a table has, those to be read
@@ -39,7 +40,8 @@ def select_columns(columns: Mapping[str, np.ndarray], select: Select | None) -> 
     if select is None:
         return dict(columns)
     flat = flatten(columns)
-    return {name: flat[name] for name in select(list(flat))}
+    names, bases = split_names(select(list(flat)))
+    return with_remainders({name: flat[name] for name in names}, bases, flat)
 
 
 class CellError(JounceError):

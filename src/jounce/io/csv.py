@@ -15,6 +15,7 @@ from jounce._scalars import finite
 from jounce.errors import JounceError, one_line, quoted
 from jounce.io.columns import CellError, Columns, Select, check_distinct
 from jounce.io.files import opened
+from jounce.io.remainders import remainder_of, remainders_of_texts, split_names
 
 BLOCK = 1 << 20  # bytes that are copied at a time
 CELLS = 1 << 16  # in a piece
@@ -109,12 +110,12 @@ def _pieces(path: Path, file: TextIO, select: Select | None) -> Iterator[Columns
     if first is None:
         raise JounceError(f"{path}: the table is empty; expected a row of column names and rows of numbers")
     header = _header(path, [cell.strip() for cell in first[1]], mark)
-    wanted = [header.index(name) for name in (header if select is None else select(header))]
+    names, bases = split_names(header if select is None else select(header))
     piece = list(islice(rows, _rows(len(header))))
     if not piece:
         raise JounceError(f"{path}: no rows of numbers under the column names")
     while piece:
-        yield _columns(path, header, wanted, piece, mark)
+        yield _columns(path, header, (names, bases), piece, mark)
         piece = list(islice(rows, _rows(len(header))))
 
 
@@ -133,7 +134,11 @@ def _header(path: Path, cells: Sequence[str], mark: str) -> list[str]:
     return header
 
 
-def _columns(path: Path, header: Sequence[str], wanted: Sequence[int], piece: Sequence[Row], mark: str) -> Columns:
+def _columns(
+    path: Path, header: Sequence[str], asked: tuple[list[str], list[str]], piece: Sequence[Row], mark: str
+) -> Columns:
+    names, bases = asked
+    wanted = [header.index(name) for name in names]
     for line, row in piece:
         if len(row) != len(header):
             raise JounceError(f"{path}:{line}: {len(row)} cells; expected {len(header)}, one for each column")
@@ -143,7 +148,11 @@ def _columns(path: Path, header: Sequence[str], wanted: Sequence[int], piece: Se
     if numbers is None:
         cells = ((line, header[i], row[i]) for line, row in piece for i in wanted)
         numbers = np.array([_number(cell.strip(), f"{path}:{line}", name) for line, name, cell in cells])
-    return {header[i]: column.copy() for i, column in zip(wanted, numbers.reshape(len(piece), -1).T, strict=True)}
+    columns = {name: column.copy() for name, column in zip(names, numbers.reshape(len(piece), -1).T, strict=True)}
+    for name in bases:
+        texts = [row[header.index(name)] for _, row in piece]
+        columns[remainder_of(name)] = remainders_of_texts(texts, columns[name])
+    return columns
 
 
 def parse_numbers(cells: Sequence[str]) -> np.ndarray | None:

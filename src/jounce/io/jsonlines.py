@@ -12,6 +12,7 @@ from jounce._scalars import is_finite
 from jounce.errors import JounceError, listed, one_line, quoted
 from jounce.io.columns import CellError, Columns, Select
 from jounce.io.files import opened
+from jounce.io.remainders import remainder_of, remainders_of_texts, split_names
 
 ROWS = 1 << 12  # in a piece
 
@@ -23,16 +24,32 @@ def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
         first = next(rows, None)
         if first is None:
             raise JounceError(f"{path}: the table is empty; expected one JSON object per line, a number for each name")
-        names = list(first[1] if select is None else select(list(first[1])))
+        names, bases = split_names(first[1] if select is None else select(list(first[1])))
         piece = [first, *islice(rows, ROWS - 1)]
         while piece:
-            yield {name: np.array([_number(path, *numbered, name) for numbered in piece]) for name in names}
+            columns = {name: np.array([_number(path, *numbered, name) for numbered in piece]) for name in names}
+            for name in bases:
+                cells = [str(row[name]) for _, row in piece]
+                columns[remainder_of(name)] = remainders_of_texts(cells, columns[name])
+            yield columns
             piece = list(islice(rows, ROWS))
+
+
+class _Written(float):
+    """A number that remembers how it is written."""
+
+    __slots__ = ("text",)
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+
+    def __str__(self) -> str:
+        return self.text
 
 
 def _row(path: Path, number: int, line: bytes) -> dict[str, Any]:
     try:
-        row = json.loads(line)
+        row = json.loads(line, parse_float=_Written)
         if not isinstance(row, dict):
             raise ValueError(f"{quoted(row)} is not an object")
         return dict(_flat(row, ""))

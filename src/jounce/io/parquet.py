@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from jounce.io.columns import About, Columns, Select, checked
+from jounce.io.remainders import split_names
 from jounce.io.spans.chunk import Span
 from jounce.io.spans.parquet import check_numbers, chunks, names, opened, pyarrow
 
@@ -21,7 +22,7 @@ def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
     """Yield the table of a file in pieces of some rows."""
     header = names(path)
     wanted = header if select is None else list(select(header))
-    check_numbers(path, wanted)
+    check_numbers(path, split_names(wanted)[0])
     with opened(path) as file:
         rows = file.metadata.num_rows
     found = False

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from jounce.motion.least_squares import Solution, solve
+from jounce.motion.knots import fitted
+from jounce.motion.least_squares import Solution
 from jounce.motion.samples import Samples
 from jounce.motion.stamps import SUBSET, Scatter, scatter_of, shifts
 
@@ -30,7 +31,7 @@ def corrected(samples: Samples, raw: Solution, cells: int, rounds: int) -> tuple
         order, shift = order[again], shift[again]
         moved = replace(samples.part(order), t=times[again])
         if k + 1 < rounds:
-            spline = solve(moved.rows(cells), raw.breaks).spline
+            spline = fitted(moved.rows(cells), raw.breaks).spline
     return moved, scatter
 
 

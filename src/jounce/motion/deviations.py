@@ -19,6 +19,20 @@ HIGHEST = 6  # derivative with a standard deviation
 
 
 @dataclass(frozen=True, eq=False)
+class StampCovariances:
+    """Covariances (T, n, 7, 7), at times t (T,), of what is left of the stamps' scatter where they are corrected."""
+
+    t: np.ndarray
+    values: np.ndarray
+
+    def at(self, t: np.ndarray, order: int) -> np.ndarray:
+        """Covariances of q, qd, ... with each other at times (P,), (P, n, order + 1, order + 1)."""
+        some = self.values[:, :, : order + 1, : order + 1]
+        columns = some.reshape(len(self.t), -1).T
+        return np.stack([np.interp(t, self.t, column) for column in columns], axis=1).reshape(-1, *some.shape[1:])
+
+
+@dataclass(frozen=True, eq=False)
 class Spread:
     """Covariances of a least-squares spline: (B^T B)^-1, times a variance per interval and joint.
 
@@ -32,15 +46,18 @@ class Spread:
         A spline of fewer intervals, to tell the error of the spline itself from.
     ratio : float
         How many times fewer.
-    stamps : (4 M, n, 7, 7) or None
-        Covariances, in the quarters of the intervals, of what is left of the stamps' scatter where they are corrected.
+    stamps : StampCovariances or None
+        Where stamps are corrected. Their times are not those of `solution`: corrected rows may bear fewer breaks.
+    unfollowed : (M, n) or None
+        Mean squares of what an interval's fit leaves beyond noise: taken for a vibration at the end of its band.
     """
 
     solution: Solution
     variance: np.ndarray
     coarser: "BSpline | None" = None
     ratio: float = 1.0
-    stamps: np.ndarray | None = None
+    stamps: StampCovariances | None = None
+    unfollowed: np.ndarray | None = None
 
     def covariances(self, t: np.ndarray, order: int) -> np.ndarray:
         """Covariances of q, qd, ... with each other at times (P,), (P, n, order + 1, order + 1)."""
@@ -50,9 +67,11 @@ class Spread:
         unit, place = _unit_covariances(self.solution, self._blocks, t, order)
         total = self.variance[place][:, :, None, None] * unit[:, None]
         if self.stamps is not None:
-            times = _quarters(self.solution.breaks)
-            some = self.stamps[:, :, : order + 1, : order + 1].reshape(len(times), -1)
-            total += np.stack([np.interp(t, times, column) for column in some.T], axis=1).reshape(total.shape)
+            total += self.stamps.at(t, order)
+        if self.unfollowed is not None and self.unfollowed.any():
+            rate = np.pi / np.diff(self.solution.breaks)[place, None]
+            for k in range(order + 1):
+                total[:, :, k, k] += self.unfollowed[place] * rate ** (2 * k)
         if self.coarser is not None:
             for k, model in enumerate(self._model[: order + 1]):
                 middles = (self.solution.breaks[1:] + self.solution.breaks[:-1]) / 2
@@ -83,8 +102,8 @@ class Spread:
         return out
 
 
-def stamp_covariances(rows: Rows, raw: Solution, sigma: float, own: np.ndarray) -> np.ndarray:
-    """Covariances, (4 M, n, 7, 7), of what is left in q, qd, ... of stamps that scattered by sigma before correction.
+def stamp_covariances(rows: Rows, raw: Solution, sigma: float, own: np.ndarray) -> StampCovariances:
+    """What is left in q, qd, ... of stamps that scattered by sigma before correction.
 
     Corrected stamps are wrong by what a fit to the raw ones takes of their scatter: tau = (v^T D^-1 e) / (v^T D^-1 v),
     where e are splines fitted to v d with random d. The fit at corrected times takes v tau. Draws of d tell the
@@ -107,7 +126,7 @@ def stamp_covariances(rows: Rows, raw: Solution, sigma: float, own: np.ndarray) 
         rates = [curve(times, nu=k).reshape(len(times), -1, TOGETHER) for k in range(HIGHEST + 1)]
         e = np.stack(rates, axis=2)
         total += e @ e.mT / DRAWS
-    return total
+    return StampCovariances(times, total)
 
 
 def _unit_covariances(

@@ -8,7 +8,9 @@ import numpy as np
 
 from jounce.errors import JounceError, listed, quoted
 from jounce.motion.deviations import HIGHEST, Spread
+from jounce.motion.holds import Holds, find_holds
 from jounce.motion.least_squares import DEGREE, knots
+from jounce.motion.lines import Line
 from jounce.motion.noise import Noise, noise_of, step_of
 from jounce.motion.samples import Samples
 from jounce.motion.smoothing import Smoothed, first_fit, interpolate, moves, rounded, smooth
@@ -54,6 +56,8 @@ class Fit:
         What a user should know about the samples and the fit, one sentence each.
     spacing : float
         The median time between samples in s.
+    rows : (R,)
+        The numbers of the samples that the fit follows: not of wild ones, nor of those that repeat older positions.
     """
 
     spline: "BSpline"
@@ -65,6 +69,7 @@ class Fit:
     relative: np.ndarray
     notes: tuple[str, ...]
     spacing: float
+    rows: np.ndarray
     _spread: Spread | None
     _moving: np.ndarray
 
@@ -151,7 +156,7 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
     >>> smooth.noise[0].kind, smooth.highest
     ('encoder step', 6)
     """
-    times, samples, joints = check(t, q, names)
+    times, samples, rows, joints = check(t, q, names)
     check_bandwidth(bandwidth)
     rounding = [step_of(column) for column in samples.T]
     steps = np.array([step for step, _ in rounding])
@@ -159,40 +164,62 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
     times, samples = times[~wild], samples[~wild]
     span = float(times[0]), float(times[-1])
     try:
-        moving, smoothed = _smooth(Samples(times, samples, np.ones(len(times)), span, steps), bandwidth)
+        moving, holds, smoothed = _smooth(Samples(times, samples, np.ones(len(times)), span, steps), bandwidth)
     except np.linalg.LinAlgError:
         text = "no spline of degree 9 follows from these samples: give more of them, at distinct times"
         raise JounceError(text) from None
     if smoothed:
-        _refuse_holes(times, smoothed.spread.solution.breaks)
+        _refuse_holes(holds.t, smoothed.spread.solution.breaks)
     noise = [Noise(float(column.std()), "rest") for column in samples.T]
     notes = [f"{wild.sum()} rows lie far from their neighbours; they are ignored"] if wild.any() else []
     if smoothed:
-        notes += smoothed.notes
+        notes += [*holds.notes, *smoothed.notes]
         for k, joint in enumerate(np.flatnonzero(moving)):
             noise[joint] = noise_of(smoothed.samples.q[:, k], float(smoothed.sigma[k]), rounding[joint])
     if not moving.all():
         still = listed(name for name, moved in zip(joints, moving, strict=True) if not moved)
         notes.append(f"at rest but for noise, hence constant: {still}")
-    return _described(times, samples, moving, smoothed, joints=joints, noise=tuple(noise), notes=tuple(notes))
+    lines = [(int(np.flatnonzero(moving)[line.joint]), line) for line in (smoothed.lines if smoothed else ())]
+    followed = np.flatnonzero(~wild)[~holds.held]
+    found = _described(
+        times, samples, moving, smoothed, joints=joints, noise=tuple(noise), notes=tuple(notes), rows=rows[followed]
+    )
+    return replace(found, notes=(*found.notes, *(_note_of_line(found, joint, line) for joint, line in lines)))
 
 
-def _smooth(samples: Samples, bandwidth: float | None) -> tuple[np.ndarray, Smoothed | None]:
-    """Which joints move, (n,), and the spline of these."""
-    moving = np.ptp(samples.q, axis=0) > 0
+def _note_of_line(found: Fit, joint: int, line: Line) -> str:
+    """What a vibration that stands out of the noise means in q4d, and whether the fit holds it."""
+    rate = line.amplitude * (2 * np.pi * line.frequency) ** 4
+    if found.bandwidth > line.frequency:
+        meaning = f"the fit follows it up to {found.bandwidth:.3g} Hz, unless a lower bandwidth makes it noise"
+    else:
+        meaning = f"the fit up to {found.bandwidth:.3g} Hz leaves it out, and its deviations do not hold it"
+    return (
+        f"{found.joints[joint]} vibrates at {line.frequency:.4g} Hz by {line.amplitude:.2g} rad or m, which is"
+        f" {rate:.2g} in q4d, whose peak is {found.peaks[4, joint]:.2g}: {meaning}"
+    )
+
+
+def _smooth(samples: Samples, bandwidth: float | None) -> tuple[np.ndarray, Holds, Smoothed | None]:
+    """Which joints move, (n,), which rows hold older positions of these, and their spline."""
+    moving, holds = np.ptp(samples.q, axis=0) > 0, Holds(np.zeros(len(samples.t), bool), samples.t)
     if not moving.any():
-        return moving, None
+        return moving, holds, None
     part = samples.joints(moving)
     first, cells = first_fit(part)
     moved = moves(part, first)
     moving[moving] = moved
     if not moved.any():
-        return moving, None
+        return moving, holds, None
     if not moved.all():
         part = samples.joints(moving)
         first, cells = first_fit(part)
+    holds = find_holds(part, first, cells)
+    if holds.held.any():
+        part = replace(part.part(~holds.held), t=holds.t.clip(*part.span))
+        first, cells = first_fit(part)
     exact = bandwidth is None and rounded(part, first)
-    return moving, interpolate(part) if exact else smooth(part, first, cells, bandwidth)
+    return moving, holds, interpolate(part) if exact else smooth(part, first, cells, bandwidth)
 
 
 def _refuse_holes(t: np.ndarray, breaks: np.ndarray) -> None:
@@ -218,6 +245,7 @@ def _described(
     joints: tuple[str, ...],
     noise: tuple[Noise, ...],
     notes: tuple[str, ...],
+    rows: np.ndarray,
 ) -> Fit:
     """The fit of all joints, with what tells how far it can be trusted."""
     from scipy.interpolate import BSpline
@@ -235,7 +263,7 @@ def _described(
     ends = (float(breaks[edge]), float(breaks[-1 - edge])) if smoothed else (float(t[0]), float(t[-1]))
     spread, spacing = smoothed.spread if smoothed else None, float(np.median(np.diff(t)))
     zeros = np.zeros((HIGHEST + 1, len(joints)))
-    bare = Fit(spline, joints, noise, 0.5 / usual, ends, zeros, zeros[:, 0], notes, spacing, spread, moving)
+    bare = Fit(spline, joints, noise, 0.5 / usual, ends, zeros, zeros[:, 0], notes, spacing, rows, spread, moving)
     inside = np.linspace(*ends, min(POINTS, 4 * len(breaks)) + 2)[1:-1]
     size = np.abs([spline(inside, nu=k) - (k == 0) * q.mean(axis=0) for k in range(HIGHEST + 1)])
     off = np.array(bare.deviations(inside, HIGHEST))

@@ -19,12 +19,14 @@ NOTICEABLE = 0.01  # share of rounding in a rate from which on a user should hea
 class Hermite:
     """Polynomials between rows at t (N,) of q, qd, ... (N, columns) each: m of them make the degree 2 m - 1.
 
-    `spreads` are their standard deviations, if the rows come from a fit and not from a plan.
+    `spreads` are their standard deviations, if the rows come from a fit and not from a plan. `rounding` is the standard
+    deviation of t in s, beyond that of doubles.
     """
 
     t: np.ndarray
     rows: tuple[np.ndarray, ...]
     spreads: tuple[np.ndarray, ...] | None = None
+    rounding: float = 0.0
 
     @property
     def start(self) -> float:
@@ -64,19 +66,40 @@ class Hermite:
         return []
 
     def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
-        """The standard deviations that the rows state, linear between them."""
+        """The standard deviations that the rows state, linear between them, and what the rounding of t adds."""
         if self.spreads is None:
-            return None
-        return [np.stack([np.interp(t, self.t, x) for x in rows.T], axis=1) for rows in self.spreads[: order + 1]]
+            return self._deviations_of_rounding(t, order) if self.rounding else None
+        stated = [self._linear(rows, t) for rows in self.spreads[: order + 1]]
+        if not self.rounding:
+            return stated
+        return [np.hypot(a, b) for a, b in zip(stated, self._deviations_of_rounding(t, order), strict=False)]
+
+    def _linear(self, rows: np.ndarray, t: np.ndarray) -> np.ndarray:
+        return np.stack([np.interp(t, self.t, column) for column in rows.T], axis=1)
+
+    def _deviations_of_rounding(self, t: np.ndarray, order: int) -> list[np.ndarray]:
+        """What the rounding of t does: at rows, which hold at other times; between them, where h^-k magnifies it."""
+        i = np.searchsorted(self.t, t).clip(1, len(self.t) - 1)
+        h = (self.t[i] - self.t[i - 1])[:, None]
+        rates = [*(self._linear(np.abs(row), t) for row in self.rows[1:]), np.zeros((len(t), self.columns))]
+        apart = np.where((self.t[i] == t) | (self.t[i - 1] == t), 0, np.sqrt(2) * self.rounding)[:, None]
+        return [
+            np.hypot(
+                self.rounding * rates[min(k, self.highest)],
+                apart * rates[0] * _gain(len(self.rows), k) / h**k,
+            )
+            for k in range(order + 1)
+        ]
 
     @np.errstate(all="ignore")
     def _warn_of_rounding(self, order: int) -> None:
         """Warn where the digits of q do not carry the highest rate from row to row: h^-k magnifies them."""
-        size = np.array([resolution(column) for column in self.rows[0].T])
+        of_t = self.rounding * np.abs(self.rows[min(1, self.highest)]).max(axis=0)
+        size = np.maximum([resolution(column) for column in self.rows[0].T], of_t)
         noise = size * _gain(len(self.rows), order) / np.diff(self.t).min() ** order
         share = float((noise / np.maximum(np.abs(self.rows[order]).max(axis=0), np.finfo(float).tiny)).max())
         if share > NOTICEABLE and np.any(self.rows[order]):
-            text = f"rounding of q in the table may make up {min(share, 1):.0%} of {rate_name('q', order)}"
+            text = f"rounding of q or t in the table may make up {min(share, 1):.0%} of {rate_name('q', order)}"
             warn(f"{text} between its rows; look at the motion at its rows, or give more digits or wider steps")
 
 

@@ -15,7 +15,7 @@ from jounce.motion.noise import local_noise
 from jounce.motion.smoothing import ROUNDING
 from jounce.motion.smoothness import BEYOND_NOISE, of_samples
 from jounce.motion.spline import Smoothing, Spline, SplineCurve, curve_of
-from jounce.motion.stamps import LEAST, fresh, spikes
+from jounce.motion.stamps import LEAST
 from jounce.spatial.series import rate_name
 
 THROUGH = "--degree 7 (degree=7)"
@@ -50,15 +50,18 @@ def found_from(
     highest: int,
     place: str,
     symbol: str = "q",
+    rounding: float = 0.0,
 ) -> Found:
     """The curve of samples q (N, n), or of others, of which the derivative of order `highest` is asked.
+
+    `rounding` is the standard deviation of the times' rounding in s, beyond that of doubles; a fit finds it as noise.
 
     Raises
     ------
     JounceError : where no curve follows from the samples, or they cannot carry that derivative and are not forced to.
     """
     if isinstance(way, Spline):
-        return _by_hand(t, q, way, highest, place, symbol)
+        return _by_hand(t, q, way, highest, place, symbol, rounding)
     if len(t) < LEAST:
         least = f"smoothing needs at least {LEAST}; {THROUGH} takes them as exact"
         raise JounceError(f"{place}: {len(t)} samples; {least}")
@@ -87,19 +90,21 @@ def found_from(
 def _jumps(t: np.ndarray, q: np.ndarray, off: np.ndarray, fitted: Fit, symbol: str) -> str | None:
     """What jumps in samples (N, n), where a fit does not follow them and their stamps are right."""
     steps = np.array([noise.step for noise in fitted.noise])
-    noise = np.maximum(local_noise(q), steps)
-    usual = ~spikes(t, q, steps) & fresh(t, q, fitted.spline(t, nu=1), noise)
-    if fitted.stamps or not (off[usual].max(axis=0) > BEYOND_NOISE * noise).any():
+    noise = np.maximum(local_noise(q[fitted.rows]), steps)
+    rows = fitted.rows
+    if fitted.stamps or not (off[rows].max(axis=0) > BEYOND_NOISE * noise).any():
         return None
-    return of_samples(t[usual], q[usual], noise, symbol)
+    return of_samples(t[rows], q[rows], noise, symbol)
 
 
-def _by_hand(t: np.ndarray, q: np.ndarray, way: Spline, highest: int, place: str, symbol: str) -> Found:
+def _by_hand(
+    t: np.ndarray, q: np.ndarray, way: Spline, highest: int, place: str, symbol: str, rounding: float = 0.0
+) -> Found:
     if way.intervals is None and (
         jumps := of_samples(t, q, symbol=symbol)
     ):  # what a fit does not follow, its residual tells
         warn(f"{place}: {jumps}")
-    curve = curve_of(t, q, way, place, highest, symbol)
+    curve = curve_of(t, q, way, place, highest, symbol, rounding)
     residual = None if way.intervals is None else np.abs(curve.rates(t, 0)[0] - q).max(axis=0)
     return Found(curve, f"samples, rates from a {way}", residual=residual)
 

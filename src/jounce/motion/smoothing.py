@@ -5,15 +5,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.errors import JounceError
+from jounce.errors import JounceError, listed
 from jounce.motion.choice import Choice, again, bounded, by_schwarz, choose
 from jounce.motion.correction import colour, corrected
 from jounce.motion.deviations import Spread, stamp_covariances
-from jounce.motion.knots import most_intervals
+from jounce.motion.knots import fitted, most_intervals
 from jounce.motion.least_squares import CELLS, DEGREE, Solution, rows_of, solve
+from jounce.motion.lines import BAND, Line, find_lines
 from jounce.motion.noise import Beats, beats_of, local_noise, rest_weights, whiteness
 from jounce.motion.samples import Samples
-from jounce.motion.stamps import fresh
+from jounce.motion.stamps import are_wild
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -24,6 +25,9 @@ MANY = 0.7  # of the intervals that samples bear: needing as many looks as if th
 NOT_WHITE = 5  # standard deviations of von Neumann's ratio
 OUTLIER = 6  # standard deviations
 UNEXPLAINED = 0.1  # share of a joint's scatter about its mean that a fit may leave
+AROUND = 2  # intervals on either side of one that tell how well the fit follows there
+UNUSUAL = 6  # standard deviations of chi^2, by which residuals around an interval are no noise
+NOT_FOLLOWED = 10.0  # times the usual squares of residuals, which a user should know of
 SEVERAL = 0.05  # share of the samples, from which on they are no outliers
 LONG = 20 * CELLS  # samples, from which on parts of them tell how many intervals they need
 PROBES, PROBE = 6, 4096  # such parts, and the samples of each
@@ -38,6 +42,7 @@ class Smoothed:
     spread: Spread
     sigma: np.ndarray
     notes: tuple[str, ...]
+    lines: tuple[Line, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,9 +80,19 @@ def moves(samples: Samples, first: Solution) -> np.ndarray:
 
 
 def smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | None) -> Smoothed:
-    """The smoothing spline of joints that move."""
+    """The smoothing spline of joints that move; without a bandwidth, of vibrations too that stand out of the noise."""
+    found = _smooth(samples, first, cells, bandwidth)
+    if not found.lines or bandwidth is not None:
+        return found
+    try:
+        wider = _smooth(samples, first, cells, BAND * max(line.frequency for line in found.lines))
+    except JounceError:  # the samples do not carry such a band
+        return found
+    return replace(wider, lines=found.lines)
+
+
+def _smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | None) -> Smoothed:
     scatter = np.sqrt(first.energy / len(samples.t))
-    samples, notes = _without_repetitions(samples, first, scatter)
     samples = replace(samples, weight=rest_weights(samples.t, samples.q, float(np.ptp(samples.t)) / first.intervals))
     velocity = first.spline(samples.t, nu=1)
     beats = beats_of(samples.t, samples.q, velocity, samples.steps, scatter, samples.weight)
@@ -88,21 +103,49 @@ def smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | Non
         samples = replace(found[0], drift=(first.spline, found[1].own))
         setting = replace(setting, floor=np.maximum(setting.floor, scatter**2))
     chosen, samples, note = _without_outliers(samples, setting)
-    notes += note
+    notes = note
     if found:
         rows = stamped.rows(cells)
-        raw = solve(rows, chosen.solution.breaks)
+        raw = fitted(rows, chosen.solution.breaks)
         samples, times = corrected(stamped, raw, cells, 2) or found
         sigma = colour(samples, stamped.t, raw, times.sigma) * times.sigma
         left = stamp_covariances(rows, raw, sigma, times.own)
         chosen = again(samples.rows(cells), beats, chosen)
         notes += (f"time stamps scatter by {times.sigma:.2g} s; one shift per row, from all joints, corrects them",)
     solution = chosen.solution
-    variance = chosen.variance * beats.inflation(solution.breaks, rests=True)
-    spread = Spread(solution, variance, chosen.coarser.spline, chosen.ratio, left)
     residual = samples.q - solution.spline(samples.t)
+    unfollowed = _unfollowed(samples, residual, solution.breaks, chosen.variance)
+    variance = chosen.variance * beats.inflation(solution.breaks, rests=True)
+    spread = Spread(solution, variance, chosen.coarser.spline, chosen.ratio, left, chosen.variance * (unfollowed - 1))
     sigma_of = np.sqrt((residual**2).mean(axis=0))
-    return Smoothed(samples, solution.spline, spread, sigma_of, notes + _unexplained(samples, residual))
+    notes += _unexplained(samples, residual) + _notes_of_unfollowed(solution.breaks, unfollowed)
+    lines = tuple(find_lines(samples, residual, solution.spline(samples.t, nu=1)))
+    return Smoothed(samples, solution.spline, spread, sigma_of, notes, lines)
+
+
+def _unfollowed(samples: Samples, residual: np.ndarray, breaks: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """Mean squares of residuals (N, n) around each interval over the variance, (M, n), where they are no noise; or 1.
+
+    A motion that is too fast for the samples leaves them, and an error of its own size.
+    """
+    squares = (samples.weight[:, None] * residual) ** 2 / variance
+    bounds = np.searchsorted(samples.t, breaks)
+    bounds[0], bounds[-1] = 0, len(samples.t)
+    sums = np.concatenate([np.zeros((1, squares.shape[1])), np.cumsum(squares, axis=0)])
+    first, last = (np.arange(len(breaks) - 1) + k for k in (-AROUND, AROUND + 1))
+    first, last = first.clip(0), last.clip(max=len(breaks) - 1)
+    freedom = np.maximum(bounds[last] - bounds[first] - (last - first), 1)[:, None]
+    mean = (sums[bounds[last]] - sums[bounds[first]]) / freedom
+    return np.where(mean > 1 + UNUSUAL * np.sqrt(2 / freedom), mean, 1.0)
+
+
+def _notes_of_unfollowed(breaks: np.ndarray, unfollowed: np.ndarray) -> tuple[str, ...]:
+    where = np.flatnonzero((unfollowed > NOT_FOLLOWED).any(axis=1))
+    if not where.size:
+        return ()
+    parts = np.split(where, np.flatnonzero(np.diff(where) > 2 * AROUND) + 1)
+    spans = listed(f"{breaks[part[0]]:.4g} to {breaks[part[-1] + 1]:.4g} s" for part in parts)
+    return (f"the fit does not follow the samples to their noise at t = {spans}: deviations are larger there",)
 
 
 def _unexplained(samples: Samples, residual: np.ndarray) -> tuple[str, ...]:
@@ -110,14 +153,6 @@ def _unexplained(samples: Samples, residual: np.ndarray) -> tuple[str, ...]:
     if not (slow & (residual.std(axis=0) > UNEXPLAINED * samples.q.std(axis=0))).any():
         return ()
     return ("much of the samples' scatter is no white noise: there may be motion faster than they carry",)
-
-
-def _without_repetitions(samples: Samples, first: Solution, scatter: np.ndarray) -> tuple[Samples, tuple[str, ...]]:
-    new = fresh(samples.t, samples.q, first.spline(samples.t, nu=1), np.maximum(samples.steps, scatter))
-    if new.all():
-        return samples, ()
-    count = f"{(~new).sum()} of {len(new)}"
-    return samples.part(new), (f"{count} rows repeat the row before while the robot moves; they are left out",)
 
 
 def interpolate(samples: Samples) -> Smoothed:
@@ -149,19 +184,20 @@ def _without_outliers(samples: Samples, setting: Setting) -> tuple[Choice, Sampl
     chosen = _choice(samples, setting)
     left = samples.q - chosen.solution.spline(samples.t)
     scale = np.maximum(np.median(np.abs(left), axis=0) / 0.6745, np.sqrt(chosen.variance) / 2)
-    far = _far_alone(left / scale) / OUTLIER
+    far = _far_alone(samples, left, scale) / OUTLIER
     if not 0 < (far > 1).mean() < SEVERAL:
         return chosen, samples, ()
     samples = replace(samples, weight=samples.weight / np.sqrt(np.maximum(far, 1)))
     return _choice(samples, setting), samples, (f"{(far > 1).sum()} rows lie far from the others and count less",)
 
 
-def _far_alone(left: np.ndarray) -> np.ndarray:
-    """How far each row (N,) of residuals (N, n) is off, in some joint, and off what its neighbours are off."""
-    far = np.abs(left).max(axis=1)
+def _far_alone(samples: Samples, left: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """How far each row (N,) of residuals (N, n) is off, in some joint; 0 where it is so by a motion of several rows."""
+    off = np.abs(left) / scale
+    far, worst = off.max(axis=1), off.argmax(axis=1)
     [beyond] = np.nonzero(far > OUTLIER)
-    around = (beyond[:, None] + np.arange(-2, 3)).clip(0, len(left) - 1)
-    far[beyond] = np.abs(left[beyond] - np.median(left[around], axis=1)).max(axis=1)
+    alone = are_wild(samples.t, samples.q / scale, beyond, worst[beyond], far[beyond])
+    far[beyond[~alone]] = 0.0
     return far
 
 

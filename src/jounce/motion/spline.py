@@ -96,8 +96,13 @@ class SplineCurve:
         """None: the samples are taken as exact."""
 
 
-def curve_of(t: np.ndarray, q: np.ndarray, spline: Spline, place: str, highest: int, symbol: str = "q") -> SplineCurve:
-    """The spline of samples q (N, n); a warning where their rounding shows in the rate of order `highest`."""
+def curve_of(
+    t: np.ndarray, q: np.ndarray, spline: Spline, place: str, highest: int, symbol: str = "q", rounding: float = 0.0
+) -> SplineCurve:
+    """The spline of samples q (N, n); a warning where rounding of q or t shows in the rate of order `highest`.
+
+    `rounding` is the standard deviation of the rounding of t in s, beyond that of doubles.
+    """
     spline.check(len(t), place)
     if highest > spline.degree:
         asked, last = rate_name(symbol, highest), f"{symbol}{spline.degree}d"
@@ -110,7 +115,7 @@ def curve_of(t: np.ndarray, q: np.ndarray, spline: Spline, place: str, highest: 
     for k, rate in enumerate(rates):
         if not np.isfinite(rate).all():
             raise JounceError(f"{place}: {rate_name(symbol, k)} of the {spline} overflows; expected smaller samples")
-    _warn_of_rounding(t, q, rates, spline, place, symbol)
+    _warn_of_rounding(t, q, rates, spline, place, symbol, rounding)
     return curve
 
 
@@ -143,14 +148,20 @@ def check_bandwidth(given: object) -> None:
 
 @np.errstate(all="ignore")  # samples near the end of the doubles overflow here, and no more
 def _warn_of_rounding(
-    t: np.ndarray, q: np.ndarray, rates: Sequence[np.ndarray], spline: Spline, place: str, symbol: str
+    t: np.ndarray,
+    q: np.ndarray,
+    rates: Sequence[np.ndarray],
+    spline: Spline,
+    place: str,
+    symbol: str,
+    rounding: float,
 ) -> None:
     """Warn where the samples' own rounding shows in the highest rate: differentiation multiplies it by (1/dt)^k.
 
     A spline is linear in its samples, so the spline of random errors of their size tells what they do.
     """
     highest = len(rates) - 1
-    of_t = np.finfo(float).eps * np.abs(t).max() * np.abs(rates[min(1, highest)]).max(axis=0)
+    of_t = (np.finfo(float).eps * np.abs(t).max() + rounding) * np.abs(rates[min(1, highest)]).max(axis=0)
     size = np.nan_to_num(np.maximum([resolution(column) for column in q.T], of_t))
     errors = np.random.default_rng(0).uniform(-1, 1, q.shape) * size
     error = np.abs(spline.of(t, errors)(t, nu=highest)).max(axis=0)

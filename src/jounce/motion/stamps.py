@@ -16,7 +16,10 @@ SUBSET = 20000  # rows from which the scatter of stamps is estimated, at most
 ROUNDS = 30  # of expectation and maximisation
 FAR = 10.0  # times the usual residual, from which on a row is an outlier
 MOST = 0.9  # of the rows are usual
+OWN_SHARE = 0.5  # of what a wild row is off the fit, it is off its neighbours at least
+BESIDE_SHARE, BESIDE_NOISE = 1 / 3, 4.0  # of that, and standard deviations of noise: what neighbours of one are off
 SPIKE = 30.0  # times as far off as others around are rows that are left out
+FEW, MOST_OF_SQUARES = 0.02, 0.4  # the 2 % largest of normal shifts have 13 % of the squares
 PER_ROW, IN_ALL = 0.05, 50  # gains in the logarithm of the likelihood that make shifts believable
 
 
@@ -28,8 +31,13 @@ class Scatter:
     own: np.ndarray
 
 
-def check(t: object, q: object, names: Sequence[str] | None) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Samples as arrays (N,) and (N, n), and the joints' names; raises `JounceError` if they are invalid."""
+def check(
+    t: object, q: object, names: Sequence[str] | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Samples as arrays (N,) and (N, n), the numbers of their rows, and the joints' names.
+
+    Raises `JounceError` if they are invalid. Rows that are equal to the one before, time included, are left out.
+    """
     times, samples = (_numbers(x, label) for x, label in ((t, "t"), (q, "q")))
     samples = samples[:, None] if samples.ndim == 1 else samples
     if times.ndim != 1 or samples.ndim != 2 or len(times) != len(samples):
@@ -55,7 +63,7 @@ def check(t: object, q: object, names: Sequence[str] | None) -> tuple[np.ndarray
         )
     if len(times) < LEAST:
         raise JounceError(f"{len(times)} samples; smoothing needs at least {LEAST}: give a longer log, or through()")
-    return times, samples, joints
+    return times, samples, np.flatnonzero(kept), joints
 
 
 def spikes(t: np.ndarray, q: np.ndarray, steps: np.ndarray) -> np.ndarray:
@@ -72,14 +80,36 @@ def spikes(t: np.ndarray, q: np.ndarray, steps: np.ndarray) -> np.ndarray:
     return wild
 
 
-def fresh(t: np.ndarray, q: np.ndarray, velocity: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Which rows, (N,), are no mere repetitions of the one before, from which the joints should have moved.
+def are_wild(t: np.ndarray, q: np.ndarray, rows: np.ndarray, joint: np.ndarray, off: np.ndarray) -> np.ndarray:
+    """Which rows, (R,), far `off` a fit in a joint, are wild: q (N, n) and `off` are in standard deviations of noise.
 
-    `size` (n,) is what a joint moves at least, twice, where repetition is no accident: its steps and its noise.
+    A motion that the fit does not follow leaves far rows too. A wild row, or one of two in succession, is off the cubic
+    through two rows on either side, and without it its neighbours are smooth, which those in a fast motion are not.
     """
-    same = np.append(False, (np.diff(q, axis=0) == 0).all(axis=1))
-    moved = (np.abs(velocity) * np.diff(t, prepend=t[0])[:, None] > 2 * size).any(axis=1)
-    return ~(same & moved)
+    wild = np.zeros(len(rows), bool)
+    for others in ((0,), (0, 1), (-1, 0)):  # rows that may be wild together
+        own = _off_cubic(t, q, rows, joint, 0, others)
+        beside = [_off_cubic(t, q, rows, joint, k, others) for k in (others[0] - 1, others[-1] + 1)]
+        wild |= (own > off * OWN_SHARE) & (np.maximum(*beside) < own * BESIDE_SHARE + BESIDE_NOISE)
+    return wild
+
+
+def _off_cubic(
+    t: np.ndarray, q: np.ndarray, rows: np.ndarray, joint: np.ndarray, target: int, without: tuple[int, ...]
+) -> np.ndarray:
+    """How far the rows (R,) plus a number `target` are off the cubic through the two next on either side but some."""
+    before = [k for k in range(target - 1, -9, -1) if k not in without][:2]
+    after = [k for k in range(target + 1, 9) if k not in without][:2]
+    at = {k: (rows + k).clip(0, len(t) - 1) for k in (target, *before, *after)}
+    inside = (rows + min(before) >= 0) & (rows + max(after) < len(t))
+    off = q[at[target], joint].copy()
+    for k in (*before, *after):
+        others = [j for j in (*before, *after) if j != k]
+        with np.errstate(divide="ignore", invalid="ignore"):  # at the ends rows coincide
+            off -= q[at[k], joint] * np.prod(
+                [(t[at[target]] - t[at[j]]) / (t[at[k]] - t[at[j]]) for j in others], axis=0
+            )
+    return np.where(inside, np.abs(off), np.inf if target == 0 else 0.0)
 
 
 def scatter_of(r: np.ndarray, v: np.ndarray) -> Scatter | None:
@@ -106,7 +136,13 @@ def scatter_of(r: np.ndarray, v: np.ndarray) -> Scatter | None:
     squares = (r**2 / found.own).sum(axis=1) - d**2 / variance
     together = -0.5 * (np.log(found.own).sum() + np.log(found.sigma**2 / variance) + squares).mean()
     better = together - alone  # of the logarithms of likelihoods, per row
-    return found if better > PER_ROW and len(r) * better > IN_ALL else None
+    return found if better > PER_ROW and len(r) * better > IN_ALL and not _of_few(d) else None
+
+
+def _of_few(d: np.ndarray) -> bool:
+    """Whether few of the shifts (N,) are most of their squares: a motion that a fit does not follow, and no clock."""
+    squares = np.sort(d**2)
+    return bool(squares[-max(1, round(FEW * len(d))) :].sum() > MOST_OF_SQUARES * squares.sum())
 
 
 def shifts(r: np.ndarray, v: np.ndarray, found: Scatter) -> np.ndarray:

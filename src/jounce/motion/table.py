@@ -11,6 +11,7 @@ from jounce.motion import loads, poses, smoothness
 from jounce.motion.columns import DEVIATION, TIME, Match, Options, followers, match
 from jounce.motion.hermite import Hermite
 from jounce.motion.motion import Motion
+from jounce.motion.origin import Origin, rounding_notes
 from jounce.motion.smoothed import found_from
 from jounce.motion.spline import Smoothing, Spline, refuse_way
 from jounce.motion.units import check_units
@@ -50,12 +51,15 @@ def from_columns(
     highest: int,
     place: str,
     way: Smoothing | Spline,
+    origin: Origin | None = None,
 ) -> Motion:
-    """The motion in the columns of a table that are matched."""
+    """The motion in the columns of a table that are matched; its times are since `origin`, if there is one."""
     joints = mechanism.coordinates
     si = {name: columns[source] * found.factors[name] for name, source in found.sources.items()}
     t = si[TIME]
     _check_increasing(t, found.sources[TIME], place)
+    rounding = origin.rounding(t) if origin else 0.0
+    of_times = (*origin.notes, *rounding_notes(rounding, highest)) if origin else ()
     rates = [] if found.sampled else _rates_in(si, joints)
     q = _stacked(si, joints if found.sampled else [f"{joint}.q" for joint in joints])
     rows = tuple(_stacked(si, [f"{joint}.{rate}" for joint in joints]) for rate in rates)
@@ -65,7 +69,7 @@ def from_columns(
     of_samples = (loads.are_sampled(of_wrenches), bool(of_base) and poses.are_sampled(list(of_base)))
     if not found.sampled and not any(of_samples):
         refuse_way(way, place, "all rates are in the table")
-    samples = found_from(t, q, way, joints, highest, place) if found.sampled else None
+    samples = found_from(t, q, way, joints, highest, place, rounding=rounding) if found.sampled else None
     branch = {name: float(si[column][0]) for name, column in followers(mechanism, si, found.sampled).items()}
     base, of_poses = poses.curve_of_columns(t, of_base, way, highest, place)
     W, of_loads = loads.wrenches(t, of_wrenches, mechanism, max(highest - 2, 0), way, place)
@@ -73,11 +77,11 @@ def from_columns(
     torques = None if measured is None else (t, measured)
     if samples is None:
         _warn_of(smoothness.of_rates(rows), place)
-        curve = Hermite(t, rows, _spreads(si, joints, rates))
-        notes = (*found.notes, *of_poses, *of_loads)
+        curve = Hermite(t, rows, _spreads(si, joints, rates), rounding)
+        notes = (*of_times, *found.notes, *of_poses, *of_loads)
         source = "all rates from the table"
         return Motion(curve, joints, source, W, None, None, t, torques, notes, base, branch)
-    notes = (*found.notes, *samples.notes, *of_poses, *of_loads)
+    notes = (*of_times, *found.notes, *samples.notes, *of_poses, *of_loads)
     return Motion(samples.curve, joints, samples.source, W, (t, q), samples.residual, t, torques, notes, base, branch)
 
 

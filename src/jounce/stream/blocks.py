@@ -138,7 +138,8 @@ def _motion(
     columns = {column: np.concatenate([piece[column] for piece in pieces]) for column in pieces[0]}
     reading = job.reading
     try:
-        found = from_columns(columns, task.match, job.links.mechanism, job.highest, where, reading.way or Smoothing())
+        way = reading.way or Smoothing()
+        found = from_columns(columns, task.match, job.links.mechanism, job.highest, where, way, part.origin)
         with at(where):
             found = found if reading.blend is None else found.blended(reading.blend, max(4, job.highest))
             found = found if reading.step is None else found.with_step(reading.step)

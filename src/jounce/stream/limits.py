@@ -104,7 +104,7 @@ def _stretches(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple
             alone = len(next(iter(columns.values()))) == 1
             if not alone:
                 mechanism, highest, place = task.job.links.mechanism, task.job.highest, str(part.path)
-                motion = from_columns(columns, task.match, mechanism, highest, place, Smoothing())
+                motion = from_columns(columns, task.match, mechanism, highest, place, Smoothing(), part.origin)
                 yield run.motion, count if ours else 0, motion
             before = run.motion, {name: x[-1:] for name, x in columns.items()}
     if alone and before and part.span.start == 0:

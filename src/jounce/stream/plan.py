@@ -10,11 +10,13 @@ import numpy as np
 from jounce.actuators.along import order_of_voltages
 from jounce.actuators.elastic import ElasticRobot
 from jounce.errors import JounceError, at, listed, quoted
+from jounce.io.remainders import remainder_of
 from jounce.io.spans import FORMATS, format_of
 from jounce.io.spans import place as place_in_words
 from jounce.io.spans.chunk import Span
 from jounce.motion import loads, poses
-from jounce.motion.columns import DEVIATION, Match, followers, match
+from jounce.motion.columns import DEVIATION, TIME, Match, followers, match
+from jounce.motion.origin import Origin, origin_of
 from jounce.motion.spline import Smoothing, refuse_way
 from jounce.spatial.series import rate_name
 from jounce.stream.job import Job, digest
@@ -31,7 +33,8 @@ class Part:
     """A piece of the input: whole motions, or any rows where these state all rates.
 
     `motion` is the name of the motion of all rows, None if a column names it. `key` is a digest of the job and of the
-    identity of the input: a record with another key is of another run.
+    identity of the input: a record with another key is of another run. Times are since `origin`, the first stamp of the
+    file, if there is one.
     """
 
     number: int
@@ -39,6 +42,7 @@ class Part:
     span: Span
     motion: str | None
     key: str
+    origin: Origin | None = None
 
     @property
     def size(self) -> int:
@@ -84,9 +88,30 @@ def make_plan(job: Job, source: Path, highest: int) -> Plan:
     parts: list[Part] = []
     for path in paths:
         stem = None if named else path.stem
-        for span in _spans(path, first, independent, named) if path in whole else [Span(0, 0)]:
-            parts.append(_part(job, len(parts), path, span, stem))
-    return Plan(Task(job, first, independent, named or source.is_dir()), tuple(parts), (*first.notes, *notes))
+        spans = list(_spans(path, first, independent, named)) if path in whole else [Span(0, 0)]
+        origin = _origin(path, first, spans[0]) if path in whole else None
+        parts += [_part(job, len(parts) + i, path, span, stem, origin) for i, span in enumerate(spans)]
+    notes = (*first.notes, *notes, *_notes_of_origins([part.origin for part in parts], len(paths)))
+    return Plan(Task(job, first, independent, named or source.is_dir()), tuple(parts), notes)
+
+
+def _origin(path: Path, found: Match, span: Span) -> Origin | None:
+    """The first stamp of a table, where it is large."""
+    table, time = format_of(path), found.sources[TIME]
+    asked = [time, remainder_of(time)]
+    try:
+        row = table.next_row(path, span.start)
+        for chunk in table.chunks(path, asked, None, row) if row else ():
+            high, low = (float(chunk.columns[name][0]) for name in asked)
+            return origin_of(high, low, found.factors[TIME])
+    except JounceError:  # of rows that cannot be read, which is said when their part is
+        pass
+    return None
+
+
+def _notes_of_origins(origins: Sequence[Origin | None], tables: int) -> tuple[str, ...]:
+    found = [origin for origin in origins if origin]
+    return found[0].notes if found and tables == 1 else ("times are since the first row of each table",) * bool(found)
 
 
 def is_by_parts(job: Job, source: Path) -> bool:
@@ -235,7 +260,7 @@ def _memory() -> int:
         return 1 << 33
 
 
-def _part(job: Job, number: int, path: Path, span: Span, motion: str | None) -> Part:
+def _part(job: Job, number: int, path: Path, span: Span, motion: str | None, origin: Origin | None) -> Part:
     about = path.stat()
     identity = [job.key, str(path.resolve()), about.st_size, about.st_mtime_ns, *span, motion]
-    return Part(number, path, span, motion, digest(identity))
+    return Part(number, path, span, motion, digest(identity), origin)

@@ -3,14 +3,16 @@
 import itertools
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from jounce.errors import JounceError, quoted
 from jounce.io.columns import Columns
+from jounce.io.remainders import remainder_of
 from jounce.io.spans import format_of
-from jounce.io.spans.chunk import Chunk
+from jounce.io.spans.chunk import Chunk, Span
 from jounce.motion.columns import TIME
 from jounce.stream.plan import MOTION, Part, Task
 from jounce.stream.records import Skipped
@@ -39,7 +41,7 @@ def read(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[Rows]:
         table.names(part.path)  # of a file that cannot be read at all, this is the error
         last = _row_before(task, part)
         texts = MOTION if part.motion is None else None
-        for chunk in _ahead(table.chunks(part.path, task.match.names, texts, part.span)):
+        for chunk in _ahead(_chunks(task, part, task.match.names, texts, part.span)):
             place = int(chunk.places[-1])
             rows = _checked(task, part, chunk, last, skipped)
             if rows.runs:
@@ -50,6 +52,19 @@ def read(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[Rows]:
             raise
         number = table.number(part.path, place, table.FIRST)
         skipped.append(Skipped(str(part.path), number, "", f"the rows of this part from here on: {error}"))
+
+
+def _chunks(task: Task, part: Part, names: list[str], texts: str | None, span: Span) -> Iterator[Chunk]:
+    """Chunks of a table, whose times are since the origin of the part."""
+    time = task.match.sources[TIME]
+    left = remainder_of(time)
+    asked = [*names, *([left] if part.origin else [])]
+    for chunk in format_of(part.path).chunks(part.path, asked, texts, span):
+        if part.origin:
+            columns = {name: x for name, x in chunk.columns.items() if name != left}
+            columns[time] = part.origin.since(columns[time], chunk.columns[left])
+            chunk = replace(chunk, columns=columns)
+        yield chunk
 
 
 def _ahead(chunks: Iterator[Chunk]) -> Iterator[Chunk]:
@@ -66,7 +81,7 @@ def _row_before(task: Task, part: Part) -> tuple[str, float] | None:
     table, time = format_of(part.path), task.match.sources[TIME]
     span = table.row_before(part.path, part.span.start) if task.independent else None
     try:
-        for chunk in table.chunks(part.path, [time], MOTION if part.motion is None else None, span) if span else ():
+        for chunk in _chunks(task, part, [time], MOTION if part.motion is None else None, span) if span else ():
             motion = part.motion if chunk.motions is None else str(chunk.motions[-1])
             t = float(chunk.columns[time][-1])
             return None if chunk.broken or not np.isfinite(t) else (motion or "", t)

@@ -11,9 +11,11 @@ from jounce._scalars import asarray
 from jounce.errors import JounceError, at, quoted
 from jounce.io import tables
 from jounce.io.columns import CellError, checked, select_columns
+from jounce.io.remainders import remainder_of, split_names
 from jounce.model.mechanism import Mechanism
-from jounce.motion.columns import Match, Options, match
+from jounce.motion.columns import TIME, Match, Options, match
 from jounce.motion.motion import Motion
+from jounce.motion.origin import origin_of
 from jounce.motion.spline import Smoothing, Spline
 from jounce.motion.table import from_columns
 
@@ -27,10 +29,10 @@ class Matching:
         self.found: Match | None = None
 
     def __call__(self, header: Sequence[str]) -> list[str]:
-        """The columns of the motion."""
+        """The columns of the motion, and what doubles leave of the times."""
         with at(self.place):
             self.found = match(header, *self.given)
-        return self.found.names
+        return [*self.found.names, remainder_of(self.found.sources[TIME])]
 
 
 def read(path: Path, mechanism: Mechanism, highest: int, way: Smoothing | Spline, options: Options) -> Motion:
@@ -49,12 +51,13 @@ def of_arrays(
     arrays, refused = {}, {}
     for name, values in given.items():
         try:
-            arrays[name] = np.asarray(asarray(values, f"column {quoted(name)}"))
+            found = np.asarray(asarray(values, f"column {quoted(name)}"))
+            arrays[name] = integers if (integers := np.asarray(values)).dtype.kind in "iu" else found
         except JounceError as error:
             arrays[name], refused[name] = np.empty(0), error
     with _cures():
         columns = select_columns(arrays, matching) if arrays else {}
-        for name in columns:
+        for name in split_names(columns)[0]:
             if name in refused:
                 raise CellError(f"{place}: {refused[name]}")
         columns = checked(place, columns)
@@ -62,8 +65,14 @@ def of_arrays(
 
 
 def _motion(columns: Mapping[str, np.ndarray], matching: Matching, highest: int, way: Smoothing | Spline) -> Motion:
-    assert matching.found is not None  # every reader selects
-    return from_columns(columns, matching.found, matching.given[0], highest, matching.place, way)
+    found = matching.found
+    assert found is not None  # every reader selects
+    time = found.sources[TIME]
+    left = remainder_of(time)
+    origin = origin_of(float(columns[time][0]), float(columns[left][0]), found.factors[TIME])
+    if origin:
+        columns = {**columns, time: origin.since(columns[time], columns[left])}
+    return from_columns(columns, found, matching.given[0], highest, matching.place, way, origin)
 
 
 @contextmanager

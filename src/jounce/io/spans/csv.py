@@ -12,6 +12,7 @@ from jounce._scalars import finite
 from jounce.errors import JounceError, one_line
 from jounce.io.csv import Layout, layout, parse_numbers
 from jounce.io.files import opened
+from jounce.io.remainders import remainder_of, remainders_of_texts, split_names
 from jounce.io.spans.chunk import Chunk, Span
 
 BLOCK = 1 << 22  # bytes that are read at a time
@@ -125,6 +126,7 @@ def _chunk(
     }
     for i in broken:
         rows[i] = [cell for cell, _ in itertools.zip_longest(rows[i], form.header, fillvalue="")][: len(form.header)]
+    names, bases = split_names(names)
     at = [form.header.index(name) for name in names]
     cells = [[cells[i] for i in at] for cells in rows]
     if form.mark != ",":  # decimal commas
@@ -135,9 +137,12 @@ def _chunk(
         numbers = np.array([[_number(cell) for cell in row] for row in cells])
         missing = np.argwhere(np.isnan(numbers.reshape(len(rows), -1)))
         bad = {(int(i), names[j]): cells[i][j].strip() for i, j in missing}
-    table = numbers.reshape(len(rows), -1).T
+    columns = {name: x.copy() for name, x in zip(names, numbers.reshape(len(rows), -1).T, strict=True)}
+    for name in bases:
+        texts_of = [row[names.index(name)] for row in cells]
+        columns[remainder_of(name)] = remainders_of_texts(texts_of, columns[name])
     yield Chunk(
-        {name: column.copy() for name, column in zip(names, table, strict=True)},
+        columns,
         None if texts is None else np.array([cells[form.header.index(texts)].strip() for cells in rows], dtype=str),
         np.append(places[:-1][kept], places[-1]),
         bad,

@@ -12,6 +12,7 @@ from jounce.arguments.names import entries
 from jounce.errors import JounceError, one_line, quoted
 from jounce.io.columns import check_distinct, flatten
 from jounce.io.files import opened
+from jounce.io.remainders import split_names, with_remainders
 from jounce.io.spans.chunk import Chunk, Span, rows_of
 
 FIRST = 0, 0  # the place of the first row, and its number
@@ -45,12 +46,14 @@ def check_numbers(path: Path, names: Sequence[str]) -> None:
 
 def chunks(path: Path, names: Sequence[str], texts: str | None, span: Span) -> Iterator[Chunk]:
     """The rows of a span, in chunks."""
+    names, bases = split_names(names)
     step = rows_of(len(names))
     for start in range(span.start, span.stop, step):
         part = slice(start, min(start + step, span.stop))
         columns = columns_of(path)  # mapped again, so that the pages that were read do not pile up
+        found = {name: columns[name][part].astype(float) for name in names}
         yield Chunk(
-            {name: columns[name][part].astype(float) for name in names},
+            with_remainders(found, bases, {name: columns[name][part] for name in bases}),
             None if texts is None else columns[texts][part].astype(str),
             np.arange(part.start, part.stop + 1),
         )

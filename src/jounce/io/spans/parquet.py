@@ -11,6 +11,7 @@ import numpy as np
 from jounce.errors import JounceError, one_line, quoted
 from jounce.io.columns import check_distinct
 from jounce.io.files import check_readable
+from jounce.io.remainders import split_names, with_remainders
 from jounce.io.spans.chunk import Chunk, Span, rows_of
 
 if TYPE_CHECKING:
@@ -81,10 +82,13 @@ def check_numbers(path: Path, names: Sequence[str]) -> None:
 
 def chunks(path: Path, names: Sequence[str], texts: str | None, span: Span) -> Iterator[Chunk]:
     """The rows of a span, in chunks."""
+    names, bases = split_names(names)
     with opened(path) as file:
         wanted = [*names, *([] if texts is None else [texts])]
         for first, batch in _batches(file, wanted, span):
             columns = {name: _numbers(batch.column(name)) for name in names}
+            stated = {name: batch.column(name) for name in bases}
+            columns = with_remainders(columns, bases, {name: _as_stated(column) for name, column in stated.items()})
             motions = None if texts is None else _texts(path, batch.column(texts))
             yield Chunk(columns, motions, np.arange(first, first + batch.num_rows + 1))
 
@@ -132,6 +136,12 @@ def _is_number(path: Path, kind: Any) -> bool:
 def _numbers(column: Any) -> np.ndarray:
     """The cells as float64; missing ones are NaN."""
     return np.asarray(column.cast("float64", safe=False).to_numpy(zero_copy_only=False))
+
+
+def _as_stated(column: Any) -> np.ndarray:
+    """The cells as integers, if they are and none is missing, or as float64."""
+    kind = str(column.type)
+    return np.asarray(column.to_numpy()) if "int" in kind and not column.null_count else _numbers(column)
 
 
 def _texts(path: Path, column: Any) -> np.ndarray:

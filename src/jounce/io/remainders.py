@@ -1,0 +1,81 @@
+"""What doubles leave of the numbers in a table: stamps since 1970 have more digits than a double holds.
+
+A reader that is asked for the column ``remainder_of(name)`` gives the numbers of the column `name` less the doubles
+that these are read as. Only the column of times is read so: its first stamp is subtracted in all digits.
+"""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from jounce.motion.origin import MIN_LARGE, shortest_decimal
+
+MARK = "\0remainder"  # no name of a column ends in this
+MAX_INTEGER = 2.0**62  # beyond, doubles cast to integers may overflow
+DECIMAL = re.compile(r"\s*\d+(?:\.(\d*))?\s*")
+
+
+def remainder_of(name: str) -> str:
+    """The name by which the remainder of a column is asked for."""
+    return name + MARK
+
+
+def split_names(names: Iterable[str]) -> tuple[list[str], list[str]]:
+    """Names of columns, and of those of which the remainder is asked for."""
+    names = list(names)
+    return [n for n in names if not n.endswith(MARK)], [n.removesuffix(MARK) for n in names if n.endswith(MARK)]
+
+
+def with_remainders(
+    columns: Mapping[str, np.ndarray], bases: Sequence[str], numbers: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """The columns with the remainders of some of them, of which `numbers` are the arrays as the table holds them."""
+    return {**columns, **{remainder_of(name): remainders_of_array(numbers[name]) for name in bases}}
+
+
+def remainders_of_array(numbers: np.ndarray) -> np.ndarray:
+    """The remainders of integers, and of doubles that are decimals as short as doubles tell apart.
+
+    A double of 1732287600.001 s is off by 7e-8 s, and no other decimal of microseconds is read as it.
+    """
+    if numbers.ndim != 1 or numbers.dtype.kind not in "fiu" or not _are_large(numbers):
+        return np.zeros(numbers.shape)
+    high = numbers.astype(float)
+    inside = np.abs(high) < MAX_INTEGER  # neither NaN
+    whole = np.where(inside, np.floor(high), 0)
+    if numbers.dtype.kind in "iu":
+        return np.where(inside, np.where(inside, numbers, 0).astype(np.int64) - whole.astype(np.int64), 0).astype(float)
+    unit = shortest_decimal(float(np.abs(high[inside]).max(initial=1)))
+    if unit >= 1:
+        k = np.rint(whole / unit).astype(np.int64)
+        left = (k * int(unit) - whole.astype(np.int64)).astype(float) - np.where(inside, high - whole, 0)
+    else:
+        per = round(1 / unit)
+        left = np.rint((high - whole) * per) / per - (high - whole)
+    are_decimals = (np.abs(left[inside]) <= np.spacing(np.abs(high[inside]))).all()
+    return np.where(inside & are_decimals, left, 0.0)
+
+
+def remainders_of_texts(cells: Sequence[str], high: np.ndarray) -> np.ndarray:
+    """The remainders of cells, which are the doubles `high` when read; 0 where a cell is no plain decimal.
+
+    Cells whose last digits are those of a double, as `%.9f` writes one, hold no more than it.
+    """
+    if not _are_large(high):
+        return np.zeros(len(high))
+    plain = [DECIMAL.fullmatch(cell) for cell in cells]
+    if not any(found and found[1] for found in plain):
+        integers = [int(cell) if found else 0 for cell, found in zip(cells, plain, strict=True)]
+        fits = all(abs(x) < MAX_INTEGER for x in integers)
+        return remainders_of_array(np.array(integers) if fits else high)
+    digits = [(found[1] or "") if found else "" for found in plain]
+    of_cells = np.array([found is not None for found in plain])
+    whole = np.array([float(c.partition(".")[0]) if known else 0 for c, known in zip(cells, of_cells, strict=True)])
+    left = np.where(of_cells, np.array([float(f"0.{rest}") for rest in digits]) - (high - whole), 0.0)
+    half_unit = 0.5 * 10.0 ** -np.array([len(rest) for rest in digits], dtype=float)
+    return remainders_of_array(high) if (np.abs(left) <= half_unit).all() else left
+
+
+def _are_large(numbers: np.ndarray) -> bool:
+    return bool(np.nanmax(np.abs(numbers), initial=0) >= MIN_LARGE)

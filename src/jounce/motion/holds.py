@@ -1,0 +1,141 @@
+"""Rows that repeat older positions while the robot moves: a log that is written faster than its sensor is read.
+
+Only the first row of a hold tells where the robot is; the others are late by up to a period of the sensor. An encoder
+that stays on a step repeats its value too: a hold is where the motion passes more than a step meanwhile.
+
+First rows are late as well, by what is left of a row of the log. Where the two clocks run past each other, each row is
+a bound of the sensor's time, and the ticks of a regular clock that keep all bounds are known to a part of a row.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jounce.motion.knots import fitted
+from jounce.motion.least_squares import Solution
+from jounce.motion.samples import Samples
+
+SIZES = 2.0  # steps or standard deviations that a motion passes in a hold: positions round to a step, both ends scatter
+MAX_HOLD = 10.0  # times the usual number of rows between changes
+REGULAR = (
+    0.9  # of the changes that could not be missed follow each other by the period of the sensor, give or take a row
+)
+MIN_CHANGES = 10  # that tell a period
+MIN_PERIOD = 1.5  # rows, from which on a sensor is slower than the log
+REGULAR_ROWS = 0.995  # of the rows are first ones; of a few holds the first row may be missing
+MIN_UNSURE = 0.01  # periods, below which it is not worth a word
+MAX_LATE = 1.1  # rows: a regular sensor is read within one, but for rounding of stamps
+
+
+@dataclass(frozen=True, eq=False)
+class Holds:
+    """Rows that hold an older position than they could.
+
+    Attributes
+    ----------
+    held : (N,)
+        Which rows do.
+    t : (R,)
+        Times of the others: of the sensor's clock, where that is regular.
+    period : float or None
+        Of a regular sensor, s.
+    delay : float
+        How much later than the sensor's rows are, held ones included, on average, s.
+    unsure : float
+        By how much the sensor may be earlier still, s.
+    """
+
+    held: np.ndarray
+    t: np.ndarray
+    period: float | None = None
+    delay: float = 0.0
+    unsure: float = 0.0
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of it."""
+        if not self.held.any():
+            return ()
+        count = f"{self.held.sum()} of {len(self.held)}"
+        if self.period is None:
+            return (f"{count} rows repeat the row before while the robot moves; they are left out",)
+        return (
+            f"the sensor gives {1 / self.period:.4g} values per second, which rows hold, {self.delay:.2g} s late on"
+            f" average: {count} rows are left out, the others are at the sensor's times"
+            + (f" or up to {self.unsure:.2g} s late" if self.unsure > MIN_UNSURE * self.period else ""),
+        )
+
+
+def find_holds(samples: Samples, first: Solution, cells: int) -> Holds:
+    """The rows that hold older positions, by a first fit to all of them, which is late by half of a hold."""
+    changed = np.append(True, (np.diff(samples.q, axis=0) != 0).any(axis=1))
+    starts = np.flatnonzero(changed)
+    ends = np.append(starts[1:], len(changed)) - 1
+    scatter = np.sqrt(first.energy / len(changed))
+    own = fitted(samples.part(starts).rows(cells), first.breaks)  # others are off it for their delay
+    size = np.maximum(SIZES * np.maximum(samples.steps, np.sqrt(own.energy / len(starts))), scatter / 2)
+    curve = first.spline(samples.t)
+
+    def passes(x: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return np.asarray(np.abs(x[b] - x[a]) > size)
+
+    catches_up = passes(samples.q, starts, (ends + 1).clip(max=len(changed) - 1))
+    certain = np.asarray(passes(curve, starts[:-1], starts[1:]).any(axis=1))
+    usual = float(np.median(np.diff(starts)[certain])) if certain.any() else 1.0
+    # a longer run is a rest, at whose ends a fit that is not resolved swings; while a joint is fast it is none
+    is_hold = (passes(curve, starts, ends) & catches_up).any(axis=1) & (ends - starts < MAX_HOLD * usual)
+    fast = (np.abs(np.diff(curve, axis=0)) > SIZES * np.maximum(samples.steps, scatter)).any(axis=1)
+    period = _period(samples.t, starts, certain)
+    held = ~changed & (is_hold[np.cumsum(changed) - 1] | np.append(False, fast) | (period is not None))
+    if period is not None:
+        held[_unchanged(samples.t, starts[~is_hold], ends[~is_hold], period)] = False
+    t = samples.t[~held]
+    if period is None:
+        return Holds(held, t)
+    ticks, unsure = _ticks(t, changed[~held], period, float(np.median(np.diff(samples.t))))
+    return Holds(held, ticks, period, float((samples.t - ticks[np.cumsum(~held) - 1]).mean()), unsure)
+
+
+def _ticks(t: np.ndarray, changed: np.ndarray, period: float, row: float) -> tuple[np.ndarray, float]:
+    """When a sensor of about that period was read, by the first rows (R,) afterwards; how much earlier it may be.
+
+    The straight line of ticks is that to which rows are late by the most alike times, those where something `changed`.
+    """
+    from scipy.optimize import minimize_scalar
+
+    k = np.append(0, np.cumsum(np.round(np.diff(t) / period)))
+    about = (t[-1] - t[0]) / k[-1]
+    reach = 2 * row / k[-1]  # both ends are late by less than a row
+    found = minimize_scalar(
+        lambda p: float(np.ptp((t - p * k)[changed])),
+        bounds=(about - reach, about + reach),
+        method="bounded",
+        options={"xatol": 1e-6 * reach},
+    )
+    if found.fun > MAX_LATE * row or (np.diff(k) < 1).any():  # the log's clock is not regular: its scatter is noise
+        return t, row
+    late = (t - found.x * k)[changed]
+    usual = np.ptp(np.quantile(late, [1 - REGULAR_ROWS, REGULAR_ROWS]))
+    return found.x * k + late.min(), max(0.0, row - float(usual))
+
+
+def _period(t: np.ndarray, starts: np.ndarray, certain: np.ndarray) -> float | None:
+    """The time between changes, of those that are `certain` not to be missed, if it is regular and more than a row."""
+    apart, row = np.diff(t[starts])[certain], float(np.median(np.diff(t)))
+    if len(apart) < MIN_CHANGES:
+        return None
+    usual = float(np.median(apart))
+    near = np.abs(apart - usual) < 1.5 * row
+    return float(apart[near].mean()) if near.mean() >= REGULAR and usual > MIN_PERIOD * row else None
+
+
+def _unchanged(t: np.ndarray, starts: np.ndarray, ends: np.ndarray, period: float) -> np.ndarray:
+    """Rows in runs of equal ones, as encoders at rest give, at which a sensor of that period was read again."""
+    found = [np.empty(0, int)]
+    for a, b in zip(starts, ends, strict=True):
+        if b + 1 < len(t):  # ticks are even up to the next change
+            ticks = np.linspace(t[a], t[b + 1], max(1, round((t[b + 1] - t[a]) / period)) + 1)[1:-1]
+        else:
+            ticks = np.arange(t[a] + period, t[b], period)
+        found.append(np.searchsorted(t, ticks - 1e-3 * period).clip(max=b))
+    return np.concatenate(found)

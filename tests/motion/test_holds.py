@@ -1,0 +1,93 @@
+"""Logs that are written faster than the sensor is read: rows hold older positions, of which the first ones count."""
+
+import numpy as np
+import pytest
+from logs import encoder, harmonics, moves
+
+import jounce
+from jounce.motion.fit import fit
+
+
+def held(seed, sensor, rate=1000, bits=17, rests=False, joints=7):
+    """A log of `rate` rows per second, whose sensor is read `sensor` times per second, at any phase if it can be."""
+    rng = np.random.default_rng(seed)
+    truth, duration = moves(rng, number=2) if rests else (harmonics(rng), rng.uniform(3, 6))
+    t = np.arange(0, duration, 1 / rate)
+    phase = 0 if float(rate / sensor).is_integer() else rng.uniform()
+    read = (np.floor(t * sensor - phase + 1e-9) + phase) / sensor
+    start = rng.choice([0, 3600])
+    return start + t, encoder(truth(read), bits)[:, :joints], lambda s, k: truth(s - start, k)[..., :joints]
+
+
+def share_within(smooth, truth):
+    s = np.linspace(*smooth.ends, 302)[1:-1]
+    deviations = smooth.deviations(s)
+    return [np.mean(np.abs(smooth.spline(s, nu=k) - truth(s, k)) < 1.96 * deviations[k]) for k in range(5)]
+
+
+SENSORS = {
+    "250 Hz": {"sensor": 250},
+    "250 Hz, rests": {"sensor": 250, "rests": True},
+    "100 Hz, 20 bits": {"sensor": 100, "bits": 20},
+    "317.3 Hz": {"sensor": 317.3},
+    "333 Hz, one joint": {"sensor": 333, "joints": 1},
+    "125 Hz in 500 Hz": {"sensor": 125, "rate": 500, "bits": 14},
+}
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("given", SENSORS.values(), ids=SENSORS)
+def test_errors_of_held_samples_lie_within_the_stated_deviations(given, seed):
+    """They were up to 45 deviations, in silence."""
+    t, q, truth = held(seed, **given)
+    smooth = fit(t, q)
+    assert min(share_within(smooth, truth)) > 0.8
+    [note] = [note for note in smooth.notes if "which rows hold" in note]
+    assert f"the sensor gives {given['sensor']:.3g}"[:23] in note
+    assert len(smooth.rows) == pytest.approx(np.ptp(t) * given["sensor"], rel=0.01)
+
+
+def test_the_delay_of_a_hold_is_stated():
+    t, q, _ = held(3, 250)
+    [note] = fit(t, q).notes
+    assert "gives 250 values per second, which rows hold, 0.0015 s late on average" in note  # of 0, 1, 2 and 3 ms
+    assert "the others are at the sensor's times or up to 0.001 s late" in note
+
+
+@pytest.mark.parametrize("bits", [12, 17])
+@pytest.mark.parametrize("rests", [True, False])
+def test_encoders_that_stay_on_a_step_hold_nothing(bits, rests):
+    t, q, _ = held(1, 1000, bits=bits, rests=rests)
+    assert (np.diff(q, axis=0) == 0).all(axis=1).any() == (rests or bits == 12)
+    smooth = fit(t, q)
+    assert len(smooth.rows) == len(t)
+    assert not any("hold" in note or "repeat" in note for note in smooth.notes)
+
+
+def test_a_joint_that_creeps_over_the_steps_of_its_encoder_holds_nothing():
+    """Its value changes every 25 rows: by the encoder, not by the sensor."""
+    t = np.arange(4000) / 1000
+    q = encoder(40 * 2 * np.pi / 2**14 * t + 2e-3 * np.sin(t), 14)[:, None]
+    smooth = fit(t, q)
+    assert len(smooth.rows) == len(t)
+
+
+@pytest.mark.parametrize("share", [0.06, 0.3])
+@pytest.mark.parametrize("seed", range(3))
+def test_rows_that_repeat_at_random_are_left_out(seed, share):
+    """They were taken for wrong stamps: of 0.3, errors were up to 20 deviations."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(4000) / 1000
+    truth = harmonics(rng)
+    q = encoder(truth(t), 17)
+    stale = np.append(False, rng.random(len(t) - 1) < share)
+    smooth = fit(t, q[np.maximum.accumulate(np.where(stale, 0, np.arange(len(t))))])
+    assert np.count_nonzero(stale[smooth.rows]) < 0.05 * stale.sum()
+    assert min(share_within(smooth, truth)) > 0.85
+    assert not any("stamps scatter" in note for note in smooth.notes)
+
+
+def test_a_motion_of_held_samples_has_no_jumps():
+    t, q, _ = held(2, 250)
+    motion = jounce.Motion.fit(t, q)  # a warning is an error
+    assert any("which rows hold" in note for note in motion.notes)

@@ -1,0 +1,70 @@
+"""Vibrations below the step of an encoder: lines in what a fit leaves, which are motion unless a bandwidth is given."""
+
+import numpy as np
+import pytest
+from logs import encoder, harmonics
+
+from jounce.motion.fit import fit
+
+
+def vibrating(seed, joints=7, frequency=15.0, amplitude=1e-5, rate=1000):
+    """A slow motion by 17 bits, steps of 4.8e-5 rad, with a ripple, and its truth."""
+    rng = np.random.default_rng(seed)
+    slow, start = harmonics(rng, base=0.03, amplitude=0.5), rng.choice([0, 3600])
+    t = start + np.arange(0, rng.uniform(6, 12), 1 / rate)
+    phase, w = rng.uniform(0, 6, joints), 2 * np.pi * frequency
+
+    def truth(s, k=0):
+        ripple = amplitude * w**k * np.sin(w * (s - start)[:, None] + phase + k * np.pi / 2)
+        return slow(s - start, k)[:, :joints] + ripple
+
+    return t, encoder(truth(t), 17), truth
+
+
+def errors(smooth, truth):
+    """Errors in standard deviations, root mean squares by derivative."""
+    s = np.linspace(*smooth.ends, 402)[1:-1]
+    return [
+        np.sqrt(np.mean(((smooth.spline(s, nu=k) - truth(s, k)) / d) ** 2)) for k, d in enumerate(smooth.deviations(s))
+    ]
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("given", [{}, {"joints": 1}, {"joints": 2, "frequency": 20.0}, {"frequency": 31.0}])
+def test_a_ripple_below_the_step_is_followed_and_said(seed, given):
+    """Its q4d was off by thousands of deviations."""
+    t, q, truth = vibrating(seed, **given)
+    smooth = fit(t, q)
+    frequency, amplitude = given.get("frequency", 15.0), given.get("amplitude", 1e-5)
+    notes = [note for note in smooth.notes if "vibrates" in note]
+    assert len(notes) == q.shape[1]
+    words = notes[0].split()
+    assert float(words[words.index("at") + 1]) == pytest.approx(frequency, rel=0.02)
+    assert float(words[words.index("by") + 1]) == pytest.approx(amplitude, rel=0.2)
+    assert float(words[words.index("is") + 1]) == pytest.approx(amplitude * (2 * np.pi * frequency) ** 4, rel=0.3)
+    assert smooth.bandwidth > frequency
+    assert max(errors(smooth, truth)) < 1.5
+
+
+def test_a_bandwidth_makes_a_ripple_noise_which_is_said():
+    t, q, truth = vibrating(1)
+    smooth = fit(t, q, bandwidth=3)
+    assert smooth.bandwidth < 3.1
+    notes = [note for note in smooth.notes if "vibrates at" in note]
+    assert len(notes) == 7
+    assert all("the fit up to 3.01 Hz leaves it out, and its deviations do not hold it" in note for note in notes)
+    assert max(errors(smooth, truth)) > 100
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_and_the_steps_of_steady_joints_are_no_vibrations(seed):
+    rng = np.random.default_rng(seed)
+    t = np.arange(0, rng.uniform(4, 9), 1e-3)
+    speeds = rng.uniform(0.005, 0.5, 4)
+    for q in (encoder(0.1 + t[:, None] * speeds, 17), t[:, None] * speeds + 1e-5 * rng.normal(size=(len(t), 4))):
+        smooth = fit(t, q)
+        assert not any("vibrates" in note for note in smooth.notes)
+    t, q, truth = vibrating(seed, amplitude=0.0)
+    smooth = fit(t, q)
+    assert not any("vibrates" in note for note in smooth.notes)
+    assert max(errors(smooth, truth)) < 1.5
