@@ -5,8 +5,8 @@ import pytest
 from files import refusal
 
 import jounce
-from jounce.limits.bounded import bounded
 from jounce.limits.pieces import pieces_of
+from jounce.limits.validation import bounded
 
 HOME = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
 ALL = {
@@ -154,8 +154,6 @@ def test_wrenches_act_and_measured_motions_have_deviations(arm):
     for row in arm.check(measured).table:
         assert row.deviation is not None
         assert row.deviation > 0
-    (note,) = arm.check(measured).notes
-    assert note.startswith("looked at from t = 0.")
     t = np.linspace(0, 2, 9)
     table = {"t": t, **dict.fromkeys(arm.joint_names, 0 * t), "tool0.fx": -50 * np.sin(t)}
     loaded = jounce.load_motion(table, arm, 0, degree=5)
@@ -192,9 +190,10 @@ def test_the_uncertain_ends_of_a_measured_motion_break_no_limit():
     robot = jounce.load("planar2r").with_limits(jerk=2)
     noisy = q + np.random.default_rng(0).normal(0, 2e-3, q.shape)
     exact, found = (robot.check(motion) for motion in (jounce.Motion.through(t, q), jounce.Motion.fit(t, noisy)))
-    assert exact.ok
-    assert found.ok
-    assert found.worst.ratio == pytest.approx(exact.worst.ratio, rel=0.05)
+    assert exact.verdict == "kept"
+    assert found.verdict == "undecided"
+    assert found.judged["jerk"] > 0.98
+    assert abs(found.worst.ratio - exact.worst.ratio) < 3 * found.worst.deviation
     slow = [robot.slowdown(motion).factor for motion in (jounce.Motion.through(t, q), jounce.Motion.fit(t, noisy))]
     assert slow[1] == pytest.approx(slow[0], rel=0.02)
 

@@ -6,8 +6,8 @@ from files import refusal
 from test_check import fourier, rows
 
 import jounce
-from jounce.limits.bounded import bounded
 from jounce.limits.scaling import polynomials
+from jounce.limits.validation import bounded
 
 STIFFNESS, ROTOR = [300.0, 200.0], [0.4, 0.2]
 MOTION = fourier(3, 2, duration=1.0).with_step(0.05)

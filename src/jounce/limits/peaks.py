@@ -1,7 +1,6 @@
 """Peaks between samples: found on the polynomials, then placed by exact evaluation."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +29,7 @@ def peaks_of(b: Bounded, pieces: Pieces, floor: Callable[[str, int], np.ndarray]
     """The extremes inside pieces that pass a floor (n,), given by kind and sign; each is exact."""
     found: list[tuple[np.ndarray, ...]] = []
     u = np.linspace(0, 1, GRID)
-    for kind in b.kinds:
+    for kind in pieces.kinds if pieces.width.all() else ():
         c = pieces.polynomials(kind)
         bernstein = hull(c)
         for sign in (1, -1):
@@ -62,7 +61,8 @@ def _placed(
     def value(t: np.ndarray) -> np.ndarray:
         return picked(b, t, kind, joint, 0)
 
-    known = np.array([len(series) > DERIVATIVE.get(k, 0) + 1 for k, series in _lengths(b, low[:1], kind)])
+    series = b.of_kinds(set(kind.tolist())).series(low[:1])
+    known = np.array([len(series[k]) > DERIVATIVE.get(k, 0) + 1 for k in kind.tolist()])
     t = np.empty(len(low))
     if known.any():
 
@@ -80,15 +80,9 @@ def _placed(
     return Peaks(kind, joint, sign, t, value(t))
 
 
-def _lengths(b: Bounded, t: np.ndarray, kind: np.ndarray) -> list[tuple[str, list[np.ndarray]]]:
-    series = b.series(t)
-    return [(str(k), series[str(k)]) for k in kind]
-
-
 def picked(b: Bounded, t: np.ndarray, kind: np.ndarray, joint: np.ndarray, derivative: int) -> np.ndarray:
     """What limits bound, of one kind and joint at each time, or a derivative of it."""
-    names = set(kind.tolist())
-    series = replace(b, kinds=tuple(name for name in b.kinds if name in names)).series(t)
+    series = b.of_kinds(set(kind.tolist())).series(t)
     found = np.empty(len(t))
     for name, known in series.items():
         mine = np.flatnonzero(kind == name)

@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from jounce.errors import JounceError, quoted
-from jounce.limits.bounded import Bounded, bounded
+from jounce.errors import JounceError, listed, quoted
+from jounce.limits.bounded import Bounded
 from jounce.limits.bracketing import bracketed_factor, is_polynomial, worst_of
 from jounce.limits.check import breaks_of, notes_of
 from jounce.limits.feasible import Feasible
+from jounce.limits.validation import bounded
 from jounce.limits.worst import Worst
 from jounce.motion.motion import Motion
 from jounce.robot.along import ForceBreak
@@ -81,7 +82,7 @@ def slowdown(robot: "Robot", motion: object) -> Slowdown:
     """The largest factor of speed such that every smaller one keeps all limits too."""
     b = bounded(robot, motion)
     breaks = breaks_of(b)
-    notes = notes_of(b, breaks)
+    notes = (*notes_of(b, breaks), *_window_notes(b))
     _refuse_jumps(b, breaks)
     if not is_polynomial(b):
         factor, binding = bracketed_factor(b)
@@ -92,6 +93,12 @@ def slowdown(robot: "Robot", motion: object) -> Slowdown:
     binding = str(states.kind[i]), int(states.joint[i]), float(states.t[i])
     largest = _largest(b, states)
     return Slowdown(factor, _named(b, *binding), b.motion.scaled(1 / factor), max(factor, largest), notes)
+
+
+def _window_notes(b: Bounded) -> tuple[str, ...]:
+    """Between which times of a measured motion limits count, of kinds that do not along the whole motion."""
+    spans = [f"{kind.replace('_', ' ')} {start:.6g} to {stop:.6g} s" for kind, (start, stop) in b.windows.items()]
+    return (f"limits count where samples are certain: {listed(spans)}; check the slower motion",) if spans else ()
 
 
 def _named(b: Bounded, kind: str, joint: int, t: float) -> Binding:
