@@ -171,6 +171,22 @@ def test_a_follower_is_named_where_its_effort_is_not_checked():
     assert [note for note in found.notes if "'panda_finger_joint2'" in note and "follows" in note]
 
 
+@pytest.mark.parametrize("friction", [0.0, 0.1])
+def test_a_motion_of_one_state_is_checked_and_slowed_down(friction):
+    m = jounce.load("planar2r").mechanism
+    robot = jounce.Robot.from_screws(
+        m.B, m.X, m.M, gravity=m.gravity, drives={"friction": [friction] * 2, "damping": [0.1] * 2}
+    )
+    robot = robot.with_drives().with_limits(velocity=1.0, effort=50, effort_rate=900)
+    names = [f"{joint}.{rate}" for joint in robot.joint_names for rate in ("q", "qd", "q2d", "q3d", "q4d")]
+    motion = jounce.load_motion({"t": [0.5], **{name: [0.0] for name in names}, names[1]: [2.0]}, robot)
+    found = robot.check(motion)
+    assert (found.verdict, found.worst.limit, found.worst.ratio) == ("broken", "velocity", 2.0)
+    assert found.worst.violations == ((0.5, 0.5),)
+    assert robot.slowdown(motion).factor == pytest.approx(1 / 2)
+    refusal(lambda: robot.retime(motion), "the motion is one state at t = 0.5 s")
+
+
 @pytest.mark.parametrize(
     ("call", "words"),
     [

@@ -9,6 +9,7 @@ from scipy.interpolate import make_interp_spline
 import jounce
 from jounce import JounceError, Motion
 from jounce.limits import pace
+from jounce.limits.basis import Basis
 from jounce.limits.path import path_of
 from jounce.limits.problem import problem_of
 from jounce.limits.retime import Grid
@@ -114,6 +115,18 @@ def test_a_time_law_is_the_inverse_of_its_times_and_its_rates_are_derivatives():
     rates, ahead, back = (law.rates(x, 5) for x in (inner, inner + h, inner - h))
     for k in range(5):
         np.testing.assert_allclose((ahead[k] - back[k]) / (2 * h), rates[k + 1], rtol=1e-5, atol=1e-5)
+
+
+def test_splines_are_refined_exactly_whatever_the_duration():
+    rng = np.random.default_rng(0)
+    for duration, start in zip(
+        rng.uniform(0.1, 20, 400), rng.uniform(-50, 50, 400) * (rng.random(400) < 0.5), strict=True
+    ):
+        coarse, fine = (Basis(start, start + duration, intervals) for intervals in (6, 12))
+        c = rng.uniform(0.5, 1.5, coarse.count)
+        sigma = np.linspace(start, start + duration, 41)
+        found = fine.spline(fine.through(coarse.spline(c)))(sigma)
+        np.testing.assert_allclose(found, coarse.spline(c)(sigma), rtol=1e-11)
 
 
 def test_breaks_and_deviations_go_with_the_path():
