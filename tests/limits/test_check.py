@@ -5,6 +5,7 @@ import pytest
 from files import refusal
 
 import jounce
+from jounce.limits import peaks
 from jounce.limits.pieces import pieces_of
 from jounce.limits.validation import bounded
 
@@ -222,3 +223,39 @@ def test_stamps_since_1970_are_checked_as_those_since_the_start():
     slower = [jounce.Motion.fit(start + t, q).scaled(3.2) for start in (0, 1.7e9)]
     counts = [sum(len(pieces.start) for pieces in pieces_of(bounded(robot, motion))) for motion in slower]
     assert counts[1] <= 1.05 * counts[0]
+
+
+@pytest.mark.filterwarnings("ignore:the motion. rounding of the samples:jounce.JounceWarning")
+@pytest.mark.parametrize(("start", "jitter"), [(0.0, 0.0), (3600.0, 0.0), (0.0, 1e-5), (3600.0, 1e-5)])
+@pytest.mark.parametrize("kind", ["snap", "second_effort_rate"])
+def test_rounding_of_the_highest_rates_is_not_looked_into(kind, start, jitter):
+    """Differentiation magnifies it beyond what polynomials are trusted to; halving pieces does not lessen it."""
+    t = 1e-3 * np.arange(300)
+    q = np.stack([np.sin(2 * t), np.cos(3 * t)], axis=1)
+    stamps = start + t + jitter * np.random.default_rng(0).uniform(-1, 1, len(t))
+    motion = jounce.Motion.through(stamps, q)
+    robot = jounce.load("planar2r").with_limits(**{kind: 1e3})
+    pieces = sum(len(pieces.start) for pieces in pieces_of(bounded(robot, motion)))
+    assert pieces < (4 if jitter == 0 else 8) * len(t)
+    row = robot.check(motion).worst
+    rates = motion(np.linspace(motion.start, motion.stop, 20001))
+    dense = rates[4] if kind == "snap" else robot.inverse_dynamics(*rates)[2]
+    assert row.ratio >= np.abs(dense).max() / 1e3 * (1 - 1e-4)
+
+
+def test_a_peak_between_neighbouring_doubles_is_found():
+    low = np.array([3600.0, 1.7e9])
+    high = np.nextafter(low, np.inf)
+    t = peaks.narrowed(lambda t: -((t - low[:, None]) ** 2), low, high)
+    assert ((low <= t) & (t <= high)).all()
+
+
+def test_zeros_are_found_to_rounding_each_at_its_own_pace():
+    zeros = np.array([0.1, 0.25, 0.9, 0.5])
+
+    def f(t, at):
+        return np.choose(at, [t - 0.1, (t - 0.25) ** 3, np.sign(t - 0.9), np.exp(9 * t) - np.exp(4.5)])
+
+    np.testing.assert_allclose(peaks.root(f, np.zeros(4), np.ones(4)), zeros, atol=1e-5)
+    np.testing.assert_allclose(peaks.root(f, np.zeros(4), np.ones(4))[[0, 2, 3]], zeros[[0, 2, 3]], atol=1e-14)
+    assert peaks.root(lambda t, at: t + 1, np.zeros(1), np.ones(1)) == 0

@@ -18,9 +18,13 @@ def deviations_of(b: Bounded, t: np.ndarray) -> Deviations:
 
     Those of motors, and of joints that follow others in closed loops, are not known.
     """
+    m = b.motion
+    curves = (m.curve, *m.loads.values(), *([m.base_curve] if m.base_curve else []))
+    if all(curve.deviations(t[:1], 0) is None for curve in curves):
+        return {}
     closure = b.robot.mechanism.closure
     own = list(closure.independent) if closure else list(range(len(b.joints)))
-    rates = b.motion.deviations(t, max(motion_order(b.robot, kind) for kind in b.kinds))
+    rates = m.deviations(t, max(motion_order(b.robot, kind) for kind in b.kinds))
     found: Deviations = {}
     for kind in b.kinds if rates else ():
         found[kind] = np.full((len(t), len(b.joints)), np.nan)
@@ -29,7 +33,7 @@ def deviations_of(b: Bounded, t: np.ndarray) -> Deviations:
     off = np.zeros((len(t), len(b.joints)))
     if rates:
         off = np.full_like(off, np.nan)
-        off[:, own] = (b.motion.deviations(t, 1) or ())[1]
+        off[:, own] = (m.deviations(t, 1) or ())[1]
     return found | _of_forces(b, t, off)
 
 

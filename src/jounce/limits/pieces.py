@@ -15,6 +15,8 @@ from jounce.limits.bounded import DERIVATIVE, SMOOTH, Bounded, Series, Span
 from jounce.motion.hermite import coefficients
 
 TOLERANCE = 1e-5  # of the largest value: a polynomial that misses the middle by more is not trusted
+NUDGE = 1e-6  # of a piece: values so much earlier and later differ by rounding alone
+ROUNDING_MARGIN = 8.0  # times such a difference is rounding too, which halving does not lessen
 DEEPEST = 10  # times that a piece is halved
 CLOSE = 1e-9  # of the duration: times closer to a break are that break
 BLOCK = 2000  # pieces worked on at a time
@@ -125,10 +127,16 @@ def _halved(b: Bounded, pieces: Pieces) -> Pieces:
         exact, wrong = b.series(middle), np.zeros(len(middle), dtype=bool)
         u = (middle - pieces.start)[:, None] / pieces.width
         rounded = 16 * np.spacing(np.abs(middle))[:, None] / pieces.width  # much where stamps are those since 1970
+        missed = {}
         for kind in b.kinds:
             c, value = pieces.polynomials(kind), exact[kind][DERIVATIVE.get(kind, 0)]
             scales[kind] = np.maximum(scales[kind], np.abs(value).max(axis=0))
-            wrong |= (np.abs(_at(c, u) - value) > (TOLERANCE + rounded) * scales[kind]).any(axis=1)
+            missed[kind] = np.abs(_at(c, u) - value) - (TOLERANCE + rounded) * scales[kind]
+            wrong |= (missed[kind] > 0).any(axis=1)
+        if wrong.any():
+            rounding = _rounding(b, middle[wrong], pieces.width[wrong, 0])
+            beyond = [(missed[kind][wrong] > ROUNDING_MARGIN * rounding[kind]).any(axis=1) for kind in b.kinds]
+            wrong[wrong] = np.any(beyond, axis=0)
         first = Pieces(pieces.start, middle, pieces.left, exact)
         second = Pieces(middle, pieces.stop, exact, pieces.right)
         done += [first.taken(~wrong), second.taken(~wrong)]
@@ -136,6 +144,13 @@ def _halved(b: Bounded, pieces: Pieces) -> Pieces:
         if not wrong.any():
             break
     return _joined([*done, pieces])
+
+
+def _rounding(b: Bounded, t: np.ndarray, width: np.ndarray) -> dict[str, np.ndarray]:
+    """By how much values (N, n) differ from those at times that are as good as the same."""
+    step = np.maximum(NUDGE * width, 2 * np.spacing(np.abs(t)))
+    at, early, late = (b.values(t + sign * step) for sign in (0, -1, 1))
+    return {kind: np.maximum(np.abs(early[kind] - x), np.abs(late[kind] - x)) for kind, x in at.items()}
 
 
 def _joined(parts: list[Pieces]) -> Pieces:

@@ -109,11 +109,12 @@ class Worst:
         reach = np.abs(bound - sign * scale.centre)
         return np.where(np.isfinite(bound), bound + ROUNDING * reach, np.inf)
 
-    def _floor(self, kind: str, sign: int) -> np.ndarray:
-        """What a peak must reach to matter: the worst value so far, or the bound."""
-        bound = self.scales[kind].bound(sign)
-        least = np.minimum(self.value[kind, sign], bound) - TRUST * self.largest[kind]
-        return np.where(np.isfinite(bound), least, np.inf)
+    def _floor(self, pieces: Pieces, kind: str, sign: int) -> np.ndarray:
+        """What a peak in pieces must reach to matter, (K, n): the worst value, or the bound if an end is within it."""
+        bound, left_right = self.scales[kind].bound(sign), pieces.values(kind)
+        within = np.minimum(*(sign * x for x in left_right)) <= bound
+        least = np.where(within, np.minimum(self.value[kind, sign], bound), self.value[kind, sign])
+        return np.where(np.isfinite(bound), least - TRUST * self.largest[kind], np.inf)
 
     def _add_spans(self, pieces: Pieces, peaks: Peaks) -> None:
         """The spans in which values are beyond their bounds, their ends exact."""
@@ -133,8 +134,8 @@ class Worst:
         ends = low.copy()
         inner = low < high
 
-        def beyond(t: np.ndarray) -> np.ndarray:
-            return sign[inner] * picked(self.b, t, kind[inner], joint[inner], 0) - bound[inner]
+        def beyond(t: np.ndarray, at: np.ndarray) -> np.ndarray:
+            return sign[inner][at] * picked(self.b, t, kind[inner][at], joint[inner][at], 0) - bound[inner][at]
 
         if inner.any():
             ends[inner] = root(beyond, low[inner], high[inner])
