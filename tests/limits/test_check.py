@@ -212,7 +212,7 @@ def test_the_uncertain_ends_of_a_measured_motion_break_no_limit():
     assert found.judged["jerk"] > 0.98
     assert abs(found.worst.ratio - exact.worst.ratio) < 3 * found.worst.deviation
     slow = [robot.slowdown(motion).factor for motion in (jounce.Motion.through(t, q), jounce.Motion.fit(t, noisy))]
-    assert slow[1] == pytest.approx(slow[0], rel=0.02)
+    assert slow[1] == pytest.approx(slow[0], rel=0.03)  # an end at more than two deviations decides
 
 
 def test_stamps_since_1970_are_checked_as_those_since_the_start():

@@ -68,6 +68,18 @@ def test_a_torque_rate_beyond_its_limit_where_rates_are_uncertain_counts(measure
         assert all(stop <= low or high <= start for low, high in found.worst.violations)
 
 
+def test_a_slowdown_takes_what_is_surely_broken_at_the_ends(measured):
+    rate = np.abs(true_rates(DENSE)[1])
+    start = bounded(ROBOT.with_limits(effort_rate=9e3), measured).window("effort_rate")[0]
+    limited = ROBOT.with_limits(effort_rate=[1.02 * rate[start <= DENSE, 0].max(), 9e3])
+    slow = limited.slowdown(measured)
+    assert slow.binding[:2] == ("joint1", "effort_rate")
+    assert slow.binding.t < start
+    assert limited.check(slow.motion).verdict != "broken"
+    assert limited.check(measured.scaled(0.999 / slow.factor)).verdict == "broken"
+    assert "effort rate" in slow.notes[-1]
+
+
 def test_where_samples_do_not_decide_the_verdict_is_undecided(measured):
     bound = 1.1 * np.abs(truth(DENSE, 4)).max(axis=0)
     found = ROBOT.with_limits(snap=bound, velocity=99).check(measured)
@@ -127,11 +139,11 @@ def test_commands_state_verdict_share_and_exit_code(robots, tmp_path, verdict, c
         assert result.exit_code == code, result.output
         data = json.loads(result.stdout)
         assert (data["verdict"], data["ok"]) == (verdict, verdict == "kept")
+        assert (min(data["judged"].values()) < 1) == (verdict == "undecided")
         words = run("check", robots[verdict], motion).stdout
+        assert ("of the time for snap" in words) == (verdict == "undecided")
         assert ("every limit is kept" in words) == (verdict == "kept")
         assert ("undecided" in words) == (verdict == "undecided")
-    single = json.loads(run("check", robots[verdict], logs / "log.csv", "--json").stdout)
-    assert (min(single["judged"].values()) < 1) == (verdict == "undecided")
     table = tmp_path / "limits.csv"
     assert run("check", robots[verdict], logs, "--table", table).exit_code == code
     assert verdict in table.read_text()

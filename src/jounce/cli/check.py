@@ -111,12 +111,17 @@ def _tell_worst(job: "Job", motion: AskedMotion, table: Path | None, stream: Ask
         summary[verdict] = [name for name, of in verdicts.items() if of == verdict]
     verdict = overall(verdicts.values())
     summary |= {"notes": [*summary["notes"], *notes], "ok": verdict == "kept", "verdict": verdict}
+    summary["judged"] = {}
+    for of in found.aggregates.values():
+        for kind, share in of["judged"].items():
+            summary["judged"][kind] = min(share, summary["judged"].get(kind, 1.0))
     summary["worst"] = [*worst.values()]
     tell(summary, _worst_in_words, as_json)
     raise SystemExit(EXIT_CODES[verdict])
 
 
 def _worst_in_words(summary: dict[str, Any]) -> str:
+    from jounce.limits.verdicts import judged_in_words
     from jounce.model.limits import in_words
 
     rows = sorted(summary["worst"], key=lambda row: -_number(row["ratio"]))
@@ -127,6 +132,7 @@ def _worst_in_words(summary: dict[str, Any]) -> str:
         cells.append((limit, row["joint"], value, bound, row["unit"], ratio, f"{row['t']:.4f}", row["motion"] or "-"))
     counts = [f"{name} in {len(summary[name])}" for name in ("broken", "undecided") if summary[name]]
     verdict = f"limits are {' and '.join(counts)} of {summary['motions']} motions" if counts else "every limit is kept"
+    verdict = "; ".join([verdict, *judged_in_words(summary["judged"], "judged of each motion, at least")])
     more = [f"and {len(rows) - SHOWN} more; --json lists them"] if len(rows) > SHOWN else []
     written = [f"limits written to {summary['output']}"] if summary["output"] else []
     return "\n".join([*head_in_words(summary), verdict, *written, "", *straight_columns(cells), *more])

@@ -25,10 +25,13 @@ def verdict_in_words(verdicts: Sequence[Verdict], judged: Mapping[str, float]) -
     counts = [
         f"{n} of {len(verdicts)} limits {name}" for name in ("broken", "undecided") if (n := verdicts.count(name))
     ]
+    return "; ".join([" and ".join(counts) or "every limit is kept", *judged_in_words(judged)])
+
+
+def judged_in_words(judged: Mapping[str, float], subject: str = "judged") -> list[str]:
+    """The shares of time that are judged, by kind, where they are not all of it."""
     partly = [f"{share:.2%} of the time for {kind.replace('_', ' ')}" for kind, share in judged.items() if share < 1]
-    return "; ".join(
-        [" and ".join(counts) or "every limit is kept", *([f"judged: {listed(partly)}"] if partly else [])]
-    )
+    return [f"{subject}: {listed(partly)}"] if partly else []
 
 
 def join_spans(spans: Iterable[Sequence[float]]) -> tuple[Span, ...]:

@@ -43,6 +43,11 @@ def add_limits(known: dict[str, Aggregate], name: str, more: Aggregate) -> None:
     joined = known[name]
     if more["t"][0] < joined["t"][1]:
         raise out_of_order(name, joined, more)
+    spent = [of["t"][1] - of["t"][0] for of in (joined, more)]
+    joined["judged"] = {
+        kind: (share * spent[0] + more["judged"][kind] * spent[1]) / (sum(spent) or 1)
+        for kind, share in joined["judged"].items()
+    }
     joined["rows"] += more["rows"]
     joined["t"] = [joined["t"][0], more["t"][1]]
     joined["notes"] = list(dict.fromkeys([*joined["notes"], *more["notes"]]))
@@ -78,7 +83,8 @@ def _aggregate(found: Check, motion: Motion, rows: int) -> Aggregate:
         | {"verdict": row.verdict}
         for row in found.table
     ]
-    return {"rows": rows, "t": [motion.start, motion.stop], "limits": limits, "notes": list(found.notes)}
+    times = {"rows": rows, "t": [motion.start, motion.stop]}
+    return times | {"limits": limits, "judged": dict(found.judged), "notes": list(found.notes)}
 
 
 def _wholes(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple[str, int, Motion]]:
