@@ -1,6 +1,7 @@
 """Verdicts on limits: kept, broken, or undecided by measured samples; of several limits, in words."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from math import floor
 from typing import Literal
 
 from jounce.errors import listed
@@ -30,7 +31,11 @@ def verdict_in_words(verdicts: Sequence[Verdict], judged: Mapping[str, float]) -
 
 def judged_in_words(judged: Mapping[str, float], subject: str = "judged") -> list[str]:
     """The shares of time that are judged, by kind, where they are not all of it."""
-    partly = [f"{share:.2%} of the time for {kind.replace('_', ' ')}" for kind, share in judged.items() if share < 1]
+    partly = [
+        f"{floor(1e4 * share) / 1e4:.2%} of the time for {kind.replace('_', ' ')}"
+        for kind, share in judged.items()
+        if share < 1
+    ]
     return [f"{subject}: {listed(partly)}"] if partly else []
 
 
