@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from jounce.limits.bounded import DERIVATIVE, Bounded, Span, motion_order
+from jounce.dynamics.quantities import FORCES, Quantity
+from jounce.limits.bounded import DERIVATIVE, MOTORS, Bounded, Span, motion_order, quantities_of
 from jounce.limits.joints import in_columns, of_joints
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS
 from jounce.robot.along import pieces_along
@@ -16,7 +17,7 @@ Deviations = dict[str, np.ndarray]  # by kind, (N, joints); NaN where they are n
 def deviations_of(b: Bounded, t: np.ndarray) -> Deviations:
     """Standard deviations at times (N,), without the kinds that are exact.
 
-    Those of motors, and of joints that follow others in closed loops, are not known.
+    Those of joints that follow others in closed loops are not known, but for their forces.
     """
     m = b.motion
     curves = (m.curve, *m.loads.values(), *([m.base_curve] if m.base_curve else []))
@@ -24,36 +25,48 @@ def deviations_of(b: Bounded, t: np.ndarray) -> Deviations:
         return {}
     closure = b.robot.mechanism.closure
     own = list(closure.independent) if closure else list(range(len(b.joints)))
-    rates = m.deviations(t, max(motion_order(b.robot, kind) for kind in b.kinds))
-    found: Deviations = {}
-    for kind in b.kinds if rates else ():
-        found[kind] = np.full((len(t), len(b.joints)), np.nan)
-        if rates and kind in MOTION_KINDS:
-            found[kind][:, own] = rates[MOTION_KINDS.index(kind)]
-    off = np.zeros((len(t), len(b.joints)))
+    rates = m.deviations(t, max(1, *(motion_order(b.robot, kind) for kind in b.kinds)))
+    spread = np.full((len(rates), len(t), len(b.joints)), np.nan) if rates else np.zeros((2, len(t), len(b.joints)))
     if rates:
-        off = np.full_like(off, np.nan)
-        off[:, own] = (m.deviations(t, 1) or ())[1]
-    return found | _of_forces(b, t, off)
+        spread[:, :, own] = rates
+    found = dict(zip(MOTION_KINDS, spread, strict=False)) if rates else {}
+    found |= _of_forces(b, t, spread[1]) | _of_motors(b, t)
+    return {kind: found[kind] for kind in b.kinds if kind in found}
 
 
 def _of_forces(b: Bounded, t: np.ndarray, off: np.ndarray) -> Deviations:
     """Those of efforts with their rates, and of the power, where velocities deviate by `off` (N, joints)."""
-    m, efforts = b.robot.mechanism, [kind for kind in b.kinds if kind in EFFORT_KINDS]
+    efforts = [kind for kind in b.kinds if kind in EFFORT_KINDS]
     if not efforts and "power" not in b.kinds:
         return {}
-    order = max((DERIVATIVE[kind] for kind in efforts), default=0)
-    parts = list(pieces_along(b.robot, b.motion, t, order, row=b.efforts))
-    if parts[0].deviations is None:
+    along = _along(b, t, b.efforts, max((DERIVATIVE[kind] for kind in efforts), default=0))
+    spread, Q = (in_columns(b.robot.mechanism, x, b.efforts) for x in along)
+    if not spread:
         return {}
-    spread, Q = (
-        in_columns(m, of_joints(m, tuple(map(np.concatenate, zip(*rates, strict=True))), b.efforts), b.efforts)
-        for rates in ([part.deviations or () for part in parts], [part.forces for part in parts])
-    )
     found = {kind: spread[DERIVATIVE[kind]] for kind in efforts}
     if "power" in b.kinds:
         found["power"] = np.hypot(b.rates(t, 1)[1] * spread[0], Q[0] * off)
     return found
+
+
+def _of_motors(b: Bounded, t: np.ndarray) -> Deviations:
+    """Those of motors; of voltages the sum of those of their parts, which is at least theirs."""
+    found = {}
+    for kind in MOTORS:
+        if kind in b.kinds:
+            spread = {name: _along(b, t, b.row(name), k)[0] for name, k in quantities_of(b.robot, kind).items()}
+            if all(spread.values()):
+                of_motor = b.of_motor(kind, spread)[DERIVATIVE.get(kind, 0)]
+                [found[kind]] = in_columns(b.robot.mechanism, [np.abs(of_motor)], FORCES)
+    return found
+
+
+def _along(b: Bounded, t: np.ndarray, row: Quantity, order: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """The deviations of a quantity with its rates, none where it is exact, and the quantity."""
+    parts = list(pieces_along(b.robot, b.motion, t, order, row=row))
+    of_rates = [part.deviations or () for part in parts], [part.forces for part in parts]
+    spread, values = (tuple(map(np.concatenate, zip(*rates, strict=True))) for rates in of_rates)
+    return of_joints(b.robot.mechanism, spread, row), of_joints(b.robot.mechanism, values, row)
 
 
 def windows_of(b: Bounded) -> dict[str, Span]:
@@ -62,9 +75,7 @@ def windows_of(b: Bounded) -> dict[str, Span]:
     t = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), COMPARED_TIMES)).astype(int))]
     found = {}
     for kind, deviations in deviations_of(b, t).items():
-        known = ~np.isnan(deviations).any(axis=0)
-        rate = b.motion.deviations(t, motion_order(b.robot, kind)) or (np.empty((len(t), 0)),)
-        off = deviations[:, known] if known.any() else rate[-1]  # of motors, whose own are not known
+        off = deviations[:, ~np.isnan(deviations).any(axis=0)]
         well = np.flatnonzero((off <= MAX_OVER_MEDIAN * np.median(off, axis=0)).all(axis=1))
         ends = (well[0], well[-1]) if well.size else (0, 0)
         if ends != (0, len(t) - 1):
