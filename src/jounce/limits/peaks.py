@@ -140,6 +140,8 @@ def narrowed(f: Callable[[np.ndarray], np.ndarray], low: np.ndarray, high: np.nd
         t = a[:, None] + (b - a)[:, None] * np.linspace(0, 1, GRID)
         best = f(t)[:, 1:-1].argmax(axis=1) + 1
         a, b = (t[np.arange(len(t)), best + side] for side in (-1, 1))
+        if (b - a <= GRID * np.spacing(np.abs(b))).all():  # no times of a finer grid are doubles
+            break
     return (a + b) / 2
 
 
