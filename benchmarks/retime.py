@@ -80,11 +80,11 @@ def last_grid(robot: Robot, motion: Motion, found: Retiming) -> Grid:
     return Grid.of(problem, len(np.unique(found.law.x.t)) - 1, REACHES[0])
 
 
-def ipopt(grid: Grid) -> float:
-    """The duration that IPOPT finds with the rows of a grid."""
+def ipopt(grid: Grid, points: slice | np.ndarray | None = None) -> float:
+    """The duration that IPOPT finds with the rows of a grid, at some of its points."""
     import casadi as ca
 
-    basis, some = grid.basis, slice(None, grid.count, EVERY)
+    basis, some = grid.basis, slice(None, grid.count, EVERY) if points is None else points
     at, rows = grid.at.taken(some), grid.rows.taken(some)
     scale = (INSIDE * grid.uniform) ** 2
     c = ca.MX.sym("c", basis.count)

@@ -5,8 +5,9 @@ import pytest
 from files import refusal
 
 import jounce
-from jounce.limits.bounded import bounded
+from jounce.limits import peaks
 from jounce.limits.pieces import pieces_of
+from jounce.limits.validation import bounded
 
 HOME = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
 ALL = {
@@ -154,8 +155,6 @@ def test_wrenches_act_and_measured_motions_have_deviations(arm):
     for row in arm.check(measured).table:
         assert row.deviation is not None
         assert row.deviation > 0
-    (note,) = arm.check(measured).notes
-    assert note.startswith("looked at from t = 0.")
     t = np.linspace(0, 2, 9)
     table = {"t": t, **dict.fromkeys(arm.joint_names, 0 * t), "tool0.fx": -50 * np.sin(t)}
     loaded = jounce.load_motion(table, arm, 0, degree=5)
@@ -171,6 +170,22 @@ def test_a_follower_is_named_where_its_effort_is_not_checked():
     robot = jounce.load("panda")
     found = robot.check(jounce.Motion.polynomial(np.array([*HOME, 0.02])[:, None] * [1.0], 1.0))
     assert [note for note in found.notes if "'panda_finger_joint2'" in note and "follows" in note]
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.1])
+def test_a_motion_of_one_state_is_checked_and_slowed_down(friction):
+    m = jounce.load("planar2r").mechanism
+    robot = jounce.Robot.from_screws(
+        m.B, m.X, m.M, gravity=m.gravity, drives={"friction": [friction] * 2, "damping": [0.1] * 2}
+    )
+    robot = robot.with_drives().with_limits(velocity=1.0, effort=50, effort_rate=900)
+    names = [f"{joint}.{rate}" for joint in robot.joint_names for rate in ("q", "qd", "q2d", "q3d", "q4d")]
+    motion = jounce.load_motion({"t": [0.5], **{name: [0.0] for name in names}, names[1]: [2.0]}, robot)
+    found = robot.check(motion)
+    assert (found.verdict, found.worst.limit, found.worst.ratio) == ("broken", "velocity", 2.0)
+    assert found.worst.violations == ((0.5, 0.5),)
+    assert robot.slowdown(motion).factor == pytest.approx(1 / 2)
+    refusal(lambda: robot.retime(motion), "the motion is one state at t = 0.5 s")
 
 
 @pytest.mark.parametrize(
@@ -192,11 +207,12 @@ def test_the_uncertain_ends_of_a_measured_motion_break_no_limit():
     robot = jounce.load("planar2r").with_limits(jerk=2)
     noisy = q + np.random.default_rng(0).normal(0, 2e-3, q.shape)
     exact, found = (robot.check(motion) for motion in (jounce.Motion.through(t, q), jounce.Motion.fit(t, noisy)))
-    assert exact.ok
-    assert found.ok
-    assert found.worst.ratio == pytest.approx(exact.worst.ratio, rel=0.05)
+    assert exact.verdict == "kept"
+    assert found.verdict == "undecided"
+    assert found.judged["jerk"] > 0.98
+    assert abs(found.worst.ratio - exact.worst.ratio) < 3 * found.worst.deviation
     slow = [robot.slowdown(motion).factor for motion in (jounce.Motion.through(t, q), jounce.Motion.fit(t, noisy))]
-    assert slow[1] == pytest.approx(slow[0], rel=0.02)
+    assert slow[1] == pytest.approx(slow[0], rel=0.03)  # an end at more than two deviations decides
 
 
 def test_stamps_since_1970_are_checked_as_those_since_the_start():
@@ -207,3 +223,39 @@ def test_stamps_since_1970_are_checked_as_those_since_the_start():
     slower = [jounce.Motion.fit(start + t, q).scaled(3.2) for start in (0, 1.7e9)]
     counts = [sum(len(pieces.start) for pieces in pieces_of(bounded(robot, motion))) for motion in slower]
     assert counts[1] <= 1.05 * counts[0]
+
+
+@pytest.mark.filterwarnings("ignore:the motion. rounding of the samples:jounce.JounceWarning")
+@pytest.mark.parametrize(("start", "jitter"), [(0.0, 0.0), (3600.0, 0.0), (0.0, 1e-5), (3600.0, 1e-5)])
+@pytest.mark.parametrize("kind", ["snap", "second_effort_rate"])
+def test_rounding_of_the_highest_rates_is_not_looked_into(kind, start, jitter):
+    """Differentiation magnifies it beyond what polynomials are trusted to; halving pieces does not lessen it."""
+    t = 1e-3 * np.arange(300)
+    q = np.stack([np.sin(2 * t), np.cos(3 * t)], axis=1)
+    stamps = start + t + jitter * np.random.default_rng(0).uniform(-1, 1, len(t))
+    motion = jounce.Motion.through(stamps, q)
+    robot = jounce.load("planar2r").with_limits(**{kind: 1e3})
+    pieces = sum(len(pieces.start) for pieces in pieces_of(bounded(robot, motion)))
+    assert pieces < (4 if jitter == 0 else 8) * len(t)
+    row = robot.check(motion).worst
+    rates = motion(np.linspace(motion.start, motion.stop, 20001))
+    dense = rates[4] if kind == "snap" else robot.inverse_dynamics(*rates)[2]
+    assert row.ratio >= np.abs(dense).max() / 1e3 * (1 - 1e-4)
+
+
+def test_a_peak_between_neighbouring_doubles_is_found():
+    low = np.array([3600.0, 1.7e9])
+    high = np.nextafter(low, np.inf)
+    t = peaks.narrowed(lambda t: -((t - low[:, None]) ** 2), low, high)
+    assert ((low <= t) & (t <= high)).all()
+
+
+def test_zeros_are_found_to_rounding_each_at_its_own_pace():
+    zeros = np.array([0.1, 0.25, 0.9, 0.5])
+
+    def f(t, at):
+        return np.choose(at, [t - 0.1, (t - 0.25) ** 3, np.sign(t - 0.9), np.exp(9 * t) - np.exp(4.5)])
+
+    np.testing.assert_allclose(peaks.root(f, np.zeros(4), np.ones(4)), zeros, atol=1e-5)
+    np.testing.assert_allclose(peaks.root(f, np.zeros(4), np.ones(4))[[0, 2, 3]], zeros[[0, 2, 3]], atol=1e-14)
+    assert peaks.root(lambda t, at: t + 1, np.zeros(1), np.ones(1)) == 0

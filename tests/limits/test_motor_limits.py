@@ -6,8 +6,9 @@ from files import refusal
 from test_check import fourier, rows
 
 import jounce
-from jounce.limits.bounded import bounded
+from jounce.limits.deviations import deviations_of
 from jounce.limits.scaling import polynomials
+from jounce.limits.validation import bounded
 
 STIFFNESS, ROTOR = [300.0, 200.0], [0.4, 0.2]
 MOTION = fourier(3, 2, duration=1.0).with_step(0.05)
@@ -126,3 +127,20 @@ def test_springs_that_bend_and_dampers_are_bounded_as_well():
         robot = jounce.load("planar2r").elastic(rotor=ROTOR, **options).with_limits(motor_torque=45)
         slow = robot.slowdown(motion)
         assert robot.check(slow.motion).worst.ratio == pytest.approx(1, abs=1e-7)
+
+
+def test_deviations_of_motors_follow_from_those_of_the_joints():
+    motor = jounce.Motor(gear=-50, inertia=1e-4, resistance=0.5, inductance=2e-3, constant=0.05)
+    limits = dict.fromkeys(("motor_position", "motor_velocity", "motor_torque", "motor_current", "motor_voltage"), 1e3)
+    robot = jounce.load("planar2r").elastic(STIFFNESS, motors=motor).robot.with_limits(**limits)
+    truth, t = fourier(3, 2, duration=4.0), np.linspace(0, 4, 2001)
+    measured = jounce.Motion.fit(t, truth(t, 0)[0] + np.random.default_rng(0).normal(0, 1e-5, (2001, 2)))
+    b, middle = bounded(robot, measured), np.linspace(1, 3, 41)
+    found, exact = b.values(middle), bounded(robot, truth).values(middle)
+    for kind, off in deviations_of(b, middle).items():
+        assert (off > 0).all()
+        assert (np.abs(found[kind] - exact[kind]) < 5 * off).all()
+        assert (off < 0.02 * np.abs(exact[kind]).max(axis=0)).all()
+    assert set(found) == set(limits)
+    checked = robot.check(measured)
+    assert (checked.verdict, set(checked.judged.values())) == ("kept", {1.0})

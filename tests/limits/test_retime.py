@@ -9,9 +9,11 @@ from scipy.interpolate import make_interp_spline
 import jounce
 from jounce import JounceError, Motion
 from jounce.limits import pace
+from jounce.limits.barrier import Program, fastest
+from jounce.limits.basis import Basis
 from jounce.limits.path import path_of
 from jounce.limits.problem import problem_of
-from jounce.limits.retime import Grid
+from jounce.limits.retime import AGAIN, FINER, GAP, Grid
 from jounce.motion.time_law import Paced, TimeLaw
 
 PANDA = jounce.load("panda", lock={"panda_finger_joint1": 0.0})
@@ -21,6 +23,7 @@ IIWA = jounce.load("iiwa14").with_limits(
 )
 HOME = [0, -0.785, 0, -2.356, 0, 1.571, 0.785]
 LIMITS = {"effort_rate": 1000.0, "acceleration": 15.0, "jerk": 5000.0}
+STATED_GAP = 1e-5  # of the duration, in docs/howto/retime.md
 POWERS = np.array([0, 0, 0, 0, 35, -84, 70, -20.0])  # from rest to rest, C^3 there
 
 
@@ -116,6 +119,18 @@ def test_a_time_law_is_the_inverse_of_its_times_and_its_rates_are_derivatives():
         np.testing.assert_allclose((ahead[k] - back[k]) / (2 * h), rates[k + 1], rtol=1e-5, atol=1e-5)
 
 
+def test_splines_are_refined_exactly_whatever_the_duration():
+    rng = np.random.default_rng(0)
+    for duration, start in zip(
+        rng.uniform(0.1, 20, 400), rng.uniform(-50, 50, 400) * (rng.random(400) < 0.5), strict=True
+    ):
+        coarse, fine = (Basis(start, start + duration, intervals) for intervals in (6, 12))
+        c = rng.uniform(0.5, 1.5, coarse.count)
+        sigma = np.linspace(start, start + duration, 41)
+        found = fine.spline(fine.through(coarse.spline(c)))(sigma)
+        np.testing.assert_allclose(found, coarse.spline(c)(sigma), rtol=1e-11)
+
+
 def test_breaks_and_deviations_go_with_the_path():
     motion = Motion.trapezoidal([[0.0, 0.0], [1.0, 0.5]], 1.0, 2.0)
     law = law_of(motion)
@@ -192,6 +207,27 @@ def test_the_program_finds_what_ipopt_finds():
     inner = grid.inner(np.ones(grid.basis.count))
     c = grid.solved(inner, inner, 1.0)
     assert grid.basis.duration(c) == pytest.approx(ipopt(grid), rel=2e-3)
+
+
+@pytest.mark.parametrize("limits", [{"effort_rate": 500.0}, {"acceleration": 5.0, "jerk": 60.0}], ids=str)
+def test_the_program_stops_at_the_gap_that_the_page_states(limits):
+    """IPOPT solves the same program: the same spline with the same rows at the same points."""
+    pytest.importorskip("casadi")
+    from benchmarks.retime import ipopt
+
+    grid = Grid.of(problem_of(UR5.with_limits(**limits), move(UR5, 2), 0.99), 20, 20.0)
+    points = slice(None, grid.count, FINER)
+    program = Program(grid.basis, grid.at.taken(points), grid.rows.taken(points), grid.free)
+    best, inner = ipopt(grid, points), grid.inner(np.ones(grid.basis.count))
+
+    def gap(share, first):
+        c = fastest(program, inner, share, first)
+        assert program.rows.excess(program.at.jets(c)).max() < 0
+        return grid.basis.duration(c) / best - 1
+
+    for first in (1.0, AGAIN):
+        assert -1e-7 < gap(GAP, first) < STATED_GAP
+    assert gap(30 * GAP, AGAIN) > STATED_GAP
 
 
 def test_with_velocity_and_torque_alone_it_is_as_fast_as_toppra():

@@ -6,8 +6,8 @@ from files import refusal
 from test_check import HOME, fourier
 
 import jounce
-from jounce.limits.bounded import bounded
 from jounce.limits.scaling import polynomials, positive_roots
+from jounce.limits.validation import bounded
 
 
 def pendulum(**limits):

@@ -228,7 +228,7 @@ def test_the_command_writes_the_page_and_tells_of_it(tmp_path):
     assert summary["factor"] == pytest.approx(0.5)
     assert page.read_text(encoding="utf-8").startswith("<!doctype html>")
     result = CliRunner().invoke(main, asked)
-    assert result.output.splitlines()[0].endswith("101 states: limits are broken")
+    assert result.output.splitlines()[0].endswith("101 states: 1 of 1 limits broken")
     asked[4] = str(tmp_path / "no" / "r.html")
     result = CliRunner().invoke(main, asked)
     assert (result.exit_code, result.stderr.count("\n")) == (2, 1)

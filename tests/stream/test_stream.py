@@ -28,7 +28,7 @@ from jounce.stream.plan import make_plan
 ROBOT = jounce.load("planar2r")
 JOINTS = ROBOT.joint_names
 SUFFIXES = (".parquet", ".csv", ".npz")
-TEXTS = ("motion", "joint", "limit", "of", "unit")
+TEXTS = ("motion", "joint", "limit", "of", "unit", "verdict")
 
 
 def call(*words):

@@ -84,7 +84,7 @@ def _traces(s: Subject, quantity: Quantity, j: int, most: int) -> Iterator[dict[
         yield {"mode": "lines", "x": t, "y": packed(beyond[at], "f4"), "line": line, "opacity": 0.45}
     yield {"mode": "lines", "x": t, "y": packed(values[at], "f4"), "line": {"width": LINE_WIDTH, **style}}
     if found and np.isfinite(found.value):
-        marker = KEPT | {"color": style["color"]} if found.ok else BROKEN
+        marker = BROKEN if found.verdict == "broken" else KEPT | {"color": style["color"]}
         yield {"mode": "markers", "x": [found.t], "y": [found.value], "marker": marker}
 
 

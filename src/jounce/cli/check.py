@@ -15,9 +15,11 @@ from jounce.cli.streaming import AskedStream, head_in_words, is_asked, on_stream
 from jounce.errors import JounceError, shortened
 
 if TYPE_CHECKING:
+    from jounce.limits.check import CheckedLimit
     from jounce.stream.job import Job
 
 SHOWN = 20  # limits in words
+EXIT_CODES = {"kept": 0, "broken": 1, "undecided": 3}  # 2 is that of errors
 
 EPILOG = """\b
 Example:
@@ -25,7 +27,8 @@ Example:
   jounce check iiwa14 slower.csv --limits iiwa14 -o ratio.svg
 
 \b
-Values between samples count. The exit code is 1 where a limit is broken.
+Values between samples count. The exit code is 1 where a limit is broken, and 3
+where measured samples leave it undecided.
 MOTION may be a folder of tables, or a table of many motions.
 """
 
@@ -81,17 +84,20 @@ def check(
         "motion": str(motion.path),
         "t": [path.start, path.stop],
         "ok": found.ok,
-        "limits": [_row(asdict(row)) for row in found.table],
+        "verdict": found.verdict,
+        "judged": found.judged,
+        "limits": [_row(row) for row in found.table],
         "notes": [*path.notes, *found.notes],
         "picture": None if picture is None else str(picture),
     }
     tell(summary, _in_words, as_json)
-    if not found.ok:
-        raise SystemExit(1)
+    raise SystemExit(EXIT_CODES[found.verdict])
 
 
 def _tell_worst(job: "Job", motion: AskedMotion, table: Path | None, stream: AskedStream, as_json: bool) -> None:
-    """Check tables by parts, and print the worst motion for each limit; exit with 1 where a limit is broken."""
+    """Check tables by parts, and print the worst motion for each limit; the exit code is that of the verdict."""
+    from jounce.limits.verdicts import overall
+
     found, summary = run_stream(job, motion, table, stream, "limits")
     worst: dict[tuple[str, str], dict[str, Any]] = {}
     for name, of in found.aggregates.items():
@@ -100,18 +106,22 @@ def _tell_worst(job: "Job", motion: AskedMotion, table: Path | None, stream: Ask
             if key not in worst or _number(row["ratio"]) > _number(worst[key]["ratio"]):
                 worst[key] = row | {"motion": name}
     notes = dict.fromkeys(note for of in found.aggregates.values() for note in of["notes"])
-    broken = [name for name, of in found.aggregates.items() if any(_is_broken(row) for row in of["limits"])]
-    summary |= {"notes": [*summary["notes"], *notes], "ok": not broken, "broken": broken, "worst": [*worst.values()]}
+    verdicts = {name: overall([row["verdict"] for row in of["limits"]]) for name, of in found.aggregates.items()}
+    for verdict in ("broken", "undecided"):
+        summary[verdict] = [name for name, of in verdicts.items() if of == verdict]
+    verdict = overall(verdicts.values())
+    summary |= {"notes": [*summary["notes"], *notes], "ok": verdict == "kept", "verdict": verdict}
+    summary["judged"] = {}
+    for of in found.aggregates.values():
+        for kind, share in of["judged"].items():
+            summary["judged"][kind] = min(share, summary["judged"].get(kind, 1.0))
+    summary["worst"] = [*worst.values()]
     tell(summary, _worst_in_words, as_json)
-    if broken:
-        raise SystemExit(1)
-
-
-def _is_broken(row: dict[str, Any]) -> bool:
-    return _number(row["ratio"]) > 1 + 1e-9
+    raise SystemExit(EXIT_CODES[verdict])
 
 
 def _worst_in_words(summary: dict[str, Any]) -> str:
+    from jounce.limits.verdicts import judged_in_words
     from jounce.model.limits import in_words
 
     rows = sorted(summary["worst"], key=lambda row: -_number(row["ratio"]))
@@ -120,34 +130,40 @@ def _worst_in_words(summary: dict[str, Any]) -> str:
         value, bound, ratio = (f"{abs(_number(row[key])):.6g}" for key in ("value", "bound", "ratio"))
         limit = in_words(row["limit"], row["of"])
         cells.append((limit, row["joint"], value, bound, row["unit"], ratio, f"{row['t']:.4f}", row["motion"] or "-"))
-    count = len(summary["broken"])
-    verdict = f"limits are broken in {count} of {summary['motions']} motions" if count else "every limit is kept"
+    counts = [f"{name} in {len(summary[name])}" for name in ("broken", "undecided") if summary[name]]
+    verdict = f"limits are {' and '.join(counts)} of {summary['motions']} motions" if counts else "every limit is kept"
+    verdict = "; ".join([verdict, *judged_in_words(summary["judged"], "judged of each motion, at least")])
     more = [f"and {len(rows) - SHOWN} more; --json lists them"] if len(rows) > SHOWN else []
     written = [f"limits written to {summary['output']}"] if summary["output"] else []
     return "\n".join([*head_in_words(summary), verdict, *written, "", *straight_columns(cells), *more])
 
 
-def _row(row: dict[str, Any]) -> dict[str, Any]:
+def _row(row: "CheckedLimit") -> dict[str, Any]:
     """A checked limit as plain data; JSON has no infinity."""
-    return {key: None if isinstance(x, float) and isinf(x) else x for key, x in row.items()}
+    plain = {key: None if isinstance(x, float) and isinf(x) else x for key, x in asdict(row).items()}
+    return plain | {"verdict": row.verdict}
 
 
 def _in_words(summary: dict[str, Any]) -> str:
+    from jounce.limits.verdicts import verdict_in_words
     from jounce.model.limits import in_words
 
     rows = sorted(summary["limits"], key=lambda row: -_number(row["ratio"]))
-    cells: list[tuple[str, ...]] = [("limit", "joint", "|worst|", "bound", "unit", "at t", "ratio", "broken at t")]
+    cells: list[tuple[str, ...]] = [
+        ("limit", "joint", "|worst|", "bound", "unit", "at t", "ratio", "broken at t", "undecided at t")
+    ]
     for row in rows[:SHOWN]:
         value, bound, ratio = (f"{abs(_number(row[key])):.6g}" for key in ("value", "bound", "ratio"))
         deviation = f" +- {row['deviation']:.2g}" if row["deviation"] else ""
         cells.append((
             in_words(row["limit"], row["of"]), row["joint"], value, bound, row["unit"], f"{row['t']:.4f}",
-            ratio + deviation, spans_in_words(row["violations"]) or "-",
+            ratio + deviation, spans_in_words(row["violations"]) or "-", spans_in_words(row["undecided"]) or "-",
         ))  # fmt: skip
-    broken = sum(map(_is_broken, rows))
     first, last = summary["t"]
-    verdict = "every limit is kept" if summary["ok"] else f"{broken} of {len(rows)} limits broken"
+    verdict = verdict_in_words([row["verdict"] for row in rows], summary["judged"])
     lines = [f"{shortened(summary['robot'])} along {summary['motion']}, t = {first:g} .. {last:g} s: {verdict}"]
+    if not any(row["undecided"] for row in rows):
+        cells = [row[:-1] for row in cells]
     more = [f"and {len(rows) - SHOWN} more; --json lists them"] if len(rows) > SHOWN else []
     drawn = [f"ratios drawn to {summary['picture']}"] if summary["picture"] else []
     return "\n".join([*lines, *summary["notes"], "", *straight_columns(cells), *more, *drawn])

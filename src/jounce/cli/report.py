@@ -66,17 +66,19 @@ def report(
         "output": str(output),
         "bytes": output.stat().st_size,
         "ok": page.check and page.check.ok,
+        "verdict": page.check and page.check.verdict,
+        "judged": page.check and page.check.judged,
         "worst": worst and str(worst),
         "factor": page.slowdown and page.slowdown.factor,
         "notes": list(path.notes),
     }
-    tell(summary, _in_words, as_json)
+    verdict = page.check.words if page.check else "states no limits"
+    tell(summary, lambda of: _in_words(of, verdict), as_json)
 
 
-def _in_words(summary: dict[str, Any]) -> str:
-    verdicts = {None: "states no limits", True: "every limit is kept", False: "limits are broken"}
+def _in_words(summary: dict[str, Any], verdict: str) -> str:
     head = f"{shortened(summary['robot'])} along {summary['motion']}, {summary['states']} states"
     worst = [f"worst: {summary['worst']}"] if summary["worst"] else []
     factor = [f"slow-down factor: {summary['factor']:.6g}"] if summary["factor"] else []
     written = f"page of {summary['bytes'] / 1e6:.1f} MB written to {summary['output']}"
-    return "\n".join([f"{head}: {verdicts[summary['ok']]}", *worst, *factor, *summary["notes"], written])
+    return "\n".join([f"{head}: {verdict}", *worst, *factor, *summary["notes"], written])

@@ -103,7 +103,7 @@ def retiming(faster: "Retiming") -> str:
 def _checked(row: "CheckedLimit") -> tuple[str, ...]:
     spread = f" ± {row.deviation:.2g}" if row.deviation else ""
     numbers = (f"{row.value:.5g}", f"{row.bound:.5g}", row.unit, f"{row.t:.4f}", f"{row.ratio:.4g}{spread}")
-    return ("kept" if row.ok else "broken", row.joint, row.words, *numbers)
+    return (row.verdict, row.joint, row.words, *numbers)
 
 
 def _picture(paint: Callable[[], "Figure"]) -> str:

@@ -25,7 +25,8 @@ def over_time(t: np.ndarray, ratios: Mapping[str, np.ndarray], joints: Sequence[
             for j, joint in enumerate(joints):
                 column = values[:, j]
                 if np.isfinite(column).any():
-                    shown = drawn_points(column)
+                    known = np.flatnonzero(~np.isnan(column))
+                    shown = known[drawn_points(column[known])]
                     axes.plot(t[shown], column[shown].clip(None, HIGHEST), **line_style(j))
                     bounded[joint] = line_style(j)
             axes.axhline(1, **LIMIT)

@@ -4,9 +4,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.limits.bounded import bounded
 from jounce.limits.pieces import pieces_of
 from jounce.limits.ratios import scale_of
+from jounce.limits.validation import bounded
 from jounce.limits.worst import SIGNS
 
 if TYPE_CHECKING:
@@ -15,13 +15,19 @@ if TYPE_CHECKING:
 
 
 def ratios_along(robot: "Robot", motion: "Motion") -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Times (N,), those of breaks twice, and the ratios (N, n) by kind; -inf where a coordinate has no such limit."""
+    """Times (N,), those of breaks twice, and the ratios (N, n) by kind, as far as each is known well, or else NaN.
+
+    They are -inf where a coordinate has no such limit.
+    """
     b = bounded(robot, motion)
     times: list[np.ndarray] = []
     found: dict[str, list[np.ndarray]] = {kind: [] for kind in b.kinds}
     for pieces in pieces_of(b):
         times.append(np.column_stack([pieces.start, pieces.stop]).ravel())
         for kind in b.kinds:
+            if kind not in pieces.kinds:
+                found[kind].append(np.full((2 * len(pieces.start), len(b.joints)), np.nan))
+                continue
             scale = scale_of(b.limits.bounds(kind), kind)
             ends = np.stack(pieces.values(kind), axis=1).reshape(-1, len(b.joints))
             found[kind].append(np.maximum(*(scale.ratio(ends, sign) for sign in SIGNS)))

@@ -82,6 +82,7 @@ class Basis:
         from scipy.interpolate import make_interp_spline
 
         greville = np.array([self.knots[i + 1 : i + DEGREE + 1].mean() for i in range(self.count)])
+        greville = greville.clip(self.first, self.last)  # means of equal knots are off by rounding
         return make_interp_spline(greville, spline(greville), k=DEGREE, t=self.knots).c
 
     def at(self, sigma: np.ndarray) -> Local:

@@ -1,7 +1,7 @@
 """What limits bound along a motion: q to q4d, Q to Q2d, Q - Qgrav, power and motors, with derivatives, at any times."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
@@ -10,9 +10,7 @@ import numpy as np
 from jounce.arguments.requests import more_rates
 from jounce.dynamics import electrical
 from jounce.dynamics.quantities import FORCES, QUANTITIES, Quantity, row_of
-from jounce.errors import JounceError, listed, quoted
 from jounce.limits.joints import (
-    drives_coordinates,
     efforts,
     in_columns,
     joint_limits,
@@ -22,20 +20,18 @@ from jounce.limits.joints import (
 )
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, MOTOR_KINDS, Limits
 from jounce.model.limits import FORCES as BOUND_FORCES
-from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
-from jounce.robot.along import FIRST, checked_motion
+from jounce.robot.along import FIRST
 from jounce.robot.closed_path import on_tree, positions
 from jounce.robot.dispatch import compute
 
 if TYPE_CHECKING:
     from jounce.robot.robot import Robot
 
-UNCERTAIN = 10.0  # times the median standard deviation of a rate: beyond, at the ends of a fit, it says nothing
-LOOKED_AT = 2000  # times of a motion at which deviations are compared
 SMOOTH = 2  # derivatives that are used where they are known: a quintic between samples has two at each end
 
 Side = Literal["right", "left"]
+Span = tuple[float, float]
 Rates = tuple[np.ndarray, ...]
 Wrenches = Sequence[Mapping[str, np.ndarray]] | None
 Series = Mapping[str, list[np.ndarray]]  # by kind: a quantity and its derivatives, (N, n) each
@@ -53,12 +49,37 @@ DERIVATIVE = {kind: k for k, kind in enumerate(EFFORT_KINDS)} | {"motor_velocity
 
 @dataclass(frozen=True, eq=False)
 class Bounded:
-    """A robot along a motion, and the kinds of limits that bound any joint, which are `limits`."""
+    """A robot along a motion, and the kinds of limits that bound any joint, which are `limits`.
+
+    `windows` are the times between which each kind is known well; kinds without one are along the whole motion.
+    """
 
     robot: "Robot"
     motion: Motion
     limits: Limits
     kinds: tuple[str, ...]
+    windows: Mapping[str, Span] = field(default_factory=dict)
+
+    @property
+    def whole(self) -> Span:
+        """The time from the start of the motion to its end."""
+        return self.motion.start, self.motion.stop
+
+    def window(self, kind: str) -> Span:
+        """The times between which a kind of limit is known well."""
+        return self.windows.get(kind, self.whole)
+
+    def of_kinds(self, kinds: Collection[str]) -> "Bounded":
+        """The same motion and some of the kinds."""
+        return replace(self, kinds=tuple(kind for kind in self.kinds if kind in kinds))
+
+    def scaled(self, factor: float) -> "Bounded":
+        """The motion `factor` times as long."""
+        start = self.motion.start
+        windows = {
+            kind: (start + (a - start) * factor, start + (z - start) * factor) for kind, (a, z) in self.windows.items()
+        }
+        return replace(self, motion=self.motion.scaled(factor), windows=windows)
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -99,17 +120,6 @@ class Bounded:
     def row(self, name: str) -> Quantity:
         """The row of a quantity, for the springs and motors of the robot."""
         return _row(self.robot, name)
-
-    @cached_property
-    def window(self) -> tuple[float, float]:
-        """The times between which the motion is looked at: of measured ones without their uncertain ends."""
-        motion = self.motion
-        t = motion.times[:: max(1, len(motion.times) // LOOKED_AT)]
-        deviations = motion.deviations(t, self.rate_order)
-        if deviations is None:
-            return motion.start, motion.stop
-        known = np.flatnonzero((deviations[-1] <= UNCERTAIN * np.median(deviations[-1], axis=0)).all(axis=1))
-        return (float(t[known[0]]), float(t[known[-1]])) if known.size > 1 else (motion.start, motion.stop)
 
     @property
     def force_order(self) -> int:
@@ -189,58 +199,6 @@ class Bounded:
         return {kind: series[DERIVATIVE.get(kind, 0)] for kind, series in self.series(t, side).items()}
 
 
-def bounded(robot: "Robot", motion: object) -> Bounded:
-    """A robot along a motion, checked, with the limits of its coordinates; a robot without any is refused."""
-    path, limits = checked_motion(robot.mechanism, motion), joint_limits(robot.mechanism)
-    kinds = known_kinds(robot, limits)
-    if not kinds:
-        if limits.kinds:
-            came = f"robot {robot.name!r} states no limits of rigid joints, only {listed(limits.kinds)}"
-            raise JounceError(f"{came}; robot.elastic(stiffness) makes its joints elastic")
-        ways = "robot.with_limits(effort=..., velocity=...) or robot.with_limits('panda') states some"
-        raise JounceError(f"robot {robot.name!r} states no limits; {ways} (--limits)")
-    _check_data(robot, limits, kinds)
-    _check_stiffness(robot, kinds)
-    check_gravity(robot.mechanism, limits, kinds)
-    return Bounded(robot, path, limits, kinds)
-
-
-def _check_data(robot: "Robot", limits: Limits, kinds: Sequence[str]) -> None:
-    """Raise `JounceError` where currents or voltages of a motor are limited that states no data for them."""
-    e, closure = robot.mechanism.elasticity, robot.mechanism.closure
-    places = closure.independent if closure else range(robot.n)
-    for kind, needed in {"motor_current": ["constant"], "motor_voltage": ["constant", "resistance"]}.items():
-        limited = np.isfinite(limits.bounds(kind)[:, list(places)]).any(axis=0) & (kind in kinds)
-        for j in np.flatnonzero(limited).tolist():
-            motor = e.motors[j] if e and e.motors else None
-            if lacking := [name for name in needed if motor is None or getattr(motor, name) is None]:
-                raise JounceError(
-                    f"joint {quoted(robot.joint_names[j])} has a limit of {kind}, and its motor states no"
-                    f" {' and no '.join(lacking)}; robot.elastic(motors={{joint: jounce.Motor(...)}}) states it"
-                )
-
-
-def _check_stiffness(robot: "Robot", kinds: Sequence[str]) -> None:
-    """Raise `JounceError` where motors are bounded whose rates may be infinite between the times looked at."""
-    e, of_motors = robot.mechanism.elasticity, [kind for kind in kinds if kind in MOTORS]
-    if e and e.slack and of_motors:
-        raise JounceError(
-            f"joint {quoted(robot.joint_names[e.slack[0]])}: its spring has no stiffness at rest, and its motor moves"
-            f" infinitely fast where no force acts; limits of {listed(of_motors)} need a CubicSpring with k above 0"
-        )
-
-
-def check_gravity(m: Mechanism, limits: Limits, kinds: Sequence[str]) -> None:
-    """Raise `JounceError` where limits bound motor forces less gravity, and motors are not at the coordinates."""
-    without = [kind for kind in kinds if kind in limits.without_gravity]
-    if without and not drives_coordinates(m):
-        raise JounceError(
-            f"{m.name!r}: limits of {listed(without)} bound Q - Qgrav, which is not known for motors at other joints"
-            f" than the coordinates {listed(m.coordinates)}; state them for Q (of=), or name these joints by"
-            " robot.closed(actuated=...)"
-        )
-
-
 def known_kinds(robot: "Robot", limits: Limits) -> tuple[str, ...]:
     """The kinds of limits that a motion of a robot is held against: those of motors where its joints are elastic."""
     return tuple(kind for kind in limits.kinds if kind not in MOTOR_KINDS or robot.mechanism.elasticity is not None)
@@ -263,6 +221,11 @@ def rate_of_forces(robot: "Robot", kind: str) -> int:
     return max(_row(robot, name).rates - FORCES.rates + order for name, order in rows.items())
 
 
+def motion_order(robot: "Robot", kind: str) -> int:
+    """The highest rate of q that enters what a kind of limit bounds."""
+    return MOTION_KINDS.index(kind) if kind in MOTION_KINDS else rate_of_forces(robot, kind) + FIRST
+
+
 def _row(robot: "Robot", name: str) -> Quantity:
     return row_of(name, more_rates(robot.mechanism, name))
 
@@ -270,7 +233,7 @@ def _row(robot: "Robot", name: str) -> Quantity:
 def order_needed(robot: "Robot") -> int:
     """The highest rate of Q that a motion must carry for the limits of a robot: q to q2d for 0, q to q4d for 2."""
     kinds = known_kinds(robot, joint_limits(robot.mechanism))
-    return max([0, *(MOTION_KINDS.index(k) - FIRST if k in MOTION_KINDS else rate_of_forces(robot, k) for k in kinds)])
+    return max([0, *(motion_order(robot, kind) - FIRST for kind in kinds)])
 
 
 def at_speed(

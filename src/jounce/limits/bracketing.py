@@ -1,14 +1,11 @@
 """Factors of speed by direct evaluation, where they enter no polynomial: Coulomb friction is a tanh of a velocity."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from jounce.errors import JounceError
 from jounce.limits.bounded import Bounded
-from jounce.limits.feasible import refuse_static, states_of
+from jounce.limits.feasible import states_of
 from jounce.limits.pieces import pieces_of
-from jounce.limits.scaling import polynomials
 from jounce.limits.worst import Worst
 from jounce.model.elasticity import Law
 from jounce.model.limits import MOTOR_KINDS
@@ -42,8 +39,7 @@ def bracketed_factor(b: Bounded) -> tuple[float, Place]:
     """The first of a row of factors that breaks a limit, and between it and the one before the factor that does."""
     from scipy.optimize import brentq
 
-    t = states_of(b)[0]
-    refuse_static(b, polynomials(b, t), t)
+    states_of(b)  # which refuses what is broken at every speed
     low, high = 0.0, STEP
     while worst_at(b, high)[0] <= 1:
         low, high = high, high + STEP if high < 1 else high * GROWTH
@@ -73,7 +69,7 @@ def worst_at(b: Bounded, factor: float) -> tuple[float, Place]:
 
 def worst_of(b: Bounded, factor: float) -> Worst:
     """The worst values of the motion at a factor of speed."""
-    scaled = replace(b, motion=b.motion.scaled(1 / factor))
+    scaled = b.scaled(1 / factor)
     worst = Worst(scaled)
     for pieces in pieces_of(scaled):
         worst.take_worst(pieces)

@@ -1,18 +1,23 @@
 """Every limit along a motion: the worst values, between samples too, and when limits are broken."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jounce.errors import listed, quoted
-from jounce.limits.bounded import DERIVATIVE, Bounded, bounded, rate_of_forces
-from jounce.limits.joints import in_columns, joint_units, of_joints
+from jounce.limits.bounded import Bounded, Span, rate_of_forces
+from jounce.limits.deviations import deviations_of
+from jounce.limits.joints import joint_units
 from jounce.limits.pieces import pieces_of
-from jounce.limits.worst import ROUNDING, Worst
+from jounce.limits.uncertain import Spans, take_uncertain
+from jounce.limits.validation import bounded
+from jounce.limits.verdicts import Verdict, join_spans, overall, verdict_in_words, verdict_of
+from jounce.limits.worst import Worst
 from jounce.model.coordinates import following_efforts
-from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, MOTOR_KINDS, in_words, unit_of
-from jounce.robot.along import ForceBreak, force_breaks, forces_along
+from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, in_words, unit_of
+from jounce.robot.along import ForceBreak, force_breaks
 from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:
@@ -43,6 +48,9 @@ class CheckedLimit:
         Standard deviation of the ratio, for measured motions.
     violations : tuple of (start, stop)
         When the limit is broken, s.
+    undecided : tuple of (start, stop)
+        When measured samples do not decide, s: towards their ends, where rates are uncertain, the value lies less than
+        two standard deviations from the limit, or its deviation is not known.
 
     Examples
     --------
@@ -62,12 +70,18 @@ class CheckedLimit:
     margin: float
     t: float
     deviation: float | None
-    violations: tuple[tuple[float, float], ...]
+    violations: tuple[Span, ...]
+    undecided: tuple[Span, ...] = ()
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the limit is "kept" to rounding, "broken", or "undecided": kept as far as the samples decide."""
+        return verdict_of(self.ratio, self.undecided)
 
     @property
     def ok(self) -> bool:
-        """Whether the motion keeps the limit, to rounding."""
-        return self.ratio <= 1 + ROUNDING
+        """Whether the limit is kept all the time; False where that is undecided."""
+        return self.verdict == "kept"
 
     @property
     def words(self) -> str:
@@ -93,6 +107,10 @@ class Check:
         Where Q or one of its rates jumps or does not exist; none where no force is limited.
     notes : tuple of str
         What cannot be met or is not checked, in words.
+    judged : mapping of str to float
+        By kind of limit, the share of time from 0 to 1 in which each joint is known to keep or break it: 1 for motions
+        that are exact. Towards the ends of measured samples rates are uncertain; there a limit counts as kept or broken
+        where the value lies two standard deviations or more from it.
 
     Examples
     --------
@@ -108,10 +126,10 @@ class Check:
     table: tuple[CheckedLimit, ...]
     breaks: tuple[ForceBreak, ...] = ()
     notes: tuple[str, ...] = ()
+    judged: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        broken = sum(not row.ok for row in self.table)
-        return f"<Check: {broken} of {len(self.table)} limits broken; worst: {self.worst}>"
+        return f"<Check: {self.words}; worst: {self.worst}>"
 
     def _repr_html_(self) -> str:
         from jounce.figures import displays
@@ -119,9 +137,19 @@ class Check:
         return displays.check(self)
 
     @property
+    def verdict(self) -> Verdict:
+        """Whether every limit is "kept", one is "broken", or that is "undecided": none is, as far as samples decide."""
+        return overall([row.verdict for row in self.table])
+
+    @property
     def ok(self) -> bool:
-        """Whether the motion keeps every limit."""
-        return all(row.ok for row in self.table)
+        """Whether every limit is kept all the time; False where that is undecided."""
+        return self.verdict == "kept"
+
+    @property
+    def words(self) -> str:
+        """The verdict in words, with the shares of time that are judged unless that is all of it."""
+        return verdict_in_words([row.verdict for row in self.table], self.judged)
 
     @property
     def worst(self) -> CheckedLimit:
@@ -135,9 +163,10 @@ def check(robot: "Robot", motion: object) -> Check:
     worst = Worst(b)
     for pieces in pieces_of(b):
         worst.take(pieces)
+    undecided = take_uncertain(b, worst)
     breaks = breaks_of(b)
     worst.take_jumps(breaks)
-    return Check(_table(b, worst), breaks, notes_of(b, breaks))
+    return Check(_table(b, worst, undecided), breaks, notes_of(b, breaks), _shares(b, undecided))
 
 
 def breaks_of(b: Bounded) -> tuple[ForceBreak, ...]:
@@ -145,7 +174,7 @@ def breaks_of(b: Bounded) -> tuple[ForceBreak, ...]:
     return force_breaks(b.robot, b.motion, b.motion.times, b.force_order, row=b.efforts) if b.forces else ()
 
 
-def _table(b: Bounded, worst: Worst) -> tuple[CheckedLimit, ...]:
+def _table(b: Bounded, worst: Worst, undecided: Spans) -> tuple[CheckedLimit, ...]:
     rows = []
     units = joint_units(b.robot.mechanism)
     for j, joint in enumerate(b.joints):
@@ -168,39 +197,32 @@ def _table(b: Bounded, worst: Worst) -> tuple[CheckedLimit, ...]:
                 margin=sign * (bound - value),
                 t=float(worst.t[kind, sign][j]),
                 deviation=None,
-                violations=tuple(sorted(worst.spans[kind, 1][j] + worst.spans[kind, -1][j])),
+                violations=join_spans(worst.spans[kind, 1][j] + worst.spans[kind, -1][j]),
+                undecided=join_spans(undecided.get((kind, j), [])),
             ))  # fmt: skip
     return _with_deviations(b, worst, rows)
 
 
+def _shares(b: Bounded, undecided: Spans) -> dict[str, float]:
+    """The share of time in which each kind is decided for all joints."""
+    spans = {
+        kind: join_spans([span for (of, _), found in undecided.items() if of == kind for span in found])
+        for kind in b.kinds
+    }
+    return {
+        kind: 1 - sum(stop - start for start, stop in found) / (b.motion.duration or 1) for kind, found in spans.items()
+    }
+
+
 def _with_deviations(b: Bounded, worst: Worst, rows: list[CheckedLimit]) -> tuple[CheckedLimit, ...]:
-    """The rows with standard deviations of their ratios, where the motion has those of its rates."""
-    t = np.array([row.t for row in rows])
-    motion = b.motion.deviations(t, b.rate_order)
-    if motion is None:
-        return tuple(rows)
-    m, names = b.robot.mechanism, b.robot.joint_names
-    rates = b.rates(t, 1)
-    along = forces_along(b.robot, b.motion, t, b.force_order, None, None, b.efforts) if b.forces else None
-    spread, Q = (
-        in_columns(m, of_joints(m, found, b.efforts), b.efforts)
-        for found in ((along.deviations or (), along.forces) if along else ((), ()))
-    )
+    """The rows with standard deviations of their ratios, where these are known."""
+    deviations = deviations_of(b, np.array([row.t for row in rows]))
     found = []
     for i, row in enumerate(rows):
         j = b.joints.index(row.joint)
-        own = names.index(row.joint) if row.joint in names else None
-        if row.limit in MOTOR_KINDS or (own is None and row.limit in (*MOTION_KINDS, "power")):
-            found.append(row)
-            continue
-        if row.limit in MOTION_KINDS:
-            deviation = motion[MOTION_KINDS.index(row.limit)][i, own]
-        elif row.limit == "power":
-            deviation = np.hypot(rates[1][i, j] * spread[0][i, j], Q[0][i, j] * motion[1][i, own])
-        else:
-            deviation = spread[DERIVATIVE[row.limit]][i, j]
         reach = abs(row.bound - float(worst.scales[row.limit].centre[j]))
-        found.append(replace(row, deviation=float(deviation) / reach if reach else None))
+        off = float(deviations[row.limit][i, j]) if row.limit in deviations else np.nan
+        found.append(row if np.isnan(off) or not reach else replace(row, deviation=off / reach))
     return tuple(found)
 
 
@@ -218,11 +240,6 @@ def notes_of(b: Bounded, breaks: tuple[ForceBreak, ...]) -> tuple[str, ...]:
         limits = " and ".join(kind.replace("_", " ") for kind, k in orders.items() if k > max(first.order, 0))
         came = f"break at t = {first.t:.9g} s{more}: {jumps} jumps because of {names}"
         notes.append(f"{came}; no limit of {limits} can be met there; motion.blended (--blend) replaces breaks")
-    if b.window != (b.motion.start, b.motion.stop):
-        start, stop = b.window
-        notes.append(
-            f"looked at from t = {start:.6g} to {stop:.6g} s: rates of the samples are uncertain at their ends"
-        )
     if idle := [kind.replace("_", " ") for kind in b.limits.kinds if kind not in b.kinds]:
         notes.append(f"limits of {listed(idle)} are not checked: the joints are rigid; see robot.elastic(stiffness)")
     for joint in following_efforts(b.robot.mechanism):

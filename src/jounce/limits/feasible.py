@@ -5,7 +5,7 @@ import numpy as np
 from jounce.errors import JounceError, quoted
 from jounce.limits.bounded import Bounded
 from jounce.limits.joints import joint_units
-from jounce.limits.pieces import pieces_of
+from jounce.limits.pieces import part_pieces, parts_of
 from jounce.limits.ratios import Scale, scale_of
 from jounce.limits.scaling import Polynomials, polynomials, positive_roots
 from jounce.limits.worst import ROUNDING, SIGNS
@@ -30,20 +30,21 @@ class Feasible:
         self.kind = np.empty(0, dtype=str)
         self.joint = np.empty(0, dtype=int)
         self.states: list[Polynomials] = []  # polynomials by kind
-        right, left = states_of(b)
-        of_right, of_left = polynomials(b, right), polynomials(b, left, "left")
-        times = np.concatenate([right, left])
-        states = {kind: np.concatenate([c, of_left[kind]], axis=1) for kind, c in of_right.items()}
-        refuse_static(b, states, times)
-        stride = max(1, len(times) // SUBSET)
-        for some in (np.s_[::stride], np.flatnonzero(np.arange(len(times)) % stride)):  # the first bound the others
-            self._take({kind: c[:, some] for kind, c in states.items()}, times[some])
+        parts = states_of(b)
+        stride = max(1, sum(len(times) for times, _ in parts) // SUBSET)
+        for which in (np.equal, np.not_equal):  # some states first, which bound the others
+            for times, states in parts:
+                some = which(np.arange(len(times)) % stride, 0)
+                self._take({kind: c[:, some] for kind, c in states.items()}, times[some])
 
     def add(self, t: np.ndarray) -> None:
         """Add the states at some times, (N,)."""
-        found = polynomials(self.b, t)
-        refuse_static(self.b, found, t)
-        self._take(found, t)
+        for part, (start, stop) in parts_of(self.b):
+            some = t[(start <= t) & (t <= stop)]
+            if some.size:
+                found = polynomials(part, some)
+                refuse_static(part, found, some)
+                self._take(found, some)
 
     def _take(self, states: Polynomials, t: np.ndarray) -> None:
         self.states.append(states)
@@ -88,8 +89,7 @@ class Feasible:
             for sign in SIGNS:
                 scale = self.scales[kind]
                 highest = np.full((len(c), len(self.b.joints)), -np.inf)
-                for state in self.states:
-                    f = state[kind]
+                for f in (state[kind] for state in self.states if kind in state):
                     most = sum(np.abs(x) * factor**k for k, x in enumerate(f))
                     rows = np.flatnonzero((scale.ratio(sign * most, sign) > NEAR).any(axis=1))
                     if rows.size:
@@ -157,12 +157,16 @@ def _static_error(b: Bounded, kind: str, j: int, value: float, bound: float, t: 
     )
 
 
-def states_of(b: Bounded) -> tuple[np.ndarray, np.ndarray]:
-    """The times at which a motion is looked at, and those at which it is from the left too: breaks and the end."""
-    starts, stops = [], []
-    for pieces in pieces_of(b):
-        starts.append(pieces.start)
-        stops.append(pieces.stop)
-    right, ends = np.concatenate(starts), np.concatenate(stops)
+def states_of(b: Bounded) -> list[tuple[np.ndarray, Polynomials]]:
+    """The times at which a motion is looked at, with the polynomials there; at breaks and the end from the left too."""
     breaks = [found.t for found in b.motion.breaks_to(b.rate_order)]
-    return right, np.append(ends[np.isin(ends, breaks)], ends[-1])
+    states: list[tuple[np.ndarray, Polynomials]] = []
+    for part, span in parts_of(b):
+        pieces = list(part_pieces(part, span))
+        right, ends = (np.concatenate([getattr(some, side) for some in pieces]) for side in ("start", "stop"))
+        left = np.append(ends[np.isin(ends, breaks)], ends[-1])
+        times, of_left = np.concatenate([right, left]), polynomials(part, left, "left")
+        found = {kind: np.concatenate([c, of_left[kind]], axis=1) for kind, c in polynomials(part, right).items()}
+        refuse_static(part, found, times)
+        states.append((times, found))
+    return states

@@ -1,7 +1,6 @@
 """Peaks between samples: found on the polynomials, then placed by exact evaluation."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +11,7 @@ from jounce.limits.pieces import Pieces, hull
 GRID = 17  # values of a polynomial on its piece, between which a peak is bracketed
 FLAT = 1e-12  # of the values of a polynomial: lower peaks are rounding, and its ends as high
 STEPS = 60  # of a search: far more than it takes
-NARROW = 1e-9  # of the bracket: closer a peak cannot be told from its neighbours
+NARROWINGS = 9  # of a bracket, each to an eighth: closer than 1e-8 of it a peak is as high as its neighbours
 EXACT = 1e-15
 
 
@@ -26,21 +25,21 @@ class Peaks(NamedTuple):
     value: np.ndarray
 
 
-def peaks_of(b: Bounded, pieces: Pieces, floor: Callable[[str, int], np.ndarray]) -> Peaks:
-    """The extremes inside pieces that pass a floor (n,), given by kind and sign; each is exact."""
+def peaks_of(b: Bounded, pieces: Pieces, floor: Callable[[Pieces, str, int], np.ndarray]) -> Peaks:
+    """The extremes inside pieces that pass a floor (K, n), given by kind and sign; each is exact."""
     found: list[tuple[np.ndarray, ...]] = []
     u = np.linspace(0, 1, GRID)
-    for kind in b.kinds:
+    for kind in pieces.kinds if pieces.width.all() else ():
         c = pieces.polynomials(kind)
         bernstein = hull(c)
         for sign in (1, -1):
-            least = floor(kind, sign)
+            least = floor(pieces, kind, sign)
             i, j = np.nonzero((sign * bernstein).max(axis=0) > least)
             if not i.size:
                 continue
             near = c[:, i, j]
             y, slope = (sign * _on_grid(x, u) for x in (near, near[:-1] * np.arange(len(c) - 1, 0, -1)[:, None]))
-            inner = (slope[:-1] > 0) & (slope[1:] <= 0) & (np.maximum(y[:-1], y[1:]) > least[j])
+            inner = (slope[:-1] > 0) & (slope[1:] <= 0) & (np.maximum(y[:-1], y[1:]) > least[i, j])
             inner &= (slope[:-1] - slope[1:]) / GRID > FLAT * np.abs(y).max(axis=0)
             at, which = np.nonzero(inner)
             start, width = pieces.start[i[which]], pieces.width[i[which], 0]
@@ -62,12 +61,13 @@ def _placed(
     def value(t: np.ndarray) -> np.ndarray:
         return picked(b, t, kind, joint, 0)
 
-    known = np.array([len(series) > DERIVATIVE.get(k, 0) + 1 for k, series in _lengths(b, low[:1], kind)])
+    series = b.of_kinds(set(kind.tolist())).series(low[:1])
+    known = np.array([len(series[k]) > DERIVATIVE.get(k, 0) + 1 for k in kind.tolist()])
     t = np.empty(len(low))
     if known.any():
 
-        def slope(t: np.ndarray) -> np.ndarray:
-            return sign[known] * picked(b, t, kind[known], joint[known], 1)
+        def slope(t: np.ndarray, at: np.ndarray) -> np.ndarray:
+            return sign[known][at] * picked(b, t, kind[known][at], joint[known][at], 1)
 
         t[known] = root(slope, low[known], high[known])
     if not known.all():
@@ -76,19 +76,13 @@ def _placed(
             of, at = (np.repeat(column[~known], t.shape[1]) for column in (kind, joint))
             return sign[~known, None] * picked(b, t.ravel(), of, at, 0).reshape(t.shape)
 
-        t[~known] = _narrowed(height, low[~known], high[~known])
+        t[~known] = narrowed(height, low[~known], high[~known])
     return Peaks(kind, joint, sign, t, value(t))
-
-
-def _lengths(b: Bounded, t: np.ndarray, kind: np.ndarray) -> list[tuple[str, list[np.ndarray]]]:
-    series = b.series(t)
-    return [(str(k), series[str(k)]) for k in kind]
 
 
 def picked(b: Bounded, t: np.ndarray, kind: np.ndarray, joint: np.ndarray, derivative: int) -> np.ndarray:
     """What limits bound, of one kind and joint at each time, or a derivative of it."""
-    names = set(kind.tolist())
-    series = replace(b, kinds=tuple(name for name in b.kinds if name in names)).series(t)
+    series = b.of_kinds(set(kind.tolist())).series(t)
     found = np.empty(len(t))
     for name, known in series.items():
         mine = np.flatnonzero(kind == name)
@@ -96,32 +90,35 @@ def picked(b: Bounded, t: np.ndarray, kind: np.ndarray, joint: np.ndarray, deriv
     return found
 
 
-def root(f: Callable[[np.ndarray], np.ndarray], low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def root(f: Callable[[np.ndarray, np.ndarray], np.ndarray], low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Where functions, one at each place, change sign between two times: inverse interpolation, halving where it fails.
 
-    Where a function does not change sign, its zero is taken at the end where it is smaller.
+    `f` takes times and the places that they belong to. Where a function does not change sign, its zero is taken at the
+    end where it is smaller.
     """
+    left = np.arange(len(low))  # places that are not found yet
     a, b = low.copy(), high.copy()
-    fa, fb = f(a), f(b)
-    same = np.sign(fa) * np.sign(fb) > 0
-    ends = np.where(np.abs(fa) <= np.abs(fb), a, b)
-    c, fc = a.copy(), fa.copy()
+    fa, fb = f(a, left), f(b, left)
+    found = np.where(np.abs(fa) <= np.abs(fb), a, b)
+    left = left[np.sign(fa) * np.sign(fb) <= 0]
+    a, b, fa, fb = (x[left] for x in (a, b, fa, fb))
     share = np.full(len(a), 0.5)
     for _ in range(STEPS):
+        if not left.size:
+            break
         t = a + share * (b - a)
-        ft = f(t)
+        ft = f(t, left)
         keeps = np.sign(ft) == np.sign(fa)
         c, fc = np.where(keeps, a, b), np.where(keeps, fa, fb)
         b, fb = np.where(keeps, b, a), np.where(keeps, fb, fa)
         a, fa = t, ft
-        best = np.where(np.abs(fa) < np.abs(fb), a, b)
-        tolerance = 4 * EXACT * np.maximum(np.abs(best), np.abs(high - low))
+        found[left] = best = np.where(np.abs(fa) < np.abs(fb), a, b)
+        tolerance = 4 * EXACT * np.maximum(np.abs(best), (high - low)[left])
         width = np.abs(b - a)
-        if ((width <= 2 * tolerance) | (fa == 0) | same).all():
-            break
         share = _share(a, b, c, fa, fb, fc, tolerance / np.maximum(width, np.finfo(float).tiny))
-    best = np.where(np.abs(fa) < np.abs(fb), a, b)
-    return np.where(same, ends, best)
+        on = (width > 2 * tolerance) & (fa != 0)
+        left, a, b, fa, fb, share = (x[on] for x in (left, a, b, fa, fb, share))
+    return found
 
 
 @np.errstate(all="ignore")
@@ -136,13 +133,15 @@ def _share(
     return np.clip(np.where(fits & np.isfinite(t), t, 0.5), least, 1 - least)
 
 
-def _narrowed(f: Callable[[np.ndarray], np.ndarray], low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def narrowed(f: Callable[[np.ndarray], np.ndarray], low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Where functions are largest between two times, to the square root of rounding: the best of a grid, again."""
     a, b = low, high
-    while (b - a > NARROW * (high - low)).any():
+    for _ in range(NARROWINGS):
         t = a[:, None] + (b - a)[:, None] * np.linspace(0, 1, GRID)
         best = f(t)[:, 1:-1].argmax(axis=1) + 1
         a, b = (t[np.arange(len(t)), best + side] for side in (-1, 1))
+        if (b - a <= GRID * np.spacing(np.abs(b))).all():  # no times of a finer grid are doubles
+            break
     return (a + b) / 2
 
 

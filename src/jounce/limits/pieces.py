@@ -1,19 +1,22 @@
 """A motion in short pieces, between whose ends the bounded quantities are interpolated: quintic Hermite polynomials.
 
 Breaks of the motion are ends of pieces, with the rates from either side. A piece whose polynomial misses the exact
-value in its middle is halved until it does not.
+value in its middle is halved until it does not. A piece has the kinds of limits in whose windows it lies.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from math import comb
 
 import numpy as np
 
-from jounce.limits.bounded import DERIVATIVE, SMOOTH, Bounded, Series
+from jounce.limits.bounded import DERIVATIVE, SMOOTH, Bounded, Series, Span
 from jounce.motion.hermite import coefficients
 
 TOLERANCE = 1e-5  # of the largest value: a polynomial that misses the middle by more is not trusted
+NUDGE = 1e-6  # of a piece: values so much earlier and later differ by rounding alone
+ROUNDING_MARGIN = 8.0  # times such a difference is rounding too, which halving does not lessen
 DEEPEST = 10  # times that a piece is halved
 CLOSE = 1e-9  # of the duration: times closer to a break are that break
 BLOCK = 2000  # pieces worked on at a time
@@ -27,6 +30,11 @@ class Pieces:
     stop: np.ndarray
     left: Series
     right: Series
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The kinds of limits that they are looked at for."""
+        return tuple(self.left)
 
     @property
     def width(self) -> np.ndarray:
@@ -53,9 +61,32 @@ class Pieces:
         return self.left[kind][k], self.right[kind][k]
 
 
+def parts_of(b: Bounded) -> list[tuple[Bounded, Span]]:
+    """The motion between the ends of windows, with the kinds that are known well there."""
+    edges = np.unique([b.whole, *map(b.window, b.kinds)])
+    spans = [(float(a), float(z)) for a, z in pairwise(edges)] or [b.whole]
+    parts = [
+        (
+            b.of_kinds([kind for kind in b.kinds if b.window(kind)[0] <= start and stop <= b.window(kind)[1]]),
+            (start, stop),
+        )
+        for start, stop in spans
+    ]
+    return [(part, span) for part, span in parts if part.kinds]
+
+
 def pieces_of(b: Bounded) -> Iterator[Pieces]:
     """The pieces of a motion, in the order of time, some at a time."""
-    knots, is_break = knots_of(b)
+    for part, span in parts_of(b):
+        yield from part_pieces(part, span)
+
+
+def part_pieces(b: Bounded, span: Span) -> Iterator[Pieces]:
+    """The pieces of a part of a motion."""
+    knots, is_break = knots_of(b, span)
+    if len(knots) == 1:  # a motion of one state
+        state = b.series(knots)
+        yield Pieces(knots, knots, state, state)
     for first in range(0, len(knots) - 1, BLOCK):
         t, jumps = knots[first : first + BLOCK + 1], is_break[first : first + BLOCK + 1]
         right = b.series(t)
@@ -69,14 +100,14 @@ def pieces_of(b: Bounded) -> Iterator[Pieces]:
         yield _halved(b, Pieces(t[:-1], t[1:], starts, stops))
 
 
-def knots_of(b: Bounded) -> tuple[np.ndarray, np.ndarray]:
-    """The times of a motion, without uncertain ends, and of its breaks, and which of them are breaks."""
-    motion, order, (start, stop) = b.motion, b.rate_order, b.window
+def knots_of(b: Bounded, span: Span) -> tuple[np.ndarray, np.ndarray]:
+    """The times of a motion and of its breaks in a span, with its ends, and which of them are breaks."""
+    motion, order, (start, stop) = b.motion, b.rate_order, span
     breaks = [found.t for found in motion.breaks_to(order)]
     for curve in motion.loads.values():
         known = curve.highest
         breaks += [jump.t for jump in curve.jumps(SMOOTH if known is None else min(SMOOTH, known))]
-    jumps = np.unique([t for t in breaks if start < t < stop])
+    jumps = np.unique([t for t in breaks if start < t <= stop])
     every = np.unique([start, *motion.times[(motion.times > start) & (motion.times < stop)], stop])
     if not jumps.size:
         return every, np.zeros(len(every), dtype=bool)
@@ -96,10 +127,16 @@ def _halved(b: Bounded, pieces: Pieces) -> Pieces:
         exact, wrong = b.series(middle), np.zeros(len(middle), dtype=bool)
         u = (middle - pieces.start)[:, None] / pieces.width
         rounded = 16 * np.spacing(np.abs(middle))[:, None] / pieces.width  # much where stamps are those since 1970
+        missed = {}
         for kind in b.kinds:
             c, value = pieces.polynomials(kind), exact[kind][DERIVATIVE.get(kind, 0)]
             scales[kind] = np.maximum(scales[kind], np.abs(value).max(axis=0))
-            wrong |= (np.abs(_at(c, u) - value) > (TOLERANCE + rounded) * scales[kind]).any(axis=1)
+            missed[kind] = np.abs(_at(c, u) - value) - (TOLERANCE + rounded) * scales[kind]
+            wrong |= (missed[kind] > 0).any(axis=1)
+        if wrong.any():
+            rounding = _rounding(b, middle[wrong], pieces.width[wrong, 0])
+            beyond = [(missed[kind][wrong] > ROUNDING_MARGIN * rounding[kind]).any(axis=1) for kind in b.kinds]
+            wrong[wrong] = np.any(beyond, axis=0)
         first = Pieces(pieces.start, middle, pieces.left, exact)
         second = Pieces(middle, pieces.stop, exact, pieces.right)
         done += [first.taken(~wrong), second.taken(~wrong)]
@@ -107,6 +144,13 @@ def _halved(b: Bounded, pieces: Pieces) -> Pieces:
         if not wrong.any():
             break
     return _joined([*done, pieces])
+
+
+def _rounding(b: Bounded, t: np.ndarray, width: np.ndarray) -> dict[str, np.ndarray]:
+    """By how much values (N, n) differ from those at times that are as good as the same."""
+    step = np.maximum(NUDGE * width, 2 * np.spacing(np.abs(t)))
+    at, early, late = (b.values(t + sign * step) for sign in (0, -1, 1))
+    return {kind: np.maximum(np.abs(early[kind] - x), np.abs(late[kind] - x)) for kind, x in at.items()}
 
 
 def _joined(parts: list[Pieces]) -> Pieces:

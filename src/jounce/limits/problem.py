@@ -107,6 +107,10 @@ class Problem:
 
 def problem_of(robot: "Robot", motion: Motion, share: float) -> Problem:
     """The problem of a motion of a robot's joints, checked."""
+    if not motion.duration:
+        raise JounceError(
+            f"the motion is one state at t = {motion.start:g} s; expected a path, a motion that lasts some time"
+        )
     limits = joint_limits(robot.mechanism)
     kinds = [kind for kind in known_kinds(robot, limits) if kind != "position"]
     if motors := [kind for kind in kinds if kind in MOTOR_KINDS]:

@@ -6,11 +6,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from jounce.errors import JounceError, quoted
-from jounce.limits.bounded import Bounded, bounded
-from jounce.limits.bracketing import bracketed_factor, is_polynomial, worst_of
+from jounce.errors import JounceError, listed, quoted
+from jounce.limits.bounded import Bounded
+from jounce.limits.bracketing import Place, bracketed_factor, is_polynomial, worst_of
 from jounce.limits.check import breaks_of, notes_of
 from jounce.limits.feasible import Feasible
+from jounce.limits.uncertain import take_uncertain
+from jounce.limits.validation import bounded
 from jounce.limits.worst import Worst
 from jounce.motion.motion import Motion
 from jounce.robot.along import ForceBreak
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
 CLOSE = 2e-10  # of a ratio beyond 1: factors are as exact
 ROUNDS = 40  # of refinement between samples; it takes three or four
 LEAST = 1e-9  # a smaller factor comes of a limit of 0
+BISECTIONS = 24  # of the factor where samples are uncertain: to 1e-7
 
 
 class Binding(NamedTuple):
@@ -48,7 +51,7 @@ class Slowdown:
         The motion at this factor: ``motion.scaled(1 / factor)``.
     largest : float or None
         Largest factor at which all limits are kept, larger than `factor` where some between them are not: a torque rate
-        does not grow with speed alone. None where friction acts, and it is not sought.
+        does not grow with speed alone. None where it is not sought: friction acts, or uncertain samples decide.
     notes : tuple of str
         Which limits nothing is checked against, in words.
 
@@ -81,21 +84,63 @@ def slowdown(robot: "Robot", motion: object) -> Slowdown:
     """The largest factor of speed such that every smaller one keeps all limits too."""
     b = bounded(robot, motion)
     breaks = breaks_of(b)
-    notes = notes_of(b, breaks)
+    notes = (*notes_of(b, breaks), *_window_notes(b))
     _refuse_jumps(b, breaks)
-    if not is_polynomial(b):
-        factor, binding = bracketed_factor(b)
-        return Slowdown(factor, _named(b, *binding), b.motion.scaled(1 / factor), None, notes)
-    states = Feasible(b)
-    factor = _first(b, states)
-    i = states.first
-    binding = str(states.kind[i]), int(states.joint[i]), float(states.t[i])
-    largest = _largest(b, states)
-    return Slowdown(factor, _named(b, *binding), b.motion.scaled(1 / factor), max(factor, largest), notes)
+    if is_polynomial(b):
+        states = Feasible(b)
+        factor = _first(b, states)
+        i = states.first
+        place = str(states.kind[i]), int(states.joint[i]), float(states.t[i])
+        largest: float | None = max(factor, _largest(b, states))
+    else:
+        (factor, place), largest = bracketed_factor(b), None
+    if found := _slower(b, factor):
+        (factor, place), largest = found, None
+    kind, joint, t = place
+    return Slowdown(factor, Binding(b.joints[joint], kind, t), b.motion.scaled(1 / factor), largest, notes)
 
 
-def _named(b: Bounded, kind: str, joint: int, t: float) -> Binding:
-    return Binding(b.joints[joint], kind, t)
+def _slower(b: Bounded, factor: float) -> tuple[float, Place] | None:
+    """The factor, and its limit, at which values outside of windows are no longer beyond; None where none are."""
+    place = _beyond_windows(b, factor)
+    if place is None:
+        return None
+    low, high = 0.0, factor
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2
+        beyond = _beyond_windows(b, middle)
+        low, high, place = (middle, high, place) if beyond is None else (low, middle, beyond)
+    if not low:
+        kind, joint, t = place
+        what = f"the {kind.replace('_', ' ')} of joint {quoted(b.joints[joint])}"
+        raise JounceError(
+            f"{what} is beyond its limit by more than two standard deviations at t = {t:.6g} s, at every speed; change"
+            " the motion or with_limits"
+        )
+    return low, place
+
+
+def _beyond_windows(b: Bounded, factor: float) -> Place | None:
+    """A limit that is surely broken outside of the windows at a factor of speed: kind, joint, time as it was given."""
+    scaled = b.scaled(1 / factor)
+    worst = Worst(scaled)
+    take_uncertain(scaled, worst)
+    for (kind, sign), spans in worst.spans.items():
+        for j, found in enumerate(spans):
+            if found:
+                t = b.motion.start + (float(worst.t[kind, sign][j]) - b.motion.start) * factor
+                return kind, j, t
+    return None
+
+
+def _window_notes(b: Bounded) -> tuple[str, ...]:
+    """Between which times of a measured motion limits count, of kinds that do not along the whole motion."""
+    spans = [f"{kind.replace('_', ' ')} {start:.6g} to {stop:.6g} s" for kind, (start, stop) in b.windows.items()]
+    if not spans:
+        return ()
+    return (
+        f"limits count within {listed(spans)}; elsewhere the samples are uncertain, and two deviations beyond count",
+    )
 
 
 def _first(b: Bounded, states: Feasible) -> float:

@@ -41,7 +41,7 @@ class Worst:
 
     def take_worst(self, pieces: Pieces) -> Peaks:
         """Look at pieces of the motion for the worst values alone; returns the peaks between the ends of pieces."""
-        for kind in self.b.kinds:
+        for kind in pieces.kinds:
             for t, values in zip((pieces.start, pieces.stop), pieces.values(kind), strict=True):
                 self.largest[kind] = np.maximum(self.largest[kind], np.abs(values).max(axis=0))
                 for sign in SIGNS:
@@ -51,6 +51,13 @@ class Worst:
         for kind, joint, sign, t, value in zip(*peaks, strict=True):
             self._update(str(kind), int(sign), np.array([joint]), np.array([t]), np.array([sign * value]))
         return peaks
+
+    def take_values(self, kind: str, sign: int, t: np.ndarray, values: np.ndarray, beyond: np.ndarray) -> None:
+        """Count signed values (N, n) of a kind at times (N,), and the times at which they are beyond their bounds."""
+        at = values.argmax(axis=0)
+        self._update(kind, sign, np.arange(values.shape[1]), t[at], values.max(axis=0))
+        for j in np.flatnonzero(beyond.any(axis=0)).tolist():
+            self.spans[kind, sign][j] += [(float(t[i]), float(t[k])) for i, k in runs(beyond[:, j])]
 
     def take_jumps(self, breaks: Sequence[ForceBreak]) -> None:
         """Count jumps of a lower rate as infinite values: of motions, and of forces at their breaks."""
@@ -95,25 +102,27 @@ class Worst:
         self.value[kind, sign][joint[better]] = value[better]
         self.t[kind, sign][joint[better]] = t[better]
 
-    def _tolerant(self, kind: str, sign: int) -> np.ndarray:
+    def tolerant(self, kind: str, sign: int) -> np.ndarray:
         """The bounds of signed values, with room for rounding."""
         scale = self.scales[kind]
         bound = scale.bound(sign)
         reach = np.abs(bound - sign * scale.centre)
         return np.where(np.isfinite(bound), bound + ROUNDING * reach, np.inf)
 
-    def _floor(self, kind: str, sign: int) -> np.ndarray:
-        """What a peak must reach to matter: the worst value so far, or the bound."""
-        bound = self.scales[kind].bound(sign)
-        least = np.minimum(self.value[kind, sign], bound) - TRUST * self.largest[kind]
-        return np.where(np.isfinite(bound), least, np.inf)
+    def _floor(self, pieces: Pieces, kind: str, sign: int) -> np.ndarray:
+        """What a peak in pieces must reach to matter, (K, n): the worst value, or the bound if an end is within it."""
+        bound, left_right = self.scales[kind].bound(sign), pieces.values(kind)
+        within = np.minimum(*(sign * x for x in left_right)) <= bound
+        least = np.where(within, np.minimum(self.value[kind, sign], bound), self.value[kind, sign])
+        return np.where(np.isfinite(bound), least - TRUST * self.largest[kind], np.inf)
 
     def _add_spans(self, pieces: Pieces, peaks: Peaks) -> None:
         """The spans in which values are beyond their bounds, their ends exact."""
         crossings = [
             self._crossing(pieces, peaks, kind, sign, int(j))
             for (kind, sign), worst in self.value.items()
-            for j in np.flatnonzero(worst > self._tolerant(kind, sign))
+            if kind in pieces.kinds
+            for j in np.flatnonzero(worst > self.tolerant(kind, sign))
         ]
         if not crossings:
             return
@@ -125,8 +134,8 @@ class Worst:
         ends = low.copy()
         inner = low < high
 
-        def beyond(t: np.ndarray) -> np.ndarray:
-            return sign[inner] * picked(self.b, t, kind[inner], joint[inner], 0) - bound[inner]
+        def beyond(t: np.ndarray, at: np.ndarray) -> np.ndarray:
+            return sign[inner][at] * picked(self.b, t, kind[inner][at], joint[inner][at], 0) - bound[inner][at]
 
         if inner.any():
             ends[inner] = root(beyond, low[inner], high[inner])
@@ -140,7 +149,7 @@ class Worst:
         t = np.concatenate([pieces.stop, peaks.t[mine], pieces.start])
         y = np.concatenate([right[:, j], peaks.value[mine], left[:, j]]) * sign
         order = np.argsort(t, kind="stable")  # at a break what ends there stands before what begins
-        t, beyond = t[order], y[order] > self._tolerant(kind, sign)[j]
+        t, beyond = t[order], y[order] > self.tolerant(kind, sign)[j]
         passes = np.flatnonzero(beyond[1:] != beyond[:-1])
         first, last = [t[[0, 0]]] * bool(beyond[0]), [t[[-1, -1]]] * bool(beyond[-1])
         edges = np.array([*first, *np.column_stack([t[passes], t[passes + 1]]), *last]).reshape(-1, 2)
@@ -153,6 +162,12 @@ def _extend(spans: list[Span], ends: list[float]) -> None:
         if spans and spans[-1][1] == start:
             start = spans.pop()[0]
         spans.append((start, stop))
+
+
+def runs(which: np.ndarray) -> list[tuple[int, int]]:
+    """The first and the last index of each run of true entries."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], which, [False]])))
+    return [(int(first), int(behind) - 1) for first, behind in edges.reshape(-1, 2)]
 
 
 class _Crossing(NamedTuple):

@@ -1638,6 +1638,9 @@ class Robot:
         Between samples quintic polynomials through q, qd, ... and Q, Qd, Q2d find the peaks, which are then evaluated
         exactly. At a break of the motion both sides are checked; where a lower rate jumps, the value is infinite.
 
+        Of measured motions, each kind of limit counts as it is where its standard deviation is at most ten times its
+        median; elsewhere, which is towards the ends, where a value lies two deviations or more from its limit.
+
         Parameters
         ----------
         motion : Motion
@@ -1646,7 +1649,9 @@ class Robot:
         Returns
         -------
         Check
-            `ok`, the `worst` limit, and the `table` of all with worst value, ratio, time, margin and violations.
+            The `verdict`: "kept", "broken", or "undecided" if no limit is broken as far as samples decide, with the
+            share of time that they do, `judged`; `ok`, which is True if kept; the `worst` limit, and the `table` of all
+            with worst value, ratio, time, margin and violations.
 
         Raises
         ------

@@ -11,6 +11,7 @@ from jounce.errors import JounceError
 from jounce.io.columns import Columns
 from jounce.io.spans import format_of
 from jounce.limits.check import Check
+from jounce.limits.verdicts import join_spans, overall
 from jounce.motion.motion import Motion
 from jounce.motion.spline import Smoothing
 from jounce.motion.table import from_columns
@@ -20,7 +21,8 @@ from jounce.stream.records import Skipped
 from jounce.stream.rows import Rows, Run, read
 from jounce.stream.tally import Aggregate, out_of_order
 
-TEXTS = (MOTION, "joint", "limit", "of", "unit")  # columns of a table of limits
+SPANS = ("violations", "undecided")
+TEXTS = (MOTION, "joint", "limit", "of", "unit", "verdict")  # columns of a table of limits
 NUMBERS = ("value", "bound", "ratio", "margin", "t", "deviation")
 STRETCH = 2000  # rows that are checked at a time: some of what a check does takes the square of their number
 
@@ -41,17 +43,18 @@ def add_limits(known: dict[str, Aggregate], name: str, more: Aggregate) -> None:
     joined = known[name]
     if more["t"][0] < joined["t"][1]:
         raise out_of_order(name, joined, more)
+    spent = [of["t"][1] - of["t"][0] for of in (joined, more)]
+    joined["judged"] = {
+        kind: (share * spent[0] + more["judged"][kind] * spent[1]) / (sum(spent) or 1)
+        for kind, share in joined["judged"].items()
+    }
     joined["rows"] += more["rows"]
     joined["t"] = [joined["t"][0], more["t"][1]]
     joined["notes"] = list(dict.fromkeys([*joined["notes"], *more["notes"]]))
     for i, (row, other) in enumerate(zip(joined["limits"], more["limits"], strict=True)):
-        spans = [*row["violations"]]
-        for start, stop in other["violations"]:
-            if spans and spans[-1][1] == start:
-                start = spans.pop()[0]
-            spans.append([start, stop])
+        spans = {name: [[*span] for span in join_spans(row[name] + other[name])] for name in SPANS}
         worse = other if _ratio(other) > _ratio(row) else row
-        joined["limits"][i] = worse | {"violations": spans}
+        joined["limits"][i] = worse | spans | {"verdict": overall([row["verdict"], other["verdict"]])}
 
 
 def table_of(found: Mapping[str, Aggregate]) -> Columns:
@@ -76,10 +79,12 @@ def _ratio(row: Mapping[str, Any]) -> float:
 def _aggregate(found: Check, motion: Motion, rows: int) -> Aggregate:
     limits = [
         {key: None if isinstance(x, float) and np.isinf(x) else x for key, x in asdict(row).items()}
-        | {"violations": [list(span) for span in row.violations]}
+        | {name: [list(span) for span in getattr(row, name)] for name in SPANS}
+        | {"verdict": row.verdict}
         for row in found.table
     ]
-    return {"rows": rows, "t": [motion.start, motion.stop], "limits": limits, "notes": list(found.notes)}
+    times = {"rows": rows, "t": [motion.start, motion.stop]}
+    return times | {"limits": limits, "judged": dict(found.judged), "notes": list(found.notes)}
 
 
 def _wholes(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple[str, int, Motion]]:

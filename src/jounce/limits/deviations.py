@@ -1,0 +1,83 @@
+"""Standard deviations of what limits bound along a measured motion, and between which times each is known well."""
+
+import numpy as np
+
+from jounce.dynamics.quantities import FORCES, Quantity
+from jounce.limits.bounded import DERIVATIVE, MOTORS, Bounded, Span, motion_order, quantities_of
+from jounce.limits.joints import in_columns, of_joints
+from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS
+from jounce.robot.along import pieces_along
+
+MAX_OVER_MEDIAN = 10.0  # of deviations in a window: towards the ends of a fit they rise by powers of ten
+COMPARED_TIMES = 2000  # of a motion, at which deviations are compared with their median
+
+Deviations = dict[str, np.ndarray]  # by kind, (N, joints); NaN where they are not known
+
+
+def deviations_of(b: Bounded, t: np.ndarray) -> Deviations:
+    """Standard deviations at times (N,), without the kinds that are exact.
+
+    Those of joints that follow others in closed loops are not known, but for their forces.
+    """
+    m = b.motion
+    curves = (m.curve, *m.loads.values(), *([m.base_curve] if m.base_curve else []))
+    if all(curve.deviations(t[:1], 0) is None for curve in curves):
+        return {}
+    closure = b.robot.mechanism.closure
+    own = list(closure.independent) if closure else list(range(len(b.joints)))
+    rates = m.deviations(t, max(1, *(motion_order(b.robot, kind) for kind in b.kinds)))
+    spread = np.full((len(rates), len(t), len(b.joints)), np.nan) if rates else np.zeros((2, len(t), len(b.joints)))
+    if rates:
+        spread[:, :, own] = rates
+    found = dict(zip(MOTION_KINDS, spread, strict=False)) if rates else {}
+    found |= _of_forces(b, t, spread[1]) | _of_motors(b, t)
+    return {kind: found[kind] for kind in b.kinds if kind in found}
+
+
+def _of_forces(b: Bounded, t: np.ndarray, off: np.ndarray) -> Deviations:
+    """Those of efforts with their rates, and of the power, where velocities deviate by `off` (N, joints)."""
+    efforts = [kind for kind in b.kinds if kind in EFFORT_KINDS]
+    if not efforts and "power" not in b.kinds:
+        return {}
+    along = _along(b, t, b.efforts, max((DERIVATIVE[kind] for kind in efforts), default=0))
+    spread, Q = (in_columns(b.robot.mechanism, x, b.efforts) for x in along)
+    if not spread:
+        return {}
+    found = {kind: spread[DERIVATIVE[kind]] for kind in efforts}
+    if "power" in b.kinds:
+        found["power"] = np.hypot(b.rates(t, 1)[1] * spread[0], Q[0] * off)
+    return found
+
+
+def _of_motors(b: Bounded, t: np.ndarray) -> Deviations:
+    """Those of motors; of voltages the sum of those of their parts, which is at least theirs."""
+    found = {}
+    for kind in MOTORS:
+        if kind in b.kinds:
+            spread = {name: _along(b, t, b.row(name), k)[0] for name, k in quantities_of(b.robot, kind).items()}
+            if all(spread.values()):
+                of_motor = b.of_motor(kind, spread)[DERIVATIVE.get(kind, 0)]
+                [found[kind]] = in_columns(b.robot.mechanism, [np.abs(of_motor)], FORCES)
+    return found
+
+
+def _along(b: Bounded, t: np.ndarray, row: Quantity, order: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """The deviations of a quantity with its rates, none where it is exact, and the quantity."""
+    parts = list(pieces_along(b.robot, b.motion, t, order, row=row))
+    of_rates = [part.deviations or () for part in parts], [part.forces for part in parts]
+    spread, values = (tuple(map(np.concatenate, zip(*rates, strict=True))) for rates in of_rates)
+    return of_joints(b.robot.mechanism, spread, row), of_joints(b.robot.mechanism, values, row)
+
+
+def windows_of(b: Bounded) -> dict[str, Span]:
+    """The times between which each kind is known well, of the kinds that are not known well along the whole motion."""
+    times = b.motion.times
+    t = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), COMPARED_TIMES)).astype(int))]
+    found = {}
+    for kind, deviations in deviations_of(b, t).items():
+        off = deviations[:, ~np.isnan(deviations).any(axis=0)]
+        well = np.flatnonzero((off <= MAX_OVER_MEDIAN * np.median(off, axis=0)).all(axis=1))
+        ends = (well[0], well[-1]) if well.size else (0, 0)
+        if ends != (0, len(t) - 1):
+            found[kind] = (float(t[ends[0]]), float(t[ends[1]]))
+    return found

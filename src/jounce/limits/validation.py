@@ -1,0 +1,71 @@
+"""A robot along a motion, checked before limits are: joints match, limits are stated, and what they bound is known."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jounce.errors import JounceError, listed, quoted
+from jounce.limits.bounded import MOTORS, Bounded, known_kinds
+from jounce.limits.deviations import windows_of
+from jounce.limits.joints import drives_coordinates, joint_limits
+from jounce.model.limits import Limits
+from jounce.model.mechanism import Mechanism
+from jounce.robot.along import checked_motion
+
+if TYPE_CHECKING:
+    from jounce.robot.robot import Robot
+
+
+def bounded(robot: "Robot", motion: object) -> Bounded:
+    """A robot along a motion, checked, with the limits of its coordinates; a robot without any is refused."""
+    path, limits = checked_motion(robot.mechanism, motion), joint_limits(robot.mechanism)
+    kinds = known_kinds(robot, limits)
+    if not kinds:
+        if limits.kinds:
+            came = f"robot {robot.name!r} states no limits of rigid joints, only {listed(limits.kinds)}"
+            raise JounceError(f"{came}; robot.elastic(stiffness) makes its joints elastic")
+        ways = "robot.with_limits(effort=..., velocity=...) or robot.with_limits('panda') states some"
+        raise JounceError(f"robot {robot.name!r} states no limits; {ways} (--limits)")
+    _check_data(robot, limits, kinds)
+    _check_stiffness(robot, kinds)
+    check_gravity(robot.mechanism, limits, kinds)
+    b = Bounded(robot, path, limits, kinds)
+    return replace(b, windows=windows_of(b))
+
+
+def _check_data(robot: "Robot", limits: Limits, kinds: Sequence[str]) -> None:
+    """Raise `JounceError` where currents or voltages of a motor are limited that states no data for them."""
+    e, closure = robot.mechanism.elasticity, robot.mechanism.closure
+    places = closure.independent if closure else range(robot.n)
+    for kind, needed in {"motor_current": ["constant"], "motor_voltage": ["constant", "resistance"]}.items():
+        limited = np.isfinite(limits.bounds(kind)[:, list(places)]).any(axis=0) & (kind in kinds)
+        for j in np.flatnonzero(limited).tolist():
+            motor = e.motors[j] if e and e.motors else None
+            if lacking := [name for name in needed if motor is None or getattr(motor, name) is None]:
+                raise JounceError(
+                    f"joint {quoted(robot.joint_names[j])} has a limit of {kind}, and its motor states no"
+                    f" {' and no '.join(lacking)}; robot.elastic(motors={{joint: jounce.Motor(...)}}) states it"
+                )
+
+
+def _check_stiffness(robot: "Robot", kinds: Sequence[str]) -> None:
+    """Raise `JounceError` where motors are bounded whose rates may be infinite between the times looked at."""
+    e, of_motors = robot.mechanism.elasticity, [kind for kind in kinds if kind in MOTORS]
+    if e and e.slack and of_motors:
+        raise JounceError(
+            f"joint {quoted(robot.joint_names[e.slack[0]])}: its spring has no stiffness at rest, and its motor moves"
+            f" infinitely fast where no force acts; limits of {listed(of_motors)} need a CubicSpring with k above 0"
+        )
+
+
+def check_gravity(m: Mechanism, limits: Limits, kinds: Sequence[str]) -> None:
+    """Raise `JounceError` where limits bound motor forces less gravity, and motors are not at the coordinates."""
+    without = [kind for kind in kinds if kind in limits.without_gravity]
+    if without and not drives_coordinates(m):
+        raise JounceError(
+            f"{m.name!r}: limits of {listed(without)} bound Q - Qgrav, which is not known for motors at other joints"
+            f" than the coordinates {listed(m.coordinates)}; state them for Q (of=), or name these joints by"
+            " robot.closed(actuated=...)"
+        )

@@ -1,0 +1,49 @@
+"""Verdicts on limits: kept, broken, or undecided by measured samples; of several limits, in words."""
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from math import floor
+from typing import Literal
+
+from jounce.errors import listed
+from jounce.limits.bounded import Span
+from jounce.limits.worst import ROUNDING
+
+Verdict = Literal["kept", "broken", "undecided"]
+
+
+def verdict_of(ratio: float, undecided: Sequence[object]) -> Verdict:
+    """The verdict on a limit by its worst ratio where it is decided, and the spans where it is not."""
+    return "broken" if ratio > 1 + ROUNDING else "undecided" if undecided else "kept"
+
+
+def overall(verdicts: Collection[Verdict]) -> Verdict:
+    """The verdict on several limits or motions: broken if one is, kept if all are."""
+    return "broken" if "broken" in verdicts else "undecided" if "undecided" in verdicts else "kept"
+
+
+def verdict_in_words(verdicts: Sequence[Verdict], judged: Mapping[str, float]) -> str:
+    """How many limits are broken or undecided, and which share of time is judged, by kind, unless that is all of it."""
+    counts = [
+        f"{n} of {len(verdicts)} limits {name}" for name in ("broken", "undecided") if (n := verdicts.count(name))
+    ]
+    return "; ".join([" and ".join(counts) or "every limit is kept", *judged_in_words(judged)])
+
+
+def judged_in_words(judged: Mapping[str, float], subject: str = "judged") -> list[str]:
+    """The shares of time that are judged, by kind, where they are not all of it."""
+    partly = [
+        f"{floor(1e4 * share) / 1e4:.2%} of the time for {kind.replace('_', ' ')}"
+        for kind, share in judged.items()
+        if share < 1
+    ]
+    return [f"{subject}: {listed(partly)}"] if partly else []
+
+
+def join_spans(spans: Iterable[Sequence[float]]) -> tuple[Span, ...]:
+    """Spans in the order of time; those that overlap or meet are one."""
+    joined: list[Span] = []
+    for start, stop in sorted((float(start), float(stop)) for start, stop in spans):
+        if joined and start <= joined[-1][1]:
+            start, stop = joined[-1][0], max(stop, joined.pop()[1])
+        joined.append((start, stop))
+    return tuple(joined)

@@ -1,0 +1,153 @@
+"""Verdicts on measured motions: what samples decide is kept or broken up to their ends, and the rest is undecided."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import jounce
+from jounce.cli import main
+from jounce.io import tables
+from jounce.limits.validation import bounded
+
+ROBOT = jounce.load("planar2r")
+TURNS = np.array([-0.25 + 2.1j, -0.2 + 3.3j])  # 1/s: motions that swing down, with their largest rates at the start
+SIZES = np.array([0.8 * np.exp(0.4j), 0.5 * np.exp(1.9j)])
+T = np.arange(0, 6, 0.002)
+DENSE = np.linspace(0, T[-1], 60001)
+
+
+def truth(t, order=0):
+    return (SIZES * TURNS**order * np.exp(np.multiply.outer(t, TURNS))).real
+
+
+def true_rates(t):
+    """Q, Qd, Q2d of the truth."""
+    return ROBOT.inverse_dynamics(*(truth(t, k) for k in range(5)))
+
+
+def log(seed=1, noise=2e-4):
+    return truth(T) + np.random.default_rng(seed).normal(0, noise, (len(T), 2))
+
+
+@pytest.fixture(scope="module")
+def measured():
+    return jounce.Motion.fit(T, log())
+
+
+def spans_of(beyond):
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], beyond, [False]]).astype(int)))
+    return DENSE[edges.clip(max=len(DENSE) - 1)].reshape(-1, 2)
+
+
+def test_positions_beyond_limits_at_both_ends_of_a_log_are_found(measured):
+    first, last = truth(T[[0, -1]])[:, 0]
+    upper, lower = first - 0.02, truth(DENSE)[:, 1].min() + 0.01
+    found = ROBOT.with_limits(upper=[upper, 9], lower=[-9, lower]).check(measured)
+    assert (found.verdict, found.ok, found.judged) == ("broken", False, {"position": 1.0})
+    for row, beyond in zip(found.table, [truth(DENSE)[:, 0] > upper, truth(DENSE)[:, 1] < lower], strict=True):
+        np.testing.assert_allclose(row.violations, spans_of(beyond), atol=0.01)
+    ends = ROBOT.with_limits(upper=[last - 0.01, 9], lower=[-9, -9]).check(measured)
+    assert ends.table[0].violations[-1][1] == T[-1]
+
+
+def test_a_torque_rate_beyond_its_limit_where_rates_are_uncertain_counts(measured):
+    rate = np.abs(true_rates(DENSE)[1][:, 0])
+    limited = ROBOT.with_limits(effort_rate=[9e3, 9e3])
+    start = bounded(limited, measured).window("effort_rate")[0]
+    bound = 1.02 * rate[start <= DENSE].max()
+    assert rate[start > DENSE].max() > 1.1 * bound
+    found = ROBOT.with_limits(effort_rate=[bound, 9e3]).check(measured)
+    assert found.verdict == "broken"
+    assert found.worst.t < start
+    assert found.worst.ratio - 1 > 2 * found.worst.deviation
+    assert abs(found.worst.ratio - rate.max() / bound) < 3 * found.worst.deviation
+    assert 0.9 < found.judged["effort_rate"] < 1
+    for start, stop in found.worst.undecided:
+        assert all(stop <= low or high <= start for low, high in found.worst.violations)
+
+
+def test_a_slowdown_takes_what_is_surely_broken_at_the_ends(measured):
+    rate = np.abs(true_rates(DENSE)[1])
+    start = bounded(ROBOT.with_limits(effort_rate=9e3), measured).window("effort_rate")[0]
+    limited = ROBOT.with_limits(effort_rate=[1.02 * rate[start <= DENSE, 0].max(), 9e3])
+    slow = limited.slowdown(measured)
+    assert slow.binding[:2] == ("joint1", "effort_rate")
+    assert slow.binding.t < start
+    assert limited.check(slow.motion).verdict != "broken"
+    assert limited.check(measured.scaled(0.999 / slow.factor)).verdict == "broken"
+    assert "effort rate" in slow.notes[-1]
+
+
+def test_where_samples_do_not_decide_the_verdict_is_undecided(measured):
+    bound = 1.1 * np.abs(truth(DENSE, 4)).max(axis=0)
+    found = ROBOT.with_limits(snap=bound, velocity=99).check(measured)
+    assert (found.verdict, found.ok) == ("undecided", False)
+    assert {row.verdict for row in found.table} == {"kept", "undecided"}
+    assert (found.judged["velocity"], found.judged["snap"] < 1) == (1, True)
+    row = max(found.table, key=lambda row: len(row.undecided))
+    assert {row.undecided[0][0], row.undecided[-1][1]} & {0.0, T[-1]}
+    assert "of the time for snap" in repr(found)
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("kind", ["velocity", "acceleration", "jerk", "effort", "effort_rate"])
+def test_verdicts_agree_with_the_truth(seed, kind):
+    rng = np.random.default_rng(seed)
+    t = T[: rng.integers(900, len(T))] + rng.uniform(-5, 5)
+    motion = jounce.Motion.fit(t, log(seed, 10 ** rng.uniform(-5, -3.5))[: len(t)], force=True)
+    at = DENSE[t[-1] - t[0] >= DENSE]
+    rates = dict(zip(("position", "velocity", "acceleration", "jerk"), (truth(at, k) for k in range(4)), strict=True))
+    rates |= dict(zip(("effort", "effort_rate"), true_rates(at)[:2], strict=True))
+    peak = np.abs(rates[kind]).max(axis=0)
+    assert ROBOT.with_limits(**{kind: 1.4 * peak}).check(motion).verdict != "broken"
+    assert ROBOT.with_limits(**{kind: 0.7 * peak}).check(motion).verdict != "kept"
+
+
+def test_exact_motions_are_judged_all_the_time():
+    motion = jounce.Motion.polynomial([[0, 1.0], [0, 0.5]], 1.0)
+    for velocity, verdict in ((0.9, "broken"), (1.0, "kept")):
+        found = ROBOT.with_limits(velocity=velocity, effort=1e3).check(motion)
+        assert (found.verdict, found.judged) == (verdict, {"velocity": 1.0, "effort": 1.0})
+
+
+@pytest.fixture(scope="module")
+def robots(tmp_path_factory):
+    """Robot files whose limits the log keeps, breaks and leaves undecided, by verdict."""
+    folder = tmp_path_factory.mktemp("verdicts")
+    snap = np.abs(truth(DENSE, 4)).max(axis=0)
+    limits = {"kept": {"velocity": 99}, "broken": {"upper": 0.5}, "undecided": {"snap": 1.1 * snap}}
+    files = {verdict: folder / f"{verdict}.yaml" for verdict in limits}
+    for verdict, file in files.items():
+        jounce.save(ROBOT.with_limits(**limits[verdict]), file)
+    (folder / "logs").mkdir()
+    q = log()
+    tables.write(folder / "logs" / "log.csv", {"t": T, "joint1": q[:, 0], "joint2": q[:, 1]})
+    return files
+
+
+@pytest.mark.parametrize(("verdict", "code"), [("kept", 0), ("broken", 1), ("undecided", 3)])
+def test_commands_state_verdict_share_and_exit_code(robots, tmp_path, verdict, code):
+    logs = robots[verdict].parent / "logs"
+
+    def run(*arguments):
+        return CliRunner().invoke(main, [*map(str, arguments)])
+
+    for motion in (logs / "log.csv", logs):
+        result = run("check", robots[verdict], motion, "--json")
+        assert result.exit_code == code, result.output
+        data = json.loads(result.stdout)
+        assert (data["verdict"], data["ok"]) == (verdict, verdict == "kept")
+        assert (min(data["judged"].values()) < 1) == (verdict == "undecided")
+        words = run("check", robots[verdict], motion).stdout
+        assert ("of the time for snap" in words) == (verdict == "undecided")
+        assert ("every limit is kept" in words) == (verdict == "kept")
+        assert ("undecided" in words) == (verdict == "undecided")
+    table = tmp_path / "limits.csv"
+    assert run("check", robots[verdict], logs, "--table", table).exit_code == code
+    assert verdict in table.read_text()
+    page = tmp_path / "report.html"
+    result = run("report", robots[verdict], logs / "log.csv", "-o", page, "--json")
+    assert (result.exit_code, json.loads(result.stdout)["verdict"]) == (0, verdict)
+    assert f'class="verdict {verdict}"' in page.read_text(encoding="utf-8")
