@@ -149,3 +149,13 @@ def test_loads_and_drives_are_refused_too():
     assert np.isfinite(damped.drive_forces(*far[:3])).all()
     with pytest.raises(UncertainError, match="Q at q would be off"):
         damped.drive_forces([5e-7], [1.0], [1.0])
+
+
+def test_limits_name_the_time_at_which_digits_end():
+    robot, _ = crossed(np.random.default_rng(0))
+    limited = robot.with_limits(effort_rate=100.0, effort=100.0)
+    motion = jounce.Motion.polynomial([[ZEROS[0] + 0.7, -0.6999]], 1.0)
+    for judge in (limited.check, limited.slowdown, limited.retime):
+        with pytest.raises(JounceError, match=r"along the motion at t = (0\.9\d*|1) s: .* would be off by up to"):
+            judge(motion)
+    assert limited.check(jounce.Motion.polynomial([[ZEROS[0] + 0.7, -0.6]], 1.0)).table

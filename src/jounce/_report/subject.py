@@ -20,7 +20,7 @@ from jounce.model.limits import EFFORT_KINDS, FORCES, MOTION_KINDS, MOTOR_KINDS,
 from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
 from jounce.robot.along import FIRST, Along, forces_along
-from jounce.robot.closed_path import on_tree, positions
+from jounce.robot.closed_path import named_by_time, on_tree, positions
 from jounce.robot.dispatch import compute
 from jounce.robot.generic import as_tuple
 from jounce.spatial.series import rate_name
@@ -130,10 +130,11 @@ def subject_of(
     count = int(np.clip(SHOWN_VALUES // (shown * m.tree.n), LEAST_FRAMES, FRAMES))
     even = np.linspace(0, len(along.t) - 1, min(count, len(along.t))).astype(int)
     frames = np.union1d(even, np.searchsorted(along.t, [*worst, *breaks[:count]]))
-    quantities = _quantities(robot, motion, along, limits, frames)
+    with named_by_time(along.t):
+        quantities = _quantities(robot, motion, along, limits, frames)
+        wrenches = _loop_wrenches(robot, motion, along)
     slowdown = _slowdown(robot, motion, worst) if check else None
     meshes = Meshes() if visuals is None else meshes_of(m, visuals, folders)
-    wrenches = _loop_wrenches(robot, motion, along)
     return Subject(robot, motion, along, limits, quantities, frames, check, slowdown, meshes, wrenches)
 
 

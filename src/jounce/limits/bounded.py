@@ -22,7 +22,7 @@ from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, MOTOR_KINDS, Limits
 from jounce.model.limits import FORCES as BOUND_FORCES
 from jounce.motion.motion import Motion
 from jounce.robot.along import FIRST
-from jounce.robot.closed_path import on_tree, positions
+from jounce.robot.closed_path import named_by_time, on_tree, positions
 from jounce.robot.dispatch import compute
 
 if TYPE_CHECKING:
@@ -137,6 +137,10 @@ class Bounded:
 
     def series(self, t: np.ndarray, side: Side = "right") -> Series:
         """The quantities that are bounded, with derivatives, at times (N,)."""
+        with named_by_time(t):
+            return self._series(t, side)
+
+    def _series(self, t: np.ndarray, side: Side) -> Series:
         rates, m = self.motion(t, self.rate_order, side), self.robot.mechanism
         near = positions(self.robot, self.motion, t, side)
         joints = joint_rates(self.robot, rates, near, self.follow)
@@ -154,7 +158,8 @@ class Bounded:
     def rates(self, t: np.ndarray, order: int, side: Side = "right") -> Rates:
         """The rates of the joints up to an order, (N, joints) each."""
         near = positions(self.robot, self.motion, t, side)
-        return joint_rates(self.robot, self.motion(t, order, side), near, self.follow)
+        with named_by_time(t):
+            return joint_rates(self.robot, self.motion(t, order, side), near, self.follow)
 
     def quantity(
         self,

@@ -18,7 +18,7 @@ from jounce.dynamics.quantities import FORCES, QUANTITIES
 from jounce.limits import pace
 from jounce.limits.bounded import at_speed, gravity
 from jounce.limits.joints import in_columns, joint_rates, of_joints
-from jounce.robot.closed_path import on_tree, positions
+from jounce.robot.closed_path import named_by_time, on_tree, positions
 from jounce.robot.dispatch import compute
 
 if TYPE_CHECKING:
@@ -107,6 +107,11 @@ def path_of(robot: "Robot", motion: "Motion", sigma: np.ndarray, order: int, lef
     Inverse dynamics at the speeds 1, -1 and 2 along the path tells apart what does not depend on speed, what is linear
     in it, and what is quadratic.
     """
+    with named_by_time(sigma):
+        return _path_of(robot, motion, sigma, order, left)
+
+
+def _path_of(robot: "Robot", motion: "Motion", sigma: np.ndarray, order: int, left: bool) -> Path:
     side: Literal["left", "right"] = "left" if left else "right"
     q = motion(sigma, order + 2, side)
     W, base = motion.wrench(sigma, order, side), motion.base(sigma, order + 2, side)

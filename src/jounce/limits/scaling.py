@@ -28,7 +28,7 @@ from jounce.limits.joints import in_columns, joint_rates
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS
 from jounce.model.limits import FORCES as BOUND_FORCES
 from jounce.robot.along import FIRST
-from jounce.robot.closed_path import positions
+from jounce.robot.closed_path import named_by_time, positions
 
 Polynomials = Mapping[str, np.ndarray]  # by kind
 Parts = tuple[np.ndarray, np.ndarray, np.ndarray]  # (N, n) each: of c^0, c^1 and c^2
@@ -36,6 +36,11 @@ Parts = tuple[np.ndarray, np.ndarray, np.ndarray]  # (N, n) each: of c^0, c^1 an
 
 def polynomials(b: Bounded, t: np.ndarray, side: Side = "right") -> Polynomials:
     """Coefficients (degree + 1, N, n) of what limits bound, lowest power of c first, at times (N,) by kind."""
+    with named_by_time(t):
+        return _polynomials(b, t, side)
+
+
+def _polynomials(b: Bounded, t: np.ndarray, side: Side) -> Polynomials:
     motion_orders = [MOTION_KINDS.index(kind) for kind in b.kinds if kind in MOTION_KINDS]
     order = max((rate_of_forces(b.robot, kind) for kind in b.kinds if kind not in MOTION_KINDS), default=0)
     rates, m = b.motion(t, max([*motion_orders, (order + FIRST) * b.forces]), side), b.robot.mechanism

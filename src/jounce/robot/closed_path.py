@@ -5,7 +5,8 @@ these move, and no singular configuration lies between; if not, times between ar
 at any distance.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal
@@ -16,7 +17,7 @@ from jounce.dynamics import closing, newton
 from jounce.dynamics.assembly import LOST, crossing, inverse_conditions, inverse_conditions_of, solved_constraints
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loops import closure_of
-from jounce.errors import JounceError, at, listed
+from jounce.errors import JounceError, UncertainError, at, listed
 from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
 from jounce.motion.curves import Curve
@@ -195,6 +196,16 @@ def positions(
             except JounceError:
                 last = middle
         raise lost(m, t[first], near[first:last], stuck=True) from None
+
+
+@contextmanager
+def named_by_time(t: np.ndarray) -> Iterator[None]:
+    """Within this context, errors of results without certain digits begin with the first of the times (N,)."""
+    try:
+        yield
+    except UncertainError as error:
+        first = np.logical_or.reduce(error.uncertain).argmax()
+        raise JounceError(f"along the motion at t = {t.flat[first]:.6g} s: {error}") from None
 
 
 def on_tree(rates: tuple[np.ndarray, ...], q: np.ndarray | None) -> tuple[np.ndarray, ...]:
