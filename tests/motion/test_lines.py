@@ -66,5 +66,17 @@ def test_noise_and_the_steps_of_steady_joints_are_no_vibrations(seed):
         assert not any("vibrates" in note for note in smooth.notes)
     t, q, truth = vibrating(seed, amplitude=0.0)
     smooth = fit(t, q)
-    assert not any("vibrates" in note for note in smooth.notes)
+    assert not any("vibrates" in note or "per turn" in note for note in smooth.notes)
     assert max(errors(smooth, truth)) < 1.5
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("count", [128, 256])
+def test_the_interpolation_error_of_an_encoder_is_said_with_its_count_per_turn(seed, count):
+    rng = np.random.default_rng(seed)
+    truth = harmonics(rng, base=0.05, amplitude=0.5)
+    t = np.arange(0, rng.uniform(8, 12), 1e-3)
+    q = truth(t)
+    q[:, 1] += 1e-4 * np.sin(count * q[:, 1] + 1)
+    [note] = [note for note in fit(t, encoder(q, 17)).notes if "per turn" in note]
+    assert note.startswith(f"column 2 is off by a wave of about {count} per turn")

@@ -43,13 +43,14 @@ def remainders_of_array(numbers: np.ndarray) -> np.ndarray:
         return np.zeros(numbers.shape)
     high = numbers.astype(float)
     inside = np.abs(high) < MAX_INTEGER  # neither NaN
-    whole = np.where(inside, np.floor(high), 0)
+    high = np.where(inside, high, 0)
+    whole = np.floor(high)
     if numbers.dtype.kind in "iu":
         return np.where(inside, np.where(inside, numbers, 0).astype(np.int64) - whole.astype(np.int64), 0).astype(float)
     unit = shortest_decimal(float(np.abs(high[inside]).max(initial=1)))
     if unit >= 1:
         k = np.rint(whole / unit).astype(np.int64)
-        left = (k * int(unit) - whole.astype(np.int64)).astype(float) - np.where(inside, high - whole, 0)
+        left = (k * int(unit) - whole.astype(np.int64)).astype(float) - (high - whole)
     else:
         per = round(1 / unit)
         left = np.rint((high - whole) * per) / per - (high - whole)

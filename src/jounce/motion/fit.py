@@ -179,6 +179,12 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
     if not moving.all():
         still = listed(name for name, moved in zip(joints, moving, strict=True) if not moved)
         notes.append(f"at rest but for noise, hence constant: {still}")
+    for k, count in smoothed.errors_of_encoders if smoothed else ():
+        name = joints[int(np.flatnonzero(moving)[k])]
+        notes.append(
+            f"{name} is off by a wave of about {count} per turn, as an encoder's interpolation is; the fit follows it"
+            " as motion as far as its band reaches"
+        )
     lines = [(int(np.flatnonzero(moving)[line.joint]), line) for line in (smoothed.lines if smoothed else ())]
     followed = np.flatnonzero(~wild)[~holds.held]
     found = _described(

@@ -11,7 +11,7 @@ from jounce.motion.correction import colour, corrected
 from jounce.motion.deviations import Spread, stamp_covariances
 from jounce.motion.knots import fitted, most_intervals
 from jounce.motion.least_squares import CELLS, DEGREE, Solution, rows_of, solve
-from jounce.motion.lines import BAND, Line, find_lines
+from jounce.motion.lines import BAND, Line, find_errors_of_encoders, find_lines
 from jounce.motion.noise import Beats, beats_of, local_noise, rest_weights, whiteness
 from jounce.motion.samples import Samples
 from jounce.motion.stamps import are_wild
@@ -43,6 +43,7 @@ class Smoothed:
     sigma: np.ndarray
     notes: tuple[str, ...]
     lines: tuple[Line, ...] = ()
+    errors_of_encoders: tuple[tuple[int, int], ...] = ()  # joints, and counts per turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +121,8 @@ def _smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | No
     sigma_of = np.sqrt((residual**2).mean(axis=0))
     notes += _unexplained(samples, residual) + _notes_of_unfollowed(solution.breaks, unfollowed)
     lines = tuple(find_lines(samples, residual, solution.spline(samples.t, nu=1)))
-    return Smoothed(samples, solution.spline, spread, sigma_of, notes, lines)
+    errors = tuple(find_errors_of_encoders(samples, solution.breaks, cells))
+    return Smoothed(samples, solution.spline, spread, sigma_of, notes, lines, errors)
 
 
 def _unfollowed(samples: Samples, residual: np.ndarray, breaks: np.ndarray, variance: np.ndarray) -> np.ndarray:
