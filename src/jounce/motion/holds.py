@@ -17,9 +17,7 @@ from jounce.motion.samples import Samples
 
 SIZES = 2.0  # steps or standard deviations that a motion passes in a hold: positions round to a step, both ends scatter
 MAX_HOLD = 10.0  # times the usual number of rows between changes
-REGULAR = (
-    0.9  # of the changes that could not be missed follow each other by the period of the sensor, give or take a row
-)
+REGULAR = 0.9  # of the changes that could not be missed follow each other by the sensor's period, give or take a row
 MIN_CHANGES = 10  # that tell a period
 MIN_PERIOD = 1.5  # rows, from which on a sensor is slower than the log
 REGULAR_ROWS = 0.995  # of the rows are first ones; of a few holds the first row may be missing
