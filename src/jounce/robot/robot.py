@@ -1844,7 +1844,8 @@ class Robot:
         u' of independent coordinates u. All methods of the closed robot take and return quantities of u, by the
         principle of virtual work: forces ``F^T Q``, mass matrix ``F^T M F``, Jacobians ``J F``. Their q is u, (..., n),
         from which the loops are closed by Newton's method, along a straight line from the start; or it has all
-        coordinates of the tree, (..., N), from which the loops are closed without leaving the branch.
+        coordinates of the tree, (..., N), from which the loops are closed without leaving the branch. Joints that
+        follow by constant ratios, as in parallelograms, are set to their places: no position is singular for them.
 
         Parameters
         ----------
@@ -1874,6 +1875,9 @@ class Robot:
         JounceError
             If a name is unknown, the loops cannot be closed from the start, or the coordinates or motors do not
             determine the motion.
+        UncertainError
+            By methods of the closed robot, a kind of JounceError: if q is so close to a singular position that results
+            have errors above 1e-6 of their size.
 
         References
         ----------
