@@ -18,7 +18,8 @@ BINS = 2  # of the spectrum, on either side of a line, that belong to it
 MIN_STANDING_OUT_OVER_ANGLE = 40.0  # 16 dB: ordinary logs have up to 12 dB, an error of half a step 17 to 25 dB
 COUNTS = np.arange(16, 1025)  # per turn of the joint: below 16 motion itself is periodic, as harmonics are
 COARSER = 6  # times the intervals of a fit, whose band then ends far below an error that the fit follows
-MAX_ROWS_OVER_ANGLE = 2000
+MAX_ROWS_OVER_ANGLE = 4000
+MIN_WAVES = 8  # that a joint passes
 MIN_BINS_OF_STEPS = 100  # of the spectrum, over which a joint that is not steady spreads the line of its rounding
 
 
@@ -64,6 +65,8 @@ def find_errors_of_encoders(samples: Samples, breaks: np.ndarray, cells: int) ->
     found = []
     for joint, angle in enumerate(samples.q[some].T):
         power = np.abs(np.exp(-1j * np.outer(COUNTS, angle)) @ (left[:, joint] * np.hanning(len(angle)))) ** 2
+        turned = np.quantile(np.abs(np.diff(angle)), 0.9)  # from row to row: faster waves are no longer sampled
+        power[(COUNTS * turned > np.pi) | (COUNTS * np.ptp(angle) < 2 * np.pi * MIN_WAVES)] = 0
         at = int(np.argmax(power))
         near = power[max(0, at // 2 - 8) : 2 * at + 16]
         if power[at] > MIN_STANDING_OUT_OVER_ANGLE * max(np.median(power), np.median(near)) and at > 0:
