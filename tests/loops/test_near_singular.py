@@ -3,9 +3,11 @@
 Of 4,000 positions each, as here, none that was returned was off by more than 2e-6 of its size.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from linkages import elbows, fivebar, fourbar, unit
+from linkages import elbows, fivebar, fourbar, rods, unit
 from precise import Precise
 from scipy.optimize import brentq
 
@@ -96,6 +98,21 @@ def test_the_limit_of_the_condition_number_has_a_reason():
     assert all(np.isfinite(x).all() for x in robot.inverse_dynamics(q, [1.0], [1.0], [1.0], [1.0]))
     with pytest.raises(UncertainError, match=r"Qd, Q2d at q would be off .*; Q is certain there: give fewer rates"):
         robot.inverse_dynamics(np.array([ZEROS[0] + 3e-3]), [1.0], [1.0], [1.0], [1.0])
+
+
+def test_loops_count_that_are_not_the_most_singular():
+    """The lightest of two four-bars is, and its own errors are nothing to the forces of the other."""
+    tree = rods([(-1, 0.0, [0.5, 1.0]), (-1, 1.0, [0.5]), (-1, 5.0, [0.5, 1.0]), (-1, 6.0, [0.5])]).mechanism
+    tree = jounce.Robot(replace(tree, M=tree.M * np.repeat([1e-6, 1.0], 3)[:, None, None]))
+    loops, cranks = [("end0", "end1"), ("end2", "end3")], [tree.joint_names[0], tree.joint_names[3]]
+    robot = tree.closed(loops, cranks, start=[0.7, -1.9, -1.0] * 2)
+    for heavy, light in ((1.5e-3, 1e-3), (1.5e-3, 0.1), (0.1, 1e-3)):
+        rates = ([light, heavy], [0.5, 0.5], [0.2, 0.2], [0.0, 0.0], [0.0, 0.0])
+        if heavy == 0.1:
+            assert np.isfinite(robot.inverse_dynamics(*rates)).all()
+        else:
+            with pytest.raises(UncertainError, match="Qd, Q2d at q"):
+                robot.inverse_dynamics(*rates)
 
 
 def test_refusals_name_samples_and_orders_and_write_nothing():
