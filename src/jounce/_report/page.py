@@ -144,7 +144,7 @@ def report(
     file = None if visuals is None else _visuals_file(visuals)
     _check_still(robot, motion)
     subject = subject_of(
-        robot, checked_motion(robot.mechanism, motion), _order(motion, order), file, [*map(files.path_of, mesh_folders)]
+        robot, checked_motion(robot.mechanism, motion), _order(motion, order), file, _mesh_folders(mesh_folders)
     )
     slowdown = subject.slowdown if isinstance(subject.slowdown, Slowdown) else None
     return Report(_page(subject), subject.check, slowdown)
@@ -182,6 +182,12 @@ def _order(motion: Motion, order: int | None) -> int:
     if isinstance(order, bool) or not isinstance(order, int | np.integer) or not 0 <= int(order) <= HIGHEST:
         raise JounceError(f"order is {quoted(order)}; expected 0, 1 or 2: the highest rate of Q on the page")
     return int(order)
+
+
+def _mesh_folders(given: Sequence[str | os.PathLike[str]]) -> list[Path]:
+    if not isinstance(given, list | tuple):
+        raise JounceError(f"mesh_folders is {quoted(given)}; expected a list of folders")
+    return [files.path_of(folder) for folder in given]
 
 
 def _visuals_file(given: str | os.PathLike[str]) -> Path:

@@ -27,8 +27,8 @@ Example:
   jounce check iiwa14 slower.csv --limits iiwa14 -o ratio.svg
 
 \b
-Values between samples count. The exit code is 1 where a limit is broken, and 3
-where measured samples leave it undecided.
+Values between samples count. The exit code is 1 where a limit is broken, and
+3 where measured samples leave it undecided.
 MOTION may be a folder of tables, or a table of many motions.
 """
 
