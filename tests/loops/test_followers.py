@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from linkages import fourbar, palletizer
+from linkages import fourbar, palletizer, rods
 from robots import relative_error
 
 import jounce
@@ -111,6 +111,19 @@ def test_the_crossed_branch_follows_by_no_ratio():
         robot.coordinates(q)
     nearly = [0.3, -0.299, 0.3]
     np.testing.assert_allclose(robot.coordinates(nearly), [0.3, -0.3, 0.3], atol=1e-15)
+
+
+def test_followers_on_another_branch_are_refused_again_and_again():
+    """The rod depends on the crank alone, so that the loop solved for it closes wherever the followers are."""
+    tree = rods([(-1, 0.0, [0.5, 1.0]), (-1, 1.0, [0.5]), (0, 0.3, [0.9]), (-1, 1.5, [0.8])])
+    loops = [("end0", "end1"), ("end2", "end3")]
+    robot = tree.closed(loops, [tree.joint_names[0]], start=[0.7, -0.7, 0.7, 0.4, 1.0])
+    good, other = robot.coordinates([0.3]), fourbar(1.0, 0.5, 1.0, 0.5, [0.7, -1.9, -1.0])
+    crossed = np.concatenate([other.coordinates([0.3]), good[3:]])
+    for _ in range(2):
+        assert np.isfinite(robot.potential_energy(good))  # by the short way of calls from then on
+        with pytest.raises(JounceError, match="is on another branch; on that of the start it follows"):
+            robot.potential_energy(crossed)
 
 
 def test_wrenches_of_cuts_have_no_digits_at_change_points():

@@ -5,7 +5,7 @@ import hashlib
 import numpy as np
 
 from jounce.dynamics.branches import with_solved_loops
-from jounce.dynamics.closing import MAX_BOUND, max_gap
+from jounce.dynamics.closing import MAX_BOUND, OFF_PLACE, max_gap
 from jounce.dynamics.computation import DEPENDENT, Computation, Port, Signature, in_a_row
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.newton import MEASURES, NEAR, scales, step
@@ -28,7 +28,10 @@ class NativeStep:
         signature = _signature(mechanism)
         self.own, self.others = np.array(closure.independent), np.array(closure.dependent)
         self.still, self.count = np.zeros(mechanism.n), len(closure.coordinates)
-        self.closed, self.near = max_gap(mechanism), NEAR * scales(mechanism).coordinates[self.others]
+        sizes = scales(mechanism).coordinates
+        self.closed, self.near = max_gap(mechanism), NEAR * sizes[self.others]
+        self.following = np.searchsorted(closure.dependent, closure.ratios.places)
+        self.in_place = OFF_PLACE * sizes[list(closure.ratios.places)]
         self._code = jit.load_object(_code(mechanism, signature), host())
         size = plan.call_size(signature, 0, host().lanes)
         self._pool = Pool(size) if size > plan.STACK else None
@@ -45,7 +48,8 @@ class NativeStep:
 
         Raises
         ------
-        LookupError : if they are not nearly closed, a condition number exceeds a limit, or q has another shape.
+        LookupError : if they are not nearly closed, a condition number exceeds a limit, followers are not at their
+            places, or q has another shape.
         """
         if q.shape[-1] != self.count:
             raise LookupError
@@ -61,6 +65,10 @@ class NativeStep:
             else:
                 raise LookupError
             if not (np.abs(found - q.take(self.others, -1)) <= self.near).all():
+                raise LookupError
+        if len(self.following):  # which may be on another branch: their loops are not looked at
+            off = (found - q.take(self.others, -1)).take(self.following, -1)
+            if not (np.abs(off) <= self.in_place).all():
                 raise LookupError
         return q.take(self.own, -1), found
 
