@@ -3,18 +3,23 @@
 Of 4,000 positions each, as here, none that was returned was off by more than 2e-6 of its size.
 """
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from linkages import elbows, fivebar, fourbar, rods, unit
 from precise import Precise
+from pyarrow import parquet
 from scipy.optimize import brentq
 
 import jounce
 from jounce import JounceError, JounceWarning, UncertainError
+from jounce.cli import main
 from jounce.dynamics.assembly import LOST, inverse_conditions
 from jounce.dynamics.computation import Computation
+from jounce.io import tables
 from jounce.robot.digits import MAX_ERROR, max_condition
 
 COUNT = 25  # positions
@@ -176,3 +181,26 @@ def test_limits_name_the_time_at_which_digits_end():
         with pytest.raises(JounceError, match=r"along the motion at t = (0\.9\d*|1) s: .* would be off by up to"):
             judge(motion)
     assert limited.check(jounce.Motion.polynomial([[ZEROS[0] + 0.7, -0.6]], 1.0)).table
+
+
+@pytest.mark.parametrize("output", ["forces.parquet", "folder"])
+def test_tables_of_forces_have_missing_numbers_where_digits_end(output, tmp_path):
+    """Along a motion that is read as a whole, and of rows that state all rates and all joints, by parts."""
+    robot, _ = crossed(np.random.default_rng(0))
+    jounce.save(robot, tmp_path / "robot.yaml")
+    motion, t = jounce.Motion.polynomial([[ZEROS[0] + 0.7, -0.6999]], 1.0), np.linspace(0, 1, 401)
+    rates, (crank, *others) = motion(t, 4), robot.mechanism.closure.coordinates
+    names = ("q", "qd", "q2d", "q3d", "q4d")
+    columns = {"t": t} | {f"{crank}.{name}": x[:, 0] for name, x in zip(names, rates, strict=True)}
+    columns |= {f"{name}.q": x for name, x in zip(others, robot.coordinates(rates[0]).T[1:], strict=True)}
+    (tmp_path / "moves").mkdir()
+    tables.write(tmp_path / "moves" / "a.csv", columns)
+    given = "moves" if output == "folder" else "moves/a.csv"
+    asked = ["run", str(tmp_path / "robot.yaml"), str(tmp_path / given), "-o", str(tmp_path / output)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        done = CliRunner().invoke(main, asked)
+    assert done.exit_code == 0, done.output
+    [written] = (tmp_path / output).glob("*.parquet") if output == "folder" else [tmp_path / output]
+    found = parquet.read_table(written)[f"{crank}.Q2d"].to_numpy()
+    assert 0 < np.isnan(found).sum() < 100

@@ -167,7 +167,8 @@ def _write_forces(
             yield columns | measured(motion, joints, piece.t) | break_marks(motion, marks, piece.t)
 
     with progress("inverse dynamics") as show:
-        tables.write_pieces(output, pieces(), about(robot.mechanism, order))
+        closed = robot.mechanism.closure is not None
+        tables.write_pieces(output, pieces(), about(robot.mechanism, order), missing=closed)
     largest, spreads = surest_peaks(*map(np.stack, zip(*peaks, strict=True)))
     return largest, spreads, max((sample for sample in samples if sample is not None), default=None)
 

@@ -55,20 +55,21 @@ def write(path: Path, columns: Mapping[str, np.ndarray], about: About | None = N
     write_pieces(path, [columns], about)
 
 
-def write_pieces(path: Path, pieces: Pieces, about: About | None = None) -> None:
+def write_pieces(path: Path, pieces: Pieces, about: About | None = None, missing: bool = False) -> None:
     """Write a table from pieces of some rows, each checked first; a partial file is never seen.
 
+    Numbers may be `missing`, NaN, where results of closed robots have no certain digits.
     CSV and Parquet tables hold one piece at a time in memory, NPZ tables all of them.
     """
     writer = _by_suffix(path, WRITERS)
     with files.written_whole(path) as part:
-        writer(part, _finite(path, pieces), about)
+        writer(part, _finite(path, pieces, missing), about)
 
 
-def _finite(path: Path, pieces: Pieces) -> Iterator[Mapping[str, np.ndarray]]:
+def _finite(path: Path, pieces: Pieces, missing: bool) -> Iterator[Mapping[str, np.ndarray]]:
     rows = 0
     for columns in pieces:
-        check_finite(path, columns, rows)
+        check_finite(path, columns, rows, missing)
         yield columns
         rows += len(next(iter(columns.values())))
 

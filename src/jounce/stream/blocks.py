@@ -63,7 +63,7 @@ def _block(task: Task, part: Part, rows: Rows, check: bool) -> Block:
         output._replace(rates=tuple(map(np.asfortranarray, output.rates)))  # by columns, as they are written
         for output in of_rows(job, si[TIME], states, _wrenches(task, part, si), _base(task, part, si), positions)
     ]
-    _check_finite(part, rows, outputs)
+    _check_finite(part, rows, outputs, missing=job.links.mechanism.closure is not None)
     of_base = poses.named(list(si), job.links.mechanism) if job.with_rates else ()
     return Block(si[TIME], outputs, {name: si[name] for name in of_base})
 
@@ -105,11 +105,13 @@ def _base(task: Task, part: Part, si: Mapping[str, np.ndarray]) -> Rates | None:
     return None if curve is None else terms_at(curve, rows, task.job.highest)
 
 
-def _check_finite(part: Part, rows: Rows, outputs: list[Output]) -> None:
+def _check_finite(part: Part, rows: Rows, outputs: list[Output], missing: bool) -> None:
+    """Raise `JounceError` where results are infinite, or NaN where none may be `missing`."""
     for output in outputs:
         for k, values in enumerate(output.rates):
-            if not np.isfinite(values).all():
-                i, j = np.argwhere(~np.isfinite(values))[0]
+            bad = np.isinf(values) if missing else ~np.isfinite(values)
+            if bad.any():
+                i, j = np.argwhere(bad)[0]
                 came = f"{output.names[j]}.{rate_name(output.symbol, k)} is {values[i, j]}"
                 where = place(part.path, int(rows.places[i]))
                 raise JounceError(f"{where}: {came}; expected a state whose results are finite numbers")
