@@ -126,7 +126,7 @@ def _newton(m: Mechanism, q: np.ndarray, step: Step) -> tuple[np.ndarray, np.nda
         least[k] = np.minimum(gap, least[k])
         good[k] = least[k] <= limit
         useful = better & (~good[k] | (bound <= LOST**-2))  # of closed ones, none that rounding makes
-        q[np.ix_(k[useful], others)] = found[useful]
+        q[k[useful, None], others] = found[useful]
         k = k[better & ~(good[k] & (bound <= MAX_BOUND**2))]
         if not len(k):
             break

@@ -7,7 +7,7 @@ on the relative twist, seen from the first frame, wherever the loop is closed.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -162,12 +162,12 @@ class Closure:
     weights: np.ndarray
     ratios: FollowerRatios = NO_RATIOS
 
-    @property
+    @cached_property
     def dependent(self) -> tuple[int, ...]:
         """Those of the coordinates of the tree that follow the others."""
         return tuple(j for j in range(len(self.coordinates)) if j not in self.independent)
 
-    @property
+    @cached_property
     def solved(self) -> tuple[int, ...]:
         """Those of the dependent coordinates that constraints are solved for."""
         return tuple(j for j in self.dependent if j not in self.ratios.places)
