@@ -20,7 +20,7 @@ from jounce.cli import main
 from jounce.dynamics.assembly import LOST, inverse_conditions
 from jounce.dynamics.computation import Computation
 from jounce.io import tables
-from jounce.robot.digits import MAX_ERROR, max_condition
+from jounce.robot.digits import max_condition
 
 COUNT = 25  # positions
 ZEROS = (0.9, 1.3, -0.7)  # rad, coordinates of the four-bar where it lies: angles near 0 would be rounded less
@@ -87,7 +87,7 @@ def test_results_are_right_or_refused(name):
         unchecked = kernel(closed[own], *rates, closed[others])
         for x, y, z, lost in zip(found, precise.forces(q, rates), unchecked, uncertain, strict=True):
             size = np.abs(y).max()
-            assert np.isnan(x).all() if lost else np.abs(x - y).max() <= 2 * MAX_ERROR * size
+            assert np.isnan(x).all() if lost else np.abs(x - y).max() <= 2e-6 * size
             returned, refused = returned + (not lost), refused + lost
             missed += lost and bool(np.abs(z - y).max() < RIGHT * size)
     assert min(returned, refused) > COUNT / 4
@@ -98,7 +98,7 @@ def test_the_limit_of_the_condition_number_has_a_reason():
     """Below it no error is above the threshold, just above it errors are estimated, and small ones returned."""
     robot, _ = crossed(np.random.default_rng(0))
     asked = Computation("inverse_dynamics", 2)
-    assert max_condition(asked) == pytest.approx((MAX_ERROR / 2.2e-16) ** (1 / 6), rel=1e-2)
+    assert max_condition(asked) == pytest.approx((1e-6 / 2.2e-16) ** (1 / 6), rel=1e-2)
     q = np.array([ZEROS[0] + 0.03])  # cond 80
     assert all(np.isfinite(x).all() for x in robot.inverse_dynamics(q, [1.0], [1.0], [1.0], [1.0]))
     with pytest.raises(UncertainError, match=r"Qd, Q2d at q would be off .*; Q is certain there: give fewer rates"):
