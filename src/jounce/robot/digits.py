@@ -93,13 +93,13 @@ def certain_results(
     run: Callable[[Sequence[Array]], Results],
     step: Step | None = None,
 ) -> Results | None:
-    """Results from the arrays of a computation of a closed robot, checked; None where all positions are regular.
+    """Results from the arrays of a computation, checked; None of trees, and where all positions are regular.
 
     Raises
     ------
     UncertainError : where results differ by more than `MAX_ERROR` of their size from those at displaced positions.
     """
-    moved = displaced(m, arrays[0], arrays[-1], max_condition(asked), step)
+    moved = displaced(m, arrays[0], arrays[-1], max_condition(asked), step) if m.closure else None
     if moved is None:
         return None
     results = run(arrays)

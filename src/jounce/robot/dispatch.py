@@ -275,8 +275,7 @@ def _of_drives(
     def run(arrays: Sequence[Array]) -> tuple[Array, ...]:
         return evaluate(lambda x: of_drives(model, asked.state(model, x)), ports, arrays, asked.count, width)
 
-    names = row.names(asked.order)
-    return (digits.certain_results(mechanism, asked, names, arrays, run) if mechanism.closure else None) or run(arrays)
+    return digits.certain_results(mechanism, asked, row.names(asked.order), arrays, run) or run(arrays)
 
 
 def regressor(
@@ -326,8 +325,7 @@ def wrench_of_load(
 
     arrays = [*q, *C, *load, *_dependent(mechanism, q[0], whole)]
     asked, names = Computation("twists", len(q) - 1), [rate_name("W", k) for k in range(len(q))]  # as many axes
-    found = digits.certain_results(mechanism, asked, names, arrays, run) if mechanism.closure else None
-    return results_into(found or run(arrays), None)
+    return results_into(digits.certain_results(mechanism, asked, names, arrays, run) or run(arrays), None)
 
 
 def compile_ahead(robot: "Robot", computation: Computation) -> Kernel:
