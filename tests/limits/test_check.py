@@ -3,11 +3,15 @@
 import numpy as np
 import pytest
 from files import refusal
+from scipy.interpolate import CubicSpline
 
 import jounce
 from jounce.limits import peaks
 from jounce.limits.pieces import pieces_of
 from jounce.limits.validation import bounded
+from jounce.motion import hermite
+from jounce.motion.motion import Motion
+from jounce.motion.smoothness import resolution
 
 HOME = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
 ALL = {
@@ -225,6 +229,75 @@ def test_stamps_since_1970_are_checked_as_those_since_the_start():
     assert counts[1] <= 1.05 * counts[0]
 
 
+STEP = 2.0**-7  # s, which doubles of seconds since 1970 hold
+
+
+def _samples(count=200):
+    t = STEP * np.arange(count)
+    return t, np.stack([np.sin(2 * t), np.cos(5 * t) / 3], axis=1)
+
+
+def _fit(start):
+    t, q = _samples()
+    return jounce.Motion.fit(start + t, q + 1e-5 * np.random.default_rng(0).normal(size=q.shape))
+
+
+def _piecewise(start):
+    t, q = _samples(50)
+    c = [CubicSpline(t, column).c for column in q.T]
+    return jounce.Motion.piecewise(start + t, np.stack(c, axis=2)).with_step(STEP)
+
+
+@pytest.mark.filterwarnings("ignore:the motion. rounding of the samples:jounce.JounceWarning")  # of such doubles
+@pytest.mark.parametrize("limit", ["velocity", "effort", "effort_rate", "power"])
+@pytest.mark.parametrize(
+    "motion",
+    [
+        lambda start: jounce.Motion.through(start + _samples()[0], _samples()[1]),
+        _fit,
+        _piecewise,
+        lambda start: fourier(2, 2).shifted(start).with_step(STEP),
+        lambda start: jounce.Motion.polynomial([[0, 1, -0.4], [0, 0, 0.3]], 2.0, start=start).with_step(STEP),
+    ],
+    ids=["through samples", "fit", "piecewise", "Fourier series", "polynomial"],
+)
+def test_a_motion_with_times_since_1970_is_judged_as_the_one_from_zero(motion, limit):
+    """Times are those of the motion, to the step of its doubles, and so are the ends of violations."""
+    since, step = 1.7e9, np.spacing(1.7e9)
+    robot = jounce.load("planar2r")
+    largest = robot.with_limits(**{limit: 1.0}).check(motion(0.0)).worst.value
+    for share in (0.8, 1.2):
+        arm = robot.with_limits(**{limit: share * abs(largest)})
+        zero, late = (arm.check(motion(start)) for start in (0.0, since))
+        assert late.verdict == zero.verdict
+        assert (zero.verdict == "broken") == (share < 1)  # a fit leaves its ends undecided
+        assert late.judged == pytest.approx(zero.judged)
+        for a, b in zip(zero.table, late.table, strict=True):
+            assert b.ratio == pytest.approx(a.ratio, rel=1e-6)
+            assert len(b.violations) == len(a.violations)
+            np.testing.assert_allclose(np.subtract(b.violations, since), a.violations, atol=4 * step, rtol=0)
+        assert late.worst.joint == zero.worst.joint
+        assert late.worst.t - since == pytest.approx(zero.worst.t, abs=1e-5)  # a peak is flat
+
+
+def test_digits_of_a_table_are_counted_once(monkeypatch):
+    """A check asks for the rates between rows hundreds of times; the digits of all rows are those of the table."""
+    counted = []
+
+    def count(column):
+        counted.append(column)
+        return resolution(column)
+
+    monkeypatch.setattr(hermite, "resolution", count)
+    t, q = _samples()
+    w, turns = np.array([2, 5]), np.array([0, 1])
+    rates = [w**k * [1, 1 / 3] * np.sin(np.outer(t, w) + np.pi / 2 * (turns + k)) for k in range(1, 5)]
+    curve = hermite.Hermite(t, (q, *rates))
+    robot = jounce.load("planar2r").with_limits(velocity=1.0, effort_rate=5)
+    assert robot.check(Motion(curve, None, "rows")).verdict == "broken"
+    assert len(counted) == q.shape[1]
+
+
 @pytest.mark.filterwarnings("ignore:the motion. rounding of the samples:jounce.JounceWarning")
 @pytest.mark.parametrize(("start", "jitter"), [(0.0, 0.0), (3600.0, 0.0), (0.0, 1e-5), (3600.0, 1e-5)])
 @pytest.mark.parametrize("kind", ["snap", "second_effort_rate"])
@@ -258,4 +331,6 @@ def test_zeros_are_found_to_rounding_each_at_its_own_pace():
 
     np.testing.assert_allclose(peaks.root(f, np.zeros(4), np.ones(4)), zeros, atol=1e-5)
     np.testing.assert_allclose(peaks.root(f, np.zeros(4), np.ones(4))[[0, 2, 3]], zeros[[0, 2, 3]], atol=1e-14)
+    ends = np.stack([f(np.full(4, t), np.arange(4)) for t in (0.0, 1.0)])
+    np.testing.assert_array_equal(peaks.root(f, np.zeros(4), np.ones(4), ends), peaks.root(f, np.zeros(4), np.ones(4)))
     assert peaks.root(lambda t, at: t + 1, np.zeros(1), np.ones(1)) == 0

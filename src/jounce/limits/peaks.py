@@ -90,15 +90,17 @@ def picked(b: Bounded, t: np.ndarray, kind: np.ndarray, joint: np.ndarray, deriv
     return found
 
 
-def root(f: Callable[[np.ndarray, np.ndarray], np.ndarray], low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def root(
+    f: Callable[[np.ndarray, np.ndarray], np.ndarray], low: np.ndarray, high: np.ndarray, ends: np.ndarray | None = None
+) -> np.ndarray:
     """Where functions, one at each place, change sign between two times: inverse interpolation, halving where it fails.
 
-    `f` takes times and the places that they belong to. Where a function does not change sign, its zero is taken at the
-    end where it is smaller.
+    `f` takes times and the places that they belong to; `ends` (2, N) are its values at the two times, if known.
+    Where a function does not change sign, its zero is taken at the end where it is smaller.
     """
     left = np.arange(len(low))  # places that are not found yet
-    a, b = low.copy(), high.copy()
-    fa, fb = f(a, left), f(b, left)
+    a, b = low, high
+    fa, fb = (f(a, left), f(b, left)) if ends is None else ends
     found = np.where(np.abs(fa) <= np.abs(fb), a, b)
     left = left[np.sign(fa) * np.sign(fb) <= 0]
     a, b, fa, fb = (x[left] for x in (a, b, fa, fb))

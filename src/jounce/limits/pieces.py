@@ -19,7 +19,7 @@ NUDGE = 1e-6  # of a piece: values so much earlier and later differ by rounding 
 ROUNDING_MARGIN = 8.0  # times such a difference is rounding too, which halving does not lessen
 DEEPEST = 10  # times that a piece is halved
 CLOSE = 1e-9  # of the duration: times closer to a break are that break
-BLOCK = 2000  # pieces worked on at a time
+BLOCK = 8000  # pieces worked on at a time: fewer take most of the time to call NumPy, more do not fit in a cache
 
 
 @dataclass(frozen=True, eq=False)

@@ -131,6 +131,7 @@ class Worst:
         of = np.repeat(np.arange(len(crossings)), counts)
         kind, joint, sign, bound = (np.array(column)[of] for column in zip(*(c[:4] for c in crossings), strict=True))
         low, high = np.concatenate(edges).T
+        excess = np.concatenate([crossing.excess for crossing in crossings])
         ends = low.copy()
         inner = low < high
 
@@ -138,7 +139,7 @@ class Worst:
             return sign[inner][at] * picked(self.b, t, kind[inner][at], joint[inner][at], 0) - bound[inner][at]
 
         if inner.any():
-            ends[inner] = root(beyond, low[inner], high[inner])
+            ends[inner] = root(beyond, low[inner], high[inner], excess[inner].T)
         for crossing, mine in zip(crossings, np.split(ends, np.cumsum(counts)[:-1]), strict=True):
             _extend(self.spans[crossing.kind, crossing.sign][crossing.joint], mine.tolist())
 
@@ -149,11 +150,12 @@ class Worst:
         t = np.concatenate([pieces.stop, peaks.t[mine], pieces.start])
         y = np.concatenate([right[:, j], peaks.value[mine], left[:, j]]) * sign
         order = np.argsort(t, kind="stable")  # at a break what ends there stands before what begins
-        t, beyond = t[order], y[order] > self.tolerant(kind, sign)[j]
+        t, y, bound = t[order], y[order], float(self.scales[kind].bound(sign)[j])
+        beyond = y > self.tolerant(kind, sign)[j]
         passes = np.flatnonzero(beyond[1:] != beyond[:-1])
-        first, last = [t[[0, 0]]] * bool(beyond[0]), [t[[-1, -1]]] * bool(beyond[-1])
-        edges = np.array([*first, *np.column_stack([t[passes], t[passes + 1]]), *last]).reshape(-1, 2)
-        return _Crossing(kind, j, sign, float(self.scales[kind].bound(sign)[j]), edges)
+        first, last = [[0, 0]] * bool(beyond[0]), [[-1, -1]] * bool(beyond[-1])
+        ends = np.array([*first, *np.column_stack([passes, passes + 1]), *last], dtype=int).reshape(-1, 2)
+        return _Crossing(kind, j, sign, bound, t[ends], y[ends] - bound)
 
 
 def _extend(spans: list[Span], ends: list[float]) -> None:
@@ -175,4 +177,5 @@ class _Crossing(NamedTuple):
     joint: int
     sign: int
     bound: float
-    edges: np.ndarray  # (edges, 2)
+    edges: np.ndarray  # (edges, 2), times
+    excess: np.ndarray  # (edges, 2), of signed values over the bound at these times

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -91,16 +91,29 @@ class Hermite:
             for k in range(order + 1)
         ]
 
-    @np.errstate(all="ignore")
     def _warn_of_rounding(self, order: int) -> None:
-        """Warn where the digits of q do not carry the highest rate from row to row: h^-k magnifies them."""
-        of_t = self.rounding * np.abs(self.rows[min(1, self.highest)]).max(axis=0)
-        size = np.maximum([resolution(column) for column in self.rows[0].T], of_t)
-        noise = size * _gain(len(self.rows), order) / np.diff(self.t).min() ** order
-        share = float((noise / np.maximum(np.abs(self.rows[order]).max(axis=0), np.finfo(float).tiny)).max())
-        if share > NOTICEABLE and np.any(self.rows[order]):
+        """Warn where the digits of q do not carry the highest rate from row to row."""
+        share = self._shares_of_rounding[order]
+        if share > NOTICEABLE:
             text = f"rounding of q or t in the table may make up {min(share, 1):.0%} of {rate_name('q', order)}"
             warn(f"{text} between its rows; look at the motion at its rows, or give more digits or wider steps")
+
+    @cached_property  # it takes all rows, and a check of limits asks for rates hundreds of times
+    @np.errstate(all="ignore")
+    def _shares_of_rounding(self) -> tuple[float, ...]:
+        """What share of the largest value of each rate the rounding of q and t may make up between rows.
+
+        h^-k magnifies it. A rate that is zero at all rows has none.
+        """
+        peaks = [np.abs(row).max(axis=0) for row in self.rows]
+        size = np.maximum(
+            [resolution(column) for column in self.rows[0].T], self.rounding * peaks[min(1, self.highest)]
+        )
+        step, tiny = np.diff(self.t).min(), np.finfo(float).tiny
+        return tuple(
+            float((size * _gain(len(self.rows), k) / step**k / np.maximum(peak, tiny)).max()) if peak.any() else 0.0
+            for k, peak in enumerate(peaks)
+        )
 
 
 def between(
