@@ -58,6 +58,11 @@ class Series:
         return Series(lambda k: linear(self[k]))
 
     @property
+    def unkept(self) -> "Series":
+        """S, whose terms are not kept if they are numbers: of large matrices, memory counts more than time."""
+        return _Unkept(self._term)
+
+    @property
     def dot(self) -> "Series":
         """The time derivative of S, a series again."""
         return Series(lambda k: self[k + 1])
@@ -93,6 +98,21 @@ class Series:
 
     def __rmul__(self, other: Any) -> "Series":
         return self.map(lambda S: other * S)
+
+
+class _Unkept(Series):
+    """A series whose numbers are computed whenever they are asked for; expressions cost more than their memory."""
+
+    __slots__ = ()
+
+    def __getitem__(self, k: int) -> Array:
+        if k < len(self._terms):
+            return self._terms[k]
+        term = self._term(k)
+        check_recording(term)
+        if k == len(self._terms) and not (isinstance(term, np.ndarray) and term.dtype == np.float64):
+            self._terms.append(term)
+        return term
 
 
 def _leibniz(S: Series, T: Series, product: Callable[[Array, Array], Array]) -> Series:

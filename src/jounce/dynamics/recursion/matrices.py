@@ -114,11 +114,11 @@ def _screw_rates(bodies: _Composites, V: Sequence[Series]) -> list[Series]:
 
 
 def _below(bodies: _Composites, triangle: Series) -> Series:
-    return above(triangle, bodies.tree.joints).mT
+    return above(triangle, bodies.tree.joints).unkept.mT.unkept
 
 
 def _to_coordinates(bodies: _Composites, q: Series, matrix: Series, steps: Sequence[Series]) -> Series:
-    return evaluate_in_order(bodies.tree.generalized_matrix(matrix + batch_zeros(q)), steps)
+    return evaluate_in_order(bodies.tree.generalized_matrix((matrix.unkept + batch_zeros(q)).unkept).unkept, steps)
 
 
 def _sweep(columns: Sequence[Columns]) -> list[Series]:

@@ -46,30 +46,35 @@ def collect(tree: Sequence[AnyJoint], own: Sequence[Series]) -> list[Columns]:
     columns: list[Columns] = []
     for i in reversed(range(len(tree))):
         screws, parts = at[i]
-        columns.append(Columns(screws, joined(parts, axis=-1)))
+        columns.append(Columns(screws, joined(parts, axis=-1).unkept))
         if (p := tree[i].parent) >= 0:
             at[p][0].extend(screws)
-            at[p][1].append(tree[i].wrenches(columns[-1].values))
+            at[p][1].append(tree[i].wrenches(columns[-1].values).unkept)
     return columns[::-1]
 
 
 def project(screws: Sequence[Series], columns: Sequence[Columns]) -> Series:
     """Project wrenches onto screws: the upper triangle, in blocks of joints, of all products S_i . W_j."""
     size = 1 + max(max(c.screws) for c in columns)
-    return joined([spread(S.mT @ c.values, c.screws, size) for S, c in zip(screws, columns, strict=True)], axis=-2)
+    rows = [spread((S.mT @ c.values).unkept, c.screws, size) for S, c in zip(screws, columns, strict=True)]
+    return joined([row.unkept for row in rows], axis=-2)
 
 
 def spread(columns: Series, numbers: Sequence[int], size: int) -> Series:
     """Numbered columns among all, zeros in the place of the others."""
-    place = np.full(size, len(numbers))  # of the others, a column of zeros behind the last
-    place[numbers] = np.arange(len(numbers))
-    return columns.map(lambda x: concatenate([x, zeros_like(x[..., :1])], axis=-1)[..., place])
+
+    def placed(x: Array) -> Array:
+        place = np.full(size, len(numbers))  # of the others, a column of zeros behind the last
+        place[numbers] = np.arange(len(numbers))
+        return concatenate([x, zeros_like(x[..., :1])], axis=-1)[..., place]
+
+    return columns.map(placed)
 
 
 def above(triangle: Series, tree: Sequence[AnyJoint]) -> Series:
     """The entries above the diagonal, in blocks of joints."""
     owners = _owners(tree)
-    kept = (owners[:, None] < owners).astype(int)
+    kept = (owners[:, None] < owners).astype(np.int8)
     return triangle.map(lambda entries: entries * kept)
 
 
