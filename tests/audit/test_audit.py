@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 import jounce
 from jounce.audit import SEVERITIES, Finding, audit
 from jounce.audit.mobility import singular
+from jounce.audit.names import formulas
 from jounce.checks.description import describe
 from jounce.cli import main
 from jounce.model.mechanism import Mechanism
@@ -157,6 +158,14 @@ def test_finds_it_and_not_what_is_barely_sound(kind, data, severity, where, numb
     assert finding.advice
     assert f"{finding}\n{finding.advice}".replace("\n", "").isprintable()
     assert kind not in {other for _, other in found(arm(**sound))}
+
+
+@pytest.mark.parametrize("start", ["=", "+", "-", "@", "\t", "\r"])
+def test_names_that_spreadsheets_execute_are_found_on_joints_and_links(start):
+    sane = arm().mechanism
+    named = replace(sane, joints=(f"{start}1+1", *sane.joints[1:]), bodies=(f"{start}2+2", *sane.bodies[1:]))
+    found = [(finding.unit, finding.joints, finding.bodies) for finding in formulas(named)]
+    assert found == [("joints", (f"{start}1+1",), ()), ("links", (), (f"{start}2+2",))]
 
 
 def test_a_long_chain_is_not_singular():

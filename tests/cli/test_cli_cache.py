@@ -121,6 +121,13 @@ def test_a_folder_that_is_not_private_is_told_and_not_cleared(filled, spoilt, re
     assert set(filled.iterdir()) == before
 
 
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="Windows keeps users' folders apart itself")
+def test_a_folder_of_another_user_is_named(filled, monkeypatch):
+    monkeypatch.setattr(os, "getuid", lambda: filled.stat().st_uid + 1)
+    words = "the cache folder belongs to another user; JOUNCE_CACHE_DIR selects another"
+    assert call().stdout.endswith(f"not used: {words}\n")
+
+
 @pytest.mark.parametrize("words", [(), ("--clear",)])
 def test_a_file_in_place_of_the_folder(folder, words):
     folder.write_text("a file")

@@ -150,12 +150,15 @@ def delayed(forces, delay):
     return np.stack([np.interp(T - delay, T, column) for column in forces.T], axis=1)
 
 
-@pytest.mark.parametrize(("delay", "words"), [(0.05, "50 ms after"), (0.01, "10 ms after"), (-0.03, "30 ms before")])
-def test_forces_that_are_late_are_reported(arm, motion, Q, delay, words):
-    """Parameters hide some of a delay, and cannot hide all of it."""
-    noisy = Q + 0.1 * np.random.default_rng(3).normal(size=Q.shape)
+@pytest.mark.parametrize(
+    ("delay", "noise", "words"),
+    [(0.05, 0.1, "50 ms after"), (0.01, 0.1, "10 ms after"), (0.01, 6.0, "10 ms after"), (-0.03, 0.1, "30 ms before")],
+)
+def test_forces_that_are_late_are_reported(arm, motion, Q, delay, noise, words):
+    """Parameters hide some of a delay, and cannot hide all of it; noise of 6 N m hides half of what it leaves."""
+    noisy = delayed(Q, delay) + noise * np.random.default_rng(3).normal(size=Q.shape)
     with pytest.warns(jounce.JounceWarning, match="seem to come|do not see"):
-        found = jounce.identify(arm, motion, delayed(noisy, delay), t=T)
+        found = jounce.identify(arm, motion, noisy, t=T)
     assert found.notes[0].startswith(f"measured forces seem to come {words} the positions")
 
 

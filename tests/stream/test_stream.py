@@ -22,8 +22,10 @@ from jounce.cli import main
 from jounce.io import tables
 from jounce.spatial.series import rate_name
 from jounce.stream import parts, plan, publish
-from jounce.stream.job import Job, Reading
+from jounce.stream.job import RECORDS, Job, Reading
+from jounce.stream.lock import LOCK, locked
 from jounce.stream.plan import make_plan
+from jounce.stream.records import line_of
 
 ROBOT = jounce.load("planar2r")
 JOINTS = ROBOT.joint_names
@@ -570,3 +572,57 @@ def test_a_second_run_into_one_output_is_refused_until_the_first_has_ended(tmp_p
     assert call(*words).exit_code == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out.csv", "states.csv"]
     assert call(*words).exit_code == 0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no locks of files there")
+def test_a_lock_whose_file_another_run_removes_meanwhile_is_taken_again(tmp_path, monkeypatch):
+    """The other run ends between the opening of the file and its lock: a third one would lock a new file."""
+    import fcntl
+
+    lock, taken = fcntl.flock, []
+
+    def late(file, how):
+        if not taken:
+            (tmp_path / "work" / LOCK).unlink()
+        taken.append(file)
+        lock(file, how)
+
+    monkeypatch.setattr(fcntl, "flock", late)
+    with locked(tmp_path / "work", tmp_path / "out.csv"):
+        assert len(taken) == 2
+        with pytest.raises(jounce.JounceError, match="another run writes there"), locked(tmp_path / "work", tmp_path):
+            pass
+
+
+def test_records_of_another_form_are_computed_again(tmp_path, small_parts, monkeypatch):
+    """A run that is continued after an upgrade: records of limits had no verdict and no share that is judged."""
+    path, out = write(tmp_path / "states.csv", table(90)), tmp_path / "out.csv"
+    (tmp_path / "limits.yaml").write_text("units: SI\njoints: {joint1: {velocity: 1.9}, joint2: {velocity: 2.0}}")
+    words = ("check", "planar2r", path, "--limits", tmp_path / "limits.yaml", "--table", out, "--json")
+    whole = json.loads(call(*words).stdout)
+    table_of_whole = out.read_bytes()
+    out.unlink()
+    real, calls = parts.compute, []
+
+    def compute(task, part, folder):
+        calls.append(part.number)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return real(task, part, folder)
+
+    def old(record):
+        for of in record.aggregates.values():
+            del of["judged"]
+            for row in of["limits"]:
+                del row["verdict"]
+        return line_of(record)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("jounce.stream.job.RECORDS", RECORDS - 1)
+        patch.setattr("jounce.stream.records.line_of", old)
+        patch.setattr("jounce.stream.runner.compute", compute)
+        assert call(*words).exit_code == 130
+    assert len([*publish.work_folder(out).glob("part-*.json")]) == 2
+    result = call(*words)
+    assert json.loads(result.stdout) == whole
+    assert out.read_bytes() == table_of_whole

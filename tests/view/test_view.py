@@ -23,7 +23,7 @@ from jounce._view import controls, scene, viewer
 from jounce._view.track import STATES, at_rest, track
 from jounce.cli import main
 from jounce.io.mesh_files import MISSING, OUTSIDE, mesh_file
-from jounce.io.visuals import read_mesh, read_visuals, visuals_of
+from jounce.io.visuals import _resolver, read_mesh, read_visuals, visuals_of
 
 trimesh = pytest.importorskip("trimesh")
 rich = pytest.importorskip("rich")
@@ -277,6 +277,11 @@ def test_a_mesh_names_materials_in_its_own_folder_only(tmp_path):
         found = read_mesh(read_visuals(path)[0], path)
         colour = getattr(getattr(found.visual, "material", None), "main_color", np.zeros(4))
         assert (list(colour[:3]) == [255, 0, 0]) is red
+    own = _resolver(tmp_path / "sub" / "mesh.obj")
+    with pytest.raises(ValueError, match="outside of the folder of the mesh"):
+        own.get("../material.mtl")
+    (tmp_path / "sub" / "own.mtl").write_text("Kd 1 0 0")
+    assert own.get("own.mtl") == b"Kd 1 0 0"
 
 
 def test_commands_name_folders_of_meshes(shapes, tmp_path):
@@ -290,8 +295,10 @@ def test_commands_name_folders_of_meshes(shapes, tmp_path):
         result = CliRunner().invoke(main, [*words, *more])
         assert result.exit_code == 0, result.output
         notes.append((tmp_path / "page.html").read_text())
-    assert "--meshes FOLDER" in notes[0]
-    assert "--meshes FOLDER" not in notes[1]
+    for folders in ([], [shapes.parent.parent]):
+        with viewer.serving(jounce.load(shapes), shapes, None, 0, folders) as served:
+            notes.append(" ".join(served.scene.notes))
+    assert ["--meshes FOLDER" in note for note in notes] == [True, False] * 2
 
 
 def test_shapes_of_a_floating_base_are_drawn(shapes):

@@ -16,6 +16,7 @@ from jounce.motion.table import AS_NAMED
 from jounce.robot import Robot
 
 Subject = Literal["forces", "motors", "limits"]
+RECORDS = 2  # raised where records of parts hold other data: those of a run before are computed again
 
 
 @dataclass(frozen=True)
@@ -64,9 +65,9 @@ class Job:
         """A digest of all that results depend on, but for the input and the treatment of bad rows."""
         mechanism = self.links.mechanism
         text = [
-            __version__, writing.as_json(mechanism), str(sorted(mechanism.acting)), self.subject, str(self.order),
-            str(self.form), str(self.method), str(self.with_rates), str(self.reading.options), str(self.reading.way),
-            str(self.reading.blend), str(self.reading.step),
+            __version__, str(RECORDS), writing.as_json(mechanism), str(sorted(mechanism.acting)), self.subject,
+            str(self.order), str(self.form), str(self.method), str(self.with_rates), str(self.reading.options),
+            str(self.reading.way), str(self.reading.blend), str(self.reading.step),
         ]  # fmt: skip
         return digest(text)
 
