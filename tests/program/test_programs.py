@@ -1,5 +1,7 @@
 """Programs: traced, factored and fused ones give the same outputs, by operations that are guarded in number."""
 
+import signal
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -14,7 +16,7 @@ from jounce.dynamics.computation import Computation
 from jounce.native import forms
 from jounce.program.passes import factor, fuse
 from jounce.program.program import OPERATIONS, WITHOUT_COST, prune, topological_order
-from jounce.program.trace import Tape, TapeFullError
+from jounce.program.trace import Tape, TapeFullError, interruptible
 from jounce.spatial.series import Series, columns
 
 PASSES = {"traced": lambda program: program, "factored": factor, "fused": lambda program: fuse(factor(program))}
@@ -166,6 +168,29 @@ def test_wherever_a_tape_fills_the_trace_ends_with_its_own_error():
         with pytest.raises(TapeFullError):
             forms.program(mechanism, Computation(regressor, 1), Tape(most))
     forms.program(mechanism, Computation(regressor, 1), Tape(len(whole.nodes)))
+
+
+@pytest.mark.parametrize("at", range(500, 3500, 600))
+def test_a_signal_in_a_trace_is_an_interruption_wherever_it_comes(monkeypatch, at):
+    """NumPy's products of object arrays with batch axes go on after it, and end in a SystemError."""
+    chain = random_mechanism(np.random.default_rng(0), [-1, 0], ["helical"] * 2, [1.0, 1.0])
+    write, steps = Tape.write, []
+
+    def stop(self, *step, **value):
+        steps.append(step)
+        if len(steps) == at:
+            signal.raise_signal(signal.SIGINT)
+        return write(self, *step, **value)
+
+    monkeypatch.setattr(Tape, "write", stop)
+    with pytest.raises(KeyboardInterrupt):
+        forms.program(chain, Computation("regressor", 1))
+    assert len(steps) >= at
+
+
+def test_another_system_error_of_a_trace_stays_one():
+    with pytest.raises(SystemError, match="of another kind"), interruptible():
+        raise SystemError("of another kind")
 
 
 def test_series_compute_no_further_term_on_a_full_tape():

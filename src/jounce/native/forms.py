@@ -18,7 +18,7 @@ from jounce.native.plan import LongCompilationError, is_straight
 from jounce.program.differentiate import Followers, jvp, vjp
 from jounce.program.passes import factor, fuse
 from jounce.program.program import Program, prune
-from jounce.program.trace import Tape, TapeFullError
+from jounce.program.trace import Tape, TapeFullError, interruptible
 
 PRODUCTS = {"vjp": vjp, "jvp": jvp}  # programs from that of the values
 # What compiling takes, in seconds, as measured on one core of a Zen 4:
@@ -28,6 +28,7 @@ BODY = 1.2e-3  # for a body in the tables of the loop form
 STEP = 6e-3  # for a kind of joint there, times the square of how many rates
 
 
+@interruptible()
 def modules(mechanism: Mechanism, computation: Computation, target: Target, patience: float = inf) -> list[str]:
     """The LLVM IR of a computation for a robot.
 
@@ -39,6 +40,7 @@ def modules(mechanism: Mechanism, computation: Computation, target: Target, pati
     return calls.modules(_block(mechanism, computation, signature, patience), signature, target)
 
 
+@interruptible()
 def program(mechanism: Mechanism, computation: Computation, tape: Tape | None = None) -> Program:
     """The operations of a computation, traced from the recursion, products with shared factors grouped.
 

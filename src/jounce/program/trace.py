@@ -4,7 +4,8 @@ Equal expressions are one node (hash-consing), sums and products have a canonica
 operations that are trivial because of 0, 1 or -1 are not recorded.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import reduce
 from math import inf
 from operator import mul
@@ -76,6 +77,20 @@ class Node(Recorder):
 
 class TapeFullError(Exception):
     """A trace has more steps than its tape may hold."""
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Inside, Ctrl-C is a KeyboardInterrupt: NumPy's loops over nodes go on after it and end in a SystemError."""
+    try:
+        yield
+    except SystemError as error:
+        cause: BaseException | None = error
+        while cause is not None and not isinstance(cause, KeyboardInterrupt):
+            cause = cause.__cause__ or cause.__context__
+        if cause is None:
+            raise
+        raise KeyboardInterrupt from None
 
 
 class Tape:
