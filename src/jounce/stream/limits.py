@@ -24,7 +24,7 @@ from jounce.stream.tally import Aggregate, out_of_order
 SPANS = ("violations", "undecided")
 TEXTS = (MOTION, "joint", "limit", "of", "unit", "verdict")  # columns of a table of limits
 NUMBERS = ("value", "bound", "ratio", "margin", "t", "deviation")
-STRETCH = 2000  # rows that are checked at a time: some of what a check does takes the square of their number
+STRETCH = 8000  # rows that are checked at a time: some of what a check does takes the square of their number
 
 
 def checked_limits(task: Task, part: Part, skipped: list[Skipped]) -> dict[str, Aggregate]:
