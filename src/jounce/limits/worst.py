@@ -60,22 +60,27 @@ class Worst:
             self.spans[kind, sign][j] += [(float(t[i]), float(t[k])) for i, k in runs(beyond[:, j])]
 
     def take_jumps(self, breaks: Sequence[ForceBreak]) -> None:
-        """Count jumps of a lower rate as infinite values: of motions, and of forces at their breaks."""
+        """Count jumps of a lower rate as infinite values: of motions, and of forces at their breaks.
+
+        The rate above the one that jumps has an impulse of the sign of the jump, and those above it of either sign.
+        """
         highest = max((MOTION_KINDS.index(kind) for kind in self.b.kinds if kind in MOTION_KINDS), default=0)
         for found in self.b.motion.breaks_to(highest - 1) if highest else ():
             if found.symbol == "q":
+                above = {kind: k for k, kind in enumerate(MOTION_KINDS[found.order + 1 :])}
                 for j, jump in self._jumps_with(found).items():
-                    for kind in MOTION_KINDS[found.order + 1 :]:
-                        self._jump(kind, j, found.t, jump)
+                    for kind, k in above.items():
+                        self._jump(kind, j, found.t, jump, either=k > 0)
+        rates = {kind: rate_of_forces(self.b.robot, kind) for kind in self.b.kinds if kind not in MOTION_KINDS}
         for met in breaks:
             m, row = self.b.robot.mechanism, self.b.efforts
-            size = len(columns_of(m, row))
-            unknown = [-np.ones(size), np.ones(size)]  # where q or qd jumps: an impulse
-            for force in in_columns(m, unknown if met.jump is None else of_joints(m, met.jump, row), row):
-                for i in np.flatnonzero(np.abs(force) > ROUNDING * np.abs(force).max()):
-                    for kind in self.b.kinds:
-                        if kind not in MOTION_KINDS and met.order < rate_of_forces(self.b.robot, kind):
-                            self._jump(kind, int(i), met.t, float(force[i]))
+            unknown = [np.ones(len(columns_of(m, row)))]  # where q or qd jumps: an impulse
+            known = unknown if met.jump is None else of_joints(m, (met.jump, *met.higher), row)
+            for order, force in enumerate(in_columns(m, known, row), start=met.order):
+                for i in np.flatnonzero(np.abs(force) > ROUNDING * np.abs(force).max()).tolist():
+                    for kind, rate in rates.items():
+                        if order < rate:
+                            self._jump(kind, i, met.t, float(force[i]), either=met.jump is None or rate > order + 1)
 
     def _jumps_with(self, found: Break) -> dict[int, float]:
         """The jumps of joints at a break of a coordinate, by column: its own, and those of joints that follow it."""
@@ -90,12 +95,12 @@ class Worst:
             jumps |= {j: float(after[j] - before[j]) for j in follow if size[j] > ROUNDING * size.max()}
         return jumps
 
-    def _jump(self, kind: str, j: int, t: float, jump: float) -> None:
-        """Count a jump of the rate below a kind as an infinite value of it."""
-        sign = 1 if jump > 0 else -1
-        if kind in self.b.kinds and np.isfinite(self.scales[kind].bound(sign)[j]):
-            self._update(kind, sign, np.array([j]), np.array([t]), np.array([np.inf]))
-            self.spans[kind, sign][j].append((t, t))
+    def _jump(self, kind: str, j: int, t: float, jump: float, either: bool) -> None:
+        """Count a jump of a lower rate as an infinite value of a kind: of its sign, or of either one."""
+        for sign in SIGNS if either else (1 if jump > 0 else -1,):
+            if kind in self.b.kinds and np.isfinite(self.scales[kind].bound(sign)[j]):
+                self._update(kind, sign, np.array([j]), np.array([t]), np.array([np.inf]))
+                self.spans[kind, sign][j].append((t, t))
 
     def _update(self, kind: str, sign: int, joint: np.ndarray, t: np.ndarray, value: np.ndarray) -> None:
         better = value > self.value[kind, sign][joint]
