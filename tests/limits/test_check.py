@@ -1,5 +1,7 @@
 """Limits along a motion: nothing between samples is missed, breaks are told, ratios mean the same on both sides."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from files import refusal
@@ -307,6 +309,26 @@ def test_rounding_of_the_highest_rates_is_not_looked_into(kind, start, jitter):
     rates = motion(np.linspace(motion.start, motion.stop, 20001))
     dense = rates[4] if kind == "snap" else robot.inverse_dynamics(*rates)[2]
     assert row.ratio >= np.abs(dense).max() / 1e3 * (1 - 1e-4)
+
+
+def test_rows_a_step_of_doubles_from_a_break_hide_no_peaks():
+    """Between them lies no time at which a piece could be split; peaks of the pieces around it are looked for."""
+    x = 1.7e9 + np.array([0, 1.0, 2.0])
+    c = np.array([[[-1.0], [0]], [[1.0], [-1.0]], [[0], [0]]])  # q falls by t - t^2, then on
+    motion = jounce.Motion.piecewise(x, c)
+    motion = replace(motion, grid=np.array([x[0], np.nextafter(x[1], 0), x[2]]))
+    arm = jounce.load("planar2r").locked({"joint2": 0.0})
+    found = arm.with_limits(upper=0.24).check(motion)
+    assert (found.verdict, found.worst.value) == ("broken", pytest.approx(0.25))
+
+
+@pytest.mark.parametrize(("share", "exact"), [(1.1e-3, True), (0.9e-3, False)])
+def test_peaks_below_a_thousandth_of_a_limit_are_those_of_rows(share, exact):
+    motion = jounce.Motion.fourier([0], [[0.0]], [[1.0]], 1.0, 6.0).with_step(0.7)  # qd is 1 at most, at pi too
+    arm = jounce.load("planar2r").locked({"joint2": 0.0}).with_limits(velocity=[[-1 / share, np.inf]])
+    value = arm.check(motion).worst.value
+    assert value == pytest.approx(-1, abs=0.02)
+    assert (abs(value + 1) < 1e-12) == exact
 
 
 def test_a_peak_between_neighbouring_doubles_is_found():

@@ -8,7 +8,7 @@ import numpy as np
 from jounce.limits.bounded import Bounded, rate_of_forces
 from jounce.limits.joints import columns_of, in_columns, of_joints
 from jounce.limits.peaks import Peaks, peaks_of, picked, root
-from jounce.limits.pieces import Pieces
+from jounce.limits.pieces import NEGLIGIBLE, Pieces
 from jounce.limits.ratios import Scale, scale_of
 from jounce.model.limits import MOTION_KINDS
 from jounce.motion.motion import Break
@@ -115,11 +115,17 @@ class Worst:
         return np.where(np.isfinite(bound), bound + ROUNDING * reach, np.inf)
 
     def _floor(self, pieces: Pieces, kind: str, sign: int) -> np.ndarray:
-        """What a peak in pieces must reach to matter, (K, n): the worst value, or the bound if an end is within it."""
+        """What a peak in pieces must reach to matter, (K, n): the worst value, or the bound if an end is within it.
+
+        Less than a negligible share of the bound does not: the rounding of rates of forces has thousands of peaks.
+        """
         bound, left_right = self.scales[kind].bound(sign), pieces.values(kind)
         within = np.minimum(*(sign * x for x in left_right)) <= bound
         least = np.where(within, np.minimum(self.value[kind, sign], bound), self.value[kind, sign])
-        return np.where(np.isfinite(bound), least - TRUST * self.largest[kind], np.inf)
+        centre = sign * self.scales[kind].centre
+        with np.errstate(invalid="ignore"):  # of infinite bounds
+            least = np.maximum(least - TRUST * self.largest[kind], centre + NEGLIGIBLE * (bound - centre))
+        return np.where(np.isfinite(bound), least, np.inf)
 
     def _add_spans(self, pieces: Pieces, peaks: Peaks) -> None:
         """The spans in which values are beyond their bounds, their ends exact."""
