@@ -10,6 +10,7 @@ from scipy.interpolate import BPoly, PPoly
 import jounce
 
 STARTS = (0.0, -5.0, 3600.25, 1.7e9)
+SHORT = 10.0  # s: rows of shorter motions are so close that stamps since 1970 leave few digits of their rates
 MOST_ROWS = 600  # of a motion, so that an example takes a fraction of a second
 
 Rates = list[np.ndarray]
@@ -59,6 +60,8 @@ def of_motion(motion: jounce.Motion, x: np.ndarray, known: int) -> Plan:
 def random_plan(rng: np.random.Generator, robot: jounce.Robot, kind: str) -> Plan:
     """A plan of a kind, at another pace or shifted, with times of evaluation from far apart to close."""
     duration, start = float(10 ** rng.uniform(-2, 3)), float(rng.choice([*STARTS, rng.uniform(-1e4, 1e4)]))
+    if duration < SHORT and start == STARTS[-1]:
+        start = 0.0
     plan = KINDS[kind](rng, robot, duration, start)
     if rng.random() < 0.25:
         plan = scaled(plan, float(10 ** rng.uniform(-1, 1)))
