@@ -124,7 +124,7 @@ def check_refusal(words, robot, plan, given, infinite):
         assert still or excess(robot, plan, given, FASTEST) <= 0, words
     else:
         assert "slowing down does not help" in words, words
-        assert excess(robot, plan, given, 1e-9) > -TOLERANCE, words
+        assert excess(robot, plan, given, 1e-9, refined=True) > -TOLERANCE, words
 
 
 def check_measured(seed):
