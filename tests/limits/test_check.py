@@ -1,5 +1,7 @@
 """Limits along a motion: nothing between samples is missed, breaks are told, ratios mean the same on both sides."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from files import refusal
@@ -136,6 +138,72 @@ def test_where_velocity_jumps_no_torque_is_met():
         assert (found.worst.ratio, found.worst.t, found.breaks[0].order) == (np.inf, 1.0, -1)
     found = jounce.load("planar2r").with_limits(acceleration={"joint1": 9}).check(corner)
     assert (found.worst.value, found.worst.joint, found.breaks) == (np.inf, "joint1", ())
+
+
+@pytest.mark.parametrize(("kind", "broken"), [("acceleration", False), ("jerk", True), ("snap", True)])
+def test_rates_two_orders_above_a_jump_have_impulses_of_either_sign(kind, broken):
+    """qd falls: q2d has an impulse below zero, q3d one below and one above."""
+    falls = jounce.Motion.polynomial([[0, 1]], 1.0) + jounce.Motion.polynomial([[1, 0.5]], 1.0)
+    arm = jounce.load("planar2r").locked({"joint2": 0.0})
+    for sign in (1, -1):
+        found = arm.with_limits(**{kind: [[-9, np.inf] if sign > 0 else [-np.inf, 9]]}).check(falls)
+        assert (found.verdict == "broken") == (broken or sign > 0)
+    assert arm.with_limits(second_effort_rate=[[-np.inf, 1e9]]).check(falls).worst.ratio == np.inf
+
+
+def test_rates_of_forces_that_jump_where_forces_do_not_are_infinite():
+    """A mass on a rail that turns: the force along the rail has no part of the rail's acceleration, its rate has."""
+    inertia = jounce.inertia_matrix(1.0, [1, 0, 0], np.diag([1, 1, 2]))
+    polar = jounce.Robot.from_screws(
+        [np.eye(4)] * 2, [[0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 0, 0]], [inertia, inertia], gravity=[0, 0, 0]
+    )
+    turns = jounce.Motion.polynomial([[0, 0.5], [1, 0.2]], 1.0)
+    turns += jounce.Motion.polynomial([[0.5, 0.5, 1], [1.2, 0.2, 0]], 1.0)
+    for kind, verdict in (("effort", "kept"), ("effort_rate", "kept"), ("second_effort_rate", "broken")):
+        limited = polar.with_limits(**{kind: [np.inf, 1e6]})
+        found = limited.check(turns)
+        assert found.verdict == verdict
+        assert found.breaks[0].jump[1] == 0
+    refusal(lambda: limited.slowdown(turns), "second effort rate", "is infinite there at every speed")
+
+
+def test_peaks_of_the_highest_rate_that_a_table_states_are_exact():
+    """The next rate is not known, and jumps at rows; between them the polynomials of the rows have peaks."""
+    rng = np.random.default_rng(0)
+    t, rows = np.linspace(0, 1.2, 7), rng.normal(size=(7, 3, 2)) * np.array([1, 5, 25])[:, None]
+    robot = jounce.load("planar2r")
+    names = (
+        (j, joint, k, rate) for j, joint in enumerate(robot.joint_names) for k, rate in enumerate(("q", "qd", "q2d"))
+    )
+    table = {f"{joint}.{rate}": rows[:, k, j] for j, joint, k, rate in names}
+    motion = jounce.load_motion({"t": t, **table}, robot, 0)
+    dense = np.linspace(0, 1.2, 60001)
+    rates = motion(dense, 2)
+    Q = robot.inverse_dynamics(*rates)
+    for kind, values in (("acceleration", rates[2]), ("effort", Q), ("power", rates[1] * Q)):
+        for row, column in zip(robot.with_limits(**{kind: 1.0}).check(motion).table, values.T, strict=True):
+            assert row.ratio == pytest.approx(np.abs(column).max(), rel=1e-7)
+            assert row.ratio >= np.abs(column).max() * (1 - 1e-12)
+
+
+def test_rates_that_vanish_in_the_middle_and_at_both_ends_are_looked_at():
+    """From rest to rest all rates of even order do; their peaks lie at a quarter."""
+    robot, rates = jounce.load("planar2r"), ("q", "qd", "q2d", "q3d", "q4d")
+    table = {f"{joint}.{rate}": [float(k == 0), 0.0] for joint in robot.joint_names for k, rate in enumerate(rates)}
+    motion = jounce.load_motion({"t": [0.0, 2.0], **table}, robot)
+    values = motion(np.linspace(0, 2, 40001))
+    for kind, order in (("acceleration", 2), ("snap", 4)):
+        found = robot.with_limits(**{kind: 1.0}).check(motion)
+        assert found.worst.ratio == pytest.approx(np.abs(values[order]).max(), rel=1e-7)
+
+
+@pytest.mark.parametrize("bound", [0.0, 1e-6])
+def test_rounding_of_a_rate_that_vanishes_is_not_followed(bound):
+    """At a constant velocity gravity alone acts on the first joint: Qd less that of gravity is what rounding leaves."""
+    motion = jounce.Motion.polynomial([[0, 1.0], [0.5, 0]], 4.0).with_step(0.01)
+    limited = jounce.load("planar2r").with_limits(effort_rate=[bound, np.inf], of="Q - Qgrav")
+    assert sum(len(pieces.start) for pieces in pieces_of(bounded(limited, motion))) < 4 * len(motion.times)
+    assert limited.check(motion).verdict == "kept"
 
 
 def test_two_sided_limits_and_ranges_away_from_zero():
@@ -314,6 +382,26 @@ def test_rounding_of_the_highest_rates_is_not_looked_into(kind, start, jitter):
     rates = motion(np.linspace(motion.start, motion.stop, 20001))
     dense = rates[4] if kind == "snap" else robot.inverse_dynamics(*rates)[2]
     assert row.ratio >= np.abs(dense).max() / 1e3 * (1 - 1e-4)
+
+
+def test_rows_a_step_of_doubles_from_a_break_hide_no_peaks():
+    """Between them lies no time at which a piece could be split; peaks of the pieces around it are looked for."""
+    x = 1.7e9 + np.array([0, 1.0, 2.0])
+    c = np.array([[[-1.0], [0]], [[1.0], [-1.0]], [[0], [0]]])  # q falls by t - t^2, then on
+    motion = jounce.Motion.piecewise(x, c)
+    motion = replace(motion, grid=np.array([x[0], np.nextafter(x[1], 0), x[2]]))
+    arm = jounce.load("planar2r").locked({"joint2": 0.0})
+    found = arm.with_limits(upper=0.24).check(motion)
+    assert (found.verdict, found.worst.value) == ("broken", pytest.approx(0.25))
+
+
+@pytest.mark.parametrize(("share", "exact"), [(1.1e-3, True), (0.9e-3, False)])
+def test_peaks_below_a_thousandth_of_a_limit_are_those_of_rows(share, exact):
+    motion = jounce.Motion.fourier([0], [[0.0]], [[1.0]], 1.0, 6.0).with_step(0.7)  # qd is 1 at most, at pi too
+    arm = jounce.load("planar2r").locked({"joint2": 0.0}).with_limits(velocity=[[-1 / share, np.inf]])
+    value = arm.check(motion).worst.value
+    assert value == pytest.approx(-1, abs=0.02)
+    assert (abs(value + 1) < 1e-12) == exact
 
 
 def test_a_peak_between_neighbouring_doubles_is_found():

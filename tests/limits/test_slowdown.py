@@ -143,6 +143,7 @@ def test_a_motion_may_be_sped_up():
 
 
 STILL = jounce.Motion.polynomial([[0.0], [0.5]], 1.0)
+SWING = jounce.Motion.polynomial([[0.0, 1.0, -1.0], [0.0, 0.0, 0.0]], 1.0).with_step(0.3)
 MOVING = jounce.Motion.polynomial([[0.0, 0.3], [0.5, 0.2]], 1.0)
 
 
@@ -155,6 +156,7 @@ MOVING = jounce.Motion.polynomial([[0.0, 0.3], [0.5, 0.2]], 1.0)
         ]),
         ({"upper": [0.1, 1], "velocity": 1}, MOVING, ["'joint1' is at 0.3 rad at t = 1 s", "limit of 0.1 rad"]),
         ({"effort": 100}, STILL, ["no limit bounds the speed", "does not move"]),
+        ({"upper": [0.2499, 9]}, SWING, ["'joint1' is at 0.25 rad at t = 0.5 s", "limit of 0.2499 rad"]),
         ({"upper": 1}, MOVING, ["no limit bounds the speed"]),
         ({}, MOVING, ["states no limits"]),
         ({"velocity": [0, 1]}, MOVING, ["'joint1' moves at t = 0 s, and its limit of velocity is 0"]),

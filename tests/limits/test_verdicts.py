@@ -105,6 +105,23 @@ def test_verdicts_agree_with_the_truth(seed, kind):
     assert ROBOT.with_limits(**{kind: 0.7 * peak}).check(motion).verdict != "kept"
 
 
+@pytest.mark.filterwarnings("ignore:rounding of q or t:jounce.JounceWarning")
+def test_peaks_between_rows_count_where_stamps_are_uncertain():
+    """Deviations of rounded stamps go with the next rate: rows at an end where that is large are outside of windows."""
+    t = 1.7e9 + np.pi * np.array([0, 20.1, 40.3, 60.2, 80.4])
+    rows = np.array([[0.4, 0.01, 1e-3, q3d] for q3d in (1e-3, 1e-6, 1e-6, 1e-6, 1e-6)])
+    rates = ("q", "qd", "q2d", "q3d")
+    table = {f"{joint}.{rate}": rows[:, k] for joint in ROBOT.joint_names for k, rate in enumerate(rates)}
+    motion = jounce.load_motion({"t": t, **table}, ROBOT, 1)
+    rate = np.abs(motion(np.linspace(motion.start, motion.stop, 100001), 2)[2][:, 0])
+    limited = ROBOT.with_limits(acceleration=0.999 * rate.max())
+    assert "acceleration" in bounded(limited, motion).windows
+    found = limited.check(motion)
+    assert found.verdict == "broken"
+    assert found.worst.ratio == pytest.approx(1 / 0.999, rel=1e-6)
+    assert ROBOT.with_limits(acceleration=1.001 * rate.max()).check(motion).verdict == "kept"
+
+
 def test_exact_motions_are_judged_all_the_time():
     motion = jounce.Motion.polynomial([[0, 1.0], [0, 0.5]], 1.0)
     for velocity, verdict in ((0.9, "broken"), (1.0, "kept")):

@@ -98,6 +98,23 @@ def test_breaks_tell_which_derivative_of_which_joint_jumps_and_by_how_much():
     assert Motion.piecewise(X, c).breaks[0].joint == 0
 
 
+@pytest.mark.parametrize("duration", [0.31, 1.0, 2.7])
+@pytest.mark.parametrize("joined", [True, False])
+def test_rounding_at_a_rest_at_zero_is_no_jump(duration, joined):
+    """There q, qd and q2d vanish, and differences of their rounding are as large as they are."""
+    rng = np.random.default_rng(0)
+    for away in rng.normal(size=(50, 3)):
+        c = np.array([10, -15, 6])[:, None] * away / duration ** np.array([3, 4, 5])[:, None]
+        there, back = ([away, 0 * away, 0 * away, *-c], [*(0 * c), *c])
+        if joined:
+            motion = Motion.polynomial(np.transpose(there), duration) + Motion.polynomial(np.transpose(back), duration)
+        else:
+            pieces = np.stack([there, back], axis=1)[::-1]
+            motion = Motion.piecewise(duration * np.arange(3), pieces)
+        assert motion.breaks_to(2) == ()
+        assert {found.order for found in motion.breaks_to(4)} == {3}
+
+
 @given(st.floats(0.1, 10))
 def test_pace_scales_rates_and_jumps(factor):
     slow = PIECES.scaled(factor)

@@ -1,7 +1,7 @@
 """A motion in short pieces, between whose ends the bounded quantities are interpolated: quintic Hermite polynomials.
 
 Breaks of the motion are ends of pieces, with the rates from either side. A piece whose polynomial misses the exact
-value in its middle is halved until it does not. A piece has the kinds of limits in whose windows it lies.
+value near its middle is split there until it does not. A piece has the kinds of limits in whose windows it lies.
 """
 
 from collections.abc import Iterator
@@ -12,12 +12,17 @@ from math import comb
 import numpy as np
 
 from jounce.limits.bounded import DERIVATIVE, SMOOTH, Bounded, Series, Span
+from jounce.limits.ratios import STILL, Scale, scale_of
 from jounce.motion.hermite import coefficients
 
-TOLERANCE = 1e-5  # of the largest value: a polynomial that misses the middle by more is not trusted
+SPLIT = (
+    0.45  # of a piece: in its middle a motion from rest to rest agrees with any polynomial, as both are odd about it
+)
+TOLERANCE = 1e-5  # of the largest value: a polynomial that misses the place of the split by more is not trusted
+NEGLIGIBLE = 1e-3  # of a limit: smaller values are compared with that much of it, or their rounding would be followed
 NUDGE = 1e-6  # of a piece: values so much earlier and later differ by rounding alone
-ROUNDING_MARGIN = 8.0  # times such a difference is rounding too, which halving does not lessen
-DEEPEST = 10  # times that a piece is halved
+ROUNDING_MARGIN = 8.0  # times such a difference is rounding too, which splitting does not lessen
+DEEPEST = 10  # times that a piece is split
 CLOSE = 1e-9  # of the duration: times closer to a break are that break
 BLOCK = 8000  # pieces worked on at a time: fewer take most of the time to call NumPy, more do not fit in a cache
 
@@ -97,7 +102,7 @@ def part_pieces(b: Bounded, span: Span) -> Iterator[Pieces]:
                 whole[jumps] = part
         starts = {kind: [x[:-1] for x in series] for kind, series in right.items()}
         stops = {kind: [x[1:] for x in series] for kind, series in ends.items()}
-        yield _halved(b, Pieces(t[:-1], t[1:], starts, stops))
+        yield _split(b, Pieces(t[:-1], t[1:], starts, stops))
 
 
 def knots_of(b: Bounded, span: Span) -> tuple[np.ndarray, np.ndarray]:
@@ -118,12 +123,19 @@ def knots_of(b: Bounded, span: Span) -> tuple[np.ndarray, np.ndarray]:
     return knots, np.isin(knots, jumps)
 
 
-def _halved(b: Bounded, pieces: Pieces) -> Pieces:
+def _split(b: Bounded, pieces: Pieces) -> Pieces:
     """Every piece in two, and those again that their polynomials do not describe."""
+    least = {kind: _negligible(scale_of(b.limits.bounds(kind), kind)) for kind in b.kinds}
     scales = {kind: np.maximum(*(np.abs(x).max(axis=0) for x in pieces.values(kind))) for kind in b.kinds}
+    scales = {kind: np.maximum(scale, least[kind]) for kind, scale in scales.items()}
     done: list[Pieces] = []
     for _ in range(DEEPEST):
-        middle = (pieces.start + pieces.stop) / 2
+        middle = pieces.start + SPLIT * (pieces.stop - pieces.start)
+        divisible = (pieces.start < middle) & (middle < pieces.stop)  # stamps since 1970 step by 2.4e-7 s
+        done.append(pieces.taken(~divisible))
+        pieces, middle = pieces.taken(divisible), middle[divisible]
+        if not middle.size:
+            break
         exact, wrong = b.series(middle), np.zeros(len(middle), dtype=bool)
         u = (middle - pieces.start)[:, None] / pieces.width
         rounded = 16 * np.spacing(np.abs(middle))[:, None] / pieces.width  # much where stamps are those since 1970
@@ -144,6 +156,12 @@ def _halved(b: Bounded, pieces: Pieces) -> Pieces:
         if not wrong.any():
             break
     return _joined([*done, pieces])
+
+
+def _negligible(scale: Scale) -> np.ndarray:
+    """The values (n,) of which polynomials need no digits; infinite where nothing is bounded."""
+    reach = np.minimum(*(np.abs(bound - scale.centre) for bound in (scale.lower, scale.upper)))
+    return np.maximum(NEGLIGIBLE * reach, STILL / TOLERANCE)
 
 
 def _rounding(b: Bounded, t: np.ndarray, width: np.ndarray) -> dict[str, np.ndarray]:

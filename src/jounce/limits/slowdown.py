@@ -145,6 +145,8 @@ def _window_notes(b: Bounded) -> tuple[str, ...]:
 
 def _first(b: Bounded, states: Feasible) -> float:
     """The largest factor below which all are feasible: refined between samples there, and where limits are near."""
+    if np.isinf(states.factor):
+        states.add(times_beyond(b, 1.0))  # which refuses what is broken at every speed between the states
     for _ in range(ROUNDS):
         factor = _finite(states)
         near = states.near_misses(factor)

@@ -1,11 +1,15 @@
 """Limits outside of their windows: a value counts there where two deviations lie between it and its limit."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from jounce.limits.bounded import Bounded, Span
 from jounce.limits.deviations import deviations_of
+from jounce.limits.peaks import peaks_of
+from jounce.limits.pieces import Pieces, part_pieces
+from jounce.limits.ratios import scale_of
 from jounce.limits.worst import SIGNS, Worst, runs
 
 DECISIVE_DEVIATIONS = 2.0  # between a value and its limit: from there on it is known on which side the value lies
@@ -15,7 +19,7 @@ Spans = dict[tuple[str, int], list[Span]]  # by kind and joint
 
 
 def take_uncertain(b: Bounded, worst: Worst) -> Spans:
-    """Count values outside of windows, at rows and between them; returns the spans in which nothing is known."""
+    """Count values outside of windows, peaks between rows too; returns the spans in which nothing is known."""
     undecided: Spans = {}
     for part, t in _outside(b):
         values, off = _values(part, t), deviations_of(part, t)
@@ -31,15 +35,27 @@ def take_uncertain(b: Bounded, worst: Worst) -> Spans:
 
 def _outside(b: Bounded) -> Iterator[tuple[Bounded, np.ndarray]]:
     """The times before windows and those after them, with the kinds of these windows."""
-    rows = np.unique([*b.motion.times, *(end for span in b.windows.values() for end in span)])
-    t = np.union1d(rows, (rows[1:] + rows[:-1]) / 2)
     first, last = b.whole
     before = {kind: start for kind, (start, _) in b.windows.items() if start > first}
     after = {kind: stop for kind, (_, stop) in b.windows.items() if stop < last}
     if before:
-        yield b.of_kinds(before), t[t <= max(before.values())]
+        yield b.of_kinds(before), _times(b.of_kinds(before), [first, *before.values()])
     if after:
-        yield b.of_kinds(after), t[t >= min(after.values())]
+        yield b.of_kinds(after), _times(b.of_kinds(after), [*after.values(), last])
+
+
+def _times(b: Bounded, ends: Sequence[float]) -> np.ndarray:
+    """The times of pieces between the first and the last of some ends, these, and when values have peaks."""
+    every = [np.array(ends)]
+    for pieces in part_pieces(b, (min(ends), max(ends))):
+        every += [pieces.start, pieces.stop, peaks_of(b, pieces, partial(_any_peak, b)).t]
+    return np.unique(np.concatenate(every))
+
+
+def _any_peak(b: Bounded, pieces: Pieces, kind: str, sign: int) -> np.ndarray:
+    """What peaks must reach: anything where a value is bounded on this side."""
+    bound = scale_of(b.limits.bounds(kind), kind).bound(sign)
+    return np.where(np.isfinite(bound), -np.inf, np.inf) + np.zeros((len(pieces.start), 1))
 
 
 def _values(b: Bounded, t: np.ndarray) -> dict[str, np.ndarray]:

@@ -8,7 +8,7 @@ import numpy as np
 from jounce.limits.bounded import Bounded, rate_of_forces
 from jounce.limits.joints import columns_of, in_columns, of_joints
 from jounce.limits.peaks import Peaks, peaks_of, picked, root
-from jounce.limits.pieces import Pieces
+from jounce.limits.pieces import NEGLIGIBLE, Pieces
 from jounce.limits.ratios import Scale, scale_of
 from jounce.model.limits import MOTION_KINDS
 from jounce.motion.motion import Break
@@ -60,22 +60,27 @@ class Worst:
             self.spans[kind, sign][j] += [(float(t[i]), float(t[k])) for i, k in runs(beyond[:, j])]
 
     def take_jumps(self, breaks: Sequence[ForceBreak]) -> None:
-        """Count jumps of a lower rate as infinite values: of motions, and of forces at their breaks."""
+        """Count jumps of a lower rate as infinite values: of motions, and of forces at their breaks.
+
+        The rate above the one that jumps has an impulse of the sign of the jump, and those above it of either sign.
+        """
         highest = max((MOTION_KINDS.index(kind) for kind in self.b.kinds if kind in MOTION_KINDS), default=0)
         for found in self.b.motion.breaks_to(highest - 1) if highest else ():
             if found.symbol == "q":
+                above = {kind: k for k, kind in enumerate(MOTION_KINDS[found.order + 1 :])}
                 for j, jump in self._jumps_with(found).items():
-                    for kind in MOTION_KINDS[found.order + 1 :]:
-                        self._jump(kind, j, found.t, jump)
+                    for kind, k in above.items():
+                        self._jump(kind, j, found.t, jump, either=k > 0)
+        rates = {kind: rate_of_forces(self.b.robot, kind) for kind in self.b.kinds if kind not in MOTION_KINDS}
         for met in breaks:
             m, row = self.b.robot.mechanism, self.b.efforts
-            size = len(columns_of(m, row))
-            unknown = [-np.ones(size), np.ones(size)]  # where q or qd jumps: an impulse
-            for force in in_columns(m, unknown if met.jump is None else of_joints(m, met.jump, row), row):
-                for i in np.flatnonzero(np.abs(force) > ROUNDING * np.abs(force).max()):
-                    for kind in self.b.kinds:
-                        if kind not in MOTION_KINDS and met.order < rate_of_forces(self.b.robot, kind):
-                            self._jump(kind, int(i), met.t, float(force[i]))
+            unknown = [np.ones(len(columns_of(m, row)))]  # where q or qd jumps: an impulse
+            known = unknown if met.jump is None else of_joints(m, (met.jump, *met.higher), row)
+            for order, force in enumerate(in_columns(m, known, row), start=met.order):
+                for i in np.flatnonzero(np.abs(force) > ROUNDING * np.abs(force).max()).tolist():
+                    for kind, rate in rates.items():
+                        if order < rate:
+                            self._jump(kind, i, met.t, float(force[i]), either=met.jump is None or rate > order + 1)
 
     def _jumps_with(self, found: Break) -> dict[int, float]:
         """The jumps of joints at a break of a coordinate, by column: its own, and those of joints that follow it."""
@@ -90,12 +95,12 @@ class Worst:
             jumps |= {j: float(after[j] - before[j]) for j in follow if size[j] > ROUNDING * size.max()}
         return jumps
 
-    def _jump(self, kind: str, j: int, t: float, jump: float) -> None:
-        """Count a jump of the rate below a kind as an infinite value of it."""
-        sign = 1 if jump > 0 else -1
-        if kind in self.b.kinds and np.isfinite(self.scales[kind].bound(sign)[j]):
-            self._update(kind, sign, np.array([j]), np.array([t]), np.array([np.inf]))
-            self.spans[kind, sign][j].append((t, t))
+    def _jump(self, kind: str, j: int, t: float, jump: float, either: bool) -> None:
+        """Count a jump of a lower rate as an infinite value of a kind: of its sign, or of either one."""
+        for sign in SIGNS if either else (1 if jump > 0 else -1,):
+            if kind in self.b.kinds and np.isfinite(self.scales[kind].bound(sign)[j]):
+                self._update(kind, sign, np.array([j]), np.array([t]), np.array([np.inf]))
+                self.spans[kind, sign][j].append((t, t))
 
     def _update(self, kind: str, sign: int, joint: np.ndarray, t: np.ndarray, value: np.ndarray) -> None:
         better = value > self.value[kind, sign][joint]
@@ -110,11 +115,17 @@ class Worst:
         return np.where(np.isfinite(bound), bound + ROUNDING * reach, np.inf)
 
     def _floor(self, pieces: Pieces, kind: str, sign: int) -> np.ndarray:
-        """What a peak in pieces must reach to matter, (K, n): the worst value, or the bound if an end is within it."""
+        """What a peak in pieces must reach to matter, (K, n): the worst value, or the bound if an end is within it.
+
+        Less than a negligible share of the bound does not: the rounding of rates of forces has thousands of peaks.
+        """
         bound, left_right = self.scales[kind].bound(sign), pieces.values(kind)
         within = np.minimum(*(sign * x for x in left_right)) <= bound
         least = np.where(within, np.minimum(self.value[kind, sign], bound), self.value[kind, sign])
-        return np.where(np.isfinite(bound), least - TRUST * self.largest[kind], np.inf)
+        centre = sign * self.scales[kind].centre
+        with np.errstate(invalid="ignore"):  # of infinite bounds
+            least = np.maximum(least - TRUST * self.largest[kind], centre + NEGLIGIBLE * (bound - centre))
+        return np.where(np.isfinite(bound), least, np.inf)
 
     def _add_spans(self, pieces: Pieces, peaks: Peaks) -> None:
         """The spans in which values are beyond their bounds, their ends exact."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce.errors import JounceError
-from jounce.motion.curves import Curve, Jump, OfCurve, jumps_at
+from jounce.motion.curves import WITHIN, Curve, Jump, OfCurve, jumps_at
 from jounce.motion.hermite import between
 
 POINTS = 257  # of a blend, at which its distance from the curve is measured; its middle, the break, is one of them
@@ -63,8 +63,10 @@ class Blend(OfCurve):
             if windows is not None:
                 t = np.concatenate([windows.start, windows.stop])
                 before, after = ([rate[:, [j]] for rate in self.rates(t, order, left)] for left in (True, False))
-                spans = np.tile(windows.stop - windows.start, 2)
-                found += [jump._replace(column=j) for jump in jumps_at(t, before, after, spans)]
+                spans = windows.stop - windows.start
+                inside = np.concatenate([windows.start + share * spans for share in WITHIN])
+                within = [rate[:, [j]] for rate in self.rates(inside, order)]
+                found += [jump._replace(column=j) for jump in jumps_at(t, before, after, np.tile(spans, 2), within)]
         return sorted(found)
 
 

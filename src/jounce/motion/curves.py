@@ -9,6 +9,8 @@ import numpy as np
 COMPONENTS = ("mx", "my", "mz", "fx", "fy", "fz")  # of a wrench, (moment; force), in files
 HIGHEST = 4  # q4d, which Q2d takes: the highest derivative whose jumps are reported by default
 RELATIVE = 1e-9  # of the largest value: a smaller difference is no jump
+WITHIN = (0.2, 0.6)  # shares of a piece, between whose ends at rest its derivatives are not zero there
+POINTS = 64  # of a curve, by which the size of its derivatives is judged
 ROUNDING = 64 * np.finfo(float).eps  # of q, which the k-th derivative of a polynomial over a span h magnifies by h^-k
 
 
@@ -81,14 +83,21 @@ class OfCurve:
         return self.base.deviations(t, order)
 
 
-def jumps_at(t: np.ndarray, before: Sequence[np.ndarray], after: Sequence[np.ndarray], spans: np.ndarray) -> list[Jump]:
+def jumps_at(
+    t: np.ndarray,
+    before: Sequence[np.ndarray],
+    after: Sequence[np.ndarray],
+    spans: np.ndarray,
+    within: Sequence[np.ndarray],
+) -> list[Jump]:
     """The jumps at times (m,), of derivatives (m, columns) from the left and from the right, lowest order first.
 
     `spans` (m,) are the lengths of the pieces that meet there: what rounding does to their derivatives is no jump.
+    `within` are derivatives (points, columns) inside of the pieces: at the times themselves a motion may rest at zero.
     """
     found: list[Jump] = []
     known = np.zeros(before[0].shape, dtype=bool)
-    peaks = [np.maximum(np.abs(a), np.abs(b)).max(axis=0, initial=0) for a, b in zip(before, after, strict=True)]
+    peaks = [np.abs(np.concatenate(parts)).max(axis=0, initial=0) for parts in zip(before, after, within, strict=True)]
     for k, (a, b) in enumerate(zip(before, after, strict=True)):
         floor = RELATIVE * peaks[k] + ROUNDING * peaks[0] / spans[:, None] ** k
         new = (np.abs(b - a) > floor) & ~known
@@ -133,10 +142,17 @@ class Polynomials:
         h = np.diff(self.x)
         before = powers(self.c[:, :-1], h[:-1, None], order)
         after = powers(self.c[:, 1:], np.zeros((len(h) - 1, 1)), order)
-        return jumps_at(self.x[1:-1], before, after, np.maximum(h[:-1], h[1:]))
+        inside = (powers(self.c, share * h[:, None], order) for share in WITHIN)
+        within = [np.concatenate(parts) for parts in zip(*inside, strict=True)]
+        return jumps_at(self.x[1:-1], before, after, np.maximum(h[:-1], h[1:]), within)
 
     def deviations(self, t: np.ndarray, order: int) -> None:
         """None: the curve is exact."""
+
+
+def rates_within(curve: Curve, order: int) -> list[np.ndarray]:
+    """The values (points, columns) of a curve and their derivatives, at times between its ends."""
+    return curve.rates(np.linspace(curve.start, curve.stop, POINTS + 2)[1:-1], order)
 
 
 def powers(c: np.ndarray, s: np.ndarray, order: int) -> list[np.ndarray]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.motion.curves import Jump, OfCurve, jumps_at
+from jounce.motion.curves import Jump, OfCurve, jumps_at, rates_within
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -129,7 +129,7 @@ class Paced(OfCurve):
         rows = chain_rule(self.law.rates(t, order), order)
         # at the breaks themselves: sigma(t) is rounded to either side of them
         before, after = (_composed(rows, self.base.rates(at, order, left)) for left in (True, False))
-        return jumps_at(t, before, after, np.full(len(t), self.stop - self.start))
+        return jumps_at(t, before, after, np.full(len(t), self.stop - self.start), rates_within(self, order))
 
     def inner(self, t: np.ndarray) -> np.ndarray:
         """The times at which `base` is where the curve is at t."""

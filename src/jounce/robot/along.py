@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 PIECE = 1000  # states
 PERTURBED = 200_000  # states computed for the deviations of forces, which change slowly: between them they are linear
 GLANCES = 200  # states by which the unit of a motion is judged
+ROUNDING = 1e-12  # of the largest rate of all joints: smaller differences of the two sides of a break are no jumps
 FIRST = FORCES.rates - 1  # the order of the rate of q that Q itself takes: q2d
 
 Progress = Callable[[int, int], object]  # of the number of states done, and of all
@@ -40,13 +41,15 @@ class ForceBreak(NamedTuple):
     """A time at which the forces are not smooth: a rate of Q jumps, and higher rates do not exist.
 
     `order` is the order of the rate that jumps (0 is Q), `jump` (nv,) the size of the jump; they are -1 and None if q
-    or qd jumps, so that Q itself does not exist. `causes` are the breaks of the motion at this time.
+    or qd jumps, so that Q itself does not exist. `causes` are the breaks of the motion at this time. `higher` (nv,) are
+    the jumps of the rates after it: a joint whose Q does not jump may have a Qd that does.
     """
 
     t: float
     order: int
     jump: np.ndarray | None
     causes: tuple[Break, ...]
+    higher: tuple[np.ndarray, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,9 +190,13 @@ def force_breaks(
     for start in range(0, len(t), PIECE):
         part = slice(start, start + PIECE)
         before, after = (_one_sided(robot, motion, t[part], order, side, method, row) for side in ("left", "right"))
-        jumps[:, part] = np.subtract(after, before)
+        size = np.maximum(np.abs(before), np.abs(after)).max(axis=2, keepdims=True)
+        difference = np.subtract(after, before)
+        jumps[:, part] = np.where(np.abs(difference) > ROUNDING * size, difference, 0)
     return tuple(
-        ForceBreak(time, max(int(k), -1), jumps[k, i] if k >= 0 else None, causes)
+        ForceBreak(
+            time, max(int(k), -1), *((jumps[k, i], causes, tuple(jumps[k + 1 :, i])) if k >= 0 else (None, causes))
+        )
         for i, (k, (time, causes)) in enumerate(zip(lowest, known, strict=True))
     )
 
