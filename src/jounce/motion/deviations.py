@@ -50,6 +50,8 @@ class Spread:
         Where stamps are corrected. Their times are not those of `solution`: corrected rows may bear fewer breaks.
     unfollowed : (M, n) or None
         Mean squares of what an interval's fit leaves beyond noise: taken for a vibration at the end of its band.
+    unsure : (n,) or None
+        By how much sensors may be read earlier than the times say, s: anything up to that is as likely.
     """
 
     solution: Solution
@@ -58,6 +60,7 @@ class Spread:
     ratio: float = 1.0
     stamps: StampCovariances | None = None
     unfollowed: np.ndarray | None = None
+    unsure: np.ndarray | None = None
 
     def covariances(self, t: np.ndarray, order: int) -> np.ndarray:
         """Covariances of q, qd, ... with each other at times (P,), (P, n, order + 1, order + 1)."""
@@ -72,6 +75,10 @@ class Spread:
             rate = np.pi / np.diff(self.solution.breaks)[place, None]
             for k in range(order + 1):
                 total[:, :, k, k] += self.unfollowed[place] * rate ** (2 * k)
+        if self.unsure is not None and self.unsure.any():
+            rates = np.stack([self.solution.spline(t, nu=k + 1) for k in range(order + 1)], axis=-1)
+            shifted = rates * self.unsure[:, None] / np.sqrt(3)  # the root mean square of a shift from 0 to `unsure`
+            total += shifted[..., :, None] * shifted[..., None, :]
         if self.coarser is not None:
             for k, model in enumerate(self._model[: order + 1]):
                 middles = (self.solution.breaks[1:] + self.solution.breaks[:-1]) / 2

@@ -13,6 +13,7 @@ from jounce.motion.least_squares import DEGREE, knots
 from jounce.motion.lines import Line
 from jounce.motion.noise import Noise, noise_of, step_of
 from jounce.motion.samples import Samples
+from jounce.motion.sensors import Sensors, find_sensors
 from jounce.motion.smoothing import Smoothed, first_fit, interpolate, moves, rounded, smooth
 from jounce.motion.spline import check_bandwidth
 from jounce.motion.stamps import check, spikes
@@ -169,7 +170,7 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
         text = "no spline of degree 9 follows from these samples: give more of them, at distinct times"
         raise JounceError(text) from None
     if smoothed:
-        _refuse_holes(holds.t, smoothed.spread.solution.breaks)
+        _refuse_holes(smoothed.samples.t, smoothed.spread.solution.breaks)
     noise = [Noise(float(column.std()), "rest") for column in samples.T]
     notes = [f"{wild.sum()} rows lie far from their neighbours; they are ignored"] if wild.any() else []
     if smoothed:
@@ -206,9 +207,10 @@ def _note_of_line(found: Fit, joint: int, line: Line) -> str:
     )
 
 
-def _smooth(samples: Samples, bandwidth: float | None) -> tuple[np.ndarray, Holds, Smoothed | None]:
+def _smooth(samples: Samples, bandwidth: float | None) -> tuple[np.ndarray, Holds | Sensors, Smoothed | None]:
     """Which joints move, (n,), which rows hold older positions of these, and their spline."""
-    moving, holds = np.ptp(samples.q, axis=0) > 0, Holds(np.zeros(len(samples.t), bool), samples.t)
+    moving = np.ptp(samples.q, axis=0) > 0
+    holds: Holds | Sensors = Holds(np.zeros(len(samples.t), bool), samples.t)
     if not moving.any():
         return moving, holds, None
     part = samples.joints(moving)
@@ -220,9 +222,11 @@ def _smooth(samples: Samples, bandwidth: float | None) -> tuple[np.ndarray, Hold
     if not moved.all():
         part = samples.joints(moving)
         first, cells = first_fit(part)
-    holds = find_holds(part, first, cells)
+    together = find_holds(part, first, cells)
+    apart = find_sensors(part, first, cells, together)
+    holds = apart or together
     if holds.held.any():
-        part = replace(part.part(~holds.held), t=holds.t.clip(*part.span))
+        part = apart.samples if apart else together.without(part)
         first, cells = first_fit(part)
     exact = bandwidth is None and rounded(part, first)
     return moving, holds, interpolate(part) if exact else smooth(part, first, cells, bandwidth)
