@@ -72,7 +72,7 @@ class Holds:
         return replace(samples.part(~self.held), t=self.t.clip(*samples.span), unsure=unsure)
 
 
-def late_by(unsure: object, period: float) -> str:
+def late_by(unsure: np.ndarray | float, period: float) -> str:
     """What to say of times that are unsure, against the sensor's period."""
     late = float(np.max(unsure))
     return f" or up to {late:.2g} s late, which the deviations hold" if late > MIN_UNSURE * period else ""
@@ -151,7 +151,7 @@ def _unsure(x: np.ndarray, late: np.ndarray) -> float:
     most = max(1.0, float(late.max())) + TOLERANCE
     bounds = np.concatenate([late, most - late])
     ends = [
-        linprog([sign, sign * end], np.concatenate([line, -line]), bounds, bounds=(-2, 2)).fun
+        linprog([sign, sign * end], np.concatenate([line, -line]), bounds, bounds=(-2, 2)).fun or 0.0
         for sign in (1, -1)
         for end in (0, 1)
     ]
