@@ -52,8 +52,58 @@ def test_a_bandwidth_makes_a_ripple_noise_which_is_said():
     assert smooth.bandwidth < 3.1
     notes = [note for note in smooth.notes if "vibrates at" in note]
     assert len(notes) == 7
-    assert all("the fit up to 3.01 Hz leaves it out, and its deviations do not hold it" in note for note in notes)
-    assert max(errors(smooth, truth)) > 100
+    assert all("the fit leaves it out, and its deviations hold it" in note for note in notes)
+    assert not any(vibration.followed for vibration in smooth.vibrations)
+    off = errors(smooth, truth)
+    assert max(off) < 1.3  # 1,000 without
+    assert min(off[2:]) > 0.7
+
+
+def burst(seed, frequency=25.0, width=0.06, amplitude=2e-4, joints=1):
+    """A slow motion with a wave under a Gaussian bell of a standard deviation in s, and its truth."""
+    rng = np.random.default_rng(seed)
+    slow, t = harmonics(rng, base=0.05, amplitude=0.5), np.arange(0, rng.uniform(4, 6), 1e-3)
+    middle, phase, w = rng.uniform(1.5, t[-1] - 1.5), rng.uniform(0, 6, joints), 2 * np.pi * frequency
+    bells = [np.polynomial.Polynomial([1.0 + 0j])]
+    for _ in range(4):  # d/dx p exp(-x^2 / 2 s^2 + i w x) = (p' + p (i w - x / s^2)) exp(...)
+        bells.append(bells[-1].deriv() + bells[-1] * np.polynomial.Polynomial([1j * w, -1 / width**2]))
+
+    def truth(s, k=0):
+        x = (s - middle)[:, None]
+        return (
+            slow(s, k)[:, :joints]
+            + amplitude * (bells[k](x) * np.exp(-((x / width) ** 2) / 2 + 1j * (w * x + phase))).real
+        )
+
+    noise = 1e-5 * rng.normal(size=(len(t), joints))
+    return t, encoder(truth(t) + noise, 17), truth, (middle - 4 * width, middle + 4 * width)
+
+
+BURSTS = [{"amplitude": 1e-2}, {"amplitude": 2e-3, "joints": 3}, {}, {"frequency": 40.0, "width": 0.1}, {"width": 0.3}]
+
+
+@pytest.mark.parametrize("seed", [0])
+@pytest.mark.parametrize("given", BURSTS, ids=str)
+def test_a_burst_is_followed_with_its_flanks(seed, given):
+    """Of a weak one nothing was, in silence; flanks of others were off by up to 190 deviations."""
+    t, q, truth, around = burst(seed, **given)
+    smooth = fit(t, q)
+    notes = [note for note in smooth.notes if "vibrates at" in note and " from t = " in note]
+    assert len(notes) == 1 or smooth.bandwidth > 10  # all of the log is followed that far
+    assert all(v.followed and not v.line.lasts for v in smooth.vibrations)
+    s = np.linspace(*around, 400)
+    off = [(smooth.spline(s, nu=k) - truth(s, k)) / d for k, d in enumerate(smooth.deviations(s))]
+    assert max(np.sqrt((x**2).mean()) for x in off) < 2.5
+    assert max(errors(smooth, truth)) < 1.5
+
+
+def test_deviations_hold_a_burst_that_a_bandwidth_leaves_out():
+    t, q, truth, around = burst(1, amplitude=2e-3)
+    smooth = fit(t, q, bandwidth=3)
+    assert not any(v.followed for v in smooth.vibrations)
+    s = np.linspace(*around, 400)
+    off = [(smooth.spline(s, nu=k) - truth(s, k)) / d for k, d in enumerate(smooth.deviations(s))]
+    assert max(np.sqrt((x**2).mean()) for x in off) < 3
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -10,13 +10,13 @@ from jounce.errors import JounceError, listed, quoted
 from jounce.motion.deviations import HIGHEST, Spread
 from jounce.motion.holds import Holds, find_holds
 from jounce.motion.least_squares import DEGREE, knots
-from jounce.motion.lines import Line
 from jounce.motion.noise import Noise, noise_of, step_of
 from jounce.motion.samples import Samples
 from jounce.motion.sensors import Sensors, find_sensors
 from jounce.motion.smoothing import Smoothed, first_fit, interpolate, moves, rounded, smooth
 from jounce.motion.spline import check_bandwidth
 from jounce.motion.stamps import check, spikes
+from jounce.motion.vibrations import Vibration, notes_of
 from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:
@@ -59,6 +59,8 @@ class Fit:
         The median time between samples in s.
     rows : (R,)
         The numbers of the samples that the fit follows: not of wild ones, nor of those that repeat older positions.
+    vibrations : tuple of Vibration
+        What stands out of the noise.
     """
 
     spline: "BSpline"
@@ -73,6 +75,7 @@ class Fit:
     rows: np.ndarray
     _spread: Spread | None
     _moving: np.ndarray
+    vibrations: tuple[Vibration, ...] = ()
 
     def deviations(self, t: object, order: int = 4) -> tuple[np.ndarray, ...]:
         """Standard deviations of q, qd, ... at times t: order + 1 arrays (..., n).
@@ -186,25 +189,18 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
             f"{name} is off by a wave of about {count} per turn, as an encoder's interpolation is; the fit follows it"
             " as motion as far as its band reaches"
         )
-    lines = [(int(np.flatnonzero(moving)[line.joint]), line) for line in (smoothed.lines if smoothed else ())]
     followed = np.flatnonzero(~wild)[~holds.held]
     found = _described(
         times, samples, moving, smoothed, joints=joints, noise=tuple(noise), notes=tuple(notes), rows=rows[followed]
     )
-    return replace(found, notes=(*found.notes, *(_note_of_line(found, joint, line) for joint, line in lines)))
-
-
-def _note_of_line(found: Fit, joint: int, line: Line) -> str:
-    """What a vibration that stands out of the noise means in q4d, and whether the fit holds it."""
-    rate = line.amplitude * (2 * np.pi * line.frequency) ** 4
-    if found.bandwidth > line.frequency:
-        meaning = f"the fit follows it up to {found.bandwidth:.3g} Hz, unless a lower bandwidth makes it noise"
-    else:
-        meaning = f"the fit up to {found.bandwidth:.3g} Hz leaves it out, and its deviations do not hold it"
-    return (
-        f"{found.joints[joint]} vibrates at {line.frequency:.4g} Hz by {line.amplitude:.2g} rad or m, which is"
-        f" {rate:.2g} in q4d, whose peak is {found.peaks[4, joint]:.2g}: {meaning}"
-    )
+    if not smoothed:
+        return found
+    vibrations = [
+        Vibration(line, joints[joint], joint, float(found.peaks[4, joint]), line not in smoothed.spread.left_out)
+        for line in smoothed.lines
+        for joint in np.flatnonzero(moving)[[line.joint]]
+    ]
+    return replace(found, vibrations=tuple(vibrations), notes=(*found.notes, *notes_of(vibrations)))
 
 
 def _smooth(samples: Samples, bandwidth: float | None) -> tuple[np.ndarray, Holds | Sensors, Smoothed | None]:

@@ -38,7 +38,8 @@ class Sensors:
         return (
             f"sensors of {' to '.join(rates)} values per second, which rows hold, are not read together for all joints:"
             f" {self.held.sum()} of {len(self.held)} rows are left out, which the slowest does not read, and values are"
-            " moved to the times of the others by the motion itself" + late_by(self.samples.unsure, float(known.max())),
+            " moved to the times of the others by the motion itself"
+            + late_by(np.asarray(self.samples.unsure), float(known.max())),
         )
 
 
