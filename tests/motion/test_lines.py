@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from logs import encoder, harmonics
 
+import jounce
 from jounce.motion.fit import fit
 
 
@@ -95,6 +96,25 @@ def test_a_burst_is_followed_with_its_flanks(seed, given):
     off = [(smooth.spline(s, nu=k) - truth(s, k)) / d for k, d in enumerate(smooth.deviations(s))]
     assert max(np.sqrt((x**2).mean()) for x in off) < 2.5
     assert max(errors(smooth, truth)) < 1.5
+
+
+@pytest.mark.parametrize("bandwidth", [None, 1.0])
+def test_a_vibration_is_stated_in_second_rates_of_the_forces(bandwidth):
+    """It is what they differ by, with the vibration and without it, to the first order."""
+    robot, t, rng = jounce.load("planar2r"), np.arange(0, 6, 1e-3), np.random.default_rng(0)
+    noise, w = 1e-5 * rng.normal(size=(len(t), 2)), 2 * np.pi * 20.0
+    ripple = 8e-6 * np.sin(w * t)
+    columns = {"t": t, "joint2": np.cos(t) + noise[:, 0], "joint1": np.sin(t) + ripple + noise[:, 1]}
+    notes = jounce.load_motion(columns, robot, bandwidth=bandwidth).notes
+    [words] = [note.split() for note in notes if "in Q2d" in note]
+    slow = [np.stack([np.sin(t + k * np.pi / 2), np.cos(t + k * np.pi / 2)], axis=1) for k in range(5)]
+    fast = [rate.copy() for rate in slow]
+    for k in range(5):
+        fast[k][:, 0] += 8e-6 * w**k * np.sin(w * t + k * np.pi / 2)
+    differ = np.abs(robot.inverse_dynamics(*fast)[2] - robot.inverse_dynamics(*slow)[2]).max(axis=0)
+    assert words[3] == "joint1"
+    assert float(words[words.index("Q2d") - 2]) == pytest.approx(differ.max(), rel=0.15)
+    assert words[words.index("Q2d") + 2].strip(",") == f"joint{np.argmax(differ) + 1}"
 
 
 def test_deviations_hold_a_burst_that_a_bandwidth_leaves_out():

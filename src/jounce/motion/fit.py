@@ -51,8 +51,8 @@ class Fit:
         Largest values of q (less its mean), qd, q2d, ... between the ends.
     relative : (7,)
         Standard deviations of q, qd, q2d, ... over the largest peak, as root mean squares between the ends for
-        the worst joint. A derivative counts for no less than that of half a wave over the duration with the same
-        lower ones: a steady motion has no q4d to compare with.
+        the worst joint, but for vibrations that are left out. A derivative counts for no less than that of half a wave
+        over the duration with the same lower ones: a steady motion has no q4d to compare with.
     notes : tuple of str
         What a user should know about the samples and the fit, one sentence each.
     spacing : float
@@ -196,7 +196,7 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
     if not smoothed:
         return found
     vibrations = [
-        Vibration(line, joints[joint], joint, float(found.peaks[4, joint]), line not in smoothed.spread.left_out)
+        Vibration(line, joints[joint], int(joint), float(found.peaks[4, joint]), line not in smoothed.spread.left_out)
         for line in smoothed.lines
         for joint in np.flatnonzero(moving)[[line.joint]]
     ]
@@ -268,14 +268,15 @@ def _described(
     edge = min(ENDS, max(0, (len(breaks) - 2) // 2))
     ends = (float(breaks[edge]), float(breaks[-1 - edge])) if smoothed else (float(t[0]), float(t[-1]))
     spread, spacing = smoothed.spread if smoothed else None, float(np.median(np.diff(t)))
+    followed = replace(spread, left_out=()) if spread else None
     zeros = np.zeros((HIGHEST + 1, len(joints)))
-    bare = Fit(spline, joints, noise, 0.5 / usual, ends, zeros, zeros[:, 0], notes, spacing, rows, spread, moving)
+    bare = Fit(spline, joints, noise, 0.5 / usual, ends, zeros, zeros[:, 0], notes, spacing, rows, followed, moving)
     inside = np.linspace(*ends, min(POINTS, 4 * len(breaks)) + 2)[1:-1]
     size = np.abs([spline(inside, nu=k) - (k == 0) * q.mean(axis=0) for k in range(HIGHEST + 1)])
     off = np.array(bare.deviations(inside, HIGHEST))
     usual_off = np.sqrt((off[:, :, moving] ** 2).mean(axis=1).max(axis=1, initial=0))
     beyond = np.maximum((size - off).max(axis=(1, 2)), size.max(axis=(1, 2)) / 10)  # noise makes peaks as well
-    return replace(bare, peaks=size.max(axis=1), relative=_relative(usual_off, beyond, np.ptp(t)))
+    return replace(bare, peaks=size.max(axis=1), relative=_relative(usual_off, beyond, np.ptp(t)), _spread=spread)
 
 
 def _relative(deviations: np.ndarray, peaks: np.ndarray, duration: float) -> np.ndarray:

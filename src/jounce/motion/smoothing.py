@@ -140,7 +140,8 @@ def _smooth(
     sigma_of = np.sqrt((residual**2).mean(axis=0))
     notes += _unexplained(samples, residual) + _notes_of_unfollowed(solution.breaks, unfollowed)
     lines = find_lines(samples, residual, solution.spline(samples.t, nu=1))
-    lines += find_bursts(samples, solution.breaks, cells)
+    if not found:  # corrected stamps leave errors that come and go with the velocity
+        lines += find_bursts(samples, solution.breaks, cells)
     spread = replace(spread, left_out=tuple(lines))
     errors = tuple(find_errors_of_encoders(samples, solution.breaks, cells))
     return Smoothed(samples, solution.spline, spread, sigma_of, notes, errors_of_encoders=errors)

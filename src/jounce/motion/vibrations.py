@@ -1,11 +1,13 @@
 """Vibrations that stand out of the noise of a log, and what to say of them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from jounce.motion.lines import Line
+
+POINTS = 50  # times of a vibration, at which mass matrices are taken
 
 
 @dataclass(frozen=True)
@@ -59,3 +61,18 @@ def notes_of(vibrations: Sequence[Vibration]) -> tuple[str, ...]:
         more = f"; {len(bursts) - 1} more such parts, of this or other joints" if len(bursts) > 1 else ""
         lasting.append(f"{largest}{more}")
     return tuple(lasting)
+
+
+def in_forces(
+    vibration: Vibration, mass_matrices: Callable[[np.ndarray], np.ndarray], coordinates: Sequence[str]
+) -> str:
+    """A note of the largest force rate Q2d that a vibration means, to the first order: a column of M (T, n, n) at times
+    (T,) times its amplitude in q4d.
+    """
+    M = mass_matrices(np.linspace(*vibration.line.span, POINTS))
+    most = np.abs(M[:, :, coordinates.index(vibration.name)]).max(axis=0) * vibration.fourth
+    largest = int(np.argmax(most))
+    return (
+        f"the vibration of {vibration.name} at {vibration.line.frequency:.4g} Hz means up to {most[largest]:.2g} in Q2d"
+        f" of {coordinates[largest]}, N m/s^2 or N/s^2, to the first order"
+    )
