@@ -32,6 +32,7 @@ UNUSUAL = 6  # standard deviations of chi^2, by which residuals around an interv
 NOT_FOLLOWED = 10.0  # times the usual squares of residuals, which a user should know of
 SEVERAL = 0.05  # share of the samples, from which on they are no outliers
 LONG = 20 * CELLS  # samples, from which on parts of them tell how many intervals they need
+NEXT = 1.5  # times the end of the band, from which on a line is another vibration
 FOLLOWED = 3  # times that vibrations are looked for once more, after those found are followed
 PROBES, PROBE = 6, 4096  # such parts, and the samples of each
 
@@ -103,6 +104,9 @@ def smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | Non
             found = _smooth(samples, first, cells, BAND * max(lasting) if lasting else None, bursts)
         except JounceError:  # the samples do not carry such a band
             return replace(found, lines=lines)
+        end = NEXT * BAND * max(lasting, default=0.0)  # below it is what a wider fit leaves at the end of its band
+        new = tuple(line for line in found.spread.left_out if not line.lasts or line.frequency > end)
+        found = replace(found, spread=replace(found.spread, left_out=new))
     return replace(found, lines=lines + found.spread.left_out)
 
 
