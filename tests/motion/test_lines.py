@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from logs import encoder, harmonics
 
+import jounce
 from jounce.motion.fit import fit
 
 
@@ -52,8 +53,77 @@ def test_a_bandwidth_makes_a_ripple_noise_which_is_said():
     assert smooth.bandwidth < 3.1
     notes = [note for note in smooth.notes if "vibrates at" in note]
     assert len(notes) == 7
-    assert all("the fit up to 3.01 Hz leaves it out, and its deviations do not hold it" in note for note in notes)
-    assert max(errors(smooth, truth)) > 100
+    assert all("the fit leaves it out, and its deviations hold it" in note for note in notes)
+    assert not any(vibration.followed for vibration in smooth.vibrations)
+    off = errors(smooth, truth)
+    assert max(off) < 1.3  # 1,000 without
+    assert min(off[2:]) > 0.7
+
+
+def burst(seed, frequency=25.0, width=0.06, amplitude=2e-4, joints=1):
+    """A slow motion with a wave under a Gaussian bell of a standard deviation in s, and its truth."""
+    rng = np.random.default_rng(seed)
+    slow, t = harmonics(rng, base=0.05, amplitude=0.5), np.arange(0, rng.uniform(4, 6), 1e-3)
+    middle, phase, w = rng.uniform(1.5, t[-1] - 1.5), rng.uniform(0, 6, joints), 2 * np.pi * frequency
+    bells = [np.polynomial.Polynomial([1.0 + 0j])]
+    for _ in range(4):  # d/dx p exp(-x^2 / 2 s^2 + i w x) = (p' + p (i w - x / s^2)) exp(...)
+        bells.append(bells[-1].deriv() + bells[-1] * np.polynomial.Polynomial([1j * w, -1 / width**2]))
+
+    def truth(s, k=0):
+        x = (s - middle)[:, None]
+        return (
+            slow(s, k)[:, :joints]
+            + amplitude * (bells[k](x) * np.exp(-((x / width) ** 2) / 2 + 1j * (w * x + phase))).real
+        )
+
+    noise = 1e-5 * rng.normal(size=(len(t), joints))
+    return t, encoder(truth(t) + noise, 17), truth, (middle - 4 * width, middle + 4 * width)
+
+
+BURSTS = [{"amplitude": 1e-2}, {"amplitude": 2e-3, "joints": 3}, {}, {"frequency": 40.0, "width": 0.1}, {"width": 0.3}]
+
+
+@pytest.mark.parametrize("seed", [0])
+@pytest.mark.parametrize("given", BURSTS, ids=str)
+def test_a_burst_is_followed_with_its_flanks(seed, given):
+    """Of a weak one nothing was, in silence; flanks of others were off by up to 190 deviations."""
+    t, q, truth, around = burst(seed, **given)
+    smooth = fit(t, q)
+    notes = [note for note in smooth.notes if "vibrates at" in note and " from t = " in note]
+    assert len(notes) == 1 or smooth.bandwidth > 10  # all of the log is followed that far
+    assert all(v.followed and not v.line.lasts for v in smooth.vibrations)
+    s = np.linspace(*around, 400)
+    off = [(smooth.spline(s, nu=k) - truth(s, k)) / d for k, d in enumerate(smooth.deviations(s))]
+    assert max(np.sqrt((x**2).mean()) for x in off) < 2.5
+    assert max(errors(smooth, truth)) < 1.5
+
+
+@pytest.mark.parametrize("bandwidth", [None, 1.0])
+def test_a_vibration_is_stated_in_second_rates_of_the_forces(bandwidth):
+    """It is what they differ by, with the vibration and without it, to the first order."""
+    robot, t, rng = jounce.load("planar2r"), np.arange(0, 6, 1e-3), np.random.default_rng(0)
+    noise, w = 1e-5 * rng.normal(size=(len(t), 2)), 2 * np.pi * 20.0
+    ripple = 8e-6 * np.sin(w * t)
+    columns = {"t": t, "joint2": np.cos(t) + noise[:, 0], "joint1": np.sin(t) + ripple + noise[:, 1]}
+    notes = jounce.load_motion(columns, robot, bandwidth=bandwidth).notes
+    [words] = [note.split() for note in notes if "in Q2d" in note]
+    slow = [np.stack([np.sin(t + k * np.pi / 2), np.cos(t + k * np.pi / 2)], axis=1) for k in range(5)]
+    fast = [rate.copy() for rate in slow]
+    for k in range(5):
+        fast[k][:, 0] += 8e-6 * w**k * np.sin(w * t + k * np.pi / 2)
+    differ = np.abs(robot.inverse_dynamics(*fast)[2] - robot.inverse_dynamics(*slow)[2]).max(axis=0)
+    assert words[3] == "joint1"
+    assert float(words[words.index("Q2d") - 2]) == pytest.approx(differ.max(), rel=0.15)
+    assert words[words.index("Q2d") + 2].strip(",") == f"joint{np.argmax(differ) + 1}"
+
+
+def test_deviations_hold_a_burst_that_a_bandwidth_leaves_out():
+    t, q, truth, around = burst(1, amplitude=2e-3)
+    smooth = fit(t, q, bandwidth=3)
+    assert not any(v.followed for v in smooth.vibrations)
+    s = np.linspace(*around, 400)
+    off = [(smooth.spline(s, nu=k) - truth(s, k)) / d for k, d in enumerate(smooth.deviations(s))]
+    assert max(np.sqrt((x**2).mean()) for x in off) < 3
 
 
 @pytest.mark.parametrize("seed", range(3))

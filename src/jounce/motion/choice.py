@@ -31,6 +31,8 @@ from jounce.motion.knots import (
 from jounce.motion.least_squares import Rows, Solution, solve
 from jounce.motion.noise import Beats
 
+Part = tuple[float, float, float]  # start, end, longest interval
+
 FINER = 1.1  # times the intervals that are best for q: its derivatives need more, and less of their error is bias
 STARTS = (4, 11 / 3, 10 / 3, 4 / 3)  # powers of two, by which bisections start coarser than the best even intervals
 RATIOS = 1.15, 1.05  # of the numbers of intervals that are tried; the first ones will do for a long log
@@ -58,6 +60,34 @@ def again(rows: Rows, beats: Beats, choice: Choice) -> Choice:
     """The same breaks for samples that are not quite the same, and what these scatter by about the spline."""
     solution, coarser = (fitted(rows, places) for places in choice.places)
     return Choice(solution, coarser, noise_variance(rows, beats, solution.breaks), choice.places)
+
+
+def denser(rows: Rows, choice: Choice, parts: Sequence[Part]) -> Choice:
+    """The choice with no longer intervals than is said, in parts of the time: starts, ends and lengths."""
+    if not parts:
+        return choice
+    fine, coarse = (
+        _split(places, [(start, end, longest * ratio) for start, end, longest in parts])
+        for places, ratio in zip(choice.places, (1.0, choice.ratio), strict=True)
+    )
+    return Choice(fitted(rows, fine), fitted(rows, coarse), choice.variance, (fine, coarse))
+
+
+def _split(breaks: np.ndarray, parts: Sequence[Part]) -> np.ndarray:
+    for start, end, longest in parts:
+        inner = breaks[1:-1]  # those that a part begins or ends at move there
+        near = np.minimum(np.abs(inner - start), np.abs(inner - end)) < longest / 2
+        bounds = [x for x in (start, end) if breaks[0] + longest / 2 < x < breaks[-1] - longest / 2]
+        breaks = np.unique(np.concatenate([breaks[:1], inner[~near], bounds, breaks[-1:]]))
+        middles, lengths = (breaks[1:] + breaks[:-1]) / 2, np.diff(breaks)
+        pieces = np.where((middles > start) & (middles < end), np.ceil(lengths / longest - 1e-6), 1).astype(int)
+        breaks = np.concatenate(
+            [
+                *(np.linspace(a, b, n, endpoint=False) for a, b, n in zip(breaks, breaks[1:], pieces, strict=False)),
+                breaks[-1:],
+            ]
+        )
+    return breaks
 
 
 def by_schwarz(rows: Rows, floor: np.ndarray, guess: int | None = None) -> Solution:

@@ -12,6 +12,8 @@ from jounce.motion.least_squares import Rows, Solution, basis, covariance_blocks
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
+    from jounce.motion.lines import Line
+
 POINTS = 20000  # for which ten coefficients' covariances are gathered at once
 DECAY = 15  # power of the interval with which the error of q falls: 10 far from the limit of the band, more near it
 DRAWS, TOGETHER = 32, 4  # of the scatter of stamps, and how many are fitted at once
@@ -50,6 +52,10 @@ class Spread:
         Where stamps are corrected. Their times are not those of `solution`: corrected rows may bear fewer breaks.
     unfollowed : (M, n) or None
         Mean squares of what an interval's fit leaves beyond noise: taken for a vibration at the end of its band.
+    unsure : (n,) or None
+        By how much sensors may be read earlier than the times say, s: anything up to that is as likely.
+    left_out : tuple of Line
+        Vibrations that stand out of the noise and that the spline does not follow.
     """
 
     solution: Solution
@@ -58,6 +64,8 @@ class Spread:
     ratio: float = 1.0
     stamps: StampCovariances | None = None
     unfollowed: np.ndarray | None = None
+    unsure: np.ndarray | None = None
+    left_out: "tuple[Line, ...]" = ()
 
     def covariances(self, t: np.ndarray, order: int) -> np.ndarray:
         """Covariances of q, qd, ... with each other at times (P,), (P, n, order + 1, order + 1)."""
@@ -72,6 +80,14 @@ class Spread:
             rate = np.pi / np.diff(self.solution.breaks)[place, None]
             for k in range(order + 1):
                 total[:, :, k, k] += self.unfollowed[place] * rate ** (2 * k)
+        for line in self.left_out:
+            during = (t >= line.reach[0]) & (t <= line.reach[1])
+            for k in range(order + 1):  # the mean square of a wave is half of its amplitude's
+                total[during, line.joint, k, k] += (line.amplitude * (2 * np.pi * line.frequency) ** k) ** 2 / 2
+        if self.unsure is not None and self.unsure.any():
+            rates = np.stack([self.solution.spline(t, nu=k + 1) for k in range(order + 1)], axis=-1)
+            shifted = rates * self.unsure[:, None] / np.sqrt(3)  # the root mean square of a shift from 0 to `unsure`
+            total += shifted[..., :, None] * shifted[..., None, :]
         if self.coarser is not None:
             for k, model in enumerate(self._model[: order + 1]):
                 middles = (self.solution.breaks[1:] + self.solution.breaks[:-1]) / 2

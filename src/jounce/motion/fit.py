@@ -10,12 +10,13 @@ from jounce.errors import JounceError, listed, quoted
 from jounce.motion.deviations import HIGHEST, Spread
 from jounce.motion.holds import Holds, find_holds
 from jounce.motion.least_squares import DEGREE, knots
-from jounce.motion.lines import Line
 from jounce.motion.noise import Noise, noise_of, step_of
 from jounce.motion.samples import Samples
+from jounce.motion.sensors import Sensors, find_sensors
 from jounce.motion.smoothing import Smoothed, first_fit, interpolate, moves, rounded, smooth
 from jounce.motion.spline import check_bandwidth
 from jounce.motion.stamps import check, spikes
+from jounce.motion.vibrations import Vibration, notes_of
 from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:
@@ -50,14 +51,16 @@ class Fit:
         Largest values of q (less its mean), qd, q2d, ... between the ends.
     relative : (7,)
         Standard deviations of q, qd, q2d, ... over the largest peak, as root mean squares between the ends for
-        the worst joint. A derivative counts for no less than that of half a wave over the duration with the same
-        lower ones: a steady motion has no q4d to compare with.
+        the worst joint, but for vibrations that are left out. A derivative counts for no less than that of half a wave
+        over the duration with the same lower ones: a steady motion has no q4d to compare with.
     notes : tuple of str
         What a user should know about the samples and the fit, one sentence each.
     spacing : float
         The median time between samples in s.
     rows : (R,)
         The numbers of the samples that the fit follows: not of wild ones, nor of those that repeat older positions.
+    vibrations : tuple of Vibration
+        What stands out of the noise.
     """
 
     spline: "BSpline"
@@ -72,6 +75,7 @@ class Fit:
     rows: np.ndarray
     _spread: Spread | None
     _moving: np.ndarray
+    vibrations: tuple[Vibration, ...] = ()
 
     def deviations(self, t: object, order: int = 4) -> tuple[np.ndarray, ...]:
         """Standard deviations of q, qd, ... at times t: order + 1 arrays (..., n).
@@ -169,7 +173,7 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
         text = "no spline of degree 9 follows from these samples: give more of them, at distinct times"
         raise JounceError(text) from None
     if smoothed:
-        _refuse_holes(holds.t, smoothed.spread.solution.breaks)
+        _refuse_holes(smoothed.samples.t, smoothed.spread.solution.breaks)
     noise = [Noise(float(column.std()), "rest") for column in samples.T]
     notes = [f"{wild.sum()} rows lie far from their neighbours; they are ignored"] if wild.any() else []
     if smoothed:
@@ -185,30 +189,24 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
             f"{name} is off by a wave of about {count} per turn, as an encoder's interpolation is; the fit follows it"
             " as motion as far as its band reaches"
         )
-    lines = [(int(np.flatnonzero(moving)[line.joint]), line) for line in (smoothed.lines if smoothed else ())]
     followed = np.flatnonzero(~wild)[~holds.held]
     found = _described(
         times, samples, moving, smoothed, joints=joints, noise=tuple(noise), notes=tuple(notes), rows=rows[followed]
     )
-    return replace(found, notes=(*found.notes, *(_note_of_line(found, joint, line) for joint, line in lines)))
+    if not smoothed:
+        return found
+    vibrations = [
+        Vibration(line, joints[joint], int(joint), float(found.peaks[4, joint]), line not in smoothed.spread.left_out)
+        for line in smoothed.lines
+        for joint in np.flatnonzero(moving)[[line.joint]]
+    ]
+    return replace(found, vibrations=tuple(vibrations), notes=(*found.notes, *notes_of(vibrations)))
 
 
-def _note_of_line(found: Fit, joint: int, line: Line) -> str:
-    """What a vibration that stands out of the noise means in q4d, and whether the fit holds it."""
-    rate = line.amplitude * (2 * np.pi * line.frequency) ** 4
-    if found.bandwidth > line.frequency:
-        meaning = f"the fit follows it up to {found.bandwidth:.3g} Hz, unless a lower bandwidth makes it noise"
-    else:
-        meaning = f"the fit up to {found.bandwidth:.3g} Hz leaves it out, and its deviations do not hold it"
-    return (
-        f"{found.joints[joint]} vibrates at {line.frequency:.4g} Hz by {line.amplitude:.2g} rad or m, which is"
-        f" {rate:.2g} in q4d, whose peak is {found.peaks[4, joint]:.2g}: {meaning}"
-    )
-
-
-def _smooth(samples: Samples, bandwidth: float | None) -> tuple[np.ndarray, Holds, Smoothed | None]:
+def _smooth(samples: Samples, bandwidth: float | None) -> tuple[np.ndarray, Holds | Sensors, Smoothed | None]:
     """Which joints move, (n,), which rows hold older positions of these, and their spline."""
-    moving, holds = np.ptp(samples.q, axis=0) > 0, Holds(np.zeros(len(samples.t), bool), samples.t)
+    moving = np.ptp(samples.q, axis=0) > 0
+    holds: Holds | Sensors = Holds(np.zeros(len(samples.t), bool), samples.t)
     if not moving.any():
         return moving, holds, None
     part = samples.joints(moving)
@@ -220,9 +218,11 @@ def _smooth(samples: Samples, bandwidth: float | None) -> tuple[np.ndarray, Hold
     if not moved.all():
         part = samples.joints(moving)
         first, cells = first_fit(part)
-    holds = find_holds(part, first, cells)
+    together = find_holds(part, first, cells)
+    apart = find_sensors(part, first, cells, together)
+    holds = apart or together
     if holds.held.any():
-        part = replace(part.part(~holds.held), t=holds.t.clip(*part.span))
+        part = apart.samples if apart else together.without(part)
         first, cells = first_fit(part)
     exact = bandwidth is None and rounded(part, first)
     return moving, holds, interpolate(part) if exact else smooth(part, first, cells, bandwidth)
@@ -268,14 +268,15 @@ def _described(
     edge = min(ENDS, max(0, (len(breaks) - 2) // 2))
     ends = (float(breaks[edge]), float(breaks[-1 - edge])) if smoothed else (float(t[0]), float(t[-1]))
     spread, spacing = smoothed.spread if smoothed else None, float(np.median(np.diff(t)))
+    followed = replace(spread, left_out=()) if spread else None
     zeros = np.zeros((HIGHEST + 1, len(joints)))
-    bare = Fit(spline, joints, noise, 0.5 / usual, ends, zeros, zeros[:, 0], notes, spacing, rows, spread, moving)
+    bare = Fit(spline, joints, noise, 0.5 / usual, ends, zeros, zeros[:, 0], notes, spacing, rows, followed, moving)
     inside = np.linspace(*ends, min(POINTS, 4 * len(breaks)) + 2)[1:-1]
     size = np.abs([spline(inside, nu=k) - (k == 0) * q.mean(axis=0) for k in range(HIGHEST + 1)])
     off = np.array(bare.deviations(inside, HIGHEST))
     usual_off = np.sqrt((off[:, :, moving] ** 2).mean(axis=1).max(axis=1, initial=0))
     beyond = np.maximum((size - off).max(axis=(1, 2)), size.max(axis=(1, 2)) / 10)  # noise makes peaks as well
-    return replace(bare, peaks=size.max(axis=1), relative=_relative(usual_off, beyond, np.ptp(t)))
+    return replace(bare, peaks=size.max(axis=1), relative=_relative(usual_off, beyond, np.ptp(t)), _spread=spread)
 
 
 def _relative(deviations: np.ndarray, peaks: np.ndarray, duration: float) -> np.ndarray:

@@ -7,7 +7,7 @@ First rows are late as well, by what is left of a row of the log. Where the two 
 a bound of the sensor's time, and the ticks of a regular clock that keep all bounds are known to a part of a row.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,8 @@ MIN_CHANGES = 10  # that tell a period
 MIN_PERIOD = 1.5  # rows, from which on a sensor is slower than the log
 REGULAR_ROWS = 0.995  # of the rows are first ones; of a few holds the first row may be missing
 MIN_UNSURE = 0.01  # periods, below which it is not worth a word
+PARTS = 64  # of a log, whose rows tell how unsure a sensor's clock is
+TOLERANCE = 1e-9  # rows, by which ticks may be late for rounding
 MAX_LATE = 1.1  # rows: a regular sensor is read within one, but for rounding of stamps
 
 
@@ -40,7 +42,8 @@ class Holds:
     delay : float
         How much later than the sensor's rows are, held ones included, on average, s.
     unsure : float
-        By how much the sensor may be earlier still, s.
+        By how much the sensor may be earlier still, s; infinite where too slow a motion does not tell whether
+        rows hold.
     """
 
     held: np.ndarray
@@ -60,8 +63,19 @@ class Holds:
         return (
             f"the sensor gives {1 / self.period:.4g} values per second, which rows hold, {self.delay:.2g} s late on"
             f" average: {count} rows are left out, the others are at the sensor's times"
-            + (f" or up to {self.unsure:.2g} s late" if self.unsure > MIN_UNSURE * self.period else ""),
+            + late_by(self.unsure, self.period),
         )
+
+    def without(self, samples: Samples) -> Samples:
+        """The samples at the sensor's times."""
+        unsure = np.full(samples.q.shape[1], 0.0 if self.period is None else self.unsure)
+        return replace(samples.part(~self.held), t=self.t.clip(*samples.span), unsure=unsure)
+
+
+def late_by(unsure: np.ndarray | float, period: float) -> str:
+    """What to say of times that are unsure, against the sensor's period."""
+    late = float(np.max(unsure))
+    return f" or up to {late:.2g} s late, which the deviations hold" if late > MIN_UNSURE * period else ""
 
 
 def find_holds(samples: Samples, first: Solution, cells: int) -> Holds:
@@ -89,7 +103,7 @@ def find_holds(samples: Samples, first: Solution, cells: int) -> Holds:
         held[_unchanged(samples.t, starts[~is_hold], ends[~is_hold], period)] = False
     t = samples.t[~held]
     if period is None:
-        return Holds(held, t)
+        return Holds(held, t, unsure=0.0 if certain.sum() >= MIN_CHANGES else np.inf)
     ticks, unsure = _ticks(t, changed[~held], period, float(np.median(np.diff(samples.t))))
     return Holds(held, ticks, period, float((samples.t - ticks[np.cumsum(~held) - 1]).mean()), unsure)
 
@@ -97,12 +111,16 @@ def find_holds(samples: Samples, first: Solution, cells: int) -> Holds:
 def _ticks(t: np.ndarray, changed: np.ndarray, period: float, row: float) -> tuple[np.ndarray, float]:
     """When a sensor of about that period was read, by the first rows (R,) afterwards; how much earlier it may be.
 
-    The straight line of ticks is that to which rows are late by the most alike times, those where something `changed`.
+    The straight line of ticks is that to which rows are late by the most alike times, those where something `changed`:
+    not the first row of a log, which may begin within a hold.
     """
     from scipy.optimize import minimize_scalar
 
-    k = np.append(0, np.cumsum(np.round(np.diff(t) / period)))
-    about = (t[-1] - t[0]) / k[-1]
+    apart = np.round(np.diff(t) / period)
+    apart[0] = max(apart[0], 1)
+    k = np.append(0, np.cumsum(apart))
+    changed = np.append(False, changed[1:])
+    about = (t[-1] - t[1]) / (k[-1] - k[1])
     reach = 2 * row / k[-1]  # both ends are late by less than a row
     found = minimize_scalar(
         lambda p: float(np.ptp((t - p * k)[changed])),
@@ -110,11 +128,34 @@ def _ticks(t: np.ndarray, changed: np.ndarray, period: float, row: float) -> tup
         method="bounded",
         options={"xatol": 1e-6 * reach},
     )
-    if found.fun > MAX_LATE * row or (np.diff(k) < 1).any():  # the log's clock is not regular: its scatter is noise
+    if found.fun > MAX_LATE * row or (apart < 1).any():  # the log's clock is not regular: its scatter is noise
         return t, row
-    late = (t - found.x * k)[changed]
-    usual = np.ptp(np.quantile(late, [1 - REGULAR_ROWS, REGULAR_ROWS]))
-    return found.x * k + late.min(), max(0.0, row - float(usual))
+    start = (t - found.x * k)[changed].min()
+    late = (t - found.x * k - start)[changed] / row
+    first = late <= np.quantile(late, REGULAR_ROWS)
+    return start + found.x * k, row * _unsure(k[changed][first] / k[-1], late[first])
+
+
+def _unsure(x: np.ndarray, late: np.ndarray) -> float:
+    """By how much the ends of a straight line of ticks may be off 0, where rows at x from 0 to 1 are `late` (R,): all
+    lines are as good to which they are late by less than 1, the rows of the log that time is counted in.
+
+    The earliest and the latest of each of some parts tell it: fewer rows leave more lines, not less.
+    """
+    from scipy.optimize import linprog
+
+    parts = np.array_split(np.arange(len(x)), min(len(x), PARTS))
+    some = np.unique([part[pick(late[part])] for part in parts for pick in (np.argmin, np.argmax)])
+    x, late = x[some], late[some]
+    line = np.stack([np.ones(len(x)), x], axis=1)
+    most = max(1.0, float(late.max())) + TOLERANCE
+    bounds = np.concatenate([late, most - late])
+    ends = [
+        linprog([sign, sign * end], np.concatenate([line, -line]), bounds, bounds=(-2, 2)).fun or 0.0
+        for sign in (1, -1)
+        for end in (0, 1)
+    ]
+    return float(np.abs(ends).max())
 
 
 def _period(t: np.ndarray, starts: np.ndarray, certain: np.ndarray) -> float | None:

@@ -25,11 +25,21 @@ MIN_BINS_OF_STEPS = 100  # of the spectrum, over which a joint that is not stead
 
 @dataclass(frozen=True)
 class Line:
-    """A vibration of a joint: its number, frequency in Hz, and amplitude in rad or m."""
+    """A vibration of a joint: its number, frequency in Hz, amplitude in rad or m, from when to when it is seen, and
+    whether it lasts all the time.
+    """
 
     joint: int
     frequency: float
     amplitude: float
+    span: tuple[float, float]
+    lasts: bool = False
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """From when to when it is: flanks of a burst, below the noise, last as long as what is seen."""
+        start, end = self.span
+        return self.span if self.lasts else (2 * start - end, 2 * end - start)
 
 
 def find_lines(samples: Samples, residual: np.ndarray, velocity: np.ndarray) -> list[Line]:
@@ -49,8 +59,8 @@ def find_lines(samples: Samples, residual: np.ndarray, velocity: np.ndarray) -> 
             continue
         around = power[max(0, at - BINS) : at + BINS + 1].sum()
         amplitude = float(2 * np.sqrt(around / ((window**2).sum() * count)))
-        if not _is_steady(velocity[:, joint], samples.steps[joint] or np.sqrt(12) * column.std(), count * row):
-            found.append(Line(joint, at / (count * row), amplitude))
+        if not is_steady(velocity[:, joint], samples.steps[joint] or np.sqrt(12) * column.std(), count * row):
+            found.append(Line(joint, at / (count * row), amplitude, (float(t[0]), float(t[-1])), True))
     return found
 
 
@@ -74,7 +84,7 @@ def find_errors_of_encoders(samples: Samples, breaks: np.ndarray, cells: int) ->
     return found
 
 
-def _is_steady(velocity: np.ndarray, step: float, duration: float) -> bool:
+def is_steady(velocity: np.ndarray, step: float, duration: float) -> bool:
     """Whether rounding at these velocities (N,) may be a line: steps pass at a frequency of velocity over step."""
     slow, fast = np.quantile(velocity, [0.1, 0.9])
     return bool((fast - slow) / step * duration < MIN_BINS_OF_STEPS)

@@ -29,6 +29,8 @@ class Samples:
         Steps of encoders or of written digits, otherwise 0.
     drift : (BSpline, (n,)), or None
         Where stamps are in doubt, a spline to take velocities from, and each joint's own variance.
+    unsure : (n,), or None
+        By how much each joint's sensor may be read earlier than the times say, s.
     """
 
     t: np.ndarray
@@ -37,6 +39,7 @@ class Samples:
     span: tuple[float, float]
     steps: np.ndarray
     drift: "tuple[BSpline, np.ndarray] | None" = None
+    unsure: np.ndarray | None = None
 
     @property
     def floor(self) -> np.ndarray:
@@ -45,7 +48,8 @@ class Samples:
 
     def joints(self, which: np.ndarray) -> "Samples":
         """The samples of some of the joints."""
-        return replace(self, q=self.q[:, which], steps=self.steps[which])
+        unsure = None if self.unsure is None else self.unsure[which]
+        return replace(self, q=self.q[:, which], steps=self.steps[which], unsure=unsure)
 
     def part(self, rows: np.ndarray) -> "Samples":
         """Some of the rows."""

@@ -1,12 +1,14 @@
 """From measured samples to a spline: what is noise, which rows count, which stamps are wrong, how many breaks."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jounce.errors import JounceError, listed
-from jounce.motion.choice import Choice, again, bounded, by_schwarz, choose
+from jounce.motion.bursts import find_bursts, with_flanks
+from jounce.motion.choice import Choice, Part, again, bounded, by_schwarz, choose, denser
 from jounce.motion.correction import colour, corrected
 from jounce.motion.deviations import Spread, stamp_covariances
 from jounce.motion.knots import fitted, most_intervals
@@ -30,6 +32,8 @@ UNUSUAL = 6  # standard deviations of chi^2, by which residuals around an interv
 NOT_FOLLOWED = 10.0  # times the usual squares of residuals, which a user should know of
 SEVERAL = 0.05  # share of the samples, from which on they are no outliers
 LONG = 20 * CELLS  # samples, from which on parts of them tell how many intervals they need
+NEXT = 1.5  # times the end of the band, from which on a line is another vibration
+FOLLOWED = 3  # times that vibrations are looked for once more, after those found are followed
 PROBES, PROBE = 6, 4096  # such parts, and the samples of each
 
 
@@ -42,14 +46,14 @@ class Smoothed:
     spread: Spread
     sigma: np.ndarray
     notes: tuple[str, ...]
-    lines: tuple[Line, ...] = ()
+    lines: tuple[Line, ...] = ()  # followed, or left out as the spread says
     errors_of_encoders: tuple[tuple[int, int], ...] = ()  # joints, and counts per turn
 
 
 @dataclass(frozen=True, eq=False)
 class Setting:
     """What breaks are chosen by: beats of rounding, a first number of intervals, the number of cells, the band in Hz
-    where it is given, and the variance (n,) below which nothing is worth a break.
+    where it is given, the variance (n,) below which nothing is worth a break, and parts with denser breaks.
     """
 
     beats: Beats
@@ -57,6 +61,7 @@ class Setting:
     cells: int
     bandwidth: float | None
     floor: np.ndarray
+    bursts: Sequence[Part] = ()
 
 
 def first_fit(samples: Samples) -> tuple[Solution, int]:
@@ -81,23 +86,40 @@ def moves(samples: Samples, first: Solution) -> np.ndarray:
 
 
 def smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | None) -> Smoothed:
-    """The smoothing spline of joints that move; without a bandwidth, of vibrations too that stand out of the noise."""
+    """The smoothing spline of joints that move; without a bandwidth, of vibrations too that stand out of the noise.
+
+    What stands out once the largest vibrations are followed is followed too, as far as the samples carry it.
+    """
     found = _smooth(samples, first, cells, bandwidth)
-    if not found.lines or bandwidth is not None:
-        return found
-    try:
-        wider = _smooth(samples, first, cells, BAND * max(line.frequency for line in found.lines))
-    except JounceError:  # the samples do not carry such a band
-        return found
-    return replace(wider, lines=found.lines)
+    lines: tuple[Line, ...] = ()
+    for _ in range(FOLLOWED if bandwidth is None else 0):
+        if not found.spread.left_out:
+            break
+        new = found.spread.left_out
+        in_parts = {line.joint for line in new if not line.lasts}  # a burst is a line of all samples too
+        lines += tuple(line for line in new if not (line.lasts and line.joint in in_parts))
+        lasting = [line.frequency for line in lines if line.lasts]
+        bursts = tuple(with_flanks(line, samples.span) for line in lines if not line.lasts)
+        try:
+            found = _smooth(samples, first, cells, BAND * max(lasting) if lasting else None, bursts)
+        except JounceError:  # the samples do not carry such a band
+            return replace(found, lines=lines)
+        end = NEXT * BAND * max(lasting, default=0.0)  # below it is what a wider fit leaves at the end of its band
+        new = tuple(line for line in found.spread.left_out if not line.lasts or line.frequency > end)
+        found = replace(found, spread=replace(found.spread, left_out=new))
+    return replace(found, lines=lines + found.spread.left_out)
 
 
-def _smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | None) -> Smoothed:
+def _smooth(
+    samples: Samples, first: Solution, cells: int, bandwidth: float | None, bursts: Sequence[Part] = ()
+) -> Smoothed:
     scatter = np.sqrt(first.energy / len(samples.t))
     samples = replace(samples, weight=rest_weights(samples.t, samples.q, float(np.ptp(samples.t)) / first.intervals))
     velocity = first.spline(samples.t, nu=1)
     beats = beats_of(samples.t, samples.q, velocity, samples.steps, scatter, samples.weight)
-    setting = Setting(beats, first.intervals, cells, bandwidth, np.maximum(samples.floor, samples.steps**2 / 12))
+    setting = Setting(
+        beats, first.intervals, cells, bandwidth, np.maximum(samples.floor, samples.steps**2 / 12), bursts
+    )
     stamped, left = samples, None
     found = corrected(samples, first, cells, 1)
     if found:  # what is finer than the stamps can tell is not worth breaks
@@ -117,12 +139,16 @@ def _smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | No
     residual = samples.q - solution.spline(samples.t)
     unfollowed = _unfollowed(samples, residual, solution.breaks, chosen.variance)
     variance = chosen.variance * beats.inflation(solution.breaks, rests=True)
-    spread = Spread(solution, variance, chosen.coarser.spline, chosen.ratio, left, chosen.variance * (unfollowed - 1))
+    beyond = chosen.variance * (unfollowed - 1)
+    spread = Spread(solution, variance, chosen.coarser.spline, chosen.ratio, left, beyond, samples.unsure)
     sigma_of = np.sqrt((residual**2).mean(axis=0))
     notes += _unexplained(samples, residual) + _notes_of_unfollowed(solution.breaks, unfollowed)
-    lines = tuple(find_lines(samples, residual, solution.spline(samples.t, nu=1)))
+    lines = find_lines(samples, residual, solution.spline(samples.t, nu=1))
+    if not found:  # corrected stamps leave errors that come and go with the velocity
+        lines += find_bursts(samples, solution.breaks, cells)
+    spread = replace(spread, left_out=tuple(lines))
     errors = tuple(find_errors_of_encoders(samples, solution.breaks, cells))
-    return Smoothed(samples, solution.spline, spread, sigma_of, notes, lines, errors)
+    return Smoothed(samples, solution.spline, spread, sigma_of, notes, errors_of_encoders=errors)
 
 
 def _unfollowed(samples: Samples, residual: np.ndarray, breaks: np.ndarray, variance: np.ndarray) -> np.ndarray:
@@ -172,13 +198,13 @@ def interpolate(samples: Samples) -> Smoothed:
 def _choice(samples: Samples, setting: Setting) -> Choice:
     rows = samples.rows(setting.cells)
     if setting.bandwidth is None:
-        return choose(rows, setting.beats, setting.intervals, setting.floor)
+        return denser(rows, choose(rows, setting.beats, setting.intervals, setting.floor), setting.bursts)
     wanted = max(1, int(np.ceil(2 * setting.bandwidth * np.ptp(samples.span))))
     most = most_intervals(rows)
     if wanted > most:
         bound = most / 2 / np.ptp(samples.span)
         raise JounceError(f"bandwidth = {setting.bandwidth:g} Hz; these samples carry at most {bound:.3g} Hz")
-    return bounded(rows, setting.beats, wanted, setting.floor)
+    return denser(rows, bounded(rows, setting.beats, wanted, setting.floor), setting.bursts)
 
 
 def _without_outliers(samples: Samples, setting: Setting) -> tuple[Choice, Samples, tuple[str, ...]]:

@@ -2,7 +2,10 @@
 
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from jounce._typing import Angles, ArrayLike, Shaped, TimeUnit
 from jounce.arguments import names
@@ -110,12 +113,28 @@ def load_motion(
 
         if topic is not None:
             raise JounceError(f"{PLACE}: topic is for bags of ROS, not for columns: leave it out")
-        return tabular.of_arrays(_arrays(source), mechanism, highest, way, options, PLACE)
+        return _with_meaning(tabular.of_arrays(_arrays(source), mechanism, highest, way, options, PLACE), robot)
     if not isinstance(source, str | os.PathLike):
         known = f"a path, one of {', '.join(motions.BUNDLED)}, or named columns"
         raise JounceError(f"load_motion() expects {known}, got {type(source).__name__}")
     path = path_of(source)
-    return motions.read(path, mechanism, highest, way, options, topic)
+    return _with_meaning(motions.read(path, mechanism, highest, way, options, topic), robot)
+
+
+def _with_meaning(motion: "Motion", robot: Robot) -> "Motion":
+    """The motion, with notes of what vibrations of its samples mean in Q2d, for robots of joints alone."""
+    from jounce.motion.smoothed import SmoothedCurve
+    from jounce.motion.vibrations import in_forces
+
+    mechanism, curve = robot.mechanism, motion.curve
+    if not isinstance(curve, SmoothedCurve) or mechanism.base or mechanism.loops:
+        return motion
+
+    def mass_matrices(t: np.ndarray) -> np.ndarray:
+        return robot.mass_matrix(curve.rates(t, 0)[0])
+
+    notes = [in_forces(vibration, mass_matrices, mechanism.coordinates) for vibration in curve.fit.vibrations]
+    return replace(motion, notes=(*motion.notes, *notes))
 
 
 def _arrays(source: Any) -> dict[str, Any]:

@@ -1,0 +1,88 @@
+"""Vibrations that last for a part of a log: lines in the spectra of parts of what an even fit leaves of the samples.
+
+A fit whose intervals suit the motion before and after may not find a burst: to bisect an interval of a second explains
+nothing of 25 Hz. Where it finds one, it does not follow the flanks, which are below the noise and most of their q4d.
+Spectra of overlapping parts tell both. A line of a part stands out of what that frequency has in most parts, of the
+part's own frequencies, and of those below it, which a reach and the ringing of a fit have more of.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from jounce.motion.choice import Part
+from jounce.motion.knots import FEWEST, fitted
+from jounce.motion.lines import BAND, Line
+from jounce.motion.samples import Samples
+
+LENGTHS = 64, 256, 1024  # rows of the parts, which overlap by half
+PARTS = 4  # such parts of a log: a line over most of it is none of a burst
+FALSE_ALARMS = 1e-3  # per log and length of parts, of white noise
+ABOVE_LOWER = 4.0  # times the largest power at half the frequency and below
+LOWEST = 6  # bin of a line, which passes so many waves in a part
+ABOVE_BAND = 2.0  # times the end of the band of the even fit, which rings there
+ROUNDING = 0.6  # steps: a joint that stays between two of them has a line of half a step
+
+
+def find_bursts(samples: Samples, breaks: np.ndarray, cells: int) -> list[Line]:
+    """The bursts of each joint that a spline with these breaks does not follow to the ends of their flanks."""
+    lengths = np.sort(np.diff(breaks))
+    usual = lengths[np.searchsorted(np.cumsum(lengths), lengths.sum() / 2)]
+    even = fitted(samples.rows(cells), np.linspace(*samples.span, round(np.ptp(samples.span) / usual) + 1)).spline
+    residual = samples.q - even(samples.t)
+    found = [
+        line
+        for joint in range(samples.q.shape[1])
+        for line in _bursts_of(samples, residual, joint, ABOVE_BAND / 2 / usual)
+    ]
+    return [line for line in found if not is_followed(line, breaks)]
+
+
+def with_flanks(burst: Line, span: tuple[float, float]) -> Part:
+    """From when to when a spline is to follow a burst, and with intervals of what length at most."""
+    start, end = np.clip(burst.reach, *span).tolist()
+    return start, end, 1 / (2 * BAND * burst.frequency)
+
+
+def is_followed(burst: Line, breaks: np.ndarray) -> bool:
+    """Whether breaks are as dense as a burst and its flanks want them."""
+    start, end, longest = with_flanks(burst, (breaks[0], breaks[-1]))
+    over = (breaks[1:] > start + longest) & (breaks[:-1] < end - longest)
+    return bool((np.diff(breaks)[over] < 1.01 * longest).all())
+
+
+def _bursts_of(samples: Samples, residual: np.ndarray, joint: int, lowest: float) -> Iterator[Line]:
+    count, step = len(samples.t), float(samples.steps[joint])
+    t = np.linspace(samples.t[0], samples.t[-1], count)
+    row = t[1] - t[0]
+    highest = 1 / (2 * BAND * FEWEST * row)  # that intervals of the samples can follow
+    even = np.interp(t, samples.t, residual[:, joint])
+    marked, frequency, amplitude = np.zeros(count, bool), np.zeros(count), np.zeros(count)
+    for length in (length for length in LENGTHS if count >= PARTS * length):
+        shorter = marked.copy()  # these tell the times better
+        for start, at, size in _standing_out(even, np.arange(0, count - length + 1, length // 2), length, step):
+            part = slice(start, start + length)
+            if lowest < at / (length * row) < highest and size > ROUNDING * step and not shorter[part].any():
+                marked[part] = True
+                frequency[part] = np.maximum(frequency[part], (at + 1) / (length * row))
+                amplitude[part] = np.maximum(amplitude[part], size)
+    for first, last in np.flatnonzero(np.diff(np.pad(marked.astype(int), 1))).reshape(-1, 2):
+        highest, largest = float(frequency[first:last].max()), float(amplitude[first:last].max())
+        yield Line(joint, highest, largest, (float(t[first]), float(t[last - 1])))
+
+
+def _standing_out(even: np.ndarray, starts: np.ndarray, length: int, step: float) -> list[tuple[int, int, float]]:
+    """Starts, bins and amplitudes of the largest lines of parts of evenly spaced residuals, where they stand out.
+
+    Powers of white noise are exponentially distributed: one in N is more than ln N / ln 2 medians.
+    """
+    window = np.hanning(length)
+    power = np.abs(np.fft.rfft(np.lib.stride_tricks.sliding_window_view(even, length)[starts] * window, axis=1)) ** 2
+    rounding = step**2 / 12 * (window**2).sum() * np.log(2)
+    usual = np.maximum(np.median(power, axis=0), max(rounding, np.finfo(float).tiny))
+    at = LOWEST + (power / usual)[:, LOWEST:].argmax(axis=1)
+    size = power[np.arange(len(at)), at]
+    below = np.array([spectrum[1 : k // 2 + 1].max() for spectrum, k in zip(power, at, strict=True)])
+    enough = np.log(power.size / FALSE_ALARMS) / np.log(2)
+    out = size > np.maximum(enough * np.maximum(usual[at], np.median(power, axis=1)), ABOVE_LOWER * below)
+    return [(int(starts[k]), int(at[k]), float(2 * np.sqrt(size[k]) / window.sum())) for k in np.flatnonzero(out)]

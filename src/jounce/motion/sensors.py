@@ -1,0 +1,75 @@
+"""Joints whose sensors are read at different times, or at different rates: each holds its value over rows of its own.
+
+Rows of the slowest sensor count, so that no value counts twice. The values that others hold there are late by known
+delays: they are moved to the row's time by what the motion passes meanwhile, which a fit to them tells, and the next
+fit better.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jounce.motion.holds import Holds, find_holds, late_by
+from jounce.motion.least_squares import Solution
+from jounce.motion.samples import Samples
+from jounce.motion.smoothing import first_fit
+from jounce.motion.stamps import LEAST
+
+SAME_PERIOD = 0.01  # of a sensor's period, by which that of all joints together may differ
+ROUNDS = 8  # of moving values, at most: each leaves a delay times the highest frequency of the rest
+CONVERGED = 0.01  # standard deviations of noise, by which values still move
+
+
+@dataclass(frozen=True, eq=False)
+class Sensors:
+    """Rows (N,) that are left out, samples at the others, moved to common times, and each joint's period (n,) in s: 0
+    where it is as fast as the log, or not told by too slow a motion.
+    """
+
+    held: np.ndarray
+    samples: Samples
+    periods: np.ndarray
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of it."""
+        known = self.periods[self.periods > 0]
+        rates = dict.fromkeys(f"{1 / period:.4g}" for period in (known.max(), known.min()))
+        return (
+            f"sensors of {' to '.join(rates)} values per second, which rows hold, are not read together for all joints:"
+            f" {self.held.sum()} of {len(self.held)} rows are left out, which the slowest does not read, and values are"
+            " moved to the times of the others by the motion itself"
+            + late_by(np.asarray(self.samples.unsure), float(known.max())),
+        )
+
+
+def find_sensors(samples: Samples, first: Solution, cells: int, together: Holds) -> Sensors | None:
+    """The samples at common times, where joints hold values over rows of their own and not all of them `together`."""
+    own = [
+        find_holds(samples.joints(np.array([k])), replace(first, coefficients=c[:, None], energy=e[None]), cells)
+        for k, (c, e) in enumerate(zip(first.coefficients.T, first.energy, strict=True))
+    ]
+    periods = np.array([holds.period or 0.0 for holds in own])
+    known = periods[periods > 0]
+    slowest = own[int(np.argmax(periods))]
+    rows = np.flatnonzero(~slowest.held)
+    alike = together.period is not None and (np.abs(known / together.period - 1) < SAME_PERIOD).all()
+    if not known.size or alike or len(rows) < LEAST:
+        return None
+    ticks = np.stack([holds.t[np.cumsum(~holds.held)[rows] - 1] for holds in own], axis=1).clip(*samples.span)
+    row = float(np.median(np.diff(samples.t)))  # joints as fast as the log have clocks of their own as well
+    unsure = np.array([min(holds.unsure or row, periods.max()) for holds in own])
+    return Sensors(slowest.held, _moved(replace(samples.part(rows), unsure=unsure), ticks), periods)
+
+
+def _moved(samples: Samples, ticks: np.ndarray) -> Samples:
+    """Samples q (R, n), read at `ticks` (R, n), as they were at the times of the rows."""
+    moved = samples
+    for _ in range(ROUNDS):
+        solution, _ = first_fit(moved)
+        curve = solution.spline
+        passed = curve(samples.t) - np.stack([curve(t)[:, k] for k, t in enumerate(ticks.T)], axis=1)
+        before, moved = moved, replace(moved, q=samples.q + passed)
+        if (np.abs(moved.q - before.q).max(axis=0) < CONVERGED * np.sqrt(solution.energy / len(ticks))).all():
+            break
+    return moved

@@ -1,0 +1,78 @@
+"""Vibrations that stand out of the noise of a log, and what to say of them."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jounce.motion.lines import Line
+
+POINTS = 50  # times of a vibration, at which mass matrices are taken
+
+
+@dataclass(frozen=True)
+class Vibration:
+    """A vibration of a joint.
+
+    Attributes
+    ----------
+    line : Line
+        Its frequency, its amplitude and when it is seen.
+    name : str
+        The joint's name.
+    joint : int
+        The joint's number.
+    peak : float
+        The largest value of the joint's q4d.
+    followed : bool
+        Whether the fit follows it; otherwise the standard deviations hold it.
+    """
+
+    line: Line
+    name: str
+    joint: int
+    peak: float
+    followed: bool
+
+    @property
+    def fourth(self) -> float:
+        """Its amplitude in q4d."""
+        return float(self.line.amplitude * (2 * np.pi * self.line.frequency) ** 4)
+
+    def __str__(self) -> str:
+        when = "" if self.line.lasts else f" from t = {self.line.span[0]:.4g} to {self.line.span[1]:.4g} s"
+        return (
+            f"{self.name} vibrates at {self.line.frequency:.4g} Hz by {self.line.amplitude:.2g} rad or m{when}, which"
+            f" is {self.fourth:.2g} in q4d, whose peak is {self.peak:.2g}: "
+            + (
+                "the fit follows it, unless a lower bandwidth makes it noise"
+                if self.followed
+                else "the fit leaves it out, and its deviations hold it"
+            )
+        )
+
+
+def notes_of(vibrations: Sequence[Vibration]) -> tuple[str, ...]:
+    """A note of each that lasts, and one of those in parts of the log: of the largest, and how many there are."""
+    lasting = [str(v) for v in vibrations if v.line.lasts]
+    bursts = [v for v in vibrations if not v.line.lasts]
+    if bursts:
+        largest = max(bursts, key=lambda v: v.fourth)
+        more = f"; {len(bursts) - 1} more such parts, of this or other joints" if len(bursts) > 1 else ""
+        lasting.append(f"{largest}{more}")
+    return tuple(lasting)
+
+
+def in_forces(
+    vibration: Vibration, mass_matrices: Callable[[np.ndarray], np.ndarray], coordinates: Sequence[str]
+) -> str:
+    """A note of the largest force rate Q2d that a vibration means, to the first order: a column of M (T, n, n) at times
+    (T,) times its amplitude in q4d.
+    """
+    M = mass_matrices(np.linspace(*vibration.line.span, POINTS))
+    most = np.abs(M[:, :, coordinates.index(vibration.name)]).max(axis=0) * vibration.fourth
+    largest = int(np.argmax(most))
+    return (
+        f"the vibration of {vibration.name} at {vibration.line.frequency:.4g} Hz means up to {most[largest]:.2g} in Q2d"
+        f" of {coordinates[largest]}, N m/s^2 or N/s^2, to the first order"
+    )
