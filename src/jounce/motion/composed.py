@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce._typing import ArrayLike
-from jounce.motion.curves import Curve, Jump, OfCurve, jumps_at
+from jounce.motion.curves import WITHIN, Curve, Jump, OfCurve, jumps_at
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,5 +148,7 @@ class Chain:
         for a, b in zip(self.links[:-1], self.links[1:], strict=True):
             before, after = a.rates(np.array([a.stop]), order, True), b.rates(np.array([b.start]), order)
             span = max(a.stop - a.start, b.stop - b.start)
-            found += jumps_at(np.array([b.start]), before, after, np.array([span]))
+            within = [link.rates(link.start + (link.stop - link.start) * WITHIN, order) for link in (a, b)]
+            inside = [np.concatenate(rates) for rates in zip(*within, strict=True)]
+            found += jumps_at(np.array([b.start]), before, after, np.array([span]), inside)
         return sorted(found)

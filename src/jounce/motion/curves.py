@@ -10,6 +10,7 @@ COMPONENTS = ("mx", "my", "mz", "fx", "fy", "fz")  # of a wrench, (moment; force
 HIGHEST = 4  # q4d, which Q2d takes: the highest derivative whose jumps are reported by default
 RELATIVE = 1e-9  # of the largest value: a smaller difference is no jump
 ROUNDING = 64 * np.finfo(float).eps  # of q, which the k-th derivative of a polynomial over a span h magnifies by h^-k
+WITHIN = np.arange(1, 8) / 8  # of a piece: where its derivatives are about as large as anywhere in it
 
 
 class Jump(NamedTuple):
@@ -81,14 +82,22 @@ class OfCurve:
         return self.base.deviations(t, order)
 
 
-def jumps_at(t: np.ndarray, before: Sequence[np.ndarray], after: Sequence[np.ndarray], spans: np.ndarray) -> list[Jump]:
+def jumps_at(
+    t: np.ndarray,
+    before: Sequence[np.ndarray],
+    after: Sequence[np.ndarray],
+    spans: np.ndarray,
+    inside: Sequence[np.ndarray] = (),
+) -> list[Jump]:
     """The jumps at times (m,), of derivatives (m, columns) from the left and from the right, lowest order first.
 
-    `spans` (m,) are the lengths of the pieces that meet there: what rounding does to their derivatives is no jump.
+    What rounding does to the pieces that meet there is no jump: `spans` (m,) are their lengths, `inside` derivatives
+    (N, columns) within them, which are large where those at rests are 0 but for rounding.
     """
     found: list[Jump] = []
     known = np.zeros(before[0].shape, dtype=bool)
-    peaks = [np.maximum(np.abs(a), np.abs(b)).max(axis=0, initial=0) for a, b in zip(before, after, strict=True)]
+    sides = [before, after, inside] if inside else [before, after]
+    peaks = [np.abs(np.concatenate(rates)).max(axis=0, initial=0) for rates in zip(*sides, strict=True)]
     for k, (a, b) in enumerate(zip(before, after, strict=True)):
         floor = RELATIVE * peaks[k] + ROUNDING * peaks[0] / spans[:, None] ** k
         new = (np.abs(b - a) > floor) & ~known
@@ -133,7 +142,9 @@ class Polynomials:
         h = np.diff(self.x)
         before = powers(self.c[:, :-1], h[:-1, None], order)
         after = powers(self.c[:, 1:], np.zeros((len(h) - 1, 1)), order)
-        return jumps_at(self.x[1:-1], before, after, np.maximum(h[:-1], h[1:]))
+        c = np.repeat(self.c, len(WITHIN), axis=1)
+        inside = powers(c, np.outer(h, WITHIN).reshape(-1, 1), order)
+        return jumps_at(self.x[1:-1], before, after, np.maximum(h[:-1], h[1:]), inside)
 
     def deviations(self, t: np.ndarray, order: int) -> None:
         """None: the curve is exact."""

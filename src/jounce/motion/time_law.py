@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.motion.curves import Jump, OfCurve, jumps_at
+from jounce.motion.curves import Jump, OfCurve
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -122,14 +122,12 @@ class Paced(OfCurve):
 
     def jumps(self, order: int) -> list[Jump]:
         """Where a derivative up to `order` jumps: where those of `base` do."""
-        at = np.unique([jump.t for jump in self.base.jumps(order)])
-        if not at.size:
-            return []
-        t = self.law.times(at)
-        rows = chain_rule(self.law.rates(t, order), order)
-        # at the breaks themselves: sigma(t) is rounded to either side of them
-        before, after = (_composed(rows, self.base.rates(at, order, left)) for left in (True, False))
-        return jumps_at(t, before, after, np.full(len(t), self.stop - self.start))
+        found = self.base.jumps(order)
+        at = np.array([jump.t for jump in found])
+        t, speed = self.law.times(at), np.sqrt(self.law.x(at))  # the time law is smooth: the lowest derivative decides
+        return [
+            jump._replace(t=float(t[i]), size=jump.size * float(speed[i]) ** jump.order) for i, jump in enumerate(found)
+        ]
 
     def inner(self, t: np.ndarray) -> np.ndarray:
         """The times at which `base` is where the curve is at t."""
