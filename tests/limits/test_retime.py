@@ -296,6 +296,17 @@ def test_breaks_that_a_limit_allows():
         robot.with_limits(second_effort_rate=1e5).retime(motion)
 
 
+@pytest.mark.parametrize("seed", [2, 5], ids=["a kink", "between points"])
+def test_limits_are_kept_where_a_rate_peaks_between_points(seed):
+    """q5d of blends jumps, where Q2d has kinks; `check` finds peaks wherever they are."""
+    points = np.random.default_rng(seed).uniform(-1, 1, (4, 2))
+    corners = Motion.trapezoidal(points, 1.0, 2.0)
+    apart = np.diff([corners.start, *sorted({found.t for found in corners.breaks}), corners.stop]).min()
+    robot = jounce.load("planar2r").with_limits(velocity=3.0, jerk=1e4, second_effort_rate=[2e5, 1e5])
+    found = robot.retime(corners.blended(0.9 * apart), margin=0)
+    assert 0.999 < robot.check(found.motion).worst.ratio < 1.0002
+
+
 def test_friction_leaves_room():
     drives = {"friction": [3.0, 1.0]}
     planar = jounce.Robot(replace(jounce.load("planar2r").mechanism))
