@@ -132,7 +132,7 @@ def test_splines_are_refined_exactly_whatever_the_duration():
 
 
 def test_breaks_and_deviations_go_with_the_path():
-    motion = Motion.trapezoidal([[0.0, 0.0], [1.0, 0.5]], 1.0, 2.0)
+    motion = Motion.trapezoidal(np.random.default_rng(0).uniform(-1, 1, (9, 2)), 1.0, 2.0)
     law = law_of(motion)
     composed = by_law(motion, law)
     assert [(found.joint, found.order) for found in composed.breaks] == [(b.joint, b.order) for b in motion.breaks]
@@ -140,6 +140,8 @@ def test_breaks_and_deviations_go_with_the_path():
     for found in inside:
         before, after = composed(found.t - 1e-9, 2)[2], composed(found.t + 1e-9, 2)[2]
         assert after[found.joint] - before[found.joint] == pytest.approx(found.jump, rel=1e-5)
+        sides = [composed(found.t, 2, side)[2][found.joint] for side in ("right", "left")]
+        assert sides[0] - sides[1] == pytest.approx(found.jump, rel=1e-12)
     rng = np.random.default_rng(0)
     t = np.linspace(0, 4, 401)
     q = np.sin(2 * t)[:, None] * [1.0, 0.5] + 1e-4 * rng.normal(size=(401, 2))

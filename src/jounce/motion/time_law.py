@@ -117,8 +117,8 @@ class Paced(OfCurve):
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
         """The values and their derivatives up to `order`, by the chain rule."""
-        law = self.law.rates(t, order)
-        return _composed(chain_rule(law, order), self.base.rates(law[0], order, left))
+        factors = chain_rule(self.law.rates(t, order), order)
+        return _composed(factors, self.base.rates(self.inner_at_jumps(t, order), order, left))
 
     def jumps(self, order: int) -> list[Jump]:
         """Where a derivative up to `order` jumps: where those of `base` do."""
@@ -132,6 +132,10 @@ class Paced(OfCurve):
     def inner(self, t: np.ndarray) -> np.ndarray:
         """The times at which `base` is where the curve is at t."""
         return self.law.sigma(t)
+
+    def outer(self, t: np.ndarray) -> np.ndarray:
+        """The times at which the curve is where `base` is at t."""
+        return self.law.times(t)
 
     def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
         """The standard deviations of the values and derivatives, those of `base` taken as independent."""
