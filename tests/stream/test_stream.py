@@ -570,3 +570,17 @@ def test_a_second_run_into_one_output_is_refused_until_the_first_has_ended(tmp_p
     assert call(*words).exit_code == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out.csv", "states.csv"]
     assert call(*words).exit_code == 0
+
+
+def test_limits_are_checked_wherever_parts_end(tmp_path, monkeypatch):
+    """A part may hold the last row of a motion alone, of which the part before has taken account."""
+    path, limits = write(tmp_path / "states.csv", joined(table(23), table(9, 3), names=["a", "b"])), tmp_path / "l.json"
+    limits.write_text('{"units": "SI", "joints": {"joint1": {"velocity": 0.1}}}')
+    found = set()
+    for cells in range(20, 120, 7):
+        monkeypatch.setattr(plan, "CELLS", cells)
+        monkeypatch.setattr(plan, "LARGE", 0)
+        out = tmp_path / f"{cells}.csv"
+        assert call("check", "planar2r", path, "--limits", limits, "--table", out).exit_code == 1
+        found.add(out.read_bytes())
+    assert len(found) == 1
