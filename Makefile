@@ -26,8 +26,8 @@ processors: export OPENBLAS_CORETYPE = Prescott
 processors: $(VENV)/installed-dev
 	$(BIN)/pytest -n auto --dist worksteal tests/io tests/model tests/spatial
 
-# Attacks all readers, commands, forces and verdicts on limits for so long, from a random seed (SEED=... for that of an
-# earlier run); inputs that were not taken well are kept in build/fuzz.
+# Attacks all readers, commands, forces, verdicts on limits, retiming and workers of clusters for so long, from a random
+# seed (SEED=... for that of an earlier run); inputs that were not taken well are kept in build/fuzz.
 SECONDS := 600
 fuzz: $(VENV)/installed-dev
 	$(BIN)/pytest -n auto tests/fuzz --fuzz-seconds $(SECONDS) $(if $(SEED),--fuzz-seed $(SEED))

@@ -132,7 +132,7 @@ def test_splines_are_refined_exactly_whatever_the_duration():
 
 
 def test_breaks_and_deviations_go_with_the_path():
-    motion = Motion.trapezoidal([[0.0, 0.0], [1.0, 0.5]], 1.0, 2.0)
+    motion = Motion.trapezoidal(np.random.default_rng(0).uniform(-1, 1, (9, 2)), 1.0, 2.0)
     law = law_of(motion)
     composed = by_law(motion, law)
     assert [(found.joint, found.order) for found in composed.breaks] == [(b.joint, b.order) for b in motion.breaks]
@@ -140,6 +140,8 @@ def test_breaks_and_deviations_go_with_the_path():
     for found in inside:
         before, after = composed(found.t - 1e-9, 2)[2], composed(found.t + 1e-9, 2)[2]
         assert after[found.joint] - before[found.joint] == pytest.approx(found.jump, rel=1e-5)
+        sides = [composed(found.t, 2, side)[2][found.joint] for side in ("right", "left")]
+        assert sides[0] - sides[1] == pytest.approx(found.jump, rel=1e-12)
     rng = np.random.default_rng(0)
     t = np.linspace(0, 4, 401)
     q = np.sin(2 * t)[:, None] * [1.0, 0.5] + 1e-4 * rng.normal(size=(401, 2))
@@ -294,6 +296,17 @@ def test_breaks_that_a_limit_allows():
     assert max(largest(robot, found.motion, 20_001)[kind] for kind in ("velocity", "effort", "effort_rate")) < 0.991
     with pytest.raises(JounceError, match=r"^q3d of joint .* jumps at .*; retime motion.blended\("):
         robot.with_limits(second_effort_rate=1e5).retime(motion)
+
+
+@pytest.mark.parametrize("seed", [2, 5], ids=["a kink", "between points"])
+def test_limits_are_kept_where_a_rate_peaks_between_points(seed):
+    """q5d of blends jumps, where Q2d has kinks; `check` finds peaks wherever they are."""
+    points = np.random.default_rng(seed).uniform(-1, 1, (4, 2))
+    corners = Motion.trapezoidal(points, 1.0, 2.0)
+    apart = np.diff([corners.start, *sorted({found.t for found in corners.breaks}), corners.stop]).min()
+    robot = jounce.load("planar2r").with_limits(velocity=3.0, jerk=1e4, second_effort_rate=[2e5, 1e5])
+    found = robot.retime(corners.blended(0.9 * apart), margin=0)
+    assert 0.999 < robot.check(found.motion).worst.ratio < 1.0002
 
 
 def test_friction_leaves_room():

@@ -1,18 +1,24 @@
 """Motions as functions of time: exact rates at any time, on both sides of a break, at any pace, in a row."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from files import refusal
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
-from scipy.interpolate import PPoly
+from scipy.interpolate import PPoly, make_interp_spline
 
 import jounce
 from jounce import Motion
 from jounce.motion.table import from_table
+from jounce.motion.time_law import Paced, TimeLaw
 
 PLANAR = jounce.load("planar2r")
+SLIDES = jounce.Robot.from_screws(
+    np.tile(np.eye(4), (3, 1, 1)), np.eye(6)[3:], np.tile(np.eye(6), (3, 1, 1)), range(-1, 2)
+).with_limits(velocity=1e6, jerk=1e9, effort_rate=1e12)
 RNG = np.random.default_rng(5)
 X = np.array([0.5, 0.9, 1.7, 2.0])
 C = RNG.normal(size=(6, 3, 2))
@@ -113,6 +119,46 @@ def test_rounding_at_a_rest_at_zero_is_no_jump(duration, joined):
             motion = Motion.piecewise(duration * np.arange(3), pieces)
         assert motion.breaks_to(2) == ()
         assert {found.order for found in motion.breaks_to(4)} == {3}
+
+
+SEPTIC = np.array([-20.0, 70, -84, 35, 0, 0, 0, 0])  # from rest to rest
+
+
+def legs(points, lasting):
+    """Straight from point to point, at rest in each, as pieces and as motions one after the other."""
+    c = SEPTIC[:, None, None] * np.diff(points, axis=0) / lasting[:, None] ** np.arange(7, -1, -1)[:, None, None]
+    c[-1] += points[:-1]
+    parts = [Motion.polynomial(c[::-1, i].T, float(T)) for i, T in enumerate(lasting)]
+    return Motion.piecewise(np.concatenate([[0], np.cumsum(lasting)]), c), sum(parts[1:], parts[0])
+
+
+@pytest.mark.parametrize("size", [1e-6, 1, 1e3])
+@pytest.mark.parametrize("closed", [False, True])
+def test_what_rounding_leaves_of_rates_at_rests_is_no_jump(size, closed):
+    """Legs that end where a coordinate is 0 or the motion rests for a while had jumps of 1e-16 in q or qd."""
+    rng = np.random.default_rng(3)
+    points = size * rng.choice([0, 1], (40, 3)) * rng.normal(size=(40, 3))
+    points[20:22] = points[20]
+    points = np.concatenate([points[:3], points[1:2], points[:1]]) if closed else points
+    for motion in legs(points, rng.uniform(0.3, 1.5, len(points) - 1)):
+        t = np.linspace(0, motion.stop, 9)
+        law = TimeLaw(make_interp_spline(t, 2 + np.sin(t), k=5), 0.0, motion.stop, 0.0)
+        for found in (motion, motion.scaled(1e-2).shifted(50), replace(motion, curve=Paced(motion.curve, law))):
+            assert {jump.order for jump in found.breaks_to(4)} == {4}
+        assert SLIDES.check(motion).ok
+
+
+@pytest.mark.parametrize("order", [0, 1, 2, 3])
+@pytest.mark.parametrize("share", [1e-7, -1e-3])
+def test_small_jumps_are_found(order, share):
+    """Of a rate that is 0 on both sides but for the jump, a share of its largest value."""
+    there, back = (Motion.polynomial([SEPTIC[::-1] * way + np.eye(8)[0] * at], 1.0) for way, at in ((1, 0), (-1, 1)))
+    largest = np.abs(there(np.linspace(0, 1, 99), order)[order]).max()
+    c = back.curve.c.copy()
+    c[-1 - order] += share * largest / np.prod(np.arange(1, order + 1))
+    whole = Motion.piecewise([0, 1, 2], np.concatenate([there.curve.c, c], axis=1))
+    [found] = whole.breaks_to(order)
+    assert (found.order, found.jump) == (order, pytest.approx(share * largest, rel=1e-4))
 
 
 @given(st.floats(0.1, 10))

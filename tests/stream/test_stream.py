@@ -626,3 +626,17 @@ def test_records_of_another_form_are_computed_again(tmp_path, small_parts, monke
     result = call(*words)
     assert json.loads(result.stdout) == whole
     assert out.read_bytes() == table_of_whole
+
+
+def test_limits_are_checked_wherever_parts_end(tmp_path, monkeypatch):
+    """A part may hold the last row of a motion alone, of which the part before has taken account."""
+    path, limits = write(tmp_path / "states.csv", joined(table(23), table(9, 3), names=["a", "b"])), tmp_path / "l.json"
+    limits.write_text('{"units": "SI", "joints": {"joint1": {"velocity": 0.1}}}')
+    found = set()
+    for cells in range(20, 120, 7):
+        monkeypatch.setattr(plan, "CELLS", cells)
+        monkeypatch.setattr(plan, "LARGE", 0)
+        out = tmp_path / f"{cells}.csv"
+        assert call("check", "planar2r", path, "--limits", limits, "--table", out).exit_code == 1
+        found.add(out.read_bytes())
+    assert len(found) == 1

@@ -45,8 +45,8 @@ class Problem:
 
     @cached_property
     def breaks(self) -> np.ndarray:
-        """Where a rate of q that the limits take jumps."""
-        return np.unique([found.t for found in self.motion.breaks_to(self.order + 2)])
+        """Where a rate of q that the limits take jumps, or the next one: what they bound has a kink there."""
+        return np.unique([found.t for found in self.motion.breaks_to(self.order + 3)])
 
     def points(self, count: int) -> np.ndarray:
         """Even points of the path, then those of its breaks twice: before and after each."""
@@ -61,6 +61,10 @@ class Problem:
             if self.breaks.size:
                 path = path.joined(path_of(self.robot, self.motion, self.breaks, self.order, left))
         return path
+
+    def rows_at(self, sigma: np.ndarray, fastest: float) -> Rows:
+        """The limits at some points of the path, no breaks."""
+        return self.rows(path_of(self.robot, self.motion, sigma, self.order), fastest)
 
     def rows(self, path: Path, fastest: float) -> Rows:
         """The limits along a path, x below the square of `fastest`."""

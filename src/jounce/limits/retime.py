@@ -194,8 +194,25 @@ class Grid:
     def _held(self, c: np.ndarray, inner: np.ndarray) -> np.ndarray:
         """The coefficients, drawn to those well within the limits by what these are exceeded between the points."""
         near = self.rows.excess(self.at.jets(c)).max(axis=1) > -NEARLY
-        rows, at = self.rows.taken(near), self.at.taken(near)
-        return drawn(c, inner, lambda c: bool(rows.excess(at.jets(c)).max(initial=-1.0) <= 0))
+        looked = [(self.rows.taken(near), self.at.taken(near))]
+        for _ in range(ROUNDS):
+            c = drawn(c, inner, lambda c: all(bool((rows.excess(at.jets(c)) <= 0).all()) for rows, at in looked))
+            sigma = self._tops(c)
+            if not sigma.size:
+                break
+            looked.append((self.problem.rows_at(sigma, self.reach * self.uniform), self.basis.at(sigma)))
+        return c
+
+    def _tops(self, c: np.ndarray) -> np.ndarray:
+        """Where rows peak above their limits between the points, by parabolas through three of these each."""
+        sigma = self.problem.points(self.count)[: self.count]
+        excess = self.rows.excess(self.at.jets(c))[: self.count]
+        rise, value = np.diff(excess, axis=0) / np.diff(sigma)[:, None], excess[1:-1]
+        half = (sigma[2:] - sigma[:-2])[:, None] / 2
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slope, bend = (rise[1:] + rise[:-1]) / 2, (rise[1:] - rise[:-1]) / half
+            above = (rise[:-1] > 0) & (rise[1:] < 0) & (value - slope**2 / (2 * bend) > BETWEEN / 10)
+            return np.unique((sigma[1:-1, None] - slope / bend)[above])
 
     def _impossible(self, program: Program, c: np.ndarray) -> JounceError:
         """The error where the speed of the motion at its ends, which remains, leaves no time law within the limits."""

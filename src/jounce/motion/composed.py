@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce._typing import ArrayLike
 from jounce.motion.curves import Curve, Jump, OfCurve, jumps_at, rates_within
 
 
@@ -23,22 +22,22 @@ class Retimed(OfCurve):
     @property
     def start(self) -> float:
         """The start time, s."""
-        return float(self.outer(self.base.start))
+        return float(self.outer(np.array(self.base.start)))
 
     @property
     def stop(self) -> float:
         """The end time, s."""
-        return float(self.outer(self.base.stop))
+        return float(self.outer(np.array(self.base.stop)))
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
         """The values and their derivatives up to `order`."""
-        found = self.base.rates(self._inner_at_jumps(t, order), order, left)
+        found = self.base.rates(self.inner_at_jumps(t, order), order, left)
         return [rate / self.factor**k for k, rate in enumerate(found)]
 
     def jumps(self, order: int) -> list[Jump]:
         """Where a derivative up to `order` jumps."""
         return [
-            Jump(float(self.outer(jump.t)), jump.column, jump.order, jump.size / self.factor**jump.order)
+            Jump(float(self.outer(np.array(jump.t))), jump.column, jump.order, jump.size / self.factor**jump.order)
             for jump in self.base.jumps(order)
         ]
 
@@ -47,22 +46,13 @@ class Retimed(OfCurve):
         found = self.base.deviations(self.inner(t), order)
         return None if found is None else [rate / self.factor**k for k, rate in enumerate(found)]
 
-    def outer(self, t: ArrayLike) -> np.ndarray:
+    def outer(self, t: np.ndarray) -> np.ndarray:
         """The times at which the curve is where `base` is at t."""
-        return self.place + (np.asarray(t) - self.origin) * self.factor
+        return self.place + (t - self.origin) * self.factor
 
     def inner(self, t: np.ndarray) -> np.ndarray:
         """The times at which `base` is where the curve is at t."""
         return (self.origin + (t - self.place) / self.factor).clip(self.base.start, self.base.stop)
-
-    def _inner_at_jumps(self, t: np.ndarray, order: int) -> np.ndarray:
-        """Those times, the ones of jumps without rounding, which would lead to their other side."""
-        inner, jumps = self.inner(t), np.unique([jump.t for jump in self.base.jumps(order)])
-        if not jumps.size:
-            return inner
-        outer = np.asarray(self.outer(jumps))
-        near = np.searchsorted(outer, t).clip(0, len(outer) - 1)
-        return np.where(outer[near] == t, jumps[near], inner)
 
 
 @dataclass(frozen=True, eq=False)

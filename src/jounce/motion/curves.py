@@ -82,6 +82,23 @@ class OfCurve:
         """The standard deviations of the values and derivatives."""
         return self.base.deviations(t, order)
 
+    def inner(self, t: np.ndarray) -> np.ndarray:
+        """The times at which `base` is where the curve is at t."""
+        return t
+
+    def outer(self, t: np.ndarray) -> np.ndarray:
+        """The times at which the curve is where `base` is at t."""
+        return t
+
+    def inner_at_jumps(self, t: np.ndarray, order: int) -> np.ndarray:
+        """The inner times, those of jumps without rounding, which would lead to their other side."""
+        inner, jumps = self.inner(t), np.unique([jump.t for jump in self.base.jumps(order)])
+        if not jumps.size:
+            return inner
+        outer = self.outer(jumps)
+        near = np.searchsorted(outer, t).clip(0, len(outer) - 1)
+        return np.where(outer[near] == t, jumps[near], inner)
+
 
 def jumps_at(
     t: np.ndarray,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.motion.curves import Jump, OfCurve, jumps_at, rates_within
+from jounce.motion.curves import Jump, OfCurve
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -117,23 +117,25 @@ class Paced(OfCurve):
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
         """The values and their derivatives up to `order`, by the chain rule."""
-        law = self.law.rates(t, order)
-        return _composed(chain_rule(law, order), self.base.rates(law[0], order, left))
+        factors = chain_rule(self.law.rates(t, order), order)
+        return _composed(factors, self.base.rates(self.inner_at_jumps(t, order), order, left))
 
     def jumps(self, order: int) -> list[Jump]:
         """Where a derivative up to `order` jumps: where those of `base` do."""
-        at = np.unique([jump.t for jump in self.base.jumps(order)])
-        if not at.size:
-            return []
-        t = self.law.times(at)
-        rows = chain_rule(self.law.rates(t, order), order)
-        # at the breaks themselves: sigma(t) is rounded to either side of them
-        before, after = (_composed(rows, self.base.rates(at, order, left)) for left in (True, False))
-        return jumps_at(t, before, after, np.full(len(t), self.stop - self.start), rates_within(self, order))
+        found = self.base.jumps(order)
+        at = np.array([jump.t for jump in found])
+        t, speed = self.law.times(at), np.sqrt(self.law.x(at))  # the time law is smooth: the lowest derivative decides
+        return [
+            jump._replace(t=float(t[i]), size=jump.size * float(speed[i]) ** jump.order) for i, jump in enumerate(found)
+        ]
 
     def inner(self, t: np.ndarray) -> np.ndarray:
         """The times at which `base` is where the curve is at t."""
         return self.law.sigma(t)
+
+    def outer(self, t: np.ndarray) -> np.ndarray:
+        """The times at which the curve is where `base` is at t."""
+        return self.law.times(t)
 
     def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
         """The standard deviations of the values and derivatives, those of `base` taken as independent."""

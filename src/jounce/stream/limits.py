@@ -106,13 +106,14 @@ def _stretches(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple
                 break
             elif alone and before:
                 raise _too_short(part, before[0])
-            alone = len(next(iter(columns.values()))) == 1
-            if not alone:
+            one = len(next(iter(columns.values()))) == 1
+            alone = one and (before is not None or part.span.start == 0)  # else the part before may end in this motion
+            if not one:
                 mechanism, highest, place = task.job.links.mechanism, task.job.highest, str(part.path)
                 motion = from_columns(columns, task.match, mechanism, highest, place, Smoothing(), part.origin)
                 yield run.motion, count if ours else 0, motion
             before = run.motion, {name: x[-1:] for name, x in columns.items()}
-    if alone and before and part.span.start == 0:
+    if alone and before:
         raise _too_short(part, before[0])
 
 
