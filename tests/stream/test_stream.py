@@ -640,3 +640,17 @@ def test_limits_are_checked_wherever_parts_end(tmp_path, monkeypatch):
         assert call("check", "planar2r", path, "--limits", limits, "--table", out).exit_code == 1
         found.add(out.read_bytes())
     assert len(found) == 1
+
+
+@pytest.mark.parametrize("rows", [7, 8, 9])
+def test_motions_of_one_row_are_refused_wherever_they_lie(tmp_path, monkeypatch, rows):
+    """A part that begins with such a motion is not behind a part that has checked it."""
+    path, limits = tmp_path / "states.csv", tmp_path / "l.json"
+    write(path, joined(table(rows), table(1, 2), table(9, 3), names=["a", "b", "c"]))
+    limits.write_text('{"units": "SI", "joints": {"joint1": {"velocity": 0.1}}}')
+    monkeypatch.setattr(plan, "LARGE", 0)
+    for cells in range(20, 120, 7):
+        monkeypatch.setattr(plan, "CELLS", cells)
+        refused = call("check", "planar2r", path, "--limits", limits, "--table", tmp_path / "out.csv")
+        assert refused.exit_code == 2, cells
+        assert "motion 'b' has one row" in refused.stderr

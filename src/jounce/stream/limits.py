@@ -18,7 +18,7 @@ from jounce.motion.table import from_columns
 from jounce.stream.blocks import motions
 from jounce.stream.plan import MOTION, Part, Task
 from jounce.stream.records import Skipped
-from jounce.stream.rows import Rows, Run, read
+from jounce.stream.rows import Rows, Run, read, row_before
 from jounce.stream.tally import Aggregate, out_of_order
 
 SPANS = ("violations", "undecided")
@@ -107,7 +107,7 @@ def _stretches(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple
             elif alone and before:
                 raise _too_short(part, before[0])
             one = len(next(iter(columns.values()))) == 1
-            alone = one and (before is not None or part.span.start == 0)  # else the part before may end in this motion
+            alone = one and (before is not None or not _continues(task, part, run.motion))
             if not one:
                 mechanism, highest, place = task.job.links.mechanism, task.job.highest, str(part.path)
                 motion = from_columns(columns, task.match, mechanism, highest, place, Smoothing(), part.origin)
@@ -115,6 +115,15 @@ def _stretches(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple
             before = run.motion, {name: x[-1:] for name, x in columns.items()}
     if alone and before:
         raise _too_short(part, before[0])
+
+
+def _continues(task: Task, part: Part, motion: str) -> bool:
+    """Whether the row before a part is of a motion, which the part before then checks up to the first row of this one.
+
+    A bad row, which is left out, may be of any motion: it does not end the run.
+    """
+    known = row_before(task, part)
+    return part.span.start > 0 and (known[0] == motion if known else task.job.reading.skip)
 
 
 def _cut(runs: list[Run]) -> Iterator[Run]:

@@ -39,7 +39,7 @@ def read(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[Rows]:
     table, skip, place = format_of(part.path), task.job.reading.skip, part.span.start
     try:
         table.names(part.path)  # of a file that cannot be read at all, this is the error
-        last = _row_before(task, part)
+        last = row_before(task, part)
         texts = MOTION if part.motion is None else None
         for chunk in _ahead(_chunks(task, part, task.match.names, texts, part.span)):
             place = int(chunk.places[-1])
@@ -76,7 +76,7 @@ def _ahead(chunks: Iterator[Chunk]) -> Iterator[Chunk]:
             yield chunk
 
 
-def _row_before(task: Task, part: Part) -> tuple[str, float] | None:
+def row_before(task: Task, part: Part) -> tuple[str, float] | None:
     """The motion and the time of the row before a part, if there is one that may belong to its first motion."""
     table, time = format_of(part.path), task.match.sources[TIME]
     span = table.row_before(part.path, part.span.start) if task.independent else None
