@@ -112,9 +112,7 @@ def ipopt(grid: Grid, points: slice | np.ndarray | None = None) -> float:
     options = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.max_iter": 500}
     solver = ca.nlpsol("retime", "ipopt", problem, options)
     lower, upper = (np.repeat(bound, len(at.index)) for bound in (rows.lower, rows.upper))
-    found = solver(
-        x0=np.ones(basis.count), lbg=lower, ubg=upper, lbx=1e-6 / scale, ubx=(grid.reach * grid.uniform) ** 2 / scale
-    )
+    found = solver(x0=np.ones(basis.count), lbg=lower, ubg=upper, lbx=1e-6 / scale)
     if not solver.stats()["success"]:
         raise RuntimeError(solver.stats()["return_status"])
     return float(found["f"])
@@ -130,7 +128,7 @@ def rubbing(along: FrictionAlong, x: Any, x1: Any, x2: Any) -> tuple[Any, ...]:
     F = ca.tanh(w * v)
     Fd = ca.jacobian(F, v) * v1
     F2d = ca.jacobian(Fd, v) * v1 + ca.jacobian(Fd, v1) * v2
-    of = {"effort": F, "effort_rate": Fd, "second_effort_rate": F2d, "power": F}
+    of = {"effort": F, "stall_effort": F, "effort_rate": Fd, "second_effort_rate": F2d, "power": F}
     found = []
     for kind in along.kinds:
         rate = ca.Function(kind, [w, v, v1, v2], [of[kind]])

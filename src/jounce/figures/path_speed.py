@@ -12,7 +12,7 @@ from jounce.limits.joints import joint_limits
 from jounce.limits.path import Path, path_of
 from jounce.limits.problem import FASTEST, without_friction
 from jounce.limits.rows import rows_of
-from jounce.model.limits import KINDS, unlimited
+from jounce.model.limits import KINDS, LINE, STATED_KINDS, unlimited
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -75,13 +75,13 @@ def over_path(robot: "Robot", motion: "Motion", found: "Retiming") -> "Figure":
 def _curves(robot: "Robot", path: Path, reached: np.ndarray) -> dict[str, np.ndarray]:
     """The largest paces (N,) along a path that limits of velocity, and of effort and acceleration, allow."""
     limits = joint_limits(robot.mechanism)
-    drawn = [KINDS.index(kind) for kind in ("velocity", "effort", "acceleration")]
+    drawn = [STATED_KINDS.index(kind) for kind in ("velocity", "effort", "acceleration", *LINE)]
     table = unlimited(limits.table.shape[-1]).table
     table[drawn] = limits.table[drawn]
     rows, found = rows_of(path, replace(limits, table=table), 1.0, FASTEST, friction_of(robot.mechanism)), {}
     if np.isfinite(limits.bounds("velocity")).any():
         found["velocity limits"] = rows.factors[:, 0, rows.used == pace.S1_2].ravel() ** -0.5
-    first = [i for i, kind in enumerate(rows.kinds) if kind in ("effort", "acceleration")]
+    first = [i for i, kind in enumerate(rows.kinds) if kind in ("effort", "acceleration", "stall_effort")]
     if not first:
         return found
     lower, upper = rows.lower[first], rows.upper[first]

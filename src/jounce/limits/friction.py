@@ -23,7 +23,13 @@ from jounce.limits.peaks import root
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
 
-HIGHEST_JET = {"effort": 0, "effort_rate": 1, "second_effort_rate": 2, "power": 0}  # derivative of x that each takes
+HIGHEST_JET = {
+    "effort": 0,
+    "stall_effort": 0,
+    "effort_rate": 1,
+    "second_effort_rate": 2,
+    "power": 0,
+}  # derivative of x that each takes
 NEAR_TURNS = 0.5 ** np.arange(8, 20, 0.25)  # of the duration: from a turn so far away friction is looked at
 
 
@@ -139,7 +145,7 @@ class FrictionAlong:
         """The products by kind, as arrays or `Smooth`, of derivatives of tanh and of what sums of products are."""
         q, found = self.rates, []
         for kind in self.kinds:
-            if kind == "effort":
+            if kind in ("effort", "stall_effort"):
                 found.append(bent[0])
             elif kind == "power":
                 found.append(bent[0] * combined({pace.S1: np.ones_like(q[0])}))

@@ -124,7 +124,7 @@ def problem_of(robot: "Robot", motion: Motion, share: float) -> Problem:
             f"retime does not know limits of motors ({listed(motors)}); take them away,"
             f" robot.with_limits({motors[0]}=float('inf')), and check the result with them: robot.slowdown keeps them"
         )
-    forces = [kind for kind in kinds if kind in (*EFFORT_KINDS, "power")]
+    forces = [kind for kind in kinds if kind in (*EFFORT_KINDS, "power", "stall_effort")]
     if forces and not drives_coordinates(robot.mechanism):
         bounds, names = limits.bounds(forces[0]), joint_names(robot.mechanism)
         bounded = [name for j, name in enumerate(names) if np.isfinite(bounds[:, j]).any()]
@@ -161,23 +161,24 @@ def check_path(problem: Problem, sigma: np.ndarray, path: Path) -> None:
             f" {path.q[0][i, j]:g} {units[j]} is outside of {lower[j]:g} to {upper[j]:g};"
             " no time law changes that, expected another path"
         )
-    _check_static(problem, sigma, path)
+    for kind in ("effort", "stall_effort"):
+        _check_static(problem, kind, sigma, path)
 
 
-def _check_static(problem: Problem, sigma: np.ndarray, path: Path) -> None:
-    static = path.g[0] - path.gravity[0] * ("effort" in problem.limits.without_gravity)
-    lower, upper = problem.limits.bounds("effort") * problem.share
+def _check_static(problem: Problem, kind: str, sigma: np.ndarray, path: Path) -> None:
+    static = path.g[0] - path.gravity[0] * (kind in problem.limits.without_gravity)
+    lower, upper = problem.limits.bounds(kind) * problem.share
     over = np.argwhere((static <= lower) | (static >= upper))
     if not len(over):
         return
     i, j = over[0]
     unit = "N m" if joint_units(problem.robot.mechanism)[j] == "rad" else "N"
-    bound = problem.limits.bounds("effort")[int(static[i, j] > 0), j]
+    bound = problem.limits.bounds(kind)[int(static[i, j] > 0), j]
     share = f" ({problem.share:.0%} of it are used: margin)" if abs(static[i, j]) < abs(bound) else ""
     joint = quoted(joint_names(problem.robot.mechanism)[j])
     raise JounceError(
         f"joint {joint} holds {static[i, j]:.6g} {unit} at rest at t = {sigma[i]:g} s;"
-        f" its effort limit is {bound:.6g} {unit}{share}, and a slower motion does not help"
+        f" its {kind.replace('_', ' ')} limit is {bound:.6g} {unit}{share}, and a slower motion does not help"
     )
 
 

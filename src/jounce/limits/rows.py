@@ -11,7 +11,12 @@ from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, Limits
 
 RATES = {kind: k for k, kind in enumerate(MOTION_KINDS)}  # which rate of q a limit bounds
 FORCES = {kind: k for k, kind in enumerate(EFFORT_KINDS)}  # which rate of Q
-NEEDS = {**RATES, **{kind: k + 2 for kind, k in FORCES.items()}, "power": 2}  # the rates of q that a limit takes
+NEEDS = {
+    **RATES,
+    **{kind: k + 2 for kind, k in FORCES.items()},
+    "power": 2,
+    "stall_effort": 2,
+}  # the rates of q that a limit takes
 ONE_SIDED = 1e6  # times the stated bound stands in for the other one, where that is infinite
 HIGHEST_JET = (0, 0, 0, 1, 0, 1, 2, 0, 1, 1, 2, 3)  # of each product, the derivative of x that it takes
 
@@ -106,7 +111,7 @@ def rows_of(path: Path, limits: Limits, share: float, fastest: float, friction: 
     """
     kinds = [
         kind
-        for kind in ("acceleration", "jerk", "snap", *EFFORT_KINDS, "power")
+        for kind in ("acceleration", "jerk", "snap", *EFFORT_KINDS, "power", "stall_effort")
         if np.isfinite(limits.bounds(kind)).any()
     ]
     forces = tuple(kind for kind in kinds if kind not in RATES)
@@ -127,6 +132,9 @@ def rows_of(path: Path, limits: Limits, share: float, fastest: float, friction: 
 def _terms(path: Path, kind: str, limits: Limits) -> Terms:
     if kind in RATES:
         return path.rate(RATES[kind])
+    if kind == "stall_effort":
+        force = path.force(0)
+        return force | {pace.S1: force[pace.S1] + limits.effort_slope * path.q[1]}
     return path.power() if kind == "power" else path.force(FORCES[kind], kind in limits.without_gravity)
 
 
