@@ -45,7 +45,7 @@ def move(robot, seed=0, duration=2.0):
 def wavy(robot, duration=2.0):
     """A motion that never rests, with a wrench on the last body."""
     rng = np.random.default_rng(3)
-    middle = np.nan_to_num(robot.limits.bounds("position"), posinf=0, neginf=0).mean(axis=0)
+    middle = np.nan_to_num(robot.limits.bounds("position"), posinf=0, neginf=0).mean(axis=0)[: robot.n]
     motion, load = (
         Motion.fourier(offset, *0.3 * rng.normal(size=(2, 2, len(offset))), 1.3, duration)
         for offset in (middle, np.zeros(6))
@@ -87,7 +87,11 @@ def largest(robot, motion, count):
     return {kind: np.abs(value / limits.bounds(kind)[1]).max() for kind, value in values.items()}
 
 
-@pytest.mark.parametrize("robot", [PANDA.with_drives(["damping"]), UR5, RUBBING], ids=["damped", "ur5", "rubbing"])
+@pytest.mark.parametrize(
+    "robot",
+    [PANDA.with_drives(["damping"]), UR5, RUBBING, rubbing(jounce.load("panda"), np.arange(1.0, 10.0))],
+    ids=["damped", "ur5", "rubbing", "rubbing, with a joint that follows"],
+)
 def test_path_algebra_gives_the_forces_of_composed_motions(robot):
     motion = wavy(robot)
     law = law_of(motion)
@@ -357,6 +361,16 @@ def test_a_joint_with_friction_turns_round_within_its_limits(eps, powers):
     Qd = robot.forces_along(found.motion, t, 1).forces[1]
     assert 0.985 < np.abs(Qd / 2000).max() < 0.993
     assert robot.check(found.motion).worst.ratio < 0.993
+
+
+def test_friction_in_closed_loops_is_known_where_the_coordinates_are():
+    robot = jounce.load("fivebar").with_limits(velocity=5.0, effort=20.0, effort_rate=500.0)
+    motion = rest_to_rest([2.2, 0.94], [0.2, 0.1])
+    own = np.isin(robot.mechanism.joints, robot.joint_names)
+    found = rubbing(robot, 1.0 * own).retime(motion)
+    assert 0.985 < rubbing(robot, 1.0 * own).check(found.motion).worst.ratio < 0.9902
+    with pytest.raises(JounceError, match=r"follow others in closed loops \(left_elbow, right_elbow\); leave it out"):
+        rubbing(robot, np.ones(4)).retime(motion)
 
 
 def test_a_time_law_that_misses_where_friction_turns_over_is_refused(monkeypatch):
