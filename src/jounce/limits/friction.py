@@ -23,13 +23,7 @@ from jounce.limits.peaks import root
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
 
-HIGHEST_JET = {
-    "effort": 0,
-    "stall_effort": 0,
-    "effort_rate": 1,
-    "second_effort_rate": 2,
-    "power": 0,
-}  # derivative of x that each takes
+HIGHEST = {"effort": 0, "stall_effort": 0, "power": 0, "effort_rate": 1, "second_effort_rate": 2}  # derivative of x
 NEAR_TURNS = 0.5 ** np.arange(8, 20, 0.25)  # of the duration: from a turn so far away friction is looked at
 
 
@@ -55,23 +49,23 @@ class Smooth(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Friction:
-    """Coulomb friction of m joint variables: `units` (m, n) of the coordinates' rates, and `onto` (m, n) their forces.
+    """Coulomb friction of m joint variables, theta' = ratios q': `onto` (m, n) is what a unit of it adds to Q.
 
     `slope` (m, 1) is 1 / eps.
     """
 
-    units: np.ndarray
+    ratios: np.ndarray
     onto: np.ndarray
     slope: np.ndarray
 
     def turns(self, motion: Motion, columns: list[int], count: int) -> np.ndarray:
         """Times near which a joint with friction begins to move, stops or turns round, as `count` times show."""
-        units = self.units[:, columns].T
+        ratios = self.ratios[:, columns].T
         t = np.linspace(motion.start, motion.stop, count)
-        at, joint = np.nonzero(np.diff(np.sign(motion(t, 1)[1] @ units), axis=0))
+        at, joint = np.nonzero(np.diff(np.sign(motion(t, 1)[1] @ ratios), axis=0))
 
         def velocity(t: np.ndarray, places: np.ndarray) -> np.ndarray:
-            return np.asarray((motion(t, 1)[1] @ units)[np.arange(len(t)), joint[places]])
+            return np.asarray((motion(t, 1)[1] @ ratios)[np.arange(len(t)), joint[places]])
 
         turns = root(velocity, t[at], t[at + 1])[:, None]
         near = turns + motion.duration * np.concatenate([-NEAR_TURNS, [0.0], NEAR_TURNS])
@@ -79,7 +73,7 @@ class Friction:
 
     def along(self, rates: tuple[np.ndarray, ...], kinds: tuple[str, ...]) -> "FrictionAlong":
         """The friction along a path with q', q'', ... (N, n), as limits of some kinds take it."""
-        return FrictionAlong(self, tuple(self.units @ rate.T for rate in rates), kinds)
+        return FrictionAlong(self, tuple(self.ratios @ rate.T for rate in rates), kinds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +91,7 @@ class FrictionAlong:
     @property
     def highest_jet(self) -> tuple[int, ...]:
         """Of each product, the derivative of x that it takes."""
-        return tuple(np.repeat([HIGHEST_JET[kind] for kind in self.kinds], len(self.friction.slope)).tolist())
+        return tuple(np.repeat([HIGHEST[kind] for kind in self.kinds], len(self.friction.slope)).tolist())
 
     def terms(self, kind: str, rate: np.ndarray) -> Terms:
         """The factors (N, n) of the products in what limits of a kind bound, along a path with q' = `rate`."""
@@ -163,5 +157,5 @@ def friction_of(m: Mechanism) -> Friction | None:
     which = np.flatnonzero(m.drives.friction)
     if "friction" not in m.acting or not which.size:
         return None
-    units = m.tree.G[which]
-    return Friction(units, units * m.drives.friction[which, None], 1 / m.drives.eps[which, None])
+    ratios = m.tree.G[which]
+    return Friction(ratios, ratios * m.drives.friction[which, None], 1 / m.drives.eps[which, None])

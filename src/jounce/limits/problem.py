@@ -235,7 +235,7 @@ def _friction(robot: "Robot") -> Friction | None:
     friction = friction_of(m)
     if friction is None or m.closure is None:
         return friction
-    rubs = np.flatnonzero(friction.units.any(axis=0))
+    rubs = np.flatnonzero(friction.ratios.any(axis=0))
     if passive := [joint_names(m)[j] for j in rubs if joint_names(m)[j] not in m.coordinates]:
         raise JounceError(
             f"retime does not know Coulomb friction of joints that follow others in closed loops ({listed(passive)});"

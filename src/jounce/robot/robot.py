@@ -1741,7 +1741,8 @@ class Robot:
         ------
         JounceError
             If the path does not move, leaves the position limits, or its static torque exceeds an effort limit; if
-            limits are missing, or a rate that one takes is not continuous; if friction acts and Qd is limited.
+            limits are missing, or a rate that one takes is not continuous; if Coulomb friction acts at joints that
+            follow others in closed loops, or turns over too fast to be resolved.
 
         References
         ----------
