@@ -16,6 +16,7 @@ from benchmarks import machine
 from benchmarks.tables import paragraph, table
 from jounce import Motion, Robot, load
 from jounce.io.files import written_whole
+from jounce.limits.friction import FrictionAlong
 from jounce.limits.problem import problem_of
 from jounce.limits.retime import INSIDE, INTERVALS, REACHES, Grid, Retiming, retime
 
@@ -100,6 +101,8 @@ def ipopt(grid: Grid, points: slice | np.ndarray | None = None) -> float:
         1, s, x, x1 / 2, x * s, s * x1 / 2, s * x2 / 2, x * x, x * x1 / 2, x1 * x1 / 4, x * x2 / 2,
         x1 * x2 / 4 + x * x3 / 2,
     )  # fmt: skip
+    if rows.friction:
+        products += rubbing(rows.friction, x, x1, x2)
     g = [
         sum(ca.DM(rows.factors[:, r, i]) * products[k] for i, k in enumerate(rows.used)) for r in range(len(rows.kinds))
     ]
@@ -109,12 +112,32 @@ def ipopt(grid: Grid, points: slice | np.ndarray | None = None) -> float:
     options = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.max_iter": 500}
     solver = ca.nlpsol("retime", "ipopt", problem, options)
     lower, upper = (np.repeat(bound, len(at.index)) for bound in (rows.lower, rows.upper))
-    found = solver(
-        x0=np.ones(basis.count), lbg=lower, ubg=upper, lbx=1e-6 / scale, ubx=(grid.reach * grid.uniform) ** 2 / scale
-    )
+    found = solver(x0=np.ones(basis.count), lbg=lower, ubg=upper, lbx=1e-6 / scale)
     if not solver.stats()["success"]:
         raise RuntimeError(solver.stats()["return_status"])
     return float(found["f"])
+
+
+def rubbing(along: FrictionAlong, x: Any, x1: Any, x2: Any) -> tuple[Any, ...]:
+    """Coulomb friction and its rates in the order of its products, which CasADi differentiates by time."""
+    import casadi as ca
+
+    s, s2 = ca.sqrt(x), x1 / 2
+    v, v1, v2 = ca.SX.sym("v"), ca.SX.sym("v1"), ca.SX.sym("v2")
+    w = ca.SX.sym("w")
+    F = ca.tanh(w * v)
+    Fd = ca.jacobian(F, v) * v1
+    F2d = ca.jacobian(Fd, v) * v1 + ca.jacobian(Fd, v1) * v2
+    of = {"effort": F, "stall_effort": F, "effort_rate": Fd, "second_effort_rate": F2d, "power": F}
+    found = []
+    for kind in along.kinds:
+        rate = ca.Function(kind, [w, v, v1, v2], [of[kind]])
+        for i, slope in enumerate(along.friction.slope[:, 0]):
+            q1, q2, q3 = [*(ca.DM(q[i]) for q in along.rates), ca.DM(0)][:3]
+            states = ca.horzcat(q1 * s, q1 * s2 + q2 * x, q1 * s * x2 / 2 + 3 * q2 * s * s2 + q3 * x * s)
+            value = rate.map(len(along.rates[0][i]))(slope, *ca.vertsplit(states.T)).T
+            found.append(value * s if kind == "power" else value)
+    return tuple(found)
 
 
 def toppra(robot: Robot, c: np.ndarray, points: int = 601) -> tuple[float, float]:

@@ -84,9 +84,9 @@ def test_a_seed_gives_the_same_motion_again(found):
     assert jounce.excite(LIMITED, **ASKED, starts=1, seed=3).motion.curve != found.motion.curve
 
 
-@pytest.mark.parametrize("power", [False, True])
-def test_gradients_are_those_of_differences(power):
-    robot = LIMITED.with_limits(power=40.0) if power else LIMITED
+@pytest.mark.parametrize("limits", [{}, {"power": 40.0}, {"stall_effort": 100.0, "no_load_velocity": 3.0}], ids=str)
+def test_gradients_are_those_of_differences(limits):
+    robot = LIMITED.with_limits(**limits)
     rng = np.random.default_rng(0)
     search, _ = search_of(robot, Harmonics(4.0, 1, 3), COLUMNS, None, 3.0, 0.01, rng)
     for delta in (0.01, 0.5):  # with values on both sides of it

@@ -8,12 +8,14 @@ from scipy.interpolate import make_interp_spline
 
 import jounce
 from jounce import JounceError, Motion
-from jounce.limits import pace
+from jounce.limits import friction, pace
 from jounce.limits.barrier import Program, fastest
 from jounce.limits.basis import Basis
+from jounce.limits.friction import friction_of
 from jounce.limits.path import path_of
-from jounce.limits.problem import problem_of
+from jounce.limits.problem import problem_of, without_friction
 from jounce.limits.retime import AGAIN, FINER, GAP, Grid
+from jounce.model.limits import EFFORT_KINDS
 from jounce.motion.time_law import Paced, TimeLaw
 
 PANDA = jounce.load("panda", lock={"panda_finger_joint1": 0.0})
@@ -43,7 +45,7 @@ def move(robot, seed=0, duration=2.0):
 def wavy(robot, duration=2.0):
     """A motion that never rests, with a wrench on the last body."""
     rng = np.random.default_rng(3)
-    middle = np.nan_to_num(robot.limits.bounds("position"), posinf=0, neginf=0).mean(axis=0)
+    middle = np.nan_to_num(robot.limits.bounds("position"), posinf=0, neginf=0).mean(axis=0)[: robot.n]
     motion, load = (
         Motion.fourier(offset, *0.3 * rng.normal(size=(2, 2, len(offset))), 1.3, duration)
         for offset in (middle, np.zeros(6))
@@ -61,6 +63,16 @@ def by_law(motion, law):
     return replace(motion, curve=Paced(motion.curve, law), loads=loads)
 
 
+def rubbing(robot, friction, eps=0.05):
+    """The robot with Coulomb friction that acts."""
+    m = robot.mechanism
+    drives = replace(m.drives, friction=np.array(friction), eps=np.full(m.nb, eps))
+    return jounce.Robot(replace(m, drives=drives)).with_drives(["friction"])
+
+
+RUBBING = rubbing(UR5, [5.0, 4.0, 3.0, 2.0, 1.0, 1.0])
+
+
 def largest(robot, motion, count):
     """The largest share of each limit on a fine grid, by itself and not by the library's check."""
     t = np.linspace(motion.start, motion.stop, count)
@@ -75,37 +87,50 @@ def largest(robot, motion, count):
     return {kind: np.abs(value / limits.bounds(kind)[1]).max() for kind, value in values.items()}
 
 
-@pytest.mark.parametrize("robot", [PANDA.with_drives(["damping"]), UR5], ids=["panda, damped", "ur5"])
+@pytest.mark.parametrize(
+    "robot",
+    [PANDA.with_drives(["damping"]), UR5, RUBBING, rubbing(jounce.load("panda"), np.arange(1.0, 10.0))],
+    ids=["damped", "ur5", "rubbing", "rubbing, with a joint that follows"],
+)
 def test_path_algebra_gives_the_forces_of_composed_motions(robot):
     motion = wavy(robot)
     law = law_of(motion)
     composed = by_law(motion, law)
     t = np.linspace(composed.start, composed.stop, 57)
     sigma = law.sigma(t)
-    path, jet = path_of(robot, motion, sigma, 2), np.stack([law.x(sigma, nu=k) for k in range(4)])
+    path, jet = path_of(without_friction(robot), motion, sigma, 2), np.stack([law.x(sigma, nu=k) for k in range(4)])
     along = robot.forces_along(composed, t)
     gravity = robot.gravity_forces(*along.rates[:3])
+    coulomb, products, added = friction_of(robot.mechanism), pace.products(jet), {}
+    if coulomb:
+        rubs = coulomb.along(path.q[1:], (*EFFORT_KINDS, "power"))
+        products = np.concatenate([products, rubs.products(jet)])
+        added = {kind: rubs.terms(kind, path.q[1]) for kind in rubs.kinds}
 
-    def agrees(terms, expected):
-        found = sum(pace.products(jet)[k][:, None] * term for k, term in terms.items())
+    def agrees(terms, expected, kind=None):
+        found = sum(products[k][:, None] * term for k, term in (terms | added.get(kind, {})).items())
         assert np.linalg.norm(found - expected) < 1e-12 * np.linalg.norm(expected)
 
-    for k, (Q, G) in enumerate(zip(along.forces, gravity, strict=True)):
-        agrees(path.force(k), Q)
-        agrees(path.force(k, without_gravity=True), Q - G)
+    for k, (kind, Q, G) in enumerate(zip(EFFORT_KINDS, along.forces, gravity, strict=True)):
+        agrees(path.force(k), Q, kind)
+        agrees(path.force(k, without_gravity=True), Q - G, kind)
     for k in (1, 2, 3, 4):
         agrees(path.rate(k), along.rates[k])
-    agrees(path.power(), along.forces[0] * along.rates[1])
+    agrees(path.power(), along.forces[0] * along.rates[1], "power")
 
 
 def test_products_have_the_derivatives_that_differences_give():
-    jet, h = np.random.default_rng(0).uniform(0.5, 2, (4, 9)), 1e-6
-    first, second = pace.derivatives(jet)
-    for i, step in enumerate(h * np.eye(4)[:, :, None]):
-        ahead, back = jet + step, jet - step
-        np.testing.assert_allclose(first[:, i], (pace.products(ahead) - pace.products(back)) / (2 * h), atol=1e-8)
-        change = pace.derivatives(ahead)[0] - pace.derivatives(back)[0]
-        np.testing.assert_allclose(second[:, i], change / (2 * h), atol=1e-8)
+    rng = np.random.default_rng(0)
+    jet, h = rng.uniform(0.5, 2, (4, 9)), 1e-6
+    coulomb = friction_of(rubbing(UR5, np.ones(6), 0.7).mechanism)
+    for functions in (pace, coulomb.along(tuple(rng.uniform(-1, 1, (3, 9, 6))), (*EFFORT_KINDS, "power"))):
+        first, second = functions.derivatives(jet)
+        for i, step in enumerate(h * np.eye(4)[:, :, None]):
+            ahead, back = jet + step, jet - step
+            slope = (functions.products(ahead) - functions.products(back)) / (2 * h)
+            np.testing.assert_allclose(first[:, i], slope, atol=1e-8 * np.abs(slope).max(initial=1))
+            change = functions.derivatives(ahead)[0] - functions.derivatives(back)[0]
+            np.testing.assert_allclose(second[:, i], change / (2 * h), atol=1e-7 * np.abs(change / h).max(initial=1))
 
 
 def test_a_time_law_is_the_inverse_of_its_times_and_its_rates_are_derivatives():
@@ -211,13 +236,22 @@ def test_the_program_finds_what_ipopt_finds():
     assert grid.basis.duration(c) == pytest.approx(ipopt(grid), rel=2e-3)
 
 
-@pytest.mark.parametrize("limits", [{"effort_rate": 500.0}, {"acceleration": 5.0, "jerk": 60.0}], ids=str)
-def test_the_program_stops_at_the_gap_that_the_page_states(limits):
+@pytest.mark.parametrize(
+    ("robot", "limits"),
+    [
+        (UR5, {"effort_rate": 500.0}),
+        (UR5, {"acceleration": 5.0, "jerk": 60.0}),
+        (RUBBING, {"effort_rate": 500.0}),
+        (RUBBING, {"power": 60.0, "second_effort_rate": 5e4}),
+    ],
+    ids=["rates", "jerk", "friction, rates", "friction, second rates and power"],
+)
+def test_the_program_stops_at_the_gap_that_the_page_states(robot, limits):
     """IPOPT solves the same program: the same spline with the same rows at the same points."""
     pytest.importorskip("casadi")
     from benchmarks.retime import ipopt
 
-    grid = Grid.of(problem_of(UR5.with_limits(**limits), move(UR5, 2), 0.99), 20, 20.0)
+    grid = Grid.of(problem_of(robot.with_limits(**limits), move(UR5, 2), 0.99), 20, 20.0)
     points = slice(None, grid.count, FINER)
     program = Program(grid.basis, grid.at.taken(points), grid.rows.taken(points), grid.free)
     best, inner = ipopt(grid, points), grid.inner(np.ones(grid.basis.count))
@@ -309,19 +343,56 @@ def test_limits_are_kept_where_a_rate_peaks_between_points(seed):
     assert 0.999 < robot.check(found.motion).worst.ratio < 1.0002
 
 
-def test_friction_leaves_room():
-    drives = {"friction": [3.0, 1.0]}
-    planar = jounce.Robot(replace(jounce.load("planar2r").mechanism))
-    mechanism = planar.mechanism
-    robot = jounce.Robot.from_screws(mechanism.B, mechanism.X, mechanism.M, gravity=mechanism.gravity, drives=drives)
-    robot = robot.with_drives(["friction"]).with_limits(effort=[60, 20])
-    motion = rest_to_rest([0.1, 0.2], [1.0, -0.5])
+def test_friction_helps_to_brake():
+    """Less time than under limits of effort from which all of the friction is subtracted, and more than without it."""
+    robot = rubbing(UR5, [15.0, 15.0, 7.0, 2.0, 2.0, 2.0])
+    motion, effort = move(robot, 3), robot.limits.effort
+    room = UR5.with_limits(effort=effort - robot.mechanism.drives.friction)
     found = robot.retime(motion)
-    t = np.linspace(found.motion.start, found.motion.stop, 4001)
-    Q = robot.forces_along(found.motion, t, 0).forces[0]
-    assert 0.8 < np.abs(Q / [60, 20]).max() < 0.991
-    with pytest.raises(JounceError, match=r"^effort_rate limits cannot be met with Coulomb friction"):
-        robot.with_limits(effort_rate=100).retime(motion)
+    assert UR5.retime(motion).duration < found.duration < 0.99 * room.retime(motion).duration
+    assert 0.985 < max(largest(robot, found.motion, 5001).values()) < 0.9902
+    smooth = RUBBING.with_limits(effort_rate=500.0)
+    assert 0.985 < max(largest(smooth, smooth.retime(motion).motion, 5001).values()) < 0.9902
+
+
+def turning(eps, powers=(0, 0, 3, -2)):
+    """A robot with Coulomb friction, a motion on which joint 2 turns round, and when."""
+    robot = rubbing(jounce.load("planar2r"), [3.0, 1.0], eps).with_limits(velocity=5.0, effort_rate=2000.0)
+    there = np.polynomial.Polynomial(powers)
+    back = 3 * there * (1 - 0.8 * there)
+    [turn] = [root.real for root in (there - 0.625).roots() if abs(root.imag) < 1e-9 and 0 < root.real < 1]
+    return robot, Motion.polynomial([[*powers, *[0] * (len(powers) - 1)], back.coef], 1.0), turn
+
+
+@pytest.mark.parametrize(("eps", "powers"), [(0.05, (0, 0, 3, -2)), (1e-3, POWERS)])
+def test_a_joint_with_friction_turns_round_within_its_limits(eps, powers):
+    """At the turn, and at rests, friction changes in less time than the points of the path are apart."""
+    robot, motion, turn = turning(eps, powers)
+    found = robot.retime(motion)
+    near = turn + np.geomspace(1e-12, 0.1, 2000) * np.array([[1], [-1]])
+    t = np.sort(found.law.times(np.concatenate([np.linspace(0, 1, 20_001), near.ravel()])))
+    Qd = robot.forces_along(found.motion, t, 1).forces[1]
+    assert 0.985 < np.abs(Qd / 2000).max() < 0.993
+    assert robot.check(found.motion).worst.ratio < 0.993
+
+
+def test_friction_in_closed_loops_is_known_where_the_coordinates_are():
+    robot = jounce.load("fivebar").with_limits(velocity=5.0, effort=20.0, effort_rate=500.0)
+    motion = rest_to_rest([2.2, 0.94], [0.2, 0.1])
+    own = np.isin(robot.mechanism.joints, robot.joint_names)
+    found = rubbing(robot, 1.0 * own).retime(motion)
+    assert 0.985 < rubbing(robot, 1.0 * own).check(found.motion).worst.ratio < 0.9902
+    with pytest.raises(JounceError, match=r"follow others in closed loops \(left_elbow, right_elbow\); leave it out"):
+        rubbing(robot, np.ones(4)).retime(motion)
+
+
+def test_a_time_law_that_misses_where_friction_turns_over_is_refused(monkeypatch):
+    monkeypatch.setattr(friction, "NEAR_TURNS", np.empty(0))
+    robot, motion, _ = turning(1e-3)
+    with pytest.raises(
+        JounceError, match=r"^retiming fails: effort rate of .*, where at most 0.99 .* within 0.001 rad/s"
+    ):
+        robot.retime(motion)
 
 
 @pytest.mark.parametrize(

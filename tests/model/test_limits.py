@@ -271,5 +271,5 @@ def test_limits_equal_their_copies_and_no_others():
     assert other != limits
     assert Limits(limits.table, ()) != limits
     assert limits != 3
-    zero, negative = (Limits(np.full((14, 2, 1), x)) for x in (0.0, -0.0))
+    zero, negative = (Limits(np.full((16, 2, 1), x)) for x in (0.0, -0.0))
     assert (zero == negative, hash(zero) == hash(negative)) == (True, True)

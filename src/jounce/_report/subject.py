@@ -34,7 +34,7 @@ SHOWN_VALUES = 60_000  # under the cursor, of all frames together: they are exac
 SLOWED = 10_000  # states by which the slow-down factor of a longer motion is found; between them it looks closer
 BEFORE = 1e-9  # of the duration: how long before a break its left side is drawn
 NAMES = {kind: rate_name("q", k) for k, kind in enumerate(MOTION_KINDS)}
-NAMES |= {kind: rate_name("Q", k) for k, kind in enumerate(EFFORT_KINDS)} | {"power": "P"}
+NAMES |= {kind: rate_name("Q", k) for k, kind in enumerate(EFFORT_KINDS)} | {"power": "P", "stall_effort": "Q at stall"}
 NAMES |= dict(zip(MOTOR_KINDS, ("theta", "thetad", "tau", "i", "u"), strict=True))
 
 
@@ -152,7 +152,7 @@ def _slowdown(robot: "Robot", motion: Motion, worst: np.ndarray) -> Slowdown | s
 def _quantities(
     robot: "Robot", motion: Motion, along: Along, limits: Limits, frames: np.ndarray
 ) -> tuple[Quantity, ...]:
-    """The rates, the forces, and what else limits bound: forces without gravity, and the power."""
+    """The rates, the forces, and what else limits bound: forces without gravity, the power, forces at stall."""
     m, count = robot.mechanism, len(along.forces)
     near = positions(robot, motion, along.t)
     rates, forces = joint_rates(robot, along.rates, near), [_of_drives(m, x) for x in along.forces]
@@ -184,6 +184,9 @@ def _quantities(
         found += [quantity(kind, _of_drives(m, x), NAMES[kind], limits.bounds(kind)) for kind, x in motors.items()]
     if "power" in limits.kinds:
         found.append(quantity("power", rates[1] * forces[0], NAMES["power"], limits.bounds("power")))
+    if "stall_effort" in limits.kinds:
+        at_stall = forces[0] + limits.effort_slope * rates[1]
+        found.append(quantity("stall_effort", at_stall, NAMES["stall_effort"], limits.bounds("stall_effort")))
     return tuple(found)
 
 

@@ -7,11 +7,12 @@ import numpy as np
 
 from jounce.figures.canvas import COLOURS, PALE, legend_above, painted
 from jounce.limits import pace
+from jounce.limits.friction import friction_of
 from jounce.limits.joints import joint_limits
 from jounce.limits.path import Path, path_of
-from jounce.limits.problem import FASTEST
+from jounce.limits.problem import FASTEST, without_friction
 from jounce.limits.rows import rows_of
-from jounce.model.limits import KINDS, unlimited
+from jounce.model.limits import KINDS, LINE, STATED_KINDS, unlimited
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,7 +25,6 @@ POINTS = 801  # of the path
 SPEEDS = 400  # that are tried at each point for the curve of efforts and accelerations
 ABOVE = 1.6  # times the largest speed: the height of the axes
 BELOW = 1e-3  # of the largest speed: the lowest that is tried
-STATIC = (pace.ONE, pace.S1, pace.S1_2)  # products without the acceleration along the path
 CURVE: Any = {"linewidth": 1.0, "linestyle": (0, (5, 2))}
 WORDS = {kind: kind.replace("_", " ") for kind in KINDS}
 
@@ -36,7 +36,7 @@ def over_path(robot: "Robot", motion: "Motion", found: "Retiming") -> "Figure":
     all of them. Torque rates have no curve of their own.
     """
     sigma = np.linspace(motion.start, motion.stop, POINTS)
-    path = path_of(robot, motion, sigma, 0)
+    path = path_of(without_friction(robot), motion, sigma, 0)
     unit = np.linalg.norm(path.q[1], axis=1)
     way = np.concatenate([[0.0], np.cumsum((unit[1:] + unit[:-1]) / 2 * np.diff(sigma))])
     pace_found = np.sqrt(found.law.x(sigma))
@@ -75,22 +75,19 @@ def over_path(robot: "Robot", motion: "Motion", found: "Retiming") -> "Figure":
 def _curves(robot: "Robot", path: Path, reached: np.ndarray) -> dict[str, np.ndarray]:
     """The largest paces (N,) along a path that limits of velocity, and of effort and acceleration, allow."""
     limits = joint_limits(robot.mechanism)
-    drawn = [KINDS.index(kind) for kind in ("velocity", "effort", "acceleration")]
+    drawn = [STATED_KINDS.index(kind) for kind in ("velocity", "effort", "acceleration", *LINE)]
     table = unlimited(limits.table.shape[-1]).table
     table[drawn] = limits.table[drawn]
-    rows, found = rows_of(path, replace(limits, table=table), 1.0, FASTEST), {}
+    rows, found = rows_of(path, replace(limits, table=table), 1.0, FASTEST, friction_of(robot.mechanism)), {}
     if np.isfinite(limits.bounds("velocity")).any():
         found["velocity limits"] = rows.factors[:, 0, rows.used == pace.S1_2].ravel() ** -0.5
-    first = [i for i, kind in enumerate(rows.kinds) if kind in ("effort", "acceleration")]
+    first = [i for i, kind in enumerate(rows.kinds) if kind in ("effort", "acceleration", "stall_effort")]
     if not first:
         return found
-    factors = np.zeros((len(reached), len(first), len(pace.PRODUCTS)))
-    factors[:, :, rows.used] = rows.factors[:, first]
     lower, upper = rows.lower[first], rows.upper[first]
     tries = reached.max() * np.geomspace(BELOW, 10, SPEEDS)
-    powers = tries[:, None] ** np.arange(3)
-    rest = np.einsum("nrk,sk->snr", factors[:, :, STATIC], powers)
-    a = factors[:, :, pace.S2]
+    rest = np.stack([rows.uniform(speed)[:, first] for speed in tries])
+    a = rows.factors[:, first] @ (rows.used == pace.S2)
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = np.stack([(lower - rest) / a, (upper - rest) / a])
     least = np.where(a == 0, np.where((rest >= lower) & (rest <= upper), -np.inf, np.inf), ends.min(axis=0)).max(axis=2)

@@ -104,6 +104,7 @@ class Room:
             return found
         Q = self.Q.values(rates)
         found |= dict(zip(EFFORT_KINDS, Q, strict=False)) | {"Q": Q[0], "power": rates[1] * Q[0]}
+        found["stall_effort"] = Q[0] + self.limits.effort_slope * rates[1]
         for kind, g in zip(EFFORT_KINDS, self.gravity.values(rates) if self.gravity else (), strict=False):
             if self._is_bare(kind):
                 found[kind] = found[kind] - g
@@ -132,6 +133,9 @@ class Room:
         if "power" in pushes:
             found[1] += pushes["power"] * values["Q"]
             onto[0] = onto[0] + pushes["power"] * rates[1]
+        if "stall_effort" in pushes:
+            found[1] += pushes["stall_effort"] * self.limits.effort_slope
+            onto[0] = onto[0] + pushes["stall_effort"]
         for part in (*parts, self.Q.gradients(rates, onto)):
             for gradient, more in zip(found, part, strict=False):
                 gradient += more

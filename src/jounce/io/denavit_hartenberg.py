@@ -28,7 +28,8 @@ from jounce.model.mechanism import GRAVITY, Mechanism
 
 ANGLES = {"rad": 1.0, "deg": math.pi / 180}
 ROW = ("name", "body", "type", "limits", "drive", "inertia")  # keys of a row besides its four parameters
-ANGULAR = ("lower", "upper", *MOTION_KINDS[1:], "rest", "eps")  # angles, or rates of them, where a joint turns
+# Angles, or rates of them, where a joint turns:
+ANGULAR = ("lower", "upper", *MOTION_KINDS[1:], "no_load_velocity", "rest", "eps")
 
 Number = TypeVar("Number", float, Stated)
 

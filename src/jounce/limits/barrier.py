@@ -2,7 +2,8 @@
 
 It minimizes the duration, the integral of x^(-1/2), minus mu times the logarithms of all distances from the bounds, for
 ever smaller mu, by Newton's method on primal and dual variables. The rows at a point take x and its derivatives there,
-so that the Newton matrix has the band of the B-splines: a step costs as much as evaluating the rows.
+so that the Newton matrix has the band of the B-splines: a step costs as much as evaluating the rows. That x is above 0
+is a bound too: steep friction draws it there where the robot rests.
 """
 
 from dataclasses import dataclass
@@ -10,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce.errors import JounceError
-from jounce.limits import pace
 from jounce.limits.basis import Basis, Local
 from jounce.limits.rows import Rows
 
@@ -101,19 +101,22 @@ def _iterate(program: Program, c: np.ndarray, mu: float) -> Iterate:
 
 def _step(program: Program, now: Iterate, mu: float) -> tuple[float, float]:
     """One Newton step; its decrement in units of mu, and its length, 0 where none makes progress."""
-    rows, at, count = program.rows, program.at, program.rows.jet
-    first, second = pace.derivatives(at.jets(now.c))
-    slopes = np.matmul(rows.factors, first[rows.used, :count].transpose(2, 0, 1))  # (N, R, J)
+    rows, at = program.rows, program.at
+    jet = at.jets(now.c)
+    first, second = rows.derivatives(jet)
+    slopes = np.matmul(rows.factors, first.transpose(2, 0, 1))  # (N, R, J)
     stiffness = now.push_down / now.above + now.push_up / now.below
     outer = np.matmul((stiffness[:, :, None] * slopes).transpose(0, 2, 1), slopes)
+    outer[:, 0, 0] += mu / jet[0] ** 2
     pushes = np.matmul((now.push_down - now.push_up)[:, None], rows.factors)[:, 0]
-    bent = np.einsum("nk,kijn->nij", pushes, second[rows.used, :count, :count])
+    bent = np.einsum("nk,kijn->nij", pushes, second)
     force = np.matmul((mu / now.above - mu / now.below)[:, None], slopes)[:, 0]
+    force[:, 0] -= mu / jet[0]
     slope, curvature = program.basis.duration_derivatives(now.c)
     gradient = slope + at.collect(force)
     gradient[~program.free] = 0
     move = -_solved(program, outer, bent, curvature, gradient)
-    moved = np.matmul(slopes, at.jets(move)[:count].T[:, :, None])[:, :, 0]
+    moved = np.matmul(slopes, at.jets(move)[: rows.jet].T[:, :, None])[:, :, 0]
     down = mu / now.above - now.push_down + now.push_down / now.above * moved
     up = mu / now.below - now.push_up - now.push_up / now.below * moved
     decrease = float(-gradient @ move)
@@ -160,10 +163,10 @@ def _line_search(program: Program, now: Iterate, mu: float, move: np.ndarray, le
     """Move as far as the barrier function falls, and all rows stay within their bounds; how far that is."""
     floor = 0.1 * (1 - BACK)
 
-    def barrier(c: np.ndarray, above: np.ndarray, below: np.ndarray) -> float:
-        return program.basis.duration(c) - mu * float(np.log(above).sum() + np.log(below).sum())
+    def barrier(c: np.ndarray, *distances: np.ndarray) -> float:
+        return program.basis.duration(c) - mu * float(sum(np.log(distance).sum() for distance in distances))
 
-    before = barrier(now.c, now.above, now.below)
+    before = barrier(now.c, now.above, now.below, program.at.jets(now.c)[0])
     for _ in range(HALVINGS):
         c = now.c + length * move
         jet = program.at.jets(c)
@@ -173,7 +176,7 @@ def _line_search(program: Program, now: Iterate, mu: float, move: np.ndarray, le
             if (
                 (above > floor * now.above).all()
                 and (below > floor * now.below).all()
-                and barrier(c, above, below) <= before - 1e-4 * length * decrease + 1e-12 * abs(before)
+                and barrier(c, above, below, jet[0]) <= before - 1e-4 * length * decrease + 1e-12 * abs(before)
             ):
                 now.c, now.above, now.below = c, above, below
                 return length

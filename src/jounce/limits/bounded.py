@@ -96,7 +96,7 @@ class Bounded:
         """Whether the motion of joints that follow others in closed loops is limited, or enters a power."""
         m = self.robot.mechanism
         others = list(m.closure.dependent) if m.closure else []
-        kinds = [kind for kind in self.kinds if kind in (*MOTION_KINDS, "power")]
+        kinds = [kind for kind in self.kinds if kind in (*MOTION_KINDS, "power", "stall_effort")]
         return any(np.isfinite(self.limits.bounds(kind)[:, others]).any() for kind in kinds)
 
     @property
@@ -153,7 +153,13 @@ class Bounded:
             return found
         Q, base = values[self.efforts.name], self.motion.base(t, self.orders[self.efforts.name], side)
         found |= {kind: in_columns(m, own, self.efforts) for kind, own in self._efforts(Q, rates, base, near).items()}
-        return found | ({"power": power(joints[1:], in_columns(m, Q, self.efforts))} if "power" in self.kinds else {})
+        Q = in_columns(m, Q, self.efforts)
+        if "power" in self.kinds:
+            found["power"] = power(joints[1:], Q)
+        if "stall_effort" in self.kinds:
+            slope = self.limits.effort_slope
+            found["stall_effort"] = [x + slope * rate for x, rate in zip(Q, joints[1:], strict=False)]
+        return found
 
     def rates(self, t: np.ndarray, order: int, side: Side = "right") -> Rates:
         """The rates of the joints up to an order, (N, joints) each."""

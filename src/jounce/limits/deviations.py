@@ -35,9 +35,9 @@ def deviations_of(b: Bounded, t: np.ndarray) -> Deviations:
 
 
 def _of_forces(b: Bounded, t: np.ndarray, off: np.ndarray) -> Deviations:
-    """Those of efforts with their rates, and of the power, where velocities deviate by `off` (N, joints)."""
+    """Those of efforts with their rates, of the power and of stall efforts; velocities deviate by `off` (N, joints)."""
     efforts = [kind for kind in b.kinds if kind in EFFORT_KINDS]
-    if not efforts and "power" not in b.kinds:
+    if not efforts and not {"power", "stall_effort"} & set(b.kinds):
         return {}
     along = _along(b, t, b.efforts, max((DERIVATIVE[kind] for kind in efforts), default=0))
     spread, Q = (in_columns(b.robot.mechanism, x, b.efforts) for x in along)
@@ -46,6 +46,8 @@ def _of_forces(b: Bounded, t: np.ndarray, off: np.ndarray) -> Deviations:
     found = {kind: spread[DERIVATIVE[kind]] for kind in efforts}
     if "power" in b.kinds:
         found["power"] = np.hypot(b.rates(t, 1)[1] * spread[0], Q[0] * off)
+    if "stall_effort" in b.kinds:
+        found["stall_effort"] = np.hypot(spread[0], b.limits.effort_slope * off)
     return found
 
 

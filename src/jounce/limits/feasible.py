@@ -123,7 +123,7 @@ class Feasible:
 
 def refuse_static(b: Bounded, found: Polynomials, t: np.ndarray) -> None:
     """Raise where a limit is broken at every speed: of a position, or of the effort or a motor at rest."""
-    for kind in ("position", "effort", *MOTOR_KINDS):
+    for kind in ("position", "effort", "stall_effort", *MOTOR_KINDS):
         if kind not in found:
             continue
         scale, value = scale_of(b.limits.bounds(kind), kind), found[kind][0]
@@ -150,10 +150,10 @@ def _static_error(b: Bounded, kind: str, j: int, value: float, bound: float, t: 
             f"the motor of {joint} has a {what} of {value:.6g} {unit} at rest {when}, beyond its limit of {bound:.6g}"
             f" {unit}; slowing down does not help: change the pose, the load or {option}"
         )
-    of = "" if b.limits.of(kind) == "Q" else " without gravity"
+    of = " without gravity" if kind in b.limits.without_gravity else ""
     return JounceError(
         f"{joint} cannot hold itself up {when}: it takes {value:.6g} {unit}{of} at rest, and its limit is"
-        f" {bound:.6g} {unit}; slowing down does not help: change the pose, the load or with_limits(effort=...)"
+        f" {bound:.6g} {unit}; slowing down does not help: change the pose, the load or with_limits({kind}=...)"
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.quantities import FORCES, QUANTITIES, Quantity
 from jounce.model.coordinates import coordinate_limits, coordinate_units
-from jounce.model.limits import KINDS, MOTION_KINDS, Limits
+from jounce.model.limits import MOTION_KINDS, STATED_KINDS, Limits
 from jounce.model.mechanism import Mechanism
 from jounce.robot.closed_path import on_tree
 from jounce.robot.dispatch import compute
@@ -40,7 +40,7 @@ def joint_limits(m: Mechanism) -> Limits:
         return limits
     table = limits.table.copy()
     passive = [j for j in range(m.tree.n) if j not in m.closure.actuated]
-    forces = [k for k, kind in enumerate(KINDS) if kind not in MOTION_KINDS]
+    forces = [k for k, kind in enumerate(STATED_KINDS) if kind not in MOTION_KINDS]
     table[np.ix_(forces, [0], passive)], table[np.ix_(forces, [1], passive)] = -np.inf, np.inf
     return replace(limits, table=table)
 

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce._typing import DriveTerm
 from jounce.errors import JounceError, listed, quoted
 from jounce.limits.bounded import known_kinds
+from jounce.limits.friction import Friction, friction_of
 from jounce.limits.joints import drives_coordinates, joint_limits, joint_names, joint_units
 from jounce.limits.path import Path, path_of
 from jounce.limits.rows import NEEDS, Rows, rows_of
-from jounce.model.drives import TERMS
 from jounce.model.limits import EFFORT_KINDS, KINDS, MOTOR_KINDS, Limits
 from jounce.motion import Motion
 from jounce.robot.closed_path import positions
@@ -33,7 +32,7 @@ class Problem:
     """A motion whose path is retimed, and the limits of its coordinates, of which a share is used.
 
     `order` is that of the rates of Q that the limits take, `moving` whether the motion moves at its start and its end:
-    its velocity and acceleration remain there.
+    its velocity and acceleration remain there. `robot` has no Coulomb friction, which is `friction`.
     """
 
     robot: "Robot"
@@ -42,21 +41,28 @@ class Problem:
     share: float
     order: int
     moving: tuple[bool, bool]
+    friction: Friction | None
 
     @cached_property
     def breaks(self) -> np.ndarray:
         """Where a rate of q that the limits take jumps, or the next one: what they bound has a kink there."""
         return np.unique([found.t for found in self.motion.breaks_to(self.order + 3)])
 
-    def points(self, count: int) -> np.ndarray:
-        """Even points of the path, then those of its breaks twice: before and after each."""
-        even = np.linspace(self.motion.start, self.motion.stop, count)
-        return np.concatenate([even, self.breaks, self.breaks])
+    def points(self, count: int) -> tuple[np.ndarray, int]:
+        """`count` even points of the path, with more where joints with friction turn round, and how many these are.
 
-    def path(self, count: int) -> Path:
-        """The path at `points`."""
+        Then those of its breaks twice: before and after each.
+        """
         even = np.linspace(self.motion.start, self.motion.stop, count)
-        path = path_of(self.robot, self.motion, even, self.order)
+        if self.friction:
+            own = self.robot.mechanism.closure
+            columns = list(own.independent) if own else list(range(self.robot.n))
+            even = np.union1d(even, self.friction.turns(self.motion, columns, count))
+        return np.concatenate([even, self.breaks, self.breaks]), len(even)
+
+    def path(self, sigma: np.ndarray, count: int) -> Path:
+        """The path at `points`, of which the first `count` are no breaks."""
+        path = path_of(self.robot, self.motion, sigma[:count], self.order)
         for left in (True, False):
             if self.breaks.size:
                 path = path.joined(path_of(self.robot, self.motion, self.breaks, self.order, left))
@@ -68,15 +74,14 @@ class Problem:
 
     def rows(self, path: Path, fastest: float) -> Rows:
         """The limits along a path, x below the square of `fastest`."""
-        return rows_of(path, self.limits, self.share, fastest)
+        return rows_of(path, self.limits, self.share, fastest, self.friction)
 
     def uniform(self, path: Path) -> float:
         """The speed of a uniform time law within all limits: of an interval of such speeds the fastest."""
         rows = self.rows(path, FASTEST)
-        powers = rows.uniform()
 
         def feasible(speed: float) -> bool:
-            values = np.polynomial.polynomial.polyval(speed, powers)
+            values = rows.uniform(speed)
             return bool((values < rows.upper).all() and (values > rows.lower).all())
 
         speed = 1.0
@@ -103,7 +108,8 @@ class Problem:
         )
 
     def _stuck(self, rows: Rows) -> JounceError:
-        values = np.maximum(rows.uniform()[0] - rows.upper, rows.lower - rows.uniform()[0])
+        values = rows.uniform(0.0)
+        values = np.maximum(values - rows.upper, rows.lower - values)
         point, row = np.unravel_index(values.argmax(), values.shape)
         joint = joint_names(self.robot.mechanism)[rows.joints[point, row]]
         return JounceError(f"the {rows.kinds[row]} limit of joint {quoted(joint)} leaves no room to move; raise it")
@@ -122,7 +128,7 @@ def problem_of(robot: "Robot", motion: Motion, share: float) -> Problem:
             f"retime does not know limits of motors ({listed(motors)}); take them away,"
             f" robot.with_limits({motors[0]}=float('inf')), and check the result with them: robot.slowdown keeps them"
         )
-    forces = [kind for kind in kinds if kind in (*EFFORT_KINDS, "power")]
+    forces = [kind for kind in kinds if kind in (*EFFORT_KINDS, "power", "stall_effort")]
     if forces and not drives_coordinates(robot.mechanism):
         bounds, names = limits.bounds(forces[0]), joint_names(robot.mechanism)
         bounded = [name for j, name in enumerate(names) if np.isfinite(bounds[:, j]).any()]
@@ -139,15 +145,15 @@ def problem_of(robot: "Robot", motion: Motion, share: float) -> Problem:
         )
     highest = max(kinds, key=lambda kind: NEEDS[kind])
     _check_breaks(motion, robot.joint_names, NEEDS[highest], highest)
-    robot, limits = _without_friction(robot, limits)
-    return Problem(robot, motion, limits, share, max(0, NEEDS[highest] - 2), _moving(motion))
+    friction, order = _friction(robot), max(0, NEEDS[highest] - 2)
+    return Problem(without_friction(robot), motion, limits, share, order, _moving(motion), friction)
 
 
-def check_path(problem: Problem, count: int, path: Path) -> None:
+def check_path(problem: Problem, sigma: np.ndarray, path: Path) -> None:
     """Raise `JounceError` where a path does not move, leaves position limits, or rests beyond an effort limit."""
     if not any(np.any(rate) for rate in path.q[1:2]):
         raise JounceError("the path does not move: every joint rests all the time; expected a motion of some joint")
-    sigma, names = problem.points(count), joint_names(problem.robot.mechanism)
+    names = joint_names(problem.robot.mechanism)
     units = joint_units(problem.robot.mechanism)
     lower, upper = problem.limits.bounds("position")
     slack = ROUNDING * np.maximum(1, np.abs(path.q[0]).max(axis=0))
@@ -159,23 +165,24 @@ def check_path(problem: Problem, count: int, path: Path) -> None:
             f" {path.q[0][i, j]:g} {units[j]} is outside of {lower[j]:g} to {upper[j]:g};"
             " no time law changes that, expected another path"
         )
-    _check_static(problem, sigma, path)
+    for kind in ("effort", "stall_effort"):
+        _check_static(problem, kind, sigma, path)
 
 
-def _check_static(problem: Problem, sigma: np.ndarray, path: Path) -> None:
-    static = path.g[0] - path.gravity[0] * ("effort" in problem.limits.without_gravity)
-    lower, upper = problem.limits.bounds("effort") * problem.share
+def _check_static(problem: Problem, kind: str, sigma: np.ndarray, path: Path) -> None:
+    static = path.g[0] - path.gravity[0] * (kind in problem.limits.without_gravity)
+    lower, upper = problem.limits.bounds(kind) * problem.share
     over = np.argwhere((static <= lower) | (static >= upper))
     if not len(over):
         return
     i, j = over[0]
     unit = "N m" if joint_units(problem.robot.mechanism)[j] == "rad" else "N"
-    bound = problem.limits.bounds("effort")[int(static[i, j] > 0), j]
+    bound = problem.limits.bounds(kind)[int(static[i, j] > 0), j]
     share = f" ({problem.share:.0%} of it are used: margin)" if abs(static[i, j]) < abs(bound) else ""
     joint = quoted(joint_names(problem.robot.mechanism)[j])
     raise JounceError(
         f"joint {joint} holds {static[i, j]:.6g} {unit} at rest at t = {sigma[i]:g} s;"
-        f" its effort limit is {bound:.6g} {unit}{share}, and a slower motion does not help"
+        f" its {kind.replace('_', ' ')} limit is {bound:.6g} {unit}{share}, and a slower motion does not help"
     )
 
 
@@ -220,29 +227,22 @@ def _check_breaks(motion: Motion, names: Sequence[str], rate: int, kind: str) ->
         )
 
 
-def _without_friction(robot: "Robot", limits: Limits) -> tuple["Robot", Limits]:
-    """The robot without Coulomb friction, which effort limits then leave room for; it never exceeds its coefficient."""
-    mechanism = robot.mechanism
-    friction = np.abs(mechanism.tree.G).T @ mechanism.drives.friction
-    if "friction" not in mechanism.acting or not friction.any():
-        return robot, limits
-    if passive := [
-        joint
-        for joint, f in zip(joint_names(mechanism), friction, strict=True)
-        if f and joint not in mechanism.coordinates
-    ]:
+def without_friction(robot: "Robot") -> "Robot":
+    """The robot without Coulomb friction."""
+    m = robot.mechanism
+    return type(robot)(replace(m, acting=tuple(term for term in m.acting if term != "friction")))
+
+
+def _friction(robot: "Robot") -> Friction | None:
+    """The Coulomb friction that acts in a robot; that of joints that follow others in closed loops is refused."""
+    m = robot.mechanism
+    friction = friction_of(m)
+    if friction is None or m.closure is None:
+        return friction
+    rubs = np.flatnonzero(friction.ratios.any(axis=0))
+    if passive := [joint_names(m)[j] for j in rubs if joint_names(m)[j] not in m.coordinates]:
         raise JounceError(
             f"retime does not know Coulomb friction of joints that follow others in closed loops ({listed(passive)});"
             " leave it out, robot.with_drives(['armature', 'damping', 'spring']), and check the result with it"
         )
-    for kind in (*EFFORT_KINDS[1:], "power"):
-        if np.isfinite(limits.bounds(kind)[:, friction > 0]).any():
-            raise JounceError(
-                f"{kind} limits cannot be met with Coulomb friction, which jumps where a joint turns round; leave it"
-                " out, robot.with_drives(['armature', 'damping', 'spring']), and check the result with it"
-            )
-    others: list[DriveTerm] = [term for term in TERMS if term in mechanism.acting and term != "friction"]
-    table = limits.table.copy()
-    effort = table[KINDS.index("effort")]
-    effort[:] = np.minimum(effort[0] + friction, 0), np.maximum(effort[1] - friction, 0)
-    return robot.with_drives(others), replace(limits, table=table)
+    return friction

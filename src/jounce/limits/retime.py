@@ -11,6 +11,7 @@ from jounce._scalars import is_finite
 from jounce.errors import JounceError, quoted
 from jounce.limits.barrier import UNEVEN, Program, fastest, within
 from jounce.limits.basis import Basis, Local
+from jounce.limits.check import check
 from jounce.limits.joints import joint_names
 from jounce.limits.path import Path
 from jounce.limits.problem import Problem, check_path, problem_of
@@ -38,6 +39,7 @@ DECIDES = 0.97  # of a bound from which on it decides
 INSIDE = 0.95  # of the fastest uniform speed: where the program begins
 LEAST, BISECTIONS = 1e-4, 6  # of the way towards coefficients within the limits
 NEARLY = 0.05  # of a bound: points further from it need not be looked at again
+UNRESOLVED = 0.01  # of a limit: by more it is not exceeded between points that show all that happens
 SURE = 8  # times as many points as those of a grid tell that x is above 0
 SHORT = 0.004  # of the duration: shorter stretches are not told
 
@@ -99,8 +101,22 @@ def retime(robot: "Robot", motion: object, margin: object = 0.01) -> Retiming:
     for reach in REACHES:
         grid, c = _fastest(Grid.of(problem, intervals, reach))
         if grid.bounded(c):
-            return grid.result(c)
+            return _verified(robot, grid.result(c), problem)
     raise problem.unbounded()
+
+
+def _verified(robot: "Robot", found: Retiming, problem: Problem) -> Retiming:
+    """A result with Coulomb friction, refused where it changes too fast for the points of the path."""
+    if problem.friction:
+        rows = [row for row in check(robot, found.motion).table if row.limit != "position"]
+        worst = max(rows, key=lambda row: row.ratio)
+        if worst.ratio > problem.share * (1 + UNRESOLVED):
+            raise JounceError(
+                f"retiming fails: {worst}, where at most {problem.share:g} is expected:"
+                f" the Coulomb friction turns over within {1 / problem.friction.slope.max():g} rad/s or m/s, which is"
+                " too steep: expected a larger one, robot.with_drives(..., eps=...)"
+            )
+    return found
 
 
 def _resolving(motion: Motion) -> int:
@@ -143,7 +159,8 @@ class Grid:
 
     problem: Problem
     basis: Basis
-    count: int
+    sigma: np.ndarray
+    count: int  # of sigma without breaks
     path: Path
     at: Local
     rows: Rows
@@ -153,13 +170,14 @@ class Grid:
     @classmethod
     def of(cls, problem: Problem, intervals: int, reach: float, uniform: float | None = None) -> "Grid":
         """The grid with a number of intervals; the path is checked where the uniform speed is not known yet."""
-        motion, count = problem.motion, FINER * POINTS * intervals + 1
-        basis, path = Basis(motion.start, motion.stop, intervals), problem.path(count)
+        basis = Basis(problem.motion.start, problem.motion.stop, intervals)
+        sigma, count = problem.points(FINER * POINTS * intervals + 1)
+        path = problem.path(sigma, count)
         if uniform is None:
-            check_path(problem, count, path)
+            check_path(problem, sigma, path)
             uniform = 1.0 if any(problem.moving) else problem.uniform(path)
         rows = problem.rows(path, reach * uniform)
-        return cls(problem, basis, count, path, basis.at(problem.points(count)), rows, uniform, reach)
+        return cls(problem, basis, sigma, count, path, basis.at(sigma), rows, uniform, reach)
 
     @property
     def free(self) -> np.ndarray:
@@ -181,7 +199,7 @@ class Grid:
     def solved(self, c: np.ndarray, inner: np.ndarray, first: float) -> np.ndarray:
         """The coefficients of the fastest spline within all limits, between the points too, from some others."""
         chosen = np.zeros(len(self.rows.factors), dtype=bool)
-        chosen[: self.count : FINER] = chosen[self.count :] = True
+        chosen[: self.count : FINER] = chosen[self.count - 1 :] = True
         for _ in range(ROUNDS):
             program = Program(self.basis, self.at.taken(chosen), self.rows.taken(chosen), self.free)
             c = fastest(program, drawn(c, inner, program.feasible), GAP, first)
@@ -205,7 +223,7 @@ class Grid:
 
     def _tops(self, c: np.ndarray) -> np.ndarray:
         """Where rows peak above their limits between the points, by parabolas through three of these each."""
-        sigma = self.problem.points(self.count)[: self.count]
+        sigma = self.sigma[: self.count]
         excess = self.rows.excess(self.at.jets(c))[: self.count]
         rise, value = np.diff(excess, axis=0) / np.diff(sigma)[:, None], excess[1:-1]
         half = (sigma[2:] - sigma[:-2])[:, None] / 2
@@ -228,7 +246,7 @@ class Grid:
 
     def bounded(self, c: np.ndarray) -> bool:
         """Whether the limits decide the speed along nearly all of the path, and not the highest speed."""
-        way = np.abs(self.path.q[1][: self.count]).sum(axis=1)
+        way = np.abs(self.path.q[1][: self.count]).sum(axis=1) * np.gradient(self.sigma[: self.count])
         x = self.at.jets(c)[0, : self.count]
         return bool(way[x > (self.reach * self.uniform) ** 2 / 4].sum() <= UNBOUNDED * way.sum())
 
@@ -257,7 +275,7 @@ class Grid:
         row = near.argmax(axis=1)
         at = np.arange(self.count)
         joints = np.where(near[at, row] > DECIDES, rows.joints[at, row], -1)
-        t = law.times(self.problem.points(self.count)[: self.count])
+        t = law.times(self.sigma[: self.count])
         found = []
         for (kind, joint), group in groupby(at.tolist(), key=lambda i: (rows.kinds[row[i]], int(joints[i]))):
             which = list(group)

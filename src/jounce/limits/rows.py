@@ -5,12 +5,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jounce.limits import pace
+from jounce.limits.friction import Friction, FrictionAlong
 from jounce.limits.path import Path, Terms
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, Limits
 
 RATES = {kind: k for k, kind in enumerate(MOTION_KINDS)}  # which rate of q a limit bounds
 FORCES = {kind: k for k, kind in enumerate(EFFORT_KINDS)}  # which rate of Q
-NEEDS = {**RATES, **{kind: k + 2 for kind, k in FORCES.items()}, "power": 2}  # the rates of q that a limit takes
+NEEDS = {
+    **RATES,
+    **{kind: k + 2 for kind, k in FORCES.items()},
+    "power": 2,
+    "stall_effort": 2,
+}  # the rates of q that a limit takes
 ONE_SIDED = 1e6  # times the stated bound stands in for the other one, where that is infinite
 HIGHEST_JET = (0, 0, 0, 1, 0, 1, 2, 0, 1, 1, 2, 3)  # of each product, the derivative of x that it takes
 
@@ -34,6 +40,8 @@ class Rows:
         Of each row the kind of the limit.
     joints : (N, R)
         Of each row and point the index of the coordinate.
+    friction : FrictionAlong or None
+        What adds products to those of the path, where Coulomb friction acts.
     """
 
     factors: np.ndarray
@@ -42,23 +50,34 @@ class Rows:
     upper: np.ndarray
     kinds: tuple[str, ...]
     joints: np.ndarray
+    friction: FrictionAlong | None = None
 
     @property
     def jet(self) -> int:
         """How many of x, x', x'', x''' the rows take."""
-        return 1 + max((HIGHEST_JET[k] for k in self.used), default=0)
+        highest = HIGHEST_JET + (self.friction.highest_jet if self.friction else ())
+        return 1 + max((highest[k] for k in self.used), default=0)
 
     def values(self, jet: np.ndarray) -> np.ndarray:
         """The rows (N, R) at jets (4, N)."""
-        return np.matmul(self.factors, pace.products(jet)[self.used].T[:, :, None])[:, :, 0]
+        products = pace.products(jet)
+        if self.friction:
+            products = np.concatenate([products, self.friction.products(jet)])
+        return np.matmul(self.factors, products[self.used].T[:, :, None])[:, :, 0]
 
-    def uniform(self) -> np.ndarray:
-        """The rows as polynomials in the speed of a uniform time law: (5, N, R), the lowest power first."""
-        found = np.zeros((5, *self.factors.shape[:2]))
-        for power, product in enumerate((pace.ONE, pace.S1, pace.S1_2, pace.S1_3, pace.S1_4)):
-            for at in np.flatnonzero(self.used == product):
-                found[power] = self.factors[:, :, at]
-        return found
+    def derivatives(self, jet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gradients (K, J, N) and Hessians (K, J, J, N) of the products with respect to what the rows take of jets."""
+        first, second = pace.derivatives(jet)
+        if self.friction:
+            parts = zip((first, second), self.friction.derivatives(jet), strict=True)
+            first, second = (np.concatenate(pair) for pair in parts)
+        return first[self.used, : self.jet], second[self.used, : self.jet, : self.jet]
+
+    def uniform(self, speed: float) -> np.ndarray:
+        """The rows (N, R) at a uniform speed, 0 for those at rest."""
+        jet = np.zeros((pace.JET, len(self.factors)))
+        jet[0] = speed**2
+        return self.values(jet)
 
     def excess(self, jet: np.ndarray) -> np.ndarray:
         """By how much the rows (N, R) leave their bounds at jets (4, N); negative within, infinite where x <= 0."""
@@ -68,7 +87,8 @@ class Rows:
 
     def taken(self, points: np.ndarray | slice) -> "Rows":
         """The rows at some of the points."""
-        return replace(self, factors=self.factors[points], joints=self.joints[points])
+        friction = self.friction and self.friction.taken(points)
+        return replace(self, factors=self.factors[points], joints=self.joints[points], friction=friction)
 
     def relaxed(self, by: float) -> "Rows":
         """The rows with wider bounds."""
@@ -81,34 +101,46 @@ class Rows:
             return np.fmax(values / self.upper, values / self.lower)
 
 
-def rows_of(path: Path, limits: Limits, share: float, fastest: float) -> Rows:
+def rows_of(path: Path, limits: Limits, share: float, fastest: float, friction: Friction | None = None) -> Rows:
     """The rows of all finite limits of the coordinates, each taken to a share of itself, at the points of a path.
+
+    `friction` acts in addition to the forces of the path.
 
     The velocity limits are one row, (q' / v)^2 x of the joint that is nearest to its own; x itself stays below the
     square of `fastest`, so that a rest of the motion does not make it infinite: that is of the joint -1.
     """
-    found: list[Part] = [_speed(path, limits.bounds("velocity") * share, fastest)]
-    for kind in ("acceleration", "jerk", "snap", *EFFORT_KINDS, "power"):
-        bounds = limits.bounds(kind) * share
-        if np.isfinite(bounds).any():
-            found.append(_rows(kind, _terms(path, kind, limits), bounds))
+    kinds = [
+        kind
+        for kind in ("acceleration", "jerk", "snap", *EFFORT_KINDS, "power", "stall_effort")
+        if np.isfinite(limits.bounds(kind)).any()
+    ]
+    forces = tuple(kind for kind in kinds if kind not in RATES)
+    rubbing = friction.along(path.q[1:], forces) if friction and forces else None
+    size = len(pace.PRODUCTS) + (len(rubbing.highest_jet) if rubbing else 0)
+    found: list[Part] = [_speed(path, limits.bounds("velocity") * share, fastest, size)]
+    for kind in kinds:
+        terms = _terms(path, kind, limits) | (rubbing.terms(kind, path.q[1]) if rubbing else {})
+        found.append(_rows(kind, terms, limits.bounds(kind) * share, size))
     factors = np.concatenate([rows[0] for rows in found], axis=1)
     used = np.flatnonzero(np.any(factors, axis=(0, 1)))
     lower, upper = (np.concatenate([rows[k] for rows in found]) for k in (1, 2))
     joints = np.concatenate([rows[3] for rows in found], axis=1)
-    kinds = tuple(kind for rows in found for kind in rows[4])
-    return Rows(np.ascontiguousarray(factors[:, :, used]), used, lower, upper, kinds, joints)
+    of = tuple(kind for rows in found for kind in rows[4])
+    return Rows(np.ascontiguousarray(factors[:, :, used]), used, lower, upper, of, joints, rubbing)
 
 
 def _terms(path: Path, kind: str, limits: Limits) -> Terms:
     if kind in RATES:
         return path.rate(RATES[kind])
+    if kind == "stall_effort":
+        force = path.force(0)
+        return force | {pace.S1: force[pace.S1] + limits.effort_slope * path.q[1]}
     return path.power() if kind == "power" else path.force(FORCES[kind], kind in limits.without_gravity)
 
 
-def _rows(kind: str, terms: Terms, bounds: np.ndarray) -> Part:
+def _rows(kind: str, terms: Terms, bounds: np.ndarray, products: int) -> Part:
     [points, n] = next(iter(terms.values())).shape
-    factors = np.zeros((points, n, len(pace.PRODUCTS)))
+    factors = np.zeros((points, n, products))
     for k, term in terms.items():
         factors[:, :, k] = term
     limited = np.flatnonzero(np.isfinite(bounds).any(axis=0) & bounds.any(axis=0))  # a limit of 0: it does not move
@@ -125,11 +157,11 @@ def _rows(kind: str, terms: Terms, bounds: np.ndarray) -> Part:
     )
 
 
-def _speed(path: Path, bounds: np.ndarray, fastest: float) -> Part:
+def _speed(path: Path, bounds: np.ndarray, fastest: float, products: int) -> Part:
     rate = path.q[1]
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.where(rate == 0, 0, rate / np.where(rate > 0, bounds[1], bounds[0]))
-    factors = np.zeros((len(rate), 1, len(pace.PRODUCTS)))
+    factors = np.zeros((len(rate), 1, products))
     factors[:, 0, pace.S1_2] = np.maximum(ratio.max(axis=1), 1 / fastest) ** 2
     joints = np.where(ratio.max(axis=1) * fastest < 1, -1, ratio.argmax(axis=1))
     one = np.ones(1)

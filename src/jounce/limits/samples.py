@@ -29,7 +29,8 @@ def worst_sample(
         if limits.of(kind) == FORCES[0]
     }  # fmt: skip
     found = []
-    for kind, value in (values | {"power": rates[1] * forces[0]}).items():
+    values |= {"power": rates[1] * forces[0], "stall_effort": forces[0] + limits.effort_slope * rates[1]}
+    for kind, value in values.items():
         if np.isfinite(limits.bounds(kind)).any():
             scale = scale_of(limits.bounds(kind), kind)
             ratio = np.nan_to_num(np.maximum(*(scale.ratio(value, sign) for sign in SIGNS)), nan=0.0)  # where unknown

@@ -50,15 +50,18 @@ def _polynomials(b: Bounded, t: np.ndarray, side: Side) -> Polynomials:
     found |= {kind: _of_motors(b, kind, rates, t, side, near) for kind in MOTORS if kind in b.kinds}
     if b.efforts.name not in b.orders:
         return found
-    order = max(DERIVATIVE.get(kind, 0) for kind in b.kinds if kind in EFFORT_KINDS or kind == "power")
+    forces = (*EFFORT_KINDS, "power", "stall_effort")
+    order = max(DERIVATIVE.get(kind, 0) for kind in b.kinds if kind in forces)
     parts = _parts(b, rates, t, order, side, near)
-    for kind in (*EFFORT_KINDS, "power"):
+    for kind in forces:
         if kind in b.kinds:
             k = DERIVATIVE.get(kind, 0)
             c = np.pad(np.stack(parts[k]), ((k, 0), (0, 0), (0, 0)))
-            if kind != "power" and b.limits.of(kind) == BOUND_FORCES[1]:
+            if kind in EFFORT_KINDS and b.limits.of(kind) == BOUND_FORCES[1]:
                 c[k] -= gravity(b.robot, rates[: k + 1], b.motion.base(t, k, side), near)[k]
             [c] = in_columns(m, [c], b.efforts)
+            if kind == "stall_effort":
+                c[1] += b.limits.effort_slope * joints[1]
             found[kind] = np.concatenate([0 * c[:1], joints[1] * c]) if kind == "power" else c
     return found
 

@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from jounce._scalars import Array
-from jounce.model.limits import EFFORT_KINDS, KINDS, MOTION_KINDS, Limits, unlimited
+from jounce.model.limits import EFFORT_KINDS, LINE, MOTION_KINDS, STATED_KINDS, Limits, unlimited
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
@@ -88,12 +88,12 @@ def coordinate_limits(mechanism: Mechanism) -> Limits:
         if len(moved) != 1:
             continue
         [j] = moved
-        for k, kind in enumerate(KINDS):
+        for k, kind in enumerate(STATED_KINDS):
             if kind in MOTION_KINDS:
                 offset = float(mechanism.g[i]) if kind == "position" else 0.0
                 lower, upper = sorted((mechanism.limits.table[k, :, i] - offset) / row[j])
             elif i == leaders[j]:
-                factor = row[j] if kind in EFFORT_KINDS else 1.0
+                factor = {LINE[0]: row[j], LINE[1]: 1 / row[j]}.get(kind, row[j] if kind in EFFORT_KINDS else 1.0)
                 lower, upper = sorted(mechanism.limits.table[k, :, i] * factor)
             else:
                 continue
@@ -104,7 +104,8 @@ def coordinate_limits(mechanism: Mechanism) -> Limits:
 def following_efforts(mechanism: Mechanism) -> list[str]:
     """The joints whose effort limits bound no coordinate: they follow others, and Q does not tell their share."""
     limits, leaders = mechanism.limits, leading_joints(mechanism)
-    stated = [any(np.isfinite(limits.bounds(kind)[:, i]).any() for kind in EFFORT_KINDS) for i in range(mechanism.nb)]
+    kinds = (*EFFORT_KINDS, LINE[0])
+    stated = [any(np.isfinite(limits.bounds(kind)[:, i]).any() for kind in kinds) for i in range(mechanism.nb)]
     return [joint for i, joint in enumerate(mechanism.joints) if stated[i] and i not in leaders]
 
 

@@ -19,8 +19,10 @@ MOTOR_KINDS = {  # of motors behind elastic joints, seen from the links, with th
     "motor_current": ("A", "A"),
     "motor_voltage": ("V", "V"),
 }
-KINDS = (*MOTION_KINDS, *EFFORT_KINDS, "power", *MOTOR_KINDS)
-KEYS = ("lower", "upper", *KINDS[1:])  # of files and callers: positions have two
+LINE = ("stall_effort", "no_load_velocity")  # of the effort that falls with speed: where it ends on both axes
+KINDS = (*MOTION_KINDS, *EFFORT_KINDS, "power", LINE[0], *MOTOR_KINDS)
+STATED_KINDS = (*KINDS, LINE[1])  # rows of a table; the last one bounds nothing by itself
+KEYS = ("lower", "upper", *STATED_KINDS[1:])  # of files and callers: positions have two
 ONE_SIDED = ("effort", "motor_position", "motor_torque")  # whose two bounds may have the same sign
 FORCES = ("Q", "Q - Qgrav")  # what an effort limit may bound
 
@@ -51,14 +53,17 @@ class Limits:
         Q, Qd and Q2d: N m or N, per s, per s^2.
     power : (nb,)
         Drive power qd Q, W.
+    stall_effort, no_load_velocity : (nb,)
+        Q that falls with speed, Q / stall_effort + qd / no_load_velocity <= 1 in either direction: N m or N, rad/s or
+        m/s.
     motor_position, motor_velocity, motor_torque : (nb,)
         The motor behind an elastic joint, seen from the link: rad or m, per s, N m or N.
     motor_current, motor_voltage : (nb,)
         The same motor: A and V.
     without_gravity : tuple of str
         Those of "effort", "effort_rate", "second_effort_rate" that bound Q - Qgrav and its rates instead of Q.
-    table : (14, 2, nb)
-        All of them: for each of the fourteen kinds the lower and the upper bounds.
+    table : (16, 2, nb)
+        All of them: for each of the sixteen kinds the lower and the upper bounds.
 
     Examples
     --------
@@ -96,7 +101,8 @@ class Limits:
         ----------
         kind : str
             "position", "velocity", "acceleration", "jerk", "snap", "effort", "effort_rate", "second_effort_rate",
-            "power", "motor_position", "motor_velocity", "motor_torque", "motor_current" or "motor_voltage".
+            "power", "stall_effort", "no_load_velocity", "motor_position", "motor_velocity", "motor_torque",
+            "motor_current" or "motor_voltage".
 
         Returns
         -------
@@ -114,7 +120,7 @@ class Limits:
         >>> jounce.load("panda").limits.bounds("effort")[:, 0]
         array([-87.,  87.])
         """
-        return self.table[KINDS.index(one_of("limit", kind, KINDS))]
+        return self.table[STATED_KINDS.index(one_of("limit", kind, STATED_KINDS))]
 
     @property
     def lower(self) -> Floats:
@@ -165,6 +171,22 @@ class Limits:
     def power(self) -> Floats:
         """The largest drive power, W."""
         return self.bounds("power")[1]
+
+    @property
+    def stall_effort(self) -> Floats:
+        """Where the line of an effort that falls with speed ends at rest, N m or N."""
+        return self.bounds("stall_effort")[1]
+
+    @property
+    def no_load_velocity(self) -> Floats:
+        """Where this line ends without effort, rad/s or m/s."""
+        return self.bounds("no_load_velocity")[1]
+
+    @property
+    def effort_slope(self) -> Floats:
+        """By how much the effort falls with speed, stall_effort / no_load_velocity, N m s or N s/m; else 0."""
+        stated = np.isfinite(self.stall_effort)
+        return np.where(stated, self.stall_effort, 0) / np.where(stated, self.no_load_velocity, 1)
 
     @property
     def motor_position(self) -> Floats:
@@ -281,7 +303,7 @@ class Limits:
 
 def unlimited(nb: int) -> Limits:
     """No limits of nb joint variables."""
-    table = np.full((len(KINDS), 2, nb), np.inf)
+    table = np.full((len(STATED_KINDS), 2, nb), np.inf)
     table[:, 0] = -np.inf
     return Limits(table)
 
@@ -300,10 +322,19 @@ def limit_error(**stated: Stated) -> str | None:
     lower, upper = float(stated.get("lower", -np.inf)), float(stated.get("upper", np.inf))  # type: ignore[arg-type]
     if not (-np.inf <= lower <= upper <= np.inf) or lower == np.inf or upper == -np.inf:
         return f"lower and upper limit are {lower:g} and {upper:g}; expected lower <= upper"
+    line = {key: float(np.max(stated.get(key, np.inf))) for key in LINE}
+    if len(set(np.isfinite([*line.values()]))) > 1:
+        words = " and ".join(f"{key} is {value:g}" for key, value in line.items())
+        return (
+            f"{words}; expected both, of the line effort / stall_effort + velocity / no_load_velocity = 1, or neither"
+        )
     for key, value in stated.items():
         if key in ("lower", "upper"):
             continue
-        if np.ndim(value) == 0:
+        if key in LINE:
+            if not np.max(value) > 0 or (np.ndim(value) and value[0] != -value[1]):  # type: ignore[index]
+                return f"{key} is {value}; expected one number above 0, for both directions"
+        elif np.ndim(value) == 0:
             if not value >= 0:  # type: ignore[operator]
                 return f"limit of {key} is {value:g}; expected 0 or more"
         elif key in ONE_SIDED and not value[0] <= value[1]:  # type: ignore[index]
@@ -345,9 +376,12 @@ def limits_with(limits: Limits, changes: Mapping[int, Mapping[str, Stated]], nam
     for i, joint in changes.items():
         for key, value in joint.items():
             _set(table[..., i], key, value)
+        if np.isinf(np.max(joint.get(LINE[0], 0))):  # which takes the line away
+            table[STATED_KINDS.index(LINE[1]), :, i] = -np.inf, np.inf
         lower, upper = table[0, :, i]
+        line = {key: table[STATED_KINDS.index(key), 1, i] for key in LINE}
         given = {key: value for key, value in joint.items() if key not in ("lower", "upper")}
-        if error := limit_error(lower=lower, upper=upper, **given):
+        if error := limit_error(**line | given | {"lower": lower, "upper": upper}):
             raise JounceError(f"joint {quoted(names[i])}: {error}")
     return replace(limits, table=table + 0.0)
 
@@ -358,6 +392,8 @@ def unit_of(kind: str, coordinate: str) -> str:
         return "W"
     if kind in MOTOR_KINDS:
         return MOTOR_KINDS[kind][coordinate == "m"]
+    if kind in LINE:
+        return _FORCE[coordinate] if kind == LINE[0] else f"{coordinate}/s"
     base, names = (coordinate, MOTION_KINDS) if kind in MOTION_KINDS else (_FORCE[coordinate], EFFORT_KINDS)
     order = names.index(kind)
     return base + (f"/s^{order}" if order > 1 else "/s" * order)
@@ -374,7 +410,7 @@ def _kind(key: str) -> str:
 
 def _set(table: np.ndarray, key: str, value: Stated) -> None:
     """Write what is stated under a key into a table (kinds, 2) of one joint variable."""
-    row = table[KINDS.index(_kind(key))]
+    row = table[STATED_KINDS.index(_kind(key))]
     if key in ("lower", "upper"):
         row[int(key == "upper")] = value
     else:

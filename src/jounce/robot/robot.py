@@ -854,6 +854,8 @@ class Robot:
         effort_rate: LimitValues = None,
         second_effort_rate: LimitValues = None,
         power: LimitValues = None,
+        stall_effort: LimitValues = None,
+        no_load_velocity: LimitValues = None,
         motor_position: LimitValues = None,
         motor_velocity: LimitValues = None,
         motor_torque: LimitValues = None,
@@ -881,6 +883,9 @@ class Robot:
             Bounds of Q, Qd, Q2d: N m or N, per s, per s^2.
         power : number, array or mapping, optional
             Bound of qd Q, W.
+        stall_effort, no_load_velocity : number, array or mapping, optional
+            Q that falls with speed, as drives have it: Q / stall_effort + qd / no_load_velocity <= 1 in either
+            direction, where a line of the data sheet ends at rest, N m or N, and without load, rad/s or m/s.
         motor_position, motor_velocity, motor_torque : number, array or mapping, optional
             Bounds of theta, thetad and tau of motors behind elastic joints, seen from the links: rad or m, per s, N m
             or N.
@@ -917,8 +922,9 @@ class Robot:
         given = {
             "lower": lower, "upper": upper, "velocity": velocity, "acceleration": acceleration, "jerk": jerk,
             "snap": snap, "effort": effort, "effort_rate": effort_rate, "second_effort_rate": second_effort_rate,
-            "power": power, "motor_position": motor_position, "motor_velocity": motor_velocity,
-            "motor_torque": motor_torque, "motor_current": motor_current, "motor_voltage": motor_voltage,
+            "power": power, "stall_effort": stall_effort, "no_load_velocity": no_load_velocity,
+            "motor_position": motor_position, "motor_velocity": motor_velocity, "motor_torque": motor_torque,
+            "motor_current": motor_current, "motor_voltage": motor_voltage,
         }  # fmt: skip
         from jounce.io.limits.reading import limits_from  # what few programs need
 
@@ -1735,7 +1741,8 @@ class Robot:
         ------
         JounceError
             If the path does not move, leaves the position limits, or its static torque exceeds an effort limit; if
-            limits are missing, or a rate that one takes is not continuous; if friction acts and Qd is limited.
+            limits are missing, or a rate that one takes is not continuous; if Coulomb friction acts at joints that
+            follow others in closed loops, or turns over too fast to be resolved.
 
         References
         ----------

@@ -1,0 +1,161 @@
+"""Coulomb friction along a path: what it adds to the products of sigma's rates that rows of limits are sums of.
+
+With ' for d/dsigma, theta a joint variable, w = 1 / eps and u = w theta' s1, one unit of friction is
+
+    F    = tanh(u)
+    Fd   = w tanh'(u) A,                           A = theta' s2 + theta'' s1^2
+    F2d  = w^2 tanh''(u) A^2 + w tanh'(u) B,       B = theta' s3 + 3 theta'' s1 s2 + theta''' s1^3
+
+and F s1 is that of the power where theta' is 1. All are functions of x, x', x'' and of the path.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jounce.limits import pace
+from jounce.limits.path import Terms
+from jounce.limits.peaks import root
+from jounce.model.mechanism import Mechanism
+from jounce.motion import Motion
+
+HIGHEST = {"effort": 0, "stall_effort": 0, "power": 0, "effort_rate": 1, "second_effort_rate": 2}  # derivative of x
+NEAR_TURNS = 0.5 ** np.arange(8, 20, 0.25)  # of the duration: from a turn so far away friction is looked at
+
+
+class Smooth(NamedTuple):
+    """Functions of a jet: values (m, N), gradients (m, 4, N), Hessians (m, 4, 4, N)."""
+
+    value: np.ndarray
+    first: np.ndarray
+    second: np.ndarray
+
+    def __add__(self, other: "Smooth") -> "Smooth":  # type: ignore[override]
+        return Smooth(*(x + y for x, y in zip(self, other, strict=True)))
+
+    def __mul__(self, other: "Smooth") -> "Smooth":  # type: ignore[override]
+        f, g = self.value[:, None], other.value[:, None]
+        cross = self.first[:, :, None] * other.first[:, None]
+        return Smooth(
+            self.value * other.value,
+            f * other.first + g * self.first,
+            f[:, None] * other.second + g[:, None] * self.second + cross + cross.swapaxes(1, 2),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Friction:
+    """Coulomb friction of m joint variables, theta' = ratios q': `onto` (m, n) is what a unit of it adds to Q.
+
+    `slope` (m, 1) is 1 / eps.
+    """
+
+    ratios: np.ndarray
+    onto: np.ndarray
+    slope: np.ndarray
+
+    def turns(self, motion: Motion, columns: list[int], count: int) -> np.ndarray:
+        """Times near which a joint with friction begins to move, stops or turns round, as `count` times show."""
+        ratios = self.ratios[:, columns].T
+        t = np.linspace(motion.start, motion.stop, count)
+        at, joint = np.nonzero(np.diff(np.sign(motion(t, 1)[1] @ ratios), axis=0))
+
+        def velocity(t: np.ndarray, places: np.ndarray) -> np.ndarray:
+            return np.asarray((motion(t, 1)[1] @ ratios)[np.arange(len(t)), joint[places]])
+
+        turns = root(velocity, t[at], t[at + 1])[:, None]
+        near = turns + motion.duration * np.concatenate([-NEAR_TURNS, [0.0], NEAR_TURNS])
+        return near[(near >= motion.start) & (near <= motion.stop)]
+
+    def along(self, rates: tuple[np.ndarray, ...], kinds: tuple[str, ...]) -> "FrictionAlong":
+        """The friction along a path with q', q'', ... (N, n), as limits of some kinds take it."""
+        return FrictionAlong(self, tuple(self.ratios @ rate.T for rate in rates), kinds)
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionAlong:
+    """Coulomb friction along a path with theta', theta'', ... (m, N) as `rates`: a product for each kind and joint."""
+
+    friction: Friction
+    rates: tuple[np.ndarray, ...]
+    kinds: tuple[str, ...]
+
+    def taken(self, points: np.ndarray | slice) -> "FrictionAlong":
+        """The friction at some of the points."""
+        return replace(self, rates=tuple(rate[:, points] for rate in self.rates))
+
+    @property
+    def highest_jet(self) -> tuple[int, ...]:
+        """Of each product, the derivative of x that it takes."""
+        return tuple(np.repeat([HIGHEST[kind] for kind in self.kinds], len(self.friction.slope)).tolist())
+
+    def terms(self, kind: str, rate: np.ndarray) -> Terms:
+        """The factors (N, n) of the products in what limits of a kind bound, along a path with q' = `rate`."""
+        if kind not in self.kinds:
+            return {}
+        first = len(pace.PRODUCTS) + self.kinds.index(kind) * len(self.friction.onto)
+        each = rate if kind == "power" else np.ones_like(rate)
+        return {first + i: onto * each for i, onto in enumerate(self.friction.onto)}
+
+    def products(self, jet: np.ndarray) -> np.ndarray:
+        """The products (M, N) at jets (4, N)."""
+        known = pace.products(jet)
+        bent = self._bent(known[pace.S1])
+        return np.concatenate(self._found(bent, lambda terms: sum(c * known[k] for k, c in terms.items())))
+
+    def derivatives(self, jet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gradients (M, 4, N) and Hessians (M, 4, 4, N) of the products."""
+        values, (first, second) = pace.products(jet), pace.derivatives(jet)
+
+        def combined(terms: Terms) -> Smooth:
+            parts = [
+                Smooth(c * values[k], c[:, None] * first[k], c[:, None, None] * second[k]) for k, c in terms.items()
+            ]
+            return reduce(add, parts)
+
+        velocity = combined({pace.S1: self.rates[0]})
+        outer = velocity.first[:, :, None] * velocity.first[:, None]
+        bent = [x[:, None] for x in self._bent(values[pace.S1])]
+        smooth = [
+            Smooth(x[:, 0], slope * velocity.first, curvature[:, None] * outer + slope[:, None] * velocity.second)
+            for x, slope, curvature in zip(bent, bent[1:], bent[2:], strict=False)
+        ]
+        found = self._found(smooth, combined)
+        return np.concatenate([x.first for x in found]), np.concatenate([x.second for x in found])
+
+    def _bent(self, speed: np.ndarray) -> list[np.ndarray]:
+        """tanh(w theta' s1) and its first four derivatives by theta' s1."""
+        w = self.friction.slope
+        y = np.tanh(w * self.rates[0] * speed)
+        slope = 1 - y * y
+        bent = [y, slope, -2 * y * slope, slope * (6 * y * y - 2), slope * y * (16 - 24 * y * y)]
+        return [w**k * x for k, x in enumerate(bent)]
+
+    def _found(self, bent: list[Any], combined: Callable[[Terms], Any]) -> list[Any]:
+        """The products by kind, as arrays or `Smooth`, of derivatives of tanh and of what sums of products are."""
+        q, found = self.rates, []
+        for kind in self.kinds:
+            if kind in ("effort", "stall_effort"):
+                found.append(bent[0])
+            elif kind == "power":
+                found.append(bent[0] * combined({pace.S1: np.ones_like(q[0])}))
+            else:
+                rate = bent[1] * (A := combined({pace.S2: q[0], pace.S1_2: q[1]}))
+                if kind == "second_effort_rate":
+                    B = combined({pace.S3: q[0], pace.S1_S2: 3 * q[1], pace.S1_3: q[2]})
+                    rate = bent[2] * A * A + bent[1] * B
+                found.append(rate)
+        return found
+
+
+def friction_of(m: Mechanism) -> Friction | None:
+    """The Coulomb friction that acts in a robot, of the joint variables that have some; None without."""
+    which = np.flatnonzero(m.drives.friction)
+    if "friction" not in m.acting or not which.size:
+        return None
+    ratios = m.tree.G[which]
+    return Friction(ratios, ratios * m.drives.friction[which, None], 1 / m.drives.eps[which, None])
