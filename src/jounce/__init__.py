@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from jounce.actuators.along import ElasticAlong
     from jounce.actuators.elastic import ElasticRobot
     from jounce.dynamics.base_parameters import BaseParameters
+    from jounce.engine.along import Along
     from jounce.errors import JounceError, JounceWarning, UncertainError
     from jounce.identification import (
         Excitation,
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
     from jounce.motion import Motion
     from jounce.native.kernel import Kernel
     from jounce.robot import Robot
-    from jounce.robot.along import Along
     from jounce.spatial.inertia import inertia_matrix
 
 __all__ = [
@@ -89,7 +89,7 @@ __all__ = [
     "symbolic",
 ]
 _LATER = {  # what is imported when it is first asked for, so that whatever needs little of it starts at once
-    "Along": "jounce.robot.along",
+    "Along": "jounce.engine.along",
     "AntagonisticSprings": "jounce.model.antagonists",
     "BaseParameters": "jounce.dynamics.base_parameters",
     "Check": "jounce.limits.check",

@@ -15,7 +15,7 @@ from robots import floating, mechanisms, on_its_axis, random_mechanism
 import jounce
 from jounce.checks.compare import compare
 from jounce.cli import main
-from jounce.robot.dispatch import compute
+from jounce.engine.dispatch import compute
 from jounce.spatial.lie import pose
 
 FLIES = joint("fly", "w", "base", "floating", inner=origin((0.3, 0, 0), (0, 0.4, 0)))

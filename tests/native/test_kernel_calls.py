@@ -16,12 +16,12 @@ from robots import golden, relative_error
 
 import jounce
 from jounce.dynamics.computation import Computation
+from jounce.engine import dispatch
 from jounce.errors import JounceError, JounceWarning
 from jounce.native import jit
 from jounce.native import kernel as module
 from jounce.native.kernel import Kernel
 from jounce.native.plan import is_straight
-from jounce.robot import dispatch
 
 ROBOT = jounce.load("planar2r")
 ONES = [np.ones((5, 2))] * 4

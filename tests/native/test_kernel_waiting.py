@@ -6,12 +6,12 @@ from robots import random_mechanism
 
 import jounce
 from jounce.dynamics.computation import Computation
+from jounce.engine import dispatch
 from jounce.errors import JounceWarning
 from jounce.native import forms, jit
 from jounce.native import kernel as module
 from jounce.native.jit import host
 from jounce.native.plan import LongCompilationError
-from jounce.robot import dispatch
 
 
 def chain(nb, kinds=("revolute", "prismatic"), seed=3):

@@ -13,13 +13,13 @@ from jounce._report.curves import powers
 from jounce._report.packing import packed
 from jounce._report.panels import PANELS
 from jounce._report.subject import HIGHEST, Subject, subject_of
+from jounce.engine.along import FIRST, checked_motion
 from jounce.errors import JounceError, escaped, quoted
 from jounce.io import files
 from jounce.io.visuals import SUFFIX
 from jounce.limits.check import Check
 from jounce.limits.slowdown import Slowdown
 from jounce.motion.motion import Motion
-from jounce.robot.along import FIRST, checked_motion
 from jounce.robot.robot import Robot
 
 if TYPE_CHECKING:

@@ -11,6 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce._report.meshes import Meshes, meshes_of
+from jounce.engine.along import FIRST, Along, forces_along
+from jounce.engine.closed_path import named_by_time, on_tree, positions
+from jounce.engine.dispatch import compute
+from jounce.engine.generic import as_tuple
 from jounce.errors import JounceError
 from jounce.limits.bounded import known_kinds
 from jounce.limits.check import Check
@@ -19,10 +23,6 @@ from jounce.limits.slowdown import Slowdown
 from jounce.model.limits import EFFORT_KINDS, FORCES, MOTION_KINDS, MOTOR_KINDS, Limits, unit_of
 from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
-from jounce.robot.along import FIRST, Along, forces_along
-from jounce.robot.closed_path import named_by_time, on_tree, positions
-from jounce.robot.dispatch import compute
-from jounce.robot.generic import as_tuple
 from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.dynamics.closing import close_loops
+from jounce.engine.closed_path import positions
 from jounce.robot import Robot
-from jounce.robot.closed_path import positions
 
 if TYPE_CHECKING:
     from jounce.motion import Motion

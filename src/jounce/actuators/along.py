@@ -16,12 +16,12 @@ from jounce.arguments.rates import checked_order, rates_in
 from jounce.dynamics import elastic, electrical
 from jounce.dynamics.quantities import QUANTITIES, row_of
 from jounce.dynamics.stretch import elasticity_of
+from jounce.engine.along import Along, ForceBreak, Progress, forces_along
 from jounce.errors import JounceError, quoted
 from jounce.model.elasticity import Elasticity
 from jounce.model.inversion import UnreachableError
 from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
-from jounce.robot.along import Along, ForceBreak, Progress, forces_along
 from jounce.spatial.series import columns
 
 if TYPE_CHECKING:

@@ -17,12 +17,12 @@ from jounce.dynamics import deflections
 from jounce.dynamics.quantities import FORCES
 from jounce.dynamics.recursion.joints import rows
 from jounce.dynamics.stretch import elasticity_of
+from jounce.engine.closed_path import on_tree, positions
+from jounce.engine.dispatch import compute
 from jounce.errors import JounceError, quoted
 from jounce.model.springs import CubicSpring, DampedSpring, Spring
 from jounce.motion.hermite import between, coefficients
 from jounce.motion.motion import Motion
-from jounce.robot.closed_path import on_tree, positions
-from jounce.robot.dispatch import compute
 from jounce.spatial.series import columns
 
 if TYPE_CHECKING:

@@ -17,12 +17,12 @@ from jounce.arguments.rates import rates_of
 from jounce.arguments.wrenches import wrenches_of
 from jounce.dynamics import coupling, elastic, stretch
 from jounce.dynamics.stretch import elasticity_of
+from jounce.engine.dispatch import compute
 from jounce.errors import JounceError, listed, quoted
 from jounce.model.casting import cast_model
 from jounce.model.elasticity import motor_names
 from jounce.model.mechanism import Mechanism
 from jounce.model.springs import DampedSpring
-from jounce.robot.dispatch import compute
 from jounce.spatial.series import columns
 
 if TYPE_CHECKING:

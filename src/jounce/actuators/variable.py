@@ -12,9 +12,9 @@ from jounce.dynamics import elastic
 from jounce.dynamics.computation import Computation, Port
 from jounce.dynamics.quantities import FORCES, row_of
 from jounce.dynamics.stretch import SpringInputs, elasticity_of
+from jounce.engine.generic import evaluate, results_into
 from jounce.errors import JounceError, listed, one_of
 from jounce.model.mechanism import Mechanism
-from jounce.robot.generic import evaluate, results_into
 from jounce.spatial.series import Series, rate_name
 
 if TYPE_CHECKING:

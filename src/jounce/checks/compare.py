@@ -19,10 +19,10 @@ from jounce.checks.reference import Absence, peers
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.newton import scales
 from jounce.dynamics.quantities import FORCES, QUANTITIES
+from jounce.engine.dispatch import compute
+from jounce.engine.generic import as_tuple
 from jounce.model.mechanism import Mechanism
 from jounce.robot import Robot
-from jounce.robot.dispatch import compute
-from jounce.robot.generic import as_tuple
 from jounce.spatial.series import rate_name
 
 STEPS = 0.2 * 2.0 ** -np.arange(9)  # s, of differences; the best one counts

@@ -12,11 +12,11 @@ from jounce.actuators.elastic import ElasticRobot
 from jounce.arguments import names, requests
 from jounce.dask.kept import Kept, keep
 from jounce.dynamics.quantities import QUANTITIES, row_of
+from jounce.engine.dispatch import checked_arguments, compute
+from jounce.engine.generic import as_tuple
 from jounce.errors import JounceError, at, one_line, one_of
 from jounce.model.mechanism import Mechanism
 from jounce.robot import Robot
-from jounce.robot.dispatch import checked_arguments, compute
-from jounce.robot.generic import as_tuple
 
 Shape = tuple[int, ...]
 Pattern = int | dict[Any, Any] | tuple[Any, ...] | None  # an argument with the numbers of its arrays in their places

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from jounce._typing import Method
+from jounce.engine.dispatch import available
 from jounce.io import motions
 from jounce.io.bundled import iiwa14
 from jounce.motion import Motion
 from jounce.motion.analytic import motion_of
 from jounce.robot import Robot
-from jounce.robot.dispatch import available
 from jounce.spatial.inertia import moments
 from jounce.spatial.lie import hat
 

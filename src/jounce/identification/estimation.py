@@ -8,6 +8,7 @@ import numpy as np
 
 from jounce._scalars import asarray, is_finite
 from jounce._typing import ArrayLike, DriveColumn, DriveColumns, Equations
+from jounce.engine.along import checked_motion
 from jounce.errors import JounceError, listed, one_of, quoted, warn
 from jounce.identification.measurements import measurements
 from jounce.identification.physical import ConsistentParameters, consistent_parameters
@@ -20,7 +21,6 @@ from jounce.identification.table import IdentifiedParameter, parameter_table
 from jounce.model.drives import AMOUNTS, OFFSET, TERMS, select_columns
 from jounce.model.inertial import with_parameters
 from jounce.motion.motion import Motion
-from jounce.robot.along import checked_motion
 from jounce.robot.robot import Robot
 
 DRIVES: tuple[DriveColumn, ...] = ("damping", "friction", "offset")

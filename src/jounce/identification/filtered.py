@@ -14,13 +14,13 @@ import numpy as np
 
 from jounce._typing import DriveColumn
 from jounce.dynamics.quantities import row_of
+from jounce.engine.along import forces_along
 from jounce.errors import JounceError, listed
 from jounce.identification.cells import Cells, averaged, places
 from jounce.identification.low_pass import LowPass, low_pass
 from jounce.identification.measurements import Measurements
 from jounce.model.coordinates import force_names
 from jounce.motion.motion import Motion
-from jounce.robot.along import forces_along
 from jounce.robot.robot import Robot
 
 MEMORY = 1e-3  # share of missing samples in filtered ones, below which these count

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce._typing import ArrayLike
+from jounce.engine.along import checked_motion
 from jounce.errors import shortened
 from jounce.identification.cells import regressors
 from jounce.identification.residuals import ForceResidual
@@ -13,7 +14,6 @@ from jounce.identification.table import IdentifiedParameter
 from jounce.model.coordinates import generalized_forces
 from jounce.model.drives import OFFSET
 from jounce.motion.motion import Motion
-from jounce.robot.along import checked_motion
 from jounce.robot.robot import Robot
 
 PARTS = {"used": "residual", "rest": "rest of the data"}  # of the samples, and their titles

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from jounce._typing import QuantityName
+from jounce.engine.along import FIRST
+from jounce.engine.generic import as_tuple
 from jounce.limits.bounded import DERIVATIVE, rate_of_forces
 from jounce.limits.ratios import scale_of
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, Limits
 from jounce.model.limits import FORCES as BOUND_FORCES
 from jounce.native.kernel import Kernel
-from jounce.robot.along import FIRST
-from jounce.robot.generic import as_tuple
 
 if TYPE_CHECKING:
     from jounce.robot import Robot

@@ -10,6 +10,9 @@ import numpy as np
 from jounce.arguments.requests import more_rates
 from jounce.dynamics import electrical
 from jounce.dynamics.quantities import FORCES, QUANTITIES, Quantity, row_of
+from jounce.engine.along import FIRST
+from jounce.engine.closed_path import named_by_time, on_tree, positions
+from jounce.engine.dispatch import compute
 from jounce.limits.joints import (
     efforts,
     in_columns,
@@ -21,9 +24,6 @@ from jounce.limits.joints import (
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, MOTOR_KINDS, Limits
 from jounce.model.limits import FORCES as BOUND_FORCES
 from jounce.motion.motion import Motion
-from jounce.robot.along import FIRST
-from jounce.robot.closed_path import named_by_time, on_tree, positions
-from jounce.robot.dispatch import compute
 
 if TYPE_CHECKING:
     from jounce.robot.robot import Robot

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jounce.engine.along import ForceBreak, force_breaks
 from jounce.errors import listed, quoted
 from jounce.limits.bounded import Bounded, Span, rate_of_forces
 from jounce.limits.deviations import deviations_of
@@ -17,7 +18,6 @@ from jounce.limits.verdicts import Verdict, join_spans, overall, verdict_in_word
 from jounce.limits.worst import Worst
 from jounce.model.coordinates import following_efforts
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, in_words, unit_of
-from jounce.robot.along import ForceBreak, force_breaks
 from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:

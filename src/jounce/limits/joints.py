@@ -12,12 +12,12 @@ import numpy as np
 
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.quantities import FORCES, QUANTITIES, Quantity
+from jounce.engine.closed_path import on_tree
+from jounce.engine.dispatch import compute
+from jounce.engine.generic import as_tuple
 from jounce.model.coordinates import coordinate_limits, coordinate_units
 from jounce.model.limits import KINDS, MOTION_KINDS, Limits
 from jounce.model.mechanism import Mechanism
-from jounce.robot.closed_path import on_tree
-from jounce.robot.dispatch import compute
-from jounce.robot.generic import as_tuple
 
 if TYPE_CHECKING:
     from jounce.robot.robot import Robot

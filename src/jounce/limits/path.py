@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from jounce.dynamics.quantities import FORCES, QUANTITIES
+from jounce.engine.closed_path import named_by_time, on_tree, positions
+from jounce.engine.dispatch import compute
 from jounce.limits import pace
 from jounce.limits.bounded import at_speed, gravity
 from jounce.limits.joints import in_columns, joint_rates, of_joints
-from jounce.robot.closed_path import named_by_time, on_tree, positions
-from jounce.robot.dispatch import compute
 
 if TYPE_CHECKING:
     from jounce.motion import Motion

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce._typing import DriveTerm
+from jounce.engine.closed_path import positions
 from jounce.errors import JounceError, listed, quoted
 from jounce.limits.bounded import known_kinds
 from jounce.limits.joints import drives_coordinates, joint_limits, joint_names, joint_units
@@ -16,7 +17,6 @@ from jounce.limits.rows import NEEDS, Rows, rows_of
 from jounce.model.drives import TERMS
 from jounce.model.limits import EFFORT_KINDS, KINDS, MOTOR_KINDS, Limits
 from jounce.motion import Motion
-from jounce.robot.closed_path import positions
 from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:

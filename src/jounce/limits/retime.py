@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from jounce._scalars import is_finite
+from jounce.engine.along import checked_motion
 from jounce.errors import JounceError, quoted
 from jounce.limits.barrier import UNEVEN, Program, fastest, within
 from jounce.limits.basis import Basis, Local
@@ -17,7 +18,6 @@ from jounce.limits.problem import Problem, check_path, problem_of
 from jounce.limits.rows import Rows
 from jounce.motion import Motion
 from jounce.motion.time_law import Paced, TimeLaw
-from jounce.robot.along import checked_motion
 
 if TYPE_CHECKING:
     from jounce.robot import Robot

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from jounce.engine.along import ForceBreak
 from jounce.errors import JounceError, listed, quoted
 from jounce.limits.bounded import Bounded
 from jounce.limits.bracketing import Place, bracketed_factor, is_polynomial, worst_of
@@ -15,7 +16,6 @@ from jounce.limits.uncertain import take_uncertain
 from jounce.limits.validation import bounded
 from jounce.limits.worst import Worst
 from jounce.motion.motion import Motion
-from jounce.robot.along import ForceBreak
 
 if TYPE_CHECKING:
     from jounce.robot.robot import Robot

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jounce.engine.along import checked_motion
 from jounce.errors import JounceError, listed, quoted
 from jounce.limits.bounded import MOTORS, Bounded, known_kinds
 from jounce.limits.deviations import windows_of
 from jounce.limits.joints import drives_coordinates, joint_limits
 from jounce.model.limits import Limits
 from jounce.model.mechanism import Mechanism
-from jounce.robot.along import checked_motion
 
 if TYPE_CHECKING:
     from jounce.robot.robot import Robot

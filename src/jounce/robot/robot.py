@@ -29,20 +29,22 @@ from jounce._typing import (
 from jounce.arguments import requests
 from jounce.arguments.limits import with_limits
 from jounce.arguments.loops import with_locked, with_loops
+from jounce.engine import dispatch
+from jounce.engine.dispatch import compute
 from jounce.errors import JounceError, listed, one_of
 from jounce.model import dh, equality, inertial, screws
 from jounce.model.drives import Drives, select_columns, select_terms, warn_of_idle, with_eps
 from jounce.model.limits import Limits
 from jounce.model.mechanism import GRAVITY, Mechanism
 from jounce.native.kernel import Kernel
-from jounce.robot import dispatch, overloads
-from jounce.robot.dispatch import compute
+from jounce.robot import overloads
 from jounce.robot.overloads import typed
 
 if TYPE_CHECKING:
     from jounce.actuators.elastic import ElasticRobot
     from jounce.audit import Finding
     from jounce.dynamics.base_parameters import BaseParameters
+    from jounce.engine.along import Along
     from jounce.limits.check import Check
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
@@ -51,7 +53,6 @@ if TYPE_CHECKING:
     from jounce.model.motors import Motor
     from jounce.models.states import RobotState
     from jounce.motion import Motion
-    from jounce.robot.along import Along
 
 FORMS = {"paper": "coriolis_matrix", "skew": "skew_coriolis_matrix"}  # of the Coriolis matrix
 
@@ -1628,7 +1629,7 @@ class Robot:
         >>> Q2d.shape
         (10000, 7)
         """
-        from jounce.robot.along import forces_along  # what few programs need
+        from jounce.engine.along import forces_along  # what few programs need
 
         return forces_along(self, motion, t, order, method, progress)
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jounce.dynamics.quantities import FORCES
+from jounce.engine.closed_path import positions_of_rows
 from jounce.errors import JounceError, at, quoted
 from jounce.io.columns import Columns
 from jounce.io.spans import format_of, place
@@ -16,7 +17,6 @@ from jounce.motion.motion import Motion
 from jounce.motion.spline import Smoothing
 from jounce.motion.table import from_columns
 from jounce.motion.units import check_units
-from jounce.robot.closed_path import positions_of_rows
 from jounce.spatial.series import rate_name
 from jounce.stream.outputs import Block, Output, Rates, Wrenches, along, of_rows
 from jounce.stream.plan import Part, Task

@@ -9,17 +9,17 @@ from jounce.actuators.along import order_of_voltages
 from jounce.actuators.elastic import ElasticRobot
 from jounce.dynamics import electrical
 from jounce.dynamics.quantities import FORCES, Quantity, row_of
+from jounce.engine import digits
+from jounce.engine.along import force_breaks, pieces_along
+from jounce.engine.closed_path import on_tree
+from jounce.engine.dispatch import compute
+from jounce.engine.generic import as_tuple
 from jounce.errors import UncertainError, warn
 from jounce.io.columns import Columns
 from jounce.io.motions.writing import BREAK, MEASURED, break_marks, named, of_base
 from jounce.model.coordinates import force_names
 from jounce.model.elasticity import motor_names
 from jounce.motion import Motion
-from jounce.robot import digits
-from jounce.robot.along import force_breaks, pieces_along
-from jounce.robot.closed_path import on_tree
-from jounce.robot.dispatch import compute
-from jounce.robot.generic import as_tuple
 from jounce.stream.job import Job
 
 Rates = tuple[np.ndarray, ...]

@@ -22,6 +22,8 @@ from jounce.dynamics.loops import law as closed_law
 from jounce.dynamics.mobility import is_singular, may_be_singular
 from jounce.dynamics.newton import Step
 from jounce.dynamics.quantities import FORCES, Quantity, State, row_of
+from jounce.engine import digits
+from jounce.engine.generic import as_tuple, batch_shape, checked_out, compute_by_method, evaluate, is_fit, results_into
 from jounce.errors import JounceError, one_of, quoted, warn
 from jounce.model.casting import cast_model
 from jounce.model.loops import without_ratios
@@ -32,8 +34,6 @@ from jounce.native.jit import host
 from jounce.native.kernel import Kernel, compile_kernel
 from jounce.native.plan import PATIENCE, LongCompilationError, obstacle
 from jounce.native.poses import are_poses
-from jounce.robot import digits
-from jounce.robot.generic import as_tuple, batch_shape, checked_out, compute_by_method, evaluate, is_fit, results_into
 from jounce.spatial.series import Series, rate_name
 
 if TYPE_CHECKING:
@@ -394,7 +394,7 @@ def _prepare_jax(call: Call) -> tuple[Any, str | None]:
     if call.method not in (None, NATIVE) or not any(map(is_jax, call.arrays)):
         return None, ""
     try:
-        from jounce.robot import primitive
+        from jounce.engine import primitive
     except ImportError:
         return None, f"native code supports JAX from 0.8 on, not {sys.modules['jax'].__version__}"
     if refusal := primitive.obstacle(call.arrays):
@@ -407,7 +407,7 @@ def _prepare_jax(call: Call) -> tuple[Any, str | None]:
 
 def _run_jax(call: Call, request: Any) -> Any:
     """Run the primitive of JAX for a quantity."""
-    from jounce.robot import primitive
+    from jounce.engine import primitive
 
     return results_into(primitive.compute(request, call.arrays), call.out)
 

@@ -12,16 +12,16 @@ from jounce.arguments.rates import checked_order
 from jounce.dynamics import closing
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import FORCES, Quantity
+from jounce.engine import digits
+from jounce.engine.closed_path import on_tree, positions
+from jounce.engine.dispatch import closing_step, compute
+from jounce.engine.generic import as_tuple
 from jounce.errors import JounceError, UncertainError, at, quoted, warn
 from jounce.model.mechanism import Mechanism
 from jounce.motion.base import perturbed
 from jounce.motion.matching import matched
 from jounce.motion.motion import Break, Motion
 from jounce.motion.units import warn_of_degrees
-from jounce.robot import digits
-from jounce.robot.closed_path import on_tree, positions
-from jounce.robot.dispatch import closing_step, compute
-from jounce.robot.generic import as_tuple
 
 if TYPE_CHECKING:
     from jounce.robot.robot import Robot

@@ -17,6 +17,8 @@ from jounce.dynamics import closing, newton
 from jounce.dynamics.assembly import LOST, crossing, inverse_conditions, inverse_conditions_of, solved_constraints
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loops import closure_of
+from jounce.engine.dispatch import closing_step
+from jounce.engine.generic import compute_by_method
 from jounce.errors import JounceError, UncertainError, at, listed
 from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
@@ -24,8 +26,6 @@ from jounce.motion.curves import Curve
 from jounce.motion.hermite import Hermite
 from jounce.motion.matching import Columns, unwrapped
 from jounce.motion.motion import STEP, Motion
-from jounce.robot.dispatch import closing_step
-from jounce.robot.generic import compute_by_method
 
 if TYPE_CHECKING:
     from jounce.robot.robot import Robot
