@@ -43,7 +43,7 @@ LAYERS = (  # from the inside out
     "__main__",
 )
 FACADES = (  # methods that pass their arguments on, and displays
-    "robot.robot", "engine.along", "engine.closed_path", "engine.dispatch", "motion.motion", "limits.check", "limits.slowdown", "limits.retime", "io.loading",
+    "robot.robot", "motion.motion", "limits.check", "limits.slowdown", "limits.retime", "io.loading",
 )  # fmt: skip
 MODULES = {
     ".".join(path.relative_to(SOURCE).with_suffix("").parts).removesuffix(".__init__"): path

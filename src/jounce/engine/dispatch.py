@@ -2,11 +2,10 @@
 
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from functools import cache
 from math import inf
 from types import NoneType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from jounce.dynamics.mobility import is_singular, may_be_singular
 from jounce.dynamics.newton import Step
 from jounce.dynamics.quantities import FORCES, Quantity, State, row_of
 from jounce.engine import digits
+from jounce.engine.engine import Engine, Form, Ready
 from jounce.engine.generic import as_tuple, batch_shape, checked_out, compute_by_method, evaluate, is_fit, results_into
 from jounce.errors import JounceError, one_of, quoted, warn
 from jounce.model.casting import cast_model
@@ -36,32 +36,13 @@ from jounce.native.plan import PATIENCE, LongCompilationError, obstacle
 from jounce.native.poses import are_poses
 from jounce.spatial.series import Series, rate_name
 
-if TYPE_CHECKING:
-    from jounce.robot.robot import Robot
-
 NATIVE = "kernel"  # the method that is native code
-
-Form = tuple[Any, ...]  # of a call: what it asks for, and the types of what it gives
-
-
-@dataclass(frozen=True, eq=False)
-class Kernels:
-    """The native code of one robot, dropped with it.
-
-    `known` maps a computation to its kernel, or to the reason that it has none; `ready` maps the form of plain calls to
-    their kernel, the number of rates of the coordinates that it takes, and the condition number up to which closed
-    robots are surely far from singular; `steps` holds the step that closes loops.
-    """
-
-    known: dict[Computation, tuple[Kernel | None, str | None]] = field(default_factory=dict)
-    ready: dict[Form, tuple[Kernel, int, float]] = field(default_factory=dict)
-    steps: list[NativeStep | None] = field(default_factory=list)
 
 
 class Call(NamedTuple):
     """The checked arguments of a call of a robot's method."""
 
-    robot: "Robot"
+    robot: Engine
     computation: Computation
     arrays: Sequence[Array]  # q, qd, ..., W, Wd, ...
     method: str | None
@@ -81,7 +62,7 @@ class Backend(NamedTuple):
 
 
 def compute(
-    robot: "Robot",
+    robot: Engine,
     name: str,
     given: Sequence[Any],
     *,
@@ -123,7 +104,7 @@ def compute(
     return _run(Call(robot, asked, given, method, out, threads, form if lasting else None))
 
 
-def closing_step(robot: "Robot") -> NativeStep | None:
+def closing_step(robot: Engine) -> NativeStep | None:
     """Return the step in native code that closes the loops of a robot, if there is one."""
     steps = robot._kernels.steps
     if not steps:
@@ -131,7 +112,7 @@ def closing_step(robot: "Robot") -> NativeStep | None:
     return steps[0]
 
 
-def _with_dependent(robot: "Robot", arrays: Sequence[Any], limit: float) -> tuple[Any, ...]:
+def _with_dependent(robot: Engine, arrays: Sequence[Any], limit: float) -> tuple[Any, ...]:
     """Return the arrays of a plain call of a closed robot with the independent coordinates first, the others last.
 
     Raises
@@ -210,7 +191,7 @@ def _run(call: Call) -> Any:
     return _run_by_backend(call)
 
 
-def _with_constraints(robot: "Robot", asked: Computation) -> Mechanism:
+def _with_constraints(robot: Engine, asked: Computation) -> Mechanism:
     """Return a closed robot with the constraints that a computation solves."""
     return without_ratios(robot.mechanism) if asked.quantity.all_constraints else robot.mechanism
 
@@ -228,7 +209,7 @@ def _run_by_backend(call: Call) -> Any:
     raise JounceError(f"{': '.join(reversed(reasons))}; {cure}")
 
 
-def _needs_inverse(robot: "Robot", computation: Computation) -> bool:
+def _needs_inverse(robot: Engine, computation: Computation) -> bool:
     """Whether a quantity takes the inverse of a mass matrix that may be singular at some positions."""
     return bool(computation.quantity.forces) and robot.mechanism.is_numeric and may_be_singular(robot.mechanism)
 
@@ -279,7 +260,7 @@ def _of_drives(
 
 
 def regressor(
-    robot: "Robot", name: str, given: Sequence[Any], terms: Sequence[DriveColumn], out: Any, **options: Any
+    robot: Engine, name: str, given: Sequence[Any], terms: Sequence[DriveColumn], out: Any = None, **options: Any
 ) -> Any:
     """Compute a regressor for given rates of the coordinates, with columns of drive terms behind its own."""
     if not terms:
@@ -328,7 +309,7 @@ def wrench_of_load(
     return results_into(digits.certain_results(mechanism, asked, names, arrays, run) or run(arrays), None)
 
 
-def compile_ahead(robot: "Robot", computation: Computation) -> Kernel:
+def compile_ahead(robot: Engine, computation: Computation) -> Kernel:
     """Compile a kernel on request, regardless of the compile time."""
     kernel, refusal = _kernel(robot, computation, inf)
     if kernel is None:
@@ -353,8 +334,8 @@ def _prepare_native(call: Call) -> tuple[Kernel | None, str | None]:
     kernel, refusal = _kernel(call.robot, call.computation, PATIENCE if call.method is None else inf)
     m = call.robot.mechanism
     if kernel is not None and call.form is not None and _with_constraints(call.robot, call.computation) is m:
-        known = kernel, call.computation.rates, digits.max_condition(call.computation)
-        call.robot._kernels.ready[call.form] = known
+        limit = digits.max_condition(call.computation)
+        call.robot._kernels.ready[call.form] = Ready(kernel, call.computation.rates, limit)
     return kernel, refusal and f"native code {refusal}"
 
 
@@ -419,7 +400,7 @@ BACKENDS = (  # the first that accepts
 )
 
 
-def _kernel(robot: "Robot", computation: Computation, patience: float) -> tuple[Kernel | None, str | None]:
+def _kernel(robot: Engine, computation: Computation, patience: float) -> tuple[Kernel | None, str | None]:
     """Return the kernel of a computation, or the reason that there is no kernel."""
     known = robot._kernels.known.get(computation)
     if known is None or (known[0] is None and patience > PATIENCE):

@@ -8,6 +8,7 @@ import jinja2
 import numpy as np
 
 from jounce.checks.description import describe, limit_in_words
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError, shortened
 from jounce.figures import canvas
 from jounce.figures.curves import over_time
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
     from jounce.motion import Motion
-    from jounce.robot import Robot
 
 PAGE = """<p>{{ head }}</p>
 {% if rows %}<table>
@@ -37,7 +37,7 @@ DRAWN = 12  # bodies of a robot whose frames a drawing can name
 POINTS = 400  # of a curve
 
 
-def robot(robot: "Robot") -> str:
+def robot(robot: Engine) -> str:
     """The joints, bodies and limits of a robot, and a drawing of it where all coordinates are 0."""
     m, head = robot.mechanism, repr(robot)[1:-1]
     if not m.is_numeric:

@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jounce.engine.along import ForceBreak, force_breaks
+from jounce.engine.engine import Engine
 from jounce.errors import listed, quoted
 from jounce.limits.bounded import Bounded, Span, rate_of_forces
 from jounce.limits.deviations import deviations_of
@@ -19,9 +19,6 @@ from jounce.limits.worst import Worst
 from jounce.model.coordinates import following_efforts
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, in_words, unit_of
 from jounce.spatial.series import rate_name
-
-if TYPE_CHECKING:
-    from jounce.robot.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -157,7 +154,7 @@ class Check:
         return max(self.table, key=lambda row: row.ratio)
 
 
-def check(robot: "Robot", motion: object) -> Check:
+def check(robot: Engine, motion: object) -> Check:
     """Every limit of a robot along a motion."""
     b = bounded(robot, motion)
     worst = Worst(b)

@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jounce._typing import DriveTerm
 from jounce.engine.closed_path import positions
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError, listed, quoted
 from jounce.limits.bounded import known_kinds
 from jounce.limits.joints import drives_coordinates, joint_limits, joint_names, joint_units
@@ -18,9 +18,6 @@ from jounce.model.drives import TERMS
 from jounce.model.limits import EFFORT_KINDS, KINDS, MOTOR_KINDS, Limits
 from jounce.motion import Motion
 from jounce.spatial.series import rate_name
-
-if TYPE_CHECKING:
-    from jounce.robot import Robot
 
 STILL = 1e-6  # of the largest velocity of a motion: slower is at rest
 SLOWEST, FASTEST = 1e-9, 1e9  # uniform speeds that are tried
@@ -36,7 +33,7 @@ class Problem:
     its velocity and acceleration remain there.
     """
 
-    robot: "Robot"
+    robot: Engine
     motion: Motion
     limits: Limits
     share: float
@@ -105,7 +102,7 @@ class Problem:
         return JounceError(f"the {rows.kinds[row]} limit of joint {quoted(joint)} leaves no room to move; raise it")
 
 
-def problem_of(robot: "Robot", motion: Motion, share: float) -> Problem:
+def problem_of(robot: Engine, motion: Motion, share: float) -> Problem:
     """The problem of a motion of a robot's joints, checked."""
     if not motion.duration:
         raise JounceError(
@@ -175,7 +172,7 @@ def _check_static(problem: Problem, sigma: np.ndarray, path: Path) -> None:
     )
 
 
-def _check_zero(robot: "Robot", motion: Motion, limits: Limits, kinds: Sequence[str]) -> None:
+def _check_zero(robot: Engine, motion: Motion, limits: Limits, kinds: Sequence[str]) -> None:
     """Raise `JounceError` where a joint that moves has a limit of 0."""
     for kind in kinds:
         zero = np.flatnonzero((limits.bounds(kind) == 0).all(axis=0)).tolist()
@@ -216,7 +213,7 @@ def _check_breaks(motion: Motion, names: Sequence[str], rate: int, kind: str) ->
         )
 
 
-def _without_friction(robot: "Robot", limits: Limits) -> tuple["Robot", Limits]:
+def _without_friction(robot: Engine, limits: Limits) -> tuple[Engine, Limits]:
     """The robot without Coulomb friction, which effort limits then leave room for; it never exceeds its coefficient."""
     mechanism = robot.mechanism
     friction = np.abs(mechanism.tree.G).T @ mechanism.drives.friction
@@ -241,4 +238,4 @@ def _without_friction(robot: "Robot", limits: Limits) -> tuple["Robot", Limits]:
     table = limits.table.copy()
     effort = table[KINDS.index("effort")]
     effort[:] = np.minimum(effort[0] + friction, 0), np.maximum(effort[1] - friction, 0)
-    return robot.with_drives(others), replace(limits, table=table)
+    return robot.with_mechanism(replace(mechanism, acting=tuple(others))), replace(limits, table=table)

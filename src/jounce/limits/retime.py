@@ -3,12 +3,13 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from jounce._scalars import is_finite
 from jounce.engine.along import checked_motion
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError, quoted
 from jounce.limits.barrier import UNEVEN, Program, fastest, within
 from jounce.limits.basis import Basis, Local
@@ -18,9 +19,6 @@ from jounce.limits.problem import Problem, check_path, problem_of
 from jounce.limits.rows import Rows
 from jounce.motion import Motion
 from jounce.motion.time_law import Paced, TimeLaw
-
-if TYPE_CHECKING:
-    from jounce.robot import Robot
 
 INTERVALS = 30  # of the first spline
 MOST_AT_FIRST, MOST_INTERVALS = 480, 1920
@@ -89,7 +87,7 @@ class Retiming:
         return displays.retiming(self)
 
 
-def retime(robot: "Robot", motion: object, margin: object = 0.01) -> Retiming:
+def retime(robot: Engine, motion: object, margin: object = 0.01) -> Retiming:
     """The fastest motion along the path of a motion, whose limits are taken to a share 1 - margin of themselves."""
     given = checked_motion(robot.mechanism, motion)
     if not is_finite(margin) or not 0 <= margin < 1:  # type: ignore[operator]

@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from jounce.engine.along import ForceBreak
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError, listed, quoted
 from jounce.limits.bounded import Bounded
 from jounce.limits.bracketing import Place, bracketed_factor, is_polynomial, worst_of
@@ -16,9 +17,6 @@ from jounce.limits.uncertain import take_uncertain
 from jounce.limits.validation import bounded
 from jounce.limits.worst import Worst
 from jounce.motion.motion import Motion
-
-if TYPE_CHECKING:
-    from jounce.robot.robot import Robot
 
 CLOSE = 2e-10  # of a ratio beyond 1: factors are as exact
 ROUNDS = 40  # of refinement between samples; it takes three or four
@@ -80,7 +78,7 @@ class Slowdown:
         return displays.slowdown(self)
 
 
-def slowdown(robot: "Robot", motion: object) -> Slowdown:
+def slowdown(robot: Engine, motion: object) -> Slowdown:
     """The largest factor of speed such that every smaller one keeps all limits too."""
     b = bounded(robot, motion)
     breaks = breaks_of(b)

@@ -1,7 +1,7 @@
 """Robot: what users hold. Every method is a signature, a docstring, and one call."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Self
 
@@ -31,11 +31,12 @@ from jounce.arguments.limits import with_limits
 from jounce.arguments.loops import with_locked, with_loops
 from jounce.engine import dispatch
 from jounce.engine.dispatch import compute
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError, listed, one_of
 from jounce.model import dh, equality, inertial, screws
 from jounce.model.drives import Drives, select_columns, select_terms, warn_of_idle, with_eps
 from jounce.model.limits import Limits
-from jounce.model.mechanism import GRAVITY, Mechanism
+from jounce.model.mechanism import GRAVITY
 from jounce.native.kernel import Kernel
 from jounce.robot import overloads
 from jounce.robot.overloads import typed
@@ -58,7 +59,7 @@ FORMS = {"paper": "coriolis_matrix", "skew": "skew_coriolis_matrix"}  # of the C
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Robot:
+class Robot(Engine):
     """A robot: its mechanism, and the quantities of its equations of motion along a motion.
 
     `jounce.load` makes one from a file, the constructors `Robot.from_...` from numbers or from other libraries' models.
@@ -99,16 +100,6 @@ class Robot:
     array([29.43,  9.81])
     """
 
-    mechanism: Mechanism
-    _kernels: dispatch.Kernels = field(default_factory=dispatch.Kernels, init=False)
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.mechanism, Mechanism):
-            raise JounceError(f"Robot() expects a Mechanism, got {type(self.mechanism).__name__}; try jounce.load")
-
-    def __reduce__(self) -> tuple[type[Self], tuple[Mechanism]]:  # without native code, of which another needs its own
-        return type(self), (self.mechanism,)
-
     def __eq__(self, other: object) -> bool:
         return equality.equal(self.mechanism, other.mechanism) if isinstance(other, Robot) else NotImplemented
 
@@ -123,31 +114,6 @@ class Robot:
         from jounce.figures import displays
 
         return displays.robot(self)
-
-    @property
-    def name(self) -> str:
-        """The robot's name."""
-        return self.mechanism.name
-
-    @property
-    def n(self) -> int:
-        """The number of coordinates."""
-        return self.mechanism.n
-
-    @property
-    def nv(self) -> int:
-        """The number of velocities: n, or 6 + n if the robot floats, whose base comes first."""
-        return self.mechanism.nv
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """The names of the coordinates, in the order of the last axis of q."""
-        return self.mechanism.coordinates
-
-    @property
-    def body_names(self) -> tuple[str, ...]:
-        """The names of the bodies, in the order of rows of wrenches, poses and Jacobians; a floating base is first."""
-        return self.mechanism.body_names
 
     @property
     def gravity(self) -> Array:
