@@ -74,11 +74,11 @@ class ElasticAlong:
 def motors_along(
     robot: Engine,
     motion: Motion,
-    t: ArrayLike | None,
-    order: int,
-    stiffness: Any,
-    method: str | None,
-    progress: Progress | None,
+    t: ArrayLike | None = None,
+    order: int = 0,
+    stiffness: Any = None,
+    method: str | None = None,
+    progress: Progress | None = None,
 ) -> ElasticAlong:
     """Motor positions, and motor torques up to an order, along a motion of a robot with elastic joints."""
     e, options = elasticity_of(robot.mechanism), (method, progress)

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 from jounce._typing import Angles, ArrayLike, Shaped, TimeUnit
 from jounce.arguments import names
 from jounce.arguments.rates import checked_order
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError, at, quoted
 from jounce.io import motions
 from jounce.io.files import path_of
-from jounce.robot import Robot
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
@@ -21,7 +21,7 @@ PLACE = "the motion"  # where columns without a file stand, in messages
 def load_motion(
     source: str | os.PathLike[str] | Shaped | Mapping[str, ArrayLike],
     /,
-    robot: Robot,
+    robot: Engine,
     order: int = 2,
     degree: int | None = None,
     intervals: int | None = None,
@@ -96,7 +96,7 @@ def load_motion(
     >>> Q2d.shape
     (101, 2)
     """
-    if not isinstance(robot, Robot):
+    if not isinstance(robot, Engine):
         raise JounceError(f"load_motion() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     from jounce.motion.columns import Options
     from jounce.motion.spline import way_of
