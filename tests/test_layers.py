@@ -8,6 +8,7 @@ import jounce
 
 SOURCE = Path(jounce.__file__).parent
 LAYERS = (  # from the inside out
+    "core",
     "errors",
     "_version",
     "_parts",

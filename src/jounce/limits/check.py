@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from jounce.core.display import Displayed
 from jounce.engine.along import ForceBreak, force_breaks
 from jounce.engine.engine import Engine
 from jounce.errors import listed, quoted
@@ -93,7 +94,7 @@ class CheckedLimit:
 
 
 @dataclass(frozen=True, repr=False)
-class Check:
+class Check(Displayed):
     """Every limit of a robot along a motion. `Robot.check` makes one.
 
     Attributes
@@ -127,11 +128,6 @@ class Check:
 
     def __repr__(self) -> str:
         return f"<Check: {self.words}; worst: {self.worst}>"
-
-    def _repr_html_(self) -> str:
-        from jounce.figures import displays
-
-        return displays.check(self)
 
     @property
     def verdict(self) -> Verdict:

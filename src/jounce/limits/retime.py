@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jounce._scalars import is_finite
+from jounce.core.display import Displayed
 from jounce.engine.along import checked_motion
 from jounce.engine.engine import Engine
 from jounce.errors import JounceError, quoted
@@ -50,7 +51,7 @@ class Stretch(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Retiming:
+class Retiming(Displayed):
     """A motion along the same path by the fastest time law. `Robot.retime` makes one.
 
     Attributes
@@ -80,11 +81,6 @@ class Retiming:
 
     def __repr__(self) -> str:
         return f"<Retiming to {self.duration:.6g} s, {len(self.binding)} stretches>"
-
-    def _repr_html_(self) -> str:
-        from jounce.figures import displays
-
-        return displays.retiming(self)
 
 
 def retime(robot: Engine, motion: object, margin: object = 0.01) -> Retiming:

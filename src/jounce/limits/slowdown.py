@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jounce.core.display import Displayed
 from jounce.engine.along import ForceBreak
 from jounce.engine.engine import Engine
 from jounce.errors import JounceError, listed, quoted
@@ -36,7 +37,7 @@ class Binding(NamedTuple):
 
 
 @dataclass(frozen=True, repr=False)
-class Slowdown:
+class Slowdown(Displayed):
     """How fast a motion may be. `Robot.slowdown` makes one.
 
     Attributes
@@ -71,11 +72,6 @@ class Slowdown:
 
     def __repr__(self) -> str:
         return f"<Slowdown by a factor of speed {self.factor:.6g}: {self.binding!s}>"
-
-    def _repr_html_(self) -> str:
-        from jounce.figures import displays
-
-        return displays.slowdown(self)
 
 
 def slowdown(robot: Engine, motion: object) -> Slowdown:

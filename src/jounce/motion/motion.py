@@ -10,6 +10,7 @@ import numpy as np
 from jounce._scalars import asarray, is_finite
 from jounce._typing import ArrayLike
 from jounce.arguments.rates import checked_order
+from jounce.core.display import Displayed
 from jounce.errors import JounceError, listed, one_of, quoted, warn
 from jounce.motion import base as bases
 from jounce.motion.composed import Chain, Retimed
@@ -38,7 +39,7 @@ class Break(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Motion:
+class Motion(Displayed):
     """The motion of a robot as a function of time: ``motion(t, order)`` gives q, qd, ... at any times.
 
     `jounce.load_motion` makes one of a file or of named columns, and so do `Motion.through`, `Motion.fit`,
@@ -438,11 +439,6 @@ class Motion:
         joints = "" if self.joint_names is None else f" of {len(self.joint_names)} joints"
         joints += " with a base" if self.base_curve else ""
         return f"<Motion{joints}, t = {self.start:g} .. {self.stop:g} s: {self.source}>"
-
-    def _repr_html_(self) -> str:
-        from jounce.figures import displays
-
-        return displays.motion(self)
 
     @property
     def start(self) -> float:

@@ -29,6 +29,7 @@ from jounce._typing import (
 from jounce.arguments import requests
 from jounce.arguments.limits import with_limits
 from jounce.arguments.loops import with_locked, with_loops
+from jounce.core.display import Displayed
 from jounce.engine import dispatch
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
@@ -59,7 +60,7 @@ FORMS = {"paper": "coriolis_matrix", "skew": "skew_coriolis_matrix"}  # of the C
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Robot(Engine):
+class Robot(Engine, Displayed):
     """A robot: its mechanism, and the quantities of its equations of motion along a motion.
 
     `jounce.load` makes one from a file, the constructors `Robot.from_...` from numbers or from other libraries' models.
@@ -109,11 +110,6 @@ class Robot(Engine):
     def __repr__(self) -> str:
         floats = ", floating" if self.mechanism.base else ""
         return f"<Robot {self.name!r}: {self.n} coordinates, {len(self.body_names)} bodies{floats}>"
-
-    def _repr_html_(self) -> str:
-        from jounce.figures import displays
-
-        return displays.robot(self)
 
     @property
     def gravity(self) -> Array:
