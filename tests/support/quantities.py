@@ -8,7 +8,7 @@ from robots import Interpreted, random_mechanism, random_pose, springs
 import jounce
 from jounce.actuators.elastic import ElasticRobot
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.model.mechanism import Frame
+from jounce.model.frame import Frame
 
 FACADE = {  # where a method is not named as its quantity
     "skew_coriolis_matrix": ("coriolis_matrix", {"form": "skew"}),

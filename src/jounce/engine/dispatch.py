@@ -14,19 +14,20 @@ from jounce._typing import DriveColumn
 from jounce.arguments import loads, positions, rates, requests, wrenches
 from jounce.arguments.base import base_of
 from jounce.dynamics import drive_terms, elastic
+from jounce.dynamics.branches import without_ratios
 from jounce.dynamics.computation import Computation, Port
 from jounce.dynamics.loads import wrench_of
 from jounce.dynamics.loops import closed_motion
 from jounce.dynamics.loops import law as closed_law
 from jounce.dynamics.mobility import is_singular, may_be_singular
 from jounce.dynamics.newton import Step
-from jounce.dynamics.quantities import FORCES, Quantity, State, row_of
+from jounce.dynamics.quantities import FORCES, Quantity, row_of
+from jounce.dynamics.state import State
 from jounce.engine import digits
 from jounce.engine.engine import Engine, Form, Ready
 from jounce.engine.generic import as_tuple, batch_shape, checked_out, compute_by_method, evaluate, is_fit, results_into
 from jounce.errors import JounceError, one_of, quoted, warn
 from jounce.model.casting import cast_model
-from jounce.model.loops import without_ratios
 from jounce.model.mechanism import Mechanism
 from jounce.native import closing, plan
 from jounce.native.closing import NativeStep
