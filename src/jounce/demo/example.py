@@ -17,7 +17,7 @@ from jounce.engine.engine import Engine
 from jounce.io import motions
 from jounce.io.bundled import iiwa14
 from jounce.motion import Motion
-from jounce.motion.analytic import motion_of
+from jounce.motion.description import motion_of
 from jounce.spatial.inertia import moments
 from jounce.spatial.lie import hat
 

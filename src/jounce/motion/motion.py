@@ -126,7 +126,7 @@ class Motion(Displayed):
         from jounce.motion import constructors
         from jounce.motion.spline import Spline
 
-        return constructors.through(t, q, Spline(degree), joint_names)
+        return Motion(**constructors.through(t, q, Spline(degree), joint_names)._asdict())
 
     @staticmethod
     def fit(
@@ -179,7 +179,7 @@ class Motion(Displayed):
         from jounce.motion import constructors
         from jounce.motion.spline import way_of
 
-        return constructors.through(t, q, way_of(degree, intervals, bandwidth, force), joint_names)
+        return Motion(**constructors.through(t, q, way_of(degree, intervals, bandwidth, force), joint_names)._asdict())
 
     @staticmethod
     def polynomial(
@@ -215,7 +215,7 @@ class Motion(Displayed):
         """
         from jounce.motion import constructors
 
-        return constructors.polynomial(coefficients, duration, start, joint_names)
+        return Motion(**constructors.polynomial(coefficients, duration, start, joint_names)._asdict())
 
     @staticmethod
     def fourier(
@@ -262,7 +262,7 @@ class Motion(Displayed):
         """
         from jounce.motion import constructors
 
-        return constructors.fourier(offset, cosines, sines, frequency, duration, start, joint_names)
+        return Motion(**constructors.fourier(offset, cosines, sines, frequency, duration, start, joint_names)._asdict())
 
     @staticmethod
     def piecewise(breaks: ArrayLike, coefficients: ArrayLike, *, joint_names: Sequence[str] | None = None) -> "Motion":
@@ -295,7 +295,7 @@ class Motion(Displayed):
         """
         from jounce.motion import constructors
 
-        return constructors.piecewise(breaks, coefficients, joint_names)
+        return Motion(**constructors.piecewise(breaks, coefficients, joint_names)._asdict())
 
     @staticmethod
     def trapezoidal(
@@ -330,7 +330,7 @@ class Motion(Displayed):
         """
         from jounce.motion import planners
 
-        return planners.trapezoidal(positions, velocity, acceleration, joint_names)
+        return Motion(**planners.trapezoidal(positions, velocity, acceleration, joint_names)._asdict())
 
     @staticmethod
     def from_ruckig(trajectory: Any, *, joint_names: Sequence[str] | None = None) -> "Motion":
@@ -366,7 +366,7 @@ class Motion(Displayed):
         """
         from jounce.motion import planners
 
-        return planners.from_ruckig(trajectory, joint_names)
+        return Motion(**planners.from_ruckig(trajectory, joint_names)._asdict())
 
     @staticmethod
     def from_toppra(path: Any, *, joint_names: Sequence[str] | None = None) -> "Motion":
@@ -400,7 +400,7 @@ class Motion(Displayed):
         """
         from jounce.motion import planners
 
-        return planners.from_toppra(path, joint_names)
+        return Motion(**planners.from_toppra(path, joint_names)._asdict())
 
     @staticmethod
     def from_joint_trajectory(message: Any) -> "Motion":
@@ -433,7 +433,7 @@ class Motion(Displayed):
         """
         from jounce.motion import ros
 
-        return ros.from_joint_trajectory(message)
+        return Motion(**ros.from_joint_trajectory(message)._asdict())
 
     def __repr__(self) -> str:
         joints = "" if self.joint_names is None else f" of {len(self.joint_names)} joints"
