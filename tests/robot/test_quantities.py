@@ -11,7 +11,7 @@ from robots import Interpreted, differentiated_at_once, harmonic, relative_error
 from jounce.arguments import requests
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.engine.dispatch import NATIVE, native_obstacle
+from jounce.engine.backends import NATIVE, native_obstacle
 from jounce.errors import JounceError
 
 ROBOT = branched()

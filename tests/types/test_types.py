@@ -17,7 +17,7 @@ from jounce._codegen.language import NAMES
 from jounce.arguments.loads import AXES
 from jounce.dynamics.kinematics import FRAMES
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.engine.dispatch import NATIVE
+from jounce.engine.backends import NATIVE
 from jounce.model import dh
 from jounce.model.drives import TERMS
 from jounce.motion import units

@@ -12,7 +12,8 @@ import numpy as np
 
 from jounce._typing import Method
 from jounce.dynamics.quantities import FORCES
-from jounce.engine.dispatch import available, compute
+from jounce.engine.backends import available
+from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.io import motions
 from jounce.io.bundled import iiwa14

@@ -13,8 +13,9 @@ from jounce.dynamics import closing
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import FORCES, Quantity
 from jounce.engine import digits
+from jounce.engine.backends import closing_step
 from jounce.engine.closed_path import on_tree, positions
-from jounce.engine.dispatch import closing_step, compute
+from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.generic import as_tuple
 from jounce.errors import JounceError, UncertainError, at, quoted, warn

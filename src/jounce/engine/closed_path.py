@@ -17,7 +17,7 @@ from jounce.dynamics import closing, newton
 from jounce.dynamics.assembly import LOST, crossing, inverse_conditions, inverse_conditions_of, solved_constraints
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loops import closure_of
-from jounce.engine.dispatch import closing_step
+from jounce.engine.backends import closing_step
 from jounce.engine.engine import Engine
 from jounce.engine.generic import compute_by_method
 from jounce.errors import JounceError, UncertainError, at, listed

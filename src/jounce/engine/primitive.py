@@ -5,7 +5,7 @@ jaxlib that does not accept its handler calls Python back instead. On other plat
 code, XLA compiles the traced law. First derivatives are the native products of the derivatives, "jvp" and "vjp", each
 the transpose of the other; derivatives of these by the state are those of the traced law.
 
-Only dispatch imports this module, and only for arrays of JAX: it imports JAX itself.
+Only backends imports this module, and only for arrays of JAX: it imports JAX itself.
 """
 
 from collections.abc import Sequence

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce._typing import DriveColumn
-from jounce.engine.dispatch import regressor
+from jounce.engine.drives import regressor
 from jounce.engine.engine import Engine
 from jounce.identification.measurements import Measurements
 from jounce.motion.motion import Motion

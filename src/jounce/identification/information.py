@@ -13,7 +13,8 @@ import numpy as np
 from jounce._typing import DriveColumn
 from jounce.dynamics.base_parameters import base_parameters
 from jounce.dynamics.computation import Computation
-from jounce.engine.dispatch import compile_ahead, regressor
+from jounce.engine.backends import compile_ahead
+from jounce.engine.drives import regressor
 from jounce.engine.engine import Engine
 from jounce.model import drives
 from jounce.model.coordinates import joint_variables

@@ -16,7 +16,7 @@ import numpy as np
 from jounce._typing import QuantityName
 from jounce.dynamics.computation import Computation
 from jounce.engine.along import FIRST
-from jounce.engine.dispatch import compile_ahead
+from jounce.engine.backends import compile_ahead
 from jounce.engine.engine import Engine
 from jounce.engine.generic import as_tuple
 from jounce.limits.bounded import DERIVATIVE, rate_of_forces

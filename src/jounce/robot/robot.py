@@ -30,9 +30,11 @@ from jounce.arguments import requests
 from jounce.arguments.limits import with_limits
 from jounce.arguments.loops import with_locked, with_loops
 from jounce.core.display import Displayed
-from jounce.engine import dispatch
+from jounce.engine.backends import compile_ahead
 from jounce.engine.dispatch import compute
+from jounce.engine.drives import drive_forces, regressor
 from jounce.engine.engine import Engine
+from jounce.engine.loads import wrench_of_load
 from jounce.errors import JounceError, listed, one_of
 from jounce.model import dh, equality, inertial, screws
 from jounce.model.drives import Drives, select_columns, select_terms, warn_of_idle, with_eps
@@ -1080,7 +1082,7 @@ class Robot(Engine, Displayed):
         True
         """
         asked = requests.computation(self.mechanism, quantity, order, wrench, body, frame, product, base)
-        return dispatch.compile_ahead(self, asked)
+        return compile_ahead(self, asked)
 
     @typed(overloads.OfAcceleration)
     def inverse_dynamics(
@@ -1354,7 +1356,7 @@ class Robot(Engine, Displayed):
         """
         given = (q, qd, q2d, q3d, q4d, *higher)
         options = {"base": base, "method": method, "threads": threads}
-        return dispatch.regressor(self, "regressor", given, select_columns(drives), out, **options)
+        return regressor(self, "regressor", given, select_columns(drives), out, **options)
 
     @typed(overloads.OfVelocityRegressor)
     def momentum_regressor(
@@ -1415,7 +1417,7 @@ class Robot(Engine, Displayed):
         """
         options = {"base": base, "method": method, "threads": threads}
         rates, columns = (q, qd, q2d, q3d, *higher), select_columns(drives)
-        return dispatch.regressor(self, "momentum_regressor", rates, columns, out, **options)
+        return regressor(self, "momentum_regressor", rates, columns, out, **options)
 
     @typed(overloads.OfVelocityRegressor)
     def energy_regressor(
@@ -1472,7 +1474,7 @@ class Robot(Engine, Displayed):
         """
         options = {"base": base, "method": method, "threads": threads}
         rates, columns = (q, qd, q2d, q3d, *higher), select_columns(drives)
-        return dispatch.regressor(self, "energy_regressor", rates, columns, out, **options)
+        return regressor(self, "energy_regressor", rates, columns, out, **options)
 
     @typed(overloads.ForwardPartials)
     def forward_dynamics_partials(
@@ -2206,7 +2208,7 @@ class Robot(Engine, Displayed):
         >>> arm.drive_forces([0, 0], [1, 1], [0, 0])
         array([2., 3.])
         """
-        return dispatch.drive_forces(self.mechanism, (q, qd, q2d, q3d, q4d, *higher), select_terms(terms), out)
+        return drive_forces(self.mechanism, (q, qd, q2d, q3d, q4d, *higher), select_terms(terms), out)
 
     @typed(overloads.PosesOfBodies)
     def poses(
@@ -2819,4 +2821,4 @@ class Robot(Engine, Displayed):
         >>> W, Wd = robot.wrench(q, qd, body="link7", force=(0, 0, -2 * 9.81), point=(0, 0, 0.1))
         >>> Q, Qd = robot.inverse_dynamics(q, qd, [0] * 7, [0] * 7, wrench=(W, Wd))
         """
-        return dispatch.wrench_of_load(self.mechanism, (q, qd, q2d, *higher), base, body, force, torque, frame, point)
+        return wrench_of_load(self.mechanism, (q, qd, q2d, *higher), base, body, force, torque, frame, point)
