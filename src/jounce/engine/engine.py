@@ -1,7 +1,7 @@
 """An engine: a mechanism and its native code, which is all that a computation needs of a robot."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeVar
 
 from jounce.dynamics.computation import Computation
 from jounce.errors import JounceError
@@ -89,3 +89,11 @@ if TYPE_CHECKING:  # with a default, which Python itself knows from 3.13 on
     R = typing_extensions.TypeVar("R", bound=Engine, default=Any)
 else:
     R = TypeVar("R", bound=Engine)  # a robot of the caller's own type
+
+
+class WithLinks(Protocol):
+    """A robot with elastic joints."""
+
+    @property
+    def robot(self) -> Engine:
+        """Its links."""

@@ -45,7 +45,6 @@ from jounce.robot import overloads
 from jounce.robot.overloads import typed
 
 if TYPE_CHECKING:
-    from jounce.actuators.elastic import ElasticRobot
     from jounce.audit import Finding
     from jounce.dynamics.base_parameters import BaseParameters
     from jounce.engine.along import Along
@@ -57,6 +56,7 @@ if TYPE_CHECKING:
     from jounce.model.motors import Motor
     from jounce.models.states import RobotState
     from jounce.motion import Motion
+    from jounce.robot.elastic import ElasticRobot
 
 FORMS = {"paper": "coriolis_matrix", "skew": "skew_coriolis_matrix"}  # of the Coriolis matrix
 
@@ -1785,8 +1785,8 @@ class Robot(Engine, Displayed):
         >>> arm.motor_positions([0, 0], [0, 0], [0, 0]).round(6)
         array([0.036788, 0.01635 ])
         """
-        from jounce.actuators.elastic import ElasticRobot  # what few programs need
         from jounce.actuators.parameters import ElasticParameters, with_elasticity
+        from jounce.robot.elastic import ElasticRobot  # what few programs need
 
         stated = ElasticParameters(
             stiffness=stiffness, rotor=rotor, damping=damping, spring=spring, coupling=coupling, motors=motors,
