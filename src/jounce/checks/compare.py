@@ -20,7 +20,7 @@ from jounce.dynamics.computation import Computation
 from jounce.dynamics.newton import scales
 from jounce.dynamics.quantities import FORCES, QUANTITIES
 from jounce.engine.dispatch import compute
-from jounce.engine.engine import Engine
+from jounce.engine.engine import Engine, like
 from jounce.engine.generic import as_tuple
 from jounce.model.mechanism import Mechanism
 from jounce.model.screws import from_screws
@@ -54,7 +54,7 @@ def compare(
     robot: Engine, source: Path | None = None, *, order: int = 2, states: int = 20, seed: int = 0
 ) -> list[Check]:
     """Run the checks of a robot without drive terms; other libraries read its file `source`, if given."""
-    rigid, rng = robot.with_mechanism(replace(robot.mechanism, acting=())), np.random.default_rng(seed)
+    rigid, rng = like(robot, replace(robot.mechanism, acting=())), np.random.default_rng(seed)
     m, q = rigid.mechanism, rng.uniform(-1, 1, (order + 3, states, robot.n))
     if m.closure:
         own = list(m.closure.independent)

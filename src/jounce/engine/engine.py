@@ -53,10 +53,6 @@ class Engine:
     def __reduce__(self) -> tuple[type[Self], tuple[Mechanism]]:  # without native code, of which another needs its own
         return type(self), (self.mechanism,)
 
-    def with_mechanism(self, mechanism: Mechanism) -> Self:
-        """One of the same kind for another mechanism, without native code."""
-        return type(self)(mechanism)
-
     @property
     def name(self) -> str:
         """The robot's name."""
@@ -89,6 +85,11 @@ if TYPE_CHECKING:  # with a default, which Python itself knows from 3.13 on
     R = typing_extensions.TypeVar("R", bound=Engine, default=Any)
 else:
     R = TypeVar("R", bound=Engine)  # a robot of the caller's own type
+
+
+def like(robot: R, mechanism: Mechanism) -> R:
+    """A robot of the same type with another mechanism, without native code."""
+    return type(robot)(mechanism)
 
 
 class WithLinks(Protocol):

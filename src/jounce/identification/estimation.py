@@ -9,7 +9,7 @@ import numpy as np
 from jounce._scalars import asarray, is_finite
 from jounce._typing import ArrayLike, DriveColumn, DriveColumns, Equations
 from jounce.engine.along import checked_motion
-from jounce.engine.engine import R
+from jounce.engine.engine import R, like
 from jounce.errors import JounceError, listed, one_of, quoted, warn
 from jounce.identification.measurements import measurements
 from jounce.identification.physical import ConsistentParameters, consistent_parameters
@@ -179,7 +179,7 @@ def _identified(robot: R, terms: Sequence[DriveColumn], found: ConsistentParamet
     m = with_parameters(robot.mechanism, found.parameters)
     values = {AMOUNTS[term]: x for term, x in found.drives.items() if term != OFFSET}
     acting = tuple(term for term in TERMS if term in {*m.acting, *terms})
-    return robot.with_mechanism(replace(m, drives=replace(m.drives, **values), acting=acting))
+    return like(robot, replace(m, drives=replace(m.drives, **values), acting=acting))
 
 
 def _unseen(table: Sequence[IdentifiedParameter], rank: int) -> list[str]:

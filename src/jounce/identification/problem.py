@@ -9,7 +9,7 @@ from jounce._scalars import is_finite
 from jounce._typing import DriveColumn, Equations
 from jounce.dynamics.base_parameters import BaseParameters, base_parameters
 from jounce.engine.along import forces_along
-from jounce.engine.engine import Engine, R
+from jounce.engine.engine import Engine, R, like
 from jounce.errors import JounceError, quoted
 from jounce.identification.cells import CELLS, Cells, band_of, cells_of, regressors, step_of
 from jounce.identification.filtered import FILTERED
@@ -139,7 +139,7 @@ def model_of(robot: R, terms: Sequence[DriveColumn], eps: float | None) -> R:
     if "friction" not in terms:
         raise JounceError(f"eps={quoted(eps)} is of friction, which drives={quoted(list(terms))} does not identify")
     m = robot.mechanism
-    return robot.with_mechanism(replace(m, drives=with_eps(m.drives, eps)))
+    return like(robot, replace(m, drives=with_eps(m.drives, eps)))
 
 
 def _columns(robot: Engine, base: BaseParameters, terms: Sequence[DriveColumn]) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from jounce._typing import DriveTerm
 from jounce.engine.closed_path import positions
-from jounce.engine.engine import Engine
+from jounce.engine.engine import Engine, like
 from jounce.errors import JounceError, listed, quoted
 from jounce.limits.bounded import known_kinds
 from jounce.limits.joints import drives_coordinates, joint_limits, joint_names, joint_units
@@ -238,4 +238,4 @@ def _without_friction(robot: Engine, limits: Limits) -> tuple[Engine, Limits]:
     table = limits.table.copy()
     effort = table[KINDS.index("effort")]
     effort[:] = np.minimum(effort[0] + friction, 0), np.maximum(effort[1] - friction, 0)
-    return robot.with_mechanism(replace(mechanism, acting=tuple(others))), replace(limits, table=table)
+    return like(robot, replace(mechanism, acting=tuple(others))), replace(limits, table=table)
