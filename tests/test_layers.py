@@ -1,13 +1,17 @@
-"""Imports point inwards: a layer imports those before it; facades import what lies outside them in their methods."""
+"""Imports point inwards: a layer imports those before it. This list is the one place that states their order."""
 
 import ast
+import subprocess
+import sys
 from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import jounce
 
 SOURCE = Path(jounce.__file__).parent
 LAYERS = (  # from the inside out
+    "core",
     "errors",
     "_version",
     "_parts",
@@ -20,12 +24,12 @@ LAYERS = (  # from the inside out
     "arguments",
     "native",
     "motion",
-    "robot",
+    "engine",
     "limits",
     "actuators",
+    "identification",
     "models",
     "audit",
-    "identification",
     "io",
     "dask",
     "stream",
@@ -38,12 +42,10 @@ LAYERS = (  # from the inside out
     "demo",
     "_report",
     "_view",
+    "robot",
     "cli",
     "__main__",
 )
-FACADES = (  # methods that pass their arguments on, and displays
-    "robot.robot", "motion.motion", "limits.check", "limits.slowdown", "limits.retime", "io.loading",
-)  # fmt: skip
 MODULES = {
     ".".join(path.relative_to(SOURCE).with_suffix("").parts).removesuffix(".__init__"): path
     for path in SOURCE.rglob("*.py")
@@ -51,15 +53,13 @@ MODULES = {
 }
 
 
-def imported(node: ast.AST, late: bool = False) -> Iterator[tuple[str, bool]]:
-    """The layers that the code below a node imports, and whether in a function or for type checkers only."""
-    for child in ast.iter_child_nodes(node):
-        if isinstance(child, ast.ImportFrom) and child.module == "jounce":
-            yield from ((name.name, late) for name in child.names if name.name in LAYERS)
-        elif isinstance(child, ast.ImportFrom) and (child.module or "").startswith("jounce."):
-            yield str(child.module).split(".")[1], late
-        typed = isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING"
-        yield from imported(child, late or typed or isinstance(child, ast.FunctionDef))
+def imported(module: ast.AST) -> Iterator[str]:
+    """The layers that code imports, in functions and for type checkers too."""
+    for node in ast.walk(module):
+        if isinstance(node, ast.ImportFrom) and node.module == "jounce":
+            yield from (name.name for name in node.names if name.name in LAYERS)
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("jounce."):
+            yield str(node.module).split(".")[1]
 
 
 def test_every_module_is_in_a_layer():
@@ -70,7 +70,35 @@ def test_imports_point_inwards():
     outwards = [
         f"{name} imports {layer}"
         for name, path in MODULES.items()
-        for layer, late in imported(ast.parse(path.read_text(encoding="utf-8")))
-        if LAYERS.index(layer) > LAYERS.index(name.split(".")[0]) and not (late and name in FACADES)
+        for layer in imported(ast.parse(path.read_text(encoding="utf-8")))
+        if LAYERS.index(layer) > LAYERS.index(name.split(".")[0])
     ]
     assert not outwards
+
+
+def files_imported(name: str) -> set[str]:
+    """The files of the package that a file imports."""
+    found = set()
+    for node in ast.walk(ast.parse(MODULES[name].read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("jounce."):
+            source = str(node.module).removeprefix("jounce.")
+            found |= {inner if (inner := f"{source}.{part.name}") in MODULES else source for part in node.names}
+    return found - {name}
+
+
+def test_no_files_import_each_other_in_a_circle():
+    known = {name: files_imported(name) for name in MODULES}
+    known["robot.robot"] -= {"robot.elastic"}  # `Robot.elastic` makes what holds a robot
+    TopologicalSorter(known).prepare()
+
+
+def test_the_core_is_imported_alone():
+    outside = LAYERS[LAYERS.index("engine") + 1 :]
+    code = f"""
+import importlib, sys
+sys.modules |= dict.fromkeys({[f"jounce.{name}" for name in outside]})
+for name in {[name for name in MODULES if LAYERS.index(name.split(".")[0]) < LAYERS.index("limits")]}:
+    if name != "engine.primitive":  # which imports JAX
+        importlib.import_module("jounce." + name)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)

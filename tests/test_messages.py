@@ -112,6 +112,6 @@ def test_warnings_of_all_kinds_are_shown_as_texts(monkeypatch):
         warnings.warn(f"strange {ODD}", UserWarning, stacklevel=2)
         raise jounce.JounceError("stop")
 
-    monkeypatch.setattr("jounce.io.loading.load", warns)
+    monkeypatch.setattr("jounce.robot.loading.load", warns)
     result = CliRunner().invoke(main, ["info", "planar2r"])
     assert [line.isprintable() for line in result.stderr.splitlines()] == [True, True]

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from jounce.actuators.elastic import ElasticRobot
 from jounce.dynamics.quantities import QUANTITIES, Quantity
+from jounce.robot.elastic import ElasticRobot
 from jounce.robot.robot import FORMS, Robot
 
 HEAD = ("", "method", "rates", "shape", "unit", "what it is", "options")

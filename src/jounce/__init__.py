@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from jounce._report import Report, report
     from jounce._symbolic import symbolic
     from jounce.actuators.along import ElasticAlong
-    from jounce.actuators.elastic import ElasticRobot
     from jounce.dynamics.base_parameters import BaseParameters
+    from jounce.engine.along import Along
     from jounce.errors import JounceError, JounceWarning, UncertainError
     from jounce.identification import (
         Excitation,
@@ -22,9 +22,6 @@ if TYPE_CHECKING:
         excite,
         identify,
     )
-    from jounce.io.loading import load
-    from jounce.io.motions.loading import load_motion
-    from jounce.io.saving import save
     from jounce.limits.check import Check, CheckedLimit
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
@@ -41,7 +38,10 @@ if TYPE_CHECKING:
     from jounce.motion import Motion
     from jounce.native.kernel import Kernel
     from jounce.robot import Robot
-    from jounce.robot.along import Along
+    from jounce.robot.elastic import ElasticRobot
+    from jounce.robot.loading import load
+    from jounce.robot.motions import load_motion
+    from jounce.robot.saving import save
     from jounce.spatial.inertia import inertia_matrix
 
 __all__ = [
@@ -89,7 +89,7 @@ __all__ = [
     "symbolic",
 ]
 _LATER = {  # what is imported when it is first asked for, so that whatever needs little of it starts at once
-    "Along": "jounce.robot.along",
+    "Along": "jounce.engine.along",
     "AntagonisticSprings": "jounce.model.antagonists",
     "BaseParameters": "jounce.dynamics.base_parameters",
     "Check": "jounce.limits.check",
@@ -98,7 +98,7 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "CubicSpring": "jounce.model.springs",
     "Drives": "jounce.model.drives",
     "ElasticAlong": "jounce.actuators.along",
-    "ElasticRobot": "jounce.actuators.elastic",
+    "ElasticRobot": "jounce.robot.elastic",
     "Elasticity": "jounce.model.elasticity",
     "Excitation": "jounce.identification",
     "ForceResidual": "jounce.identification",
@@ -125,10 +125,10 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "excite": "jounce.identification",
     "identify": "jounce.identification",
     "inertia_matrix": "jounce.spatial.inertia",
-    "load": "jounce.io.loading",
-    "load_motion": "jounce.io.motions.loading",
+    "load": "jounce.robot.loading",
+    "load_motion": "jounce.robot.motions",
     "report": "jounce._report",
-    "save": "jounce.io.saving",
+    "save": "jounce.robot.saving",
     "symbolic": "jounce._symbolic",
 }
 

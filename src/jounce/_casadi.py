@@ -10,17 +10,17 @@ from jounce._scalars import asarray
 from jounce._typing import Frame, QuantityName
 from jounce.arguments import requests
 from jounce.dynamics.computation import Computation
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError, listed, warn
 from jounce.model.mechanism import Mechanism
 from jounce.model.parameters import own_values, parametrise
-from jounce.robot import Robot
 
 if TYPE_CHECKING:
     import casadi
 
 
 def casadi_function(
-    robot: Robot,
+    robot: Engine,
     quantity: QuantityName = "inverse_dynamics",
     order: int = 2,
     wrench: bool = False,
@@ -124,8 +124,8 @@ def _name(computation: Computation) -> str:
     return "_".join(re.findall("[A-Za-z0-9]+", "_".join([computation.name, *place])))
 
 
-def _check(robot: Robot) -> None:
-    if not isinstance(robot, Robot):
+def _check(robot: Engine) -> None:
+    if not isinstance(robot, Engine):
         raise JounceError(f"casadi_function() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     if not robot.mechanism.is_numeric:
         raise JounceError(

@@ -10,7 +10,7 @@ from files import refusal
 import jounce
 from jounce import AntagonisticSprings, CubicSpring, Motion, Motor, SpringFunction, SpringTable
 from jounce.actuators import damping
-from jounce.robot import generic
+from jounce.engine import generic
 
 ROBOT = jounce.load("planar2r")
 K = 500.0

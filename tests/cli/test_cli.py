@@ -17,10 +17,10 @@ from files import BODY, GOOD, ODD, joint, link, robot_file
 import jounce
 from jounce.checks.description import describe
 from jounce.cli import main
+from jounce.engine import along
 from jounce.io import tables
 from jounce.motion.spline import Spline
 from jounce.motion.table import from_table
-from jounce.robot import along
 from jounce.spatial.series import rate_name
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

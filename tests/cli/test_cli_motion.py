@@ -8,12 +8,12 @@ from click.testing import CliRunner
 
 import jounce
 from jounce.cli import main
+from jounce.engine import along
 from jounce.figures.curves import over_time
 from jounce.figures.table import run_of
 from jounce.io import tables
 from jounce.io.motions import writing
 from jounce.motion.table import from_table
-from jounce.robot import along
 
 PLANAR = jounce.load("planar2r")
 T = np.linspace(0, 1, 201)

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 import jounce
 from jounce.cli import main
-from jounce.robot import along
+from jounce.engine import along
 
 COMMAND = ["run", "planar2r", "motion.yaml", "-o", "out.csv"]
 MOTION = "time: {stop: 1, count: 9}\njoints: {joint1: {offset: 1}, joint2: {cosines: [{amplitude: 1, frequency: 2}]}}\n"

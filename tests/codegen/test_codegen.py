@@ -30,7 +30,7 @@ from jounce._codegen.test_vectors import vectors
 from jounce.cli import main
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES, Quantity
-from jounce.model.mechanism import Frame
+from jounce.model.frame import Frame
 
 STRICT = "-std=c99 -O0 -Wall -Wextra -Wpedantic -Wconversion -Wdouble-promotion -Wfloat-conversion -Werror"
 STRICT_CXX = STRICT.replace("c99", "c++11"), STRICT.replace("c99", "c++17")

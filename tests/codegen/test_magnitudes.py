@@ -13,8 +13,8 @@ from jounce.checks.magnitudes import _Sized, magnitudes, scale
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.deflections import of_spring
 from jounce.dynamics.quantities import QUANTITIES
+from jounce.engine.generic import compute_by_method
 from jounce.model.drives import Drives
-from jounce.robot.generic import compute_by_method
 from jounce.spatial.series import Series
 
 OF_TREES = [row for row in QUANTITIES.values() if not row.closed]

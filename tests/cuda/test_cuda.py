@@ -14,8 +14,8 @@ import jounce
 import jounce.cuda
 from jounce.cuda import arrays as device
 from jounce.cuda.source import THREADS, source
+from jounce.engine.generic import as_tuple
 from jounce.errors import JounceError
-from jounce.robot.generic import as_tuple
 
 BATCH = 2 * THREADS + 37  # three blocks, the last one not full
 

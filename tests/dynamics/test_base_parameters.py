@@ -15,7 +15,7 @@ import jounce
 from jounce.dynamics import assembly
 from jounce.dynamics.base_parameters import base_parameters
 from jounce.model import equivalent
-from jounce.model.mechanism import Frame
+from jounce.model.frame import Frame
 from jounce.spatial import inertia
 
 AXES = [s * e for e in np.eye(3) for s in (1, -1)]

@@ -20,7 +20,7 @@ import jounce
 from jounce.cli import main
 from jounce.io import documents
 from jounce.io.native import writing
-from jounce.model.mechanism import Frame
+from jounce.model.frame import Frame
 
 pytestmark = pytest.mark.filterwarnings("ignore::jounce.JounceWarning")  # of the inertias of the iiwa
 ROOT = Path(__file__).parents[2]

@@ -9,8 +9,8 @@ from click import ClickException
 import jounce
 from jounce import JounceError, Motion
 from jounce.cli import main
+from jounce.engine.closed_path import positions
 from jounce.io.tables import read
-from jounce.robot.closed_path import positions
 
 
 def body(name, joint, parent, x):

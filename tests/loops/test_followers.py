@@ -7,10 +7,9 @@ from robots import relative_error
 
 import jounce
 from jounce import JounceError
-from jounce.dynamics.branches import with_solved_loops
-from jounce.model.loops import without_ratios
-from jounce.robot.dispatch import compute
-from jounce.robot.generic import as_tuple
+from jounce.dynamics.branches import with_solved_loops, without_ratios
+from jounce.engine.dispatch import compute
+from jounce.engine.generic import as_tuple
 
 QUANTITIES = (
     "inverse_dynamics",

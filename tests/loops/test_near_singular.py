@@ -19,8 +19,8 @@ from jounce import JounceError, JounceWarning, UncertainError
 from jounce.cli import main
 from jounce.dynamics.assembly import LOST, inverse_conditions
 from jounce.dynamics.computation import Computation
+from jounce.engine.digits import max_condition
 from jounce.io import tables
-from jounce.robot.digits import max_condition
 
 COUNT = 25  # positions
 ZEROS = (0.9, 1.3, -0.7)  # rad, coordinates of the four-bar where it lies: angles near 0 would be rounded less

@@ -16,12 +16,12 @@ from robots import golden, relative_error
 
 import jounce
 from jounce.dynamics.computation import Computation
+from jounce.engine import backends
 from jounce.errors import JounceError, JounceWarning
 from jounce.native import jit
 from jounce.native import kernel as module
 from jounce.native.kernel import Kernel
 from jounce.native.plan import is_straight
-from jounce.robot import dispatch
 
 ROBOT = jounce.load("planar2r")
 ONES = [np.ones((5, 2))] * 4
@@ -132,7 +132,7 @@ def no_kernel(monkeypatch):
     def compiled(*given):
         raise AssertionError("native code asked for")
 
-    monkeypatch.setattr(dispatch, "compile_kernel", compiled)
+    monkeypatch.setattr(backends, "compile_kernel", compiled)
 
 
 STATES = {
@@ -196,7 +196,7 @@ def test_what_becomes_doubles_is_served(kind):
 
 def test_without_llvmlite_the_recursion_serves_and_says_so(monkeypatch):
     monkeypatch.setitem(sys.modules, "llvmlite.binding", None)
-    monkeypatch.setattr(dispatch, "available", cache(dispatch.available.__wrapped__))
+    monkeypatch.setattr(backends, "available", cache(backends.available.__wrapped__))
     robot, q = jounce.load("planar2r"), states(3, 3)  # a robot that no kernel was made for
     with pytest.warns(
         JounceWarning, match=r"^native code is not available, the recursion is used instead: llvmlite cannot be"

@@ -9,7 +9,7 @@ from quantities import branched
 from robots import relative_error
 
 import jounce
-from jounce.robot import along
+from jounce.engine import along
 
 ROBOT = branched()
 T = np.linspace(0, 1, 50)

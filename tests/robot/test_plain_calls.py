@@ -9,9 +9,9 @@ import pytest
 from quantities import IDS, REQUESTS, affordable, branched, method_of, tupled
 
 import jounce
+from jounce.engine import dispatch
 from jounce.errors import JounceError
 from jounce.native import kernel as module
-from jounce.robot import dispatch
 
 ROBOT = branched()
 N, NB = ROBOT.n, ROBOT.mechanism.nb

@@ -13,9 +13,9 @@ from robots import floating, random_mechanism, random_pose, relative_error
 
 import casadi
 import jounce
+from jounce.engine import primitive
 from jounce.errors import JounceError
 from jounce.native import plan, xla
-from jounce.robot import primitive
 from jounce.spatial import lie
 
 ROBOT = jounce.load("planar2r")

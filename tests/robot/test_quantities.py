@@ -11,8 +11,8 @@ from robots import Interpreted, differentiated_at_once, harmonic, relative_error
 from jounce.arguments import requests
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES
+from jounce.engine.backends import NATIVE, native_obstacle
 from jounce.errors import JounceError
-from jounce.robot.dispatch import NATIVE, native_obstacle
 
 ROBOT = branched()
 SMALL = branched((-1, 0, -1))  # XLA takes long for every body

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 import jounce
-from jounce.model.mechanism import Frame
+from jounce.model.frame import Frame
 
 Z = [0, 0, 1, 0, 0, 0]
 

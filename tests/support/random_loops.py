@@ -10,8 +10,8 @@ from robots import floating, random_mechanism, random_pose, random_rotation
 import jounce
 from jounce.arguments.loops import loop_between
 from jounce.dynamics import assembly
+from jounce.model.frame import Frame
 from jounce.model.loops import Closure
-from jounce.model.mechanism import Frame
 from jounce.spatial import lie
 
 R, P, H = "revolute", "prismatic", "helical"

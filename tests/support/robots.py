@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 import jounce
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.model.elasticity import Elasticity
-from jounce.model.mechanism import DATA, FloatingBase, Frame, Mechanism
+from jounce.model.frame import Frame
+from jounce.model.mechanism import DATA, FloatingBase, Mechanism
 from jounce.model.screws import exact_inertia, from_screws
 from jounce.spatial import lie
 from jounce.spatial.series import Series

@@ -16,7 +16,8 @@ from sympy import cos, sin
 
 import jounce
 from jounce.errors import JounceError
-from jounce.model.mechanism import FloatingBase, Frame
+from jounce.model.frame import Frame
+from jounce.model.mechanism import FloatingBase
 from jounce.spatial.lie import pose
 from jounce.spatial.series import rate_name
 

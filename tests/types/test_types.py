@@ -17,10 +17,10 @@ from jounce._codegen.language import NAMES
 from jounce.arguments.loads import AXES
 from jounce.dynamics.kinematics import FRAMES
 from jounce.dynamics.quantities import QUANTITIES
+from jounce.engine.backends import NATIVE
 from jounce.model import dh
 from jounce.model.drives import TERMS
 from jounce.motion import units
-from jounce.robot.dispatch import NATIVE
 from jounce.robot.robot import FORMS
 
 HERE = Path(__file__).parent

@@ -11,10 +11,10 @@ from jounce._codegen.options import Options, check_options, languages_where
 from jounce._codegen.test_vectors import vectors
 from jounce._typing import Language
 from jounce.dynamics.quantities import FORCES
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError, listed, quoted, true_or_false, warn
 from jounce.io import folders
 from jounce.io.files import path_of
-from jounce.robot import Robot
 
 DEFAULT = (FORCES.name,)  # outputs
 
@@ -29,7 +29,7 @@ class Generated:
 
 
 def codegen(
-    robot: Robot,
+    robot: Engine,
     lang: Language,
     order: int = 2,
     directory: str | os.PathLike[str] | None = None,
@@ -102,7 +102,7 @@ def codegen(
     """
     from jounce._codegen import render  # where Jinja is needed
 
-    if not isinstance(robot, Robot):
+    if not isinstance(robot, Engine):
         raise JounceError(f"codegen() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     if not isinstance(directory, str | os.PathLike | None):
         raise JounceError(f"directory is {quoted(directory)}; expected the path of a folder")
@@ -119,7 +119,7 @@ def codegen(
     return Generated(folder, tuple(sorted(files)), {f"{options.prefix}_{f.name}": f.operations for f in functions})
 
 
-def code(robot: Robot, lang: Language, template: str, order: int, outputs: Sequence[str], wrench: bool) -> str:
+def code(robot: Engine, lang: Language, template: str, order: int, outputs: Sequence[str], wrench: bool) -> str:
     """The code of a robot as one text, by the template of a language, without tests."""
     from jounce._codegen import render
 

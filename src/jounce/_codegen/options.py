@@ -11,9 +11,9 @@ from jounce.arguments.rates import checked_order
 from jounce.arguments.requests import parse_computation, takes_base
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError, listed, quoted, several, true_or_false
 from jounce.model.mechanism import Mechanism
-from jounce.robot import Robot
 
 HIGHEST_CODE_ORDER = 4  # order
 TRACED = 1500  # bodies times orders squared, up to which a program is traced in seconds
@@ -32,7 +32,7 @@ class Options:
 
 
 def check_options(
-    robot: Robot,
+    robot: Engine,
     lang: str,
     order: int,
     outputs: Sequence[str],

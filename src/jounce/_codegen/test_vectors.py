@@ -13,10 +13,10 @@ from jounce.dynamics.closing import close_loops
 from jounce.dynamics.computation import DEPENDENT, Port
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.newton import scales
+from jounce.engine.generic import compute_by_method
 from jounce.errors import JounceError
 from jounce.model.casting import with_extended_precision
 from jounce.model.mechanism import Mechanism
-from jounce.robot.generic import compute_by_method
 from jounce.spatial.lie import pose
 
 MOST_BODY_STATES = 100  # bodies times states: the closed form is dense

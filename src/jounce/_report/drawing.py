@@ -13,11 +13,12 @@ import numpy as np
 from jounce._report.curves import joint_style
 from jounce._report.packing import packed
 from jounce._report.subject import Subject
+from jounce.engine.dispatch import compute
+from jounce.engine.engine import Engine
 from jounce.figures.drawing import skeleton
 from jounce.model.coordinates import leading_joints
 from jounce.model.loops import Loop
 from jounce.model.mechanism import Mechanism
-from jounce.robot.robot import Robot
 from jounce.spatial.inertia import moments
 
 AROUND = 12  # corners of a circle
@@ -43,7 +44,7 @@ class Part(NamedTuple):
 def drawing(s: Subject) -> dict[str, Any]:
     """What the page draws a robot by: its triangles, the data of its poses, and the space that it sweeps."""
     m = s.robot.mechanism.tree
-    poses = Robot(m).poses(s.positions)
+    poses = compute(Engine(m), "poses", [s.positions])
     size = robot_size(m, poses[0])
     shown = {mesh.body for mesh in s.meshes.shapes}
     parts = [part for part in parts_of(m, size, s.positions) if part.body not in shown]

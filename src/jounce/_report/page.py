@@ -13,19 +13,18 @@ from jounce._report.curves import powers
 from jounce._report.packing import packed
 from jounce._report.panels import PANELS
 from jounce._report.subject import HIGHEST, Subject, subject_of
+from jounce.engine.along import FIRST, checked_motion
+from jounce.engine.engine import Engine, WithLinks
 from jounce.errors import JounceError, escaped, quoted
 from jounce.io import files
 from jounce.io.visuals import SUFFIX
 from jounce.limits.check import Check
 from jounce.limits.slowdown import Slowdown
 from jounce.motion.motion import Motion
-from jounce.robot.along import FIRST, checked_motion
-from jounce.robot.robot import Robot
 
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-    from jounce.actuators.elastic import ElasticRobot
 
 HERE = Path(__file__).parent
 SUFFIXES = (".html", ".htm")
@@ -90,7 +89,7 @@ class Report:
 
 
 def report(
-    robot: "Robot | ElasticRobot",
+    robot: Engine | WithLinks,
     motion: Motion,
     order: int | None = None,
     visuals: str | os.PathLike[str] | None = None,
@@ -133,11 +132,9 @@ def report(
     >>> page.check.ok, round(page.slowdown.factor, 4)
     (False, 0.4159)
     """
-    from jounce.actuators.elastic import ElasticRobot
-
     check_installed()
-    robot = robot.robot if isinstance(robot, ElasticRobot) else robot
-    if not isinstance(robot, Robot):
+    robot = getattr(robot, "robot", robot)  # the links of an elastic robot
+    if not isinstance(robot, Engine):
         raise JounceError(f"report() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     if not isinstance(motion, Motion):
         raise JounceError(f"report() expects a jounce.Motion, got {type(motion).__name__}; try jounce.load_motion")
@@ -165,7 +162,7 @@ def check_writable(path: Path) -> None:
     files.check_writable(path)
 
 
-def _check_still(robot: Robot, motion: Motion) -> None:
+def _check_still(robot: Engine, motion: Motion) -> None:
     """Raise `JounceError` where the base moves, which the page does not draw."""
     if robot.mechanism.base or motion.base_curve:
         what = f"{robot.name!r} floats" if robot.mechanism.base else "the motion has a base"

@@ -10,11 +10,11 @@ from jounce._codegen import generate
 from jounce._report.drawing import GROUND, tips
 from jounce._report.subject import Subject
 from jounce.dynamics.newton import scales
+from jounce.engine.engine import Engine
 from jounce.model.coordinates import coordinate_limits, coordinate_units
 from jounce.model.limits import unit_of
 from jounce.model.loops import Loop
 from jounce.model.mechanism import Mechanism
-from jounce.robot.robot import Robot
 
 HERE = Path(__file__).parent
 FREE = {"rad": np.pi, "m": 0.5}  # how far a joint without limits goes either way
@@ -22,7 +22,7 @@ FORCES = (10.0, 20.0, 50.0)  # N, times powers of ten: the largest pull, at leas
 COMMENT = re.compile(r"^(//| ?\*|/\*\*).*\n", re.MULTILINE)
 
 
-def sliders_code(robot: Robot) -> str:
+def sliders_code(robot: Engine) -> str:
     """JavaScript that defines `forcesAtRest`: of coordinates, and wrenches that the bodies exert.
 
     Comments, which hold names of the file, are left out: no name of a file is ever part of a script.

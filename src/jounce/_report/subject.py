@@ -6,27 +6,26 @@ Its joints are the coordinates of the robot, and where loops are closed those th
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jounce._report.meshes import Meshes, meshes_of
+from jounce.actuators.along import motors_along
+from jounce.dynamics.stretch import elasticity_of
+from jounce.engine.along import FIRST, Along, forces_along
+from jounce.engine.closed_path import named_by_time, on_tree, positions
+from jounce.engine.dispatch import compute
+from jounce.engine.engine import Engine
+from jounce.engine.generic import as_tuple
 from jounce.errors import JounceError
 from jounce.limits.bounded import known_kinds
-from jounce.limits.check import Check
+from jounce.limits.check import Check, check
 from jounce.limits.joints import drives_coordinates, efforts, joint_limits, joint_names, joint_rates, joint_units
-from jounce.limits.slowdown import Slowdown
+from jounce.limits.slowdown import Slowdown, slowdown
 from jounce.model.limits import EFFORT_KINDS, FORCES, MOTION_KINDS, MOTOR_KINDS, Limits, unit_of
 from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
-from jounce.robot.along import FIRST, Along, forces_along
-from jounce.robot.closed_path import named_by_time, on_tree, positions
-from jounce.robot.dispatch import compute
-from jounce.robot.generic import as_tuple
 from jounce.spatial.series import rate_name
-
-if TYPE_CHECKING:
-    from jounce.robot.robot import Robot
 
 HIGHEST = 2  # rate of Q that is drawn
 FRAMES, LEAST_FRAMES = 1000, 200  # times at which the cursor can stand, before those of worst values and breaks
@@ -73,7 +72,7 @@ class Subject:
     `loop_wrenches` (N, loops, 6) are those of cut joints, None where no loop is closed.
     """
 
-    robot: "Robot"
+    robot: Engine
     motion: Motion
     along: Along
     limits: Limits
@@ -110,7 +109,7 @@ class Subject:
 
 
 def subject_of(
-    robot: "Robot", motion: Motion, order: int, visuals: Path | None = None, folders: Sequence[Path] = ()
+    robot: Engine, motion: Motion, order: int, visuals: Path | None = None, folders: Sequence[Path] = ()
 ) -> Subject:
     """Check the motion, and compute it and the forces up to an order at its times and at those that stand out.
 
@@ -118,8 +117,8 @@ def subject_of(
     """
     m = robot.mechanism
     limits = joint_limits(m)
-    check = robot.check(motion) if known_kinds(robot, limits) else None
-    rows = check.table if check else ()
+    checked = check(robot, motion) if known_kinds(robot, limits) else None
+    rows = checked.table if checked else ()
     worst = np.array([row.t for row in rows])
     ends = np.array([end for row in rows for span in row.violations for end in span])
     breaks = np.array([found.t for found in motion.breaks])
@@ -133,24 +132,24 @@ def subject_of(
     with named_by_time(along.t):
         quantities = _quantities(robot, motion, along, limits, frames)
         wrenches = _loop_wrenches(robot, motion, along)
-    slowdown = _slowdown(robot, motion, worst) if check else None
+    factor = _slowdown(robot, motion, worst) if checked else None
     meshes = Meshes() if visuals is None else meshes_of(m, visuals, folders)
-    return Subject(robot, motion, along, limits, quantities, frames, check, slowdown, meshes, wrenches)
+    return Subject(robot, motion, along, limits, quantities, frames, checked, factor, meshes, wrenches)
 
 
-def _slowdown(robot: "Robot", motion: Motion, worst: np.ndarray) -> Slowdown | str:
+def _slowdown(robot: Engine, motion: Motion, worst: np.ndarray) -> Slowdown | str:
     """The slow-down factor, or why it does not exist; of long motions by even steps and the times of worst values."""
     states = motion
     if len(motion.times) > SLOWED:
         states = replace(motion, grid=np.union1d(np.linspace(motion.start, motion.stop, SLOWED), worst))
     try:
-        return robot.slowdown(states)
+        return slowdown(robot, states)
     except JounceError as error:
         return str(error)
 
 
 def _quantities(
-    robot: "Robot", motion: Motion, along: Along, limits: Limits, frames: np.ndarray
+    robot: Engine, motion: Motion, along: Along, limits: Limits, frames: np.ndarray
 ) -> tuple[Quantity, ...]:
     """The rates, the forces, and what else limits bound: forces without gravity, the power, forces at stall."""
     m, count = robot.mechanism, len(along.forces)
@@ -190,7 +189,7 @@ def _quantities(
     return tuple(found)
 
 
-def _loop_wrenches(robot: "Robot", motion: Motion, along: Along) -> np.ndarray | None:
+def _loop_wrenches(robot: Engine, motion: Motion, along: Along) -> np.ndarray | None:
     if robot.mechanism.closure is None:
         return None
     W, near = motion.wrench(along.t, 0), positions(robot, motion, along.t)
@@ -213,16 +212,13 @@ def _placed(m: Mechanism, joints: list[int], x: np.ndarray) -> np.ndarray:
     return whole
 
 
-def _motors(robot: "Robot", motion: Motion, t: np.ndarray) -> dict[str, np.ndarray]:
+def _motors(robot: Engine, motion: Motion, t: np.ndarray) -> dict[str, np.ndarray]:
     """What the motors of elastic joints do, by the kind of its limits; what is not known of all motors is left out.
 
     Joints with two motors need a stiffness over time, which a report is not given.
     """
-    from jounce.actuators.elastic import ElasticRobot
-
-    arm = ElasticRobot(robot)
-    if arm.elasticity.pairs:
+    if elasticity_of(robot.mechanism).pairs:
         return {}
-    found = arm.along(motion, t)
+    found = motors_along(robot, motion, t)
     series = (*found.positions[:2], found.torques[0], *(x[0] for x in (found.currents, found.voltages) if x))
     return {kind: x for kind, x in zip(MOTOR_KINDS, series, strict=False) if np.isfinite(x).all()}

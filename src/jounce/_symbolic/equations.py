@@ -12,8 +12,8 @@ from jounce._symbolic.expressions import expressions
 from jounce.arguments import requests
 from jounce.arguments.rates import checked_order
 from jounce.dynamics.quantities import QUANTITIES, Quantity
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError, no_such, quoted, true_or_false
-from jounce.robot import Robot
 from jounce.spatial.series import SUFFIX, Series, rate_name
 
 EXTERNAL = "ext"  # ends the symbol of what wrenches add to a quantity: Qext
@@ -104,7 +104,7 @@ def quotient(row: Quantity) -> str:
     )
 
 
-def symbolic(robot: Robot, base: bool = False) -> Symbolic:
+def symbolic(robot: Engine, base: bool = False) -> Symbolic:
     """The equations of motion of a robot as SymPy expressions: every quantity, and its rates.
 
     Expressions are multiplied out in sines and cosines of sums of angles, so that equal ones look equal; the common
@@ -152,7 +152,7 @@ def symbolic(robot: Robot, base: bool = False) -> Symbolic:
         import sympy  # noqa: F401
     except ModuleNotFoundError:
         raise JounceError("symbolic() needs SymPy; install it by: pip install 'jounce[sympy]'") from None
-    if not isinstance(robot, Robot):
+    if not isinstance(robot, Engine):
         raise JounceError(f"symbolic() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     true_or_false("base", base, "whether the ground moves")
     found = expressions(robot.mechanism, base or robot.mechanism.base is not None)

@@ -14,7 +14,8 @@ from jounce._symbolic.terms import Printer
 from jounce._symbolic.trig_polynomial import TrigPolynomial, Variables
 from jounce.arguments import requests
 from jounce.dynamics.base import BaseMotion
-from jounce.dynamics.quantities import Law, Quantity, State
+from jounce.dynamics.quantities import Quantity
+from jounce.dynamics.state import Law, State
 from jounce.errors import JounceError, at
 from jounce.model.casting import with_exact_integers, with_inertias
 from jounce.model.mechanism import Mechanism

@@ -8,16 +8,16 @@ import numpy as np
 from jounce._report.sliders import slider_ranges
 from jounce._view.scene import Scene
 from jounce._view.track import Track
+from jounce.engine.engine import Engine
 from jounce.errors import escaped, shortened
 from jounce.figures.canvas import COLOURS
 from jounce.model.coordinates import coordinate_limits, coordinate_units
-from jounce.robot import Robot
 
 POINTS = 400  # of a curve: it is sent again as time goes by
 MARK = 1e-4  # of the duration: how wide the mark of the time is
 
 
-def joint_sliders(gui: Any, robot: Robot, along: Track | None) -> list[Any]:
+def joint_sliders(gui: Any, robot: Engine, along: Track | None) -> list[Any]:
     """A slider for each joint: from limit to limit, and as far as the motion goes."""
     q = np.zeros((0, robot.n)) if along is None else along.q
     lowest, highest = slider_ranges(robot.mechanism, q)
@@ -44,7 +44,7 @@ def curves_of(along: Track, t: float) -> tuple[np.ndarray, ...]:
     return (times, *(np.interp(times, along.t, Q) for Q in along.Q.T), mark)
 
 
-def series_of(robot: Robot) -> tuple[Any, ...]:
+def series_of(robot: Engine) -> tuple[Any, ...]:
     """The looks of the curves of `curves_of`."""
     from viser import uplot
 
@@ -55,7 +55,7 @@ def series_of(robot: Robot) -> tuple[Any, ...]:
     return (uplot.Series(label="t [s]"), *joints, uplot.Series(label="now", stroke="#888888", width=1))
 
 
-def table_of(robot: Robot, now: Track) -> str:
+def table_of(robot: Engine, now: Track) -> str:
     """Q, its limits and the base wrench as a table of HTML; names of files are text there."""
     bounds = coordinate_limits(robot.mechanism).bounds("effort")
     rows = []

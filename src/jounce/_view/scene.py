@@ -9,10 +9,10 @@ import numpy as np
 
 from jounce._report.drawing import GROUND, parts_of, robot_size
 from jounce._view.track import Track, start_of
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError, listed
 from jounce.figures.drawing import poses_on
 from jounce.io.visuals import read_mesh, visuals_of
-from jounce.robot import Robot
 from jounce.spatial import lie
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ NONE = np.zeros((1, 2, 3))  # an arrow that is not seen
 class Scene:
     """The handles of what moves: the frames of the ground or base and of the bodies, and arrows by what they show."""
 
-    robot: Robot
+    robot: Engine
     size: float
     ground: Any
     bodies: Sequence[Any]
@@ -38,7 +38,7 @@ class Scene:
 
 
 def draw_scene(
-    server: "viser.ViserServer", robot: Robot, file: Path, along: Track | None, folders: Sequence[Path]
+    server: "viser.ViserServer", robot: Engine, file: Path, along: Track | None, folders: Sequence[Path]
 ) -> Scene:
     """Draw a robot as its file shows it; links without shapes there are drawn from their joints and frames."""
     m, start = robot.mechanism.tree, start_of(robot)
@@ -78,7 +78,7 @@ def show(scene: Scene, now: Track) -> None:
         scene.arrows[name].points = np.array([[start, start + scale * vector]])
 
 
-def _largest(robot: Robot, along: Track | None, size: float) -> dict[str, float]:
+def _largest(robot: Engine, along: Track | None, size: float) -> dict[str, float]:
     """The largest force and moment that arrows show: along a motion, and the weight."""
     m = robot.mechanism
     weight = float(m.inertias[:, 3, 3].sum() * np.linalg.norm(np.asarray(m.gravity, dtype=float)))
@@ -90,7 +90,7 @@ def _largest(robot: Robot, along: Track | None, size: float) -> dict[str, float]
 
 
 def _draw_visuals(
-    server: "viser.ViserServer", robot: Robot, file: Path, folders: Sequence[Path]
+    server: "viser.ViserServer", robot: Engine, file: Path, folders: Sequence[Path]
 ) -> tuple[set[int], list[str]]:
     """Draw the visuals of a robot file; the bodies that they show, and what could not be drawn."""
     seen: set[int] = set()

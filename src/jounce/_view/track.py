@@ -7,8 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.dynamics.closing import close_loops
-from jounce.robot import Robot
-from jounce.robot.closed_path import positions
+from jounce.dynamics.quantities import FORCES
+from jounce.engine.along import forces_along
+from jounce.engine.closed_path import positions
+from jounce.engine.dispatch import compute
+from jounce.engine.engine import Engine
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
@@ -38,7 +41,7 @@ class Track:
         return Track(self.t[k], self.q[k], self.Q[k], self.F[k], wrenches, self.C[k], self.positions[k])
 
 
-def track(robot: Robot, motion: "Motion") -> Track:
+def track(robot: Engine, motion: "Motion") -> Track:
     """A motion of a robot, at its own times or, of many, at evenly spaced ones.
 
     Raises
@@ -48,24 +51,24 @@ def track(robot: Robot, motion: "Motion") -> Track:
     t = motion.times
     if len(t) > STATES:
         t = np.linspace(motion.start, motion.stop, STATES)
-    along = robot.forces_along(motion, t, order=0)
+    along = forces_along(robot, motion, t, 0)
     W = motion.wrench(t, 0)
     loads = {} if W is None else W[0]
     q, *rates = along.rates[:3]
     near = positions(robot, motion, t)
     whole = q if near is None else near
-    F = robot.base_wrench(whole, *rates, wrench=loads or None, base=along.base)
+    F = compute(robot, "base_wrench", (whole, *rates), wrench=loads or None, base=along.base)
     C = np.tile(np.eye(4), (len(t), 1, 1)) if along.base is None else along.base[0]
     return Track(t, along.rates[0], along.forces[0][:, -robot.n :], np.asarray(F), loads, C, whole)
 
 
-def start_of(robot: Robot) -> np.ndarray:
+def start_of(robot: Engine) -> np.ndarray:
     """The positions (joints,) of all joints of a robot at zero, or where its loops are closed at first."""
     closure = robot.mechanism.closure
     return closure.start if closure else np.zeros(robot.n)
 
 
-def at_rest(robot: Robot, q: np.ndarray, C: np.ndarray, near: np.ndarray | None = None) -> Track:
+def at_rest(robot: Engine, q: np.ndarray, C: np.ndarray, near: np.ndarray | None = None) -> Track:
     """The state of a robot that rests at q, its base at C, without loads; loops are closed from positions nearby.
 
     Raises
@@ -74,5 +77,5 @@ def at_rest(robot: Robot, q: np.ndarray, C: np.ndarray, near: np.ndarray | None 
     """
     whole = close_loops(robot.mechanism, q[None], near)[0] if robot.mechanism.closure else q
     rest, base = np.zeros(robot.n), (C, np.zeros(6), np.zeros(6))
-    Q, F = (np.asarray(f(whole, rest, rest, base=base)) for f in (robot.inverse_dynamics, robot.base_wrench))
+    Q, F = (compute(robot, name, (whole, rest, rest), base=base) for name in (FORCES.name, "base_wrench"))
     return Track(np.zeros(()), q, Q[-robot.n :], F, {}, C, whole)

@@ -13,8 +13,8 @@ from jounce._view.controls import curves_of, joint_sliders, legend_of, series_of
 from jounce._view.scene import Scene, draw_scene, show
 from jounce._view.server import HOST, serve
 from jounce._view.track import Track, at_rest, start_of
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError
-from jounce.robot import Robot
 
 if TYPE_CHECKING:
     import viser
@@ -103,7 +103,7 @@ class Viewer:
 
 @contextmanager
 def serving(
-    robot: Robot, file: Path, along: Track | None, port: int | None = None, folders: Sequence[Path] = ()
+    robot: Engine, file: Path, along: Track | None, port: int | None = None, folders: Sequence[Path] = ()
 ) -> Iterator[Viewer]:
     """Serve a robot, of a file that may show its shapes, along a motion or none, as long as the context lasts.
 
@@ -118,7 +118,7 @@ def serving(
 
 
 def _fill(
-    server: "viser.ViserServer", robot: Robot, file: Path, along: Track | None, folders: Sequence[Path]
+    server: "viser.ViserServer", robot: Engine, file: Path, along: Track | None, folders: Sequence[Path]
 ) -> Viewer:
     scene, gui = draw_scene(server, robot, file, along, folders), server.gui
     server.initial_camera.position = tuple(scene.size * np.array([1.3, -1.3, 1.0]))

@@ -5,7 +5,7 @@ integrated, and tau then takes one rate of Q less than without a damper.
 """
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,16 +16,14 @@ from jounce.arguments.rates import checked_order, rates_in
 from jounce.dynamics import elastic, electrical
 from jounce.dynamics.quantities import QUANTITIES, row_of
 from jounce.dynamics.stretch import elasticity_of
+from jounce.engine.along import Along, ForceBreak, Progress, forces_along
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError, quoted
 from jounce.model.elasticity import Elasticity
 from jounce.model.inversion import UnreachableError
 from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
-from jounce.robot.along import Along, ForceBreak, Progress, forces_along
 from jounce.spatial.series import columns
-
-if TYPE_CHECKING:
-    from jounce.robot.robot import Robot
 
 Rates = tuple[np.ndarray, ...]
 POSITIONS, TORQUES = QUANTITIES["motor_positions"], QUANTITIES["motor_torques"]
@@ -74,13 +72,13 @@ class ElasticAlong:
 
 
 def motors_along(
-    robot: "Robot",
+    robot: Engine,
     motion: Motion,
-    t: ArrayLike | None,
-    order: int,
-    stiffness: Any,
-    method: str | None,
-    progress: Progress | None,
+    t: ArrayLike | None = None,
+    order: int = 0,
+    stiffness: Any = None,
+    method: str | None = None,
+    progress: Progress | None = None,
 ) -> ElasticAlong:
     """Motor positions, and motor torques up to an order, along a motion of a robot with elastic joints."""
     e, options = elasticity_of(robot.mechanism), (method, progress)
@@ -127,7 +125,7 @@ def order_of_voltages(e: Elasticity, known: int | None) -> int:
 
 
 def _of_integrals(
-    robot: "Robot",
+    robot: Engine,
     motion: Motion,
     t: ArrayLike | None,
     order: int,
@@ -152,7 +150,7 @@ def _of_integrals(
     return replace(links, breaks=breaks), tuple(found[0]), tuple(found[1])
 
 
-def _stiffness_over_time(robot: "Robot", given: Any, times: int, count: int) -> list[np.ndarray]:
+def _stiffness_over_time(robot: Engine, given: Any, times: int, count: int) -> list[np.ndarray]:
     """S, Sd, ... (N, k) at the times; one number, row or mapping alone is constant."""
     m = robot.mechanism
     if not elasticity_of(m).pairs:

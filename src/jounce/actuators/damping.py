@@ -9,7 +9,7 @@ they no longer change.
 
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -17,16 +17,14 @@ from jounce.dynamics import deflections
 from jounce.dynamics.quantities import FORCES
 from jounce.dynamics.recursion.joints import rows
 from jounce.dynamics.stretch import elasticity_of
+from jounce.engine.closed_path import on_tree, positions
+from jounce.engine.dispatch import compute
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError, quoted
 from jounce.model.springs import CubicSpring, DampedSpring, Spring
 from jounce.motion.hermite import between, coefficients
 from jounce.motion.motion import Motion
-from jounce.robot.closed_path import on_tree, positions
-from jounce.robot.dispatch import compute
 from jounce.spatial.series import columns
-
-if TYPE_CHECKING:
-    from jounce.robot.robot import Robot
 
 TERMS = 60  # of the recursion downward, where z < 6: it then neglects less than 6^60 / 60! = 1e-35
 STAGES = 5  # of the Runge-Kutta method, which has the order 9
@@ -40,7 +38,7 @@ Sides = tuple[Sequence[np.ndarray], Sequence[np.ndarray]]  # Q, Qd, Q2d (N, n) j
 Sampled = Callable[[np.ndarray], Sides]
 
 
-def integrate_deflections(robot: "Robot", motion: Motion, t: np.ndarray, method: Any) -> dict[int, np.ndarray]:
+def integrate_deflections(robot: Engine, motion: Motion, t: np.ndarray, method: Any) -> dict[int, np.ndarray]:
     """The deflections (N, 1, 1) of springs with dampers at times, by coordinate."""
     laws = {j: law for j, law in enumerate(elasticity_of(robot.mechanism).springs) if isinstance(law, DampedSpring)}
     if not laws:
@@ -76,7 +74,7 @@ def integrate_deflections(robot: "Robot", motion: Motion, t: np.ndarray, method:
     return {j: at[:, i : i + 1, None] for i, j in enumerate(joints)}
 
 
-def _check_ends(robot: "Robot", laws: dict[int, DampedSpring], t: np.ndarray, known: np.ndarray) -> None:
+def _check_ends(robot: Engine, laws: dict[int, DampedSpring], t: np.ndarray, known: np.ndarray) -> None:
     """Raise `JounceError` where a deflection (N, k) has left its spring; it is NaN after that."""
     for i, (j, law) in enumerate(laws.items()):
         if (gone := np.flatnonzero(np.isnan(known[:, i]))).size:
@@ -87,7 +85,7 @@ def _check_ends(robot: "Robot", laws: dict[int, DampedSpring], t: np.ndarray, kn
             )
 
 
-def _sample_forces(robot: "Robot", motion: Motion, joints: Sequence[int], method: Any) -> Sampled:
+def _sample_forces(robot: Engine, motion: Motion, joints: Sequence[int], method: Any) -> Sampled:
     """Q, Qd, Q2d (N, k) of some joints just before and just after times of a motion."""
 
     def both(t: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
@@ -100,7 +98,7 @@ def _sample_forces(robot: "Robot", motion: Motion, joints: Sequence[int], method
 
 
 def _forces(
-    robot: "Robot", motion: Motion, t: np.ndarray, side: Literal["left", "right"], method: Any
+    robot: Engine, motion: Motion, t: np.ndarray, side: Literal["left", "right"], method: Any
 ) -> list[np.ndarray]:
     """Q, Qd, Q2d (N, n) of the joints."""
     W, base = motion.wrench(t, 2, side), motion.base(t, 4, side)
@@ -109,7 +107,7 @@ def _forces(
     return [rate[:, -robot.n :] for rate in found]
 
 
-def _initial_deflections(robot: "Robot", motion: Motion, laws: dict[int, DampedSpring], method: Any) -> np.ndarray:
+def _initial_deflections(robot: Engine, motion: Motion, laws: dict[int, DampedSpring], method: Any) -> np.ndarray:
     """The deflections at the start: those of the series of the damper, which a robot at rest has exactly."""
     t = np.array([motion.start])
     rates = _forces(robot, motion, t, "right", method)

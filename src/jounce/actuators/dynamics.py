@@ -6,7 +6,7 @@ friction of the motor, acts on the link. theta and thetad of such a joint are no
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,16 +17,14 @@ from jounce.arguments.rates import rates_of
 from jounce.arguments.wrenches import wrenches_of
 from jounce.dynamics import coupling, elastic, stretch
 from jounce.dynamics.stretch import elasticity_of
+from jounce.engine.dispatch import compute
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError, listed, quoted
 from jounce.model.casting import cast_model
 from jounce.model.elasticity import motor_names
 from jounce.model.mechanism import Mechanism
 from jounce.model.springs import DampedSpring
-from jounce.robot.dispatch import compute
 from jounce.spatial.series import columns
-
-if TYPE_CHECKING:
-    from jounce.robot.robot import Robot
 
 STATE = ("q", "qd", "theta", "thetad")
 
@@ -68,7 +66,7 @@ def with_rigid_rotors(mechanism: Mechanism) -> Mechanism:
     return replace(mechanism, drives=replace(mechanism.drives, armature=armature), acting=acting)
 
 
-def accelerations(plant: "Robot", given: Sequence[Any], wrench: Any, method: str | None) -> Accelerations:
+def accelerations(plant: Engine, given: Sequence[Any], wrench: Any, method: str | None) -> Accelerations:
     """q2d and theta2d from q, qd, theta, thetad, tau; the mass matrix of `plant` holds the rotors of rigid joints."""
     m, at, (q, qd, theta, thetad, tau) = _checked(plant.mechanism, given, "tau")
     e, joints = elasticity_of(m).of_motors, elasticity_of(m).joints_of_motors
@@ -85,7 +83,7 @@ def accelerations(plant: "Robot", given: Sequence[Any], wrench: Any, method: str
     return Accelerations(q2d, theta2d)
 
 
-def linearizing_torques(robot: "Robot", given: Sequence[Any], wrench: Any, method: str | None) -> Array:
+def linearizing_torques(robot: Engine, given: Sequence[Any], wrench: Any, method: str | None) -> Array:
     """The motor torques that make q4d what is given, in the state q, qd, theta, thetad."""
     _check_linearizable(robot.mechanism)
     m, at, (q, qd, theta, thetad, v) = _checked(robot.mechanism, given, "q4d")
@@ -102,7 +100,7 @@ def linearizing_torques(robot: "Robot", given: Sequence[Any], wrench: Any, metho
     return compute(robot, "motor_torques", (at, qd, q2d, q3d, v), wrench=W, method=method)
 
 
-def damping_error(robot: "Robot", given: Sequence[Any], wrench: Any) -> Array:
+def damping_error(robot: Engine, given: Sequence[Any], wrench: Any) -> Array:
     """The last term of the series of dampers, by which motor positions with one term less differ."""
     e = elasticity_of(robot.mechanism)
     if not e.dampers:
@@ -124,7 +122,7 @@ def _check_linearizable(mechanism: Mechanism) -> None:
         )
 
 
-def energy(robot: "Robot", given: Sequence[Any]) -> Energy:
+def energy(robot: Engine, given: Sequence[Any]) -> Energy:
     """The energies in a state q, qd, theta, thetad."""
     m, at, (q, qd, theta, thetad) = _checked(robot.mechanism, given)
     e, joints = elasticity_of(m), elasticity_of(m).joints_of_motors

@@ -16,8 +16,9 @@ import numpy as np
 from jounce._scalars import Array, reciprocal
 from jounce.dynamics import coupling
 from jounce.dynamics.base import STILL
-from jounce.dynamics.quantities import FORCES, QUANTITIES, State
+from jounce.dynamics.quantities import FORCES, QUANTITIES
 from jounce.dynamics.recursion import bodies
+from jounce.dynamics.state import State
 from jounce.dynamics.stretch import elasticity_of
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.linear import Factors

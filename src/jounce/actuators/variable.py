@@ -1,7 +1,7 @@
 """Motor positions and torques of robots that have joints with two motors: a wanted stiffness goes with each state."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,18 +12,16 @@ from jounce.dynamics import elastic
 from jounce.dynamics.computation import Computation, Port
 from jounce.dynamics.quantities import FORCES, row_of
 from jounce.dynamics.stretch import SpringInputs, elasticity_of
+from jounce.engine.engine import Engine
+from jounce.engine.generic import evaluate, results_into
 from jounce.errors import JounceError, listed, one_of
 from jounce.model.mechanism import Mechanism
-from jounce.robot.generic import evaluate, results_into
 from jounce.spatial.series import Series, rate_name
-
-if TYPE_CHECKING:
-    from jounce.robot.robot import Robot
 
 LAWS = {"motor_positions": elastic.motor_positions, "motor_torques": elastic.motor_torques}
 
 
-def compute(robot: "Robot", name: str, given: Sequence[Any], stiffness: Any, wrench: Any, method: Any, out: Any) -> Any:
+def compute(robot: Engine, name: str, given: Sequence[Any], stiffness: Any, wrench: Any, method: Any, out: Any) -> Any:
     """Motor positions or torques (..., m) and their rates, from q, qd, ... and S, Sd, ..."""
     m, e = robot.mechanism, elasticity_of(robot.mechanism)
     if not e.pairs:

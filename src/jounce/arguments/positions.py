@@ -67,3 +67,8 @@ def dependent_of(mechanism: Mechanism, u: Array, whole: Array | None, step: Step
         for _ in range(2):
             found = newton.step(model, all_coordinates(closure, u, found), 0 * u)[0]
     return found
+
+
+def dependent_arrays(mechanism: Mechanism, q: Array, whole: Any, step: Step | None = None) -> list[Array]:
+    """The last array of all computations of closed robots: the dependent coordinates."""
+    return [dependent_of(mechanism, q, whole, step)] if mechanism.closure else []

@@ -5,7 +5,7 @@ is added up where that is larger, as where forces are zero.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from math import factorial
 from pathlib import Path
@@ -19,10 +19,11 @@ from jounce.checks.reference import Absence, peers
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.newton import scales
 from jounce.dynamics.quantities import FORCES, QUANTITIES
+from jounce.engine.dispatch import compute
+from jounce.engine.engine import Engine, like
+from jounce.engine.generic import as_tuple
 from jounce.model.mechanism import Mechanism
-from jounce.robot import Robot
-from jounce.robot.dispatch import compute
-from jounce.robot.generic import as_tuple
+from jounce.model.screws import from_screws
 from jounce.spatial.series import rate_name
 
 STEPS = 0.2 * 2.0 ** -np.arange(9)  # s, of differences; the best one counts
@@ -30,7 +31,7 @@ STENCIL = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105,
 NEAR = 0.1  # rad or sizes of the robot, and per s, per s^2, ...: how states of closed robots vary about the start
 ALLOWED = {"exact": 1e-9, "differences": 1e-6}  # what an error may be; differences cannot show less
 
-CARRIER = Robot.from_screws([np.eye(4)] * 6, np.roll(np.eye(6), 3, axis=0), np.zeros((6, 6, 6)))
+CARRIER = Engine(from_screws([np.eye(4)] * 6, np.roll(np.eye(6), 3, axis=0), np.zeros((6, 6, 6))))
 
 
 @dataclass(frozen=True)
@@ -50,10 +51,10 @@ class Check:
 
 
 def compare(
-    robot: Robot, source: Path | None = None, *, order: int = 2, states: int = 20, seed: int = 0
+    robot: Engine, source: Path | None = None, *, order: int = 2, states: int = 20, seed: int = 0
 ) -> list[Check]:
     """Run the checks of a robot without drive terms; other libraries read its file `source`, if given."""
-    rigid, rng = robot.with_drives(False), np.random.default_rng(seed)
+    rigid, rng = like(robot, replace(robot.mechanism, acting=())), np.random.default_rng(seed)
     m, q = rigid.mechanism, rng.uniform(-1, 1, (order + 3, states, robot.n))
     if m.closure:
         own = list(m.closure.independent)
@@ -81,21 +82,23 @@ class _Motion:
         """C, V, Vd, ... of the base, as many as there are rates of the coordinates; None if it does not float."""
         if self.carrier is None:
             return None
-        C = CARRIER.poses(self.carrier[0], body="body6", method="recursion")
+        C = compute(CARRIER, "poses", [*self.carrier[:1]], body="body6", method="recursion")
         rates = self.carrier[:count]
-        return C, *(as_tuple(CARRIER.twists(*rates, body="body6", method="recursion")) if count > 1 else ())
+        return C, *(
+            as_tuple(compute(CARRIER, "twists", [*rates], body="body6", method="recursion")) if count > 1 else ()
+        )
 
-    def forces(self, robot: Robot, count: int | None = None, **options: Any) -> tuple[Any, ...]:
+    def forces(self, robot: Engine, count: int | None = None, **options: Any) -> tuple[Any, ...]:
         """Q and its rates from the first rates of the coordinates, by default from all of them."""
         q = self.q[:count]
-        return as_tuple(robot.inverse_dynamics(*q, base=self.base(len(q)), **options))
+        return as_tuple(compute(robot, FORCES.name, [*q], base=self.base(len(q)), **options))
 
     def map(self, f: Callable[[np.ndarray], np.ndarray]) -> "_Motion":
         """The motion with other rates."""
         return _Motion(f(self.q), None if self.carrier is None else f(self.carrier))
 
 
-def _with_peers(robot: Robot, source: Path | None, x: _Motion) -> Iterator[Check]:
+def _with_peers(robot: Engine, source: Path | None, x: _Motion) -> Iterator[Check]:
     m, q = robot.mechanism, x.q
     if m.closure:
         yield Check("-", "other libraries", None, 0.0, "loops are closed: these would compute the forces of the tree")
@@ -131,7 +134,7 @@ def _sample(base: tuple[Any, ...] | None, i: int) -> tuple[Any, ...] | None:
     return None if base is None else tuple(term[i] for term in base)
 
 
-def _with_paths(robot: Robot, x: _Motion, sizes: Sequence[np.ndarray]) -> Iterator[Check]:
+def _with_paths(robot: Engine, x: _Motion, sizes: Sequence[np.ndarray]) -> Iterator[Check]:
     """Compare with every other method, and with the recursion in extended precision."""
     own = x.forces(robot)
     paths: dict[str, Callable[[], Sequence[np.ndarray]]] = {
@@ -144,7 +147,7 @@ def _with_paths(robot: Robot, x: _Motion, sizes: Sequence[np.ndarray]) -> Iterat
             yield Check(rate_name("Q", k), name, _error(found, expected, size), ALLOWED["exact"])
 
 
-def _with_differences(robot: Robot, x: _Motion, sizes: Sequence[np.ndarray]) -> Iterator[Check]:
+def _with_differences(robot: Engine, x: _Motion, sizes: Sequence[np.ndarray]) -> Iterator[Check]:
     """Compare each rate with nine-point differences of the lower one, along the polynomials that have the rates q."""
     exact = x.forces(robot)
     for k in range(1, len(exact)):

@@ -14,8 +14,8 @@ import numpy as np
 from jounce.checks.magnitudes import magnitudes
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loops import closure_of
+from jounce.engine.generic import compute_by_method
 from jounce.model.mechanism import Mechanism
-from jounce.robot.generic import compute_by_method
 from jounce.spatial.lie import wedge
 
 STEP = 1e-100

@@ -20,10 +20,10 @@ from jounce._scalars import Array
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.deflections import of_spring, solution
 from jounce.dynamics.quantities import FORCES
+from jounce.engine.generic import compute_by_method
 from jounce.model.functions import inverse
 from jounce.model.mechanism import Mechanism
 from jounce.model.springs import Spring, force_along
-from jounce.robot.generic import compute_by_method
 from jounce.spatial.series import Series
 
 METHODS = ("closed_form", "recursion")  # in the body frames as they are given; in those on the joint axes

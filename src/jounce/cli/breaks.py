@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 from jounce.errors import listed
 
 if TYPE_CHECKING:
+    from jounce.engine.along import ForceBreak
     from jounce.motion.motion import Break
-    from jounce.robot.along import ForceBreak
 
 SHOWN = 4  # in words
 

@@ -30,7 +30,7 @@ when you use it.
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def convert(robot: Asked, output: Path, as_json: bool) -> None:
     """Write ROBOT, a file or the name of a bundled robot, as a YAML or JSON file that can be edited."""
-    from jounce.io.saving import check_writable, save
+    from jounce.robot.saving import check_writable, save
 
     check_writable(output)
     check_distinct(output, robot.path)

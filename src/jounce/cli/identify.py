@@ -87,7 +87,8 @@ def identify(
     """Identify ROBOT from MOTION, a log with measured torques: its inertial parameters and friction."""
     from jounce.figures import canvas
     from jounce.identification import identify as identified
-    from jounce.io import files, saving
+    from jounce.io import files
+    from jounce.robot import saving
 
     saving.check_writable(output)
     for path in filter(None, (output, table, plot)):

@@ -58,7 +58,7 @@ class AskedMotion:
 
     def load(self, robot: "Robot", order: int) -> "Motion":
         """Load the motion, with the rates that forces up to an order need."""
-        from jounce.io.motions.loading import load_motion
+        from jounce.robot.motions import load_motion
 
         found = load_motion(self.path, robot, order, **self.options)
         found = found if self.blend is None else found.blended(self.blend, max(4, order + 2))

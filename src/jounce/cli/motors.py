@@ -88,7 +88,7 @@ def motors(
     arm = links.elastic(
         _by_joint("--stiffness", stiffness, links.joint_names), _by_joint("--rotor", rotor, links.joint_names)
     )
-    job = Job("motors", arm, 0, stream.reading(motion), None if stream.reduce else form_of(output))
+    job = Job("motors", arm.robot, 0, stream.reading(motion), None if stream.reduce else form_of(output))
     if asked or is_by_parts(job, motion.path):
         tell_results(job, motion, output, stream, "motors", as_json)
         return

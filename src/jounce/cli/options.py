@@ -56,7 +56,7 @@ class Asked:
 
     def load(self) -> "Robot":
         """The robot."""
-        from jounce.io.loading import load
+        from jounce.robot.loading import load
 
         return load(self.path, **self.options)
 

@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
     import numpy as np
 
+    from jounce.engine.along import ForceBreak
     from jounce.io.columns import Columns
     from jounce.limits.samples import Sample
     from jounce.motion import Motion
     from jounce.robot import Robot
-    from jounce.robot.along import ForceBreak
 
 EPILOG = """\b
 Example, the robot and the motion of the paper:
@@ -80,9 +80,9 @@ def run(
 ) -> None:
     """Compute Q, Qd, Q2d along MOTION for ROBOT, a file or the name of a bundled robot."""
     from jounce.dynamics.quantities import FORCES
+    from jounce.engine.along import checked_motion, force_breaks
     from jounce.io import tables
     from jounce.model.coordinates import force_names, force_units
-    from jounce.robot.along import checked_motion, force_breaks
     from jounce.stream.job import Job
     from jounce.stream.plan import is_by_parts
     from jounce.stream.results import form_of
@@ -141,12 +141,12 @@ def _write_forces(
     import numpy as np
 
     from jounce.dynamics.quantities import FORCES
+    from jounce.engine.along import pieces_along
     from jounce.io import tables
     from jounce.io.motions.writing import about, break_marks, measured, named, of_base
     from jounce.limits.samples import worst_sample
     from jounce.model.coordinates import coordinate_limits, force_names
     from jounce.motion.bands import surest_peaks
-    from jounce.robot.along import pieces_along
 
     joints, limits = robot.joint_names, coordinate_limits(robot.mechanism)
     marks = [(found.t, max(found.order, 0)) for found in breaks]

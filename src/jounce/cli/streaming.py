@@ -117,7 +117,7 @@ def run_stream(
         found = run(job, motion.path, output, stream.reduce, runner, show)
     table = str(skipped_path(output)) if output is not None and found.skipped else None
     return found, {
-        "robot": job.links.name,
+        "robot": job.robot.name,
         "motion": str(motion.path),
         "output": None if output is None else str(output),
         "states": found.rows,
@@ -140,7 +140,7 @@ def tell_results(job: "Job", motion: AskedMotion, output: Path, stream: AskedStr
             for joint, peak in of.items():
                 known = peaks.setdefault(joint, {})
                 known[name] = max(known.get(name, 0.0), peak)
-    unit = about(job.links.mechanism, job.order).unit
+    unit = about(job.robot.mechanism, job.order).unit
     units = {f"{joint}.{name}": unit(f"{joint}.{name}") for joint, of in peaks.items() for name in of}
     tell(summary | {"peaks": peaks, "reduced": list(stream.reduce), "units": units}, _results_in_words, as_json)
 

@@ -8,14 +8,14 @@ from jounce._typing import Frame, Product, QuantityName
 from jounce.arguments import requests
 from jounce.cuda.kernel import Kernel
 from jounce.dynamics import elastic
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError, one_of, quoted
-from jounce.robot import Robot
 
 DTYPES = ("float64", "float32")
 
 
 def compile(  # noqa: A001  # what Robot.compile is to processors
-    robot: Robot,
+    robot: Engine,
     quantity: QuantityName = "inverse_dynamics",
     order: int = 2,
     wrench: bool = False,
@@ -68,7 +68,7 @@ def compile(  # noqa: A001  # what Robot.compile is to processors
     >>> q, qd, q2d, q3d, q4d = cupy.ones((5, 100_000, 7))  # doctest: +SKIP
     >>> Q, Qd, Q2d = kernel(q, qd, q2d, q3d, q4d)  # doctest: +SKIP
     """
-    if not isinstance(robot, Robot):
+    if not isinstance(robot, Engine):
         raise JounceError(f"jounce.cuda.compile() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     asked = requests.computation(robot.mechanism, quantity, order, wrench, body, frame, product, base)
     if not robot.mechanism.is_numeric:

@@ -8,22 +8,21 @@ from typing import Any
 import numpy as np
 
 from jounce._typing import Frame, Method, QuantityName
-from jounce.actuators.elastic import ElasticRobot
 from jounce.arguments import names, requests
 from jounce.dask.kept import Kept, keep
 from jounce.dynamics.quantities import QUANTITIES, row_of
+from jounce.engine.dispatch import checked_arguments, compute
+from jounce.engine.engine import Engine, WithLinks
+from jounce.engine.generic import as_tuple
 from jounce.errors import JounceError, at, one_line, one_of
 from jounce.model.mechanism import Mechanism
-from jounce.robot import Robot
-from jounce.robot.dispatch import checked_arguments, compute
-from jounce.robot.generic import as_tuple
 
 Shape = tuple[int, ...]
 Pattern = int | dict[Any, Any] | tuple[Any, ...] | None  # an argument with the numbers of its arrays in their places
 
 
 def apply(
-    robot: Robot | ElasticRobot,
+    robot: Engine | WithLinks,
     quantity: QuantityName,
     *rates: Any,
     wrench: Any = None,
@@ -80,9 +79,9 @@ def apply(
         import dask.array  # noqa: F401
     except ImportError:
         raise JounceError("jounce.dask needs Dask; install it by: pip install 'jounce[cluster]'") from None
-    if not isinstance(robot, Robot | ElasticRobot):
+    arm = getattr(robot, "robot", robot)  # the links of an elastic robot
+    if not isinstance(arm, Engine):
         raise JounceError(f"jounce.dask.apply() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
-    arm = robot.robot if isinstance(robot, ElasticRobot) else robot
     arrays = _Arrays()
     frames = [x for x in rates if _is_frame(x)]
     given = tuple(arrays.pattern(_columns(x, arm.mechanism) if _is_frame(x) else x, 1) for x in rates)
@@ -108,7 +107,7 @@ def apply(
 class Block:
     """The function of a block: it puts the arrays into their places, and calls the robot that its process keeps."""
 
-    robot: Kept[Robot]
+    robot: Kept[Engine]
     quantity: str
     rates: Pattern
     wrench: Pattern
@@ -223,7 +222,7 @@ def _columns(x: Any, mechanism: Mechanism) -> Any:
     return x[joints].to_dask_array()
 
 
-def _frame(x: Any, source: Any, robot: Robot) -> Any:
+def _frame(x: Any, source: Any, robot: Engine) -> Any:
     """A result with an entry per joint as a data frame of Dask with the index of another; any other as it is."""
     import dask.dataframe as dd
 

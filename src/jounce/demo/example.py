@@ -11,12 +11,14 @@ from typing import Any
 import numpy as np
 
 from jounce._typing import Method
+from jounce.dynamics.quantities import FORCES
+from jounce.engine.backends import available
+from jounce.engine.dispatch import compute
+from jounce.engine.engine import Engine
 from jounce.io import motions
 from jounce.io.bundled import iiwa14
 from jounce.motion import Motion
-from jounce.motion.analytic import motion_of
-from jounce.robot import Robot
-from jounce.robot.dispatch import available
+from jounce.motion.description import motion_of
 from jounce.spatial.inertia import moments
 from jounce.spatial.lie import hat
 
@@ -37,7 +39,7 @@ Forces = tuple[np.ndarray, ...]  # Q, Qd, Q2d
 class Example:
     """The forces along a motion, and their rates as central differences of the samples make them."""
 
-    robot: Robot
+    robot: Engine
     motion: Motion
     t: np.ndarray
     forces: Forces
@@ -63,19 +65,19 @@ class StepErrors:
 
 def example(name: str, states: int) -> Example:
     """Compute the paper's robot along `paper` or `paper-wrench`, at `states` times over its five seconds."""
-    robot, terms = Robot(iiwa14()), motions.bundled(name)
+    robot, terms = Engine(iiwa14()), motions.bundled(name)
     t = np.linspace(terms.t[0], terms.t[-1], states)
     motion = motion_of(terms, robot.mechanism)
     forces = forces_of(robot, motion, t)
     return Example(robot, motion, t, forces, tuple(np.gradient(Q, t, axis=0, edge_order=2) for Q in forces[:2]))
 
 
-def forces_of(robot: Robot, motion: Motion, t: np.ndarray, method: Method | None = None) -> Forces:
+def forces_of(robot: Engine, motion: Motion, t: np.ndarray, method: Method | None = None) -> Forces:
     """Q, Qd, Q2d at times of a motion."""
-    return robot.inverse_dynamics(*motion(t), wrench=motion.wrench(t), method=method)
+    return compute(robot, FORCES.name, motion(t), wrench=motion.wrench(t), method=method)
 
 
-def step_errors(robot: Robot) -> tuple[StepErrors, StepErrors]:
+def step_errors(robot: Engine) -> tuple[StepErrors, StepErrors]:
     """The errors of Qd from Q, and of Q2d from Qd or Q, along `paper`, at every 64th of a second but near its ends."""
     motion = motion_of(motions.bundled("paper"), robot.mechanism)
     t = np.arange(motion.start + 0.125, motion.stop - 0.125, 1 / 64)
@@ -105,7 +107,7 @@ def published(found: Example) -> Forces:
     m, h, _ = moments(mechanism.M)
     M = mechanism.M.copy()
     M[:, :3, :3] += hat(h[..., 0]) @ hat(h[..., 0]) / m  # Theta_c = Theta_b + m c~ c~
-    return forces_of(Robot(replace(mechanism, M=M)), found.motion, found.t)
+    return forces_of(Engine(replace(mechanism, M=M)), found.motion, found.t)
 
 
 def without_steiner(found: Example) -> tuple[float, ...]:
@@ -123,12 +125,12 @@ def seconds(found: Example) -> Iterator[tuple[str, float, float]]:
     whole, alone = found.states(found.t), [found.states(t) for t in found.t[:20]]
     for method in methods():
         start = perf_counter()
-        found.robot.inverse_dynamics(*whole[0], wrench=whole[1], method=method)
+        compute(found.robot, FORCES.name, whole[0], wrench=whole[1], method=method)
         batch = perf_counter() - start
         times = []
         for rates, wrench in alone:
             start = perf_counter()
-            found.robot.inverse_dynamics(*rates, wrench=wrench, method=method)
+            compute(found.robot, FORCES.name, rates, wrench=wrench, method=method)
             times.append(perf_counter() - start)
         yield method, batch / len(found.t), float(np.median(times))
 

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jounce.demo.example import Example, Forces, StepErrors, published
+from jounce.engine.dispatch import compute
+from jounce.engine.engine import Engine
 from jounce.figures.canvas import INK, legend_above, letter, line_style, painted
 from jounce.figures.curves import over_time
 from jounce.figures.drawing import View, draw
 from jounce.figures.labels import place_labels
 from jounce.figures.panels import Panel, Run, columns_of
 from jounce.figures.schematic import schematic
-from jounce.robot import Robot
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -62,12 +63,12 @@ def _panels(found: Example) -> list[Panel]:
     ]
 
 
-def portrait(robot: Robot) -> "Figure":
+def portrait(robot: Engine) -> "Figure":
     """The iiwa with its frames, joint axes and centres of mass."""
 
     def paint(figure: "Figure") -> None:
         axes = figure.subplots()
-        draw(axes, robot.mechanism, robot.poses(POSE), View(-55, 18))
+        draw(axes, robot.mechanism, compute(robot, "poses", [POSE]), View(-55, 18))
         place_labels(figure, axes)
 
     return painted(paint, 6, 6)

@@ -17,8 +17,9 @@ from jounce.dynamics.base import moved
 from jounce.dynamics.recursion.joints import Joint, joints, rows
 from jounce.errors import JounceError
 from jounce.model.equivalent import frame_shifts, on_axes
-from jounce.model.loops import in_scalars
-from jounce.model.mechanism import Frame, Mechanism, path_to
+from jounce.model.frame import Frame
+from jounce.model.loops import NO_RATIOS, in_scalars
+from jounce.model.mechanism import Mechanism, path_to
 from jounce.spatial.lie import Ad, ad, inverse, pose, position, rotation
 from jounce.spatial.series import Series, from_rates, joined
 
@@ -207,3 +208,9 @@ def _kinematic(m: Mechanism) -> Mechanism:
     loops, closure = in_scalars(m.loops, m.closure, convert)
     own |= {"M": np.zeros((m.nb, 6, 6)), "gravity": np.zeros(3)}
     return replace(m, loops=loops, closure=closure, frames=(), base=None, elasticity=None, **own)
+
+
+@lru_cache(maxsize=64)
+def without_ratios(m: Mechanism) -> Mechanism:
+    """A closed robot of which constraints are solved for all dependent coordinates."""
+    return replace(m, closure=replace(m.closure, ratios=NO_RATIOS)) if m.closure and m.closure.ratios.places else m

@@ -8,7 +8,8 @@ from math import prod
 
 from jounce._scalars import Array
 from jounce.dynamics.base import BaseMotion
-from jounce.dynamics.quantities import Quantity, State, row_of
+from jounce.dynamics.quantities import Quantity, row_of
+from jounce.dynamics.state import State
 from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.inertia import PARAMETERS

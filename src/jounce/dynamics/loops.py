@@ -12,19 +12,16 @@ where velocities are, and F_d^T Q_d added to Q_u where forces are. Loops that no
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jounce._scalars import Array, concatenate, reciprocal, zeros_like
-from jounce.dynamics.branches import Ends, pattern, with_solved_loops
-from jounce.model.loops import Closure, without_ratios
+from jounce.dynamics.branches import Ends, pattern, with_solved_loops, without_ratios
+from jounce.dynamics.state import Law, State
+from jounce.model.loops import Closure
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.linear import OrthogonalFactors, mirrored, solved
 from jounce.spatial.series import Series
-
-if TYPE_CHECKING:
-    from jounce.dynamics.quantities import Law, State
 
 
 def closure_of(m: Mechanism) -> Closure:
@@ -169,7 +166,7 @@ def _zeros(count: int, like: Array) -> Array:
     return np.zeros((count, like.shape[-1]), dtype=int)
 
 
-def law(tree_law: "Law", shape: Sequence[int | str], of_turning: "Law | None") -> "Law":
+def law(tree_law: Law, shape: Sequence[int | str], of_turning: Law | None) -> Law:
     """The law of a closed robot from that of its tree: axes of velocities become those of the independent ones.
 
     C and Cbar go with M, which is symmetric: as F varies, (F u')' = F u'' + F' u', F^T M F' is added. `of_turning` is
@@ -177,7 +174,7 @@ def law(tree_law: "Law", shape: Sequence[int | str], of_turning: "Law | None") -
     """
     rows, columns = "nv" in shape[-2:-1] or shape == ("nv",), "nv" in shape[-1:] and len(shape) > 1
 
-    def closed(m: Mechanism, x: "State") -> Series:
+    def closed(m: Mechanism, x: State) -> Series:
         motion = closed_motion(m, x)
         on_tree = replace(x, q=motion.q, position=None)
         X = tree_law(m.tree, on_tree)
@@ -196,7 +193,7 @@ def law(tree_law: "Law", shape: Sequence[int | str], of_turning: "Law | None") -
     return closed
 
 
-def closed_motion(m: Mechanism, x: "State") -> ClosedMotion:
+def closed_motion(m: Mechanism, x: State) -> ClosedMotion:
     """The motion of the tree in a state."""
     assert x.position is not None, m.name
     return ClosedMotion(m, x.q, x.position)

@@ -14,7 +14,7 @@ import numpy as np
 from jounce._scalars import Array, element
 from jounce.dynamics import closed_form as dense
 from jounce.dynamics import drive_terms, elastic, forward, kinematics, loop_partials, loops, partials
-from jounce.dynamics.base import STILL, BaseMotion
+from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.paper import Paper
 from jounce.dynamics.recursion import (
     articulated,
@@ -27,6 +27,7 @@ from jounce.dynamics.recursion import (
     regressor,
 )
 from jounce.dynamics.recursion.forces import Sweep
+from jounce.dynamics.state import Law, State
 from jounce.model.drives import TERMS
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.linear import Factors
@@ -35,33 +36,6 @@ from jounce.spatial.series import Series, rate_name
 # "n" coordinates, "nv" velocities, "nb" bodies, "parameters" ten inertial ones per body, "rates" q, qd, ..., as many as
 # the quantity or its rate takes; of closed robots the coordinates of the "tree", "loops", "motors"
 Axis = int | str
-
-
-_NOTHING = Series.of(())
-
-
-@dataclass(frozen=True)
-class State:
-    """The argument of laws: a motion at an instant, with its rates, and the body and frame of the quantity.
-
-    Coordinates are columns (..., n, 1), forces (..., nv, 1), wrenches on the bodies (..., 6nb, 1).
-    """
-
-    q: Series
-    W: Series | None = None
-    Q: Series = _NOTHING  # generalized forces, where a quantity takes them
-    base: BaseMotion | None = None  # None: the ground of a fixed robot, at rest, or of no effect
-    body: str | None = None  # a body or a link merged into one; None: all bodies
-    frame: str = "body"  # of twists: "body", "world" or "spatial"
-    position: Array | None = None  # of a closed robot, all coordinates (..., N, 1) of its tree, with loops closed
-
-    @property
-    def motion_of_base(self) -> BaseMotion:
-        """The motion of the base: at rest at the inertial frame unless it is given."""
-        return self.base or STILL
-
-
-Law = Callable[[Mechanism, State], Series]
 
 
 @dataclass(frozen=True)

@@ -8,22 +8,22 @@ import jinja2
 import numpy as np
 
 from jounce.checks.description import describe, limit_in_words
+from jounce.core.display import html
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError, shortened
 from jounce.figures import canvas
 from jounce.figures.curves import over_time
 from jounce.figures.drawing import View, draw, poses_on
 from jounce.figures.labels import place_labels
 from jounce.figures.panels import Panel, Run
+from jounce.limits.check import Check, CheckedLimit
+from jounce.limits.retime import Retiming
+from jounce.limits.slowdown import Slowdown
+from jounce.motion.motion import Motion
 from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from jounce.limits.check import Check, CheckedLimit
-    from jounce.limits.retime import Retiming
-    from jounce.limits.slowdown import Slowdown
-    from jounce.motion import Motion
-    from jounce.robot import Robot
 
 PAGE = """<p>{{ head }}</p>
 {% if rows %}<table>
@@ -37,7 +37,8 @@ DRAWN = 12  # bodies of a robot whose frames a drawing can name
 POINTS = 400  # of a curve
 
 
-def robot(robot: "Robot") -> str:
+@html.register
+def robot(robot: Engine) -> str:
     """The joints, bodies and limits of a robot, and a drawing of it where all coordinates are 0."""
     m, head = robot.mechanism, repr(robot)[1:-1]
     if not m.is_numeric:
@@ -62,7 +63,8 @@ def robot(robot: "Robot") -> str:
     return _page(head, names, rows, picture=drawing)
 
 
-def motion(motion: "Motion") -> str:
+@html.register
+def motion(motion: Motion) -> str:
     """Where the joints of a motion start and end, their largest rates, and q, qd, q2d over time."""
     t = np.linspace(motion.start, motion.stop, POINTS)
     rates = motion(t, 2)
@@ -77,7 +79,8 @@ def motion(motion: "Motion") -> str:
     return _page(repr(motion)[1:-1], names, rows, motion.notes, _picture(lambda: over_time([run])))
 
 
-def check(found: "Check") -> str:
+@html.register
+def check(found: Check) -> str:
     """The limits that a motion comes nearest to, or breaks."""
     rows = sorted(found.table, key=lambda row: -row.ratio)[:SHOWN]
     names = ("", "joint", "limit", "worst", "bound", "unit", "at t [s]", "ratio")
@@ -86,12 +89,14 @@ def check(found: "Check") -> str:
     return _page(repr(found)[1:-1], names, [_checked(row) for row in rows], notes)
 
 
-def slowdown(slow: "Slowdown") -> str:
+@html.register
+def slowdown(slow: Slowdown) -> str:
     """The factor of speed of a slow-down, the limit that decides it, and the motion."""
     return _page(repr(slow)[1:-1], notes=slow.notes, picture=motion(slow.motion))
 
 
-def retiming(faster: "Retiming") -> str:
+@html.register
+def retiming(faster: Retiming) -> str:
     """The duration of a retimed motion, the limits that decide it, and the motion."""
     rows = [(s.joint, s.limit.replace("_", " "), f"{s.start:.4g}", f"{s.stop:.4g}") for s in faster.binding[:SHOWN]]
     left = len(faster.binding) - len(rows)
@@ -100,7 +105,7 @@ def retiming(faster: "Retiming") -> str:
     return _page(repr(faster)[1:-1], names, rows, notes, picture=motion(faster.motion))
 
 
-def _checked(row: "CheckedLimit") -> tuple[str, ...]:
+def _checked(row: CheckedLimit) -> tuple[str, ...]:
     spread = f" ± {row.deviation:.2g}" if row.deviation else ""
     numbers = (f"{row.value:.5g}", f"{row.bound:.5g}", row.unit, f"{row.t:.4f}", f"{row.ratio:.4g}{spread}")
     return (row.verdict, row.joint, row.words, *numbers)

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce._scalars import Array
+from jounce.engine.dispatch import compute
+from jounce.engine.engine import Engine
 from jounce.figures.canvas import COLOURS, INK, PALE
 from jounce.figures.labels import write
 from jounce.model.mechanism import Mechanism
@@ -17,7 +19,6 @@ from jounce.spatial.inertia import moments
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from jounce.robot import Robot
 
 AXES = {"x": COLOURS[1], "y": COLOURS[2], "z": COLOURS[0]}
 GREY = "#777777"
@@ -51,10 +52,10 @@ class Skeleton:
     size: float
 
 
-def poses_on(robot: "Robot", q: np.ndarray, C: np.ndarray) -> np.ndarray:
+def poses_on(robot: Engine, q: np.ndarray, C: np.ndarray) -> np.ndarray:
     """The poses (..., nb, 4, 4) of the bodies behind joints of a robot whose base, or ground, has the pose C."""
     m = robot.mechanism
-    return np.asarray(robot.poses(q, base=C))[..., m.first :, :, :]
+    return np.asarray(compute(robot, "poses", [q], base=C))[..., m.first :, :, :]
 
 
 def skeleton(mechanism: Mechanism, poses: np.ndarray) -> Skeleton:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jounce.engine.engine import Engine
 from jounce.figures.canvas import COLOURS, PALE, legend_above, painted
 from jounce.limits import pace
 from jounce.limits.friction import friction_of
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 
     from jounce.limits.retime import Retiming
     from jounce.motion import Motion
-    from jounce.robot import Robot
 
 POINTS = 801  # of the path
 SPEEDS = 400  # that are tried at each point for the curve of efforts and accelerations
@@ -29,7 +29,7 @@ CURVE: Any = {"linewidth": 1.0, "linestyle": (0, (5, 2))}
 WORDS = {kind: kind.replace("_", " ") for kind in KINDS}
 
 
-def over_path(robot: "Robot", motion: "Motion", found: "Retiming") -> "Figure":
+def over_path(robot: Engine, motion: "Motion", found: "Retiming") -> "Figure":
     """The speed along the path over the distance on it: given, retimed, and the curves of the limits.
 
     The curve of efforts and accelerations is the maximum velocity curve: above it no acceleration along the path meets
@@ -72,7 +72,7 @@ def over_path(robot: "Robot", motion: "Motion", found: "Retiming") -> "Figure":
     return painted(paint, 7.2, 4.0)
 
 
-def _curves(robot: "Robot", path: Path, reached: np.ndarray) -> dict[str, np.ndarray]:
+def _curves(robot: Engine, path: Path, reached: np.ndarray) -> dict[str, np.ndarray]:
     """The largest paces (N,) along a path that limits of velocity, and of effort and acceleration, allow."""
     limits = joint_limits(robot.mechanism)
     drawn = [STATED_KINDS.index(kind) for kind in ("velocity", "effort", "acceleration", *LINE)]

@@ -4,11 +4,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jounce.engine.dispatch import compute
+from jounce.engine.engine import Engine
 from jounce.figures.canvas import INK, painted
 from jounce.figures.drawing import GREY, View, arrow, draw
 from jounce.figures.labels import place_labels, write
 from jounce.io.bundled import planar2r
-from jounce.robot import Robot
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,11 +20,11 @@ Q = np.radians([28.0, 37.0])  # a pose in which all can be seen
 
 def schematic() -> "Figure":
     """The 2R robot seen along its joint axes: q1, q2, L1, L2, m1, m2 and the direction of gravity."""
-    robot, view = Robot(planar2r()), View(-90, 90)
+    robot, view = Engine(planar2r()), View(-90, 90)
 
     def paint(figure: "Figure") -> None:
         axes = figure.subplots()
-        bones = draw(axes, robot.mechanism, robot.poses(Q), view)
+        bones = draw(axes, robot.mechanism, compute(robot, "poses", [Q]), view)
         base, elbow = view.of(bones.joints)
         tip = view.of(bones.coms[1])
         for i, (start, end) in enumerate(((base, elbow), (elbow, tip)), 1):

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce._typing import DriveColumn
+from jounce.engine.drives import regressor
+from jounce.engine.engine import Engine
 from jounce.identification.measurements import Measurements
 from jounce.motion.motion import Motion
-from jounce.robot.robot import Robot
 
 PIECE = 2000  # states whose regressors are held at once
 SHARE = 0.99  # of the power of the model's forces, which the band of a motion holds
@@ -49,7 +50,7 @@ class Cells:
 
 
 def cells_of(
-    robot: Robot,
+    robot: Engine,
     motion: Motion,
     samples: Measurements,
     model: np.ndarray,
@@ -86,12 +87,12 @@ def averaged(
 
 
 def regressors(
-    robot: Robot, motion: Motion, t: np.ndarray, terms: Sequence[DriveColumn]
+    robot: Engine, motion: Motion, t: np.ndarray, terms: Sequence[DriveColumn]
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """Yield the regressor along a motion in pieces of some times, with columns of drive terms."""
     for start in range(0, len(t), PIECE):
         part = slice(start, start + PIECE)
-        yield part, np.asarray(robot.regressor(*motion(t[part], 2), drives=terms, base=motion.base(t[part], 2)))
+        yield part, np.asarray(regressor(robot, "regressor", motion(t[part], 2), terms, base=motion.base(t[part], 2)))
 
 
 def places(t: np.ndarray, width: float) -> np.ndarray:

@@ -8,6 +8,8 @@ import numpy as np
 
 from jounce._scalars import asarray, is_finite
 from jounce._typing import ArrayLike, DriveColumn, DriveColumns, Equations
+from jounce.engine.along import checked_motion
+from jounce.engine.engine import R, like
 from jounce.errors import JounceError, listed, one_of, quoted, warn
 from jounce.identification.measurements import measurements
 from jounce.identification.physical import ConsistentParameters, consistent_parameters
@@ -20,8 +22,6 @@ from jounce.identification.table import IdentifiedParameter, parameter_table
 from jounce.model.drives import AMOUNTS, OFFSET, TERMS, select_columns
 from jounce.model.inertial import with_parameters
 from jounce.motion.motion import Motion
-from jounce.robot.along import checked_motion
-from jounce.robot.robot import Robot
 
 DRIVES: tuple[DriveColumn, ...] = ("damping", "friction", "offset")
 PRIOR = 0.3  # relative: about as good as models of CAD are
@@ -29,7 +29,7 @@ FIRMEST = 1e-9  # prior: no model is better, and squares of smaller ones overflo
 
 
 def identify(
-    robot: Robot,
+    robot: R,
     motion: Motion,
     forces: ArrayLike | None = None,
     *,
@@ -42,7 +42,7 @@ def identify(
     deviations: ArrayLike | None = None,
     prior: float = PRIOR,
     method: Equations = "inverse_dynamics",
-) -> Identification:
+) -> Identification[R]:
     """Identify the inertial parameters and drive terms of a robot from a motion and the forces measured along it.
 
     Q = Y p is linear in the inertial parameters p and in those of drive terms. Weighted least squares find the base
@@ -174,12 +174,12 @@ def _inside(span: tuple[float, float] | None, t: np.ndarray) -> np.ndarray:
     return inside
 
 
-def _identified(robot: Robot, terms: Sequence[DriveColumn], found: ConsistentParameters) -> Robot:
+def _identified(robot: R, terms: Sequence[DriveColumn], found: ConsistentParameters) -> R:
     """The robot with what was found; its drive terms act."""
     m = with_parameters(robot.mechanism, found.parameters)
     values = {AMOUNTS[term]: x for term, x in found.drives.items() if term != OFFSET}
     acting = tuple(term for term in TERMS if term in {*m.acting, *terms})
-    return Robot(replace(m, drives=replace(m.drives, **values), acting=acting))
+    return like(robot, replace(m, drives=replace(m.drives, **values), acting=acting))
 
 
 def _unseen(table: Sequence[IdentifiedParameter], rank: int) -> list[str]:

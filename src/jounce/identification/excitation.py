@@ -5,14 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce._typing import ArrayLike, DriveColumns
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError, listed
 from jounce.identification.harmonics import FEWEST, Harmonics
 from jounce.identification.search import Progress, Search
 from jounce.identification.setup import number, search_of, whole
-from jounce.limits.check import Check, CheckedLimit
+from jounce.limits.check import Check, CheckedLimit, check
 from jounce.model.drives import select_columns
 from jounce.motion import Motion
-from jounce.robot import Robot
 
 MOST, MANY = 50, 1000  # harmonics; starts and periods: more are slips of the pen
 SINGULAR = 1e5  # condition number from which on parameters cannot be told from each other
@@ -87,7 +87,7 @@ class Excitation:
 
 
 def excite(
-    robot: Robot,
+    robot: Engine,
     *,
     period: float = 10.0,
     periods: int = 1,
@@ -184,7 +184,7 @@ def _within(search: Search, x: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray
     for i in range(DRAWN):
         near = centre + size * (x - centre)
         motion = search.series.motion(near, robot.joint_names)
-        found = robot.check(motion.with_step(search.series.step))
+        found = check(robot, motion.with_step(search.series.step))
         if found.worst.ratio <= search.share:
             return near, motion, found
         size *= 1 - max(1 - search.share / found.worst.ratio, min(LEAST * 2**i, 0.5))

@@ -13,15 +13,17 @@ from typing import NamedTuple
 import numpy as np
 
 from jounce._typing import DriveColumn
-from jounce.dynamics.quantities import row_of
+from jounce.dynamics.quantities import FORCES, row_of
+from jounce.engine.along import forces_along
+from jounce.engine.dispatch import compute
+from jounce.engine.drives import regressor
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError, listed
 from jounce.identification.cells import Cells, averaged, places
 from jounce.identification.low_pass import LowPass, low_pass
 from jounce.identification.measurements import Measurements
 from jounce.model.coordinates import force_names
 from jounce.motion.motion import Motion
-from jounce.robot.along import forces_along
-from jounce.robot.robot import Robot
 
 MEMORY = 1e-3  # share of missing samples in filtered ones, below which these count
 GAP = 0.3  # of the time constant of the filter: a line over shorter gaps has errors of a percent at most
@@ -35,29 +37,29 @@ class Balance(NamedTuple):
     stored: np.ndarray  # A
 
 
-Law = Callable[[Robot, Motion, np.ndarray, Sequence[DriveColumn]], Balance]
+Law = Callable[[Engine, Motion, np.ndarray, Sequence[DriveColumn]], Balance]
 
 
-def momentum(robot: Robot, motion: Motion, t: np.ndarray, terms: Sequence[DriveColumn]) -> Balance:
+def momentum(robot: Engine, motion: Motion, t: np.ndarray, terms: Sequence[DriveColumn]) -> Balance:
     """The balance of the generalized momentum: one row per velocity, of parameters and drive terms."""
     (q, qd), base = motion(t, 1), motion.base(t, 1)
     base = base and (*base, 0 * base[1])
     still, W = 0 * q, motion.wrench(t, 0)
-    Yp, Ypd = robot.momentum_regressor(q, qd, still, drives=terms, base=base)
-    p, pd = robot.generalized_momentum(q, qd, still, base=base)
-    Y = robot.regressor(q, qd, still, drives=terms, base=base)
-    Q = robot.inverse_dynamics(q, qd, still, wrench=W, base=base)
+    Yp, Ypd = regressor(robot, "momentum_regressor", (q, qd, still), terms, base=base)
+    p, pd = compute(robot, "generalized_momentum", (q, qd, still), base=base)
+    Y = regressor(robot, "regressor", (q, qd, still), terms, base=base)
+    Q = compute(robot, FORCES.name, (q, qd, still), wrench=W, base=base)
     return Balance(_behind(Y - Ypd, Q - pd), _behind(Yp, p))
 
 
-def energy(robot: Robot, motion: Motion, t: np.ndarray, terms: Sequence[DriveColumn]) -> Balance:
+def energy(robot: Engine, motion: Motion, t: np.ndarray, terms: Sequence[DriveColumn]) -> Balance:
     """The balance of the energy: one row, of parameters and drive terms."""
     q, qd = motion(t, 1)
     still, W = 0 * q, motion.wrench(t, 0)
-    YE, YEd = robot.energy_regressor(q, qd, still, drives=terms)
-    (T, Td), (U, Ud) = robot.kinetic_energy(q, qd, still), robot.potential_energy(q, qd)
-    Y = robot.regressor(q, qd, still, drives=terms)
-    Q = robot.inverse_dynamics(q, qd, still, wrench=W)
+    YE, YEd = regressor(robot, "energy_regressor", (q, qd, still), terms)
+    (T, Td), (U, Ud) = compute(robot, "kinetic_energy", (q, qd, still)), compute(robot, "potential_energy", (q, qd))
+    Y = regressor(robot, "regressor", (q, qd, still), terms)
+    Q = compute(robot, FORCES.name, (q, qd, still), wrench=W)
     power = np.einsum("ti,tij->tj", qd, _behind(Y, Q))
     return Balance((power - _behind(YEd, Td + Ud))[:, None], _behind(YE, T + U)[:, None])
 
@@ -68,14 +70,14 @@ def _behind(columns: np.ndarray, model: np.ndarray) -> np.ndarray:
 
 
 def filtered_rows(
-    law: Law, robot: Robot, motion: Motion, terms: Sequence[DriveColumn], through: LowPass
+    law: Law, robot: Engine, motion: Motion, terms: Sequence[DriveColumn], through: LowPass
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """The filtered rows of a balance by pieces of samples: (n, rows, P + 1) that belong to the filtered right sides."""
     return through(lambda part: law(robot, motion, through.t[part], terms))
 
 
 def cells_of_momentum(
-    robot: Robot, motion: Motion, samples: Measurements, terms: Sequence[DriveColumn], width: float, band: float
+    robot: Engine, motion: Motion, samples: Measurements, terms: Sequence[DriveColumn], width: float, band: float
 ) -> Cells:
     """Average the filtered balance of momentum over cells of a width in s; the forces have a band in Hz."""
     through = low_pass(samples.t, band)
@@ -86,7 +88,7 @@ def cells_of_momentum(
 
 
 def cells_of_power(
-    robot: Robot, motion: Motion, samples: Measurements, terms: Sequence[DriveColumn], width: float, band: float
+    robot: Engine, motion: Motion, samples: Measurements, terms: Sequence[DriveColumn], width: float, band: float
 ) -> Cells:
     """Average the filtered balance of energy over cells of half a width in s; the forces have a band in Hz."""
     if robot.mechanism.base is not None or motion.base_curve is not None:
@@ -126,7 +128,7 @@ def _present(missing: np.ndarray, through: LowPass) -> np.ndarray:
     return (through.of(missing.astype(float)) < MEMORY) & ~missing
 
 
-def _spread(robot: Robot, motion: Motion, through: LowPass) -> np.ndarray:
+def _spread(robot: Engine, motion: Motion, through: LowPass) -> np.ndarray:
     """Variances (N, nv) of the filtered rate of the momentum that follow from those of the positions."""
     w, t = through.cutoff, through.t
     free = replace(motion, loads={})  # wrenches do not enter

@@ -7,18 +7,19 @@ weighted least squares finds. Parameters in other units add a constant to its lo
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jounce._typing import DriveColumn
+from jounce.dynamics.base_parameters import base_parameters
+from jounce.dynamics.computation import Computation
+from jounce.engine.backends import compile_ahead
+from jounce.engine.drives import regressor
+from jounce.engine.engine import Engine
 from jounce.model import drives
 from jounce.model.coordinates import joint_variables
 from jounce.native.kernel import Kernel
 from jounce.spatial.series import columns
-
-if TYPE_CHECKING:
-    from jounce.robot import Robot
 
 FLOOR = 1e-12  # of information, in units of typical states: what a motion shows less is nothing
 DEPENDENT = 1e-7  # of its length: a column with less outside of the span of others tells nothing new
@@ -46,7 +47,7 @@ class Information:
         Vector-Jacobian products of the regressor.
     """
 
-    robot: "Robot"
+    robot: Engine
     terms: tuple[DriveColumn, ...]
     roots: np.ndarray
     names: tuple[str, ...]
@@ -102,9 +103,9 @@ class Information:
                 gradient += (push * slope[0][..., 0]) @ m.G
 
 
-def information(robot: "Robot", terms: tuple[DriveColumn, ...], weights: np.ndarray, typical: Rates) -> Information:
+def information(robot: Engine, terms: tuple[DriveColumn, ...], weights: np.ndarray, typical: Rates) -> Information:
     """The information of motions whose states are like typical ones: the parameters that forces there tell."""
-    m, base = robot.mechanism, robot.base_parameters()
+    m, base = robot.mechanism, base_parameters(robot.mechanism)
     Y = _weighted(robot, terms, np.sqrt(weights), typical)
     own = Y.shape[-1] - len(terms) * m.nb
     names = np.array([*base.names, *(f"{joint} {term}" for term in terms for joint in m.joints)])
@@ -115,7 +116,7 @@ def information(robot: "Robot", terms: tuple[DriveColumn, ...], weights: np.ndar
     seen = np.abs(np.diag(R)) > DEPENDENT  # of what columns before leave of each
     return Information(
         robot, terms, np.sqrt(weights), tuple(names[seen].tolist()), tuple(names[~seen].tolist()),
-        places[seen], sizes[seen], robot.compile("regressor", 0, product="vjp"),
+        places[seen], sizes[seen], compile_ahead(robot, Computation("regressor", 0, product="vjp")),
     )  # fmt: skip
 
 
@@ -125,7 +126,7 @@ def _mean_square(A: np.ndarray) -> np.ndarray:
     return H
 
 
-def _weighted(robot: "Robot", terms: tuple[DriveColumn, ...], roots: np.ndarray, rates: Rates) -> np.ndarray:
+def _weighted(robot: Engine, terms: tuple[DriveColumn, ...], roots: np.ndarray, rates: Rates) -> np.ndarray:
     """The regressor (M, n, columns) with rows times the roots of the weights."""
     q, qd, q2d, *_ = rates
-    return robot.regressor(q, qd, q2d, drives=terms) * roots[:, None]
+    return regressor(robot, "regressor", (q, qd, q2d), terms) * roots[:, None]

@@ -7,14 +7,16 @@ import numpy as np
 
 from jounce._scalars import is_finite
 from jounce._typing import DriveColumn, Equations
-from jounce.dynamics.base_parameters import BaseParameters
+from jounce.dynamics.base_parameters import BaseParameters, base_parameters
+from jounce.engine.along import forces_along
+from jounce.engine.engine import Engine, R, like
 from jounce.errors import JounceError, quoted
 from jounce.identification.cells import CELLS, Cells, band_of, cells_of, regressors, step_of
 from jounce.identification.filtered import FILTERED
 from jounce.identification.measurements import Measurements
 from jounce.model.drives import AMOUNTS, OFFSET, with_eps
+from jounce.model.inertial import parameters_of
 from jounce.motion.motion import Motion
-from jounce.robot.robot import Robot
 
 ROWS = 4  # cells of all forces per parameter, at least
 
@@ -45,7 +47,7 @@ class Problem:
         Averages of the samples that are used.
     """
 
-    robot: Robot
+    robot: Engine
     motion: Motion
     terms: tuple[DriveColumn, ...]
     base: BaseParameters
@@ -70,13 +72,13 @@ class Problem:
 
     def predicted(self, parameters: np.ndarray, drives: np.ndarray) -> np.ndarray:
         """The forces (N, nv) of a robot with other inertial parameters (10 nb,) and drive terms."""
-        change = np.append(parameters - self.robot.inertial_parameters, drives - self.own[self.base.count :])
+        change = np.append(parameters - parameters_of(self.robot.mechanism), drives - self.own[self.base.count :])
         pieces = regressors(self.robot, self.motion, self.given.t, self.terms)
         return np.asarray(self.model + np.concatenate([Y @ change for _, Y in pieces]))
 
 
 def problem(
-    robot: Robot,
+    robot: Engine,
     motion: Motion,
     terms: tuple[DriveColumn, ...],
     given: Measurements,
@@ -90,20 +92,20 @@ def problem(
     ------
     JounceError : if there are fewer measured forces than parameters, or the band is not one of the samples.
     """
-    base, samples = robot.base_parameters(), given.part(used)
+    base, samples = base_parameters(robot.mechanism), given.part(used)
     count = len(_columns(robot, base, terms))
     if (measured := np.count_nonzero(samples.weights)) < count:
         raise JounceError(
             f"{len(samples.t)} samples hold {measured} measured forces for {count} parameters; expected a longer motion"
             " or fewer drives="
         )
-    along = robot.forces_along(motion, given.t, order=0)
+    along = forces_along(robot, motion, given.t, 0)
     model, deviations = along.forces[0], None if along.deviations is None else along.deviations[0][used]
     step = step_of(samples.t)
     lowest, highest = 1 / (len(samples.t) * step), 0.5 / step
     if band is None:
         theta = along.rates[1][used] @ robot.mechanism.G.T
-        band = band_of(samples.t, model[used], theta, robot.drives.eps)
+        band = band_of(samples.t, model[used], theta, robot.mechanism.drives.eps)
     elif not is_finite(band) or not lowest <= band <= highest:
         raise JounceError(
             f"band is {quoted(band)}; expected a frequency from {lowest:.4g} Hz, one period of the samples, to"
@@ -118,14 +120,14 @@ def problem(
     return Problem(robot, motion, terms, base, given, used, model, band, width, cells)
 
 
-def model_of(robot: object, terms: Sequence[DriveColumn], eps: float | None) -> Robot:
+def model_of(robot: R, terms: Sequence[DriveColumn], eps: float | None) -> R:
     """Return a caller's robot with the smoothing velocity of friction that is asked for.
 
     Raises
     ------
     JounceError : if it is no robot, its drives act on motors behind elastic joints, or eps has no use.
     """
-    if not isinstance(robot, Robot):
+    if not isinstance(robot, Engine):
         raise JounceError(f"identify() expects a jounce.Robot, got {type(robot).__name__}; jounce.load makes one")
     if robot.mechanism.elasticity is not None and set(terms) - {"spring", OFFSET}:
         raise JounceError(
@@ -136,10 +138,11 @@ def model_of(robot: object, terms: Sequence[DriveColumn], eps: float | None) -> 
         return robot
     if "friction" not in terms:
         raise JounceError(f"eps={quoted(eps)} is of friction, which drives={quoted(list(terms))} does not identify")
-    return Robot(replace(robot.mechanism, drives=with_eps(robot.drives, eps)))
+    m = robot.mechanism
+    return like(robot, replace(m, drives=with_eps(m.drives, eps)))
 
 
-def _columns(robot: Robot, base: BaseParameters, terms: Sequence[DriveColumn]) -> np.ndarray:
+def _columns(robot: Engine, base: BaseParameters, terms: Sequence[DriveColumn]) -> np.ndarray:
     return np.append(base.columns, len(base.parameters) + np.arange(len(terms) * robot.mechanism.nb))
 
 

@@ -2,10 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Generic
 
 import numpy as np
 
 from jounce._typing import ArrayLike
+from jounce.engine.along import checked_motion, forces_along
+from jounce.engine.engine import R
 from jounce.errors import shortened
 from jounce.identification.cells import regressors
 from jounce.identification.residuals import ForceResidual
@@ -13,14 +16,12 @@ from jounce.identification.table import IdentifiedParameter
 from jounce.model.coordinates import generalized_forces
 from jounce.model.drives import OFFSET
 from jounce.motion.motion import Motion
-from jounce.robot.along import checked_motion
-from jounce.robot.robot import Robot
 
 PARTS = {"used": "residual", "rest": "rest of the data"}  # of the samples, and their titles
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Identification:
+class Identification(Generic[R]):
     """A robot identified from a motion and measured forces. `identify` makes one.
 
     Attributes
@@ -64,7 +65,7 @@ class Identification:
     <Identification of planar2r: 12 of 12 parameters seen>
     """
 
-    robot: Robot
+    robot: R
     offsets: np.ndarray
     table: tuple[IdentifiedParameter, ...]
     covariance: np.ndarray
@@ -122,7 +123,7 @@ class Identification:
         >>> found.forces_along(motion, [0.0, 1.0]).shape
         (2, 2)
         """
-        m, along = self.robot.mechanism, self.robot.forces_along(motion, t, order=0)
+        m, along = self.robot.mechanism, forces_along(self.robot, motion, t, 0)
         if m.closure:  # offsets of joints that others carry along act through the loops
             pieces = regressors(self.robot, checked_motion(m, motion), along.t, (OFFSET,))
             constant = np.concatenate([Y[..., -m.nb :] @ self.offsets for _, Y in pieces])

@@ -9,21 +9,21 @@ Conference on Decision and Control, 2006.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from jounce._typing import QuantityName
+from jounce.dynamics.computation import Computation
+from jounce.engine.along import FIRST
+from jounce.engine.backends import compile_ahead
+from jounce.engine.engine import Engine
+from jounce.engine.generic import as_tuple
 from jounce.limits.bounded import DERIVATIVE, rate_of_forces
 from jounce.limits.ratios import scale_of
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, Limits
 from jounce.model.limits import FORCES as BOUND_FORCES
 from jounce.native.kernel import Kernel
-from jounce.robot.along import FIRST
-from jounce.robot.generic import as_tuple
-
-if TYPE_CHECKING:
-    from jounce.robot import Robot
 
 Rates = Sequence[np.ndarray]  # q, qd, q2d, ..., (M, n) each
 
@@ -142,7 +142,7 @@ class Room:
         return found
 
 
-def room_of(robot: "Robot", limits: Limits, kinds: Sequence[str]) -> Room:
+def room_of(robot: Engine, limits: Limits, kinds: Sequence[str]) -> Room:
     """The room within limits of some kinds of the coordinates of a robot, but bounds of 0 of what stands still."""
     bounds = np.concatenate([limits.bounds(kind) for kind in kinds], axis=1)
     centre = np.concatenate([scale_of(limits.bounds(kind), kind).centre for kind in kinds])
@@ -163,6 +163,6 @@ def room_of(robot: "Robot", limits: Limits, kinds: Sequence[str]) -> Room:
     )
 
 
-def _force(robot: "Robot", name: QuantityName, order: int, first: int) -> Force:
-    kernels = robot.compile(name, order), robot.compile(name, order, product="vjp")
+def _force(robot: Engine, name: QuantityName, order: int, first: int) -> Force:
+    kernels = (compile_ahead(robot, Computation(name, order, product=product)) for product in (None, "vjp"))
     return Force(order, order + first + 1, *kernels)

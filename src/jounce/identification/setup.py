@@ -6,6 +6,7 @@ import numpy as np
 
 from jounce._scalars import asarray, is_finite
 from jounce._typing import ArrayLike, DriveColumn
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError, quoted
 from jounce.identification.harmonics import Harmonics
 from jounce.identification.information import Information, information
@@ -13,7 +14,6 @@ from jounce.identification.room import room_of
 from jounce.identification.search import Search, reaches_of
 from jounce.model.coordinates import coordinate_limits, coordinate_units
 from jounce.model.limits import KINDS, MOTION_KINDS, MOTOR_KINDS, Limits
-from jounce.robot import Robot
 
 TYPICAL = 4  # rows of typical states per column of the regressor, by which columns are found that depend on others
 
@@ -28,7 +28,7 @@ def search_of(
     rng: np.random.Generator,
 ) -> tuple[Search, tuple[str, ...]]:
     """What is searched for the arguments of a caller, checked, and notes on what is assumed."""
-    if not isinstance(robot, Robot):
+    if not isinstance(robot, Engine):
         raise JounceError(f"excite() expects a jounce.Robot, got {type(robot).__name__}")
     if robot.mechanism.base:
         raise JounceError(
@@ -52,7 +52,7 @@ def search_of(
     return Search(series, told, room, middle, reaches, 1 - left), (*notes, *equal)
 
 
-def _bounded_positions(robot: Robot, reach: float) -> tuple[Limits, list[str]]:
+def _bounded_positions(robot: Engine, reach: float) -> tuple[Limits, list[str]]:
     """The limits of the coordinates with two bounds of every position, and notes on those that were added."""
     limits, units = coordinate_limits(robot.mechanism), coordinate_units(robot.mechanism)
     lower, upper = limits.bounds("position").copy()
@@ -75,7 +75,7 @@ def _bounded_positions(robot: Robot, reach: float) -> tuple[Limits, list[str]]:
     return replace(limits, table=table), notes
 
 
-def _check_limits(robot: Robot, limits: Limits, kinds: list[str]) -> None:
+def _check_limits(robot: Engine, limits: Limits, kinds: list[str]) -> None:
     """Raise `JounceError` where nothing limits how fast a robot moves, or a force has no room on one side."""
     if kinds == [MOTION_KINDS[0]]:
         raise JounceError(
@@ -92,7 +92,7 @@ def _check_limits(robot: Robot, limits: Limits, kinds: list[str]) -> None:
             )
 
 
-def _weights(robot: Robot, limits: Limits, given: ArrayLike | None) -> tuple[np.ndarray, list[str]]:
+def _weights(robot: Engine, limits: Limits, given: ArrayLike | None) -> tuple[np.ndarray, list[str]]:
     """The weights (n,) of the forces, and a note where efforts do not give them."""
     if given is None:
         effort = np.abs(limits.bounds("effort")).max(axis=0)
@@ -110,7 +110,7 @@ def _weights(robot: Robot, limits: Limits, given: ArrayLike | None) -> tuple[np.
 
 
 def _told(
-    robot: Robot,
+    robot: Engine,
     terms: tuple[DriveColumn, ...],
     weights: np.ndarray,
     middle: np.ndarray,

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jounce.engine.engine import Engine
 from jounce.limits.pieces import pieces_of
 from jounce.limits.ratios import scale_of
 from jounce.limits.validation import bounded
@@ -11,10 +12,9 @@ from jounce.limits.worst import SIGNS
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
-    from jounce.robot.robot import Robot
 
 
-def ratios_along(robot: "Robot", motion: "Motion") -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def ratios_along(robot: Engine, motion: "Motion") -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Times (N,), those of breaks twice, and the ratios (N, n) by kind, as far as each is known well, or else NaN.
 
     They are -inf where a coordinate has no such limit.

@@ -3,13 +3,17 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from jounce.arguments.requests import more_rates
 from jounce.dynamics import electrical
 from jounce.dynamics.quantities import FORCES, QUANTITIES, Quantity, row_of
+from jounce.engine.along import FIRST
+from jounce.engine.closed_path import named_by_time, on_tree, positions
+from jounce.engine.dispatch import compute
+from jounce.engine.engine import Engine
 from jounce.limits.joints import (
     efforts,
     in_columns,
@@ -21,12 +25,6 @@ from jounce.limits.joints import (
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, MOTOR_KINDS, Limits
 from jounce.model.limits import FORCES as BOUND_FORCES
 from jounce.motion.motion import Motion
-from jounce.robot.along import FIRST
-from jounce.robot.closed_path import named_by_time, on_tree, positions
-from jounce.robot.dispatch import compute
-
-if TYPE_CHECKING:
-    from jounce.robot.robot import Robot
 
 SMOOTH = 2  # derivatives that are used where they are known: a quintic between samples has two at each end
 
@@ -54,7 +52,7 @@ class Bounded:
     `windows` are the times between which each kind is known well; kinds without one are along the whole motion.
     """
 
-    robot: "Robot"
+    robot: Engine
     motion: Motion
     limits: Limits
     kinds: tuple[str, ...]
@@ -210,12 +208,12 @@ class Bounded:
         return {kind: series[DERIVATIVE.get(kind, 0)] for kind, series in self.series(t, side).items()}
 
 
-def known_kinds(robot: "Robot", limits: Limits) -> tuple[str, ...]:
+def known_kinds(robot: Engine, limits: Limits) -> tuple[str, ...]:
     """The kinds of limits that a motion of a robot is held against: those of motors where its joints are elastic."""
     return tuple(kind for kind in limits.kinds if kind not in MOTOR_KINDS or robot.mechanism.elasticity is not None)
 
 
-def quantities_of(robot: "Robot", kind: str) -> Mapping[str, int]:
+def quantities_of(robot: Engine, kind: str) -> Mapping[str, int]:
     """The quantities that a kind of limit takes, and the highest rate of each; none of a limit of the motion."""
     if kind in MOTION_KINDS:
         return {}
@@ -226,29 +224,29 @@ def quantities_of(robot: "Robot", kind: str) -> Mapping[str, int]:
     return {**MOTORS[kind]} | ({TORQUES: 1} if kind == "motor_voltage" and inductive else {})
 
 
-def rate_of_forces(robot: "Robot", kind: str) -> int:
+def rate_of_forces(robot: Engine, kind: str) -> int:
     """The highest rate of Q that enters what a kind of limit of forces, of the power or of motors bounds."""
     rows = quantities_of(robot, kind)
     return max(_row(robot, name).rates - FORCES.rates + order for name, order in rows.items())
 
 
-def motion_order(robot: "Robot", kind: str) -> int:
+def motion_order(robot: Engine, kind: str) -> int:
     """The highest rate of q that enters what a kind of limit bounds."""
     return MOTION_KINDS.index(kind) if kind in MOTION_KINDS else rate_of_forces(robot, kind) + FIRST
 
 
-def _row(robot: "Robot", name: str) -> Quantity:
+def _row(robot: Engine, name: str) -> Quantity:
     return row_of(name, more_rates(robot.mechanism, name))
 
 
-def order_needed(robot: "Robot") -> int:
+def order_needed(robot: Engine) -> int:
     """The highest rate of Q that a motion must carry for the limits of a robot: q to q2d for 0, q to q4d for 2."""
     kinds = known_kinds(robot, joint_limits(robot.mechanism))
     return max([0, *(motion_order(robot, kind) - FIRST for kind in kinds)])
 
 
 def at_speed(
-    robot: "Robot",
+    robot: Engine,
     name: str,
     rates: Rates,
     wrench: Wrenches,
@@ -268,7 +266,7 @@ def at_speed(
     return of_joints(robot.mechanism, compute(robot, name, on_tree(scaled, near), wrench=W, base=moved), row)
 
 
-def gravity(robot: "Robot", rates: Rates, base: Rates | None, near: np.ndarray | None) -> list[np.ndarray]:
+def gravity(robot: Engine, rates: Rates, base: Rates | None, near: np.ndarray | None) -> list[np.ndarray]:
     """The gravity forces of the joints and their rates."""
     found = compute(robot, "gravity_forces", on_tree(rates, near), base=base)
     return of_joints(robot.mechanism, found, QUANTITIES["gravity_forces"])

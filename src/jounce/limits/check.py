@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jounce.core.display import Displayed
+from jounce.engine.along import ForceBreak, force_breaks
+from jounce.engine.engine import Engine
 from jounce.errors import listed, quoted
 from jounce.limits.bounded import Bounded, Span, rate_of_forces
 from jounce.limits.deviations import deviations_of
@@ -17,11 +19,7 @@ from jounce.limits.verdicts import Verdict, join_spans, overall, verdict_in_word
 from jounce.limits.worst import Worst
 from jounce.model.coordinates import following_efforts
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, in_words, unit_of
-from jounce.robot.along import ForceBreak, force_breaks
 from jounce.spatial.series import rate_name
-
-if TYPE_CHECKING:
-    from jounce.robot.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -96,7 +94,7 @@ class CheckedLimit:
 
 
 @dataclass(frozen=True, repr=False)
-class Check:
+class Check(Displayed):
     """Every limit of a robot along a motion. `Robot.check` makes one.
 
     Attributes
@@ -131,11 +129,6 @@ class Check:
     def __repr__(self) -> str:
         return f"<Check: {self.words}; worst: {self.worst}>"
 
-    def _repr_html_(self) -> str:
-        from jounce.figures import displays
-
-        return displays.check(self)
-
     @property
     def verdict(self) -> Verdict:
         """Whether every limit is "kept", one is "broken", or that is "undecided": none is, as far as samples decide."""
@@ -157,7 +150,7 @@ class Check:
         return max(self.table, key=lambda row: row.ratio)
 
 
-def check(robot: "Robot", motion: object) -> Check:
+def check(robot: Engine, motion: object) -> Check:
     """Every limit of a robot along a motion."""
     b = bounded(robot, motion)
     worst = Worst(b)

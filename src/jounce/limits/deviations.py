@@ -3,10 +3,10 @@
 import numpy as np
 
 from jounce.dynamics.quantities import FORCES, Quantity
+from jounce.engine.along import pieces_along
 from jounce.limits.bounded import DERIVATIVE, MOTORS, Bounded, Span, motion_order, quantities_of
 from jounce.limits.joints import in_columns, of_joints
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS
-from jounce.robot.along import pieces_along
 
 MAX_OVER_MEDIAN = 10.0  # of deviations in a window: towards the ends of a fit they rise by powers of ten
 COMPARED_TIMES = 2000  # of a motion, at which deviations are compared with their median

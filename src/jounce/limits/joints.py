@@ -6,21 +6,19 @@ in their coordinates or in others; they are zero elsewhere.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.quantities import FORCES, QUANTITIES, Quantity
+from jounce.engine.closed_path import on_tree
+from jounce.engine.dispatch import compute
+from jounce.engine.engine import Engine
+from jounce.engine.generic import as_tuple
 from jounce.model.coordinates import coordinate_limits, coordinate_units
 from jounce.model.limits import MOTION_KINDS, STATED_KINDS, Limits
 from jounce.model.mechanism import Mechanism
-from jounce.robot.closed_path import on_tree
-from jounce.robot.dispatch import compute
-from jounce.robot.generic import as_tuple
-
-if TYPE_CHECKING:
-    from jounce.robot.robot import Robot
 
 
 def joint_names(m: Mechanism) -> tuple[str, ...]:
@@ -75,7 +73,7 @@ def in_columns(m: Mechanism, found: Sequence[np.ndarray], row: Quantity) -> list
 
 
 def joint_rates(
-    robot: "Robot", rates: Sequence[np.ndarray], position: np.ndarray | None, needed: bool = True
+    robot: Engine, rates: Sequence[np.ndarray], position: np.ndarray | None, needed: bool = True
 ) -> tuple[np.ndarray, ...]:
     """q, qd, ... of all joints; where those that follow others are not needed, these are zero."""
     m = robot.mechanism

@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from jounce.dynamics.quantities import FORCES, QUANTITIES
+from jounce.engine.closed_path import named_by_time, on_tree, positions
+from jounce.engine.dispatch import compute
+from jounce.engine.engine import Engine
 from jounce.limits import pace
 from jounce.limits.bounded import at_speed, gravity
 from jounce.limits.joints import in_columns, joint_rates, of_joints
-from jounce.robot.closed_path import named_by_time, on_tree, positions
-from jounce.robot.dispatch import compute
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
-    from jounce.robot import Robot
 
 Terms = dict[int, np.ndarray]  # factors (N, n) by the product of sigma's rates that they multiply
 
@@ -101,7 +101,7 @@ class Path:
         }
 
 
-def path_of(robot: "Robot", motion: "Motion", sigma: np.ndarray, order: int, left: bool = False) -> Path:
+def path_of(robot: Engine, motion: "Motion", sigma: np.ndarray, order: int, left: bool = False) -> Path:
     """The path of a motion at times sigma (N,), its forces up to an order of time derivatives.
 
     Inverse dynamics at the speeds 1, -1 and 2 along the path tells apart what does not depend on speed, what is linear
@@ -111,7 +111,7 @@ def path_of(robot: "Robot", motion: "Motion", sigma: np.ndarray, order: int, lef
         return _path_of(robot, motion, sigma, order, left)
 
 
-def _path_of(robot: "Robot", motion: "Motion", sigma: np.ndarray, order: int, left: bool) -> Path:
+def _path_of(robot: Engine, motion: "Motion", sigma: np.ndarray, order: int, left: bool) -> Path:
     side: Literal["left", "right"] = "left" if left else "right"
     q = motion(sigma, order + 2, side)
     W, base = motion.wrench(sigma, order, side), motion.base(sigma, order + 2, side)

@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jounce.engine.closed_path import positions
+from jounce.engine.engine import Engine, like
 from jounce.errors import JounceError, listed, quoted
 from jounce.limits.bounded import known_kinds
 from jounce.limits.friction import Friction, friction_of
@@ -15,11 +16,7 @@ from jounce.limits.path import Path, path_of
 from jounce.limits.rows import NEEDS, Rows, rows_of
 from jounce.model.limits import EFFORT_KINDS, KINDS, MOTOR_KINDS, Limits
 from jounce.motion import Motion
-from jounce.robot.closed_path import positions
 from jounce.spatial.series import rate_name
-
-if TYPE_CHECKING:
-    from jounce.robot import Robot
 
 STILL = 1e-6  # of the largest velocity of a motion: slower is at rest
 SLOWEST, FASTEST = 1e-9, 1e9  # uniform speeds that are tried
@@ -35,7 +32,7 @@ class Problem:
     its velocity and acceleration remain there. `robot` has no Coulomb friction, which is `friction`.
     """
 
-    robot: "Robot"
+    robot: Engine
     motion: Motion
     limits: Limits
     share: float
@@ -115,7 +112,7 @@ class Problem:
         return JounceError(f"the {rows.kinds[row]} limit of joint {quoted(joint)} leaves no room to move; raise it")
 
 
-def problem_of(robot: "Robot", motion: Motion, share: float) -> Problem:
+def problem_of(robot: Engine, motion: Motion, share: float) -> Problem:
     """The problem of a motion of a robot's joints, checked."""
     if not motion.duration:
         raise JounceError(
@@ -186,7 +183,7 @@ def _check_static(problem: Problem, kind: str, sigma: np.ndarray, path: Path) ->
     )
 
 
-def _check_zero(robot: "Robot", motion: Motion, limits: Limits, kinds: Sequence[str]) -> None:
+def _check_zero(robot: Engine, motion: Motion, limits: Limits, kinds: Sequence[str]) -> None:
     """Raise `JounceError` where a joint that moves has a limit of 0."""
     for kind in kinds:
         zero = np.flatnonzero((limits.bounds(kind) == 0).all(axis=0)).tolist()
@@ -227,13 +224,13 @@ def _check_breaks(motion: Motion, names: Sequence[str], rate: int, kind: str) ->
         )
 
 
-def without_friction(robot: "Robot") -> "Robot":
+def without_friction(robot: Engine) -> Engine:
     """The robot without Coulomb friction."""
     m = robot.mechanism
-    return type(robot)(replace(m, acting=tuple(term for term in m.acting if term != "friction")))
+    return like(robot, replace(m, acting=tuple(term for term in m.acting if term != "friction")))
 
 
-def _friction(robot: "Robot") -> Friction | None:
+def _friction(robot: Engine) -> Friction | None:
     """The Coulomb friction that acts in a robot; that of joints that follow others in closed loops is refused."""
     m = robot.mechanism
     friction = friction_of(m)

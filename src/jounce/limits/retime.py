@@ -3,11 +3,14 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from jounce._scalars import is_finite
+from jounce.core.display import Displayed
+from jounce.engine.along import checked_motion
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError, quoted
 from jounce.limits.barrier import UNEVEN, Program, fastest, within
 from jounce.limits.basis import Basis, Local
@@ -18,10 +21,6 @@ from jounce.limits.problem import Problem, check_path, problem_of
 from jounce.limits.rows import Rows
 from jounce.motion import Motion
 from jounce.motion.time_law import Paced, TimeLaw
-from jounce.robot.along import checked_motion
-
-if TYPE_CHECKING:
-    from jounce.robot import Robot
 
 INTERVALS = 30  # of the first spline
 MOST_AT_FIRST, MOST_INTERVALS = 480, 1920
@@ -54,7 +53,7 @@ class Stretch(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Retiming:
+class Retiming(Displayed):
     """A motion along the same path by the fastest time law. `Robot.retime` makes one.
 
     Attributes
@@ -85,13 +84,8 @@ class Retiming:
     def __repr__(self) -> str:
         return f"<Retiming to {self.duration:.6g} s, {len(self.binding)} stretches>"
 
-    def _repr_html_(self) -> str:
-        from jounce.figures import displays
 
-        return displays.retiming(self)
-
-
-def retime(robot: "Robot", motion: object, margin: object = 0.01) -> Retiming:
+def retime(robot: Engine, motion: object, margin: object = 0.01) -> Retiming:
     """The fastest motion along the path of a motion, whose limits are taken to a share 1 - margin of themselves."""
     given = checked_motion(robot.mechanism, motion)
     if not is_finite(margin) or not 0 <= margin < 1:  # type: ignore[operator]
@@ -105,7 +99,7 @@ def retime(robot: "Robot", motion: object, margin: object = 0.01) -> Retiming:
     raise problem.unbounded()
 
 
-def _verified(robot: "Robot", found: Retiming, problem: Problem) -> Retiming:
+def _verified(robot: Engine, found: Retiming, problem: Problem) -> Retiming:
     """A result with Coulomb friction, refused where it changes too fast for the points of the path."""
     if problem.friction:
         rows = [row for row in check(robot, found.motion).table if row.limit != "position"]
@@ -224,11 +218,11 @@ class Grid:
     def _tops(self, c: np.ndarray) -> np.ndarray:
         """Where rows peak above their limits between the points, by parabolas through three of these each."""
         sigma = self.sigma[: self.count]
-        excess = self.rows.excess(self.at.jets(c))[: self.count]
-        rise, value = np.diff(excess, axis=0) / np.diff(sigma)[:, None], excess[1:-1]
-        half = (sigma[2:] - sigma[:-2])[:, None] / 2
+        excess, step = self.rows.excess(self.at.jets(c))[: self.count], np.diff(sigma)[:, None]
+        rise, value, both = np.diff(excess, axis=0) / step, excess[1:-1], step[1:] + step[:-1]
         with np.errstate(divide="ignore", invalid="ignore"):
-            slope, bend = (rise[1:] + rise[:-1]) / 2, (rise[1:] - rise[:-1]) / half
+            slope = (rise[1:] * step[:-1] + rise[:-1] * step[1:]) / both
+            bend = 2 * (rise[1:] - rise[:-1]) / both
             above = (rise[:-1] > 0) & (rise[1:] < 0) & (value - slope**2 / (2 * bend) > BETWEEN / 10)
             return np.unique((sigma[1:-1, None] - slope / bend)[above])
 

@@ -14,6 +14,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from jounce.dynamics.quantities import FORCES
+from jounce.engine.along import FIRST
+from jounce.engine.closed_path import named_by_time, positions
 from jounce.limits.bounded import (
     DERIVATIVE,
     MOTORS,
@@ -27,8 +29,6 @@ from jounce.limits.bounded import (
 from jounce.limits.joints import in_columns, joint_rates
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS
 from jounce.model.limits import FORCES as BOUND_FORCES
-from jounce.robot.along import FIRST
-from jounce.robot.closed_path import named_by_time, positions
 
 Polynomials = Mapping[str, np.ndarray]  # by kind
 Parts = tuple[np.ndarray, np.ndarray, np.ndarray]  # (N, n) each: of c^0, c^1 and c^2

@@ -2,10 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from jounce.core.display import Displayed
+from jounce.engine.along import ForceBreak
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError, listed, quoted
 from jounce.limits.bounded import Bounded
 from jounce.limits.bracketing import Place, bracketed_factor, is_polynomial, worst_of
@@ -15,10 +18,6 @@ from jounce.limits.uncertain import take_uncertain
 from jounce.limits.validation import bounded
 from jounce.limits.worst import Worst
 from jounce.motion.motion import Motion
-from jounce.robot.along import ForceBreak
-
-if TYPE_CHECKING:
-    from jounce.robot.robot import Robot
 
 CLOSE = 2e-10  # of a ratio beyond 1: factors are as exact
 ROUNDS = 40  # of refinement between samples; it takes three or four
@@ -38,7 +37,7 @@ class Binding(NamedTuple):
 
 
 @dataclass(frozen=True, repr=False)
-class Slowdown:
+class Slowdown(Displayed):
     """How fast a motion may be. `Robot.slowdown` makes one.
 
     Attributes
@@ -74,13 +73,8 @@ class Slowdown:
     def __repr__(self) -> str:
         return f"<Slowdown by a factor of speed {self.factor:.6g}: {self.binding!s}>"
 
-    def _repr_html_(self) -> str:
-        from jounce.figures import displays
 
-        return displays.slowdown(self)
-
-
-def slowdown(robot: "Robot", motion: object) -> Slowdown:
+def slowdown(robot: Engine, motion: object) -> Slowdown:
     """The largest factor of speed such that every smaller one keeps all limits too."""
     b = bounded(robot, motion)
     breaks = breaks_of(b)

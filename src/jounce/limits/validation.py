@@ -2,23 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jounce.engine.along import checked_motion
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError, listed, quoted
 from jounce.limits.bounded import MOTORS, Bounded, known_kinds
 from jounce.limits.deviations import windows_of
 from jounce.limits.joints import drives_coordinates, joint_limits
 from jounce.model.limits import Limits
 from jounce.model.mechanism import Mechanism
-from jounce.robot.along import checked_motion
-
-if TYPE_CHECKING:
-    from jounce.robot.robot import Robot
 
 
-def bounded(robot: "Robot", motion: object) -> Bounded:
+def bounded(robot: Engine, motion: object) -> Bounded:
     """A robot along a motion, checked, with the limits of its coordinates; a robot without any is refused."""
     path, limits = checked_motion(robot.mechanism, motion), joint_limits(robot.mechanism)
     kinds = known_kinds(robot, limits)
@@ -35,7 +32,7 @@ def bounded(robot: "Robot", motion: object) -> Bounded:
     return replace(b, windows=windows_of(b))
 
 
-def _check_data(robot: "Robot", limits: Limits, kinds: Sequence[str]) -> None:
+def _check_data(robot: Engine, limits: Limits, kinds: Sequence[str]) -> None:
     """Raise `JounceError` where currents or voltages of a motor are limited that states no data for them."""
     e, closure = robot.mechanism.elasticity, robot.mechanism.closure
     places = closure.independent if closure else range(robot.n)
@@ -50,7 +47,7 @@ def _check_data(robot: "Robot", limits: Limits, kinds: Sequence[str]) -> None:
                 )
 
 
-def _check_stiffness(robot: "Robot", kinds: Sequence[str]) -> None:
+def _check_stiffness(robot: Engine, kinds: Sequence[str]) -> None:
     """Raise `JounceError` where motors are bounded whose rates may be infinite between the times looked at."""
     e, of_motors = robot.mechanism.elasticity, [kind for kind in kinds if kind in MOTORS]
     if e and e.slack and of_motors:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jounce.engine.along import ForceBreak
 from jounce.limits.bounded import Bounded, rate_of_forces
 from jounce.limits.joints import columns_of, in_columns, of_joints
 from jounce.limits.peaks import Peaks, peaks_of, picked, root
@@ -12,7 +13,6 @@ from jounce.limits.pieces import NEGLIGIBLE, Pieces
 from jounce.limits.ratios import Scale, scale_of
 from jounce.model.limits import MOTION_KINDS
 from jounce.motion.motion import Break
-from jounce.robot.along import ForceBreak
 
 ROUNDING = 1e-9  # of the reach of a limit: less beyond it is rounding
 TRUST = 1e-6  # of the largest value: what polynomials between samples are trusted to

@@ -18,7 +18,8 @@ import numpy as np
 from jounce import _scalars
 from jounce._scalars import Array, asarray, is_symbolic
 from jounce.errors import JounceError, at, one_of, quoted, several, true_or_false, warn
-from jounce.model.mechanism import Frame, Mechanism
+from jounce.model.frame import Frame
+from jounce.model.mechanism import Mechanism
 from jounce.model.screws import exact_pose, from_screws
 
 PARAMETERS = ("a", "alpha", "d", "theta")

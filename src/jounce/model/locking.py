@@ -9,7 +9,8 @@ from jounce._scalars import Array, is_finite, is_numeric
 from jounce.errors import JounceError, listed, one_of, quoted, warn
 from jounce.model.coordinates import likely_positions
 from jounce.model.drives import Drives
-from jounce.model.mechanism import Frame, Mechanism
+from jounce.model.frame import Frame
+from jounce.model.mechanism import Mechanism
 from jounce.model.screws import exact_inertia, exact_pose
 from jounce.spatial import inertia, lie
 

@@ -7,12 +7,12 @@ on the relative twist, seen from the first frame, wherever the loop is closed.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
 from jounce._scalars import Array, concatenate
-from jounce.model.mechanism import Frame, Mechanism
+from jounce.model.frame import Frame
 
 Z = (0, 0, 1)
 ROUNDING = 1e-15  # what rounding leaves of an exact 0
@@ -189,12 +189,6 @@ def in_scalars(
         return converted, None
     ratios = replace(closure.ratios, F=convert(closure.ratios.F), offset=convert(closure.ratios.offset))
     return converted, replace(closure, G=convert(closure.G), g=convert(closure.g), ratios=ratios)
-
-
-@lru_cache(maxsize=64)
-def without_ratios(m: Mechanism) -> Mechanism:
-    """A closed robot of which constraints are solved for all dependent coordinates."""
-    return replace(m, closure=replace(m.closure, ratios=NO_RATIOS)) if m.closure and m.closure.ratios.places else m
 
 
 def all_coordinates(closure: Closure, independent: Array, dependent: Array) -> Array:

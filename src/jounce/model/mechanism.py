@@ -7,7 +7,7 @@ and g: the identity, unless joints mimic others. Where loops are closed, some co
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,22 +15,12 @@ from jounce._scalars import Array, is_numeric, is_zero, reciprocal
 from jounce.errors import JounceError, one_of
 from jounce.model.drives import Drives
 from jounce.model.elasticity import Elasticity
+from jounce.model.frame import Frame
 from jounce.model.limits import Limits
-
-if TYPE_CHECKING:
-    from jounce.model.loops import Closure, Loop
+from jounce.model.loops import Closure, Loop
 
 GRAVITY = (0, 0, -9.81)  # m/s^2, unless told otherwise
 DATA = ("B", "X", "M", "gravity", "G", "g")  # the arrays of a mechanism
-
-
-@dataclass(frozen=True)
-class Frame:
-    """A named frame fixed on a body (-1: the ground), `T` its pose in the body frame."""
-
-    name: str
-    body: int
-    T: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,8 +105,8 @@ class Mechanism:
     frames: tuple[Frame, ...] = ()
     name: str = "robot"
     default_axes: tuple[str, ...] = field(default=(), compare=False)
-    loops: "tuple[Loop, ...]" = ()
-    closure: "Closure | None" = None
+    loops: tuple[Loop, ...] = ()
+    closure: Closure | None = None
 
     def __post_init__(self) -> None:
         beside = (self.limits.table, *vars(self.drives).values(), *(frame.T for frame in self.frames))

@@ -12,7 +12,8 @@ import numpy as np
 from jounce._scalars import Array, exact_integers, is_zero
 from jounce.errors import JounceError, listed, no_such, quoted
 from jounce.model.casting import with_exact_integers, with_inertias
-from jounce.model.mechanism import Frame, Mechanism
+from jounce.model.frame import Frame
+from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
 from jounce.spatial.lie import pose, rotation
 

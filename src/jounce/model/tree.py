@@ -16,8 +16,9 @@ import numpy as np
 
 from jounce.errors import JounceError, at, listed, no_such, quoted, shortened, warn
 from jounce.model.drives import UNDRIVEN, drive_error
+from jounce.model.frame import Frame
 from jounce.model.limits import Stated, limit_error, limits_of_joints
-from jounce.model.mechanism import Frame, Mechanism
+from jounce.model.mechanism import Mechanism
 from jounce.model.screws import from_screws
 from jounce.model.size import check_size
 from jounce.spatial import inertia

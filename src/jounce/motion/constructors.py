@@ -1,14 +1,13 @@
-"""Motions of arrays: through samples, polynomials, Fourier series, pieces, profiles; every argument is checked here."""
+"""Curves of arrays: through samples, polynomials, Fourier series, pieces, profiles; every argument is checked here."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from jounce._scalars import asarray
 from jounce.errors import JounceError, quoted
 from jounce.motion.analytic import Analytic, Cosine, Terms
-from jounce.motion.curves import Polynomials
-from jounce.motion.motion import Motion
+from jounce.motion.curves import Curve, Polynomials
 from jounce.motion.smoothed import found_from
 from jounce.motion.spline import Smoothing, Spline
 from jounce.motion.units import warn_of_times
@@ -17,7 +16,19 @@ PLACE = "the motion"
 HIGHEST = 4  # q4d, which Q2d takes: the rate whose rounding is judged
 
 
-def through(t: Any, q: Any, way: Smoothing | Spline, joint_names: Any) -> Motion:
+class Parts(NamedTuple):
+    """What a motion is made of: a curve, the names of its coordinates, its source; see `Motion`."""
+
+    curve: Curve
+    joint_names: tuple[str, ...] | None
+    source: str
+    samples: tuple[np.ndarray, np.ndarray] | None = None
+    residual: np.ndarray | None = None
+    grid: np.ndarray | None = None
+    notes: tuple[str, ...] = ()
+
+
+def through(t: Any, q: Any, way: Smoothing | Spline, joint_names: Any) -> Parts:
     """A curve of samples: through all of them, fitted by least squares, or smoothed."""
     times, samples = numbers(t, "t", 1), numbers(q, "q", 2)
     if len(times) != len(samples):
@@ -26,21 +37,21 @@ def through(t: Any, q: Any, way: Smoothing | Spline, joint_names: Any) -> Motion
     names = checked_names(joint_names, samples.shape[1])
     warn_of_times(times, samples, PLACE)
     found = found_from(times, samples, way, names, HIGHEST, PLACE)
-    return Motion(found.curve, names, found.source, {}, (times, samples), found.residual, times, notes=found.notes)
+    return Parts(found.curve, names, found.source, (times, samples), found.residual, times, found.notes)
 
 
-def polynomial(coefficients: Any, duration: Any, start: Any, joint_names: Any) -> Motion:
+def polynomial(coefficients: Any, duration: Any, start: Any, joint_names: Any) -> Parts:
     """Polynomials in t - start, coefficients (n, degree + 1) with the lowest power first."""
     c, first = numbers(coefficients, "coefficients", 2), float(numbers(start, "start", 0))
     ends = np.array([first, first + _positive(duration, "duration")])
     check_increasing(ends, "start and end")
     curve = Polynomials(ends, np.ascontiguousarray(c.T[::-1, None, :]))
-    return Motion(curve, checked_names(joint_names, len(c)), "polynomials, all rates exact")
+    return Parts(curve, checked_names(joint_names, len(c)), "polynomials, all rates exact")
 
 
 def fourier(
     offset: Any, cosines: Any, sines: Any, frequency: Any, duration: Any, start: Any, joint_names: Any
-) -> Motion:
+) -> Parts:
     """offset + sum_k cosines[k] cos((k + 1) frequency t) + sines[k] sin((k + 1) frequency t)."""
     mean, a, b = numbers(offset, "offset", 1), numbers(cosines, "cosines", 2), numbers(sines, "sines", 2)
     for name, part in (("cosines", a), ("sines", b)):
@@ -58,10 +69,10 @@ def fourier(
         for j in range(len(mean))
     )
     curve = Analytic(terms, first, first + _positive(duration, "duration"))
-    return Motion(curve, checked_names(joint_names, len(mean)), "Fourier series, all rates exact")
+    return Parts(curve, checked_names(joint_names, len(mean)), "Fourier series, all rates exact")
 
 
-def piecewise(breaks: Any, coefficients: Any, joint_names: Any) -> Motion:
+def piecewise(breaks: Any, coefficients: Any, joint_names: Any) -> Parts:
     """Piecewise polynomials as scipy's PPoly has them."""
     x, c = numbers(breaks, "breaks", 1), numbers(coefficients, "coefficients", 3)
     check_increasing(x, "breaks")
@@ -69,7 +80,7 @@ def piecewise(breaks: Any, coefficients: Any, joint_names: Any) -> Motion:
         came = f"coefficients has shape {c.shape} for {len(x)} breaks"
         raise JounceError(f"{came}; expected (degree + 1, {max(len(x) - 1, 1)}, n), the highest power first")
     warn_of_times(x[:-1], c[-1], PLACE)  # the lowest coefficients are the values at the breaks
-    return Motion(Polynomials(x, c), checked_names(joint_names, c.shape[2]), "piecewise polynomials, all rates exact")
+    return Parts(Polynomials(x, c), checked_names(joint_names, c.shape[2]), "piecewise polynomials, all rates exact")
 
 
 def checked_names(given: Any, count: int) -> tuple[str, ...] | None:

@@ -10,6 +10,7 @@ import numpy as np
 from jounce._scalars import asarray, is_finite
 from jounce._typing import ArrayLike
 from jounce.arguments.rates import checked_order
+from jounce.core.display import Displayed
 from jounce.errors import JounceError, listed, one_of, quoted, warn
 from jounce.motion import base as bases
 from jounce.motion.composed import Chain, Retimed
@@ -38,7 +39,7 @@ class Break(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Motion:
+class Motion(Displayed):
     """The motion of a robot as a function of time: ``motion(t, order)`` gives q, qd, ... at any times.
 
     `jounce.load_motion` makes one of a file or of named columns, and so do `Motion.through`, `Motion.fit`,
@@ -125,7 +126,7 @@ class Motion:
         from jounce.motion import constructors
         from jounce.motion.spline import Spline
 
-        return constructors.through(t, q, Spline(degree), joint_names)
+        return Motion(**constructors.through(t, q, Spline(degree), joint_names)._asdict())
 
     @staticmethod
     def fit(
@@ -178,7 +179,7 @@ class Motion:
         from jounce.motion import constructors
         from jounce.motion.spline import way_of
 
-        return constructors.through(t, q, way_of(degree, intervals, bandwidth, force), joint_names)
+        return Motion(**constructors.through(t, q, way_of(degree, intervals, bandwidth, force), joint_names)._asdict())
 
     @staticmethod
     def polynomial(
@@ -214,7 +215,7 @@ class Motion:
         """
         from jounce.motion import constructors
 
-        return constructors.polynomial(coefficients, duration, start, joint_names)
+        return Motion(**constructors.polynomial(coefficients, duration, start, joint_names)._asdict())
 
     @staticmethod
     def fourier(
@@ -261,7 +262,7 @@ class Motion:
         """
         from jounce.motion import constructors
 
-        return constructors.fourier(offset, cosines, sines, frequency, duration, start, joint_names)
+        return Motion(**constructors.fourier(offset, cosines, sines, frequency, duration, start, joint_names)._asdict())
 
     @staticmethod
     def piecewise(breaks: ArrayLike, coefficients: ArrayLike, *, joint_names: Sequence[str] | None = None) -> "Motion":
@@ -294,7 +295,7 @@ class Motion:
         """
         from jounce.motion import constructors
 
-        return constructors.piecewise(breaks, coefficients, joint_names)
+        return Motion(**constructors.piecewise(breaks, coefficients, joint_names)._asdict())
 
     @staticmethod
     def trapezoidal(
@@ -329,7 +330,7 @@ class Motion:
         """
         from jounce.motion import planners
 
-        return planners.trapezoidal(positions, velocity, acceleration, joint_names)
+        return Motion(**planners.trapezoidal(positions, velocity, acceleration, joint_names)._asdict())
 
     @staticmethod
     def from_ruckig(trajectory: Any, *, joint_names: Sequence[str] | None = None) -> "Motion":
@@ -365,7 +366,7 @@ class Motion:
         """
         from jounce.motion import planners
 
-        return planners.from_ruckig(trajectory, joint_names)
+        return Motion(**planners.from_ruckig(trajectory, joint_names)._asdict())
 
     @staticmethod
     def from_toppra(path: Any, *, joint_names: Sequence[str] | None = None) -> "Motion":
@@ -399,7 +400,7 @@ class Motion:
         """
         from jounce.motion import planners
 
-        return planners.from_toppra(path, joint_names)
+        return Motion(**planners.from_toppra(path, joint_names)._asdict())
 
     @staticmethod
     def from_joint_trajectory(message: Any) -> "Motion":
@@ -432,17 +433,12 @@ class Motion:
         """
         from jounce.motion import ros
 
-        return ros.from_joint_trajectory(message)
+        return Motion(**ros.from_joint_trajectory(message)._asdict())
 
     def __repr__(self) -> str:
         joints = "" if self.joint_names is None else f" of {len(self.joint_names)} joints"
         joints += " with a base" if self.base_curve else ""
         return f"<Motion{joints}, t = {self.start:g} .. {self.stop:g} s: {self.source}>"
-
-    def _repr_html_(self) -> str:
-        from jounce.figures import displays
-
-        return displays.motion(self)
 
     @property
     def start(self) -> float:

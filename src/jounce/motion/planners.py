@@ -12,15 +12,14 @@ import numpy as np
 
 from jounce._scalars import asarray
 from jounce.errors import JounceError, one_line
-from jounce.motion.constructors import check_increasing, checked_names, numbers
+from jounce.motion.constructors import Parts, check_increasing, checked_names, numbers
 from jounce.motion.curves import Polynomials, shifted, side_by_side
 from jounce.motion.hermite import coefficients
-from jounce.motion.motion import Motion
 
 AGREE = 1e-6  # of the largest position or velocity: by how much a planner's own evaluation may differ
 
 
-def from_ruckig(trajectory: Any, joint_names: Any) -> Motion:
+def from_ruckig(trajectory: Any, joint_names: Any) -> Parts:
     """The pieces of constant jerk of a `ruckig.Trajectory`: of each joint before, within and after its profile."""
     try:
         sections, duration = list(trajectory.profiles), float(trajectory.duration)
@@ -31,7 +30,7 @@ def from_ruckig(trajectory: Any, joint_names: Any) -> Motion:
     _check_ends("from_ruckig", duration, columns)
     curve = side_by_side(columns, duration)
     _check_agreement(curve, lambda t: np.array([trajectory.at_time(float(x))[:2] for x in t]), "ruckig")
-    return Motion(curve, checked_names(joint_names, curve.columns), "pieces of constant jerk, of Ruckig")
+    return Parts(curve, checked_names(joint_names, curve.columns), "pieces of constant jerk, of Ruckig")
 
 
 def _phases(profiles: Sequence[Any], starts: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
@@ -53,7 +52,7 @@ def _phases(profiles: Sequence[Any], starts: Sequence[float]) -> tuple[np.ndarra
     return x[kept], np.array([rates[0] / 6, rates[1] / 2, rates[2], rates[3]])[:, kept]
 
 
-def from_toppra(path: Any, joint_names: Any) -> Motion:
+def from_toppra(path: Any, joint_names: Any) -> Parts:
     """The trajectory that toppra computes: a spline in time, or polynomials of a path that is quadratic in time."""
     if path is None:
         raise JounceError(
@@ -76,7 +75,7 @@ def from_toppra(path: Any, joint_names: Any) -> Motion:
     _check_ends("from_toppra", float(x[-1]), [(x, c[:, :, 0])])
     curve = Polynomials(x, c)
     _check_agreement(curve, lambda t: np.stack([path(t, k).reshape(len(t), -1) for k in (0, 1)], axis=1), "toppra")
-    return Motion(curve, checked_names(joint_names, curve.columns), "piecewise polynomials, of toppra")
+    return Parts(curve, checked_names(joint_names, curve.columns), "piecewise polynomials, of toppra")
 
 
 def _spline_of(path: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -146,7 +145,7 @@ def _composed(c: np.ndarray, pace: Sequence[np.ndarray]) -> np.ndarray:
     return found
 
 
-def trapezoidal(positions: Any, velocity: Any, acceleration: Any, joint_names: Any) -> Motion:
+def trapezoidal(positions: Any, velocity: Any, acceleration: Any, joint_names: Any) -> Parts:
     """From rest to rest between positions (m, n), all joints in step, as fast as their limits allow."""
     q = numbers(positions, "positions", 2)
     if len(q) < 2 or not np.abs(np.diff(q, axis=0)).max(axis=1).all():
@@ -172,11 +171,11 @@ def trapezoidal(positions: Any, velocity: Any, acceleration: Any, joint_names: A
         start += total
     x = np.array([*(row[0] for row in rows), start])
     c = np.array([[row[k] for row in rows] for k in (1, 2, 3)])
-    return Motion(Polynomials(x, c), checked_names(joint_names, q.shape[1]), "trapezoidal velocity profiles")
+    return Parts(Polynomials(x, c), checked_names(joint_names, q.shape[1]), "trapezoidal velocity profiles")
 
 
-def between_points(t: np.ndarray, points: Sequence[Sequence[np.ndarray]], joint_names: Any) -> Motion:
-    """The motion that ROS makes of trajectory points: of each its positions and perhaps velocities and accelerations.
+def between_points(t: np.ndarray, points: Sequence[Sequence[np.ndarray]], joint_names: Any) -> Parts:
+    """The curve that ROS makes of trajectory points: of each its positions and perhaps velocities and accelerations.
 
     Between two points it is linear, cubic or quintic: both state positions, or velocities too, or accelerations too.
     """
@@ -193,7 +192,7 @@ def between_points(t: np.ndarray, points: Sequence[Sequence[np.ndarray]], joint_
     kinds = {1: "linear", 2: "cubic", 3: "quintic"}
     said = " and ".join(kinds[m] for m in sorted(set(common)))
     curve = Polynomials(t, c)
-    return Motion(curve, checked_names(joint_names, curve.columns), f"trajectory points, {said} between them as in ROS")
+    return Parts(curve, checked_names(joint_names, curve.columns), f"trajectory points, {said} between them as in ROS")
 
 
 def _check_ends(name: str, duration: float, columns: Sequence[tuple[np.ndarray, np.ndarray]]) -> None:

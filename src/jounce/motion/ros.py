@@ -7,7 +7,7 @@ import numpy as np
 
 from jounce._scalars import is_finite
 from jounce.errors import JounceError, listed, quoted
-from jounce.motion.motion import Motion
+from jounce.motion.constructors import Parts
 from jounce.motion.planners import between_points
 
 RATES = ("positions", "velocities", "accelerations")
@@ -16,8 +16,8 @@ DEEPEST = 8  # of messages within messages
 SECONDS = (("sec", "secs"), ("nanosec", "nsecs"))  # of ROS 2 and ROS 1
 
 
-def from_joint_trajectory(message: Any) -> Motion:
-    """The motion of a JointTrajectory, with the joints in its order."""
+def from_joint_trajectory(message: Any) -> Parts:
+    """The curve of a JointTrajectory, with the joints in its order."""
     found = list(trajectories_in(message))
     if len(found) != 1:
         came = f"{len(found)} trajectories" if found else "no joint_names and points"

@@ -1,7 +1,7 @@
 """Robot: what users hold. Every method is a signature, a docstring, and one call."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Self
 
@@ -29,20 +29,25 @@ from jounce._typing import (
 from jounce.arguments import requests
 from jounce.arguments.limits import with_limits
 from jounce.arguments.loops import with_locked, with_loops
+from jounce.core.display import Displayed
+from jounce.engine.backends import compile_ahead
+from jounce.engine.dispatch import compute
+from jounce.engine.drives import drive_forces, regressor
+from jounce.engine.engine import Engine
+from jounce.engine.loads import wrench_of_load
 from jounce.errors import JounceError, listed, one_of
 from jounce.model import dh, equality, inertial, screws
 from jounce.model.drives import Drives, select_columns, select_terms, warn_of_idle, with_eps
 from jounce.model.limits import Limits
-from jounce.model.mechanism import GRAVITY, Mechanism
+from jounce.model.mechanism import GRAVITY
 from jounce.native.kernel import Kernel
-from jounce.robot import dispatch, overloads
-from jounce.robot.dispatch import compute
+from jounce.robot import overloads
 from jounce.robot.overloads import typed
 
 if TYPE_CHECKING:
-    from jounce.actuators.elastic import ElasticRobot
     from jounce.audit import Finding
     from jounce.dynamics.base_parameters import BaseParameters
+    from jounce.engine.along import Along
     from jounce.limits.check import Check
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
@@ -51,13 +56,13 @@ if TYPE_CHECKING:
     from jounce.model.motors import Motor
     from jounce.models.states import RobotState
     from jounce.motion import Motion
-    from jounce.robot.along import Along
+    from jounce.robot.elastic import ElasticRobot
 
 FORMS = {"paper": "coriolis_matrix", "skew": "skew_coriolis_matrix"}  # of the Coriolis matrix
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Robot:
+class Robot(Engine, Displayed):
     """A robot: its mechanism, and the quantities of its equations of motion along a motion.
 
     `jounce.load` makes one from a file, the constructors `Robot.from_...` from numbers or from other libraries' models.
@@ -98,16 +103,6 @@ class Robot:
     array([29.43,  9.81])
     """
 
-    mechanism: Mechanism
-    _kernels: dispatch.Kernels = field(default_factory=dispatch.Kernels, init=False)
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.mechanism, Mechanism):
-            raise JounceError(f"Robot() expects a Mechanism, got {type(self.mechanism).__name__}; try jounce.load")
-
-    def __reduce__(self) -> tuple[type[Self], tuple[Mechanism]]:  # without native code, of which another needs its own
-        return type(self), (self.mechanism,)
-
     def __eq__(self, other: object) -> bool:
         return equality.equal(self.mechanism, other.mechanism) if isinstance(other, Robot) else NotImplemented
 
@@ -117,36 +112,6 @@ class Robot:
     def __repr__(self) -> str:
         floats = ", floating" if self.mechanism.base else ""
         return f"<Robot {self.name!r}: {self.n} coordinates, {len(self.body_names)} bodies{floats}>"
-
-    def _repr_html_(self) -> str:
-        from jounce.figures import displays
-
-        return displays.robot(self)
-
-    @property
-    def name(self) -> str:
-        """The robot's name."""
-        return self.mechanism.name
-
-    @property
-    def n(self) -> int:
-        """The number of coordinates."""
-        return self.mechanism.n
-
-    @property
-    def nv(self) -> int:
-        """The number of velocities: n, or 6 + n if the robot floats, whose base comes first."""
-        return self.mechanism.nv
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """The names of the coordinates, in the order of the last axis of q."""
-        return self.mechanism.coordinates
-
-    @property
-    def body_names(self) -> tuple[str, ...]:
-        """The names of the bodies, in the order of rows of wrenches, poses and Jacobians; a floating base is first."""
-        return self.mechanism.body_names
 
     @property
     def gravity(self) -> Array:
@@ -1123,7 +1088,7 @@ class Robot:
         True
         """
         asked = requests.computation(self.mechanism, quantity, order, wrench, body, frame, product, base)
-        return dispatch.compile_ahead(self, asked)
+        return compile_ahead(self, asked)
 
     @typed(overloads.OfAcceleration)
     def inverse_dynamics(
@@ -1397,7 +1362,7 @@ class Robot:
         """
         given = (q, qd, q2d, q3d, q4d, *higher)
         options = {"base": base, "method": method, "threads": threads}
-        return dispatch.regressor(self, "regressor", given, select_columns(drives), out, **options)
+        return regressor(self, "regressor", given, select_columns(drives), out, **options)
 
     @typed(overloads.OfVelocityRegressor)
     def momentum_regressor(
@@ -1458,7 +1423,7 @@ class Robot:
         """
         options = {"base": base, "method": method, "threads": threads}
         rates, columns = (q, qd, q2d, q3d, *higher), select_columns(drives)
-        return dispatch.regressor(self, "momentum_regressor", rates, columns, out, **options)
+        return regressor(self, "momentum_regressor", rates, columns, out, **options)
 
     @typed(overloads.OfVelocityRegressor)
     def energy_regressor(
@@ -1515,7 +1480,7 @@ class Robot:
         """
         options = {"base": base, "method": method, "threads": threads}
         rates, columns = (q, qd, q2d, q3d, *higher), select_columns(drives)
-        return dispatch.regressor(self, "energy_regressor", rates, columns, out, **options)
+        return regressor(self, "energy_regressor", rates, columns, out, **options)
 
     @typed(overloads.ForwardPartials)
     def forward_dynamics_partials(
@@ -1634,7 +1599,7 @@ class Robot:
         >>> Q2d.shape
         (10000, 7)
         """
-        from jounce.robot.along import forces_along  # what few programs need
+        from jounce.engine.along import forces_along  # what few programs need
 
         return forces_along(self, motion, t, order, method, progress)
 
@@ -1827,8 +1792,8 @@ class Robot:
         >>> arm.motor_positions([0, 0], [0, 0], [0, 0]).round(6)
         array([0.036788, 0.01635 ])
         """
-        from jounce.actuators.elastic import ElasticRobot  # what few programs need
         from jounce.actuators.parameters import ElasticParameters, with_elasticity
+        from jounce.robot.elastic import ElasticRobot  # what few programs need
 
         stated = ElasticParameters(
             stiffness=stiffness, rotor=rotor, damping=damping, spring=spring, coupling=coupling, motors=motors,
@@ -2250,7 +2215,7 @@ class Robot:
         >>> arm.drive_forces([0, 0], [1, 1], [0, 0])
         array([2., 3.])
         """
-        return dispatch.drive_forces(self.mechanism, (q, qd, q2d, q3d, q4d, *higher), select_terms(terms), out)
+        return drive_forces(self.mechanism, (q, qd, q2d, q3d, q4d, *higher), select_terms(terms), out)
 
     @typed(overloads.PosesOfBodies)
     def poses(
@@ -2863,4 +2828,4 @@ class Robot:
         >>> W, Wd = robot.wrench(q, qd, body="link7", force=(0, 0, -2 * 9.81), point=(0, 0, 0.1))
         >>> Q, Qd = robot.inverse_dynamics(q, qd, [0] * 7, [0] * 7, wrench=(W, Wd))
         """
-        return dispatch.wrench_of_load(self.mechanism, (q, qd, q2d, *higher), base, body, force, torque, frame, point)
+        return wrench_of_load(self.mechanism, (q, qd, q2d, *higher), base, body, force, torque, frame, point)

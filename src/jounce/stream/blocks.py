@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jounce.dynamics.quantities import FORCES
+from jounce.engine.closed_path import positions_of_rows
 from jounce.errors import JounceError, at, quoted
 from jounce.io.columns import Columns
 from jounce.io.spans import format_of, place
@@ -16,7 +17,6 @@ from jounce.motion.motion import Motion
 from jounce.motion.spline import Smoothing
 from jounce.motion.table import from_columns
 from jounce.motion.units import check_units
-from jounce.robot.closed_path import positions_of_rows
 from jounce.spatial.series import rate_name
 from jounce.stream.outputs import Block, Output, Rates, Wrenches, along, of_rows
 from jounce.stream.plan import Part, Task
@@ -51,20 +51,20 @@ def _block(task: Task, part: Part, rows: Rows, check: bool) -> Block:
         name: rows.columns[source] if match.factors[name] == 1 else rows.columns[source] * match.factors[name]
         for name, source in match.sources.items()
     }
-    rates = [[si[f"{j}.{rate_name('q', k)}"] for j in job.links.joint_names] for k in range(job.highest + 1)]
+    rates = [[si[f"{j}.{rate_name('q', k)}"] for j in job.robot.joint_names] for k in range(job.highest + 1)]
     if check:
         first = slice(0, min(rows.runs[0].stop, GLANCE))
         q, qd = (np.stack([x[first] for x in columns], axis=1) for columns in rates[:2])
         stated = match.angles_stated, match.time_stated
-        check_units(si[TIME][first], q, qd, job.links.mechanism, stated, str(part.path))
+        check_units(si[TIME][first], q, qd, job.robot.mechanism, stated, str(part.path))
     states = tuple(np.stack(columns, axis=1) for columns in rates)
     positions = _positions(task, part, si, rows.runs, states)
     outputs = [
         output._replace(rates=tuple(map(np.asfortranarray, output.rates)))  # by columns, as they are written
         for output in of_rows(job, si[TIME], states, _wrenches(task, part, si), _base(task, part, si), positions)
     ]
-    _check_finite(part, rows, outputs, missing=job.links.mechanism.closure is not None)
-    of_base = poses.named(list(si), job.links.mechanism) if job.with_rates else ()
+    _check_finite(part, rows, outputs, missing=job.robot.mechanism.closure is not None)
+    of_base = poses.named(list(si), job.robot.mechanism) if job.with_rates else ()
     return Block(si[TIME], outputs, {name: si[name] for name in of_base})
 
 
@@ -72,7 +72,7 @@ def _positions(
     task: Task, part: Part, si: Mapping[str, np.ndarray], runs: list[Run], rates: Rates
 ) -> np.ndarray | None:
     """All coordinates of a closed robot, from the rows that state them, checked for jumps within each motion."""
-    m = task.job.links.mechanism
+    m = task.job.robot.mechanism
     if m.closure is None:
         return None
     found = np.stack([si[f"{name}.q"] for name in m.closure.coordinates], axis=1)
@@ -80,26 +80,26 @@ def _positions(
         for run in runs:
             here = slice(run.start, run.stop)
             found[here] = positions_of_rows(
-                task.job.links, si[TIME][here], [rate[here] for rate in rates[:3]], found[here]
+                task.job.robot, si[TIME][here], [rate[here] for rate in rates[:3]], found[here]
             )
     return found
 
 
 def _wrenches(task: Task, part: Part, si: Mapping[str, np.ndarray]) -> Wrenches:
     """W, Wd, ... by body, from columns that state all of them."""
-    columns = {name: si[name] for name in loads.named(list(si), task.job.links.mechanism)}
+    columns = {name: si[name] for name in loads.named(list(si), task.job.robot.mechanism)}
     if not columns:
         return None
     rows = np.arange(len(si[TIME]), dtype=float)  # in place of times, which begin again with each motion
     order = task.job.highest - (FORCES.rates - 1)
-    curves, _ = loads.wrenches(rows, columns, task.job.links.mechanism, order, Smoothing(), str(part.path))
+    curves, _ = loads.wrenches(rows, columns, task.job.robot.mechanism, order, Smoothing(), str(part.path))
     of_bodies = {body: curve.rates(rows, order) for body, curve in curves.items()}
     return tuple({body: rates[k] for body, rates in of_bodies.items()} for k in range(order + 1))
 
 
 def _base(task: Task, part: Part, si: Mapping[str, np.ndarray]) -> Rates | None:
     """C, V, Vd, ... of the base, from columns that state all of its rates."""
-    columns = {name: si[name] for name in poses.named(list(si), task.job.links.mechanism)}
+    columns = {name: si[name] for name in poses.named(list(si), task.job.robot.mechanism)}
     rows = np.arange(len(si[TIME]), dtype=float)  # in place of times, which begin again with each motion
     curve, _ = poses.curve_of_columns(rows, columns, Smoothing(), task.job.highest, str(part.path))
     return None if curve is None else terms_at(curve, rows, task.job.highest)
@@ -141,7 +141,7 @@ def _motion(
     reading = job.reading
     try:
         way = reading.way or Smoothing()
-        found = from_columns(columns, task.match, job.links.mechanism, job.highest, where, way, part.origin)
+        found = from_columns(columns, task.match, job.robot.mechanism, job.highest, where, way, part.origin)
         with at(where):
             found = found if reading.blend is None else found.blended(reading.blend, max(4, job.highest))
             found = found if reading.step is None else found.with_step(reading.step)

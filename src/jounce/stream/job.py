@@ -7,13 +7,13 @@ from hashlib import sha256
 from typing import Any, Literal
 
 from jounce._version import __version__
-from jounce.actuators.elastic import ElasticRobot
 from jounce.dynamics.quantities import FORCES
+from jounce.dynamics.stretch import elasticity_of
+from jounce.engine.engine import Engine
 from jounce.io.native import writing
 from jounce.motion.columns import Options
 from jounce.motion.spline import Smoothing, Spline
 from jounce.motion.table import AS_NAMED
-from jounce.robot import Robot
 
 Subject = Literal["forces", "motors", "limits"]
 RECORDS = 2  # raised where records of parts hold other data: those of a run before are computed again
@@ -42,7 +42,7 @@ class Job:
     """
 
     subject: Subject
-    robot: Robot | ElasticRobot
+    robot: Engine
     order: int
     reading: Reading
     form: str | None
@@ -50,20 +50,20 @@ class Job:
     with_rates: bool = False
 
     @property
-    def links(self) -> Robot:
-        """The robot whose coordinates the input holds."""
-        return self.robot.robot if isinstance(self.robot, ElasticRobot) else self.robot
+    def of_motors(self) -> bool:
+        """Whether what the motors of elastic joints do is computed."""
+        return self.subject == "motors"
 
     @property
     def highest(self) -> int:
         """The highest rate of q that the results take."""
-        more = self.robot.elasticity.more_rates + 2 if isinstance(self.robot, ElasticRobot) else 0
+        more = elasticity_of(self.robot.mechanism).more_rates + 2 if self.of_motors else 0
         return self.order + FORCES.rates - 1 + more
 
     @cached_property
     def key(self) -> str:
         """A digest of all that results depend on, but for the input and the treatment of bad rows."""
-        mechanism = self.links.mechanism
+        mechanism = self.robot.mechanism
         text = [
             __version__, str(RECORDS), writing.as_json(mechanism), str(sorted(mechanism.acting)), self.subject,
             str(self.order), str(self.form), str(self.method), str(self.with_rates), str(self.reading.options),

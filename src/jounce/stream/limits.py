@@ -10,7 +10,7 @@ import numpy as np
 from jounce.errors import JounceError
 from jounce.io.columns import Columns
 from jounce.io.spans import format_of
-from jounce.limits.check import Check
+from jounce.limits.check import Check, check
 from jounce.limits.verdicts import join_spans, overall
 from jounce.motion.motion import Motion
 from jounce.motion.spline import Smoothing
@@ -31,7 +31,7 @@ def checked_limits(task: Task, part: Part, skipped: list[Skipped]) -> dict[str, 
     """The limits of the motions of a part. Rows that state all rates are checked up to the first row behind it."""
     found: dict[str, Aggregate] = {}
     for name, count, motion in _stretches(task, part, skipped) if task.independent else _wholes(task, part, skipped):
-        add_limits(found, name, _aggregate(task.job.robot.check(motion), motion, count))
+        add_limits(found, name, _aggregate(check(task.job.robot, motion), motion, count))
     return found
 
 
@@ -109,7 +109,7 @@ def _stretches(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple
             one = len(next(iter(columns.values()))) == 1
             alone = one and (before is not None or not _continues(task, part, run.motion))
             if not one:
-                mechanism, highest, place = task.job.links.mechanism, task.job.highest, str(part.path)
+                mechanism, highest, place = task.job.robot.mechanism, task.job.highest, str(part.path)
                 motion = from_columns(columns, task.match, mechanism, highest, place, Smoothing(), part.origin)
                 yield run.motion, count if ours else 0, motion
             before = run.motion, {name: x[-1:] for name, x in columns.items()}

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from jounce.actuators.along import order_of_voltages
-from jounce.actuators.elastic import ElasticRobot
+from jounce.dynamics.stretch import elasticity_of
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError, at, listed, quoted
 from jounce.io.remainders import remainder_of
 from jounce.io.spans import FORMATS, format_of
@@ -151,9 +152,9 @@ def _is_readable(path: Path) -> bool:
 def _match(job: Job, path: Path, highest: int) -> tuple[Match, bool]:
     """The columns of the motion in a table, and whether one names motions."""
     names = format_of(path).names(path)
-    named = MOTION in names and MOTION not in job.links.joint_names
+    named = MOTION in names and MOTION not in job.robot.joint_names
     with at(path):
-        return match([name for name in names if name != MOTION or not named], job.links.mechanism,
+        return match([name for name in names if name != MOTION or not named], job.robot.mechanism,
                      job.reading.options, highest), named  # fmt: skip
 
 
@@ -171,28 +172,28 @@ def _check_alike(first: Path, path: Path, known: Match, other: Match, named: boo
 def _is_independent(job: Job, found: Match) -> bool:
     """Whether every row of the input states all that its results need."""
     reading, sources = job.reading, list(found.sources)
-    of_wrenches = loads.named(sources, job.links.mechanism)
+    of_wrenches = loads.named(sources, job.robot.mechanism)
     spread = any(name.endswith(DEVIATION) for name in sources)
-    of_base = poses.named(sources, job.links.mechanism)
+    of_base = poses.named(sources, job.robot.mechanism)
     sampled = found.sampled or loads.are_sampled(of_wrenches) or (of_base and poses.are_sampled(list(of_base)))
-    m = job.links.mechanism  # loops are closed from the row before, unless every row states all joints
+    m = job.robot.mechanism  # loops are closed from the row before, unless every row states all joints
     continued = m.closure and len(followers(m, sources, found.sampled)) < len(m.closure.dependent)
     whole = sampled or spread or reading.blend or reading.step or continued
-    return not whole and not (isinstance(job.robot, ElasticRobot) and _has_memory(job.robot))
+    return not whole and not (job.of_motors and _has_memory(job.robot))
 
 
 def _with_voltages(job: Job, found: Match) -> Job:
     """The job with the rate of motor torques that voltages take, if the table states as many rates of q."""
-    if not isinstance(job.robot, ElasticRobot):
+    if not job.of_motors:
         return job
     further = job.highest + 1
-    is_known = all(f"{joint}.{rate_name('q', further)}" in found.sources for joint in job.links.joint_names)
-    return replace(job, order=order_of_voltages(job.robot.elasticity, job.highest + is_known))
+    is_known = all(f"{joint}.{rate_name('q', further)}" in found.sources for joint in job.robot.joint_names)
+    return replace(job, order=order_of_voltages(elasticity_of(job.robot.mechanism), job.highest + is_known))
 
 
-def _has_memory(arm: ElasticRobot) -> bool:
+def _has_memory(robot: Engine) -> bool:
     """Whether motor torques depend on the motion before."""
-    e = arm.elasticity
+    e = elasticity_of(robot.mechanism)
     return bool((e.dampers and e.level is None) or e.pairs)
 
 

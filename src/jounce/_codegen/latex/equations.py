@@ -13,8 +13,8 @@ from jounce._codegen.parametric import Parametric
 from jounce._symbolic import Symbolic, symbolic
 from jounce._symbolic.equations import EXTERNAL, quotient
 from jounce.dynamics.computation import Computation, Port
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError
-from jounce.robot import Robot
 
 WIDEST = 72  # glyphs of a line
 ALIKE = 4  # entries that are equal, on one line
@@ -67,7 +67,7 @@ def document(robot: Parametric, base: bool = False) -> Document:
         raise JounceError(
             f"two parameters would both be printed as {twice}; expected another name of the robot's symbol"
         )
-    return Document(symbols, symbolic(Robot(robot.mechanism(symbols)), base))
+    return Document(symbols, symbolic(Engine(robot.mechanism(symbols)), base))
 
 
 def tex(text: str) -> str:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.checks.reference import OUR_DATA, OWN_READING, Converter, NotComparableError, Peer
+from jounce.checks.reference.peer import OUR_DATA, OWN_READING, Converter, NotComparableError, Peer
 from jounce.errors import one_line, warn
 from jounce.io.mjcf import warnings_of, without_assets
 from jounce.model.equivalent import on_axes

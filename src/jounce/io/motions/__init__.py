@@ -8,8 +8,8 @@ from jounce.model.mechanism import Mechanism
 
 if TYPE_CHECKING:  # what reads them takes a while to import, and robots need it not
     from jounce.motion import Motion
-    from jounce.motion.analytic import Description
     from jounce.motion.columns import Options
+    from jounce.motion.description import Description
     from jounce.motion.spline import Smoothing, Spline
 
 BUNDLED = {"paper": "paper.yaml", "paper-wrench": "paper-wrench.yaml"}  # names of bundled motions
@@ -27,7 +27,7 @@ def read(
     """The motion of a file, or of a bundled name, for a mechanism: rates up to the one of order `highest`."""
     from jounce.io import entries, tables
     from jounce.io.motions import bags, tabular, terms, trajectory
-    from jounce.motion.analytic import motion_of
+    from jounce.motion.description import motion_of
     from jounce.motion.spline import refuse_way
     from jounce.motion.table import AS_NAMED, SMOOTHED
 

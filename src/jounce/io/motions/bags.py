@@ -14,7 +14,6 @@ from jounce.model.mechanism import Mechanism
 from jounce.motion.columns import Options
 from jounce.motion.matching import matched
 from jounce.motion.motion import Motion
-from jounce.motion.ros import from_joint_trajectory
 from jounce.motion.spline import Smoothing, Spline, refuse_way
 
 SUFFIXES = (".mcap", ".bag", ".db3")
@@ -56,7 +55,7 @@ def read(
     if len(messages) != 1:
         raise JounceError(f"{place} has {len(messages)} trajectories; expected one")
     try:
-        return matched(from_joint_trajectory(messages[0]), mechanism)
+        return matched(Motion.from_joint_trajectory(messages[0]), mechanism)
     except JounceError as error:
         raise JounceError(f"{place}: {error}") from None
 

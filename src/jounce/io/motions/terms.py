@@ -13,9 +13,10 @@ from jounce.io.entries import Entry
 from jounce.io.native import writing
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
-from jounce.motion.analytic import Analytic, Cosine, Description, Terms, motion_of
+from jounce.motion.analytic import Analytic, Cosine, Terms
 from jounce.motion.base import COLUMNS
 from jounce.motion.curves import COMPONENTS
+from jounce.motion.description import Description, motion_of
 
 MOST_STATES = 100_000_000  # states; a slip of the pen asks for more
 

@@ -4,7 +4,7 @@ from jounce.io.entries import Entry
 from jounce.model.mechanism import Mechanism
 from jounce.motion.matching import matched
 from jounce.motion.motion import Motion
-from jounce.motion.ros import from_joint_trajectory, trajectories_in
+from jounce.motion.ros import trajectories_in
 
 
 def is_trajectory(entry: Entry) -> bool:
@@ -15,4 +15,4 @@ def is_trajectory(entry: Entry) -> bool:
 def read(entry: Entry, mechanism: Mechanism) -> Motion:
     """The motion of a file that holds a JointTrajectory."""
     with entry.refusals():
-        return matched(from_joint_trajectory(entry.value), mechanism)
+        return matched(Motion.from_joint_trajectory(entry.value), mechanism)

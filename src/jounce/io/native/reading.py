@@ -9,8 +9,9 @@ from jounce.errors import JounceError, at, no_such, quoted
 from jounce.io.entries import Entry
 from jounce.io.native import BASE, GROUND, elastic, loops, parts
 from jounce.model.drives import UNDRIVEN
+from jounce.model.frame import Frame
 from jounce.model.limits import limits_of_joints
-from jounce.model.mechanism import GRAVITY, Frame, Mechanism
+from jounce.model.mechanism import GRAVITY, Mechanism
 from jounce.model.screws import from_screws
 
 Index = Mapping[str, int]  # names and their places in a row

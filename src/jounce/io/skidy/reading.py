@@ -8,7 +8,8 @@ import numpy as np
 from jounce.errors import JounceError, at
 from jounce.io.entries import Entry
 from jounce.io.skidy import parts
-from jounce.model.mechanism import GRAVITY, Frame, Mechanism
+from jounce.model.frame import Frame
+from jounce.model.mechanism import GRAVITY, Mechanism
 from jounce.model.screws import from_screws, from_spatial_screws
 
 NEEDED = ("joint_screw_coord", "body_ref_config", "mass_inertia")

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import groupby
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -12,19 +12,18 @@ from jounce.arguments.rates import checked_order
 from jounce.dynamics import closing
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import FORCES, Quantity
+from jounce.engine import digits
+from jounce.engine.backends import closing_step
+from jounce.engine.closed_path import on_tree, positions
+from jounce.engine.dispatch import compute
+from jounce.engine.engine import Engine
+from jounce.engine.generic import as_tuple
 from jounce.errors import JounceError, UncertainError, at, quoted, warn
 from jounce.model.mechanism import Mechanism
 from jounce.motion.base import perturbed
 from jounce.motion.matching import matched
 from jounce.motion.motion import Break, Motion
 from jounce.motion.units import warn_of_degrees
-from jounce.robot import digits
-from jounce.robot.closed_path import on_tree, positions
-from jounce.robot.dispatch import closing_step, compute
-from jounce.robot.generic import as_tuple
-
-if TYPE_CHECKING:
-    from jounce.robot.robot import Robot
 
 PIECE = 1000  # states
 PERTURBED = 200_000  # states computed for the deviations of forces, which change slowly: between them they are linear
@@ -92,12 +91,12 @@ class Along:
 
 
 def forces_along(
-    robot: "Robot",
+    robot: Engine,
     motion: object,
-    t: ArrayLike | None,
-    order: object,
-    method: str | None,
-    progress: Progress | None,
+    t: ArrayLike | None = None,
+    order: object = 2,
+    method: str | None = None,
+    progress: Progress | None = None,
     row: Quantity = FORCES,
 ) -> Along:
     """Compute the forces and their rates at given times of a motion, or at its own times.
@@ -135,7 +134,7 @@ def checked_motion(mechanism: Mechanism, motion: object) -> Motion:
 
 
 def pieces_along(
-    robot: "Robot",
+    robot: Engine,
     motion: Motion,
     times: np.ndarray,
     order: int,
@@ -171,7 +170,7 @@ def pieces_along(
 
 
 def force_breaks(
-    robot: "Robot", motion: Motion, times: np.ndarray, order: int, method: str | None = None, row: Quantity = FORCES
+    robot: Engine, motion: Motion, times: np.ndarray, order: int, method: str | None = None, row: Quantity = FORCES
 ) -> tuple[ForceBreak, ...]:
     """Find the times between the first and the last given time at which the forces up to an order are not smooth."""
     known = [
@@ -202,7 +201,7 @@ def force_breaks(
 
 
 def _one_sided(
-    robot: "Robot",
+    robot: Engine,
     motion: Motion,
     t: np.ndarray,
     order: int,
@@ -225,7 +224,7 @@ def _compute_certain(*given: Any) -> Rates:
 
 
 def _compute(
-    robot: "Robot",
+    robot: Engine,
     rates: Rates,
     W: Wrenches | None,
     base: Rates | None,
@@ -236,14 +235,14 @@ def _compute(
     return as_tuple(compute(robot, row.name, on_tree(rates, near), wrench=W, base=base, method=method))
 
 
-def _size(robot: "Robot", row: Quantity) -> int:
+def _size(robot: Engine, row: Quantity) -> int:
     """The number of entries of a quantity for one state: n, or nv of the forces on a robot that floats."""
     [size] = Computation(row.name, 0).shape(robot.mechanism)
     return size
 
 
 def _spreads(
-    robot: "Robot", motion: Motion, times: np.ndarray, order: int, method: str | None, row: Quantity
+    robot: Engine, motion: Motion, times: np.ndarray, order: int, method: str | None, row: Quantity
 ) -> Callable[[np.ndarray], Rates] | None:
     """The standard deviations of the forces over time: computed with each entry of q, W and the base off by its own.
 

@@ -13,13 +13,13 @@ from jounce.actuators.dynamics import Accelerations, Energy
 from jounce.dynamics import electrical
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.dynamics.stretch import elasticity_of
+from jounce.engine.dispatch import compute
+from jounce.engine.generic import as_tuple, results_into
 from jounce.errors import JounceError
 from jounce.model.elasticity import Elasticity
 from jounce.motion.motion import Motion
 from jounce.native.kernel import Kernel
 from jounce.robot import overloads
-from jounce.robot.dispatch import compute
-from jounce.robot.generic import as_tuple, results_into
 from jounce.robot.overloads import typed
 from jounce.robot.robot import Robot
 

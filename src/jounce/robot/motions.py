@@ -10,10 +10,11 @@ import numpy as np
 from jounce._typing import Angles, ArrayLike, Shaped, TimeUnit
 from jounce.arguments import names
 from jounce.arguments.rates import checked_order
+from jounce.engine.dispatch import compute
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError, at, quoted
 from jounce.io import motions
 from jounce.io.files import path_of
-from jounce.robot import Robot
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
@@ -24,7 +25,7 @@ PLACE = "the motion"  # where columns without a file stand, in messages
 def load_motion(
     source: str | os.PathLike[str] | Shaped | Mapping[str, ArrayLike],
     /,
-    robot: Robot,
+    robot: Engine,
     order: int = 2,
     degree: int | None = None,
     intervals: int | None = None,
@@ -99,7 +100,7 @@ def load_motion(
     >>> Q2d.shape
     (101, 2)
     """
-    if not isinstance(robot, Robot):
+    if not isinstance(robot, Engine):
         raise JounceError(f"load_motion() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     from jounce.motion.columns import Options
     from jounce.motion.spline import way_of
@@ -121,7 +122,7 @@ def load_motion(
     return _with_meaning(motions.read(path, mechanism, highest, way, options, topic), robot)
 
 
-def _with_meaning(motion: "Motion", robot: Robot) -> "Motion":
+def _with_meaning(motion: "Motion", robot: Engine) -> "Motion":
     """The motion, with notes of what vibrations of its samples mean in Q2d, for robots of joints alone."""
     from jounce.motion.smoothed import SmoothedCurve
     from jounce.motion.vibrations import in_forces
@@ -131,7 +132,7 @@ def _with_meaning(motion: "Motion", robot: Robot) -> "Motion":
         return motion
 
     def mass_matrices(t: np.ndarray) -> np.ndarray:
-        return robot.mass_matrix(curve.rates(t, 0)[0])
+        return np.asarray(compute(robot, "mass_matrix", curve.rates(t, 0)))
 
     notes = [in_forces(vibration, mass_matrices, mechanism.coordinates) for vibration in curve.fit.vibrations]
     return replace(motion, notes=(*motion.notes, *notes))

@@ -4,14 +4,14 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+from jounce.engine.engine import Engine
 from jounce.errors import JounceError
 from jounce.io import files
 from jounce.io.native import writing
 from jounce.model.mechanism import Mechanism
-from jounce.robot import Robot
 
 
-def save(robot: Robot, path: str | os.PathLike[str]) -> None:
+def save(robot: Engine, path: str | os.PathLike[str]) -> None:
     """Write a robot into a file of jounce's own format: YAML or JSON.
 
     The file is lossless: `jounce.load` restores every array to the last bit, and names, limits and frames. Which drive
@@ -39,7 +39,7 @@ def save(robot: Robot, path: str | os.PathLike[str]) -> None:
     >>> (same.mechanism.M == robot.mechanism.M).all()
     np.True_
     """
-    if not isinstance(robot, Robot):
+    if not isinstance(robot, Engine):
         raise JounceError(f"save() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     if not isinstance(path, str | os.PathLike):
         raise JounceError(f"save() expects a path, got {type(path).__name__}")

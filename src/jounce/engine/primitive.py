@@ -5,7 +5,7 @@ jaxlib that does not accept its handler calls Python back instead. On other plat
 code, XLA compiles the traced law. First derivatives are the native products of the derivatives, "jvp" and "vjp", each
 the transpose of the other; derivatives of these by the state are those of the traced law.
 
-Only dispatch imports this module, and only for arrays of JAX: it imports JAX itself.
+Only backends imports this module, and only for arrays of JAX: it imports JAX itself.
 """
 
 from collections.abc import Sequence
@@ -24,10 +24,10 @@ from jax.interpreters import ad, batching, mlir
 
 from jounce._scalars import Array, broadcast, is_jax, is_numeric
 from jounce.dynamics.computation import Computation, Port, Signature
+from jounce.engine.generic import as_tuple, batch_shape, compute_by_method
 from jounce.model.mechanism import Mechanism
 from jounce.native import plan, xla
 from jounce.native.kernel import Kernel, compile_kernel
-from jounce.robot.generic import as_tuple, batch_shape, compute_by_method
 from jounce.spatial.lie import cowedge, wedge
 
 TRANSPOSES = {"jvp": "vjp", "vjp": "jvp"}

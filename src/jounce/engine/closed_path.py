@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from jounce.dynamics import closing, newton
 from jounce.dynamics.assembly import LOST, crossing, inverse_conditions, inverse_conditions_of, solved_constraints
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loops import closure_of
+from jounce.engine.backends import closing_step
+from jounce.engine.engine import Engine
+from jounce.engine.generic import compute_by_method
 from jounce.errors import JounceError, UncertainError, at, listed
 from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
@@ -24,11 +27,6 @@ from jounce.motion.curves import Curve
 from jounce.motion.hermite import Hermite
 from jounce.motion.matching import Columns, unwrapped
 from jounce.motion.motion import STEP, Motion
-from jounce.robot.dispatch import closing_step
-from jounce.robot.generic import compute_by_method
-
-if TYPE_CHECKING:
-    from jounce.robot.robot import Robot
 
 FEWEST, MOST = 512, 2**20  # even intervals of a motion, at whose ends it is looked at
 STRIDE = 8  # samples of a motion in such an interval
@@ -165,7 +163,7 @@ def lost(m: Mechanism, t: float, q: np.ndarray, stuck: bool) -> JounceError:
 
 
 def positions(
-    robot: "Robot", motion: Motion, t: np.ndarray, side: Literal["right", "left"] = "right"
+    robot: Engine, motion: Motion, t: np.ndarray, side: Literal["right", "left"] = "right"
 ) -> np.ndarray | None:
     """All coordinates (K, N) of the tree of a closed robot at times of a motion; None for robots without loops.
 
@@ -213,7 +211,7 @@ def on_tree(rates: tuple[np.ndarray, ...], q: np.ndarray | None) -> tuple[np.nda
     return rates if q is None else (q, *rates[1:])
 
 
-def positions_of_rows(robot: "Robot", t: np.ndarray, rates: Sequence[np.ndarray], q: np.ndarray) -> np.ndarray:
+def positions_of_rows(robot: Engine, t: np.ndarray, rates: Sequence[np.ndarray], q: np.ndarray) -> np.ndarray:
     """All coordinates (K, N) at rows that state those (K, N) and rates of the independent ones, with loops closed.
 
     Raises

@@ -1,0 +1,35 @@
+"""What laws take: a mechanism, and the state of a motion at an instant."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from jounce._scalars import Array
+from jounce.dynamics.base import STILL, BaseMotion
+from jounce.model.mechanism import Mechanism
+from jounce.spatial.series import Series
+
+_NOTHING = Series.of(())
+
+
+@dataclass(frozen=True)
+class State:
+    """The argument of laws: a motion at an instant, with its rates, and the body and frame of the quantity.
+
+    Coordinates are columns (..., n, 1), forces (..., nv, 1), wrenches on the bodies (..., 6nb, 1).
+    """
+
+    q: Series
+    W: Series | None = None
+    Q: Series = _NOTHING  # generalized forces, where a quantity takes them
+    base: BaseMotion | None = None  # None: the ground of a fixed robot, at rest, or of no effect
+    body: str | None = None  # a body or a link merged into one; None: all bodies
+    frame: str = "body"  # of twists: "body", "world" or "spatial"
+    position: Array | None = None  # of a closed robot, all coordinates (..., N, 1) of its tree, with loops closed
+
+    @property
+    def motion_of_base(self) -> BaseMotion:
+        """The motion of the base: at rest at the inertial frame unless it is given."""
+        return self.base or STILL
+
+
+Law = Callable[[Mechanism, State], Series]

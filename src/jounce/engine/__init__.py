@@ -1,0 +1,1 @@
+"""How calls are computed: arguments are checked, and the first backend that accepts a call runs it."""

@@ -1,0 +1,203 @@
+"""Ways to run a call: native code, native code within JAX, and methods on arrays of any scalar type."""
+
+import sys
+from collections.abc import Callable, Sequence
+from functools import cache
+from math import inf
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jounce._scalars import FLOAT, Array, is_jax
+from jounce.dynamics import elastic
+from jounce.dynamics.branches import without_ratios
+from jounce.dynamics.computation import Computation
+from jounce.dynamics.quantities import Quantity
+from jounce.engine import digits
+from jounce.engine.engine import Engine, Form, Ready
+from jounce.engine.generic import batch_shape, checked_out, compute_by_method, results_into
+from jounce.errors import JounceError, quoted, warn
+from jounce.model.casting import cast_model
+from jounce.model.mechanism import Mechanism
+from jounce.native import closing, plan
+from jounce.native.closing import NativeStep
+from jounce.native.jit import host
+from jounce.native.kernel import Kernel, compile_kernel
+from jounce.native.plan import PATIENCE, LongCompilationError, obstacle
+
+NATIVE = "kernel"  # the method that is native code
+
+
+class Call(NamedTuple):
+    """The checked arguments of a call of a robot's method."""
+
+    robot: Engine
+    computation: Computation
+    arrays: Sequence[Array]  # q, qd, ..., W, Wd, ...
+    method: str | None
+    out: Any
+    threads: int
+    form: Form | None  # of a plain call: on NumPy's own arrays, on one thread
+
+
+class Backend(NamedTuple):
+    """One way to run calls: `prepare` returns what `run` needs, or the reason that it cannot run the call.
+
+    The reason is empty if another backend serves such arrays.
+    """
+
+    prepare: Callable[[Call], tuple[Any, str | None]]
+    run: Callable[[Call, Any], Any]
+
+
+def closing_step(robot: Engine) -> NativeStep | None:
+    """Return the step in native code that closes the loops of a robot, if there is one."""
+    steps = robot._kernels.steps
+    if not steps:
+        steps.append(closing.native_step(robot.mechanism) if robot.mechanism.is_numeric and available() else None)
+    return steps[0]
+
+
+def with_constraints(robot: Engine, asked: Computation) -> Mechanism:
+    """Return a closed robot with the constraints that a computation solves."""
+    return without_ratios(robot.mechanism) if asked.quantity.all_constraints else robot.mechanism
+
+
+def compile_ahead(robot: Engine, computation: Computation) -> Kernel:
+    """Compile a kernel on request, regardless of the compile time."""
+    kernel, refusal = _kernel(robot, computation, inf)
+    if kernel is None:
+        cure = "choose a lower order" if computation.product else f"use method={default_method(computation.quantity)!r}"
+        raise JounceError(f"native code {refusal}; {cure}")
+    return kernel
+
+
+def default_method(quantity: Quantity) -> str:
+    """Return the name of the default method, which accepts arrays of any type."""
+    return next(iter(quantity.methods))
+
+
+def _prepare_native(call: Call) -> tuple[Kernel | None, str | None]:
+    """Return the kernel for a call; only an explicit method="kernel" waits for a long compilation."""
+    if call.method not in (None, NATIVE):
+        return None, f"method={call.method!r} is not native code"
+    for x in call.arrays:
+        if type(x) is not np.ndarray or (x.dtype is not FLOAT and x.dtype != FLOAT):  # unpickled, it is another object
+            came = x.dtype if type(x) is np.ndarray else type(x).__name__
+            return None, "" if is_jax(x) else f"native code needs NumPy arrays of float64, got {came}"
+    kernel, refusal = _kernel(call.robot, call.computation, PATIENCE if call.method is None else inf)
+    m = call.robot.mechanism
+    if kernel is not None and call.form is not None and with_constraints(call.robot, call.computation) is m:
+        limit = digits.max_condition(call.computation)
+        call.robot._kernels.ready[call.form] = Ready(kernel, call.computation.rates, limit)
+    return kernel, refusal and f"native code {refusal}"
+
+
+def _run_native(call: Call, kernel: Kernel) -> Any:
+    """Run native code, which writes directly into `out` if it is given."""
+    signature = kernel.signature
+    if call.out is not None:
+        batch = batch_shape(signature.inputs, call.arrays)
+        shapes = [(*batch, *port.shape) for port in signature.outputs]
+        results = kernel(*call.arrays, out=checked_out(call.out, shapes, FLOAT), threads=call.threads)
+        return call.out if isinstance(call.out, np.ndarray) else results
+    try:
+        return kernel(*call.arrays, threads=call.threads)
+    except JounceError:
+        batch_shape(signature.inputs, call.arrays)  # which says what does not fit
+        raise
+
+
+def _prepare_generic(call: Call) -> tuple[str, str | None]:
+    """Return the method for a call."""
+    method = call.method or default_method(call.computation.quantity)
+    if method == NATIVE:
+        return method, f"method={NATIVE!r} is not available"
+    if isinstance(call.threads, int | np.integer) and not isinstance(call.threads, bool) and call.threads == 1:
+        return method, None
+    return method, f"threads={quoted(call.threads)} needs native code, which is not available"
+
+
+def _run_generic(call: Call, method: str) -> Any:
+    """Run a method on arrays of any scalar type."""
+    model = cast_model(call.robot.mechanism, call.arrays)
+    return results_into(compute_by_method(call.computation, method, model, call.arrays), call.out)
+
+
+def _prepare_jax(call: Call) -> tuple[Any, str | None]:
+    """Return the request of a call on arrays of JAX, which native code of the same kernels serves."""
+    if call.method not in (None, NATIVE) or not any(map(is_jax, call.arrays)):
+        return None, ""
+    try:
+        from jounce.engine import primitive
+    except ImportError:
+        return None, f"native code supports JAX from 0.8 on, not {sys.modules['jax'].__version__}"
+    if refusal := primitive.obstacle(call.arrays):
+        return None, f"native code {refusal}"
+    if type(call.threads) is not int or call.threads != 1:
+        return None, "native code for JAX runs on one thread"
+    _, refusal = _kernel(call.robot, call.computation, inf)  # XLA takes longer to compile the traced law
+    return primitive.request_of(call.robot.mechanism, call.computation), refusal and f"native code {refusal}"
+
+
+def _run_jax(call: Call, request: Any) -> Any:
+    """Run the primitive of JAX for a quantity."""
+    from jounce.engine import primitive
+
+    return results_into(primitive.compute(request, call.arrays), call.out)
+
+
+BACKENDS = (  # the first that accepts
+    Backend(_prepare_native, _run_native),
+    Backend(_prepare_jax, _run_jax),
+    Backend(_prepare_generic, _run_generic),
+)
+
+
+def _kernel(robot: Engine, computation: Computation, patience: float) -> tuple[Kernel | None, str | None]:
+    """Return the kernel of a computation, or the reason that there is no kernel."""
+    known = robot._kernels.known.get(computation)
+    if known is None or (known[0] is None and patience > PATIENCE):
+        known = robot._kernels.known[computation] = _compile(robot.mechanism, computation, patience)
+    return known
+
+
+def _compile(mechanism: Mechanism, computation: Computation, patience: float) -> tuple[Kernel | None, str | None]:
+    if refusal := native_obstacle(mechanism, computation):
+        return None, refusal
+    try:
+        return compile_kernel(mechanism, computation, patience), None
+    except LongCompilationError:
+        asked = f"native code for {computation.name} of {mechanism.name!r} to order {computation.order}"
+        warn(
+            f"{asked} takes longer than {PATIENCE:g} s to compile, so the slower recursion in NumPy is used;"
+            f" robot.compile({', '.join(computation.keywords())}) compiles it once"
+        )
+        return None, f"takes longer than {PATIENCE:g} s to compile"
+
+
+def native_obstacle(mechanism: Mechanism, computation: Computation) -> str | None:
+    """Return why native code does not support a computation, as the end of a sentence about native code, or None."""
+    if found := obstacle(computation, mechanism):
+        return found
+    if not mechanism.is_numeric:
+        return "needs a robot of numbers; this one contains symbols"
+    if not available():
+        return "needs llvmlite, which cannot be imported"
+    if computation.quantity.elastic and (found := elastic.native_obstacle(mechanism)):
+        return found
+    size = plan.scratch_size(computation, mechanism, host().lanes)
+    if size > plan.LIMIT:
+        return f"is limited to {plan.LIMIT / 2**20:.3g} MiB of scratch memory; this call needs {size / 2**20:.3g} MiB"
+    return None
+
+
+@cache
+def available() -> bool:
+    """Return whether llvmlite can be imported; warn once if it cannot."""
+    try:
+        import llvmlite.binding  # noqa: F401
+    except (ImportError, OSError) as error:
+        warn(f"native code is not available, the recursion is used instead: llvmlite cannot be imported ({error})")
+        return False
+    return True

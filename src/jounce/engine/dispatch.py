@@ -1,0 +1,171 @@
+"""Calls of a robot's methods: arguments are checked, and the first backend that accepts a call runs it."""
+
+from collections.abc import Sequence
+from types import NoneType
+from typing import Any
+
+import numpy as np
+
+from jounce._scalars import Array, is_numeric
+from jounce.arguments import positions, rates, requests, wrenches
+from jounce.arguments.base import base_of
+from jounce.dynamics.computation import Computation
+from jounce.dynamics.mobility import is_singular, may_be_singular
+from jounce.dynamics.newton import Step
+from jounce.dynamics.quantities import row_of
+from jounce.engine import digits
+from jounce.engine.backends import BACKENDS, NATIVE, Call, closing_step, default_method, with_constraints
+from jounce.engine.engine import Engine
+from jounce.engine.generic import as_tuple, is_fit, results_into
+from jounce.errors import JounceError, one_of
+from jounce.model.mechanism import Mechanism
+from jounce.native.poses import are_poses
+
+
+def compute(
+    robot: Engine,
+    name: str,
+    given: Sequence[Any],
+    *,
+    wrench: Any = None,
+    base: Any = None,
+    body: str | None = None,
+    frame: str = "body",
+    method: str | None = None,
+    out: Any = None,
+    threads: int = 1,
+) -> Any:
+    """Compute a quantity for given rates of the coordinates with the first backend that accepts the call."""
+    terms: Sequence[Any] = wrench if type(wrench) is tuple else () if wrench is None else (wrench,)
+    moved: Sequence[Any] = base if type(base) is tuple else () if base is None else (base,)
+    form = (name, body, frame, method, type(threads), threads, *map(type, given), type(wrench), *map(type, terms))
+    if moved:
+        form = (*form, type(base), *map(type, moved))
+    try:  # the short way, of calls like an earlier one: NumPy itself checks shapes and kinds of numbers
+        kernel, count, limit = robot._kernels.ready[form]
+        arrays = (*given[:count], *terms, *moved)
+        if robot.mechanism.closure:
+            arrays = _with_dependent(robot, arrays, limit)
+        if moved and not are_poses(moved[0]):
+            raise LookupError  # NaN, or what `check_pose` refuses
+        if out is None:
+            return kernel.ufunc(*arrays)
+        into = tuple(out) if type(out) in (tuple, list) else (out,)
+        if is_fit(into, arrays[0].shape[:-1], kernel.shapes[1]):
+            return kernel.ufunc(*arrays, out=into)
+    except (FloatingPointError, Warning):  # where np.errstate or a filter asks for it
+        raise
+    except Exception:  # the long way serves all others, and says what is wrong with them
+        pass
+    plain = {type(x) for x in (*given, *terms, *moved)} <= {np.ndarray, NoneType} and type(threads) is int
+    natively = isinstance(method, str | None) and method in (None, NATIVE)
+    step = closing_step(robot) if robot.mechanism.closure and natively else None
+    asked, given = checked_arguments(robot.mechanism, name, given, wrench, base, body, frame, method, step)
+    lasting = plain and threads == 1 and asked.base == bool(moved) and not _needs_inverse(robot, asked)
+    return _run(Call(robot, asked, given, method, out, threads, form if lasting else None))
+
+
+def _with_dependent(robot: Engine, arrays: Sequence[Any], limit: float) -> tuple[Any, ...]:
+    """Return the arrays of a plain call of a closed robot with the independent coordinates first, the others last.
+
+    Raises
+    ------
+    LookupError : if the condition number of the constraints exceeds a limit.
+    """
+    step, q = closing_step(robot), arrays[0]
+    try:
+        if step is None:
+            raise LookupError
+        u, d = step.close(q, limit)
+    except LookupError:
+        u, whole = positions.split(robot.mechanism, q)
+        d = positions.dependent_of(robot.mechanism, u, whole, step)
+        if digits.displaced(robot.mechanism, u, d, limit, step) is not None:
+            raise
+    return u, *arrays[1:], d
+
+
+def checked_arguments(
+    mechanism: Mechanism,
+    name: str,
+    given: Sequence[Any],
+    wrench: Any,
+    base: Any,
+    body: str | None,
+    frame: str,
+    method: str | None,
+    step: Step | None = None,
+) -> tuple[Computation, list[Array]]:
+    """Check the arguments of a call, and return its computation and input arrays; `step` closes the loops."""
+    more = requests.more_rates(mechanism, name)
+    quantity = row_of(name, more)
+    given, whole = positions.split_rates(mechanism, given)
+    q = rates.rates_of(given, quantity.rates, mechanism, quantity.input_names, quantity.coordinate_inputs(len(given)))
+    order = len(q) - quantity.rates
+    requests.check_rates(name, order)
+    W = wrenches.wrenches_of(mechanism, wrench, order, q, quantity.wrench_rates)
+    moves = base is not None or mechanism.base is not None
+    if method is not None:
+        one_of("method", method, [*quantity.methods, NATIVE], name)
+        if moves and method != NATIVE and not quantity.methods[method].base:
+            raise JounceError(f"method={method!r} has no base that moves; use method='closed_form'")
+    if body is not None or frame != "body":
+        requests.place(mechanism, name, body, frame)
+    requests.check_existence(mechanism, name, moves)
+    if quantity.forces:
+        requests.check_invertible(mechanism, name)
+    enters = moves and requests.takes_base(name, frame)
+    asked = requests.known(name, order, bool(W), body, frame, more, enters)
+    d = positions.dependent_arrays(mechanism, q[0], whole, step)
+    if base is None and not enters:
+        return asked, [*q, *W, *d]
+    C = base_of(mechanism, base, asked.base_terms(mechanism), f"{name} of order {order}")  # wrong ones never pass
+    return asked, [*q, *W, *C, *d] if enters else [*q, *W, *d]
+
+
+def _run(call: Call) -> Any:
+    """Run a call; of a closed robot near singular positions once more, to see which digits there are."""
+    robot, asked = call.robot, call.computation
+    if robot.mechanism.closure:
+        m, names = with_constraints(robot, asked), asked.quantity.names(asked.order)
+        step = closing_step(robot) if call.method in (None, NATIVE) and m is robot.mechanism else None
+
+        def run(arrays: Sequence[Array]) -> tuple[Array, ...]:
+            return as_tuple(_run_by_backend(call._replace(arrays=arrays, out=None, form=None)))
+
+        results = digits.certain_results(m, asked, names, call.arrays, run, step)
+        if results is not None:
+            return results_into(results, call.out)
+    return _run_by_backend(call)
+
+
+def _run_by_backend(call: Call) -> Any:
+    """Run a call with the first backend that accepts it."""
+    reasons = []
+    for backend in BACKENDS:
+        ready, refusal = backend.prepare(call)
+        if refusal is None:
+            found = backend.run(call, ready)
+            return _infinite_where_singular(call, found) if _needs_inverse(call.robot, call.computation) else found
+        reasons += [refusal] if refusal else []
+    cure = f"use method={default_method(call.computation.quantity)!r}" if call.method == NATIVE else "leave threads out"
+    raise JounceError(f"{': '.join(reversed(reasons))}; {cure}")
+
+
+def _needs_inverse(robot: Engine, computation: Computation) -> bool:
+    """Whether a quantity takes the inverse of a mass matrix that may be singular at some positions."""
+    return bool(computation.quantity.forces) and robot.mechanism.is_numeric and may_be_singular(robot.mechanism)
+
+
+def _infinite_where_singular(call: Call, found: Any) -> Any:
+    """Results that are infinite, with NumPy's warning, where pivots of the mass matrix are rounding instead of zero."""
+    m = call.robot.mechanism
+    at = [call.arrays[0], *(call.arrays[-1:] if m.closure else [])]
+    if not all(map(is_numeric, call.arrays)):
+        return found
+    M = _run_by_backend(Call(call.robot, Computation("mass_matrix", 0), at, None, None, 1, None))
+    regular = 1.0 - is_singular(M)
+    if not regular.all():
+        for array, port in zip(as_tuple(found), call.computation.signature(m).outputs, strict=True):
+            np.divide(array, regular.reshape(regular.shape + (1,) * len(port.shape)), out=array)
+    return found

@@ -1,0 +1,65 @@
+"""What drive terms contribute: their forces, and the columns of regressors."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from jounce._scalars import Array, broadcast, concatenate
+from jounce._typing import DriveColumn
+from jounce.arguments import positions, rates
+from jounce.dynamics import drive_terms
+from jounce.dynamics.computation import Computation
+from jounce.dynamics.loops import law as closed_law
+from jounce.dynamics.quantities import FORCES, row_of
+from jounce.dynamics.state import State
+from jounce.engine import digits
+from jounce.engine.dispatch import compute
+from jounce.engine.engine import Engine
+from jounce.engine.generic import as_tuple, evaluate, results_into
+from jounce.model.casting import cast_model
+from jounce.model.mechanism import Mechanism
+from jounce.spatial.series import Series
+
+
+def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str], out: Any) -> Any:
+    """Compute the forces of drive terms for given rates of the coordinates, whether or not the terms act in Q."""
+
+    def law(m: Mechanism, q: Series) -> Series:
+        forces = drive_terms.behind_base(m, drive_terms.forces(m, q, terms), (-2,))
+        return forces.map(lambda Q: Q[..., 0])
+
+    forces = _of_drives(mechanism, FORCES.name, given, 4 * mechanism.nb, law)
+    return results_into(tuple(Q[..., -mechanism.n :] for Q in forces), out)
+
+
+def _of_drives(
+    mechanism: Mechanism, name: str, given: Sequence[Any], width: int, law: Callable[[Mechanism, Series], Series]
+) -> tuple[Array, ...]:
+    """Compute what drives contribute to a quantity, by their law, for given rates of the coordinates."""
+    row, (given, whole) = row_of(name), positions.split_rates(mechanism, given)
+    q = rates.rates_of(given, row.rates, mechanism)
+    model, asked = cast_model(mechanism, q), Computation(name, len(q) - row.rates)
+
+    def on_tree(m: Mechanism, x: State) -> Series:
+        return law(m, x.q)
+
+    of_drives = closed_law(on_tree, row.shape, None) if model.closure else on_tree
+    arrays, ports = [*q, *positions.dependent_arrays(mechanism, q[0], whole)], asked.signature(model).inputs
+
+    def run(arrays: Sequence[Array]) -> tuple[Array, ...]:
+        return evaluate(lambda x: of_drives(model, asked.state(model, x)), ports, arrays, asked.count, width)
+
+    return digits.certain_results(mechanism, asked, row.names(asked.order), arrays, run) or run(arrays)
+
+
+def regressor(
+    robot: Engine, name: str, given: Sequence[Any], terms: Sequence[DriveColumn], out: Any = None, **options: Any
+) -> Any:
+    """Compute a regressor for given rates of the coordinates, with columns of drive terms behind its own."""
+    if not terms:
+        return compute(robot, name, given, out=out, **options)
+    own, m = as_tuple(compute(robot, name, given, **options)), robot.mechanism
+    of_units: Callable[..., Series] = getattr(drive_terms, name)
+    added = _of_drives(m, name, given, m.nb * m.nv * len(terms), lambda m, q: of_units(m, q, terms))
+    axes = [len(row_of(name).shape)] * 2
+    pairs = (broadcast(pair, axes, ["Y", "drives"]) for pair in zip(own, added, strict=True))
+    return results_into(tuple(concatenate(pair, axis=-1) for pair in pairs), out)

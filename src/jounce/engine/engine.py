@@ -1,0 +1,100 @@
+"""An engine: a mechanism and its native code, which is all that a computation needs of a robot."""
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeVar
+
+from jounce.dynamics.computation import Computation
+from jounce.errors import JounceError
+from jounce.model.mechanism import Mechanism
+from jounce.native.closing import NativeStep
+from jounce.native.kernel import Kernel
+
+Form = tuple[Any, ...]  # of a call: what it asks for, and the types of what it gives
+
+
+class Ready(NamedTuple):
+    """What serves plain calls of one form.
+
+    `rates` is the number of rates of the coordinates that the kernel takes, `condition` the condition number up to
+    which closed robots are surely far from singular.
+    """
+
+    kernel: Kernel
+    rates: int
+    condition: float
+
+
+@dataclass(frozen=True, eq=False)
+class Kernels:
+    """The native code of one robot, dropped with it.
+
+    `known` maps a computation to its kernel, or to the reason that it has none; `ready` maps the form of plain calls to
+    what serves them; `steps` holds the step that closes loops.
+    """
+
+    known: dict[Computation, tuple[Kernel | None, str | None]] = field(default_factory=dict)
+    ready: dict[Form, Ready] = field(default_factory=dict)
+    steps: list[NativeStep | None] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Engine:
+    """A mechanism and its native code. `Robot` is one, with a method for each quantity."""
+
+    mechanism: Mechanism
+    _kernels: Kernels = field(default_factory=Kernels, init=False)
+
+    def __post_init__(self) -> None:
+        given: object = self.mechanism
+        if not isinstance(given, Mechanism):
+            name, came = type(self).__name__, type(given).__name__
+            raise JounceError(f"{name}() expects a Mechanism, got {came}; try jounce.load")
+
+    def __reduce__(self) -> tuple[type[Self], tuple[Mechanism]]:  # without native code, of which another needs its own
+        return type(self), (self.mechanism,)
+
+    @property
+    def name(self) -> str:
+        """The robot's name."""
+        return self.mechanism.name
+
+    @property
+    def n(self) -> int:
+        """The number of coordinates."""
+        return self.mechanism.n
+
+    @property
+    def nv(self) -> int:
+        """The number of velocities: n, or 6 + n if the robot floats, whose base comes first."""
+        return self.mechanism.nv
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The names of the coordinates, in the order of the last axis of q."""
+        return self.mechanism.coordinates
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        """The names of the bodies, in the order of rows of wrenches, poses and Jacobians; a floating base is first."""
+        return self.mechanism.body_names
+
+
+if TYPE_CHECKING:  # with a default, which Python itself knows from 3.13 on
+    import typing_extensions
+
+    R = typing_extensions.TypeVar("R", bound=Engine, default=Any)
+else:
+    R = TypeVar("R", bound=Engine)  # a robot of the caller's own type
+
+
+def like(robot: R, mechanism: Mechanism) -> R:
+    """A robot of the same type with another mechanism, without native code."""
+    return type(robot)(mechanism)
+
+
+class WithLinks(Protocol):
+    """A robot with elastic joints."""
+
+    @property
+    def robot(self) -> Engine:
+        """Its links."""

@@ -1,0 +1,52 @@
+"""Wrenches of the generalized convention from loads on a body, in frames of the caller's choice."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from jounce._scalars import Array
+from jounce.arguments import loads, positions, rates
+from jounce.arguments.base import base_of
+from jounce.dynamics.computation import Computation, Port
+from jounce.dynamics.loads import wrench_of
+from jounce.dynamics.loops import closed_motion
+from jounce.engine import digits
+from jounce.engine.generic import evaluate, results_into
+from jounce.model.casting import cast_model
+from jounce.model.mechanism import Mechanism
+from jounce.spatial.series import Series, rate_name
+
+
+def wrench_of_load(
+    mechanism: Mechanism,
+    given: Sequence[Any],
+    base: Any,
+    body: str,
+    force: Any,
+    torque: Any,
+    frame: str,
+    point: Any,
+) -> Any:
+    """Compute the wrenches W that correspond to a load on a body, for given rates of the coordinates."""
+    given, whole = positions.split_rates(mechanism, given)
+    q = rates.rates_of(given, 1, mechanism)
+    place, load = loads.place_of(frame, point, force), loads.load_of(force, torque, len(q) - 1, q)
+    moving = base is not None or (mechanism.base is not None and frame == "world")
+    poses = Computation("poses", len(q) - 1, base=moving)
+    C = base_of(mechanism, base, len(q), "wrench") if moving else []
+    model = cast_model(mechanism, [*q, *C, *load])
+    first, last = len(q) + len(C), len(q) + len(C) + len(load)  # the places of loads among the arrays
+    ports = list(poses.signature(model).inputs)
+    ports[first:first] = [Port(f"load[{k}]", (1, 6), "load", k) for k in range(len(load))]
+
+    def law(arrays: Sequence[Array]) -> Series:
+        terms = Series.of([x.swapaxes(-1, -2) for x in arrays[first:last]])
+        x = poses.state(model, [*arrays[:first], *arrays[last:]])
+        on_tree = closed_motion(model, x).q if model.closure else x.q
+        return wrench_of(model.tree, on_tree, x.motion_of_base, terms, body, frame, place)
+
+    def run(arrays: Sequence[Array]) -> tuple[Array, ...]:
+        return evaluate(law, ports, arrays, len(q), 6 * model.nb)
+
+    arrays = [*q, *C, *load, *positions.dependent_arrays(mechanism, q[0], whole)]
+    asked, names = Computation("twists", len(q) - 1), [rate_name("W", k) for k in range(len(q))]  # as many axes
+    return results_into(digits.certain_results(mechanism, asked, names, arrays, run) or run(arrays), None)
