@@ -17,8 +17,8 @@ import click
 
 from benchmarks.tables import paragraph, table
 from jounce import JounceError, load
-from jounce._version import __version__
 from jounce.arguments.requests import computation
+from jounce.core.version import __version__
 from jounce.cuda.source import THREADS, source
 from jounce.io.files import written_whole
 from jounce.native import forms

@@ -13,7 +13,7 @@ import click
 import numpy as np
 
 import jounce
-from jounce._typing import Equations
+from jounce.core.typing import Equations
 
 PERIOD, HARMONICS, RATE = 10.0, 5, 500.0
 TORQUES = 0.02  # noise, relative to the standard deviation of each torque

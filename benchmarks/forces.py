@@ -9,7 +9,7 @@ from benchmarks.measure import LONGEST, Case, roughly
 from benchmarks.peers import Arrays, Call, Peer, casadi, folder, generated, jax, ours, pinocchio, skidy
 from benchmarks.robots import start_of_iiwa, states
 from jounce import JounceError, Robot, load
-from jounce.errors import one_line
+from jounce.core.errors import one_line
 
 PEERS = (*ours.PEERS, *generated.PEERS, *casadi.PEERS, *folder.PEERS, *jax.PEERS, *pinocchio.PEERS)
 SMALL_PEERS = (ours.DEFAULT, *generated.PEERS, *skidy.PEERS)

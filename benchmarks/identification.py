@@ -15,8 +15,8 @@ from scipy.stats import chi2
 import jounce
 from benchmarks import machine
 from benchmarks.tables import paragraph, table
-from jounce._typing import DriveColumn
-from jounce.audit.inertias import impossible
+from jounce.checks.audit.inertias import impossible
+from jounce.core.typing import DriveColumn
 from jounce.io.files import written_whole
 from jounce.spatial import inertia
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import jounce
 from jounce.cli import main
-from jounce.errors import MOST, escaped, listed, no_such, one_line, quoted, shortened
+from jounce.core.errors import MOST, escaped, listed, no_such, one_line, quoted, shortened
 
 ODD = "\x1b[31m\u202edrow\u2066\n\u2028\x00\x7f\x85\xad\ud800\u200b"  # colour, directions, ends of lines, half a pair
 TEXTS = st.text(st.characters(), max_size=3 * MOST)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from abandoned import abandoned_part
 
-from jounce import _parts
+from jounce.core import parts
 from jounce.io import files, folders
 
 posix = pytest.mark.skipif(not hasattr(os, "uname"), reason="Windows has other modes and processes")
@@ -82,7 +82,7 @@ folders.write_folder(pathlib.Path("out"), {"a": "half of"}, "mark", force=False)
 """
     subprocess.run([sys.executable, "-c", code, kind], cwd=tmp_path, check=False, timeout=60)
     [part] = tmp_path.iterdir()
-    assert _parts.PART.fullmatch(part.name)
+    assert parts.PART.fullmatch(part.name)
     assert part.is_dir() == (kind == "folder")
     write(tmp_path / "other.csv")
     assert [path.name for path in tmp_path.iterdir()] == ["other.csv"]

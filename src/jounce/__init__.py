@@ -1,19 +1,19 @@
 """Higher-order inverse dynamics: a robot and a motion in, the drive forces Q and their exact time derivatives out."""
 
-from jounce._version import __version__
+from jounce.core.version import __version__
 
 TYPE_CHECKING = False  # typing is not imported: until the command begins, Ctrl-C has Python's own traceback
 if TYPE_CHECKING:
     from typing import Any
 
-    from jounce._casadi import casadi_function
     from jounce._codegen import codegen
+    from jounce._codegen.casadi import casadi_function
+    from jounce._codegen.symbolic import symbolic
     from jounce._report import Report, report
-    from jounce._symbolic import symbolic
     from jounce.actuators.along import ElasticAlong
+    from jounce.core.errors import JounceError, JounceWarning, UncertainError
     from jounce.dynamics.base_parameters import BaseParameters
     from jounce.engine.along import Along
-    from jounce.errors import JounceError, JounceWarning, UncertainError
     from jounce.identification import (
         Excitation,
         ForceResidual,
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         excite,
         identify,
     )
+    from jounce.io.models.states import RobotState
     from jounce.limits.check import Check, CheckedLimit
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
     from jounce.model.motors import Motor
     from jounce.model.spring_table import SpringTable
     from jounce.model.springs import CubicSpring, SpringFunction
-    from jounce.models.states import RobotState
     from jounce.motion import Motion
     from jounce.native.kernel import Kernel
     from jounce.robot import Robot
@@ -104,9 +104,9 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "ForceResidual": "jounce.identification",
     "Identification": "jounce.identification",
     "IdentifiedParameter": "jounce.identification",
-    "JounceError": "jounce.errors",
-    "UncertainError": "jounce.errors",
-    "JounceWarning": "jounce.errors",
+    "JounceError": "jounce.core.errors",
+    "UncertainError": "jounce.core.errors",
+    "JounceWarning": "jounce.core.errors",
     "Kernel": "jounce.native.kernel",
     "Limits": "jounce.model.limits",
     "Loop": "jounce.model.loops",
@@ -116,11 +116,11 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "Report": "jounce._report",
     "Retiming": "jounce.limits.retime",
     "Robot": "jounce.robot",
-    "RobotState": "jounce.models.states",
+    "RobotState": "jounce.io.models.states",
     "Slowdown": "jounce.limits.slowdown",
     "SpringFunction": "jounce.model.springs",
     "SpringTable": "jounce.model.spring_table",
-    "casadi_function": "jounce._casadi",
+    "casadi_function": "jounce._codegen.casadi",
     "codegen": "jounce._codegen",
     "excite": "jounce.identification",
     "identify": "jounce.identification",
@@ -129,7 +129,7 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "load_motion": "jounce.robot.motions",
     "report": "jounce._report",
     "save": "jounce.robot.saving",
-    "symbolic": "jounce._symbolic",
+    "symbolic": "jounce._codegen.symbolic",
 }
 
 

@@ -5,7 +5,7 @@ import pytest
 import sympy
 from scipy.optimize import brentq, minimize_scalar
 
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
 from jounce.model.antagonists import AntagonisticSprings, deflection_series, deflections
 from jounce.model.inversion import UnreachableError
 from jounce.model.spring_table import SpringTable

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from jounce.actuators import damping
+from jounce.core.errors import JounceError
 from jounce.dynamics import deflections
-from jounce.errors import JounceError
 from jounce.model.springs import CubicSpring, force_along
 from jounce.spatial.series import Series
 

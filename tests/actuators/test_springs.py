@@ -12,8 +12,8 @@ from natives import native, signature
 
 import casadi
 import jounce
+from jounce.core.errors import JounceError
 from jounce.dynamics import deflections
-from jounce.errors import JounceError
 from jounce.model import inversion
 from jounce.model.inversion import UnreachableError, deflection
 from jounce.model.spring_table import SpringTable

@@ -8,8 +8,8 @@ from robots import floating
 
 import jounce
 from jounce.arguments.base import not_a_pose
+from jounce.core.errors import JounceError
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.errors import JounceError
 
 ORIGIN, STILL = np.eye(4), np.zeros(6)
 ZEROS = np.zeros((3, 2))

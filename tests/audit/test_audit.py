@@ -19,9 +19,9 @@ from robots import mechanisms, random_mechanism
 from scipy.spatial.transform import Rotation
 
 import jounce
-from jounce.audit import SEVERITIES, Finding, audit
-from jounce.audit.mobility import singular
-from jounce.audit.names import formulas
+from jounce.checks.audit import SEVERITIES, Finding, audit
+from jounce.checks.audit.mobility import singular
+from jounce.checks.audit.names import formulas
 from jounce.checks.description import describe
 from jounce.cli import main
 from jounce.model.mechanism import Mechanism

@@ -9,7 +9,7 @@ from robots import differentiated, floating, golden, random_pose, rates_of, rela
 
 import casadi
 import jounce
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
 
 TOLERANCE = 1e-12
 RATES = ("", "d", "2d", "3d", "4d")

@@ -11,8 +11,8 @@ from tools import needs
 
 import jounce
 from jounce._codegen.test_vectors import near_start
+from jounce.core.errors import JounceError
 from jounce.dynamics.assembly import gaps
-from jounce.errors import JounceError
 
 OUTPUTS = ("inverse_dynamics", "mass_matrix", "coordinates", "loop_wrenches")
 TITLE = "Dependent coordinates, the 2 entries of q_dependent:"

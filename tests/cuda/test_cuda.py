@@ -12,10 +12,10 @@ from tools import obstacle
 
 import jounce
 import jounce.cuda
+from jounce.core.errors import JounceError
 from jounce.cuda import arrays as device
 from jounce.cuda.source import THREADS, source
 from jounce.engine.generic import as_tuple
-from jounce.errors import JounceError
 
 BATCH = 2 * THREADS + 37  # three blocks, the last one not full
 

@@ -9,8 +9,8 @@ import pytest
 from click.testing import CliRunner
 from robots import relative_error
 
+from jounce._report.demo.example import example, step_errors, without_steiner
 from jounce.cli import main
-from jounce.demo.example import example, step_errors, without_steiner
 from jounce.io import tables
 
 command = sys.modules["jounce.cli.demo"]  # its name in jounce.cli is that of the verb

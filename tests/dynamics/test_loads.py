@@ -9,7 +9,7 @@ from quantities import tupled
 from robots import Interpreted, differentiated_at_once, harmonic, mechanisms, relative_error, with_tool
 
 import jounce
-from jounce.errors import JounceError, JounceWarning
+from jounce.core.errors import JounceError, JounceWarning
 from jounce.spatial import lie
 
 

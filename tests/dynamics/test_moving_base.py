@@ -19,8 +19,8 @@ from robots import (
 )
 
 import jounce
+from jounce.core.errors import JounceError
 from jounce.dynamics.closed_form import closed_form
-from jounce.errors import JounceError
 from jounce.spatial.inertia import moments
 from jounce.spatial.lie import Ad, hat, inverse
 from jounce.spatial.series import Series, columns, from_rate, joined

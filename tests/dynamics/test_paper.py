@@ -7,10 +7,10 @@ import pytest
 from robots import GOLDEN_NAMES, golden, loads, rates_of, relative_error
 
 import jounce
+from jounce.core.errors import JounceError
 from jounce.dynamics import system
 from jounce.dynamics.closed_form import closed_form
 from jounce.dynamics.paper import Paper, section3, section4
-from jounce.errors import JounceError
 from jounce.io import motions
 from jounce.spatial import lie
 from jounce.spatial.series import columns, from_rate

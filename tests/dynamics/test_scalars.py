@@ -16,9 +16,9 @@ from robots import GOLDEN_NAMES, golden, rates_of, relative_error, springs
 
 import casadi
 import jounce
-from jounce._scalars import element
+from jounce.core.errors import JounceError
+from jounce.core.scalars import element
 from jounce.dynamics.quantities import QUANTITIES as TABLE
-from jounce.errors import JounceError
 from jounce.model.casting import with_exact_integers
 from jounce.program.trace import Tape
 from jounce.spatial.series import columns

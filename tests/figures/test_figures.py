@@ -13,7 +13,7 @@ from matplotlib.colors import to_rgb
 from robots import mechanisms
 
 import jounce
-from jounce.demo.gallery import portrait
+from jounce._report.demo.gallery import portrait
 from jounce.figures import canvas
 from jounce.figures.bounds import MARK, PALE, beyond
 from jounce.figures.curves import laid_over, over_time

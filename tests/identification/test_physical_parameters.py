@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 from scipy.stats import chi2
 
 import jounce
-from jounce.audit.inertias import impossible
+from jounce.checks.audit.inertias import impossible
 from jounce.dynamics.base_parameters import base_parameters
 from jounce.identification.physical import WEIGHT, consistent_parameters
 from jounce.model import equivalent

@@ -15,8 +15,8 @@ import casadi
 import jounce
 import jounce.dask
 from jounce.checks.compare import compare
+from jounce.core.errors import JounceError
 from jounce.dynamics import assembly
-from jounce.errors import JounceError
 
 RECURSION = {"method": "recursion"}
 DRIVEN = looped("cylindrical with mimic joint and drives")

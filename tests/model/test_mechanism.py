@@ -9,7 +9,7 @@ import pytest
 from robots import golden, random_mechanism, random_rotation, relative_error
 
 import jounce
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
 from jounce.spatial.inertia import form_error, principal_moments, triangle_slack
 
 

@@ -7,7 +7,7 @@ import pytest
 from robots import golden, relative_error
 
 import jounce
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
 from jounce.model.parameters import PARAMETERS, own_values, parametrise
 from jounce.program.trace import Tape
 from jounce.spatial import inertia

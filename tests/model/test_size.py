@@ -8,8 +8,8 @@ from files import refusal
 from robots import random_mechanism
 
 import jounce
-from jounce.audit.mobility import massless
-from jounce.audit.units import sizes
+from jounce.checks.audit.mobility import massless
+from jounce.checks.audit.units import sizes
 from jounce.model.mechanism import ancestors
 from jounce.model.size import MAX_BODIES, check_size
 from jounce.spatial.series import Series

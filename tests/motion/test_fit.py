@@ -8,7 +8,7 @@ from logs import NAMES, encoder, harmonics, log
 from scipy.interpolate import BPoly, make_lsq_spline
 
 import jounce
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
 from jounce.motion.fit import fit
 from jounce.motion.stamps import LEAST
 

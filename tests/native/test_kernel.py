@@ -20,8 +20,8 @@ from robots import (
 )
 
 import jounce
+from jounce.core.errors import JounceError
 from jounce.dynamics.computation import Computation
-from jounce.errors import JounceError
 from jounce.native import forms
 from jounce.spatial.series import columns
 

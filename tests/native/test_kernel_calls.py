@@ -15,9 +15,9 @@ import sympy
 from robots import golden, relative_error
 
 import jounce
+from jounce.core.errors import JounceError, JounceWarning
 from jounce.dynamics.computation import Computation
 from jounce.engine import backends
-from jounce.errors import JounceError, JounceWarning
 from jounce.native import jit
 from jounce.native import kernel as module
 from jounce.native.kernel import Kernel

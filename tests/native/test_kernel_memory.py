@@ -12,8 +12,8 @@ import pytest
 from robots import random_mechanism
 
 import jounce
+from jounce.core.errors import JounceError
 from jounce.dynamics.computation import Computation
-from jounce.errors import JounceError
 from jounce.native import plan, pool
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel

@@ -5,9 +5,9 @@ import pytest
 from robots import random_mechanism
 
 import jounce
+from jounce.core.errors import JounceWarning
 from jounce.dynamics.computation import Computation
 from jounce.engine import backends
-from jounce.errors import JounceWarning
 from jounce.native import forms, jit
 from jounce.native import kernel as module
 from jounce.native.jit import host

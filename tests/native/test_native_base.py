@@ -11,7 +11,7 @@ from robots import floating, random_mechanism, random_pose, relative_error
 
 import jounce
 from jounce.arguments.base import NOT_A_POSE, not_a_pose
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
 from jounce.native.plan import is_straight
 from jounce.native.poses import are_poses
 

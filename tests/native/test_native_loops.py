@@ -5,10 +5,10 @@ import pytest
 from robots import relative_error
 
 import jounce
+from jounce.core.errors import JounceError
 from jounce.dynamics import newton
 from jounce.dynamics.branches import pattern
 from jounce.dynamics.computation import Computation
-from jounce.errors import JounceError
 from jounce.native.closing import NativeStep
 from jounce.native.forms import program
 from jounce.spatial.linear import OrthogonalFactors, elimination

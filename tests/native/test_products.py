@@ -13,9 +13,9 @@ from scipy.linalg import expm
 
 import jounce
 from jounce.checks.derivatives import product
+from jounce.core.errors import JounceError, JounceWarning
 from jounce.dynamics.computation import PRODUCTS, Computation
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.errors import JounceError, JounceWarning
 from jounce.native import forms, jit, plan
 from jounce.native import kernel as module
 from jounce.program.differentiate import jvp, vjp

@@ -18,9 +18,9 @@ from tools import NODE, require
 
 import casadi
 import jounce
-from jounce import _scalars
 from jounce._codegen.language import NAMES, language
-from jounce.errors import JounceError
+from jounce.core import scalars
+from jounce.core.errors import JounceError
 from jounce.native import forms
 from jounce.native.functions import DEFINITIONS
 from jounce.native.ir import Writer
@@ -126,16 +126,16 @@ def test_nodes_have_the_functions_of_the_table_and_no_others():
         assert getattr(x, name)().kind == name
     assert not hasattr(x, "inv")
     with pytest.raises(JounceError, match=r"^scalars of type Node have no method arctan\(\), which is required$"):
-        _scalars._elementwise("arctan")(np.array([x]))
+        scalars._elementwise("arctan")(np.array([x]))
 
 
 SCALAR_FUNCTIONS = {
-    "inv": _scalars.reciprocal,
-    "sin": _scalars.sin,
-    "cos": _scalars.cos,
-    "tanh": _scalars.tanh,
-    "exp": _scalars.exp,
-    "sqrt": _scalars.sqrt,
+    "inv": scalars.reciprocal,
+    "sin": scalars.sin,
+    "cos": scalars.cos,
+    "tanh": scalars.tanh,
+    "exp": scalars.exp,
+    "sqrt": scalars.sqrt,
 }
 
 
@@ -147,7 +147,7 @@ def traced(function, x):
 
 def casadi_value(function, x):
     symbol = casadi.SX.sym("x")
-    (found,) = function(_scalars.asarray(symbol, "x"))
+    (found,) = function(scalars.asarray(symbol, "x"))
     return float(casadi.Function("f", [symbol], [found])(x))
 
 
@@ -173,11 +173,11 @@ def test_functions_take_every_scalar_type(name, kind):
 
 def test_reciprocals_of_numbers_among_symbols():
     half, minus, zero = Fraction(1, 2), -1, -0.0
-    found = _scalars.reciprocal(np.array([half, minus, zero, Fraction(0), sympy.Integer(3)], dtype=object))
+    found = scalars.reciprocal(np.array([half, minus, zero, Fraction(0), sympy.Integer(3)], dtype=object))
     assert list(found) == [2, -1, -math.inf, math.inf, sympy.Rational(1, 3)]
     assert type(found[1]) is int
     with pytest.raises(JounceError, match=r"^scalars of type object have no reciprocal 1 / x, which is required$"):
-        _scalars.reciprocal(np.array([object()]))
+        scalars.reciprocal(np.array([object()]))
 
 
 def mass_matrix_of_operations():

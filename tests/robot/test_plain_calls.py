@@ -9,8 +9,8 @@ import pytest
 from quantities import IDS, REQUESTS, affordable, branched, method_of, tupled
 
 import jounce
+from jounce.core.errors import JounceError
 from jounce.engine import dispatch
-from jounce.errors import JounceError
 from jounce.native import kernel as module
 
 ROBOT = branched()

@@ -13,8 +13,8 @@ from robots import floating, random_mechanism, random_pose, relative_error
 
 import casadi
 import jounce
+from jounce.core.errors import JounceError
 from jounce.engine import primitive
-from jounce.errors import JounceError
 from jounce.native import plan, xla
 from jounce.spatial import lie
 

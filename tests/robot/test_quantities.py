@@ -9,10 +9,10 @@ from quantities import IDS, REQUESTS, affordable, branched, ids, method_of, rate
 from robots import Interpreted, differentiated_at_once, harmonic, relative_error
 
 from jounce.arguments import requests
+from jounce.core.errors import JounceError
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.backends import NATIVE, native_obstacle
-from jounce.errors import JounceError
 
 ROBOT = branched()
 SMALL = branched((-1, 0, -1))  # XLA takes long for every body

@@ -13,7 +13,7 @@ from hypothesis import given
 from robots import golden, mechanisms, random_state, relative_error
 
 import jounce
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
 
 METHODS = ("recursion", "closed_form", "paper")
 QUANTITIES = {  # the fewest rates each takes, and the shape of its result for a robot of two joints

@@ -24,9 +24,9 @@ from test_stream import ROBOT, bytes_of, call, joined, refusal, summary, table, 
 
 import jounce
 import jounce.dask
+from jounce.core.errors import collected_warnings, warn
 from jounce.dask.kept import keep
 from jounce.dynamics.computation import Computation
-from jounce.errors import collected_warnings, warn
 from jounce.native import kernel
 from jounce.stream import cluster, plan
 from jounce.stream.job import Job, Reading

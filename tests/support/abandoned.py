@@ -5,7 +5,7 @@ import subprocess
 import sys
 import time
 
-from jounce import _parts
+from jounce.core import parts
 
 
 def abandoned_part(folder, process=None, age=0.0):
@@ -14,7 +14,7 @@ def abandoned_part(folder, process=None, age=0.0):
         gone = subprocess.Popen([sys.executable, "-c", ""])
         gone.wait()
         process = gone.pid
-    path = _parts.part_in(folder)
+    path = parts.part_in(folder)
     path = path.with_name(path.name.replace(f"-{os.getpid()}-", f"-{process}-"))
     path.write_text("half of")
     os.utime(path, (time.time() - age,) * 2)

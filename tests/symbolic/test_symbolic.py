@@ -15,7 +15,7 @@ from robots import golden, random_pose
 from sympy import cos, sin
 
 import jounce
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
 from jounce.model.frame import Frame
 from jounce.model.mechanism import FloatingBase
 from jounce.spatial.lie import pose
@@ -283,7 +283,7 @@ def test_matrices_are_kept_and_frozen():
 
 def test_what_is_too_large_says_so_and_names_the_way_out(monkeypatch):
     monkeypatch.setattr(
-        "jounce._symbolic.expressions.MOST_OPERATIONS", 200_000
+        "jounce._codegen.symbolic.expressions.MOST_OPERATIONS", 200_000
     )  # a page of the documentation waits for all of it
     S = jounce.symbolic(jounce.load("iiwa14"))
     assert len(S.Qgrav) == 7
@@ -293,7 +293,7 @@ def test_what_is_too_large_says_so_and_names_the_way_out(monkeypatch):
 
 
 def test_an_order_too_high_says_so(monkeypatch):
-    monkeypatch.setattr("jounce._symbolic.expressions.MOST_OPERATIONS", 20_000)
+    monkeypatch.setattr("jounce._codegen.symbolic.expressions.MOST_OPERATIONS", 20_000)
     S = jounce.symbolic(planar2r())
     assert S.Q2d.shape == (2, 1)
     with pytest.raises(

@@ -12,9 +12,9 @@ from typing import get_args
 import pytest
 
 import jounce
-from jounce import _typing
 from jounce._codegen.language import NAMES
 from jounce.arguments.loads import AXES
+from jounce.core import typing
 from jounce.dynamics.kinematics import FRAMES
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.backends import NATIVE
@@ -78,17 +78,17 @@ def test_the_right_program_runs():
 @pytest.mark.parametrize(
     ("literal", "known"),
     [
-        (_typing.QuantityName, QUANTITIES),
-        (_typing.Method, [NATIVE, *(method for row in QUANTITIES.values() for method in row.methods)]),
-        (_typing.Frame, FRAMES),
-        (_typing.LoadFrame, AXES),
-        (_typing.Form, FORMS),
-        (_typing.DriveTerm, TERMS),
-        (_typing.Language, NAMES),
-        (_typing.Convention, dh.CONVENTIONS),
-        (_typing.JointType, dh.TYPES),
-        (_typing.Angles, units.ANGLES),
-        (_typing.TimeUnit, units.TIMES),
+        (typing.QuantityName, QUANTITIES),
+        (typing.Method, [NATIVE, *(method for row in QUANTITIES.values() for method in row.methods)]),
+        (typing.Frame, FRAMES),
+        (typing.LoadFrame, AXES),
+        (typing.Form, FORMS),
+        (typing.DriveTerm, TERMS),
+        (typing.Language, NAMES),
+        (typing.Convention, dh.CONVENTIONS),
+        (typing.JointType, dh.TYPES),
+        (typing.Angles, units.ANGLES),
+        (typing.TimeUnit, units.TIMES),
     ],
 )
 def test_types_name_what_there_is(literal, known):

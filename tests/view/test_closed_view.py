@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce._view.track import at_rest, start_of, track
+from jounce._report.view.track import at_rest, start_of, track
 
 ROBOT = jounce.load("fivebar")
 
@@ -20,7 +20,7 @@ def test_sliders_stay_where_the_loops_close():
     pytest.importorskip("viser", reason="viser is not installed")
     from pathlib import Path
 
-    from jounce._view.viewer import serving
+    from jounce._report.view.viewer import serving
 
     with serving(ROBOT, Path("fivebar"), None, 0) as served:
         before = [slider.value for slider in served.joints]

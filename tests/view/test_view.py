@@ -19,8 +19,8 @@ from robots import floating
 from scipy.spatial.transform import Rotation
 
 import jounce
-from jounce._view import controls, scene, viewer
-from jounce._view.track import STATES, at_rest, track
+from jounce._report.view import controls, scene, viewer
+from jounce._report.view.track import STATES, at_rest, track
 from jounce.cli import main
 from jounce.io.mesh_files import MISSING, OUTSIDE, mesh_file
 from jounce.io.visuals import _resolver, read_mesh, read_visuals, visuals_of

@@ -9,10 +9,10 @@ from jounce._codegen import header
 from jounce._codegen.function import Function, trace
 from jounce._codegen.options import Options, check_options, languages_where
 from jounce._codegen.test_vectors import vectors
-from jounce._typing import Language
+from jounce.core.errors import JounceError, listed, quoted, true_or_false, warn
+from jounce.core.typing import Language
 from jounce.dynamics.quantities import FORCES
 from jounce.engine.engine import Engine
-from jounce.errors import JounceError, listed, quoted, true_or_false, warn
 from jounce.io import folders
 from jounce.io.files import path_of
 

@@ -8,7 +8,7 @@ import numpy as np
 from jounce._codegen.function import Function
 from jounce._codegen.parametric import Parametric
 from jounce._codegen.schedule import is_function
-from jounce._version import __version__
+from jounce.core.version import __version__
 from jounce.dynamics.computation import DEPENDENT
 from jounce.dynamics.kinematics import FRAMES
 from jounce.dynamics.quantities import Quantity

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from jounce.core.errors import JounceError, one_of, quoted
 from jounce.dynamics.computation import Port
-from jounce.errors import JounceError, one_of, quoted
 
 NAMES = ("c", "cpp", "cuda", "javascript", "julia", "latex", "matlab", "python", "rust")
 

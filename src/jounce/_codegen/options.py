@@ -9,10 +9,10 @@ from jounce._codegen.language import NAMES, Language, language
 from jounce._codegen.parametric import Parametric, parametric
 from jounce.arguments.rates import checked_order
 from jounce.arguments.requests import parse_computation, takes_base
+from jounce.core.errors import JounceError, listed, quoted, several, true_or_false
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.engine import Engine
-from jounce.errors import JounceError, listed, quoted, several, true_or_false
 from jounce.model.mechanism import Mechanism
 
 HIGHEST_CODE_ORDER = 4  # order

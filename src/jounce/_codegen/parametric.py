@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import Array, is_symbolic
+from jounce.core.errors import JounceError
+from jounce.core.scalars import Array, is_symbolic
 from jounce.dynamics.computation import Shape
-from jounce.errors import JounceError
 from jounce.model.casting import with_arrays
 from jounce.model.mechanism import Mechanism
 from jounce.model.parameters import own_values, parametrise

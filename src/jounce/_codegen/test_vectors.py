@@ -9,12 +9,12 @@ from jounce._codegen.function import Function
 from jounce._codegen.parametric import Parametric
 from jounce.checks.derivatives import product, product_magnitudes
 from jounce.checks.magnitudes import magnitudes, scale
+from jounce.core.errors import JounceError
 from jounce.dynamics.closing import close_loops
 from jounce.dynamics.computation import DEPENDENT, Port
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.newton import scales
 from jounce.engine.generic import compute_by_method
-from jounce.errors import JounceError
 from jounce.model.casting import with_extended_precision
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import pose

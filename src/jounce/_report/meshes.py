@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jounce.errors import listed
+from jounce.core.errors import listed
 from jounce.io.visuals import read_mesh, visuals_of
 from jounce.model.mechanism import Mechanism
 

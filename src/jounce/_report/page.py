@@ -13,9 +13,9 @@ from jounce._report.curves import powers
 from jounce._report.packing import packed
 from jounce._report.panels import PANELS
 from jounce._report.subject import HIGHEST, Subject, subject_of
+from jounce.core.errors import JounceError, escaped, quoted
 from jounce.engine.along import FIRST, checked_motion
 from jounce.engine.engine import Engine, WithLinks
-from jounce.errors import JounceError, escaped, quoted
 from jounce.io import files
 from jounce.io.visuals import SUFFIX
 from jounce.limits.check import Check

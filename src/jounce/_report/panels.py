@@ -11,7 +11,7 @@ from jounce._report.curves import figure, joint_style, powers
 from jounce._report.drawing import drawing
 from jounce._report.sliders import end_names, sliders_code, sliders_data
 from jounce._report.subject import SLOWED, Subject
-from jounce._version import __version__
+from jounce.core.version import __version__
 from jounce.model.coordinates import leading_joints
 from jounce.model.limits import FORCES
 from jounce.model.mechanism import body_name

@@ -11,13 +11,13 @@ import numpy as np
 
 from jounce._report.meshes import Meshes, meshes_of
 from jounce.actuators.along import motors_along
+from jounce.core.errors import JounceError
 from jounce.dynamics.stretch import elasticity_of
 from jounce.engine.along import FIRST, Along, forces_along
 from jounce.engine.closed_path import named_by_time, on_tree, positions
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.generic import as_tuple
-from jounce.errors import JounceError
 from jounce.limits.bounded import known_kinds
 from jounce.limits.check import Check, check
 from jounce.limits.joints import drives_coordinates, efforts, joint_limits, joint_names, joint_rates, joint_units

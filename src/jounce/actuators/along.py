@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from jounce._typing import ArrayLike
 from jounce.actuators import damping
 from jounce.actuators.variable import spring_inputs, stiffnesses_of
 from jounce.arguments.rates import checked_order, rates_in
+from jounce.core.errors import JounceError, quoted
+from jounce.core.typing import ArrayLike
 from jounce.dynamics import elastic, electrical
 from jounce.dynamics.quantities import QUANTITIES, row_of
 from jounce.dynamics.stretch import elasticity_of
 from jounce.engine.along import Along, ForceBreak, Progress, forces_along
 from jounce.engine.engine import Engine
-from jounce.errors import JounceError, quoted
 from jounce.model.elasticity import Elasticity
 from jounce.model.inversion import UnreachableError
 from jounce.model.mechanism import Mechanism

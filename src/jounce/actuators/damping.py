@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from jounce.core.errors import JounceError, quoted
 from jounce.dynamics import deflections
 from jounce.dynamics.quantities import FORCES
 from jounce.dynamics.recursion.joints import rows
@@ -20,7 +21,6 @@ from jounce.dynamics.stretch import elasticity_of
 from jounce.engine.closed_path import on_tree, positions
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
-from jounce.errors import JounceError, quoted
 from jounce.model.springs import CubicSpring, DampedSpring, Spring
 from jounce.motion.hermite import between, coefficients
 from jounce.motion.motion import Motion

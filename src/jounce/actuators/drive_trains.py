@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jounce.errors import JounceError, listed, quoted
+from jounce.core.errors import JounceError, listed, quoted
 from jounce.model.drives import EPS
 from jounce.model.elasticity import Elasticity
 from jounce.model.mechanism import Mechanism

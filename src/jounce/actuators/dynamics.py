@@ -10,16 +10,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jounce._scalars import Array, broadcast, reciprocal
 from jounce.actuators.rotors import coupled_accelerations
 from jounce.arguments import positions
 from jounce.arguments.rates import rates_of
 from jounce.arguments.wrenches import wrenches_of
+from jounce.core.errors import JounceError, listed, quoted
+from jounce.core.scalars import Array, broadcast, reciprocal
 from jounce.dynamics import coupling, elastic, stretch
 from jounce.dynamics.stretch import elasticity_of
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
-from jounce.errors import JounceError, listed, quoted
 from jounce.model.casting import cast_model
 from jounce.model.elasticity import motor_names
 from jounce.model.mechanism import Mechanism

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import asarray, is_numeric
 from jounce.actuators.drive_trains import elasticity_of_drives
+from jounce.core.errors import JounceError, at, listed, one_of, quoted, warn
+from jounce.core.scalars import asarray, is_numeric
 from jounce.dynamics.coupling import GROUND
-from jounce.errors import JounceError, at, listed, one_of, quoted, warn
 from jounce.model.antagonists import AntagonisticSprings
 from jounce.model.coordinates import coordinate_units
 from jounce.model.elasticity import Elasticity, Law

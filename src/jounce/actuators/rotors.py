@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce._scalars import Array, reciprocal
+from jounce.core.scalars import Array, reciprocal
 from jounce.dynamics import coupling
 from jounce.dynamics.base import STILL
 from jounce.dynamics.quantities import FORCES, QUANTITIES

@@ -5,16 +5,16 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import Array, asarray
 from jounce.arguments.rates import rates_in, rates_of
 from jounce.arguments.wrenches import wrenches_of
+from jounce.core.errors import JounceError, listed, one_of
+from jounce.core.scalars import Array, asarray
 from jounce.dynamics import elastic
 from jounce.dynamics.computation import Computation, Port
 from jounce.dynamics.quantities import FORCES, row_of
 from jounce.dynamics.stretch import SpringInputs, elasticity_of
 from jounce.engine.engine import Engine
 from jounce.engine.generic import evaluate, results_into
-from jounce.errors import JounceError, listed, one_of
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series, rate_name
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import FLOAT, Array, asarray, is_jax, is_numeric, is_traced
 from jounce.arguments import names
 from jounce.arguments.rates import rates_in
-from jounce.errors import JounceError, quoted
+from jounce.core.errors import JounceError, quoted
+from jounce.core.scalars import FLOAT, Array, asarray, is_jax, is_numeric, is_traced
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import hat, rotation
 from jounce.spatial.series import rate_name

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from jounce._scalars import asarray, is_numeric
-from jounce.errors import JounceError, listed, one_of, quoted
+from jounce.core.errors import JounceError, listed, one_of, quoted
+from jounce.core.scalars import asarray, is_numeric
 from jounce.model.coordinates import joint_places, leading_joints
 from jounce.model.limits import EFFORT_KINDS, FORCES, KEYS, MOTION_KINDS, Limits, Stated, limits_with
 from jounce.model.mechanism import Mechanism

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jounce._scalars import Array, asarray, broadcast, concatenate
 from jounce.arguments.rates import is_unbatched, rates_in
-from jounce.errors import JounceError, one_of, warn
+from jounce.core.errors import JounceError, one_of, warn
+from jounce.core.scalars import Array, asarray, broadcast, concatenate
 from jounce.spatial.series import rate_name
 
 AXES = ("world", "body")

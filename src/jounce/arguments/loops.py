@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import asarray, is_numeric
 from jounce.arguments import names
+from jounce.core.errors import JounceError, at, listed, one_of, quoted
+from jounce.core.scalars import asarray, is_numeric
 from jounce.dynamics import assembly, closing, followers
 from jounce.dynamics.loops import closure_of
-from jounce.errors import JounceError, at, listed, one_of, quoted
 from jounce.model.locking import locked, warn_of_limits
 from jounce.model.loops import HELD, ROUNDING, Closure, Loop, Z
 from jounce.model.mechanism import Mechanism

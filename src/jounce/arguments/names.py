@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import is_zero
-from jounce.errors import JounceError, listed, one_line, quoted
+from jounce.core.errors import JounceError, listed, one_line, quoted
+from jounce.core.scalars import is_zero
 from jounce.model.mechanism import Mechanism
 
 LOCK = "lock= of jounce.load, or Robot.locked, holds joints without a value"

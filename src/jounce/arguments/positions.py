@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import Array, asarray, is_numeric
 from jounce.arguments import names
 from jounce.arguments.rates import rates_of
+from jounce.core.errors import JounceError, listed
+from jounce.core.scalars import Array, asarray, is_numeric
 from jounce.dynamics import closing, newton
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.newton import Step
-from jounce.errors import JounceError, listed
 from jounce.model.casting import cast_model
 from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism

@@ -5,9 +5,19 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import FLOAT, Array, asarray, broadcast, element, exact_integers, is_scalar, is_symbolic, namespace
 from jounce.arguments import names
-from jounce.errors import JounceError, at, listed, quoted
+from jounce.core.errors import JounceError, at, listed, quoted
+from jounce.core.scalars import (
+    FLOAT,
+    Array,
+    asarray,
+    broadcast,
+    element,
+    exact_integers,
+    is_scalar,
+    is_symbolic,
+    namespace,
+)
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import rate_name
 

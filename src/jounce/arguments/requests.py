@@ -3,10 +3,10 @@
 from functools import lru_cache
 
 from jounce.arguments.rates import checked_order
+from jounce.core.errors import JounceError, listed, no_such, one_of, true_or_false
 from jounce.dynamics.computation import PRODUCTS, Computation
 from jounce.dynamics.mobility import idle_coordinates
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.errors import JounceError, listed, no_such, one_of, true_or_false
 from jounce.model.mechanism import Mechanism
 
 

@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jounce._scalars import Array, asarray, broadcast, exact_integers, is_symbolic
 from jounce.arguments.rates import is_unbatched, rates_in
-from jounce.errors import JounceError, quoted
+from jounce.core.errors import JounceError, quoted
+from jounce.core.scalars import Array, asarray, broadcast, exact_integers, is_symbolic
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import Ad, inverse
 from jounce.spatial.series import rate_name

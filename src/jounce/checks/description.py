@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.audit import audit
+from jounce.checks.audit import audit
 from jounce.model.coordinates import coordinate_units
 from jounce.model.limits import KEYS, unit_of
 from jounce.model.mechanism import Mechanism, body_name

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import Array
+from jounce.core.scalars import Array
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.deflections import of_spring, solution
 from jounce.dynamics.quantities import FORCES

@@ -28,7 +28,7 @@ from jounce.cli.robots import robots
 from jounce.cli.run import run
 from jounce.cli.slowdown import slowdown
 from jounce.cli.view import view
-from jounce.errors import escaped, one_line
+from jounce.core.errors import escaped, one_line
 
 EPILOG = """\b
 Example:

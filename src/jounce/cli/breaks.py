@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from jounce.errors import listed
+from jounce.core.errors import listed
 
 if TYPE_CHECKING:
     from jounce.engine.along import ForceBreak

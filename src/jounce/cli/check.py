@@ -12,7 +12,7 @@ from jounce.cli.motions import AskedMotion, of_motion
 from jounce.cli.options import Asked, on_robot
 from jounce.cli.output import straight_columns, tell
 from jounce.cli.streaming import AskedStream, head_in_words, is_asked, on_stream_without_reduce, run_stream
-from jounce.errors import JounceError, shortened
+from jounce.core.errors import JounceError, shortened
 
 if TYPE_CHECKING:
     from jounce.limits.check import CheckedLimit

@@ -10,7 +10,7 @@ from jounce.cli.options import Asked, on_robot
 from jounce.cli.output import tell
 
 if TYPE_CHECKING:
-    from jounce._typing import Language
+    from jounce.core.typing import Language
 
 EPILOG = """\b
 Example:

@@ -6,7 +6,7 @@ import click
 
 from jounce.cli.options import Asked, on_robot_without_drives
 from jounce.cli.output import straight_columns, tell
-from jounce.errors import shortened
+from jounce.core.errors import shortened
 
 EPILOG = """\b
 Example:

@@ -7,7 +7,7 @@ import click
 
 from jounce.cli.options import Asked, on_robot_without_drives
 from jounce.cli.output import check_distinct, tell
-from jounce.errors import shortened
+from jounce.core.errors import shortened
 
 EPILOG = """\b
 Example:

@@ -11,7 +11,7 @@ from jounce.cli.output import progress, straight_columns, tell
 from jounce.figures.canvas import FORMATS
 
 if TYPE_CHECKING:
-    from jounce.demo.example import Example, StepErrors
+    from jounce._report.demo.example import Example, StepErrors
 
 EPILOG = """\b
 Example:
@@ -42,8 +42,8 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
     Writes the forces and their rates as tables, and pictures: q, Q, Qd and Q2d with numerical differentiation laid
     over, the error of differentiation over its step, both robots of the paper, and the curves of its published code.
     """
-    from jounce.demo import example
-    from jounce.demo.gallery import gallery
+    from jounce._report.demo import example
+    from jounce._report.demo.gallery import gallery
     from jounce.figures import canvas
     from jounce.io import files, tables
 

@@ -9,7 +9,7 @@ import click
 from jounce.cli.limits import LIMITS, load_robot
 from jounce.cli.options import Asked, drive_terms, on_robot_without_drives
 from jounce.cli.output import check_distinct, progress, tell
-from jounce.errors import escaped, shortened
+from jounce.core.errors import escaped, shortened
 
 EPILOG = """\b
 Example:

@@ -10,10 +10,10 @@ import click
 from jounce.cli.motions import AskedMotion, of_motion
 from jounce.cli.options import Asked, drive_terms, on_robot_without_drives
 from jounce.cli.output import check_distinct, tell
-from jounce.errors import JounceError, collected_warnings, warn
+from jounce.core.errors import JounceError, collected_warnings, warn
 
 if TYPE_CHECKING:
-    from jounce._typing import Equations
+    from jounce.core.typing import Equations
     from jounce.identification import Identification
 
 DEFAULT = "damping,friction,offset"

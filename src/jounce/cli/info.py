@@ -7,7 +7,7 @@ import click
 
 from jounce.cli.options import Asked, on_robot
 from jounce.cli.output import straight_columns, tell
-from jounce.errors import shortened
+from jounce.core.errors import shortened
 
 WIDTH = 100  # columns of a terminal
 COMMON = ("position", "velocity", "effort")  # limits that most robots have
@@ -93,7 +93,7 @@ def _moments(bodies: list[dict[str, Any]]) -> list[str]:
 
 
 def _findings(findings: list[dict[str, Any]]) -> list[str]:
-    from jounce.audit import Finding
+    from jounce.checks.audit import Finding
 
     lines = [""]
     for finding in (Finding(**data) for data in findings):

@@ -8,7 +8,7 @@ import click
 from jounce.cli.motions import AskedMotion, of_motion
 from jounce.cli.options import Asked, on_robot_without_drives
 from jounce.cli.output import check_distinct, progress, tell
-from jounce.errors import shortened
+from jounce.core.errors import shortened
 
 EPILOG = """\b
 Example:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jounce.cli.options import MOTION
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
 
 if TYPE_CHECKING:
     from jounce.motion import Motion

@@ -11,7 +11,7 @@ from jounce.cli.motions import AskedMotion, of_motion
 from jounce.cli.options import Asked, on_robot
 from jounce.cli.output import check_distinct, progress, straight_columns, tell
 from jounce.cli.streaming import OUTPUT, AskedStream, is_asked, on_stream, tell_results
-from jounce.errors import JounceError, quoted, shortened
+from jounce.core.errors import JounceError, quoted, shortened
 
 if TYPE_CHECKING:
     from jounce.actuators.along import ElasticAlong
@@ -120,7 +120,7 @@ def motors(
 
 def _by_joint(option: str, given: Sequence[str], joints: Sequence[str]) -> dict[str, float] | None:
     """The numbers of an option by joint: VALUE is of all joints, JOINT=VALUE of one; None without any."""
-    from jounce._scalars import finite
+    from jounce.core.scalars import finite
 
     found: dict[str, float] = {}
     named: dict[str, float] = {}

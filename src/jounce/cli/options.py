@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.shell_completion import CompletionItem
 
-from jounce.errors import JounceError, quoted
+from jounce.core.errors import JounceError, quoted
 
 if TYPE_CHECKING:
     from jounce.robot import Robot
@@ -157,7 +157,7 @@ def _pairs(option: str, given: Sequence[str]) -> dict[str, str]:
 
 
 def _lock_values(given: Sequence[str]) -> dict[str, float]:
-    from jounce._scalars import finite
+    from jounce.core.scalars import finite
 
     numbers = {name: finite(value) for name, value in _pairs("--lock", given).items()}
     for text, number in zip(given, numbers.values(), strict=True):

@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from jounce.errors import JounceError, escaped, shortened
+from jounce.core.errors import JounceError, escaped, shortened
 
 PATIENCE = 1.0  # s without a sign of life
 

@@ -9,7 +9,7 @@ import click
 
 from jounce.cli.options import ROBOT, Asked
 from jounce.cli.output import tell
-from jounce.errors import JounceError, listed
+from jounce.core.errors import JounceError, listed
 
 if TYPE_CHECKING:
     from jounce.figures.panels import Run

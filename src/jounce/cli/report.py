@@ -9,7 +9,7 @@ from jounce.cli.limits import LIMITS, load
 from jounce.cli.motions import AskedMotion, of_motion
 from jounce.cli.options import MESHES, Asked, on_robot
 from jounce.cli.output import check_distinct, tell
-from jounce.errors import shortened
+from jounce.core.errors import shortened
 
 EPILOG = """\b
 Example:

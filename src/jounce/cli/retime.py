@@ -9,7 +9,7 @@ from jounce.cli.limits import LIMITS, load
 from jounce.cli.motions import AskedMotion, of_motion
 from jounce.cli.options import Asked, on_robot
 from jounce.cli.output import check_distinct, progress, straight_columns, tell
-from jounce.errors import shortened
+from jounce.core.errors import shortened
 
 EPILOG = """\b
 Example:

@@ -8,7 +8,7 @@ import click
 
 from jounce.cli.options import ROBOT
 from jounce.cli.output import straight_columns
-from jounce.errors import no_such
+from jounce.core.errors import no_such
 
 if TYPE_CHECKING:
     from jounce.io.bundled import Bundled

@@ -12,7 +12,7 @@ from jounce.cli.motions import AskedMotion, of_motion
 from jounce.cli.options import Asked, on_robot
 from jounce.cli.output import check_distinct, progress, straight_columns, tell
 from jounce.cli.streaming import OUTPUT, AskedStream, is_asked, on_stream, tell_results
-from jounce.errors import shortened
+from jounce.core.errors import shortened
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -10,7 +10,7 @@ import click
 
 from jounce.cli.motions import AskedMotion
 from jounce.cli.output import progress, straight_columns, tell
-from jounce.errors import JounceError, quoted, shortened
+from jounce.core.errors import JounceError, quoted, shortened
 
 if TYPE_CHECKING:
     from jounce.stream.job import Job, Reading

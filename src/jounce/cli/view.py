@@ -8,7 +8,7 @@ import click
 
 from jounce.cli.motions import AskedMotion, of_optional_motion
 from jounce.cli.options import MESHES, Asked, on_robot
-from jounce.errors import escaped
+from jounce.core.errors import escaped
 
 EPILOG = """\b
 Examples:
@@ -31,8 +31,8 @@ def view(robot: Asked, motion: AskedMotion | None, port: int | None, meshes: tup
     A URDF is shown by its meshes and shapes, other robots by their joints. Q, its curves along the motion, frames and
     wrenches are shown too.
     """
-    from jounce._view import scene, viewer
-    from jounce._view.track import track
+    from jounce._report.view import scene, viewer
+    from jounce._report.view.track import track
 
     scene.check_installed()
     arm = robot.load()

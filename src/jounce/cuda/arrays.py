@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce._scalars import is_jax
+from jounce.core.errors import JounceError, one_line
+from jounce.core.scalars import is_jax
 from jounce.dynamics.computation import Port, Shape
-from jounce.errors import JounceError, one_line
 
 if TYPE_CHECKING:
     import cupy

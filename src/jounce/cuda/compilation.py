@@ -4,12 +4,12 @@ from typing import Any
 
 import numpy as np
 
-from jounce._typing import Frame, Product, QuantityName
 from jounce.arguments import requests
+from jounce.core.errors import JounceError, one_of, quoted
+from jounce.core.typing import Frame, Product, QuantityName
 from jounce.cuda.kernel import Kernel
 from jounce.dynamics import elastic
 from jounce.engine.engine import Engine
-from jounce.errors import JounceError, one_of, quoted
 
 DTYPES = ("float64", "float32")
 

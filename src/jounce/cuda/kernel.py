@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce._scalars import is_jax
+from jounce.core.errors import JounceError, one_line
+from jounce.core.scalars import is_jax
 from jounce.cuda import arrays as device
 from jounce.cuda.source import THREADS, compile_source, require_gpu, source
 from jounce.dynamics.computation import Computation
 from jounce.engine.generic import batch_shape
-from jounce.errors import JounceError, one_line
 from jounce.model.mechanism import Mechanism
 from jounce.native.arguments import refuse_names_and_masks, refuse_shapes
 

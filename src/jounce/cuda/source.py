@@ -11,8 +11,8 @@ from jounce._codegen.generate import functions_of
 from jounce._codegen.language import language
 from jounce._codegen.options import Options, check_size
 from jounce._codegen.parametric import parametric
+from jounce.core.errors import JounceError, one_line
 from jounce.dynamics.computation import Computation
-from jounce.errors import JounceError, one_line
 from jounce.model.mechanism import Mechanism
 
 if TYPE_CHECKING:

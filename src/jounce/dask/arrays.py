@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from jounce._typing import Frame, Method, QuantityName
 from jounce.arguments import names, requests
+from jounce.core.errors import JounceError, at, one_line, one_of
+from jounce.core.typing import Frame, Method, QuantityName
 from jounce.dask.kept import Kept, keep
 from jounce.dynamics.quantities import QUANTITIES, row_of
 from jounce.engine.dispatch import checked_arguments, compute
 from jounce.engine.engine import Engine, WithLinks
 from jounce.engine.generic import as_tuple
-from jounce.errors import JounceError, at, one_line, one_of
 from jounce.model.mechanism import Mechanism
 
 Shape = tuple[int, ...]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Generic, TypeVar
 
-from jounce.errors import JounceError, one_line
+from jounce.core.errors import JounceError, one_line
 
 T = TypeVar("T")
 

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jounce.core.errors import JounceError
 from jounce.dynamics import newton
 from jounce.dynamics.branches import with_solved_loops
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.newton import CLOSED, NEAR, Scales, scales
-from jounce.errors import JounceError
 from jounce.model.mechanism import Mechanism
 
 ROUNDING = 1e-16  # of a gap that nothing can make smaller

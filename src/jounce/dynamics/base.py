@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from jounce._scalars import Array
+from jounce.core.scalars import Array
 from jounce.spatial.lie import Ad, ad, hat, inverse, pose, position, rotation, wedge
 from jounce.spatial.series import Series, from_rate, from_rates
 

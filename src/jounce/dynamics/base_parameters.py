@@ -18,11 +18,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jounce.core.errors import JounceError
 from jounce.dynamics import assembly
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.dynamics.state import State
-from jounce.errors import JounceError
 from jounce.model.coordinates import leading_joints
 from jounce.model.mechanism import Mechanism, ancestors, reference_poses
 from jounce.spatial import inertia

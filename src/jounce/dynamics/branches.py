@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import Array
+from jounce.core.errors import JounceError
+from jounce.core.scalars import Array
 from jounce.dynamics.base import moved
 from jounce.dynamics.recursion.joints import Joint, joints, rows
-from jounce.errors import JounceError
 from jounce.model.equivalent import frame_shifts, on_axes
 from jounce.model.frame import Frame
 from jounce.model.loops import NO_RATIOS, in_scalars

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import Array, concatenate
+from jounce.core.scalars import Array, concatenate
 from jounce.dynamics import system
 from jounce.dynamics.base import STILL, BaseMotion
 from jounce.model.coordinates import base_columns

@@ -14,6 +14,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from jounce.core.errors import JounceError, listed
 from jounce.dynamics import newton
 from jounce.dynamics.assembly import (
     LOST,
@@ -26,7 +27,6 @@ from jounce.dynamics.assembly import (
 )
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.newton import CLOSED, NEAR, Scales, Step, scales
-from jounce.errors import JounceError, listed
 from jounce.model.mechanism import Mechanism
 
 MAX_BOUND = 1e4  # of the condition number: up to it one step from a gap of CLOSED leaves rounding alone, (1e4 CLOSED)^2

@@ -6,7 +6,7 @@ from functools import cached_property
 from itertools import accumulate
 from math import prod
 
-from jounce._scalars import Array
+from jounce.core.scalars import Array
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.quantities import Quantity, row_of
 from jounce.dynamics.state import State

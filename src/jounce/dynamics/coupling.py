@@ -15,7 +15,7 @@ from operator import add
 
 import numpy as np
 
-from jounce._scalars import Array
+from jounce.core.scalars import Array
 from jounce.dynamics.base import STILL
 from jounce.dynamics.recursion import bodies
 from jounce.dynamics.recursion.joints import rows

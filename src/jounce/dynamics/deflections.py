@@ -12,8 +12,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from jounce._scalars import Array
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
+from jounce.core.scalars import Array
 from jounce.model.functions import inverse
 from jounce.model.inversion import UnreachableError, deflection
 from jounce.model.springs import CubicSpring, Spring, force_along

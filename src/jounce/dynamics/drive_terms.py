@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jounce._scalars import Array, concatenate
-from jounce._typing import DriveColumn
+from jounce.core.scalars import Array, concatenate
+from jounce.core.typing import DriveColumn
 from jounce.model import drives
 from jounce.model.coordinates import generalized_forces, generalized_matrix, joint_variables
 from jounce.model.mechanism import Mechanism

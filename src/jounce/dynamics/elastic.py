@@ -8,10 +8,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from jounce._scalars import Array, reciprocal
+from jounce.core.errors import quoted
+from jounce.core.scalars import Array, reciprocal
 from jounce.dynamics import coupling
 from jounce.dynamics.stretch import NO_INPUTS, SpringInputs, at_motors, elasticity_of, stretch
-from jounce.errors import quoted
 from jounce.model import drives
 from jounce.model.mechanism import Mechanism
 from jounce.model.springs import CubicSpring

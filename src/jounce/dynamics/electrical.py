@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jounce._scalars import Array
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
+from jounce.core.scalars import Array
 from jounce.model.elasticity import Elasticity
 
 

@@ -8,11 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from jounce.core.errors import JounceError
 from jounce.dynamics import closing
 from jounce.dynamics.assembly import REGULAR, inverse_conditions_of, scaled_constraints, tangent
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.newton import scales
-from jounce.errors import JounceError
 from jounce.model.loops import FollowerRatios
 from jounce.model.mechanism import Mechanism
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
 
-from jounce._scalars import Array, zeros_like
+from jounce.core.scalars import Array, zeros_like
 from jounce.dynamics import drive_terms
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.closed_form import closed_form

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jounce._scalars import Array
+from jounce.core.scalars import Array
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.kinematics import in_blocks
 from jounce.dynamics.recursion import bodies

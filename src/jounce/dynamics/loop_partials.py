@@ -16,7 +16,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from jounce._scalars import Array
+from jounce.core.scalars import Array
 from jounce.dynamics.loops import ClosedMotion, closure_of
 from jounce.dynamics.system import system_moved
 from jounce.model.coordinates import joint_variables

@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from jounce._scalars import Array, concatenate, reciprocal, zeros_like
+from jounce.core.scalars import Array, concatenate, reciprocal, zeros_like
 from jounce.dynamics.branches import Ends, pattern, with_solved_loops, without_ratios
 from jounce.dynamics.state import Law, State
 from jounce.model.loops import Closure

@@ -12,7 +12,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from jounce._scalars import Array, concatenate
+from jounce.core.scalars import Array, concatenate
 from jounce.dynamics.branches import Ends, pattern, with_solved_loops
 from jounce.dynamics.loops import closure_of
 from jounce.model.loops import Loop

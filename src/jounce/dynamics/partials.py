@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jounce._scalars import Array, concatenate
+from jounce.core.scalars import Array, concatenate
 from jounce.dynamics import system
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.closed_form import closed_form

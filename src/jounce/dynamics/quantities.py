@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import Array, element
+from jounce.core.scalars import Array, element
 from jounce.dynamics import closed_form as dense
 from jounce.dynamics import drive_terms, elastic, forward, kinematics, loop_partials, loops, partials
 from jounce.dynamics.base import BaseMotion

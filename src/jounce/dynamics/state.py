@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from jounce._scalars import Array
+from jounce.core.scalars import Array
 from jounce.dynamics.base import STILL, BaseMotion
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series

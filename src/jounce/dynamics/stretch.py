@@ -12,10 +12,10 @@ from operator import add
 
 import numpy as np
 
-from jounce._scalars import Array, is_numeric, reciprocal
+from jounce.core.errors import JounceError, quoted
+from jounce.core.scalars import Array, is_numeric, reciprocal
 from jounce.dynamics import deflections
 from jounce.dynamics.recursion.joints import rows
-from jounce.errors import JounceError, quoted
 from jounce.model import antagonists
 from jounce.model.antagonists import AntagonisticSprings
 from jounce.model.elasticity import Elasticity, Law

@@ -11,7 +11,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from jounce._scalars import Array, concatenate
+from jounce.core.scalars import Array, concatenate
 from jounce.model.coordinates import joint_variables
 from jounce.model.mechanism import Mechanism, ancestors
 from jounce.spatial.inertia import moments

@@ -7,8 +7,9 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from jounce._typing import ArrayLike
 from jounce.arguments.rates import checked_order
+from jounce.core.errors import JounceError, UncertainError, at, quoted, warn
+from jounce.core.typing import ArrayLike
 from jounce.dynamics import closing
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import FORCES, Quantity
@@ -18,7 +19,6 @@ from jounce.engine.closed_path import on_tree, positions
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.generic import as_tuple
-from jounce.errors import JounceError, UncertainError, at, quoted, warn
 from jounce.model.mechanism import Mechanism
 from jounce.motion.base import perturbed
 from jounce.motion.matching import matched

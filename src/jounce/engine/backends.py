@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jounce._scalars import FLOAT, Array, is_jax
+from jounce.core.errors import JounceError, quoted, warn
+from jounce.core.scalars import FLOAT, Array, is_jax
 from jounce.dynamics import elastic
 from jounce.dynamics.branches import without_ratios
 from jounce.dynamics.computation import Computation
@@ -16,7 +17,6 @@ from jounce.dynamics.quantities import Quantity
 from jounce.engine import digits
 from jounce.engine.engine import Engine, Form, Ready
 from jounce.engine.generic import batch_shape, checked_out, compute_by_method, results_into
-from jounce.errors import JounceError, quoted, warn
 from jounce.model.casting import cast_model
 from jounce.model.mechanism import Mechanism
 from jounce.native import closing, plan

@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from jounce.core.errors import JounceError, UncertainError, at, listed
 from jounce.dynamics import closing, newton
 from jounce.dynamics.assembly import LOST, crossing, inverse_conditions, inverse_conditions_of, solved_constraints
 from jounce.dynamics.computation import Computation
@@ -20,7 +21,6 @@ from jounce.dynamics.loops import closure_of
 from jounce.engine.backends import closing_step
 from jounce.engine.engine import Engine
 from jounce.engine.generic import compute_by_method
-from jounce.errors import JounceError, UncertainError, at, listed
 from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
 from jounce.motion.curves import Curve

@@ -12,12 +12,12 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from jounce._scalars import Array, is_numeric
+from jounce.core.errors import UncertainError, listed
+from jounce.core.scalars import Array, is_numeric
 from jounce.dynamics import newton
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.newton import Step
-from jounce.errors import UncertainError, listed
 from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
 

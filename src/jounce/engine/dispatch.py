@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import Array, is_numeric
 from jounce.arguments import positions, rates, requests, wrenches
 from jounce.arguments.base import base_of
+from jounce.core.errors import JounceError, one_of
+from jounce.core.scalars import Array, is_numeric
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.mobility import is_singular, may_be_singular
 from jounce.dynamics.newton import Step
@@ -17,7 +18,6 @@ from jounce.engine import digits
 from jounce.engine.backends import BACKENDS, NATIVE, Call, closing_step, default_method, with_constraints
 from jounce.engine.engine import Engine
 from jounce.engine.generic import as_tuple, is_fit, results_into
-from jounce.errors import JounceError, one_of
 from jounce.model.mechanism import Mechanism
 from jounce.native.poses import are_poses
 

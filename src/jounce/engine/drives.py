@@ -3,9 +3,9 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from jounce._scalars import Array, broadcast, concatenate
-from jounce._typing import DriveColumn
 from jounce.arguments import positions, rates
+from jounce.core.scalars import Array, broadcast, concatenate
+from jounce.core.typing import DriveColumn
 from jounce.dynamics import drive_terms
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loops import law as closed_law

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeVar
 
+from jounce.core.errors import JounceError
 from jounce.dynamics.computation import Computation
-from jounce.errors import JounceError
 from jounce.model.mechanism import Mechanism
 from jounce.native.closing import NativeStep
 from jounce.native.kernel import Kernel

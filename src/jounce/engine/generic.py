@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import Array, batch_of, broadcast, is_jax, is_numeric
+from jounce.core.errors import JounceError
+from jounce.core.scalars import Array, batch_of, broadcast, is_jax, is_numeric
 from jounce.dynamics.computation import Computation, Port
 from jounce.dynamics.loops import closure_of
-from jounce.errors import JounceError
 from jounce.model.inversion import UnreachableError
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series

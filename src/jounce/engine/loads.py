@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from typing import Any
 
-from jounce._scalars import Array
 from jounce.arguments import loads, positions, rates
 from jounce.arguments.base import base_of
+from jounce.core.scalars import Array
 from jounce.dynamics.computation import Computation, Port
 from jounce.dynamics.loads import wrench_of
 from jounce.dynamics.loops import closed_motion

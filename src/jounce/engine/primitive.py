@@ -22,7 +22,7 @@ from jax.core import ShapedArray
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
-from jounce._scalars import Array, broadcast, is_jax, is_numeric
+from jounce.core.scalars import Array, broadcast, is_jax, is_numeric
 from jounce.dynamics.computation import Computation, Port, Signature
 from jounce.engine.generic import as_tuple, batch_shape, compute_by_method
 from jounce.model.mechanism import Mechanism

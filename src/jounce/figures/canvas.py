@@ -6,7 +6,7 @@ from pathlib import Path
 from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any
 
-from jounce.errors import JounceError, no_such, shortened
+from jounce.core.errors import JounceError, no_such, shortened
 from jounce.io import files
 
 if TYPE_CHECKING:

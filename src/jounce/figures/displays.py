@@ -9,8 +9,8 @@ import numpy as np
 
 from jounce.checks.description import describe, limit_in_words
 from jounce.core.display import html
+from jounce.core.errors import JounceError, shortened
 from jounce.engine.engine import Engine
-from jounce.errors import JounceError, shortened
 from jounce.figures import canvas
 from jounce.figures.curves import over_time
 from jounce.figures.drawing import View, draw, poses_on

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce._scalars import Array
+from jounce.core.scalars import Array
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.figures.canvas import COLOURS, INK, PALE

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from jounce.errors import JounceError, quoted
+from jounce.core.errors import JounceError, quoted
 from jounce.figures.canvas import letter
 
 if TYPE_CHECKING:

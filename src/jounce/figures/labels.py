@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce._scalars import Array
+from jounce.core.scalars import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

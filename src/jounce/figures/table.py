@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jounce.errors import JounceError, listed, no_such, quoted, shortened
+from jounce.core.errors import JounceError, listed, no_such, quoted, shortened
 from jounce.figures.curves import POINT
 from jounce.figures.panels import Panel, Run
 from jounce.model.coordinates import BASE_FORCES, coordinate_limits, coordinate_units, force_names

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce._typing import DriveColumn
+from jounce.core.typing import DriveColumn
 from jounce.engine.drives import regressor
 from jounce.engine.engine import Engine
 from jounce.identification.measurements import Measurements

@@ -24,8 +24,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce._typing import Floats
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
+from jounce.core.typing import Floats
 
 STEPS = 300
 LEAST = 0.1  # of the mean of S X, to be reached by a step

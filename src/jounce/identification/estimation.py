@@ -6,11 +6,11 @@ from typing import get_args
 
 import numpy as np
 
-from jounce._scalars import asarray, is_finite
-from jounce._typing import ArrayLike, DriveColumn, DriveColumns, Equations
+from jounce.core.errors import JounceError, listed, one_of, quoted, warn
+from jounce.core.scalars import asarray, is_finite
+from jounce.core.typing import ArrayLike, DriveColumn, DriveColumns, Equations
 from jounce.engine.along import checked_motion
 from jounce.engine.engine import R, like
-from jounce.errors import JounceError, listed, one_of, quoted, warn
 from jounce.identification.measurements import measurements
 from jounce.identification.physical import ConsistentParameters, consistent_parameters
 from jounce.identification.problem import model_of, problem

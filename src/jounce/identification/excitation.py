@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce._typing import ArrayLike, DriveColumns
+from jounce.core.errors import JounceError, listed
+from jounce.core.typing import ArrayLike, DriveColumns
 from jounce.engine.engine import Engine
-from jounce.errors import JounceError, listed
 from jounce.identification.harmonics import FEWEST, Harmonics
 from jounce.identification.search import Progress, Search
 from jounce.identification.setup import number, search_of, whole

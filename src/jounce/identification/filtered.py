@@ -12,13 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jounce._typing import DriveColumn
+from jounce.core.errors import JounceError, listed
+from jounce.core.typing import DriveColumn
 from jounce.dynamics.quantities import FORCES, row_of
 from jounce.engine.along import forces_along
 from jounce.engine.dispatch import compute
 from jounce.engine.drives import regressor
 from jounce.engine.engine import Engine
-from jounce.errors import JounceError, listed
 from jounce.identification.cells import Cells, averaged, places
 from jounce.identification.low_pass import LowPass, low_pass
 from jounce.identification.measurements import Measurements

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce._typing import DriveColumn
+from jounce.core.typing import DriveColumn
 from jounce.dynamics.base_parameters import base_parameters
 from jounce.dynamics.computation import Computation
 from jounce.engine.backends import compile_ahead

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import hyp1f1
 
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
 
 PIECE = 2000  # samples that are filtered at once
 POINTS = 4  # samples that a cubic passes through

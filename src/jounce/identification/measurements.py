@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce._scalars import asarray
-from jounce._typing import ArrayLike
-from jounce.errors import JounceError, quoted
+from jounce.core.errors import JounceError, quoted
+from jounce.core.scalars import asarray
+from jounce.core.typing import ArrayLike
 from jounce.model.coordinates import force_names
 from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion

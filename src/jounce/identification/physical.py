@@ -29,10 +29,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce._scalars import Array
-from jounce._typing import DriveColumn, Floats
+from jounce.core.errors import JounceError, shortened
+from jounce.core.scalars import Array
+from jounce.core.typing import DriveColumn, Floats
 from jounce.dynamics.base_parameters import BaseParameters, length_scale
-from jounce.errors import JounceError, shortened
 from jounce.identification.definite import Problem, minimum
 from jounce.model.drives import AMOUNTS, OFFSET
 from jounce.model.mechanism import Mechanism

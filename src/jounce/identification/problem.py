@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jounce._scalars import is_finite
-from jounce._typing import DriveColumn, Equations
+from jounce.core.errors import JounceError, quoted
+from jounce.core.scalars import is_finite
+from jounce.core.typing import DriveColumn, Equations
 from jounce.dynamics.base_parameters import BaseParameters, base_parameters
 from jounce.engine.along import forces_along
 from jounce.engine.engine import Engine, R, like
-from jounce.errors import JounceError, quoted
 from jounce.identification.cells import CELLS, Cells, band_of, cells_of, regressors, step_of
 from jounce.identification.filtered import FILTERED
 from jounce.identification.measurements import Measurements

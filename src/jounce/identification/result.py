@@ -6,10 +6,10 @@ from typing import Generic
 
 import numpy as np
 
-from jounce._typing import ArrayLike
+from jounce.core.errors import shortened
+from jounce.core.typing import ArrayLike
 from jounce.engine.along import checked_motion, forces_along
 from jounce.engine.engine import R
-from jounce.errors import shortened
 from jounce.identification.cells import regressors
 from jounce.identification.residuals import ForceResidual
 from jounce.identification.table import IdentifiedParameter

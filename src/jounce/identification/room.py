@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jounce._typing import QuantityName
+from jounce.core.typing import QuantityName
 from jounce.dynamics.computation import Computation
 from jounce.engine.along import FIRST
 from jounce.engine.backends import compile_ahead

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import minimize
 
-from jounce.errors import JounceError, quoted
+from jounce.core.errors import JounceError, quoted
 from jounce.identification.harmonics import Harmonics
 from jounce.identification.information import Information
 from jounce.identification.room import Room

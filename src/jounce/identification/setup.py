@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from jounce._scalars import asarray, is_finite
-from jounce._typing import ArrayLike, DriveColumn
+from jounce.core.errors import JounceError, quoted
+from jounce.core.scalars import asarray, is_finite
+from jounce.core.typing import ArrayLike, DriveColumn
 from jounce.engine.engine import Engine
-from jounce.errors import JounceError, quoted
 from jounce.identification.harmonics import Harmonics
 from jounce.identification.information import Information, information
 from jounce.identification.room import room_of

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jounce._typing import Equations
-from jounce.errors import listed, shortened
+from jounce.core.errors import listed, shortened
+from jounce.core.typing import Equations
 from jounce.identification.delay import find_delay
 from jounce.identification.filtered import FILTERED
 from jounce.identification.problem import Problem

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce._typing import DriveColumn
+from jounce.core.typing import DriveColumn
 from jounce.dynamics.base_parameters import BaseParameters
 from jounce.identification.cells import Cells
 from jounce.identification.problem import Problem

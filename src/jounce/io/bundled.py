@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce._scalars import Array, element
 from jounce.actuators.parameters import ElasticParameters, with_elasticity
-from jounce.errors import JounceError, listed
+from jounce.core.errors import JounceError, listed
+from jounce.core.scalars import Array, element
 from jounce.io import entries
 from jounce.io.native import reading
 from jounce.model.locking import locked

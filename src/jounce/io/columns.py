@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.errors import JounceError, quoted
+from jounce.core.errors import JounceError, quoted
 from jounce.io.remainders import split_names, with_remainders
 
 Columns = dict[str, np.ndarray]

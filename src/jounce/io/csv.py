@@ -11,8 +11,8 @@ from typing import NamedTuple, TextIO
 
 import numpy as np
 
-from jounce._scalars import finite
-from jounce.errors import JounceError, one_line, quoted
+from jounce.core.errors import JounceError, one_line, quoted
+from jounce.core.scalars import finite
 from jounce.io.columns import CellError, Columns, Select, check_distinct
 from jounce.io.files import opened
 from jounce.io.remainders import remainder_of, remainders_of_texts, split_names

@@ -17,7 +17,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from jounce.errors import JounceError, at, no_such, quoted
+from jounce.core.errors import JounceError, at, no_such, quoted
 from jounce.io.entries import Entry
 from jounce.io.native import parts
 from jounce.model import dh

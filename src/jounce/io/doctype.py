@@ -7,7 +7,7 @@ that one file could be two robots.
 from contextlib import suppress
 from xml.parsers import expat
 
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
 
 
 class _RootReachedError(Exception):

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from difflib import get_close_matches
 from pathlib import Path
 
-from jounce.errors import JounceError, listed, no_such
+from jounce.core.errors import JounceError, listed, no_such
 from jounce.io import denavit_hartenberg, entries, skidy
 from jounce.io.entries import Entry
 from jounce.io.native import reading

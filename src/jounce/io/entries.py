@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.errors import JounceError, at, listed, no_such, one_line, quoted, shortened
+from jounce.core.errors import JounceError, at, listed, no_such, one_line, quoted, shortened
 from jounce.io.files import read_bytes
 
 

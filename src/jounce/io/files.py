@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from jounce._parts import part_in, remove_abandoned
-from jounce.errors import JounceError, one_line, quoted
+from jounce.core.errors import JounceError, one_line, quoted
+from jounce.core.parts import part_in, remove_abandoned
 
 
 def check_readable(path: Path) -> None:

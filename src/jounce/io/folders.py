@@ -5,8 +5,8 @@ import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
-from jounce._parts import part_in, remove_abandoned
-from jounce.errors import JounceError, listed
+from jounce.core.errors import JounceError, listed
+from jounce.core.parts import part_in, remove_abandoned
 from jounce.io.files import check_writable, mode_of
 
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import is_finite
-from jounce.errors import JounceError, listed, one_line, quoted
+from jounce.core.errors import JounceError, listed, one_line, quoted
+from jounce.core.scalars import is_finite
 from jounce.io.columns import CellError, Columns, Select
 from jounce.io.files import opened
 from jounce.io.remainders import remainder_of, remainders_of_texts, split_names

@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from jounce.errors import JounceError, one_line
+from jounce.core.errors import JounceError, one_line
 from jounce.io.columns import Columns, Select, checked, flatten, select_columns
 from jounce.io.files import opened
 

@@ -8,12 +8,12 @@ from typing import Any
 
 from lxml import etree
 
-from jounce.errors import JounceError, one_line, shortened, warn
+from jounce.core.errors import JounceError, one_line, shortened, warn
 from jounce.io import urdf
 from jounce.io.doctype import refuse_declarations
 from jounce.io.files import read_bytes
+from jounce.io.models import mujoco as models
 from jounce.model.mechanism import Mechanism
-from jounce.models import mujoco as models
 
 MJCF = ("mujoco", "mujocoinclude")  # root elements
 

@@ -8,7 +8,7 @@ from zipfile import ZipFile
 import numpy as np
 
 from jounce.arguments import names
-from jounce.errors import JounceError, one_line, quoted
+from jounce.core.errors import JounceError, one_line, quoted
 from jounce.io.columns import Columns, Select, check_distinct, checked, select_columns
 from jounce.io.files import opened
 from jounce.io.spans.npz import columns_of

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from jounce.errors import warn
+from jounce.core.errors import warn
 from jounce.model.screws import ROUNDING
 
 TURN = 6.3  # rad: no rotation takes a larger angle

@@ -6,7 +6,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
 from jounce.io import csv, files, jsonlines, mat, npz, parquet
 from jounce.io.columns import About, Columns, Select, check_finite
 from jounce.io.spans.parquet import pyarrow

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
-from jounce._scalars import finite
-from jounce.errors import JounceError, at, no_such, one_line, quoted, shortened
+from jounce.core.errors import JounceError, at, no_such, one_line, quoted, shortened
+from jounce.core.scalars import finite
 from jounce.io.doctype import refuse_declarations
 from jounce.io.files import read_bytes
 from jounce.io.orientation import direction, from_rpy

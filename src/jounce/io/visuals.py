@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from lxml import etree
 
-from jounce.errors import one_line, quoted
+from jounce.core.errors import one_line, quoted
 from jounce.io.files import read_bytes
 from jounce.io.mesh_files import mesh_file
 from jounce.io.urdf import origin_pose, parse_xml, read_numbers

@@ -10,7 +10,7 @@ from threading import Lock
 from types import SimpleNamespace
 from typing import Any
 
-from jounce.errors import JounceError, no_such, one_line, quoted, shortened, warn
+from jounce.core.errors import JounceError, no_such, one_line, quoted, shortened, warn
 from jounce.io.doctype import refuse_declarations
 from jounce.io.files import read_bytes
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
 from jounce.limits.basis import Basis, Local
 from jounce.limits.rows import Rows
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
 from jounce.limits.bounded import Bounded
 from jounce.limits.feasible import states_of
 from jounce.limits.pieces import pieces_of

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from jounce.core.display import Displayed
+from jounce.core.errors import listed, quoted
 from jounce.engine.along import ForceBreak, force_breaks
 from jounce.engine.engine import Engine
-from jounce.errors import listed, quoted
 from jounce.limits.bounded import Bounded, Span, rate_of_forces
 from jounce.limits.deviations import deviations_of
 from jounce.limits.joints import joint_units

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jounce.errors import JounceError, quoted
+from jounce.core.errors import JounceError, quoted
 from jounce.limits.bounded import Bounded
 from jounce.limits.joints import joint_units
 from jounce.limits.pieces import part_pieces, parts_of

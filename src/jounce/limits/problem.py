@@ -6,9 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
+from jounce.core.errors import JounceError, listed, quoted
 from jounce.engine.closed_path import positions
 from jounce.engine.engine import Engine, like
-from jounce.errors import JounceError, listed, quoted
 from jounce.limits.bounded import known_kinds
 from jounce.limits.friction import Friction, friction_of
 from jounce.limits.joints import drives_coordinates, joint_limits, joint_names, joint_units

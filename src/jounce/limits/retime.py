@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jounce._scalars import is_finite
 from jounce.core.display import Displayed
+from jounce.core.errors import JounceError, quoted
+from jounce.core.scalars import is_finite
 from jounce.engine.along import checked_motion
 from jounce.engine.engine import Engine
-from jounce.errors import JounceError, quoted
 from jounce.limits.barrier import UNEVEN, Program, fastest, within
 from jounce.limits.basis import Basis, Local
 from jounce.limits.check import check

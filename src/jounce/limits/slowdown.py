@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from jounce.core.display import Displayed
+from jounce.core.errors import JounceError, listed, quoted
 from jounce.engine.along import ForceBreak
 from jounce.engine.engine import Engine
-from jounce.errors import JounceError, listed, quoted
 from jounce.limits.bounded import Bounded
 from jounce.limits.bracketing import Place, bracketed_factor, is_polynomial, worst_of
 from jounce.limits.check import breaks_of, notes_of

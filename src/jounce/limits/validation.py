@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from jounce.core.errors import JounceError, listed, quoted
 from jounce.engine.along import checked_motion
 from jounce.engine.engine import Engine
-from jounce.errors import JounceError, listed, quoted
 from jounce.limits.bounded import MOTORS, Bounded, known_kinds
 from jounce.limits.deviations import windows_of
 from jounce.limits.joints import drives_coordinates, joint_limits

@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from math import floor
 from typing import Literal
 
-from jounce.errors import listed
+from jounce.core.errors import listed
 from jounce.limits.bounded import Span
 from jounce.limits.worst import ROUNDING
 

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import is_numeric
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
+from jounce.core.scalars import is_numeric
 from jounce.model.functions import inverse
 from jounce.model.inversion import UnreachableError, rising_root
 from jounce.model.springs import CubicSpring, Spring, force_along, spring_of

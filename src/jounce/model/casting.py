@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import Array, exact_integers, is_numeric, is_symbolic
+from jounce.core.scalars import Array, exact_integers, is_numeric, is_symbolic
 from jounce.model.drives import Drives
 from jounce.model.loops import in_scalars
 from jounce.model.mechanism import Mechanism

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from jounce._scalars import Array
+from jounce.core.scalars import Array
 from jounce.model.limits import EFFORT_KINDS, LINE, MOTION_KINDS, STATED_KINDS, Limits, unlimited
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series

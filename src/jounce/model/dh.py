@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from jounce import _scalars
-from jounce._scalars import Array, asarray, is_symbolic
-from jounce.errors import JounceError, at, one_of, quoted, several, true_or_false, warn
+from jounce.core import scalars
+from jounce.core.errors import JounceError, at, one_of, quoted, several, true_or_false, warn
+from jounce.core.scalars import Array, asarray, is_symbolic
 from jounce.model.frame import Frame
 from jounce.model.mechanism import Mechanism
 from jounce.model.screws import exact_pose, from_screws
@@ -94,7 +94,7 @@ def _cos_sin(angle: Any, degrees: bool) -> tuple[Any, Any]:
         if quarters * right == angle:
             return ((1, 0), (0, 1), (-1, 0), (0, -1))[quarters % 4]
     x = np.array([angle * (np.pi / 180) if degrees else angle])
-    return _scalars.cos(x)[0], _scalars.sin(x)[0]
+    return scalars.cos(x)[0], scalars.sin(x)[0]
 
 
 def _array(entries: list[Any]) -> Array:

@@ -17,9 +17,9 @@ from typing import Final, TypeVar
 
 import numpy as np
 
-from jounce._scalars import Array, is_finite
-from jounce._typing import DriveColumn, DriveTerm, Floats
-from jounce.errors import JounceError, listed, one_of, quoted, several, warn
+from jounce.core.errors import JounceError, listed, one_of, quoted, several, warn
+from jounce.core.scalars import Array, is_finite
+from jounce.core.typing import DriveColumn, DriveTerm, Floats
 from jounce.model.functions import hyperbolic_tangent
 from jounce.spatial.series import Series
 

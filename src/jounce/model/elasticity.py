@@ -14,8 +14,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from jounce._scalars import Array
-from jounce._typing import Floats
+from jounce.core.scalars import Array
+from jounce.core.typing import Floats
 from jounce.model.antagonists import AntagonisticSprings
 from jounce.model.motors import Motor
 from jounce.model.springs import CubicSpring, DampedSpring, Spring

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import is_numeric
+from jounce.core.scalars import is_numeric
 from jounce.model.mechanism import Mechanism
 
 

@@ -14,8 +14,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from jounce._scalars import Array, concatenate, is_symbolic, is_zero
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
+from jounce.core.scalars import Array, concatenate, is_symbolic, is_zero
 from jounce.model.casting import with_exact_integers
 from jounce.model.mechanism import Mechanism, reference_poses
 from jounce.spatial import inertia

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from jounce._scalars import Array
+from jounce.core.scalars import Array
 
 
 @dataclass(frozen=True)

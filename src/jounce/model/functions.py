@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from jounce._scalars import cos, exp, reciprocal, sin, sqrt, tanh
+from jounce.core.scalars import cos, exp, reciprocal, sin, sqrt, tanh
 from jounce.program.program import Program
 from jounce.spatial.series import Series, from_rate
 

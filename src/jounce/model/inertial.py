@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from jounce._scalars import Array, asarray, is_numeric
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
+from jounce.core.scalars import Array, asarray, is_numeric
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
 

@@ -9,8 +9,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from jounce._scalars import Array, is_numeric, reciprocal, sqrt
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
+from jounce.core.scalars import Array, is_numeric, reciprocal, sqrt
 from jounce.model.springs import CubicSpring, Spring
 
 Slope = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # of deflections, to forces and stiffnesses

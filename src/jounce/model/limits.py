@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import Array, asarray, is_numeric
-from jounce._typing import Floats
-from jounce.errors import JounceError, one_of, quoted
+from jounce.core.errors import JounceError, one_of, quoted
+from jounce.core.scalars import Array, asarray, is_numeric
+from jounce.core.typing import Floats
 
 MOTION_KINDS = ("position", "velocity", "acceleration", "jerk", "snap")  # bounds of q, qd, q2d, q3d, q4d
 EFFORT_KINDS = ("effort", "effort_rate", "second_effort_rate")  # bounds of Q, Qd, Q2d

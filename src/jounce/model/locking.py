@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from jounce._scalars import Array, is_finite, is_numeric
-from jounce.errors import JounceError, listed, one_of, quoted, warn
+from jounce.core.errors import JounceError, listed, one_of, quoted, warn
+from jounce.core.scalars import Array, is_finite, is_numeric
 from jounce.model.coordinates import likely_positions
 from jounce.model.drives import Drives
 from jounce.model.frame import Frame

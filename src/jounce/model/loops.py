@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from jounce._scalars import Array, concatenate
+from jounce.core.scalars import Array, concatenate
 from jounce.model.frame import Frame
 
 Z = (0, 0, 1)

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import Array, is_numeric, is_zero, reciprocal
-from jounce.errors import JounceError, one_of
+from jounce.core.errors import JounceError, one_of
+from jounce.core.scalars import Array, is_numeric, is_zero, reciprocal
 from jounce.model.drives import Drives
 from jounce.model.elasticity import Elasticity
 from jounce.model.frame import Frame

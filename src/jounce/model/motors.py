@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce._scalars import asarray, is_finite, is_numeric
-from jounce.errors import JounceError, quoted
+from jounce.core.errors import JounceError, quoted
+from jounce.core.scalars import asarray, is_finite, is_numeric
 
 POSITIVE = ("inertia", "resistance", "constant")
 NOT_NEGATIVE = ("damping", "friction", "inductance")

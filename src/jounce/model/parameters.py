@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from jounce._scalars import Array, exact_integers, is_zero
-from jounce.errors import JounceError, listed, no_such, quoted
+from jounce.core.errors import JounceError, listed, no_such, quoted
+from jounce.core.scalars import Array, exact_integers, is_zero
 from jounce.model.casting import with_exact_integers, with_inertias
 from jounce.model.frame import Frame
 from jounce.model.mechanism import Mechanism

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import Array, asarray, is_finite, is_numeric, is_symbolic
-from jounce.errors import JounceError, one_line, one_of, quoted, several, shortened
+from jounce.core.errors import JounceError, one_line, one_of, quoted, several, shortened
+from jounce.core.scalars import Array, asarray, is_finite, is_numeric, is_symbolic
 from jounce.model.casting import with_exact_integers
 from jounce.model.drives import UNDRIVEN, Drives, drive_error
 from jounce.model.limits import Limits, checked_limits

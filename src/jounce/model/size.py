@@ -2,7 +2,7 @@
 
 import os
 
-from jounce.errors import JounceError, quoted
+from jounce.core.errors import JounceError, quoted
 
 MAX_BODIES = 5000  # a matrix of all joint variables by all coordinates takes 200 MB then, and a robot keeps a few
 VARIABLE = "JOUNCE_MAX_BODIES"

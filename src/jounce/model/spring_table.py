@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce._scalars import Array, asarray, is_numeric
-from jounce._typing import ArrayLike
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
+from jounce.core.scalars import Array, asarray, is_numeric
+from jounce.core.typing import ArrayLike
 from jounce.model.springs import Spring
 from jounce.spatial.series import Series
 

@@ -13,9 +13,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from jounce._scalars import Array, is_finite, is_numeric
-from jounce._typing import ArrayLike
-from jounce.errors import JounceError, at, one_line, quoted
+from jounce.core.errors import JounceError, at, one_line, quoted
+from jounce.core.scalars import Array, is_finite, is_numeric
+from jounce.core.typing import ArrayLike
 from jounce.model.functions import evaluate
 from jounce.program.program import Program
 from jounce.program.trace import Tape

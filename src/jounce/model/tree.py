@@ -14,7 +14,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from jounce.errors import JounceError, at, listed, no_such, quoted, shortened, warn
+from jounce.core.errors import JounceError, at, listed, no_such, quoted, shortened, warn
 from jounce.model.drives import UNDRIVEN, drive_error
 from jounce.model.frame import Frame
 from jounce.model.limits import Stated, limit_error, limits_of_joints

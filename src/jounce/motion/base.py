@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
 from jounce.motion.curves import Curve, Jump, OfCurve
 from jounce.spatial.lie import from_quaternion, hat, pose, rotation
 from jounce.spatial.linear import solved

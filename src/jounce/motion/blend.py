@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
 from jounce.motion.curves import WITHIN, Curve, Jump, OfCurve, jumps_at
 from jounce.motion.hermite import between
 

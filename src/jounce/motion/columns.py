@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from jounce.arguments import names
-from jounce.errors import JounceError, listed, no_such, one_line, quoted
+from jounce.core.errors import JounceError, listed, no_such, one_line, quoted
 from jounce.model.coordinates import coordinate_units
 from jounce.model.mechanism import Mechanism
 from jounce.motion import loads, poses

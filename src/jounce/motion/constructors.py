@@ -4,8 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jounce._scalars import asarray
-from jounce.errors import JounceError, quoted
+from jounce.core.errors import JounceError, quoted
+from jounce.core.scalars import asarray
 from jounce.motion.analytic import Analytic, Cosine, Terms
 from jounce.motion.curves import Curve, Polynomials
 from jounce.motion.smoothed import found_from

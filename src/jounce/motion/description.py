@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce.arguments import names
-from jounce.errors import JounceError, listed
+from jounce.core.errors import JounceError, listed
 from jounce.model.mechanism import Mechanism
 from jounce.motion.analytic import Analytic, Terms
 from jounce.motion.base import COLUMNS

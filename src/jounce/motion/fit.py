@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.errors import JounceError, listed, quoted
+from jounce.core.errors import JounceError, listed, quoted
 from jounce.motion.deviations import HIGHEST, Spread
 from jounce.motion.holds import Holds, find_holds
 from jounce.motion.least_squares import DEGREE, knots

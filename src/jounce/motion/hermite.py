@@ -7,7 +7,7 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from jounce.errors import warn
+from jounce.core.errors import warn
 from jounce.motion.curves import Jump, powers
 from jounce.motion.smoothness import resolution
 from jounce.spatial.series import rate_name

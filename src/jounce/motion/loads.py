@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.errors import JounceError, at, listed, quoted
+from jounce.core.errors import JounceError, at, listed, quoted
 from jounce.model.mechanism import Mechanism
 from jounce.motion.curves import COMPONENTS, Curve, Jump, OfCurve
 from jounce.motion.hermite import Hermite

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jounce.arguments import names
-from jounce.errors import JounceError, listed
+from jounce.core.errors import JounceError, listed
 from jounce.model.mechanism import Mechanism
 from jounce.motion.composed import Retimed
 from jounce.motion.curves import Curve, Jump, OfCurve

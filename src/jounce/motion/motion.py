@@ -7,11 +7,11 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from jounce._scalars import asarray, is_finite
-from jounce._typing import ArrayLike
 from jounce.arguments.rates import checked_order
 from jounce.core.display import Displayed
-from jounce.errors import JounceError, listed, one_of, quoted, warn
+from jounce.core.errors import JounceError, listed, one_of, quoted, warn
+from jounce.core.scalars import asarray, is_finite
+from jounce.core.typing import ArrayLike
 from jounce.motion import base as bases
 from jounce.motion.composed import Chain, Retimed
 from jounce.motion.curves import COMPONENTS, HIGHEST, Curve, Jump, Polynomials

@@ -10,8 +10,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from jounce._scalars import asarray
-from jounce.errors import JounceError, one_line
+from jounce.core.errors import JounceError, one_line
+from jounce.core.scalars import asarray
 from jounce.motion.constructors import Parts, check_increasing, checked_names, numbers
 from jounce.motion.curves import Polynomials, shifted, side_by_side
 from jounce.motion.hermite import coefficients

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import asarray
 from jounce.arguments.base import check_pose
-from jounce.errors import JounceError, at, listed, quoted, warn
+from jounce.core.errors import JounceError, at, listed, quoted, warn
+from jounce.core.scalars import asarray
 from jounce.model.mechanism import Mechanism
 from jounce.motion.base import COLUMNS, NAMES, checked_quaternions, neighbouring_signs
 from jounce.motion.composed import Part

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import is_finite
-from jounce.errors import JounceError, listed, quoted
+from jounce.core.errors import JounceError, listed, quoted
+from jounce.core.scalars import is_finite
 from jounce.motion.constructors import Parts
 from jounce.motion.planners import between_points
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.errors import JounceError, warn
+from jounce.core.errors import JounceError, warn
 from jounce.motion.curves import Curve
 from jounce.motion.deviations import HIGHEST
 from jounce.motion.fit import Fit, fit

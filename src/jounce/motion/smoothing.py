@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.errors import JounceError, listed
+from jounce.core.errors import JounceError, listed
 from jounce.motion.bursts import find_bursts, with_flanks
 from jounce.motion.choice import Choice, Part, again, bounded, by_schwarz, choose, denser
 from jounce.motion.correction import colour, corrected

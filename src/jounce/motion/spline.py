@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.errors import JounceError, one_line, quoted, true_or_false, warn
+from jounce.core.errors import JounceError, one_line, quoted, true_or_false, warn
 from jounce.motion.curves import Jump
 from jounce.motion.smoothness import resolution
 from jounce.spatial.series import rate_name

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.errors import JounceError, quoted
+from jounce.core.errors import JounceError, quoted
 
 LEAST = 24  # samples
 SUBSET = 20000  # rows from which the scatter of stamps is estimated, at most

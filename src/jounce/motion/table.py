@@ -5,7 +5,7 @@ from itertools import count, takewhile
 
 import numpy as np
 
-from jounce.errors import JounceError, at, warn
+from jounce.core.errors import JounceError, at, warn
 from jounce.model.mechanism import Mechanism
 from jounce.motion import loads, poses, smoothness
 from jounce.motion.columns import DEVIATION, TIME, Match, Options, followers, match

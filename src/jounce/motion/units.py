@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from jounce.errors import JounceError, no_such, quoted, warn
+from jounce.core.errors import JounceError, no_such, quoted, warn
 from jounce.model.coordinates import coordinate_units, leading_joints, likely_positions
 from jounce.model.mechanism import Mechanism
 

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import is_masked, is_traced
 from jounce.arguments import names
+from jounce.core.errors import JounceError
+from jounce.core.scalars import is_masked, is_traced
 from jounce.dynamics.computation import Port, Shape, Signature
-from jounce.errors import JounceError
 
 
 def refuse_names_and_masks(kernel: str, arrays: Sequence[Any], out: Sequence[Any]) -> None:

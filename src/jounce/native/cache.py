@@ -13,11 +13,11 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
-from jounce._parts import part_in, remove_abandoned
-from jounce._scalars import finite
+from jounce.core.errors import JounceError, quoted
+from jounce.core.parts import part_in, remove_abandoned
+from jounce.core.scalars import finite
 from jounce.dynamics import coupling
 from jounce.dynamics.computation import Computation
-from jounce.errors import JounceError, quoted
 from jounce.model.mechanism import Mechanism
 from jounce.native.jit import Target
 

@@ -12,8 +12,8 @@ from typing import Any, cast
 
 import numpy as np
 
+from jounce.core.errors import warn
 from jounce.dynamics.computation import Signature
-from jounce.errors import warn
 
 Bound = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
 Loop = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)  # of a ufunc

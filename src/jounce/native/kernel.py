@@ -11,9 +11,9 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
-from jounce._typing import ArrayLike, Floats, Product
+from jounce.core.errors import JounceError, one_line, quoted, warn
+from jounce.core.typing import ArrayLike, Floats, Product
 from jounce.dynamics.computation import Computation
-from jounce.errors import JounceError, one_line, quoted, warn
 from jounce.model.mechanism import Mechanism
 from jounce.native import cache, jit, plan
 from jounce.native.arguments import bound_batch, of_product, refuse_names_and_masks, refuse_shapes

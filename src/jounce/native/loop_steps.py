@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce._scalars import is_zero
+from jounce.core.scalars import is_zero
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.recursion.forces import ground

@@ -6,7 +6,7 @@ can be had, a call waits until one under way gives its own back. A forked proces
 
 import ctypes
 
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
 from jounce.native.ir import Writer
 
 SLOTS = 64  # buffers that are kept; of more calls at once each allocates its own

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import Recorder
+from jounce.core.scalars import Recorder
 from jounce.program.operations import FUNCTIONS, OPERATIONS
 from jounce.program.program import Program, prune
 

@@ -6,16 +6,16 @@ from functools import cached_property
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
-from jounce._typing import Array, ArrayLike, Method, MotorQuantity, Named, Out, Rates, Results
 from jounce.actuators import dynamics, variable
 from jounce.actuators.along import ElasticAlong, motors_along
 from jounce.actuators.dynamics import Accelerations, Energy
+from jounce.core.errors import JounceError
+from jounce.core.typing import Array, ArrayLike, Method, MotorQuantity, Named, Out, Rates, Results
 from jounce.dynamics import electrical
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.dynamics.stretch import elasticity_of
 from jounce.engine.dispatch import compute
 from jounce.engine.generic import as_tuple, results_into
-from jounce.errors import JounceError
 from jounce.model.elasticity import Elasticity
 from jounce.motion.motion import Motion
 from jounce.native.kernel import Kernel

@@ -9,9 +9,9 @@ from typing import Unpack
 
 import numpy as np
 
-from jounce._scalars import is_numeric
-from jounce._typing import ArrayLike, Base, DriveTerms, Planar2R
-from jounce.errors import JounceError, at, no_such, warn
+from jounce.core.errors import JounceError, at, no_such, warn
+from jounce.core.scalars import is_numeric
+from jounce.core.typing import ArrayLike, Base, DriveTerms, Planar2R
 from jounce.io.bundled import BUNDLED, check_floats
 from jounce.io.files import path_of
 from jounce.model import tree
@@ -178,7 +178,7 @@ def _call(build: Callable[..., Mechanism], parameters: dict[str, object], what: 
 
 
 def _warn_of_inertias(mechanism: Mechanism, path: Path) -> None:
-    from jounce.audit import impossible
+    from jounce.checks.audit import impossible
 
     found = impossible(mechanism) if is_numeric(mechanism.inertias) else []
     if found:

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce._typing import Angles, ArrayLike, Shaped, TimeUnit
 from jounce.arguments import names
 from jounce.arguments.rates import checked_order
+from jounce.core.errors import JounceError, at, quoted
+from jounce.core.typing import Angles, ArrayLike, Shaped, TimeUnit
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
-from jounce.errors import JounceError, at, quoted
 from jounce.io import motions
 from jounce.io.files import path_of
 

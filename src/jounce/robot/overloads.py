@@ -8,7 +8,7 @@ of rates only the program knows: ``robot.mass_matrix(*rates)``.
 from collections.abc import Callable
 from typing import Any, Literal, Protocol, TypedDict, TypeVar, Unpack, overload
 
-from jounce._typing import (
+from jounce.core.typing import (
     Array,
     ArrayLike,
     DriveColumns,

@@ -5,7 +5,12 @@ from dataclasses import dataclass, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Self
 
-from jounce._typing import (
+from jounce.arguments import requests
+from jounce.arguments.limits import with_limits
+from jounce.arguments.loops import with_locked, with_loops
+from jounce.core.display import Displayed
+from jounce.core.errors import JounceError, listed, one_of
+from jounce.core.typing import (
     Array,
     ArrayLike,
     Base,
@@ -26,16 +31,11 @@ from jounce._typing import (
     Rates,
     Results,
 )
-from jounce.arguments import requests
-from jounce.arguments.limits import with_limits
-from jounce.arguments.loops import with_locked, with_loops
-from jounce.core.display import Displayed
 from jounce.engine.backends import compile_ahead
 from jounce.engine.dispatch import compute
 from jounce.engine.drives import drive_forces, regressor
 from jounce.engine.engine import Engine
 from jounce.engine.loads import wrench_of_load
-from jounce.errors import JounceError, listed, one_of
 from jounce.model import dh, equality, inertial, screws
 from jounce.model.drives import Drives, select_columns, select_terms, warn_of_idle, with_eps
 from jounce.model.limits import Limits
@@ -45,16 +45,16 @@ from jounce.robot import overloads
 from jounce.robot.overloads import typed
 
 if TYPE_CHECKING:
-    from jounce.audit import Finding
+    from jounce.checks.audit import Finding
     from jounce.dynamics.base_parameters import BaseParameters
     from jounce.engine.along import Along
+    from jounce.io.models.states import RobotState
     from jounce.limits.check import Check
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
     from jounce.model.elasticity import SpringLaw
     from jounce.model.loops import Loop
     from jounce.model.motors import Motor
-    from jounce.models.states import RobotState
     from jounce.motion import Motion
     from jounce.robot.elastic import ElasticRobot
 
@@ -403,7 +403,7 @@ class Robot(Engine, Displayed):
         >>> robot.joint_names == tuple(model.names)[1:]
         True
         """
-        from jounce.models import pinocchio  # what few programs need
+        from jounce.io.models import pinocchio  # what few programs need
 
         return cls(pinocchio.mechanism(model, gravity, base, root))
 
@@ -453,7 +453,7 @@ class Robot(Engine, Displayed):
         >>> jounce.Robot.from_mujoco(model)
         <Robot 'm': 1 coordinates, 1 bodies>
         """
-        from jounce.models import mujoco  # what few programs need
+        from jounce.io.models import mujoco  # what few programs need
 
         return cls(mujoco.mechanism(model, gravity, base, root))
 
@@ -495,7 +495,7 @@ class Robot(Engine, Displayed):
         >>> state.q.shape, state.base[0].shape
         ((28,), (4, 4))
         """
-        from jounce.models import states
+        from jounce.io.models import states
 
         return states.state_from(self.mechanism, states.of_pinocchio(model), (q, v, a), ("q", "v", "a"))
 
@@ -533,7 +533,7 @@ class Robot(Engine, Displayed):
         >>> bool((q == 0.1).all())
         True
         """
-        from jounce.models import states
+        from jounce.io.models import states
 
         return states.state_to(self.mechanism, states.of_pinocchio(model), (q, qd, q2d), base)
 
@@ -570,7 +570,7 @@ class Robot(Engine, Displayed):
         >>> bool(abs(Q - robot.gravity_forces([0.0] * 6)).max() < 1e-12)
         True
         """
-        from jounce.models import states
+        from jounce.io.models import states
 
         return states.forces_from(self.mechanism, states.of_pinocchio(model), tau, "tau")
 
@@ -602,7 +602,7 @@ class Robot(Engine, Displayed):
         >>> robot.forces_to_pinocchio([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], model=model)
         array([1., 2., 3., 4., 5., 6.])
         """
-        from jounce.models import states
+        from jounce.io.models import states
 
         return states.forces_to(self.mechanism, states.of_pinocchio(model), Q)
 
@@ -647,7 +647,7 @@ class Robot(Engine, Displayed):
         >>> [x.shape for x in (*state.rates, *state.base)]
         [(1,), (1,), (1,), (4, 4), (6,), (6,)]
         """
-        from jounce.models import states
+        from jounce.io.models import states
 
         given = (qpos, qvel, qacc)
         return states.state_from(self.mechanism, states.of_mujoco(model), given, ("qpos", "qvel", "qacc"))
@@ -685,7 +685,7 @@ class Robot(Engine, Displayed):
         >>> jounce.Robot.from_mujoco(model).state_to_mujoco([0.4], [2.0], model=model)
         (array([0.4]), array([2.]))
         """
-        from jounce.models import states
+        from jounce.io.models import states
 
         return states.state_to(self.mechanism, states.of_mujoco(model), (q, qd, q2d), base)
 
@@ -722,7 +722,7 @@ class Robot(Engine, Displayed):
         >>> jounce.Robot.from_mujoco(model).forces_from_mujoco([3.0], model=model)
         array([3.])
         """
-        from jounce.models import states
+        from jounce.io.models import states
 
         return states.forces_from(self.mechanism, states.of_mujoco(model), qfrc, "qfrc", qpos)
 
@@ -756,7 +756,7 @@ class Robot(Engine, Displayed):
         >>> jounce.Robot.from_mujoco(model).forces_to_mujoco([3.0], model=model)
         array([3.])
         """
-        from jounce.models import states
+        from jounce.io.models import states
 
         return states.forces_to(self.mechanism, states.of_mujoco(model), Q, base)
 
@@ -1026,7 +1026,7 @@ class Robot(Engine, Displayed):
         note joint1, joint2: no effort limit on any joint
         note joint1, joint2: no velocity limit on any joint
         """
-        from jounce.audit import audit  # what few programs need
+        from jounce.checks.audit import audit  # what few programs need
 
         return audit(self.mechanism)
 

@@ -4,8 +4,8 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+from jounce.core.errors import JounceError
 from jounce.engine.engine import Engine
-from jounce.errors import JounceError
 from jounce.io import files
 from jounce.io.native import writing
 from jounce.model.mechanism import Mechanism

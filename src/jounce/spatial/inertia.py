@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jounce._scalars import Array, asarray, broadcast, concatenate, element, exact_integers, is_numeric, is_symbolic
-from jounce._typing import ArrayLike
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
+from jounce.core.scalars import Array, asarray, broadcast, concatenate, element, exact_integers, is_numeric, is_symbolic
+from jounce.core.typing import ArrayLike
 from jounce.spatial.lie import Ad, axial, hat, inverse, portable_product
 
 _I = np.eye(3, dtype=int)

@@ -6,7 +6,7 @@ and ``Ad(C_ij)`` maps screw coordinates of frame j to frame i: inner letters can
 
 import numpy as np
 
-from jounce._scalars import Array, concatenate, cos, is_zero, sin
+from jounce.core.scalars import Array, concatenate, cos, is_zero, sin
 
 _E = np.eye(3, dtype=int)
 # hat, ad and wedge are linear, hence constant tensors: hat(v) = v @ _HAT, reshaped. Integers keep symbols exact.

@@ -11,7 +11,7 @@ from math import comb
 
 import numpy as np
 
-from jounce._scalars import Array, concatenate, reciprocal
+from jounce.core.scalars import Array, concatenate, reciprocal
 from jounce.spatial.series import Series
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import Array, check_recording, concatenate, zeros_like
+from jounce.core.scalars import Array, check_recording, concatenate, zeros_like
 
 SUFFIX = r"(d|[2-9]d|[1-9]\d+d)?"  # what `rate_name` adds to a symbol, as a regular expression
 

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jounce.core.errors import JounceError, at, quoted
 from jounce.dynamics.quantities import FORCES
 from jounce.engine.closed_path import positions_of_rows
-from jounce.errors import JounceError, at, quoted
 from jounce.io.columns import Columns
 from jounce.io.spans import format_of, place
 from jounce.motion import loads, poses

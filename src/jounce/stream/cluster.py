@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce._version import __version__
+from jounce.core.errors import JounceError, one_line, quoted
+from jounce.core.version import __version__
 from jounce.dask.kept import Kept, keep
-from jounce.errors import JounceError, one_line, quoted
 from jounce.io.spans import place
 from jounce.native.cache import sources
 from jounce.stream.parts import compute

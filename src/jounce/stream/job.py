@@ -6,7 +6,7 @@ from functools import cached_property
 from hashlib import sha256
 from typing import Any, Literal
 
-from jounce._version import __version__
+from jounce.core.version import __version__
 from jounce.dynamics.quantities import FORCES
 from jounce.dynamics.stretch import elasticity_of
 from jounce.engine.engine import Engine

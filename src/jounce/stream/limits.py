@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
 from jounce.io.columns import Columns
 from jounce.io.spans import format_of
 from jounce.limits.check import Check, check

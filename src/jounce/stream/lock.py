@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
 from jounce.io.files import make_folder
 
 LOCK = "_jounce.lock"

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jounce.actuators.along import motors_along, order_of_voltages
+from jounce.core.errors import UncertainError, warn
 from jounce.dynamics import electrical
 from jounce.dynamics.quantities import FORCES, Quantity, row_of
 from jounce.dynamics.stretch import elasticity_of
@@ -15,7 +16,6 @@ from jounce.engine.closed_path import on_tree
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.generic import as_tuple
-from jounce.errors import UncertainError, warn
 from jounce.io.columns import Columns
 from jounce.io.motions.writing import BREAK, MEASURED, break_marks, named, of_base
 from jounce.model.coordinates import force_names

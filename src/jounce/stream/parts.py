@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jounce.errors import at, collected_warnings
+from jounce.core.errors import at, collected_warnings
 from jounce.io.columns import Columns
 from jounce.io.motions.writing import about
 from jounce.io.tables import WRITERS

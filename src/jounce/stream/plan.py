@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from jounce.actuators.along import order_of_voltages
+from jounce.core.errors import JounceError, at, listed, quoted
 from jounce.dynamics.stretch import elasticity_of
 from jounce.engine.engine import Engine
-from jounce.errors import JounceError, at, listed, quoted
 from jounce.io.remainders import remainder_of
 from jounce.io.spans import FORMATS, format_of
 from jounce.io.spans import place as place_in_words

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from jounce._parts import PART, part_in, remove_abandoned
-from jounce.errors import JounceError, listed
+from jounce.core.errors import JounceError, listed
+from jounce.core.parts import PART, part_in, remove_abandoned
 from jounce.io import csv, files, npz, parquet
 from jounce.stream.plan import Plan
 from jounce.stream.records import CONTINUE, Record, is_valid, line_of, parse, rows_folder, rows_path

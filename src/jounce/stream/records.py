@@ -8,7 +8,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from jounce._parts import part_in
+from jounce.core.parts import part_in
 from jounce.io.files import write_errors
 from jounce.stream.job import digest
 from jounce.stream.plan import Part

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
 from jounce.io import files, tables
 from jounce.io.columns import Columns
 from jounce.io.motions.writing import about

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jounce.errors import JounceError, quoted
+from jounce.core.errors import JounceError, quoted
 from jounce.io.columns import Columns
 from jounce.io.remainders import remainder_of
 from jounce.io.spans import format_of

@@ -4,7 +4,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 
-from jounce._parts import remove_abandoned
+from jounce.core.parts import remove_abandoned
 from jounce.io.files import make_folder
 from jounce.stream.parts import compute
 from jounce.stream.plan import Part, Plan, Task

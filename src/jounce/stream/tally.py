@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.errors import JounceError, quoted
+from jounce.core.errors import JounceError, quoted
 from jounce.io.columns import Columns
 from jounce.io.spans import place
 from jounce.motion.bands import surest_peaks

@@ -10,11 +10,11 @@ import numpy as np
 from jounce._codegen.function import Function
 from jounce._codegen.header import printable
 from jounce._codegen.parametric import Parametric
-from jounce._symbolic import Symbolic, symbolic
-from jounce._symbolic.equations import EXTERNAL, quotient
+from jounce._codegen.symbolic import Symbolic, symbolic
+from jounce._codegen.symbolic.equations import EXTERNAL, quotient
+from jounce.core.errors import JounceError
 from jounce.dynamics.computation import Computation, Port
 from jounce.engine.engine import Engine
-from jounce.errors import JounceError
 
 WIDEST = 72  # glyphs of a line
 ALIKE = 4  # entries that are equal, on one line

@@ -1,6 +1,6 @@
 """Other libraries that know rigid body dynamics at order 0, to check a robot against, where they are installed.
 
-Their vectors are converted by joint names, see `jounce.models.states`.
+Their vectors are converted by joint names, see `jounce.io.models.states`.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -10,7 +10,7 @@ from pathlib import Path
 
 from jounce.checks.reference import mujoco, pinocchio
 from jounce.checks.reference.peer import Peer
-from jounce.errors import one_line
+from jounce.core.errors import one_line
 from jounce.model.mechanism import Mechanism
 
 

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from jounce.checks.reference.peer import OUR_DATA, OWN_READING, Converter, NotComparableError, Peer
-from jounce.errors import one_line, warn
+from jounce.core.errors import one_line, warn
 from jounce.io.mjcf import warnings_of, without_assets
+from jounce.io.models import states
 from jounce.model.equivalent import on_axes
 from jounce.model.mechanism import Mechanism
-from jounce.models import states
 from jounce.spatial import inertia
 from jounce.spatial.lie import hat, position, rotation, to_quaternion
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
+from jounce.io.models import states
 from jounce.model.mechanism import Mechanism
-from jounce.models import states
 
 OWN_READING, OUR_DATA = "its own reading of the file", "our data"
 OTHER_JOINTS = "joints differ from those of the file: some were locked, welded or left out"

@@ -8,10 +8,10 @@ import numpy as np
 
 from jounce.checks.reference.peer import OUR_DATA, OWN_READING, Converter, NotComparableError, Peer
 from jounce.checks.reference.terminal import errors_caught
-from jounce.errors import one_line
+from jounce.core.errors import one_line
+from jounce.io.models import states
 from jounce.model.equivalent import on_axes
 from jounce.model.mechanism import Mechanism
-from jounce.models import states
 from jounce.spatial import inertia
 from jounce.spatial.lie import hat, position, rotation
 

@@ -3,11 +3,11 @@
 from collections.abc import Callable, Sequence
 from functools import cached_property
 
-from jounce._scalars import Array
+from jounce.core.errors import JounceError
+from jounce.core.scalars import Array
 from jounce.dynamics import system
 from jounce.dynamics.paper.section3 import C11, M1, C
 from jounce.dynamics.paper.section4 import C21, M21
-from jounce.errors import JounceError
 from jounce.model.mechanism import Mechanism, ancestors
 from jounce.spatial.series import Series
 

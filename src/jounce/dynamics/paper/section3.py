@@ -1,6 +1,6 @@
 """Section 3: the first time derivative of the system matrices, M^(1) and C^(1)."""
 
-from jounce._scalars import Array
+from jounce.core.scalars import Array
 
 
 def M1(M: Array, A: Array, a: Array) -> Array:

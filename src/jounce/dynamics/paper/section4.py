@@ -1,6 +1,6 @@
 """Section 4: the second time derivative of the system matrices, M^(2) and C^(2)."""
 
-from jounce._scalars import Array
+from jounce.core.scalars import Array
 from jounce.dynamics.paper.section3 import C11, M1, C
 
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce._scalars import Array, concatenate, is_zero, reciprocal
+from jounce.core.scalars import Array, concatenate, is_zero, reciprocal
 from jounce.dynamics.recursion.joints import Joint, joints
 from jounce.model.equivalent import minimal
 from jounce.model.mechanism import Mechanism

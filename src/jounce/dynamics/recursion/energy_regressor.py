@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from jounce._scalars import Array
+from jounce.core.scalars import Array
 from jounce.dynamics.base import STILL, BaseMotion
 from jounce.dynamics.recursion.joints import batch_zeros, rows
 from jounce.dynamics.recursion.steps import AlignedJoint, BodyMotion, aligned_joints, outward_velocity

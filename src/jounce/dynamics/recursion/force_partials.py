@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce._scalars import Array
+from jounce.core.scalars import Array
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.recursion.forces import wrenches
 from jounce.dynamics.recursion.joints import Joint, batch_zeros

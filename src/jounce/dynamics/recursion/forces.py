@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from jounce._scalars import Array
+from jounce.core.scalars import Array
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.recursion.joints import batch_zeros, rows
 from jounce.dynamics.recursion.steps import (

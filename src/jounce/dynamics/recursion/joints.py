@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from jounce._scalars import Array, exact_integers, is_symbolic
+from jounce.core.scalars import Array, exact_integers, is_symbolic
 from jounce.model.coordinates import joint_variables
 from jounce.model.equivalent import split_turn
 from jounce.model.mechanism import Mechanism

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from functools import reduce
 from operator import add
 
-from jounce._scalars import concatenate
+from jounce.core.scalars import concatenate
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.recursion.joints import Joint, batch_zeros, rows
 from jounce.dynamics.recursion.sweeps import composites, evaluate_in_order, velocities

@@ -20,7 +20,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from jounce._scalars import Array, concatenate, is_zero
+from jounce.core.scalars import Array, concatenate, is_zero
 from jounce.dynamics.base import STILL, BaseMotion
 from jounce.dynamics.recursion.forces import base_motion, ground
 from jounce.dynamics.recursion.joints import batch_zeros

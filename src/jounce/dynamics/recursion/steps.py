@@ -15,7 +15,7 @@ from operator import add
 
 import numpy as np
 
-from jounce._scalars import Array, is_zero
+from jounce.core.scalars import Array, is_zero
 from jounce.dynamics.recursion.joints import motions, placed, rows, transport
 from jounce.model.coordinates import joint_variables
 from jounce.model.mechanism import Mechanism

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce._scalars import Array, concatenate, zeros_like
+from jounce.core.scalars import Array, concatenate, zeros_like
 from jounce.dynamics.recursion.joints import Joint
 from jounce.dynamics.recursion.tree import AnyJoint
 from jounce.spatial.series import Series, joined

@@ -12,7 +12,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from jounce._scalars import Array, concatenate
+from jounce.core.scalars import Array, concatenate
 from jounce.dynamics.base import STILL, BaseMotion
 from jounce.dynamics.recursion.joints import Joint, joints, momentum
 from jounce.model.coordinates import base_columns, joint_columns

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
 from jounce.io.entries import Entry
 from jounce.model.limits import Stated, limit_error
 

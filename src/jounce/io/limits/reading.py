@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.errors import JounceError, at, listed, no_such, one_of, quoted, warn
+from jounce.core.errors import JounceError, at, listed, no_such, one_of, quoted, warn
 from jounce.io import entries
 from jounce.io.denavit_hartenberg import ANGLES, ANGULAR
 from jounce.io.entries import Entry

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.errors import JounceError, listed, no_such, one_line, quoted
+from jounce.core.errors import JounceError, listed, no_such, one_line, quoted
 from jounce.io.files import check_readable
 from jounce.io.motions import tabular
 from jounce.model.mechanism import Mechanism

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import asarray
-from jounce.errors import JounceError, at, quoted
+from jounce.core.errors import JounceError, at, quoted
+from jounce.core.scalars import asarray
 from jounce.io import tables
 from jounce.io.columns import CellError, checked, select_columns
 from jounce.io.remainders import remainder_of, split_names

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.errors import JounceError, at, quoted
+from jounce.core.errors import JounceError, at, quoted
 from jounce.io import files
 from jounce.io.entries import Entry
 from jounce.io.native import writing

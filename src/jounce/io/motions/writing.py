@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from jounce._version import __version__
+from jounce.core.version import __version__
 from jounce.io.columns import About, Columns
 from jounce.model.coordinates import BASE_FORCES, coordinate_units
 from jounce.model.elasticity import motor_names

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from jounce.actuators.parameters import ElasticParameters, with_elasticity
-from jounce.errors import JounceError, at, no_such, quoted
+from jounce.core.errors import JounceError, at, no_such, quoted
 from jounce.io.entries import Entry
 from jounce.model.antagonists import AntagonisticSprings
 from jounce.model.drives import EPS

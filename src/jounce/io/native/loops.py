@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments.loops import loop_between, with_loops
-from jounce.errors import at
+from jounce.core.errors import at
 from jounce.io.entries import Entry
 from jounce.model.loops import Z
 from jounce.model.mechanism import Mechanism

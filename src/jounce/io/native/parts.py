@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from jounce.errors import JounceError, no_such
+from jounce.core.errors import JounceError, no_such
 from jounce.io.entries import Entry
 from jounce.io.native import UNITS
 from jounce.io.orientation import direction, from_rpy

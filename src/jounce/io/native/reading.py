@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jounce.errors import JounceError, at, no_such, quoted
+from jounce.core.errors import JounceError, at, no_such, quoted
 from jounce.io.entries import Entry
 from jounce.io.native import BASE, GROUND, elastic, loops, parts
 from jounce.model.drives import UNDRIVEN

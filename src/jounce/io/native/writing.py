@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from jounce._scalars import is_symbolic
-from jounce.errors import JounceError, quoted
+from jounce.core.errors import JounceError, quoted
+from jounce.core.scalars import is_symbolic
 from jounce.io.native import BASE, GROUND, UNITS, elastic, loops, parts
 from jounce.model.drives import UNDRIVEN
 from jounce.model.limits import FORCES

@@ -5,7 +5,7 @@ import math
 import operator
 from collections.abc import Callable, Mapping
 
-from jounce.errors import JounceError, listed, quoted
+from jounce.core.errors import JounceError, listed, quoted
 
 CONSTANTS = {"pi": math.pi, "E": math.e}
 FUNCTIONS: dict[str, Callable[..., float]] = {

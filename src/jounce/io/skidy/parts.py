@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from jounce.errors import JounceError, no_such
+from jounce.core.errors import JounceError, no_such
 from jounce.io.entries import Entry
 from jounce.io.native.parts import along
 from jounce.io.orientation import from_rpy

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jounce.errors import JounceError, at
+from jounce.core.errors import JounceError, at
 from jounce.io.entries import Entry
 from jounce.io.skidy import parts
 from jounce.model.frame import Frame

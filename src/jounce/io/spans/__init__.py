@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
-from jounce.errors import JounceError
+from jounce.core.errors import JounceError
 from jounce.io.spans import csv, npz, parquet
 from jounce.io.spans.chunk import Chunk, Span
 

@@ -8,8 +8,8 @@ from typing import BinaryIO
 
 import numpy as np
 
-from jounce._scalars import finite
-from jounce.errors import JounceError, one_line
+from jounce.core.errors import JounceError, one_line
+from jounce.core.scalars import finite
 from jounce.io.csv import Layout, layout, parse_numbers
 from jounce.io.files import opened
 from jounce.io.remainders import remainder_of, remainders_of_texts, split_names

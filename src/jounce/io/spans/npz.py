@@ -9,7 +9,7 @@ from zipfile import ZIP_STORED, ZipFile, ZipInfo
 import numpy as np
 
 from jounce.arguments.names import entries
-from jounce.errors import JounceError, one_line, quoted
+from jounce.core.errors import JounceError, one_line, quoted
 from jounce.io.columns import check_distinct, flatten
 from jounce.io.files import opened
 from jounce.io.remainders import split_names, with_remainders

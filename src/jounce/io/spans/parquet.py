@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce.errors import JounceError, one_line, quoted
+from jounce.core.errors import JounceError, one_line, quoted
 from jounce.io.columns import check_distinct
 from jounce.io.files import check_readable
 from jounce.io.remainders import split_names, with_remainders

@@ -1,0 +1,220 @@
+"""The public part: the quantities of a robot as SymPy expressions, each computed on first access and kept."""
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from jounce._codegen.symbolic.expressions import expressions
+from jounce.arguments import requests
+from jounce.arguments.rates import checked_order
+from jounce.core.errors import JounceError, no_such, quoted, true_or_false
+from jounce.dynamics.quantities import QUANTITIES, Quantity
+from jounce.engine.engine import Engine
+from jounce.spatial.series import SUFFIX, Series, rate_name
+
+EXTERNAL = "ext"  # ends the symbol of what wrenches add to a quantity: Qext
+NAMED = 12  # rates of the coordinates that `Symbolic.dot` knows
+SYMBOLS = {"q": NAMED, "W": NAMED, "base_twist": NAMED, "base_pose": 1}  # of a pose, rates are no symbols
+NOTHING: Series = Series.constant(np.empty(0))
+OF_BODIES = {row.name: row for row in QUANTITIES.values() if row.of_bodies}
+OF_ROBOT = {row.symbol: row for row in QUANTITIES.values() if not (row.of_bodies or row.forces or row.closed)}
+OF_WRENCHES = {row.symbol + EXTERNAL: row for row in OF_ROBOT.values() if row.wrenches and row.everywhere}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Symbolic:
+    """The equations of motion of a robot as SymPy expressions; `jounce.symbolic` makes it.
+
+    * ``S.q, S.qd, S.q2d, ...`` are the symbols q1, qdot1, qddot1, ... of the coordinates, in the order of
+      `joint_names`, as columns; ``S.W, S.Wd, ...``, (nb, 6), are those of the wrenches that the bodies exert: m_x1 ..
+      f_z1, mdot_x1, ...
+    * ``S.base_pose``, (4, 4), is the pose [R, r; 0, 1] of the base, where it moves, of the symbols R_11, ..., r_z, and
+      ``S.base_twist, S.base_twistd, ...`` its twist in its own axes, omega_x, ..., v_z, omegadot_x, ...
+    * Each quantity that belongs to no body is an attribute named after its symbol, ``S.Q``, ``S.M``, ``S.U``, and so
+      are its rates, ``S.Qd``, ``S.Q2d``, ``S.Q3d``, ...: a matrix, a column of a vector, or an expression.
+    * These are the quantities without wrenches; the part of wrenches has ``ext`` in its name: Q is ``S.Q + S.Qext``.
+    * ``S.theta`` and ``S.tau`` are members only of robots with elastic joints, ``robot.elastic(...).robot``.
+    * Each quantity of bodies is a method: ``J, Jd = S.jacobian("tool0", frame="world", order=1)``.
+    * A quantity that is too large for symbolic form raises `JounceError` on access.
+    """
+
+    name: str
+    series: Mapping[str, Series]  # by symbol
+    of_bodies: Callable[[str, str | None, str], Series]  # by name of the quantity, body and frame
+
+    def __repr__(self) -> str:
+        return f"<Symbolic {self.name!r}: {', '.join(self.series)}, and their rates; of bodies: {', '.join(OF_BODIES)}>"
+
+    def _repr_markdown_(self) -> str:
+        rows = [f"| `S.{row.symbol}` | {row.caption} | ${row.tex}$ |" for row in OF_ROBOT.values()]
+        rows += [f"| `S.{row.name}(body)` | {row.caption} | ${row.tex}$ |" for row in OF_BODIES.values()]
+        return "\n".join(["| expression | quantity | formula |", "| --- | --- | --- |", *rows])
+
+    def __getattr__(self, name: str) -> Any:
+        own = vars(self)  # empty while it is copied or unpickled
+        found = re.fullmatch(f"({'|'.join(own['series'])}){SUFFIX}", name) if "series" in own else None
+        if name in QUANTITIES and QUANTITIES[name].forces:
+            raise AttributeError(quotient(QUANTITIES[name]))
+        if found is None:
+            raise AttributeError(str(no_such("member", name, [*own.get("series", ()), *OF_BODIES, "dot"], "Symbolic")))
+        symbol, suffix = found.groups()
+        return self.series[symbol][int((suffix or "0d")[:-1] or 1)]
+
+    def __dir__(self) -> list[str]:
+        rates = [rate_name(symbol, k) for symbol in self.series for k in range(5 if symbol == "q" else 3)]
+        return [*rates, *OF_BODIES, "dot", "name", "series"]
+
+    def dot(self, x: Any) -> Any:
+        """The time derivative of an expression, or matrix of them, in the coordinates, the wrenches and their rates.
+
+        The pose of the base has the rate ``C wedge(V)``, of its twist V.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> S = jounce.symbolic(jounce.load("planar2r"))
+        >>> (S.dot(S.Q) - S.Qd).expand()
+        Matrix([
+        [0],
+        [0]])
+        """
+        import sympy
+
+        if not isinstance(x, sympy.Expr | sympy.MatrixBase | sympy.NDimArray | int | float):
+            raise JounceError(f"dot() expects a SymPy expression, matrix or array, got {quoted(x)}")
+        total, present = 0 * x, getattr(x, "free_symbols", ())
+        for name, count in SYMBOLS.items():
+            moving = self.series.get(name, NOTHING)
+            for k in range(count):
+                for symbol, rate in zip(moving[k], moving[k + 1], strict=True):
+                    if symbol in present:
+                        total = total + sympy.diff(x, symbol) * rate
+        return total
+
+
+def quotient(row: Quantity) -> str:
+    """Return why a quantity that takes forces has no symbolic form, and what has one in its place."""
+    return (
+        f"{row.name} has no symbolic form, as it divides by expressions; mass_matrix and inverse_dynamics have one:"
+        " solve M q2d = Q - (Q where q2d = 0)"
+    )
+
+
+def symbolic(robot: Engine, base: bool = False) -> Symbolic:
+    """The equations of motion of a robot as SymPy expressions: every quantity, and its rates.
+
+    Expressions are multiplied out in sines and cosines of sums of angles, so that equal ones look equal; the common
+    factors of all terms stand in front. The robot may hold SymPy symbols, polynomials of them, sines and cosines; its
+    numbers are read as the decimals that they print as.
+
+    Parameters
+    ----------
+    robot : Robot
+        A robot of symbols or of numbers.
+    base : bool, optional
+        Whether the ground of a fixed robot moves as symbols say: its pose and twist enter then. The base of a floating
+        robot always does; its six rows come first.
+
+    Returns
+    -------
+    Symbolic
+        ``S.q, S.qd, ..., S.Q, S.Qd, S.Q2d, S.M, ..., S.poses("tool0")``, see `Symbolic`.
+
+    Raises
+    ------
+    JounceError
+        If the robot contains anything but numbers and real SymPy expressions, or a symbol with the name of a
+        coordinate, or SymPy is missing. An expression that is too large raises it on access.
+
+    References
+    ----------
+    Müller & Kumar, Section 6.1, for the results of the planar 2R.
+
+    Examples
+    --------
+    >>> import jounce, sympy
+    >>> L1, L2, m1, m2, g = sympy.symbols("L1 L2 m1 m2 g")
+    >>> S = jounce.symbolic(jounce.load("planar2r", L1=L1, L2=L2, m1=m1, m2=m2, g=g))
+    >>> S.M[0, 1]
+    L2*m2*(L1*cos(q2) + L2)
+    >>> S.Qgravd[1]
+    -L2*g*m2*(qdot1*sin(q1 + q2) + qdot2*sin(q1 + q2))
+    >>> S.twists("body2", frame="world")[3]
+    -L1*qdot1*sin(q1)
+    >>> print(sympy.latex(S.q4d.T))
+    \\left[\\begin{matrix}\\ddddot{q}_{1} & \\ddddot{q}_{2}\\end{matrix}\\right]
+    """
+    try:
+        import sympy  # noqa: F401
+    except ModuleNotFoundError:
+        raise JounceError("symbolic() needs SymPy; install it by: pip install 'jounce[sympy]'") from None
+    if not isinstance(robot, Engine):
+        raise JounceError(f"symbolic() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
+    true_or_false("base", base, "whether the ground moves")
+    found = expressions(robot.mechanism, base or robot.mechanism.base is not None)
+    rigid = robot.mechanism.elasticity is None
+    series = {symbol: found.quantity(row) for symbol, row in OF_ROBOT.items() if not (row.elastic and rigid)}
+    series |= {symbol: found.external(row, symbol) for symbol, row in OF_WRENCHES.items()}
+
+    @cache
+    def of_bodies(name: str, body: str | None, frame: str) -> Series:
+        return found.quantity(OF_BODIES[name], body, frame)
+
+    def checked(name: str, body: str | None, frame: str) -> Series:
+        requests.place(robot.mechanism, name, body, frame)
+        return of_bodies(name, body, frame)
+
+    return Symbolic(robot.name, {**found.symbols, **series}, checked)
+
+
+def _method(row: Quantity) -> Callable[..., Any]:
+    """The method of `Symbolic` that gives a quantity of bodies."""
+
+    def method(self: Symbolic, body: str | None = None, *, frame: str = "body", order: int = 0) -> Any:
+        terms = self.of_bodies(row.name, body, frame).upto(checked_order(order))
+        return terms if order else terms[0]
+
+    method.__name__, method.__qualname__ = row.name, f"{Symbolic.__name__}.{row.name}"
+    method.__doc__ = f"""{row.meaning}
+
+        Parameters
+        ----------
+        body : str, optional
+            A body or a link merged into one; all bodies by default, along the first axis of an array.
+        frame : str, optional
+            {_frames(row)}
+        order : int, optional
+            The highest rate, 0 by default.
+
+        Returns
+        -------
+        Matrix, or tuple of them: {row.symbol}, {row.symbol}d, ... up to the order
+        """
+    return method
+
+
+def _frames(row: Quantity) -> str:
+    return f"The frame of the components: {', '.join(map(repr, row.frames))}." if row.frames else 'Always "body".'
+
+
+def _table() -> str:
+    """The members of `Symbolic` with their shapes."""
+    members = {f"{symbol}, {symbol}d, ...": (row, row.caption) for symbol, row in OF_ROBOT.items()}
+    members |= {f"{symbol}, ...": (row, f"part of the wrenches in {row.symbol}") for symbol, row in OF_WRENCHES.items()}
+    members |= {f"{name}(body)": (row, row.caption) for name, row in OF_BODIES.items()}
+    lines = (f"    {member:20} {_shape(row):8} {caption}" for member, (row, caption) in members.items())
+    return "\n".join(lines)
+
+
+def _shape(row: Quantity) -> str:
+    axes = [str(row.rates if axis == "rates" else axis) for axis in row.shape if axis != "nb"]
+    return " x ".join(axes if len(axes) > 1 else [*axes, "1"])
+
+
+for _row in OF_BODIES.values():
+    setattr(Symbolic, _row.name, _method(_row))
+Symbolic.__doc__ = f"{Symbolic.__doc__}\n{_table()}\n"  # help() lists what the table of quantities holds

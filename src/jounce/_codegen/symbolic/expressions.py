@@ -1,0 +1,139 @@
+"""Quantities of the table as series of SymPy expressions, computed on trigonometric polynomials."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from jounce._codegen.symbolic.model import cast_mechanism, check_names, has_decimals, state_symbols
+from jounce._codegen.symbolic.terms import Printer
+from jounce._codegen.symbolic.trig_polynomial import TrigPolynomial, Variables
+from jounce.arguments import requests
+from jounce.core.errors import JounceError, at
+from jounce.core.scalars import Array, zeros_like
+from jounce.dynamics.base import BaseMotion
+from jounce.dynamics.quantities import Quantity
+from jounce.dynamics.state import Law, State
+from jounce.model.casting import with_exact_integers, with_inertias
+from jounce.model.mechanism import Mechanism
+from jounce.spatial.lie import pose
+from jounce.spatial.series import Series, rate_name
+
+MOST_OPERATIONS = 1_000_000  # operations on terms, the limit for one matrix: some seconds, some ten thousand terms
+PRINTED = 50  # operations that take as long as to print one term
+FRICTION = "friction"  # the term of the drives that is no trigonometric polynomial
+
+
+@dataclass(frozen=True, eq=False)
+class Expressions:
+    """The sources of expressions: a mechanism, the same in polynomials, and the symbols of its state."""
+
+    mechanism: Mechanism
+    model: Mechanism
+    symbols: Mapping[str, Series]  # q and W, and of a base that moves base_pose and base_twist, of SymPy matrices
+    variables: Variables
+    parameters: int  # the number of variables that the model holds
+
+    def quantity(self, row: Quantity, body: str | None = None, frame: str = "body") -> Series:
+        """A quantity without wrenches, of one body or of all."""
+        moving = self._base() if requests.takes_base(row.name, frame) else None
+        state = State(self._column("q"), base=moving, body=body, frame=frame)
+        series = self._printed(row.symbol, lambda: _law(row, self.model)(self.model, state), body)
+        if FRICTION in self.mechanism.acting and FRICTION in row.drive_terms and row.drive_law is not None:
+            series = series + self._friction(row.drive_law)
+        return series
+
+    def external(self, row: Quantity, symbol: str) -> Series:
+        """Return the part of wrenches in a quantity: the quantity without masses and drives."""
+        massless = with_inertias(replace(self.model, acting=()), zeros_like(self.model.inertias))
+        state = State(self._column("q"), self._column("W"), base=self._base())
+        return self._printed(symbol, lambda: _law(row, massless)(massless, state))
+
+    def _column(self, name: str) -> Series:
+        """The symbols of q or W as a column of variables."""
+        variable = self.variables.variable
+        return self.symbols[name].map(lambda x: np.array([[variable(symbol)] for symbol in x], dtype=object))
+
+    def _base(self) -> BaseMotion | None:
+        """The motion of the base in variables, where it has symbols."""
+        if "base_pose" not in self.symbols:
+            return None
+        C = self.symbols["base_pose"][0][:3, :].tolist()
+        above = np.array([[self.variables.variable(x) for x in row] for row in C], dtype=object)
+        return BaseMotion(pose(above[:, :3], above[:, 3:]), self._column("base_twist"))
+
+    def _printed(self, symbol: str, law: Callable[[], Series], body: str | None = None) -> Series:
+        """The SymPy form of a series of polynomials, each term within the limit on work."""
+        law, printer = cache(law), self._printer(body)
+        place = self.mechanism.name if body is None else f"{body} of {self.mechanism.name}"
+
+        def term(k: int) -> Any:
+            self.variables.work = 0
+            with at(f"{rate_name(symbol, k)} of {place!r}"):
+                values = np.asarray(law()[k], dtype=object)
+                terms = sum(len(x.terms) for x in values.flat if isinstance(x, TrigPolynomial))
+                self.variables.spend(PRINTED * terms)
+            return _sympy([printer.expression(x) for x in values.flat], values.shape)
+
+        return Series(term)
+
+    def _printer(self, body: str | None) -> Printer:
+        """The printer of a quantity: numbers are decimals where any that enter it are."""
+        m = self.mechanism
+        data = [*m.arrays.values()] + [m.frame(body).T for body in [body] if body is not None]
+        if m.acting:
+            data += [m.drives.armature, m.drives.damping, m.drives.stiffness, m.drives.rest]
+        if (e := m.elasticity) is not None:
+            data += [e.stiffness[~e.is_rigid], e.rotor, e.viscous]
+        return Printer(self.variables, self.parameters, any(map(has_decimals, data)))
+
+    def _friction(self, law: Law) -> Series:
+        """Return the part of Coulomb friction, in SymPy functions."""
+        mechanism = replace(with_exact_integers(self.mechanism), acting=(FRICTION,))
+        q = self.symbols["q"].map(lambda x: np.array(x.tolist(), dtype=object))
+        return law(mechanism, State(q)).map(lambda x: _sympy(list(x.flat), x.shape))
+
+
+def expressions(mechanism: Mechanism, base: bool) -> Expressions:
+    """Return the sources of the expressions of a mechanism, with the motion of its base or without.
+
+    Raises
+    ------
+    JounceError : if loops are closed, or the mechanism holds what is neither a number nor a real SymPy expression, or
+        a symbol that is named as a coordinate, wrench or motion of the base.
+    """
+    if mechanism.closure is not None:
+        raise JounceError(
+            f"{mechanism.name!r} has closed loops, and its equations are no sums of products; expected a tree, such as"
+            " jounce.Robot(robot.mechanism.tree); methods of the closed robot take SymPy symbols of all"
+            f" {mechanism.tree.n} coordinates"
+        )
+    variables, symbols = Variables(MOST_OPERATIONS), state_symbols(mechanism, base)
+    model = cast_mechanism(mechanism, variables)
+    check_names(variables, symbols)
+    model = replace(model, acting=tuple(term for term in model.acting if term != FRICTION))
+    return Expressions(mechanism, model, symbols, variables, len(variables.expressions))
+
+
+def _law(row: Quantity, model: Mechanism) -> Law:
+    """The recursion, or the closed form where a joint has no direction in numbers to put a frame on."""
+    return row.law("recursion" if all(map(_has_direction, model.X)) else "closed_form", model)
+
+
+def _has_direction(X: Array) -> bool:
+    """Whether the direction of a joint is made of numbers."""
+    return all(isinstance(x, Fraction) for x in (X[:3] if any(x != 0 for x in X[:3]) else X[3:]))
+
+
+def _sympy(entries: list[Any], shape: tuple[int, ...]) -> Any:
+    """Expressions as one, as a matrix, a column of a vector, or as an array of more axes."""
+    import sympy
+
+    if not shape:
+        return entries[0]
+    if len(shape) > 2:
+        return sympy.ImmutableDenseNDimArray(entries, shape)
+    return sympy.ImmutableMatrix(shape[0], len(entries) // shape[0], entries)

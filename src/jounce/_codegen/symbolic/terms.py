@@ -1,0 +1,133 @@
+"""SymPy expressions to trigonometric polynomials, and back in readable form: common factors stand in front."""
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import reduce
+from math import gcd
+from operator import add, mul
+from typing import Any
+
+from jounce._codegen.symbolic.trig_polynomial import TrigPolynomial, Variables, digits, exact
+from jounce.core.errors import JounceError
+
+LARGEST = 100  # exponents from here on make a variable of their power, so that they stay within a digit
+Powers = Mapping[int, int]  # exponents by the place of the variable
+
+
+def polynomial(x: Any, variables: Variables) -> Any:
+    """A number as a `Fraction`, a SymPy expression as a `TrigPolynomial`.
+
+    Whatever is not a sum, product, power, sine or cosine becomes a variable.
+    """
+    import sympy
+
+    if not isinstance(x, sympy.Expr):
+        try:
+            return exact(x)
+        except (TypeError, ValueError):
+            raise JounceError(f"it is of type {type(x).__name__}; expected a number or a SymPy expression") from None
+    if x.has(sympy.nan, sympy.oo, sympy.zoo, sympy.I):
+        raise JounceError(f"it is {x}; expected a real expression")
+    result = _convert(x, variables)
+    return result if result.number is None else result.number
+
+
+def _convert(x: Any, variables: Variables) -> TrigPolynomial:
+    import sympy
+
+    if x.is_Rational or x.is_Float:
+        return variables.variable(x, 0) * (Fraction(x.p, x.q) if x.is_Rational else float(x))
+    if x.is_Add or x.is_Mul:
+        return reduce(add if x.is_Add else mul, (_convert(part, variables) for part in x.args))
+    if x.is_Pow and x.exp.is_Integer and abs(x.exp) < LARGEST:
+        if x.exp > 0:
+            return reduce(mul, [_convert(x.base, variables)] * int(x.exp))
+        if x.base.is_Symbol:
+            return variables.variable(x.base, int(x.exp))
+    if isinstance(x, sympy.sin | sympy.cos):
+        angle = _convert(x.args[0], variables)
+        if not angle.is_trigonometric:
+            return angle.sin() if isinstance(x, sympy.sin) else angle.cos()
+    return variables.variable(x)
+
+
+@dataclass(frozen=True)
+class Factor:
+    """The common factor of the terms of a sum: a number and a monomial."""
+
+    number: Fraction
+    powers: Powers
+
+    def divide(self, c: Fraction, powers: Powers) -> tuple[Fraction, Powers]:
+        """The term divided by the factor."""
+        return c / self.number, {i: k - self.powers.get(i, 0) for i, k in powers.items() if k != self.powers.get(i, 0)}
+
+
+@dataclass(frozen=True)
+class Printer:
+    """The conversion of scalars to SymPy expressions.
+
+    Terms that differ only in parameters, the first variables, are grouped. With `decimals`, numbers are floats, except
+    for integers and their halves, quarters, ...
+    """
+
+    variables: Variables
+    parameters: int  # the number of parameters
+    decimals: bool
+
+    def expression(self, x: Any) -> Any:
+        """The expression of a scalar."""
+        import sympy
+
+        if not isinstance(x, TrigPolynomial):
+            return self._number(exact(x))
+        terms = [(c, dict(digits(powers)), angle, sine) for (powers, angle, sine), c in x.terms.items()]
+        factor = self._factor([(c, powers) for c, powers, _, _ in terms])
+        groups: dict[Any, list[tuple[Fraction, Powers]]] = defaultdict(list)
+        for c, powers, angle, sine in terms:
+            others = tuple((i, k) for i, k in powers.items() if i >= self.parameters)
+            groups[others, angle, sine].append(factor.divide(c, powers))
+        parts = (self._group(group) * self._trig(angle, sine) for (_, angle, sine), group in groups.items())
+        return self._number(factor.number) * self._monomial(factor.powers) * sympy.Add(*parts)
+
+    def _group(self, terms: Sequence[tuple[Fraction, Powers]]) -> Any:
+        import sympy
+
+        factor = self._factor(terms)
+        rest = (factor.divide(*term) for term in terms)
+        inner = sympy.Add(*(self._number(c) * self._monomial(powers) for c, powers in rest))
+        return self._number(factor.number) * self._monomial(factor.powers) * inner
+
+    def _factor(self, terms: Sequence[tuple[Fraction, Powers]]) -> Factor:
+        everything = [powers for _, powers in terms]
+        least = set.intersection(*map(set, everything)) if everything else set()
+        shared = {i: min(powers[i] for powers in everything) for i in sorted(least)}
+        return Factor(self._content([c for c, _ in terms]) if shared else Fraction(1), shared)
+
+    def _content(self, coefficients: Sequence[Fraction]) -> Fraction:
+        sign = -1 if all(c < 0 for c in coefficients) else 1
+        if self.decimals:
+            return Fraction(sign)
+        return sign * Fraction(gcd(*(c.numerator for c in coefficients)), gcd(*(c.denominator for c in coefficients)))
+
+    def _number(self, c: Fraction) -> Any:
+        import sympy
+
+        rounded = self.decimals and c.denominator & (c.denominator - 1)
+        return sympy.Float(float(c)) if rounded else sympy.Rational(c.numerator, c.denominator)
+
+    def _monomial(self, powers: Powers) -> Any:
+        import sympy
+
+        return sympy.Mul(*(self.variables.expressions[i] ** k for i, k in powers.items()))
+
+    def _trig(self, angle: int, sine: bool) -> Any:
+        import sympy
+
+        parts = []
+        for place, k in digits(angle):
+            powers, unit = self.variables.angles[place]
+            parts.append(self._number(k * unit) * self._monomial(dict(digits(powers))))
+        return (sympy.sin if sine else sympy.cos)(sympy.Add(*parts))  # cos(0) is 1

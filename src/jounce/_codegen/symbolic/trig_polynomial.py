@@ -1,0 +1,195 @@
+"""Trigonometric polynomials in a normal form: equal scalars look equal, and nothing is left to simplify.
+
+A scalar is a sum of terms ``c x^a cos(k phi)`` and ``c x^a sin(k phi)``: a rational coefficient, powers of variables,
+and a cosine or sine of a sum of angles. Products become sums, ``2 cos v cos w = cos(v + w) + cos(v - w)``. The
+exponents a of a term are the digits of one integer, and so are the multiples k of its angles: terms multiply by adding
+integers.
+"""
+
+from collections.abc import Hashable, Iterator, Mapping
+from fractions import Fraction
+from math import prod
+from typing import Any
+
+from jounce.core.errors import JounceError
+
+BASE = 2**16  # of the digits, each from -BASE/2 to BASE/2: far from what exponents and multiples grow to
+Term = tuple[int, int, bool]  # powers, angle (never negative; 0: neither sine nor cosine), whether a sine
+
+
+class Variables:
+    """The variables and angles of a set of polynomials, in the order of their digits, and the operations spent so far.
+
+    Polynomials that are added or multiplied share one of these.
+    """
+
+    def __init__(self, limit: int) -> None:
+        self.expressions: list[Any] = []  # the variables: any hashable objects, here SymPy expressions
+        self.angles: list[tuple[int, Fraction]] = []  # powers of variables, times a factor
+        self.limit = limit
+        self.work = 0
+
+    def variable(self, x: Hashable, exponent: int = 1) -> "TrigPolynomial":
+        """The power of a variable, which is added if it is new."""
+        return TrigPolynomial(self, {(exponent * _unit(self.expressions, x), 0, False): Fraction(1)})
+
+    def angle(self, powers: int, factor: Fraction) -> int:
+        """The digit of an angle: a multiple of a known one if there is any, otherwise a new one."""
+        for unit in (unit for known, unit in self.angles if known == powers):
+            multiple = factor / unit
+            if multiple.denominator == 1 and abs(multiple) < 100:
+                return int(multiple) * _unit(self.angles, (powers, unit))
+        sign = -1 if factor < 0 else 1
+        return sign * _unit(self.angles, (powers, sign * factor))
+
+    def spend(self, operations: int) -> None:
+        """Count operations on terms.
+
+        Raises
+        ------
+        JounceError : if their number exceeds the limit.
+        """
+        self.work += operations
+        if self.work > self.limit:
+            raise JounceError(
+                f"too large for symbolic form: it takes more than {self.limit:,} operations on terms; "
+                "jounce.codegen writes it as a program in C, Python, Rust and others"
+            )
+
+
+class TrigPolynomial:
+    """A sum of terms with their coefficients, none of which is zero. It is never changed in place."""
+
+    __slots__ = ("terms", "variables")
+    __hash__ = None  # type: ignore[assignment]
+
+    def __init__(self, variables: Variables, terms: Mapping[Term, Fraction]) -> None:
+        self.variables, self.terms = variables, terms
+
+    def __eq__(self, other: object) -> bool:
+        return self.terms == self._cast(other).terms
+
+    def __add__(self, other: Any) -> "TrigPolynomial":
+        few, many = sorted((self.terms, self._cast(other).terms), key=len)
+        self.variables.spend(len(few))
+        total = dict(many)
+        for term, c in few.items():
+            _add(total, term, c)
+        return TrigPolynomial(self.variables, total)
+
+    def __neg__(self) -> "TrigPolynomial":
+        return TrigPolynomial(self.variables, {term: -c for term, c in self.terms.items()})
+
+    def __sub__(self, other: Any) -> "TrigPolynomial":
+        return self + -self._cast(other)
+
+    def __rsub__(self, other: Any) -> "TrigPolynomial":
+        return -self + other
+
+    def __mul__(self, other: Any) -> "TrigPolynomial":
+        if not isinstance(other, TrigPolynomial):
+            number = exact(other)
+            if number == 1:
+                return self
+            self.variables.spend(len(self.terms))
+            terms = {term: c * number for term, c in self.terms.items()} if number else {}
+            return TrigPolynomial(self.variables, terms)
+        self.variables.spend(len(self.terms) * len(other.terms))
+        total: dict[Term, Fraction] = {}
+        for (a, v, sine_v), c in self.terms.items():
+            for (b, w, sine_w), d in other.terms.items():
+                sine = sine_v is not sine_w
+                if v and w:
+                    half = c * d / 2
+                    _add_normal(total, a + b, v + w, sine, -half if sine_v and sine_w else half)
+                    _add_normal(total, a + b, v - w, sine, -half if sine_w and not sine_v else half)
+                else:
+                    _add_normal(total, a + b, v + w, sine, c * d)
+        return TrigPolynomial(self.variables, total)
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    def __truediv__(self, number: Any) -> "TrigPolynomial":
+        return self * (1 / exact(number))
+
+    def __rtruediv__(self, number: Any) -> "TrigPolynomial":
+        """The quotient by a polynomial without sines and cosines; a sum becomes a variable, to the power of -1."""
+        if self.is_trigonometric or not self.terms:
+            return NotImplemented
+        if len(self.terms) > 1:
+            return self.variables.variable(self._expression(), -1) * number
+        [((powers, _, _), c)] = self.terms.items()
+        return TrigPolynomial(self.variables, {(-powers, 0, False): 1 / c}) * number
+
+    def _expression(self) -> Any:
+        """The sum in terms of the variables."""
+        known = self.variables.expressions
+        return sum(prod([known[i] ** k for i, k in digits(powers)]) * c for (powers, _, _), c in self.terms.items())
+
+    def sin(self) -> "TrigPolynomial":
+        """The sine of a polynomial without sines and cosines."""
+        return self._trig(sine=True)
+
+    def cos(self) -> "TrigPolynomial":
+        """The cosine of a polynomial without sines and cosines."""
+        return self._trig(sine=False)
+
+    @property
+    def number(self) -> Fraction | None:
+        """Its value if it is constant, otherwise None."""
+        return self.terms.get((0, 0, False), Fraction(0)) if set(self.terms) <= {(0, 0, False)} else None
+
+    @property
+    def is_trigonometric(self) -> bool:
+        """Whether it contains a sine or cosine."""
+        return any(angle for _, angle, _ in self.terms)
+
+    def _trig(self, sine: bool) -> "TrigPolynomial":
+        if self.is_trigonometric:
+            raise JounceError("symbolic form does not support the sine or cosine of a sine or cosine")
+        total: dict[Term, Fraction] = {}
+        angle = sum(self.variables.angle(powers, c) for (powers, _, _), c in self.terms.items())
+        _add_normal(total, 0, angle, sine, Fraction(1))
+        return TrigPolynomial(self.variables, total)
+
+    def _cast(self, x: Any) -> "TrigPolynomial":
+        return x if isinstance(x, TrigPolynomial) else TrigPolynomial(self.variables, {(0, 0, False): Fraction(1)}) * x
+
+
+def exact(x: Any) -> Fraction:
+    """A number as a fraction; a float is read as the decimals that it prints as: 0.1 is 1/10."""
+    return Fraction(repr(float(x))) if isinstance(x, float) else Fraction(x)
+
+
+def digits(number: int) -> Iterator[tuple[int, int]]:
+    """The places and values of the digits that are not zero."""
+    place = 0
+    while number:
+        digit = (number + BASE // 2) % BASE - BASE // 2
+        if digit:
+            yield place, digit
+        number, place = (number - digit) // BASE, place + 1
+
+
+def _unit(known: list[Any], x: Hashable) -> int:
+    """The integer with digit 1 at the place of x among the known, which x is added to if it is new."""
+    if x not in known:
+        known.append(x)
+    return BASE ** known.index(x)
+
+
+def _add_normal(total: dict[Term, Fraction], powers: int, angle: int, sine: bool, c: Fraction) -> None:
+    """Add a term in normal form: its angle is made positive."""
+    if angle < 0:
+        angle, c = -angle, -c if sine else c
+    if angle or not sine:
+        _add(total, (powers, angle, sine), c)
+
+
+def _add(total: dict[Term, Fraction], term: Term, c: Fraction) -> None:
+    """Add to the coefficient of a term, and drop the term if it becomes zero."""
+    c += total.get(term, 0)
+    if c:
+        total[term] = c
+    else:
+        total.pop(term, None)

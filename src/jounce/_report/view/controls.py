@@ -1,0 +1,80 @@
+"""The controls of the live view: sliders of the joints, the values and curves of Q, and words."""
+
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from jounce._report.sliders import slider_ranges
+from jounce._report.view.scene import Scene
+from jounce._report.view.track import Track
+from jounce.core.errors import escaped, shortened
+from jounce.engine.engine import Engine
+from jounce.figures.canvas import COLOURS
+from jounce.model.coordinates import coordinate_limits, coordinate_units
+
+POINTS = 400  # of a curve: it is sent again as time goes by
+MARK = 1e-4  # of the duration: how wide the mark of the time is
+
+
+def joint_sliders(gui: Any, robot: Engine, along: Track | None) -> list[Any]:
+    """A slider for each joint: from limit to limit, and as far as the motion goes."""
+    q = np.zeros((0, robot.n)) if along is None else along.q
+    lowest, highest = slider_ranges(robot.mechanism, q)
+    closure = robot.mechanism.closure
+    rest = closure.start[list(closure.independent)] if closure else np.zeros(robot.n)
+    starts = rest.clip(lowest, highest) if along is None else q[0]
+    found = []
+    columns = (robot.joint_names, coordinate_units(robot.mechanism), *(x.tolist() for x in (lowest, highest, starts)))
+    for name, unit, lower, upper, start in zip(*columns, strict=True):
+        label = f"{escaped(shortened(name))} [{unit}]"
+        found.append(gui.add_slider(label, lower, upper, max((upper - lower) / 2000, 1e-9), start))
+    return found
+
+
+def curves_of(along: Track, t: float) -> tuple[np.ndarray, ...]:
+    """Times and Q of each joint as the plot takes them, and a curve that marks a time by a peak."""
+    first, last = along.t[[0, -1]]
+    width = MARK * (last - first)
+    kept = np.unique(np.linspace(0, len(along.t) - 1, POINTS).astype(int))
+    at = np.clip([t - width, t, t + width], first, last)
+    times = np.unique([*along.t[kept], *at])
+    low, high = float(along.Q.min()), float(along.Q.max())
+    mark = np.where(np.abs(times - t) < width / 2, high, low)
+    return (times, *(np.interp(times, along.t, Q) for Q in along.Q.T), mark)
+
+
+def series_of(robot: Engine) -> tuple[Any, ...]:
+    """The looks of the curves of `curves_of`."""
+    from viser import uplot
+
+    joints = [
+        uplot.Series(label=escaped(shortened(name)), stroke=COLOURS[j % len(COLOURS)], width=2)
+        for j, name in enumerate(robot.joint_names)
+    ]
+    return (uplot.Series(label="t [s]"), *joints, uplot.Series(label="now", stroke="#888888", width=1))
+
+
+def table_of(robot: Engine, now: Track) -> str:
+    """Q, its limits and the base wrench as a table of HTML; names of files are text there."""
+    bounds = coordinate_limits(robot.mechanism).bounds("effort")
+    rows = []
+    for j, (name, unit) in enumerate(zip(robot.joint_names, coordinate_units(robot.mechanism), strict=True)):
+        Q, (lower, upper) = float(now.Q[j]), bounds[:, j]
+        beyond = " <b>beyond its limit</b>" if not lower <= Q <= upper else ""
+        rows.append((text(shortened(name)), f"{Q:.4g} {'N m' if unit == 'rad' else 'N'}{beyond}"))
+    moment, force = (", ".join(f"{x:.4g}" for x in part) for part in (now.F[:3], now.F[3:]))
+    rows += [("base force", f"({force}) N"), ("base moment", f"({moment}) N m")]
+    body = "".join(f"<tr><td>{name}</td><td>{value}</td></tr>" for name, value in rows)
+    return f"<table style='font-size: .8rem; margin: 0 1rem'>{body}</table>"
+
+
+def legend_of(scene: Scene) -> str:
+    """What the arrows are, and what is not drawn."""
+    words = "Orange: the force of the ground on the robot, and the loads on its bodies. Blue: the moment of the ground."
+    return "<br>".join(map(text, [words, *scene.notes]))
+
+
+def text(given: str) -> str:
+    """A text of a file as HTML."""
+    return escape(escaped(given))

@@ -1,0 +1,120 @@
+"""The scene of the live view: a robot's bodies, which move with their frames, and arrows of forces and moments."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jounce._report.drawing import GROUND, parts_of, robot_size
+from jounce._report.view.track import Track, start_of
+from jounce.core.errors import JounceError, listed
+from jounce.engine.engine import Engine
+from jounce.figures.drawing import poses_on
+from jounce.io.visuals import read_mesh, visuals_of
+from jounce.spatial import lie
+
+if TYPE_CHECKING:
+    import viser
+
+FORCE, MOMENT = (213, 94, 0), (0, 114, 178)
+LENGTH = 0.35  # of the robot's size: the longest arrow
+NONE = np.zeros((1, 2, 3))  # an arrow that is not seen
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """The handles of what moves: the frames of the ground or base and of the bodies, and arrows by what they show."""
+
+    robot: Engine
+    size: float
+    ground: Any
+    bodies: Sequence[Any]
+    frames: Sequence[Any]
+    arrows: Mapping[str, Any]
+    largest: Mapping[str, float]  # force and moment, of the longest arrow
+    notes: Sequence[str]  # on meshes that are not drawn
+
+
+def draw_scene(
+    server: "viser.ViserServer", robot: Engine, file: Path, along: Track | None, folders: Sequence[Path]
+) -> Scene:
+    """Draw a robot as its file shows it; links without shapes there are drawn from their joints and frames."""
+    m, start = robot.mechanism.tree, start_of(robot)
+    size = robot_size(m, poses_on(robot, start, np.eye(4)))
+    server.scene.add_grid("/grid", width=4 * size, height=4 * size, cell_size=size / 5, section_size=size)
+    ground = server.scene.add_frame(_body(GROUND), show_axes=False)
+    bodies, frames = [], []
+    for i in range(m.nb):
+        bodies.append(server.scene.add_frame(f"/body{i}", show_axes=False))
+        name, long, thick = f"/body{i}/frame", 0.12 * size, 0.005 * size
+        frames.append(server.scene.add_frame(name, axes_length=long, axes_radius=thick, visible=False))
+    seen, notes = _draw_visuals(server, robot, file, folders)
+    for k, part in enumerate(parts_of(m, size, start[None])):
+        if part.body not in seen:
+            colour = np.frombuffer(bytes.fromhex(part.colour.removeprefix("#")), np.uint8)
+            server.scene.add_mesh_simple(f"{_body(part.body)}/part{k}", part.vertices, part.triangles, color=colour)
+    shape: Any = {"shaft_radius": 0.01 * size, "head_radius": 0.025 * size, "head_length": 0.05 * size}
+    colours = {"base force": FORCE, "base moment": MOMENT}
+    colours |= {f"load {k}": FORCE for k in range(len(along.wrenches) if along is not None else 0)}
+    arrows = {name: server.scene.add_arrows(f"/{name}", NONE, colour, **shape) for name, colour in colours.items()}
+    return Scene(robot, size, ground, bodies, frames, arrows, _largest(robot, along, size), notes)
+
+
+def show(scene: Scene, now: Track) -> None:
+    """Move the robot to a state, and draw the forces and moments of it."""
+    m = scene.robot.mechanism
+    poses = poses_on(scene.robot, now.positions, now.C)
+    for body, C in zip((scene.ground, *scene.bodies), (now.C, *poses), strict=True):
+        body.wxyz, body.position = lie.to_quaternion(C[:3, :3]), C[:3, 3]
+    vectors = {"base moment": (np.zeros(3), now.F[:3]), "base force": (np.zeros(3), now.F[3:])}
+    for k, (name, W) in enumerate(now.wrenches.items()):
+        frame = m.frame(name)
+        C = (poses[frame.body] if frame.body != GROUND else now.C) @ np.asarray(frame.T, dtype=float)
+        vectors[f"load {k}"] = C[:3, 3], -C[:3, :3] @ W[3:]  # on the body
+    for name, (start, vector) in vectors.items():
+        scale = LENGTH * scene.size / scene.largest["moment" if name == "base moment" else "force"]
+        scene.arrows[name].points = np.array([[start, start + scale * vector]])
+
+
+def _largest(robot: Engine, along: Track | None, size: float) -> dict[str, float]:
+    """The largest force and moment that arrows show: along a motion, and the weight."""
+    m = robot.mechanism
+    weight = float(m.inertias[:, 3, 3].sum() * np.linalg.norm(np.asarray(m.gravity, dtype=float)))
+    F = np.zeros((1, 6)) if along is None else along.F
+    loads = [np.zeros((1, 6))] if along is None else [np.zeros((1, 6)), *along.wrenches.values()]
+    forces = [np.linalg.norm(W[:, 3:], axis=1).max() for W in (F, *loads)]
+    moment = float(np.linalg.norm(F[:, :3], axis=1).max())
+    return {"force": max(weight, *forces) or 1.0, "moment": max(moment, weight * size / 4) or 1.0}
+
+
+def _draw_visuals(
+    server: "viser.ViserServer", robot: Engine, file: Path, folders: Sequence[Path]
+) -> tuple[set[int], list[str]]:
+    """Draw the visuals of a robot file; the bodies that they show, and what could not be drawn."""
+    seen: set[int] = set()
+    missed = []
+    for k, visual in enumerate(visuals_of(robot.mechanism, file)):
+        frame = robot.mechanism.frame(visual.link)
+        mesh = read_mesh(visual, file, folders)
+        if isinstance(mesh, str):
+            missed.append(mesh)
+            continue
+        C = np.asarray(frame.T, dtype=float) @ visual.T
+        place = {"wxyz": lie.to_quaternion(C[:3, :3]), "position": C[:3, 3]}
+        server.scene.add_mesh_trimesh(f"{_body(frame.body)}/visual{k}", mesh, **place)
+        seen.add(frame.body)
+    return seen, [f"not drawn: {listed(dict.fromkeys(missed))}"] if missed else []
+
+
+def _body(i: int) -> str:
+    return "/ground" if i == GROUND else f"/body{i}"
+
+
+def check_installed() -> None:
+    """Raise `JounceError` where viser, which serves the view, is missing."""
+    try:
+        import viser  # noqa: F401
+    except ModuleNotFoundError:
+        raise JounceError("the live view needs viser; install it by: pip install 'jounce[view]'") from None

@@ -1,7 +1,0 @@
-"""The audit of a robot's data: physically impossible values, and values that suggest a mistake in a file."""
-
-from jounce.audit.checks import audit
-from jounce.audit.finding import SEVERITIES, Finding
-from jounce.audit.inertias import impossible
-
-__all__ = ["SEVERITIES", "Finding", "audit", "impossible"]

@@ -1,0 +1,7 @@
+"""The audit of a robot's data: physically impossible values, and values that suggest a mistake in a file."""
+
+from jounce.checks.audit.checks import audit
+from jounce.checks.audit.finding import SEVERITIES, Finding
+from jounce.checks.audit.inertias import impossible
+
+__all__ = ["SEVERITIES", "Finding", "audit", "impossible"]

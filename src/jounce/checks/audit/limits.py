@@ -1,0 +1,100 @@
+"""What a file leaves out of its joints or states in other units: limits and axes."""
+
+import numpy as np
+
+from jounce.checks.audit.finding import Finding
+from jounce.model.coordinates import TURNS, leading_joints
+from jounce.model.mechanism import Mechanism
+
+LARGEST = 720.0  # of limits in degrees; beyond it a number stands for no limit
+
+
+def limits(mechanism: Mechanism) -> list[Finding]:
+    """Effort and velocity limits that are missing or zero, of the joints that are driven; a finding for each kind."""
+    driven = sorted(set(leading_joints(mechanism)))  # what follows others has no drive of its own
+    found = []
+    for kind in ("effort", "velocity"):
+        stated = getattr(mechanism.limits, kind)[driven]
+        found += _missing(mechanism, kind, driven, np.isinf(stated)) + _zero(mechanism, kind, driven, stated == 0)
+    return found
+
+
+def degrees(mechanism: Mechanism) -> list[Finding]:
+    """Position limits of revolute joints that look like degrees."""
+    largest = np.maximum(
+        *(np.nan_to_num(np.abs(x), posinf=0) for x in (mechanism.limits.lower, mechanism.limits.upper))
+    )
+    found = np.flatnonzero(mechanism.X[:, :3].any(axis=1) & (largest > TURNS) & (largest <= LARGEST))
+    if not found.size:
+        return []
+    worst = float(largest[found].max())
+    return [
+        Finding(
+            severity="warning",
+            kind="position limit",
+            joints=tuple(mechanism.joints[i] for i in found),
+            number=worst,
+            unit="rad",
+            text=f"position limit of up to {worst:.4g} rad, {worst / (2 * np.pi):.3g} turns: it looks like degrees",
+            advice=f"limits are in rad: {worst:.4g} deg are {np.deg2rad(worst):.4g} rad",
+        )
+    ]
+
+
+def axes(mechanism: Mechanism) -> list[Finding]:
+    """Joints whose axis the file leaves out."""
+    found = tuple(joint for joint in mechanism.default_axes if joint in mechanism.joints)
+    if not found:
+        return []
+    return [
+        Finding(
+            severity="note",
+            kind="axis",
+            joints=found,
+            number=float(len(found)),
+            unit="joints",
+            text="the file states no <axis>: the axis is the format's default, 1 0 0",
+            advice='state it: <axis xyz="1 0 0"/>',
+        )
+    ]
+
+
+def _missing(mechanism: Mechanism, kind: str, driven: list[int], missing: np.ndarray) -> list[Finding]:
+    """Find missing limits: a warning if other joints have one, a note if none has."""
+    if not missing.any():
+        return []
+    everywhere = bool(missing.all())
+    return [
+        Finding(
+            severity="note" if everywhere else "warning",
+            kind=f"{kind} limit",
+            joints=_names(mechanism, driven, missing),
+            number=float(missing.sum()),
+            unit="joints",
+            text=f"no {kind} limit{' on any joint' if everywhere else f', unlike the other {int((~missing).sum())}'}",
+            advice=f"nothing checks a motion against it; state {kind}= in {_UNITS[kind]}",
+        )
+    ]
+
+
+def _zero(mechanism: Mechanism, kind: str, driven: list[int], zero: np.ndarray) -> list[Finding]:
+    if not zero.any():
+        return []
+    return [
+        Finding(
+            severity="warning",
+            kind=f"{kind} limit",
+            joints=_names(mechanism, driven, zero),
+            number=0.0,
+            unit="N m or N" if kind == "effort" else "rad/s or m/s",
+            text=f"{kind} limit 0: the joint could never {'exert a force' if kind == 'effort' else 'move'}",
+            advice=f"state that of the drive in {_UNITS[kind]}, or omit it if it is unknown",
+        )
+    ]
+
+
+_UNITS = {"effort": "N m or N", "velocity": "rad/s or m/s"}
+
+
+def _names(mechanism: Mechanism, driven: list[int], which: np.ndarray) -> tuple[str, ...]:
+    return tuple(mechanism.joints[i] for i, yes in zip(driven, which, strict=True) if yes)

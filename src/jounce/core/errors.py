@@ -1,0 +1,173 @@
+"""Errors and warnings of jounce: one class each, with messages of one line."""
+
+import sys
+import warnings
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from difflib import get_close_matches
+from pathlib import Path
+from reprlib import Repr
+from typing import Any
+
+PACKAGE = Path(__file__).parents[1]
+MOST = 80  # characters of one thing in a message, be it a cell, a name or a value
+
+
+class JounceError(Exception):
+    """Base class of all errors of jounce. The message says what was given, what was expected, and what exists."""
+
+    def __init__(self, text: object = "") -> None:
+        super().__init__(escaped(str(text)))
+
+
+class UncertainError(JounceError):
+    """Results for a closed robot near a singular position have errors above 1e-6 of their size.
+
+    Attributes
+    ----------
+    results : tuple of arrays
+        The results, NaN where they are uncertain.
+    names : tuple of str
+        Their names.
+    uncertain : tuple of arrays of bool
+        Where they are uncertain, over the batch.
+    """
+
+    def __init__(self, text: str, results: tuple[Any, ...], names: Iterable[str], uncertain: Iterable[Any]) -> None:
+        super().__init__(text)
+        self.results, self.names, self.uncertain = results, tuple(names), tuple(uncertain)
+
+    def __reduce__(self) -> tuple[Any, ...]:  # between processes
+        return type(self), (str(self), self.results, self.names, self.uncertain)
+
+
+class JounceWarning(UserWarning):
+    """Base class of all warnings of jounce."""
+
+    def __init__(self, text: object = "") -> None:
+        super().__init__(escaped(str(text)))
+
+
+for _public in (JounceError, UncertainError, JounceWarning):  # as tracebacks name them
+    _public.__module__ = "jounce"
+
+_collected: ContextVar[list[str] | None] = ContextVar("_collected", default=None)
+
+
+@contextmanager
+def collected_warnings() -> Iterator[list[str]]:
+    """Within this context, the texts of warnings go into a list, those of other threads where they went before.
+
+    The context managers of `warnings` act on all threads, so that parts computed side by side would mix their warnings.
+    """
+    found: list[str] = []
+    token = _collected.set(found)
+    try:
+        yield found
+    finally:
+        _collected.reset(token)
+
+
+def warn(text: str) -> None:
+    """Warn, at the line outside of jounce that called into it."""
+    collected = _collected.get()
+    if collected is not None:
+        collected.append(str(JounceWarning(text)))
+        return
+    frame, depth = sys._getframe(1), 2
+    while frame.f_back and Path(frame.f_code.co_filename).is_relative_to(PACKAGE):
+        frame, depth = frame.f_back, depth + 1
+    warnings.warn(text, JounceWarning, stacklevel=depth)
+
+
+@contextmanager
+def at(place: object) -> Iterator[None]:
+    """Within this context, errors begin with a place: a file, or a line of a file."""
+    try:
+        yield
+    except JounceError as error:
+        raise JounceError(f"{place}: {error}") from None
+
+
+def no_such(kind: str, name: object, existing: Iterable[str], owner: str = "") -> JounceError:
+    """Return the error for an unknown name: the nearest valid one first, then all that exist, those of `owner`."""
+    known = list(existing)
+    near = get_close_matches(_cut(name, MOST), known, n=1) if isinstance(name, str) else []
+    hint = f"; did you mean {quoted(near[0])}?" if near else ";"
+    unknown = f"{owner} has no {kind}" if owner else f"unknown {kind}"
+    return JounceError(f"{unknown} {quoted(name)}{hint} available: {listed(known) or 'none'}")
+
+
+def one_of(kind: str, given: object, existing: Iterable[str], owner: str = "") -> str:
+    """Return a caller's name if it exists; a value of any other type is refused like an unknown name."""
+    known = list(existing)
+    if not isinstance(given, str) or given not in known:  # arrays do not compare to a string
+        raise no_such(kind, given, known, owner)
+    return given
+
+
+def several(given: object) -> list[Any]:
+    """Return a list of what a caller gives: the items of an iterable, or the single item."""
+    if isinstance(given, str) or not isinstance(given, Iterable):
+        return [given]
+    try:
+        return list(given)
+    except Exception:  # arrays without axes, and whatever a foreign type raises
+        return [given]
+
+
+def true_or_false(label: str, given: object, meaning: str) -> bool:
+    """Return a caller's bool; raise for other types, truthy ones too."""
+    if not isinstance(given, bool):
+        raise JounceError(f"{label} is {quoted(given)}; expected True or False: {meaning}")
+    return given
+
+
+def listed(names: Iterable[str], most: int = 24) -> str:
+    """Join names with commas, each as `shortened` shows it; of many, only the first."""
+    shown = [shortened(name) for name in names]
+    rest = f", ... ({len(shown)} in all)" if len(shown) > most else ""
+    return ", ".join(shown[:most]) + rest
+
+
+def quoted(given: object) -> str:
+    """Return the repr of a value from a file or a caller, cut to a length that suits a message."""
+    if isinstance(given, str):
+        return repr(_cut(str(given), MOST))
+    return one_line(_BRIEF.repr(given), MOST)
+
+
+def one_line(error: object, most: int = 300) -> str:
+    """Return the message of another library's error on one line."""
+    return shortened(" ".join(str(error).split()), most)
+
+
+def shortened(text: str, most: int = MOST) -> str:
+    """Return a string that is safe in a message: cut, and without control characters."""
+    return escaped(_cut(text, most))
+
+
+def escaped(text: str) -> str:
+    """Escape control and direction characters, and all others that are not printable, as Python does."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def _cut(text: str, most: int) -> str:
+    return text if len(text) <= most else f"{text[:most]}..."
+
+
+class _Brief(Repr):
+    """Short reprs of values in messages: a few lines of YAML with aliases can make trees of any size."""
+
+    def repr_int(self, x: int, level: int) -> str:
+        try:
+            return super().repr_int(x, level)
+        except ValueError:  # Python writes no integer of more than 4,300 digits
+            return f"an integer of {x.bit_length()} bits"
+
+
+_BRIEF = _Brief()
+_BRIEF.maxlevel, _BRIEF.maxlist, _BRIEF.maxstring, _BRIEF.maxother = 2, 4, 60, 60

@@ -1,0 +1,86 @@
+"""Joints of an mjModel: their screws, limits and drive trains.
+
+Joint variables are MuJoCo's own, which are `qpos0` where the bodies stand as the file places them; angles in rad.
+"""
+
+import numpy as np
+
+from jounce.io.models.mujoco.arrays import Arrays
+from jounce.model import tree
+from jounce.model.limits import Stated
+from jounce.spatial import lie
+
+FLOATING = 0  # MuJoCo's types of joints
+FREE_JOINTS = {FLOATING: "floating", 1: "spherical"}
+SLIDE = 2
+AT_A_JOINT = (0, 1)  # transmissions of actuators: in a joint's frame or its parent's, the same for one axis
+
+
+def moves_along_one_screw(m: Arrays, j: int) -> bool:
+    """Whether a joint is a hinge or a slide."""
+    return int(m.of["jnt_type"][j]) not in FREE_JOINTS
+
+
+def joint(m: Arrays, j: int, parent: str, child: str, B: np.ndarray, mimic: tree.Mimic | None) -> tree.Joint:
+    """A joint between two links; B is the child's pose where the joint variable is `qpos0`."""
+    name, kind = m.joints[j], int(m.of["jnt_type"][j])
+    if kind in FREE_JOINTS:
+        return tree.Joint(name, parent, child, B, None, None, {}, {}, m.place, free=FREE_JOINTS[kind])
+    X, start = _screw(m, j), m.of["qpos0"][m.of["jnt_qposadr"][j]]
+    B = B @ lie.exp(X, -start[None, None]) if start else B
+    return tree.Joint(name, parent, child, B, X, mimic, _limits(m, j), _drive(m, j), m.place)
+
+
+def _screw(m: Arrays, j: int) -> np.ndarray:
+    axis = m.of["jnt_axis"][j]
+    if m.of["jnt_type"][j] == SLIDE:
+        return np.concatenate([np.zeros(3), axis])
+    return np.concatenate([axis, np.cross(m.of["jnt_pos"][j], axis)])
+
+
+def _limits(m: Arrays, j: int) -> dict[str, Stated]:
+    """The range of a joint, and what its actuators may exert together: the sum of their ranges, if all have one."""
+    stated: dict[str, Stated] = {}
+    if m.of["jnt_limited"][j]:
+        stated["lower"], stated["upper"] = m.of["jnt_range"][j].tolist()
+    lower, upper = _actuators(m, j)
+    if m.of["jnt_actfrclimited"][j]:
+        low, high = m.of["jnt_actfrcrange"][j].tolist()
+        lower, upper = max(lower, low), min(upper, high)
+    if np.isfinite([lower, upper]).any():
+        stated["effort"] = upper if lower == -upper else (lower, upper)
+    return stated
+
+
+def _actuators(m: Arrays, j: int) -> tuple[float, float]:
+    """The smallest and largest force of the actuators of a joint; infinite without actuators or ranges."""
+    acting = np.flatnonzero(_acting(m, j))
+    if not acting.size or not m.of["actuator_forcelimited"][acting].all():
+        return -np.inf, np.inf
+    ends = m.of["actuator_forcerange"][acting] * m.of["actuator_gear"][acting, :1]
+    return float(ends.min(axis=1).sum()), float(ends.max(axis=1).sum())
+
+
+def _drive(m: Arrays, j: int) -> dict[str, float]:
+    """Return the drive of a joint, with the actuators' armature and damping times the gear squared."""
+    dof, gears = m.of["jnt_dofadr"][j], _squared_gears(m, j)
+    stated = {
+        "armature": m.of["dof_armature"][dof] + np.sum(gears * m.of["actuator_armature"]),
+        "damping": m.of["dof_damping"][dof] + np.sum(gears * m.of["actuator_damping"]),
+        "friction": m.of["dof_frictionloss"][dof] * m.acts("FRICTIONLOSS", "CONSTRAINT"),
+        "stiffness": m.of["jnt_stiffness"][j] * m.acts("SPRING", "PASSIVE"),
+    }
+    stated["damping"] *= m.acts("DAMPER", "PASSIVE")
+    if stated["stiffness"]:
+        stated["rest"] = m.of["qpos_spring"][m.of["jnt_qposadr"][j]]
+    return {key: float(x) for key, x in stated.items()}
+
+
+def _squared_gears(m: Arrays, j: int) -> np.ndarray:
+    """The square of the gear of every actuator that acts on a joint, 0 for the others."""
+    return _acting(m, j) * m.of["actuator_gear"][:, 0] ** 2
+
+
+def _acting(m: Arrays, j: int) -> np.ndarray:
+    """Which of the actuators act on a joint."""
+    return np.isin(m.of["actuator_trntype"], AT_A_JOINT) & (m.of["actuator_trnid"][:, 0] == j)

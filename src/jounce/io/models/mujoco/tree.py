@@ -1,0 +1,76 @@
+"""The tree of an mjModel: its bodies as links, its joints between them.
+
+The joints of a body act one after another: the last moves the body, those before it massless links, BODY:JOINT by name.
+Bodies without a joint are welded, and so are named sites, as massless links, unless a body has their name, and the ends
+of loops.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jounce.core.errors import JounceError, at
+from jounce.io.models.mujoco import couplings, joints, loops, outside
+from jounce.io.models.mujoco.arrays import Arrays, arrays, distinct
+from jounce.model import tree
+from jounce.model.mechanism import Mechanism
+from jounce.spatial.inertia import inertia_matrix
+
+
+def mechanism(
+    model: Any, gravity: object = None, base: str | None = None, root: str | None = None, file: Path | None = None
+) -> Mechanism:
+    """The mechanism of an mjModel, under its own gravity unless another is given; `file` is what messages call it."""
+    m = arrays(model, file)
+    with at(m.place):
+        tree.check_base(base)
+    if not m.joints:
+        raise JounceError(f"{m.place}: no joint; expected at least one movable joint")
+    mimics = couplings.mimics(m)
+    active = couplings.active(m)
+    tied = loops.ties(m, active, {*m.bodies, *m.joints, *m.sites})
+    links, between = _bodies(m, mimics, [end for tie in tied for end in (tie.a, tie.b)])
+    outside.warn_of(m, ties=len(active) - len(mimics) - len(tied), floats=base == "floating")
+    own = m.gravity * m.acts("GRAVITY")
+    given = own if gravity is None else gravity
+    built = tree.mechanism(links, between, given, m.name, m.place, base=base, root=root, world=m.bodies[0])
+    return loops.close(m, built, tied)
+
+
+def _bodies(
+    m: Arrays, mimics: dict[int, tree.Mimic], ends: Sequence[loops.End]
+) -> tuple[list[tree.Link], list[tree.Joint]]:
+    links = [tree.Link(body, _inertia(m, i), m.place) for i, body in enumerate(m.bodies)]
+    between: list[tree.Joint] = []
+    taken, called = set(m.bodies), set(m.joints)
+
+    def weld(link: str, parent: str, B: np.ndarray) -> None:
+        between.append(tree.Joint(distinct(link, called), parent, link, B, None, None, {}, {}, m.place))
+
+    def massless(link: str) -> str:
+        links.append(tree.Link(link, np.zeros((6, 6)), m.place))
+        return link
+
+    for i, body in enumerate(m.bodies[1:], 1):
+        carrier, B = m.bodies[m.of["body_parentid"][i]], m.pose("body_pos", "body_quat", i)
+        own = range(m.of["body_jntadr"][i], m.of["body_jntadr"][i] + m.of["body_jntnum"][i])
+        for j in own:
+            child = body if j == own[-1] else massless(distinct(f"{body}:{m.joints[j]}", taken))
+            between.append(joints.joint(m, j, carrier, child, B, mimics.get(j)))
+            carrier, B = child, np.eye(4)
+        if not own:
+            weld(body, carrier, B)
+    for i, site in enumerate(m.sites):
+        if site and site not in taken:
+            weld(massless(site), m.bodies[m.of["site_bodyid"][i]], m.pose("site_pos", "site_quat", i))
+    for end in ends:
+        weld(massless(end.frame), end.body, end.T)
+    return links, between
+
+
+def _inertia(m: Arrays, i: int) -> np.ndarray:
+    principal = m.pose("body_ipos", "body_iquat", i)
+    theta = np.diag(m.of["body_inertia"][i])
+    return inertia_matrix(m.of["body_mass"][i], principal[:3, 3], theta, rotation=principal[:3, :3])

@@ -1,0 +1,14 @@
+"""Whole states and forces of other libraries: joints by name, and the base of a robot that floats in their conventions.
+
+| | quaternion | linear velocity of the base | angular | acceleration |
+|---|---|---|---|---|
+| Pinocchio | x, y, z, w | base axes | base axes | rates of the components of v |
+| MuJoCo | w, x, y, z | world axes | base axes | rates of the components of qvel |
+"""
+
+from jounce.io.models.states.conversion import RobotState, forces_from, forces_to, state_from, state_to
+from jounce.io.models.states.layout import Layout
+from jounce.io.models.states.mujoco import layout as of_mujoco
+from jounce.io.models.states.pinocchio import layout as of_pinocchio
+
+__all__ = ["Layout", "RobotState", "forces_from", "forces_to", "of_mujoco", "of_pinocchio", "state_from", "state_to"]

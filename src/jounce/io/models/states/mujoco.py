@@ -1,0 +1,33 @@
+"""The vectors qpos and qvel of a MuJoCo model."""
+
+from typing import Any
+
+import numpy as np
+
+from jounce.io.models.mujoco.arrays import arrays
+from jounce.io.models.mujoco.joints import FLOATING, moves_along_one_screw
+from jounce.io.models.states.layout import FreeJoint, Layout, Place
+
+
+def layout(model: Any) -> Layout:
+    """Return where a model has its joints."""
+    m = arrays(model, None, "model=")
+    beyond = [{name} for name in m.bodies]
+    for site, body in zip(m.sites, m.of["site_bodyid"], strict=True):
+        beyond[body] |= {site} - {""}
+    of_body = [m.joints[j : j + k] for j, k in zip(m.of["body_jntadr"], m.of["body_jntnum"], strict=True)]
+    for i in reversed(range(1, len(m.bodies))):
+        beyond[m.of["body_parentid"][i]] |= beyond[i] | {*of_body[i]}
+    places: dict[str, Place] = {}
+    free: dict[str, FreeJoint] = {}
+    carries: dict[str, frozenset[str]] = {}
+    for i, names in enumerate(of_body):
+        for j, name in enumerate(names, start=m.of["body_jntadr"][i]):
+            q, v = int(m.of["jnt_qposadr"][j]), int(m.of["jnt_dofadr"][j])
+            carries[name] = frozenset(beyond[i])
+            if moves_along_one_screw(m, j):
+                places[name] = Place(q, v)
+            elif m.of["jnt_type"][j] == FLOATING:
+                free[name] = FreeJoint(q, v, ground=np.eye(4), moved={m.bodies[i]: np.eye(4)})
+    rest = np.array(m.of["qpos0"], dtype=float)
+    return Layout(m.place, len(rest), int(model.nv), rest, places, free, carries, (0, 1, 2, 3), linear_in_world=True)
