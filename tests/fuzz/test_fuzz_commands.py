@@ -130,7 +130,8 @@ def check_command(folder, words, before, code, stdout, stderr):
         if path.suffix in (".yaml", ".yml", ".json") and words[0] == "convert":
             with warnings.catch_warnings(action="ignore"):
                 jounce.load(path)
-    if "--json" in words and not {"--help", "-h", "--version"} & set(words):
+    asked = set(words) - {path.name for path in outputs(folder, words)}  # "-o --json" names a file
+    if "--json" in asked and not {"--help", "-h", "--version"} & asked:
         json.loads(stdout)
 
 

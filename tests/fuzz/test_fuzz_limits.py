@@ -67,9 +67,18 @@ def check_verdict(kind, name, seed):
     for of, bounds in given.items():
         for j, joint in enumerate(robot.joint_names):
             if np.isfinite(bounds[:, j]).any():
-                jumps = [infinite[of, sign][j] for sign in (-1, 1)]
-                compare(rows.pop((of, joint)), plan, bounds[:, j], (-peaks[of, -1][j], peaks[of, 1][j]), jumps)
+                jumps, row = [infinite[of, sign][j] for sign in (-1, 1)], rows.pop((of, joint))
+                there = value_at(robot, plan, of, row.t)[j]  # a peak between the points of the grid
+                values = min(-peaks[of, -1][j], there), max(peaks[of, 1][j], there)
+                compare(row, plan, bounds[:, j], values, jumps)
     assert not rows, rows
+
+
+def value_at(robot, plan, kind, t):
+    """What a limit bounds at a time, (n,)."""
+    piece = np.clip(np.searchsorted(plan.x, t, side="right") - 1, 0, len(plan.x) - 2)
+    share = np.clip((t - plan.x[piece]) / (plan.x[piece + 1] - plan.x[piece]), 0, 1)
+    return dense.values_at(robot, plan, [kind], np.array([piece]), np.array([share]))[kind][0]
 
 
 def compare(row, plan, bounds, values, infinite):
