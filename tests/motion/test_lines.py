@@ -8,7 +8,7 @@ import jounce
 from jounce.motion.fit import fit
 
 
-def vibrating(seed, joints=7, frequency=15.0, amplitude=1e-5, rate=1000):
+def vibrating(seed, joints=2, frequency=15.0, amplitude=1e-5, rate=1000):
     """A slow motion by 17 bits, steps of 4.8e-5 rad, with a ripple, and its truth."""
     rng = np.random.default_rng(seed)
     slow, start = harmonics(rng, base=0.03, amplitude=0.5), rng.choice([0, 3600])
@@ -30,8 +30,8 @@ def errors(smooth, truth):
     ]
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("given", [{}, {"joints": 1}, {"joints": 2, "frequency": 20.0}, {"frequency": 31.0}])
+@pytest.mark.parametrize("seed", [0])
+@pytest.mark.parametrize("given", [{"joints": 3}, {"joints": 1}, {"frequency": 20.0}, {"frequency": 31.0}])
 def test_a_ripple_below_the_step_is_followed_and_said(seed, given):
     """Its q4d was off by thousands of deviations."""
     t, q, truth = vibrating(seed, **given)
@@ -52,7 +52,7 @@ def test_a_bandwidth_makes_a_ripple_noise_which_is_said():
     smooth = fit(t, q, bandwidth=3)
     assert smooth.bandwidth < 3.1
     notes = [note for note in smooth.notes if "vibrates at" in note]
-    assert len(notes) == 7
+    assert len(notes) == 2
     assert all("the fit leaves it out, and its deviations hold it" in note for note in notes)
     assert not any(vibration.followed for vibration in smooth.vibrations)
     off = errors(smooth, truth)
@@ -80,7 +80,7 @@ def burst(seed, frequency=25.0, width=0.06, amplitude=2e-4, joints=1):
     return t, encoder(truth(t) + noise, 17), truth, (middle - 4 * width, middle + 4 * width)
 
 
-BURSTS = [{"amplitude": 1e-2}, {"amplitude": 2e-3, "joints": 3}, {}, {"frequency": 40.0, "width": 0.1}, {"width": 0.3}]
+BURSTS = [{"amplitude": 2e-3}, {}, {"frequency": 40.0, "width": 0.1, "joints": 2}, {"width": 0.3}]
 
 
 @pytest.mark.parametrize("seed", [0])
@@ -92,6 +92,7 @@ def test_a_burst_is_followed_with_its_flanks(seed, given):
     notes = [note for note in smooth.notes if "vibrates at" in note and " from t = " in note]
     assert len(notes) == 1 or smooth.bandwidth > 10  # all of the log is followed that far
     assert all(v.followed and not v.line.lasts for v in smooth.vibrations)
+    assert not any("per turn" in note for note in smooth.notes)  # of 40 Hz it was 881
     s = np.linspace(*around, 400)
     off = [(smooth.spline(s, nu=k) - truth(s, k)) / d for k, d in enumerate(smooth.deviations(s))]
     assert max(np.sqrt((x**2).mean()) for x in off) < 2.5
@@ -126,12 +127,12 @@ def test_deviations_hold_a_burst_that_a_bandwidth_leaves_out():
     assert max(np.sqrt((x**2).mean()) for x in off) < 3
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_noise_and_the_steps_of_steady_joints_are_no_vibrations(seed):
     rng = np.random.default_rng(seed)
     t = np.arange(0, rng.uniform(4, 9), 1e-3)
-    speeds = rng.uniform(0.005, 0.5, 4)
-    for q in (encoder(0.1 + t[:, None] * speeds, 17), t[:, None] * speeds + 1e-5 * rng.normal(size=(len(t), 4))):
+    speeds = rng.uniform(0.005, 0.5, 2)
+    for q in (encoder(0.1 + t[:, None] * speeds, 17), t[:, None] * speeds + 1e-5 * rng.normal(size=(len(t), 2))):
         smooth = fit(t, q)
         assert not any("vibrates" in note for note in smooth.notes)
     t, q, truth = vibrating(seed, amplitude=0.0)
@@ -140,13 +141,11 @@ def test_noise_and_the_steps_of_steady_joints_are_no_vibrations(seed):
     assert max(errors(smooth, truth)) < 1.5
 
 
-@pytest.mark.parametrize("seed", range(2))
-@pytest.mark.parametrize("count", [128, 256])
-def test_the_interpolation_error_of_an_encoder_is_said_with_its_count_per_turn(seed, count):
-    rng = np.random.default_rng(seed)
-    truth = harmonics(rng, base=0.05, amplitude=0.5)
-    t = np.arange(0, rng.uniform(8, 12), 1e-3)
-    q = truth(t)
-    q[:, 1] += 1e-4 * np.sin(count * q[:, 1] + 1)
+@pytest.mark.parametrize(("count", "amplitude"), [(32, 2e-5), (64, 5e-5), (128, 1e-4), (512, 1e-5)])
+def test_the_interpolation_error_of_an_encoder_is_said_with_its_count_per_turn(count, amplitude):
+    rng = np.random.default_rng(0)
+    truth, t = harmonics(rng, base=0.05, amplitude=0.5), np.arange(0, 10, 1e-3)
+    q = truth(t)[:, :2]
+    q[:, 1] += amplitude * np.sin(count * q[:, 1] + 1)
     [note] = [note for note in fit(t, encoder(q, 17)).notes if "per turn" in note]
     assert note.startswith(f"column 2 is off by a wave of about {count} per turn")

@@ -16,19 +16,15 @@ from jounce.motion.sensors import Sensors, find_sensors
 from jounce.motion.smoothing import Smoothed, first_fit, interpolate, moves, rounded, smooth
 from jounce.motion.spline import check_bandwidth
 from jounce.motion.stamps import check, spikes
-from jounce.motion.vibrations import Vibration, notes_of
+from jounce.motion.trust import peaks_and_shares, refuse_holes
+from jounce.motion.vibrations import Vibration, note_of_encoder, notes_of
 from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 THRESHOLD = 0.5  # of the peak of a derivative: beyond that standard deviation the samples do not carry it
-KNOWN = 0.1  # of the peak of a derivative: noise alone is a third of its own
 ENDS = 3  # intervals at either end, in which deviations of derivatives rise by powers of ten
-POINTS = 4000  # at which peaks and deviations are compared, at most
-AROUND = 3  # intervals on either side of a hole tell how fast the motion is
-HOLE = 5  # times the usual spacing of samples
-FAR = 1.0  # times the usual interval, from which on a hole cannot be bridged
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +90,7 @@ class Fit:
         if self._spread is not None:
             found = self._spread.covariances(times.ravel(), order)
             out[..., self._moving, :, :] = found.reshape(*times.shape, *found.shape[1:])
-        still = np.array([noise.sigma for noise in self.noise])
-        out[..., ~self._moving, 0, 0] = still[~self._moving] ** 2
+        out[..., ~self._moving, 0, 0] = np.array([noise.sigma**2 for noise in self.noise])[~self._moving]
         return out
 
     @property
@@ -172,23 +167,18 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
     except np.linalg.LinAlgError:
         text = "no spline of degree 9 follows from these samples: give more of them, at distinct times"
         raise JounceError(text) from None
-    if smoothed:
-        _refuse_holes(smoothed.samples.t, smoothed.spread.solution.breaks)
+    movers = np.flatnonzero(moving)
     noise = [Noise(float(column.std()), "rest") for column in samples.T]
     notes = [f"{wild.sum()} rows lie far from their neighbours; they are ignored"] if wild.any() else []
     if smoothed:
+        refuse_holes(smoothed.samples.t, smoothed.spread.solution.breaks)
         notes += [*holds.notes, *smoothed.notes]
-        for k, joint in enumerate(np.flatnonzero(moving)):
+        for k, joint in enumerate(movers):
             noise[joint] = noise_of(smoothed.samples.q[:, k], float(smoothed.sigma[k]), rounding[joint])
+        notes += [note_of_encoder(joints[movers[k]], count) for k, count in smoothed.errors_of_encoders]
     if not moving.all():
         still = listed(name for name, moved in zip(joints, moving, strict=True) if not moved)
         notes.append(f"at rest but for noise, hence constant: {still}")
-    for k, count in smoothed.errors_of_encoders if smoothed else ():
-        name = joints[int(np.flatnonzero(moving)[k])]
-        notes.append(
-            f"{name} is off by a wave of about {count} per turn, as an encoder's interpolation is; the fit follows it"
-            " as motion as far as its band reaches"
-        )
     followed = np.flatnonzero(~wild)[~holds.held]
     found = _described(
         times, samples, moving, smoothed, joints=joints, noise=tuple(noise), notes=tuple(notes), rows=rows[followed]
@@ -196,9 +186,8 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
     if not smoothed:
         return found
     vibrations = [
-        Vibration(line, joints[joint], int(joint), float(found.peaks[4, joint]), line not in smoothed.spread.left_out)
-        for line in smoothed.lines
-        for joint in np.flatnonzero(moving)[[line.joint]]
+        Vibration(line, joints[joint], joint, float(found.peaks[4, joint]), line not in smoothed.spread.left_out)
+        for line, joint in ((line, int(movers[line.joint])) for line in smoothed.lines)
     ]
     return replace(found, vibrations=tuple(vibrations), notes=(*found.notes, *notes_of(vibrations)))
 
@@ -226,20 +215,6 @@ def _smooth(samples: Samples, bandwidth: float | None) -> tuple[np.ndarray, Hold
         first, cells = first_fit(part)
     exact = bandwidth is None and rounded(part, first)
     return moving, holds, interpolate(part) if exact else smooth(part, first, cells, bandwidth)
-
-
-def _refuse_holes(t: np.ndarray, breaks: np.ndarray) -> None:
-    """Raise `JounceError` where a hole is longer than the intervals around it: any motion may have happened there."""
-    apart = np.diff(t)
-    lengths = np.diff(breaks)
-    for k in np.flatnonzero(apart > HOLE * np.median(apart)):
-        first, last = np.searchsorted(breaks, [t[k], t[k + 1]]).clip(1, len(breaks) - 1)
-        around = np.concatenate([lengths[max(0, first - 1 - AROUND) : first - 1], lengths[last : last + AROUND]])
-        if around.size and apart[k] > FAR * np.median(around):
-            raise JounceError(
-                f"no samples from t = {t[k]:.6g} to {t[k + 1]:.6g} s: {apart[k]:.3g} s, where the motion can be"
-                f" continued over {np.median(around):.3g} s; split the log there, or set a lower bandwidth"
-            )
 
 
 def _described(
@@ -271,18 +246,5 @@ def _described(
     followed = replace(spread, left_out=()) if spread else None
     zeros = np.zeros((HIGHEST + 1, len(joints)))
     bare = Fit(spline, joints, noise, 0.5 / usual, ends, zeros, zeros[:, 0], notes, spacing, rows, followed, moving)
-    inside = np.linspace(*ends, min(POINTS, 4 * len(breaks)) + 2)[1:-1]
-    size = np.abs([spline(inside, nu=k) - (k == 0) * q.mean(axis=0) for k in range(HIGHEST + 1)])
-    off = np.array(bare.deviations(inside, HIGHEST))
-    usual_off = np.sqrt((off[:, :, moving] ** 2).mean(axis=1).max(axis=1, initial=0))
-    beyond = np.maximum((size - off).max(axis=(1, 2)), size.max(axis=(1, 2)) / 10)  # noise makes peaks as well
-    return replace(bare, peaks=size.max(axis=1), relative=_relative(usual_off, beyond, np.ptp(t)), _spread=spread)
-
-
-def _relative(deviations: np.ndarray, peaks: np.ndarray, duration: float) -> np.ndarray:
-    """Standard deviations over peaks, (7,); where one is known, the next is no less than that of half a wave."""
-    largest = np.maximum(peaks, np.finfo(float).tiny)  # of joints that rest in all digits
-    for k in range(1, len(largest)):
-        if deviations[k - 1] < KNOWN * largest[k - 1]:
-            largest[k] = max(largest[k], largest[k - 1] * np.pi / duration)
-    return deviations / largest
+    peaks, shares = peaks_and_shares(spline, lambda s: np.array(bare.deviations(s, HIGHEST)) * moving, ends, q)
+    return replace(bare, peaks=peaks, relative=shares, _spread=spread)

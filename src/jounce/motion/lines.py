@@ -8,18 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.motion.knots import fitted
 from jounce.motion.samples import Samples
 
 MIN_STANDING_OUT = 250.0  # times the median of the spectrum: 24 dB. A measured log of a Franka arm has up to 21 dB
 BAND = 1.3  # times a line's frequency, up to which a fit follows it
 MIN_ROWS = 256  # that tell a line from noise
 BINS = 2  # of the spectrum, on either side of a line, that belong to it
-MIN_STANDING_OUT_OVER_ANGLE = 40.0  # 16 dB: ordinary logs have up to 12 dB, an error of half a step 17 to 25 dB
-COUNTS = np.arange(16, 1025)  # per turn of the joint: below 16 motion itself is periodic, as harmonics are
-COARSER = 6  # times the intervals of a fit, whose band then ends far below an error that the fit follows
-MAX_ROWS_OVER_ANGLE = 4000
-MIN_WAVES = 8  # that a joint passes
 MIN_BINS_OF_STEPS = 100  # of the spectrum, over which a joint that is not steady spreads the line of its rounding
 
 
@@ -61,26 +55,6 @@ def find_lines(samples: Samples, residual: np.ndarray, velocity: np.ndarray) -> 
         amplitude = float(2 * np.sqrt(around / ((window**2).sum() * count)))
         if not is_steady(velocity[:, joint], samples.steps[joint] or np.sqrt(12) * column.std(), count * row):
             found.append(Line(joint, at / (count * row), amplitude, (float(t[0]), float(t[-1])), True))
-    return found
-
-
-def find_errors_of_encoders(samples: Samples, breaks: np.ndarray, cells: int) -> list[tuple[int, int]]:
-    """Joints whose samples have a line over the joint's angle, with its count per turn: an encoder's interpolation.
-
-    A fit follows such an error, as it cannot be told from motion; a coarser one leaves it.
-    """
-    coarse = fitted(samples.rows(cells), np.unique(np.append(breaks[::COARSER], breaks[-1]))).spline
-    some = slice(None, None, len(samples.t) // MAX_ROWS_OVER_ANGLE + 1)
-    left = samples.q[some] - coarse(samples.t[some])
-    found = []
-    for joint, angle in enumerate(samples.q[some].T):
-        power = np.abs(np.exp(-1j * np.outer(COUNTS, angle)) @ (left[:, joint] * np.hanning(len(angle)))) ** 2
-        turned = np.quantile(np.abs(np.diff(angle)), 0.9)  # from row to row: faster waves are no longer sampled
-        power[(COUNTS * turned > np.pi) | (COUNTS * np.ptp(angle) < 2 * np.pi * MIN_WAVES)] = 0
-        at = int(np.argmax(power))
-        near = power[max(0, at // 2 - 8) : 2 * at + 16]
-        if power[at] > MIN_STANDING_OUT_OVER_ANGLE * max(np.median(power), np.median(near)) and at > 0:
-            found.append((joint, int(COUNTS[at])))
     return found
 
 

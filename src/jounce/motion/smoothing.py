@@ -11,9 +11,10 @@ from jounce.motion.bursts import find_bursts, with_flanks
 from jounce.motion.choice import Choice, Part, again, bounded, by_schwarz, choose, denser
 from jounce.motion.correction import colour, corrected
 from jounce.motion.deviations import Spread, stamp_covariances
+from jounce.motion.encoders import find_errors_of_encoders
 from jounce.motion.knots import fitted, most_intervals
 from jounce.motion.least_squares import CELLS, DEGREE, Solution, rows_of, solve
-from jounce.motion.lines import BAND, Line, find_errors_of_encoders, find_lines
+from jounce.motion.lines import BAND, Line, find_lines
 from jounce.motion.noise import Beats, beats_of, local_noise, rest_weights, whiteness
 from jounce.motion.samples import Samples
 from jounce.motion.stamps import are_wild
@@ -90,6 +91,12 @@ def smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | Non
 
     What stands out once the largest vibrations are followed is followed too, as far as the samples carry it.
     """
+    found = _with_vibrations(samples, first, cells, bandwidth)
+    errors = find_errors_of_encoders(found.samples, found.spread.solution.breaks, cells, found.lines)
+    return replace(found, errors_of_encoders=tuple(errors))
+
+
+def _with_vibrations(samples: Samples, first: Solution, cells: int, bandwidth: float | None) -> Smoothed:
     found = _smooth(samples, first, cells, bandwidth)
     lines: tuple[Line, ...] = ()
     for _ in range(FOLLOWED if bandwidth is None else 0):
@@ -146,9 +153,7 @@ def _smooth(
     lines = find_lines(samples, residual, solution.spline(samples.t, nu=1))
     if not found:  # corrected stamps leave errors that come and go with the velocity
         lines += find_bursts(samples, solution.breaks, cells)
-    spread = replace(spread, left_out=tuple(lines))
-    errors = tuple(find_errors_of_encoders(samples, solution.breaks, cells))
-    return Smoothed(samples, solution.spline, spread, sigma_of, notes, errors_of_encoders=errors)
+    return Smoothed(samples, solution.spline, replace(spread, left_out=tuple(lines)), sigma_of, notes)
 
 
 def _unfollowed(samples: Samples, residual: np.ndarray, breaks: np.ndarray, variance: np.ndarray) -> np.ndarray:

@@ -1,0 +1,90 @@
+"""Encoders that interpolate: they err by a wave over the angle of their joint, which a fit follows as motion.
+
+What samples differ by from a coarse fit holds such a wave, but for what a coarse fit of the wave itself follows. Its
+power is compared with those over the angle of what is left without it. Rows weigh less where more scatters around
+them: bursts of vibration, and parts that the coarse fit does not follow, are no waves over all of the angle.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from jounce.motion.knots import fitted
+from jounce.motion.lines import MIN_ROWS, MIN_STANDING_OUT, Line
+from jounce.motion.samples import Samples
+
+COUNTS = np.arange(16, 1025)  # per turn of the joint: below 16 motion itself is periodic, as harmonics are
+COARSER = 9, 3, 1  # times the intervals of a fit: it may follow an error far below the end of its band, or not at all
+MIN_WAVES = 4  # that a joint passes
+PLACES = 2**14  # of a turn, to which angles are rounded: 1,024 waves lose 1 % by it
+AROUND = 256  # rows, whose scatter weighs them
+
+
+def find_errors_of_encoders(
+    samples: Samples, breaks: np.ndarray, cells: int, vibrations: Sequence[Line] = ()
+) -> list[tuple[int, int]]:
+    """Joints whose samples have a line over the joint's angle, with its count per turn.
+
+    It is looked for outside of bursts, and not where a joint vibrates all the time: the angle has lines of that too.
+    What coarse fits leave of joints without an error has up to 21 dB; errors of the size of the noise have 24 and more.
+    """
+    window = np.hanning(len(samples.t))
+    for start, end in (vibration.reach for vibration in vibrations if not vibration.lasts):
+        window[(samples.t > start) & (samples.t < end)] = 0
+    if np.count_nonzero(window) < MIN_ROWS:
+        return []
+    vibrating = {vibration.joint for vibration in vibrations if vibration.lasts}
+    found: dict[int, int] = {}
+    for coarser in COARSER:
+        coarse = np.unique(np.append(breaks[::coarser], breaks[-1]))
+        found = dict(_standing_out(samples, coarse, cells, window)) | found
+    return [(joint, count) for joint, count in sorted(found.items()) if joint not in vibrating]
+
+
+def _standing_out(samples: Samples, coarse: np.ndarray, cells: int, window: np.ndarray) -> Iterator[tuple[int, int]]:
+    left = _left(samples, samples.q, coarse, cells)
+    powers = np.stack([_powers(*columns, window) for columns in zip(samples.q.T, left.T, strict=True)])
+    counts = COUNTS[powers.argmax(axis=1)]
+    waves = np.exp(1j * counts * samples.q)
+    real, imaginary = (_left(samples, part, coarse, cells) for part in (waves.real, waves.imag))
+    for joint, count in enumerate(counts):
+        wave = real[:, joint] + 1j * imaginary[:, joint]
+        if (
+            powers[joint].any()
+            and _medians(samples.q[:, joint], left[:, joint], wave, window, count) > MIN_STANDING_OUT
+        ):
+            yield joint, int(count)
+
+
+def _left(samples: Samples, columns: np.ndarray, breaks: np.ndarray, cells: int) -> np.ndarray:
+    """What a spline with these breaks leaves of columns (N, n)."""
+    return np.asarray(columns - fitted(replace(samples, q=columns, drift=None).rows(cells), breaks).spline(samples.t))
+
+
+def _weights(left: np.ndarray, window: np.ndarray) -> np.ndarray:
+    around = np.sqrt(np.convolve(left**2, np.full(AROUND, 1 / AROUND), "same"))
+    return window / np.maximum(around, max(float(np.median(np.abs(left))), np.finfo(float).tiny))
+
+
+def _powers(angle: np.ndarray, left: np.ndarray, window: np.ndarray) -> np.ndarray:
+    """Powers of weighted samples over the angle by COUNTS; 0 of those that cannot be seen."""
+    place = np.round(angle / (2 * np.pi) * PLACES).astype(int) % PLACES
+    power = np.abs(np.fft.rfft(np.bincount(place, _weights(left, window) * left, PLACES))[COUNTS]) ** 2
+    turned = np.quantile(np.abs(np.diff(angle)), 0.9)  # from row to row: faster waves are no longer sampled
+    return np.where((COUNTS * turned < np.pi) & (COUNTS * np.ptp(angle) > 2 * np.pi * MIN_WAVES), power, 0)
+
+
+def _medians(angle: np.ndarray, left: np.ndarray, wave: np.ndarray, window: np.ndarray, count: int) -> float:
+    """The power of a wave (N,) over the median of those around it, and of all, that are left without it."""
+    columns, without = np.stack([wave.real, wave.imag], axis=1), left
+    for _ in range(2):  # what is left without the wave weighs the rows
+        weights = _weights(without, window)
+        size = np.linalg.lstsq(weights[:, None] * columns, weights * left, rcond=None)[0]
+        without = left - columns @ size
+    power = np.abs((_weights(without, window) * left) @ wave.conj()) ** 2
+    weights = _weights(without, window) ** 2
+    others = _powers(angle, without, window)
+    near = others[(count // 2 - 8 <= COUNTS) & (2 * count + 16 > COUNTS)]
+    median = max(float(np.median(x[x > 0])) for x in (others, near))
+    return float(power / (weights @ np.abs(wave) ** 2 / weights.sum()) / median)
