@@ -9,9 +9,11 @@ from scipy.interpolate import CubicSpline
 
 import jounce
 from jounce.limits import peaks
+from jounce.limits.bounded import Bounded
 from jounce.limits.pieces import pieces_of
 from jounce.limits.validation import bounded
 from jounce.motion import hermite
+from jounce.motion.analytic import Analytic, Cosine, Terms
 from jounce.motion.motion import Motion
 from jounce.motion.smoothness import resolution
 
@@ -295,6 +297,62 @@ def test_stamps_since_1970_are_checked_as_those_since_the_start():
     slower = [jounce.Motion.fit(start + t, q).scaled(3.2) for start in (0, 1.7e9)]
     counts = [sum(len(pieces.start) for pieces in pieces_of(bounded(robot, motion))) for motion in slower]
     assert counts[1] <= 1.05 * counts[0]
+
+
+def rows_of(digits, count=300, known=4):
+    """A table of all rates of sines, a row each ms: rounded digits of q make ripples between rows."""
+    t, w, turns = 1e-3 * np.arange(count), np.array([2, 5]), np.array([0, 1])
+    rates = [w**k * [1, 1 / 3] * np.sin(np.outer(t, w) + np.pi / 2 * (turns + k)) for k in range(known + 1)]
+    return Motion(hermite.Hermite(t, tuple(rate.round(digits) for rate in rates)), None, "rows")
+
+
+def evaluations(monkeypatch, call):
+    """What a call returns, and at how many times it asks for what limits bound."""
+    counts, series = [], Bounded.series
+
+    def count(b, t, side="right"):
+        counts.append(len(t))
+        return series(b, t, side)
+
+    monkeypatch.setattr(Bounded, "series", count)
+    return call(), sum(counts)
+
+
+@pytest.mark.filterwarnings("ignore:rounding of q or t:jounce.JounceWarning")
+@pytest.mark.parametrize("digits", [15, 9, 7])
+@pytest.mark.parametrize("kind", ["acceleration", "jerk", "snap", "second_effort_rate"])
+def test_ripples_between_rows_of_few_digits_take_few_evaluations(monkeypatch, kind, digits):
+    """They are the motion: nothing of them is missed, and no row is split many times to follow them."""
+    motion, robot = rows_of(digits), jounce.load("planar2r")
+    rates = motion(np.linspace(motion.start, motion.stop, 40 * len(motion.times)), 4)
+    Q2d = robot.inverse_dynamics(*rates)[2]
+    dense = dict(zip(("acceleration", "jerk", "snap", "second_effort_rate"), (*rates[2:], Q2d), strict=True))[kind]
+    peak = np.abs(dense).max(axis=0)
+    for share, verdict in ((0.99, "broken"), (1.02, "kept")):
+        limited = robot.with_limits(**{kind: share * peak})
+        assert sum(len(pieces.start) for pieces in pieces_of(bounded(limited, motion))) < 5 * len(motion.times)
+        found, count = evaluations(monkeypatch, lambda limited=limited: limited.check(motion))
+        assert found.verdict == verdict
+        assert count < 1500 * len(motion.times)  # each row has peaks that are placed
+        for row in found.table:
+            assert row.ratio * share >= 1 - 1e-9
+            assert row.ratio * share < 1.02
+
+
+@pytest.mark.parametrize("start", [0.0, 1.7e9])
+@pytest.mark.parametrize("w", [5.0, 400.0])
+def test_rounding_of_phases_since_1970_is_no_peak(monkeypatch, start, w):
+    """Rows 20 us apart: polynomials of rates would divide the rounding of w t, 1e-6, by the square of that."""
+    t = start + 20e-6 * np.arange(200)
+    terms = [Terms((0.1,), (Cosine(0.3, w * (1 + j / 2), 0.2), Cosine(0.02, 2.2 * w, 1.0))) for j in range(2)]
+    motion = Motion(Analytic(tuple(terms), t[0], t[-1]), None, "analytic terms", grid=t)
+    robot = jounce.load("planar2r")
+    peak = np.abs(robot.inverse_dynamics(*motion(np.linspace(t[0], t[-1], 4001)))[2]).max(axis=0)
+    for share, verdict in ((0.99, "broken"), (1.01, "kept")):
+        limited = robot.with_limits(second_effort_rate=share * peak)
+        found, count = evaluations(monkeypatch, lambda limited=limited: limited.check(motion))
+        assert found.verdict == verdict
+        assert count < 20 * len(t)
 
 
 STEP = 2.0**-7  # s, which doubles of seconds since 1970 hold

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.engine.engine import Engine
-from jounce.limits.pieces import pieces_of
+from jounce.limits.pieces import pieces_of, values_at
 from jounce.limits.ratios import scale_of
 from jounce.limits.validation import bounded
 from jounce.limits.worst import SIGNS
@@ -23,12 +23,14 @@ def ratios_along(robot: Engine, motion: "Motion") -> tuple[np.ndarray, dict[str,
     times: list[np.ndarray] = []
     found: dict[str, list[np.ndarray]] = {kind: [] for kind in b.kinds}
     for pieces in pieces_of(b):
-        times.append(np.column_stack([pieces.start, pieces.stop]).ravel())
+        times.append(np.column_stack([pieces.start, (pieces.start + pieces.stop) / 2, pieces.stop]).ravel())
         for kind in b.kinds:
             if kind not in pieces.kinds:
-                found[kind].append(np.full((2 * len(pieces.start), len(b.joints)), np.nan))
+                found[kind].append(np.full((3 * len(pieces.start), len(b.joints)), np.nan))
                 continue
             scale = scale_of(b.limits.bounds(kind), kind)
-            ends = np.stack(pieces.values(kind), axis=1).reshape(-1, len(b.joints))
-            found[kind].append(np.maximum(*(scale.ratio(ends, sign) for sign in SIGNS)))
+            left, right = pieces.left[kind], pieces.right[kind]
+            middle = values_at(pieces.polynomials[kind], np.array(0.5)) if pieces.width.all() else left
+            values = np.stack([left, middle, right], axis=1).reshape(-1, len(b.joints))
+            found[kind].append(np.maximum(*(scale.ratio(values, sign) for sign in SIGNS)))
     return np.concatenate(times), {kind: np.concatenate(parts) for kind, parts in found.items()}

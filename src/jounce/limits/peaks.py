@@ -30,13 +30,10 @@ def peaks_of(b: Bounded, pieces: Pieces, floor: Callable[[Pieces, str, int], np.
     found: list[tuple[np.ndarray, ...]] = []
     u = np.linspace(0, 1, GRID)
     for kind in pieces.kinds if pieces.width.all() else ():
-        c = pieces.polynomials(kind)
+        c = pieces.polynomials[kind]
         bernstein = hull(c)
         for sign in (1, -1):
             least = floor(pieces, kind, sign)
-            if len(pieces.left[kind]) == 1:
-                found.append(_near_ends(pieces, kind, sign, least))
-                continue
             i, j = np.nonzero((sign * bernstein).max(axis=0) > least)
             if not i.size:
                 continue
@@ -52,21 +49,6 @@ def peaks_of(b: Bounded, pieces: Pieces, floor: Callable[[Pieces, str, int], np.
     if not found:
         return _placed(b, np.array([], dtype=str), *(np.array([], dtype=int),) * 2, *(np.array([]),) * 2)
     return _placed(b, *(np.concatenate(column) for column in zip(*found, strict=True)))
-
-
-def _near_ends(pieces: Pieces, kind: str, sign: int, least: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Between which times peaks lie of values without a known derivative, by parabolas through two pieces in a row."""
-    left, right = (sign * x for x in pieces.values(kind))
-    y0, y1, y2 = left[:-1], right[:-1], right[1:]
-    first, second = (y1 - y0) / pieces.width[:-1], (y2 - y1) / pieces.width[1:]
-    bend = (first - second) / (pieces.width[:-1] + pieces.width[1:])
-    start, stop = first + bend * pieces.width[:-1], second - bend * pieces.width[1:]  # slopes
-    inner = (y1 == left[1:]) & (start > 0) & (stop < 0)  # else a break is between
-    highest = np.maximum(y1, np.maximum(y0, y2))
-    peak = y0 + start**2 / np.where(inner, 4 * bend, 1)
-    inner &= (peak > np.minimum(least[:-1], least[1:])) & (peak - highest > FLAT * np.abs(highest))
-    i, j = np.nonzero(inner)
-    return np.full(i.size, kind), j, np.full(i.size, sign), pieces.start[i], pieces.stop[i + 1]
 
 
 def _placed(

@@ -1,11 +1,13 @@
-"""A motion in short pieces, between whose ends the bounded quantities are interpolated: quintic Hermite polynomials.
+"""A motion in short pieces, on each of which the bounded quantities are polynomials.
 
-Breaks of the motion are ends of pieces, with the rates from either side. A piece whose polynomial misses the exact
-value near its middle is split there until it does not. A piece has the kinds of limits in whose windows it lies.
+Breaks of the motion are ends of pieces. Between two times of a motion the polynomials are those of the rates at both
+ends, quintic where two are known. Where they miss the exact value near the middle, or no rate is known, polynomials go
+through exact values inside, and a piece is split until they agree. A piece has the kinds of limits in whose windows it
+lies.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import comb
 
@@ -18,7 +20,11 @@ from jounce.motion.hermite import coefficients
 SPLIT = (
     0.45  # of a piece: in its middle a motion from rest to rest agrees with any polynomial, as both are odd about it
 )
-TOLERANCE = 1e-5  # of the largest value: a polynomial that misses the place of the split by more is not trusted
+TOLERANCE = 1e-5  # of the largest value: polynomials of rates may miss the place of the split by as much; half as long
+TRUST = 1e-6  # of the largest value: they miss it by less, and polynomials through values must; they are trusted to it
+DEGREE = 7  # of polynomials through values: that of q2d between rows that state q to q4d; q3d and q4d have lower ones
+NODES = (1 - np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)) / 2  # of a piece, where these values are: Lobatto's
+THROUGH = np.linalg.inv(np.vander(NODES))  # from the values to coefficients, highest power first
 NEGLIGIBLE = 1e-3  # of a limit: smaller values are compared with that much of it, or their rounding would be followed
 NUDGE = 1e-6  # of a piece: values so much earlier and later differ by rounding alone
 ROUNDING_MARGIN = 8.0  # times such a difference is rounding too, which splitting does not lessen
@@ -27,14 +33,21 @@ CLOSE = 1e-9  # of the duration: times closer to a break are that break
 BLOCK = 8000  # pieces worked on at a time: fewer take most of the time to call NumPy, more do not fit in a cache
 
 
+Values = Mapping[str, np.ndarray]  # by kind, (K, n)
+
+
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """Pieces from `start` to `stop` (K,), with the series at both ends, (K, n) each."""
+    """Pieces from `start` to `stop` (K,), with what limits bound at both ends, (K, n) each, and in between.
+
+    `polynomials` are the coefficients (degree + 1, K, n), highest power of u = (t - start) / width first.
+    """
 
     start: np.ndarray
     stop: np.ndarray
-    left: Series
-    right: Series
+    left: Values
+    right: Values
+    polynomials: Values
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -48,22 +61,9 @@ class Pieces:
 
     def taken(self, which: np.ndarray) -> "Pieces":
         """Some of the pieces."""
-        left, right = (
-            {kind: [x[which] for x in series] for kind, series in side.items()} for side in (self.left, self.right)
-        )
-        return Pieces(self.start[which], self.stop[which], left, right)
-
-    def polynomials(self, kind: str) -> np.ndarray:
-        """Coefficients (degree + 1, K, n), highest power of u = (t - start) / width first, of what a limit bounds."""
-        c = coefficients(self.left[kind], self.right[kind], self.width)
-        for _ in range(DERIVATIVE.get(kind, 0)):
-            c = c[:-1] * np.arange(len(c) - 1, 0, -1)[:, None, None] / self.width
-        return c
-
-    def values(self, kind: str) -> tuple[np.ndarray, np.ndarray]:
-        """What a limit bounds at both ends, (K, n) each."""
-        k = DERIVATIVE.get(kind, 0)
-        return self.left[kind][k], self.right[kind][k]
+        left, right = ({kind: x[which] for kind, x in side.items()} for side in (self.left, self.right))
+        polynomials = {kind: c[:, which] for kind, c in self.polynomials.items()}
+        return Pieces(self.start[which], self.stop[which], left, right, polynomials)
 
 
 def parts_of(b: Bounded) -> list[tuple[Bounded, Span]]:
@@ -90,8 +90,8 @@ def part_pieces(b: Bounded, span: Span) -> Iterator[Pieces]:
     """The pieces of a part of a motion."""
     knots, is_break = knots_of(b, span)
     if len(knots) == 1:  # a motion of one state
-        state = b.series(knots)
-        yield Pieces(knots, knots, state, state)
+        state = b.values(knots)
+        yield Pieces(knots, knots, state, state, {})
     for first in range(0, len(knots) - 1, BLOCK):
         t, jumps = knots[first : first + BLOCK + 1], is_break[first : first + BLOCK + 1]
         right = b.series(t)
@@ -102,7 +102,7 @@ def part_pieces(b: Bounded, span: Span) -> Iterator[Pieces]:
                 whole[jumps] = part
         starts = {kind: [x[:-1] for x in series] for kind, series in right.items()}
         stops = {kind: [x[1:] for x in series] for kind, series in ends.items()}
-        yield _split(b, Pieces(t[:-1], t[1:], starts, stops))
+        yield _between(b, t, starts, stops)
 
 
 def knots_of(b: Bounded, span: Span) -> tuple[np.ndarray, np.ndarray]:
@@ -123,39 +123,77 @@ def knots_of(b: Bounded, span: Span) -> tuple[np.ndarray, np.ndarray]:
     return knots, np.isin(knots, jumps)
 
 
-def _split(b: Bounded, pieces: Pieces) -> Pieces:
-    """Every piece in two, and those again that their polynomials do not describe."""
-    least = {kind: _negligible(scale_of(b.limits.bounds(kind), kind)) for kind in b.kinds}
-    scales = {kind: np.maximum(*(np.abs(x).max(axis=0) for x in pieces.values(kind))) for kind in b.kinds}
-    scales = {kind: np.maximum(scale, least[kind]) for kind, scale in scales.items()}
-    done: list[Pieces] = []
-    for _ in range(DEEPEST):
+def _between(b: Bounded, t: np.ndarray, left: Series, right: Series) -> Pieces:
+    """Pieces between times (K + 1,) with the series at both ends, (K, n) each: in two, or through values inside."""
+    start, stop = t[:-1], t[1:]
+    middle = start + SPLIT * (stop - start)
+    exact = b.series(middle)
+    whole, *halves = (
+        _of_rates(*ends)
+        for ends in ((start, stop, left, right), (start, middle, left, exact), (middle, stop, exact, right))
+    )
+    scales = {
+        kind: np.maximum(_negligible(scale_of(b.limits.bounds(kind), kind)), np.abs([*ends]).max(axis=(0, 1)))
+        for kind, ends in ((kind, (whole.left[kind], whole.right[kind], halves[0].right[kind])) for kind in b.kinds)
+    }
+    missed = _missed(whole, middle, halves[0].right)
+    wrong = np.any([(missed[kind] > TOLERANCE * scales[kind]).any(axis=1) for kind in b.kinds], axis=0)
+    wrong |= any(len(series) == 1 for series in left.values())
+    divisible = (start < middle) & (middle < stop)  # stamps since 1970 step by 2.4e-7 s
+    good = [half.taken(divisible & ~wrong) for half in halves]
+    return _joined([whole.taken(~divisible), *good, *_through(b, whole.taken(divisible & wrong), scales)])
+
+
+def _of_rates(start: np.ndarray, stop: np.ndarray, left: Series, right: Series) -> Pieces:
+    """Pieces whose polynomials have the rates at both ends."""
+    found, width = {}, (stop - start)[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):  # no time between two neighbouring doubles
+        for kind in left:
+            c = coefficients(left[kind], right[kind], width)
+            for _ in range(DERIVATIVE.get(kind, 0)):
+                c = c[:-1] * np.arange(len(c) - 1, 0, -1)[:, None, None] / width
+            found[kind] = c
+    first, last = ({kind: series[DERIVATIVE.get(kind, 0)] for kind, series in side.items()} for side in (left, right))
+    return Pieces(start, stop, first, last, found)
+
+
+def _through(b: Bounded, pieces: Pieces, scales: Values) -> Iterator[Pieces]:
+    """Pieces with polynomials through exact values inside, split where these miss another one."""
+    for depth in range(DEEPEST if len(pieces.start) else 0):
         middle = pieces.start + SPLIT * (pieces.stop - pieces.start)
-        divisible = (pieces.start < middle) & (middle < pieces.stop)  # stamps since 1970 step by 2.4e-7 s
-        done.append(pieces.taken(~divisible))
-        pieces, middle = pieces.taken(divisible), middle[divisible]
-        if not middle.size:
-            break
-        exact, wrong = b.series(middle), np.zeros(len(middle), dtype=bool)
-        u = (middle - pieces.start)[:, None] / pieces.width
-        rounded = 16 * np.spacing(np.abs(middle))[:, None] / pieces.width  # much where stamps are those since 1970
-        missed = {}
+        inner = pieces.start[:, None] + NODES[1:-1] * pieces.width
+        inner = np.minimum(inner, np.nextafter(pieces.stop, pieces.start)[:, None])  # at a break another one begins
+        count = len(middle)
+        values = b.values(np.concatenate([middle, inner.T.ravel()]))
+        exact, nodes = ({kind: x[part] for kind, x in values.items()} for part in (slice(count), slice(count, None)))
+        polynomials = {}
         for kind in b.kinds:
-            c, value = pieces.polynomials(kind), exact[kind][DERIVATIVE.get(kind, 0)]
-            scales[kind] = np.maximum(scales[kind], np.abs(value).max(axis=0))
-            missed[kind] = np.abs(_at(c, u) - value) - (TOLERANCE + rounded) * scales[kind]
-            wrong |= (missed[kind] > 0).any(axis=1)
+            left, right, between = pieces.left[kind], pieces.right[kind], nodes[kind].reshape(DEGREE - 1, count, -1)
+            polynomials[kind] = np.einsum("ij,jkn->ikn", THROUGH, np.stack([left, *between, right]))
+        pieces = replace(pieces, polynomials=polynomials)
+        missed = _missed(pieces, middle, exact)
+        rounded = 16 * np.spacing(np.abs(middle))[:, None] / pieces.width  # much where stamps are those since 1970
+        beyond = {kind: missed[kind] - (TRUST + rounded) * scales[kind] for kind in b.kinds}
+        wrong = np.any([(x > 0).any(axis=1) for x in beyond.values()], axis=0)
         if wrong.any():
             rounding = _rounding(b, middle[wrong], pieces.width[wrong, 0])
-            beyond = [(missed[kind][wrong] > ROUNDING_MARGIN * rounding[kind]).any(axis=1) for kind in b.kinds]
-            wrong[wrong] = np.any(beyond, axis=0)
-        first = Pieces(pieces.start, middle, pieces.left, exact)
-        second = Pieces(middle, pieces.stop, exact, pieces.right)
-        done += [first.taken(~wrong), second.taken(~wrong)]
-        pieces = _joined([first.taken(wrong), second.taken(wrong)])
+            wrong[wrong] = np.any(
+                [(beyond[kind][wrong] > ROUNDING_MARGIN * rounding[kind]).any(axis=1) for kind in b.kinds], axis=0
+            )
+        wrong &= (pieces.start < middle) & (middle < pieces.stop) & (depth + 1 < DEEPEST)
+        yield pieces.taken(~wrong)
         if not wrong.any():
             break
-    return _joined([*done, pieces])
+        first = Pieces(pieces.start, middle, pieces.left, exact, polynomials)
+        second = Pieces(middle, pieces.stop, exact, pieces.right, polynomials)
+        pieces = _joined([first.taken(wrong), second.taken(wrong)])
+
+
+def _missed(pieces: Pieces, t: np.ndarray, values: Values) -> dict[str, np.ndarray]:
+    """By how much polynomials miss values at a time t of each piece, (K, n)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u = (t - pieces.start)[:, None] / pieces.width
+        return {kind: np.abs(values_at(c, u) - values[kind]) for kind, c in pieces.polynomials.items()}
 
 
 def _negligible(scale: Scale) -> np.ndarray:
@@ -173,20 +211,21 @@ def _rounding(b: Bounded, t: np.ndarray, width: np.ndarray) -> dict[str, np.ndar
 
 def _joined(parts: list[Pieces]) -> Pieces:
     """Pieces of several lists as one, in the order of time."""
-    order = np.argsort(np.concatenate([part.start for part in parts]), kind="stable")
+    start, stop = (np.concatenate([getattr(part, name) for part in parts]) for name in ("start", "stop"))
     left, right = (
-        {
-            kind: [np.concatenate(x)[order] for x in zip(*(getattr(part, side)[kind] for part in parts), strict=True)]
-            for kind in parts[0].left
-        }
+        {kind: np.concatenate([getattr(part, side)[kind] for part in parts]) for kind in parts[0].kinds}
         for side in ("left", "right")
     )
-    start, stop = (np.concatenate([getattr(part, name) for part in parts])[order] for name in ("start", "stop"))
-    return Pieces(start, stop, left, right)
+    polynomials = {}
+    for kind in parts[0].kinds:
+        found = [part.polynomials[kind] for part in parts if len(part.start)]
+        degree = max(map(len, found))
+        polynomials[kind] = np.concatenate([np.pad(c, ((degree - len(c), 0), (0, 0), (0, 0))) for c in found], axis=1)
+    return Pieces(start, stop, left, right, polynomials).taken(np.argsort(start, kind="stable"))
 
 
-def _at(c: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """The values of polynomials at a u of each piece, (K, 1)."""
+def values_at(c: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """The values (K, n) of polynomials at a u of each piece, (K, 1), or of all."""
     value = c[0]
     for coefficient in c[1:]:
         value = value * u + coefficient

@@ -9,13 +9,12 @@ from jounce.engine.along import ForceBreak
 from jounce.limits.bounded import Bounded, rate_of_forces
 from jounce.limits.joints import columns_of, in_columns, of_joints
 from jounce.limits.peaks import Peaks, peaks_of, picked, root
-from jounce.limits.pieces import NEGLIGIBLE, Pieces
+from jounce.limits.pieces import NEGLIGIBLE, TRUST, Pieces
 from jounce.limits.ratios import Scale, scale_of
 from jounce.model.limits import MOTION_KINDS
 from jounce.motion.motion import Break
 
 ROUNDING = 1e-9  # of the reach of a limit: less beyond it is rounding
-TRUST = 1e-6  # of the largest value: what polynomials between samples are trusted to
 SIGNS = (1, -1)  # of values: against the upper bound, and against the lower one
 
 Span = tuple[float, float]
@@ -42,7 +41,7 @@ class Worst:
     def take_worst(self, pieces: Pieces) -> Peaks:
         """Look at pieces of the motion for the worst values alone; returns the peaks between the ends of pieces."""
         for kind in pieces.kinds:
-            for t, values in zip((pieces.start, pieces.stop), pieces.values(kind), strict=True):
+            for t, values in ((pieces.start, pieces.left[kind]), (pieces.stop, pieces.right[kind])):
                 self.largest[kind] = np.maximum(self.largest[kind], np.abs(values).max(axis=0))
                 for sign in SIGNS:
                     at = (sign * values).argmax(axis=0)
@@ -119,8 +118,8 @@ class Worst:
 
         Less than a negligible share of the bound does not: the rounding of rates of forces has thousands of peaks.
         """
-        bound, left_right = self.scales[kind].bound(sign), pieces.values(kind)
-        within = np.minimum(*(sign * x for x in left_right)) <= bound
+        bound = self.scales[kind].bound(sign)
+        within = np.minimum(sign * pieces.left[kind], sign * pieces.right[kind]) <= bound
         least = np.where(within, np.minimum(self.value[kind, sign], bound), self.value[kind, sign])
         centre = sign * self.scales[kind].centre
         with np.errstate(invalid="ignore"):  # of infinite bounds
@@ -157,7 +156,7 @@ class Worst:
     def _crossing(self, pieces: Pieces, peaks: Peaks, kind: str, sign: int, j: int) -> "_Crossing":
         """Between which times a value passes its bound; where it begins or ends beyond it, and at jumps, that time."""
         mine = (peaks.kind == kind) & (peaks.joint == j) & (peaks.sign == sign)
-        left, right = pieces.values(kind)
+        left, right = pieces.left[kind], pieces.right[kind]
         t = np.concatenate([pieces.stop, peaks.t[mine], pieces.start])
         y = np.concatenate([right[:, j], peaks.value[mine], left[:, j]]) * sign
         order = np.argsort(t, kind="stable")  # at a break what ends there stands before what begins
