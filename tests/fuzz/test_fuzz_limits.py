@@ -77,7 +77,8 @@ def check_verdict(kind, name, seed):
 def value_at(robot, plan, kind, t):
     """What a limit bounds at a time, (n,)."""
     piece = np.clip(np.searchsorted(plan.x, t, side="right") - 1, 0, len(plan.x) - 2)
-    share = np.clip((t - plan.x[piece]) / (plan.x[piece + 1] - plan.x[piece]), 0, 1)
+    length = plan.x[piece + 1] - plan.x[piece]  # 0 where the plan is one row
+    share = np.clip((t - plan.x[piece]) / length, 0, 1) if length else 0.0
     return dense.values_at(robot, plan, [kind], np.array([piece]), np.array([share]))[kind][0]
 
 
