@@ -299,7 +299,7 @@ def test_help_imports_nothing_heavy():
     assert "jounce.cli" in imported
     for heavy in ("numpy", "scipy", "lxml", "sympy", "matplotlib"):
         assert not re.search(rf"\| +{heavy}", imported)
-    for seldom in ("audit", "linkage", "models", "motion", "io.tables", "io.urdf"):  # rooms of our own
+    for seldom in ("checks.audit", "io.models", "motion", "io.tables", "io.urdf"):  # rooms of our own
         assert not re.search(rf"\| +jounce\.{seldom}\b", imported)
 
 
