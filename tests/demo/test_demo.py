@@ -52,7 +52,7 @@ def test_what_steiners_theorem_makes_out(alone):
 
 def test_the_wrench_acts_on_the_loaded_example(alone):
     loaded = example("paper-wrench", 2000)
-    J = alone.robot.jacobian(alone.motion(alone.t)[0], body="link7")
+    J = jounce.Robot(alone.robot.mechanism).jacobian(alone.motion(alone.t)[0], body="link7")
     W = 10 * np.sin(np.pi * alone.t)[:, None, None] * np.ones((6, 1))
     assert relative_error(loaded.forces[0] - alone.forces[0], (J.mT @ W)[..., 0]) < 1e-13
 
