@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 from robots import relative_error
 
+import jounce
 from jounce._report.demo.example import example, step_errors, without_steiner
 from jounce.cli import main
 from jounce.io import tables
