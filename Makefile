@@ -4,7 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test processors fuzz lint format types docs package bench clean
+.PHONY: demo test processors fuzz lint format types stubs docs package bench clean
 
 demo: $(VENV)/installed
 	mkdir -p build
@@ -40,6 +40,10 @@ format: $(VENV)/installed-dev
 
 types: $(VENV)/installed-dev
 	$(BIN)/mypy
+
+# What editors and type checkers read of the methods that follow from the table of quantities; a test asks for it.
+stubs: $(VENV)/installed-dev
+	$(BIN)/python tests/support/stubs.py
 
 # Figures are those of the machine: leave it alone meanwhile. JOUNCE_PEERS names a folder of further C to compare with.
 bench: $(VENV)/installed-bench

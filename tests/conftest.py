@@ -15,7 +15,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # each core has a worker: th
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")  # every function is compiled for a call or two
 
 # data, generated tests in Python among them; programs for type checkers
-collect_ignore = ["golden", "types/mistakes.py", "types/right.py"]
+collect_ignore = ["golden", "types/mistakes.py", "types/right.py", "types/editor.py"]
 
 STATM, PAGE = Path("/proc/self/statm"), mmap.PAGESIZE
 GROWTH = 100  # MiB

@@ -3,8 +3,7 @@
 from typing import Any
 
 from jounce.dynamics.quantities import QUANTITIES, Quantity
-from jounce.robot.elastic import ElasticRobot
-from jounce.robot.robot import FORMS, Robot
+from jounce.robot.docstrings import SHARED, options_of
 
 HEAD = ("", "method", "rates", "shape", "unit", "what it is", "options")
 
@@ -20,26 +19,14 @@ def table() -> str:
     return "".join(f"| {' | '.join(row)} |\n" for row in rows)
 
 
-def method(quantity: Quantity) -> tuple[type, str, str]:
-    """The class and the method that compute a quantity, and how it is called for it, without the rates."""
-    for owner in (Robot, ElasticRobot):
-        if hasattr(owner, quantity.name):
-            return owner, quantity.name, quantity.name
-    if quantity.elastic:
-        return ElasticRobot, "inverse_dynamics", "inverse_dynamics"
-    [form] = [form for form, name in FORMS.items() if name == quantity.name]
-    return Robot, FORMS["paper"], f'{FORMS["paper"]}(form="{form}")'
-
-
 def _row(quantity: Quantity) -> tuple[str, ...]:
-    owner, name, call = method(quantity)
     rates = ", ".join(quantity.input_names(quantity.rates))
     axes = [f"{quantity.rates} + k" if axis == "rates" else str(axis) for axis in quantity.shape]
     shape = ", ".join(["...", *axes])
-    options = ["wrench"] * quantity.wrenches + ["body"] * quantity.of_bodies + ["frame"] * bool(quantity.frames)
+    options = options_of(quantity)[: -len(SHARED)]
     return (
         ", ".join(f"`{name}`" for name in quantity.names(0)),
-        f"[`{call}`][jounce.{owner.__name__}.{name}]",
+        f"[`{quantity.name}`][jounce.Robot.{quantity.name}]",
         f"`{rates}`",
         f"`({shape})`",
         quantity.unit,

@@ -299,9 +299,14 @@ CASES: dict[str, Case] = {
     "kernel in threads": (KERNEL, {"arrays": np.ones((4, 2)), "out": np.ones((4, 2)), "threads": 2}),
     "kernel.bind": (KERNEL.bind, {"arrays": np.ones(2), "out": np.ones(2)}),
     **{
-        name: along(getattr(FIVEBAR, name), method=None) if row.closed else along(getattr(ROBOT, name))
+        name: along(getattr(ARM.robot if row.elastic else ROBOT, name))
         for name, row in QUANTITIES.items()
-        if hasattr(ROBOT, name)
+        if not row.closed
+    },
+    **{
+        name: along(getattr(FIVEBAR, name), method=None)
+        for name, row in QUANTITIES.items()
+        if row.closed
     },
     "closed": (
         FIVEBAR.closed,

@@ -3,17 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
-from robots import Interpreted, random_mechanism, random_pose, springs
+from robots import random_mechanism, random_pose, springs
 
 import jounce
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.model.frame import Frame
-from jounce.robot.elastic import ElasticRobot
-
-FACADE = {  # where a method is not named as its quantity
-    "skew_coriolis_matrix": ("coriolis_matrix", {"form": "skew"}),
-    "motor_torques": ("inverse_dynamics", {}),
-}
 
 
 def requests():
@@ -58,17 +52,7 @@ IDS = ids(REQUESTS)
 
 def method_of(robot, quantity):
     """The method of a robot that computes a quantity."""
-    name, form = FACADE.get(quantity.name, (quantity.name, {}))
-    if quantity.elastic:
-        robot, form = _elastic(robot)
-    return lambda *rates, **keywords: getattr(robot, name)(*rates, **form, **keywords)
-
-
-def _elastic(robot):
-    """A robot as one with elastic joints, and the keywords by which an interpreted one is computed."""
-    if isinstance(robot, Interpreted):
-        return ElasticRobot(robot.robot), {"method": "recursion"}
-    return ElasticRobot(robot), {}
+    return getattr(robot, quantity.name)
 
 
 def branched(parent=(-1, 0, 1, 0, -1)):

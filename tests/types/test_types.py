@@ -17,11 +17,12 @@ from jounce.arguments.loads import AXES
 from jounce.core import typing
 from jounce.dynamics.kinematics import FRAMES
 from jounce.dynamics.quantities import QUANTITIES
+from jounce.dynamics.quantities.names import QuantityName
 from jounce.engine.backends import NATIVE
 from jounce.model import dh
 from jounce.model.drives import TERMS
 from jounce.motion import units
-from jounce.robot.robot import FORMS
+from jounce.robot.methods import FORMS
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -78,7 +79,7 @@ def test_the_right_program_runs():
 @pytest.mark.parametrize(
     ("literal", "known"),
     [
-        (typing.QuantityName, QUANTITIES),
+        (QuantityName, QUANTITIES),
         (typing.Method, [NATIVE, *(method for row in QUANTITIES.values() for method in row.methods)]),
         (typing.Frame, FRAMES),
         (typing.LoadFrame, AXES),

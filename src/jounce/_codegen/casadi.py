@@ -9,8 +9,9 @@ import numpy as np
 from jounce.arguments import requests
 from jounce.core.errors import JounceError, listed, warn
 from jounce.core.scalars import asarray
-from jounce.core.typing import Frame, QuantityName
+from jounce.core.typing import Frame
 from jounce.dynamics.computation import Computation
+from jounce.dynamics.quantities.names import QuantityName
 from jounce.engine.engine import Engine
 from jounce.model.mechanism import Mechanism
 from jounce.model.parameters import own_values, parametrise

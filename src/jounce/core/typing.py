@@ -6,7 +6,7 @@ of what is given: float64 of floats, objects of symbols, and arrays of JAX of su
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, Literal, Protocol, TypeAlias, TypedDict, TypeVar
+from typing import Any, Literal, Never, Protocol, TypeAlias, TypedDict, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,16 +30,26 @@ class Shaped(Protocol):
 
 
 class Nested(Protocol[T_co]):
-    """A list or tuple, or lists of lists. A string is excluded: its `__contains__` takes strings only."""
+    """A list or tuple. A string is excluded: its `__contains__` takes strings only."""
 
     def __len__(self) -> int: ...
-    def __getitem__(self, index: int, /) -> "T_co | Nested[T_co]": ...
+    def __getitem__(self, index: int, /) -> T_co: ...
     def __contains__(self, x: object, /) -> bool: ...
-    def __iter__(self) -> "Iterator[T_co | Nested[T_co]]": ...
-    def __reversed__(self) -> "Iterator[T_co | Nested[T_co]]": ...
+    def __iter__(self) -> Iterator[T_co]: ...
+    def __reversed__(self) -> Iterator[T_co]: ...
 
 
-ArrayLike: TypeAlias = Scalar | Shaped | Nested[Scalar | Shaped]
+class Nothing(Protocol[T_co]):
+    """As `Nothing[Never]` a type that nothing has.
+
+    Where an argument fits no overload, mypy lists them all; if its parameter has a generic type too that might fit, as
+    this one for all that mypy knows then, it names the argument in one line.
+    """
+
+    def __sizeof__(self) -> T_co: ...  # type: ignore[override]
+
+
+ArrayLike: TypeAlias = Scalar | Shaped | Nested["ArrayLike"] | Nothing[Never]  # recursive: checkers print its name
 Named: TypeAlias = ArrayLike | Mapping[str, ArrayLike]  # by joint, or by body
 Rates: TypeAlias = Named | tuple[Named, ...]  # a quantity, or a tuple of it and its rates
 
@@ -66,35 +76,6 @@ JointType: TypeAlias = Literal["revolute", "prismatic"]
 Language: TypeAlias = Literal["c", "cpp", "cuda", "javascript", "julia", "latex", "matlab", "python", "rust"]
 Method: TypeAlias = Literal["kernel", "recursion", "closed_form", "paper"]
 Product: TypeAlias = Literal["vjp", "jvp"]
-QuantityName: TypeAlias = Literal[
-    "inverse_dynamics",
-    "forward_dynamics",
-    "inverse_dynamics_partials",
-    "forward_dynamics_partials",
-    "regressor",
-    "momentum_regressor",
-    "energy_regressor",
-    "gravity_forces",
-    "mass_matrix",
-    "coriolis_matrix",
-    "skew_coriolis_matrix",
-    "poses",
-    "twists",
-    "jacobian",
-    "momentum",
-    "base_wrench",
-    "centroidal_momentum",
-    "centroidal_momentum_matrix",
-    "center_of_mass",
-    "generalized_momentum",
-    "kinetic_energy",
-    "potential_energy",
-    "motor_positions",
-    "motor_torques",
-    "coordinates",
-    "actuator_forces",
-    "loop_wrenches",
-]
 TimeUnit: TypeAlias = Literal["s", "ms", "us", "ns"]
 
 

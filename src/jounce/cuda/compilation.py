@@ -6,9 +6,10 @@ import numpy as np
 
 from jounce.arguments import requests
 from jounce.core.errors import JounceError, one_of, quoted
-from jounce.core.typing import Frame, Product, QuantityName
+from jounce.core.typing import Frame, Product
 from jounce.cuda.kernel import Kernel
 from jounce.dynamics import elastic
+from jounce.dynamics.quantities.names import QuantityName
 from jounce.engine.engine import Engine
 
 DTYPES = ("float64", "float32")

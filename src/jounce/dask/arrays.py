@@ -9,9 +9,10 @@ import numpy as np
 
 from jounce.arguments import names, requests
 from jounce.core.errors import JounceError, at, one_line, one_of
-from jounce.core.typing import Frame, Method, QuantityName
+from jounce.core.typing import Frame, Method
 from jounce.dask.kept import Kept, keep
 from jounce.dynamics.quantities import QUANTITIES, row_of
+from jounce.dynamics.quantities.names import QuantityName
 from jounce.engine.dispatch import checked_arguments, compute
 from jounce.engine.engine import Engine, WithLinks
 from jounce.engine.generic import as_tuple

@@ -11,6 +11,7 @@ import numpy as np
 from jounce.core.scalars import Array, concatenate
 from jounce.dynamics import system
 from jounce.dynamics.base import STILL, BaseMotion
+from jounce.dynamics.state import State
 from jounce.model.coordinates import base_columns
 from jounce.model.mechanism import Mechanism, reciprocal_mass
 from jounce.spatial import inertia
@@ -57,6 +58,11 @@ def closed_form(mechanism: Mechanism, q: Series, W: Series | None = None, base: 
     W = None if W is None else joined([0 * W.map(lambda W: W[..., :6, :]), W], axis=-2)
     given = joined([moving.V.dot, 0 * q.dot], axis=-2)
     return _without_base(_closed_form(mechanism, bodies, C0, velocities, W, given), mechanism.n)
+
+
+def at(m: Mechanism, x: State) -> ClosedForm:
+    """The equations of motion of a state."""
+    return closed_form(m, x.q, x.W, x.base)
 
 
 def _closed_form(

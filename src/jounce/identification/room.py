@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jounce.core.typing import QuantityName
 from jounce.dynamics.computation import Computation
+from jounce.dynamics.quantities.names import QuantityName
 from jounce.engine.along import FIRST
 from jounce.engine.backends import compile_ahead
 from jounce.engine.engine import Engine

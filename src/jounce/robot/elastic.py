@@ -19,8 +19,6 @@ from jounce.engine.generic import as_tuple, results_into
 from jounce.model.elasticity import Elasticity
 from jounce.motion.motion import Motion
 from jounce.native.kernel import Kernel
-from jounce.robot import overloads
-from jounce.robot.overloads import typed
 from jounce.robot.robot import Robot
 
 if TYPE_CHECKING:
@@ -84,7 +82,6 @@ class ElasticRobot:
                 " inverse_dynamics of joints with one motor each take base="
             )
 
-    @typed(overloads.OfMotorPositions)
     def motor_positions(
         self,
         q: Named,
@@ -99,7 +96,7 @@ class ElasticRobot:
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
-    ) -> Results:
+    ) -> Any:
         """The motor positions theta of a motion of the links, and their rates thetad, theta2d, ...
 
         ``theta = q + Q / K``.
@@ -145,7 +142,6 @@ class ElasticRobot:
             self.robot, POSITIONS.name, rates, wrench=wrench, base=base, method=method, out=out, threads=threads
         )
 
-    @typed(overloads.OfSnap)
     def inverse_dynamics(
         self,
         q: Named,
@@ -160,7 +156,7 @@ class ElasticRobot:
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
-    ) -> Results:
+    ) -> Any:
         """The motor torques tau of a motion of the links, and their rates taud, tau2d, ...
 
         ``tau = Q + B theta2d + F_m(thetad)`` with ``theta = q + Q / K``, which takes Q2d and thus q4d.

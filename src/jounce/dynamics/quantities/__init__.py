@@ -1,0 +1,40 @@
+"""The table of quantities, one row each, with everything that is known about them. It is the index of the package.
+
+Methods of robots, native code, generated code, CasADi, symbolic form, the command and the documentation derive what
+they need from these rows. A new quantity takes its mathematics and a row.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+
+from jounce.dynamics.quantities.bodies import Bodies
+from jounce.dynamics.quantities.forces import Forces
+from jounce.dynamics.quantities.forward import Forward
+from jounce.dynamics.quantities.loops import Loops
+from jounce.dynamics.quantities.matrices import Matrices
+from jounce.dynamics.quantities.momenta import Momenta
+from jounce.dynamics.quantities.motors import Motors
+from jounce.dynamics.quantities.partials import Partials
+from jounce.dynamics.quantities.regressors import Regressors
+from jounce.dynamics.quantities.row import Quantity
+from jounce.dynamics.quantities.wrenches import Wrenches
+
+__all__ = ["FORCES", "QUANTITIES", "Quantity", "Rows", "row_of"]
+
+
+class Rows(Forces, Forward, Partials, Regressors, Matrices, Bodies, Momenta, Wrenches, Motors, Loops):
+    """All rows."""
+
+
+QUANTITIES: Mapping[str, Quantity] = {
+    name: row for topic in Rows.__bases__ for name, row in vars(topic).items() if isinstance(row, Quantity)
+}
+FORCES = QUANTITIES["inverse_dynamics"]  # the default where a quantity is chosen
+
+
+@lru_cache(maxsize=64)
+def row_of(name: str, more_rates: int = 0) -> Quantity:
+    """The row of a quantity, for a robot whose springs and motors take further rates of the motion."""
+    row = QUANTITIES[name]
+    return replace(row, rates=row.rates + more_rates, wrench_rates=row.wrench_rates + more_rates) if more_rates else row

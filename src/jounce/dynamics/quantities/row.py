@@ -1,0 +1,171 @@
+"""A row of the table of quantities: what a quantity is, what it takes, and what it is called."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from inspect import cleandoc
+from typing import Any, Self
+
+import numpy as np
+
+from jounce.core.scalars import Array, element
+from jounce.dynamics import drive_terms, loops
+from jounce.dynamics.recursion.forces import Sweep
+from jounce.dynamics.state import Law
+from jounce.model.mechanism import Mechanism
+from jounce.spatial.series import Series, rate_name
+
+# "n" coordinates, "nv" velocities, "nb" bodies, "parameters" ten inertial ones per body, "rates" q, qd, ..., as many as
+# the quantity or its rate takes; of closed robots the coordinates of the "tree", "loops", "motors"
+Axis = int | str
+
+
+def dense(nb: int) -> int:
+    """The width of a method on system matrices."""
+    return (6 * nb) ** 2
+
+
+def column(nb: int) -> int:
+    """The width of a method on one column of vectors."""
+    return 4 * nb
+
+
+def columns(nb: int) -> int:
+    """The width of a method on columns of screws, one for each joint."""
+    return 6 * nb
+
+
+@dataclass(frozen=True)
+class Method:
+    """A law, the function that computes a quantity, and the number of its working scalars for a state of nb bodies."""
+
+    law: Law
+    width: Callable[[int], int] = dense
+    base: bool = True  # whether the base may move
+
+
+@dataclass(frozen=True, kw_only=True)
+class Called:
+    """What a quantity is called, and printed as."""
+
+    name: str
+    symbol: str  # names of results: Q, Qd, Q2d
+    first_rate: int = 0  # of the symbol, which the quantity itself is: 2 of accelerations
+    unit: str
+    caption: str  # a noun phrase
+    meaning: str  # a sentence for the head of generated code
+    tex: str
+    tex_symbol: str = ""  # where it is not printed as it is named; one index at most, in braces
+    wrench_term: str = ""  # what wrenches on the bodies add to it, a noun phrase; empty where they do not enter
+    wrench_tex: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Documented:
+    """What the docstring of a robot's method says beyond what follows from the rest of the row."""
+
+    text: str = ""  # a sentence and remarks, then sections of numpydoc: references, examples
+    returns: str = ""  # sentences on its results
+    raises: str = ""  # when it raises an error
+    options: tuple[str, ...] = ()  # keywords of its own
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quantity(Called, Documented):
+    """One quantity. All its methods agree; the first is the default."""
+
+    rates: int  # how many of q, qd, ... the quantity itself takes
+    forces: bool = False  # whether the last of these, and what follows, are generalized forces Q, Qd, ...
+    shape: tuple[Axis, ...]  # of one state; the axis "nb" is absent where one body is named
+    methods: Mapping[str, Method]
+    wrench_rates: int = 1  # how many of W, Wd, ... the quantity itself takes, where they enter
+    elastic: bool = False  # whether it is one of robots with elastic joints only
+    closed: bool = False  # whether it is one of robots with closed loops only
+    all_constraints: bool = False  # whether constraints are solved for followers with constant ratios too
+    drive_terms: tuple[str, ...] = ()  # which of those that act enter
+    drive_law: Law | None = None  # what they add
+    results: tuple[str, ...] = ()  # of a quantity of several results, which has no rates: the terms of its law
+    frames: tuple[str, ...] = ()  # in which its components may be given, the default first
+    sweep: Sweep | None = None  # of the recursion, where its steps are those of forces
+    without_base: tuple[str, ...] = ()  # frames in which neither the pose nor the twist of the base enters
+    turns_with: Self | None = None  # of a matrix of velocities, which it times F' is added where loops are closed
+
+    @property
+    def wrenches(self) -> bool:
+        """Whether wrenches on the bodies enter."""
+        return bool(self.wrench_term)
+
+    @property
+    def everywhere(self) -> bool:
+        """Whether all robots have it."""
+        return not (self.elastic or self.closed)
+
+    @property
+    def follows_others(self) -> bool:
+        """Whether its laws take those of other quantities, with loops closed as they are."""
+        return self.forces or self.elastic or self.closed or "rates" in self.shape
+
+    @property
+    def of_bodies(self) -> bool:
+        """Whether it is a quantity of bodies, one of which may be selected."""
+        return "nb" in self.shape
+
+    def names(self, order: int) -> tuple[str, ...]:
+        """The names of the quantity and its rates, or of its results."""
+        return self.results or tuple(rate_name(self.symbol, self.first_rate + k) for k in range(order + 1))
+
+    def highest(self, order: int) -> int:
+        """The highest order up to this one that the quantity has."""
+        return 0 if self.results else order
+
+    def coordinate_inputs(self, count: int) -> int:
+        """How many of its first inputs are q, qd, ...; the others are forces."""
+        return min(count, self.rates - 1) if self.forces else count
+
+    def input_names(self, count: int) -> tuple[str, ...]:
+        """The names of its first inputs: q, qd, q2d, ..., or q, qd, Q, Qd, ..."""
+        own = self.coordinate_inputs(count)
+        return tuple(rate_name("q", k) if k < own else rate_name("Q", k - own) for k in range(count))
+
+    def law(self, method: str, mechanism: Mechanism) -> Law:
+        """Return the law of a method for a mechanism, with the drive terms that act."""
+        if mechanism.closure and not self.follows_others:
+            of_turning = self.turns_with.law(method, mechanism.tree) if self.turns_with else None
+            return loops.law(self.law(method, mechanism.tree), self.shape, of_turning)
+        rigid, added = self.methods[method].law, self.drive_law
+        if added is None or mechanism.closure or not set(self.drive_terms) & set(mechanism.acting):
+            return rigid  # where loops are closed, it has those of the tree
+        if self.shape:
+            axes = tuple(k - len(self.shape) for k, axis in enumerate(self.shape) if axis == "nv")
+            return lambda m, x: rigid(m, x) + drive_terms.behind_base(m, added(m, x), axes)
+        return lambda m, x: (rigid(m, x) + added(m, x)).map(_array)
+
+
+def quantity(
+    *, width: Callable[[int], int], closed_form: Law | None = None, paper: Law | None = None, **fields: Any
+) -> Callable[[Any], Quantity]:
+    """Declare a quantity by the function that computes it by recursion, with laws of other methods and its row."""
+
+    def row(recursion: Any) -> Quantity:
+        methods = {"recursion": Method(recursion.__func__, width)}
+        if closed_form is not None:
+            methods["closed_form"] = Method(closed_form)
+        if paper is not None:
+            methods["paper"] = Method(paper, base=False)
+        return Quantity(name=recursion.__name__, text=cleandoc(recursion.__doc__), methods=methods, **fields)
+
+    return row
+
+
+def row_vector(columns: Series) -> Series:
+    """Columns (..., n, 1) as (..., n)."""
+    return columns.map(lambda Q: Q[..., 0])
+
+
+def scalar(column: Series) -> Series:
+    """(..., 1, 1) as (...)."""
+    return column.map(lambda T: T[..., 0, 0])
+
+
+def _array(total: Any) -> Array:
+    """A sum of arrays without axes as an array again: NumPy makes a scalar of it."""
+    return np.asarray(total) if isinstance(total, np.ndarray | np.generic) else element(total, "a sum")

@@ -1,0 +1,141 @@
+"""Docstrings of the methods that compute quantities, composed from their rows."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from functools import cache
+from textwrap import fill
+from typing import NamedTuple
+
+from jounce.dynamics.quantities import Quantity
+from jounce.spatial.series import rate_name
+
+WIDTH = 112  # of lines, which a class and a method indent in sources
+
+
+class Option(NamedTuple):
+    """A keyword of methods: its type and default in sources, and what docstrings say of it."""
+
+    annotation: str
+    default: str
+    takes: str
+    text: str
+
+
+OPTIONS = {
+    "wrench": Option(
+        "Rates | None",
+        "None",
+        "(..., nb, 6) or dict, or a tuple of them, optional",
+        "What the bodies EXERT ON their environment, Qext = +J^T W, (moment; force) in body-frame components about the"
+        " origin of the body frame. A *tuple* (W, Wd, ...) is W with as many rates as the result has{more}; anything"
+        " else, nested lists included, is W alone. Each is an array (..., nb, 6) or a dict {{body or merged link: (...,"
+        " 6)}}. Wd is the derivative of those components.",
+    ),
+    "drives": Option(
+        "DriveColumns",
+        "False",
+        "bool, str or iterable of str, optional",
+        'Columns to append: nb, one per joint variable, for each of "armature", "damping", "friction", "spring" and'
+        ' "offset", a constant force, in this order; True appends all. Their parameters are those of `Robot.drives`, of'
+        " the spring its stiffness; eps of friction and the rest position of the spring are those of the robot.",
+    ),
+    "form": Option("Form", "'paper'", "str, optional", '"paper" or "skew".'),
+    "body": Option("str | None", "None", "str, optional", "A body or a link merged into one; all bodies by default."),
+    "frame": Option(
+        "Frame",
+        "'body'",
+        "str, optional",
+        'Frame of the twists (angular; linear): "body" (the paper\'s body-fixed twist), "world" (world axes, origin of'
+        ' the body frame: the hybrid form) or "spatial" (the paper\'s spatial twist).',
+    ),
+    "base": Option("Rates | None", "None", "", ""),
+    "method": Option("Method | None", "None", "", ""),
+    "out": Option("Out", "None", "", ""),
+    "threads": Option("int", "1", "", ""),
+}
+SHARED = ("base", "method", "out", "threads")
+FORCES = (
+    "Generalized forces: N m, or N for coordinates in m. If the robot floats, they begin with the wrench (moment;"
+    " force) that acts on the base, in its axes: zero in flight."
+)
+COORDINATES = {
+    1: "Coordinates: rad or m.",
+    2: "Coordinates and velocities: rad or m, per s.",
+    3: "Coordinates, velocities and accelerations: rad or m, per s, per s^2.",
+}
+AXES = {"parameters": "10 nb", "tree": "N", "motors": "k"}  # where they are not called as in rows
+
+
+def options_of(row: Quantity) -> tuple[str, ...]:
+    """The keywords of the method of a quantity."""
+    given = ("wrench",) * row.wrenches, row.options, ("body",) * row.of_bodies, ("frame",) * bool(row.frames), SHARED
+    return sum(given, ())
+
+
+def docstring(row: Quantity) -> str:
+    """The docstring of the method of a quantity."""
+    cut = min(row.text.find(f"{title}\n---") % (len(row.text) + 1) for title in ("References", "Examples"))
+    head, tail = row.text[:cut].rstrip(), row.text[cut:]
+    taken, errors = _section("Parameters", _parameters(row)), _section("Raises", [("JounceError", _raises(row))])
+    return "\n\n".join([head, taken, _section("Returns", [_returns(row)]), errors, tail])
+
+
+def _section(title: str, entries: Iterable[tuple[str, str]]) -> str:
+    lines = [title, "-" * len(title)]
+    for name, text in entries:
+        lines += [name, _indented(text)]
+    return "\n".join(lines)
+
+
+@cache  # what many methods say
+def _indented(text: str) -> str:
+    return fill(text, WIDTH, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False)
+
+
+def _parameters(row: Quantity) -> Iterator[tuple[str, str]]:
+    own, names = row.coordinate_inputs(row.rates), row.input_names(row.rates + 2)
+    if row.closed:
+        yield "q : (..., n) or (..., N)", "Independent coordinates: rad or m; or all N of the tree, near the branch."
+        if own > 1:
+            yield f"{', '.join(names[1:own])} : (..., n)", "Their rates: per s, per s^2."
+    else:
+        yield f"{', '.join(names[:own])} : (..., n)", COORDINATES.get(own, "Coordinates and their rates: rad or m, ...")
+    if row.forces:
+        yield f"{names[own]} : (..., nv)", FORCES
+    if not row.results:
+        size = "nv" if row.forces else "n"
+        more = f"Further rates, each for one more time derivative of {row.names(0)[0]}."
+        yield f"{', '.join(names[row.rates :])}, *higher : (..., {size}), optional", more
+    for name in options_of(row)[: -len(SHARED)]:
+        option = OPTIONS[name]
+        count = row.wrench_rates - 1
+        more = f", and {count} more: ({', '.join(rate_name('W', k) for k in range(count + 1))}) for it" if count else ""
+        yield f"{name} : {option.takes}", option.text.format(more=more) if name == "wrench" else option.text
+    yield f"{', '.join(SHARED)} : optional", "See `Robot`."
+
+
+def _returns(row: Quantity) -> tuple[str, str]:
+    names = ", ".join(row.names(0))
+    axes = [str(row.rates) if axis == "rates" else AXES.get(str(axis), str(axis)) for axis in row.shape]
+    shape = _shape(axes)
+    if row.results:
+        kind = shape
+    elif row.of_bodies:
+        kind = f"{shape}, or {_shape(axes[1:])} of one body; with rates a tuple of them"
+    else:
+        kind = f"{shape}, or tuple of {'them' if 'rates' in row.shape else shape}"
+    unit = f"Unit: {row.unit}." if row.results else f"Unit: {row.unit}; of rates per s, per s^2, and so on."
+    return f"{names} : {kind}", f"{unit} {row.returns}".rstrip()
+
+
+def _shape(axes: Sequence[str]) -> str:
+    return f"({', '.join(['...', *axes])})" if axes else "(...)"
+
+
+def _raises(row: Quantity) -> str:
+    when = [row.raises] if row.raises else []
+    when += ["the robot has no closed loops", "its loops cannot be closed at q"] if row.closed else []
+    when += ["the joints of the robot are rigid"] if row.elastic else []
+    when += ["an array has a wrong shape", "a rate is skipped"]
+    when += ["`wrench` has fewer rates than it takes"] if row.wrenches else []
+    when += ["the mass matrix is singular at all positions"] if row.forces else []
+    return f"If {', '.join(when)}, or a name is unknown."

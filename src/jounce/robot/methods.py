@@ -1,0 +1,226 @@
+"""Methods of robots that compute: those of quantities are made from their rows, as attrs makes `__init__`.
+
+The code of such a method has the place of its row, which whatever shows sources and tracebacks shows. Type checkers and
+editors read the stub of this module, which `make stubs` writes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import FunctionType
+from typing import TYPE_CHECKING, Any
+
+from jounce.arguments import requests
+from jounce.core.errors import one_of
+from jounce.core.typing import ArrayLike, DriveTerms, Frame, LoadFrame, Named, Out, Product, Rates, Results
+from jounce.dynamics.quantities import QUANTITIES, Quantity, Rows
+from jounce.engine import drives as _drives
+from jounce.engine.backends import compile_ahead
+from jounce.engine.dispatch import compute
+from jounce.engine.engine import Engine
+from jounce.engine.loads import wrench_of_load
+from jounce.model.drives import select_columns, select_terms
+from jounce.robot.docstrings import OPTIONS, docstring, options_of
+
+if TYPE_CHECKING:
+    from jounce.dynamics.quantities.names import QuantityName
+    from jounce.native.kernel import Kernel
+
+FORMS = {"paper": "coriolis_matrix", "skew": "skew_coriolis_matrix"}  # of the Coriolis matrix
+
+
+def _in_form(robot: Engine, name: str, given: Sequence[Any], *, form: str, **options: Any) -> Any:
+    return compute(robot, FORMS[one_of("form", form, FORMS, name)], given, **options)
+
+
+def _with_columns(robot: Engine, name: str, given: Sequence[Any], *, drives: Any, out: Any, **options: Any) -> Any:
+    return _drives.regressor(robot, name, given, select_columns(drives), out, **options)
+
+
+CALLED = {"form": "_in_form", "drives": "_with_columns"}  # by an option of its own; otherwise it is `compute`
+
+
+def method_of(row: Quantity) -> FunctionType:
+    """The method that computes a quantity: a signature, a docstring, and one call."""
+    names, options = row.input_names(row.rates + 2), options_of(row)
+    taken = list(names[: row.rates])
+    given = ", ".join(taken) + "," if row.results else f"{', '.join(names)}, *higher"
+    taken += ["*"] if row.results else [*(f"{name}=None" for name in names[row.rates :]), "*higher"]
+    taken += [f"{name}={OPTIONS[name].default}" for name in options]
+    called = next((CALLED[name] for name in row.options if name in CALLED), compute.__name__)
+    keywords = ", ".join(f"{name}={name}" for name in options)
+    place = next(iter(row.methods.values())).law.__code__
+    above = "\n" * (place.co_firstlineno - 1)
+    call = f"{called}(self, {row.name!r}, ({given}), {keywords})"
+    source = f"{above}def {row.name}(self, {', '.join(taken)}): return {call}"
+    made: dict[str, FunctionType] = {}
+    exec(compile(source, place.co_filename, "exec"), globals(), made)
+    method = made[row.name]
+    method.__qualname__, method.__doc__ = f"{Methods.__qualname__}.{row.name}", docstring(row)
+    return method
+
+
+class Methods(Rows):
+    """What robots compute."""
+
+    def compile(
+        self,
+        quantity: QuantityName = "inverse_dynamics",
+        order: int = 2,
+        wrench: bool = False,
+        *,
+        body: str | None = None,
+        frame: Frame = "body",
+        product: Product | None = None,
+        base: bool = False,
+    ) -> Kernel[Any]:
+        """Compile a quantity to native code before its first call.
+
+        Code that takes longer than three seconds to compile is compiled only here and with ``method="kernel"``; the
+        robot's methods use it from then on, in later processes too, because it is kept on disk.
+
+        Parameters
+        ----------
+        quantity : str, optional
+            The name of the method: "inverse_dynamics", "mass_matrix", "jacobian", ...
+        order : int, optional
+            The highest rate of the quantity: 2 gives Q, Qd, Q2d.
+        wrench : bool, optional
+            Whether wrenches W, Wd, ... (..., nb, 6) follow the coordinates' rates in its calls.
+        body, frame : str, optional
+            Body or merged link, and frame, of poses, twists and Jacobians; all bodies by default.
+        product : {"vjp", "jvp"}, optional
+            Products of the derivatives by all inputs instead of the values: the kernel that `Kernel.vjp` or
+            `Kernel.jvp` compiles at its first call, which takes the weights or directions after the other arrays.
+        base : bool, optional
+            Whether the motion of the base, C, V, Vd, ..., follows in its calls; it always does if the robot floats.
+
+        Returns
+        -------
+        Kernel
+            To call as ``kernel(q, qd, q2d, q3d, q4d)`` on float64 arrays; ``kernel.bind(..., out=...)`` is for the same
+            arrays again and again. It can be pickled. Where loops are closed, the dependent coordinates come last.
+
+        Raises
+        ------
+        JounceError
+            If a name is unknown, the robot holds symbols, llvmlite is missing, or a call needs more than 64 MiB of
+            scratch memory.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> kernel = jounce.load("iiwa14").compile(order=2)
+        >>> q, qd, q2d, q3d, q4d = np.ones((5, 7))
+        >>> Q, Qd, Q2d = kernel(q, qd, q2d, q3d, q4d)
+        >>> out = np.empty((3, 7))
+        >>> call = kernel.bind(q, qd, q2d, q3d, q4d, out=list(out))
+        >>> call()
+        >>> bool((out[2] == Q2d).all())
+        True
+        """
+        asked = requests.computation(self.mechanism, quantity, order, wrench, body, frame, product, base)
+        return compile_ahead(self, asked)
+
+    def drive_forces(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named | None = None,
+        q4d: Named | None = None,
+        *higher: Named,
+        terms: DriveTerms = True,
+        out: Out = None,
+    ) -> Results:
+        """The joint forces of the drive-train terms, and their rates, whether or not they act in Q.
+
+        Parameters
+        ----------
+        q, qd, q2d : (..., n)
+            Coordinates, velocities and accelerations: rad or m, per s, per s^2.
+        q3d, q4d, *higher : (..., n), optional
+            Further rates, each for one more time derivative.
+        terms : bool, str or iterable of str, optional
+            Some of "armature", "damping", "friction", "spring", see `with_drives`; True selects all.
+        out : optional
+            See `Robot`.
+
+        Returns
+        -------
+        Q : (..., n), or tuple of (..., n)
+
+        Raises
+        ------
+        JounceError
+            If an array has a wrong shape, a rate is skipped, or a name is unknown.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> base = jounce.load("planar2r").mechanism
+        >>> arm = jounce.Robot.from_screws(base.B, base.X, base.M, drives={"damping": [2.0, 3.0]})
+        >>> arm.drive_forces([0, 0], [1, 1], [0, 0])
+        array([2., 3.])
+        """
+        return _drives.drive_forces(self.mechanism, (q, qd, q2d, q3d, q4d, *higher), select_terms(terms), out)
+
+    def wrench(
+        self,
+        q: Named,
+        qd: Named | None = None,
+        q2d: Named | None = None,
+        *higher: Named,
+        body: str,
+        force: ArrayLike | None = None,
+        torque: ArrayLike | None = None,
+        frame: LoadFrame = "world",
+        point: ArrayLike | None = None,
+        base: Rates | None = None,
+    ) -> Results:
+        """The wrenches W, and their rates, of a load that acts ON a body, for `wrench=` of `inverse_dynamics`.
+
+        W is the wrench that the body exerts, which is minus the load, about the body's origin in body axes. A load that
+        is constant in the world has rates in the body frame: each further rate of q returns one more rate of W.
+
+        Parameters
+        ----------
+        q : (..., n)
+            Coordinates.
+        qd, q2d, *higher : (..., n), optional
+            Their rates, each for one more rate of W.
+        body : str
+            A body, or a link merged into one.
+        force, torque : (..., 3), or a tuple of them, optional
+            In N and N m. A *tuple* (f, fd, ...) is a vector with as many rates as W has; anything else, lists and a
+            tuple of three numbers included, is the vector alone, constant in its axes.
+        frame : str, optional
+            The axes of force and torque, "world" or "body" (those of the named link).
+        point : (3,), optional
+            Where the force acts, in the frame of the link; by default its origin.
+        base : optional
+            The motion of the base, see `Robot`; a load in the axes of the body does not need it.
+
+        Returns
+        -------
+        W : (..., nb, 6), or tuple of (..., nb, 6)
+
+        Raises
+        ------
+        JounceError
+            If a name is unknown, a shape is wrong, or the load has fewer rates than W.
+
+        Examples
+        --------
+        A payload of 2 kg in the hand of an arm: its weight acts on the last link.
+
+        >>> import jounce
+        >>> robot, q, qd = jounce.load("iiwa14"), [0.1] * 7, [0.2] * 7
+        >>> W, Wd = robot.wrench(q, qd, body="link7", force=(0, 0, -2 * 9.81), point=(0, 0, 0.1))
+        >>> Q, Qd = robot.inverse_dynamics(q, qd, [0] * 7, [0] * 7, wrench=(W, Wd))
+        """
+        return wrench_of_load(self.mechanism, (q, qd, q2d, *higher), base, body, force, torque, frame, point)
+
+
+for _row in QUANTITIES.values():
+    setattr(Methods, _row.name, method_of(_row))
