@@ -29,15 +29,8 @@ if TYPE_CHECKING:
 FORMS = {"paper": "coriolis_matrix", "skew": "skew_coriolis_matrix"}  # of the Coriolis matrix
 
 
-def _in_form(robot: Engine, name: str, given: Sequence[Any], *, form: str, **options: Any) -> Any:
-    return compute(robot, FORMS[one_of("form", form, FORMS, name)], given, **options)
-
-
 def _with_columns(robot: Engine, name: str, given: Sequence[Any], *, drives: Any, out: Any, **options: Any) -> Any:
     return _drives.regressor(robot, name, given, select_columns(drives), out, **options)
-
-
-CALLED = {"form": "_in_form", "drives": "_with_columns"}  # by an option of its own; otherwise it is `compute`
 
 
 def method_of(row: Quantity) -> FunctionType:
@@ -47,11 +40,12 @@ def method_of(row: Quantity) -> FunctionType:
     given = ", ".join(taken) + "," if row.results else f"{', '.join(names)}, *higher"
     taken += ["*"] if row.results else [*(f"{name}=None" for name in names[row.rates :]), "*higher"]
     taken += [f"{name}={OPTIONS[name].default}" for name in options]
-    called = next((CALLED[name] for name in row.options if name in CALLED), compute.__name__)
-    keywords = ", ".join(f"{name}={name}" for name in options)
+    called = "_with_columns" if "drives" in options else "compute"
+    asked = f"FORMS[one_of('form', form, FORMS, {row.name!r})]" if "form" in options else repr(row.name)
+    keywords = ", ".join(f"{name}={name}" for name in options if name != "form")
     place = next(iter(row.methods.values())).law.__code__
     above = "\n" * (place.co_firstlineno - 1)
-    call = f"{called}(self, {row.name!r}, ({given}), {keywords})"
+    call = f"{called}(self, {asked}, ({given}), {keywords})"
     source = f"{above}def {row.name}(self, {', '.join(taken)}): return {call}"
     made: dict[str, FunctionType] = {}
     exec(compile(source, place.co_filename, "exec"), globals(), made)
