@@ -21,7 +21,9 @@ def table() -> str:
 
 def _row(quantity: Quantity) -> tuple[str, ...]:
     rates = ", ".join(quantity.input_names(quantity.rates))
-    axes = [f"{quantity.rates} + k" if axis == "rates" else str(axis) for axis in quantity.shape]
+    axes = [
+        f"{quantity.rates} + k" if axis == "rates" else {"bodies": "nb"}.get(axis, str(axis)) for axis in quantity.shape
+    ]
     shape = ", ".join(["...", *axes])
     options = options_of(quantity)[: -len(SHARED)]
     return (

@@ -93,15 +93,18 @@ def check_invertible(mechanism: Mechanism, quantity: str) -> None:
 
 
 def check_existence(mechanism: Mechanism, quantity: str, moving: bool) -> None:
-    """Raise `JounceError` if a quantity is one of closed loops and the robot has none, or one of elastic joints.
+    """Raise `JounceError` if a robot does not have a quantity: its loops are open, its joints rigid, or as its row says.
 
     These may not have two motors on one, and rotors that links carry take a base at rest.
     """
-    if QUANTITIES[quantity].closed and mechanism.closure is None:
+    row = QUANTITIES[quantity]
+    if row.closed and mechanism.closure is None:
         raise JounceError(
             f"{quantity} of {mechanism.name!r}: no loop is closed; robot.closed(loops, actuated) closes some"
         )
-    if not QUANTITIES[quantity].elastic:
+    if row.obstacle and (reason := row.obstacle(mechanism)):
+        raise JounceError(f"{quantity} of {mechanism.name!r}: {reason}")
+    if not row.elastic:
         return
     if mechanism.elasticity is None:
         raise JounceError(

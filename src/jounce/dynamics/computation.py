@@ -177,7 +177,8 @@ class Computation:
     def shape(self, mechanism: Mechanism, k: int = 0) -> Shape:
         """The shape of the k-th rate for one state."""
         bodies = len(mechanism.body_names)
-        sizes = {"n": mechanism.n, "nv": mechanism.nv, "nb": bodies, "rates": self.quantity.rates + k}
+        sizes = {"n": mechanism.n, "nv": mechanism.nv, "nb": bodies, "bodies": bodies}
+        sizes["rates"] = self.quantity.rates + k
         sizes["parameters"] = len(PARAMETERS) * bodies
         if closure := mechanism.closure:
             sizes |= {"tree": len(closure.coordinates), "loops": len(mechanism.loops), "motors": len(closure.actuated)}

@@ -62,7 +62,7 @@ COORDINATES = {
     2: "Coordinates and velocities: rad or m, per s.",
     3: "Coordinates, velocities and accelerations: rad or m, per s, per s^2.",
 }
-AXES = {"parameters": "10 nb", "tree": "N", "motors": "k"}  # where they are not called as in rows
+AXES = {"bodies": "nb", "parameters": "10 nb", "tree": "N", "motors": "k"}  # where they are not called as in rows
 
 
 def options_of(row: Quantity) -> tuple[str, ...]:

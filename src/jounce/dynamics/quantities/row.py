@@ -14,8 +14,9 @@ from jounce.dynamics.state import Law
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series, rate_name
 
-# "n" coordinates, "nv" velocities, "nb" bodies, "parameters" ten inertial ones per body, "rates" q, qd, ..., as many as
-# the quantity or its rate takes; of closed robots the coordinates of the "tree", "loops", "motors"
+# "n" coordinates, "nv" velocities, "nb" bodies, one of which may be selected, "bodies" all of them, "parameters" ten
+# inertial ones per body, "rates" q, qd, ..., as many as the quantity or its rate takes; of closed robots the coordinates
+# of the "tree", "loops", "motors"
 Axis = int | str
 
 
@@ -80,6 +81,7 @@ class Quantity(Called, Documented):
     wrench_rates: int = 1  # how many of W, Wd, ... the quantity itself takes, where they enter
     elastic: bool = False  # whether it is one of robots with elastic joints only
     closed: bool = False  # whether it is one of robots with closed loops only
+    obstacle: Callable[[Mechanism], str | None] | None = None  # why a robot does not have it, as a sentence goes on
     all_constraints: bool = False  # whether constraints are solved for followers with constant ratios too
     drive_terms: tuple[str, ...] = ()  # which of those that act enter
     drive_law: Law | None = None  # what they add
@@ -96,7 +98,7 @@ class Quantity(Called, Documented):
 
     @property
     def everywhere(self) -> bool:
-        """Whether all robots have it."""
+        """Whether all robots have it but for those with an obstacle."""
         return not (self.elastic or self.closed)
 
     @property
