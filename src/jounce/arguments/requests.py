@@ -93,7 +93,7 @@ def check_invertible(mechanism: Mechanism, quantity: str) -> None:
 
 
 def check_existence(mechanism: Mechanism, quantity: str, moving: bool) -> None:
-    """Raise `JounceError` if a robot does not have a quantity: its loops are open, its joints rigid, or as its row says.
+    """Raise `JounceError` if a robot does not have a quantity: loops are open, joints rigid, or the row says why.
 
     These may not have two motors on one, and rotors that links carry take a base at rest.
     """

@@ -29,6 +29,10 @@ if TYPE_CHECKING:
 FORMS = {"paper": "coriolis_matrix", "skew": "skew_coriolis_matrix"}  # of the Coriolis matrix
 
 
+def _form_of(form: str) -> str:
+    return FORMS[one_of("form", form, FORMS, "coriolis_matrix")]
+
+
 def _with_columns(robot: Engine, name: str, given: Sequence[Any], *, drives: Any, out: Any, **options: Any) -> Any:
     return _drives.regressor(robot, name, given, select_columns(drives), out, **options)
 
@@ -40,8 +44,8 @@ def method_of(row: Quantity) -> FunctionType:
     given = ", ".join(taken) + "," if row.results else f"{', '.join(names)}, *higher"
     taken += ["*"] if row.results else [*(f"{name}=None" for name in names[row.rates :]), "*higher"]
     taken += [f"{name}={OPTIONS[name].default}" for name in options]
-    called = "_with_columns" if "drives" in options else "compute"
-    asked = f"FORMS[one_of('form', form, FORMS, {row.name!r})]" if "form" in options else repr(row.name)
+    called = _with_columns.__name__ if "drives" in options else compute.__name__
+    asked = f"{_form_of.__name__}(form)" if "form" in options else repr(row.name)
     keywords = ", ".join(f"{name}={name}" for name in options if name != "form")
     place = next(iter(row.methods.values())).law.__code__
     above = "\n" * (place.co_firstlineno - 1)

@@ -15,8 +15,8 @@ from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series, rate_name
 
 # "n" coordinates, "nv" velocities, "nb" bodies, one of which may be selected, "bodies" all of them, "parameters" ten
-# inertial ones per body, "rates" q, qd, ..., as many as the quantity or its rate takes; of closed robots the coordinates
-# of the "tree", "loops", "motors"
+# inertial ones per body, "rates" q, qd, ..., as many as the quantity or its rate takes; of closed robots the
+# coordinates of the "tree", "loops", "motors"
 Axis = int | str
 
 
