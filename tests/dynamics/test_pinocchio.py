@@ -85,6 +85,20 @@ def test_wrenches_have_the_opposite_sign_of_forces_on_the_bodies(pair):
     assert relative_error(robot.inverse_dynamics(q, qd, q2d, wrench={last: W}), expected) < 1e-12
 
 
+def test_joint_wrenches_agree(pair):
+    """Pinocchio's data.f, (linear; angular), in the same frames: those of the links behind the joints."""
+    robot, model = pair
+    data, G, g, rows = model.createData(), robot.mechanism.G, robot.mechanism.g, by_name(robot, model)
+    for q, qd, q2d in states(robot, 3):
+        theta = [np.zeros(model.nv) for _ in range(3)]
+        for x, rate in zip(theta, (G @ q + g, G @ qd, G @ q2d), strict=True):
+            x[rows] = rate
+        pinocchio.rnea(model, data, *theta)
+        forces = [data.f[model.getJointId(name)] for name in robot.mechanism.joints]
+        expected = np.stack([np.concatenate([f.angular, f.linear]) for f in forces])
+        assert relative_error(robot.joint_wrenches(q, qd, q2d), expected) < 1e-12
+
+
 def columns(robot, model):
     """The columns of Pinocchio's regressor in the order of our bodies: it has ten for every joint."""
     return np.concatenate([10 * (model.getJointId(name) - 1) + np.arange(10) for name in robot.mechanism.joints])

@@ -274,7 +274,7 @@ def test_matrices_are_kept_and_frozen():
     assert repr(S) == f"<Symbolic 'planar2r': {everything}, and their rates; of bodies: {', '.join(of_bodies)}>"
     assert {*members, *of_bodies} <= set(dir(S))
     with pytest.raises(
-        AttributeError, match=f"Symbolic has no member 'Mdot'; did you mean .* available: {everything}, poses,"
+        AttributeError, match=f"Symbolic has no member 'Mdot'; did you mean .* available: {everything}, "
     ):
         _ = S.Mdot
     with pytest.raises(AttributeError):

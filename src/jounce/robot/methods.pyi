@@ -2021,6 +2021,113 @@ class Methods:
         threads: int = 1,
     ) -> tuple[Array, ...]: ...
 
+    # its row: jounce/dynamics/quantities/wrenches.py
+    @overload
+    def joint_wrenches(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        *,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> Array:
+        """The wrenches Fj = (moment; force) that the joints transmit to their bodies, and their rates.
+
+        They are what bearings, flanges and force sensors carry, all six components: the wrench of the parent on the
+        body, for the body's own motion and weight, for all that it carries, and for wrenches on these. Projected on the
+        joint screw, ``X . Fj``, it is the force of the joint without drive terms. If the robot floats, the first row is
+        the wrench that acts on its base, as in `inverse_dynamics`.
+
+        Parameters
+        ----------
+        q, qd, q2d : (..., n)
+            Coordinates, velocities and accelerations: rad or m, per s, per s^2.
+        q3d, q4d, *higher : (..., n), optional
+            Further rates, each for one more time derivative of Fj.
+        wrench : (..., nb, 6) or dict, or a tuple of them, optional
+            What the bodies EXERT ON their environment, Qext = +J^T W, (moment; force) in body-frame components about
+            the origin of the body frame. A *tuple* (W, Wd, ...) is W with as many rates as the result has; anything
+            else, nested lists included, is W alone. Each is an array (..., nb, 6) or a dict {body or merged link: (...,
+            6)}. Wd is the derivative of those components.
+        base, method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        Fj : (..., nb, 6), or tuple of (..., nb, 6)
+            Unit: N m and N; of rates per s, per s^2, and so on. Rows are those of `body_names`, components those in the
+            body frame about its origin.
+
+        Raises
+        ------
+        JounceError
+            If loops are closed, an array has a wrong shape, a rate is skipped, `wrench` has fewer rates than it takes,
+            or a name is unknown.
+
+        References
+        ----------
+        R. Featherstone, Rigid Body Dynamics Algorithms, 5.3: the f_i of the recursive Newton-Euler algorithm.
+
+        Examples
+        --------
+        The shoulder of an arm of two links of 1 kg and 1 m that is held level carries 2 kg at 1.5 m and 1 m:
+
+        >>> import jounce
+        >>> robot = jounce.load("planar2r")
+        >>> robot.joint_wrenches([0, 0], [0, 0], [0, 0])[0, [2, 4]].round(6)
+        array([29.43, 19.62])
+        """
+    @overload
+    def joint_wrenches(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        *,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> tuple[Array, Array]: ...
+    @overload
+    def joint_wrenches(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        *,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> tuple[Array, Array, Array]: ...
+    @overload
+    def joint_wrenches(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        q5d: Named,
+        /,
+        *higher: Named,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> tuple[Array, ...]: ...
+
     # its row: jounce/dynamics/quantities/motors.py
     @overload
     def motor_positions(

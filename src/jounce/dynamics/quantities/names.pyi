@@ -25,6 +25,7 @@ QuantityName: TypeAlias = Literal[
     "kinetic_energy",
     "potential_energy",
     "base_wrench",
+    "joint_wrenches",
     "motor_positions",
     "motor_torques",
     "coordinates",

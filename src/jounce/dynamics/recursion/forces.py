@@ -31,7 +31,7 @@ from jounce.model.coordinates import generalized_forces
 from jounce.model.equivalent import frame_shifts, minimal, on_axes
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
-from jounce.spatial.lie import Ad
+from jounce.spatial.lie import Ad, inverse
 from jounce.spatial.series import Series, joined
 
 _STILL = Series.constant(np.zeros((3, 1), dtype=int))
@@ -122,6 +122,20 @@ def base_wrench(mechanism: Mechanism, q: Series, W: Series | None = None, base: 
     return tree.on_base() if base is None else base.in_space(tree.on_base())
 
 
+def joint_wrenches(mechanism: Mechanism, q: Series, W: Series | None = None, base: BaseMotion | None = None) -> Series:
+    """The wrenches (moment; force) that the joints transmit to their bodies, in the body frames: (..., nb, 6).
+
+    They are the forces on the bodies and on what these carry, before they are projected on the joints; that of a base
+    that floats is first.
+    """
+    chain = on_axes(mechanism)
+    tree = _Series(MOVING, mechanism, chain, q, W, base)
+    sweep(tree)
+    to_given = Ad(inverse(frame_shifts(mechanism, chain))).mT
+    found = [E @ tree.wrench(i - mechanism.first) for i, E in enumerate(to_given)]
+    return joined([F.mT for F in found], axis=-2)
+
+
 class _Series:
     """The tree in time series: motions, forces on the bodies, forces of the joints."""
 
@@ -169,7 +183,11 @@ class _Series:
 
     def on_base(self) -> Series:
         """The moment and the force on the base, or on the ground."""
-        return self._in_order(joined([self.on[-1].n, self.on[-1].f], axis=-2) + batch_zeros(self.q))
+        return self.wrench(-1)
+
+    def wrench(self, i: int) -> Series:
+        """The moment and the force on a body and what it carries, (..., 6, 1)."""
+        return self._in_order(joined([self.on[i].n, self.on[i].f], axis=-2) + batch_zeros(self.q))
 
     def _in_order(self, result: Series) -> Series:
         """A result, computed body by body."""

@@ -1,0 +1,99 @@
+"""Wrenches that joints transmit: against joint forces, momenta of what is carried, power, and the ground's reaction."""
+
+import numpy as np
+import pytest
+from bases import base_path, moved_mechanisms
+from hypothesis import given
+from robots import Interpreted, differentiated_at_once, harmonic, mechanisms, relative_error
+
+import jounce
+from jounce.core.errors import JounceError
+from jounce.model.mechanism import ancestors
+from jounce.spatial import lie
+
+
+def close(x, y, tolerance=1e-11):
+    assert np.abs(x - y).max() <= tolerance * (1 + np.abs(y).max())
+
+
+@given(drawn=mechanisms())
+def test_projected_on_the_screws_they_are_the_forces_of_the_joints(drawn):
+    """Of joints that follow others too: G^T (X . F) = Q, and so are the rates: the screws are fixed in the bodies."""
+    m, rng = drawn
+    robot = Interpreted(jounce.Robot(m))
+    q, W = rng.uniform(-2, 2, (5, m.n)), tuple(rng.normal(size=(3, m.nb, 6)))
+    for F, Q in zip(robot.joint_wrenches(*q, wrench=W), robot.inverse_dynamics(*q, wrench=W), strict=True):
+        close((m.X * F).sum(axis=-1) @ m.G, Q)
+
+
+@given(drawn=mechanisms())
+def test_they_change_the_momentum_of_what_the_joints_carry(drawn):
+    """Newton and Euler for each body with all that it carries, in the inertial frame, without a recursion."""
+    m, rng = drawn
+    robot, path = Interpreted(jounce.Robot(m)), harmonic(rng, m.n, 2)
+    W, carries = rng.normal(size=(m.nb, 6)), ancestors(m).T
+
+    def momenta(t):
+        q, qd = path(t)[:2]
+        C, V = robot.poses(q), robot.twists(q, qd)
+        h = lie.Ad(lie.inverse(C)).mT @ (m.M @ V[..., None])
+        return carries @ h[..., 0]
+
+    C = robot.poses(path(0)[0])
+    to_space = lie.Ad(lie.inverse(C)).mT
+    at_rest = lie.Ad(lie.inverse(C)) @ np.concatenate([np.zeros(3), m.gravity])
+    # the acceleration of gravity, seen from the bodies, moves their masses
+    own = to_space @ (W - (m.M @ at_rest[..., None])[..., 0])[..., None]
+    expected = differentiated_at_once(momenta) + carries @ own[..., 0]
+    found = to_space @ robot.joint_wrenches(*path(0)[:3], wrench=W)[..., None]
+    close(found[..., 0], expected, 1e-8)
+
+
+@given(drawn=moved_mechanisms())
+def test_their_power_is_that_of_the_forces(drawn):
+    """Each acts on its body and, reversed, on the parent; what is left is the power of Q, and that of the base."""
+    m, rng = drawn
+    robot, q = Interpreted(jounce.Robot(m)), rng.uniform(-2, 2, (3, m.n))
+    base = base_path(rng, 4)(0.0)[:3]
+    F, Q = (getattr(robot, name)(*q, base=base, method="recursion") for name in ("joint_wrenches", "inverse_dynamics"))
+    if m.base:
+        close(F[0], Q[:6])
+    C, V = robot.poses(q[0], base=base[:1]), robot.twists(*q[:2], base=base[:2])
+    first, power = m.first, 0.0
+    for i, p in enumerate(m.parent):
+        H, twist = (C[p + first], V[p + first]) if p + first >= 0 else base[:2]
+        carried = lie.Ad(lie.inverse(C[i + first]) @ H) @ twist
+        power += F[i + first] @ (V[i + first] - carried)
+    close(power, q[1] @ Q[-m.n :])
+
+
+@given(drawn=moved_mechanisms())
+def test_both_methods_agree_on_bases_that_move(drawn):
+    m, rng = drawn
+    robot, q = jounce.Robot(m), rng.uniform(-2, 2, (5, 3, m.n))
+    base, W = base_path(rng, 6)(0.0)[:5], tuple(rng.normal(size=(3, len(robot.body_names), 6)))
+    found = [robot.joint_wrenches(*q, wrench=W, base=base, method=method) for method in ("recursion", "closed_form")]
+    for x, y in zip(*found, strict=True):
+        close(x, y)
+
+
+def test_the_ground_exerts_those_of_the_bodies_that_stand_on_it():
+    robot, (q, qd, q2d) = jounce.load("iiwa14"), np.random.default_rng(3).uniform(-1, 1, (3, 7))
+    F, C = robot.joint_wrenches(q, qd, q2d), robot.poses(q)
+    assert relative_error(lie.Ad(lie.inverse(C[0])).T @ F[0], robot.base_wrench(q, qd, q2d)) < 1e-13
+
+
+def test_rates_along_a_motion_are_those_of_the_kernel():
+    robot, path = jounce.load("panda"), harmonic(np.random.default_rng(4), 7, 5)
+    robot = jounce.load("panda", lock={"panda_finger_joint1": 0.02}) if robot.n > 7 else robot
+    found = robot.compile("joint_wrenches", order=2)(*path(0.0)[:5])
+    for k in (1, 2):
+        along = differentiated_at_once(lambda t, k=k: np.stack(robot.joint_wrenches(*path(t)[: k + 3]))[k - 1])
+        close(found[k], along, 1e-7)
+
+
+def test_closed_loops_are_refused():
+    with pytest.raises(JounceError, match="joint_wrenches of 'fivebar': its joints transmit what its cut joints do"):
+        jounce.load("fivebar").joint_wrenches([2.2, 0.9], [0, 0], [0, 0])
+    tree = jounce.Robot(jounce.load("fivebar").mechanism.tree)
+    assert tree.joint_wrenches(*np.zeros((3, 4))).shape == (4, 6)
