@@ -61,7 +61,7 @@ def driven(terms):
 def stiffening(*springs):
     """The planar 2R on cubic springs (k, k3), some of which its forces deflect far beyond where they are linear."""
     laws = dict(zip(("joint1", "joint2"), (jounce.CubicSpring(*numbers) for numbers in springs), strict=True))
-    return jounce.load("planar2r").elastic(spring=laws, rotor=0.1).robot
+    return jounce.load("planar2r").elastic(spring=laws, rotor=0.1)
 
 
 ROBOTS = {

@@ -87,7 +87,7 @@ def test_magnitudes_stay_where_results_cancel():
 @pytest.mark.parametrize("name", ["motor_positions", "motor_torques"])
 def test_deflections_of_stiffening_springs_are_about_as_large_as_what_causes_them(name, k, k3):
     """However many steps lead to them: a change P of Q moves a spring by P / phi'."""
-    m = jounce.load("planar2r").elastic(spring=jounce.CubicSpring(k, k3), rotor=0.1).robot.mechanism
+    m = jounce.load("planar2r").elastic(spring=jounce.CubicSpring(k, k3), rotor=0.1).mechanism
     asked = Computation(name, 2)
     q = states(np.random.default_rng(0), m, asked)
     for size, result in zip(magnitudes(m, asked, q), compute_by_method(asked, "recursion", m, q), strict=True):

@@ -78,7 +78,7 @@ def test_the_arrays_of_products_have_names_of_their_own(name, base):
 
 @pytest.fixture(scope="module")
 def kernel():
-    return ROBOT.compile(order=1, wrench=True)
+    return ROBOT.compile("inverse_dynamics", order=1, wrench=True)
 
 
 @pytest.fixture(scope="module")
