@@ -62,6 +62,15 @@ def method_of(robot, quantity):
     return lambda *rates, **keywords: getattr(robot, name)(*rates, **form, **side, **keywords)
 
 
+def served(robot, quantity):
+    """The robot, or one with springs at all joints where the quantity needs these."""
+    e = robot.mechanism.elasticity
+    if not (quantity.obstacle and quantity.obstacle(robot.mechanism)):
+        return robot
+    soft = replace(e, stiffness=np.where(e.is_rigid, 4000.0, e.stiffness))
+    return jounce.Robot(replace(robot.mechanism, elasticity=soft))
+
+
 def rigid(robot):
     """The robot with rigid joints."""
     return jounce.Robot(replace(robot.mechanism, elasticity=None))

@@ -174,14 +174,15 @@ class Computation:
         """The ports of q, qd, ..., and of Q, Qd, ..., or of theta, thetad, ..."""
         least, own = self.quantity.rates, self.quantity.coordinate_inputs(self.rates)
         names = self.quantity.input_names(self.rates)
-        others = len(elasticity_of(mechanism).joints_of_motors) if self.quantity.inputs else mechanism.nv
+        of_motors = self.quantity.inputs and mechanism.elasticity
+        others = len(of_motors.joints_of_motors) if of_motors else mechanism.nv
         sizes = [mechanism.n if k < own else others for k in range(self.rates)]
         both = enumerate(zip(names, sizes, strict=True))
         return [Port(name, (size,), "state", k, max(0, k + 1 - least)) for k, (name, size) in both]
 
     def takes_stiffness(self, mechanism: Mechanism) -> bool:
         """Whether joints with two motors take their stiffness."""
-        return self.quantity.takes_stiffness and bool(elasticity_of(mechanism).pairs)
+        return self.quantity.takes_stiffness and mechanism.elasticity is not None and bool(mechanism.elasticity.pairs)
 
     def base_terms(self, mechanism: Mechanism) -> int:
         """The number of terms C, V, Vd, ... of the motion of the base, where it enters: as many as q has."""

@@ -138,7 +138,7 @@ class Quantity:
     def input_names(self, count: int) -> tuple[str, ...]:
         """The names of its first inputs: q, qd, q2d, ..., or q, qd, Q, Qd, ..."""
         if self.inputs:
-            return self.inputs[:count]
+            return (*self.inputs, *(rate_name(self.inputs[-1], k + 1) for k in range(count)))[:count]
         own = self.coordinate_inputs(count)
         return tuple(rate_name("q", k) if k < own else rate_name("Q", k - own) for k in range(count))
 
