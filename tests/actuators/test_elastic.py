@@ -296,6 +296,102 @@ def test_other_refusals(arm):
     refusal(lambda: half.feedback_linearization(*[two] * 5), "needs elastic joints, but joint2 is rigid")
 
 
+SPOILT = np.array([0.1, 0.2])
+WOUND = {
+    "joint1": jounce.Motor(gear=100, inertia=1e-5, resistance=0.5, inductance=2e-3, constant=0.05),
+    "joint2": jounce.Motor(gear=-80, inertia=2e-5, resistance=0.8, constant=0.04),
+}
+
+
+def test_what_meant_the_motors_is_refused_with_both_names_for_this_release(arm):
+    """So that no call returns another number than before in silence; positional arguments fit both."""
+    five, Q = [SPOILT] * 5, arm.inverse_dynamics(*[SPOILT] * 3, side="links")
+    links = jounce.Robot(replace(arm.mechanism, elasticity=None))
+    close(Q, links.inverse_dynamics(*[SPOILT] * 3), 0)
+    close(arm.forward_dynamics(*[SPOILT] * 2, Q, side="links"), SPOILT, 1e-11)
+    close(links.inverse_dynamics(*[SPOILT] * 3, side="links"), Q, 0)
+    both = "motor_torques(...) is what it was", "inverse_dynamics(..., side='links') is that of the links"
+    refusal(lambda: arm.inverse_dynamics(*five), *both)
+    both = "elastic_forward_dynamics(...) is what it was", "forward_dynamics(..., side='links') is that of the links"
+    refusal(lambda: arm.forward_dynamics(*five), *both)
+    both = "compile('motor_torques', order=0) is what it was", "compile('inverse_dynamics') is that of the links"
+    refusal(lambda: arm.compile(), *both)
+    refusal(lambda: arm.compile(order=1), *both)
+    refusal(lambda: arm.inverse_dynamics(*five, side="motors"), "inverse_dynamics has no side 'motors'", "links")
+    close(arm.compile("inverse_dynamics", order=0)(*[SPOILT] * 3), Q)
+    with pytest.raises(jounce.JounceError):
+        arm.compile("motor_torques")(*five)  # whose order was 0
+
+
+def test_old_names_of_elastic_robots_warn_with_the_new_ones():
+    arm, q = DRIVEN.elastic(K, rotor=0.1, damping=2.0), [SPOILT] * 9
+    wound, motion = DRIVEN.elastic(K, motors=WOUND), jounce.Motion.fourier([0, 0], [[0.1, 0.2]], [[0, 0]], 2.0, 3.0)
+    calls = {
+        "energy": (arm, "elastic_energy", lambda call: call(*q[:4])),
+        "along": (arm, "motors_along", lambda call: call(motion, [0.5]).torques),
+        "currents": (wound, "motor_currents", lambda call: call(*q[:5])),
+        "voltages": (wound, "motor_voltages", lambda call: call(*q[:6])),
+    }
+    for old, (robot, new, run) in calls.items():
+        with pytest.warns(jounce.JounceWarning, match=rf"^arm.{old}\(...\) is arm.{new}\(...\) now$"):
+            call = getattr(robot, old)
+        close(run(call), run(getattr(robot, new)), 0)
+        assert not hasattr(DRIVEN, old)
+    with pytest.warns(jounce.JounceWarning, match=r"^arm.robot is arm itself now, .*; leave .robot out$"):
+        assert arm.robot is arm
+    with pytest.raises(AttributeError, match="'Robot' object has no attribute 'robot'"):
+        DRIVEN.robot  # noqa: B018
+    with pytest.warns(jounce.JounceWarning, match="leave ElasticRobot out"):
+        assert jounce.ElasticRobot(arm) is arm
+    with pytest.warns(jounce.JounceWarning, match=r"^jounce.ElasticRobot is jounce.Robot now; robot.elasticity"):
+        assert [isinstance(x, jounce.ElasticRobot) for x in (arm, DRIVEN, 3)] == [True, False, False]
+    refusal(lambda: jounce.ElasticRobot(DRIVEN), "its joints are rigid; robot.elastic(stiffness) makes them elastic")
+    refusal(lambda: jounce.ElasticRobot(3), "ElasticRobot() expects a Robot, got int")
+
+
+def test_what_only_elastic_joints_have_refuses_rigid_ones():
+    motion, q = jounce.Motion.fourier([0, 0], [[0.1, 0.2]], [[0, 0]], 2.0, 3.0), [SPOILT] * 5
+    rows = "motor_positions motor_torques motor_currents motor_voltages elastic_forward_dynamics feedback_linearization"
+    calls = [lambda name=name: getattr(DRIVEN, name)(*q) for name in rows.split()]
+    calls += [
+        lambda: DRIVEN.motors_along(motion),
+        lambda: DRIVEN.elastic_energy(*q[:4]),
+        lambda: DRIVEN.damping_error(*q),
+    ]
+    for call in calls:
+        refusal(call, "its joints are rigid; robot.elastic(stiffness) makes them elastic")
+    assert DRIVEN.elasticity is None
+
+
+@pytest.mark.parametrize(
+    "name", ["elastic_forward_dynamics", "feedback_linearization", "motor_currents", "motor_voltages"]
+)
+def test_rows_of_motors_are_computed_by_every_way(name):
+    """Methods, a kernel, a CasADi function; voltages with an inductance take q5d."""
+    robot = jounce.load("iiwa14")
+    motors = [
+        jounce.Motor(gear=60.0 + j, inertia=1e-4, resistance=0.4, inductance=1e-3, constant=0.1) for j in range(7)
+    ]
+    arm = robot.elastic(1e4, motors=dict(zip(robot.joint_names, motors, strict=True)))
+    q = np.random.default_rng(8).uniform(-1, 1, (6 if name == "motor_voltages" else 5, 3, 7))
+    expected = np.asarray(getattr(arm, name)(*q, method="recursion"))
+    expected, scale = expected.reshape(-1, 3, 7), np.abs(expected).max()
+    for method in ("closed_form", "kernel"):
+        found = np.asarray(getattr(arm, name)(*q, method=method)).reshape(-1, 3, 7)
+        close(found / scale, expected / scale)
+    close(np.asarray(arm.compile(name, order=0)(*q)), np.asarray(getattr(arm, name)(*q)), 0)
+    function = jounce.casadi_function(arm, name, 0)
+    found = np.array(casadi.horzcat(*function.call([casadi.DM(x[0]) for x in q])).full()).T
+    close(found / scale, expected[:, 0] / scale)
+
+
+def test_motors_without_data_are_missing_in_numbers_and_refused_in_expressions(tmp_path):
+    arm = DRIVEN.elastic(K, motors=WOUND | {"joint2": jounce.Motor(inertia=1e-2)})
+    assert np.isnan(arm.motor_voltages(*[SPOILT] * 6)).tolist() == [False, True]
+    refusal(lambda: jounce.symbolic(arm).i, "a number is missing, as those of motors that do not state all")
+    refusal(lambda: jounce.codegen(arm, "c", 0, tmp_path / "c", outputs=["motor_currents"]), "would contain nan")
+
+
 def test_symbols_are_the_equations_of_the_model():
     S = jounce.symbolic(jounce.load("planar2r", g=10).elastic([80, np.inf], rotor=3))
     assert sympy.expand(S.theta[0] - S.q[0] - S.Q[0] / 80) == 0
