@@ -1,6 +1,7 @@
 """Every quantity of the table as tests ask for it: of all bodies, of one, of a merged link, in every frame."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from robots import random_mechanism, random_pose, springs
@@ -12,7 +13,8 @@ from jounce.model.frame import Frame
 
 def requests():
     """(quantity, keywords): what may be asked of every quantity."""
-    for quantity in (row for row in QUANTITIES.values() if not row.closed):  # these have tests of their own
+    own = [row for row in QUANTITIES.values() if row.closed or (row.obstacle and row.inputs)]  # have tests of their own
+    for quantity in (row for row in QUANTITIES.values() if row not in own):
         for body in (None, "body3", "tool", "stand") if quantity.of_bodies else (None,):
             for frame in quantity.frames or (None,):
                 chosen = {"body": body, "frame": frame}
@@ -52,7 +54,22 @@ IDS = ids(REQUESTS)
 
 def method_of(robot, quantity):
     """The method of a robot that computes a quantity."""
-    return getattr(robot, quantity.name)
+    side = {"side": "links"} if quantity.of_motors else {}
+    return partial(getattr(robot, quantity.name), **side)
+
+
+def served(robot, quantity):
+    """The robot, or one with springs at all joints where the quantity needs these."""
+    e = robot.mechanism.elasticity
+    if not (quantity.obstacle and quantity.obstacle(robot.mechanism)):
+        return robot
+    soft = replace(e, stiffness=np.where(e.is_rigid, 4000.0, e.stiffness))
+    return jounce.Robot(replace(robot.mechanism, elasticity=soft))
+
+
+def rigid(robot):
+    """The robot with rigid joints."""
+    return jounce.Robot(replace(robot.mechanism, elasticity=None))
 
 
 def branched(parent=(-1, 0, 1, 0, -1)):

@@ -64,7 +64,7 @@ def _of_row(row):
     one, names = "Array" if row.shape else "Any", row.input_names(row.rates + 3)
     if row.results:
         taken = [*(f"{name}: Named" for name in names[: row.rates]), "*", *options]
-        overloads = [(taken, f"tuple[{', '.join([one] * len(row.results))}]")]
+        overloads = [(taken, f"tuple[{', '.join([one] * len(row.results))}]" if len(row.results) > 1 else one)]
     else:
         overloads = _overloads(names, row.rates, options, one)
     return f"# its row: {path}\n{_stub(row.name, overloads, docstring(row))}"

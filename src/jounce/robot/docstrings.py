@@ -30,6 +30,18 @@ OPTIONS = {
         " else, nested lists included, is W alone. Each is an array (..., nb, 6) or a dict {{body or merged link: (...,"
         " 6)}}. Wd is the derivative of those components.",
     ),
+    "stiffness": Option(
+        "Rates | None",
+        "None",
+        "(..., k) or mapping, or a tuple of them, optional",
+        "The stiffness S of the k joints with two motors, in their order or by name, with as many rates as `wrench`.",
+    ),
+    "side": Option(
+        "Side | None",
+        "None",
+        '"links", optional',
+        "To be given for this release where joints are elastic: Q is the force of the links, see `{of_motors}`.",
+    ),
     "drives": Option(
         "DriveColumns",
         "False",
@@ -57,6 +69,10 @@ FORCES = (
     "Generalized forces: N m, or N for coordinates in m. If the robot floats, they begin with the wrench (moment;"
     " force) that acts on the base, in its axes: zero in flight."
 )
+MOTORS = {
+    "tau": "Motor torques: N m, or N for coordinates in m.",
+    "q4d": "The wanted fourth time derivative of q: rad/s^4 or m/s^4.",
+}
 COORDINATES = {
     1: "Coordinates: rad or m.",
     2: "Coordinates and velocities: rad or m, per s.",
@@ -67,7 +83,15 @@ AXES = {"bodies": "nb", "parameters": "10 nb", "tree": "N", "motors": "k"}  # wh
 
 def options_of(row: Quantity) -> tuple[str, ...]:
     """The keywords of the method of a quantity."""
-    given = ("wrench",) * row.wrenches, row.options, ("body",) * row.of_bodies, ("frame",) * bool(row.frames), SHARED
+    of_joints = ("stiffness",) * row.takes_stiffness + ("side",) * bool(row.of_motors)
+    given = (
+        ("wrench",) * row.wrenches,
+        of_joints,
+        row.options,
+        ("body",) * row.of_bodies,
+        ("frame",) * bool(row.frames),
+        SHARED,
+    )
     return sum(given, ())
 
 
@@ -99,6 +123,12 @@ def _parameters(row: Quantity) -> Iterator[tuple[str, str]]:
             yield f"{', '.join(names[1:own])} : (..., n)", "Their rates: per s, per s^2."
     else:
         yield f"{', '.join(names[:own])} : (..., n)", COORDINATES.get(own, "Coordinates and their rates: rad or m, ...")
+    if row.inputs:
+        yield (
+            f"{', '.join(names[2:4])} : (..., n)",
+            "Positions and velocities of the motors, but of rigid joints.",
+        )
+        yield f"{names[4]} : (..., n)", MOTORS[names[4]]
     if row.forces:
         yield f"{names[own]} : (..., nv)", FORCES
     if not row.results:
@@ -109,7 +139,7 @@ def _parameters(row: Quantity) -> Iterator[tuple[str, str]]:
         option = OPTIONS[name]
         count = row.wrench_rates - 1
         more = f", and {count} more: ({', '.join(rate_name('W', k) for k in range(count + 1))}) for it" if count else ""
-        yield f"{name} : {option.takes}", option.text.format(more=more) if name == "wrench" else option.text
+        yield f"{name} : {option.takes}", option.text.format(more=more, of_motors=row.of_motors)
     yield f"{', '.join(SHARED)} : optional", "See `Robot`."
 
 
@@ -137,5 +167,6 @@ def _raises(row: Quantity) -> str:
     when += ["the joints of the robot are rigid"] if row.elastic else []
     when += ["an array has a wrong shape", "a rate is skipped"]
     when += ["`wrench` has fewer rates than it takes"] if row.wrenches else []
-    when += ["the mass matrix is singular at all positions"] if row.forces else []
+    when += ["the base moves"] if row.inputs else []
+    when += ["the mass matrix is singular at all positions"] if row.inverts else []
     return f"If {', '.join(when)}, or a name is unknown."

@@ -21,6 +21,7 @@ from jounce.engine.engine import Engine
 from jounce.engine.loads import wrench_of_load
 from jounce.model.drives import select_columns, select_terms
 from jounce.robot.docstrings import OPTIONS, docstring, options_of
+from jounce.robot.elastic import check_side, compiled_name
 
 if TYPE_CHECKING:
     from jounce.dynamics.quantities.names import QuantityName
@@ -31,6 +32,11 @@ FORMS = {"paper": "coriolis_matrix", "skew": "skew_coriolis_matrix"}  # of the C
 
 def _form_of(form: str) -> str:
     return FORMS[one_of("form", form, FORMS, "coriolis_matrix")]
+
+
+def _of_links(robot: Engine, name: str, side: str | None) -> str:
+    check_side(robot, name, side)
+    return name
 
 
 def _with_columns(robot: Engine, name: str, given: Sequence[Any], *, drives: Any, out: Any, **options: Any) -> Any:
@@ -46,7 +52,10 @@ def method_of(row: Quantity) -> FunctionType:
     taken += [f"{name}={OPTIONS[name].default}" for name in options]
     called = _with_columns.__name__ if "drives" in options else compute.__name__
     asked = f"{_form_of.__name__}(form)" if "form" in options else repr(row.name)
-    keywords = ", ".join(f"{name}={name}" for name in options if name != "form")
+    if row.of_motors:
+        unchecked = "side is None and self.mechanism.elasticity is None"
+        asked = f"{asked} if {unchecked} else {_of_links.__name__}(self, {asked}, side)"
+    keywords = ", ".join(f"{name}={name}" for name in options if name not in ("form", "side"))
     place = next(iter(row.methods.values())).law.__code__
     above = "\n" * (place.co_firstlineno - 1)
     call = f"{called}(self, {asked}, ({given}), {keywords})"
@@ -63,7 +72,7 @@ class Methods(Rows):
 
     def compile(
         self,
-        quantity: QuantityName = "inverse_dynamics",
+        quantity: QuantityName | None = None,
         order: int = 2,
         wrench: bool = False,
         *,
@@ -80,7 +89,8 @@ class Methods(Rows):
         Parameters
         ----------
         quantity : str, optional
-            The name of the method: "inverse_dynamics", "mass_matrix", "jacobian", ...
+            The name of the method: "inverse_dynamics", "mass_matrix", "jacobian", ... The first is the default, but
+            for this release not of robots with elastic joints.
         order : int, optional
             The highest rate of the quantity: 2 gives Q, Qd, Q2d.
         wrench : bool, optional
@@ -117,7 +127,8 @@ class Methods(Rows):
         >>> bool((out[2] == Q2d).all())
         True
         """
-        asked = requests.computation(self.mechanism, quantity, order, wrench, body, frame, product, base)
+        name = compiled_name(self, quantity)
+        asked = requests.computation(self.mechanism, name, order, wrench, body, frame, product, base)
         return compile_ahead(self, asked)
 
     def drive_forces(

@@ -15,6 +15,7 @@ Form: TypeAlias = _types.Form | Nothing
 Frame: TypeAlias = _types.Frame | Nothing
 LoadFrame: TypeAlias = _types.LoadFrame | Nothing
 Method: TypeAlias = _types.Method | Nothing
+Side: TypeAlias = _types.Side | Nothing
 Product: TypeAlias = _types.Product | Nothing
 QuantityName: TypeAlias = _QuantityName | Nothing
 
@@ -32,6 +33,7 @@ class Methods:
         q2d: Named,
         *,
         wrench: Rates | None = None,
+        side: Side | None = None,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -52,6 +54,8 @@ class Methods:
             the origin of the body frame. A *tuple* (W, Wd, ...) is W with as many rates as the result has; anything
             else, nested lists included, is W alone. Each is an array (..., nb, 6) or a dict {body or merged link: (...,
             6)}. Wd is the derivative of those components.
+        side : "links", optional
+            To be given for this release where joints are elastic: Q is the force of the links, see `motor_torques`.
         base, method, out, threads : optional
             See `Robot`.
 
@@ -87,6 +91,7 @@ class Methods:
         q3d: Named,
         *,
         wrench: Rates | None = None,
+        side: Side | None = None,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -102,6 +107,7 @@ class Methods:
         q4d: Named,
         *,
         wrench: Rates | None = None,
+        side: Side | None = None,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -119,6 +125,7 @@ class Methods:
         /,
         *higher: Named,
         wrench: Rates | None = None,
+        side: Side | None = None,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -214,6 +221,7 @@ class Methods:
         Q: Named,
         *,
         wrench: Rates | None = None,
+        side: Side | None = None,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -242,6 +250,9 @@ class Methods:
             the origin of the body frame. A *tuple* (W, Wd, ...) is W with as many rates as the result has; anything
             else, nested lists included, is W alone. Each is an array (..., nb, 6) or a dict {body or merged link: (...,
             6)}. Wd is the derivative of those components.
+        side : "links", optional
+            To be given for this release where joints are elastic: Q is the force of the links, see
+            `elastic_forward_dynamics`.
         base, method, out, threads : optional
             See `Robot`.
 
@@ -281,6 +292,7 @@ class Methods:
         Qd: Named,
         *,
         wrench: Rates | None = None,
+        side: Side | None = None,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -296,6 +308,7 @@ class Methods:
         Q2d: Named,
         *,
         wrench: Rates | None = None,
+        side: Side | None = None,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -313,6 +326,7 @@ class Methods:
         /,
         *higher: Named,
         wrench: Rates | None = None,
+        side: Side | None = None,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -2137,14 +2151,15 @@ class Methods:
         q2d: Named,
         *,
         wrench: Rates | None = None,
+        stiffness: Rates | None = None,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
     ) -> Array:
-        """The motor positions theta of a motion of the links, and their rates thetad, theta2d, ...
+        """The motor positions theta of a motion of the links behind elastic joints, and their rates.
 
-        ``theta = q + Q / K``.
+        ``theta = q + Q / K``, seen from the links: rotor angles over gear ratios. See `elastic`.
 
         Parameters
         ----------
@@ -2157,6 +2172,8 @@ class Methods:
             the origin of the body frame. A *tuple* (W, Wd, ...) is W with as many rates as the result has; anything
             else, nested lists included, is W alone. Each is an array (..., nb, 6) or a dict {body or merged link: (...,
             6)}. Wd is the derivative of those components.
+        stiffness : (..., k) or mapping, or a tuple of them, optional
+            The stiffness S of the k joints with two motors, in their order or by name, with as many rates as `wrench`.
         base, method, out, threads : optional
             See `Robot`.
 
@@ -2174,7 +2191,7 @@ class Methods:
         Examples
         --------
         >>> import jounce
-        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1).robot
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
         >>> theta, thetad = arm.motor_positions([0, 0], [1, 0], [0, 0], [0, 0])
         >>> theta.round(6), thetad.round(6)
         (array([0.036788, 0.01635 ]), array([1., 0.]))
@@ -2188,6 +2205,7 @@ class Methods:
         q3d: Named,
         *,
         wrench: Rates | None = None,
+        stiffness: Rates | None = None,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -2203,6 +2221,7 @@ class Methods:
         q4d: Named,
         *,
         wrench: Rates | None = None,
+        stiffness: Rates | None = None,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -2220,6 +2239,7 @@ class Methods:
         /,
         *higher: Named,
         wrench: Rates | None = None,
+        stiffness: Rates | None = None,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -2237,12 +2257,13 @@ class Methods:
         q4d: Named,
         *,
         wrench: Rates | None = None,
+        stiffness: Rates | None = None,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
     ) -> Array:
-        """The motor torques tau of a motion of the links, and their rates taud, tau2d, ...
+        """The motor torques tau of a motion of the links behind elastic joints, and their rates.
 
         ``tau = Q + B theta2d + F_m(thetad)`` with ``theta = q + Q / K``, which takes Q2d and thus q4d.
 
@@ -2257,6 +2278,8 @@ class Methods:
             the origin of the body frame. A *tuple* (W, Wd, ...) is W with as many rates as the result has, and 2 more:
             (W, Wd, W2d) for it; anything else, nested lists included, is W alone. Each is an array (..., nb, 6) or a
             dict {body or merged link: (..., 6)}. Wd is the derivative of those components.
+        stiffness : (..., k) or mapping, or a tuple of them, optional
+            The stiffness S of the k joints with two motors, in their order or by name, with as many rates as `wrench`.
         base, method, out, threads : optional
             See `Robot`.
 
@@ -2278,7 +2301,7 @@ class Methods:
         Examples
         --------
         >>> import jounce
-        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1).robot
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
         >>> tau, taud = arm.motor_torques([0, 0], [0, 0], [1, 1], [0, 0], [0, 0], [0, 0])
         >>> tau.round(6), taud.round(6)
         (array([36.53, 12.91]), array([0., 0.]))
@@ -2294,6 +2317,7 @@ class Methods:
         q5d: Named,
         *,
         wrench: Rates | None = None,
+        stiffness: Rates | None = None,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -2311,6 +2335,7 @@ class Methods:
         q6d: Named,
         *,
         wrench: Rates | None = None,
+        stiffness: Rates | None = None,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -2330,11 +2355,355 @@ class Methods:
         /,
         *higher: Named,
         wrench: Rates | None = None,
+        stiffness: Rates | None = None,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
     ) -> tuple[Array, ...]: ...
+
+    # its row: jounce/dynamics/quantities/motors.py
+    @overload
+    def motor_currents(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        *,
+        wrench: Rates | None = None,
+        stiffness: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> Array:
+        """The currents i of the motors for a motion of the links behind elastic joints, and their rates.
+
+        ``i = tau / (r k)`` with the gear ratio r and the torque constant k of each `Motor`.
+
+        Parameters
+        ----------
+        q, qd, q2d, q3d, q4d : (..., n)
+            Coordinates and their rates: rad or m, ...
+        q5d, q6d, *higher : (..., n), optional
+            Further rates, each for one more time derivative of i.
+        wrench : (..., nb, 6) or dict, or a tuple of them, optional
+            What the bodies EXERT ON their environment, Qext = +J^T W, (moment; force) in body-frame components about
+            the origin of the body frame. A *tuple* (W, Wd, ...) is W with as many rates as the result has, and 2 more:
+            (W, Wd, W2d) for it; anything else, nested lists included, is W alone. Each is an array (..., nb, 6) or a
+            dict {body or merged link: (..., 6)}. Wd is the derivative of those components.
+        stiffness : (..., k) or mapping, or a tuple of them, optional
+            The stiffness S of the k joints with two motors, in their order or by name, with as many rates as `wrench`.
+        base, method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        i : (..., n), or tuple of (..., n)
+            Unit: A; of rates per s, per s^2, and so on. NaN for motors that state no torque constant.
+
+        Raises
+        ------
+        JounceError
+            If no motor states its torque constant, the joints of the robot are rigid, an array has a wrong shape, a
+            rate is skipped, `wrench` has fewer rates than it takes, or a name is unknown.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> motor = jounce.Motor(gear=100, inertia=1e-5, constant=0.05, resistance=0.5)
+        >>> arm = jounce.load("planar2r").elastic(800, motors=motor)
+        >>> arm.motor_currents(*[[0, 0]] * 5)
+        array([5.886, 1.962])
+        """
+    @overload
+    def motor_currents(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        q5d: Named,
+        *,
+        wrench: Rates | None = None,
+        stiffness: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> tuple[Array, Array]: ...
+    @overload
+    def motor_currents(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        q5d: Named,
+        q6d: Named,
+        *,
+        wrench: Rates | None = None,
+        stiffness: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> tuple[Array, Array, Array]: ...
+    @overload
+    def motor_currents(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        q5d: Named,
+        q6d: Named,
+        q7d: Named,
+        /,
+        *higher: Named,
+        wrench: Rates | None = None,
+        stiffness: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> tuple[Array, ...]: ...
+
+    # its row: jounce/dynamics/quantities/motors.py
+    @overload
+    def motor_voltages(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        *,
+        wrench: Rates | None = None,
+        stiffness: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> Array:
+        """The voltages u of the motors for a motion of the links behind elastic joints, and their rates.
+
+        ``u = R i + L di/dt + k r thetad`` takes the rate of tau and thus q5d, unless no motor has an inductance.
+
+        Parameters
+        ----------
+        q, qd, q2d, q3d, q4d : (..., n)
+            Coordinates and their rates: rad or m, ...
+        q5d, q6d, *higher : (..., n), optional
+            Further rates, each for one more time derivative of u.
+        wrench : (..., nb, 6) or dict, or a tuple of them, optional
+            What the bodies EXERT ON their environment, Qext = +J^T W, (moment; force) in body-frame components about
+            the origin of the body frame. A *tuple* (W, Wd, ...) is W with as many rates as the result has, and 2 more:
+            (W, Wd, W2d) for it; anything else, nested lists included, is W alone. Each is an array (..., nb, 6) or a
+            dict {body or merged link: (..., 6)}. Wd is the derivative of those components.
+        stiffness : (..., k) or mapping, or a tuple of them, optional
+            The stiffness S of the k joints with two motors, in their order or by name, with as many rates as `wrench`.
+        base, method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        u : (..., n), or tuple of (..., n)
+            Unit: V; of rates per s, per s^2, and so on. NaN for motors that state no torque constant or no resistance.
+
+        Raises
+        ------
+        JounceError
+            If no motor states constant and resistance, the joints of the robot are rigid, an array has a wrong shape, a
+            rate is skipped, `wrench` has fewer rates than it takes, or a name is unknown.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> motor = jounce.Motor(gear=100, inertia=1e-5, constant=0.05, resistance=0.5, inductance=1e-3)
+        >>> arm = jounce.load("planar2r").elastic(800, motors=motor)
+        >>> arm.motor_voltages(*[[0, 0]] * 6)
+        array([2.943, 0.981])
+        """
+    @overload
+    def motor_voltages(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        q5d: Named,
+        *,
+        wrench: Rates | None = None,
+        stiffness: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> tuple[Array, Array]: ...
+    @overload
+    def motor_voltages(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        q5d: Named,
+        q6d: Named,
+        *,
+        wrench: Rates | None = None,
+        stiffness: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> tuple[Array, Array, Array]: ...
+    @overload
+    def motor_voltages(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        q5d: Named,
+        q6d: Named,
+        q7d: Named,
+        /,
+        *higher: Named,
+        wrench: Rates | None = None,
+        stiffness: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> tuple[Array, ...]: ...
+
+    # its row: jounce/dynamics/quantities/motors.py
+    def elastic_forward_dynamics(
+        self,
+        q: Named,
+        qd: Named,
+        theta: Named,
+        thetad: Named,
+        tau: Named,
+        *,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> tuple[Array, Array]:
+        """The accelerations q2d of the links and theta2d of the motors behind elastic joints that motor torques cause.
+
+        ``q2d = M^-1 (K (theta - q) - C qd - Qgrav - Qext)``, ``theta2d = (tau - F_m - K (theta - q)) / B``. At a rigid
+        joint B is in M, and theta2d = q2d.
+
+        Parameters
+        ----------
+        q, qd : (..., n)
+            Coordinates and velocities: rad or m, per s.
+        theta, thetad : (..., n)
+            Positions and velocities of the motors, but of rigid joints.
+        tau : (..., n)
+            Motor torques: N m, or N for coordinates in m.
+        wrench : (..., nb, 6) or dict, or a tuple of them, optional
+            What the bodies EXERT ON their environment, Qext = +J^T W, (moment; force) in body-frame components about
+            the origin of the body frame. A *tuple* (W, Wd, ...) is W with as many rates as the result has; anything
+            else, nested lists included, is W alone. Each is an array (..., nb, 6) or a dict {body or merged link: (...,
+            6)}. Wd is the derivative of those components.
+        base, method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        q2d, theta2d : (..., n)
+            Unit: rad/s^2 or, for coordinates in m, m/s^2.
+
+        Raises
+        ------
+        JounceError
+            If the joints of the robot are rigid, an array has a wrong shape, a rate is skipped, `wrench` has fewer
+            rates than it takes, the base moves, the mass matrix is singular at all positions, or a name is unknown.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
+        >>> rest, theta = [0, 0], arm.motor_positions([0, 0], [0, 0], [0, 0])
+        >>> q2d, theta2d = arm.elastic_forward_dynamics(rest, rest, theta, rest, [29.43 + 0.1, 9.81])
+        >>> theta2d.round(9) + 0.0
+        array([1., 0.])
+        """
+
+    # its row: jounce/dynamics/quantities/motors.py
+    def feedback_linearization(
+        self,
+        q: Named,
+        qd: Named,
+        theta: Named,
+        thetad: Named,
+        q4d: Named,
+        *,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> Array:
+        """The motor torques tau that give the links a wanted snap q4d, from the measured state.
+
+        q2d and q3d follow from the forces of the springs, ``Q = K (theta - q)`` and ``Qd = K (thetad - qd)``; tau is
+        that of `motor_torques`. With ``q4d = q4d_ref + k3 (q3d_ref - q3d) + ...`` the tracking error obeys a linear
+        equation of order four per coordinate.
+
+        Parameters
+        ----------
+        q, qd : (..., n)
+            Coordinates and velocities: rad or m, per s.
+        theta, thetad : (..., n)
+            Positions and velocities of the motors, but of rigid joints.
+        q4d : (..., n)
+            The wanted fourth time derivative of q: rad/s^4 or m/s^4.
+        wrench : (..., nb, 6) or dict, or a tuple of them, optional
+            What the bodies EXERT ON their environment, Qext = +J^T W, (moment; force) in body-frame components about
+            the origin of the body frame. A *tuple* (W, Wd, ...) is W with as many rates as the result has, and 2 more:
+            (W, Wd, W2d) for it; anything else, nested lists included, is W alone. Each is an array (..., nb, 6) or a
+            dict {body or merged link: (..., 6)}. Wd is the derivative of those components.
+        base, method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        tau : (..., n)
+            Unit: N m or, for coordinates in m, N.
+
+        Raises
+        ------
+        JounceError
+            If a joint is rigid, the joints of the robot are rigid, an array has a wrong shape, a rate is skipped,
+            `wrench` has fewer rates than it takes, the base moves, the mass matrix is singular at all positions, or a
+            name is unknown.
+
+        References
+        ----------
+        M. W. Spong, Modeling and control of elastic joint robots, J. Dyn. Sys. Meas. Control 109 (1987).
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
+        >>> rest, theta = [0, 0], arm.motor_positions([0, 0], [0, 0], [0, 0])
+        >>> arm.feedback_linearization(rest, rest, theta, rest, [0, 0]).round(9)
+        array([29.43,  9.81])
+        """
 
     # its row: jounce/dynamics/quantities/loops.py
     @overload
@@ -2624,7 +2993,7 @@ class Methods:
     @overload
     def compile(
         self,
-        quantity: QuantityName = "inverse_dynamics",
+        quantity: QuantityName | None = None,
         order: Literal[0] = ...,
         wrench: bool = False,
         *,
@@ -2641,7 +3010,8 @@ class Methods:
         Parameters
         ----------
         quantity : str, optional
-            The name of the method: "inverse_dynamics", "mass_matrix", "jacobian", ...
+            The name of the method: "inverse_dynamics", "mass_matrix", "jacobian", ... The first is the default, but
+            for this release not of robots with elastic joints.
         order : int, optional
             The highest rate of the quantity: 2 gives Q, Qd, Q2d.
         wrench : bool, optional
@@ -2681,7 +3051,7 @@ class Methods:
     @overload
     def compile(
         self,
-        quantity: QuantityName = "inverse_dynamics",
+        quantity: QuantityName | None = None,
         order: Literal[1] = ...,
         wrench: bool = False,
         *,
@@ -2693,7 +3063,7 @@ class Methods:
     @overload
     def compile(
         self,
-        quantity: QuantityName = "inverse_dynamics",
+        quantity: QuantityName | None = None,
         order: Literal[2] = ...,
         wrench: bool = False,
         *,
@@ -2705,7 +3075,7 @@ class Methods:
     @overload
     def compile(
         self,
-        quantity: QuantityName = "inverse_dynamics",
+        quantity: QuantityName | None = None,
         order: int = 2,
         wrench: bool = False,
         *,

@@ -27,9 +27,12 @@ from jounce.model import dh, equality, inertial, screws
 from jounce.model.drives import Drives, select_terms, warn_of_idle, with_eps
 from jounce.model.limits import Limits
 from jounce.model.mechanism import GRAVITY
+from jounce.robot.elastic import renamed
 from jounce.robot.methods import Methods
 
 if TYPE_CHECKING:
+    from jounce.actuators.along import ElasticAlong
+    from jounce.actuators.energy import Energy
     from jounce.checks.audit import Finding
     from jounce.dynamics.base_parameters import BaseParameters
     from jounce.engine.along import Along
@@ -37,11 +40,10 @@ if TYPE_CHECKING:
     from jounce.limits.check import Check
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
-    from jounce.model.elasticity import SpringLaw
+    from jounce.model.elasticity import Elasticity, SpringLaw
     from jounce.model.loops import Loop
     from jounce.model.motors import Motor
     from jounce.motion import Motion
-    from jounce.robot.elastic import ElasticRobot
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -94,7 +96,11 @@ class Robot(Engine, Methods, Displayed):
 
     def __repr__(self) -> str:
         floats = ", floating" if self.mechanism.base else ""
-        return f"<Robot {self.name!r}: {self.n} coordinates, {len(self.body_names)} bodies{floats}>"
+        springs = ", elastic joints" if self.mechanism.elasticity else ""
+        return f"<Robot {self.name!r}: {self.n} coordinates, {len(self.body_names)} bodies{floats}{springs}>"
+
+    if not TYPE_CHECKING:
+        __getattr__ = renamed
 
     @property
     def gravity(self) -> Array:
@@ -117,6 +123,14 @@ class Robot(Engine, Methods, Displayed):
         ``load(..., drives=True)`` selects them.
         """
         return self.mechanism.drives
+
+    @property
+    def elasticity(self) -> "Elasticity | None":
+        """The springs and motors of elastic joints, one per coordinate: `stiffness`, `rotor`, ..., see `Elasticity`.
+
+        None where all joints are rigid; `elastic` makes them elastic.
+        """
+        return self.mechanism.elasticity
 
     @classmethod
     def from_screws(
@@ -1199,7 +1213,7 @@ class Robot(Engine, Methods, Displayed):
         self, stiffness: Named | None = None, rotor: Named | None = None, damping: Named | None = None,
         spring: "SpringLaw | Mapping[str, SpringLaw] | None" = None, coupling: Coupling = "spong",
         motors: "Motor | Mapping[str, Motor] | None" = None, *, damping_terms: int = 4,
-    ) -> "ElasticRobot":  # fmt: skip
+    ) -> Self:  # fmt: skip
         """The robot with elastic joints: each link hangs on its motor by a spring.
 
         The motor positions theta are those seen from the links, rotor angles over gear ratios. Spong's model:
@@ -1217,7 +1231,7 @@ class Robot(Engine, Methods, Displayed):
             default, and for a joint that a mapping leaves out, the armature of the file, whether or not it acts.
         damping : number, (n,) or mapping, optional
             Damping D of dampers parallel to the springs, N m s/rad or N s/m: ``phi(delta) + D delta' = Q`` with the
-            deflection delta = theta - q. `ElasticRobot.along` integrates it; at one instant it is a series.
+            deflection delta = theta - q. `motors_along` integrates it; at one instant it is a series.
         spring : spring or mapping, optional
             Springs that are not linear, one for all joints or {joint: spring}: `CubicSpring`, `SpringTable`, a function
             of the deflection as `SpringFunction.of` takes it, or `AntagonisticSprings` with two motors.
@@ -1233,7 +1247,9 @@ class Robot(Engine, Methods, Displayed):
 
         Returns
         -------
-        ElasticRobot
+        Robot
+            With the methods of any robot, which are those of the links, and `motor_positions`, `motor_torques`,
+            `motor_currents`, `motor_voltages`, `elastic_forward_dynamics`, `feedback_linearization`, `motors_along`.
 
         Raises
         ------
@@ -1258,14 +1274,13 @@ class Robot(Engine, Methods, Displayed):
         >>> arm.motor_positions([0, 0], [0, 0], [0, 0]).round(6)
         array([0.036788, 0.01635 ])
         """
-        from jounce.actuators.parameters import ElasticParameters, with_elasticity
-        from jounce.robot.elastic import ElasticRobot  # what few programs need
+        from jounce.actuators.parameters import ElasticParameters, with_elasticity  # what few programs need
 
         stated = ElasticParameters(
             stiffness=stiffness, rotor=rotor, damping=damping, spring=spring, coupling=coupling, motors=motors,
             damping_terms=damping_terms,
         )  # fmt: skip
-        return ElasticRobot(type(self)(with_elasticity(self.mechanism, stated)))
+        return type(self)(with_elasticity(self.mechanism, stated))
 
     def closed(
         self,
@@ -1331,3 +1346,117 @@ class Robot(Engine, Methods, Displayed):
         (2, 4)
         """
         return type(self)(with_loops(self.mechanism, loops, actuated, coordinates, start, weights))
+
+    def motors_along(
+        self,
+        motion: "Motion",
+        t: ArrayLike | None = None,
+        order: int = 0,
+        *,
+        stiffness: Rates | None = None,
+        method: Method | None = None,
+        progress: Callable[[int, int], object] | None = None,
+    ) -> "ElasticAlong":
+        """Positions and torques of the motors behind elastic joints along a motion, with the wrenches that it holds.
+
+        Parameters
+        ----------
+        motion : Motion
+            As for `forces_along`; tau takes q4d.
+        t, method, progress : optional
+            As in `forces_along`.
+        order : int, optional
+            The highest rate of the torques: 1 gives tau and taud.
+        stiffness : (N, k) or mapping, or a tuple of them, optional
+            The stiffness S of the k joints with two motors: constant, or a tuple (S, Sd, S2d, ...) at the times.
+
+        Returns
+        -------
+        ElasticAlong
+            Frozen: the times `t`, the `rates` q, qd, ..., the `positions` theta, thetad, theta2d, ... and the `torques`
+            tau, ..., tuples of (N, m); `currents`, `voltages`; `deviations` and `breaks` of the torques.
+
+        Raises
+        ------
+        JounceError
+            If the joints are rigid, the motion has too few rates for the order or is not this robot's, a time is
+            outside of it, or springs cannot carry a force or have a stiffness, with the joint, the time and the bound.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("iiwa14").elastic(1e4, rotor=0.4)
+        >>> [tau] = arm.motors_along(jounce.load_motion("paper", arm)).torques
+        >>> tau.shape
+        (10000, 7)
+        """
+        from jounce.actuators.along import motors_along  # what few programs need
+
+        return motors_along(self, motion, t, order, stiffness, method, progress)
+
+    def elastic_energy(self, q: Named, qd: Named, theta: Named, thetad: Named) -> "Energy":
+        """The energies of links, rotors and springs of a robot with elastic joints.
+
+        Along a motion without wrenches, the rate of their sum is the power of the motors less what friction takes:
+        ``thetad . (tau - F_m(thetad))``.
+
+        Parameters
+        ----------
+        q, qd : (..., n)
+            Coordinates and velocities of the links: rad or m, and per s.
+        theta, thetad : (..., n)
+            Positions and velocities of the motors; those of rigid joints have no effect.
+
+        Returns
+        -------
+        Energy
+            `kinetic` of the links, `rotors`, `potential` of gravity and of springs of the file that act, `springs`
+            between motors and links, (...) each, in J; `total` is their sum.
+
+        Raises
+        ------
+        JounceError
+            If the joints are rigid, an array has a wrong shape, or a name is unknown.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
+        >>> energy = arm.elastic_energy([0, 0], [0, 0], [0.1, 0], [1, 0])
+        >>> energy.rotors.round(9), energy.springs.round(9)
+        (np.float64(0.05), np.float64(4.0))
+        """
+        from jounce.actuators.energy import energy  # what few programs need
+
+        return energy(self, (q, qd, theta, thetad))
+
+    def damping_error(self, *rates: Named, wrench: Rates | None = None) -> Array:
+        """An estimate of the error of motor positions that dampers leave at one instant: the last term of their series.
+
+        Parameters
+        ----------
+        *rates : (..., n)
+            q, qd, q2d, ..., as `motor_positions` takes them.
+        wrench : optional
+            See `motor_positions`.
+
+        Returns
+        -------
+        error : (..., n)
+            In rad or m; zero at joints without a damper.
+
+        Raises
+        ------
+        JounceError
+            If no joint has a damper, or the terms of the series do not fall.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1, damping=2.0, damping_terms=2)
+        >>> arm.damping_error([0, 0], [1, 0], [0, 0], [0, 0]).round(9)
+        array([0., 0.])
+        """
+        from jounce.actuators.energy import damping_error  # what few programs need
+
+        return damping_error(self, rates, wrench)

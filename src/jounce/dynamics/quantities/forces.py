@@ -17,6 +17,7 @@ class Forces:
         symbol="Q",
         rates=3,
         shape=("nv",),
+        of_motors="motor_torques",
         width=column,
         closed_form=lambda m, x: row_vector(closed_form.at(m, x).Q),
         paper=lambda m, x: row_vector(Paper(m, x.q, x.W).Q),

@@ -42,6 +42,7 @@ class Forward:
         rates=3,
         forces=True,
         shape=("nv",),
+        of_motors="elastic_forward_dynamics",
         width=columns,
         closed_form=_dense,
         drive_terms=TERMS,

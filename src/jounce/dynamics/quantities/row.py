@@ -76,12 +76,15 @@ class Quantity(Called, Documented):
 
     rates: int  # how many of q, qd, ... the quantity itself takes
     forces: bool = False  # whether the last of these, and what follows, are generalized forces Q, Qd, ...
+    inputs: tuple[str, ...] = ()  # their names where motors have a state of their own: q, qd, theta, thetad, ...
     shape: tuple[Axis, ...]  # of one state; the axis "nb" is absent where one body is named
     methods: Mapping[str, Method]
     wrench_rates: int = 1  # how many of W, Wd, ... the quantity itself takes, where they enter
     elastic: bool = False  # whether it is one of robots with elastic joints only
     closed: bool = False  # whether it is one of robots with closed loops only
-    obstacle: Callable[[Mechanism], str | None] | None = None  # why a robot does not have it, as a sentence goes on
+    inductive: bool = False  # whether it takes a rate more if a motor has an inductance
+    obstacle: Callable[[Mechanism], str | None] | None = None  # why a robot has none of it, the end of a sentence
+    of_motors: str = ""  # the quantity that release 0.1 had under its name for robots with elastic joints
     all_constraints: bool = False  # whether constraints are solved for followers with constant ratios too
     drive_terms: tuple[str, ...] = ()  # which of those that act enter
     drive_law: Law | None = None  # what they add
@@ -95,6 +98,16 @@ class Quantity(Called, Documented):
     def wrenches(self) -> bool:
         """Whether wrenches on the bodies enter."""
         return bool(self.wrench_term)
+
+    @property
+    def inverts(self) -> bool:
+        """Whether it takes the inverse of the mass matrix."""
+        return self.forces or bool(self.inputs)
+
+    @property
+    def takes_stiffness(self) -> bool:
+        """Whether the stiffness of joints with two motors enters, as often as wrenches."""
+        return self.elastic and not self.inputs
 
     @property
     def everywhere(self) -> bool:
@@ -120,11 +133,13 @@ class Quantity(Called, Documented):
         return 0 if self.results else order
 
     def coordinate_inputs(self, count: int) -> int:
-        """How many of its first inputs are q, qd, ...; the others are forces."""
-        return min(count, self.rates - 1) if self.forces else count
+        """How many of its first inputs are q, qd, ...; the others are forces, or the state of the motors."""
+        return min(count, 2 if self.inputs else self.rates - 1) if self.inverts else count
 
     def input_names(self, count: int) -> tuple[str, ...]:
         """The names of its first inputs: q, qd, q2d, ..., or q, qd, Q, Qd, ..."""
+        if self.inputs:
+            return (*self.inputs, *(rate_name(self.inputs[-1], k + 1) for k in range(count)))[:count]
         own = self.coordinate_inputs(count)
         return tuple(rate_name("q", k) if k < own else rate_name("Q", k - own) for k in range(count))
 

@@ -8,7 +8,7 @@ from jounce.dynamics.state import State
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series, diagonal
 
-CLOSED = "its joints transmit what its cut joints do, loop_wrenches, too; Robot(robot.mechanism.tree) has open loops"
+CLOSED = "depend on what its cut joints transmit, loop_wrenches; Robot(robot.mechanism.tree) has open loops"
 
 
 def _of_joints(m: Mechanism, x: State) -> Series:
