@@ -2052,20 +2052,10 @@ class Robot(Engine, Displayed):
 
     @typed(overloads.OfMotorPositions)
     def motor_positions(
-        self,
-        q: Named,
-        qd: Named,
-        q2d: Named,
-        q3d: Named | None = None,
-        q4d: Named | None = None,
-        *higher: Named,
-        wrench: Rates | None = None,
-        stiffness: Rates | None = None,
-        base: Rates | None = None,
-        method: Method | None = None,
-        out: Out = None,
-        threads: int = 1,
-    ) -> Results:
+        self, q: Named, qd: Named, q2d: Named, q3d: Named | None = None, q4d: Named | None = None, *higher: Named,
+        wrench: Rates | None = None, stiffness: Rates | None = None, base: Rates | None = None,
+        method: Method | None = None, out: Out = None, threads: int = 1,
+    ) -> Results:  # fmt: skip
         """The motor positions theta of a motion of the links behind elastic joints, and their rates.
 
         ``theta = q + Q / K``, seen from the links: rotor angles over gear ratios. See `elastic`.
@@ -2103,33 +2093,16 @@ class Robot(Engine, Displayed):
         (array([0.036788, 0.01635 ]), array([1., 0.]))
         """
         return compute(
-            self,
-            "motor_positions",
-            (q, qd, q2d, q3d, q4d, *higher),
-            wrench=wrench,
-            stiffness=stiffness,
-            base=base,
-            method=method,
-            out=out,
-            threads=threads,
-        )
+            self, "motor_positions", (q, qd, q2d, q3d, q4d, *higher),
+            wrench=wrench, stiffness=stiffness, base=base, method=method, out=out, threads=threads,
+        )  # fmt: skip
 
     @typed(overloads.OfSnap)
     def motor_torques(
-        self,
-        q: Named,
-        qd: Named,
-        q2d: Named,
-        q3d: Named,
-        q4d: Named,
-        *higher: Named,
-        wrench: Rates | None = None,
-        stiffness: Rates | None = None,
-        base: Rates | None = None,
-        method: Method | None = None,
-        out: Out = None,
-        threads: int = 1,
-    ) -> Results:
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, q4d: Named, *higher: Named,
+        wrench: Rates | None = None, stiffness: Rates | None = None, base: Rates | None = None,
+        method: Method | None = None, out: Out = None, threads: int = 1,
+    ) -> Results:  # fmt: skip
         """The motor torques tau of a motion of the links behind elastic joints, and their rates.
 
         ``tau = Q + B theta2d + F_m(thetad)`` with ``theta = q + Q / K``, which takes Q2d and thus q4d.
@@ -2168,47 +2141,24 @@ class Robot(Engine, Displayed):
         (array([36.53, 12.91]), array([0., 0.]))
         """
         return compute(
-            self,
-            "motor_torques",
-            (q, qd, q2d, q3d, q4d, *higher),
-            wrench=wrench,
-            stiffness=stiffness,
-            base=base,
-            method=method,
-            out=out,
-            threads=threads,
-        )
+            self, "motor_torques", (q, qd, q2d, q3d, q4d, *higher),
+            wrench=wrench, stiffness=stiffness, base=base, method=method, out=out, threads=threads,
+        )  # fmt: skip
 
     @typed(overloads.OfSnap)
     def motor_currents(
-        self,
-        q: Named,
-        qd: Named,
-        q2d: Named,
-        q3d: Named,
-        q4d: Named,
-        *higher: Named,
-        wrench: Rates | None = None,
-        stiffness: Rates | None = None,
-        base: Rates | None = None,
-        method: Method | None = None,
-        out: Out = None,
-        threads: int = 1,
-    ) -> Results:
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, q4d: Named, *higher: Named,
+        wrench: Rates | None = None, stiffness: Rates | None = None, base: Rates | None = None,
+        method: Method | None = None, out: Out = None, threads: int = 1,
+    ) -> Results:  # fmt: skip
         """The currents i of the motors for a motion of the links behind elastic joints, and their rates.
 
         ``i = tau / (r k)`` with the gear ratio r and the torque constant k of each `Motor`.
 
         Parameters
         ----------
-        q, qd, q2d, q3d, q4d : (..., n)
-            Coordinates of the links and their rates: rad or m, per s, ...
-        *higher : (..., n), optional
-            Further rates, each for one more time derivative of i.
-        wrench, stiffness : tuple, optional
-            As in `motor_positions`, with two more rates than the torques: (W, Wd, W2d) for tau.
-        base, method, out, threads : optional
-            See `Robot`.
+        q, qd, q2d, q3d, q4d, *higher, wrench, stiffness, base, method, out, threads
+            As in `motor_torques`.
 
         Returns
         -------
@@ -2229,46 +2179,23 @@ class Robot(Engine, Displayed):
         array([5.886, 1.962])
         """
         return compute(
-            self,
-            "motor_currents",
-            (q, qd, q2d, q3d, q4d, *higher),
-            wrench=wrench,
-            stiffness=stiffness,
-            base=base,
-            method=method,
-            out=out,
-            threads=threads,
-        )
+            self, "motor_currents", (q, qd, q2d, q3d, q4d, *higher),
+            wrench=wrench, stiffness=stiffness, base=base, method=method, out=out, threads=threads,
+        )  # fmt: skip
 
     def motor_voltages(
-        self,
-        q: Named,
-        qd: Named,
-        q2d: Named,
-        q3d: Named,
-        q4d: Named,
-        *higher: Named,
-        wrench: Rates | None = None,
-        stiffness: Rates | None = None,
-        base: Rates | None = None,
-        method: Method | None = None,
-        out: Out = None,
-        threads: int = 1,
-    ) -> Results:
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, q4d: Named, *higher: Named,
+        wrench: Rates | None = None, stiffness: Rates | None = None, base: Rates | None = None,
+        method: Method | None = None, out: Out = None, threads: int = 1,
+    ) -> Results:  # fmt: skip
         """The voltages u of the motors for a motion of the links behind elastic joints, and their rates.
 
         ``u = R i + L di/dt + k r thetad`` takes the rate of tau and thus q5d, unless no motor has an inductance.
 
         Parameters
         ----------
-        q, qd, q2d, q3d, q4d : (..., n)
-            Coordinates of the links and their rates: rad or m, per s, ...
-        *higher : (..., n), optional
-            q5d, where a motor has an inductance, and further rates, each for one more time derivative of u.
-        wrench, stiffness : tuple, optional
-            As in `motor_positions`, with two more rates than the torques: (W, Wd, W2d) for tau.
-        base, method, out, threads : optional
-            See `Robot`.
+        q, qd, q2d, q3d, q4d, *higher, wrench, stiffness, base, method, out, threads
+            As in `motor_torques`, with the rates that taud takes where a motor has an inductance.
 
         Returns
         -------
@@ -2289,30 +2216,14 @@ class Robot(Engine, Displayed):
         array([2.943, 0.981])
         """
         return compute(
-            self,
-            "motor_voltages",
-            (q, qd, q2d, q3d, q4d, *higher),
-            wrench=wrench,
-            stiffness=stiffness,
-            base=base,
-            method=method,
-            out=out,
-            threads=threads,
-        )
+            self, "motor_voltages", (q, qd, q2d, q3d, q4d, *higher),
+            wrench=wrench, stiffness=stiffness, base=base, method=method, out=out, threads=threads,
+        )  # fmt: skip
 
     def elastic_forward_dynamics(
-        self,
-        q: Named,
-        qd: Named,
-        theta: Named,
-        thetad: Named,
-        tau: Named,
-        *,
-        wrench: Rates | None = None,
-        method: Method | None = None,
-        out: Out = None,
-        threads: int = 1,
-    ) -> tuple[Array, Array]:
+        self, q: Named, qd: Named, theta: Named, thetad: Named, tau: Named, *, wrench: Rates | None = None,
+        method: Method | None = None, out: Out = None, threads: int = 1,
+    ) -> tuple[Array, Array]:  # fmt: skip
         """The accelerations q2d of the links and theta2d of the motors behind elastic joints that motor torques cause.
 
         ``q2d = M^-1 (K (theta - q) - C qd - Qgrav - Qext)``, ``theta2d = (tau - F_m - K (theta - q)) / B``. At a rigid
@@ -2355,18 +2266,9 @@ class Robot(Engine, Displayed):
         return compute(self, "elastic_forward_dynamics", given, wrench=wrench, method=method, out=out, threads=threads)
 
     def feedback_linearization(
-        self,
-        q: Named,
-        qd: Named,
-        theta: Named,
-        thetad: Named,
-        q4d: Named,
-        *,
-        wrench: Rates | None = None,
-        method: Method | None = None,
-        out: Out = None,
-        threads: int = 1,
-    ) -> Array:
+        self, q: Named, qd: Named, theta: Named, thetad: Named, q4d: Named, *, wrench: Rates | None = None,
+        method: Method | None = None, out: Out = None, threads: int = 1,
+    ) -> Array:  # fmt: skip
         """The motor torques tau that give the links a wanted snap q4d, from the measured state.
 
         q2d and q3d follow from the forces of the springs, ``Q = K (theta - q)`` and ``Qd = K (thetad - qd)``; tau is
