@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from jounce.motion import Motion
     from jounce.native.kernel import Kernel
     from jounce.robot import Robot
-    from jounce.robot.elastic import ElasticRobot
+    from jounce.robot.elastic import ElasticRobot as ElasticRobot  # for one release
     from jounce.robot.loading import load
     from jounce.robot.motions import load_motion
     from jounce.robot.saving import save
@@ -54,7 +54,6 @@ __all__ = [
     "CubicSpring",
     "Drives",
     "ElasticAlong",
-    "ElasticRobot",
     "Elasticity",
     "Excitation",
     "ForceResidual",
@@ -98,7 +97,7 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "CubicSpring": "jounce.model.springs",
     "Drives": "jounce.model.drives",
     "ElasticAlong": "jounce.actuators.along",
-    "ElasticRobot": "jounce.robot.elastic",
+    "ElasticRobot": "jounce.robot.elastic",  # for one release
     "Elasticity": "jounce.model.elasticity",
     "Excitation": "jounce.identification",
     "ForceResidual": "jounce.identification",

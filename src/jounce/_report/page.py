@@ -15,7 +15,7 @@ from jounce._report.panels import PANELS
 from jounce._report.subject import HIGHEST, Subject, subject_of
 from jounce.core.errors import JounceError, escaped, quoted
 from jounce.engine.along import FIRST, checked_motion
-from jounce.engine.engine import Engine, WithLinks
+from jounce.engine.engine import Engine
 from jounce.io import files
 from jounce.io.visuals import SUFFIX
 from jounce.limits.check import Check
@@ -89,7 +89,7 @@ class Report:
 
 
 def report(
-    robot: Engine | WithLinks,
+    robot: Engine,
     motion: Motion,
     order: int | None = None,
     visuals: str | os.PathLike[str] | None = None,
@@ -99,7 +99,7 @@ def report(
 
     Parameters
     ----------
-    robot : Robot or ElasticRobot
+    robot : Robot
         A robot of numbers; limits that it states are checked. With elastic joints and at order 2, the page shows motor
         positions, velocities and torques too.
     motion : Motion
@@ -133,7 +133,6 @@ def report(
     (False, 0.4159)
     """
     check_installed()
-    robot = getattr(robot, "robot", robot)  # the links of an elastic robot
     if not isinstance(robot, Engine):
         raise JounceError(f"report() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     if not isinstance(motion, Motion):

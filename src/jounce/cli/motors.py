@@ -72,6 +72,7 @@ def motors(
 ) -> None:
     """Compute positions, velocities and torques of the motors of ROBOT, whose joints are elastic, along MOTION."""
     from jounce.actuators.along import order_of_voltages
+    from jounce.dynamics.stretch import elasticity_of
     from jounce.io import tables
     from jounce.io.motions.writing import about
     from jounce.model.coordinates import coordinate_units
@@ -88,19 +89,19 @@ def motors(
     arm = links.elastic(
         _by_joint("--stiffness", stiffness, links.joint_names), _by_joint("--rotor", rotor, links.joint_names)
     )
-    job = Job("motors", arm.robot, 0, stream.reading(motion), None if stream.reduce else form_of(output))
+    job = Job("motors", arm, 0, stream.reading(motion), None if stream.reduce else form_of(output))
     if asked or is_by_parts(job, motion.path):
         tell_results(job, motion, output, stream, "motors", as_json)
         return
-    path, e = motion.load(arm.robot, HIGHEST), arm.elasticity
+    path, e = motion.load(arm, HIGHEST), elasticity_of(arm.mechanism)
     names = motor_names(e, links.joint_names)
     with progress("motors") as show:
-        along = arm.along(path, order=order_of_voltages(arm.elasticity, path.highest), progress=show)
+        along = arm.motors_along(path, order=order_of_voltages(e, path.highest), progress=show)
     columns, peaks = _table(along, path, names)
-    tables.write(output, columns, about(arm.robot.mechanism, HIGHEST))
-    units = [coordinate_units(arm.robot.mechanism)[j] for j in e.joints_of_motors]
+    tables.write(output, columns, about(arm.mechanism, HIGHEST))
+    units = [coordinate_units(arm.mechanism)[j] for j in e.joints_of_motors]
     summary = {
-        "robot": arm.robot.name,
+        "robot": arm.name,
         "motion": str(motion.path),
         "source": path.source,
         "residual": None if path.residual is None else float(path.residual.max()),
