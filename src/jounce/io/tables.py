@@ -1,34 +1,44 @@
 """Tables: named columns of numbers in files, every cell checked when read, written at full precision."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
 from jounce.core.errors import JounceError
-from jounce.io import csv, files, jsonlines, mat, npz, parquet
+from jounce.io import files, jsonlines, mat
 from jounce.io.columns import About, Columns, Select, check_finite
-from jounce.io.spans.parquet import pyarrow
+from jounce.io.csv import Csv
+from jounce.io.npz import Npz
+from jounce.io.parquet import Parquet, pyarrow
+from jounce.io.rows import Format, Pieces
 from jounce.spatial.series import rate_name
 
-Handler = TypeVar("Handler")
-READERS: dict[str, Callable[[Path, Select | None], Iterator[Columns]]] = {
-    ".csv": csv.pieces,
-    ".npz": npz.pieces,
-    ".tsv": csv.pieces,
-    ".txt": csv.pieces,
+Known = TypeVar("Known")
+CSV, NPZ, PARQUET = Csv(), Npz(), Parquet()
+FORMATS: Mapping[str, Format] = {".parquet": PARQUET, ".csv": CSV, ".npz": NPZ, ".tsv": CSV, ".txt": CSV}
+READERS: Mapping[str, Callable[[Path, Select | None], Iterator[Columns]]] = {
+    ".csv": CSV.pieces,
+    ".npz": NPZ.pieces,
+    ".tsv": CSV.pieces,
+    ".txt": CSV.pieces,
     ".mat": mat.pieces,
     ".jsonl": jsonlines.pieces,
     ".ndjson": jsonlines.pieces,
-    ".parquet": parquet.pieces,
+    ".parquet": PARQUET.pieces,
 }
-Pieces = Iterable[Mapping[str, np.ndarray]]
-WRITERS: dict[str, Callable[[Path, Pieces, About | None], None]] = {
-    ".csv": lambda path, pieces, _: csv.write(path, pieces),
-    ".npz": lambda path, pieces, _: npz.write(path, pieces),
-    ".parquet": parquet.write,
-}
+WRITERS: dict[str, Format] = {".csv": CSV, ".npz": NPZ, ".parquet": PARQUET}
+
+
+def format_of(path: Path) -> Format:
+    """The format by which a file is read by rows."""
+    return _by_suffix(path, FORMATS, "read by rows are")
+
+
+def place(path: Path, at: int) -> str:
+    """A place in a file in words."""
+    return format_of(path).place(path, at)
 
 
 def read(path: Path, select: Select | None = None) -> Columns:
@@ -63,7 +73,7 @@ def write_pieces(path: Path, pieces: Pieces, about: About | None = None, missing
     """
     writer = _by_suffix(path, WRITERS)
     with files.written_whole(path) as part:
-        writer(part, _finite(path, pieces, missing), about)
+        writer.write(part, _finite(path, pieces, missing), about)
 
 
 def _finite(path: Path, pieces: Pieces, missing: bool) -> Iterator[Mapping[str, np.ndarray]]:
@@ -82,7 +92,7 @@ def of_rates(t: np.ndarray, names: Sequence[str], symbol: str, rates: Sequence[n
     return columns
 
 
-def _by_suffix(path: Path, known: Mapping[str, Handler]) -> Handler:
+def _by_suffix(path: Path, known: Mapping[str, Known], available: str = "available") -> Known:
     if path.suffix.lower() not in known:
-        raise JounceError(f"{path}: unknown type of table {path.suffix!r}; available: {', '.join(known)}")
+        raise JounceError(f"{path}: unknown type of table {path.suffix!r}; {available}: {', '.join(known)}")
     return known[path.suffix.lower()]

@@ -9,7 +9,7 @@ from jounce.core.errors import JounceError, at, quoted
 from jounce.dynamics.quantities import FORCES
 from jounce.engine.closed_path import positions_of_rows
 from jounce.io.columns import Columns
-from jounce.io.spans import format_of, place
+from jounce.io.tables import format_of, place
 from jounce.motion import loads, poses
 from jounce.motion.base import terms_at
 from jounce.motion.columns import TIME

@@ -9,7 +9,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError
 from jounce.io.columns import Columns
-from jounce.io.spans import format_of
+from jounce.io.tables import format_of
 from jounce.limits.check import Check, check
 from jounce.limits.verdicts import join_spans, overall
 from jounce.motion.motion import Motion

@@ -62,5 +62,5 @@ def _write(task: Task, part: Part, folder: Path, pieces: Iterator[Columns]) -> s
     if first is None:
         return ""
     with written(rows_path(folder, part, form)) as path:
-        WRITERS[form](path, chain([first], pieces), about(task.job.robot.mechanism, task.job.order))
+        WRITERS[form].write(path, chain([first], pieces), about(task.job.robot.mechanism, task.job.order))
         return checksum(path)

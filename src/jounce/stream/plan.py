@@ -12,9 +12,9 @@ from jounce.core.errors import JounceError, at, listed, quoted
 from jounce.dynamics.stretch import elasticity_of
 from jounce.engine.engine import Engine
 from jounce.io.remainders import remainder_of
-from jounce.io.spans import FORMATS, format_of
-from jounce.io.spans import place as place_in_words
-from jounce.io.spans.chunk import Span
+from jounce.io.rows import Span
+from jounce.io.tables import FORMATS, format_of
+from jounce.io.tables import place as place_in_words
 from jounce.motion import loads, poses
 from jounce.motion.columns import DEVIATION, TIME, Match, followers, match
 from jounce.motion.origin import Origin, origin_of

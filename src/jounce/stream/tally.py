@@ -10,7 +10,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, quoted
 from jounce.io.columns import Columns
-from jounce.io.spans import place
+from jounce.io.tables import place
 from jounce.motion.bands import surest_peaks
 from jounce.spatial.series import rate_name
 from jounce.stream.outputs import Block
