@@ -211,11 +211,11 @@ def test_limits_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypat
     result = call("check", "planar2r", path, *limits, "--table", tmp_path / "out.csv", "--json")
     found = json.loads(result.stdout)
     assert (result.exit_code, found["ok"], found["broken"]) == (1, False, ["states"])
-    for mine, other in zip(found["worst"], whole["limits"], strict=True):
+    for mine, other in zip(found["limits"], whole["limits"], strict=True):
         assert (mine["joint"], mine["limit"]) == (other["joint"], other["limit"])
         assert mine["ratio"] == pytest.approx(other["ratio"], rel=1e-6)
         assert np.allclose(mine["violations"], other["violations"], atol=1e-6)
-    assert read(tmp_path / "out.csv")["ratio"].tolist() == [row["ratio"] for row in found["worst"]]
+    assert read(tmp_path / "out.csv")["ratio"].tolist() == [row["ratio"] for row in found["limits"]]
 
 
 def divided(monkeypatch, folder, rows):

@@ -92,7 +92,7 @@ def make_plan(job: Job, source: Path, highest: int) -> Plan:
         spans = list(_spans(path, first, independent, named)) if path in whole else [Span(0, 0)]
         origin = _origin(path, first, spans[0]) if path in whole else None
         parts += [_part(job, len(parts) + i, path, span, stem, origin) for i, span in enumerate(spans)]
-    notes = (*first.notes, *notes, *_notes_of_origins([part.origin for part in parts], len(paths)))
+    notes = (*_notes_of_origins([part.origin for part in parts], len(paths)), *first.notes, *notes)
     return Plan(Task(job, first, independent, named or source.is_dir()), tuple(parts), notes)
 
 
