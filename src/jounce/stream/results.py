@@ -8,7 +8,7 @@ from itertools import chain
 from pathlib import Path
 
 from jounce.core.errors import JounceError
-from jounce.engine.along import Progress
+from jounce.engine.along import Progress, checked_motion
 from jounce.io import files, tables
 from jounce.io.columns import Columns
 from jounce.io.motions.writing import about
@@ -90,11 +90,11 @@ def of_motion(job: Job, motion: Motion, name: str, output: Path | None, show: Pr
         if output is not None:
             _write_table(output, table_of(limits), job)
         return Summary(limits, _notes(limits))
-    found = dict[str, Aggregate]()
+    path, found = checked_motion(job.robot.mechanism, motion), dict[str, Aggregate]()
 
     def pieces() -> Iterator[Columns]:
         limits = limits_of(job)
-        for block in along(job, motion, show):
+        for block in along(job, path, show):
             add(found, name, tally(block, slice(None), limits))
             yield columns_of(block)
 
