@@ -6,7 +6,6 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
-from io import StringIO
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -126,16 +125,16 @@ class Csv(Format):
         self, path: Path, form: Layout, block: bytes, place: int, names: Sequence[str], texts: str | None
     ) -> Chunk | None:
         """The rows of a block of lines; None without any."""
-        rows, first, line = list[list[str]](), list[int](), 0  # the rows, and the lines of the block they begin with
+        lines = block.splitlines(keepends=True)
+        rows, first, line = list[list[str]](), list[int](), 0  # the rows, and the lines that they begin with
         try:
-            reader = _reader(StringIO(block.decode("utf-8"), newline=""), form.mark)
+            reader = _reader(map(bytes.decode, lines), form.mark)
             for row in reader:
                 if any(map(str.strip, row)):
                     rows.append(row)
                     first.append(line)
                 line = reader.line_num
         except (UnicodeDecodeError, csv.Error) as error:
-            line += block.count(b"\n", 0, getattr(error, "start", 0))
             where = self.row(path, self.number(path, place, self.FIRST) + line)
             raise JounceError(f"{where}: not a CSV table: {one_line(error)}") from None
         if not rows:
@@ -164,7 +163,7 @@ class Csv(Format):
         motions = (
             None if texts is None else np.array([row[form.header.index(texts)].strip() for row in rows], dtype=str)
         )
-        places = place + np.cumsum([0, *map(len, block.splitlines(keepends=True))])
+        places = place + np.cumsum([0, *map(len, lines)])
         return Chunk(columns, motions, places[[*first, -1]], bad, broken)
 
 
@@ -240,7 +239,7 @@ def _line_after(file: BinaryIO, place: int) -> int:
 def _numbers(cells: Sequence[str]) -> np.ndarray:
     """Cells as finite numbers, NaN where they are not; all at once if none needs the slower look."""
     with suppress(ValueError):
-        numbers, text = np.array([float(cell) for cell in cells]), "".join(cells)
+        numbers, text = np.fromiter(map(float, cells), float, len(cells)), "".join(cells)
         if text.isascii() and "_" not in text and np.isfinite(numbers).all():
             return numbers
     found = (finite(cell.strip()) for cell in cells)

@@ -35,7 +35,7 @@ def tally(block: Block, rows: slice, limits: Limits | None) -> Aggregate:
     outputs = [output for output in block.outputs if output.symbol != "q"]
     for output in outputs:
         for k, rate in enumerate(output.rates):
-            x, off = rate[rows], None if output.deviations is None else output.deviations[k][rows]
+            x, off = np.asfortranarray(rate[rows]), None if output.deviations is None else output.deviations[k][rows]
             found = np.array([*_peaks(x, off), np.einsum("ij,ij->j", x, x)]).T.tolist()
             for name, of in zip(output.names, found, strict=True):
                 values.setdefault(name, {})[rate_name(output.symbol, k)] = of
