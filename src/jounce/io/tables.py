@@ -1,6 +1,6 @@
 """Tables: named columns of numbers in files, every cell checked when read, written at full precision."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TypeVar
 
@@ -13,7 +13,6 @@ from jounce.io.csv import Csv
 from jounce.io.npz import Npz
 from jounce.io.parquet import Parquet, pyarrow
 from jounce.io.rows import Format, Pieces
-from jounce.spatial.series import rate_name
 
 Known = TypeVar("Known")
 CSV, NPZ, PARQUET = Csv(), Npz(), Parquet()
@@ -82,14 +81,6 @@ def _finite(path: Path, pieces: Pieces, missing: bool) -> Iterator[Mapping[str, 
         check_finite(path, columns, rows, missing)
         yield columns
         rows += len(next(iter(columns.values())))
-
-
-def of_rates(t: np.ndarray, names: Sequence[str], symbol: str, rates: Sequence[np.ndarray]) -> Columns:
-    """The columns t and ``NAME.Q, NAME.Qd, ...`` of a quantity with its rates, each (N, n)."""
-    columns = {"t": t}
-    for j, name in enumerate(names):
-        columns |= {f"{name}.{rate_name(symbol, k)}": rate[:, j] for k, rate in enumerate(rates)}
-    return columns
 
 
 def _by_suffix(path: Path, known: Mapping[str, Known], available: str = "available") -> Known:
