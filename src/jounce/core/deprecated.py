@@ -2,12 +2,11 @@
 
 from collections.abc import Callable
 from functools import wraps
-from typing import ParamSpec, TypeVar
+from typing import Any, TypeVar
 
 from jounce.core.errors import JounceError, warn
 
-P = ParamSpec("P")
-R = TypeVar("R")
+F = TypeVar("F", bound=Callable[..., Any])
 
 
 def warn_of_old(old: str, new: str) -> None:
@@ -15,23 +14,23 @@ def warn_of_old(old: str, new: str) -> None:
     warn(f"{old} is deprecated, and the next release does not know it; write {new}")
 
 
-def renamed(old: str, new: str, function: Callable[P, R]) -> Callable[P, R]:
+def renamed(old: str, new: str, function: F) -> F:
     """A function under its old name: it warns with the call to write."""
 
     @wraps(function)
-    def called(*args: P.args, **keywords: P.kwargs) -> R:
+    def called(*args: Any, **keywords: Any) -> Any:
         warn_of_old(old, new)
         return function(*args, **keywords)
 
-    return called
+    return called  # type: ignore[return-value]  # type checkers know the function alone
 
 
-def renamed_keywords(**names: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+def renamed_keywords(**names: str) -> Callable[[F], F]:
     """Let a function take keywords by their old names too, ``@renamed_keywords(old="new")``; each of them warns."""
 
-    def taken(function: Callable[P, R]) -> Callable[P, R]:
+    def taken(function: F) -> F:
         @wraps(function)
-        def called(*args: P.args, **keywords: P.kwargs) -> R:
+        def called(*args: Any, **keywords: Any) -> Any:
             for old in names.keys() & keywords.keys():
                 new, call = names[old], f"{function.__name__}()"
                 if new in keywords:
@@ -40,6 +39,6 @@ def renamed_keywords(**names: str) -> Callable[[Callable[P, R]], Callable[P, R]]
                 keywords[new] = keywords.pop(old)
             return function(*args, **keywords)
 
-        return called
+        return called  # type: ignore[return-value]  # type checkers know the function alone
 
     return taken

@@ -61,6 +61,7 @@ Frame: TypeAlias = Literal["body", "world", "spatial"]
 LimitValues: TypeAlias = ArrayLike | Mapping[str, ArrayLike] | None
 Coupling: TypeAlias = Literal["spong"] | int
 MotorQuantity: TypeAlias = Literal["motor_positions", "motor_torques"]
+Library: TypeAlias = Literal["pinocchio", "mujoco"]
 LoadFrame: TypeAlias = Literal["world", "body"]
 JointType: TypeAlias = Literal["revolute", "prismatic"]
 Language: TypeAlias = Literal["c", "cpp", "cuda", "javascript", "julia", "latex", "matlab", "python", "rust"]

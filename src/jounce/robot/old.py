@@ -1,0 +1,56 @@
+"""Old names of what a robot does: each works for one release, and warns with the new one."""
+
+from typing import Any
+
+from jounce.core.deprecated import renamed
+
+
+def _forces_from(robot: Any, library: str, model: Any, forces: Any, q: Any = None) -> Any:
+    from jounce.io.models import states
+
+    return states.forces_from(robot.mechanism, states.layout_of(library, model), forces, q)
+
+
+def _as_tuple(vectors: Any) -> tuple[Any, ...]:
+    return vectors if isinstance(vectors, tuple) else (vectors,)
+
+
+class OldMethods:
+    """The old names of methods of a robot."""
+
+    state_from_pinocchio = renamed(
+        "state_from_pinocchio(q, v, a, model=...)", 'state_from("pinocchio", q, v, a, model=...)',
+        lambda self, q, v=None, a=None, *, model: self.state_from("pinocchio", q, v, a, model=model),
+    )  # fmt: skip
+    state_to_pinocchio = renamed(
+        "state_to_pinocchio(q, qd, q2d, model=...)", 'state_to("pinocchio", q, qd, q2d, model=...)',
+        lambda self, q, qd=None, q2d=None, *, model, base=None: _as_tuple(
+            self.state_to("pinocchio", q, qd, q2d, base=base, model=model)
+        ),
+    )  # fmt: skip
+    forces_from_pinocchio = renamed(
+        "forces_from_pinocchio(tau, model=...)", 'state_from("pinocchio", q, forces=tau, model=...).Q',
+        lambda self, tau, *, model: _forces_from(self, "pinocchio", model, tau),
+    )  # fmt: skip
+    forces_to_pinocchio = renamed(
+        "forces_to_pinocchio(Q, model=...)", 'state_to("pinocchio", Q=Q, model=...)',
+        lambda self, Q, *, model: self.state_to("pinocchio", Q=Q, model=model),
+    )  # fmt: skip
+    state_from_mujoco = renamed(
+        "state_from_mujoco(qpos, qvel, qacc, model=...)", 'state_from("mujoco", qpos, qvel, qacc, model=...)',
+        lambda self, qpos, qvel=None, qacc=None, *, model: self.state_from("mujoco", qpos, qvel, qacc, model=model),
+    )  # fmt: skip
+    state_to_mujoco = renamed(
+        "state_to_mujoco(q, qd, q2d, model=...)", 'state_to("mujoco", q, qd, q2d, model=...)',
+        lambda self, q, qd=None, q2d=None, *, model, base=None: _as_tuple(
+            self.state_to("mujoco", q, qd, q2d, base=base, model=model)
+        ),
+    )  # fmt: skip
+    forces_from_mujoco = renamed(
+        "forces_from_mujoco(qfrc, qpos, model=...)", 'state_from("mujoco", qpos, forces=qfrc, model=...).Q',
+        lambda self, qfrc, qpos=None, *, model: _forces_from(self, "mujoco", model, qfrc, qpos),
+    )  # fmt: skip
+    forces_to_mujoco = renamed(
+        "forces_to_mujoco(Q, base=C, model=...)", 'state_to("mujoco", Q=Q, base=C, model=...)',
+        lambda self, Q, *, model, base=None: self.state_to("mujoco", Q=Q, base=base, model=model),
+    )  # fmt: skip
