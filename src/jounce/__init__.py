@@ -6,22 +6,12 @@ TYPE_CHECKING = False  # typing is not imported: until the command begins, Ctrl-
 if TYPE_CHECKING:
     from typing import Any
 
-    from jounce._codegen import codegen
-    from jounce._codegen.casadi import casadi_function
-    from jounce._codegen.symbolic import symbolic
-    from jounce._report import Report, report
+    from jounce._report import Report
     from jounce.actuators.along import ElasticAlong
     from jounce.core.errors import JounceError, JounceWarning, UncertainError
     from jounce.dynamics.base_parameters import BaseParameters
     from jounce.engine.along import Along
-    from jounce.identification import (
-        Excitation,
-        ForceResidual,
-        Identification,
-        IdentifiedParameter,
-        excite,
-        identify,
-    )
+    from jounce.identification import Excitation, ForceResidual, Identification, IdentifiedParameter
     from jounce.io.models.states import RobotState
     from jounce.limits.check import Check, CheckedLimit
     from jounce.limits.retime import Retiming
@@ -41,6 +31,7 @@ if TYPE_CHECKING:
     from jounce.robot.elastic import ElasticRobot
     from jounce.robot.loading import load
     from jounce.robot.motions import load_motion
+    from jounce.robot.old import casadi_function, codegen, excite, identify, report, symbolic  # noqa: F401
     from jounce.robot.saving import save
     from jounce.spatial.inertia import inertia_matrix
 
@@ -77,16 +68,10 @@ __all__ = [
     "SpringTable",
     "UncertainError",
     "__version__",
-    "casadi_function",
-    "codegen",
-    "excite",
-    "identify",
     "inertia_matrix",
     "load",
     "load_motion",
-    "report",
     "save",
-    "symbolic",
 ]
 _LATER = {  # what is imported when it is first asked for, so that whatever needs little of it starts at once
     "Along": "jounce.engine.along",
@@ -120,17 +105,12 @@ _LATER = {  # what is imported when it is first asked for, so that whatever need
     "Slowdown": "jounce.limits.slowdown",
     "SpringFunction": "jounce.model.springs",
     "SpringTable": "jounce.model.spring_table",
-    "casadi_function": "jounce._codegen.casadi",
-    "codegen": "jounce._codegen",
-    "excite": "jounce.identification",
-    "identify": "jounce.identification",
     "inertia_matrix": "jounce.spatial.inertia",
     "load": "jounce.robot.loading",
     "load_motion": "jounce.robot.motions",
-    "report": "jounce._report",
     "save": "jounce.robot.saving",
-    "symbolic": "jounce._codegen.symbolic",
 }
+_LATER |= dict.fromkeys(("casadi_function", "codegen", "excite", "identify", "report", "symbolic"), "jounce.robot.old")
 
 
 def __getattr__(name: str) -> "Any":

@@ -229,7 +229,7 @@ def test_native_code_is_that_of_the_springs_it_was_compiled_for(arm):
 
 
 def test_the_head_of_generated_code_states_springs_and_motors(tmp_path):
-    jounce.codegen(DRIVEN.elastic([80, np.inf]).robot, "c", 0, tmp_path / "c", outputs=["motor_torques"])
+    DRIVEN.elastic([80, np.inf]).robot.codegen("c", 0, tmp_path / "c", outputs=["motor_torques"])
     head = (tmp_path / "c" / "robot.h").read_text()
     assert "By coordinate: stiffness K 80 inf; rotor inertia B 0.3 0.2." in head
     assert "These terms of the robot's drive trains are omitted: damping, friction, spring." in head  # not the armature
@@ -286,9 +286,7 @@ def test_other_refusals(arm):
     missing = "joint 'joint1' has no armature to take as the inertia of its rotor; robot.elastic(stiffness, rotor=...)"
     refusal(lambda: rigid.elastic(K), missing)
     refusal(lambda: rigid.compile("motor_torques", 0), "its joints are rigid; robot.elastic(stiffness) makes them")
-    refusal(
-        lambda: jounce.codegen(rigid, "c", outputs=["motor_torques"]), "its joints are rigid; robot.elastic(stiffness)"
-    )
+    refusal(lambda: rigid.codegen("c", outputs=["motor_torques"]), "its joints are rigid; robot.elastic(stiffness)")
     refusal(lambda: jounce.ElasticRobot(rigid), "its joints are rigid; robot.elastic(stiffness) makes them elastic")
     refusal(lambda: arm.inverse_dynamics(two, two, two, two, None), "q4d is None; expected every rate up to the last")
     refusal(lambda: arm.forward_dynamics(two, two, None, two, two), "theta is None, yet thetad is given")
@@ -298,7 +296,7 @@ def test_other_refusals(arm):
 
 
 def test_symbols_are_the_equations_of_the_model():
-    S = jounce.symbolic(jounce.load("planar2r", g=10).elastic([80, np.inf], rotor=3).robot)
+    S = jounce.load("planar2r", g=10).elastic([80, np.inf], rotor=3).robot.symbolic()
     assert sympy.expand(S.theta[0] - S.q[0] - S.Q[0] / 80) == 0
     assert S.theta[1] == S.q[1]
     assert sympy.expand(S.tau[0] - S.Q[0] - 3 * (S.q2d[0] + S.Q2d[0] / 80)) == 0

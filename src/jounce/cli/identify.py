@@ -86,7 +86,6 @@ def identify(
 ) -> None:
     """Identify ROBOT from MOTION, a log with measured torques: its inertial parameters and friction."""
     from jounce.figures import canvas
-    from jounce.identification import identify as identified
     from jounce.io import files
     from jounce.robot import saving
 
@@ -102,8 +101,7 @@ def identify(
     arm = robot.load()
     log = motion.load(arm, 0)
     with collected_warnings() as said:
-        found = identified(
-            arm,
+        found = arm.identify(
             log,
             drives=drive_terms(terms),
             eps=eps,

@@ -630,4 +630,4 @@ class ElasticRobot:
         >>> kernel(*np.zeros((5, 2)))
         array([29.43,  9.81])
         """
-        return self.robot.compile(quantity, order, wrench, base=base)
+        return self.robot.compile(quantity, order, wrench, moving_base=base)

@@ -1,8 +1,36 @@
 """Old names of what a robot does: each works for one release, and warns with the new one."""
 
-from typing import Any
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, TypeVar
 
-from jounce.core.deprecated import renamed
+from jounce.core.deprecated import renamed, warn_of_old
+from jounce.core.errors import JounceError
+from jounce.robot.applications import Applications
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def _function(method: F) -> F:
+    """The function of `jounce` that a method was: its first argument is the robot."""
+    name = method.__name__
+
+    @wraps(method)
+    def called(robot: Applications, *args: Any, **keywords: Any) -> Any:
+        warn_of_old(f"jounce.{name}(robot, ...)", f"robot.{name}(...)")
+        if not isinstance(robot, Applications):
+            raise JounceError(f"{name}() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
+        return method(robot, *args, **keywords)
+
+    return called  # type: ignore[return-value]  # type checkers know the method alone
+
+
+casadi_function = _function(Applications.casadi_function)
+codegen = _function(Applications.codegen)
+excite = _function(Applications.excite)
+identify = _function(Applications.identify)
+report = _function(Applications.report)
+symbolic = _function(Applications.symbolic)
 
 
 def _forces_from(robot: Any, library: str, model: Any, forces: Any, q: Any = None) -> Any:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 from jounce.arguments import requests
 from jounce.arguments.limits import with_limits
 from jounce.arguments.loops import with_locked, with_loops
+from jounce.core.deprecated import renamed_keywords
 from jounce.core.display import Displayed
 from jounce.core.errors import JounceError, listed, one_of
 from jounce.core.typing import (
@@ -35,7 +36,6 @@ from jounce.core.typing import (
 from jounce.engine.backends import compile_ahead
 from jounce.engine.dispatch import compute
 from jounce.engine.drives import drive_forces, regressor
-from jounce.engine.engine import Engine
 from jounce.engine.loads import wrench_of_load
 from jounce.model import dh, equality, inertial, screws
 from jounce.model.drives import Drives, select_columns, select_terms, warn_of_idle, with_eps
@@ -43,6 +43,7 @@ from jounce.model.limits import Limits
 from jounce.model.mechanism import GRAVITY
 from jounce.native.kernel import Kernel
 from jounce.robot import overloads
+from jounce.robot.applications import Applications
 from jounce.robot.old import OldMethods
 from jounce.robot.overloads import typed
 
@@ -64,7 +65,7 @@ FORMS = {"paper": "coriolis_matrix", "skew": "skew_coriolis_matrix"}  # of the C
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Robot(OldMethods, Engine, Displayed):
+class Robot(Applications, OldMethods, Displayed):
     """A robot: its mechanism, and the quantities of its equations of motion along a motion.
 
     `jounce.load` makes one from a file, the constructors `Robot.from_...` from numbers or from other libraries' models.
@@ -846,6 +847,7 @@ class Robot(OldMethods, Engine, Displayed):
         return audit(self.mechanism)
 
     @typed(overloads.Compile)
+    @renamed_keywords(base="moving_base")
     def compile(
         self,
         quantity: QuantityName = "inverse_dynamics",
@@ -855,7 +857,7 @@ class Robot(OldMethods, Engine, Displayed):
         body: str | None = None,
         frame: Frame = "body",
         product: Product | None = None,
-        base: bool = False,
+        moving_base: bool = False,
     ) -> Kernel:
         """Compile a quantity to native code before its first call.
 
@@ -875,7 +877,7 @@ class Robot(OldMethods, Engine, Displayed):
         product : {"vjp", "jvp"}, optional
             Products of the derivatives by all inputs instead of the values: the kernel that `Kernel.vjp` or
             `Kernel.jvp` compiles at its first call, which takes the weights or directions after the other arrays.
-        base : bool, optional
+        moving_base : bool, optional
             Whether the motion of the base, C, V, Vd, ..., follows in its calls; it always does if the robot floats.
 
         Returns
@@ -902,7 +904,7 @@ class Robot(OldMethods, Engine, Displayed):
         >>> bool((out[2] == Q2d).all())
         True
         """
-        asked = requests.computation(self.mechanism, quantity, order, wrench, body, frame, product, base)
+        asked = requests.computation(self.mechanism, quantity, order, wrench, body, frame, product, moving_base)
         return compile_ahead(self, asked)
 
     @typed(overloads.OfAcceleration)
