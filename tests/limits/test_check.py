@@ -8,7 +8,7 @@ from files import refusal
 from scipy.interpolate import CubicSpline
 
 import jounce
-from jounce.limits import peaks
+from jounce.limits import search
 from jounce.limits.bounded import Bounded
 from jounce.limits.pieces import pieces_of
 from jounce.limits.validation import bounded
@@ -465,7 +465,7 @@ def test_peaks_below_a_thousandth_of_a_limit_are_those_of_rows(share, exact):
 def test_a_peak_between_neighbouring_doubles_is_found():
     low = np.array([3600.0, 1.7e9])
     high = np.nextafter(low, np.inf)
-    t = peaks.narrowed(lambda t: -((t - low[:, None]) ** 2), low, high)
+    t = search.largest(lambda t: -((t - low[:, None]) ** 2), low, high)
     assert ((low <= t) & (t <= high)).all()
 
 
@@ -475,8 +475,9 @@ def test_zeros_are_found_to_rounding_each_at_its_own_pace():
     def f(t, at):
         return np.choose(at, [t - 0.1, (t - 0.25) ** 3, np.sign(t - 0.9), np.exp(9 * t) - np.exp(4.5)])
 
-    np.testing.assert_allclose(peaks.root(f, np.zeros(4), np.ones(4)), zeros, atol=1e-5)
-    np.testing.assert_allclose(peaks.root(f, np.zeros(4), np.ones(4))[[0, 2, 3]], zeros[[0, 2, 3]], atol=1e-14)
+    np.testing.assert_allclose(search.root(f, np.zeros(4), np.ones(4)), zeros, atol=1e-5)
+    np.testing.assert_allclose(search.root(f, np.zeros(4), np.ones(4))[[0, 2, 3]], zeros[[0, 2, 3]], atol=1e-14)
     ends = np.stack([f(np.full(4, t), np.arange(4)) for t in (0.0, 1.0)])
-    np.testing.assert_array_equal(peaks.root(f, np.zeros(4), np.ones(4), ends), peaks.root(f, np.zeros(4), np.ones(4)))
-    assert peaks.root(lambda t, at: t + 1, np.zeros(1), np.ones(1)) == 0
+    low, high = np.zeros(4), np.ones(4)
+    np.testing.assert_array_equal(search.root(f, low, high, ends), search.root(f, low, high))
+    assert search.root(lambda t, at: t + 1, np.zeros(1), np.ones(1)) == 0
