@@ -59,7 +59,7 @@ def test_states_and_forces_by_their_old_names_are_those_of_the_new_ones():
     np.testing.assert_array_equal(vector, q)
     with pytest.warns(JounceWarning, match=r'write state_from\("pinocchio", q, forces=tau, model=...\).Q'):
         np.testing.assert_array_equal(robot.forces_from_pinocchio(v, model=model), v)
-    with pytest.warns(JounceWarning, match=r'write state_to\("pinocchio", Q=Q, model=...\)'):
+    with pytest.warns(JounceWarning, match=r'write state_to\("pinocchio", Q=Q, base=C, model=...\)'):
         np.testing.assert_array_equal(robot.forces_to_pinocchio(v, model=model), v)
 
 

@@ -77,25 +77,11 @@ def _names(_: click.Context, __: click.Parameter, given: str | None) -> list[str
 @renamed_flag("--force", "--overwrite")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def codegen(
-    robot: Asked,
-    lang: "Language",
-    order: int,
-    output: Path,
-    outputs: list[str] | None,
-    wrench: bool,
-    moving_base: bool,
-    parameters: list[str],
-    float32: bool,
-    prefix: str | None,
-    overwrite: bool,
-    as_json: bool,
+    robot: Asked, lang: "Language", order: int, output: Path, outputs: list[str] | None, as_json: bool, **options: Any
 ) -> None:
     """Generate source code, with tests, of the equations of ROBOT: a file or the name of a bundled robot."""
-    of = {} if outputs is None else {"outputs": outputs}
-    made = robot.load().codegen(
-        lang, order, output, **of, wrench=wrench, parameters=parameters, float32=float32, prefix=prefix,
-        overwrite=overwrite, moving_base=moving_base,
-    )  # fmt: skip
+    options |= {} if outputs is None else {"outputs": outputs}
+    made = robot.load().codegen(lang, order, output, **options)
     summary = {
         "robot": str(robot.path), "language": lang, "order": order, "output": str(made.directory),
         "files": list(made.files), "operations": made.operations,

@@ -39,7 +39,8 @@ def _forces_from(robot: Any, library: str, model: Any, forces: Any, q: Any = Non
     return states.forces_from(robot.mechanism, states.layout_of(library, model), forces, q)
 
 
-def _as_tuple(vectors: Any) -> tuple[Any, ...]:
+def _state_to(self: Any, library: str, *rates: Any, base: Any, model: Any) -> tuple[Any, ...]:
+    vectors = self.state_to(library, *rates, base=base, model=model)
     return vectors if isinstance(vectors, tuple) else (vectors,)
 
 
@@ -47,38 +48,34 @@ class OldMethods:
     """The old names of methods of a robot."""
 
     state_from_pinocchio = renamed(
-        "state_from_pinocchio(q, v, a, model=...)", 'state_from("pinocchio", q, v, a, model=...)',
+        "state_from_pinocchio()", 'state_from("pinocchio", q, v, a, model=...)',
         lambda self, q, v=None, a=None, *, model: self.state_from("pinocchio", q, v, a, model=model),
     )  # fmt: skip
-    state_to_pinocchio = renamed(
-        "state_to_pinocchio(q, qd, q2d, model=...)", 'state_to("pinocchio", q, qd, q2d, model=...)',
-        lambda self, q, qd=None, q2d=None, *, model, base=None: _as_tuple(
-            self.state_to("pinocchio", q, qd, q2d, base=base, model=model)
-        ),
-    )  # fmt: skip
-    forces_from_pinocchio = renamed(
-        "forces_from_pinocchio(tau, model=...)", 'state_from("pinocchio", q, forces=tau, model=...).Q',
-        lambda self, tau, *, model: _forces_from(self, "pinocchio", model, tau),
-    )  # fmt: skip
-    forces_to_pinocchio = renamed(
-        "forces_to_pinocchio(Q, model=...)", 'state_to("pinocchio", Q=Q, model=...)',
-        lambda self, Q, *, model: self.state_to("pinocchio", Q=Q, model=model),
-    )  # fmt: skip
     state_from_mujoco = renamed(
-        "state_from_mujoco(qpos, qvel, qacc, model=...)", 'state_from("mujoco", qpos, qvel, qacc, model=...)',
+        "state_from_mujoco()", 'state_from("mujoco", qpos, qvel, qacc, model=...)',
         lambda self, qpos, qvel=None, qacc=None, *, model: self.state_from("mujoco", qpos, qvel, qacc, model=model),
     )  # fmt: skip
-    state_to_mujoco = renamed(
-        "state_to_mujoco(q, qd, q2d, model=...)", 'state_to("mujoco", q, qd, q2d, model=...)',
-        lambda self, q, qd=None, q2d=None, *, model, base=None: _as_tuple(
-            self.state_to("mujoco", q, qd, q2d, base=base, model=model)
-        ),
+    state_to_pinocchio, state_to_mujoco = (
+        renamed(
+            f"state_to_{library}()", f'state_to("{library}", q, qd, q2d, model=...)',
+            lambda self, q, qd=None, q2d=None, *, model, base=None, to=library: _state_to(
+                self, to, q, qd, q2d, base=base, model=model
+            ),
+        )
+        for library in ("pinocchio", "mujoco")
+    )  # fmt: skip
+    forces_from_pinocchio = renamed(
+        "forces_from_pinocchio()", 'state_from("pinocchio", q, forces=tau, model=...).Q',
+        lambda self, tau, *, model: _forces_from(self, "pinocchio", model, tau),
     )  # fmt: skip
     forces_from_mujoco = renamed(
-        "forces_from_mujoco(qfrc, qpos, model=...)", 'state_from("mujoco", qpos, forces=qfrc, model=...).Q',
+        "forces_from_mujoco()", 'state_from("mujoco", qpos, forces=qfrc, model=...).Q',
         lambda self, qfrc, qpos=None, *, model: _forces_from(self, "mujoco", model, qfrc, qpos),
     )  # fmt: skip
-    forces_to_mujoco = renamed(
-        "forces_to_mujoco(Q, base=C, model=...)", 'state_to("mujoco", Q=Q, base=C, model=...)',
-        lambda self, Q, *, model, base=None: self.state_to("mujoco", Q=Q, base=base, model=model),
+    forces_to_pinocchio, forces_to_mujoco = (
+        renamed(
+            f"forces_to_{library}()", f'state_to("{library}", Q=Q, base=C, model=...)',
+            lambda self, Q, *, model, base=None, to=library: self.state_to(to, Q=Q, base=base, model=model),
+        )
+        for library in ("pinocchio", "mujoco")
     )  # fmt: skip
