@@ -155,10 +155,10 @@ def robot_of(name):
 
 
 def requested(
-    robot, lang, order=2, outputs=("inverse_dynamics",), wrench=False, parameters=(), float32=False, base=False
+    robot, lang, order=2, outputs=("inverse_dynamics",), wrench=False, parameters=(), float32=False, moving_base=False
 ):
     """A request, checked."""
-    return check_options(robot_of(robot), lang, order, outputs, wrench, parameters, float32, None, base)
+    return check_options(robot_of(robot), lang, order, outputs, wrench, parameters, float32, None, moving_base)
 
 
 @cache
@@ -580,7 +580,6 @@ def test_refusals(options, words, tmp_path):
             lambda: jounce.load("planar2r", m1=SYMBOLS["m1"], m2=sympy.Symbol("m1", positive=True)),
             ["the robot contains two symbols named m1"],
         ),
-        (lambda: jounce.load("iiwa14").mechanism, ["codegen() expects a jounce.Robot, got Mechanism"]),
         (
             lambda: jounce.Robot.from_screws([np.eye(4)] * 200, [[0, 0, 1, 0, 0, 0]] * 200, [np.eye(6)] * 200),
             ["robot has 200 bodies; code of order 2 is generated for at most 166"],
