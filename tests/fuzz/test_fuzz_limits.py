@@ -149,7 +149,7 @@ def check_measured(seed):
     q = plans.waves(rng, robot, t) + rng.normal(size=(count, 2)) * 10 ** rng.uniform(-6, -3)
     kinds = dense.MOTION_KINDS[: int(rng.integers(1, 6))]
     with in_time():
-        motion = jounce.Motion.fit(t, q, force=True)
+        motion = jounce.Motion.fit(t, q, allow_noise=True)
         at = np.linspace(motion.start, motion.stop, 20001)
         values, off, of_rows = motion(at, 4), motion.deviations(at, 4), motion.deviations(motion.times, 4)
         bounds = [np.quantile(np.abs(x), rng.choice([0.9, 0.99, 1.0]), axis=0) * rng.choice(FACTORS, 2) for x in values]

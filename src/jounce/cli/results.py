@@ -64,7 +64,7 @@ class AskedStream:
         from jounce.stream.job import Reading
 
         asked = dict(motion.options)
-        way = way_of(*(asked[name] for name in ("degree", "intervals", "bandwidth", "force")))
+        way = way_of(*(asked[name] for name in ("degree", "intervals", "bandwidth", "allow_noise")))
         options = Options(asked["time"], asked["columns"], asked["angles"], asked["time_unit"], asked["torques"])
         return Reading(options, way, motion.blend, motion.step, self.skip)
 
