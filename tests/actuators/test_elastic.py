@@ -286,9 +286,7 @@ def test_other_refusals(arm):
     missing = "joint 'joint1' has no armature to take as the inertia of its rotor; robot.elastic(stiffness, rotor=...)"
     refusal(lambda: rigid.elastic(K), missing)
     refusal(lambda: rigid.compile("motor_torques", 0), "its joints are rigid; robot.elastic(stiffness) makes them")
-    refusal(
-        lambda: rigid.codegen("c", outputs=["motor_torques"]), "its joints are rigid; robot.elastic(stiffness)"
-    )
+    refusal(lambda: rigid.codegen("c", outputs=["motor_torques"]), "its joints are rigid; robot.elastic(stiffness)")
     refusal(lambda: arm.motor_torques(two, two, two, two, None), "q4d is None; expected every rate up to the last")
     refusal(lambda: arm.elastic_forward_dynamics(two, two, None, two, two), "theta is None, yet thetad is given")
     refusal(lambda: arm.motor_torques(*[two] * 5, wrench=np.zeros((2, 6))), "order 0 takes a tuple (W, Wd, W2d)")
