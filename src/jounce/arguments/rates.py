@@ -65,7 +65,7 @@ def rates_of(
         raise JounceError(
             f"{last} is given, for order {len(terms) - least}; expected rates for order 0 to {HIGHEST_ORDER}"
         )
-    if len(terms) < least or (terms and terms[-1] is None and mechanism.elasticity):  # which may take more than others
+    if len(terms) < least:  # where springs and motors of a robot take more rates than others do
         count = max([1, *(k + 1 for k, term in enumerate(terms) if term is not None)])
         have, lacking = named(count)[-1], named(least)[-1]
         raise JounceError(

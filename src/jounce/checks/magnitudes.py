@@ -77,8 +77,8 @@ def _of_motors(mechanism: Mechanism, computation: Computation, arrays: Sequence[
     plant, count = elastic.with_rigid_rotors(mechanism), computation.rates
     Q, phi, drive = elastic.plant_forces(mechanism, sized.q, sized.motors, sized.motors[2])
     if len(computation.quantity.results) == 1:  # the torques of motors
-        forces = elastic.spring_forces(mechanism, x.q, x.motors)
-        found = QUANTITIES["forward_dynamics"].law("recursion", mechanism)(mechanism, replace(x, Q=forces)).upto(1)
+        x = replace(x, Q=elastic.spring_forces(mechanism, x.q, x.motors))
+        found = QUANTITIES["forward_dynamics"].law("recursion", mechanism)(mechanism, x).upto(1)
         moving = [*arrays[:2], *found, *arrays[count - 1 :]]
         (tau,) = magnitudes(mechanism, replace(computation, name="motor_torques"), moving)
         return (np.sqrt(tau**2 + phi.square[..., 0]),)

@@ -111,6 +111,8 @@ def checked_arguments(
         requests.check_rates(name, len(given) - quantity.rates)
         q = rates.state_of(given, mechanism, quantity.inputs)
     else:
+        while more and len(given) > quantity.rates - more and given[-1] is None:
+            given = given[:-1]  # named rates that are left out, not rates that are skipped
         own = quantity.coordinate_inputs(len(given))
         q = rates.rates_of(given, quantity.rates, mechanism, quantity.input_names, own)
     order = len(q) - quantity.rates

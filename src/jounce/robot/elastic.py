@@ -57,36 +57,7 @@ class _OfElasticRobots(type):
 
 
 class ElasticRobot(metaclass=_OfElasticRobots):
-    """Robots with elastic joints, which are of the type `Robot` now; for one release.
-
-    Parameters
-    ----------
-    robot : Robot
-        A robot with elastic joints.
-
-    Returns
-    -------
-    Robot
-        The robot itself.
-
-    Raises
-    ------
-    JounceError
-        If it is no robot, or its joints are rigid.
-
-    Warns
-    -----
-    JounceWarning
-        With what to use instead.
-
-    Examples
-    --------
-    >>> import jounce, warnings
-    >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
-    >>> with warnings.catch_warnings(action="ignore"):
-    ...     jounce.ElasticRobot(arm) is arm
-    True
-    """
+    """Robots with elastic joints, which are of the type `Robot` now."""
 
     def __new__(cls, robot: Any) -> Any:
         """Return the robot itself."""

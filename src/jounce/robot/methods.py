@@ -11,6 +11,7 @@ from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 from jounce.arguments import requests
+from jounce.core.deprecated import renamed_keywords
 from jounce.core.errors import one_of
 from jounce.core.typing import ArrayLike, DriveTerms, Frame, LoadFrame, Named, Out, Product, Rates, Results
 from jounce.dynamics.quantities import QUANTITIES, Quantity, Rows
@@ -70,6 +71,7 @@ def method_of(row: Quantity) -> FunctionType:
 class Methods(Rows):
     """What robots compute."""
 
+    @renamed_keywords(base="moving_base")
     def compile(
         self,
         quantity: QuantityName | None = None,
@@ -79,7 +81,7 @@ class Methods(Rows):
         body: str | None = None,
         frame: Frame = "body",
         product: Product | None = None,
-        base: bool = False,
+        moving_base: bool = False,
     ) -> Kernel[Any]:
         """Compile a quantity to native code before its first call.
 
@@ -100,7 +102,7 @@ class Methods(Rows):
         product : {"vjp", "jvp"}, optional
             Products of the derivatives by all inputs instead of the values: the kernel that `Kernel.vjp` or
             `Kernel.jvp` compiles at its first call, which takes the weights or directions after the other arrays.
-        base : bool, optional
+        moving_base : bool, optional
             Whether the motion of the base, C, V, Vd, ..., follows in its calls; it always does if the robot floats.
 
         Returns
@@ -128,7 +130,7 @@ class Methods(Rows):
         True
         """
         name = compiled_name(self, quantity)
-        asked = requests.computation(self.mechanism, name, order, wrench, body, frame, product, base)
+        asked = requests.computation(self.mechanism, name, order, wrench, body, frame, product, moving_base)
         return compile_ahead(self, asked)
 
     def drive_forces(

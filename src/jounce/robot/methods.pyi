@@ -3000,7 +3000,7 @@ class Methods:
         body: str | None = None,
         frame: Frame = "body",
         product: None = None,
-        base: bool = False,
+        moving_base: bool = False,
     ) -> Kernel[Floats]:
         """Compile a quantity to native code before its first call.
 
@@ -3021,7 +3021,7 @@ class Methods:
         product : {"vjp", "jvp"}, optional
             Products of the derivatives by all inputs instead of the values: the kernel that `Kernel.vjp` or
             `Kernel.jvp` compiles at its first call, which takes the weights or directions after the other arrays.
-        base : bool, optional
+        moving_base : bool, optional
             Whether the motion of the base, C, V, Vd, ..., follows in its calls; it always does if the robot floats.
 
         Returns
@@ -3058,7 +3058,7 @@ class Methods:
         body: str | None = None,
         frame: Frame = "body",
         product: None = None,
-        base: bool = False,
+        moving_base: bool = False,
     ) -> Kernel[tuple[Floats, Floats]]: ...
     @overload
     def compile(
@@ -3070,7 +3070,7 @@ class Methods:
         body: str | None = None,
         frame: Frame = "body",
         product: None = None,
-        base: bool = False,
+        moving_base: bool = False,
     ) -> Kernel[tuple[Floats, Floats, Floats]]: ...
     @overload
     def compile(
@@ -3082,7 +3082,7 @@ class Methods:
         body: str | None = None,
         frame: Frame = "body",
         product: Product | None = None,
-        base: bool = False,
+        moving_base: bool = False,
     ) -> Kernel[Any]: ...
 
     # by hand
