@@ -2157,7 +2157,7 @@ class Robot(Engine, Displayed):
 
         Parameters
         ----------
-        q, qd, q2d, q3d, q4d, *higher, wrench, stiffness, base, method, out, threads
+        q, qd, q2d, q3d, q4d, *higher, wrench, stiffness, base, method, out, threads : see
             As in `motor_torques`.
 
         Returns
@@ -2194,7 +2194,7 @@ class Robot(Engine, Displayed):
 
         Parameters
         ----------
-        q, qd, q2d, q3d, q4d, *higher, wrench, stiffness, base, method, out, threads
+        q, qd, q2d, q3d, q4d, *higher, wrench, stiffness, base, method, out, threads : see
             As in `motor_torques`, with the rates that taud takes where a motor has an inductance.
 
         Returns
